@@ -1,0 +1,74 @@
+"""Everything the engine is told before the first frame: frozen, checked, free of files and clocks."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from bms_gateway.thermal import StringModel
+
+Quantity = Literal["current", "voltage", "coolant_inlet", "coolant_flow", "soc", "surface", "cell_voltage"]
+"""What a channel measures: A (discharge positive), V, °C, m³/s, 0…1, °C, V."""
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """One measured quantity of one string and where on the bus it comes from.
+
+    Attributes
+    ----------
+    quantity : Quantity
+    cell : int or None
+        1-based, for `surface` and `cell_voltage`.
+    signal : str or None
+        "Message.Signal" of a loaded DBC, or None for a constant.
+    constant : float or None
+        Used where the bus has none (SI, °C).
+    scale, offset : float
+        Quantity = scale · decoded value + offset; brings the DBC's unit to SI and mends a log that is wrong about it.
+    """
+
+    quantity: Quantity
+    cell: int | None = None
+    signal: str | None = None
+    constant: float | None = None
+    scale: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class StringPlan:
+    """One string: its name, its number in our DBC (from 1), its model and its channels."""
+
+    name: str
+    number: int
+    model: StringModel
+    channels: tuple[Channel, ...]
+    identify: Literal["window", "rls", "off"] = "window"
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """The whole gateway.
+
+    Attributes
+    ----------
+    strings : tuple of StringPlan
+    databases : mapping of name to DBC text
+        The user's own, beside ours.
+    own_database : str
+        Text of our DBC.
+    transmit : bool
+        False: listen only; nothing is put into the output.
+    tick_ns : int
+        Period of the estimator, ns of bus time; ticks fall on its multiples.
+    silent_after_ns : int
+        With no wanted frame for so long the bus is taken for asleep: no more ticks, nothing sent, until a frame wakes
+        the engine, which then propagates its state over the gap in one step.
+    """
+
+    strings: tuple[StringPlan, ...]
+    databases: Mapping[str, str] = field(default_factory=dict)
+    own_database: str = ""
+    transmit: bool = True
+    tick_ns: int = 1_000_000_000
+    silent_after_ns: int = 60_000_000_000

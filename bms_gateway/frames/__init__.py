@@ -1,0 +1,1 @@
+"""Bytes on the bus and quantities of the pack."""

@@ -1,0 +1,33 @@
+"""How far a value can be trusted: a quality that follows it from the socket to the output frame."""
+
+from enum import IntEnum
+
+
+class Quality(IntEnum):
+    """Four bits on the bus (value table `Quality` in our DBC); the lowest number is the best."""
+
+    GOOD = 0
+    STALE = 1
+    """Nothing new within the signal's time-out."""
+    OUT_OF_RANGE = 2
+    """Outside the DBC's or the plausible range."""
+    NOT_AVAILABLE = 3
+    """The sender said so (all ones, or a label of the value table)."""
+    ERROR = 4
+    """The sender said that its sensor failed, or the frame was too short to hold the signal."""
+    STUCK = 5
+    """Not moved while everything around it did."""
+    OPEN = 6
+    """Reads as a broken wire does (upper rail)."""
+    SHORT = 7
+    """Reads as a short circuit does (lower rail)."""
+    JUMPY = 8
+    """Moves faster than the thing it measures can."""
+    COUNTER = 9
+    """The alive counter repeated or skipped."""
+    CRC = 10
+    """The check sum did not match."""
+    ESTIMATED = 11
+    """No sensor of its own: a value from the model and its neighbours."""
+    NEVER = 15
+    """Nothing was ever received."""

@@ -1,0 +1,38 @@
+"""The physics: parameters, the string of cells, its discretisation and simulation."""
+
+from bms_gateway.thermal.discretize import DiscreteString, discretize
+from bms_gateway.thermal.parameters import (
+    CELL_SYMBOLS,
+    CONDITIONS,
+    KINDS,
+    Condition,
+    Coolant,
+    Floats,
+    ParameterKind,
+    Prior,
+    StringModel,
+    StringParameters,
+)
+from bms_gateway.thermal.simulate import simulate
+from bms_gateway.thermal.string import ContinuousString, continuous, coolant_path, exchange, steady_state
+
+__all__ = [
+    "CELL_SYMBOLS",
+    "CONDITIONS",
+    "KINDS",
+    "Condition",
+    "ContinuousString",
+    "Coolant",
+    "DiscreteString",
+    "Floats",
+    "ParameterKind",
+    "Prior",
+    "StringModel",
+    "StringParameters",
+    "continuous",
+    "coolant_path",
+    "discretize",
+    "exchange",
+    "simulate",
+    "steady_state",
+]

@@ -1,0 +1,223 @@
+"""Parameters of the lumped core/surface model: what they mean, their units, bounds and priors.
+
+Symbols are the paper's (X. Lin et al., *Parameterization and Observability Analysis of Scalable Battery Clusters for
+Onboard Thermal Management*). All numbers are SI; temperatures are degrees Celsius, because the model sees only their
+differences (K). Priors are log-normal: resistances and capacities are positive, and what is known of them is known in
+per cent.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+Condition = Literal["full", "natural", "no-conduction", "single"]
+"""How the cells are coupled: coolant and conduction, conduction only, coolant only, neither."""
+CONDITIONS: tuple[Condition, ...] = get_args(Condition)
+Coolant = Literal["bulk", "ntu"]
+"""Coolant path: the paper's bulk node (Eq 16) or the exact number-of-transfer-units exchange."""
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterKind:
+    """What one symbol means.
+
+    Attributes
+    ----------
+    symbol, description : str
+    unit : str
+        Unit shown to people; `to_si` times the shown number is SI.
+    to_si : float
+    lower, upper : float
+        Physical bounds, SI: a value outside is refused, an estimate that ends there is not believed.
+    per_cell : bool
+        May differ from cell to cell.
+    """
+
+    symbol: str
+    description: str
+    unit: str
+    to_si: float
+    lower: float
+    upper: float
+    per_cell: bool = True
+
+
+# Bounds span a coin cell in still air to a 400 Ah prismatic cell under liquid; they catch unit slips (mΩ for Ω), not taste.
+KINDS: Mapping[str, ParameterKind] = MappingProxyType(
+    {
+        k.symbol: k
+        for k in (
+            ParameterKind("C_c", "heat capacity of the core (jelly roll)", "J/K", 1.0, 1.0, 2e4),
+            ParameterKind("C_s", "heat capacity of the surface (casing)", "J/K", 1.0, 0.1, 5e3),
+            ParameterKind("R_e", "internal electrical resistance", "mOhm", 1e-3, 1e-5, 1.0),
+            ParameterKind("R_c", "thermal resistance core to surface", "K/W", 1.0, 1e-2, 50.0),
+            ParameterKind("R_u", "thermal resistance surface to coolant", "K/W", 1.0, 1e-2, 200.0),
+            ParameterKind("R_cc", "thermal resistance cell to cell", "K/W", 1.0, 1e-2, 1e4, per_cell=False),
+            ParameterKind("C_f", "heat-capacity flow of the coolant", "W/K", 1.0, 1e-2, 1e5, per_cell=False),
+        )
+    }
+)
+CELL_SYMBOLS = ("C_c", "C_s", "R_e", "R_c", "R_u")
+
+
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """What is known of one parameter before any data: log-normal about `value`.
+
+    Attributes
+    ----------
+    value : float or ndarray (n,)
+        Median, SI; an array holds one value per cell.
+    rel_sd : float
+        Standard deviation of the natural logarithm; 0 means known exactly (`fixed` in the model file).
+    """
+
+    value: float | Floats
+    rel_sd: float = 0.0
+
+    @property
+    def fixed(self) -> bool:
+        """Whether identification must leave the parameter alone."""
+        return self.rel_sd == 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class StringParameters:
+    """Numbers of one string of n cells; n = 1 is the single cell.
+
+    Attributes
+    ----------
+    C_c, C_s, R_e, R_c, R_u : ndarray (n,)
+        J/K, J/K, Ω, K/W, K/W per cell, in the order of the coolant path.
+    R_cc : float
+        K/W between neighbours; infinite where cells do not touch.
+    C_f : float
+        W/K of the coolant stream; infinite where the stream does not warm up along the string (ambient).
+    coolant : {"bulk", "ntu"}
+        Formula of the exchange between cell and stream.
+    """
+
+    C_c: Floats
+    C_s: Floats
+    R_e: Floats
+    R_c: Floats
+    R_u: Floats
+    R_cc: float = np.inf
+    C_f: float = np.inf
+    coolant: Coolant = "bulk"
+
+    @property
+    def cells(self) -> int:
+        """Number of cells n."""
+        return int(self.C_c.shape[0])
+
+    @classmethod
+    def of(
+        cls,
+        cells: int,
+        *,
+        C_c: float | Floats,
+        C_s: float | Floats,
+        R_e: float | Floats,
+        R_c: float | Floats,
+        R_u: float | Floats,
+        R_cc: float = np.inf,
+        C_f: float = np.inf,
+        coolant: Coolant = "bulk",
+    ) -> "StringParameters":
+        """Spread scalars over n cells.
+
+        Examples
+        --------
+        >>> StringParameters.of(3, C_c=268, C_s=18.8, R_e=3.5e-3, R_c=1.266, R_u=0.79).R_e
+        array([0.0035, 0.0035, 0.0035])
+        """
+
+        def spread(x: float | Floats) -> Floats:
+            return np.array(np.broadcast_to(np.asarray(x, dtype=np.float64), (cells,)))
+
+        return cls(spread(C_c), spread(C_s), spread(R_e), spread(R_c), spread(R_u), float(R_cc), float(C_f), coolant)
+
+    def with_flow_ratio(self, ratio: float) -> "StringParameters":
+        """Scale the cooling to another coolant flow.
+
+        R_u falls as flow^0.63 (Zukauskas, tube bank) and C_f is proportional to it.
+
+        Parameters
+        ----------
+        ratio : float
+            Flow over nominal flow, > 0.
+        """
+        return replace(self, R_u=self.R_u * ratio**-0.63, C_f=self.C_f * ratio)
+
+
+# What is not a missing effect: scatter that any pack has. Cell-to-cell shares of R_e, R_u, R_c; sensor offsets in K.
+DEFAULT_TOLERANCES: Mapping[str, float] = MappingProxyType(
+    {"cell_R_e": 0.02, "cell_R_u": 0.02, "cell_R_c": 0.03, "surface_offset_K": 0.05, "inlet_offset_K": 0.05}
+)
+
+
+@dataclass(frozen=True, slots=True)
+class StringModel:
+    """One string as its model file states it: structure, sensors and priors.
+
+    Attributes
+    ----------
+    cells : int
+    sensors : tuple of int
+        Cells whose surface is measured, 1-based, ascending.
+    condition : {"full", "natural", "no-conduction", "single"}
+    priors : mapping of symbol to Prior
+        C_c, C_s, R_e, R_c, R_u always; R_cc and C_f where the condition has them.
+    coolant : {"bulk", "ntu"}
+    capacity_Ah : float or None
+        For state of charge by counting.
+    flow : float or None
+        Nominal coolant flow, m³/s, to which C_f and R_u belong.
+    tolerances : mapping
+    """
+
+    cells: int
+    sensors: tuple[int, ...]
+    condition: Condition
+    priors: Mapping[str, Prior]
+    coolant: Coolant = "bulk"
+    capacity_Ah: float | None = None
+    flow: float | None = None
+    tolerances: Mapping[str, float] = field(default_factory=lambda: DEFAULT_TOLERANCES)
+
+    @property
+    def has_conduction(self) -> bool:
+        """Whether neighbours conduct heat to each other."""
+        return self.cells > 1 and self.condition in ("full", "natural")
+
+    @property
+    def has_coolant_path(self) -> bool:
+        """Whether the stream warms up from cell to cell."""
+        return self.cells > 1 and self.condition in ("full", "no-conduction")
+
+    @property
+    def nominal(self) -> StringParameters:
+        """The priors' medians as numbers of a string."""
+        return self.parameters({})
+
+    def parameters(self, values: Mapping[str, float | Floats]) -> StringParameters:
+        """Numbers of the string: `values` (SI, by symbol) where given, the priors' medians elsewhere."""
+        v = {name: values.get(name, prior.value) for name, prior in self.priors.items()}
+        return StringParameters.of(
+            self.cells,
+            C_c=v["C_c"],
+            C_s=v["C_s"],
+            R_e=v["R_e"],
+            R_c=v["R_c"],
+            R_u=v["R_u"],
+            R_cc=float(v["R_cc"]) if self.has_conduction else np.inf,
+            C_f=float(v["C_f"]) if self.has_coolant_path else np.inf,
+            coolant=self.coolant,
+        )
