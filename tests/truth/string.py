@@ -1,0 +1,135 @@
+"""The truth that tests measure against: its own right-hand side, its own integrators, nothing of the package.
+
+A string of n cells is written out here cell by cell, straight from the heat balances, and integrated by LSODA with
+tight tolerances (`lsoda`) or, many times faster and for a whole batch of strings at once, by sub-stepped RK4 (`rk4`).
+The two are checked against each other in `test_string.py`. All batches share the current and the inlet unless these
+carry a batch axis themselves.
+
+Current is constant within a step (mean of the square = square of the mean), so it is free of aliasing by construction.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+TABLE_1 = {"C_c": 268.0, "C_s": 18.8, "R_e": 3.5e-3, "R_c": 1.266, "R_u": 0.79}
+"""Lin et al., Table 1: A123 32157."""
+C_F = 1.184 * 1007 * 9.5e-3
+"""W/K: air at 25 °C, 9.5 L/s (the paper's flow)."""
+
+
+@dataclass(frozen=True)
+class TruthString:
+    """Parameters (…, n); `B` [K] lets R_e fall as exp(B(1/T_c − 1/298.15)); `coolant` is bulk or ntu."""
+
+    C_c: np.ndarray
+    C_s: np.ndarray
+    R_e: np.ndarray
+    R_c: np.ndarray
+    R_u: np.ndarray
+    R_cc: float = np.inf
+    C_f: float = np.inf
+    coolant: str = "bulk"
+    B: float = 0.0
+    _batch: tuple = field(default=(), repr=False)
+
+    @classmethod
+    def of(cls, cells=1, *, batch=(), R_cc=np.inf, C_f=np.inf, coolant="bulk", B=0.0, **values):
+        """Table 1 spread over the cells, with `values` (anything that broadcasts to batch + (n,)) in its place."""
+        v = {k: np.array(np.broadcast_to(values.get(k, x), (*batch, cells)), float) for k, x in TABLE_1.items()}
+        return cls(**v, R_cc=R_cc, C_f=C_f, coolant=coolant, B=B, _batch=tuple(batch))
+
+    @property
+    def cells(self):
+        return self.C_c.shape[-1]
+
+    def rates(self, T_c, T_s, T_in, I2, heat=None):
+        """dT_c/dt and dT_s/dt; `I2` A² (…,), or `heat` W (…, n) in place of I²R_e."""
+        if heat is None:
+            R_e = self.R_e * np.exp(self.B * (1 / (T_c + 273.15) - 1 / 298.15)) if self.B else self.R_e
+            heat = np.asarray(I2)[..., None] * R_e
+        outward = (T_c - T_s) / self.R_c
+        to_coolant = np.empty_like(T_s)
+        stream = T_in
+        for k in range(self.cells):
+            gap = T_s[..., k] - stream
+            to_coolant[..., k] = gap / self.R_u[..., k]
+            if np.isfinite(self.C_f):
+                units = 1 / (self.R_u[..., k] * self.C_f)
+                stream = stream + gap * (units if self.coolant == "bulk" else 1 - np.exp(-units))
+        between = np.zeros_like(T_s)
+        if self.cells > 1 and np.isfinite(self.R_cc):
+            flux = (T_s[..., 1:] - T_s[..., :-1]) / self.R_cc  # from cell k+1 into cell k
+            between[..., :-1] += flux
+            between[..., 1:] -= flux
+        return (heat - outward) / self.C_c, (outward - to_coolant + between) / self.C_s
+
+
+def rk4(truth, current, inlet, T_0, *, dt=1.0, substeps=2, heat=None):
+    """Integrate over K steps of `dt`.
+
+    current : (K, …) A, constant in each step. inlet : (K + 1, …) °C, straight lines between instants.
+    T_0 : °C, scalar, or (core, surface) each broadcastable to (…, n). heat : (K, …, n) W in place of I²R_e, or None.
+    Returns core and surface (K + 1, …, n).
+    """
+    current, inlet = np.asarray(current, float), np.asarray(inlet, float)
+    shape = truth.C_c.shape
+    T_c0, T_s0 = T_0 if isinstance(T_0, tuple) else (T_0, T_0)
+    K = len(current)
+    core, surface = np.empty((K + 1, *shape)), np.empty((K + 1, *shape))
+    x = np.stack([np.broadcast_to(T_c0, shape), np.broadcast_to(T_s0, shape)]).astype(float)
+    core[0], surface[0] = x
+    h = dt / substeps
+    I2 = current**2
+
+    for k in range(K):
+        q = None if heat is None else heat[k]
+
+        def f(x, T_in, k=k, q=q):
+            return np.stack(truth.rates(x[0], x[1], T_in, I2[k], q))
+
+        for j in range(substeps):
+            a, b = inlet[k], inlet[k + 1]
+            T0, Tm, T1 = (a + (b - a) * (j + s) / substeps for s in (0, 0.5, 1))
+            k1 = f(x, T0)
+            k2 = f(x + h / 2 * k1, Tm)
+            k3 = f(x + h / 2 * k2, Tm)
+            k4 = f(x + h * k3, T1)
+            x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        core[k + 1], surface[k + 1] = x
+    return core, surface
+
+
+def lsoda(truth, current, inlet, T_0, *, dt=1.0):
+    """The same for one string, by LSODA restarted at every change of the current; `inlet` may be a function of time."""
+    n = truth.cells
+    T_c0, T_s0 = T_0 if isinstance(T_0, tuple) else (T_0, T_0)
+    x = np.concatenate([np.broadcast_to(T_c0, (n,)), np.broadcast_to(T_s0, (n,))]).astype(float)
+    K = len(current)
+    instants = np.arange(K + 1) * dt
+    if isinstance(inlet, Callable):
+        T_in = inlet
+    else:
+
+        def T_in(t):
+            return np.interp(t, instants, inlet)
+
+    out = np.empty((K + 1, 2 * n))
+    out[0] = x
+    for k in range(K):
+
+        def f(t, x, k=k):
+            return np.concatenate(truth.rates(x[:n], x[n:], T_in(t), np.float64(current[k]) ** 2))
+
+        got = solve_ivp(f, instants[k : k + 2], out[k], method="LSODA", rtol=1e-10, atol=1e-10)
+        out[k + 1] = got.y[:, -1]
+    return out[:, :n], out[:, n:]
+
+
+def wavy_inlet(seconds, *, mean=25.0, amplitude=3.0, period=300.0, dt=1.0, phase=0.0):
+    """An inlet that moves by ± `amplitude` K, not a pure sine: (K + 1,) °C."""
+    t = np.arange(0, seconds + dt / 2, dt)
+    w = 2 * np.pi / period
+    return mean + amplitude * (0.8 * np.sin(w * t + phase) + 0.2 * np.sin(2.7 * w * t + 1.0))
