@@ -1,0 +1,247 @@
+"""String model files (TOML): reading into `thermal.StringModel`, and writing back what was read.
+
+Numbers are written with the unit that people use (mΩ, K/W) and checked against the physical bounds of
+`thermal.KINDS`, which catch a slipped unit. Reading what was written gives the same model, bit for bit.
+"""
+
+import os
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from bms_gateway.config.toml import Section, parse_toml, read_text, validate
+from bms_gateway.config.units import PARAMETER_UNITS, parameter_factor
+from bms_gateway.errors import ConfigError
+from bms_gateway.thermal import CELL_SYMBOLS, KINDS, Condition, Coolant, Prior, StringModel, exchange
+from bms_gateway.thermal.parameters import DEFAULT_TOLERANCES
+
+# Knowledge worse than a factor e^3 either way is none; it is a slip (per cent for a share).
+MAX_REL_SD = 3.0
+
+
+class Parameter(Section):
+    """`{ value | values, unit, rel_sd | fixed = true }`."""
+
+    value: float | None = None
+    values: list[float] | None = None
+    unit: str
+    rel_sd: float | None = Field(default=None, gt=0.0, le=MAX_REL_SD)
+    fixed: bool = False
+
+
+class Flow(Section):
+    """The nominal coolant flow: a number, not something to identify."""
+
+    value: float = Field(gt=0.0)
+    unit: str
+    fixed: Literal[True] = True
+
+
+class Parameters(Section):
+    """`[parameters]`."""
+
+    C_c: Parameter
+    C_s: Parameter
+    R_e: Parameter
+    R_c: Parameter
+    R_u: Parameter
+    R_cc: Parameter | None = None
+    C_f: Parameter | None = None
+    coolant_flow: Flow | None = None
+
+
+class Cell(Section):
+    """`[cell]`."""
+
+    capacity_Ah: float | None = Field(default=None, gt=0.0, le=10_000.0)
+
+
+class Tolerances(Section):
+    """`[tolerances]`: what is not a missing effect; shares of the value and K."""
+
+    cell_R_e: float = Field(default=DEFAULT_TOLERANCES["cell_R_e"], ge=0.0, le=1.0)
+    cell_R_u: float = Field(default=DEFAULT_TOLERANCES["cell_R_u"], ge=0.0, le=1.0)
+    cell_R_c: float = Field(default=DEFAULT_TOLERANCES["cell_R_c"], ge=0.0, le=1.0)
+    surface_offset_K: float = Field(default=DEFAULT_TOLERANCES["surface_offset_K"], ge=0.0, le=20.0)
+    inlet_offset_K: float = Field(default=DEFAULT_TOLERANCES["inlet_offset_K"], ge=0.0, le=20.0)
+
+
+class ModelFile(Section):
+    """The whole file."""
+
+    # 1,000 cells in one string: its matrices are dense, and no pack has more in one row.
+    cells: int = Field(ge=1, le=1000)
+    sensors: list[int]
+    condition: Condition
+    coolant: Coolant = "bulk"
+    effects: list[str] = []
+    effect: dict[str, dict[str, Any]] = {}
+    cell: Cell = Cell()
+    parameters: Parameters
+    tolerances: Tolerances = Tolerances()
+
+
+def read_model(path: Path) -> StringModel:
+    """Read a string model.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    StringModel
+
+    Raises
+    ------
+    ConfigError
+        One line with file, key, fault and the nearest valid choice.
+    """
+    return parse_model(read_text(path), str(path))
+
+
+def parse_model(text: str, where: str = "model") -> StringModel:
+    """Read a string model from TOML text; `where` is what error lines call it."""
+    file = validate(ModelFile, parse_toml(text, where), where)
+    try:
+        return _model(file)
+    except ConfigError as e:
+        raise ConfigError(f"{where}: {e}") from None
+
+
+def write_model(model: StringModel, path: Path) -> None:
+    """Write a string model; the file is complete or untouched.
+
+    Raises
+    ------
+    ConfigError
+        The place cannot be written.
+    """
+    beside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        beside.write_text(format_model(model), encoding="utf-8")
+        beside.replace(path)
+    except OSError as e:
+        raise ConfigError(f"{path}: cannot be written: {e.strerror}") from None
+
+
+def format_model(model: StringModel) -> str:
+    """Write a string model as TOML text, comments and all; `parse_model` gives the same model back."""
+    lines = [
+        f"cells = {model.cells}",
+        f"sensors = {list(model.sensors)}  # measured surfaces, 1-based",
+        f'condition = "{model.condition}"  # full | natural | no-conduction | single',
+        f'coolant = "{model.coolant}"  # bulk | ntu',
+        "effects = []",
+    ]
+    if model.capacity_Ah is not None:
+        lines += ["", "[cell]", f"capacity_Ah = {model.capacity_Ah!r}"]
+    lines += ["", "[parameters]"]
+    lines += [_parameter_line(name, model.priors[name]) for name in KINDS if name in model.priors]
+    if model.flow is not None:
+        lines.append(f'coolant_flow = {{ value = {model.flow!r}, unit = "m3/s" }}')
+    lines += ["", "[tolerances]", *(f"{name} = {float(value)!r}" for name, value in model.tolerances.items())]
+    return "\n".join(lines) + "\n"
+
+
+def _model(file: ModelFile) -> StringModel:
+    if file.effects or file.effect:
+        name = file.effects[0] if file.effects else next(iter(file.effect))
+        key = "effects" if file.effects else f"effect.{name}"
+        raise ConfigError(f"{key}: {name!r}: effects are not available in this version; use effects = []")
+    model = StringModel(
+        cells=file.cells,
+        sensors=_sensors(file),
+        condition=file.condition,
+        priors=_priors(file),
+        coolant=file.coolant,
+        capacity_Ah=file.cell.capacity_Ah,
+        flow=_flow(file),
+        tolerances=file.tolerances.model_dump(),
+    )
+    coupling = {"R_cc": model.has_conduction, "C_f": model.has_coolant_path}
+    for name, needed in coupling.items():
+        if needed and name not in model.priors:
+            raise ConfigError(f'parameters.{name}: missing; condition = "{model.condition}" with several cells needs it')
+    # A file may name what its condition does not have: it stays right when only the condition is changed.
+    kept = {name: prior for name, prior in model.priors.items() if coupling.get(name, True)}
+    model = replace(model, priors=kept)
+    if model.has_coolant_path:
+        exchange(model.nominal)
+    return model
+
+
+def _sensors(file: ModelFile) -> tuple[int, ...]:
+    for k in file.sensors:
+        if not 1 <= k <= file.cells:
+            raise ConfigError(f"sensors: cell {k} does not exist; valid: 1 to {file.cells}")
+    if len(set(file.sensors)) < len(file.sensors):
+        twice = next(k for k in file.sensors if file.sensors.count(k) > 1)
+        raise ConfigError(f"sensors: cell {twice} is named twice")
+    return tuple(sorted(file.sensors))
+
+
+def _flow(file: ModelFile) -> float | None:
+    flow = file.parameters.coolant_flow
+    if flow is None:
+        return None
+    try:
+        return flow.value * parameter_factor("coolant_flow", flow.unit)
+    except ConfigError as e:
+        raise ConfigError(f"parameters.coolant_flow: {e}") from None
+
+
+def _priors(file: ModelFile) -> Mapping[str, Prior]:
+    given = {name: getattr(file.parameters, name) for name in KINDS}
+    priors = {}
+    for name, p in given.items():
+        if p is None:
+            continue
+        try:
+            priors[name] = _prior(name, p, file.cells)
+        except ConfigError as e:
+            raise ConfigError(f"parameters.{name}: {e}") from None
+    return priors
+
+
+def _prior(name: str, p: Parameter, cells: int) -> Prior:
+    kind = KINDS[name]
+    if (p.value is None) == (p.values is None):
+        raise ConfigError("needs either value or values")
+    if p.fixed == (p.rel_sd is not None):
+        raise ConfigError("needs either rel_sd (how well it is known) or fixed = true")
+    if p.values is not None and name not in CELL_SYMBOLS:
+        raise ConfigError("is one number for the whole string; use value")
+    if p.values is not None and len(p.values) != cells:
+        raise ConfigError(f"{len(p.values)} values for {cells} cells")
+    factor = parameter_factor(name, p.unit)
+    shown = p.values if p.values is not None else [p.value]
+    si = np.array(shown, dtype=np.float64) * factor
+    for number, x in zip(shown, si, strict=True):
+        if not kind.lower <= x <= kind.upper:
+            low, high = kind.lower / factor, kind.upper / factor
+            raise ConfigError(f"{number:g} {p.unit} is not plausible; valid: {low:g} to {high:g} {p.unit}")
+    return Prior(si if p.values is not None else float(si[0]), p.rel_sd or 0.0)
+
+
+def _parameter_line(name: str, prior: Prior) -> str:
+    known = "fixed = true" if prior.fixed else f"rel_sd = {float(prior.rel_sd)!r}"
+    numbers = np.atleast_1d(np.asarray(prior.value, dtype=np.float64))
+    text, unit = _shown(name, numbers)
+    value = f"value = {text[0]}" if np.ndim(prior.value) == 0 else f"values = [{', '.join(text)}]"
+    return f'{name} = {{ {value}, unit = "{unit}", {known} }}'
+
+
+def _shown(name: str, si: np.ndarray[Any, np.dtype[np.float64]]) -> tuple[list[str], str]:
+    """Numbers in the unit for people, with as few digits as read back exactly; in SI where that unit cannot."""
+    unit, factor = KINDS[name].unit, parameter_factor(name, KINDS[name].unit)
+    for digits in (12, 15, 17):
+        text = [repr(float(f"{x / factor:.{digits}g}")) for x in si]
+        if np.array_equal(np.array(text, dtype=np.float64) * factor, si):
+            return text, unit
+    base = next(u for u, f in PARAMETER_UNITS[name].items() if f == 1.0)
+    return [repr(float(x)) for x in si], base

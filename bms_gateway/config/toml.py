@@ -1,0 +1,155 @@
+"""From a TOML file to a checked pydantic value: every fault becomes one line that names file, key and nearest choice."""
+
+import re
+import tomllib
+from pathlib import Path
+from types import UnionType
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from bms_gateway.errors import ConfigError, did_you_mean
+
+M = TypeVar("M", bound=BaseModel)
+
+
+class Section(BaseModel):
+    """A table of a user's file: unknown keys, non-finite numbers and numbers in quotes are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Read a TOML file.
+
+    Raises
+    ------
+    ConfigError
+        Missing, unreadable or not TOML; names the nearest existing file, or the line.
+    """
+    return parse_toml(read_text(path), str(path))
+
+
+def parse_toml(text: str, where: str) -> dict[str, Any]:
+    """Parse TOML text; `where` is what error lines call it."""
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as e:
+        raise ConfigError(f"{where}: not valid TOML: {one_line(str(e))}") from None
+
+
+def read_text(path: Path, encoding: str = "utf-8") -> str:
+    """Read a text file of the user.
+
+    Raises
+    ------
+    ConfigError
+        Missing, unreadable or not text in that encoding.
+    """
+    try:
+        return path.read_text(encoding=encoding)
+    except FileNotFoundError:
+        parent = path.parent
+        beside = [p.name for p in parent.iterdir() if p.is_file()] if parent.is_dir() else []
+        raise ConfigError(f"{path}: no such file{did_you_mean(path.name, beside)}") from None
+    except UnicodeDecodeError as e:
+        raise ConfigError(f"{path}: not {encoding} text (byte {e.start})") from None
+    except OSError as e:
+        raise ConfigError(f"{path}: cannot be read: {e.strerror}") from None
+
+
+def one_line(text: str) -> str:
+    """Fold a message of another library into one line."""
+    return re.sub(r"\s+", " ", text).strip()
+
+
+def validate(schema: type[M], data: object, where: str) -> M:
+    """Check parsed data against a schema.
+
+    Parameters
+    ----------
+    schema : type of BaseModel
+    data : object
+        What the TOML parser gave.
+    where : str
+        What error lines call the file.
+
+    Raises
+    ------
+    ConfigError
+        One line about the first fault, and how many more there are.
+    """
+    try:
+        return schema.model_validate(data)
+    except ValidationError as e:
+        # An unknown key is usually the reason for a missing one: it is told first.
+        faults = sorted(e.errors(include_url=False), key=lambda f: f["type"] != "extra_forbidden")
+        more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
+        raise ConfigError(f"{where}: {_line(schema, faults[0], data)}{more}") from None
+
+
+def dotted(loc: tuple[int | str, ...]) -> str:
+    """Write a place in a file as people count: ``("string", 0, "name")`` is ``string[1].name``.
+
+    Examples
+    --------
+    >>> dotted(("string", 0, "signals", "surface", "3"))
+    'string[1].signals.surface.3'
+    """
+    text = ""
+    for part in loc:
+        text += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if text else part
+    return text
+
+
+def _line(schema: type[BaseModel], fault: Any, data: object) -> str:
+    loc = tuple(p for p in fault["loc"] if p != "[key]")
+    key, kind, given = dotted(loc), fault["type"], fault["input"]
+    if kind == "extra_forbidden":
+        return f"{key}: unknown key{did_you_mean(str(loc[-1]), _keys(_at(schema, loc[:-1])))}"
+    if kind == "missing":
+        return f"{key}: missing"
+    if kind in ("model_type", "model_attributes_type", "dict_type"):
+        return f"{key}: expected a table, got {given!r}"
+    if kind == "literal_error":
+        return f"{key}: {given!r} is not known{did_you_mean(str(given), [str(c) for c in _choices(_at(schema, loc))])}"
+    message = one_line(str(fault["msg"])).removeprefix("Value error, ")
+    if kind == "value_error":
+        return f"{key}: {message}" if key else message
+    return f"{key}: {given!r}: {message[:1].lower()}{message[1:]}"
+
+
+def _at(annotation: Any, loc: tuple[int | str, ...]) -> Any:
+    """Type that the schema expects at a place."""
+    for part in loc:
+        annotation = _unwrap(annotation)
+        if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+            field = {(f.alias or name): f for name, f in annotation.model_fields.items()}.get(str(part))
+            annotation = field.annotation if field else None
+        else:
+            arguments = get_args(annotation)
+            annotation = arguments[-1] if arguments else None
+    return _unwrap(annotation)
+
+
+def _unwrap(annotation: Any) -> Any:
+    """X of `X | None` and of `Annotated[X, …]`."""
+    while True:
+        if hasattr(annotation, "__metadata__"):
+            annotation = annotation.__origin__
+        elif get_origin(annotation) in (Union, UnionType):
+            annotation = next(a for a in get_args(annotation) if a is not type(None))
+        else:
+            return annotation
+
+
+def _keys(annotation: Any) -> list[str]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [f.alias or name for name, f in annotation.model_fields.items()]
+    return []
+
+
+def _choices(annotation: Any) -> tuple[Any, ...]:
+    if get_origin(annotation) is Literal:
+        return get_args(annotation)
+    return ()
