@@ -1,0 +1,99 @@
+"""One line of time that only goes forward, whatever the stamps of the frames do.
+
+Stamps come from a wall clock: they repeat, arrive slightly out of order, step back when the clock is set, and single
+ones are absurd. The rules, frame by frame, so that the result does not depend on how frames were cut into batches:
+
+* up to `BACK_NS` behind the newest: reordering; the frame takes the newest time;
+* further behind: the clock was set back; from here on stamps are moved forward by as much, time goes on;
+* more than `AHEAD_NS` ahead: held until the next frame tells. If that one follows it, the bus was silent (or the clock
+  set forward) and both are taken; if it goes on where the others were, the stamp was absurd and its frame is dropped.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bms_gateway.frames.batch import FrameBatch
+
+BACK_NS = 2_000_000_000  # USB adapters reorder by milliseconds; 2 s is beyond any of them and below any clock setting
+AHEAD_NS = 60_000_000_000
+
+
+@dataclass(slots=True)
+class Clock:
+    """State of the line; see the module's text.
+
+    Attributes
+    ----------
+    last_ns : int or None
+        Newest time given out.
+    shift_ns : int
+        Added to raw stamps since the clock was set back.
+    reordered, set_back, absurd : int
+        What was met.
+    """
+
+    last_ns: int | None = None
+    shift_ns: int = 0
+    reordered: int = 0
+    set_back: int = 0
+    absurd: int = 0
+    _held: FrameBatch | None = None
+
+    def straighten(self, frames: FrameBatch) -> FrameBatch:
+        """Put a batch onto the line.
+
+        Parameters
+        ----------
+        frames : FrameBatch
+            Next frames in the order of the bus, raw stamps.
+
+        Returns
+        -------
+        FrameBatch
+            With non-decreasing times, never below what was given out before; a held frame may lead or lack.
+        """
+        if self._held is not None:
+            frames = FrameBatch.concat([self._held, frames])
+            self._held = None
+        if not len(frames):
+            return frames
+        start = frames.time_ns[0] if self.last_ns is None else self.last_ns - self.shift_ns
+        steps = np.diff(frames.time_ns, prepend=start)
+        if steps.min() >= 0 and steps.max() <= AHEAD_NS:
+            time = frames.time_ns + self.shift_ns if self.shift_ns else frames.time_ns
+            self.last_ns = int(time[-1])
+            return FrameBatch(time, frames.can_id, frames.length, frames.data)
+        return self._one_by_one(frames)
+
+    def _one_by_one(self, frames: FrameBatch) -> FrameBatch:
+        """Apply the rules to a batch in which something is odd."""
+        raw = frames.time_ns.tolist()
+        keep: list[int] = []
+        times: list[int] = []
+        last = raw[0] + self.shift_ns if self.last_ns is None else self.last_ns
+        for i, stamp in enumerate(raw):
+            t = stamp + self.shift_ns
+            if t > last + AHEAD_NS:
+                if i + 1 == len(raw):
+                    self._held = frames[i : i + 1]
+                    break
+                if raw[i + 1] + self.shift_ns <= last + AHEAD_NS:
+                    self.absurd += 1
+                    continue
+            elif t < last - BACK_NS:
+                self.set_back += 1
+                self.shift_ns += last - t
+                t = last
+            elif t < last:
+                self.reordered += 1
+                t = last
+            last = t
+            keep.append(i)
+            times.append(t)
+        if keep:
+            self.last_ns = last
+        index = np.array(keep, dtype=np.intp)
+        return FrameBatch(
+            np.array(times, dtype=np.int64), frames.can_id[index], frames.length[index], frames.data[index]
+        )

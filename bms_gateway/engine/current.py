@@ -1,0 +1,106 @@
+"""Means of one current input over a tick: of I, of I² and, with a voltage beside it, of V and I·V.
+
+The heat of a tick needs the mean of the square, never the square of the mean. Between two samples the current is held
+(what a battery monitor sends is a reading, not a slope); a sample is trusted for `HOLD_S` at the most, so a current that
+stops arriving ends in "unknown", not in an eternal last value.
+"""
+
+from dataclasses import dataclass
+from math import nan
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bms_gateway.thermal import Floats
+
+HOLD_S = 1.5  # a current sent once a second still covers its tick when it comes half a second late
+COVERED = 0.5  # share of a tick that must be covered for its means to count
+
+
+@dataclass(frozen=True, slots=True)
+class Means:
+    """Means over one tick; NaN where too little of it was covered.
+
+    Attributes
+    ----------
+    I, I2, V, IV : float
+        A, A², V, W.
+    """
+
+    I: float = nan  # noqa: E741  the field's symbol
+    I2: float = nan
+    V: float = nan
+    IV: float = nan
+
+
+@dataclass(slots=True)
+class Current:
+    """Carries the last sample from tick to tick."""
+
+    _t: int = 0
+    _I: float = nan
+    _V: float = nan
+    _t_V: int = 0
+
+    def update(
+        self,
+        time_ns: NDArray[np.int64],
+        I: Floats,  # noqa: E741
+        V_time_ns: NDArray[np.int64],
+        V: Floats,
+        t0: int,
+        t1: int,
+    ) -> Means:
+        """Integrate one tick.
+
+        Parameters
+        ----------
+        time_ns, I : ndarray (K,)
+            Accepted current samples with t0 ≤ time < t1, A.
+        V_time_ns, V : ndarray (L,)
+            Accepted voltage samples of the same tick, V; empty where there is no voltage.
+        t0, t1 : int
+            The tick, ns.
+
+        Returns
+        -------
+        Means
+        """
+        starts = np.concatenate(([t0], time_ns))
+        values = np.concatenate(([self._I], I))
+        spans = np.diff(starts, append=t1) * 1e-9
+        limit = np.full(len(spans), HOLD_S)
+        limit[0] = HOLD_S - (t0 - self._t) * 1e-9 if self._I == self._I else 0.0
+        weight = np.clip(spans, 0.0, np.maximum(limit, 0.0))
+        values[0] = 0.0 if weight[0] == 0.0 else values[0]
+        volts = self._volts_at(starts, V_time_ns, V)
+        if len(I):
+            self._t, self._I = int(time_ns[-1]), float(I[-1])
+        if len(V):
+            self._t_V, self._V = int(V_time_ns[-1]), float(V[-1])
+        tick = (t1 - t0) * 1e-9
+        covered = float(weight.sum())
+        if covered < COVERED * tick:
+            return Means()
+        mean_I = float((weight * values).sum()) / covered
+        mean_I2 = float((weight * values * values).sum()) / covered
+        paired = np.where(np.isfinite(volts), weight, 0.0)
+        both = float(paired.sum())
+        if both < COVERED * tick:
+            return Means(mean_I, mean_I2)
+        volts = np.nan_to_num(volts)
+        return Means(
+            mean_I, mean_I2, float((paired * volts).sum()) / both, float((paired * values * volts).sum()) / both
+        )
+
+    def _volts_at(self, starts: NDArray[np.int64], times: NDArray[np.int64], V: Floats) -> Floats:
+        """Voltage in force at each instant: the newest at or before it, if not too old; else NaN."""
+        t = np.concatenate(([self._t_V], times))
+        v = np.concatenate(([self._V], V))
+        at = np.maximum(np.searchsorted(t, starts, side="right") - 1, 0)
+        fresh = (starts - t[at]) * 1e-9 <= HOLD_S
+        return np.where(fresh & (starts >= t[at]), v[at], np.nan)
+
+    def forget(self) -> None:
+        """Drop the last sample: what was measured before a gap says nothing after it."""
+        self._I = self._V = nan

@@ -1,0 +1,62 @@
+"""Does the model still explain the surfaces? The size of the innovations against what the observer expects of them."""
+
+from dataclasses import dataclass, field
+from math import nan
+
+import numpy as np
+
+from bms_gateway.health.flag import Flag, Thresholds
+from bms_gateway.thermal import Floats
+
+WINDOW_S = 600.0  # ten minutes: longer than a burst of noise, shorter than a drive
+# Mean square of innovations in units of their own variance: 1 when all is well. Model error is slow, so it stays close
+# to 1 for long; 4 means that the surfaces are off by twice the band, minute after minute.
+EXCESS = Thresholds(rise=(4.0,), fall=(2.0,), hold=60)
+
+
+@dataclass(slots=True)
+class Mismatch:
+    """Model mismatch of one string.
+
+    Attributes
+    ----------
+    flag : Flag
+    excess : float
+        Sliding mean of the squared normalised innovation; NaN before the first reading.
+    """
+
+    flag: Flag = field(default_factory=lambda: Flag(EXCESS))
+    excess: float = nan
+
+    def update(self, normalised: Floats, dt: float) -> bool:
+        """Take one tick's innovations.
+
+        Parameters
+        ----------
+        normalised : ndarray
+            Innovations over their standard deviations; NaN where there was no reading.
+        dt : float
+            Seconds since the last tick.
+
+        Returns
+        -------
+        bool
+            Whether the flag's level changed.
+        """
+        seen = normalised[np.isfinite(normalised)]
+        if not seen.size:
+            return False
+        now = float(np.mean(seen**2))
+        if self.excess != self.excess:
+            self.excess = now
+        self.excess += (now - self.excess) * min(1.0, dt / WINDOW_S)
+        return self.flag.update(self.excess)
+
+    def sentence(self) -> str:
+        """Say what the flag means and what to do."""
+        if self.flag.level:
+            return (
+                f"the model does not explain the surfaces (innovations {self.excess**0.5:.1f} times their band over "
+                "ten minutes): compare this record with the model before trusting the cores"
+            )
+        return "the model explains the surfaces again"
