@@ -78,8 +78,8 @@ class ModelFile(Section):
     sensors: list[int]
     condition: Condition
     coolant: Coolant = "bulk"
-    effects: list[str] = []
-    effect: dict[str, dict[str, Any]] = {}
+    effects: list[str] = Field(default_factory=list)
+    effect: dict[str, dict[str, Any]] = Field(default_factory=dict)
     cell: Cell = Cell()
     parameters: Parameters
     tolerances: Tolerances = Tolerances()
@@ -166,7 +166,9 @@ def _model(file: ModelFile) -> StringModel:
     coupling = {"R_cc": model.has_conduction, "C_f": model.has_coolant_path}
     for name, needed in coupling.items():
         if needed and name not in model.priors:
-            raise ConfigError(f'parameters.{name}: missing; condition = "{model.condition}" with several cells needs it')
+            raise ConfigError(
+                f'parameters.{name}: missing; condition = "{model.condition}" with several cells needs it'
+            )
     # A file may name what its condition does not have: it stays right when only the condition is changed.
     kept = {name: prior for name, prior in model.priors.items() if coupling.get(name, True)}
     model = replace(model, priors=kept)

@@ -1,4 +1,4 @@
-"""From a TOML file to a checked pydantic value: every fault becomes one line that names file, key and nearest choice."""
+"""From a TOML file to a checked value: every fault becomes one line that names file, key and nearest choice."""
 
 import re
 import tomllib
@@ -85,7 +85,7 @@ def validate(schema: type[M], data: object, where: str) -> M:
         # An unknown key is usually the reason for a missing one: it is told first.
         faults = sorted(e.errors(include_url=False), key=lambda f: f["type"] != "extra_forbidden")
         more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
-        raise ConfigError(f"{where}: {_line(schema, faults[0], data)}{more}") from None
+        raise ConfigError(f"{where}: {_line(schema, faults[0])}{more}") from None
 
 
 def dotted(loc: tuple[int | str, ...]) -> str:
@@ -102,7 +102,7 @@ def dotted(loc: tuple[int | str, ...]) -> str:
     return text
 
 
-def _line(schema: type[BaseModel], fault: Any, data: object) -> str:
+def _line(schema: type[BaseModel], fault: Any) -> str:
     loc = tuple(p for p in fault["loc"] if p != "[key]")
     key, kind, given = dotted(loc), fault["type"], fault["input"]
     if kind == "extra_forbidden":

@@ -10,7 +10,9 @@ _RESISTANCE = {"mOhm": 1e-3, "Ohm": 1.0, "uOhm": 1e-6, "mohm": 1e-3, "ohm": 1.0,
 _THERMAL_RESISTANCE = {"K/W": 1.0, "mK/W": 1e-3}
 _CAPACITY = {"J/K": 1.0, "kJ/K": 1e3}
 _CONDUCTANCE = {"W/K": 1.0, "mW/K": 1e-3, "kW/K": 1e3}
-FLOW: Mapping[str, float] = MappingProxyType({"m3/s": 1.0, "m³/s": 1.0, "m3/h": 1 / 3600, "l/s": 1e-3, "l/min": 1e-3 / 60})
+FLOW: Mapping[str, float] = MappingProxyType(
+    {"m3/s": 1.0, "m³/s": 1.0, "m3/h": 1 / 3600, "l/s": 1e-3, "l/min": 1e-3 / 60}
+)
 
 PARAMETER_UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {

@@ -1,0 +1,140 @@
+"""The gateway's config file as pydantic values: keys, types, ranges and defaults; nothing is read or resolved here."""
+
+from typing import Any, Literal
+
+from pydantic import Field, model_validator
+
+from bms_gateway.config.toml import Section
+from bms_gateway.observe.model import Disturbance
+
+NAME = r"^[A-Za-z0-9_.-]+$"
+"""Names of strings go into CSV columns, metrics and file names."""
+
+
+class Source(Section):
+    """Where one quantity comes from: `"Message.Signal"`, `{ signal, scale, offset }` or `{ constant }`.
+
+    Attributes
+    ----------
+    signal : str or None
+    scale, offset : float
+        Quantity = scale · value + offset, in SI (°C for temperatures), after the DBC's own unit was converted.
+    constant, constant_C : float or None
+        A number where the bus has none, SI; `constant_C` for temperatures.
+    """
+
+    signal: str | None = None
+    scale: float = 1.0
+    offset: float = 0.0
+    constant: float | None = None
+    constant_C: float | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _name_alone(cls, given: Any) -> Any:
+        return {"signal": given} if isinstance(given, str) else given
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> "Source":
+        given = [x for x in (self.signal, self.constant, self.constant_C) if x is not None]
+        if len(given) != 1:
+            raise ValueError('needs exactly one of signal = "Message.Signal", constant_C (temperatures) or constant')
+        if self.signal is None and (self.scale != 1.0 or self.offset != 0.0):
+            raise ValueError("a constant has neither scale nor offset")
+        if self.scale == 0.0:
+            raise ValueError("scale = 0 would make every value the offset; use a constant")
+        return self
+
+
+class Signals(Section):
+    """`[string.signals]`; keys of `surface` and `cell_voltage` are cells, from 1."""
+
+    current: Source
+    coolant_inlet: Source
+    voltage: Source | None = None
+    soc: Source | None = None
+    coolant_flow: Source | None = None
+    surface: dict[str, Source] = Field(default_factory=dict)
+    cell_voltage: dict[str, Source] = Field(default_factory=dict)
+
+
+class String(Section):
+    """`[[string]]`."""
+
+    name: str = Field(pattern=NAME, max_length=64)
+    model: str
+    signals: Signals | None = None
+
+
+class Bus(Section):
+    """`[bus]`.
+
+    Attributes
+    ----------
+    receive_buffer : int
+        Bytes asked of the kernel: 2 MiB hold a second of a full 1 Mbit/s bus several times over.
+    """
+
+    interface: str = "socketcan"
+    channel: str = "vcan0"
+    dbc: list[str] = Field(default_factory=list)
+    transmit: bool = True
+    receive_buffer: int = Field(default=2 << 20, ge=4096, le=1 << 30)
+
+
+class Identify(Section):
+    """`[identify]`."""
+
+    method: Literal["window", "rls", "off"] = "window"
+
+
+class Store(Section):
+    """`[store]`: without a path systemd's StateDirectory is used, and without that nothing is stored."""
+
+    path: str | None = None
+
+
+_UNKNOWN = Disturbance()
+
+
+class Observer(Section):
+    """`[observer]`: what the model does not know while it runs, as `observe.model.Disturbance`."""
+
+    heat_common_W: float = Field(default=_UNKNOWN.heat_common, ge=0.0, le=1e3)
+    heat_cell_W: float = Field(default=_UNKNOWN.heat_cell, ge=0.0, le=1e3)
+    inlet_K: float = Field(default=_UNKNOWN.inlet, gt=0.0, le=50.0)
+    inlet_unknown_K: float = Field(default=_UNKNOWN.inlet_unknown, gt=0.0, le=100.0)
+    correlation_s: float = Field(default=_UNKNOWN.correlation, ge=1.0, le=86_400.0)
+    sensor_K: float = Field(default=_UNKNOWN.sensor, gt=0.0, le=50.0)
+
+    @property
+    def disturbance(self) -> Disturbance:
+        """The same as the observers take it."""
+        return Disturbance(
+            self.heat_common_W, self.heat_cell_W, self.inlet_K, self.inlet_unknown_K, self.correlation_s, self.sensor_K
+        )
+
+
+class EngineSection(Section):
+    """`[engine]`."""
+
+    silent_after_s: float = Field(default=60.0, ge=2.0, le=86_400.0)
+
+
+class GatewayConfig(Section):
+    """The whole file."""
+
+    bus: Bus = Bus()
+    string: list[String] = Field(min_length=1)
+    identify: Identify = Identify()
+    store: Store = Store()
+    observer: Observer = Observer()
+    engine: EngineSection = EngineSection()
+
+    @model_validator(mode="after")
+    def _names_differ(self) -> "GatewayConfig":
+        names = [s.name for s in self.string]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"string: two strings are called {name!r}")
+        return self

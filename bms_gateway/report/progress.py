@@ -1,0 +1,43 @@
+"""A progress bar for long work: on a terminal only, on standard error, so that pipes and JSON stay clean."""
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+
+@contextmanager
+def progress(title: str, total: float | None) -> Iterator[Callable[[float], None]]:
+    """Show how far long work has come.
+
+    Parameters
+    ----------
+    title : str
+    total : float or None
+        What `advance` adds up to; None where it is not known, then only life is shown.
+
+    Yields
+    ------
+    callable
+        `advance(amount)`; does nothing where standard error is not a terminal.
+
+    Examples
+    --------
+    >>> with progress("reading", 2) as advance:
+    ...     advance(1)
+    """
+    if not sys.stderr.isatty():
+        yield _nothing
+        return
+    # Loaded here: a third of the start-up time of the whole program, for a bar that most runs never draw.
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"))
+    console = Console(stderr=True)
+    with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, transient=True) as bar:
+        task = bar.add_task(title, total=total)
+        yield lambda amount: bar.advance(task, amount)
+
+
+def _nothing(_amount: float) -> None:
+    """Off a terminal nobody looks."""

@@ -1,0 +1,85 @@
+"""Readable tables for a terminal: plain aligned text, the same in a pipe."""
+
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+from bms_gateway.frames.quality import Quality
+from bms_gateway.thermal import Floats
+
+
+def number(x: float | None, digits: int = 2) -> str:
+    """Write a number for people; `–` where there is none.
+
+    Examples
+    --------
+    >>> number(21.456), number(float("nan"))
+    ('21.46', '–')
+    """
+    return "–" if x is None or x != x else f"{x:.{digits}f}"
+
+
+def text_table(headers: Sequence[str], rows: Sequence[Sequence[object]], *, left: int = 1) -> str:
+    """Align rows under their headers; the first `left` columns to the left, the others, numbers, to the right.
+
+    Examples
+    --------
+    >>> print(text_table(["cell", "core °C"], [["1", "25.01"], ["12", "7.50"]]))
+    cell  core °C
+    1       25.01
+    12       7.50
+    """
+    cells = [list(headers), *([str(c) for c in row] for row in rows)]
+    widths = [max(len(row[j]) for row in cells) for j in range(len(headers))]
+    return "\n".join(
+        "  ".join(c.ljust(w) if j < left else c.rjust(w) for j, (c, w) in enumerate(zip(row, widths, strict=True))).rstrip()
+        for row in cells
+    )
+
+
+def cells_table(
+    string: str, core: Floats, core_sd: Floats, surface: Floats, quality: Sequence[int], true_core: Floats | None = None
+) -> str:
+    """Table of one string's cells.
+
+    Parameters
+    ----------
+    string : str
+    core, core_sd, surface : ndarray (n,)
+        °C, K, °C; NaN is shown as a dash.
+    quality : sequence of int (n,)
+    true_core : ndarray (n,), optional
+        Where a simulation knows it: adds the truth and the error.
+    """
+    headers = ["string", "cell", "quality", "core °C", "± sd K", "surface °C"]
+    rows = [
+        [string, str(k + 1), quality_name(q), number(c), number(s), number(t)]
+        for k, (c, s, t, q) in enumerate(zip(core, core_sd, surface, quality, strict=True))
+    ]
+    if true_core is not None:
+        headers += ["true core °C", "error K"]
+        for row, c, t in zip(rows, core, true_core, strict=True):
+            row += [number(float(t)), number(float(c - t))]
+    return text_table(headers, rows, left=3)
+
+
+def quality_name(quality: int) -> str:
+    """Name of a quality as reports write it: `good`, `out_of_range`, `estimated` …"""
+    return Quality(quality).name.lower()
+
+
+@contextmanager
+def live_view() -> Iterator[Callable[[str], None]]:
+    """Give a function that draws a text over the one before; off a terminal it draws nothing."""
+    if not sys.stdout.isatty():
+        yield _nothing
+        return
+    from rich.live import Live
+    from rich.text import Text
+
+    with Live(auto_refresh=False, transient=True) as live:
+        yield lambda text: live.update(Text(text), refresh=True)
+
+
+def _nothing(_text: str) -> None:
+    """Off a terminal only the end counts."""
