@@ -1,0 +1,82 @@
+"""Frames of our node on their way out: only our ids, never in a burst, never late.
+
+A token bucket spreads what an estimator tick makes over some milliseconds, so that others win arbitration in between.
+The queue is bounded, and a frame that waited longer than the cycle of its id is dropped: after an outage the bus gets
+the present values, not a burst of old ones.
+"""
+
+from collections import deque
+from collections.abc import Mapping
+from typing import Final
+
+from bms_gateway.bus.canframe import to_wire
+from bms_gateway.bus.port import Counters
+from bms_gateway.errors import UsageError
+from bms_gateway.frames.batch import FrameBatch
+
+RATE: Final = 1_000  # frames/s: an eighth of a full 1 Mbit/s bus, enough for 500 cells at 1 Hz
+BURST: Final = 8  # below the shortest transmit queue of a CAN interface (10)
+QUEUE: Final = 4_096  # four seconds at that rate; longer than any of our cycles
+REST_NS: Final = 10_000_000  # fewer wake-ups; at RATE ten tokens gather in it
+
+
+class Pacer:
+    """Queue and token bucket.
+
+    Parameters
+    ----------
+    own : mapping of int to int
+        Identifiers that may be sent, each with its cycle time, ns.
+    counters : Counters
+        `stale` and `overflow` are counted here.
+    rate : float
+        Frames per second in the long run.
+    burst : int
+        Frames at once.
+    """
+
+    def __init__(self, own: Mapping[int, int], counters: Counters, *, rate: float = RATE, burst: int = BURST) -> None:
+        self._own = dict(own)
+        self._counters = counters
+        self._gap_ns = round(1e9 / rate)
+        self._full_ns = max(burst * self._gap_ns, REST_NS)
+        self._credit_ns = burst * self._gap_ns
+        self._at_ns: int | None = None
+        self._queue: deque[tuple[int, bytes]] = deque()
+
+    def __len__(self) -> int:
+        return len(self._queue)
+
+    def offer(self, frames: FrameBatch) -> None:
+        """Queue frames.
+
+        Raises
+        ------
+        UsageError
+            A frame is not of our node; none of the batch is queued.
+        """
+        ids = frames.can_id.tolist()
+        for can_id in ids:
+            if can_id not in self._own:
+                raise UsageError(f"0x{can_id & 0x1FFFFFFF:X} is not an identifier of this node: not sent")
+        for can_id, due, wire in zip(ids, frames.time_ns.tolist(), to_wire(frames), strict=True):
+            if len(self._queue) == QUEUE:
+                self._queue.popleft()
+                self._counters.overflow += 1
+            self._queue.append((due + self._own[can_id], wire))
+
+    def head(self, now_ns: int) -> bytes | None:
+        """Give the frame to send now, if there is one and the rate allows it; it stays until `done`."""
+        while self._queue and self._queue[0][0] < now_ns:
+            self._queue.popleft()
+            self._counters.stale += 1
+        if self._at_ns is not None and now_ns > self._at_ns:
+            self._credit_ns = min(self._full_ns, self._credit_ns + now_ns - self._at_ns)
+        self._at_ns = now_ns
+        return self._queue[0][1] if self._queue and self._credit_ns >= self._gap_ns else None
+
+    def done(self) -> None:
+        """Take note that the head was sent."""
+        self._queue.popleft()
+        self._credit_ns -= self._gap_ns
+        self._counters.sent += 1

@@ -1,0 +1,71 @@
+"""What every source and sink of live frames looks like to the service."""
+
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Protocol
+
+from bms_gateway.frames.batch import FrameBatch
+
+
+class Link(Enum):
+    """State of the way to the bus."""
+
+    UP = "up"
+    DOWN = "down"
+    """The interface is there but switched off."""
+    ABSENT = "absent"
+    """There is no such interface (any more)."""
+    BUS_OFF = "bus-off"
+    """The controller has taken itself off the bus; it restarts as the interface's restart-ms says."""
+
+
+@dataclass(slots=True)
+class Counters:
+    """What went through a port and what did not, since it was opened."""
+
+    received: int = 0
+    sent: int = 0
+    dropped: int = 0
+    """Lost in the kernel because we read too late."""
+    remote: int = 0
+    errors: dict[str, int] = field(default_factory=dict)
+    """Error frames by class; one frame may be of several."""
+    malformed: int = 0
+    """Datagrams that are no CAN frame."""
+    stale: int = 0
+    """Not sent because a newer value was due."""
+    overflow: int = 0
+    """Not sent because the queue was full."""
+    outages: int = 0
+    clock_steps: int = 0
+
+
+class Port(Protocol):
+    """A bus to read from and to write to; nothing of it blocks."""
+
+    counters: Counters
+    link: Link
+
+    def fileno(self) -> int:
+        """Descriptor that becomes readable with the first frame, or −1: then it must be polled."""
+        ...
+
+    def now_ns(self) -> int:
+        """Bus time now, on the line of the frames' stamps."""
+        ...
+
+    def drain(self) -> FrameBatch:
+        """Take everything that had arrived when the call began."""
+        ...
+
+    def send(self, frames: FrameBatch) -> None:
+        """Queue frames of our node, each stamped with the time it is due."""
+        ...
+
+    def pump(self) -> float | None:
+        """Do what is due (sending, reconnecting); seconds until the next call is wanted, None if nothing waits."""
+        ...
+
+    def close(self) -> None:
+        """Let go of the bus."""
+        ...
