@@ -1,0 +1,26 @@
+"""From readings to states: open loop, Luenberger, Kalman and the adaptive observer, all with init, predict, update."""
+
+from bms_gateway.observe.adaptive import AdaptiveObserver, Estimate
+from bms_gateway.observe.kalman import Innovation, Kalman, KalmanState, Predicted
+from bms_gateway.observe.luenberger import Luenberger
+from bms_gateway.observe.model import Disturbance, StackedModel, Start, stack, start_covariance
+from bms_gateway.observe.open_loop import MeanState, OpenLoop
+from bms_gateway.observe.sensitivity import PARAMETERS
+
+__all__ = [
+    "PARAMETERS",
+    "AdaptiveObserver",
+    "Disturbance",
+    "Estimate",
+    "Innovation",
+    "Kalman",
+    "KalmanState",
+    "Luenberger",
+    "MeanState",
+    "OpenLoop",
+    "Predicted",
+    "StackedModel",
+    "Start",
+    "stack",
+    "start_covariance",
+]

@@ -1,0 +1,148 @@
+r"""How the estimate moves with the parameters it was made with: J = ∂x̂/∂ ln θ, carried along with the observer.
+
+Differentiating predict and update with the gain held,
+
+.. math::
+    J^- = A J + \Gamma\, \partial f/\partial \ln\theta, \qquad J^+ = J^- - K\,[(1-w) C J^- + w C J]
+
+with f the rate of change and Γ = ∫ exp(A t) dt. Each column of ∂f/∂ ln θ is a flow of heat that the model already
+knows: scaling R_c by 1 + ε changes the flow through it by −ε times itself. Nothing is re-discretised, and a new
+covariance Σ of ln θ needs no new run: the share of the parameters in the band is J Σ Jᵀ.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from bms_gateway.observe.model import OFFSETS, Ints
+from bms_gateway.thermal import Floats, StringParameters, coolant_path, exchange
+
+PARAMETERS = ("C_c", "C_s", "R_e", "R_c", "R_u", "R_cc", "C_f", "heat")
+"""Columns of J, each common to the cells of a string. `heat` scales heat that was not made from I²R_e."""
+
+
+@dataclass(frozen=True, slots=True)
+class Flows:
+    """The numbers of S strings that the derivatives need.
+
+    Attributes
+    ----------
+    C_c, C_s, R_c, R_u : ndarray (S, n)
+    g_cc : ndarray (S,), W/K
+        1/R_cc.
+    M, m : ndarray (S, n, n), (S, n)
+        Coolant path T_f = M T_s + m T_f_in.
+    de : ndarray (S, n)
+        (∂e/∂ ln R_u)/e of the exchange; the same for ln C_f. 0 where the stream does not warm up.
+    """
+
+    C_c: Floats
+    C_s: Floats
+    R_c: Floats
+    R_u: Floats
+    g_cc: Floats
+    M: Floats
+    m: Floats
+    de: Floats
+
+    @classmethod
+    def of(cls, parameters: Sequence[StringParameters]) -> "Flows":
+        """Gather from strings of equal length."""
+        path = [coolant_path(p) for p in parameters]
+        return cls(
+            np.stack([p.C_c for p in parameters]),
+            np.stack([p.C_s for p in parameters]),
+            np.stack([p.R_c for p in parameters]),
+            np.stack([p.R_u for p in parameters]),
+            np.array([1.0 / p.R_cc for p in parameters]),
+            np.stack([M for M, _ in path]),
+            np.stack([m for _, m in path]),
+            np.stack([_relative_slope(p) for p in parameters]),
+        )
+
+    def forcing(self, x: Floats, electric: Floats, given: Floats, inlet: Floats) -> Floats:
+        """Rates of change by ln θ.
+
+        Parameters
+        ----------
+        x : ndarray (S, M)
+            State with offsets, °C.
+        electric : ndarray (S, n), W
+            Heat made from I²R_e.
+        given : ndarray (S, n), W
+            Heat measured otherwise; 0 where it is made from I²R_e.
+        inlet : ndarray (S,), °C
+
+        Returns
+        -------
+        ndarray (S, M, p), K/s
+        """
+        T_c, T_s = x[:, 0:-OFFSETS:2], x[:, 1:-OFFSETS:2]
+        T_in = inlet + x[:, -2]
+        out = (T_c - T_s) / self.R_c
+        T_f = np.matmul(self.M, T_s[:, :, None])[:, :, 0] + self.m * T_in[:, None]
+        cooled = (T_s - T_f) / self.R_u
+        step = np.diff(T_s, axis=1) * self.g_cc[:, None]
+        conducted = np.zeros_like(T_s)
+        conducted[:, :-1] += step
+        conducted[:, 1:] -= step
+        warmed = np.matmul(self.M, (self.de * (T_s - T_f))[:, :, None])[:, :, 0] / self.R_u
+        heat = electric + given + x[:, -1:]
+        F = np.zeros((*x.shape, len(PARAMETERS)))
+        core, surface = F[:, 0:-OFFSETS:2], F[:, 1:-OFFSETS:2]
+        core[:, :, 0] = (out - heat) / self.C_c
+        surface[:, :, 1] = (cooled - out - conducted) / self.C_s
+        core[:, :, 2] = electric / self.C_c
+        core[:, :, 3] = out / self.C_c
+        surface[:, :, 3] = -out / self.C_s
+        surface[:, :, 4] = (cooled + warmed) / self.C_s
+        surface[:, :, 5] = -conducted / self.C_s
+        surface[:, :, 6] = warmed / self.C_s
+        core[:, :, 7] = given / self.C_c
+        return F
+
+    def exchanged(self, at: Ints, part: "Flows") -> "Flows":
+        """Exchange the strings `at` for those of `part`."""
+
+        def mixed(mine: Floats, new: Floats) -> Floats:
+            changed = mine.copy()
+            changed[at] = new
+            return changed
+
+        return Flows(*(mixed(getattr(self, f.name), getattr(part, f.name)) for f in fields(self)))
+
+
+def _relative_slope(p: StringParameters) -> Floats:
+    e = exchange(p)
+    ntu = 1.0 / (p.R_u * p.C_f)
+    slope = -ntu if p.coolant == "bulk" else -ntu * np.exp(-ntu)
+    return np.divide(slope, e, out=np.zeros_like(e), where=e > 0.0)
+
+
+def carried(J: Floats, A: Floats, integral: Floats, forcing: Floats) -> Floats:
+    """Carry `J` (S, M, p) over one step."""
+    return np.asarray(np.matmul(A, J) + np.matmul(integral, forcing), dtype=np.float64)
+
+
+def corrected(J: Floats, J_before: Floats, K: Floats, sensors: Ints, lag: Floats) -> tuple[Floats, Floats]:
+    """Correct `J` as the update with gain `K` (S, M, m) corrected the state.
+
+    Parameters
+    ----------
+    J, J_before : ndarray (S, M, p)
+        Carried to now, and as it was one step ago.
+    K : ndarray (S, M, m)
+        Zero columns where there was no reading.
+    sensors, lag : ndarray (S, m)
+
+    Returns
+    -------
+    J : ndarray (S, M, p)
+    seen : ndarray (S, m, p)
+        Sensitivities of the predicted readings.
+    """
+    row = np.arange(len(J))[:, None]
+    at = 2 * sensors + 1
+    seen = J[row, at] + lag[:, :, None] * (J_before[row, at] - J[row, at])
+    return J - np.matmul(K, seen), seen
