@@ -13,6 +13,7 @@ from bms_gateway.frames.table import SignalTable
 if TYPE_CHECKING:
     from cantools.database.can import Database as Parsed
     from cantools.database.can import Message, Signal
+    from cantools.database.can.formats.dbc.dbc_specifics import DbcSpecifics
 
 __all__ = ["Database"]
 
@@ -138,12 +139,9 @@ def _parse(name: str, text: str) -> Iterator[MessageInfo]:
 
 def _message(database: str, m: "Message") -> MessageInfo:
     can_id = m.frame_id | EXTENDED if m.is_extended_frame else m.frame_id
-    attributes = m.dbc.attributes if m.dbc is not None else {}
     cycle_ns = round(m.cycle_time * 1_000_000) if m.cycle_time else None
-    profile = attributes.get("E2EProfile")
-    e2e = None
-    if profile is not None and _enum(profile) == E2E_PROFILE:
-        e2e = E2E(int(attributes["E2EDataID"].value))
+    protected = m.dbc is not None and _attribute(m.dbc, "E2EProfile") == E2E_PROFILE
+    e2e = E2E(int(m.dbc.attributes["E2EDataID"].value)) if m.dbc is not None and protected else None
     by_name = {s.name: s for s in m.signals}
     signals = {s.name: _signal(database, m, s, by_name, can_id, cycle_ns) for s in m.signals}
     return MessageInfo(
@@ -202,20 +200,26 @@ def _is_j1939(m: "Message", s: "Signal") -> bool:
     """
     if s.conversion.is_float or s.is_signed or s.length not in (2, 4, 8, 16, 24, 32):
         return False
-    stated = s.dbc.attributes.get("RawConvention")
-    if stated is not None:
-        return _enum(stated) == "J1939"
+    convention = None if s.dbc is None else _attribute(s.dbc, "RawConvention")
+    if convention is not None:
+        return convention == "J1939"
     if m.protocol != "j1939" or s.maximum is None or s.is_multiplexer or s.conversion.scale <= 0:
         return False
     error_from = (0xFE << (s.length - 8)) if s.length >= 8 else (1 << s.length) - 2
     return (s.maximum - s.conversion.offset) / s.conversion.scale < error_from
 
 
-def _enum(attribute: object) -> str:
-    """Label of an ENUM attribute, which files write as a number or as text."""
-    value = getattr(attribute, "value", None)
-    definition = getattr(attribute, "definition", None)
-    choices = getattr(definition, "choices", None) or []
+def _attribute(specifics: "DbcSpecifics", name: str) -> str | None:
+    """Value of an ENUM attribute as text, or its default; None where the DBC does not define it.
+
+    Files write the value of an ENUM as its number or as its text.
+    """
+    if name not in specifics.attribute_definitions:
+        return None
+    definition = specifics.attribute_definitions[name]
+    stated = specifics.attributes.get(name)
+    value = definition.default_value if stated is None else stated.value
+    choices = definition.choices or []
     return str(choices[value]) if isinstance(value, int) and value < len(choices) else str(value)
 
 

@@ -1,0 +1,105 @@
+"""Names in the DBC of the project itself, `bms_gateway.dbc`: what a string's channels are called, what is sent."""
+
+from bms_gateway.errors import ConfigError
+
+__all__ = [
+    "GATEWAY_INFO",
+    "GATEWAY_STATUS",
+    "MAX_CELLS",
+    "MAX_STRINGS",
+    "OWN_DBC",
+    "PARAMETER_MUX",
+    "core_message",
+    "health_message",
+    "input_messages",
+    "own_signal",
+    "parameters_message",
+    "summary_message",
+]
+
+OWN_DBC = "bms_gateway.dbc"
+MAX_STRINGS = 8
+MAX_CELLS = 18
+"""What the DBC has room for; larger packs bring their own DBC for the input."""
+
+_OF_STRING = {
+    "current": "string_{k}_electrical.current",
+    "voltage": "string_{k}_electrical.voltage",
+    "coolant_inlet": "string_{k}_coolant.coolant_inlet",
+    "coolant_flow": "string_{k}_coolant.coolant_flow",
+    "soc": "string_{k}_coolant.soc",
+}
+_OF_CELL = {
+    "surface": "string_{k}_surface.surface_{c:02d}",
+    "cell_voltage": "string_{k}_cell_voltage.cell_voltage_{c:02d}",
+}
+
+GATEWAY_STATUS = "gateway_status"
+GATEWAY_INFO = "gateway_info"
+PARAMETER_MUX = {"R_e": 0, "R_c": 1, "R_u": 2}
+"""Multiplexer value of each parameter in `parameters_message`; the signals are NAME, NAME_sd and NAME_status."""
+
+
+def own_signal(string_number: int, quantity: str, cell: int | None = None) -> str:
+    """Name of the input signal of one channel.
+
+    Parameters
+    ----------
+    string_number : int
+        1…8.
+    quantity : str
+        As `Quantity` of the plan.
+    cell : int, optional
+        1…18, for `surface` and `cell_voltage`.
+
+    Raises
+    ------
+    ConfigError
+        The DBC has no room for that string or cell.
+
+    Examples
+    --------
+    >>> own_signal(2, "surface", 7)
+    'string_2_surface.surface_07'
+    """
+    _check_string(string_number)
+    if quantity in _OF_STRING:
+        return _OF_STRING[quantity].format(k=string_number)
+    if cell is None or not 1 <= cell <= MAX_CELLS:
+        raise ConfigError(
+            f"cell {cell}: {OWN_DBC} has signals for cells 1 to {MAX_CELLS}; name signals of your own DBC"
+        )
+    return _OF_CELL[quantity].format(k=string_number, c=cell)
+
+
+def input_messages(string_number: int) -> tuple[str, ...]:
+    """Messages that a battery management system sends of one string."""
+    _check_string(string_number)
+    return tuple(f"string_{string_number}_{part}" for part in ("electrical", "coolant", "surface", "cell_voltage"))
+
+
+def core_message(string_number: int) -> str:
+    """Message of core temperatures: multiplexer = cell, signals core_CC, core_sd_CC, surface_CC, quality_CC."""
+    return f"string_{string_number}_core"
+
+
+def summary_message(string_number: int) -> str:
+    """Message with hottest_core, hottest_cell, hottest_sd, hottest_quality, coldest_core."""
+    return f"string_{string_number}_summary"
+
+
+def parameters_message(string_number: int) -> str:
+    """Message of parameters, multiplexed by `PARAMETER_MUX`."""
+    return f"string_{string_number}_parameters"
+
+
+def health_message(string_number: int) -> str:
+    """Message with R_e_flag, R_e_growth, R_e_growth_sd, innovation, mismatch_flag."""
+    return f"string_{string_number}_health"
+
+
+def _check_string(number: int) -> None:
+    if not 1 <= number <= MAX_STRINGS:
+        raise ConfigError(
+            f"string number {number}: {OWN_DBC} has messages for strings 1 to {MAX_STRINGS}; name signals of your own DBC"
+        )
