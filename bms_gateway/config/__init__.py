@@ -1,0 +1,16 @@
+"""From the user's TOML files to the engine's plan."""
+
+from bms_gateway.config.load import LoadedConfig, load_config, own_dbc_text
+from bms_gateway.config.model_file import format_model, parse_model, read_model, write_model
+from bms_gateway.config.schema import GatewayConfig
+
+__all__ = [
+    "GatewayConfig",
+    "LoadedConfig",
+    "format_model",
+    "load_config",
+    "own_dbc_text",
+    "parse_model",
+    "read_model",
+    "write_model",
+]

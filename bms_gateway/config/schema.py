@@ -5,7 +5,7 @@ from typing import Any, Literal
 from pydantic import Field, model_validator
 
 from bms_gateway.config.toml import Section
-from bms_gateway.observe.model import Disturbance
+from bms_gateway.thermal import Disturbance
 
 NAME = r"^[A-Za-z0-9_.-]+$"
 """Names of strings go into CSV columns, metrics and file names."""
@@ -98,7 +98,7 @@ _UNKNOWN = Disturbance()
 
 
 class Observer(Section):
-    """`[observer]`: what the model does not know while it runs, as `observe.model.Disturbance`."""
+    """`[observer]`: what the model does not know while it runs, as `thermal.Disturbance`."""
 
     heat_common_W: float = Field(default=_UNKNOWN.heat_common, ge=0.0, le=1e3)
     heat_cell_W: float = Field(default=_UNKNOWN.heat_cell, ge=0.0, le=1e3)

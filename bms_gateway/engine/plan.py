@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from bms_gateway.thermal import StringModel
+from bms_gateway.thermal import Disturbance, StringModel
 
 Quantity = Literal["current", "voltage", "coolant_inlet", "coolant_flow", "soc", "surface", "cell_voltage"]
 """What a channel measures: A (discharge positive), V, °C, m³/s, 0…1, °C, V."""
@@ -64,6 +64,8 @@ class Plan:
     silent_after_ns : int
         With no wanted frame for so long the bus is taken for asleep: no more ticks, nothing sent, until a frame wakes
         the engine, which then propagates its state over the gap in one step.
+    disturbance : Disturbance
+        What the observers assume that the models do not know.
     """
 
     strings: tuple[StringPlan, ...]
@@ -72,3 +74,4 @@ class Plan:
     transmit: bool = True
     tick_ns: int = 1_000_000_000
     silent_after_ns: int = 60_000_000_000
+    disturbance: Disturbance = field(default_factory=Disturbance)

@@ -1,0 +1,206 @@
+"""A pack that exists only here: strings on a drive cycle, with scatter, moving inlet and unknown start, from one seed.
+
+It is simulated in segments, so that ten hours take no more memory than ten minutes. The truth (core of every cell)
+comes with it, to be compared with what the gateway makes of the traffic.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bms_gateway.engine.plan import Plan, Quantity, StringPlan
+from bms_gateway.thermal import Floats, StringParameters, continuous, discretize, simulate
+
+# The urban assault cycle of the paper's 8 Ah cell: +160 A, −96 A, 62.2 A rms; here per Ah of capacity.
+C_RATE_HIGH, C_RATE_LOW, C_RATE_RMS = 20.0, -12.0, 62.2 / 8.0
+CYCLE_S = 1332
+CAPACITY_AH = 8.0  # where the model file does not say: the paper's cell
+SEGMENT_S = 600
+STEP_S = 1.0
+INLET_C, INLET_SWING_K, INLET_PERIOD_S = 25.0, 3.0, 300.0
+SENSOR_NOISE_K = 0.1
+OCV_EMPTY_V, OCV_SPAN_V, SOC_START = 3.2, 0.15, 0.6  # an LFP cell's plateau, straight
+
+Key = tuple[Quantity, int | None]
+"""A quantity of a string, and the cell (from 1) where it has one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """One quantity over time.
+
+    Attributes
+    ----------
+    time_s : ndarray (K,)
+        Increasing.
+    value : ndarray (K,)
+        SI, °C. No NaN: a missing value is a missing instant.
+    """
+
+    time_s: Floats
+    value: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """A stretch of one string's truth: K instants, both ends included.
+
+    Attributes
+    ----------
+    string : StringPlan
+    time_s : ndarray (K,)
+    core_C, surface_C : ndarray (K, n)
+    series : mapping of (quantity, cell) to Series
+        Everything that could be measured, free of noise. Current and voltages hold until the next instant,
+        temperatures go straight to it.
+    """
+
+    string: StringPlan
+    time_s: Floats
+    core_C: Floats
+    surface_C: Floats
+    series: Mapping[Key, Series]
+
+
+def drive_cycle(rng: np.random.Generator, capacity_Ah: float = CAPACITY_AH) -> Floats:
+    """Draw one cycle of 1,332 s like the paper's urban assault cycle.
+
+    Pulses of 2 to 20 s in calm and intense stretches; both limits are reached, no net charge.
+
+    Parameters
+    ----------
+    rng : numpy Generator
+    capacity_Ah : float
+        The cell's; limits and rms grow with it.
+
+    Returns
+    -------
+    ndarray (1332,)
+        A, discharge positive, constant within each second.
+    """
+    raw = np.empty(0)
+    while len(raw) < CYCLE_S:
+        intensity = rng.choice([0.1, 0.5, 1.0, 1.6], p=[0.2, 0.25, 0.35, 0.2])
+        pulses = rng.normal(0.0, intensity, int(rng.integers(5, 20))) * (rng.random() < 0.9)
+        raw = np.concatenate([raw, np.repeat(pulses, rng.integers(2, 21, len(pulses)))])
+    raw = raw[:CYCLE_S]
+    raw[[np.argmax(raw), np.argmin(raw)]] = 1e3, -1e3  # clipped below: both limits are reached
+    gain, shift = C_RATE_RMS, 0.0
+    for _ in range(100):  # clipping moves mean and rms: mend them in turn until both hold
+        cycle = np.clip(gain * raw + shift, C_RATE_LOW, C_RATE_HIGH)
+        gain *= C_RATE_RMS / float(np.sqrt(np.mean(cycle**2)))
+        shift -= float(np.mean(cycle))
+    return np.clip(gain * raw + shift, C_RATE_LOW, C_RATE_HIGH) * capacity_Ah
+
+
+class VirtualPack:
+    """The strings of a plan, simulated.
+
+    Parameters
+    ----------
+    plan : Plan
+    seed : int
+        The same seed gives the same pack and drive, bit for bit, on one machine.
+    scatter : float
+        Cells differ by so many times the model's tolerances; 0 makes them equal.
+    common : float
+        Standard deviation of the logarithm by which R_e, R_c and R_u of each string differ from the model file, where
+        that does not fix them: what identification has to find. 0: the model file is right.
+    inlet_swing_K : float
+        Amplitude of the inlet's motion, where the plan has it from the bus.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        seed: int = 0,
+        *,
+        scatter: float = 1.0,
+        common: float = 0.0,
+        inlet_swing_K: float = INLET_SWING_K,
+    ) -> None:
+        self.plan = plan
+        rng = np.random.default_rng([seed, 0x60])
+        capacity = plan.strings[0].model.capacity_Ah or CAPACITY_AH
+        self._cycle = drive_cycle(rng, capacity)
+        self._phase = float(rng.uniform(0.0, 2 * np.pi))
+        self._swing = inlet_swing_K
+        self.parameters = tuple(_truth(s, rng, scatter, common) for s in plan.strings)
+        self._start = tuple(self._start_state(s, rng) for s in plan.strings)
+
+    def segments(self, duration_s: float) -> Iterator[tuple[Segment, ...]]:
+        """Simulate from 0 to `duration_s`, some minutes at a time.
+
+        Yields
+        ------
+        tuple of Segment
+            One per string; the last instant of one is the first of the next.
+        """
+        steps = [discretize(continuous(p), STEP_S) for p in self.parameters]
+        states = list(self._start)
+        charge = [0.0] * len(states)
+        whole = max(1, round(duration_s / STEP_S))
+        for first in range(0, whole, SEGMENT_S):
+            last = min(whole, first + SEGMENT_S)
+            k = np.arange(first, last + 1)
+            time, current = k * STEP_S, self._cycle[k % CYCLE_S]
+            out = []
+            for i, (string, p) in enumerate(zip(self.plan.strings, self.parameters, strict=True)):
+                inlet = self._inlet(string, time)
+                x = simulate(steps[i], states[i], np.outer(current[:-1] ** 2, p.R_e), inlet)
+                states[i] = x[-1]
+                drawn = charge[i] + np.concatenate([[0.0], np.cumsum(current[:-1] * STEP_S)])
+                charge[i] = float(drawn[-1])
+                out.append(_segment(string, p, time, current, inlet, drawn, x))
+            yield tuple(out)
+
+    def _inlet(self, string: StringPlan, time: Floats) -> Floats:
+        constant = next((c.constant for c in string.channels if c.quantity == "coolant_inlet"), None)
+        if constant is not None:
+            return np.full(len(time), constant)
+        w = 2 * np.pi / INLET_PERIOD_S
+        wave = 0.8 * np.sin(w * time + self._phase) + 0.2 * np.sin(2.7 * w * time)  # no pure sine: richer than one
+        return INLET_C + self._swing * wave
+
+    def _start_state(self, string: StringPlan, rng: np.random.Generator) -> Floats:
+        """Somewhere above the coolant, core above surface, cells not alike: the gateway knows nothing of it."""
+        n = string.model.cells
+        surface = self._inlet(string, np.zeros(1)) + rng.uniform(0.0, 8.0) + rng.normal(0.0, 0.5, n)
+        x = np.empty(2 * n)
+        x[1::2] = surface
+        x[0::2] = surface + rng.uniform(0.0, 8.0) + rng.normal(0.0, 0.5, n)
+        return x
+
+
+def _truth(string: StringPlan, rng: np.random.Generator, scatter: float, common: float) -> StringParameters:
+    """Parameters of the real string: off from the file together, and from cell to cell."""
+    model = string.model
+    p = model.nominal
+    drawn = {}
+    for name in ("R_e", "R_c", "R_u"):
+        together = 0.0 if model.priors[name].fixed else common * rng.normal()
+        each = scatter * model.tolerances.get(f"cell_{name}", 0.0) * rng.normal(size=model.cells)
+        drawn[name] = getattr(p, name) * np.exp(together + each)
+    return replace(p, **drawn)
+
+
+def _segment(
+    string: StringPlan, p: StringParameters, time: Floats, current: Floats, inlet: Floats, drawn: Floats, x: Floats
+) -> Segment:
+    core, surface = x[:, 0::2], x[:, 1::2]
+    model = string.model
+    soc = np.clip(SOC_START - drawn / (3600.0 * (model.capacity_Ah or CAPACITY_AH)), 0.0, 1.0)
+    cells = (OCV_EMPTY_V + OCV_SPAN_V * soc)[:, None] - np.outer(current, p.R_e)
+    values: dict[Key, Floats] = {
+        ("current", None): current,
+        ("voltage", None): cells.sum(axis=1),
+        ("coolant_inlet", None): inlet,
+        ("soc", None): soc,
+    }
+    if model.flow is not None:
+        values["coolant_flow", None] = np.full(len(time), model.flow)
+    for k in range(model.cells):
+        values["surface", k + 1] = surface[:, k]
+        values["cell_voltage", k + 1] = cells[:, k]
+    return Segment(string, time, core, surface, {key: Series(time, v) for key, v in values.items()})

@@ -1,0 +1,1 @@
+"""The program `bms-gateway`: one file per command."""

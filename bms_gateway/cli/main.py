@@ -1,0 +1,123 @@
+"""Entry of the program: finds the command, loads only its file, and turns every fault of the user into one line.
+
+Exit status: 0 done; 1 the thing checked does not hold; 2 bad usage, config or data; 130 stopped by the user.
+"""
+
+import argparse
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+from types import ModuleType
+from typing import NoReturn
+
+from bms_gateway import __version__
+from bms_gateway.errors import GatewayError, UsageError, did_you_mean
+
+PROGRAM = "bms-gateway"
+
+COMMANDS = {
+    "demo": "the main job with no hardware: a simulated pack, a live table of its cells, the error against the truth",
+    "run": "the service: CAN in, estimates out",
+    "check": "validate a config: DBC, signals, models, observability of each string",
+    "analyze": "logged traffic through the same engine, as fast as possible",
+    "replay": "put logged traffic on a bus with its own timing",
+    "encode": "bench data as CAN frames by the DBC, so that it can be replayed",
+    "simulate": "drive-cycle traffic of a virtual pack",
+}
+"""Command and what it does. The file of the same name in this room has `arguments(parser)`, `run(args) -> int` and
+`EXAMPLE`; it imports what is heavy inside `run`, so that help and errors come at once."""
+
+
+class Parser(argparse.ArgumentParser):
+    """Argument parser whose complaints are ours, with the nearest valid option."""
+
+    def __init__(self, name: str, summary: str, example: str) -> None:
+        super().__init__(
+            prog=f"{PROGRAM} {name}",
+            description=f"{summary[0].upper()}{summary[1:]}.",
+            epilog=f"example:\n{example.rstrip()}",
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+            allow_abbrev=False,
+        )
+        self.options: list[str] = ["--help"]
+
+    def option(self, *names: str, help: str, **how: object) -> None:
+        """Add an option or argument; its name is remembered for "did you mean"."""
+        self.options += [name for name in names if name.startswith("--")]
+        self.add_argument(*names, help=help, **how)  # type: ignore[arg-type]
+
+    def error(self, message: str) -> NoReturn:
+        """Raise instead of printing the usage."""
+        raise UsageError(f"{self.prog.removeprefix(PROGRAM).strip()}: {message} (see {self.prog} --help)")
+
+    def parse(self, words: Sequence[str]) -> argparse.Namespace:
+        """Parse; unknown words are told with the nearest option."""
+        known, unknown = self.parse_known_args(words)
+        for word in unknown:
+            name = word.split("=")[0]
+            if name.startswith("-"):
+                self.error(f"unknown option '{name}'{did_you_mean(name, self.options)}")
+            self.error(f"one argument too many: '{word}'")
+        return known
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Run the program.
+
+    Parameters
+    ----------
+    words : sequence of str, optional
+        Command line without the program's name; default `sys.argv[1:]`.
+
+    Returns
+    -------
+    int
+        Exit status.
+    """
+    try:
+        status = _dispatch(list(sys.argv[1:] if words is None else words))
+        sys.stdout.flush()
+    except GatewayError as e:
+        print(f"{PROGRAM}: error: {' '.join(str(e).split())}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print(f"{PROGRAM}: stopped", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        # The reader of a pipe has gone. Python would complain once more when it closes standard output.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141
+    return status
+
+
+def _dispatch(words: list[str]) -> int:
+    if not words or words[0] in ("-h", "--help", "help"):
+        print(usage())
+        return 0 if words else 2
+    if words[0] in ("-V", "--version"):
+        print(f"{PROGRAM} {__version__}")
+        return 0
+    name, *rest = words
+    if name not in COMMANDS:
+        kind = "option" if name.startswith("-") else "command"
+        raise UsageError(f"unknown {kind} '{name}'{did_you_mean(name, COMMANDS)} (see {PROGRAM} --help)")
+    module: ModuleType = importlib.import_module(f"bms_gateway.cli.{name}")
+    parser = Parser(name, COMMANDS[name], module.EXAMPLE)
+    module.arguments(parser)
+    try:
+        args = parser.parse(rest)
+    except SystemExit as e:  # --help has printed all there is
+        return int(e.code or 0)
+    status: int = module.run(args)
+    return status
+
+
+def usage() -> str:
+    """What `--help` prints."""
+    width = max(map(len, COMMANDS))
+    lines = [f"usage: {PROGRAM} COMMAND [options]", "", "Core temperatures of battery cells from CAN traffic.", ""]
+    lines += [f"  {name:<{width}}  {summary}" for name, summary in COMMANDS.items()]
+    lines += ["", f"{PROGRAM} COMMAND --help tells its options, with an example.", "", "example:"]
+    lines += [f"  {PROGRAM} check gateway.toml"]
+    return "\n".join(lines)

@@ -1,0 +1,165 @@
+"""What `analyze` leaves in its folder: estimates, parameters, events and the summary, written as they come."""
+
+import csv
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self, TextIO
+
+import numpy as np
+
+from bms_gateway.engine.events import Estimated, Event, Notice, Parameters
+from bms_gateway.errors import UsageError
+from bms_gateway.frames.quality import Quality
+from bms_gateway.thermal import KINDS
+
+ESTIMATES = "time_s,string,cell,core_C,core_sd_K,surface_C,quality"
+PARAMETERS = "time_s,string,name,value,sd,unit,status"
+
+_QUALITY = {int(q): q.name.lower() for q in Quality}
+_TO_SI = {kind.unit: kind.to_si for kind in KINDS.values()}
+
+
+def seconds(time_ns: int) -> str:
+    """Bus time as text, s; exact to the nanosecond where it is not whole milliseconds.
+
+    Examples
+    --------
+    >>> seconds(1_436_509_053_650_000_000), seconds(1)
+    ('1436509053.650', '0.000000001')
+    """
+    whole, rest = divmod(time_ns, 1_000_000_000)
+    return f"{whole}.{rest // 1_000_000:03d}" if rest % 1_000_000 == 0 else f"{whole}.{rest:09d}"
+
+
+@dataclass(slots=True)
+class StringSummary:
+    """What the summary says of one string."""
+
+    cells: int = 0
+    max_core_C: float | None = None
+    resistance_growth_pct: float | None = None
+    flags: list[str] = field(default_factory=list)
+
+
+class ResultFolder:
+    """Writes the events of a run into a folder; a context manager.
+
+    Parameters
+    ----------
+    directory : Path
+        Made where it is missing; files of an earlier run are replaced.
+
+    Attributes
+    ----------
+    strings : dict of name to StringSummary
+        Gathered from the events; growth and flags are for the caller to fill in.
+
+    Raises
+    ------
+    UsageError
+        The folder cannot be written.
+    """
+
+    def __init__(self, directory: Path) -> None:
+        self.directory = directory
+        self.strings: dict[str, StringSummary] = {}
+        self._rows: dict[str, tuple[str, list[str]]] = {}
+        try:
+            directory.mkdir(parents=True, exist_ok=True)
+            self._estimates = self._open("estimates.csv")
+            self._parameters = self._open("parameters.csv")
+            self._events = self._open("events.jsonl")
+        except OSError as e:
+            raise UsageError(f"{directory}: cannot write results there: {e.strerror}") from None
+        self._estimates.write(ESTIMATES + "\n")
+        self._parameters.write(PARAMETERS + "\n")
+        self._parameter_rows = csv.writer(self._parameters, lineterminator="\n")
+
+    def write(self, event: Event) -> None:
+        """Write one event; frames to send and jobs are none of this folder's business."""
+        if isinstance(event, Estimated):
+            self._write_estimates(event)
+        elif isinstance(event, Parameters):
+            self._write_parameters(event)
+        elif isinstance(event, Notice):
+            self._events.write(json.dumps(notice_json(event), ensure_ascii=False) + "\n")
+
+    def write_summary(self, *, frames: int, duration_s: float, dropped: int, rejected: Mapping[str, int]) -> None:
+        """Write `summary.json` from what was gathered and these counts."""
+        document = {
+            "frames": frames,
+            "duration_s": duration_s,
+            "strings": {
+                name: {
+                    "cells": s.cells,
+                    "max_core_C": s.max_core_C,
+                    "resistance_growth_pct": s.resistance_growth_pct,
+                    "flags": s.flags,
+                }
+                for name, s in self.strings.items()
+            },
+            "dropped": dropped,
+            "rejected": dict(sorted(rejected.items())),
+        }
+        with self._open("summary.json") as f:
+            f.write(json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+
+    def close(self) -> None:
+        """Finish the files."""
+        for f in (self._estimates, self._parameters, self._events):
+            f.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _open(self, name: str) -> TextIO:
+        return (self.directory / name).open("w", encoding="utf-8", newline="\n")
+
+    def _write_estimates(self, e: Estimated) -> None:
+        n = len(e.core)
+        if e.string not in self._rows:
+            self._rows[e.string] = ("%.3f,%.3f,%.3f\n" * n, [f",{e.string},{k + 1}," for k in range(n)])
+            self.strings.setdefault(e.string, StringSummary(cells=n))
+        form, heads = self._rows[e.string]
+        numbers = form % tuple(np.column_stack([e.core, e.core_sd, e.surface]).ravel().tolist())
+        lines = numbers.replace("nan", "").split("\n")
+        at = seconds(e.time_ns)
+        self._estimates.writelines(
+            f"{at}{head}{line},{_QUALITY[q]}\n" for head, line, q in zip(heads, lines, e.quality.tolist(), strict=False)
+        )
+        summary = self.strings[e.string]
+        hottest = float(np.fmax.reduce(e.core))
+        if hottest == hottest and (summary.max_core_C is None or hottest > summary.max_core_C):
+            summary.max_core_C = hottest
+
+    def _write_parameters(self, e: Parameters) -> None:
+        at = seconds(e.time_ns)
+        for p in e.estimates:
+            factor = _TO_SI.get(p.unit, 1.0)
+            row = (at, e.string, p.name, _blank(p.value / factor), _blank(p.sd / factor), p.unit, p.status)
+            self._parameter_rows.writerow(row)
+
+
+def notice_json(e: Notice) -> dict[str, Any]:
+    """One line of `events.jsonl`."""
+    return {
+        "time_s": e.time_ns / 1e9,
+        "level": e.level.name.lower(),
+        "code": e.code,
+        "string": e.string,
+        "cell": e.cell,
+        "text": e.text,
+    }
+
+
+def _blank(x: float) -> str:
+    return f"{x:.6g}" if x == x else ""
+
