@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from bms_gateway.observe.kalman import Kalman, KalmanState
-from bms_gateway.observe.model import OFFSETS, Bools, Disturbance, Ints, Start, stack, start_covariance
+from bms_gateway.observe.model import OFFSETS, Bools, Ints, Start, stack, start_covariance
 from bms_gateway.observe.sensitivity import PARAMETERS, Flows, carried, corrected
-from bms_gateway.thermal import Floats, StringModel, StringParameters
+from bms_gateway.thermal import Disturbance, Floats, StringModel, StringParameters
 
 FLOW_GRID = 0.03
 """Step of ln(flow ratio) between discretisations: R_u then is off by 1 % at most, less than the law behind it."""

@@ -16,10 +16,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
-from bms_gateway.thermal import ContinuousString, Floats, StringParameters, continuous, discretize
+from bms_gateway.thermal import (
+    ContinuousString,
+    Disturbance,
+    Floats,
+    StringParameters,
+    continuous,
+    discretize,
+    gathered_noise,
+)
 
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
@@ -27,37 +34,6 @@ Ints = NDArray[np.int64]
 OFFSETS = 2
 """States behind the temperatures: inlet offset b_f at −2 and common heat offset b_q at −1."""
 _INLET, _HEAT = -2, -1
-
-
-@dataclass(frozen=True, slots=True)
-class Disturbance:
-    """What the model does not know while it runs, as standard deviations.
-
-    Attributes
-    ----------
-    heat_common : float, W
-        Heat error shared by the cells of a string.
-    heat_cell : float, W
-        Heat error of each cell on its own.
-    inlet : float, K
-        Measured inlet against the coolant that meets the first cell.
-    inlet_unknown : float, K
-        The same while no inlet is measured and the last one is held: a day's swing of the air.
-    heat_unknown : float, W
-        Common heat error while no current is measured and the usual heat is assumed: a cell at work against at rest.
-    correlation : float, s
-        How long such errors last: the time constant of a drive's phases.
-    sensor : float, K
-        White noise of a thermocouple reading.
-    """
-
-    heat_common: float = 0.5
-    heat_cell: float = 0.15
-    inlet: float = 0.5
-    inlet_unknown: float = 5.0
-    heat_unknown: float = 10.0
-    correlation: float = 600.0
-    sensor: float = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,41 +124,6 @@ def augmented(p: StringParameters, disturbance: Disturbance) -> ContinuousString
     A[:N, _HEAT] = s.B_q.sum(axis=1)
     A[_INLET, _INLET] = A[_HEAT, _HEAT] = -1.0 / disturbance.correlation
     return ContinuousString(A, np.vstack((s.B_q, np.zeros((OFFSETS, n)))), np.append(s.B_f, np.zeros(OFFSETS)))
-
-
-def gathered_noise(A: Floats, W: Floats, dt: float) -> tuple[Floats, Floats]:
-    """Transition and covariance that white noise of intensity `W` leaves after `dt` seconds, exactly.
-
-    Van Loan's exponential holds exp(−A t), which overflows over a parked night; it is therefore taken for a fraction
-    dt/2^k short against the fastest pole and doubled k times: Q(2t) = Q(t) + Φ(t) Q(t) Φ(t)ᵀ.
-
-    Parameters
-    ----------
-    A, W : ndarray (M, M)
-        1/s and K²/s.
-    dt : float, s
-
-    Returns
-    -------
-    Phi, Q : ndarray (M, M)
-        `Q` is symmetric.
-
-    References
-    ----------
-    C. F. Van Loan, Computing integrals involving the matrix exponential, IEEE TAC 23 (1978).
-    """
-    M = len(A)
-    norm = float(np.abs(A).sum(axis=0).max()) * dt
-    doublings = max(0, int(np.ceil(np.log2(max(norm, 1.0)))))
-    F = np.zeros((2 * M, 2 * M))
-    F[:M, :M], F[:M, M:], F[M:, M:] = -A, W, A.T
-    E = scipy.linalg.expm(F * (dt / 2**doublings))
-    Phi = E[M:, M:].T
-    Q = Phi @ E[:M, M:]
-    for _ in range(doublings):
-        Q = Q + Phi @ Q @ Phi.T
-        Phi = Phi @ Phi
-    return Phi, (Q + Q.T) / 2.0
 
 
 def stack(parameters: Sequence[StringParameters], dt: float, disturbance: Disturbance) -> StackedModel:

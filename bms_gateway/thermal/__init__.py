@@ -1,6 +1,7 @@
 """The physics: parameters, the string of cells, its discretisation and simulation."""
 
 from bms_gateway.thermal.discretize import DiscreteString, discretize
+from bms_gateway.thermal.disturbance import Disturbance, gathered_noise
 from bms_gateway.thermal.parameters import (
     CELL_SYMBOLS,
     CONDITIONS,
@@ -24,6 +25,7 @@ __all__ = [
     "ContinuousString",
     "Coolant",
     "DiscreteString",
+    "Disturbance",
     "Floats",
     "ParameterKind",
     "Prior",
@@ -33,6 +35,7 @@ __all__ = [
     "coolant_path",
     "discretize",
     "exchange",
+    "gathered_noise",
     "simulate",
     "steady_state",
 ]
