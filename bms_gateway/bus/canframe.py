@@ -1,5 +1,6 @@
 """`struct can_frame` and `struct canfd_frame` of linux/can.h as numpy rows, and the classes of error frames."""
 
+import sys
 from typing import Final
 
 import numpy as np
@@ -83,7 +84,7 @@ def to_batch(
     if len(length) and int(length.min()) < len(column):
         data *= column < length[:, None]  # senders may leave anything beyond the length
     for name in errors:
-        counters.errors[name] = counters.errors.get(name, 0) + 1
+        counters.note_error(name)
     counters.received += len(can_id)
     return FrameBatch(time_ns, can_id, length, data), errors
 
@@ -104,3 +105,8 @@ def to_wire(frames: FrameBatch) -> list[bytes]:
         raw[i * FD_BYTES : i * FD_BYTES + (CLASSIC_BYTES if n <= 8 else FD_BYTES)]
         for i, n in enumerate(frames.length.tolist())
     ]
+
+
+def from_wire(wire: bytes) -> tuple[int, bytes]:
+    """Give back identifier and payload of a frame laid out by `to_wire`."""
+    return int.from_bytes(wire[:4], sys.byteorder), wire[8 : 8 + wire[4]]

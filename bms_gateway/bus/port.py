@@ -39,6 +39,10 @@ class Counters:
     outages: int = 0
     clock_steps: int = 0
 
+    def note_error(self, name: str = "other") -> None:
+        """Count an error frame of a class."""
+        self.errors[name] = self.errors.get(name, 0) + 1
+
 
 class Port(Protocol):
     """A bus to read from and to write to; nothing of it blocks."""

@@ -1,0 +1,147 @@
+"""Log formats that python-can knows, as batches. A record that its reader cannot digest does not end the run.
+
+python-can's readers are generators: the first error ends them. But they keep their place in the file, so a text reader
+is started again behind the broken line; a blank line stands for the header that it expects on each start. The binary
+ones go on with the next block of the file where they can.
+"""
+
+import gzip
+import logging
+import struct
+import zlib
+from collections.abc import Iterator
+from contextlib import closing
+from itertools import islice
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any, Final
+
+from bms_gateway.bus.candump import LogNotes
+from bms_gateway.bus.message import to_batch
+from bms_gateway.errors import DataError, MissingExtraError
+from bms_gateway.frames.batch import FrameBatch
+
+if TYPE_CHECKING:
+    import can
+
+BROKEN: Final = (
+    ArithmeticError,
+    AssertionError,
+    EOFError,
+    LookupError,
+    TypeError,
+    ValueError,
+    struct.error,
+    zlib.error,
+)
+"""What python-can's readers raise on bad records, next to its own `CanError`."""
+GIVE_UP: Final = 1_000  # broken records in a row: this is another kind of file
+
+
+class _Lines:
+    """Lines of a text file, counted; `restart` puts a blank line before the next one."""
+
+    def __init__(self, file: IO[str]) -> None:
+        self._file = file
+        self.number = 0
+        self._blank = False
+
+    def restart(self) -> None:
+        self._blank = True
+
+    def __iter__(self) -> "_Lines":
+        return self
+
+    def __next__(self) -> str:
+        if self._blank:
+            self._blank = False
+            return "\n"
+        line = next(self._file)
+        self.number += 1
+        return line
+
+    def close(self) -> None:
+        self._file.close()
+
+
+def read_foreign(path: Path, kind: str, frames: int, notes: LogNotes) -> Iterator[FrameBatch]:
+    """Read a log through python-can.
+
+    Parameters
+    ----------
+    path : Path
+    kind : str
+        Suffix without `.gz`, lower case.
+    frames : int
+        Most messages per batch.
+    notes : LogNotes
+        Filled in.
+
+    Yields
+    ------
+    FrameBatch
+
+    Raises
+    ------
+    DataError
+        The file as a whole is not of this kind.
+    MissingExtraError
+        MF4 without asammdf.
+    """
+    for logger in ("can.io.trc", "can.io.asc"):  # they tell of each line they skip; we count
+        logging.getLogger(logger).setLevel(logging.ERROR)
+    messages = _messages(path, kind, notes)
+    while chunk := list(islice(messages, frames)):
+        batch = to_batch(chunk, notes)
+        notes.frames += len(batch)
+        if len(batch):
+            yield batch
+
+
+def _messages(path: Path, kind: str, notes: LogNotes) -> Iterator["can.Message"]:
+    import can
+
+    opened = gzip.open if path.suffix.lower() == ".gz" else open
+    lines: _Lines | None = None
+    source: Any
+    if kind in (".blf", ".mf4"):
+        source = opened(path, "rb")
+    else:
+        source = lines = _Lines(opened(path, "rt", encoding="utf-8", errors="replace"))
+    with closing(source):
+        try:
+            reader = _reader(kind)(source)
+        except (*BROKEN, can.CanError) as error:
+            raise DataError(f"{path}: not a {kind} log ({str(error) or type(error).__name__})") from None
+        record = in_a_row = 0
+        while in_a_row < GIVE_UP:
+            try:
+                for message in reader:
+                    record += 1
+                    in_a_row = 0
+                    yield message
+            except (*BROKEN, can.CanError) as error:
+                in_a_row += 1
+                number = record + notes.broken + 1 if lines is None else lines.number
+                notes.note_broken(number, str(error) or type(error).__name__)
+                if lines is not None:
+                    lines.restart()
+                elif kind == ".mf4":
+                    return
+            else:
+                return
+    raise DataError(f"{path}: {GIVE_UP} records in a row cannot be read as {kind}: is it another format?")
+
+
+def _reader(kind: str) -> Any:
+    import can
+
+    if kind == ".mf4":
+        try:
+            import asammdf  # noqa: F401
+        except ImportError:
+            raise MissingExtraError("reading .mf4 logs", "mf4") from None
+        return can.MF4Reader
+    if kind == ".asc":
+        # the date of the header, so that records of one day can be put in order
+        return lambda file: can.ASCReader(file, relative_timestamp=False)
+    return {".blf": can.BLFReader, ".csv": can.CSVReader, ".trc": can.TRCReader}[kind]

@@ -1,0 +1,162 @@
+"""Logged traffic as batches: candump by our own columns, every other format through python-can's readers."""
+
+import gzip
+import zlib
+from collections.abc import Iterable, Iterator
+from difflib import get_close_matches
+from pathlib import Path
+from typing import BinaryIO, Final
+
+from bms_gateway.bus.candump import LogNotes, format_block, parse_block
+from bms_gateway.errors import DataError, UsageError
+from bms_gateway.frames.batch import FrameBatch
+
+__all__ = ["FORMATS", "LogNotes", "read_log", "write_log"]
+
+CANDUMP: Final = (".log",)
+FORMATS: Final = (*CANDUMP, ".asc", ".blf", ".csv", ".mf4", ".trc")
+CHUNK: Final = 2 << 20  # about 40,000 lines: columns stay in the cache, peak memory below 30 MiB
+LONGEST_LINE: Final = 1 << 16  # without a newline in so many bytes it is no text
+
+
+def read_log(path: Path | str, *, chunk: int = CHUNK, notes: LogNotes | None = None) -> Iterator[FrameBatch]:
+    """Read a log of any known format in pieces of bounded size.
+
+    Parameters
+    ----------
+    path : Path or str
+        `.log` (candump), `.asc`, `.blf`, `.mf4`, `.trc`, `.csv`, each also with `.gz`.
+    chunk : int
+        Bytes of text (candump) or bytes' worth of frames per batch; changes the cuts, nothing else.
+    notes : LogNotes, optional
+        Filled in while reading: what was passed over, with line numbers.
+
+    Yields
+    ------
+    FrameBatch
+        Data frames in the order of the file; stamps exact for candump, to the µs for floats of other formats.
+
+    Raises
+    ------
+    UsageError
+        No such file, or no such format.
+    DataError
+        The file is not what its name says, or cannot be read.
+    MissingExtraError
+        The format needs an extra.
+    """
+    path = Path(path)
+    notes = LogNotes() if notes is None else notes
+    kind = _kind(path)
+    if not path.is_file():
+        raise UsageError(f"no such log: {path}{_nearest_file(path)}")
+    try:
+        if kind in CANDUMP:
+            yield from _read_candump(path, chunk, notes)
+        else:
+            from bms_gateway.bus.foreign import read_foreign  # python-can loads slowly and candump does not need it
+
+            yield from read_foreign(path, kind, max(1, chunk // 50), notes)
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read ({error.strerror or error})") from None
+    if notes.broken and not notes.frames + notes.remote + notes.errors:
+        number, text = notes.broken_at[0]
+        raise DataError(f"{path}, line {number}: not a {kind} log: {text!r}")
+
+
+def write_log(path: Path | str, batches: Iterable[FrameBatch], channel: str = "can0") -> int:
+    """Write frames as a candump log.
+
+    Parameters
+    ----------
+    path : Path or str
+        `.log`, or `.log.gz`.
+    batches : iterable of FrameBatch
+    channel : str
+        Name of the interface in the file.
+
+    Returns
+    -------
+    int
+        Number of frames.
+
+    Raises
+    ------
+    UsageError
+        The name asks for another format.
+    DataError
+        The file cannot be written.
+    """
+    path = Path(path)
+    if _kind(path) not in CANDUMP:
+        raise UsageError(f"logs are written as candump text: name {path.name} '.log' or '.log.gz'")
+    count = 0
+    try:
+        # no time in the gzip header: the same frames give the same bytes
+        with gzip.GzipFile(path, "wb", 6, mtime=0) if path.suffix.lower() == ".gz" else path.open("wb") as out:
+            for batch in batches:
+                out.write(format_block(batch, channel))
+                count += len(batch)
+    except OSError as error:
+        raise DataError(f"{path}: cannot be written ({error.strerror or error})") from None
+    return count
+
+
+def _kind(path: Path) -> str:
+    suffixes = [s.lower() for s in path.suffixes]
+    if suffixes and suffixes[-1] == ".gz":
+        suffixes.pop()
+    kind = suffixes[-1] if suffixes else ""
+    if kind not in FORMATS:
+        raise UsageError(f"{path}: no log format {kind or '(no suffix)'}; valid: {', '.join(FORMATS)}, also with .gz")
+    return kind
+
+
+def _nearest_file(path: Path) -> str:
+    if not path.parent.is_dir():
+        return f" (no such folder: {path.parent})"
+    near = get_close_matches(path.name, [p.name for p in path.parent.iterdir()], n=1, cutoff=0.6)
+    return f"; did you mean '{path.parent / near[0]}'?" if near else ""
+
+
+def _read_candump(path: Path, chunk: int, notes: LogNotes) -> Iterator[FrameBatch]:
+    carry = b""
+    line = 1
+    with path.open("rb") as file:
+        for block in (
+            _gunzip(file, chunk, notes) if path.suffix.lower() == ".gz" else iter(lambda: file.read(chunk), b"")
+        ):
+            text = carry + block
+            cut = text.rfind(b"\n") + 1
+            carry = text[cut:]
+            if len(carry) > LONGEST_LINE:
+                raise DataError(f"{path}, line {line}: no end of line in {LONGEST_LINE >> 10} KiB: not a candump log")
+            if cut:
+                frames, lines = parse_block(text[:cut], line, notes)
+                line += lines
+                if len(frames):
+                    yield frames
+    if carry:
+        frames, _ = parse_block(carry, line, notes)
+        if len(frames):
+            yield frames
+
+
+def _gunzip(file: BinaryIO, chunk: int, notes: LogNotes) -> Iterator[bytes]:
+    """Unpack in bounded pieces; of a damaged file all that is before the damage."""
+    unpack, begun, left = zlib.decompressobj(wbits=31), False, b""
+    while packed := unpack.unconsumed_tail or left or file.read(1 << 16):
+        try:
+            block = unpack.decompress(packed, chunk)
+        except zlib.error as error:
+            notes.note_broken(0, f"damaged gzip data, the rest is lost ({error})")
+            return
+        begun, left = True, b""
+        if unpack.eof:  # files joined end to end are valid gzip
+            begun, left, unpack = False, unpack.unused_data, zlib.decompressobj(wbits=31)
+        if block:
+            yield block
+    if rest := unpack.flush():
+        yield rest
+    if begun and not unpack.eof:
+        notes.note_broken(0, "gzip data end too early, the rest is lost")

@@ -1,0 +1,73 @@
+"""Between python-can's messages and batches."""
+
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from bms_gateway.frames.batch import EXTENDED, FrameBatch
+
+if TYPE_CHECKING:
+    import can
+
+
+class Tally(Protocol):
+    """Where frames are counted that are no data frames."""
+
+    remote: int
+
+    def note_error(self) -> None:
+        """Count an error frame."""
+        ...
+
+
+def to_batch(messages: "list[can.Message]", tally: Tally, shift_s: float = 0.0) -> FrameBatch:
+    """Turn messages into a batch; remote and error frames are counted and left out.
+
+    Parameters
+    ----------
+    messages : list of can.Message
+    tally : Tally
+        Counts what is left out.
+    shift_s : float
+        Added to the stamps.
+
+    Returns
+    -------
+    FrameBatch
+        Stamps rounded to whole µs: a float of today's seconds holds no more.
+    """
+    kept = [m for m in messages if not (m.is_error_frame or m.is_remote_frame)]
+    if len(kept) < len(messages):
+        tally.remote += sum(m.is_remote_frame and not m.is_error_frame for m in messages)
+        for _ in range(sum(m.is_error_frame for m in messages)):
+            tally.note_error()
+    payloads = [bytes(m.data) for m in kept]
+    width = 64 if any(len(p) > 8 for p in payloads) else 8
+    data = np.frombuffer(b"".join(p.ljust(width, b"\0") for p in payloads), np.uint8).reshape(-1, width)
+    stamp = np.array([m.timestamp for m in kept], np.float64) + shift_s
+    return FrameBatch(
+        np.rint(stamp * 1e6).astype(np.int64) * 1_000,
+        np.array([m.arbitration_id | (EXTENDED if m.is_extended_id else 0) for m in kept], np.uint32),
+        np.array([len(p) for p in payloads], np.uint8),
+        data.copy(),
+    )
+
+
+def to_message(can_id: int, payload: bytes) -> "can.Message":
+    """Turn one frame into a message.
+
+    Parameters
+    ----------
+    can_id : int
+        With `EXTENDED` for 29-bit ones.
+    payload : bytes
+        Up to 8 bytes, up to 64 for CAN FD.
+    """
+    import can
+
+    return can.Message(
+        arbitration_id=can_id & 0x1FFF_FFFF,
+        is_extended_id=bool(can_id & EXTENDED),
+        data=payload,
+        is_fd=len(payload) > 8,
+    )

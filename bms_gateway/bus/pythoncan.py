@@ -1,0 +1,178 @@
+"""Every interface that python-can knows, as a `Port`: for hardware without SocketCAN, and python-can's virtual bus.
+
+SocketCAN has its own port, which costs a tenth. Sending goes through the same queue: own ids only, paced, never late.
+"""
+
+import logging
+import time
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Final
+
+from bms_gateway.bus.canframe import from_wire
+from bms_gateway.bus.clock import BusClock
+from bms_gateway.bus.message import to_batch, to_message
+from bms_gateway.bus.pace import BURST, RATE, Pacer
+from bms_gateway.bus.port import Counters, Link
+from bms_gateway.errors import BusError, UsageError, did_you_mean
+from bms_gateway.frames.batch import EXTENDED, FrameBatch
+
+if TYPE_CHECKING:
+    import can
+
+log = logging.getLogger(__name__)
+
+DRAIN_MOST: Final = 4_096  # four tenths of a second of a full bus; a drain must end though senders go on
+RETRY_FIRST_S: Final = 0.2  # drivers of USB adapters need about as long to come back
+RETRY_MOST_S: Final = 5.0  # opening some drivers takes a second; don't do it all the time
+FULL_S: Final = 0.01
+AHEAD_S: Final = 3_600.0  # stamps further than this from the wall clock count from the driver's start
+
+
+class PythonCanPort:
+    """A python-can bus as a `Port`.
+
+    Parameters
+    ----------
+    interface, channel : str
+        As python-can names them.
+    wanted : iterable of int or None
+        Identifiers to receive (`EXTENDED` set for 29-bit ones); None: all.
+    own : mapping of int to int
+        Identifiers that may be sent, each with its cycle, ns.
+    rate, burst : float, int
+        Of sending.
+    clock : BusClock, optional
+
+    Raises
+    ------
+    UsageError
+        python-can has no such interface.
+    BusError
+        The interface cannot be opened.
+    """
+
+    def __init__(
+        self,
+        interface: str,
+        channel: str,
+        *,
+        wanted: Iterable[int] | None = None,
+        own: Mapping[int, int] | None = None,
+        rate: float = RATE,
+        burst: int = BURST,
+        clock: BusClock | None = None,
+    ) -> None:
+        import can  # slow to load, and the SocketCAN port does without
+
+        known = sorted(can.VALID_INTERFACES)
+        if interface not in known:
+            raise UsageError(f"no CAN interface '{interface}'{did_you_mean(interface, known)}")
+        self.interface, self.channel = interface, channel
+        self.counters = Counters()
+        self.link = Link.UP
+        self._clock = clock or BusClock()
+        self._pacer = Pacer(own or {}, self.counters, rate=rate, burst=burst)
+        self._filters = None if wanted is None else [_filter(c) for c in sorted(set(wanted))]
+        self._delay_s = self._retry_at = self._down_at = 0.0
+        self._shift_s: float | None = None
+        self._failure = can.CanError
+        self._bus: can.BusABC | None = self._open()
+
+    def fileno(self) -> int:
+        """Not every driver can be waited for: poll."""
+        return -1
+
+    def now_ns(self) -> int:
+        """Bus time."""
+        now = self._clock.now_ns()
+        self.counters.clock_steps = self._clock.steps
+        return now
+
+    def drain(self) -> FrameBatch:
+        """Take what has arrived; never raises for what the interface does."""
+        messages: list[can.Message] = []
+        while self._bus is not None and len(messages) < DRAIN_MOST:
+            try:
+                message = self._bus.recv(0)
+            except (self._failure, OSError) as error:
+                self._failed(error)
+                break
+            if message is None:
+                break
+            messages.append(message)
+        if not messages:
+            return FrameBatch.empty()
+        if self._shift_s is None:
+            off = self._clock.now_ns() / 1e9 - messages[0].timestamp
+            self._shift_s = off if abs(off) > AHEAD_S else 0.0
+        batch = to_batch(messages, self.counters, self._shift_s)
+        self.counters.received += len(batch)
+        return FrameBatch(self._clock.to_bus(batch.time_ns), batch.can_id, batch.length, batch.data)
+
+    def send(self, frames: FrameBatch) -> None:
+        """Queue frames of our node.
+
+        Raises
+        ------
+        UsageError
+            A frame has an id that is not ours.
+        """
+        self._pacer.offer(frames)
+
+    def pump(self) -> float | None:
+        """Reconnect and send what is due; seconds until the next call is wanted, None if nothing waits."""
+        if self._bus is None:
+            wait = self._retry_at - time.monotonic()
+            if wait > 0:
+                return wait
+            try:
+                self._bus = self._open()
+            except BusError as error:
+                log.debug("%s", error)
+                return self._grow_delay()
+            log.warning("%s %s is back after %.1f s", self.interface, self.channel, time.monotonic() - self._down_at)
+            self.link, self._delay_s = Link.UP, 0.0
+        now_ns = self.now_ns()
+        while (wire := self._pacer.head(now_ns)) is not None:
+            try:
+                self._bus.send(to_message(*from_wire(wire)), timeout=0)
+            except (self._failure, OSError) as error:
+                if self._bus.state.name != "ERROR":
+                    log.debug("%s", error)
+                    return FULL_S  # python-can does not tell a full queue from a fault; stale frames drop out
+                return self._failed(error)
+            self._pacer.done()
+        return FULL_S if len(self._pacer) else None
+
+    def close(self) -> None:
+        """Shut the interface down."""
+        if self._bus is not None:
+            self._bus.shutdown()
+
+    def _open(self) -> "can.BusABC":
+        import can
+
+        try:
+            return can.Bus(interface=self.interface, channel=self.channel, can_filters=self._filters)
+        except (can.CanError, OSError, ValueError, ImportError) as error:
+            raise BusError(f"{self.interface} {self.channel} cannot be opened: {error}") from None
+
+    def _failed(self, error: Exception) -> float:
+        self.counters.outages += 1
+        self._down_at = time.monotonic()
+        self.link = Link.ABSENT
+        log.warning("%s %s failed (%s): trying again until it is back", self.interface, self.channel, error)
+        if self._bus is not None:
+            self._bus.shutdown()
+            self._bus = None
+        return self._grow_delay()
+
+    def _grow_delay(self) -> float:
+        self._delay_s = min(max(RETRY_FIRST_S, 2 * self._delay_s), RETRY_MOST_S)
+        self._retry_at = time.monotonic() + self._delay_s
+        return self._delay_s
+
+
+def _filter(can_id: int) -> "can.typechecking.CanFilter":
+    extended = bool(can_id & EXTENDED)
+    return {"can_id": can_id & 0x1FFF_FFFF, "can_mask": 0x1FFF_FFFF if extended else 0x7FF, "extended": extended}
