@@ -337,7 +337,7 @@ BA_DEF_DEF_ "ProtocolType" "J1939";"""
 ABOUT = (
     "Thermal estimates of battery strings. 29-bit identifiers of J1939 proprietary B parameter groups. Signals whose "
     "attribute RawConvention is J1939 are not available at all ones (raw 0xFF.., 0xF for 4 bits) and in error at "
-    "0xFE.. (0xE); receivers must test that before scaling. Messages with the attribute E2EProfile AUTOSAR_P01_1A carry "
+    "0xFE.. (0xE); receivers must test that before scaling. Messages with the E2EProfile AUTOSAR_P01_1A carry "
     "a CRC in byte 0 and a counter in the low half of byte 1 by AUTOSAR E2E profile 1 variant 1A; E2EDataID is the "
     "parameter group number. In multiplexed messages every multiplexer value has a counter of its own."
 )

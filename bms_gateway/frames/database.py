@@ -200,7 +200,7 @@ def _is_j1939(m: "Message", s: "Signal") -> bool:
     """
     if s.conversion.is_float or s.is_signed or s.length not in (2, 4, 8, 16, 24, 32):
         return False
-    convention = None if s.dbc is None else _attribute(s.dbc, "RawConvention")
+    convention = _attribute(s.dbc, "RawConvention")
     if convention is not None:
         return convention == "J1939"
     if m.protocol != "j1939" or s.maximum is None or s.is_multiplexer or s.conversion.scale <= 0:

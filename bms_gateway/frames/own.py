@@ -101,5 +101,5 @@ def health_message(string_number: int) -> str:
 def _check_string(number: int) -> None:
     if not 1 <= number <= MAX_STRINGS:
         raise ConfigError(
-            f"string number {number}: {OWN_DBC} has messages for strings 1 to {MAX_STRINGS}; name signals of your own DBC"
+            f"string number {number}: {OWN_DBC} has strings 1 to {MAX_STRINGS}; name signals of your own DBC"
         )
