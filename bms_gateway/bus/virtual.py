@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bms_gateway.engine.plan import Plan, Quantity, StringPlan
+from bms_gateway.bus.traffic import Key, Series, lines, steps
+from bms_gateway.engine.plan import Plan, StringPlan
 from bms_gateway.thermal import Floats, StringParameters, continuous, discretize, simulate
 
 # The urban assault cycle of the paper's 8 Ah cell: +160 A, −96 A, 62.2 A rms; here per Ah of capacity.
@@ -22,25 +23,6 @@ INLET_C, INLET_SWING_K, INLET_PERIOD_S = 25.0, 3.0, 300.0
 SENSOR_NOISE_K = 0.1
 OCV_EMPTY_V, OCV_SPAN_V, SOC_START = 3.2, 0.15, 0.6  # an LFP cell's plateau, straight
 
-Key = tuple[Quantity, int | None]
-"""A quantity of a string, and the cell (from 1) where it has one."""
-
-
-@dataclass(frozen=True, slots=True)
-class Series:
-    """One quantity over time.
-
-    Attributes
-    ----------
-    time_s : ndarray (K,)
-        Increasing.
-    value : ndarray (K,)
-        SI, °C. No NaN: a missing value is a missing instant.
-    """
-
-    time_s: Floats
-    value: Floats
-
 
 @dataclass(frozen=True, slots=True)
 class Segment:
@@ -52,8 +34,7 @@ class Segment:
     time_s : ndarray (K,)
     core_C, surface_C : ndarray (K, n)
     series : mapping of (quantity, cell) to Series
-        Everything that could be measured, free of noise. Current and voltages hold until the next instant,
-        temperatures go straight to it.
+        Everything that could be measured, free of noise.
     """
 
     string: StringPlan
@@ -144,7 +125,8 @@ class VirtualPack:
         for first in range(0, whole, SEGMENT_S):
             last = min(whole, first + SEGMENT_S)
             k = np.arange(first, last + 1)
-            time, current = k * STEP_S, self._cycle[k % CYCLE_S]
+            time: Floats = k.astype(np.float64) * STEP_S
+            current = self._cycle[k % CYCLE_S]
             out = []
             for i, (string, p) in enumerate(zip(self.plan.strings, self.parameters, strict=True)):
                 inlet = self._inlet(string, time)
@@ -192,15 +174,15 @@ def _segment(
     model = string.model
     soc = np.clip(SOC_START - drawn / (3600.0 * (model.capacity_Ah or CAPACITY_AH)), 0.0, 1.0)
     cells = (OCV_EMPTY_V + OCV_SPAN_V * soc)[:, None] - np.outer(current, p.R_e)
-    values: dict[Key, Floats] = {
-        ("current", None): current,
-        ("voltage", None): cells.sum(axis=1),
-        ("coolant_inlet", None): inlet,
-        ("soc", None): soc,
+    series: dict[Key, Series] = {
+        ("current", None): steps(time, current),
+        ("voltage", None): steps(time, cells.sum(axis=1)),
+        ("coolant_inlet", None): lines(time, inlet),
+        ("soc", None): lines(time, soc),
     }
     if model.flow is not None:
-        values["coolant_flow", None] = np.full(len(time), model.flow)
+        series["coolant_flow", None] = lines(time, np.full(len(time), model.flow))
     for k in range(model.cells):
-        values["surface", k + 1] = surface[:, k]
-        values["cell_voltage", k + 1] = cells[:, k]
-    return Segment(string, time, core, surface, {key: Series(time, v) for key, v in values.items()})
+        series["surface", k + 1] = lines(time, surface[:, k])
+        series["cell_voltage", k + 1] = steps(time, cells[:, k])
+    return Segment(string, time, core, surface, series)

@@ -42,10 +42,10 @@ class Parser(argparse.ArgumentParser):
         )
         self.options: list[str] = ["--help"]
 
-    def option(self, *names: str, help: str, **how: object) -> None:
+    def option(self, *names: str, **how: object) -> None:
         """Add an option or argument; its name is remembered for "did you mean"."""
         self.options += [name for name in names if name.startswith("--")]
-        self.add_argument(*names, help=help, **how)  # type: ignore[arg-type]
+        self.add_argument(*names, **how)  # type: ignore[arg-type]
 
     def error(self, message: str) -> NoReturn:
         """Raise instead of printing the usage."""
@@ -114,7 +114,7 @@ def _dispatch(words: list[str]) -> int:
 
 
 def usage() -> str:
-    """What `--help` prints."""
+    """Text of `--help`: every command with its summary."""
     width = max(map(len, COMMANDS))
     lines = [f"usage: {PROGRAM} COMMAND [options]", "", "Core temperatures of battery cells from CAN traffic.", ""]
     lines += [f"  {name:<{width}}  {summary}" for name, summary in COMMANDS.items()]

@@ -114,7 +114,7 @@ def _string(path: Path, config: GatewayConfig, number: int, string: String, data
 
 
 def _own_channels(number: int, model: StringModel, database: Database) -> Iterator[Channel]:
-    """The messages of our own DBC for the string of this number, as far as its model can use them."""
+    """Take the messages of our own DBC for the string of this number, as far as its model can use them."""
     cells = range(1, model.cells + 1)
     wanted: list[tuple[Quantity, int | None]] = [("current", None), ("voltage", None), ("coolant_inlet", None)]
     if model.flow is not None:
@@ -136,7 +136,9 @@ class _Wiring:
 
     def channels(self, signals: Signals) -> Iterator[Channel]:
         if signals.coolant_flow is not None and self.model.flow is None:
-            raise ConfigError(f"{self.where}.coolant_flow: the model file needs parameters.coolant_flow, the nominal flow")
+            raise ConfigError(
+                f"{self.where}.coolant_flow: the model file needs parameters.coolant_flow, the nominal flow"
+            )
         yield self._channel("current", None, signals.current)
         yield self._channel("coolant_inlet", None, signals.coolant_inlet)
         optional: tuple[tuple[Quantity, Source | None], ...] = (
@@ -156,7 +158,7 @@ class _Wiring:
             yield self._channel("cell_voltage", cell, voltages[cell])
 
     def _cells(self, quantity: str, sources: dict[str, Source]) -> dict[int, Source]:
-        """Sources by cell number; a signal that stands for two cells is a slip of the pen."""
+        """Order sources by cell; a signal that stands for two cells is a slip of the pen."""
         found: dict[int, Source] = {}
         users: dict[str | None, int] = {}
         for text, source in sources.items():
@@ -198,9 +200,7 @@ class _Wiring:
                 f"{key}: the DBC gives '{source.signal}' in {info.unit}, which is converted without a scale; "
                 f"leave scale = {source.scale:g} out"
             )
-        return Channel(
-            quantity, cell, source.signal, None, source.scale * scale, source.scale * offset + source.offset
-        )
+        return Channel(quantity, cell, source.signal, None, source.scale * scale, source.scale * offset + source.offset)
 
 
 def _constant(key: str, quantity: str, source: Source) -> float:
@@ -225,12 +225,13 @@ def _limits(where: str, config: GatewayConfig) -> None:
         raise ConfigError(f"{where}: string[{first}]: our DBC has {MAX_STRINGS} strings; give it [string.signals]")
     if config.bus.transmit:
         raise ConfigError(
-            f"{where}: {len(config.string)} strings: our DBC has {MAX_STRINGS}; leave some out or set bus.transmit = false"
+            f"{where}: {len(config.string)} strings: our DBC has {MAX_STRINGS}; "
+            "leave some out or set bus.transmit = false"
         )
 
 
 def _file(config: Path, name: str, key: str) -> Path:
-    """A file that the config names, relative to it."""
+    """Find a file that the config names, relative to it."""
     file = config.parent / name
     if not file.is_file():
         beside = [p.name for p in file.parent.iterdir()] if file.parent.is_dir() else []

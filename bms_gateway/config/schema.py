@@ -103,6 +103,7 @@ class Observer(Section):
     heat_common_W: float = Field(default=_UNKNOWN.heat_common, ge=0.0, le=1e3)
     heat_cell_W: float = Field(default=_UNKNOWN.heat_cell, ge=0.0, le=1e3)
     inlet_K: float = Field(default=_UNKNOWN.inlet, gt=0.0, le=50.0)
+    heat_unknown_W: float = Field(default=_UNKNOWN.heat_unknown, gt=0.0, le=1e4)
     inlet_unknown_K: float = Field(default=_UNKNOWN.inlet_unknown, gt=0.0, le=100.0)
     correlation_s: float = Field(default=_UNKNOWN.correlation, ge=1.0, le=86_400.0)
     sensor_K: float = Field(default=_UNKNOWN.sensor, gt=0.0, le=50.0)
@@ -111,7 +112,13 @@ class Observer(Section):
     def disturbance(self) -> Disturbance:
         """The same as the observers take it."""
         return Disturbance(
-            self.heat_common_W, self.heat_cell_W, self.inlet_K, self.inlet_unknown_K, self.correlation_s, self.sensor_K
+            heat_common=self.heat_common_W,
+            heat_cell=self.heat_cell_W,
+            heat_unknown=self.heat_unknown_W,
+            inlet=self.inlet_K,
+            inlet_unknown=self.inlet_unknown_K,
+            correlation=self.correlation_s,
+            sensor=self.sensor_K,
         )
 
 

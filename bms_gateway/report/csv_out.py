@@ -162,4 +162,3 @@ def notice_json(e: Notice) -> dict[str, Any]:
 
 def _blank(x: float) -> str:
     return f"{x:.6g}" if x == x else ""
-

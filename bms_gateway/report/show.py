@@ -32,7 +32,9 @@ def text_table(headers: Sequence[str], rows: Sequence[Sequence[object]], *, left
     cells = [list(headers), *([str(c) for c in row] for row in rows)]
     widths = [max(len(row[j]) for row in cells) for j in range(len(headers))]
     return "\n".join(
-        "  ".join(c.ljust(w) if j < left else c.rjust(w) for j, (c, w) in enumerate(zip(row, widths, strict=True))).rstrip()
+        "  ".join(
+            c.ljust(w) if j < left else c.rjust(w) for j, (c, w) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
         for row in cells
     )
 
@@ -64,7 +66,7 @@ def cells_table(
 
 
 def quality_name(quality: int) -> str:
-    """Name of a quality as reports write it: `good`, `out_of_range`, `estimated` …"""
+    """Name a quality as reports write it: `good`, `out_of_range`, `estimated`."""
     return Quality(quality).name.lower()
 
 

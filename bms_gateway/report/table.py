@@ -138,13 +138,18 @@ def read_table(path: Path, columns: Mapping[str, str] | None = None) -> Table:
     if not len(time):
         raise DataError(f"{path}: no rows")
     _check_time(path, time, text)
+    cells = {what: {k: values[f"{what}_{k}_{unit}"] for k in _cells(values, what)} for what, unit in PER_CELL.items()}
     return Table(
         str(path),
         time,
         values["current_A"],
         values["coolant_inlet_C"],
-        *(values.get(name) for name in OPTIONAL),
-        *({k: values[f"{what}_{k}_{unit}"] for k in _cells(values, what)} for what, unit in PER_CELL.items()),
+        values.get("voltage_V"),
+        values.get("soc"),
+        values.get("coolant_flow_m3_s"),
+        cells["surface"],
+        cells["cell_voltage"],
+        cells["core"],
         ignored=tuple(n for n in names if n not in ours.values() and f"-{n}" not in ours.values()),
     )
 

@@ -164,24 +164,13 @@ class StateStore:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    """Content of a snapshot file; `_RejectedError` where it is not wholly ours."""
+    """Read a snapshot file; `_RejectedError` where it is not wholly ours."""
     with path.open("rb") as f:
-        head = f.readline(256)
+        size, digest = _head(f.readline(256).split())
         body = f.read(MAX_BYTES + 1)
-    words = head.split()
-    if not words:
-        raise _RejectedError("corrupt", "it is empty")
-    if words[0] != MAGIC:
-        raise _RejectedError("foreign", "it is not a state of this program")
-    if len(words) < 2 or not words[1].isdigit():
-        raise _RejectedError("corrupt", "its first line is damaged")
-    if int(words[1]) > VERSION:
-        raise _RejectedError("too-new", f"it has format {int(words[1])}, this version knows {VERSION}")
-    if len(words) != 4 or not words[3].isdigit():
-        raise _RejectedError("corrupt", "its first line is damaged")
-    if len(body) != int(words[3]):
-        raise _RejectedError("corrupt", f"{len(body)} of {int(words[3])} bytes are there")
-    if hashlib.sha256(body).hexdigest().encode() != words[2]:
+    if len(body) != size:
+        raise _RejectedError("corrupt", f"{len(body)} of {size} bytes are there")
+    if hashlib.sha256(body).hexdigest().encode() != digest:
         raise _RejectedError("corrupt", "its check sum does not match")
     try:
         content = json.loads(body)
@@ -192,3 +181,16 @@ def _read(path: Path) -> dict[str, Any]:
     if not isinstance(content.get("saved_ns"), int):
         raise _RejectedError("foreign", "it does not say when it was saved")
     return content
+
+
+def _head(words: list[bytes]) -> tuple[int, bytes]:
+    """Size and check sum that the first line promises."""
+    if not words:
+        raise _RejectedError("corrupt", "it is empty")
+    if words[0] != MAGIC:
+        raise _RejectedError("foreign", "it is not a state of this program")
+    if len(words) > 1 and words[1].isdigit() and int(words[1]) > VERSION:
+        raise _RejectedError("too-new", f"it has format {int(words[1])}, this version knows {VERSION}")
+    if len(words) != 4 or not (words[1].isdigit() and words[3].isdigit()):
+        raise _RejectedError("corrupt", "its first line is damaged")
+    return int(words[3]), words[2]

@@ -1,0 +1,241 @@
+"""Measured or simulated quantities as the frames that a battery management system would send of them.
+
+Every message goes out at the cycle time of its DBC, a multiplexed one once per cycle and multiplexer value, and all of
+them spread over the cycle as on a real bus. Each value is taken at its frame's own time stamp.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bms_gateway.engine.plan import Channel, Plan, Quantity
+from bms_gateway.errors import UsageError
+from bms_gateway.frames.batch import FrameBatch
+from bms_gateway.frames.database import Database
+from bms_gateway.frames.encode import Encoder
+from bms_gateway.frames.signals import SignalInfo
+from bms_gateway.thermal import Floats
+
+SECOND = 1_000_000_000
+# Where a DBC states no cycle time. Current must be denser than the estimator's tick, its square is what heats.
+ELECTRICAL_NS, OTHER_NS = SECOND // 10, SECOND
+# A column without a value for so long, and for so many of its usual intervals, has a hole: nothing is made up there.
+HOLE_S, HOLE_INTERVALS = 10.0, 10.0
+EDGE_S = 1e-6  # width of a step in a series: below any time stamp that matters
+SAME_CURRENT = 0.01  # share of the greatest current below which two readings belong to one level
+CHUNK_S = 600
+
+Key = tuple[Quantity, int | None]
+"""A quantity of a string, and the cell (from 1) where it has one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """One quantity over time: straight lines between points, steps as two points that almost coincide.
+
+    Attributes
+    ----------
+    time_s : ndarray (K,)
+        Increasing.
+    value : ndarray (K,)
+        SI, °C; no NaN.
+    hole_s : float
+        Between points further apart than this the value is unknown.
+    """
+
+    time_s: Floats
+    value: Floats
+    hole_s: float = np.inf
+
+    def at(self, t: Floats) -> Floats:
+        """Value at the instants `t` (N,), NaN in holes and beyond the ends by more than a hole."""
+        if not len(self.time_s):
+            return np.full(len(t), np.nan)
+        j = np.searchsorted(self.time_s, t, "right") - 1
+        before = self.time_s[np.maximum(j, 0)]
+        after = self.time_s[np.minimum(j + 1, len(self.time_s) - 1)]
+        inside = (after - before <= self.hole_s) & (j >= 0) | (t == before)
+        ends = ((j < 0) & (before - t <= self.hole_s)) | ((t >= self.time_s[-1]) & (t - before <= self.hole_s))
+        return np.where(inside & (t <= self.time_s[-1]) | ends, np.interp(t, self.time_s, self.value), np.nan)
+
+
+def lines(time_s: Floats, value: Floats) -> Series:
+    """Series of a quantity that moves steadily, such as a temperature; NaN rows are passed over."""
+    known = np.isfinite(value)
+    t = time_s[known]
+    return Series(t, value[known], _hole(t))
+
+
+def steps(time_s: Floats, value: Floats, moves: NDArray[np.bool_] | None = None) -> Series:
+    """Series of a quantity that holds from row to row, as a current does.
+
+    Parameters
+    ----------
+    time_s, value : ndarray (K,)
+        NaN rows are passed over.
+    moves : ndarray of bool (K,), optional
+        Only these rows begin with a step; the value goes straight to the others. Default: all.
+    """
+    known = np.isfinite(value)
+    t, v = time_s[known], value[known]
+    if len(t) < 2:
+        return Series(t, v, _hole(t))
+    step = np.ones(len(t) - 1, np.bool_) if moves is None else moves[known][1:]
+    at = np.flatnonzero(step) + 1
+    edge = t[at] - np.minimum(EDGE_S, 0.5 * (t[at] - t[at - 1]))
+    return Series(np.insert(t, at, edge), np.insert(v, at, v[at - 1]), _hole(t))
+
+
+def voltage_steps(time_s: Floats, voltage: Floats, current: Floats) -> Series:
+    """Series of a voltage: it steps where the current does and creeps straight on where that stays.
+
+    Held from row to row, the voltage would lag its own creep; drawn straight through the steps, it would not belong to
+    the current at the same instant. Heat is their product, so both matter.
+    """
+    known = np.isfinite(voltage)
+    t, v = time_s[known], voltage[known]
+    i = steps(time_s, current).at(t)
+    level = SAME_CURRENT * float(np.nanmax(np.abs(current), initial=0.0))
+    return steps(t, v, np.abs(np.diff(i, prepend=i[:1])) > level)
+
+
+def _hole(t: Floats) -> float:
+    return max(HOLE_S, HOLE_INTERVALS * float(np.median(np.diff(t)))) if len(t) > 1 else HOLE_S
+
+
+@dataclass(frozen=True, slots=True)
+class _Slot:
+    """One frame layout and its place in time: phase + k · cycle; `cargo` is (column, feed, channel)."""
+
+    row: int
+    cycle_ns: int
+    phase_ns: int
+    silent: bool
+    cargo: tuple[tuple[int, int, Channel], ...]
+
+
+class Traffic:
+    """Frames of the input messages of some strings; keeps the alive counters from call to call.
+
+    Parameters
+    ----------
+    plan : Plan
+    database : Database
+        Of the plan's DBC files and ours.
+    strings : sequence of int, optional
+        Indices into `plan.strings` of those that are fed, in the order of the feeds; default all.
+    noise_K : float
+        White noise added to every temperature sent.
+    seed : int
+        Of the noise.
+
+    Raises
+    ------
+    UsageError
+        None of these strings takes anything from the bus.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        database: Database,
+        strings: Sequence[int] | None = None,
+        *,
+        noise_K: float = 0.0,
+        seed: int = 0,
+    ) -> None:
+        fed = range(len(plan.strings)) if strings is None else strings
+        wanted = [
+            (feed, c) for feed, index in enumerate(fed) for c in plan.strings[index].channels if c.signal is not None
+        ]
+        if not wanted:
+            raise UsageError("nothing to send: every quantity of these strings is a constant")
+        messages = dict.fromkeys(database.resolve(c.signal or "").message for _, c in wanted)
+        self._encoder = Encoder(database, tuple(messages))
+        self._slots = _spread(self._load(database, wanted))
+        self._noise_K = noise_K
+        self._rng = np.random.default_rng([seed, 0xCA])
+
+    def _load(self, database: Database, wanted: Sequence[tuple[int, Channel]]) -> list[_Slot]:
+        """Put every channel on the first frame layout that carries its signal; a shared signal is fed by the first."""
+        cargo: dict[int, dict[int, tuple[int, Channel]]] = {}
+        cycles: dict[int, int] = {}
+        silent: dict[int, bool] = {}
+        for feed, c in wanted:
+            info = database.resolve(c.signal or "")
+            row = next(
+                r
+                for r in np.flatnonzero(self._encoder.can_id == info.can_id).tolist()
+                if info.name in self._encoder.columns(r)
+            )
+            cargo.setdefault(row, {}).setdefault(self._encoder.column(row, info.name), (feed, c))
+            cycle = _cycle(info, c)
+            cycles[row] = min(cycles.get(row, cycle), cycle)
+            silent[row] = silent.get(row, True) and not info.j1939
+        return [
+            _Slot(row, cycles[row], 0, silent[row], tuple((column, *cargo[row][column]) for column in cargo[row]))
+            for row in cargo
+        ]
+
+    def between(self, feeds: Sequence[Mapping[Key, Series]], start_ns: int, stop_ns: int) -> FrameBatch:
+        """Frames of [start, stop), ns on the time axis of the series.
+
+        Parameters
+        ----------
+        feeds : sequence of mapping
+            One per string fed. A quantity that is missing leaves as not available; a frame that has nothing to say and
+            no way to say so is not sent.
+        """
+        times, rows, values = [], [], []
+        for slot in self._slots:
+            first = -((slot.phase_ns - start_ns) // slot.cycle_ns)
+            t = np.arange(slot.phase_ns + first * slot.cycle_ns, stop_ns, slot.cycle_ns, dtype=np.int64)
+            block = np.full((len(t), self._encoder.width), np.nan)
+            for column, feed, channel in slot.cargo:
+                block[:, column] = self._sample(feeds[feed], channel, t)
+            if slot.silent:
+                says = np.isfinite(block).any(axis=1)
+                t, block = t[says], block[says]
+            times.append(t)
+            rows.append(np.full(len(t), slot.row, np.intp))
+            values.append(block)
+        time = np.concatenate(times)
+        order = np.argsort(time, kind="stable")
+        can_id, length, data = self._encoder.encode(np.concatenate(rows)[order], np.concatenate(values)[order])
+        return FrameBatch(time[order], can_id, length, data)
+
+    def stream(self, feeds: Sequence[Mapping[Key, Series]], start_ns: int, stop_ns: int) -> Iterator[FrameBatch]:
+        """Frames of [start, stop) some minutes at a time."""
+        for t in range(start_ns, stop_ns, CHUNK_S * SECOND):
+            yield self.between(feeds, t, min(stop_ns, t + CHUNK_S * SECOND))
+
+    def _sample(self, feed: Mapping[Key, Series], c: Channel, t_ns: NDArray[np.int64]) -> Floats:
+        series = feed.get((c.quantity, c.cell))
+        if series is None:
+            return np.full(len(t_ns), np.nan)
+        t: Floats = t_ns.astype(np.float64) * 1e-9
+        value = series.at(t)
+        if self._noise_K and c.quantity in ("surface", "coolant_inlet"):
+            value = value + self._noise_K * self._rng.standard_normal(len(t))
+        return (value - c.offset) / c.scale
+
+
+def _cycle(info: SignalInfo, c: Channel) -> int:
+    """Cycle time of a signal's frames, ns."""
+    if info.mux:
+        # What a DBC states may be meant for the single frames: each multiplexer value then comes once a second.
+        return max(info.cycle_ns or 0, OTHER_NS)
+    return info.cycle_ns or (ELECTRICAL_NS if c.quantity in ("current", "voltage") else OTHER_NS)
+
+
+def _spread(slots: Sequence[_Slot]) -> list[_Slot]:
+    """Give the slots of one cycle time even phases over it, the slower cycles between the faster ones."""
+    out = []
+    for rank, cycle in enumerate(sorted({s.cycle_ns for s in slots})):
+        same = [s for s in slots if s.cycle_ns == cycle]
+        for i, s in enumerate(same):
+            phase = (cycle * i // len(same) + rank * 1_000_000) % cycle
+            out.append(_Slot(s.row, cycle, phase, s.silent, s.cargo))
+    return out
