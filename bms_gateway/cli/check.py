@@ -22,7 +22,7 @@ def arguments(parser: Parser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Check; 1 where a string is not observable."""
     from bms_gateway.config import load_config
-    from bms_gateway.report.show import number, text_table
+    from bms_gateway.report.show import number, ranges, text_table
     from bms_gateway.sensors.observability import exact_rank, steady_core_sd
 
     loaded = load_config(Path(args.config))
@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
     rows = [
         [
             s["name"],
-            ",".join(map(str, s["sensors"])) or "–",
+            ranges(s["sensors"]) or "–",
             s["condition"],
             s["cells"],
             f"{s['exact_rank']}/{s['states']}",

@@ -36,7 +36,7 @@ class Parser(argparse.ArgumentParser):
         super().__init__(
             prog=f"{PROGRAM} {name}",
             description=f"{summary[0].upper()}{summary[1:]}.",
-            epilog=f"example:\n{example.rstrip()}",
+            epilog=f"example:\n{example.strip(chr(10)).rstrip()}",
             formatter_class=argparse.RawDescriptionHelpFormatter,
             allow_abbrev=False,
         )
@@ -52,13 +52,16 @@ class Parser(argparse.ArgumentParser):
         raise UsageError(f"{self.prog.removeprefix(PROGRAM).strip()}: {message} (see {self.prog} --help)")
 
     def parse(self, words: Sequence[str]) -> argparse.Namespace:
-        """Parse; unknown words are told with the nearest option."""
-        known, unknown = self.parse_known_args(words)
-        for word in unknown:
+        """Parse; an unknown option is told first, with the nearest one, since it is why others seem to be missing."""
+        for word in words:
             name = word.split("=")[0]
-            if name.startswith("-"):
+            if name == "--":
+                break
+            if name.startswith("--") and name not in self.options:
                 self.error(f"unknown option '{name}'{did_you_mean(name, self.options)}")
-            self.error(f"one argument too many: '{word}'")
+        known, spare = self.parse_known_args(words)
+        if spare:
+            self.error(f"one argument too many: '{spare[0]}'")
         return known
 
 
@@ -100,8 +103,10 @@ def _dispatch(words: list[str]) -> int:
         return 0
     name, *rest = words
     if name not in COMMANDS:
-        kind = "option" if name.startswith("-") else "command"
-        raise UsageError(f"unknown {kind} '{name}'{did_you_mean(name, COMMANDS)} (see {PROGRAM} --help)")
+        option = name.startswith("-")
+        known = ("--help", "--version") if option else tuple(COMMANDS)
+        kind = "option" if option else "command"
+        raise UsageError(f"unknown {kind} '{name}'{did_you_mean(name, known)} (see {PROGRAM} --help)")
     module: ModuleType = importlib.import_module(f"bms_gateway.cli.{name}")
     parser = Parser(name, COMMANDS[name], module.EXAMPLE)
     module.arguments(parser)

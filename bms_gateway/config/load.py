@@ -33,6 +33,8 @@ class LoadedConfig:
     config : GatewayConfig
         As written, with defaults.
     plan : Plan
+    database : Database
+        Of the plan's DBC files and ours; parsing them again would take longer than all else here.
     store : Path or None
         Directory of the stored state; None: nothing is stored.
     """
@@ -40,6 +42,7 @@ class LoadedConfig:
     path: Path
     config: GatewayConfig
     plan: Plan
+    database: Database
     store: Path | None
 
 
@@ -79,7 +82,7 @@ def load_config(path: Path) -> LoadedConfig:
         silent_after_ns=round(config.engine.silent_after_s * 1e9),
         disturbance=config.observer.disturbance,
     )
-    return LoadedConfig(path, config, plan, _store(path, config))
+    return LoadedConfig(path, config, plan, database, _store(path, config))
 
 
 def own_dbc_text() -> str:
@@ -234,7 +237,7 @@ def _file(config: Path, name: str, key: str) -> Path:
     """Find a file that the config names, relative to it."""
     file = config.parent / name
     if not file.is_file():
-        beside = [p.name for p in file.parent.iterdir()] if file.parent.is_dir() else []
+        beside = [p.name for p in file.parent.iterdir() if p.suffix == file.suffix] if file.parent.is_dir() else []
         raise ConfigError(f"{config}: {key}: no file {str(file)!r}{did_you_mean(file.name, beside)}")
     return file
 

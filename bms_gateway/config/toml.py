@@ -50,7 +50,7 @@ def read_text(path: Path, encoding: str = "utf-8") -> str:
         return path.read_text(encoding=encoding)
     except FileNotFoundError:
         parent = path.parent
-        beside = [p.name for p in parent.iterdir() if p.is_file()] if parent.is_dir() else []
+        beside = [p.name for p in parent.iterdir() if p.suffix == path.suffix] if parent.is_dir() else []
         raise ConfigError(f"{path}: no such file{did_you_mean(path.name, beside)}") from None
     except UnicodeDecodeError as e:
         raise ConfigError(f"{path}: not {encoding} text (byte {e.start})") from None

@@ -19,6 +19,23 @@ def number(x: float | None, digits: int = 2) -> str:
     return "–" if x is None or x != x else f"{x:.{digits}f}"
 
 
+def ranges(numbers: Sequence[int]) -> str:
+    """Write ascending numbers briefly.
+
+    Examples
+    --------
+    >>> ranges([1, 2, 3, 7, 11, 12])
+    '1-3,7,11,12'
+    """
+    runs: list[list[int]] = []
+    for k in numbers:
+        if runs and k == runs[-1][-1] + 1:
+            runs[-1].append(k)
+        else:
+            runs.append([k])
+    return ",".join(f"{r[0]}-{r[-1]}" if len(r) > 2 else ",".join(map(str, r)) for r in runs)
+
+
 def text_table(headers: Sequence[str], rows: Sequence[Sequence[object]], *, left: int = 1) -> str:
     """Align rows under their headers; the first `left` columns to the left, the others, numbers, to the right.
 

@@ -1,0 +1,113 @@
+"""`encode`: bench data as CAN frames."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bms_gateway.cli.main import Parser
+from bms_gateway.cli.output import note, say
+from bms_gateway.errors import DataError, UsageError, did_you_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from bms_gateway.bus.traffic import Key, Series
+    from bms_gateway.engine.plan import Plan
+    from bms_gateway.frames.batch import FrameBatch
+    from bms_gateway.report.table import Table
+
+EXAMPLE = """\
+  bms-gateway encode bench.csv --config gateway.toml --out bench.log
+  bms-gateway encode cell.csv --config gateway.toml --out cell.log --columns time_s=t_s current_A=-I_A surface_1_C=T
+"""
+
+
+def arguments(parser: Parser) -> None:
+    """Declare the options."""
+    parser.option("table", metavar="TABLE", help="measurements of one string: CSV or Parquet")
+    parser.option("--config", metavar="CONFIG", required=True, help="gateway config: which signals carry what")
+    parser.option("--out", metavar="LOG", required=True, help="candump log to write (.log or .log.gz)")
+    parser.option("--string", metavar="NAME", help="string that the table belongs to, where the config has several")
+    parser.option(
+        "--columns",
+        metavar="NAME=COLUMN",
+        nargs="+",
+        action="extend",
+        default=[],
+        help="the table's own column names; a minus before the column flips the sign",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write the log."""
+    from bms_gateway.bus.logfile import write_log
+    from bms_gateway.bus.traffic import SECOND, Traffic
+    from bms_gateway.config import load_config
+    from bms_gateway.report.progress import progress
+    from bms_gateway.report.table import parse_columns, read_table
+
+    loaded = load_config(Path(args.config))
+    plan = loaded.plan
+    index = _string(plan, args.string)
+    table = read_table(Path(args.table), parse_columns(args.columns))
+    feed = _feed(plan, index, table)
+    if table.time_s[0] < 0:
+        raise DataError(f"{table.source}: time_s begins at {table.time_s[0]:g}: a log cannot hold times below zero")
+    traffic = Traffic(plan, loaded.database, [index])
+    # The last row is an instant too: frames go on until just after it.
+    start_ns, stop_ns = (round(float(t) * SECOND) for t in table.time_s[[0, -1]])
+    with progress("encoding", (stop_ns - start_ns) / SECOND) as advance:
+
+        def shown() -> "Iterator[FrameBatch]":
+            for batch in traffic.stream([feed], start_ns, stop_ns + 1):
+                yield batch
+                advance(float(batch.time_ns[-1] - batch.time_ns[0]) / SECOND if len(batch) else 0.0)
+
+        frames = write_log(args.out, shown())
+    say(f"{args.out}: {frames} frames, {(stop_ns - start_ns) / SECOND:.1f} s of {plan.strings[index].name}")
+    return 0
+
+
+def _string(plan: "Plan", name: str | None) -> int:
+    names = [s.name for s in plan.strings]
+    if name is None:
+        if len(names) > 1:
+            raise UsageError(f"encode: --string is needed, the config has several; valid: {', '.join(names)}")
+        return 0
+    if name not in names:
+        raise UsageError(f"encode: --string '{name}' is not in the config{did_you_mean(name, names)}")
+    return names.index(name)
+
+
+def _feed(plan: "Plan", index: int, table: "Table") -> "dict[Key, Series]":
+    """Series of what the string takes from the bus; a sensor without a column is an error, a spare column a note."""
+    from bms_gateway.bus.traffic import lines, steps, voltage_steps
+
+    t, string = table.time_s, plan.strings[index]
+    feed: dict[Key, Series] = {
+        ("current", None): steps(t, table.current_A),
+        ("coolant_inlet", None): lines(t, table.coolant_inlet_C),
+    }
+    if table.voltage_V is not None:
+        feed["voltage", None] = voltage_steps(t, table.voltage_V, table.current_A)
+    if table.soc is not None:
+        feed["soc", None] = lines(t, table.soc)
+    if table.coolant_flow_m3_s is not None:
+        feed["coolant_flow", None] = lines(t, table.coolant_flow_m3_s)
+    feed |= {("surface", k): lines(t, x) for k, x in table.surface_C.items()}
+    feed |= {("cell_voltage", k): voltage_steps(t, x, table.current_A) for k, x in table.cell_voltage_V.items()}
+    wanted = {(c.quantity, c.cell) for c in string.channels if c.signal is not None}
+    missing = sorted(k for q, k in wanted if q == "surface" and ("surface", k) not in feed and k is not None)
+    if missing:
+        have = [f"surface_{k}_C" for k in table.surface_C]
+        name = f"surface_{missing[0]}_C"
+        raise DataError(
+            f"{table.source}: no column '{name}', a sensor of {string.name}"
+            f"{did_you_mean(name, have)} (map it: --columns {name}=COLUMN)"
+        )
+    spare = [f"{quantity}_{k}" for quantity, k in feed if k is not None and (quantity, k) not in wanted]
+    if spare:
+        note(f"{table.source}: not sent, {string.name} does not take it: {', '.join(spare)}")
+    if table.ignored:
+        note(f"{table.source}: columns without a meaning here: {', '.join(table.ignored)}")
+    return feed

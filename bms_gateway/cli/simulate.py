@@ -1,0 +1,92 @@
+"""`simulate`: a virtual pack on a drive cycle, as a log of its traffic."""
+
+import argparse
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, TextIO
+
+from bms_gateway.cli.main import Parser
+from bms_gateway.cli.output import say
+from bms_gateway.errors import UsageError
+
+if TYPE_CHECKING:
+    from bms_gateway.bus.virtual import Segment
+    from bms_gateway.frames.batch import FrameBatch
+
+EXAMPLE = """\
+  bms-gateway simulate --config gateway.toml --out drive.log --truth truth.csv --seed 7 --duration 5400
+"""
+
+
+def arguments(parser: Parser) -> None:
+    """Declare the options."""
+    parser.option("--config", metavar="CONFIG", required=True, help="gateway config; its model files are the pack")
+    parser.option("--out", metavar="LOG", required=True, help="candump log to write (.log or .log.gz)")
+    parser.option("--truth", metavar="CSV", help="also write the true core and surface of every cell, once a second")
+    parser.option("--seed", metavar="N", type=int, default=0, help="another seed is another pack and drive (default 0)")
+    parser.option("--duration", metavar="S", type=float, default=1800.0, help="seconds to drive (default 1800)")
+    parser.option(
+        "--unknown",
+        metavar="SD",
+        type=float,
+        default=0.0,
+        help="R_e, R_c, R_u of each string differ from its model file by this relative sd (default 0)",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write log and truth."""
+    from bms_gateway.bus.logfile import write_log
+    from bms_gateway.bus.traffic import SECOND, Traffic
+    from bms_gateway.bus.virtual import SENSOR_NOISE_K, VirtualPack
+    from bms_gateway.config import load_config
+    from bms_gateway.report.progress import progress
+
+    if not (math.isfinite(args.duration) and args.duration >= 1):
+        raise UsageError(f"simulate: --duration {args.duration:g}: at least 1 second")
+    if args.seed < 0:
+        raise UsageError(f"simulate: --seed {args.seed}: must not be negative")
+    if not 0 <= args.unknown <= 1:
+        raise UsageError(f"simulate: --unknown {args.unknown:g}: valid: 0 to 1")
+    loaded = load_config(Path(args.config))
+    plan = loaded.plan
+    pack = VirtualPack(plan, args.seed, common=args.unknown)
+    traffic = Traffic(plan, loaded.database, noise_K=SENSOR_NOISE_K, seed=args.seed)
+    with _truth_file(args.truth) as truth, progress("simulating", args.duration) as advance:
+
+        def drive() -> "Iterator[FrameBatch]":
+            for segments in pack.segments(args.duration):
+                time = segments[0].time_s
+                yield traffic.between([s.series for s in segments], int(time[0]) * SECOND, int(time[-1]) * SECOND)
+                if truth is not None:
+                    _write_truth(truth, segments, last=time[-1] >= round(args.duration))
+                advance(float(time[-1] - time[0]))
+
+        frames = write_log(args.out, drive())
+    cells = sum(s.model.cells for s in plan.strings)
+    say(f"{args.out}: {frames} frames, {args.duration:g} s, {len(plan.strings)} strings, {cells} cells")
+    return 0
+
+
+@contextmanager
+def _truth_file(name: str | None) -> Iterator[TextIO | None]:
+    if name is None:
+        yield None
+        return
+    try:
+        with Path(name).open("w", encoding="utf-8", newline="\n") as f:
+            f.write("time_s,string,cell,core_C,surface_C\n")
+            yield f
+    except OSError as e:
+        raise UsageError(f"simulate: --truth {name}: cannot be written: {e.strerror}") from None
+
+
+def _write_truth(f: TextIO, segments: "tuple[Segment, ...]", *, last: bool) -> None:
+    """Rows of one stretch, by time; its last instant is the first of the next."""
+    time = segments[0].time_s
+    for i in range(len(time) if last else len(time) - 1):
+        for s in segments:
+            pairs = zip(s.core_C[i].tolist(), s.surface_C[i].tolist(), strict=True)
+            f.writelines(f"{time[i]:.3f},{s.string.name},{k},{c:.4f},{t:.4f}\n" for k, (c, t) in enumerate(pairs, 1))
