@@ -29,7 +29,9 @@ R_u = { value = 4.8, unit = "K/W", rel_sd = 0.5 }
 }
 
 
-def write_bench_cell(folder: Path, *, priors: Priors = "authors", voltage: bool = False, method: str = "window") -> Path:
+def write_bench_cell(
+    folder: Path, *, priors: Priors = "authors", voltage: bool = False, method: str = "window"
+) -> Path:
     """Write gateway.toml and model into a folder; returns the path of the config."""
     model = 'cells = 1\nsensors = [1]\ncondition = "single"\neffects = []\n[cell]\ncapacity_Ah = 2.3\n[parameters]\n'
     (folder / "cell.toml").write_text(model + PARAMETERS[priors])
