@@ -158,12 +158,12 @@ class Encoder:
             raw = np.where(np.isnan(raw), missing, raw)
             if error is not None:
                 raw = np.where(error, failed, raw)
-            bits = np.abs(raw).astype(np.uint64)
+            bits: NDArray[np.uint64] = np.abs(raw).astype(np.uint64)
             bits = np.where(raw < 0, np.uint64(0) - bits, bits)
             if narrow.any():
                 bits = np.where(narrow == 32, raw.astype(np.float32).view(np.uint32).astype(np.uint64), bits)
                 bits = np.where(narrow == 64, raw.view(np.uint64), bits)
-        return bits.astype(np.uint64, copy=False)
+        return bits
 
     def _place(self, bits: NDArray[np.uint64], field: Index) -> NDArray[np.uint8]:
         """Shift every value to its bits and merge those of a frame; (N, W) bytes."""

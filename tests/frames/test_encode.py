@@ -40,10 +40,7 @@ def test_cantools_and_our_decoder_read_back_what_was_encoded(path: Path) -> None
         message = names[int(encoder.can_id[row])]
         for column, name in enumerate(encoder.columns(row)):
             s = message.signals[name]
-            low, high = (
-                (max(a, b) for a, b in ((s.raw_valid[0], s.raw_limits[0]),)).__next__(),
-                min(s.raw_valid[1], s.raw_limits[1]),
-            )
+            low, high = max(s.raw_valid[0], s.raw_limits[0]), min(s.raw_valid[1], s.raw_limits[1])
             if s.is_float:
                 low, high = max(low, -1e30), min(high, 1e30)
             if low > high:
@@ -114,7 +111,8 @@ def test_no_value_raises(path: Path) -> None:
 
 def test_out_of_range_saturates_where_nothing_means_not_available() -> None:
     text = (
-        'VERSION ""\nBS_:\nBU_: A\nBO_ 1 M: 8 A\n SG_ s : 0|8@1- (0.5,0) [-10|10] "" A\n SG_ u : 8|8@1+ (1,0) [0|0] "" A\n'
+        'VERSION ""\nBS_:\nBU_: A\nBO_ 1 M: 8 A\n SG_ s : 0|8@1- (0.5,0) [-10|10] "" A\n'
+        ' SG_ u : 8|8@1+ (1,0) [0|0] "" A\n'
         'BA_DEF_ SG_ "GenSigStartValue" FLOAT 0 255;\nBA_DEF_DEF_ "GenSigStartValue" 0;\n'
         'BA_ "GenSigStartValue" SG_ 1 u 7;\n'
     )

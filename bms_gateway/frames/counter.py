@@ -1,0 +1,58 @@
+"""Alive counters: which protected frames came in sequence."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bms_gateway.frames.decode import Samples
+from bms_gateway.frames.e2e import COUNTER_STATES, MAX_DELTA
+from bms_gateway.frames.quality import Quality
+from bms_gateway.frames.table import SignalTable
+
+__all__ = ["CounterGuard"]
+
+
+class CounterGuard:
+    """Alive counters of protected messages: one per message and multiplexer value.
+
+    A step of 1…`MAX_DELTA` is a frame in sequence, perhaps after lost ones; none is a repetition and a larger one a
+    wrong sequence. Both are rejected, and the sequence goes on from there.
+
+    Parameters
+    ----------
+    table : SignalTable
+
+    Attributes
+    ----------
+    last : ndarray of int64 (K,)
+        Last counter of each node, -1 before the first: the whole state.
+    """
+
+    def __init__(self, table: SignalTable) -> None:
+        self.last = np.full(len(table.keys), -1, np.int64)
+
+    def update(self, samples: Samples) -> NDArray[np.uint8]:
+        """Quality of the samples of one batch, COUNTER where the frame was out of sequence.
+
+        Batches must come in the order of the bus; how they were cut does not matter.
+        """
+        p = samples.protected
+        whole = np.flatnonzero(p.crc_ok)
+        if not len(whole):
+            return samples.flag
+        order = whole[np.argsort(p.node[whole], kind="stable")]
+        node, counter = p.node[order], p.counter[order].astype(np.int64)
+        fresh = np.ones(len(order), np.bool_)
+        fresh[1:] = node[1:] != node[:-1]
+        before = np.empty(len(order), np.int64)
+        before[1:] = counter[:-1]
+        before[fresh] = self.last[node[fresh]]
+        ends = np.append(fresh[1:], True)
+        self.last[node[ends]] = counter[ends]
+        delta = (counter - before) % COUNTER_STATES
+        wrong = (before >= 0) & ((delta == 0) | (delta > MAX_DELTA))
+        if not wrong.any():
+            return samples.flag
+        flag = samples.flag.copy()
+        bad_frame = p.frame[order[wrong]]
+        flag[np.isin(samples.frame, bad_frame) & (flag == Quality.GOOD)] = Quality.COUNTER
+        return flag

@@ -1,0 +1,264 @@
+"""Which samples may be believed: range, rails, jumps, standing still and age of every channel.
+
+Cheap sensors fail in ways that look like temperatures: a broken wire reads as one end of the range, an unconnected
+input as a constant in the middle of it, a loose one jumps when the inverter switches. Four ideas tell them apart:
+
+* A *jump* is a step that no cell can make. It costs the channel its trust for `CONSISTENT` calm samples, twice as many
+  with each repetition.
+* The *anchor* is the value a channel stays at. Single dips do not move it: each sample that differs takes one from a
+  count of at most `ANCHORED`, each equal one gives one back, and at zero the new value becomes the anchor. A channel
+  whose anchor outlasts `stuck_after_s` of *active* time, in which current flows and the other channels move, is stuck.
+  At rest nothing counts: good sensors stand still there too.
+* The *home* is the anchor that lasted longest. A channel that left it and, after active time, stands at exactly the
+  same hundredth again is an input that something disturbs, not a temperature: it is stuck as well. A home not seen for
+  `HOME_MEMORY_S` is forgotten.
+* A channel of fine resolution is not believed before its anchor has moved once (`needs_proof`): an unconnected input is
+  thus never taken for a measurement, at the price that a sensor on a resting pack waits for the first 0.01 K. The cost
+  is small, since core and surface are equal at rest; a start with a wrong temperature of 25 °C in winter is not.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bms_gateway.frames.counter import CounterGuard
+from bms_gateway.frames.quality import Quality
+from bms_gateway.frames.rules import Rule, default_rule
+
+__all__ = ["CounterGuard", "Guard", "GuardResult", "Rule", "default_rule"]
+
+Index = NDArray[np.intp]
+CONSISTENT = 3
+"""Calm samples after an upset before a channel is believed again."""
+MAX_STRIKES = 6
+"""Repetitions that lengthen the wait: at most 3 · 2⁶ = 192 samples, some minutes."""
+FORGIVEN_AFTER = 300
+"""Calm samples that clear the record of jumps."""
+ANCHORED = 3
+"""Net samples that must differ before a channel has left its value."""
+AT_HOME = 2
+"""Net samples at exactly the old value that make a return."""
+HOME_MEMORY_S = 300.0
+"""Active time away after which a place is no longer home."""
+PROVEN_PATIENCE = 15.0
+"""A channel that has been seen moving may stand still so many times longer: near equilibrium good ones do."""
+LONGEST_STEP_S = 10.0
+"""A gap between intervals longer than this is no time in which anything was seen to stand still."""
+QUALITIES = 16
+
+
+@dataclass(frozen=True, slots=True)
+class GuardResult:
+    """What became of the samples of one interval.
+
+    Attributes
+    ----------
+    quality : ndarray of uint8 (n,)
+        Of each sample, GOOD where it was accepted.
+    value, time_ns : ndarray (C,)
+        Latest accepted value of each channel (NaN for none) and its time stamp.
+    channel_quality : ndarray of uint8 (C,)
+        Of each channel at the end of the interval.
+    rejected : ndarray of int64 (C, 16)
+        Samples of this interval by `Quality`, the column of GOOD being zero.
+    """
+
+    quality: NDArray[np.uint8]
+    value: NDArray[np.float64]
+    time_ns: NDArray[np.int64]
+    channel_quality: NDArray[np.uint8]
+    rejected: NDArray[np.int64]
+
+
+class Guard:
+    """Judges the samples of C channels, one interval after the other.
+
+    Parameters
+    ----------
+    rules : sequence of Rule (C,)
+    """
+
+    def __init__(self, rules: Sequence[Rule]) -> None:
+        self.rules = tuple(rules)
+        n = len(self.rules)
+        self._lower, self._upper, self._low_rail, self._high_rail, self._jump, self._rate, self._stuck = (
+            np.array([getattr(r, name) for r in self.rules], np.float64)
+            for name in ("lower", "upper", "low_rail", "high_rail", "jump", "jump_rate", "stuck_after_s")
+        )
+        self._stale_ns = np.array([r.stale_after_ns for r in self.rules], np.int64)
+        self._proof = np.array([r.needs_proof for r in self.rules], np.bool_)
+        self._remembers = np.array([r.remembers for r in self.rules], np.bool_)
+        kinds = sorted({(r.quantity, r.group) for r in self.rules})
+        self._group = np.array([kinds.index((r.quantity, r.group)) for r in self.rules], np.intp)
+        self._peers = np.bincount(self._group, minlength=len(kinds))[self._group] - 1 if n else np.empty(0, np.intp)
+        self._previous, self._previous_ns = np.full(n, np.nan), np.zeros(n, np.int64)
+        self._calm, self._needed, self._strikes = np.zeros(n, np.int64), np.ones(n, np.int64), np.zeros(n, np.int64)
+        self._anchor, self._anchor_count, self._anchor_clock = np.full(n, np.nan), np.zeros(n, np.int64), np.zeros(n)
+        self._held, self._home_held = np.zeros(n, np.int64), np.zeros(n, np.int64)
+        self._home, self._home_clock = np.full(n, np.nan), np.zeros(n)
+        self._clock, self._moving = np.zeros(n), np.zeros(n, np.bool_)
+        self._proven = np.zeros(n, np.bool_)
+        self._cause = np.full(n, Quality.NEVER, np.uint8)
+        self._value, self._value_ns = np.full(n, np.nan), np.zeros(n, np.int64)
+        self._last, self._received_ns = np.full(n, Quality.NEVER, np.uint8), np.full(n, -1, np.int64)
+        self._end_ns = np.full(1, -1, np.int64)
+
+    _STATE = (
+        *("_previous", "_previous_ns", "_calm", "_needed", "_strikes", "_anchor", "_anchor_count", "_anchor_clock"),
+        *("_held", "_home_held", "_home", "_home_clock"),
+        *("_clock", "_moving", "_proven", "_cause", "_value", "_value_ns", "_last", "_received_ns", "_end_ns"),
+    )
+
+    def snapshot(self) -> dict[str, NDArray[np.generic]]:
+        """Copy the whole state as plain arrays."""
+        return {name[1:]: getattr(self, name).copy() for name in self._STATE}
+
+    def restore(self, state: Mapping[str, NDArray[np.generic]]) -> None:
+        """Take up the state of a guard with the same rules."""
+        for name in self._STATE:
+            mine = getattr(self, name)
+            mine[...] = state[name[1:]]
+
+    def update(
+        self,
+        time_ns: NDArray[np.int64],
+        channel: Index,
+        value: NDArray[np.float64],
+        flag: NDArray[np.uint8],
+        t1_ns: int,
+        active: bool | NDArray[np.bool_],
+    ) -> GuardResult:
+        """Judge the samples of one interval, which ends at `t1_ns`.
+
+        Parameters
+        ----------
+        time_ns, channel, value, flag : ndarray (n,)
+            In the order of the bus; `flag` is the `Quality` so far.
+        t1_ns : int
+            End of the interval; the next one starts there.
+        active : bool or ndarray of bool (C,)
+            Whether enough current flowed in the interval to make temperatures move.
+        """
+        n = len(self.rules)
+        quality = self._memoryless(channel, value, flag)
+        updated, changed = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
+        sequential = np.flatnonzero(self._remembers.take(channel))
+        for part in _rounds(channel, sequential):
+            c = channel[part]
+            quality[part] = self._judge(c, value[part], time_ns[part], quality[part], updated, changed)
+        self._advance(t1_ns, np.broadcast_to(np.asarray(active, np.bool_), (n,)), updated, changed)
+        self._last[channel] = quality
+        self._received_ns[channel] = time_ns
+        good = quality == Quality.GOOD
+        self._value[channel[good]] = value[good]
+        self._value_ns[channel[good]] = time_ns[good]
+        rejected = np.bincount(channel[~good] * QUALITIES + quality[~good], minlength=n * QUALITIES)
+        return GuardResult(
+            quality, self._value.copy(), self._value_ns.copy(), self._channels(t1_ns), rejected.reshape(n, QUALITIES)
+        )
+
+    def _memoryless(self, channel: Index, value: NDArray[np.float64], flag: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        quality = flag.copy()
+        # a rail says more than a range: what the DBC's range already rejected is still told apart
+        open_to = (flag == Quality.GOOD) | (flag == Quality.OUT_OF_RANGE)
+        inside = (value >= self._lower.take(channel)) & (value <= self._upper.take(channel))
+        quality[open_to & ~inside] = Quality.OUT_OF_RANGE
+        quality[open_to & (value >= self._high_rail.take(channel))] = Quality.OPEN
+        quality[open_to & (value <= self._low_rail.take(channel))] = Quality.SHORT
+        return quality
+
+    def _judge(
+        self,
+        c: Index,
+        value: NDArray[np.float64],
+        time_ns: NDArray[np.int64],
+        quality: NDArray[np.uint8],
+        updated: NDArray[np.bool_],
+        changed: NDArray[np.bool_],
+    ) -> NDArray[np.uint8]:
+        """Judge one sample each of distinct channels by their past."""
+        usable = quality == Quality.GOOD
+        first = np.isnan(self._previous[c])
+        seconds = np.maximum(time_ns - self._previous_ns[c], 0) * 1e-9
+        step = np.abs(value - self._previous[c])
+        jumped = usable & ~first & (step > self._jump[c] + self._rate[c] * seconds)
+        updated[c] |= usable
+        changed[c] |= usable & ~first & (step > 0)
+        moved, returned = self._follow_anchor(c, value, usable)
+        patience = np.where(self._proven[c], PROVEN_PATIENCE, 1.0)
+        stands = self._clock[c] - self._anchor_clock[c] > patience * self._stuck[c]
+        stuck = usable & ~jumped & (stands | (returned & self._proof[c]))
+        upset = ~usable | jumped | stuck
+        cause = np.where(stuck, Quality.STUCK, np.where(jumped, Quality.JUMPY, quality)).astype(np.uint8)
+        strikes = np.minimum(self._strikes[c] + jumped, MAX_STRIKES)
+        calm = np.where(upset, 0, self._calm[c] + 1)
+        needed = np.where(upset, np.maximum(self._needed[c], CONSISTENT), self._needed[c])
+        needed = np.where(jumped, CONSISTENT << strikes, needed)
+        forgiven = calm >= FORGIVEN_AFTER
+        self._strikes[c] = np.where(forgiven, 0, strikes)
+        self._needed[c] = np.where(forgiven, CONSISTENT, needed)
+        self._calm[c] = calm
+        self._cause[c] = np.where(upset, cause, self._cause[c])
+        self._proven[c] = (self._proven[c] | (moved & ~first & ~upset)) & ~jumped & ~stuck
+        self._previous[c] = np.where(usable, value, self._previous[c])
+        self._previous_ns[c] = np.where(usable, time_ns, self._previous_ns[c])
+        accepted = ~upset & (calm >= self._needed[c]) & (self._proven[c] | ~self._proof[c])
+        self._cause[c] = np.where(accepted, Quality.GOOD, self._cause[c])
+        return np.where(accepted, np.uint8(Quality.GOOD), np.where(usable & ~upset, self._cause[c], cause))
+
+    def _follow_anchor(
+        self, c: Index, value: NDArray[np.float64], usable: NDArray[np.bool_]
+    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Move the anchor of channels that have left it; tell which have, and which are back at home."""
+        clock = self._clock[c]
+        same = value == self._anchor[c]
+        count = np.where(same, np.minimum(self._anchor_count[c] + 1, ANCHORED), self._anchor_count[c] - 1)
+        moved = usable & (count <= 0)
+        count = np.where(moved, 1, np.where(usable, count, self._anchor_count[c]))
+        held = np.where(moved, 1, self._held[c] + usable)
+        anchor = np.where(moved, value, self._anchor[c])
+        self._anchor_count[c], self._held[c], self._anchor[c] = count, held, anchor
+        self._anchor_clock[c] = np.where(moved, clock, self._anchor_clock[c])
+        at_home = usable & same & (anchor == self._home[c]) & (count >= AT_HOME)
+        longest = held > self._home_held[c]
+        returned = at_home & ~longest & (clock > self._home_clock[c])
+        settled = longest | (clock - self._home_clock[c] > HOME_MEMORY_S)
+        self._home[c] = np.where(settled, anchor, self._home[c])
+        self._home_held[c] = np.where(settled, held, self._home_held[c])
+        self._home_clock[c] = np.where(settled | at_home, clock, self._home_clock[c])
+        return moved, returned
+
+    def _advance(
+        self, t1_ns: int, active: NDArray[np.bool_], updated: NDArray[np.bool_], changed: NDArray[np.bool_]
+    ) -> None:
+        """Let active time pass for channels whose peers move: alone among still ones, standing still proves nothing."""
+        start = int(self._end_ns[0])
+        self._end_ns[0] = t1_ns
+        others = np.bincount(self._group, updated)[self._group] - updated if len(updated) else updated
+        moving = np.bincount(self._group, changed)[self._group] - changed if len(updated) else changed
+        self._moving = np.where(others > 0, 2 * moving >= others, self._moving)
+        if start >= 0:
+            step = min(max((t1_ns - start) * 1e-9, 0.0), LONGEST_STEP_S)
+            self._clock += (active & (self._moving | (self._peers == 0))) * step
+
+    def _channels(self, t1_ns: int) -> NDArray[np.uint8]:
+        late = t1_ns - self._received_ns > self._stale_ns
+        received = self._received_ns >= 0
+        return np.where(late & received, np.uint8(Quality.STALE), self._last)
+
+
+def _rounds(channel: Index, part: Index) -> list[Index]:
+    """Cut samples into rounds in which every channel occurs at most once, in the order of the bus."""
+    if not len(part):
+        return []
+    c = channel[part]
+    order = np.argsort(c, kind="stable")
+    ordered = c[order]
+    fresh = np.ones(len(part), np.bool_)
+    fresh[1:] = ordered[1:] != ordered[:-1]
+    start = np.flatnonzero(fresh)
+    nth = np.empty(len(part), np.intp)
+    nth[order] = np.arange(len(part)) - np.repeat(start, np.diff(np.append(start, len(part))))
+    return [part[nth == k] for k in range(int(nth.max()) + 1)]

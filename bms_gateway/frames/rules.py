@@ -1,0 +1,125 @@
+"""What is believable of a channel: range, rails, steps, standing still, age, by its quantity and its DBC signal."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from bms_gateway.frames.signals import SignalInfo
+
+__all__ = ["Rule", "default_rule"]
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """What is believable of one channel, in its own unit after scaling to SI (°C, A, V).
+
+    Attributes
+    ----------
+    quantity : str
+        As `Quantity` of the plan.
+    group : int
+        Channels of one quantity and group (string) are peers: they move together.
+    lower, upper : float
+        Plausible range; outside is OUT_OF_RANGE.
+    low_rail, high_rail : float
+        At or below is SHORT, at or above OPEN; ∓inf for none.
+    stale_after_ns : int
+        Age from which the last value is STALE.
+    jump, jump_rate : float
+        Largest believable step: jump + jump_rate · seconds between the samples; inf for no limit.
+    stuck_after_s : float
+        Active time after which an unmoved channel is STUCK; inf for never.
+    needs_proof : bool
+        Not believed before it has moved.
+    """
+
+    quantity: str
+    group: int = 0
+    lower: float = -math.inf
+    upper: float = math.inf
+    low_rail: float = -math.inf
+    high_rail: float = math.inf
+    stale_after_ns: int = 5_000_000_000
+    jump: float = math.inf
+    jump_rate: float = 0.0
+    stuck_after_s: float = math.inf
+    needs_proof: bool = False
+
+    @property
+    def remembers(self) -> bool:
+        """Whether judging a sample needs the ones before it."""
+        return math.isfinite(self.jump) or math.isfinite(self.stuck_after_s) or self.needs_proof
+
+
+PLAUSIBLE: Mapping[str, tuple[float, float]] = {
+    "current": (-3000.0, 3000.0),  # start-up transients of Hall sensors show 5 kA and more
+    "voltage": (0.0, 1500.0),  # end of the low-voltage directive
+    "coolant_inlet": (-38.5, 120.0),
+    "coolant_flow": (0.0, 1.0),
+    "soc": (-0.05, 1.05),  # counters overshoot a little
+    "surface": (-38.5, 150.0),  # −39 and −40 °C are what 8-bit signals show for a broken wire; above 150 no cell lives
+    "cell_voltage": (0.0, 6.0),
+}
+STUCK_FINE_S, FINE_K = 20.0, 0.01
+STUCK_COARSE_S, COARSE_K = 1800.0, 0.5
+"""At 0.01 K a cell under current moves in seconds; steps of 0.5 K may take half an hour. Geometric in between."""
+PROOF_K = 0.05
+"""Coarser signals may stand still for a whole journey: asking for proof would lose them."""
+FASTEST_CYCLES = 5
+"""Cycle times missed before a value is stale."""
+
+
+def default_rule(
+    quantity: str, info: SignalInfo | None, scale: float = 1.0, offset: float = 0.0, group: int = 0
+) -> Rule:
+    """Choose the rule of a channel by its quantity and by what the DBC says of its signal.
+
+    Parameters
+    ----------
+    quantity : str
+        As `Quantity` of the plan.
+    info : SignalInfo or None
+        None where the resolution, range and cycle time are unknown.
+    scale, offset : float
+        The channel's own: quantity = scale · decoded + offset.
+    group : int
+        Number of the string.
+    """
+    lower, upper = PLAUSIBLE[quantity]
+    stale_after_ns = 5_000_000_000
+    if info is not None and info.cycle_ns is not None:
+        stale_after_ns = max(FASTEST_CYCLES * info.cycle_ns, 1_000_000_000)
+    if quantity not in ("surface", "coolant_inlet"):
+        return Rule(quantity, group, lower, upper, stale_after_ns=stale_after_ns)
+    step = abs(scale) * info.resolution if info is not None else 0.0
+    low_rail, high_rail = _rails(info, scale, offset)
+    # a thermometer on a 1 s tick is good for some ticks, even where the DBC tells no cycle time
+    stale_after_ns = max(stale_after_ns, 10_000_000_000)
+    if quantity == "coolant_inlet":
+        # may be held constant by its thermostat, and jump when a valve opens
+        return Rule(quantity, group, lower, upper, low_rail, high_rail, stale_after_ns, jump=10.0, jump_rate=1.0)
+    slope = math.log(STUCK_COARSE_S / STUCK_FINE_S) / math.log(COARSE_K / FINE_K)
+    stuck = STUCK_FINE_S * (max(step, FINE_K) / FINE_K) ** slope
+    return Rule(
+        quantity,
+        group,
+        lower,
+        upper,
+        low_rail,
+        high_rail,
+        stale_after_ns,
+        # inverter noise on good sensors stays under 2 K; at 20C a cell heats by 0.3 K/s
+        jump=max(2.5, 2.5 * step),
+        jump_rate=0.2,
+        stuck_after_s=min(stuck, STUCK_COARSE_S),
+        needs_proof=0.0 < step <= PROOF_K,
+    )
+
+
+def _rails(info: SignalInfo | None, scale: float, offset: float) -> tuple[float, float]:
+    """Give the ends of what the bits can show, half a step inwards; under J1939 those mean not available instead."""
+    if info is None or info.is_float or info.j1939:
+        return -math.inf, math.inf
+    low, high = info.raw_limits
+    ends = sorted(scale * (raw * info.scale + info.offset) + offset for raw in (low + 0.5, high - 0.5))
+    return ends[0], ends[1]
