@@ -154,10 +154,10 @@ class AdaptiveObserver:
         before = predicted.before
         forcing = self._flows.forcing((before.x + predicted.x) / 2.0, electric, given, (inlet0 + inlet1) / 2.0)
         model, sensors = self._kalman.model, self._kalman.sensors
-        lag = np.clip(np.nan_to_num(np.take_along_axis(age, sensors, 1)) / self._dt, 0.0, 1.0)
-        self._J, seen = corrected(carried(self._J, model.A, model.integral, forcing), self._J, state.K, sensors, lag)
+        lag = self._kalman.lag(age)
+        self._J, seen = corrected(carried(self._J, model.A, forcing, self._dt), self._J, state.K, sensors, lag)
         self._state, self._inlet = state, inlet1
-        more = np.square(np.matmul(seen, self._root)).sum(axis=2)
+        more = _squares(np.matmul(seen, self._root))
         return self._estimate(innovation.value, np.sqrt(np.square(innovation.sd) + more))
 
     def estimate(self) -> Estimate:
@@ -333,7 +333,7 @@ class AdaptiveObserver:
         there = self._available[:, None]
         x = np.where(there, self._state.x[:, :N], np.nan)
         var = np.einsum("sii->si", self._state.P)[:, :N]
-        var = var + np.square(np.matmul(self._J[:, :N], self._root)).sum(axis=2)
+        var = var + _squares(np.matmul(self._J[:, :N], self._root))
         sd = np.where(there, np.sqrt(var), np.inf)
         at, fitted = self._kalman.sensors, self._kalman.fitted
         r, r_sd = (np.full((self._strings, self._cells), np.nan) for _ in range(2))
@@ -356,6 +356,11 @@ def _root(covariance: Floats) -> Floats:
     """Find F with F Fᵀ = covariance; by eigenvalues, because fixed parameters make it singular."""
     values, vectors = np.linalg.eigh((covariance + covariance.T) / 2.0)
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)), dtype=np.float64)
+
+
+def _squares(a: Floats) -> Floats:
+    """Sum the squares over the last axis, which is short: a reduction there would be slow."""
+    return np.asarray(np.einsum("smp,smp->sm", a, a), dtype=np.float64)
 
 
 def _scaled(p: StringParameters, symbol: str, factor: float) -> StringParameters:

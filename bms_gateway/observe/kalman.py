@@ -182,10 +182,9 @@ class Kalman:
         KalmanState, Innovation
         """
         before = predicted.before
-        rows = np.arange(len(y))[:, None]
-        reading = y[rows, self.sensors]
+        reading = np.take_along_axis(y, self.sensors, 1)
         there = np.isfinite(reading) & self.fitted
-        lag = np.where(there, np.clip(age[rows, self.sensors] / self.model.dt, 0.0, 1.0), 0.0)
+        lag = np.where(there, self.lag(age), 0.0)
         pattern = self._pattern(before.pattern, there, lag, predicted.known)
         same = (pattern == before.pattern).all(axis=1)
         steady = before.steady & same
@@ -196,6 +195,10 @@ class Kalman:
         r = np.where(there, r, np.nan)
         x = predicted.x + np.matmul(state.K, np.where(there, r, 0.0)[:, :, None])[:, :, 0]
         return replace(state, x=x), Innovation(r, np.sqrt(np.where(there, state.S, np.nan)))
+
+    def lag(self, age: Floats) -> Floats:
+        """Ages (S, n) s of the sensed cells as shares of the step, (S, m), 0…1."""
+        return np.minimum(np.maximum(np.take_along_axis(age, self.sensors, 1) / self.model.dt, 0.0), 1.0)
 
     @staticmethod
     def _pattern(old: Ints, there: Bools, lag: Floats, known: Bools) -> Ints:

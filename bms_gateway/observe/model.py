@@ -44,8 +44,6 @@ class StackedModel:
     ----------
     G : ndarray (S, M, M + n + 2)
         [A, B_q, B_f0, B_f1] side by side: one product advances a string.
-    integral : ndarray (S, M, M), s
-        ∫ exp(A t) dt over the step: the answer to a constant rate of change.
     Q : ndarray (S, M, M), K²
         Noise gathered over the step, exact.
     Q_unknown : ndarray (2, S, M, M), K²
@@ -55,7 +53,6 @@ class StackedModel:
     """
 
     G: Floats
-    integral: Floats
     Q: Floats
     Q_unknown: Floats
     dt: float
@@ -109,9 +106,9 @@ class StackedModel:
 
     def exchanged(self, at: Ints, part: "StackedModel") -> "StackedModel":
         """Exchange the strings `at` for those of `part`."""
-        G, integral, Q, Q_unknown = self.G.copy(), self.integral.copy(), self.Q.copy(), self.Q_unknown.copy()
-        G[at], integral[at], Q[at], Q_unknown[:, at] = part.G, part.integral, part.Q, part.Q_unknown
-        return StackedModel(G, integral, Q, Q_unknown, self.dt, self.disturbance)
+        G, Q, Q_unknown = self.G.copy(), self.Q.copy(), self.Q_unknown.copy()
+        G[at], Q[at], Q_unknown[:, at] = part.G, part.Q, part.Q_unknown
+        return StackedModel(G, Q, Q_unknown, self.dt, self.disturbance)
 
 
 def augmented(p: StringParameters, disturbance: Disturbance) -> ContinuousString:
@@ -158,22 +155,22 @@ def stack(parameters: Sequence[StringParameters], dt: float, disturbance: Distur
     >>> bool(np.allclose(m.advance(x, np.zeros((2, 3)), np.full(2, 25.0), np.full(2, 25.0)), x))
     True
     """
-    done: dict[tuple[object, ...], tuple[Floats, Floats, Floats, Floats]] = {}
+    done: dict[tuple[object, ...], tuple[Floats, Floats, Floats]] = {}
     parts = []
     for p in parameters:
         key = (*(v.tobytes() for v in (p.C_c, p.C_s, p.R_e, p.R_c, p.R_u)), p.R_cc, p.C_f, p.coolant)
         if key not in done:
             done[key] = _discretized(p, dt, disturbance)
         parts.append(done[key])
-    G, integral, Q, Q_unknown = (np.stack(column) for column in zip(*parts, strict=True))
-    return StackedModel(G, integral, Q, Q_unknown.swapaxes(0, 1), float(dt), disturbance)
+    G, Q, Q_unknown = (np.stack(column) for column in zip(*parts, strict=True))
+    return StackedModel(G, Q, Q_unknown.swapaxes(0, 1), float(dt), disturbance)
 
 
-def _discretized(p: StringParameters, dt: float, d: Disturbance) -> tuple[Floats, Floats, Floats, Floats]:
+def _discretized(p: StringParameters, dt: float, d: Disturbance) -> tuple[Floats, Floats, Floats]:
     s = augmented(p, d)
     M = s.A.shape[0]
-    step = discretize(ContinuousString(s.A, np.eye(M), s.B_f), dt)
-    G = np.concatenate((step.A, step.B_q @ s.B_q, step.B_f0[:, None], step.B_f1[:, None]), axis=1)
+    step = discretize(s, dt)
+    G = np.concatenate((step.A, step.B_q, step.B_f0[:, None], step.B_f1[:, None]), axis=1)
     W = 2.0 * d.correlation * d.heat_cell**2 * (s.B_q @ s.B_q.T)
     W[_INLET, _INLET] = 2.0 * d.inlet**2 / d.correlation
     W[_HEAT, _HEAT] = 2.0 * d.heat_common**2 / d.correlation
@@ -181,7 +178,7 @@ def _discretized(p: StringParameters, dt: float, d: Disturbance) -> tuple[Floats
     more[0, _INLET, _INLET] = 2.0 * max(d.inlet_unknown**2 - d.inlet**2, 0.0) / d.correlation
     more[1, _HEAT, _HEAT] = 2.0 * max(d.heat_unknown**2 - d.heat_common**2, 0.0) / d.correlation
     unknown = np.stack([gathered_noise(s.A, w, dt)[1] for w in more])
-    return G, step.B_q, gathered_noise(s.A, W, dt)[1], unknown
+    return G, gathered_noise(s.A, W, dt)[1], unknown
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,11 +3,13 @@ r"""How the estimate moves with the parameters it was made with: J = ∂x̂/∂ 
 Differentiating predict and update with the gain held,
 
 .. math::
-    J^- = A J + \Gamma\, \partial f/\partial \ln\theta, \qquad J^+ = J^- - K\,[(1-w) C J^- + w C J]
+    J^- = A\,(J + \tfrac{\Delta t}{2} F) + \tfrac{\Delta t}{2} F, \quad F = \partial f/\partial \ln\theta, \qquad
+    J^+ = J^- - K\,[(1-w) C J^- + w C J]
 
-with f the rate of change and Γ = ∫ exp(A t) dt. Each column of ∂f/∂ ln θ is a flow of heat that the model already
-knows: scaling R_c by 1 + ε changes the flow through it by −ε times itself. Nothing is re-discretised, and a new
-covariance Σ of ln θ needs no new run: the share of the parameters in the band is J Σ Jᵀ.
+with f the rate of change in the middle of the step; the trapezium is off by (Δt·pole)²/12, 0.1 % here. Each column
+of F is a flow of heat that the model already knows: scaling R_c by 1 + ε changes the flow through it by −ε times
+itself. Nothing is re-discretised, and a new covariance Σ of ln θ needs no new run: the share of the parameters in the
+band is J Σ Jᵀ.
 """
 
 from collections.abc import Sequence
@@ -120,9 +122,10 @@ def _relative_slope(p: StringParameters) -> Floats:
     return np.divide(slope, e, out=np.zeros_like(e), where=e > 0.0)
 
 
-def carried(J: Floats, A: Floats, integral: Floats, forcing: Floats) -> Floats:
-    """Carry `J` (S, M, p) over one step."""
-    return np.asarray(np.matmul(A, J) + np.matmul(integral, forcing), dtype=np.float64)
+def carried(J: Floats, A: Floats, forcing: Floats, dt: float) -> Floats:
+    """Carry `J` (S, M, p) over one step of `dt` seconds."""
+    half = (dt / 2.0) * forcing
+    return np.asarray(np.matmul(A, J + half) + half, dtype=np.float64)
 
 
 def corrected(J: Floats, J_before: Floats, K: Floats, sensors: Ints, lag: Floats) -> tuple[Floats, Floats]:

@@ -176,7 +176,9 @@ def test_what_is_lost_widens_the_band_which_still_holds_and_narrows_when_it_is_b
     estimates = follow(AdaptiveObserver([model(n, (1, n))] * 6, 1.0), drive)
     sd, error = stacked(estimates, "core_sd"), stacked(estimates, "core") - drive.core
     assert np.isfinite(sd).all()
-    assert (sd[1790] > sd[899] * 1.02).all()
+    wider = sd[1790] / sd[899]
+    assert (wider > 1.0).all()
+    assert (wider.max(axis=1) > 1.1).all()
     assert sd[-1] == pytest.approx(sd[899], rel=0.15)
     assert (np.abs(error / sd)[800:] < 2).mean() > 0.9
 
