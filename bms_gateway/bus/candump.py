@@ -187,7 +187,7 @@ def _write_digits(columns: NDArray[np.uint8], number: NDArray[np.int64]) -> None
 
 def _hex(data: NDArray[np.uint8]) -> NDArray[np.uint8]:
     digits = np.frombuffer(b"0123456789ABCDEF", np.uint8)
-    return np.stack([digits[data >> 4], digits[data & 15]], axis=-1).reshape(len(data), -1)
+    return np.stack([digits[data >> 4], digits[data & 15]], axis=-1).reshape(len(data), 2 * data.shape[1])
 
 
 def _trim(raw: NDArray[np.uint8], newline: Where) -> Where:

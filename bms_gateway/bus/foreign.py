@@ -33,7 +33,7 @@ BROKEN: Final = (
     struct.error,
     zlib.error,
 )
-"""What python-can's readers raise on bad records, next to its own `CanError`."""
+"""What python-can's readers raise on bad records, next to its own."""
 GIVE_UP: Final = 1_000  # broken records in a row: this is another kind of file
 
 
@@ -99,7 +99,9 @@ def read_foreign(path: Path, kind: str, frames: int, notes: LogNotes) -> Iterato
 
 def _messages(path: Path, kind: str, notes: LogNotes) -> Iterator["can.Message"]:
     import can
+    from can.io.blf import BLFParseError
 
+    broken = (*BROKEN, can.CanError, BLFParseError)
     opened = gzip.open if path.suffix.lower() == ".gz" else open
     lines: _Lines | None = None
     source: Any
@@ -110,7 +112,7 @@ def _messages(path: Path, kind: str, notes: LogNotes) -> Iterator["can.Message"]
     with closing(source):
         try:
             reader = _reader(kind)(source)
-        except (*BROKEN, can.CanError) as error:
+        except broken as error:
             raise DataError(f"{path}: not a {kind} log ({str(error) or type(error).__name__})") from None
         record = in_a_row = 0
         while in_a_row < GIVE_UP:
@@ -119,7 +121,7 @@ def _messages(path: Path, kind: str, notes: LogNotes) -> Iterator["can.Message"]
                     record += 1
                     in_a_row = 0
                     yield message
-            except (*BROKEN, can.CanError) as error:
+            except broken as error:
                 in_a_row += 1
                 number = record + notes.broken + 1 if lines is None else lines.number
                 notes.note_broken(number, str(error) or type(error).__name__)

@@ -8,13 +8,15 @@ import time
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Final
 
+import numpy as np
+
 from bms_gateway.bus.canframe import from_wire
 from bms_gateway.bus.clock import BusClock
 from bms_gateway.bus.message import to_batch, to_message
 from bms_gateway.bus.pace import BURST, RATE, Pacer
 from bms_gateway.bus.port import Counters, Link
 from bms_gateway.errors import BusError, UsageError, did_you_mean
-from bms_gateway.frames.batch import EXTENDED, FrameBatch
+from bms_gateway.frames.batch import FrameBatch
 
 if TYPE_CHECKING:
     import can
@@ -72,9 +74,11 @@ class PythonCanPort:
         self.link = Link.UP
         self._clock = clock or BusClock()
         self._pacer = Pacer(own or {}, self.counters, rate=rate, burst=burst)
-        self._filters = None if wanted is None else [_filter(c) for c in sorted(set(wanted))]
+        # by ourselves: with filters set, python-can's recv(0) says "nothing there" at the first frame it turns away
+        self._wanted = None if wanted is None else np.array(sorted(set(wanted)), np.uint32)
         self._delay_s = self._retry_at = self._down_at = 0.0
         self._shift_s: float | None = None
+        self._refused = False
         self._failure = can.CanError
         self._bus: can.BusABC | None = self._open()
 
@@ -106,8 +110,10 @@ class PythonCanPort:
             off = self._clock.now_ns() / 1e9 - messages[0].timestamp
             self._shift_s = off if abs(off) > AHEAD_S else 0.0
         batch = to_batch(messages, self.counters, self._shift_s)
+        time_ns = self._clock.to_bus(batch.time_ns)
+        keep = slice(None) if self._wanted is None else np.isin(batch.can_id, self._wanted)
         self.counters.received += len(batch)
-        return FrameBatch(self._clock.to_bus(batch.time_ns), batch.can_id, batch.length, batch.data)
+        return FrameBatch(time_ns[keep], batch.can_id[keep], batch.length[keep], batch.data[keep])
 
     def send(self, frames: FrameBatch) -> None:
         """Queue frames of our node.
@@ -137,10 +143,12 @@ class PythonCanPort:
             try:
                 self._bus.send(to_message(*from_wire(wire)), timeout=0)
             except (self._failure, OSError) as error:
-                if self._bus.state.name != "ERROR":
-                    log.debug("%s", error)
-                    return FULL_S  # python-can does not tell a full queue from a fault; stale frames drop out
-                return self._failed(error)
+                # python-can does not tell a full queue from a fault: wait; frames that get too old drop out
+                if not self._refused:
+                    log.warning("%s %s takes no frames (%s)", self.interface, self.channel, error)
+                self._refused = True
+                return FULL_S
+            self._refused = False
             self._pacer.done()
         return FULL_S if len(self._pacer) else None
 
@@ -153,11 +161,11 @@ class PythonCanPort:
         import can
 
         try:
-            return can.Bus(interface=self.interface, channel=self.channel, can_filters=self._filters)
+            return can.Bus(interface=self.interface, channel=self.channel)
         except (can.CanError, OSError, ValueError, ImportError) as error:
             raise BusError(f"{self.interface} {self.channel} cannot be opened: {error}") from None
 
-    def _failed(self, error: Exception) -> float:
+    def _failed(self, error: Exception) -> None:
         self.counters.outages += 1
         self._down_at = time.monotonic()
         self.link = Link.ABSENT
@@ -165,14 +173,9 @@ class PythonCanPort:
         if self._bus is not None:
             self._bus.shutdown()
             self._bus = None
-        return self._grow_delay()
+        self._grow_delay()
 
     def _grow_delay(self) -> float:
         self._delay_s = min(max(RETRY_FIRST_S, 2 * self._delay_s), RETRY_MOST_S)
         self._retry_at = time.monotonic() + self._delay_s
         return self._delay_s
-
-
-def _filter(can_id: int) -> "can.typechecking.CanFilter":
-    extended = bool(can_id & EXTENDED)
-    return {"can_id": can_id & 0x1FFF_FFFF, "can_mask": 0x1FFF_FFFF if extended else 0x7FF, "extended": extended}

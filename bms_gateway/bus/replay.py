@@ -145,7 +145,8 @@ def replay(
     if speed is not None and not speed > 0:
         raise UsageError(f"--speed {speed}: must be above 0, or 'max'")
     begun = clock()
-    first_ns = latest_ns = None
+    first_ns: int | None = None
+    latest_ns = 0
     sent, worst, shown = 0, 0.0, begun
     for batch in batches:
         if not len(batch):
@@ -170,7 +171,7 @@ def replay(
             if progress is not None and clock() - shown > SHOW_S:
                 shown = clock()
                 progress(sent, float(due[at - 1]) * 1e-9)
-    log_s = (latest_ns - first_ns) * 1e-9 if first_ns is not None and latest_ns is not None else 0.0
+    log_s = (latest_ns - first_ns) / 1e9 if first_ns is not None else 0.0
     if progress is not None:
         progress(sent, log_s)
     return Played(sent, log_s, clock() - begun, worst)

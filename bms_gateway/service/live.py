@@ -1,0 +1,288 @@
+"""The thin shell around the engine: an event loop, a clock, signals, systemd. It decides nothing about batteries.
+
+How it spends its time: asleep until the first frame comes (or, on ports that cannot be waited for, polling); then it
+lets frames gather and drains the port every `DRAIN_S` while traffic flows. A full bus costs about a hundred wake-ups a
+second, a silent one none. One timer serves the engine's next deadline.
+
+Why a deadline waits a little: a frame stamped just before the deadline may reach the socket just after it. So the
+timer is handled only once bus time is `SETTLE_NS` past the deadline, and after a drain that began then; thus no frame
+stamped before the deadline is ever behind the timer, and the same traffic read from a log gives the same output.
+"""
+
+import asyncio
+import logging
+import signal
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from functools import partial
+from typing import Any, Final, Protocol
+
+from bms_gateway.bus.port import Link, Port
+from bms_gateway.engine.events import Event, Level, Notice, SendFrames, StartJob
+from bms_gateway.errors import GatewayError
+from bms_gateway.frames.batch import FrameBatch
+from bms_gateway.service.journal import NOTICE
+from bms_gateway.service.notify import notify, reloading, watchdog_s
+
+log = logging.getLogger(__name__)
+
+DRAIN_S: Final = 0.01  # the latency allowed; longer saves little more
+SETTLE_NS: Final = 2_000_000  # from the kernel's stamp to the socket it takes some µs, on a loaded machine up to 1 ms
+OVERDUE_NS: Final = 2_000_000_000  # two ticks: a deadline older than this means that the engine does not move
+SAVE_S: Final = 60.0  # what a power cut may cost; an estimate moves little in a minute
+FEEDS: Final = 3  # per watchdog interval: one may be late
+STATUS_S: Final = 10.0  # what `systemctl status` shows may be so old
+ROUNDING_S: Final = 0.0002  # two clocks are in play: rather a little later than once too early
+SYSLOG_LEVELS: Final = {Level.WARNING: logging.WARNING, Level.NOTICE: NOTICE, Level.INFO: logging.INFO}
+
+
+class LiveEngine(Protocol):
+    """What the shell needs of the engine."""
+
+    def receive(self, frames: FrameBatch, *, now_ns: int) -> None:
+        """Take frames in."""
+        ...
+
+    def next_deadline(self) -> int | None:
+        """Bus time at which `handle_timer` is wanted, or None."""
+        ...
+
+    def handle_timer(self, *, now_ns: int) -> None:
+        """Do what is due."""
+        ...
+
+    def next_output(self) -> Event | None:
+        """Give the next event, or None."""
+        ...
+
+    def finish(self, job_id: int, result: object) -> None:
+        """Take the result of a job."""
+        ...
+
+    def snapshot(self) -> Mapping[str, object]:
+        """State to go on from; nothing in it changes any more when the engine goes on."""
+        ...
+
+
+class Gateway:
+    """Engine and port, joined by an event loop.
+
+    Parameters
+    ----------
+    engine : LiveEngine
+    port : Port
+    save : callable, optional
+        Gets a snapshot every `SAVE_S` (in the worker thread) and, last of all, at the end (in the loop). What it
+        raises as `GatewayError` or `OSError` is told and does no harm.
+    reload : callable, optional
+        Called on SIGHUP; gives the engine to go on with. A `GatewayError` is told and keeps the present one.
+    watch : callable, optional
+        Gets every event in order, jobs left out: for a record of what is sent, or a live table.
+
+    Notes
+    -----
+    The watchdog is fed only when all three move: the receiving side (drained since the last time, or asleep on a
+    silent bus), the estimator (no deadline is overdue) and the sender (nothing waits, or it was its turn in time).
+    """
+
+    def __init__(
+        self,
+        engine: LiveEngine,
+        port: Port,
+        *,
+        save: Callable[[Mapping[str, object]], None] | None = None,
+        reload: Callable[[], LiveEngine] | None = None,
+        watch: Callable[[Event], None] | None = None,
+    ) -> None:
+        self.engine = engine
+        self.port = port
+        self._save, self._reload, self._watch = save, reload, watch
+        self._worker = ThreadPoolExecutor(1, "worker")
+        self._drained = False
+        self._asleep = False
+        self._deadline: int | None = None
+        self._timer: asyncio.TimerHandle | None = None
+        self._pump_timer: asyncio.TimerHandle | None = None
+        self._failure: BaseException | None = None
+
+    async def run(self, *, seconds: float | None = None) -> None:
+        """Work until SIGTERM, SIGINT or the time is over; then save the state.
+
+        Parameters
+        ----------
+        seconds : float, optional
+            End by itself after so long.
+
+        Raises
+        ------
+        Exception
+            Whatever escapes the engine or a job: a bug, to be seen; the state is not saved, systemd restarts us.
+        """
+        self._loop = asyncio.get_running_loop()
+        self._stop = asyncio.Event()
+        self._loop.set_exception_handler(self._on_bug)
+        for number in (signal.SIGTERM, signal.SIGINT):
+            self._loop.add_signal_handler(number, self._stop.set)
+        if self._reload is not None:
+            self._loop.add_signal_handler(signal.SIGHUP, self._on_reload, self._reload)
+        self._pump()
+        self._on_drain()
+        if (watchdog := watchdog_s()) is not None:
+            self._every(watchdog / FEEDS, self._feed)
+        if self._save is not None:
+            self._every(SAVE_S, partial(self._save_aside, self._save))
+        notify("READY=1", self._status())
+        self._every(STATUS_S, lambda: notify(self._status()))
+        with suppress(TimeoutError):
+            await asyncio.wait_for(self._stop.wait(), seconds)
+        notify("STOPPING=1", "STATUS=saving state")
+        self._let_go()
+        if self._failure is not None:
+            raise self._failure
+        if self._save is not None:
+            try:
+                self._save(self.engine.snapshot())
+            except (GatewayError, OSError) as error:
+                log.error("state not saved: %s", error)  # noqa: TRY400 (one line for a person, no traceback)
+
+    # frames in, deadlines
+
+    def _on_readable(self) -> None:
+        """First frame after a pause: let some gather."""
+        self._loop.remove_reader(self.port.fileno())
+        self._asleep = False
+        self._loop.call_later(DRAIN_S, self._on_drain)
+
+    def _on_drain(self) -> None:
+        fileno = self.port.fileno()
+        if self._stop.is_set():
+            return
+        if self._step() or fileno < 0:
+            self._loop.call_later(DRAIN_S, self._on_drain)
+        else:
+            self._asleep = True
+            self._loop.add_reader(fileno, self._on_readable)
+
+    def _on_deadline(self) -> None:
+        self._deadline = None
+        self._step()
+
+    def _step(self) -> int:
+        """Drain, give to the engine, do what is due, carry out what it says; returns the number of frames."""
+        before_ns = self.port.now_ns()
+        frames = self.port.drain()
+        self._drained = True
+        if len(frames):
+            self.engine.receive(frames, now_ns=self.port.now_ns())
+        due = self.engine.next_deadline()
+        if due is not None and due + SETTLE_NS <= before_ns:
+            self.engine.handle_timer(now_ns=before_ns - SETTLE_NS)
+        self._put_out()
+        self._arm()
+        if self.port.link is not Link.UP and self._pump_timer is None:
+            self._pump()
+        return len(frames)
+
+    def _arm(self) -> None:
+        due = self.engine.next_deadline()
+        if due == self._deadline:
+            return
+        self._deadline = due
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        if due is not None:
+            wait_ns = due + SETTLE_NS - self.port.now_ns()
+            self._timer = self._loop.call_later(max(0.0, wait_ns / 1e9) + ROUNDING_S, self._on_deadline)
+
+    # events out
+
+    def _put_out(self) -> None:
+        sent = False
+        while (event := self.engine.next_output()) is not None:
+            if isinstance(event, StartJob):
+                self._start(event)
+                continue
+            if isinstance(event, SendFrames):
+                self.port.send(event.batch)
+                sent = True
+            elif isinstance(event, Notice):
+                where = "" if event.string is None else f" [{event.string}]"
+                log.log(SYSLOG_LEVELS[event.level], "%s%s", event.text, where, extra={"code": event.code})
+            if self._watch is not None:
+                self._watch(event)
+        if sent and self._pump_timer is None:
+            self._pump()
+
+    def _pump(self) -> None:
+        wait = self.port.pump()
+        self._pump_timer = None if wait is None else self._loop.call_later(wait, self._pump)
+
+    def _start(self, event: StartJob) -> None:
+        future = self._loop.run_in_executor(self._worker, event.job.run)
+        future.add_done_callback(partial(self._finish, self.engine, event.job_id))
+
+    def _finish(self, engine: LiveEngine, job_id: int, done: "asyncio.Future[object]") -> None:
+        if not done.cancelled():
+            engine.finish(job_id, done.result())
+
+    # systemd, state, end
+
+    def _every(self, seconds: float, task: Callable[[], object]) -> None:
+        def again() -> None:
+            if not self._stop.is_set():
+                self._loop.call_later(seconds, again)
+                task()
+
+        self._loop.call_later(seconds, again)
+
+    def _feed(self) -> None:
+        due = self.engine.next_deadline()
+        receiving = self._drained or self._asleep
+        estimating = due is None or self.port.now_ns() - due < OVERDUE_NS
+        sending = self._pump_timer is None or self._loop.time() - self._pump_timer.when() < OVERDUE_NS / 1e9
+        if receiving and estimating and sending:
+            notify("WATCHDOG=1")
+        else:
+            log.error("stalled: receiving %s, estimating %s, sending %s", receiving, estimating, sending)
+        self._drained = False
+
+    def _status(self) -> str:
+        c = self.port.counters
+        return f"STATUS=bus {self.port.link.value}; {c.received} frames in, {c.sent} out, {c.dropped} lost"
+
+    def _save_aside(self, save: Callable[[Mapping[str, object]], None]) -> None:
+        self._loop.run_in_executor(self._worker, save, self.engine.snapshot()).add_done_callback(self._on_saved)
+
+    def _on_saved(self, done: "asyncio.Future[None]") -> None:
+        if not done.cancelled() and (error := done.exception()) is not None:
+            if not isinstance(error, (GatewayError, OSError)):
+                raise error
+            log.warning("state not saved: %s", error, extra={"code": "save"})
+
+    def _on_reload(self, reload: Callable[[], LiveEngine]) -> None:
+        reloading()
+        try:
+            self.engine = reload()
+        except GatewayError as error:
+            log.error("not reloaded, going on as before: %s", error)  # noqa: TRY400 (as above)
+        else:
+            log.info("reloaded")
+            self._arm()
+        notify("READY=1", self._status())
+
+    def _on_bug(self, _: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        """End the service on any exception in the loop: better restarted than half alive."""
+        self._failure = self._failure or context.get("exception") or RuntimeError(context["message"])
+        self._stop.set()
+
+    def _let_go(self) -> None:
+        for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+            self._loop.remove_signal_handler(number)
+        if self._asleep:
+            self._loop.remove_reader(self.port.fileno())
+        for timer in (self._timer, self._pump_timer):
+            if timer is not None:
+                timer.cancel()
+        self._worker.shutdown(wait=False, cancel_futures=True)

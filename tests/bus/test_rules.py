@@ -1,0 +1,150 @@
+"""Filters, pacing and bus time: pure rules without a socket."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bms_gateway.bus.clock import STEP_NS, BusClock
+from bms_gateway.bus.filters import LIMIT, join_filters
+from bms_gateway.bus.pace import QUEUE, Pacer
+from bms_gateway.bus.port import Counters
+from bms_gateway.errors import UsageError
+from bms_gateway.frames.batch import EXTENDED
+from tests.bus.frames import ids, make
+
+SECOND = 1_000_000_000
+MS = 1_000_000
+
+
+def passes(can_id, filters):
+    return any(can_id & mask == base & mask for base, mask in filters)
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.sets(ids, max_size=40), st.integers(2, 60), st.lists(ids, max_size=40))
+def test_filters_pass_every_wanted_id_and_only_those_while_they_fit(wanted, limit, others):
+    filters = join_filters(wanted, limit)
+    assert len(filters) <= limit
+    assert all(passes(c, filters) for c in wanted)
+    assert not any(passes(c | 0x4000_0000, filters) for c in wanted)
+    if len(wanted) <= limit:
+        twins = [c ^ EXTENDED for c in wanted if c & 0x1FFF_FFFF <= 0x7FF]
+        assert not any(passes(c, filters) for c in others + twins if c not in wanted)
+
+
+def test_filters_for_thousands_of_ids_stay_within_the_kernels_limit():
+    rng = np.random.default_rng(1)
+    wanted = set((rng.integers(0, 1 << 29, 5_000) | EXTENDED).tolist()) | set(range(0x800))
+    filters = join_filters(wanted)
+    assert len(filters) <= LIMIT
+    assert all(passes(c, filters) for c in wanted)
+
+
+def test_pacer_refuses_foreign_ids_and_queues_nothing_of_that_batch():
+    pacer = Pacer({0x10: SECOND}, Counters())
+    with pytest.raises(UsageError, match="0x11 is not an identifier of this node"):
+        pacer.offer(make((0, 0x10, b""), (0, 0x11, b"")))
+    assert len(pacer) == 0
+
+
+def send_until(pacer, start, stop, step=MS):
+    sent = []
+    for now in range(start, stop, step):
+        while (wire := pacer.head(now)) is not None:
+            pacer.done()
+            sent.append((now, wire))
+    return sent
+
+
+def test_pacer_keeps_to_the_rate_and_the_burst():
+    counters = Counters()
+    pacer = Pacer({1: 10 * SECOND}, counters, rate=1_000, burst=8)
+    pacer.offer(make(*[(0, 1, bytes([k])) for k in range(200)]))
+    sent = send_until(pacer, 0, SECOND)
+    assert [w[8] for _, w in sent] == list(range(200))
+    times = np.array([t for t, _ in sent])
+    assert np.count_nonzero(times == 0) == 8
+    for t in range(0, 150 * MS, MS):
+        assert np.count_nonzero((times >= t) & (times < t + 50 * MS)) <= 58
+    assert times[-1] < 200 * MS
+
+
+def test_after_an_outage_old_frames_are_dropped_not_sent_in_a_burst():
+    counters = Counters()
+    pacer = Pacer({1: SECOND}, counters)
+    for second in range(30):  # nothing is taken for 30 s
+        pacer.offer(make(*[(second * SECOND, 1, bytes([second, k])) for k in range(10)]))
+    sent = send_until(pacer, 29 * SECOND + MS, 31 * SECOND)
+    assert {w[8] for _, w in sent} <= {28, 29}
+    assert all(now - w[8] * SECOND <= SECOND for now, w in sent)
+    assert counters.stale == 290
+    assert counters.stale + counters.sent == 300
+
+
+def test_pacers_queue_is_bounded_and_keeps_the_newest():
+    counters = Counters()
+    pacer = Pacer({1: SECOND}, counters)
+    pacer.offer(make(*[(0, 1, k.to_bytes(4, "big")) for k in range(QUEUE + 7)]))
+    assert (len(pacer), counters.overflow) == (QUEUE, 7)
+    assert int.from_bytes(pacer.head(0)[8:12], "big") == 7
+
+
+class Clocks:
+    """A wall clock that is set now and then, and a steady one."""
+
+    def __init__(self):
+        self.true = 0
+        self.wall_off = 1_700_000_000 * SECOND
+
+    def wall(self):
+        return self.true + self.wall_off
+
+    def steady(self):
+        return self.true + 5
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    st.lists(
+        st.tuples(st.integers(1, 10 * SECOND), st.one_of(st.just(0), st.integers(-(10**15), 10**15)), st.booleans()),
+        max_size=30,
+    )
+)
+def test_bus_time_goes_on_whatever_the_wall_clock_is_set_to(moves):
+    clocks = Clocks()
+    clock = BusClock(clocks.wall, clocks.steady)
+    start = clocks.wall()
+    allowed = 0
+    for step, set_by, read in moves:
+        clocks.true += step
+        clocks.wall_off += set_by
+        allowed += abs(set_by) if abs(set_by) <= STEP_NS + step // 500 else 0
+        if read or set_by:
+            assert abs(clock.now_ns() - start - clocks.true) <= allowed
+    assert abs(clock.now_ns() - start - clocks.true) <= allowed
+
+
+def test_slewing_is_followed_so_that_stamps_stay_those_of_a_log():
+    clocks = Clocks()
+    clock = BusClock(clocks.wall, clocks.steady)
+    for _ in range(100):
+        clocks.true += SECOND
+        clocks.wall_off += SECOND // 2_000
+        assert clock.now_ns() == clocks.wall()
+    assert clock.steps == 0
+
+
+def test_frames_stamped_before_and_after_a_step_stay_in_order():
+    clocks = Clocks()
+    clock = BusClock(clocks.wall, clocks.steady)
+    start = clocks.wall()
+    clock.to_bus(np.array([start]))
+    stamps = []
+    for k in range(10):
+        clocks.true += MS
+        if k == 5:
+            clocks.wall_off -= 3600 * SECOND
+        stamps.append(clocks.wall())
+    np.testing.assert_array_equal(clock.to_bus(np.array(stamps)) - start, np.arange(1, 11) * MS)
+    assert (clock.steps, clock.last_step_ns) == (1, -3600 * SECOND)

@@ -1,0 +1,42 @@
+"""Where tests run that need more than Python: a CAN interface, systemd as process 1.
+
+Without them they are skipped, saying what to do. In the stage that exists for them (`CANVM_REQUIRED=1`, or CI inside
+the guest of `tests/canvm`) a missing `vcan0` is a failure: tests that are never run must not look like tests that pass.
+"""
+
+import os
+import socket
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+
+def required() -> bool:
+    in_guest_of_ci = os.environ.get("CI") == "true" and os.environ.get("CANVM") == "1"
+    return os.environ.get("CANVM_REQUIRED") == "1" or in_guest_of_ci
+
+
+@cache
+def why_no_vcan() -> str | None:
+    try:
+        with socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW) as sock:
+            sock.bind(("vcan0",))
+    except (OSError, AttributeError) as error:
+        return f"no vcan0 here ({error}): tests/canvm/canvm python -m pytest -m vcan"
+    return None
+
+
+@cache
+def why_no_systemd() -> str | None:
+    if Path("/proc/1/comm").read_text().strip() != "systemd" or os.geteuid() != 0:
+        return "systemd is not process 1, or this is not root: CANVM_MODE=systemd tests/canvm/canvm … -m systemd"
+    return why_no_vcan()
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    for marker, why_not in (("vcan", why_no_vcan), ("systemd", why_no_systemd)):
+        if item.get_closest_marker(marker) and (why := why_not()) is not None:
+            if required():
+                pytest.fail(why, pytrace=False)
+            pytest.skip(why)
