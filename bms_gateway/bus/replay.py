@@ -52,6 +52,8 @@ class SocketCanSender:
             self._sock.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FD_FRAMES, 1)
             self._sock.bind((channel,))
         except (AttributeError, OSError) as error:
+            if hasattr(self, "_sock"):
+                self._sock.close()
             raise BusError(
                 f"cannot send on {channel} ({error}): sudo ip link add dev {channel} type vcan && "
                 f"sudo ip link set {channel} up makes a virtual one"
