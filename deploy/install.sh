@@ -1,0 +1,54 @@
+#!/bin/sh
+# install.sh [--python PYTHON] [WHEEL|CHECKOUT]
+#
+# Installs or updates the gateway as a service; safe to run again. WHEEL|CHECKOUT: what pip installs, default: the
+# checkout that this script lies in. Without a network set pip's own PIP_NO_INDEX=1 and PIP_FIND_LINKS=folder.
+#   /opt/bms-gateway/venv            the program
+#   /etc/bms-gateway/                the configuration: the example is put there if there is none, else it stays
+#   /etc/systemd/system/             the unit
+# What it does not do: start the service, set up the interface. It says how.
+set -eu
+
+python=python3
+if [ "${1:-}" = --python ]; then python=$2; shift 2; fi
+here=$(cd "$(dirname "$0")" && pwd)
+source=${1:-$(dirname "$here")}
+home=/opt/bms-gateway
+config=/etc/bms-gateway
+
+fail() { echo "install.sh: $*" >&2; exit 2; }
+[ "$(id -u)" = 0 ] || fail "must be run as root"
+[ -e "$source" ] || fail "no such wheel or checkout: $source"
+"$python" -c 'import sys; sys.exit(sys.version_info < (3, 11))' || fail "needs Python 3.11 or later, $python is older"
+
+# A new version goes into a folder of its own and takes the old one's place when it is whole: a service that restarts
+# in between, or a failed download, finds the old version as it was.
+next=$home/venv-$(date +%Y%m%d%H%M%S)-$$
+mkdir -p "$home"
+trap 'rm -rf "$next"' EXIT
+"$python" -m venv "$next"
+"$next/bin/python" -m pip install --quiet --disable-pip-version-check "$source"
+"$next/bin/python" -c 'import bms_gateway' || fail "the installed package does not load"
+before=$(readlink "$home/venv" 2>/dev/null || true)
+ln -sfn "$next" "$home/venv.new"
+mv -T "$home/venv.new" "$home/venv"
+trap - EXIT
+if [ -n "$before" ] && [ "$before" != "$next" ]; then rm -rf "$before"; fi
+
+mkdir -p "$config"
+for file in "$here"/example/*.toml; do
+  name=$(basename "$file")
+  [ -e "$config/$name" ] || install -m 644 "$file" "$config/$name"
+done
+install -m 644 "$here/bms-gateway.service" /etc/systemd/system/bms-gateway.service
+if [ -d /run/systemd/system ]; then
+  systemctl daemon-reload
+  if systemctl is-active --quiet bms-gateway; then systemctl restart bms-gateway; fi
+fi
+
+cat <<END
+Installed in $home. Next:
+  1. edit $config/gateway.toml, then: $home/venv/bin/bms-gateway check $config/gateway.toml
+  2. bring the bus up, for example: cp $here/can0.network /etc/systemd/network/ && networkctl reload
+  3. systemctl enable --now bms-gateway
+END
