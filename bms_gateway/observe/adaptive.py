@@ -2,7 +2,9 @@
 
 The stated variance is P + J Σ Jᵀ: what the filter leaves open with its parameters taken for true, and what the
 covariance Σ of their logarithms adds through the sensitivities J, which are carried along (`sensitivity`). With wide
-priors a small surface residual then does not make a narrow band about an unsensed core.
+priors a small surface residual then does not make a narrow band about an unsensed core. What cells differ among
+themselves (the model's tolerances) is added per cell, in the steady proportions: a resistance off by 3 % shifts the
+temperature across it by 3 %.
 
 New parameters rebuild the matrices and move the estimate by J Δ ln θ: to first order it is where it would be had it
 always run with them. That is also what keeps P + J Σ Jᵀ true from the first step on.
@@ -23,6 +25,8 @@ FLOW_GRID = 0.03
 """Step of ln(flow ratio) between discretisations: R_u then is off by 1 % at most, less than the law behind it."""
 FLOW_LIMITS = (0.02, 50.0)
 """Flow ratios beyond are taken for these: a stopped fan still leaves draught, and R_u ∝ flow^−0.63 ends somewhere."""
+READ_WITHIN = 60.0
+"""s for which a reading stands for its surface: thermocouples that take turns, and many fast time constants (9 s)."""
 PROBE = 1e-4
 """Relative step of the finite differences over a gap: far above rounding, far below curvature."""
 
@@ -102,6 +106,7 @@ class AdaptiveObserver:
         self._kalman = Kalman(stack(in_force, dt, disturbance), sensors, fitted)
         self._flows = Flows.of(in_force)
         self._rebuild_heat()
+        self._scatter = np.stack([_scatter(m) for m in models])
         self._starts = np.stack(
             [start_covariance(self._cells, start, disturbance, inlet_known=known) for known in (False, True)]
         )
@@ -110,6 +115,7 @@ class AdaptiveObserver:
         self._J = np.zeros((self._strings, M, len(PARAMETERS)))
         self._cov = np.stack([_prior_covariance(m, heat_rel_sd) for m in models])
         self._root = np.stack([_root(c) for c in self._cov])
+        self._unread = np.full(sensors.shape, np.inf)
         self._inlet = np.zeros(self._strings)
         self._usual = np.zeros((self._strings, self._cells))
         self._available = np.zeros(self._strings, np.bool_)
@@ -157,6 +163,7 @@ class AdaptiveObserver:
         lag = self._kalman.lag(age)
         self._J, seen = corrected(carried(self._J, model.A, forcing, self._dt), self._J, state.K, sensors, lag)
         self._state, self._inlet = state, inlet1
+        self._unread = np.where(np.isfinite(innovation.value), 0.0, self._unread + self._dt)
         more = _squares(np.matmul(seen, self._root))
         return self._estimate(innovation.value, np.sqrt(np.square(innovation.sd) + more))
 
@@ -236,7 +243,7 @@ class AdaptiveObserver:
             J[:, :, j] += (up - down) / (2.0 * PROBE)
         self._J = J
         self._state = self._kalman.propagate(self._state, gap, self._inlet, inlet1)
-        self._inlet, self._usual = inlet1.copy(), still
+        self._inlet, self._usual, self._unread = inlet1.copy(), still, self._unread + gap_s
         return self.estimate()
 
     def snapshot(self) -> dict[str, Any]:
@@ -332,8 +339,8 @@ class AdaptiveObserver:
         N = 2 * self._cells
         there = self._available[:, None]
         x = np.where(there, self._state.x[:, :N], np.nan)
-        var = np.einsum("sii->si", self._state.P)[:, :N]
-        var = var + _squares(np.matmul(self._J[:, :N], self._root))
+        var = np.einsum("sii->si", self._state.P)[:, :N] + _squares(np.matmul(self._J[:, :N], self._root))
+        var += self._between_cells()
         sd = np.where(there, np.sqrt(var), np.inf)
         at, fitted = self._kalman.sensors, self._kalman.fitted
         r, r_sd = (np.full((self._strings, self._cells), np.nan) for _ in range(2))
@@ -342,14 +349,37 @@ class AdaptiveObserver:
         r_sd[row[fitted], at[fitted]] = innovation_sd[fitted]
         return Estimate(x[:, 0::2], sd[:, 0::2], x[:, 1::2], sd[:, 1::2], r, r_sd, self._available)
 
+    def _between_cells(self) -> Floats:
+        """Variance (S, 2n) that cells add by being unlike: a surface that is read stands for itself."""
+        x, N = self._state.x, 2 * self._cells
+        T_c, T_s = x[:, 0:N:2], x[:, 1:N:2]
+        base = self._flows.coolant(x, self._inlet)
+        row, col = np.nonzero(self._unread <= READ_WITHIN)
+        at = self._kalman.sensors[row, col]
+        base[row, at] = T_s[row, at]
+        heat, cooling, inside, offset = (self._scatter[:, [j]] for j in range(4))
+        var = np.empty((len(x), N))
+        var[:, 0::2] = heat * (T_c - base) ** 2 + cooling * (T_s - base) ** 2 + inside * (T_c - T_s) ** 2 + offset
+        var[:, 1::2] = (heat + cooling) * (T_s - base) ** 2 + offset
+        return var
 
-_KEPT = ("J", "cov", "inlet", "usual", "level", "available")
+
+_KEPT = ("J", "cov", "inlet", "usual", "unread", "level", "available")
 """Attributes beside the filter's state and the parameters that a snapshot holds."""
 
 
 def _prior_covariance(model: StringModel, heat_rel_sd: float) -> Floats:
     sd = [model.priors[k].rel_sd if k in model.priors else 0.0 for k in PARAMETERS[:-1]]
     return np.diag(np.square([*sd, heat_rel_sd]))
+
+
+def _scatter(model: StringModel) -> Floats:
+    """Squares of what cells differ in R_e, R_u and R_c, and of the thermocouples' offset; one cell is its own mean."""
+    keys = ("cell_R_e", "cell_R_u", "cell_R_c", "surface_offset_K")
+    sd = np.array([model.tolerances.get(k, 0.0) for k in keys])
+    if model.cells == 1:
+        sd[:3] = 0.0
+    return np.asarray(np.square(sd), dtype=np.float64)
 
 
 def _root(covariance: Floats) -> Floats:

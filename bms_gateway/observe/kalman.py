@@ -197,8 +197,8 @@ class Kalman:
         return replace(state, x=x), Innovation(r, np.sqrt(np.where(there, state.S, np.nan)))
 
     def lag(self, age: Floats) -> Floats:
-        """Ages (S, n) s of the sensed cells as shares of the step, (S, m), 0…1."""
-        return np.minimum(np.maximum(np.take_along_axis(age, self.sensors, 1) / self.model.dt, 0.0), 1.0)
+        """Ages (S, n) s of the sensed cells as shares of the step, (S, m), 0…1; an unknown age counts as none."""
+        return np.fmin(np.fmax(np.take_along_axis(age, self.sensors, 1) / self.model.dt, 0.0), 1.0)
 
     @staticmethod
     def _pattern(old: Ints, there: Bools, lag: Floats, known: Bools) -> Ints:

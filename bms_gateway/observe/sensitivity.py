@@ -63,6 +63,11 @@ class Flows:
             np.stack([_relative_slope(p) for p in parameters]),
         )
 
+    def coolant(self, x: Floats, inlet: Floats) -> Floats:
+        """Coolant at each cell (S, n), °C, for states `x` (S, M) and the measured `inlet` (S,)."""
+        T_s, T_in = x[:, 1:-OFFSETS:2], inlet + x[:, -2]
+        return np.asarray(np.matmul(self.M, T_s[:, :, None])[:, :, 0] + self.m * T_in[:, None], dtype=np.float64)
+
     def forcing(self, x: Floats, electric: Floats, given: Floats, inlet: Floats) -> Floats:
         """Rates of change by ln θ.
 
@@ -81,9 +86,8 @@ class Flows:
         ndarray (S, M, p), K/s
         """
         T_c, T_s = x[:, 0:-OFFSETS:2], x[:, 1:-OFFSETS:2]
-        T_in = inlet + x[:, -2]
         out = (T_c - T_s) / self.R_c
-        T_f = np.matmul(self.M, T_s[:, :, None])[:, :, 0] + self.m * T_in[:, None]
+        T_f = self.coolant(x, inlet)
         cooled = (T_s - T_f) / self.R_u
         step = np.diff(T_s, axis=1) * self.g_cc[:, None]
         conducted = np.zeros_like(T_s)

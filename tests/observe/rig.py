@@ -6,17 +6,18 @@ import numpy as np
 
 from bms_gateway.observe import AdaptiveObserver, Estimate
 from bms_gateway.thermal import Prior, StringModel
+from bms_gateway.thermal.parameters import DEFAULT_TOLERANCES
 from tests.truth.cycle import repeated
 from tests.truth.string import C_F, TABLE_1, TruthString, rk4
 
 STRING = {**TABLE_1, "R_cc": 4.0, "C_f": C_F}
 
 
-def model(cells=12, sensors=(1, 12), condition="full", rel_sd=None, **values):
+def model(cells=12, sensors=(1, 12), condition="full", rel_sd=None, tolerances=DEFAULT_TOLERANCES, **values):
     """A model with the right parameters, known exactly but for `rel_sd`."""
     sd = rel_sd or {}
     priors = {k: Prior(v, sd.get(k, 0.0)) for k, v in {**STRING, **values}.items()}
-    return StringModel(cells, tuple(sensors), condition, priors)
+    return StringModel(cells, tuple(sensors), condition, priors, tolerances=tolerances)
 
 
 def truth(cells=12, batch=(), **values):

@@ -62,6 +62,29 @@ def test_band_holds_for_disturbances_and_parameters_as_wide_as_stated():
     assert 0.5 < np.nanstd(normal) < 1.2
 
 
+def test_band_holds_for_cells_that_differ_as_the_tolerances_allow():
+    S, n, minutes = 40, 5, 40
+    rng = np.random.default_rng(12)
+    table = model().priors
+    share = {"R_e": 0.02, "R_u": 0.02, "R_c": 0.03}
+    unlike = {k: table[k].value * np.exp(rng.normal(0, s, (S, n))) for k, s in share.items()}
+    K = minutes * 60
+    drive = Drive.of(
+        truth(n, batch=(S,), **unlike),
+        minutes,
+        25.0,
+        (1, n),
+        heat_error=wander(rng, K, 0.5, S, 1) + wander(rng, K, 0.15, S, n),
+        inlet_error=wander(rng, K + 1, 0.5, S),
+    )
+    estimates = follow(AdaptiveObserver([model(n, (1, n))] * S, 1.0), drive)
+    z = (stacked(estimates, "core") - drive.core) / stacked(estimates, "core_sd")
+    inside = np.abs(z[600::20]) < 2
+    assert 0.90 < inside.mean() < 0.995
+    assert inside.mean(axis=(0, 1)).min() > 0.88
+    assert np.median(stacked(estimates, "core_sd")[600::20]) < 1.2
+
+
 def test_wide_priors_leave_a_wide_core_however_small_the_surface_residual():
     """R_e, R_c wrong by a half, surface residuals of 0.1 K: the core's band still holds the truth."""
     wide = {"R_e": 0.6, "R_c": 0.6, "R_u": 0.6, "C_c": 0.05, "C_s": 0.05}
@@ -173,7 +196,7 @@ def test_what_is_lost_widens_the_band_which_still_holds_and_narrows_when_it_is_b
         drive.inlet[gone] = NAN
     else:
         drive.I2[gone] = NAN
-    estimates = follow(AdaptiveObserver([model(n, (1, n))] * 6, 1.0), drive)
+    estimates = follow(AdaptiveObserver([model(n, (1, n), tolerances={})] * 6, 1.0), drive)
     sd, error = stacked(estimates, "core_sd"), stacked(estimates, "core") - drive.core
     assert np.isfinite(sd).all()
     wider = sd[1790] / sd[899]
@@ -181,6 +204,17 @@ def test_what_is_lost_widens_the_band_which_still_holds_and_narrows_when_it_is_b
     assert (wider.max(axis=1) > 1.1).all()
     assert sd[-1] == pytest.approx(sd[899], rel=0.15)
     assert (np.abs(error / sd)[800:] < 2).mean() > 0.9
+
+
+def test_thermocouples_that_take_turns_do_not_make_the_band_flicker():
+    drive = Drive.of(truth(5, batch=(1,)), 12, 30.0, (1, 5))
+    turn = np.arange(len(drive)) % 4
+    drive.y[turn != 0, :, 0] = NAN
+    drive.y[turn != 2, :, 4] = NAN
+    estimates = follow(AdaptiveObserver([model(5, (1, 5))], 1.0), drive)
+    sd = stacked(estimates, "core_sd")[600:, 0]
+    assert np.abs(np.diff(np.log(sd), axis=0)).max() < 0.1
+    assert np.abs(stacked(estimates, "core") - drive.core)[300:].max() < 1.0
 
 
 def test_one_sensor_of_two_may_fail_and_come_back():
