@@ -1,0 +1,369 @@
+"""The shell around a stand-in engine, over a socket pair: everything but the bus and systemd is real."""
+
+import asyncio
+import logging
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from bms_gateway.bus.canframe import from_wire
+from bms_gateway.bus.memory import MemoryBus
+from bms_gateway.bus.socketcan import SocketCanPort
+from bms_gateway.engine.events import SendFrames
+from bms_gateway.errors import ConfigError, StateError
+from bms_gateway.service import live
+from bms_gateway.service.live import DRAIN_S, SETTLE_NS, Gateway
+from tests.bus.frames import make
+from tests.service.engine import OWN_ID, TICK_NS, TickEngine
+
+FRAME = (0x123).to_bytes(4, sys.byteorder) + bytes([8, 0, 0, 0]) + bytes(8)
+
+
+class Bus:
+    """A socket pair: our port at one end, the test at the other."""
+
+    def __init__(self):
+        self.ours, self.theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self.theirs.setblocking(False)
+        self.port = SocketCanPort.over(self.ours, own={OWN_ID: 1_000_000_000})
+
+    def sent(self):
+        found = []
+        try:
+            while True:
+                can_id, payload = from_wire(self.theirs.recv(100))
+                assert can_id == OWN_ID
+                found.append(int.from_bytes(payload, "big"))
+        except BlockingIOError:
+            return found
+
+    def close(self):
+        self.port.close()
+        self.theirs.close()
+
+
+@pytest.fixture
+def bus():
+    bus = Bus()
+    yield bus
+    bus.close()
+
+
+def run(gateway, *tasks, seconds=1.0):
+    """Run the gateway beside coroutines."""
+
+    async def both():
+        beside = [asyncio.ensure_future(t) for t in tasks]
+        await gateway.run(seconds=seconds)
+        for task in beside:
+            task.cancel()
+        for result in await asyncio.gather(*beside, return_exceptions=True):
+            if isinstance(result, Exception):
+                raise result
+
+    asyncio.run(both())
+
+
+async def traffic(bus, rate=1_000, duration=10.0):
+    """Frames evenly from a thread of its own, as a bus does."""
+    stop = threading.Event()
+
+    def send():
+        begun = time.monotonic()
+        k = 0
+        while not stop.is_set() and k < rate * duration:
+            due = begun + k / rate
+            if due > time.monotonic():
+                time.sleep(due - time.monotonic())
+            try:
+                bus.theirs.send(FRAME)
+            except BlockingIOError:
+                continue
+            except OSError:
+                return
+            k += 1
+
+    thread = threading.Thread(target=send)
+    thread.start()
+    try:
+        await asyncio.sleep(duration + 1)
+    finally:
+        stop.set()
+        thread.join()
+
+
+def test_no_frame_stamped_before_a_deadline_comes_after_its_timer(bus):
+    engine = TickEngine()
+    run(Gateway(engine, bus.port), traffic(bus), seconds=1.5)
+    assert engine.late == []
+    deadlines = [d for d, _ in engine.ticks]
+    assert len(deadlines) >= 12
+    assert np.all(np.diff(deadlines) == TICK_NS)
+    assert bus.sent() == deadlines
+
+
+def test_timers_wait_for_stragglers_and_come_soon_after(bus):
+    engine = TickEngine()
+    stamps = []
+    engine_tick, clock = engine.tick, bus.port.now_ns
+
+    def tick():
+        stamps.append(clock() - engine.deadline)
+        engine_tick()
+
+    engine.tick = tick
+
+    async def one():
+        bus.theirs.send(FRAME)
+
+    run(Gateway(engine, bus.port), one(), seconds=1.0)
+    assert len(stamps) >= 7
+    assert min(stamps) >= SETTLE_NS
+    assert np.median(stamps) < SETTLE_NS + 10_000_000
+
+
+def test_a_silent_bus_costs_no_drains_and_a_full_one_a_hundred_a_second(bus):
+    engine = TickEngine(silent=2)
+    drains = []
+    drain = bus.port.drain
+    bus.port.drain = lambda: drains.append(time.monotonic()) or drain()
+    run(Gateway(engine, bus.port), seconds=1.0)
+    assert len(drains) <= 2
+    drains.clear()
+    run(Gateway(engine, bus.port), traffic(bus), seconds=1.0)
+    assert 20 <= len(drains) <= 1.2 / DRAIN_S
+    assert sum(n for _, n in engine.ticks) + len(engine.pending) >= 300
+
+
+def test_the_bus_falls_asleep_and_wakes(bus):
+    engine = TickEngine(silent=2)
+
+    async def now_and_then():
+        bus.theirs.send(FRAME)
+        await asyncio.sleep(0.8)
+        assert engine.deadline is None
+        bus.theirs.send(FRAME)
+
+    run(Gateway(engine, bus.port), now_and_then(), seconds=1.4)
+    assert sum(n for _, n in engine.ticks) == 2
+    assert engine.deadline is None
+
+
+def test_every_event_is_seen_in_order_and_what_is_seen_is_what_is_sent(bus):
+    seen = []
+    engine = TickEngine()
+    run(Gateway(engine, bus.port, watch=seen.append), traffic(bus), seconds=1.0)
+    assert [e.time_ns for e in seen if isinstance(e, SendFrames)] == [d for d, _ in engine.ticks]
+    assert all(e.batch.time_ns.tolist() == [e.time_ns] for e in seen)
+
+
+def test_jobs_run_beside_the_loop_and_come_back_in_it(bus):
+    engine = TickEngine()
+    names = []
+
+    def work():
+        names.append(threading.current_thread().name)
+        time.sleep(0.5)
+        return 42
+
+    async def start():
+        bus.theirs.send(FRAME)
+        await asyncio.sleep(0.1)
+        engine.job(7, work)
+
+    run(Gateway(engine, bus.port), start(), seconds=1.5)
+    assert engine.results == {7: 42}
+    assert names[0].startswith("worker")
+    assert np.all(np.diff([d for d, _ in engine.ticks]) == TICK_NS)
+    assert len(engine.ticks) >= 10  # ticks went on while it worked
+
+
+def fails():
+    raise ZeroDivisionError("in the job")
+
+
+@pytest.mark.parametrize("where", ["job", "engine"])
+def test_a_bug_ends_the_service_loudly_and_saves_nothing(bus, where):
+    engine, saved = TickEngine(), []
+    if where == "engine":
+        engine.handle_timer = lambda *, now_ns: fails()
+    else:
+        engine.job(1, fails)
+
+    async def one():
+        bus.theirs.send(FRAME)
+
+    with pytest.raises(ZeroDivisionError):
+        run(Gateway(engine, bus.port, save=saved.append), one(), seconds=5)
+    assert saved == []
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_signals_end_it_cleanly_with_a_last_snapshot(bus, number):
+    engine, saved = TickEngine(), []
+
+    async def end():
+        bus.theirs.send(FRAME)
+        await asyncio.sleep(0.35)
+        os.kill(os.getpid(), number)
+
+    begun = time.monotonic()
+    run(Gateway(engine, bus.port, save=saved.append), end(), seconds=10)
+    assert time.monotonic() - begun < 2
+    assert saved == [{"ticks": len(engine.ticks)}]
+
+
+def test_state_is_saved_now_and_then_and_a_full_disk_does_no_harm(bus, monkeypatch, caplog):
+    monkeypatch.setattr(live, "SAVE_S", 0.2)
+    saved = []
+
+    def save(state):
+        saved.append(threading.current_thread().name)
+        raise StateError("disk full") if len(saved) % 2 else OSError(28, "No space left on device")
+
+    with caplog.at_level(logging.WARNING):
+        run(Gateway(TickEngine(), bus.port, save=save), seconds=0.9)
+    assert len(saved) >= 4
+    assert all(name.startswith("worker") for name in saved[:-1])
+    assert saved[-1] == "MainThread"
+    assert "state not saved: disk full" in caplog.text
+
+
+def test_reload_takes_a_new_engine_and_keeps_the_old_one_on_a_wrong_config(bus, caplog):
+    old, new = TickEngine(), TickEngine()
+    answers = [ConfigError("gateway.toml: wrong"), new]
+
+    def reload():
+        answer = answers.pop(0)
+        if isinstance(answer, ConfigError):
+            raise answer
+        return answer
+
+    gateway = Gateway(old, bus.port, reload=reload)
+
+    async def hup():
+        bus.theirs.send(FRAME)
+        await asyncio.sleep(0.3)
+        os.kill(os.getpid(), signal.SIGHUP)
+        await asyncio.sleep(0.3)
+        assert gateway.engine is old
+        os.kill(os.getpid(), signal.SIGHUP)
+        await asyncio.sleep(0.1)
+        assert gateway.engine is new
+        bus.theirs.send(FRAME)
+
+    with caplog.at_level(logging.INFO):
+        run(gateway, hup(), seconds=1.3)
+    assert "not reloaded, going on as before: gateway.toml: wrong" in caplog.text
+    assert len(old.ticks) >= 4
+    assert len(new.ticks) >= 2
+
+
+class Systemd:
+    """The other end of sd_notify."""
+
+    def __init__(self, folder, monkeypatch, watchdog_s):
+        self.path = str(folder / "notify")
+        self.sock = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self.sock.bind(self.path)
+        self.sock.setblocking(False)
+        monkeypatch.setenv("NOTIFY_SOCKET", self.path)
+        monkeypatch.setenv("WATCHDOG_USEC", str(int(watchdog_s * 1e6)))
+        monkeypatch.delenv("WATCHDOG_PID", raising=False)
+
+    def lines(self):
+        found = []
+        try:
+            while True:
+                found += self.sock.recv(4096).decode().split("\n")
+        except BlockingIOError:
+            return found
+
+
+@pytest.fixture
+def systemd(tmp_path, monkeypatch):
+    systemd = Systemd(tmp_path, monkeypatch, 0.3)
+    yield systemd
+    systemd.sock.close()
+
+
+def test_systemd_hears_ready_watchdog_and_stopping(bus, systemd):
+    run(Gateway(TickEngine(), bus.port), traffic(bus), seconds=1.0)
+    lines = systemd.lines()
+    assert lines[0] == "READY=1"
+    assert lines[1].startswith("STATUS=bus up")
+    assert 6 <= lines.count("WATCHDOG=1") <= 10
+    assert "STOPPING=1" in lines
+
+
+def test_the_watchdog_is_fed_on_a_silent_bus(bus, systemd):
+    run(Gateway(TickEngine(), bus.port), seconds=0.7)
+    assert systemd.lines().count("WATCHDOG=1") >= 4
+
+
+def test_the_watchdog_is_not_fed_when_the_estimator_stands_still(bus, systemd, monkeypatch):
+    monkeypatch.setattr(live, "OVERDUE_NS", 200_000_000)
+    engine = TickEngine()
+    engine.handle_timer = lambda *, now_ns: None
+    engine.tick = lambda: None
+    engine.receive = lambda frames, *, now_ns: setattr(engine, "deadline", int(frames.time_ns[0]))
+
+    async def one():
+        await asyncio.sleep(0.5)
+        systemd.lines()
+        bus.theirs.send(FRAME)
+        await asyncio.sleep(0.35)
+        systemd.lines()
+
+    run(Gateway(engine, bus.port), one(), seconds=1.8)
+    assert "WATCHDOG=1" not in systemd.lines()
+
+
+def test_the_watchdog_is_not_fed_when_receiving_stands_still(bus, systemd):
+    engine = TickEngine(silent=0)
+    gateway = Gateway(engine, bus.port)
+    gateway._on_drain = lambda: None  # the drain is lost, nothing waits for frames
+
+    async def later():
+        await asyncio.sleep(0.25)
+        systemd.lines()
+
+    run(gateway, later(), seconds=1.0)
+    assert "WATCHDOG=1" not in systemd.lines()
+
+
+def test_ports_that_cannot_be_waited_for_are_polled():
+    memory = MemoryBus(time.time_ns)
+    ours, theirs = memory.port(), memory.port()
+    engine = TickEngine()
+
+    async def send():
+        for _ in range(50):
+            theirs.send(make((0, 0x123, b"12345678")))
+            await asyncio.sleep(0.02)
+
+    run(Gateway(engine, ours), send(), seconds=1.3)
+    assert sum(n for _, n in engine.ticks) == 50
+    assert engine.late == []
+    assert len(theirs.drain()) == len(engine.ticks)
+
+
+def test_notices_are_logged_with_their_string_and_code(bus, caplog):
+    engine = TickEngine()
+    engine.notice("sensor 3 of string_1 reads as open: check its plug", "sensor")
+    with caplog.at_level(logging.INFO):
+        run(Gateway(engine, bus.port), seconds=0.1)
+    record = next(r for r in caplog.records if "check its plug" in r.getMessage())
+    assert (record.levelname, record.code) == ("WARNING", "sensor")
+
+
+def test_the_live_path_does_not_load_python_can():
+    code = "import sys, bms_gateway.bus.socketcan, bms_gateway.service.live; print('can' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.strip() == "False"

@@ -1,0 +1,203 @@
+"""The installed service under a real systemd with a real vcan0.
+
+Run by ``CANVM_MODE=systemd CANVM_REQUIRED=1 tests/canvm/canvm -t 600 python -m pytest -m systemd``. What is done here is
+what a user does: build the wheel, `deploy/install.sh`, edit the config, `systemctl start`. Only two things differ,
+because the guest has no network and its Python may lie where `ProtectHome` hides it: the interpreter is mounted below
+/opt, and the packages that the gateway needs are lent by the present environment.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+import time
+from pathlib import Path
+
+import pytest
+
+pytestmark = [pytest.mark.systemd, pytest.mark.slow]
+
+ROOT = Path(__file__).resolve().parents[2]
+UNIT = "bms-gateway"
+LENT = Path("/opt/lent")
+STATE = Path("/var/lib/bms-gateway")
+CONFIG = Path("/etc/bms-gateway/gateway.toml")
+
+
+def sh(*words, **options):
+    done = subprocess.run([str(w) for w in words], capture_output=True, text=True, check=False, **options)
+    assert done.returncode == 0, f"{words}: {done.stdout}{done.stderr}"
+    return done.stdout
+
+
+def prop(name):
+    return sh("systemctl", "show", "-P", name, UNIT).strip()
+
+
+def until(condition, what, seconds=60.0):
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        if condition():
+            return
+        time.sleep(0.1)
+    raise AssertionError(f"{what}: not within {seconds} s\n{journal()[-4000:]}")
+
+
+def journal():
+    return subprocess.run(
+        ["journalctl", "--no-pager", "-o", "short-monotonic", "-u", UNIT], capture_output=True, text=True, check=False
+    ).stdout
+
+
+def lend():
+    """The present interpreter and its packages, where the service may see them."""
+    for source, name in ((sys.base_prefix, "python"), (sysconfig.get_path("purelib"), "site")):
+        target = LENT / name
+        target.mkdir(parents=True, exist_ok=True)
+        if not any(target.iterdir()):
+            sh("mount", "--bind", source, target)
+    return LENT / "python" / "bin" / f"python3.{sys.version_info.minor}"
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory):
+    """The gateway, installed by its own script."""
+    folder = tmp_path_factory.mktemp("wheel")
+    sh(sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "--no-build-isolation", "-w", folder, ROOT)
+    wheel = next(folder.glob("*.whl"))
+    environment = {**os.environ, "PIP_NO_INDEX": "1", "PIP_NO_DEPS": "1", "PYTHONPATH": str(LENT / "site")}
+    interpreter = lend()
+    for _ in range(2):  # safe to run twice
+        sh(ROOT / "deploy" / "install.sh", "--python", interpreter, wheel, env=environment)
+    version = f"python3.{sys.version_info.minor}"
+    packages = Path("/opt/bms-gateway/venv/lib") / version / "site-packages"
+    (packages / "lent.pth").write_text(f"{LENT / 'site'}\n")
+    return wheel
+
+
+@pytest.fixture
+def service(installed):
+    # a short watchdog, so that the test need not wait; everything else is the unit as it is shipped
+    drop_in = Path(f"/run/systemd/system/{UNIT}.service.d/test.conf")
+    drop_in.parent.mkdir(parents=True, exist_ok=True)
+    drop_in.write_text("[Service]\nWatchdogSec=3s\nTimeoutStartSec=90s\n")
+    sh("systemctl", "daemon-reload")
+    sh("systemctl", "start", UNIT)
+    yield
+    subprocess.run(["systemctl", "stop", UNIT], check=False)
+    subprocess.run(["systemctl", "reset-failed", UNIT], check=False)
+
+
+@pytest.fixture
+def pack(installed, tmp_path):
+    """Traffic of a simulated pack on vcan0 in real time."""
+    log = tmp_path / "pack.log"
+    gateway = "/opt/bms-gateway/venv/bin/bms-gateway"
+    sh(gateway, "simulate", "--config", CONFIG, "--out", log, "--duration", "600")
+    player = subprocess.Popen([gateway, "replay", str(log), "--to", "vcan0"], stdout=subprocess.DEVNULL)
+    yield log
+    player.kill()
+    player.wait()
+
+
+def own_frames(seconds):
+    """Frames that the service sends, by message name, decoded by cantools."""
+    import cantools
+
+    database = cantools.database.load_file(ROOT / "dbc" / "bms_gateway.dbc")
+    text = subprocess.run(
+        ["timeout", str(seconds), "candump", "-L", "vcan0"], capture_output=True, text=True, check=False
+    ).stdout
+    found = {}
+    for line in text.splitlines():
+        number, data = line.split()[2].split("#")
+        try:
+            message = database.get_message_by_frame_id(int(number, 16))
+        except KeyError:
+            continue
+        found.setdefault(message.name, []).append(message.decode(bytes.fromhex(data), decode_choices=False))
+    return found
+
+
+def test_the_unit_is_valid_and_hardened(installed):
+    sh("systemd-analyze", "verify", f"/etc/systemd/system/{UNIT}.service")
+    last = sh("systemd-analyze", "security", "--no-pager", "--offline=yes", f"/etc/systemd/system/{UNIT}.service")
+    exposure = float(last.strip().splitlines()[-1].split(":")[1].split()[0])
+    assert exposure <= 1.7
+
+
+def test_install_keeps_an_edited_config(installed):
+    before = CONFIG.read_text()
+    try:
+        CONFIG.write_text(before + "# mine\n")
+        environment = {**os.environ, "PIP_NO_INDEX": "1", "PIP_NO_DEPS": "1", "PYTHONPATH": str(LENT / "site")}
+        sh(ROOT / "deploy" / "install.sh", "--python", lend(), installed, env=environment)
+        assert CONFIG.read_text().endswith("# mine\n")
+    finally:
+        CONFIG.write_text(before)
+        version = f"python3.{sys.version_info.minor}"
+        packages = Path("/opt/bms-gateway/venv/lib") / version / "site-packages"
+        (packages / "lent.pth").write_text(f"{LENT / 'site'}\n")
+
+
+def test_it_gets_ready_estimates_survives_and_stops_cleanly(service, pack):
+    assert prop("ActiveState") == "active"
+    assert prop("StatusText").startswith("bus up")
+    pid = int(prop("MainPID"))
+    assert os.stat(f"/proc/{pid}").st_uid >= 61_184  # a dynamic user
+
+    # estimates on the bus
+    until(lambda: len(own_frames(3)) >= 4, "our own frames on vcan0")
+    rss = next(line for line in Path(f"/proc/{pid}/status").read_text().splitlines() if line.startswith("VmRSS"))
+    print("READY", prop("StatusText"), rss)
+
+    # healthy: the watchdog leaves it alone
+    time.sleep(5)
+    assert prop("NRestarts") == "0"
+
+    # a hang: everything stands still
+    os.kill(pid, 19)
+    until(lambda: prop("NRestarts") == "1" and prop("ActiveState") == "active", "restart by the watchdog")
+    assert "watchdog" in journal().lower()
+
+    # a crash
+    os.kill(int(prop("MainPID")), 11)
+    until(lambda: prop("NRestarts") == "2" and prop("ActiveState") == "active", "restart after a crash")
+    until(lambda: len(own_frames(3)) >= 4, "our own frames again")
+
+    # the interface goes and comes: no restart
+    sh("ip", "link", "set", "vcan0", "down")
+    time.sleep(2)
+    sh("ip", "link", "set", "vcan0", "up")
+    until(lambda: "back after" in journal(), "reconnection")
+    assert prop("NRestarts") == "2"
+
+    # a clean stop saves the state
+    begun = time.time()
+    sh("systemctl", "stop", UNIT)
+    assert (prop("ActiveState"), prop("Result"), prop("ExecMainStatus")) == ("inactive", "success", "0")
+    saved = [p for p in STATE.resolve().iterdir() if p.stat().st_mtime >= begun - 1]
+    assert saved, list(STATE.resolve().iterdir())
+
+
+def test_a_config_that_is_wrong_is_told_in_one_line_and_tried_again(installed):
+    before = CONFIG.read_text()
+    try:
+        CONFIG.write_text(before.replace("channel", "chanel"))
+        subprocess.run(["systemctl", "start", UNIT], check=False, capture_output=True)
+        until(lambda: "did you mean 'channel'" in journal(), "the error line")
+        assert "Traceback" not in journal().split("did you mean 'channel'")[-1]
+    finally:
+        CONFIG.write_text(before)
+        subprocess.run(["systemctl", "stop", UNIT], check=False)
+        subprocess.run(["systemctl", "reset-failed", UNIT], check=False)
+
+
+def test_uninstall_keeps_config_and_state_unless_purged(installed):
+    sh(ROOT / "deploy" / "uninstall.sh")
+    assert CONFIG.exists()
+    assert not Path("/opt/bms-gateway").exists()
+    sh(ROOT / "deploy" / "uninstall.sh", "--purge")
+    assert not CONFIG.parent.exists()
+    assert not shutil.which("bms-gateway", path="/opt/bms-gateway/venv/bin")
