@@ -76,8 +76,6 @@ def load_config(path: Path) -> LoadedConfig:
     strings = tuple(_string(path, config, i, s, database) for i, s in enumerate(config.string, 1))
     plan = Plan(
         strings,
-        databases,
-        own,
         transmit=config.bus.transmit,
         silent_after_ns=round(config.engine.silent_after_s * 1e9),
         disturbance=config.observer.disturbance,

@@ -49,19 +49,21 @@ def write_bench_cell(
     return config
 
 
-def write_bench_table(path: Path, *, core: bool = True, start_s: float = 0.0) -> Path:
-    """Write the record as a table: 1 Hz temperatures, the irregular raw current between them, discharge positive.
+def write_bench_table(path: Path, *, core: bool = True) -> Path:
+    """Write the record as a table: temperatures at 1 Hz, current and voltage at 10 Hz, discharge positive.
 
-    Rows of the two records are put in one order of time; what a row does not have is blank.
+    The cycler logged current and voltage at irregular stamps with straight lines between them (144 times its row at
+    the start of a pulse still holds the rest before it, so that holding rows would lose 2 % of I²).
     """
     slow = np.genfromtxt(need("core_surface", "a123_26650_hev2.csv"), delimiter=",", names=True)
     fast = np.genfromtxt(need("core_surface", "a123_26650_hev2_raw_current.csv"), delimiter=",", names=True)
-    rows: dict[float, list[str]] = {}
-    for t, i, v in zip(fast["t_s"], fast["I_A"], fast["V_V"], strict=True):
-        rows[round(t, 5)] = [f"{-i:.5f}", f"{v:.5f}", "", "", ""]
-    for t, s, a, c in zip(slow["t_s"], slow["T_surf_C"], slow["T_amb_C"], slow["T_core_C"], strict=True):
-        rows.setdefault(round(t, 5), ["", "", "", "", ""])[2:] = [f"{a:.4f}", f"{s:.4f}", f"{c:.4f}" if core else ""]
+    ticks = np.arange(int(fast["t_s"][-1] * 10) + 1)
+    t = ticks / 10
+    current, voltage = -np.interp(t, fast["t_s"], fast["I_A"]), np.interp(t, fast["t_s"], fast["V_V"])
+    warm = {
+        round(s["t_s"] * 10): f"{s['T_amb_C']:.4f},{s['T_surf_C']:.4f},{s['T_core_C'] if core else '':}" for s in slow
+    }
     with path.open("w") as f:
         f.write("time_s,current_A,voltage_V,coolant_inlet_C,surface_1_C,core_1_C\n")
-        f.writelines(f"{t + start_s:.5f},{','.join(rows[t])}\n" for t in sorted(rows))
+        f.writelines(f"{t[k]:.1f},{current[k]:.5f},{voltage[k]:.5f},{warm.get(k, ',,')}\n" for k in ticks.tolist())
     return path

@@ -14,7 +14,7 @@ BS_:
 BU_: VEHICLE
 
 BO_ 256 Pack: 8 VEHICLE
- SG_ Current : 0|16@1- (10,0) [-100000|100000] "mA" Vector__XXX
+ SG_ Current : 0|16@1- (10,0) [-327680|327670] "mA" Vector__XXX
  SG_ Voltage : 16|16@1+ (100,0) [0|600000] "mV" Vector__XXX
  SG_ Soc : 32|8@1+ (0.5,0) [0|100] "%" Vector__XXX
  SG_ Flow : 40|8@1+ (0.1,0) [0|25] "l/min" Vector__XXX

@@ -174,7 +174,7 @@ def test_every_fault_is_one_line_with_file_key_and_remedy(tmp_path, old, new, sa
 
 def test_a_missing_file_names_the_nearest(tmp_path):
     write_model(parse_model(EXAMPLE), tmp_path / "string_1.toml")
-    with pytest.raises(ConfigError, match="did you mean 'string_1.toml'"):
+    with pytest.raises(ConfigError, match=r"did you mean 'string_1\.toml'"):
         read_model(tmp_path / "string1.toml")
 
 

@@ -1,0 +1,220 @@
+"""Bench data and virtual packs become frames that cantools reads back, whatever DBC they are mapped to."""
+
+import csv
+import tomllib
+from pathlib import Path
+
+import cantools
+import numpy as np
+import pytest
+
+from bms_gateway.bus.logfile import read_log
+from bms_gateway.cli.main import main
+from bms_gateway.frames.batch import EXTENDED
+from tests.config.bench_cell import write_bench_cell, write_bench_table
+from tests.config.files import MAPPED, OWN, write
+from tests.config.race_car import write_race_car
+from tests.data import need
+
+COLUMNS = "time_s,current_A,coolant_inlet_C,voltage_V,soc,coolant_flow_m3_s,surface_1_C,surface_3_C,surface_5_C"
+
+
+def decode(log, config):
+    """Signals of a log as cantools reads them: "Message.Signal" → (times, values)."""
+    own = Path(__file__).resolve().parents[2] / "dbc" / "bms_gateway.dbc"
+    named = tomllib.loads(config.read_text()).get("bus", {}).get("dbc", [])
+    db = cantools.database.Database()
+    for file in (own, *(config.parent / name for name in named)):
+        db.add_dbc_file(file)
+    by_id = {m.frame_id | (EXTENDED if m.is_extended_frame else 0): m for m in db.messages}
+    found = {}
+    for batch in read_log(log):
+        for t, can_id, length, data in zip(batch.time_ns, batch.can_id, batch.length, batch.data, strict=True):
+            message = by_id[int(can_id)]
+            values = message.decode(bytes(data[:length]), decode_choices=False)
+            for name, value in values.items():
+                found.setdefault(f"{message.name}.{name}", []).append((t * 1e-9, value))
+    return {name: np.array(pairs).T for name, pairs in found.items()}
+
+
+@pytest.fixture
+def table(tmp_path):
+    """Half a minute of moving quantities, irregularly sampled."""
+    rng = np.random.default_rng(4)
+    t = np.cumsum(rng.uniform(0.3, 1.4, 40))
+    columns = [
+        t,
+        np.repeat(rng.uniform(-80, 160, 10), 4),
+        20 + t / 30,
+        np.full(40, 16.5),
+        0.6 - t / 1000,
+        np.full(40, 1.5e-4),
+        25 + t / 7,
+        26 - t / 9,
+        27 + np.sin(t / 5),
+    ]
+    file = tmp_path / "bench.csv"
+    np.savetxt(file, np.column_stack(columns), delimiter=",", header=COLUMNS, comments="", fmt="%.6f")
+    return file, dict(zip(COLUMNS.split(","), columns, strict=True))
+
+
+def held(t, rows, values):
+    return values[np.searchsorted(rows, t, "right") - 1]
+
+
+def test_our_own_dbc_carries_the_table_within_its_resolution(tmp_path, table, capsys):
+    file, c = table
+    log = tmp_path / "bench.log"
+    config = write(tmp_path, OWN)
+    assert main(["encode", str(file), "--config", str(config), "--out", str(log)]) == 0
+    got = decode(log, config)
+    t, current = got["string_1_electrical.current"]
+    assert np.allclose(np.diff(t), 0.1)
+    assert np.allclose(current, held(t, c["time_s"], c["current_A"]), atol=0.0006)
+    for signal, column, resolution in [
+        ("string_1_surface.surface_01", "surface_1_C", 0.01),
+        ("string_1_surface.surface_03", "surface_3_C", 0.01),
+        ("string_1_surface.surface_05", "surface_5_C", 0.01),
+        ("string_1_coolant.coolant_inlet", "coolant_inlet_C", 0.01),
+        ("string_1_coolant.soc", "soc", 2e-5),
+        ("string_1_coolant.coolant_flow", "coolant_flow_m3_s", 1e-6),
+    ]:
+        t, value = got[signal]
+        assert np.allclose(np.diff(t), 1.0)
+        assert np.abs(value - np.interp(t, c["time_s"], c[column])).max() <= resolution * 0.501, signal
+    assert got["string_1_electrical.current"][0][0] >= c["time_s"][0]
+    assert got["string_1_electrical.current"][0][-1] <= c["time_s"][-1]
+    assert got["string_1_electrical.counter"][1][:16].tolist() == [*range(15), 0]
+    # cells that the table does not have are not available: all ones
+    assert np.all(got["string_1_surface.surface_02"][1] > 300)
+
+
+def test_the_users_dbc_carries_the_table_through_scale_sign_and_units(tmp_path, table):
+    file, c = table
+    log = tmp_path / "bench.log"
+    config = write(tmp_path, MAPPED)
+    assert main(["encode", str(file), "--config", str(config), "--out", str(log)]) == 0
+    got = decode(log, config)
+    t, mA = got["Pack.Current"]
+    assert np.allclose(mA, -1e3 * held(t, c["time_s"], c["current_A"]), atol=5.01)
+    t, F = got["Pack.InletF"]
+    assert np.allclose(F, np.interp(t, c["time_s"], c["coolant_inlet_C"]) * 1.8 + 32, atol=0.0501)
+    t, T3 = got["Temps.T3"]  # the user's offset of 0.5 is taken off again
+    assert np.allclose(T3, np.interp(t, c["time_s"], c["surface_3_C"]) - 0.5, atol=0.00501)
+    t, K = got["Temps.T5"]
+    assert np.allclose(K, np.interp(t, c["time_s"], c["surface_5_C"]) + 273.15, atol=0.0501)
+    assert np.all(got["Temps.T4"][1] == -100.0)  # nothing maps it: raw 0, its start value
+
+
+def test_what_is_missing_is_sent_as_not_available_not_made_up(tmp_path):
+    t = np.arange(60.0)
+    rows = [f"{x},10,25,{'' if 15 <= x < 40 else 30}" for x in t]
+    (tmp_path / "t.csv").write_text("time_s,current_A,coolant_inlet_C,surface_1_C\n" + "\n".join(rows) + "\n")
+    config = write_bench_cell(tmp_path)
+    log = tmp_path / "t.log"
+    assert main(["encode", str(tmp_path / "t.csv"), "--config", str(config), "--out", str(log)]) == 0
+    time, value = decode(log, config)["string_1_surface.surface_01"]
+    hole = (time > 14.0) & (time < 40.0)
+    assert np.all(value[hole] > 300)
+    assert np.allclose(value[~hole], 30.0, atol=0.0051)
+
+
+def test_the_same_table_gives_the_same_bytes(tmp_path, table):
+    config = write(tmp_path, OWN)
+    logs = [tmp_path / "a.log", tmp_path / "b.log"]
+    for log in logs:
+        assert main(["encode", str(table[0]), "--config", str(config), "--out", str(log)]) == 0
+    assert logs[0].read_bytes() == logs[1].read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("change", "words", "says"),
+    [
+        (("surface_3_C", "surface_4_C"), [], "no column 'surface_3_C', a sensor of string_1; did you mean 'surface_"),
+        (("time_s,", "t,"), [], "no column 'time_s'"),
+        ((",", ","), ["--columns", "curent_A=x"], "did you mean 'current_A'?"),
+        ((",", ","), ["--string", "string_2"], "--string 'string_2' is not in the config; did you mean 'string_1'?"),
+        ((",", ","), ["--strng", "string_2"], "unknown option '--strng'; did you mean '--string'?"),
+    ],
+)
+def test_faults_of_encode_are_one_line(tmp_path, table, capsys, change, words, says):
+    file = table[0]
+    file.write_text(file.read_text().replace(*change))
+    config = write(tmp_path, OWN)
+    assert main(["encode", str(file), "--config", str(config), "--out", str(tmp_path / "a.log"), *words]) == 2
+    err = capsys.readouterr().err
+    assert says in err
+    assert err.count("\n") == 1
+
+
+def test_a_time_below_zero_and_an_ambiguous_string_are_refused(tmp_path, table, capsys):
+    two = OWN + '[[string]]\nname = "string_2"\nmodel = "string_1.toml"\n'
+    words = ["encode", str(table[0]), "--out", str(tmp_path / "a.log"), "--config"]
+    assert main([*words, str(write(tmp_path, two))]) == 2
+    assert "--string is needed, the config has several; valid: string_1, string_2" in capsys.readouterr().err
+    assert main([*words, str(tmp_path / "gateway.toml"), "--string", "string_2"]) == 0
+    assert "string_2_electrical.current" in decode(tmp_path / "a.log", tmp_path / "gateway.toml")
+    text = table[0].read_text().splitlines()
+    table[0].write_text("\n".join([text[0], "-1" + text[1][text[1].index(",") :], *text[2:]]) + "\n")
+    assert main([*words, str(write(tmp_path, OWN))]) == 2
+    assert "a log cannot hold times below zero" in capsys.readouterr().err
+
+
+def test_columns_that_mean_nothing_are_mentioned(tmp_path, table, capsys):
+    file = table[0]
+    file.write_text(file.read_text().replace("soc", "sok"))
+    assert main(["encode", str(file), "--config", str(write(tmp_path, OWN)), "--out", str(tmp_path / "a.log")]) == 0
+    assert "columns without a meaning here: sok" in capsys.readouterr().err
+
+
+def test_the_bench_record_keeps_the_heat_of_its_raw_current(tmp_path):
+    raw = np.genfromtxt(need("core_surface", "a123_26650_hev2_raw_current.csv"), delimiter=",", names=True)
+    config = write_bench_cell(tmp_path, voltage=True)
+    table = write_bench_table(tmp_path / "t.csv")
+    log = tmp_path / "t.log"
+    assert main(["encode", str(table), "--config", str(config), "--out", str(log)]) == 0
+    got = decode(log, config)
+    t, current = got["string_1_electrical.current"]
+    fine = np.linspace(raw["t_s"][0], raw["t_s"][-1], 400_000)
+    oracle = -np.interp(fine, raw["t_s"], raw["I_A"])
+    assert np.mean(current**2) == pytest.approx(np.mean(oracle**2), rel=2e-3)
+    assert current.mean() == pytest.approx(oracle.mean(), abs=0.01)
+    volts = np.interp(t, raw["t_s"], raw["V_V"])
+    assert np.sqrt(np.mean((got["string_1_electrical.voltage"][1] - volts) ** 2)) < 0.01
+
+
+def test_simulate_writes_traffic_and_truth_that_belong_together(tmp_path, capsys):
+    config = write(tmp_path, OWN)
+    log, truth = tmp_path / "s.log", tmp_path / "truth.csv"
+    words = ["simulate", "--config", str(config), "--out", str(log), "--truth", str(truth), "--duration", "700"]
+    assert main([*words, "--seed", "3"]) == 0
+    rows = list(csv.DictReader(truth.read_text().splitlines()))
+    assert len(rows) == 701 * 5
+    assert list(rows[0]) == ["time_s", "string", "cell", "core_C", "surface_C"]
+    true = np.array([[float(r["time_s"]), float(r["surface_C"])] for r in rows if r["cell"] == "3"]).T
+    t, read = decode(log, config)["string_1_surface.surface_03"]
+    error = read - np.interp(t, *true)
+    assert len(t) == 700
+    assert error.std() == pytest.approx(0.1, rel=0.15)
+    assert abs(error.mean()) < 0.02
+    first = log.read_bytes()
+    assert main([*words, "--seed", "3"]) == 0
+    assert log.read_bytes() == first
+    assert main([*words, "--seed", "4"]) == 0
+    assert log.read_bytes() != first
+
+
+def test_the_race_cars_dbc_carries_a_virtual_pack(tmp_path):
+    config = write_race_car(tmp_path)
+    log = tmp_path / "car.log"
+    assert main(["simulate", "--config", str(config), "--out", str(log), "--duration", "5"]) == 0
+    got = decode(log, config)
+    assert len(got["BMU_stateBusHV.CurrentBusHV"][0]) >= 5
+    temperatures = [got[f"BMU_ChannelTemp.TempChannel{k:02d}"][1] for k in range(1, 142)]
+    assert all(len(x) == 5 and np.all((x > 10) & (x < 60)) for x in temperatures)
+
+
+def test_a_log_can_only_be_candump(tmp_path, table, capsys):
+    config = write(tmp_path, OWN)
+    assert main(["encode", str(table[0]), "--config", str(config), "--out", str(tmp_path / "a.blf")]) == 2
+    assert "candump" in capsys.readouterr().err

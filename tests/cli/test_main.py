@@ -1,0 +1,120 @@
+"""Whatever is typed, the program answers with the right exit status and without a traceback."""
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+from bms_gateway import __version__
+from bms_gateway.cli import main as program
+from bms_gateway.cli.main import COMMANDS, main
+from bms_gateway.errors import MissingExtraError
+from tests.config.files import OWN, write
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_of_every_command_has_an_example(capsys, command):
+    assert main([command, "--help"]) == 0
+    out = capsys.readouterr().out
+    assert f"usage: bms-gateway {command}" in out
+    assert f"example:\n  bms-gateway {command}" in out
+
+
+def test_help_lists_every_command(capsys):
+    assert main(["--help"]) == 0
+    out = capsys.readouterr().out
+    assert all(f"\n  {command} " in out for command in COMMANDS)
+    assert main([]) == 2
+    assert main(["--version"]) == 0
+    assert __version__ in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["chek"], "unknown command 'chek'; did you mean 'check'?"),
+        (["--verson"], "unknown option '--verson'; did you mean '--version'?"),
+        (["check"], "check: the following arguments are required: CONFIG"),
+        (["check", "--jsn", "x"], "check: unknown option '--jsn'; did you mean '--json'?"),
+        (["check", "--jsn=x"], "unknown option '--jsn'; did you mean '--json'?"),
+        (["check", "a", "b"], "check: one argument too many: 'b'"),
+        (["check", "a", "--json"], "check: argument --json: expected one argument"),
+        (["check", "absent.toml"], "absent.toml: no such file"),
+        (["simulate", "--config", "a", "--out", "b", "--seed", "x"], "argument --seed: invalid int value: 'x'"),
+        (["simulate", "--config", "a", "--out", "b", "--seed", "-1"], "--seed -1: must not be negative"),
+        (["simulate", "--config", "a", "--out", "b", "--duration", "0"], "--duration 0: at least 1 second"),
+        (["simulate", "--config", "a", "--out", "b", "--duration", "nan"], "--duration nan: at least 1 second"),
+        (["replay", "a.log", "--to", "vcan9", "--speed", "fast"], "--speed 'fast': valid: 1"),
+        (["replay", "a.log", "--to", "vcan9", "--speed", "-1"], "--speed '-1': valid: 1"),
+    ],
+)
+def test_wrong_words_are_one_line_with_the_nearest_choice_and_status_2(capsys, words, says):
+    assert main(words) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("bms-gateway: error: ")
+    assert err.count("\n") == 1
+    assert says in err
+
+
+def test_a_stop_by_the_user_is_clean(monkeypatch, capsys):
+    def stopped(words):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(program, "_dispatch", stopped)
+    assert main(["check"]) == 130
+    assert capsys.readouterr().err == "bms-gateway: stopped\n"
+
+
+def test_an_error_of_several_lines_is_folded_into_one(monkeypatch, capsys):
+    def lacking(words):
+        raise MissingExtraError("a\nthing", "mf4")
+
+    monkeypatch.setattr(program, "_dispatch", lacking)
+    assert main(["check"]) == 2
+    assert capsys.readouterr().err == (
+        "bms-gateway: error: a thing needs an optional package: pip install 'bms-gateway[mf4]'\n"
+    )
+
+
+def run(*words, **how):
+    return subprocess.run(
+        [sys.executable, "-m", "bms_gateway", *words], capture_output=True, text=True, check=False, **how
+    )
+
+
+def test_as_a_process_it_gives_json_alone_on_standard_output(tmp_path):
+    done = run("check", str(write(tmp_path, OWN)), "--json", "-")
+    assert done.returncode == 0
+    found = json.loads(done.stdout)
+    assert found["ok"] is True
+    assert found["strings"][0]["exact_rank"] == found["strings"][0]["states"] == 10
+    assert len(found["strings"][0]["core_sd_K"]) == 5
+    assert "string_1" in done.stderr
+
+
+def test_json_that_cannot_be_written_is_one_line(tmp_path, capsys):
+    assert main(["check", str(write(tmp_path, OWN)), "--json", str(tmp_path / "absent" / "a.json")]) == 2
+    assert "cannot be written" in capsys.readouterr().err
+
+
+def test_a_closed_pipe_is_quiet(tmp_path):
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = subprocess.run(
+        [sys.executable, "-m", "bms_gateway", "--help"], stdout=writing, stderr=subprocess.PIPE, text=True, check=False
+    )
+    os.close(writing)
+    assert done.stderr == ""
+    assert done.returncode == 141
+
+
+def test_help_and_errors_need_nothing_heavy():
+    code = (
+        "import sys; from bms_gateway.cli.main import main; main(['chek']); main(['check', '--help']);"
+        "heavy = {'numpy', 'pydantic', 'cantools', 'can', 'rich', 'scipy'} & set(sys.modules); assert not heavy, heavy"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
