@@ -7,15 +7,21 @@ most two words: so one shift and one mask serve both byte orders, and a second s
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["BitFields", "Place", "words_of"]
+__all__ = ["BitFields", "Place", "pick", "words_of"]
 
 WORD = 64
 U64 = NDArray[np.uint64]
 Index = NDArray[np.intp]
+
+
+def pick(table: NDArray[Any], index: Index) -> NDArray[Any]:
+    """Gather by an index that is valid by construction: without the bounds check numpy is twice as fast."""
+    return table.take(index, mode="clip")
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,16 +116,16 @@ class BitFields:
         ndarray of uint64 (m,)
             Two's complement: view as int64 where the signal is signed.
         """
-        at = row if self.stride == 1 else row * self.stride + self.word.take(field)
-        value = words.take(at)
-        value >>= self.shift.take(field)
+        at = row if self.stride == 1 else row * self.stride + pick(self.word, field)
+        value: U64 = pick(words, at)
+        value >>= pick(self.shift, field)
         if self.any_crosses:
             part = np.flatnonzero(self.crosses.take(field))
             f = field[part]
             value[part] |= words.take(row[part] * self.stride + self.word2.take(f)) << self.shift2.take(f)
-        value &= self.mask.take(field)
+        value &= pick(self.mask, field)
         if self.any_signed:
-            sign = self.sign.take(field)
+            sign = pick(self.sign, field)
             value ^= sign
             value -= sign
         return value
@@ -160,7 +166,10 @@ def words_of(data: NDArray[np.uint8], frame: Index, words: int, stride: int) -> 
         kept = min(width, data.shape[1])
         fitted[:, :kept] = data[:, :kept]
         data = fitted
-    little = np.ascontiguousarray(data).view("<u8").astype(np.uint64, copy=False).take(frame, axis=0)
+    little = np.ascontiguousarray(data).view("<u8").astype(np.uint64, copy=False)
+    if words == 1 and stride == 1:
+        return little.ravel().take(frame)
+    little = little.take(frame, axis=0)
     if stride == words:
         return little.reshape(-1)
     both = np.empty((len(frame), stride), np.uint64)

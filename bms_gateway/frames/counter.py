@@ -29,6 +29,8 @@ class CounterGuard:
 
     def __init__(self, table: SignalTable) -> None:
         self.last = np.full(len(table.keys), -1, np.int64)
+        # a frame that kept the outer node has a multiplexer value whose sequence is not followed
+        self._followed = table.switch_of < 0
 
     def update(self, samples: Samples) -> NDArray[np.uint8]:
         """Quality of the samples of one batch, COUNTER where the frame was out of sequence.
@@ -36,7 +38,7 @@ class CounterGuard:
         Batches must come in the order of the bus; how they were cut does not matter.
         """
         p = samples.protected
-        whole = np.flatnonzero(p.crc_ok)
+        whole = np.flatnonzero(p.crc_ok & self._followed[p.node])
         if not len(whole):
             return samples.flag
         order = whole[np.argsort(p.node[whole], kind="stable")]

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.frames.batch import FrameBatch
-from bms_gateway.frames.bits import words_of
+from bms_gateway.frames.bits import pick, words_of
 from bms_gateway.frames.e2e import check_crc
 from bms_gateway.frames.quality import Quality
 from bms_gateway.frames.table import SignalTable
@@ -90,39 +90,62 @@ def decode(table: SignalTable, batch: FrameBatch) -> Samples:
     row = np.arange(len(hit))
     length = batch.length.take(hit)
     words = words_of(batch.data, hit, table.places.words, table.places.stride)
-    if len(table.switch_list):
+    if table.several:
         row, node = _through_multiplexers(table, row, node, words, length)
+    elif len(table.switch_list):
+        _follow_multiplexers(table, node, words, length)
     protected = _protection(table, batch, hit, row, node) if table.any_protected else _UNPROTECTED
-    count = table.count.take(node)
-    total = int(count.sum())
+    count = pick(table.count, node)
     at = np.repeat(row, count)
     # place of sample i: start of its node's run plus its position in that run
-    place = np.repeat(table.first.take(node) - (np.cumsum(count) - count), count)
-    place += np.arange(total)
+    start = pick(table.first, node)
+    start += count
+    start -= np.cumsum(count)
+    place = np.repeat(start, count)
+    place += np.arange(len(at))
     raw_bits = table.places.raw(words, at, place)
     # an underflow or a signalling NaN in a floating-point payload is data, not a fault of ours
     with np.errstate(all="ignore"):
         raw = _to_float(table, raw_bits, place)
-        value = raw * table.scale.take(place)
-        value += table.offset.take(place)
+        value = raw * pick(table.scale, place)
+        value += pick(table.offset, place)
     flag = _judge(table, raw, place)
-    short = length.take(row) < table.node_needs.take(node)
-    if short.any():
+    if (pick(length, row) < pick(table.node_needs, node)).any():
         cut = table.places.needs.take(place) > length.take(at)
         value[cut] = np.nan
         flag[cut] = Quality.ERROR
-    frame = hit.take(at)
+    frame = pick(hit, at)
     if len(protected.frame) and not protected.crc_ok.all():
         broken = np.zeros(len(batch), np.bool_)
         broken[protected.frame[~protected.crc_ok]] = True
         flag[broken.take(frame)] = Quality.CRC
-    return Samples(frame, table.signal.take(place), value, flag, protected)
+    return Samples(frame, pick(table.signal, place), value, flag, protected)
+
+
+def _follow_multiplexers(table: SignalTable, node: Index, words: NDArray[np.uint64], length: NDArray[np.uint8]) -> None:
+    """Replace the node of each frame by the innermost one that its multiplexers select."""
+    switch = pick(table.switch_of, node)
+    row = np.flatnonzero(switch >= 0)
+    switch = switch.take(row)
+    while len(row):
+        key = table.switches.raw(words, row, switch)
+        key |= pick(table.switch_key, switch)
+        hit, inner = table.find(key)
+        row, switch = row.take(hit), switch.take(hit)
+        # a frame too short for its multiplexer tells nothing of what is in it
+        held = pick(table.switches.needs, switch) <= length.take(row)
+        if not held.all():
+            row, inner = row[held], inner[held]
+        node[row] = inner
+        switch = pick(table.switch_of, inner)
+        nested = np.flatnonzero(switch >= 0)
+        row, switch = row.take(nested), switch.take(nested)
 
 
 def _through_multiplexers(
     table: SignalTable, row: Index, node: Index, words: NDArray[np.uint64], length: NDArray[np.uint8]
 ) -> tuple[Index, Index]:
-    """Follow multiplexers level by level to all nodes present in each frame, in frame order."""
+    """Follow independent multiplexers level by level to all nodes present in each frame, in frame order."""
     rows, nodes = [row], [node]
     while True:
         count = table.switch_count.take(node)
@@ -132,7 +155,7 @@ def _through_multiplexers(
         switch = table.switch_list.take(np.repeat(first, count) + np.arange(int(count.sum())))
         at = np.repeat(row, count)
         key = table.switches.raw(words, at, switch)
-        key |= (switch.astype(np.uint64) + np.uint64(1)) << np.uint64(32)
+        key |= pick(table.switch_key, switch)
         hit, node = table.find(key)
         row, switch = at.take(hit), switch.take(hit)
         # a frame too short for its multiplexer tells nothing of what is in it
@@ -175,8 +198,8 @@ def _judge(table: SignalTable, raw: NDArray[np.float64], place: Index) -> NDArra
     """Quality by the raw value: declared range, J1939 ranges, labels of the value table, NaN."""
     flag = np.zeros(len(raw), np.uint8)
     # written so that NaN, which compares false, falls out too
-    inside = raw >= table.low.take(place)
-    inside &= raw <= table.high.take(place)
+    inside: NDArray[np.bool_] = raw >= pick(table.low, place)
+    inside &= raw <= pick(table.high, place)
     if not inside.all():
         part = np.flatnonzero(~inside)
         r, p = raw.take(part), place.take(part)
@@ -197,10 +220,11 @@ def _protection(table: SignalTable, batch: FrameBatch, hit: Index, row: Index, n
     part = np.flatnonzero(data_id >= 0)
     if not len(part):
         return _UNPROTECTED
-    # with signals both inside and outside the multiplexer, the inner node, which comes last, counts
-    last = np.ones(len(part), np.bool_)
-    last[:-1] = row[part[1:]] != row[part[:-1]]
-    part = part[last]
+    if table.several:
+        # the inner node comes last and counts
+        last = np.ones(len(part), np.bool_)
+        last[:-1] = row[part[1:]] != row[part[:-1]]
+        part = part[last]
     frame = hit.take(row.take(part))
     data = batch.data[frame, :8]
     counter = data[:, 1] & np.uint8(0x0F)

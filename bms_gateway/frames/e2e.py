@@ -2,7 +2,7 @@
 
 CRC in byte 0, a counter 0…14 in the low half of byte 1. The CRC has the polynomial of CRC-8-SAE-J1850 (0x1D) with
 start and final value zero; it runs over the data ID, low byte first, and then over bytes 1…7. The ID makes a frame
-under a foreign identifier fail. With a zero start the CRC is linear: the XOR of one table entry per byte.
+under a foreign identifier fail. With a zero start the CRC is linear: the XOR of one table entry per pair of bytes.
 
 References
 ----------
@@ -49,25 +49,37 @@ def crc8(data: bytes, start: int = 0xFF, final: int = 0xFF) -> int:
     return crc ^ final
 
 
-def _position_tables() -> NDArray[np.uint8]:
-    """Row j: what a byte followed by 8 − j others adds to the CRC; rows 0, 1 for the ID, then bytes 1…7."""
-    rows = [_TABLE]
+def _weights() -> list[NDArray[np.uint8]]:
+    """Item k: what a byte with k others behind it adds to the CRC."""
+    weights = [_TABLE]
     for _ in range(PROTECTED_LENGTH):
-        rows.append(_TABLE[rows[-1]])
-    return np.array(rows[::-1])
+        weights.append(_TABLE[weights[-1]])
+    return weights
 
 
-_BY_POSITION = _position_tables().reshape(-1)
-_ROW = 256 * np.arange(2 + PROTECTED_LENGTH - 1)
+_WEIGHTS = _weights()
+_ID_LOW, _ID_HIGH = _WEIGHTS[PROTECTED_LENGTH], _WEIGHTS[PROTECTED_LENGTH - 1]
+
+
+def _pair_tables() -> NDArray[np.uint8]:
+    """Row j: what bytes 2j and 2j + 1, read as a little-endian number, add to the CRC; byte 0 adds nothing."""
+    low, high = np.arange(1 << 16) & 0xFF, np.arange(1 << 16) >> 8
+    rows = []
+    for j in range(PROTECTED_LENGTH // 2):
+        behind = PROTECTED_LENGTH - 2 - 2 * j
+        rows.append(_WEIGHTS[behind][high] ^ (_WEIGHTS[behind + 1][low] if j else np.uint8(0)))
+    return np.array(rows)
+
+
+_PAIRS = _pair_tables()
 
 
 def _crc(data: NDArray[np.uint8], data_id: NDArray[np.int64]) -> NDArray[np.uint8]:
-    at = np.empty((len(data), len(_ROW)), np.intp)
-    at[:, 0] = data_id & 0xFF
-    at[:, 1] = (data_id >> 8) & 0xFF
-    at[:, 2:] = data[:, 1:PROTECTED_LENGTH]
-    at += _ROW
-    crc: NDArray[np.uint8] = np.bitwise_xor.reduce(_BY_POSITION.take(at), axis=1)
+    pairs = np.ascontiguousarray(data).view("<u2")
+    crc: NDArray[np.uint8] = _ID_LOW.take(data_id & 0xFF)
+    crc ^= _ID_HIGH.take((data_id >> 8) & 0xFF)
+    for j, table in enumerate(_PAIRS):
+        crc ^= table.take(pairs[:, j])
     return crc
 
 

@@ -2,8 +2,9 @@
 
 A *node* is a set of signals that appear together: in every frame of an identifier, or in those whose multiplexer has
 one value. Nodes are found by a 64-bit key (switch << 32 | value); switch 0 is the identifier itself, the others are
-multiplexers. A node lists its signals and the multiplexers that select further nodes, so that nested and several
-independent multiplexers cost one more look-up each, and a frame of an unknown identifier or multiplexer value none.
+multiplexers. A node lists its signals and the multiplexers that select further nodes. Where no message has several
+independent multiplexers, an inner node repeats the signals of the outer ones: then each frame has just one node, found
+by following its multiplexers, and one with an unknown value keeps the outer node.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.errors import ConfigError
-from bms_gateway.frames.bits import BitFields
+from bms_gateway.frames.bits import BitFields, pick
 from bms_gateway.frames.quality import Quality
 from bms_gateway.frames.signals import MessageInfo, SignalInfo, j1939_limits
 
@@ -40,6 +41,8 @@ class SignalTable:
         Run of a node in the places; `switch_first`, `switch_count` its run in `switch_list`.
     places : BitFields (P,)
         One per signal and node; `signal` (P,) tells whose, the other (P,) arrays how to make and judge the value.
+    several : bool
+        Some message has independent multiplexers: its frames have several nodes, and none repeats another's signals.
     switches : BitFields (W,)
         Multiplexers; switch w has the key prefix w + 1.
     node_needs : ndarray of int64 (K,)
@@ -57,6 +60,9 @@ class SignalTable:
     switch_first: Index
     switch_count: Index
     switch_list: Index
+    switch_of: Index
+    switch_key: NDArray[np.uint64]
+    several: bool
     places: BitFields
     switches: BitFields
     signal: Index
@@ -91,6 +97,9 @@ class SignalTable:
         tree = _Tree(messages)
         for number, info in enumerate(signals):
             tree.add(number, info)
+        several = any(len(node.switches) > 1 for node in tree.nodes.values())
+        if not several:
+            tree.inherit()
         keys = sorted(tree.nodes)
         nodes = [tree.nodes[k] for k in keys]
         listed = [n for node in nodes for n in node.signals]
@@ -120,6 +129,9 @@ class SignalTable:
             switch_first=_starts(switch_counts),
             switch_count=switch_counts,
             switch_list=np.array([w for node in nodes for w in node.switches], np.intp),
+            switch_of=np.array([node.switches[0] if node.switches else -1 for node in nodes], np.intp),
+            switch_key=np.array([(w + 1) << 32 for w in range(len(tree.switch_infos))], np.uint64),
+            several=several,
             places=places,
             switches=BitFields.build([s.place for s in tree.switch_infos], words, big_endian=big),
             signal=np.array(listed, np.intp),
@@ -151,9 +163,9 @@ class SignalTable:
         if not len(self.keys):
             return np.empty(0, np.intp), np.empty(0, np.intp)
         at = np.searchsorted(self.keys, key)
-        np.minimum(at, len(self.keys) - 1, out=at)
-        hit = np.flatnonzero(self.keys.take(at) == key)
-        return hit, at.take(hit)
+        # beyond the last key the clipped index shows another key, which differs
+        hit = np.flatnonzero(pick(self.keys, at) == key)
+        return hit, pick(at, hit)
 
     def labels(self, place: Index, raw: NDArray[np.float64]) -> NDArray[np.uint8]:
         """Quality that the value table states for raw values, GOOD for all others."""
@@ -192,6 +204,18 @@ class _Tree:
             nodes = [self._node(w + 1, v, info, f"{info.message}[{step.signal}={v}]") for v in reachable]
         for node in nodes:
             node.signals.append(number)
+
+    def inherit(self) -> None:
+        """Let every inner node carry the signals of the outer ones, outermost first."""
+        for key in sorted(k for k in self.nodes if k >> 32 == 0):
+            self._hand_down(self.nodes[key], [])
+
+    def _hand_down(self, node: _Node, outer: list[int]) -> None:
+        # a multiplexer under several outer values has its inner nodes visited more than once, with the same signals
+        node.signals[:0] = [n for n in outer if n not in node.signals]
+        for w in node.switches:
+            for key in sorted(k for k in self.nodes if k >> 32 == w + 1):
+                self._hand_down(self.nodes[key], node.signals)
 
     def _node(self, prefix: int, value: int, info: SignalInfo, label: str) -> _Node:
         e2e = self.messages[info.message].e2e
