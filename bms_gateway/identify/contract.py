@@ -1,0 +1,163 @@
+"""What every identifier takes in and gives out, so that the engine can choose one per string.
+
+An identifier is fed one `Tick` per second. Cheap ones update at once; the windowed one hands out a `Job` when a window
+is full. A job is a pure function of its own data: it may run inline or on another thread and gives the same `Result`
+to the last bit; the engine gives it back by `accept` at a bus time of its own choosing.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from bms_gateway.thermal import CELL_SYMBOLS, KINDS, Floats, StringModel, StringParameters
+
+LEARNING = "learning"
+IDENTIFIED = "identified"
+FIXED = "fixed"
+
+
+def not_identifiable(why: str) -> str:
+    """Status text of a parameter that the data do not determine."""
+    return f"not identifiable: {why}"
+
+
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """What one tick of the engine knows of one string.
+
+    Attributes
+    ----------
+    time_ns : int
+        Bus time of the tick.
+    dt : float
+        Seconds since the previous tick; differs from the period after a gap.
+    mean_square_current : float
+        Mean of I² over the tick, A²; NaN where there was no current.
+    heat : float
+        Mean heat of one cell over the tick, W (mean over the cells), where it comes from voltage; NaN otherwise.
+    inlet : float
+        Coolant inlet at the tick, °C; NaN where there was none.
+    surface : ndarray (n,)
+        Surface readings, °C; NaN where there is no sensor or no reading.
+    age : ndarray (n,)
+        Tick time minus time stamp of the reading, s.
+    """
+
+    time_ns: int
+    dt: float
+    mean_square_current: float
+    heat: float
+    inlet: float
+    surface: Floats
+    age: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """One parameter as it leaves: `value` and `sd` in SI, `unit` as shown to people, `status` as text."""
+
+    name: str
+    value: float
+    sd: float
+    unit: str
+    status: str
+
+
+@dataclass(frozen=True, slots=True)
+class Posterior:
+    """Gaussian over natural logarithms of parameters common to the cells.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Symbols, in the order of the arrays.
+    mean : ndarray (p,)
+        Natural logarithm of the SI value; where the prior has one value per cell, of their geometric mean.
+    cov : ndarray (p, p)
+        Symmetric, positive semi-definite.
+    """
+
+    names: tuple[str, ...]
+    mean: Floats
+    cov: Floats
+
+
+class Job(Protocol):
+    """A pure piece of work; picklable."""
+
+    def run(self) -> "Result":
+        """Compute; same job, same result."""
+        ...
+
+
+class Result(Protocol):
+    """What a job found; only its identifier looks inside."""
+
+
+class Identifier(Protocol):
+    """The verbs all methods share."""
+
+    def add(self, tick: Tick) -> Job | None:
+        """Take in one tick; a job is returned when there is heavy work to do."""
+        ...
+
+    def accept(self, result: Any) -> None:
+        """Take back the result of a job."""
+        ...
+
+    def posterior(self) -> Posterior:
+        """Knowledge so far, for the observer."""
+        ...
+
+    def estimates(self) -> tuple[Estimate, ...]:
+        """Knowledge so far, for people and the bus."""
+        ...
+
+    def snapshot(self) -> dict[str, Any]:
+        """State as JSON-able values."""
+        ...
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Take a state from `snapshot`."""
+        ...
+
+
+def symbols(model: StringModel) -> tuple[str, ...]:
+    """Parameters that the model's structure has."""
+    more = (("R_cc",) if model.has_conduction else ()) + (("C_f",) if model.has_coolant_path else ())
+    return CELL_SYMBOLS + more
+
+
+def log_prior(model: StringModel) -> tuple[tuple[str, ...], Floats, Floats]:
+    """Names, ln of the prior's (geometric mean) values and their sd."""
+    names = symbols(model)
+    mean = np.array([float(np.mean(np.log(model.priors[s].value))) for s in names])
+    return names, mean, np.array([model.priors[s].rel_sd for s in names])
+
+
+def estimates_of(posterior: Posterior, status: Sequence[str]) -> tuple[Estimate, ...]:
+    """Estimates in SI: the median, and the log-normal's sd taken at first order."""
+    sd = np.sqrt(np.maximum(np.diag(posterior.cov), 0.0))
+    return tuple(
+        Estimate(name, float(np.exp(m)), float(np.exp(m) * s), KINDS[name].unit, text)
+        for name, m, s, text in zip(posterior.names, posterior.mean, sd, status, strict=True)
+    )
+
+
+def string_parameters(model: StringModel, names: tuple[str, ...], ln: Floats) -> StringParameters:
+    """Numbers of the string from logarithms; cells keep the ratios of the prior's values.
+
+    Parameters
+    ----------
+    model : StringModel
+    names : tuple of str
+        A subset of the model's symbols.
+    ln : ndarray (p,)
+    """
+    values: dict[str, float | Floats] = {}
+    for name, x in zip(names, ln, strict=True):
+        prior = np.asarray(model.priors[name].value, dtype=np.float64)
+        values[name] = np.exp(x + np.log(prior) - np.mean(np.log(prior)))
+    return model.parameters(values)

@@ -1,0 +1,385 @@
+r"""Fit of one window: maximum a posteriori over parameters, start, drift of the heat and swing of the inlet.
+
+With φ = ln of the physical values common to the cells, ξ = (x_0, b, κ) the window's nuisances and z(φ) the lumped
+coordinates (`lumped`), Gauss–Newton minimises
+
+.. math::
+    \tfrac12 \| W (y - f(\varphi, \xi)) \|^2 + \tfrac12 (\xi - \bar\xi)^T P^{-1} (\xi - \bar\xi)
+    + \tfrac12 \delta^T \Lambda \delta + g^T \delta + \tfrac12 \sum_i (\varphi_i - m_i)^2 / s_i^2,
+    \qquad \delta = z(\varphi) - z_0
+
+* x_0: start temperatures, as surfaces T_s and e in T_c = T_s + (R_c/R_u)(T_s − T_f + e): what leaves a casing came from
+  its core but for the little that it stores. So a hot start mid-drive favours neither root, and R_c moves the core with
+  it. Both are correlated between the cells (one pack, one garage).
+* b: R_e (or the heat from voltage) walks by an unknown amount within the window and ends at its value of now. A real
+  cell's resistance falls as it warms; without b that passes for a time constant, and R_c and R_u are confidently wrong.
+* κ: gain of the inlet's departures from its mean. A reading that moves no more than its own error says nothing of μ,
+  however sharply the equations would take it at its word.
+* W whitens sensor noise and slow model discrepancy.
+
+The sizes of b and of the discrepancy are chosen by the marginal likelihood with its determinants: a profile over the
+nuisances prefers whatever lets them swallow the data, and biases R_e by tens of per cent.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bms_gateway.identify.contract import log_prior, string_parameters
+from bms_gateway.identify.discrepancy import SIZES, TAUS, Whitener, white_sd
+from bms_gateway.identify.lumped import alias, lumped, lumped_jacobian
+from bms_gateway.identify.response import Inputs, respond
+from bms_gateway.thermal import KINDS, Floats, StringModel, StringParameters, coolant_path
+
+STEP = 1e-4  # of a logarithm, for derivatives: truncation and rounding both stay near 1e-8
+ANNEAL = (30.0, 10.0, 3.0)  # times the noise: far starts slide in on a blunted likelihood instead of sticking
+WALKS = (0.01, 0.03, 0.1, 0.3, 0.8)  # candidates for the walk of ln R_e in `WALK_S`
+WALK_S = 1200.0
+KNOT_S = 200.0  # spacing of the walk's knots; faster changes average out over the slow time constant
+INLET_SD = 0.1  # K: difference between the inlet's reading and what the cells feel, as it moves
+SWING_SD = 0.5  # at most so unsure of κ
+SENSOR_SD = 0.01  # K: no reading is believed better
+START_SURFACE = (5.0, 1.0)  # K: of the first surfaces, all alike and each
+START_STORED = (4.0, 1.0)  # K: of R_u times the heat that the casing stores or conducts away, all alike and each
+STEEP = 1.5  # largest step of a logarithm in one iteration
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """What all data so far say of z, prior not included: ½ δᵀ info δ + gradᵀ δ with δ = z − z0."""
+
+    z0: Floats
+    info: Floats
+    grad: Floats
+
+    @classmethod
+    def none(cls, p: int) -> "Evidence":
+        """Before any data."""
+        return cls(np.zeros(p), np.zeros((p, p)), np.zeros(p))
+
+    def forget(self, directions: Floats, sd: Floats) -> "Evidence":
+        """Marginalise a random step of `sd` (r,) along `directions` (p, r): exact, also where info is singular."""
+        along = self.info @ directions
+        gain = np.linalg.solve(np.diag(1.0 / sd**2) + directions.T @ along, along.T)
+        info = self.info - along @ gain
+        return Evidence(self.z0, 0.5 * (info + info.T), self.grad - gain.T @ (directions.T @ self.grad))
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """K steps and the readings at their ends.
+
+    Attributes
+    ----------
+    square, heat : ndarray (K,)
+        Mean I², A², where heat is I²R_e; heat per cell, W, where it comes from voltage; 0 otherwise.
+    inlet : ndarray (K + 1,)
+    surface, age : ndarray (K, n)
+        °C with NaN for none; s.
+    dt : float
+    """
+
+    square: Floats
+    heat: Floats
+    inlet: Floats
+    surface: Floats
+    age: Floats
+    dt: float
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """Outcome of one window.
+
+    Attributes
+    ----------
+    evidence : Evidence
+        Carried in and this window's, about the better root.
+    mode : ndarray (p,)
+        φ of the better root.
+    mean, cov : ndarray (p,), (p, p)
+        Posterior of φ; of both roots together where neither can be excluded.
+    other_root : float
+        Probability of the root that `evidence` is not about.
+    walk : float
+        Chosen size of b.
+    white, slow, tau : float
+        Chosen σ_w, σ_d (K) and τ (s).
+    rms : float
+        Of the surface residual, K.
+    """
+
+    evidence: Evidence
+    mode: Floats
+    mean: Floats
+    cov: Floats
+    other_root: float
+    walk: float
+    white: float
+    slow: float
+    tau: float
+    rms: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Sizes:
+    white: float
+    slow: float
+    tau: float
+    walk: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Point:
+    """Everything at one (φ, ξ): residual and columns, then Hessian and gradient by source."""
+
+    phi: Floats
+    xi: Floats
+    residual: Floats  # (K, m), NaN where no reading
+    columns: Floats  # (K, m, p + q)
+    H: Floats  # of data, evidence and nuisances
+    g: Floats
+    cost: float  # with the prior
+
+
+class _Problem:
+    """One window and what is carried into it; sets up once what does not change between iterations."""
+
+    def __init__(self, model: StringModel, window: Window, evidence: Evidence) -> None:
+        self.model, self.evidence = model, evidence
+        self.names, self.prior_mean, prior_sd = log_prior(model)
+        self.free = np.flatnonzero(prior_sd > 0.0)
+        self.prior_info = np.zeros(len(prior_sd))
+        self.prior_info[self.free] = prior_sd[self.free] ** -2
+        self.low = np.log([KINDS[s].lower for s in self.names])
+        self.high = np.log([KINDS[s].upper for s in self.names])
+        self.sensed = [k - 1 for k in model.sensors]
+        self.y = window.surface[:, self.sensed]
+        self.valid = np.isfinite(self.y)
+        self.late = np.clip(np.nan_to_num(window.age[:, self.sensed]) / window.dt, 0.0, 1.0)
+        K, N = len(window.square), 2 * model.cells
+        J = max(1, round(K * window.dt / KNOT_S))
+        knots = np.linspace(0.0, K, J + 1)
+        shapes = np.array([np.interp(np.arange(K) + 0.5, knots, e) for e in np.eye(J + 1)[:J]]).T
+        self.inputs = Inputs(window.square, window.heat, window.inlet, window.dt, shapes, np.zeros(J))
+        left = (K - knots[:J]) * window.dt / WALK_S
+        self.walk_info = np.linalg.inv(np.minimum.outer(left, left))
+        n = model.cells
+        self.start_info = np.zeros((N, N))
+        for part, (common, own) in ((slice(0, n), START_SURFACE), (slice(n, N), START_STORED)):
+            self.start_info[part, part] = np.linalg.inv(np.full((n, n), common**2) + own**2 * np.eye(n))
+        early = self.y[: max(1, round(10.0 / window.dt))]
+        seen = early[np.isfinite(early)]
+        start = float(seen.mean()) if seen.size else float(window.inlet[0])
+        self.swing_info = (float(np.std(window.inlet)) / INLET_SD) ** 2 + SWING_SD**-2
+        self.N, self.J, self.p = N, J, len(self.names)
+        self.xi0 = np.concatenate([np.full(n, start), np.zeros(n + J + 1)])
+        self.moving = np.concatenate([self.free, np.arange(self.p, self.p + N + J + 1)])
+
+    def feasible(self, phi: Floats) -> bool:
+        """Whether the coolant node exists there (bulk: R_u C_f > 1, with room for the derivative's step)."""
+        if not self.model.has_coolant_path or self.model.coolant == "ntu":
+            return True
+        p = string_parameters(self.model, self.names, phi)
+        return bool(np.all(p.R_u * p.C_f > 1.001))
+
+    def simulate(self, phi: Floats, xi: Floats) -> tuple[Floats, Floats]:
+        """Residual (K, m) and its columns −∂r/∂(φ, ξ) (K, m, p + q)."""
+        inputs = replace(self.inputs, departure=xi[self.N : -1], swing=1.0 + float(xi[-1]))
+        sets = [string_parameters(self.model, self.names, q) for q in (phi, *(phi + STEP * np.eye(self.p)))]
+        starts = [self.start_map(s) for s in sets]
+        x0 = np.array([E @ xi[: self.N] + c for E, c in starts])
+        R = respond(sets, inputs, x0, self.sensed)
+
+        def read(Y: Floats) -> Floats:  # at the readings' own times
+            late = self.late[:, :, None]
+            return np.asarray((1.0 - late) * Y[1:] + late * Y[:-1], dtype=np.float64)
+
+        f = read(R.surface.transpose(1, 2, 0))
+        by_phi = (f[:, :, 1:] - f[:, :, :1]) / STEP
+        columns = np.concatenate([by_phi, read(R.surface_by_start) @ starts[0][0], read(R.surface_by_input)], axis=2)
+        return np.where(self.valid, self.y - f[:, :, 0], np.nan), columns
+
+    def start_map(self, p: StringParameters) -> tuple[Floats, Floats]:
+        """x_0 = E (T_s, e) + c, with E (2n, 2n) and c (2n,)."""
+        n = self.N // 2
+        M, m = coolant_path(p)
+        over = (p.R_c / p.R_u)[:, None]
+        E, c = np.zeros((self.N, self.N)), np.zeros(self.N)
+        E[1::2, :n] = np.eye(n)
+        E[0::2, :n] = np.eye(n) + over * (np.eye(n) - M)
+        E[0::2, n:] = over * np.eye(n)
+        c[0::2] = -over[:, 0] * m * self.inputs.inlet[0]
+        return E, c
+
+    def nuisance_info(self, walk: float) -> Floats:
+        """P⁻¹ over ξ."""
+        out = np.zeros((self.N + self.J + 1,) * 2)
+        out[: self.N, : self.N] = self.start_info
+        out[self.N : -1, self.N : -1] = self.walk_info / walk**2
+        out[-1, -1] = self.swing_info
+        return out
+
+    def normal(self, residual: Floats, columns: Floats, whitener: Whitener) -> Floats:
+        """[columns, residual]ᵀ [columns, residual], whitened (p + q + 1, p + q + 1)."""
+        both = whitener(np.concatenate([columns, residual[:, :, None]], axis=2)).reshape(-1, columns.shape[2] + 1)
+        return np.asarray(both.T @ both, dtype=np.float64)
+
+    def assemble(self, phi: Floats, xi: Floats, r: Floats, columns: Floats, M: Floats, walk: float) -> _Point:
+        """Add evidence and nuisances to the data's normal matrix `M`."""
+        p = self.p
+        H, g, cost = M[:-1, :-1].copy(), -M[:-1, -1], 0.5 * float(M[-1, -1])
+        D, delta = lumped_jacobian(phi, self.model.has_conduction), lumped(phi, self.model.has_conduction) - self.evidence.z0
+        pull = self.evidence.info @ delta
+        H[:p, :p] += D.T @ self.evidence.info @ D
+        g[:p] += D.T @ (pull + self.evidence.grad)
+        info, off = self.nuisance_info(walk), xi - self.xi0
+        H[p:, p:] += info
+        g[p:] += info @ off
+        prior = self.prior_info @ (phi - self.prior_mean) ** 2
+        cost += float(0.5 * delta @ pull + self.evidence.grad @ delta + 0.5 * off @ info @ off + 0.5 * prior)
+        return _Point(phi, xi, r, columns, H, g, cost)
+
+    def at(self, phi: Floats, xi: Floats, whitener: Whitener, walk: float) -> _Point:
+        r, columns = self.simulate(phi, xi)
+        return self.assemble(phi, xi, r, columns, self.normal(r, columns, whitener), walk)
+
+    def with_prior(self, point: _Point) -> tuple[Floats, Floats]:
+        """Hessian and gradient over what moves, prior included."""
+        H, g, p = point.H.copy(), point.g.copy(), self.p
+        H[np.arange(p), np.arange(p)] += self.prior_info
+        g[:p] += self.prior_info * (point.phi - self.prior_mean)
+        return H[np.ix_(self.moving, self.moving)], g[self.moving]
+
+    def minimise(self, phi: Floats, xi: Floats, sizes: _Sizes, scale: float, most: int) -> _Point:
+        """Levenberg–Marquardt from (φ, ξ) with noise times `scale`."""
+        W = Whitener.of(self.valid, sizes.white * scale, sizes.slow * scale, sizes.tau, self.inputs.dt)
+        here = self.at(phi, xi, W, sizes.walk)
+        enough = 1e-3 if scale == 1.0 else 0.1  # of the log posterior
+        f, p, damping = len(self.free), self.p, 0.0
+        for _ in range(most):
+            H, g = self.with_prior(here)
+            top = float(np.max(np.diag(H)[:f], initial=1.0))
+            while damping <= 1e6 * top:
+                A = H.copy()
+                A[np.arange(f), np.arange(f)] += damping
+                move = np.zeros(p + len(xi))
+                move[self.moving] = -np.linalg.solve(A, g)
+                phi = np.clip(here.phi + move[:p], self.low, self.high)
+                if np.max(np.abs(move[:p])) <= STEEP and self.feasible(phi):
+                    there = self.at(phi, here.xi + move[p:], W, sizes.walk)
+                    if there.cost <= here.cost:
+                        break
+                damping = max(4.0 * damping, 1e-3 * top)
+            else:
+                return here  # no way down from here
+            gained = here.cost - there.cost
+            here = there
+            damping = damping / 8.0 if damping > 1e-6 * top else 0.0
+            if gained < enough:
+                break
+        return here
+
+    def choose(self, at: _Point, white_floor: float) -> _Sizes:
+        """Sizes with the largest marginal likelihood, everything else integrated out about `at`."""
+        white = white_sd(at.residual, white_floor)
+        best, chosen = np.inf, _Sizes(white, SIZES[0], TAUS[0], WALKS[0])
+        for slow in SIZES:
+            for tau in TAUS:
+                W = Whitener.of(self.valid, white, slow, tau, self.inputs.dt)
+                M = self.normal(at.residual, at.columns, W)
+                for walk in WALKS:
+                    point = self.assemble(at.phi, at.xi, at.residual, at.columns, M, walk)
+                    H, g = self.with_prior(point)
+                    L = np.linalg.cholesky(H)
+                    down = np.linalg.solve(L, g)
+                    score = point.cost - 0.5 * float(down @ down) + 0.5 * W.log_det
+                    score += float(np.log(np.diag(L)).sum()) + self.J * np.log(walk)
+                    if score < best:
+                        best, chosen = score, _Sizes(white, slow, tau, walk)
+        return chosen
+
+    def score(self, point: _Point) -> float:
+        """−ln of the posterior mass about a mode (Laplace), up to a constant."""
+        H, _ = self.with_prior(point)
+        return point.cost + 0.5 * float(np.linalg.slogdet(H)[1])
+
+    def marginal(self, point: _Point) -> tuple[Floats, Floats]:
+        """Information and gradient over φ, nuisances integrated out, prior not included."""
+        p = self.p
+        gain = np.linalg.solve(point.H[p:, p:], point.H[p:, :p])
+        return point.H[:p, :p] - point.H[:p, p:] @ gain, point.g[:p] - gain.T @ point.g[p:]
+
+    def covariance(self, point: _Point) -> Floats:
+        """Posterior covariance of φ at a mode; zero for what is fixed."""
+        info, _ = self.marginal(point)
+        post = info + np.diag(self.prior_info)
+        cov = np.zeros_like(post)
+        part = np.ix_(self.free, self.free)
+        cov[part] = np.linalg.inv(post[part])
+        return 0.5 * (cov + cov.T)
+
+
+def fit_window(model: StringModel, window: Window, evidence: Evidence, start: Floats, *, far: bool) -> Fit:
+    """Fit one window.
+
+    Parameters
+    ----------
+    model : StringModel
+    window : Window
+    evidence : Evidence
+        Of the windows before.
+    start : ndarray (p,)
+        First φ.
+    far : bool
+        The start is a guess: anneal the noise.
+
+    Returns
+    -------
+    Fit
+
+    References
+    ----------
+    Lin et al., Eq 1, 9, 16–18 for the model; the method is ours.
+    """
+    problem = _Problem(model, window, evidence)
+    phi, xi = np.array(start, dtype=np.float64), problem.xi0
+    sizes = _Sizes(max(SENSOR_SD, 0.1), 0.05, 100.0, 0.1)
+    for scale in ANNEAL if far else ():
+        point = problem.minimise(phi, xi, sizes, scale, 6)
+        phi, xi = point.phi, point.xi
+    point = problem.minimise(phi, xi, sizes, 1.0, 10)
+    for _ in range(2):
+        sizes = problem.choose(point, SENSOR_SD)
+        point = problem.minimise(point.phi, point.xi, sizes, 1.0, 10)
+    point, mean, cov, other = _both_roots(problem, point, sizes)
+    info, grad = problem.marginal(point)
+    back = np.linalg.inv(lumped_jacobian(point.phi, model.has_conduction))
+    info_z = back.T @ info @ back
+    rms = float(np.sqrt(np.nanmean(point.residual**2))) if problem.valid.any() else np.nan
+    return Fit(
+        Evidence(lumped(point.phi, model.has_conduction), 0.5 * (info_z + info_z.T), back.T @ grad),
+        point.phi, mean, cov, other, sizes.walk, sizes.white, sizes.slow, sizes.tau, rms,
+    )  # fmt: skip
+
+
+def _both_roots(problem: _Problem, point: _Point, sizes: _Sizes) -> tuple[_Point, Floats, Floats, float]:
+    """Look on the other side of the fold; mean and covariance of both where neither can be excluded."""
+    cov = problem.covariance(point)
+    other = np.clip(alias(point.phi), problem.low, problem.high)
+    other = np.where(problem.prior_info > 0.0, other, point.phi)
+    jump = lumped(other, problem.model.has_conduction) - lumped(point.phi, problem.model.has_conduction)
+    info, _ = problem.marginal(point)
+    back = np.linalg.inv(lumped_jacobian(point.phi, problem.model.has_conduction))
+    if not problem.feasible(other) or 0.5 * jump @ (back.T @ info @ back) @ jump > 20.0:
+        return point, point.phi, cov, 0.0  # the inlet moved enough to exclude it
+    twin = problem.minimise(other, point.xi, sizes, 1.0, 10)
+    if np.max(np.abs(twin.phi - point.phi)) < 0.05:
+        return point, point.phi, cov, 0.0  # it slid back: there is one mode only
+    weight = 1.0 / (1.0 + np.exp(np.clip(problem.score(twin) - problem.score(point), -50.0, 50.0)))
+    if weight > 0.5:
+        point, twin, weight = twin, point, 1.0 - weight
+    mean = (1.0 - weight) * point.phi + weight * twin.phi
+    apart = twin.phi - point.phi
+    cov = (1.0 - weight) * problem.covariance(point) + weight * problem.covariance(twin)
+    return point, mean, cov + weight * (1.0 - weight) * np.outer(apart, apart), float(weight)

@@ -1,0 +1,125 @@
+r"""Heat of a cell from its voltage: q = I (U − V), where U is what the cell would show without current.
+
+Electrical power that does not reach the terminals becomes heat, whatever the mechanism: ohmic, charge transfer,
+diffusion, cold or warm. All that is missing is U. It is tracked by recursive least squares with forgetting on
+
+.. math::
+    V = U_0 + k\,Q - R_{el} I, \qquad Q = \int I\,dt
+
+where k Q takes up the slope of the open-circuit voltage over the charge moved. The energy balance needs only means over
+a tick: mean heat = U·mean(I) − mean(I·V). An error of U enters with the mean current, not with its square, so a
+profile that charges and discharges averages it out. Entropic (reversible) heat is not in it.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from bms_gateway.thermal import Floats
+
+HORIZON = 600.0
+"""s of memory: long against polarisation (tens of seconds), short against a slow warming that changes R_el."""
+LEARN = 120.0
+"""s of current in both directions before U is believed."""
+VOLT_SD = 0.02
+"""V: hysteresis and polarisation of a lithium-ion cell that a straight line leaves over."""
+
+
+@dataclass(frozen=True, slots=True)
+class VoltageHeat:
+    """What one tick of voltage says.
+
+    Attributes
+    ----------
+    heat, heat_sd : float
+        W; NaN while learning.
+    open_circuit, open_circuit_sd : float
+        U, V.
+    resistance, resistance_sd : float
+        R_el, Ω.
+    """
+
+    heat: float
+    heat_sd: float
+    open_circuit: float
+    open_circuit_sd: float
+    resistance: float
+    resistance_sd: float
+
+
+class VoltageTracker:
+    """Open-circuit voltage and electrical resistance of one cell (or of a string, per cell or in all), online.
+
+    Parameters
+    ----------
+    capacity : float
+        Ah; sets how far the open-circuit slope may go. Any order of magnitude will do.
+    cells : int
+        Cells in series behind the voltage; heat, U and R_el are those of all of them together.
+    """
+
+    def __init__(self, capacity: float = 2.5, cells: int = 1) -> None:
+        self._slope_sd = 0.5 * cells / capacity  # V/Ah: a cell's whole curve spans half a volt or more
+        self._volt_sd = VOLT_SD * cells
+        self._cells = cells
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget: after a gap the charge moved is unknown and hysteresis starts anew."""
+        self._theta = np.zeros(3)
+        self._P = np.zeros((3, 3))
+        self._Q = 0.0
+        self._learnt = 0.0
+        self._swing = (0.0, 0.0)
+
+    def update(self, I: float, V: float, IV: float, I2: float, dt: float) -> VoltageHeat:
+        """Take in the means of one tick.
+
+        Parameters
+        ----------
+        I, V, IV, I2 : float
+            Means of current (discharge positive), voltage, their product and current's square: A, V, W, A².
+            NaN in any: nothing is learnt and there is no heat for this tick.
+        dt : float
+            s; more than a minute counts as a gap.
+        """
+        if dt > 60.0:
+            self.reset()
+        if not (math.isfinite(I) and math.isfinite(V) and math.isfinite(IV) and math.isfinite(I2)):
+            return self._out(math.nan, math.nan)
+        moved = I * dt / 3600.0
+        self._Q += moved / 2.0  # charge at mid-tick belongs to the means of the tick
+        if not self._P.any():
+            self._theta[:] = V, 0.0, 0.0
+            self._P = np.diag([(0.3 * self._cells) ** 2, self._slope_sd**2, (0.1 * self._cells) ** 2])
+        self._forget(dt)
+        phi = np.array([1.0, -self._Q, -I])
+        noise = self._volt_sd**2 * max(1.0, 20.0 / dt)  # neighbours within ~20 s share their polarisation
+        S = phi @ self._P @ phi + noise
+        K = self._P @ phi / S
+        self._theta = self._theta + K * (V - phi @ self._theta)
+        self._P = self._P - np.outer(K, phi @ self._P)
+        self._P = 0.5 * (self._P + self._P.T)
+        self._learnt += dt
+        low, high = self._swing
+        self._swing = (min(low, I), max(high, I))
+        out = self._out(I, IV)
+        self._Q += moved / 2.0
+        return out
+
+    def _forget(self, dt: float) -> None:
+        """Random walks whose sd over the horizon is what the quantities do within it."""
+        q = np.array([self._volt_sd / 2, self._slope_sd / 20, 1e-3 * self._cells]) ** 2 * dt / HORIZON
+        self._P = self._P + np.diag(q)
+
+    def _out(self, I: float, IV: float) -> VoltageHeat:
+        at = np.array([1.0, -self._Q, 0.0])
+        U, U_sd = float(at @ self._theta), float(math.sqrt(max(0.0, at @ self._P @ at)))
+        R, R_sd = float(self._theta[2]), float(math.sqrt(max(0.0, self._P[2, 2])))
+        ready = self._learnt >= LEARN and self._swing[0] < 0.0 < self._swing[1]
+        if not ready or not math.isfinite(I):
+            return VoltageHeat(math.nan, math.nan, U if ready else math.nan, U_sd, R if ready else math.nan, R_sd)
+        return VoltageHeat(U * I - IV, abs(I) * U_sd, U, U_sd, R, R_sd)

@@ -1,0 +1,245 @@
+"""The production method: one window after the other, evidence carried between them.
+
+A window of twenty minutes holds two of the cell's slow time constants. Its fit (`posterior_fit`) is a job that may run
+on another thread; the engine brings the result back at a bus time of its own. Between windows the evidence forgets a
+little of R_e (as much as the last window saw it walk) and R_u, so that ageing and changes of flow are followed.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from bms_gateway.errors import StateError
+from bms_gateway.identify.contract import (
+    IDENTIFIED,
+    LEARNING,
+    Estimate,
+    Posterior,
+    Tick,
+    estimates_of,
+    log_prior,
+    not_identifiable,
+)
+from bms_gateway.identify.lumped import R_E, R_U, fold_distance, fold_gradient, lumped_jacobian
+from bms_gateway.identify.posterior_fit import WALK_S, Evidence, Fit, Window, fit_window
+from bms_gateway.thermal import KINDS, Floats, StringModel
+
+HOLD_CURRENT_S = 10.0  # a lost current is bridged so long: it cannot hide a drive
+HOLD_INLET_S = 60.0  # the inlet moves slowly
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """Constants of the windowed method.
+
+    Attributes
+    ----------
+    window_s : float
+        Length of a window.
+    first_s : tuple of float
+        Lengths of the first windows, so that something is known early.
+    shortest_s : float
+        A window cut by a gap is used from this length on.
+    cooling_drift : float
+        Random step of ln R_u in 20 minutes: filters clog, fans wear, flow is not quite constant.
+    least_rise : float
+        K: a window whose heat warms the surface by less is left out; it teaches nothing and would only forget.
+    good_sd : float
+        Relative sd at which a parameter may be called identified.
+    """
+
+    window_s: float = 1200.0
+    first_s: tuple[float, ...] = (600.0, 600.0)
+    shortest_s: float = 300.0
+    cooling_drift: float = 0.005
+    least_rise: float = 0.5
+    good_sd: float = 0.15
+
+
+@dataclass(frozen=True, slots=True)
+class WindowJob:
+    """One window's fit, complete in itself."""
+
+    model: StringModel
+    window: Window
+    evidence: Evidence
+    start: Floats
+    far: bool
+
+    def run(self) -> Fit:
+        """Fit; the same job gives the same result to the last bit."""
+        return fit_window(self.model, self.window, self.evidence, self.start, far=self.far)
+
+
+class WindowIdentifier:
+    """Windowed maximum a posteriori identification of one string.
+
+    Parameters
+    ----------
+    model : StringModel
+    settings : Settings
+    """
+
+    def __init__(self, model: StringModel, settings: Settings | None = None) -> None:
+        self._model = model
+        self._settings = settings or Settings()
+        self._names, self._prior_mean, self._prior_sd = log_prior(model)
+        p = len(self._names)
+        self._evidence = Evidence.none(p)
+        self._mean, self._cov = self._prior_mean.copy(), np.diag(self._prior_sd**2)
+        self._start = self._prior_mean.copy()
+        self._other_root = 0.0
+        self._walk = 0.0
+        self._windows = 0
+        self._from_voltage = False
+        self._pending = False
+        self._clear()
+
+    def _clear(self) -> None:
+        self._ticks: list[Tick] = []
+        self._inlet: list[float] = []
+        self._held = (0.0, 0.0)  # seconds without current, without inlet
+
+    def add(self, tick: Tick) -> WindowJob | None:
+        """Take in one tick.
+
+        Returns
+        -------
+        WindowJob or None
+            A job when a window is full, or when a gap ends one that is long enough.
+        """
+        job = None
+        if self._ticks and abs(tick.dt - self._ticks[-1].dt) > 1e-6:
+            job = self._close()
+        blind, still = self._held
+        no_heat = np.isnan(tick.mean_square_current) and np.isnan(tick.heat)
+        blind = blind + tick.dt if no_heat else 0.0
+        still = still + tick.dt if np.isnan(tick.inlet) else 0.0
+        if blind > HOLD_CURRENT_S or still > HOLD_INLET_S:
+            return job or self._close()
+        if not self._inlet:
+            if no_heat or np.isnan(tick.inlet):
+                return job
+            self._inlet = [tick.inlet]  # the first tick gives the instant from which the window runs
+            return job
+        if no_heat:
+            last = self._ticks[-1] if self._ticks else None
+            tick = replace(tick, mean_square_current=last.mean_square_current if last else 0.0,
+                           heat=last.heat if last else np.nan)  # fmt: skip
+        self._held = (blind, still)
+        self._ticks.append(tick)
+        self._inlet.append(self._inlet[-1] if np.isnan(tick.inlet) else tick.inlet)
+        first = self._settings.first_s
+        length = first[self._windows] if self._windows < len(first) else self._settings.window_s
+        if len(self._ticks) * tick.dt >= length - 1e-6:
+            return self._close()
+        return job
+
+    def _close(self) -> WindowJob | None:
+        """End the window; a job if it is long enough and warm enough and none is under way."""
+        ticks, inlet = self._ticks, np.array(self._inlet)
+        self._clear()
+        if not ticks or len(ticks) * ticks[0].dt < self._settings.shortest_s or self._pending:
+            return None
+        heat = np.array([t.heat for t in ticks])
+        square = np.array([t.mean_square_current for t in ticks])
+        measured = np.isfinite(heat)
+        square = np.where(measured, 0.0, np.nan_to_num(square))
+        heat = np.where(measured, heat, 0.0)
+        R_e, R_u = np.exp(self._start[[R_E, R_U]])
+        if R_u * float(np.mean(square * R_e + np.abs(heat))) < self._settings.least_rise:
+            return None
+        window = Window(
+            square, heat, inlet, np.array([t.surface for t in ticks]), np.array([t.age for t in ticks]), ticks[0].dt
+        )
+        self._from_voltage = bool(measured.mean() > 0.5)
+        evidence = self._evidence
+        if self._windows:
+            part = np.sqrt(len(ticks) * ticks[0].dt / WALK_S)
+            steps = np.array([max(self._walk, 0.01), self._settings.cooling_drift]) * part
+            evidence = evidence.forget(lumped_jacobian(self._start, self._model.has_conduction)[:, [R_E, R_U]], steps)
+        self._pending = True
+        return WindowJob(self._model, window, evidence, self._start, far=self._windows == 0)
+
+    def accept(self, result: Fit) -> None:
+        """Take back the result of the last job."""
+        self._evidence, self._mean, self._cov = result.evidence, result.mean, result.cov
+        self._other_root, self._walk = result.other_root, result.walk
+        self._start = result.mode
+        self._windows += 1
+        self._pending = False
+
+    def posterior(self) -> Posterior:
+        """Gaussian over the logarithms; the prior until the first window is in."""
+        return Posterior(self._names, self._mean, self._cov)
+
+    def estimates(self) -> tuple[Estimate, ...]:
+        """Every parameter with sd and status."""
+        status = [self._status(i) for i in range(len(self._names))]
+        return estimates_of(self.posterior(), status)
+
+    def _status(self, i: int) -> str:
+        name, sd, prior = self._names[i], float(np.sqrt(self._cov[i, i])), float(self._prior_sd[i])
+        if prior == 0.0:
+            return "fixed"
+        if not self._windows:
+            return LEARNING
+        if min(self._mean[i] - np.log(KINDS[name].lower), np.log(KINDS[name].upper) - self._mean[i]) < 0.01:
+            return not_identifiable("at its bound")
+        if sd < 0.5 * prior and sd < self._settings.good_sd:
+            return IDENTIFIED
+        return not_identifiable(self._why(i, sd))
+
+    def _why(self, i: int, sd: float) -> str:
+        if i == R_E and self._from_voltage:
+            return "heat is taken from voltage"
+        along = np.zeros(len(self._names))
+        along[[R_E, R_U]] = 1.0
+        rise_sd = float(np.sqrt(along @ self._cov @ along))
+        if rise_sd > 0.3 and not self._from_voltage:
+            return "too little current"
+        g = fold_gradient(self._mean)
+        if self._other_root > 0.02 or abs(fold_distance(self._mean)) < 2.0 * float(np.sqrt(g @ self._cov @ g)):
+            return "near the fold R_u = R_u*"
+        if i in (R_E, R_U) and rise_sd < 0.5 * sd:
+            return "only R_e*R_u is determined"
+        return "the data add little to the prior"
+
+    def snapshot(self) -> dict[str, Any]:
+        """Knowledge as JSON-able values; the window under way is not kept."""
+        e = self._evidence
+        arrays = {"z0": e.z0, "info": e.info, "grad": e.grad, "mean": self._mean, "cov": self._cov, "start": self._start}
+        return {
+            "method": "window",
+            "names": list(self._names),
+            **{k: v.tolist() for k, v in arrays.items()},
+            "other_root": self._other_root,
+            "walk": self._walk,
+            "windows": self._windows,
+            "from_voltage": self._from_voltage,
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Take a snapshot of a string with the same parameters.
+
+        Raises
+        ------
+        StateError
+            The snapshot is another method's or another structure's, or is not finite.
+        """
+        if state.get("method") != "window" or state.get("names") != list(self._names):
+            raise StateError("identified parameters: the stored state is of another method or string; starting anew")
+        p = len(self._names)
+        vectors = {k: np.array(state[k], dtype=np.float64) for k in ("z0", "grad", "mean", "start", "info", "cov")}
+        shapes = {k: ((p, p) if k in ("info", "cov") else (p,)) for k in vectors}
+        if any(v.shape != shapes[k] or not np.isfinite(v).all() for k, v in vectors.items()):
+            raise StateError("identified parameters: the stored state is damaged; starting anew")
+        self._evidence = Evidence(vectors["z0"], vectors["info"], vectors["grad"])
+        self._mean, self._cov, self._start = vectors["mean"], vectors["cov"], vectors["start"]
+        self._other_root, self._walk = float(state["other_root"]), float(state["walk"])
+        self._windows, self._from_voltage = int(state["windows"]), bool(state["from_voltage"])
+        self._pending = False
+        self._clear()
+
