@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bms_gateway.cli.main import Parser
-from bms_gateway.cli.output import note, say
+from bms_gateway.cli.output import note, say, write_json
 from bms_gateway.errors import DataError, UsageError, did_you_mean
 
 if TYPE_CHECKING:
@@ -36,6 +36,7 @@ def arguments(parser: Parser) -> None:
         default=[],
         help="the table's own column names; a minus before the column flips the sign",
     )
+    parser.option("--json", metavar="FILE", help="write what was done as JSON; - is standard output")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -64,7 +65,10 @@ def run(args: argparse.Namespace) -> int:
                 advance(float(batch.time_ns[-1] - batch.time_ns[0]) / SECOND if len(batch) else 0.0)
 
         frames = write_log(args.out, shown())
-    say(f"{args.out}: {frames} frames, {(stop_ns - start_ns) / SECOND:.1f} s of {plan.strings[index].name}")
+    name, seconds = plan.strings[index].name, (stop_ns - start_ns) / SECOND
+    if args.json:
+        write_json(args.json, {"log": args.out, "frames": frames, "duration_s": seconds, "string": name})
+    say(f"{args.out}: {frames} frames, {seconds:.1f} s of {name}", args.json)
     return 0
 
 

@@ -1,10 +1,11 @@
 """`replay`: logged traffic on a bus, with its own timing."""
 
 import argparse
+from dataclasses import asdict
 from pathlib import Path
 
 from bms_gateway.cli.main import Parser
-from bms_gateway.cli.output import note, say
+from bms_gateway.cli.output import note, say, write_json
 from bms_gateway.errors import UsageError
 
 EXAMPLE = """\
@@ -20,6 +21,7 @@ def arguments(parser: Parser) -> None:
     parser.option(
         "--speed", metavar="1|max", default="1", help="1 as it was (default), 2 twice as fast, max as fast as it goes"
     )
+    parser.option("--json", metavar="FILE", help="write what was done as JSON; - is standard output")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -47,8 +49,10 @@ def run(args: argparse.Namespace) -> int:
     if notes.broken:
         number, text = notes.broken_at[0]
         note(f"{args.log}: {notes.broken} lines passed over, the first is line {number}: {text!r}")
+    if args.json:
+        write_json(args.json, {"log": args.log, "to": args.to, **asdict(played)})
     late = f", at most {played.worst_late_s * 1e3:.1f} ms late" if speed else ""
-    say(f"{played.frames} frames, {played.log_s:.1f} s of log in {played.took_s:.1f} s{late}")
+    say(f"{played.frames} frames, {played.log_s:.1f} s of log in {played.took_s:.1f} s{late}", args.json)
     return 0
 
 

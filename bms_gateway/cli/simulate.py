@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
 from bms_gateway.cli.main import Parser
-from bms_gateway.cli.output import say
+from bms_gateway.cli.output import say, write_json
 from bms_gateway.errors import UsageError
 
 if TYPE_CHECKING:
@@ -34,6 +34,7 @@ def arguments(parser: Parser) -> None:
         default=0.0,
         help="R_e, R_c, R_u of each string differ from its model file by this relative sd (default 0)",
     )
+    parser.option("--json", metavar="FILE", help="write what was done as JSON; - is standard output")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -66,7 +67,10 @@ def run(args: argparse.Namespace) -> int:
 
         frames = write_log(args.out, drive())
     cells = sum(s.model.cells for s in plan.strings)
-    say(f"{args.out}: {frames} frames, {args.duration:g} s, {len(plan.strings)} strings, {cells} cells")
+    if args.json:
+        numbers = {"frames": frames, "duration_s": float(round(args.duration)), "strings": len(plan.strings)}
+        write_json(args.json, {"log": args.out, "truth": args.truth, "seed": args.seed, **numbers, "cells": cells})
+    say(f"{args.out}: {frames} frames, {args.duration:g} s, {len(plan.strings)} strings, {cells} cells", args.json)
     return 0
 
 

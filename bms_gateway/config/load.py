@@ -72,6 +72,7 @@ def load_config(path: Path) -> LoadedConfig:
         databases[str(file)] = _dbc_text(file)
     own = own_dbc_text()
     database = Database.load({**databases, OWN_DBC: own})
+    _known_interface(where, config.bus.interface)
     _limits(where, config)
     strings = tuple(_string(path, config, i, s, database) for i, s in enumerate(config.string, 1))
     plan = Plan(
@@ -215,6 +216,16 @@ def _constant(key: str, quantity: str, source: Source) -> float:
     if not low <= value <= high:
         raise ConfigError(f"{key}: {value:g} is not plausible; valid: {low:g} to {high:g}")
     return value
+
+
+def _known_interface(where: str, name: str) -> None:
+    if name == "socketcan":
+        return
+    from can.interfaces import VALID_INTERFACES  # the others are python-can's, installed plugins too
+
+    if name not in VALID_INTERFACES:
+        near = did_you_mean(name, sorted(VALID_INTERFACES))
+        raise ConfigError(f"{where}: bus.interface: no CAN interface is called '{name}'{near}")
 
 
 def _limits(where: str, config: GatewayConfig) -> None:

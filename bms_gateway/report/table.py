@@ -138,6 +138,7 @@ def read_table(path: Path, columns: Mapping[str, str] | None = None) -> Table:
     if not len(time):
         raise DataError(f"{path}: no rows")
     _check_time(path, time, text)
+    _check_soc(path, values.get("soc"), text)
     cells = {what: {k: values[f"{what}_{k}_{unit}"] for k in _cells(values, what)} for what, unit in PER_CELL.items()}
     return Table(
         str(path),
@@ -181,6 +182,15 @@ def _check_time(path: Path, time: Floats, text: "_Csv | _Parquet") -> None:
         raise DataError(
             f"{path}: {text.place(k)}: time_s {what} ({time[k - 1]:.10g} then {time[k]:.10g}); it must increase"
         )
+
+
+def _check_soc(path: Path, soc: Floats | None, text: "_Csv | _Parquet") -> None:
+    """Refuse per cent: they would be taken for a charge a hundred times the cell's."""
+    if soc is None:
+        return
+    wild = np.flatnonzero((soc < -0.1) | (soc > 1.1))
+    if len(wild):
+        raise DataError(f"{path}: {text.place(int(wild[0]))}: soc is {soc[wild[0]]:g}; it must be a share, 0 to 1")
 
 
 class _Csv:

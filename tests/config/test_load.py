@@ -111,6 +111,10 @@ FAULTS = [
     (MAPPED.replace('name = "string_1"\n', ""), "string[1].name: missing"),
     (MAPPED + OWN[OWN.index("[[") :], "two strings are called 'string_1'"),
     ("[bus]\n", "string: missing"),
+    (
+        MAPPED.replace('"socketcan"', '"sockecan"'),
+        "bus.interface: no CAN interface is called 'sockecan'; did you mean 'socketcan'?",
+    ),
     ("[bus]\nchannel = \n", "not valid TOML: Invalid value (at line 2"),
     (MAPPED.replace("Pack.Current", "Pack.Curent"), "string[1].signals.current: message 'Pack' has no signal 'Curent'"),
     (MAPPED.replace("Pack.Current", "Pack.Curent"), "did you mean 'Current'?"),

@@ -88,6 +88,7 @@ FAULTS = [
     (HEAD + "0,1,25\n1,1,25\n1,1,25\n", "line 4: time_s stands still (1 then 1); it must increase"),
     (HEAD + "0,1,25\n2,1,25\n1,1,25\n", "line 4: time_s goes back (2 then 1); it must increase"),
     (HEAD + "0,1,25\n,1,25\n", "line 3: time_s is missing"),
+    ("time_s,soc,current_A,coolant_inlet_C\n0,,1,2\n1,60,1,2\n", "line 3: soc is 60; it must be a share, 0 to 1"),
     ("time_s,time_s,current_A,coolant_inlet_C\n", "line 1: column 'time_s' stands there twice"),
 ]
 

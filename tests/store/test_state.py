@@ -92,7 +92,9 @@ def test_what_is_not_ours_is_set_aside_with_the_reason(tmp_path, content, aside,
     assert store.load().state == {"a": 1}
 
 
-@pytest.mark.parametrize("content", [b"[]", b"no JSON", b'{"saved_ns":1}', b'{"saved_ns":"x","state":{}}', b'{"state":[]}'])
+@pytest.mark.parametrize(
+    "content", [b"[]", b"no JSON", b'{"saved_ns":1}', b'{"saved_ns":"x","state":{}}', b'{"state":[]}']
+)
 def test_sound_check_sum_with_another_content_is_foreign(tmp_path, content):
     import hashlib
 
