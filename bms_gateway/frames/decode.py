@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.bits import pick, words_of
-from bms_gateway.frames.e2e import check_crc
+from bms_gateway.frames.e2e import check
 from bms_gateway.frames.quality import Quality
 from bms_gateway.frames.table import SignalTable
 
@@ -94,7 +94,7 @@ def decode(table: SignalTable, batch: FrameBatch) -> Samples:
         row, node = _through_multiplexers(table, row, node, words, length)
     elif len(table.switch_list):
         _follow_multiplexers(table, node, words, length)
-    protected = _protection(table, batch, hit, row, node) if table.any_protected else _UNPROTECTED
+    protected = _protection(table, words, length, hit, row, node) if table.any_protected and len(row) else _UNPROTECTED
     count = pick(table.count, node)
     at = np.repeat(row, count)
     # place of sample i: start of its node's run plus its position in that run
@@ -215,21 +215,18 @@ def _judge(table: SignalTable, raw: NDArray[np.float64], place: Index) -> NDArra
     return flag
 
 
-def _protection(table: SignalTable, batch: FrameBatch, hit: Index, row: Index, node: Index) -> Protected:
-    data_id = table.data_id.take(node)
-    part = np.flatnonzero(data_id >= 0)
-    if not len(part):
-        return _UNPROTECTED
-    if table.several:
+def _protection(
+    table: SignalTable, words: NDArray[np.uint64], length: NDArray[np.uint8], hit: Index, row: Index, node: Index
+) -> Protected:
+    part = np.flatnonzero(pick(table.protected, node))
+    if table.several and len(part):
         # the inner node comes last and counts
-        last = np.ones(len(part), np.bool_)
-        last[:-1] = row[part[1:]] != row[part[:-1]]
-        part = part[last]
-    frame = hit.take(row.take(part))
-    data = batch.data[frame, :8]
-    counter = data[:, 1] & np.uint8(0x0F)
-    crc_ok = check_crc(data, batch.length.take(frame), data_id.take(part))
-    return Protected(frame, node.take(part), counter, crc_ok)
+        part = part[np.append(row[part[1:]] != row[part[:-1]], True)]
+    if len(part) < len(row):
+        row, node = row.take(part), node.take(part)
+    word = pick(words, row if table.places.stride == 1 else row * table.places.stride)
+    counter, ok = check(word, pick(length, row), pick(table.id_crc, node))
+    return Protected(pick(hit, row), node, counter, ok)
 
 
 _UNPROTECTED = Protected(np.empty(0, np.intp), np.empty(0, np.intp), np.empty(0, np.uint8), np.empty(0, np.bool_))

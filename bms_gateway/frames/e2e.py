@@ -13,7 +13,7 @@ Routines", CRC-8-SAE-J1850.
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["COUNTER_STATES", "MAX_DELTA", "PROTECTED_LENGTH", "check_crc", "crc8", "protect"]
+__all__ = ["COUNTER_STATES", "MAX_DELTA", "check", "crc8", "id_crc", "protect"]
 
 POLYNOMIAL = 0x1D
 COUNTER_STATES = 15
@@ -74,31 +74,47 @@ def _pair_tables() -> NDArray[np.uint8]:
 _PAIRS = _pair_tables()
 
 
-def _crc(data: NDArray[np.uint8], data_id: NDArray[np.int64]) -> NDArray[np.uint8]:
-    pairs = np.ascontiguousarray(data).view("<u2")
-    crc: NDArray[np.uint8] = _ID_LOW.take(data_id & 0xFF)
-    crc ^= _ID_HIGH.take((data_id >> 8) & 0xFF)
+def id_crc(data_id: NDArray[np.int64]) -> NDArray[np.uint8]:
+    """Part of the CRC that comes from the data ID: constant per message."""
+    crc: NDArray[np.uint8] = _ID_LOW.take(data_id & 0xFF) ^ _ID_HIGH.take((data_id >> 8) & 0xFF)
+    return crc
+
+
+def _crc(word: NDArray[np.uint64], of_id: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    pairs = word.astype("<u8", copy=False).view("<u2").reshape(-1, 4)
+    crc = of_id.copy()
     for j, table in enumerate(_PAIRS):
         crc ^= table.take(pairs[:, j])
     return crc
 
 
-def check_crc(data: NDArray[np.uint8], length: NDArray[np.uint8], data_id: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Tell which frames are whole: right length, right check sum, counter in 0…14.
+def check(
+    word: NDArray[np.uint64], length: NDArray[np.uint8], of_id: NDArray[np.uint8]
+) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+    """Read the counters and tell which frames are whole: right length, right check sum, counter in 0…14.
 
     Parameters
     ----------
-    data : ndarray of uint8 (N, 8)
+    word : ndarray of uint64 (N,)
+        First eight bytes as a little-endian number.
     length : ndarray of uint8 (N,)
-    data_id : ndarray of int64 (N,)
+    of_id : ndarray of uint8 (N,)
+        From `id_crc`.
+
+    Returns
+    -------
+    counter : ndarray of uint8 (N,)
+    ok : ndarray of bool (N,)
     """
-    ok: NDArray[np.bool_] = _crc(data, data_id) == data[:, 0]
+    low = word.astype(np.uint16)
+    counter = ((low >> np.uint16(8)) & np.uint16(0x0F)).astype(np.uint8)
+    ok: NDArray[np.bool_] = _crc(word, of_id) == low.astype(np.uint8)
     ok &= length == PROTECTED_LENGTH
-    ok &= (data[:, 1] & 0x0F) < COUNTER_STATES
-    return ok
+    ok &= counter < COUNTER_STATES
+    return counter, ok
 
 
-def protect(data: NDArray[np.uint8], counter: NDArray[np.uint8], data_id: NDArray[np.int64]) -> None:
+def protect(data: NDArray[np.uint8], counter: NDArray[np.uint8], of_id: NDArray[np.uint8]) -> None:
     """Write counter and check sum into frames, in place.
 
     Parameters
@@ -106,7 +122,8 @@ def protect(data: NDArray[np.uint8], counter: NDArray[np.uint8], data_id: NDArra
     data : ndarray of uint8 (N, 8)
         Byte 0 is overwritten, and the low half of byte 1.
     counter : ndarray of uint8 (N,)
-    data_id : ndarray of int64 (N,)
+    of_id : ndarray of uint8 (N,)
+        From `id_crc`.
     """
     data[:, 1] = (data[:, 1] & 0xF0) | counter
-    data[:, 0] = _crc(data, data_id)
+    data[:, 0] = _crc(np.ascontiguousarray(data).view("<u8").ravel(), of_id)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from bms_gateway.errors import ConfigError, did_you_mean
 from bms_gateway.frames.bits import BitFields
 from bms_gateway.frames.database import Database
-from bms_gateway.frames.e2e import COUNTER_STATES, protect
+from bms_gateway.frames.e2e import COUNTER_STATES, id_crc, protect
 from bms_gateway.frames.signals import MessageInfo, SignalInfo, j1939_limits
 
 __all__ = ["Encoder"]
@@ -64,7 +64,8 @@ class Encoder:
         self.can_id = np.array([m.can_id for m, _, _ in rows], np.uint32)
         self.length = np.array([m.length for m, _, _ in rows], np.uint8)
         self.counters = np.zeros(len(rows), np.uint8)
-        self._data_id = np.array([-1 if m.e2e is None else m.e2e.data_id for m, _, _ in rows], np.int64)
+        data_id = np.array([-1 if m.e2e is None else m.e2e.data_id for m, _, _ in rows], np.int64)
+        self._protected, self._id_crc = data_id >= 0, id_crc(data_id)
         self._base = np.zeros((len(rows), 8 * words), np.uint8)
         for base, (message, values, _) in zip(self._base, rows, strict=True):
             _write_switches(base, message, values)
@@ -138,11 +139,10 @@ class Encoder:
         bits = self._raw_bits(field, values, error)
         data = self._base.take(rows, axis=0)
         data |= self._place(bits, np.minimum(field, max(len(self._fields.mask) - 1, 0)))
-        data_id = self._data_id.take(rows)
-        part = np.flatnonzero(data_id >= 0)
+        part = np.flatnonzero(self._protected.take(rows))
         if len(part):
             framed = data[part, :8]
-            protect(framed, self._count(rows[part]), data_id[part])
+            protect(framed, self._count(rows[part]), self._id_crc.take(rows[part]))
             data[part, :8] = framed
         return self.can_id.take(rows), self.length.take(rows), data
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from bms_gateway.errors import ConfigError
 from bms_gateway.frames.bits import BitFields, pick
+from bms_gateway.frames.e2e import id_crc
 from bms_gateway.frames.quality import Quality
 from bms_gateway.frames.signals import MessageInfo, SignalInfo, j1939_limits
 
@@ -47,8 +48,8 @@ class SignalTable:
         Multiplexers; switch w has the key prefix w + 1.
     node_needs : ndarray of int64 (K,)
         Bytes that a frame needs for all signals of the node.
-    data_id : ndarray of int64 (K,)
-        E2E data ID of the node's message, -1 without protection.
+    protected, id_crc : ndarray (K,)
+        Whether the node's message has end-to-end protection, and what its data ID adds to the check sum.
     node_label : tuple of str (K,)
         "Message" or "Message[multiplexer=value]", for counters and events.
     """
@@ -78,7 +79,8 @@ class SignalTable:
     label_keys: NDArray[np.int64]
     label_quality: NDArray[np.uint8]
     node_needs: NDArray[np.int64]
-    data_id: NDArray[np.int64]
+    protected: NDArray[np.bool_]
+    id_crc: NDArray[np.uint8]
     node_label: tuple[str, ...]
     can_ids: NDArray[np.uint32]
     any_float: bool
@@ -121,6 +123,7 @@ class SignalTable:
             for raw, q in i.labelled.items()
             if abs(raw) < LABEL_RAW
         )
+        data_id = np.array([node.data_id for node in nodes], np.int64)
         return cls(
             signals=tuple(signals),
             keys=np.array(keys, np.uint64),
@@ -150,12 +153,13 @@ class SignalTable:
             node_needs=np.array(
                 [max((signals[n].place.bytes_needed for n in node.signals), default=0) for node in nodes], np.int64
             ),
-            data_id=np.array([node.data_id for node in nodes], np.int64),
+            protected=data_id >= 0,
+            id_crc=id_crc(data_id),
             node_label=tuple(node.label for node in nodes),
             can_ids=np.array(sorted({i.can_id for i in signals}), np.uint32),
             any_float=any(i.is_float for i in infos),
             any_wide=any(_is_wide(i) for i in infos),
-            any_protected=any(node.data_id >= 0 for node in nodes),
+            any_protected=bool((data_id >= 0).any()),
         )
 
     def find(self, key: NDArray[np.uint64]) -> tuple[Index, Index]:
