@@ -1,1 +1,23 @@
 """Frames and time in, frames and events out: no I/O, no clock."""
+
+from bms_gateway.engine.drive import drain, drive
+from bms_gateway.engine.engine import Engine
+from bms_gateway.engine.events import Estimated, Event, Job, Level, Notice, Parameters, SendFrames, StartJob
+from bms_gateway.engine.plan import Channel, Plan, StringPlan
+
+__all__ = [
+    "Channel",
+    "Engine",
+    "Estimated",
+    "Event",
+    "Job",
+    "Level",
+    "Notice",
+    "Parameters",
+    "Plan",
+    "SendFrames",
+    "StartJob",
+    "StringPlan",
+    "drain",
+    "drive",
+]

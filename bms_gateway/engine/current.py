@@ -1,8 +1,8 @@
 """Means of one current input over a tick: of I, of I² and, with a voltage beside it, of V and I·V.
 
 The heat of a tick needs the mean of the square, never the square of the mean. Between two samples the current is held
-(what a battery monitor sends is a reading, not a slope); a sample is trusted for `HOLD_S` at the most, so a current that
-stops arriving ends in "unknown", not in an eternal last value.
+(what a battery monitor sends is a reading, not a slope); a sample is trusted for `HOLD_S` at the most, so a current
+that stops arriving ends in "unknown", not in an eternal last value.
 """
 
 from dataclasses import dataclass

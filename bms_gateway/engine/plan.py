@@ -1,6 +1,5 @@
 """Everything the engine is told before the first frame: frozen, checked, free of files and clocks."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -53,10 +52,6 @@ class Plan:
     Attributes
     ----------
     strings : tuple of StringPlan
-    databases : mapping of name to DBC text
-        The user's own, beside ours.
-    own_database : str
-        Text of our DBC.
     transmit : bool
         False: listen only; nothing is put into the output.
     tick_ns : int
@@ -69,8 +64,6 @@ class Plan:
     """
 
     strings: tuple[StringPlan, ...]
-    databases: Mapping[str, str] = field(default_factory=dict)
-    own_database: str = ""
     transmit: bool = True
     tick_ns: int = 1_000_000_000
     silent_after_ns: int = 60_000_000_000

@@ -1,8 +1,8 @@
 """Growth of the internal resistance against the baseline taken at commissioning.
 
 The first windows in which R_e is identified make the baseline (their precision-weighted mean of ln R_e); it is kept for
-the life of the string and stored with the state. Thresholds are 10 and 20 %: with one window's sd of a few per cent a
-5 % threshold raises false alarms.
+the life of the string and stored with the state. Thresholds are 10, 20 and 30 %: with one window's sd of a few per cent
+a 5 % threshold raises false alarms.
 """
 
 from dataclasses import dataclass, field
@@ -11,8 +11,8 @@ from math import exp, log, nan, sqrt
 from bms_gateway.health.flag import Flag, Thresholds
 
 BASELINE_WINDOWS = 3
-# Rise at 10 and 20 %, fall 3 and 4 points below, so that window-to-window scatter does not toggle the flag.
-GROWTH = Thresholds(rise=(0.10, 0.20), fall=(0.07, 0.16), hold=2)
+# Falls lie 3 or 4 points below the rises, so that window-to-window scatter does not toggle the flag.
+GROWTH = Thresholds(rise=(0.10, 0.20, 0.30), fall=(0.07, 0.16, 0.26), hold=2)
 
 
 @dataclass(slots=True)
@@ -22,7 +22,7 @@ class Ageing:
     Attributes
     ----------
     flag : Flag
-        0 none, 1 watch (10 %), 2 alarm (20 %).
+        0 none, 1 watch (10 %), 2 warning (20 %), 3 alarm (30 %).
     growth, growth_sd : float
         Share (0.1 is +10 %) and its sd; NaN before the baseline is complete.
     """
@@ -70,7 +70,12 @@ class Ageing:
     def sentence(self) -> str:
         """Say what the flag means and what to do."""
         of = f"resistance growth {100 * self.growth:+.0f} ± {100 * self.growth_sd:.0f} % since commissioning"
-        what = ("below the limits again", "watch: plan an inspection", "alarm: have the string inspected")
+        what = (
+            "below the limits again",
+            "watch: plan an inspection",
+            "warning: have the string inspected soon",
+            "alarm: have the string inspected before the next drive",
+        )
         return f"{of}: {what[self.flag.level]}"
 
     def snapshot(self) -> dict[str, float]:

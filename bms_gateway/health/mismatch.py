@@ -10,8 +10,8 @@ from bms_gateway.thermal import Floats
 
 WINDOW_S = 600.0  # ten minutes: longer than a burst of noise, shorter than a drive
 # Mean square of innovations in units of their own variance: 1 when all is well. Model error is slow, so it stays close
-# to 1 for long; 4 means that the surfaces are off by twice the band, minute after minute.
-EXCESS = Thresholds(rise=(4.0,), fall=(2.0,), hold=60)
+# to 1 for long; 4 means that the surfaces are off by twice the band, minute after minute: suspected; 9 confirmed.
+EXCESS = Thresholds(rise=(4.0, 9.0), fall=(2.0, 6.0), hold=60)
 
 
 @dataclass(slots=True)

@@ -1,5 +1,7 @@
 """The line of time: forward only, the same however frames are cut."""
 
+from itertools import pairwise
+
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -24,7 +26,7 @@ def straight(times: list[int], cuts: list[int]) -> tuple[list[int], list[int], C
     clock, out_t, out_id = Clock(), [], []
     whole = frames(times)
     edges = [0, *sorted({c % (len(times) + 1) for c in cuts}), len(times)]
-    for a, b in zip(edges, edges[1:], strict=False):
+    for a, b in pairwise(edges):
         part = clock.straighten(whole[a:b])
         out_t += part.time_ns.tolist()
         out_id += part.can_id.tolist()

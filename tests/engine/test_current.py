@@ -38,15 +38,15 @@ def test_the_means_are_those_of_the_held_samples(points: list[tuple[int, float]]
         if share < 0.5:
             assert np.isnan(m.I2)
         else:
-            assert m.I == pytest.approx(np.nanmean(want_I), abs=1e-6)
-            assert m.I2 == pytest.approx(np.nanmean(want_I**2), abs=1e-6)
-            assert m.IV == pytest.approx(np.nanmean(want_I * want_V), abs=1e-6)
+            assert pytest.approx(np.nanmean(want_I), abs=1e-6) == m.I
+            assert pytest.approx(np.nanmean(want_I**2), abs=1e-6) == m.I2
+            assert pytest.approx(np.nanmean(want_I * want_V), abs=1e-6) == m.IV
 
 
 def test_a_current_that_stops_becomes_unknown() -> None:
     line = Current()
     line.update(np.array([S // 2]), np.array([100.0]), NONE, NO_V, 0, S)
-    assert line.update(NONE, NO_V, NONE, NO_V, S, 2 * S).I2 == pytest.approx(1e4)
+    assert pytest.approx(1e4) == line.update(NONE, NO_V, NONE, NO_V, S, 2 * S).I2
     assert np.isnan(line.update(NONE, NO_V, NONE, NO_V, 2 * S, 3 * S).I2)
 
 

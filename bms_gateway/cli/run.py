@@ -1,0 +1,93 @@
+"""`run`: the service. SocketCAN in, estimates out, until it is told to stop."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bms_gateway.cli.main import Parser
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from bms_gateway.bus.port import Port
+    from bms_gateway.config.load import LoadedConfig
+    from bms_gateway.engine import Engine
+    from bms_gateway.store import StateStore
+
+EXAMPLE = """
+  bms-gateway run /etc/bms-gateway/gateway.toml
+"""
+
+
+def arguments(parser: Parser) -> None:
+    """Declare the command's words."""
+    parser.option("config", type=Path, metavar="CONFIG", help="the gateway's config")
+    parser.option("--seconds", type=float, default=None, help="end after so long (default: run until stopped)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run until SIGTERM or SIGINT."""
+    import asyncio
+    import logging
+
+    from bms_gateway.config.load import load_config
+    from bms_gateway.service.journal import start_logging
+    from bms_gateway.service.live import Gateway
+    from bms_gateway.store import StateStore
+
+    start_logging()
+    log = logging.getLogger("bms_gateway.run")
+    loaded = load_config(args.config)
+    store = StateStore(loaded.store) if loaded.store else None
+    engine = _resumed(loaded, store, log)
+    port = _port(loaded, engine)
+    gateway = Gateway(engine, port, save=_saver(store, log) if store else None)
+    log.info("listening on %s: %d strings", loaded.config.bus.channel, len(loaded.plan.strings))
+    try:
+        asyncio.run(gateway.run(seconds=args.seconds))
+    finally:
+        port.close()
+    return 0
+
+
+def _resumed(loaded: "LoadedConfig", store: "StateStore | None", log: Any) -> "Engine":
+    """Engine with the stored state, or, where that cannot be used, a fresh one and a line that says why."""
+    from bms_gateway.engine import Engine
+    from bms_gateway.errors import StateError
+
+    engine = Engine(loaded.plan, loaded.database)
+    if store is None:
+        return engine
+    found = store.load()
+    for problem in found.problems:
+        log.warning("%s", problem)
+    if found.state is None:
+        return engine
+    try:
+        engine.restore(found.state)
+    except StateError as e:
+        log.warning("%s; starting from the model files", e)
+        return Engine(loaded.plan, loaded.database)
+    return engine
+
+
+def _saver(store: "StateStore", log: Any) -> "Callable[[Mapping[str, object]], None]":
+    import time
+
+    def save(state: "Mapping[str, object]") -> None:
+        problem = store.save(state, wall_ns=time.time_ns())
+        if problem is not None:
+            log.warning("%s", problem, extra={"code": "store"})
+
+    return save
+
+
+def _port(loaded: "LoadedConfig", engine: "Engine") -> "Port":
+    bus, ids = loaded.config.bus, engine.can_ids.tolist()
+    if bus.interface == "socketcan":
+        from bms_gateway.bus.socketcan import SocketCanPort
+
+        return SocketCanPort(bus.channel, wanted=ids, own=engine.sends, receive_buffer=bus.receive_buffer)
+    from bms_gateway.bus.pythoncan import PythonCanPort
+
+    return PythonCanPort(bus.interface, bus.channel, wanted=ids, own=engine.sends)

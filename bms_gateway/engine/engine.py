@@ -1,0 +1,264 @@
+"""The engine: frames and bus time in, estimates, frames and notices out. No I/O, no clock, no threads.
+
+**Ticks.** Estimation happens on the multiples of `plan.tick_ns` of bus time. Frames are only collected until a frame
+stamped at or after the deadline arrives (or a timer says that the deadline has passed with nothing more to come); then
+the whole interval [t0, t1) is decoded, guarded, integrated and estimated at once. That is why the result cannot depend
+on how frames were cut into batches, and why a full bus costs one numpy pass a second.
+
+**Silence.** When no wanted frame came for `plan.silent_after_ns`, the bus is taken for asleep: the last estimates go
+out, then nothing, and no timer is armed. The next frame wakes the engine, which carries its state over the gap in one
+step. A start from a stored state is the same thing: a gap between the snapshot and the first frame.
+
+**Jobs.** Identification of a window takes tenths of a second. The engine hands it out as a job and applies its result
+at a fixed later bus time; a result that is not there by then is computed on the spot. So a live thread and an inline
+replay change parameters at the same tick.
+"""
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from bms_gateway.engine.broadcast import Broadcast, Counts, State
+from bms_gateway.engine.clock import Clock
+from bms_gateway.engine.estimate import Estimators, StringEstimator
+from bms_gateway.engine.events import Event, Job, Level, Notice, SendFrames, StartJob
+from bms_gateway.engine.inputs import Inputs, Reading, Samples
+from bms_gateway.engine.plan import Plan
+from bms_gateway.errors import StateError
+from bms_gateway.frames.batch import FrameBatch
+from bms_gateway.frames.database import Database
+from bms_gateway.frames.quality import Quality
+
+JOB_DUE_TICKS = 30  # far beyond what a window takes on a slow core, far below what a window spans
+UNKNOWN_GAP_S = 86_400.0  # parked for a time that nobody knows: after a day any string is at rest
+SNAPSHOT_VERSION = 1
+
+
+@dataclass(slots=True)
+class _Running:
+    """A job handed out."""
+
+    string: int
+    due_ns: int
+    job: Job
+    result: object | None = None
+
+
+class Engine:
+    """See the module's text.
+
+    Parameters
+    ----------
+    plan : Plan
+    database : Database
+        Ours and the user's, loaded.
+
+    Attributes
+    ----------
+    frames : int
+        Wanted frames so far.
+    dropped : int
+        Frames lost before they reached us; whoever reads the bus sets it.
+
+    Raises
+    ------
+    ConfigError
+        A signal of the plan is not in the database.
+    """
+
+    def __init__(self, plan: Plan, database: Database) -> None:
+        self._plan = plan
+        self._inputs = Inputs(plan, database)
+        self._estimators = Estimators(plan, self._inputs.wires)
+        self._broadcast = Broadcast(plan, database) if plan.transmit else None
+        self._clock = Clock()
+        self._queue: deque[Event] = deque()
+        self._pending: list[FrameBatch] = []
+        self._deadline: int | None = None
+        self._tick_end: int | None = None  # newest instant that is estimated; None before the first
+        self._heard = 0  # newest wanted frame, bus time
+        self._jobs: dict[int, _Running] = {}
+        self._next_job = 1
+        self._started = 0
+        self._told = Counts(0, 0, 0, 0.0)
+        self.frames = 0
+        self.dropped = 0
+
+    @property
+    def can_ids(self) -> np.ndarray[tuple[int], np.dtype[np.uint32]]:
+        """Identifiers that the engine listens to."""
+        return self._inputs.can_ids
+
+    @property
+    def sends(self) -> dict[int, int]:
+        """Identifiers that the engine sends and their cycles, ns; empty when it only listens."""
+        return {} if self._broadcast is None else dict(self._broadcast.cycles)
+
+    @property
+    def strings(self) -> list[StringEstimator]:
+        """What is known of each string now, in the order of the plan; to be read only."""
+        return self._estimators.strings
+
+    @property
+    def rejected(self) -> dict[str, int]:
+        """Samples turned away so far, by reason."""
+        return self._inputs.rejected
+
+    def receive(self, frames: FrameBatch, *, now_ns: int) -> None:
+        """Take the next frames of the bus; never raises for what they hold.
+
+        Parameters
+        ----------
+        frames : FrameBatch
+            In the order of the bus.
+        now_ns : int
+            Bus time at which they were read; no stamp is later (one that claims so is taken as now).
+        """
+        frames = self._inputs.wanted(frames)
+        if len(frames) and frames.time_ns.max() > now_ns:
+            frames = FrameBatch(np.minimum(frames.time_ns, now_ns), frames.can_id, frames.length, frames.data)
+        frames = self._clock.straighten(frames)
+        if not len(frames):
+            return
+        if self._deadline is None:
+            self._wake(int(frames.time_ns[0]))
+        elif self._tick_end is not None and int(frames.time_ns[0]) < self._tick_end:
+            # stamped before a timer that has already fired: it counts for the open tick
+            time = np.maximum(frames.time_ns, self._tick_end)
+            frames = FrameBatch(time, frames.can_id, frames.length, frames.data)
+        self._pending.append(frames)
+        if self._deadline is not None and int(frames.time_ns[-1]) >= self._deadline:
+            self._work_off()
+
+    def next_deadline(self) -> int | None:
+        """Bus time of the next timer, ns; None while the bus is silent."""
+        return self._deadline
+
+    def handle_timer(self, *, now_ns: int) -> None:
+        """Let time pass with no more frames: all ticks due by `now_ns` happen, stamped with their deadlines."""
+        while self._deadline is not None and self._deadline <= now_ns:
+            batch = FrameBatch.concat(self._pending)
+            self._pending = []
+            if len(batch):
+                self._heard = int(batch.time_ns[-1])
+                self.frames += len(batch)
+            self._tick(self._inputs.decode(batch), self._deadline)
+
+    def next_output(self) -> Event | None:
+        """Next event of the one ordered queue; None when there is nothing to say."""
+        return self._queue.popleft() if self._queue else None
+
+    def finish(self, job_id: int, result: object) -> None:
+        """Hand in the result of a job; it takes effect at the job's due time."""
+        if job_id in self._jobs:
+            self._jobs[job_id].result = result
+
+    def _work_off(self) -> None:
+        """Run every tick whose frames are all here; keep the frames of the open tick."""
+        batch, tick = FrameBatch.concat(self._pending), self._plan.tick_ns
+        open_start = int(batch.time_ns[-1]) // tick * tick
+        closed = int(np.searchsorted(batch.time_ns, open_start))
+        samples = self._inputs.decode(batch[:closed])
+        frame = sample = 0
+        while self._deadline is not None and self._deadline <= open_start:
+            frame_end = int(np.searchsorted(batch.time_ns, self._deadline))
+            sample_end = int(np.searchsorted(samples.time_ns, self._deadline))
+            if frame_end > frame:
+                self._heard = int(batch.time_ns[frame_end - 1])
+                self.frames += frame_end - frame
+            self._tick(samples.between(sample, sample_end), self._deadline)
+            frame, sample = frame_end, sample_end
+            if self._deadline is None:
+                self._wake(int(batch.time_ns[frame]))
+        self._pending = [batch[closed:]]
+
+    def _wake(self, first_ns: int) -> None:
+        """Arm the timer for the tick that holds the first frame, and carry the state over the time since the last."""
+        tick = self._plan.tick_ns
+        start = first_ns // tick * tick
+        self._deadline, self._heard = start + tick, first_ns
+        self._started = self._started or start
+        if self._tick_end is not None and start != self._tick_end:
+            gap_s = (start - self._tick_end) * 1e-9
+            if gap_s < 0.0:  # the clock ran backwards while we were off, as one without a battery does
+                gap_s = UNKNOWN_GAP_S
+            self._queue.append(
+                Notice(start, Level.INFO, "awake", f"frames again after {gap_s:.0f} s: state carried over the gap")
+            )
+            self._inputs.forget()
+            self._estimators.pass_time(gap_s)
+        self._tick_end = start
+
+    def _tick(self, samples: Samples, t1: int) -> None:
+        """Estimate at the deadline `t1` from the samples of the interval that it closes; arm the next one."""
+        t0 = t1 - self._plan.tick_ns
+        self._take_results(t1)
+        readings = self._inputs.update(samples, t0, t1)
+        self._queue.extend(self._inputs.changes(t1))
+        tick = self._estimators.step(readings, t1)
+        self._queue.extend(tick.events)
+        for string, job in tick.jobs:
+            due = t1 + JOB_DUE_TICKS * self._plan.tick_ns
+            self._jobs[self._next_job] = _Running(string, due, job)
+            self._queue.append(StartJob(t1, self._next_job, due, job))
+            self._next_job += 1
+        silent = t1 - self._heard >= self._plan.silent_after_ns
+        if self._broadcast is not None:
+            state = State.SILENT if silent else self._state(readings)
+            self._queue.append(SendFrames(t1, self._broadcast.encode(t1, self._estimators, state, self._counts(t1))))
+        self._tick_end = t1
+        if silent:
+            self._queue.append(
+                Notice(t1, Level.NOTICE, "silent", "no wanted frame for a minute: waiting for the bus, sending nothing")
+            )
+        self._deadline = None if silent else t1 + self._plan.tick_ns
+
+    def _take_results(self, now: int) -> None:
+        """Apply the results that are due, in the order of their jobs."""
+        for job_id in [i for i, r in self._jobs.items() if r.due_ns <= now]:
+            running = self._jobs.pop(job_id)
+            result = running.job.run() if running.result is None else running.result
+            self._queue.extend(self._estimators.accept(running.string, result, now))
+
+    def _state(self, readings: list[Reading]) -> State:
+        """Tell what the status frame says of us: degraded while a string lacks its current or all of its surfaces."""
+        if not any(np.isfinite(s.core).any() for s in self._estimators.strings):
+            return State.STARTING
+        sound = all(r.current_quality == Quality.GOOD and np.any(r.quality == Quality.GOOD) for r in readings)
+        return State.RUNNING if sound else State.DEGRADED
+
+    def _counts(self, t1: int) -> Counts:
+        rejected = sum(self._inputs.rejected.values())
+        counts = Counts(
+            self.frames - self._told.frames,
+            rejected - self._told.rejected,
+            self.dropped,
+            (t1 - self._started) * 1e-9,
+        )
+        self._told = Counts(self.frames, rejected, self.dropped, 0.0)
+        return counts
+
+    def snapshot(self) -> dict[str, Any]:
+        """State as JSON-able values: what `restore` needs to go on after a stop, however long."""
+        return {"version": SNAPSHOT_VERSION, "tick_end_ns": self._tick_end, "estimators": self._estimators.snapshot()}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Take up a stored state, before the first frame; the time until then counts as parked.
+
+        Raises
+        ------
+        StateError
+            The state cannot be used. The engine may be half filled then: throw it away and build a new one.
+        """
+        if state.get("version") != SNAPSHOT_VERSION:
+            raise StateError(f"stored state has version {state.get('version')}, this program writes {SNAPSHOT_VERSION}")
+        try:
+            left = self._estimators.restore(state["estimators"])
+            self._tick_end = None if state["tick_end_ns"] is None else int(state["tick_end_ns"])
+        except (KeyError, TypeError, ValueError, LookupError) as e:
+            raise StateError(f"stored state does not fit this program: {type(e).__name__} {e}") from None
+        for text in left:
+            self._queue.append(Notice(self._tick_end or 0, Level.NOTICE, "state", text))

@@ -1,0 +1,237 @@
+"""All strings' estimators side by side: observers stacked by string length, an identifier and the health of each."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bms_gateway.engine.events import Estimated, Event, Job, Level, Notice, Parameters
+from bms_gateway.engine.inputs import Reading, Wire
+from bms_gateway.engine.plan import Plan, StringPlan
+from bms_gateway.frames.quality import Quality
+from bms_gateway.health import Ageing, Mismatch
+from bms_gateway.identify import IDENTIFIED, Estimate, Identifier, Tick, VoltageTracker, build, string_parameters
+from bms_gateway.observe import AdaptiveObserver
+from bms_gateway.thermal import Floats
+
+AVAILABLE_SD_K = 12.0
+"""A core known no better than this is sent as not available: no decision can be built on it, and the DBC ends there."""
+
+
+CAPACITY_AH = 8.0  # where the model file does not say; the voltage's slope needs its order of magnitude only
+
+
+@dataclass(slots=True)
+class StringEstimator:
+    """What belongs to one string alone; the observer is shared by its group.
+
+    Attributes
+    ----------
+    core, core_sd, surface : ndarray (n,)
+        Newest estimate, °C, K, °C; NaN where not available.
+    quality : ndarray of uint8 (n,)
+    """
+
+    plan: StringPlan
+    wire: Wire
+    identifier: Identifier
+    voltage: VoltageTracker | None
+    core: Floats
+    core_sd: Floats
+    surface: Floats
+    quality: NDArray[np.uint8]
+    ageing: Ageing = field(default_factory=Ageing)
+    mismatch: Mismatch = field(default_factory=Mismatch)
+    estimates: tuple[Estimate, ...] = ()
+
+    @classmethod
+    def of(cls, plan: StringPlan, wire: Wire) -> "StringEstimator":
+        """Build from the plan, knowing nothing yet."""
+        identifier = build(plan.identify, plan.model)
+        n = plan.model.cells
+        nothing = np.full(n, np.nan)
+        return cls(
+            plan,
+            wire,
+            identifier,
+            VoltageTracker(plan.model.capacity_Ah or CAPACITY_AH, n) if wire.voltage >= 0 else None,
+            nothing,
+            nothing,
+            nothing,
+            np.full(n, Quality.NEVER, np.uint8),
+            estimates=identifier.estimates(),
+        )
+
+    @property
+    def flags(self) -> tuple[str, ...]:
+        """Raised flags by name, as in the summary of an analysis."""
+        growth = ("", "R_e_watch", "R_e_warning", "R_e_alarm")[self.ageing.flag.level]
+        mismatch = ("", "mismatch_suspected", "mismatch_confirmed")[self.mismatch.flag.level]
+        return tuple(flag for flag in (growth, mismatch) if flag)
+
+    def heat(self, reading: Reading, dt: float) -> float:
+        """Mean heat of one cell from current and voltage, W; NaN while the open-circuit voltage is not known."""
+        if self.voltage is None:
+            return float("nan")
+        m = reading.means
+        return self.voltage.update(m.I, m.V, m.IV, m.I2, dt).heat / self.plan.model.cells
+
+    def flow_ratio(self, reading: Reading) -> float:
+        """Coolant flow over the model's nominal flow; NaN where either is unknown."""
+        nominal = self.plan.model.flow
+        return reading.flow / nominal if nominal else float("nan")
+
+
+@dataclass(slots=True)
+class Group:
+    """Strings with equal numbers of cells, and the observer that stacks them."""
+
+    members: list[int]
+    observer: AdaptiveObserver
+
+
+@dataclass(slots=True)
+class TickResult:
+    """What one tick gave beside the numbers: events, and jobs with the string they belong to."""
+
+    events: list[Event] = field(default_factory=list)
+    jobs: list[tuple[int, Job]] = field(default_factory=list)
+
+
+class Estimators:
+    """Estimators of a plan.
+
+    Parameters
+    ----------
+    plan : Plan
+    wires : sequence of Wire
+        One per string.
+    """
+
+    def __init__(self, plan: Plan, wires: Sequence[Wire]) -> None:
+        self._dt = plan.tick_ns * 1e-9
+        self.strings = [StringEstimator.of(p, w) for p, w in zip(plan.strings, wires, strict=True)]
+        lengths = sorted({s.plan.model.cells for s in self.strings})
+        self._groups = []
+        for n in lengths:
+            members = [i for i, s in enumerate(self.strings) if s.plan.model.cells == n]
+            models = [self.strings[i].plan.model for i in members]
+            self._groups.append(Group(members, AdaptiveObserver(models, self._dt, plan.disturbance)))
+
+    def step(self, readings: Sequence[Reading], t1: int) -> TickResult:
+        """Advance all strings by one tick that ends at `t1`, ns."""
+        result = TickResult()
+        for group in self._groups:
+            self._step_group(group, [readings[i] for i in group.members], t1, result)
+        return result
+
+    def _step_group(self, group: Group, readings: list[Reading], t1: int, result: TickResult) -> None:
+        strings = [self.strings[i] for i in group.members]
+        heat = np.array([s.heat(r, self._dt) for s, r in zip(strings, readings, strict=True)])
+        n = strings[0].plan.model.cells
+        e = group.observer.step(
+            np.array([r.means.I2 for r in readings]),
+            np.repeat(heat[:, None], n, axis=1),
+            np.array([r.inlet for r in readings]),
+            np.stack([r.y for r in readings]),
+            np.stack([r.age for r in readings]),
+            np.array([s.flow_ratio(r) for s, r in zip(strings, readings, strict=True)]),
+        )
+        usable = e.core_sd <= AVAILABLE_SD_K
+        core, core_sd = np.where(usable, e.core, np.nan), np.where(usable, e.core_sd, np.nan)
+        surface = np.where(usable, e.surface, np.nan)
+        normalised = e.innovation / e.innovation_sd
+        for j, (i, s, r) in enumerate(zip(group.members, strings, readings, strict=True)):
+            s.core, s.core_sd, s.surface = core[j], core_sd[j], surface[j]
+            s.quality = np.where(usable[j], _quality(r), Quality.NOT_AVAILABLE).astype(np.uint8)
+            name = s.plan.name
+            result.events.append(Estimated(t1, name, s.core, s.core_sd, s.surface, s.quality))
+            if s.mismatch.update(normalised[j], self._dt):
+                level = Level.WARNING if s.mismatch.flag.level else Level.NOTICE
+                result.events.append(Notice(t1, level, "mismatch", s.mismatch.sentence(), name))
+            job = s.identifier.add(Tick(t1, self._dt, r.means.I2, float(heat[j]), r.inlet, r.y, r.age))
+            if job is not None:
+                result.jobs.append((i, job))
+            elif s.plan.identify == "rls":
+                self._adopt(group, j)
+
+    def _adopt(self, group: Group, j: int) -> None:
+        """Give the observer what the identifier knows now."""
+        s = self.strings[group.members[j]]
+        posterior = s.identifier.posterior()
+        numbers = string_parameters(s.plan.model, posterior.names, posterior.mean)
+        values = {name: getattr(numbers, name) for name in posterior.names}
+        group.observer.set_parameters(j, values, posterior.names, posterior.cov)
+        s.estimates = s.identifier.estimates()
+
+    def accept(self, string: int, job_result: object, now: int) -> list[Event]:
+        """Take the result of a string's job into use."""
+        s = self.strings[string]
+        s.identifier.accept(job_result)
+        group = next(g for g in self._groups if string in g.members)
+        self._adopt(group, group.members.index(string))
+        events: list[Event] = [Parameters(now, s.plan.name, s.estimates)]
+        R_e = next(e for e in s.estimates if e.name == "R_e")
+        if R_e.status == IDENTIFIED and s.ageing.update(R_e.value, R_e.sd):
+            level = Level.WARNING if s.ageing.flag.level else Level.NOTICE
+            events.append(Notice(now, level, "ageing", s.ageing.sentence(), s.plan.name))
+        return events
+
+    def pass_time(self, gap_s: float) -> None:
+        """Carry everything over a time without frames."""
+        for group in self._groups:
+            group.observer.propagate(gap_s)
+        for s in self.strings:
+            if s.voltage is not None:
+                s.voltage.reset()
+
+    def snapshot(self) -> dict[str, Any]:
+        """State by string name and by group, JSON-able."""
+        return {
+            "observers": [
+                {"strings": [self.strings[i].plan.name for i in g.members], "state": g.observer.snapshot()}
+                for g in self._groups
+            ],
+            "strings": {
+                s.plan.name: {"identifier": s.identifier.snapshot(), "ageing": s.ageing.snapshot()}
+                for s in self.strings
+            },
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> list[str]:
+        """Take up a stored state as far as it fits this plan.
+
+        Returns
+        -------
+        list of str
+            What was left out and why, a sentence each.
+        """
+        left: list[str] = []
+        for s in self.strings:
+            mine = state["strings"].get(s.plan.name)
+            if mine is None:
+                left.append(f"{s.plan.name}: not in the stored state, starts from its model file")
+                continue
+            s.identifier.restore(mine["identifier"])
+            s.ageing.restore(mine["ageing"])
+            s.estimates = s.identifier.estimates()
+        stored = {tuple(o["strings"]): o["state"] for o in state["observers"]}
+        for g in self._groups:
+            names = tuple(self.strings[i].plan.name for i in g.members)
+            if names in stored:
+                g.observer.restore(stored[names])
+            else:
+                left.append(f"{', '.join(names)}: temperatures start anew, the strings have changed")
+        return left
+
+
+def _quality(r: Reading) -> NDArray[np.uint8]:
+    """Quality of a string's estimates: the own sensor's, and nowhere better than that of the current."""
+    own = np.where(r.quality == Quality.NEVER, Quality.ESTIMATED, r.quality).astype(np.uint8)
+    if r.current_quality == Quality.GOOD:
+        return own
+    sound = (own == Quality.GOOD) | (own == Quality.ESTIMATED)
+    current = Quality.STALE if r.current_quality == Quality.NEVER else r.current_quality
+    return np.where(sound, current, own).astype(np.uint8)

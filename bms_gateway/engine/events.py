@@ -1,0 +1,105 @@
+"""The engine's vocabulary: read this first.
+
+What goes in: `FrameBatch` (frames) and the bus time. What comes out, in one ordered queue: the events below. Two
+drivers that feed the same frames get the same events in the same order, however the frames were cut into batches.
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Protocol
+
+from numpy.typing import NDArray
+
+from bms_gateway.frames.batch import FrameBatch
+from bms_gateway.identify import Estimate
+from bms_gateway.thermal import Floats
+
+
+class Level(IntEnum):
+    """Weight of a notice; the numbers are syslog's, so that journald sorts them."""
+
+    WARNING = 4
+    NOTICE = 5
+    INFO = 6
+
+
+class Job(Protocol):
+    """Heavy identification: a pure function of what it holds, so it may run in a thread, later, or inline."""
+
+    def run(self) -> object:
+        """Compute; never touches the engine."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class SendFrames:
+    """Frames of our node to put on the bus; stamped with the deadline that made them."""
+
+    time_ns: int
+    batch: FrameBatch
+
+
+@dataclass(frozen=True, slots=True)
+class StartJob:
+    """Work to do outside: `engine.finish(job_id, job.run())` before bus time `due_ns`, else the engine runs it itself.
+
+    The result takes effect at `due_ns` in any case, so a live thread and an inline replay estimate the same.
+    """
+
+    time_ns: int
+    job_id: int
+    due_ns: int
+    job: Job
+
+
+@dataclass(frozen=True, slots=True)
+class Estimated:
+    """All cells of one string at one tick.
+
+    Attributes
+    ----------
+    core, core_sd, surface : ndarray (n,)
+        °C, K, °C; NaN where not available.
+    quality : ndarray of uint8 (n,)
+        `Quality` of each estimate.
+    """
+
+    time_ns: int
+    string: str
+    core: Floats
+    core_sd: Floats
+    surface: Floats
+    quality: NDArray[IntEnum]
+
+
+@dataclass(frozen=True, slots=True)
+class Parameters:
+    """New parameters of one string."""
+
+    time_ns: int
+    string: str
+    estimates: tuple[Estimate, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Notice:
+    """Something a person should know, in one sentence.
+
+    Attributes
+    ----------
+    code : str
+        Stable word for machines ("sensor", "clock", "silent", "ageing", "mismatch", …).
+    string : str or None
+    cell : int or None
+        1-based.
+    """
+
+    time_ns: int
+    level: Level
+    code: str
+    text: str
+    string: str | None = None
+    cell: int | None = None
+
+
+Event = SendFrames | StartJob | Estimated | Parameters | Notice

@@ -1,0 +1,191 @@
+"""The engine: one stream however frames come, silence and restarts as one step, no fault of the bus gets out."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bms_gateway.engine import Engine, Estimated, Notice, SendFrames, StartJob, drain, drive
+from bms_gateway.errors import StateError
+from bms_gateway.frames.batch import FrameBatch
+from bms_gateway.frames.own import own_signal
+from bms_gateway.frames.quality import Quality
+from tests.engine.packs import EPOCH_S, cut, database, plan, text, traffic
+
+S = 1_000_000_000
+
+
+def engine(strings: int = 2) -> Engine:
+    return Engine(plan(strings), database())
+
+
+def estimates(events: list, string: str = "string_1") -> list[Estimated]:
+    return [e for e in events if isinstance(e, Estimated) and e.string == string]
+
+
+FRAMES = traffic(45)
+WHOLE = text(list(drive(engine(), [FRAMES])))
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.lists(st.integers(0, len(FRAMES)), max_size=60))
+def test_the_stream_does_not_depend_on_how_frames_are_cut(edges: list[int]) -> None:
+    assert text(list(drive(engine(), cut(FRAMES, edges)))) == WHOLE
+
+
+def test_frame_by_frame_with_timers_in_between_is_the_same_stream() -> None:
+    live, out = engine(), []
+    for i in range(len(FRAMES)):
+        t = int(FRAMES.time_ns[i])
+        while (deadline := live.next_deadline()) is not None and deadline <= t:
+            live.handle_timer(now_ns=t)  # as a shell does that wakes late
+        live.receive(FRAMES[i : i + 1], now_ns=t)
+        out += list(drain(live))
+    assert text(out) == WHOLE
+
+
+def test_late_results_of_jobs_change_nothing() -> None:
+    """A live shell brings a result some ticks later, or not at all; it counts from its due time on."""
+    frames = traffic(700, strings=1)
+
+    def run(delay: int | None) -> list[str]:
+        e, out, waiting = engine(1), [], []
+        for k, batch in enumerate(cut(frames, list(range(0, len(frames), 40)))):
+            if not len(batch):
+                continue
+            e.receive(batch, now_ns=int(batch.time_ns[-1]))
+            while (event := e.next_output()) is not None:
+                if isinstance(event, StartJob):
+                    waiting.append((k, event))
+                else:
+                    out.append(event)
+            for started, job in list(waiting):
+                if delay is not None and k >= started + delay:
+                    e.finish(job.job_id, job.job.run())
+                    waiting.remove((started, job))
+        assert any(type(e).__name__ == "Parameters" for e in out)
+        return text(out)
+
+    assert run(0) == run(20) == run(None)
+
+
+def test_a_timer_is_stamped_with_its_deadline_not_with_the_wake_up() -> None:
+    e = engine()
+    e.receive(FRAMES[:30], now_ns=int(FRAMES.time_ns[29]))
+    list(drain(e))
+    deadline = e.next_deadline()
+    assert deadline is not None
+    e.handle_timer(now_ns=deadline + 400_000_000)
+    stamps = {x.time_ns for x in drain(e)}
+    assert stamps == {deadline}
+    assert e.next_deadline() == deadline + S
+
+
+def test_every_core_has_a_band_or_is_not_available() -> None:
+    for e in estimates(list(drive(engine(), [FRAMES]))):
+        assert (np.isfinite(e.core) == np.isfinite(e.core_sd)).all()
+        assert (np.isnan(e.core) == (e.quality == Quality.NOT_AVAILABLE)).all()
+
+
+def test_a_silent_bus_is_left_alone_and_the_next_frame_wakes_the_engine() -> None:
+    late = FrameBatch(FRAMES.time_ns + 3600 * S, FRAMES.can_id, FRAMES.length, FRAMES.data)
+    events = list(drive(engine(), [FRAMES, late]))
+    sent = np.array([e.time_ns for e in events if isinstance(e, SendFrames)]) // S - EPOCH_S
+    assert sent.max() > 3600
+    assert not ((sent > 45 + 60) & (sent < 3600)).any()
+    assert [n.code for n in events if isinstance(n, Notice) and n.code in ("silent", "awake")] == ["silent", "awake"]
+    first = next(e for e in estimates(events) if e.time_ns >= (EPOCH_S + 3600) * S)
+    before = [e for e in estimates(events) if e.time_ns < (EPOCH_S + 3600) * S][-1]
+    assert (first.core_sd > 0).all()
+    # after an hour at rest cores lie closer to the coolant (25 °C) than before
+    assert np.abs(first.core - 25.0).max() < np.abs(before.core - 25.0).max() + 3.0
+
+
+def test_a_restart_goes_on_where_it_was() -> None:
+    """Stored state, JSON and back, no time in between: the estimate is inside its old band from the first tick on."""
+    half = int(np.searchsorted(FRAMES.time_ns, (EPOCH_S + 30) * S))
+    one = engine()
+    before = estimates(list(drive(one, [FRAMES[:half]])))[-1]
+    state = json.loads(json.dumps(one.snapshot()))
+    two = engine()
+    two.restore(state)
+    after = estimates(list(drive(two, [FRAMES[half:]])))[0]
+    assert (np.abs(after.core - before.core) < 2 * before.core_sd + 0.5).all()
+    assert (after.core_sd < before.core_sd + 1.0).all()
+    fresh = next(e for e in estimates(list(drive(engine(), [FRAMES[half:]]))) if np.isfinite(e.core).all())
+    assert (after.core_sd < fresh.core_sd).all()
+
+
+def test_parked_for_minutes_the_cores_have_relaxed_and_the_band_has_grown() -> None:
+    one = engine()
+    warm = estimates(list(drive(one, [FRAMES])))[-1]
+    two = engine()
+    two.restore(json.loads(json.dumps(one.snapshot())))
+    later = FrameBatch(FRAMES.time_ns + 1200 * S, FRAMES.can_id, FRAMES.length, FRAMES.data)
+    woken = estimates(list(drive(two, [later])))[0]
+    assert (np.abs(woken.core - woken.surface) < np.abs(warm.core - warm.surface) + 4.0).all()
+    assert np.isfinite(woken.core).all()
+
+
+@pytest.mark.parametrize(
+    "state", [{}, {"version": 99}, {"version": 1, "tick_end_ns": 5}, {"version": 1, "tick_end_ns": 5, "estimators": 3}]
+)
+def test_a_foreign_state_is_refused_in_one_line(state: dict) -> None:
+    with pytest.raises(StateError, match="stored state"):
+        engine().restore(state)
+
+
+@settings(max_examples=12, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_nothing_on_the_bus_raises_or_puts_a_nan_on_it(seed: int) -> None:
+    """Random payloads, lengths, stamps and order under our own identifiers."""
+    rng = np.random.default_rng(seed)
+    n = 400
+    frames = FRAMES[:n]
+    data, length, time = frames.data.copy(), frames.length.copy(), frames.time_ns.copy()
+    hit = rng.random(n) < 0.3
+    data[hit] = rng.integers(0, 256, (int(hit.sum()), 8))
+    short = rng.random(n) < 0.1
+    length[short] = rng.integers(0, 9, int(short.sum()))
+    jump = np.array([0, -(10**9), 10**9, 10**13, -(10**13)])
+    time += rng.choice(jump, n, p=[0.97, 0.01, 0.01, 0.005, 0.005])
+    order = np.argsort(np.arange(n) + rng.choice([0.0, 5.0], n, p=[0.9, 0.1]), kind="stable")
+    noisy = FrameBatch(time[order], frames.can_id[order], length[order], data[order])
+    e = engine()
+    for event in drive(e, cut(noisy, rng.integers(0, n, 5).tolist())):
+        if isinstance(event, Estimated):
+            assert np.array_equal(np.isfinite(event.core), np.isfinite(event.core_sd))
+            known = np.isfinite(event.core)
+            assert (np.abs(event.core[known]) < 400).all()
+
+
+def test_irrelevant_frames_are_no_sign_of_life() -> None:
+    chatter_t = np.arange(EPOCH_S, EPOCH_S + 300, dtype=np.int64) * S
+    n = len(chatter_t)
+    chatter = FrameBatch(chatter_t, np.full(n, 0x123, np.uint32), np.full(n, 8, np.uint8), np.zeros((n, 8), np.uint8))
+    e = engine()
+    out = list(drive(e, [FRAMES]))
+    out += list(drive(e, [chatter[50:]]))
+    e.handle_timer(now_ns=(EPOCH_S + 300) * S)
+    out += list(drain(e))
+    assert e.next_deadline() is None
+    assert [x.code for x in out if isinstance(x, Notice)][-1] == "silent"
+    assert estimates(out)[-1].quality[0] == Quality.STALE
+
+
+def test_a_sensor_that_dies_is_told_once_marks_its_cell_and_widens_the_band() -> None:
+    frames = traffic(120)
+    message = database().message(own_signal(1, "surface", 1).split(".")[0])
+    dead = (frames.can_id == message.can_id) & (frames.time_ns > (EPOCH_S + 60) * S)
+    rest = FrameBatch(frames.time_ns[~dead], frames.can_id[~dead], frames.length[~dead], frames.data[~dead])
+    known = plan(rel_sd=0.01)  # or the band is that of the parameters, whatever the sensors do
+    events = list(drive(Engine(known, database()), [rest]))
+    told = [n for n in events if isinstance(n, Notice) and n.string == "string_1" and n.code == "sensor"]
+    assert len(told) == 2  # both sensors of the string are in frames of this message
+    assert all("nothing new" in n.text for n in told)
+    last, healthy = estimates(events)[-1], estimates(list(drive(Engine(known, database()), [frames])))[-1]
+    assert last.quality.tolist() == [Quality.STALE, Quality.ESTIMATED, Quality.ESTIMATED, Quality.STALE]
+    assert healthy.quality[0] == Quality.GOOD
+    assert (last.core_sd > healthy.core_sd).all()
