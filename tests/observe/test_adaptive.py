@@ -88,7 +88,7 @@ def test_band_holds_for_cells_that_differ_as_the_tolerances_allow():
 def test_wide_priors_leave_a_wide_core_however_small_the_surface_residual():
     """R_e, R_c wrong by a half, surface residuals of 0.1 K: the core's band still holds the truth."""
     wide = {"R_e": 0.6, "R_c": 0.6, "R_u": 0.6, "C_c": 0.05, "C_s": 0.05}
-    drive = Drive.of(truth(1, batch=(1,), R_e=5.5e-3, R_c=1.9), 60, 25.0, (1,))
+    drive = Drive.of(truth(1, batch=(1,), R_e=5.5e-3, R_c=1.9), 40, 25.0, (1,))
     last = follow(AdaptiveObserver([model(1, (1,), "single", rel_sd=wide)], 1.0), drive)[-600:]
     z = (stacked(last, "core") - drive.core[-600:]) / stacked(last, "core_sd")
     assert (np.abs(z) < 2).mean() > 0.9
@@ -135,7 +135,7 @@ def test_sensitivities_are_those_of_the_observer_with_its_gain():
 
 def test_new_parameters_put_the_estimate_where_it_would_always_have_been():
     n = 3
-    drive = Drive.of(truth(n, batch=(1,), R_e=3.6e-3, R_u=0.77), 25, 30.0, (1, 3))
+    drive = Drive.of(truth(n, batch=(1,), R_e=3.6e-3, R_u=0.77), 14, 30.0, (1, 3))
     late, always = (AdaptiveObserver([m], 1.0) for m in (model(n, (1, 3)), model(n, (1, 3), R_e=3.6e-3, R_u=0.77)))
     without = AdaptiveObserver([model(n, (1, 3))], 1.0)
     for o in (late, always, without):
@@ -185,25 +185,26 @@ def test_inlet_alone_starts_a_string_with_a_band_of_tens():
 
 @pytest.mark.parametrize("lost", ["sensors", "inlet", "current"])
 def test_what_is_lost_widens_the_band_which_still_holds_and_narrows_when_it_is_back(lost):
-    n, K = 5, 2400
+    """Four strings lose it for ten minutes, four beside them do not."""
+    n, K = 5, 1800
     rng = np.random.default_rng(7)
-    inlet = 25 + wander(rng, K + 1, 2.0, 6)
-    drive = Drive.of(truth(n, batch=(6,)), K / 60, 30.0, (1, n), inlet=inlet, inlet_error=wander(rng, K + 1, 0.5, 6))
-    gone = slice(900, 1800)
+    inlet = 25 + wander(rng, K + 1, 2.0, 8)
+    drive = Drive.of(truth(n, batch=(8,)), K / 60, 30.0, (1, n), inlet=inlet, inlet_error=wander(rng, K + 1, 0.5, 8))
+    gone = slice(600, 1200), slice(0, 4)
     if lost == "sensors":
         drive.y[gone] = NAN
     elif lost == "inlet":
         drive.inlet[gone] = NAN
     else:
         drive.I2[gone] = NAN
-    estimates = follow(AdaptiveObserver([model(n, (1, n), tolerances={})] * 6, 1.0), drive)
+    estimates = follow(AdaptiveObserver([model(n, (1, n), tolerances={})] * 8, 1.0), drive)
     sd, error = stacked(estimates, "core_sd"), stacked(estimates, "core") - drive.core
     assert np.isfinite(sd).all()
-    wider = sd[1790] / sd[899]
+    wider = sd[1190, :4] / sd[1190, 4:]
     assert (wider > 1.0).all()
     assert (wider.max(axis=1) > 1.1).all()
-    assert sd[-1] == pytest.approx(sd[899], rel=0.15)
-    assert (np.abs(error / sd)[800:] < 2).mean() > 0.9
+    np.testing.assert_allclose(sd[-1, :4], sd[-1, 4:], rtol=0.1)
+    assert (np.abs(error / sd)[500:] < 2).mean() > 0.9
 
 
 def test_thermocouples_that_take_turns_do_not_make_the_band_flicker():
@@ -218,17 +219,17 @@ def test_thermocouples_that_take_turns_do_not_make_the_band_flicker():
 
 
 def test_one_sensor_of_two_may_fail_and_come_back():
-    drive = Drive.of(truth(12, batch=(1,)), 30, 30.0, (1, 12))
-    drive.y[600:1200, :, 11] = NAN
+    drive = Drive.of(truth(12, batch=(1,)), 18, 30.0, (1, 12))
+    drive.y[400:800, :, 11] = NAN
     estimates = follow(AdaptiveObserver([model()], 1.0), drive)
     assert np.abs(stacked(estimates, "core") - drive.core)[200:].max() < 1.0
-    assert stacked(estimates, "core_sd")[1190, 0, 11] > stacked(estimates, "core_sd")[590, 0, 11]
+    assert stacked(estimates, "core_sd")[790, 0, 11] > stacked(estimates, "core_sd")[390, 0, 11]
 
 
 @cache
 def driven():
-    """Five cells driven for an hour."""
-    return Drive.of(truth(5, batch=(1,)), 60, 25.0, (1, 5))
+    """Five cells driven for half an hour."""
+    return Drive.of(truth(5, batch=(1,)), 30, 25.0, (1, 5))
 
 
 def rested(seconds):
@@ -237,14 +238,19 @@ def rested(seconds):
     return Drive.of(truth(5, batch=(1,)), None, (core[-1], surface[-1]), (1, 5), current=np.zeros(120))
 
 
+@cache
+def stored():
+    """What an observer wrote down at the end of that drive, as it comes back from a disk."""
+    observer = AdaptiveObserver([model(5, (1, 5), rel_sd={"R_u": 0.1})], 1.0)
+    follow(observer, driven())
+    return json.dumps(observer.snapshot(), allow_nan=False)
+
+
 @pytest.mark.parametrize("parked", [600, 8 * 3600])
 def test_restart_after_parking_goes_on_from_the_stored_state(parked):
     rest = rested(parked)
-    observer = AdaptiveObserver([model(5, (1, 5), rel_sd={"R_u": 0.1})], 1.0)
-    follow(observer, driven())
-    stored = json.loads(json.dumps(observer.snapshot()))
     fresh = AdaptiveObserver([model(5, (1, 5), rel_sd={"R_u": 0.1})], 1.0)
-    fresh.restore(stored)
+    fresh.restore(json.loads(stored()))
     e = fresh.propagate(float(parked), np.array([25.0]))
     assert np.abs(e.core - rest.core[0]).max() < 0.5
     if parked == 600:
@@ -260,11 +266,11 @@ def test_gap_carries_the_sensitivities_as_the_steps_would():
     sd = {"R_e": 0.1, "R_c": 0.1, "R_u": 0.1, "C_c": 0.1, "C_s": 0.1, "R_cc": 0.2, "C_f": 0.1}
     one, many = (AdaptiveObserver([model(5, (1, 5), rel_sd=sd)], 1.0) for _ in range(2))
     for o in (one, many):
-        follow(o, driven(), stop=1801)
+        follow(o, driven(), stop=901)
     none, now, still = np.full((1, 5), NAN), np.zeros((1, 5)), np.zeros(1)
-    for _ in range(300):
+    for _ in range(120):
         many.step(still, none, driven().inlet[0], none, now)
-    one.propagate(300.0)
+    one.propagate(120.0)
     a, b = (np.array(o.snapshot()["own"]["J"]) for o in (one, many))
     np.testing.assert_allclose(a, b, atol=0.01 * np.abs(b).max())
 
@@ -286,7 +292,7 @@ def test_restored_observer_goes_on_bit_for_bit():
 def test_flow_changes_cool_as_the_law_says():
     ratio = 2.0
     p = model(3, (1, 3)).nominal.with_flow_ratio(ratio)
-    drive = Drive.of(truth(3, batch=(1,), R_u=p.R_u, C_f=p.C_f), 40, 25.0, (1, 3))
+    drive = Drive.of(truth(3, batch=(1,), R_u=p.R_u, C_f=p.C_f), 30, 25.0, (1, 3))
     observer = AdaptiveObserver([model(3, (1, 3))], 1.0)
     none, now = np.full((1, 3), NAN), np.zeros((1, 3))
     jitter = 1 + 0.01 * np.sin(np.arange(len(drive)))
@@ -296,7 +302,7 @@ def test_flow_changes_cool_as_the_law_says():
         ).core
         for k in range(len(drive))
     ]
-    assert np.abs(np.array(cores) - drive.core)[1500:].max() < 0.4
+    assert np.abs(np.array(cores) - drive.core)[1200:].max() < 0.4
     slow = observer.step(drive.I2[-1], none, drive.inlet[-1], none, now, np.array([0.001]))
     assert np.isfinite(slow.core).all()
 

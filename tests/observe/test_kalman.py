@@ -257,7 +257,7 @@ def test_single_cell_is_found_within_a_minute_where_the_papers_gain_needs_forty(
 @pytest.mark.parametrize("common", [True, False])
 def test_common_mode_is_what_makes_a_sensor_speak_for_the_others(common):
     """Five cells, sensors {1, 5}, 7 K off: seconds with common-mode errors, twenty minutes with independent ones."""
-    n, current = 5, repeated(35)
+    n, current = 5, repeated(30)
     core, surface = rk4(TruthString.of(n, R_cc=32.0, C_f=C_F), current, np.full(len(current) + 1, 25.0), 37.0)
     y = np.full(surface.shape, np.nan)
     y[:, [0, 4]] = surface[:, [0, 4]] + np.random.default_rng(0).normal(0, 0.1, (len(y), 2))
