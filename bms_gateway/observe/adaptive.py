@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from bms_gateway.errors import StateError
 from bms_gateway.observe.kalman import Kalman, KalmanState
 from bms_gateway.observe.model import OFFSETS, Bools, Ints, Start, stack, start_covariance
 from bms_gateway.observe.sensitivity import PARAMETERS, Flows, carried, corrected
@@ -258,19 +259,22 @@ class AdaptiveObserver:
 
         Raises
         ------
-        ValueError
-            The snapshot belongs to other strings (shapes differ).
-        KeyError
-            Something is missing in it.
+        StateError
+            It belongs to other strings, something is missing in it, or it holds no numbers.
         """
-        own = {k: _like(snapshot["own"][k], getattr(self, f"_{k}")) for k in _KEPT}
-        state = KalmanState(
-            **{f.name: _like(snapshot["state"][f.name], getattr(self._state, f.name)) for f in fields(KalmanState)}
-        )
-        parameters = [
-            model.parameters({k: _like(v[k], np.asarray(getattr(p, k))) for k in model.priors})
-            for model, p, v in zip(self._models, self._parameters, snapshot["parameters"], strict=True)
-        ]
+        try:
+            own = {k: _like(snapshot["own"][k], getattr(self, f"_{k}")) for k in _KEPT}
+            state = KalmanState(
+                **{f.name: _like(snapshot["state"][f.name], getattr(self._state, f.name)) for f in fields(KalmanState)}
+            )
+            parameters = [
+                model.parameters({k: _like(v[k], np.asarray(getattr(p, k))) for k in model.priors})
+                for model, p, v in zip(self._models, self._parameters, snapshot["parameters"], strict=True)
+            ]
+        except (KeyError, TypeError, ValueError) as e:
+            raise StateError(f"observer state: not of these strings ({type(e).__name__}: {e})") from e
+        if not all(np.isfinite(a).all() for a in (state.x, state.P, state.K, own["J"], own["cov"], own["inlet"])):
+            raise StateError("observer state: holds values that are not numbers")
         for name, value in own.items():
             setattr(self, f"_{name}", value)
         self._parameters, self._state = parameters, state
@@ -414,5 +418,5 @@ def _like(value: Any, model: np.ndarray) -> np.ndarray:
     """Array of the type and shape of `model`; None becomes NaN."""
     a = np.array(value, dtype=np.float64 if model.dtype.kind == "f" else model.dtype)
     if a.shape != model.shape:
-        raise ValueError(f"snapshot of other strings: {a.shape} where {model.shape} is needed")
+        raise ValueError(f"shape {a.shape} where {model.shape} is needed")
     return a

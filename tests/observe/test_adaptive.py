@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from bms_gateway.errors import StateError
 from bms_gateway.observe import PARAMETERS, AdaptiveObserver, Disturbance, stack
 from bms_gateway.observe.open_loop import predicted_surface
 from tests.observe.rig import Drive, follow, model, stacked, truth, wander
@@ -285,8 +286,21 @@ def test_restored_observer_goes_on_bit_for_bit():
     for x, y in zip(follow(a, drive, start=400), follow(b, drive, start=400), strict=True):
         for name in ("core", "core_sd", "surface", "surface_sd"):
             assert (getattr(x, name) == getattr(y, name)).all()
-    with pytest.raises(ValueError, match="other strings"):
-        AdaptiveObserver([model(5, (1, 5))] * 2, 1.0).restore(a.snapshot())
+
+
+def test_a_state_that_is_foreign_or_damaged_is_refused_and_changes_nothing():
+    def observer(n, strings=2):
+        return AdaptiveObserver([model(n, (1, n))] * strings, 1.0)
+
+    good = observer(5).snapshot()
+    holed = {**good, "state": {k: v for k, v in good["state"].items() if k != "P"}}
+    blank = json.loads(json.dumps(good))
+    blank["state"]["x"][0][0] = None
+    for own, foreign in ((observer(12), good), (observer(5, 1), good), (observer(5), holed), (observer(5), blank)):
+        before = own.snapshot()
+        with pytest.raises(StateError, match="observer state"):
+            own.restore(foreign)
+        assert own.snapshot() == before
 
 
 def test_flow_changes_cool_as_the_law_says():
