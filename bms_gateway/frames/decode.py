@@ -1,17 +1,24 @@
 """Many frames to physical values at once; the cost is a handful of numpy calls per batch, none per frame or message."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.frames.batch import FrameBatch
-from bms_gateway.frames.bits import pick, words_of
+from bms_gateway.frames.bits import words_of
 from bms_gateway.frames.e2e import check
 from bms_gateway.frames.quality import Quality
 from bms_gateway.frames.table import SignalTable
 
 __all__ = ["Protected", "Samples", "decode"]
+
+_IEEE: dict[int, tuple[type[np.unsignedinteger[Any]], type[np.floating[Any]]]] = {
+    16: (np.uint16, np.float16),
+    32: (np.uint32, np.float32),
+    64: (np.uint64, np.float64),
+}
 
 Index = NDArray[np.intp]
 
@@ -95,50 +102,50 @@ def decode(table: SignalTable, batch: FrameBatch) -> Samples:
     elif len(table.switch_list):
         _follow_multiplexers(table, node, words, length)
     protected = _protection(table, words, length, hit, row, node) if table.any_protected and len(row) else _UNPROTECTED
-    count = pick(table.count, node)
-    at = np.repeat(row, count)
+    count = table.count.take(node)
+    at = row.repeat(count)
     # place of sample i: start of its node's run plus its position in that run
-    start = pick(table.first, node)
+    start = table.first.take(node)
     start += count
-    start -= np.cumsum(count)
-    place = np.repeat(start, count)
+    start -= count.cumsum()
+    place = start.repeat(count)
     place += np.arange(len(at))
     raw_bits = table.places.raw(words, at, place)
     # an underflow or a signalling NaN in a floating-point payload is data, not a fault of ours
     with np.errstate(all="ignore"):
         raw = _to_float(table, raw_bits, place)
-        value = raw * pick(table.scale, place)
-        value += pick(table.offset, place)
+        value = raw * table.scale.take(place)
+        value += table.offset.take(place)
     flag = _judge(table, raw, place)
-    if (pick(length, row) < pick(table.node_needs, node)).any():
+    if len((length.take(row) < table.node_needs.take(node)).nonzero()[0]):
         cut = table.places.needs.take(place) > length.take(at)
         value[cut] = np.nan
         flag[cut] = Quality.ERROR
-    frame = pick(hit, at)
+    frame = hit.take(at)
     if len(protected.frame) and not protected.crc_ok.all():
         broken = np.zeros(len(batch), np.bool_)
         broken[protected.frame[~protected.crc_ok]] = True
         flag[broken.take(frame)] = Quality.CRC
-    return Samples(frame, pick(table.signal, place), value, flag, protected)
+    return Samples(frame, table.signal.take(place), value, flag, protected)
 
 
 def _follow_multiplexers(table: SignalTable, node: Index, words: NDArray[np.uint64], length: NDArray[np.uint8]) -> None:
     """Replace the node of each frame by the innermost one that its multiplexers select."""
-    switch = pick(table.switch_of, node)
-    row = np.flatnonzero(switch >= 0)
+    switch = table.switch_of.take(node)
+    row = (switch >= 0).nonzero()[0]
     switch = switch.take(row)
     while len(row):
         key = table.switches.raw(words, row, switch)
-        key |= pick(table.switch_key, switch)
+        key |= table.switch_key.take(switch)
         hit, inner = table.find(key)
         row, switch = row.take(hit), switch.take(hit)
         # a frame too short for its multiplexer tells nothing of what is in it
-        held = pick(table.switches.needs, switch) <= length.take(row)
-        if not held.all():
-            row, inner = row[held], inner[held]
+        held = (table.switches.needs.take(switch) <= length.take(row)).nonzero()[0]
+        if len(held) < len(row):
+            row, inner = row.take(held), inner.take(held)
         node[row] = inner
-        switch = pick(table.switch_of, inner)
-        nested = np.flatnonzero(switch >= 0)
+        switch = table.switch_of.take(inner)
+        nested = (switch >= 0).nonzero()[0]
         row, switch = row.take(nested), switch.take(nested)
 
 
@@ -151,11 +158,11 @@ def _through_multiplexers(
         count = table.switch_count.take(node)
         if not count.any():
             break
-        first = table.switch_first.take(node) - (np.cumsum(count) - count)
-        switch = table.switch_list.take(np.repeat(first, count) + np.arange(int(count.sum())))
-        at = np.repeat(row, count)
+        first = table.switch_first.take(node) - (count.cumsum() - count)
+        switch = table.switch_list.take(first.repeat(count) + np.arange(int(count.sum())))
+        at = row.repeat(count)
         key = table.switches.raw(words, at, switch)
-        key |= pick(table.switch_key, switch)
+        key |= table.switch_key.take(switch)
         hit, node = table.find(key)
         row, switch = at.take(hit), switch.take(hit)
         # a frame too short for its multiplexer tells nothing of what is in it
@@ -164,7 +171,7 @@ def _through_multiplexers(
             row, node = row[held], node[held]
         rows.append(row)
         nodes.append(node)
-    kept = [np.flatnonzero(table.count.take(n)) for n in nodes]
+    kept = [table.count.take(n).nonzero()[0] for n in nodes]
     rows = [r.take(k) for r, k in zip(rows, kept, strict=True) if len(k)]
     nodes = [n.take(k) for n, k in zip(nodes, kept, strict=True) if len(k)]
     if len(rows) == 1:
@@ -180,16 +187,13 @@ def _to_float(table: SignalTable, bits: NDArray[np.uint64], place: Index) -> NDA
     """Raw values as numbers: integers of either sign, and IEEE 754 floats by their bits."""
     raw = bits.view(np.int64).astype(np.float64)
     if table.any_wide:
-        wide = np.flatnonzero(table.wide_unsigned.take(place))
+        wide = table.wide_unsigned.take(place).nonzero()[0]
         raw[wide] = bits[wide].astype(np.float64)
-    if table.any_float:
+    if table.float_sizes:
         width = table.float_bits.take(place)
-        for size, narrow, kind in (
-            (16, np.uint16, np.float16),
-            (32, np.uint32, np.float32),
-            (64, np.uint64, np.float64),
-        ):
-            part = np.flatnonzero(width == size)
+        for size in table.float_sizes:
+            part = (width == size).nonzero()[0]
+            narrow, kind = _IEEE[size]
             raw[part] = bits[part].astype(narrow).view(kind)
     return raw
 
@@ -198,17 +202,17 @@ def _judge(table: SignalTable, raw: NDArray[np.float64], place: Index) -> NDArra
     """Quality by the raw value: declared range, J1939 ranges, labels of the value table, NaN."""
     flag = np.zeros(len(raw), np.uint8)
     # written so that NaN, which compares false, falls out too
-    inside: NDArray[np.bool_] = raw >= pick(table.low, place)
-    inside &= raw <= pick(table.high, place)
-    if not inside.all():
-        part = np.flatnonzero(~inside)
+    inside: NDArray[np.bool_] = raw >= table.low.take(place)
+    inside &= raw <= table.high.take(place)
+    part = (~inside).nonzero()[0]
+    if len(part):
         r, p = raw.take(part), place.take(part)
         f = np.full(len(part), Quality.OUT_OF_RANGE, np.uint8)
         f[r >= table.error_from.take(p)] = Quality.ERROR
         f[(r >= table.na_from.take(p)) | np.isnan(r)] = Quality.NOT_AVAILABLE
         flag[part] = f
     if len(table.label_keys):
-        part = np.flatnonzero(table.has_labels.take(place))
+        part = table.has_labels.take(place).nonzero()[0]
         stated = table.labels(place.take(part), raw.take(part))
         part, stated = part[stated > 0], stated[stated > 0]
         flag[part] = stated
@@ -218,15 +222,15 @@ def _judge(table: SignalTable, raw: NDArray[np.float64], place: Index) -> NDArra
 def _protection(
     table: SignalTable, words: NDArray[np.uint64], length: NDArray[np.uint8], hit: Index, row: Index, node: Index
 ) -> Protected:
-    part = np.flatnonzero(pick(table.protected, node))
+    part = table.protected.take(node).nonzero()[0]
     if table.several and len(part):
         # the inner node comes last and counts
         part = part[np.append(row[part[1:]] != row[part[:-1]], True)]
     if len(part) < len(row):
         row, node = row.take(part), node.take(part)
-    word = pick(words, row if table.places.stride == 1 else row * table.places.stride)
-    counter, ok = check(word, pick(length, row), pick(table.id_crc, node))
-    return Protected(pick(hit, row), node, counter, ok)
+    word = words.take(row if table.places.stride == 1 else row * table.places.stride)
+    counter, ok = check(word, length.take(row), table.id_crc.take(node))
+    return Protected(hit.take(row), node, counter, ok)
 
 
 _UNPROTECTED = Protected(np.empty(0, np.intp), np.empty(0, np.intp), np.empty(0, np.uint8), np.empty(0, np.bool_))

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.errors import ConfigError
-from bms_gateway.frames.bits import BitFields, pick
+from bms_gateway.frames.bits import BitFields
 from bms_gateway.frames.e2e import id_crc
 from bms_gateway.frames.quality import Quality
 from bms_gateway.frames.signals import MessageInfo, SignalInfo, j1939_limits
@@ -83,7 +83,7 @@ class SignalTable:
     id_crc: NDArray[np.uint8]
     node_label: tuple[str, ...]
     can_ids: NDArray[np.uint32]
-    any_float: bool
+    float_sizes: tuple[int, ...]
     any_wide: bool
     any_protected: bool
 
@@ -157,7 +157,7 @@ class SignalTable:
             id_crc=id_crc(data_id),
             node_label=tuple(node.label for node in nodes),
             can_ids=np.array(sorted({i.can_id for i in signals}), np.uint32),
-            any_float=any(i.is_float for i in infos),
+            float_sizes=tuple(sorted({i.place.size for i in infos if i.is_float})),
             any_wide=any(_is_wide(i) for i in infos),
             any_protected=bool((data_id >= 0).any()),
         )
@@ -166,10 +166,10 @@ class SignalTable:
         """Positions in `key` that name a node, and the nodes."""
         if not len(self.keys):
             return np.empty(0, np.intp), np.empty(0, np.intp)
-        at = np.searchsorted(self.keys, key)
+        at = self.keys.searchsorted(key)
         # beyond the last key the clipped index shows another key, which differs
-        hit = np.flatnonzero(pick(self.keys, at) == key)
-        return hit, pick(at, hit)
+        hit = (self.keys.take(at, mode="clip") == key).nonzero()[0]
+        return hit, at.take(hit)
 
     def labels(self, place: Index, raw: NDArray[np.float64]) -> NDArray[np.uint8]:
         """Quality that the value table states for raw values, GOOD for all others."""
