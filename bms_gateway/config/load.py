@@ -92,12 +92,22 @@ def own_dbc_text() -> str:
     ConfigError
         Neither is there: the installation is incomplete.
     """
+    return shipped(f"dbc/{OWN_DBC}").read_text(encoding="utf-8")
+
+
+def shipped(name: str) -> Path:
+    """Find a file that comes with the package, by its path in the checkout.
+
+    Raises
+    ------
+    ConfigError
+        It is neither in the checkout nor in the installed wheel: the installation is incomplete.
+    """
     package = Path(__file__).resolve().parents[1]
-    places = (package / "shipped" / "dbc" / OWN_DBC, package.parent / "dbc" / OWN_DBC)
-    for place in places:
+    for place in (package / "shipped" / name, package.parent / name):
         if place.is_file():
-            return place.read_text(encoding="utf-8")
-    raise ConfigError(f"{OWN_DBC}: not found beside the package; install bms-gateway again")
+            return place
+    raise ConfigError(f"{name}: not found beside the package; install bms-gateway again")
 
 
 def _string(path: Path, config: GatewayConfig, number: int, string: String, database: Database) -> StringPlan:

@@ -116,10 +116,11 @@ class Broadcast:
                     r, v = part(layout, s)
                     rows.append(r)
                     values.append(v)
-        own = ((GATEWAY_STATUS, lambda: self._gateway(state, counts)), (GATEWAY_INFO, lambda: self._about(counts)))
-        for message, make in own:
+        for message, (r, v) in (
+            (GATEWAY_STATUS, self._gateway(state, counts)),
+            (GATEWAY_INFO, self._about(counts)),
+        ):
             if t1 % self._cycle[message] == 0:
-                r, v = make()
                 rows.append(r)
                 values.append(v)
         if not rows:

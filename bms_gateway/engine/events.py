@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Protocol
 
+import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.frames.batch import FrameBatch
@@ -69,7 +70,7 @@ class Estimated:
     core: Floats
     core_sd: Floats
     surface: Floats
-    quality: NDArray[IntEnum]
+    quality: NDArray[np.uint8]
 
 
 @dataclass(frozen=True, slots=True)

@@ -171,8 +171,14 @@ class Inputs:
                 surface[c.cell - 1] = i
             elif c.cell is None:
                 at[c.quantity] = i
-        named = (at.get(q, -1) for q in ("current", "voltage", "coolant_inlet", "coolant_flow"))
-        return Wire(*named, surface, constants)
+        return Wire(
+            current=at.get("current", -1),
+            voltage=at.get("voltage", -1),
+            coolant_inlet=at.get("coolant_inlet", -1),
+            coolant_flow=at.get("coolant_flow", -1),
+            surface=surface,
+            constants=constants,
+        )
 
     def wanted(self, frames: FrameBatch) -> FrameBatch:
         """Keep the frames that carry an input; nothing else counts as life on the bus."""
@@ -197,7 +203,7 @@ class Inputs:
             One per string of the plan, in its order.
         """
         g = self._guard.update(samples.time_ns, samples.input, samples.value, samples.flag, t1, self._active)
-        for code in np.flatnonzero(g.rejected.any(axis=0)):
+        for code in np.flatnonzero(g.rejected.any(axis=0)).tolist():
             reason = Quality(code).name.lower()
             self.rejected[reason] = self.rejected.get(reason, 0) + int(g.rejected[:, code].sum())
         good = g.quality == Quality.GOOD
@@ -241,7 +247,7 @@ class Inputs:
     def changes(self, t1: int) -> list[Notice]:
         """Tell which inputs have begun or ceased to be good since the last call."""
         notices = []
-        for i in np.flatnonzero(self._quality != self._told):
+        for i in np.flatnonzero(self._quality != self._told).tolist():
             now, before = Quality(int(self._quality[i])), Quality(int(self._told[i]))
             first = before == Quality.NEVER
             if (first or Quality.GOOD in (now, before)) and not (first and now == Quality.GOOD):
