@@ -55,7 +55,7 @@ class _Span:
 
     @property
     def seconds(self) -> float:
-        return 0.0 if self.first is None else (self.last - self.first) * 1e-9
+        return 0.0 if self.first is None else round((self.last - self.first) * 1e-9, 6)
 
     def note(self, batch: "FrameBatch") -> None:
         self.frames += len(batch)

@@ -122,12 +122,13 @@ class Estimators:
 
     def step(self, readings: Sequence[Reading], t1: int) -> TickResult:
         """Advance all strings by one tick that ends at `t1`, ns."""
-        result = TickResult()
+        results = [TickResult() for _ in self.strings]
         for group in self._groups:
-            self._step_group(group, [readings[i] for i in group.members], t1, result)
-        return result
+            self._step_group(group, [readings[i] for i in group.members], t1, [results[i] for i in group.members])
+        # told in the order of the plan, however the strings were grouped
+        return TickResult([e for r in results for e in r.events], [j for r in results for j in r.jobs])
 
-    def _step_group(self, group: Group, readings: list[Reading], t1: int, result: TickResult) -> None:
+    def _step_group(self, group: Group, readings: list[Reading], t1: int, results: list[TickResult]) -> None:
         strings = [self.strings[i] for i in group.members]
         heat = np.array([s.heat(r, self._dt) for s, r in zip(strings, readings, strict=True)])
         n = strings[0].plan.model.cells
@@ -143,7 +144,7 @@ class Estimators:
         core, core_sd = np.where(usable, e.core, np.nan), np.where(usable, e.core_sd, np.nan)
         surface = np.where(usable, e.surface, np.nan)
         normalised = e.innovation / e.innovation_sd
-        for j, (i, s, r) in enumerate(zip(group.members, strings, readings, strict=True)):
+        for j, (i, s, r, result) in enumerate(zip(group.members, strings, readings, results, strict=True)):
             s.core, s.core_sd, s.surface = core[j], core_sd[j], surface[j]
             s.quality = np.where(usable[j], _quality(r), Quality.NOT_AVAILABLE).astype(np.uint8)
             name = s.plan.name
