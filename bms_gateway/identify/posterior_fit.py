@@ -12,7 +12,8 @@ coordinates (`lumped`), Gauss–Newton minimises
   its core but for the little that it stores. So a hot start mid-drive favours neither root, and R_c moves the core with
   it. Both are correlated between the cells (one pack, one garage).
 * b: R_e (or the heat from voltage) walks by an unknown amount within the window and ends at its value of now. A real
-  cell's resistance falls as it warms; without b that passes for a time constant, and R_c and R_u are confidently wrong.
+  cell's resistance falls as it warms (one more element of b follows the measured surface); without b that passes for a
+  time constant, and R_c and R_u are confidently wrong.
 * κ: gain of the inlet's departures from its mean. A reading that moves no more than its own error says nothing of μ,
   however sharply the equations would take it at its word.
 * W whitens sensor noise and slow model discrepancy.
@@ -36,11 +37,13 @@ ANNEAL = (30.0, 10.0, 3.0)  # times the noise: far starts slide in on a blunted 
 WALKS = (0.01, 0.03, 0.1, 0.3, 0.8)  # candidates for the walk of ln R_e in `WALK_S`
 WALK_S = 1200.0
 KNOT_S = 200.0  # spacing of the walk's knots; faster changes average out over the slow time constant
+WARMING_SD = 0.03  # 1/K of the surface: LFP loses 2…6 % of R_e per kelvin in the cold, 1 % when warm
 INLET_SD = 0.1  # K: difference between the inlet's reading and what the cells feel, as it moves
 SWING_SD = 0.5  # at most so unsure of κ
 SENSOR_SD = 0.01  # K: no reading is believed better
-START_SURFACE = (5.0, 1.0)  # K: of the first surfaces, all alike and each
-START_STORED = (4.0, 1.0)  # K: of R_u times the heat that the casing stores or conducts away, all alike and each
+FRESH = ((5.0, 6.0, 1.0), (4.0, 4.0, 1.0))
+# K: sd of an unknown start: of T_s and of e; all alike, from end to end of the string, each by itself
+CARRIED = ((0.5, 0.5, 0.3), (1.0, 0.5, 0.3))  # K: the same where the window before ended there
 STEEP = 1.5  # largest step of a logarithm in one iteration
 
 
@@ -99,6 +102,8 @@ class Fit:
         φ of the better root.
     mean, cov : ndarray (p,), (p, p)
         Posterior of φ; of both roots together where neither can be excluded.
+    end : ndarray (2n,)
+        (T_s, e) at the end of the window.
     other_root : float
         Probability of the root that `evidence` is not about.
     walk : float
@@ -113,6 +118,7 @@ class Fit:
     mode: Floats
     mean: Floats
     cov: Floats
+    end: Floats
     other_root: float
     walk: float
     white: float
@@ -137,6 +143,7 @@ class _Point:
     xi: Floats
     residual: Floats  # (K, m), NaN where no reading
     columns: Floats  # (K, m, p + q)
+    end: Floats  # (T_s, e)
     H: Floats  # of data, evidence and nuisances
     g: Floats
     cost: float  # with the prior
@@ -145,7 +152,7 @@ class _Point:
 class _Problem:
     """One window and what is carried into it; sets up once what does not change between iterations."""
 
-    def __init__(self, model: StringModel, window: Window, evidence: Evidence) -> None:
+    def __init__(self, model: StringModel, window: Window, evidence: Evidence, start: Floats | None) -> None:
         self.model, self.evidence = model, evidence
         self.names, self.prior_mean, prior_sd = log_prior(model)
         self.free = np.flatnonzero(prior_sd > 0.0)
@@ -161,20 +168,25 @@ class _Problem:
         J = max(1, round(K * window.dt / KNOT_S))
         knots = np.linspace(0.0, K, J + 1)
         shapes = np.array([np.interp(np.arange(K) + 0.5, knots, e) for e in np.eye(J + 1)[:J]]).T
-        self.inputs = Inputs(window.square, window.heat, window.inlet, window.dt, shapes, np.zeros(J))
+        shapes = np.column_stack([shapes, _warming(self.y)])
+        self.inputs = Inputs(window.square, window.heat, window.inlet, window.dt, shapes, np.zeros(J + 1))
         left = (K - knots[:J]) * window.dt / WALK_S
         self.walk_info = np.linalg.inv(np.minimum.outer(left, left))
         n = model.cells
         self.start_info = np.zeros((N, N))
-        for part, (common, own) in ((slice(0, n), START_SURFACE), (slice(n, N), START_STORED)):
-            self.start_info[part, part] = np.linalg.inv(np.full((n, n), common**2) + own**2 * np.eye(n))
+        along = np.linspace(-1.0, 1.0, n)
+        for part, (common, ends, own) in zip((slice(0, n), slice(n, N)), FRESH if start is None else CARRIED, strict=True):
+            P = common**2 + ends**2 * np.outer(along, along) + own**2 * np.eye(n)
+            self.start_info[part, part] = np.linalg.inv(P)
         early = self.y[: max(1, round(10.0 / window.dt))]
         seen = early[np.isfinite(early)]
-        start = float(seen.mean()) if seen.size else float(window.inlet[0])
+        if start is None:
+            start = np.zeros(N)
+            start[:n] = seen.mean() if seen.size else window.inlet[0]
         self.swing_info = (float(np.std(window.inlet)) / INLET_SD) ** 2 + SWING_SD**-2
         self.N, self.J, self.p = N, J, len(self.names)
-        self.xi0 = np.concatenate([np.full(n, start), np.zeros(n + J + 1)])
-        self.moving = np.concatenate([self.free, np.arange(self.p, self.p + N + J + 1)])
+        self.xi0 = np.concatenate([start, np.zeros(J + 2)])
+        self.moving = np.concatenate([self.free, np.arange(self.p, self.p + N + J + 2)])
 
     def feasible(self, phi: Floats) -> bool:
         """Whether the coolant node exists there (bulk: R_u C_f > 1, with room for the derivative's step)."""
@@ -183,11 +195,11 @@ class _Problem:
         p = string_parameters(self.model, self.names, phi)
         return bool(np.all(p.R_u * p.C_f > 1.001))
 
-    def simulate(self, phi: Floats, xi: Floats) -> tuple[Floats, Floats]:
-        """Residual (K, m) and its columns −∂r/∂(φ, ξ) (K, m, p + q)."""
+    def simulate(self, phi: Floats, xi: Floats) -> tuple[Floats, Floats, Floats]:
+        """Residual (K, m), its columns −∂r/∂(φ, ξ) (K, m, p + q), and (T_s, e) at the end (2n,)."""
         inputs = replace(self.inputs, departure=xi[self.N : -1], swing=1.0 + float(xi[-1]))
         sets = [string_parameters(self.model, self.names, q) for q in (phi, *(phi + STEP * np.eye(self.p)))]
-        starts = [self.start_map(s) for s in sets]
+        starts = [self.start_map(s, inputs.inlet[0]) for s in sets]
         x0 = np.array([E @ xi[: self.N] + c for E, c in starts])
         R = respond(sets, inputs, x0, self.sensed)
 
@@ -198,10 +210,11 @@ class _Problem:
         f = read(R.surface.transpose(1, 2, 0))
         by_phi = (f[:, :, 1:] - f[:, :, :1]) / STEP
         columns = np.concatenate([by_phi, read(R.surface_by_start) @ starts[0][0], read(R.surface_by_input)], axis=2)
-        return np.where(self.valid, self.y - f[:, :, 0], np.nan), columns
+        E, c = self.start_map(sets[0], inputs.inlet[-1])
+        return np.where(self.valid, self.y - f[:, :, 0], np.nan), columns, np.linalg.solve(E, R.last[0] - c)
 
-    def start_map(self, p: StringParameters) -> tuple[Floats, Floats]:
-        """x_0 = E (T_s, e) + c, with E (2n, 2n) and c (2n,)."""
+    def start_map(self, p: StringParameters, inlet: float) -> tuple[Floats, Floats]:
+        """x = E (T_s, e) + c at an instant, with E (2n, 2n) and c (2n,)."""
         n = self.N // 2
         M, m = coolant_path(p)
         over = (p.R_c / p.R_u)[:, None]
@@ -209,14 +222,15 @@ class _Problem:
         E[1::2, :n] = np.eye(n)
         E[0::2, :n] = np.eye(n) + over * (np.eye(n) - M)
         E[0::2, n:] = over * np.eye(n)
-        c[0::2] = -over[:, 0] * m * self.inputs.inlet[0]
+        c[0::2] = -over[:, 0] * m * inlet
         return E, c
 
     def nuisance_info(self, walk: float) -> Floats:
         """P⁻¹ over ξ."""
-        out = np.zeros((self.N + self.J + 1,) * 2)
+        out = np.zeros((self.N + self.J + 2,) * 2)
         out[: self.N, : self.N] = self.start_info
-        out[self.N : -1, self.N : -1] = self.walk_info / walk**2
+        out[self.N : -2, self.N : -2] = self.walk_info / walk**2
+        out[-2, -2] = WARMING_SD**-2
         out[-1, -1] = self.swing_info
         return out
 
@@ -225,7 +239,7 @@ class _Problem:
         both = whitener(np.concatenate([columns, residual[:, :, None]], axis=2)).reshape(-1, columns.shape[2] + 1)
         return np.asarray(both.T @ both, dtype=np.float64)
 
-    def assemble(self, phi: Floats, xi: Floats, r: Floats, columns: Floats, M: Floats, walk: float) -> _Point:
+    def assemble(self, phi: Floats, xi: Floats, seen: tuple[Floats, Floats, Floats], M: Floats, walk: float) -> _Point:
         """Add evidence and nuisances to the data's normal matrix `M`."""
         p = self.p
         H, g, cost = M[:-1, :-1].copy(), -M[:-1, -1], 0.5 * float(M[-1, -1])
@@ -238,11 +252,11 @@ class _Problem:
         g[p:] += info @ off
         prior = self.prior_info @ (phi - self.prior_mean) ** 2
         cost += float(0.5 * delta @ pull + self.evidence.grad @ delta + 0.5 * off @ info @ off + 0.5 * prior)
-        return _Point(phi, xi, r, columns, H, g, cost)
+        return _Point(phi, xi, *seen, H, g, cost)
 
     def at(self, phi: Floats, xi: Floats, whitener: Whitener, walk: float) -> _Point:
-        r, columns = self.simulate(phi, xi)
-        return self.assemble(phi, xi, r, columns, self.normal(r, columns, whitener), walk)
+        seen = self.simulate(phi, xi)
+        return self.assemble(phi, xi, seen, self.normal(*seen[:2], whitener), walk)
 
     def with_prior(self, point: _Point) -> tuple[Floats, Floats]:
         """Hessian and gradient over what moves, prior included."""
@@ -289,7 +303,7 @@ class _Problem:
                 W = Whitener.of(self.valid, white, slow, tau, self.inputs.dt)
                 M = self.normal(at.residual, at.columns, W)
                 for walk in WALKS:
-                    point = self.assemble(at.phi, at.xi, at.residual, at.columns, M, walk)
+                    point = self.assemble(at.phi, at.xi, (at.residual, at.columns, at.end), M, walk)
                     H, g = self.with_prior(point)
                     L = np.linalg.cholesky(H)
                     down = np.linalg.solve(L, g)
@@ -320,7 +334,17 @@ class _Problem:
         return 0.5 * (cov + cov.T)
 
 
-def fit_window(model: StringModel, window: Window, evidence: Evidence, start: Floats, *, far: bool) -> Fit:
+def _warming(y: Floats) -> Floats:
+    """Mean measured surface over its value at the end of the window (K,), K; 0 where nothing was read."""
+    counted = np.isfinite(y).sum(axis=1)
+    read = np.flatnonzero(counted)
+    if not len(read):
+        return np.zeros(len(y))
+    mean = np.nansum(y[read], axis=1) / counted[read]
+    return np.asarray(np.interp(np.arange(len(y)), read, mean) - np.mean(mean[-60:]), dtype=np.float64)
+
+
+def fit_window(model: StringModel, window: Window, evidence: Evidence, guess: Floats, start: Floats | None) -> Fit:
     """Fit one window.
 
     Parameters
@@ -329,10 +353,10 @@ def fit_window(model: StringModel, window: Window, evidence: Evidence, start: Fl
     window : Window
     evidence : Evidence
         Of the windows before.
-    start : ndarray (p,)
+    guess : ndarray (p,)
         First φ.
-    far : bool
-        The start is a guess: anneal the noise.
+    start : ndarray (2n,) or None
+        (T_s, e) where the window before ended, °C and K; None where nothing is known.
 
     Returns
     -------
@@ -342,10 +366,10 @@ def fit_window(model: StringModel, window: Window, evidence: Evidence, start: Fl
     ----------
     Lin et al., Eq 1, 9, 16–18 for the model; the method is ours.
     """
-    problem = _Problem(model, window, evidence)
-    phi, xi = np.array(start, dtype=np.float64), problem.xi0
+    problem = _Problem(model, window, evidence, start)
+    phi, xi = np.array(guess, dtype=np.float64), problem.xi0
     sizes = _Sizes(max(SENSOR_SD, 0.1), 0.05, 100.0, 0.1)
-    for scale in ANNEAL if far else ():
+    for scale in () if evidence.info.any() else ANNEAL:
         point = problem.minimise(phi, xi, sizes, scale, 6)
         phi, xi = point.phi, point.xi
     point = problem.minimise(phi, xi, sizes, 1.0, 10)
@@ -359,7 +383,7 @@ def fit_window(model: StringModel, window: Window, evidence: Evidence, start: Fl
     rms = float(np.sqrt(np.nanmean(point.residual**2))) if problem.valid.any() else np.nan
     return Fit(
         Evidence(lumped(point.phi, model.has_conduction), 0.5 * (info_z + info_z.T), back.T @ grad),
-        point.phi, mean, cov, other, sizes.walk, sizes.white, sizes.slow, sizes.tau, rms,
+        point.phi, mean, cov, point.end, other, sizes.walk, sizes.white, sizes.slow, sizes.tau, rms,
     )  # fmt: skip
 
 

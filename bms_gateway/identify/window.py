@@ -65,12 +65,12 @@ class WindowJob:
     model: StringModel
     window: Window
     evidence: Evidence
-    start: Floats
-    far: bool
+    guess: Floats
+    start: Floats | None
 
     def run(self) -> Fit:
         """Fit; the same job gives the same result to the last bit."""
-        return fit_window(self.model, self.window, self.evidence, self.start, far=self.far)
+        return fit_window(self.model, self.window, self.evidence, self.guess, self.start)
 
 
 class WindowIdentifier:
@@ -89,17 +89,19 @@ class WindowIdentifier:
         p = len(self._names)
         self._evidence = Evidence.none(p)
         self._mean, self._cov = self._prior_mean.copy(), np.diag(self._prior_sd**2)
-        self._start = self._prior_mean.copy()
+        self._guess = self._prior_mean.copy()
         self._other_root = 0.0
         self._walk = 0.0
         self._windows = 0
         self._from_voltage = False
         self._pending = False
+        self._end: Floats | None = None
         self._clear()
 
     def _clear(self) -> None:
         self._ticks: list[Tick] = []
         self._inlet: list[float] = []
+        self._joined = False  # the window begins where a fitted one ended
         self._held = (0.0, 0.0)  # seconds without current, without inlet
 
     def add(self, tick: Tick) -> WindowJob | None:
@@ -134,12 +136,12 @@ class WindowIdentifier:
         first = self._settings.first_s
         length = first[self._windows] if self._windows < len(first) else self._settings.window_s
         if len(self._ticks) * tick.dt >= length - 1e-6:
-            return self._close()
+            return self._close(full=True)
         return job
 
-    def _close(self) -> WindowJob | None:
+    def _close(self, full: bool = False) -> WindowJob | None:
         """End the window; a job if it is long enough and warm enough and none is under way."""
-        ticks, inlet = self._ticks, np.array(self._inlet)
+        ticks, inlet, joined = self._ticks, np.array(self._inlet), self._joined
         self._clear()
         if not ticks or len(ticks) * ticks[0].dt < self._settings.shortest_s or self._pending:
             return None
@@ -148,7 +150,7 @@ class WindowIdentifier:
         measured = np.isfinite(heat)
         square = np.where(measured, 0.0, np.nan_to_num(square))
         heat = np.where(measured, heat, 0.0)
-        R_e, R_u = np.exp(self._start[[R_E, R_U]])
+        R_e, R_u = np.exp(self._guess[[R_E, R_U]])
         if R_u * float(np.mean(square * R_e + np.abs(heat))) < self._settings.least_rise:
             return None
         window = Window(
@@ -159,15 +161,20 @@ class WindowIdentifier:
         if self._windows:
             part = np.sqrt(len(ticks) * ticks[0].dt / WALK_S)
             steps = np.array([max(self._walk, 0.01), self._settings.cooling_drift]) * part
-            evidence = evidence.forget(lumped_jacobian(self._start, self._model.has_conduction)[:, [R_E, R_U]], steps)
+            evidence = evidence.forget(lumped_jacobian(self._guess, self._model.has_conduction)[:, [R_E, R_U]], steps)
         self._pending = True
-        return WindowJob(self._model, window, evidence, self._start, far=self._windows == 0)
+        if full:  # the next window runs on from this one's last instant
+            self._inlet = [float(inlet[-1])]
+        start = self._end if joined else None
+        self._joined = full
+        return WindowJob(self._model, window, evidence, self._guess, start)
 
     def accept(self, result: Fit) -> None:
         """Take back the result of the last job."""
         self._evidence, self._mean, self._cov = result.evidence, result.mean, result.cov
         self._other_root, self._walk = result.other_root, result.walk
-        self._start = result.mode
+        self._guess = result.mode
+        self._end = result.end
         self._windows += 1
         self._pending = False
 
@@ -210,7 +217,7 @@ class WindowIdentifier:
     def snapshot(self) -> dict[str, Any]:
         """Knowledge as JSON-able values; the window under way is not kept."""
         e = self._evidence
-        arrays = {"z0": e.z0, "info": e.info, "grad": e.grad, "mean": self._mean, "cov": self._cov, "start": self._start}
+        arrays = {"z0": e.z0, "info": e.info, "grad": e.grad, "mean": self._mean, "cov": self._cov, "guess": self._guess}
         return {
             "method": "window",
             "names": list(self._names),
@@ -232,12 +239,12 @@ class WindowIdentifier:
         if state.get("method") != "window" or state.get("names") != list(self._names):
             raise StateError("identified parameters: the stored state is of another method or string; starting anew")
         p = len(self._names)
-        vectors = {k: np.array(state[k], dtype=np.float64) for k in ("z0", "grad", "mean", "start", "info", "cov")}
+        vectors = {k: np.array(state[k], dtype=np.float64) for k in ("z0", "grad", "mean", "guess", "info", "cov")}
         shapes = {k: ((p, p) if k in ("info", "cov") else (p,)) for k in vectors}
         if any(v.shape != shapes[k] or not np.isfinite(v).all() for k, v in vectors.items()):
             raise StateError("identified parameters: the stored state is damaged; starting anew")
         self._evidence = Evidence(vectors["z0"], vectors["info"], vectors["grad"])
-        self._mean, self._cov, self._start = vectors["mean"], vectors["cov"], vectors["start"]
+        self._mean, self._cov, self._guess = vectors["mean"], vectors["cov"], vectors["guess"]
         self._other_root, self._walk = float(state["other_root"]), float(state["walk"])
         self._windows, self._from_voltage = int(state["windows"]), bool(state["from_voltage"])
         self._pending = False
