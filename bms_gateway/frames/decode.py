@@ -158,7 +158,7 @@ def _through_multiplexers(
         count = table.switch_count.take(node)
         if not count.any():
             break
-        first = table.switch_first.take(node) - (count.cumsum() - count)
+        first = table.switch_first.take(node) - (np.cumsum(count) - count)
         switch = table.switch_list.take(first.repeat(count) + np.arange(int(count.sum())))
         at = row.repeat(count)
         key = table.switches.raw(words, at, switch)

@@ -83,27 +83,36 @@ class Guard:
     def __init__(self, rules: Sequence[Rule]) -> None:
         self.rules = tuple(rules)
         n = len(self.rules)
-        self._lower, self._upper, self._low_rail, self._high_rail, self._jump, self._rate, self._stuck = (
+        self._lower, self._upper, self._low_rail, self._high_rail = (
             np.array([getattr(r, name) for r in self.rules], np.float64)
-            for name in ("lower", "upper", "low_rail", "high_rail", "jump", "jump_rate", "stuck_after_s")
+            for name in ("lower", "upper", "low_rail", "high_rail")
         )
         self._stale_ns = np.array([r.stale_after_ns for r in self.rules], np.int64)
-        self._proof = np.array([r.needs_proof for r in self.rules], np.bool_)
-        self._remembers = np.array([r.remembers for r in self.rules], np.bool_)
-        kinds = sorted({(r.quantity, r.group) for r in self.rules})
-        self._group = np.array([kinds.index((r.quantity, r.group)) for r in self.rules], np.intp)
-        self._peers = np.bincount(self._group, minlength=len(kinds))[self._group] - 1 if n else np.empty(0, np.intp)
-        self._previous, self._previous_ns = np.full(n, np.nan), np.zeros(n, np.int64)
-        self._calm, self._needed, self._strikes = np.zeros(n, np.int64), np.ones(n, np.int64), np.zeros(n, np.int64)
-        self._anchor, self._anchor_count, self._anchor_clock = np.full(n, np.nan), np.zeros(n, np.int64), np.zeros(n)
-        self._held, self._home_held = np.zeros(n, np.int64), np.zeros(n, np.int64)
-        self._home, self._home_clock = np.full(n, np.nan), np.zeros(n)
-        self._clock, self._moving = np.zeros(n), np.zeros(n, np.bool_)
-        self._proven = np.zeros(n, np.bool_)
-        self._cause = np.full(n, Quality.NEVER, np.uint8)
         self._value, self._value_ns = np.full(n, np.nan), np.zeros(n, np.int64)
         self._last, self._received_ns = np.full(n, Quality.NEVER, np.uint8), np.full(n, -1, np.int64)
         self._end_ns = np.full(1, -1, np.int64)
+        # from here on: only the channels that are judged by their past
+        self._channel = np.array([i for i, r in enumerate(self.rules) if r.remembers], np.intp)
+        past = [self.rules[i] for i in self._channel]
+        m = len(past)
+        self._local = np.full(n, -1, np.intp)
+        self._local[self._channel] = np.arange(m)
+        self._jump, self._rate, self._stuck = (
+            np.array([getattr(r, name) for r in past], np.float64) for name in ("jump", "jump_rate", "stuck_after_s")
+        )
+        self._proof = np.array([r.needs_proof for r in past], np.bool_)
+        kinds = sorted({(r.quantity, r.group) for r in past})
+        number = {kind: i for i, kind in enumerate(kinds)}
+        self._group = np.array([number[r.quantity, r.group] for r in past], np.intp)
+        self._peers = np.bincount(self._group, minlength=1)[self._group] - 1
+        self._previous, self._previous_ns = np.full(m, np.nan), np.zeros(m, np.int64)
+        self._calm, self._needed, self._strikes = np.zeros(m, np.int64), np.ones(m, np.int64), np.zeros(m, np.int64)
+        self._anchor, self._anchor_count, self._anchor_clock = np.full(m, np.nan), np.zeros(m, np.int64), np.zeros(m)
+        self._held, self._home_held = np.zeros(m, np.int64), np.zeros(m, np.int64)
+        self._home, self._home_clock = np.full(m, np.nan), np.zeros(m)
+        self._clock, self._moving = np.zeros(m), np.zeros(m, np.bool_)
+        self._proven = np.zeros(m, np.bool_)
+        self._cause = np.full(m, Quality.NEVER, np.uint8)
 
     _STATE = (
         *("_previous", "_previous_ns", "_calm", "_needed", "_strikes", "_anchor", "_anchor_count", "_anchor_clock"),
@@ -143,12 +152,14 @@ class Guard:
         """
         n = len(self.rules)
         quality = self._memoryless(channel, value, flag)
-        updated, changed = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
-        sequential = np.flatnonzero(self._remembers.take(channel))
-        for part in _rounds(channel, sequential):
-            c = channel[part]
+        updated, changed = (np.zeros(len(self._channel), np.bool_) for _ in range(2))
+        local = self._local.take(channel)
+        for part in _rounds(local):
+            # a round of all channels, the usual one, needs no gathering
+            c = slice(None) if len(part) == len(self._channel) else local[part]
             quality[part] = self._judge(c, value[part], time_ns[part], quality[part], updated, changed)
-        self._advance(t1_ns, np.broadcast_to(np.asarray(active, np.bool_), (n,)), updated, changed)
+        on = np.broadcast_to(np.asarray(active, np.bool_), (n,)).take(self._channel)
+        self._advance(t1_ns, on, updated, changed)
         self._last[channel] = quality
         self._received_ns[channel] = time_ns
         good = quality == Quality.GOOD
@@ -171,7 +182,7 @@ class Guard:
 
     def _judge(
         self,
-        c: Index,
+        c: Index | slice,
         value: NDArray[np.float64],
         time_ns: NDArray[np.int64],
         quality: NDArray[np.uint8],
@@ -209,7 +220,7 @@ class Guard:
         return np.where(accepted, np.uint8(Quality.GOOD), np.where(usable & ~upset, self._cause[c], cause))
 
     def _follow_anchor(
-        self, c: Index, value: NDArray[np.float64], usable: NDArray[np.bool_]
+        self, c: Index | slice, value: NDArray[np.float64], usable: NDArray[np.bool_]
     ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Move the anchor of channels that have left it; tell which have, and which are back at home."""
         clock = self._clock[c]
@@ -236,8 +247,8 @@ class Guard:
         """Let active time pass for channels whose peers move: alone among still ones, standing still proves nothing."""
         start = int(self._end_ns[0])
         self._end_ns[0] = t1_ns
-        others = np.bincount(self._group, updated)[self._group] - updated if len(updated) else updated
-        moving = np.bincount(self._group, changed)[self._group] - changed if len(updated) else changed
+        others = np.bincount(self._group, updated, 1)[self._group] - updated
+        moving = np.bincount(self._group, changed, 1)[self._group] - changed
         self._moving = np.where(others > 0, 2 * moving >= others, self._moving)
         if start >= 0:
             step = min(max((t1_ns - start) * 1e-9, 0.0), LONGEST_STEP_S)
@@ -249,16 +260,21 @@ class Guard:
         return np.where(late & received, np.uint8(Quality.STALE), self._last)
 
 
-def _rounds(channel: Index, part: Index) -> list[Index]:
-    """Cut samples into rounds in which every channel occurs at most once, in the order of the bus."""
-    if not len(part):
+def _rounds(local: Index) -> list[Index]:
+    """Cut samples into rounds in which every channel occurs at most once, in the order of the channels.
+
+    Samples of channels without memory (-1) are in none.
+    """
+    order = np.argsort(local, kind="stable")
+    ordered = local[order]
+    skipped = int(np.searchsorted(ordered, 0))
+    order, ordered = order[skipped:], ordered[skipped:]
+    if not len(order):
         return []
-    c = channel[part]
-    order = np.argsort(c, kind="stable")
-    ordered = c[order]
-    fresh = np.ones(len(part), np.bool_)
+    fresh = np.ones(len(order), np.bool_)
     fresh[1:] = ordered[1:] != ordered[:-1]
-    start = np.flatnonzero(fresh)
-    nth = np.empty(len(part), np.intp)
-    nth[order] = np.arange(len(part)) - np.repeat(start, np.diff(np.append(start, len(part))))
-    return [part[nth == k] for k in range(int(nth.max()) + 1)]
+    start = fresh.nonzero()[0]
+    if len(start) == len(order):
+        return [order]
+    nth = np.arange(len(order)) - start.repeat(np.diff(np.append(start, len(order))))
+    return [order[nth == k] for k in range(int(nth.max()) + 1)]
