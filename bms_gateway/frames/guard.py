@@ -15,6 +15,9 @@ input as a constant in the middle of it, a loose one jumps when the inverter swi
 * A channel of fine resolution is not believed before its anchor has moved once (`needs_proof`): an unconnected input is
   thus never taken for a measurement, at the price that a sensor on a resting pack waits for the first 0.01 K. The cost
   is small, since core and surface are equal at rest; a start with a wrong temperature of 25 °C in winter is not.
+
+Some senders round to half degrees and still count in hundredths. The finest step that any channel of a group has shown
+tells: until one was at most `PROOF_K`, standing still is judged as for coarse signals, and coming home means nothing.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,7 +28,7 @@ from numpy.typing import NDArray
 
 from bms_gateway.frames.counter import CounterGuard
 from bms_gateway.frames.quality import Quality
-from bms_gateway.frames.rules import Rule, default_rule
+from bms_gateway.frames.rules import PROOF_K, STUCK_COARSE_S, Rule, default_rule
 
 __all__ = ["CounterGuard", "Guard", "GuardResult", "Rule", "default_rule"]
 
@@ -111,13 +114,13 @@ class Guard:
         self._held, self._home_held = np.zeros(m, np.int64), np.zeros(m, np.int64)
         self._home, self._home_clock = np.full(m, np.nan), np.zeros(m)
         self._clock, self._moving = np.zeros(m), np.zeros(m, np.bool_)
-        self._proven = np.zeros(m, np.bool_)
+        self._proven, self._fine = np.zeros(m, np.bool_), np.zeros(m, np.bool_)
         self._cause = np.full(m, Quality.NEVER, np.uint8)
 
     _STATE = (
         *("_previous", "_previous_ns", "_calm", "_needed", "_strikes", "_anchor", "_anchor_count", "_anchor_clock"),
         *("_held", "_home_held", "_home", "_home_clock"),
-        *("_clock", "_moving", "_proven", "_cause", "_value", "_value_ns", "_last", "_received_ns", "_end_ns"),
+        *("_clock", "_moving", "_fine", "_proven", "_cause", "_value", "_value_ns", "_last", "_received_ns", "_end_ns"),
     )
 
     def snapshot(self) -> dict[str, NDArray[np.generic]]:
@@ -152,13 +155,14 @@ class Guard:
         """
         n = len(self.rules)
         quality = self._memoryless(channel, value, flag)
-        updated, changed = (np.zeros(len(self._channel), np.bool_) for _ in range(2))
+        updated, changed, fine = (np.zeros(len(self._channel), np.bool_) for _ in range(3))
         local = self._local.take(channel)
         for part in _rounds(local):
             # a round of all channels, the usual one, needs no gathering
             c = slice(None) if len(part) == len(self._channel) else local[part]
-            quality[part] = self._judge(c, value[part], time_ns[part], quality[part], updated, changed)
+            quality[part] = self._judge(c, value[part], time_ns[part], quality[part], updated, changed, fine)
         on = np.broadcast_to(np.asarray(active, np.bool_), (n,)).take(self._channel)
+        self._fine |= np.bincount(self._group, fine, 1)[self._group] > 0
         self._advance(t1_ns, on, updated, changed)
         self._last[channel] = quality
         self._received_ns[channel] = time_ns
@@ -188,6 +192,7 @@ class Guard:
         quality: NDArray[np.uint8],
         updated: NDArray[np.bool_],
         changed: NDArray[np.bool_],
+        fine: NDArray[np.bool_],
     ) -> NDArray[np.uint8]:
         """Judge one sample each of distinct channels by their past."""
         usable = quality == Quality.GOOD
@@ -197,10 +202,12 @@ class Guard:
         jumped = usable & ~first & (step > self._jump[c] + self._rate[c] * seconds)
         updated[c] |= usable
         changed[c] |= usable & ~first & (step > 0)
+        fine[c] |= usable & (step > 0) & (step < 1.01 * PROOF_K)
         moved, returned = self._follow_anchor(c, value, usable)
         patience = np.where(self._proven[c], PROVEN_PATIENCE, 1.0)
-        stands = self._clock[c] - self._anchor_clock[c] > patience * self._stuck[c]
-        stuck = usable & ~jumped & (stands | (returned & self._proof[c]))
+        limit = np.where(self._fine[c], self._stuck[c], np.maximum(self._stuck[c], STUCK_COARSE_S))
+        stands = self._clock[c] - self._anchor_clock[c] > patience * limit
+        stuck = usable & ~jumped & (stands | (returned & self._proof[c] & self._fine[c]))
         upset = ~usable | jumped | stuck
         cause = np.where(stuck, Quality.STUCK, np.where(jumped, Quality.JUMPY, quality)).astype(np.uint8)
         strikes = np.minimum(self._strikes[c] + jumped, MAX_STRIKES)

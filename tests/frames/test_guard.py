@@ -112,6 +112,14 @@ def test_coarse_steps_are_believed_at_once_and_may_stand_for_half_an_hour() -> N
     assert (told[:, 0] == Quality.GOOD).all()
 
 
+def test_half_degrees_sent_in_hundredths_are_judged_as_half_degrees() -> None:
+    rng = np.random.default_rng(4)
+    true = 25.0 + 0.004 * np.arange(2000)[:, None] + 0.15 * rng.standard_normal((2000, 3))
+    told, _ = run([FINE] * 3, np.round(2 * true) / 2)
+    assert set(told.ravel()) <= {Quality.GOOD, Quality.NEVER}
+    assert (told[200:] == Quality.GOOD).all()
+
+
 def test_rails_and_sentinels_are_told_as_open_and_short() -> None:
     database = Database.load({"a.dbc": TWO})
     coarse, fine = (default_rule("surface", database.resolve(f"M.{n}")) for n in "sf")
