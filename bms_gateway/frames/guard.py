@@ -241,7 +241,9 @@ class Guard:
         self._anchor_clock[c] = np.where(moved, clock, self._anchor_clock[c])
         at_home = usable & same & (anchor == self._home[c]) & (count >= AT_HOME)
         longest = held > self._home_held[c]
-        returned = at_home & ~longest & (clock > self._home_clock[c])
+        # at rest a good sensor too may come back to a hundredth; one that was found stuck before is not acquitted by it
+        suspect = (clock > self._home_clock[c]) | (self._cause[c] == Quality.STUCK)
+        returned = at_home & ~longest & suspect
         settled = longest | (clock - self._home_clock[c] > HOME_MEMORY_S)
         self._home[c] = np.where(settled, anchor, self._home[c])
         self._home_held[c] = np.where(settled, held, self._home_held[c])

@@ -102,6 +102,14 @@ def test_coming_back_to_exactly_the_parked_value_is_stuck() -> None:
     assert (told[56:, 1] == Quality.STUCK).all()
 
 
+def test_one_found_stuck_is_not_acquitted_by_dips_at_rest() -> None:
+    parked = np.full(200, 24.52)
+    parked[100:103] = (24.46, 24.37, 23.8)
+    told, _ = run([FINE] * 2, np.stack([drift(200, 1), parked], axis=1), active=np.arange(200) < 90)
+    assert (told[30:90, 1] == Quality.STUCK).all()
+    assert not (told[:, 1] == Quality.GOOD).any()
+
+
 def test_coarse_steps_are_believed_at_once_and_may_stand_for_half_an_hour() -> None:
     database = Database.load({"a.dbc": TWO})
     coarse, fine = (default_rule("surface", database.resolve(f"M.{n}")) for n in "sf")
