@@ -66,40 +66,48 @@ class Current:
         -------
         Means
         """
-        starts = np.concatenate(([t0], time_ns))
-        values = np.concatenate(([self._I], I))
-        spans = np.diff(starts, append=t1) * 1e-9
-        limit = np.full(len(spans), HOLD_S)
-        limit[0] = HOLD_S - (t0 - self._t) * 1e-9 if self._I == self._I else 0.0
-        weight = np.clip(spans, 0.0, np.maximum(limit, 0.0))
-        values[0] = 0.0 if weight[0] == 0.0 else values[0]
+        starts, values = np.empty(len(I) + 1, np.int64), np.empty(len(I) + 1)
+        starts[0], starts[1:] = t0, time_ns
+        values[0], values[1:] = self._I, I
+        spans = np.empty(len(starts))
+        spans[:-1], spans[-1] = starts[1:] - starts[:-1], t1 - starts[-1]
+        weight = np.minimum(spans * 1e-9, HOLD_S)
+        left = HOLD_S - (t0 - self._t) * 1e-9 if self._I == self._I else 0.0
+        weight[0] = min(weight[0], max(left, 0.0))
+        if weight[0] == 0.0:
+            values[0] = 0.0
         volts = self._volts_at(starts, V_time_ns, V)
         if len(I):
             self._t, self._I = int(time_ns[-1]), float(I[-1])
         if len(V):
             self._t_V, self._V = int(V_time_ns[-1]), float(V[-1])
-        tick = (t1 - t0) * 1e-9
+        enough = COVERED * (t1 - t0) * 1e-9
         covered = float(weight.sum())
-        if covered < COVERED * tick:
+        if covered < enough:
             return Means()
-        mean_I = float((weight * values).sum()) / covered
-        mean_I2 = float((weight * values * values).sum()) / covered
-        paired = np.where(np.isfinite(volts), weight, 0.0)
-        both = float(paired.sum())
-        if both < COVERED * tick:
+        charge = weight * values
+        mean_I, mean_I2 = float(charge.sum()) / covered, float((charge * values).sum()) / covered
+        if volts is None:
             return Means(mean_I, mean_I2)
-        volts = np.nan_to_num(volts)
+        known = np.isfinite(volts)
+        weight, volts = np.where(known, weight, 0.0), np.where(known, volts, 0.0)
+        both = float(weight.sum())
+        if both < enough:
+            return Means(mean_I, mean_I2)
         return Means(
-            mean_I, mean_I2, float((paired * volts).sum()) / both, float((paired * values * volts).sum()) / both
+            mean_I, mean_I2, float((weight * volts).sum()) / both, float((weight * values * volts).sum()) / both
         )
 
-    def _volts_at(self, starts: NDArray[np.int64], times: NDArray[np.int64], V: Floats) -> Floats:
-        """Voltage in force at each instant: the newest at or before it, if not too old; else NaN."""
-        t = np.concatenate(([self._t_V], times))
-        v = np.concatenate(([self._V], V))
-        at = np.maximum(np.searchsorted(t, starts, side="right") - 1, 0)
-        fresh = (starts - t[at]) * 1e-9 <= HOLD_S
-        return np.where(fresh & (starts >= t[at]), v[at], np.nan)
+    def _volts_at(self, starts: NDArray[np.int64], times: NDArray[np.int64], V: Floats) -> Floats | None:
+        """Voltage in force at each instant: the newest at or before it, if not too old; else NaN. None: no voltage."""
+        if not len(V) and self._V != self._V:
+            return None
+        t, v = np.empty(len(V) + 1, np.int64), np.empty(len(V) + 1)
+        t[0], t[1:] = self._t_V, times
+        v[0], v[1:] = self._V, V
+        at = t.searchsorted(starts, side="right") - 1
+        age = starts - t.take(at, mode="clip")
+        return np.where((age >= 0) & (age <= HOLD_S * 1e9), v.take(at, mode="clip"), np.nan)
 
     def forget(self) -> None:
         """Drop the last sample: what was measured before a gap says nothing after it."""
