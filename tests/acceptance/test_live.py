@@ -1,0 +1,90 @@
+"""The service on a real vcan0 against the analysis of a recording of the same traffic."""
+
+import signal
+import subprocess
+import sys
+import time
+from itertools import pairwise
+from pathlib import Path
+
+import cantools
+import numpy as np
+import pytest
+
+from bms_gateway.bus.logfile import read_log
+from bms_gateway.cli.main import main
+from bms_gateway.config import own_dbc_text
+from bms_gateway.frames.batch import FrameBatch
+
+pytestmark = pytest.mark.vcan
+
+SECONDS = 24
+
+
+def program(*words: object, **how: object) -> subprocess.Popen:
+    return subprocess.Popen([sys.executable, "-m", "bms_gateway", *map(str, words)], **how)
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory) -> tuple[Path, Path]:
+    """Drive with `replay` against `run` on vcan0 and record it with candump; returns config and recording."""
+    folder = tmp_path_factory.mktemp("live")
+    for name in ("gateway.toml", "string.toml"):
+        (folder / name).write_text((Path("deploy/example") / name).read_text())
+    config, log, recorded = folder / "gateway.toml", folder / "drive.log", folder / "recorded.log"
+    assert main(["simulate", "--config", str(config), "--out", str(log), "--duration", str(SECONDS)]) == 0
+    with recorded.open("w") as out:
+        candump = subprocess.Popen(["candump", "-L", "vcan0"], stdout=out)
+        service = program("run", config, stderr=subprocess.PIPE)
+        time.sleep(4.0)  # the guest is slow to import
+        player = program("replay", log, "--to", "vcan0", stdout=subprocess.DEVNULL)
+        assert player.wait(120) == 0
+        time.sleep(1.5)
+        service.send_signal(signal.SIGTERM)
+        _, err = service.communicate(timeout=30)
+        assert service.returncode == 0, err.decode()
+        candump.terminate()
+        candump.wait()
+    return config, recorded
+
+
+def frames(path: Path) -> FrameBatch:
+    return FrameBatch.concat(list(read_log(path)))
+
+
+def ours(b: FrameBatch) -> FrameBatch:
+    """Frames that the gateway itself sent: those of the node BMS_GATEWAY."""
+    database = cantools.database.load_string(own_dbc_text(), "dbc")
+    ids = [m.frame_id | 0x8000_0000 for m in database.messages if m.senders == ["BMS_GATEWAY"]]
+    mine = np.isin(b.can_id, np.array(ids, np.uint32))
+    return FrameBatch(b.time_ns[mine], b.can_id[mine], b.length[mine], b.data[mine])
+
+
+def test_live_and_analysed_broadcasts_are_the_same_bits(recording, tmp_path) -> None:
+    config, recorded = recording
+    assert main(["analyze", str(recorded), "--config", str(config), "--out", str(tmp_path)]) == 0
+    live, offline = ours(frames(recorded)), frames(tmp_path / "broadcast.log")
+    n = min(len(live), len(offline))
+    per_tick = 60 + 5
+    assert n > (SECONDS - 4) * per_tick
+    assert abs(len(live) - len(offline)) < 4 * 90  # the recording ends somewhere within the last ticks
+    assert live.can_id[:n].tolist() == offline.can_id[:n].tolist()
+    assert live.data[:n].tolist() == offline.data[:n].tolist()
+
+
+def test_our_frames_come_at_their_cycle_times_and_cantools_reads_them(recording) -> None:
+    database = cantools.database.load_string(own_dbc_text(), "dbc")
+    live = ours(frames(recording[1]))
+    stamps: dict[tuple, list[int]] = {}
+    for t, can_id, data in zip(live.time_ns.tolist(), live.can_id, live.data, strict=True):
+        message = database.get_message_by_frame_id(int(can_id) & 0x1FFF_FFFF)
+        values = message.decode(bytes(data), decode_choices=False)
+        stamps.setdefault((message.name, values.get("mux")), []).append(t)
+        assert message.cycle_time
+    assert ("string_5_core", 12) in stamps
+    assert ("gateway_status", None) in stamps
+    for (name, _), times in stamps.items():
+        cycle = 1e-3 * (database.get_message_by_name(name).cycle_time or 0)
+        gaps = [(b - a) * 1e-9 for a, b in pairwise(times)]
+        assert len(times) >= (SECONDS - 3) // cycle, name
+        assert all(abs(g - cycle) < 0.2 for g in gaps), (name, gaps)
