@@ -6,6 +6,7 @@
 #   /opt/bms-gateway/venv            the program
 #   /etc/bms-gateway/                the configuration: the example is put there if there is none, else it stays
 #   /etc/systemd/system/             the unit
+#   /etc/sysctl.d/60-bms-gateway.conf  room for half a second of a full bus in the kernel's receive buffer
 # What it does not do: start the service, set up the interface. It says how.
 set -eu
 
@@ -15,6 +16,7 @@ here=$(cd "$(dirname "$0")" && pwd)
 source=${1:-$(dirname "$here")}
 home=/opt/bms-gateway
 config=/etc/bms-gateway
+buffer=4194304
 
 fail() { echo "install.sh: $*" >&2; exit 2; }
 [ "$(id -u)" = 0 ] || fail "must be run as root"
@@ -41,6 +43,12 @@ for file in "$here"/example/*.toml; do
   [ -e "$config/$name" ] || install -m 644 "$file" "$config/$name"
 done
 install -m 644 "$here/bms-gateway.service" /etc/systemd/system/bms-gateway.service
+# the service has no right to go beyond the system's limit, and the usual one holds 60 ms of a full bus
+if [ "$(cat /proc/sys/net/core/rmem_max)" -lt "$buffer" ]; then
+  mkdir -p /etc/sysctl.d
+  echo "net.core.rmem_max = $buffer" >/etc/sysctl.d/60-bms-gateway.conf
+  echo "$buffer" >/proc/sys/net/core/rmem_max || echo "install.sh: net.core.rmem_max takes effect after a restart" >&2
+fi
 if [ -d /run/systemd/system ]; then
   systemctl daemon-reload
   if systemctl is-active --quiet bms-gateway; then systemctl restart bms-gateway; fi

@@ -13,7 +13,7 @@ esac
 if [ -d /run/systemd/system ] && [ -e /etc/systemd/system/bms-gateway.service ]; then
   systemctl disable --now --quiet bms-gateway
 fi
-rm -f /etc/systemd/system/bms-gateway.service
+rm -f /etc/systemd/system/bms-gateway.service /etc/sysctl.d/60-bms-gateway.conf
 if [ -d /run/systemd/system ]; then systemctl daemon-reload; fi
 rm -rf /opt/bms-gateway
 if [ "${1:-}" = --purge ]; then

@@ -30,8 +30,8 @@ ERROR_CLASSES: Final = {  # linux/can/error.h
 }
 ERROR_MASK: Final = 0x1FF
 
-_COLUMN8 = np.arange(8, dtype=np.uint8)
-_COLUMN64 = np.arange(64, dtype=np.uint8)
+_NO_DATA: Final = RTR | ERR
+_COLUMN = np.arange(64, dtype=np.uint8)
 
 
 def error_classes(can_id: int) -> list[str]:
@@ -70,19 +70,20 @@ def to_batch(
     """
     errors: list[str] = []
     can_id, length = rows["can_id"].copy(), rows["length"].copy()
-    wide = bool((sizes == FD_BYTES).any())
-    whole = (sizes == CLASSIC_BYTES) & (length <= 8) | (sizes == FD_BYTES) & (length <= 64)
-    if ((can_id & (RTR | ERR)) != 0).any() or not whole.all():
-        for failed in can_id[whole & ((can_id & ERR) != 0)].tolist():
+    columns = 8
+    if not ((sizes == CLASSIC_BYTES).all() and length.max() <= 8 and int(np.bitwise_or.reduce(can_id)) & _NO_DATA == 0):
+        whole = (sizes == CLASSIC_BYTES) & (length <= 8) | (sizes == FD_BYTES) & (length <= 64)
+        special = can_id & _NO_DATA
+        for failed in can_id[whole & (special & ERR != 0)].tolist():
             errors += error_classes(failed)
         counters.malformed += int(np.count_nonzero(~whole))
-        counters.remote += int(np.count_nonzero(whole & ((can_id & (RTR | ERR)) == RTR)))
-        keep = np.flatnonzero(whole & ((can_id & (RTR | ERR)) == 0))
+        counters.remote += int(np.count_nonzero(whole & (special == RTR)))
+        keep = np.flatnonzero(whole & (special == 0))
         rows, can_id, length, time_ns = rows[keep], can_id[keep], length[keep], time_ns[keep]
-    data = rows["data"].copy() if wide else rows["data"][:, :8].copy()
-    column = _COLUMN64 if wide else _COLUMN8
-    if len(length) and int(length.min()) < len(column):
-        data *= column < length[:, None]  # senders may leave anything beyond the length
+        columns = 64 if (sizes[keep] == FD_BYTES).any() else 8
+    data = rows["data"][:, :columns].copy()
+    if len(length) and length.min() < columns:
+        data *= _COLUMN[:columns] < length[:, None]  # senders may leave anything beyond the length
     for name in errors:
         counters.note_error(name)
     counters.received += len(can_id)

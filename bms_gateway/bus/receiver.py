@@ -145,12 +145,13 @@ class Receiver:
         if n == 0:
             return None
         control, headers = self._control[:n], self._headers[:n]
-        wall_ns = control["seconds"].astype(np.int64) * 1_000_000_000 + control["nanoseconds"] // 1_000 * 1_000
+        micros = control["nanoseconds"] // 1_000
+        micros += control["seconds"] * 1_000_000
         told = headers["control_size"]
-        stamped = told >= _STAMP_SIZE
-        if not stamped.all():
-            wall_ns[~stamped] = 0
-        drops = int(control["drops"][-1]) if told[-1] > _STAMP_SIZE else None
+        drops = None
+        if (most := int(told.max())) != int(told.min()) or most != _STAMP_SIZE:
+            micros[told < _STAMP_SIZE] = 0
+            drops = int(control["drops"][-1]) if told[-1] > _STAMP_SIZE else None
         sizes = headers["received"].copy()
-        headers["control_size"] = _CONTROL.itemsize
-        return Received(self._rows[:n], sizes, wall_ns, drops)
+        told[:] = _CONTROL.itemsize
+        return Received(self._rows[:n], sizes, micros * 1_000, drops)

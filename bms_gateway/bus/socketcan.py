@@ -22,7 +22,7 @@ from bms_gateway.bus.clock import BusClock
 from bms_gateway.bus.filters import join_filters
 from bms_gateway.bus.pace import BURST, RATE, Pacer
 from bms_gateway.bus.port import Counters, Link
-from bms_gateway.bus.receiver import Receiver
+from bms_gateway.bus.receiver import DEPTH, Receiver
 from bms_gateway.errors import BusError
 from bms_gateway.frames.batch import FrameBatch
 
@@ -146,7 +146,9 @@ class SocketCanPort:
             if got.drops is not None:
                 self._note_drops(got.drops)
             parts.append(batch)
-        return FrameBatch.concat(parts)
+            if len(got.rows) < DEPTH:
+                break  # the call ended because nothing was left
+        return parts[0] if len(parts) == 1 else FrameBatch.concat(parts)
 
     def send(self, frames: FrameBatch) -> None:
         """Queue frames of our node and send what the rate allows.
