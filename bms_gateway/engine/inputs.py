@@ -4,7 +4,7 @@ An *input* is one signal of the bus with its scale and offset; strings share inp
 wiring from strings to inputs is worked out once, so that a tick is a few numpy passes however many cells there are.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import nan
 
@@ -24,6 +24,10 @@ from bms_gateway.frames.quality import Quality
 from bms_gateway.frames.rules import default_rule
 from bms_gateway.thermal import Floats
 
+# plain integers: numpy takes many times longer to compare with a member of an enumeration
+GOOD, ESTIMATED = int(Quality.GOOD), int(Quality.ESTIMATED)
+# What today's estimators take in; state of charge and cell voltages may be wired but need not be decoded yet.
+USED = frozenset({"current", "voltage", "coolant_inlet", "coolant_flow", "surface"})
 ACTIVE_A = 1.0  # mean current of a tick above which a sensor that never moves is suspicious
 
 REASONS = {
@@ -73,10 +77,11 @@ class Samples:
         """Take samples start…stop − 1."""
         return Samples(self.time_ns[start:stop], self.input[start:stop], self.value[start:stop], self.flag[start:stop])
 
-    def of(self, index: int) -> tuple[NDArray[np.int64], Floats]:
-        """Pick times and values of one input."""
-        mine = self.input == index
-        return self.time_ns[mine], self.value[mine]
+    def sorted_by_input(self, chosen: NDArray[np.bool_]) -> "Samples":
+        """Take the chosen samples input by input, each in the order of the bus."""
+        at = chosen.nonzero()[0]
+        at = at.take(self.input.take(at).argsort(kind="stable"))
+        return Samples(self.time_ns.take(at), self.input.take(at), self.value.take(at), self.flag.take(at))
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +110,9 @@ class Reading:
     y: Floats
     age: Floats
     quality: NDArray[np.uint8]
+
+
+NOTHING = Means()
 
 
 class Inputs:
@@ -150,6 +158,12 @@ class Inputs:
         self._told = self._quality.copy()
         self._currents = {(w.current, w.voltage): Current() for w in self.wires if w.current >= 0}
         self._inlets = {w.coolant_inlet: Line() for w in self.wires if w.coolant_inlet >= 0}
+        self._followed = np.zeros(len(signals), np.bool_)
+        self._followed[[i for pair in self._currents for i in pair if i >= 0] + list(self._inlets)] = True
+        self._number = np.arange(len(signals) + 1)
+        # the surfaces of all strings in one row, and where each string's begin
+        self._surface = np.concatenate([w.surface for w in self.wires])
+        self._first = np.cumsum([0] + [len(w.surface) for w in self.wires]).tolist()
         self._active = False
         self.rejected: dict[str, int] = {}
 
@@ -160,6 +174,8 @@ class Inputs:
         for c in string.channels:
             if c.signal is None:
                 constants[c.quantity] = nan if c.constant is None else c.constant
+                continue
+            if c.quantity not in USED:
                 continue
             known = len(index)
             i = index.setdefault((c.signal, c.scale, c.offset), known)
@@ -182,10 +198,13 @@ class Inputs:
 
     def wanted(self, frames: FrameBatch) -> FrameBatch:
         """Keep the frames that carry an input; nothing else counts as life on the bus."""
-        keep = np.isin(frames.can_id, self.can_ids)
-        if keep.all():
+        at = self.can_ids.searchsorted(frames.can_id)
+        keep = (self.can_ids.take(at, mode="clip") == frames.can_id).nonzero()[0]
+        if len(keep) == len(frames):
             return frames
-        return FrameBatch(frames.time_ns[keep], frames.can_id[keep], frames.length[keep], frames.data[keep])
+        return FrameBatch(
+            frames.time_ns.take(keep), frames.can_id.take(keep), frames.length.take(keep), frames.data.take(keep, axis=0)
+        )
 
     def decode(self, frames: FrameBatch) -> Samples:
         """Decode all inputs of the next frames; alive counters are followed, so each frame must come once, in order."""
@@ -203,46 +222,57 @@ class Inputs:
             One per string of the plan, in its order.
         """
         g = self._guard.update(samples.time_ns, samples.input, samples.value, samples.flag, t1, self._active)
-        for code in np.flatnonzero(g.rejected.any(axis=0)).tolist():
+        rejected = g.rejected.sum(axis=0)
+        for code in rejected.nonzero()[0].tolist():
             reason = Quality(code).name.lower()
-            self.rejected[reason] = self.rejected.get(reason, 0) + int(g.rejected[:, code].sum())
-        good = g.quality == Quality.GOOD
-        kept = Samples(samples.time_ns[good], samples.input[good], samples.value[good], samples.flag[good])
-        means = {}
-        for (current, voltage), line in self._currents.items():
-            time, I = kept.of(current)  # noqa: E741
-            V_time, V = kept.of(voltage)
-            means[current, voltage] = line.update(time, I, V_time, V, t0, t1)
-        self._active = any(m.I2 > ACTIVE_A**2 for m in means.values())
-        for i, inlet in self._inlets.items():
-            inlet.update(*kept.of(i))
+            self.rejected[reason] = self.rejected.get(reason, 0) + int(rejected[code])
         self._quality = g.channel_quality
-        age = (t1 - g.time_ns) * 1e-9
-        fresh = (g.time_ns >= t0) & (g.time_ns > 0)
-        # one row more, for index −1: a channel that does not exist
-        value = np.append(np.where(fresh, g.value, nan), nan)
-        flow = np.append(np.where(g.channel_quality == Quality.GOOD, g.value, nan), nan)
-        age, quality = np.append(age, 0.0), np.append(g.channel_quality, np.uint8(Quality.ESTIMATED))
+        means = self._integrate(samples, g.quality == GOOD, t0, t1)
+        quality = [*g.channel_quality.tolist(), ESTIMATED]  # one more for index −1: a channel that does not exist
+        there = self._surface >= 0
+        seen = g.time_ns.take(self._surface)
+        y = np.where(there & (seen >= t0) & (seen > 0), g.value.take(self._surface), nan)
+        age = np.where(np.isfinite(y), (t1 - seen) * 1e-9, 0.0)
+        surface_quality = np.where(there, g.channel_quality.take(self._surface), np.uint8(ESTIMATED))
         readings = []
-        for w in self.wires:
-            y = value[w.surface]
+        for w, first, end in zip(self.wires, self._first, self._first[1:], strict=False):
             readings.append(
                 Reading(
-                    means.get((w.current, w.voltage), Means()),
-                    int(quality[w.current]),
+                    means.get((w.current, w.voltage), NOTHING),
+                    quality[w.current],
                     self._inlet(w, quality, t1),
-                    w.constants.get("coolant_flow", float(flow[w.coolant_flow])),
-                    y,
-                    np.where(np.isfinite(y), age[w.surface], 0.0),
-                    quality[w.surface],
+                    self._flow(w, quality, g.value),
+                    y[first:end],
+                    age[first:end],
+                    surface_quality[first:end],
                 )
             )
         return readings
 
-    def _inlet(self, w: Wire, quality: NDArray[np.uint8], t1: int) -> float:
+    def _integrate(self, samples: Samples, good: NDArray[np.bool_], t0: int, t1: int) -> dict[tuple[int, int], Means]:
+        """Take the good samples of currents, voltages and inlets; a current that strings share is integrated once."""
+        s = samples.sorted_by_input(good & self._followed.take(samples.input))
+        edge = s.input.searchsorted(self._number).tolist()
+        edge.append(edge[-1])  # index −1: nothing
+        means = {}
+        for (current, voltage), line in self._currents.items():
+            a, b, c, d = edge[current], edge[current + 1], edge[voltage], edge[voltage + 1 if voltage >= 0 else -1]
+            means[current, voltage] = line.update(s.time_ns[a:b], s.value[a:b], s.time_ns[c:d], s.value[c:d], t0, t1)
+        for i, inlet in self._inlets.items():
+            inlet.update(s.time_ns[edge[i] : edge[i + 1]], s.value[edge[i] : edge[i + 1]])
+        self._active = any(m.I2 > ACTIVE_A**2 for m in means.values())
+        return means
+
+    def _inlet(self, w: Wire, quality: Sequence[int], t1: int) -> float:
         if w.coolant_inlet < 0:
             return w.constants.get("coolant_inlet", nan)
-        return self._inlets[w.coolant_inlet].at(t1) if quality[w.coolant_inlet] == Quality.GOOD else nan
+        return self._inlets[w.coolant_inlet].at(t1) if quality[w.coolant_inlet] == GOOD else nan
+
+    @staticmethod
+    def _flow(w: Wire, quality: Sequence[int], value: Floats) -> float:
+        if w.coolant_flow < 0 or quality[w.coolant_flow] != GOOD:
+            return w.constants.get("coolant_flow", nan)
+        return float(value[w.coolant_flow])
 
     def changes(self, t1: int) -> list[Notice]:
         """Tell which inputs have begun or ceased to be good since the last call."""
