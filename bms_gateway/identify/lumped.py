@@ -23,7 +23,7 @@ C_C, C_S, R_E, R_C, R_U, R_CC = range(6)
 
 
 def lumped(phi: Floats, conduction: bool = False) -> Floats:
-    """z = (ln α, ln β, ln −γ, ln μ, ln C_c, …) of φ = ln(C_c, C_s, R_e, R_c, R_u, …); one to one.
+    """Z = (ln α, ln β, ln −γ, ln μ, ln C_c, …) of φ = ln(C_c, C_s, R_e, R_c, R_u, …); one to one.
 
     Parameters
     ----------

@@ -40,7 +40,10 @@ KNOT_S = 200.0  # spacing of the walk's knots; faster changes average out over t
 WARMING_SD = 0.03  # 1/K of the surface: LFP loses 2…6 % of R_e per kelvin in the cold, 1 % when warm
 INLET_SD = 0.1  # K: difference between the inlet's reading and what the cells feel, as it moves
 SWING_SD = 0.5  # at most so unsure of κ
-SENSOR_SD = 0.01  # K: no reading is believed better
+MODEL_SD = (
+    0.2  # K·√s, white: a two-node cell is not believed better, whatever the sensor. Decides on real cells: with 0.01
+)
+# the fast pole of a cell with radial diffusion drags R_c and R_u (core 3 K off, 1 K with 0.2); 0.4 blunts the slow one
 FRESH = ((5.0, 6.0, 1.0), (4.0, 4.0, 1.0))
 # K: sd of an unknown start: of T_s and of e; all alike, from end to end of the string, each by itself
 CARRIED = ((0.5, 0.5, 0.3), (1.0, 0.5, 0.3))  # K: the same where the window before ended there
@@ -175,7 +178,9 @@ class _Problem:
         n = model.cells
         self.start_info = np.zeros((N, N))
         along = np.linspace(-1.0, 1.0, n)
-        for part, (common, ends, own) in zip((slice(0, n), slice(n, N)), FRESH if start is None else CARRIED, strict=True):
+        for part, (common, ends, own) in zip(
+            (slice(0, n), slice(n, N)), FRESH if start is None else CARRIED, strict=True
+        ):
             P = common**2 + ends**2 * np.outer(along, along) + own**2 * np.eye(n)
             self.start_info[part, part] = np.linalg.inv(P)
         early = self.y[: max(1, round(10.0 / window.dt))]
@@ -214,7 +219,7 @@ class _Problem:
         return np.where(self.valid, self.y - f[:, :, 0], np.nan), columns, np.linalg.solve(E, R.last[0] - c)
 
     def start_map(self, p: StringParameters, inlet: float) -> tuple[Floats, Floats]:
-        """x = E (T_s, e) + c at an instant, with E (2n, 2n) and c (2n,)."""
+        """X = E (T_s, e) + c at an instant, with E (2n, 2n) and c (2n,)."""
         n = self.N // 2
         M, m = coolant_path(p)
         over = (p.R_c / p.R_u)[:, None]
@@ -243,7 +248,10 @@ class _Problem:
         """Add evidence and nuisances to the data's normal matrix `M`."""
         p = self.p
         H, g, cost = M[:-1, :-1].copy(), -M[:-1, -1], 0.5 * float(M[-1, -1])
-        D, delta = lumped_jacobian(phi, self.model.has_conduction), lumped(phi, self.model.has_conduction) - self.evidence.z0
+        D, delta = (
+            lumped_jacobian(phi, self.model.has_conduction),
+            lumped(phi, self.model.has_conduction) - self.evidence.z0,
+        )
         pull = self.evidence.info @ delta
         H[:p, :p] += D.T @ self.evidence.info @ D
         g[:p] += D.T @ (pull + self.evidence.grad)
@@ -274,6 +282,7 @@ class _Problem:
         for _ in range(most):
             H, g = self.with_prior(here)
             top = float(np.max(np.diag(H)[:f], initial=1.0))
+            there = None
             while damping <= 1e6 * top:
                 A = H.copy()
                 A[np.arange(f), np.arange(f)] += damping
@@ -285,7 +294,7 @@ class _Problem:
                     if there.cost <= here.cost:
                         break
                 damping = max(4.0 * damping, 1e-3 * top)
-            else:
+            if there is None or there.cost > here.cost:
                 return here  # no way down from here
             gained = here.cost - there.cost
             here = there
@@ -368,13 +377,14 @@ def fit_window(model: StringModel, window: Window, evidence: Evidence, guess: Fl
     """
     problem = _Problem(model, window, evidence, start)
     phi, xi = np.array(guess, dtype=np.float64), problem.xi0
-    sizes = _Sizes(max(SENSOR_SD, 0.1), 0.05, 100.0, 0.1)
+    floor = MODEL_SD / float(np.sqrt(window.dt))
+    sizes = _Sizes(floor, 0.05, 100.0, 0.1)
     for scale in () if evidence.info.any() else ANNEAL:
         point = problem.minimise(phi, xi, sizes, scale, 6)
         phi, xi = point.phi, point.xi
     point = problem.minimise(phi, xi, sizes, 1.0, 10)
     for _ in range(2):
-        sizes = problem.choose(point, SENSOR_SD)
+        sizes = problem.choose(point, floor)
         point = problem.minimise(point.phi, point.xi, sizes, 1.0, 10)
     point, mean, cov, other = _both_roots(problem, point, sizes)
     info, grad = problem.marginal(point)

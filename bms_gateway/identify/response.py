@@ -142,7 +142,15 @@ def respond(sets: Sequence[StringParameters], inputs: Inputs, x0: Floats, sensed
     by_start = np.empty((K + 1, m, N))
     by_start[0] = C
     by_start[1:] = (O[0] @ Phi).reshape(blocks * L, m, N)[:K]
-    by_input = _by_input(toeplitz[0].reshape(L * m, L * r), reach[::-1, 0].transpose(1, 0, 2).reshape(N, L * r), step[0], O[0], inputs, L, m)
+    by_input = _by_input(
+        toeplitz[0].reshape(L * m, L * r),
+        reach[::-1, 0].transpose(1, 0, 2).reshape(N, L * r),
+        step[0],
+        O[0],
+        inputs,
+        L,
+        m,
+    )
     for k in range((blocks - 1) * L, K):  # the last block may be short
         x = (A @ x[:, :, None])[:, :, 0] + B @ u[k]
         P = A[0] @ P

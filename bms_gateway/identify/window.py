@@ -217,7 +217,14 @@ class WindowIdentifier:
     def snapshot(self) -> dict[str, Any]:
         """Knowledge as JSON-able values; the window under way is not kept."""
         e = self._evidence
-        arrays = {"z0": e.z0, "info": e.info, "grad": e.grad, "mean": self._mean, "cov": self._cov, "guess": self._guess}
+        arrays = {
+            "z0": e.z0,
+            "info": e.info,
+            "grad": e.grad,
+            "mean": self._mean,
+            "cov": self._cov,
+            "guess": self._guess,
+        }
         return {
             "method": "window",
             "names": list(self._names),
@@ -249,4 +256,3 @@ class WindowIdentifier:
         self._windows, self._from_voltage = int(state["windows"]), bool(state["from_voltage"])
         self._pending = False
         self._clear()
-

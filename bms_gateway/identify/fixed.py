@@ -1,0 +1,38 @@
+"""No identification: the model file's values, with their spread as its author stated it."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from bms_gateway.identify.contract import FIXED, Estimate, Posterior, Tick, estimates_of, log_prior
+from bms_gateway.thermal import StringModel
+
+
+class FixedIdentifier:
+    """The prior, for ever."""
+
+    def __init__(self, model: StringModel) -> None:
+        names, mean, sd = log_prior(model)
+        self._posterior = Posterior(names, mean, np.diag(sd**2))
+
+    def add(self, tick: Tick) -> None:
+        """Learn nothing."""
+
+    def accept(self, result: object) -> None:
+        """Nothing is ever handed out, so nothing comes back."""
+
+    def posterior(self) -> Posterior:
+        """Return the prior."""
+        return self._posterior
+
+    def estimates(self) -> tuple[Estimate, ...]:
+        """Return the prior's values, each `fixed`."""
+        return estimates_of(self._posterior, [FIXED] * len(self._posterior.names))
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return nothing to remember."""
+        return {"method": "off"}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Take nothing."""
