@@ -11,6 +11,7 @@ import struct
 import zlib
 from collections.abc import Iterator
 from contextlib import closing
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Final
@@ -101,7 +102,8 @@ def _messages(path: Path, kind: str, notes: LogNotes) -> Iterator["can.Message"]
     import can
     from can.io.blf import BLFParseError
 
-    broken = (*BROKEN, can.CanError, BLFParseError)
+    make_reader, *own_errors = _reader(kind)
+    broken = (*BROKEN, can.CanError, BLFParseError, *own_errors)
     opened = gzip.open if path.suffix.lower() == ".gz" else open
     lines: _Lines | None = None
     source: Any
@@ -111,7 +113,7 @@ def _messages(path: Path, kind: str, notes: LogNotes) -> Iterator["can.Message"]
         source = lines = _Lines(opened(path, "rt", encoding="utf-8", errors="replace"))
     with closing(source):
         try:
-            reader = _reader(kind)(source)
+            reader = make_reader(source)
         except broken as error:
             raise DataError(f"{path}: not a {kind} log ({str(error) or type(error).__name__})") from None
         record = in_a_row = 0
@@ -134,16 +136,17 @@ def _messages(path: Path, kind: str, notes: LogNotes) -> Iterator["can.Message"]
     raise DataError(f"{path}: {GIVE_UP} records in a row cannot be read as {kind}: is it another format?")
 
 
-def _reader(kind: str) -> Any:
+def _reader(kind: str) -> tuple[Any, ...]:
+    """python-can's reader of a format, and what else may be raised in it."""
     import can
 
     if kind == ".mf4":
         try:
-            import asammdf  # noqa: F401
+            from asammdf.blocks.utils import MdfException
         except ImportError:
             raise MissingExtraError("reading .mf4 logs", "mf4") from None
-        return can.MF4Reader
+        return can.MF4Reader, MdfException
     if kind == ".asc":
-        # the date of the header, so that records of one day can be put in order
-        return lambda file: can.ASCReader(file, relative_timestamp=False)
-    return {".blf": can.BLFReader, ".csv": can.CSVReader, ".trc": can.TRCReader}[kind]
+        # with the date of the header, so that records of one day can be put in order
+        return (partial(can.ASCReader, relative_timestamp=False),)
+    return ({".blf": can.BLFReader, ".csv": can.CSVReader, ".trc": can.TRCReader}[kind],)

@@ -2,6 +2,7 @@ import gzip
 import io
 import itertools
 import logging
+import sys
 
 import can
 import pytest
@@ -111,12 +112,17 @@ def test_another_kind_of_file_is_refused_in_one_line(tmp_path):
 
 def test_mf4_without_its_extra_says_what_to_install(monkeypatch):
     path = need("conformance", "asammdf_css", "2F6913DB_00000004_00000001.MF4")
-    monkeypatch.setitem(__import__("sys").modules, "asammdf", None)
+    for name in ("asammdf", "asammdf.blocks.utils"):
+        monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(MissingExtraError, match=r"pip install 'bms-gateway\[mf4\]'"):
         list(read_log(path))
 
 
-def test_mf4_is_read():
+def test_mf4_is_read_and_what_is_none_is_refused(tmp_path):
     pytest.importorskip("asammdf")
-    path = need("conformance", "asammdf_css", "2F6913DB_00000004_00000001.MF4")
-    assert sum(len(b) for b in read_log(path)) > 100
+    expected = write(tmp_path / "a.mf4")
+    got = rows(FrameBatch.concat(list(read_log(tmp_path / "a.mf4"))))
+    assert [(c, p) for _, c, p in got] == [(c, p) for _, c, p in expected]
+    (tmp_path / "b.mf4").write_bytes(b"garbage" * 100)
+    with pytest.raises(DataError, match=r"b.mf4: not a .mf4 log"):
+        list(read_log(tmp_path / "b.mf4"))
