@@ -22,7 +22,7 @@ from bms_gateway.frames.own import (
     summary_message,
 )
 from bms_gateway.frames.quality import Quality
-from bms_gateway.identify import FIXED, IDENTIFIED, LEARNING
+from bms_gateway.identify.contract import FIXED, IDENTIFIED, LEARNING
 from bms_gateway.thermal import KINDS, Floats
 
 

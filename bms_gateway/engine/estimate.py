@@ -2,6 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from hashlib import sha256
+from math import nan
 from typing import Any
 
 import numpy as np
@@ -12,14 +14,16 @@ from bms_gateway.engine.inputs import Reading, Wire
 from bms_gateway.engine.plan import Plan, StringPlan
 from bms_gateway.frames.quality import Quality
 from bms_gateway.health import Ageing, Mismatch
-from bms_gateway.identify import IDENTIFIED, Estimate, Identifier, Tick, VoltageTracker, build, string_parameters
+from bms_gateway.identify import Estimate, Identifier, Tick, VoltageHeat, VoltageTracker, build, string_parameters
+from bms_gateway.identify.contract import IDENTIFIED, LEARNING
 from bms_gateway.observe import AdaptiveObserver
-from bms_gateway.thermal import Floats
+from bms_gateway.thermal import KINDS, Floats
 
 AVAILABLE_SD_K = 12.0
 """A core known no better than this is sent as not available: no decision can be built on it, and the DBC ends there."""
 
 
+GOOD_SD = 0.1  # relative; an electrical resistance known worse than this is still being learnt
 CAPACITY_AH = 8.0  # where the model file does not say; the voltage's slope needs its order of magnitude only
 
 
@@ -45,6 +49,7 @@ class StringEstimator:
     ageing: Ageing = field(default_factory=Ageing)
     mismatch: Mismatch = field(default_factory=Mismatch)
     estimates: tuple[Estimate, ...] = ()
+    electrical: VoltageHeat | None = None
 
     @classmethod
     def of(cls, plan: StringPlan, wire: Wire) -> "StringEstimator":
@@ -74,9 +79,21 @@ class StringEstimator:
     def heat(self, reading: Reading, dt: float) -> float:
         """Mean heat of one cell from current and voltage, W; NaN while the open-circuit voltage is not known."""
         if self.voltage is None:
-            return float("nan")
+            return nan
         m = reading.means
-        return self.voltage.update(m.I, m.V, m.IV, m.I2, dt).heat / self.plan.model.cells
+        self.electrical = self.voltage.update(m.I, m.V, m.IV, dt)
+        return self.electrical.heat / self.plan.model.cells
+
+    def known(self) -> tuple[Estimate, ...]:
+        """Parameters as the identifier has them; R_e from the voltage where that makes the heat."""
+        found = self.identifier.estimates()
+        if self.electrical is None or self.electrical.heat != self.electrical.heat:
+            return found
+        n = self.plan.model.cells
+        R, sd = self.electrical.resistance / n, self.electrical.resistance_sd / n
+        sound = R > 0.0 and sd < GOOD_SD * R
+        electrical = Estimate("R_e", R, sd, KINDS["R_e"].unit, IDENTIFIED if sound else LEARNING)
+        return tuple(electrical if e.name == "R_e" else e for e in found)
 
     def flow_ratio(self, reading: Reading) -> float:
         """Coolant flow over the model's nominal flow; NaN where either is unknown."""
@@ -112,6 +129,7 @@ class Estimators:
 
     def __init__(self, plan: Plan, wires: Sequence[Wire]) -> None:
         self._dt = plan.tick_ns * 1e-9
+        self._gap_s = 0.0  # since the last tick, beyond its period
         self.strings = [StringEstimator.of(p, w) for p, w in zip(plan.strings, wires, strict=True)]
         lengths = sorted({s.plan.model.cells for s in self.strings})
         self._groups = []
@@ -125,6 +143,7 @@ class Estimators:
         results = [TickResult() for _ in self.strings]
         for group in self._groups:
             self._step_group(group, [readings[i] for i in group.members], t1, [results[i] for i in group.members])
+        self._gap_s = 0.0
         # told in the order of the plan, however the strings were grouped
         return TickResult([e for r in results for e in r.events], [j for r in results for j in r.jobs])
 
@@ -152,7 +171,7 @@ class Estimators:
             if s.mismatch.update(normalised[j], self._dt):
                 level = Level.WARNING if s.mismatch.flag.level else Level.NOTICE
                 result.events.append(Notice(t1, level, "mismatch", s.mismatch.sentence(), name))
-            job = s.identifier.add(Tick(t1, self._dt, r.means.I2, float(heat[j]), r.inlet, r.y, r.age))
+            job = s.identifier.add(Tick(t1, self._dt + self._gap_s, r.means.I2, float(heat[j]), r.inlet, r.y, r.age))
             if job is not None:
                 result.jobs.append((i, job))
             elif s.plan.identify == "rls":
@@ -165,7 +184,7 @@ class Estimators:
         numbers = string_parameters(s.plan.model, posterior.names, posterior.mean)
         values = {name: getattr(numbers, name) for name in posterior.names}
         group.observer.set_parameters(j, values, posterior.names, posterior.cov)
-        s.estimates = s.identifier.estimates()
+        s.estimates = s.known()
 
     def accept(self, string: int, job_result: object, now: int) -> list[Event]:
         """Take the result of a string's job into use."""
@@ -182,6 +201,7 @@ class Estimators:
 
     def pass_time(self, gap_s: float) -> None:
         """Carry everything over a time without frames."""
+        self._gap_s = gap_s
         for group in self._groups:
             group.observer.propagate(gap_s)
         for s in self.strings:
@@ -189,43 +209,63 @@ class Estimators:
                 s.voltage.reset()
 
     def snapshot(self) -> dict[str, Any]:
-        """State by string name and by group, JSON-able."""
-        return {
-            "observers": [
-                {"strings": [self.strings[i].plan.name for i in g.members], "state": g.observer.snapshot()}
-                for g in self._groups
-            ],
-            "strings": {
-                s.plan.name: {"identifier": s.identifier.snapshot(), "ageing": s.ageing.snapshot()}
-                for s in self.strings
-            },
+        """State by string and by group of equal length, JSON-able."""
+        strings = {
+            s.plan.name: {
+                "plan": _fingerprint(s.plan),
+                "identifier": s.identifier.snapshot(),
+                "ageing": s.ageing.snapshot(),
+            }
+            for s in self.strings
         }
+        observers = [{"strings": self._names(g), "state": g.observer.snapshot()} for g in self._groups]
+        return {"strings": strings, "observers": observers}
 
     def restore(self, state: Mapping[str, Any]) -> list[str]:
-        """Take up a stored state as far as it fits this plan.
+        """Take up a stored state as far as it belongs to this plan.
 
         Returns
         -------
         list of str
             What was left out and why, a sentence each.
         """
-        left: list[str] = []
+        same = set()
         for s in self.strings:
-            mine = state["strings"].get(s.plan.name)
-            if mine is None:
-                left.append(f"{s.plan.name}: not in the stored state, starts from its model file")
+            stored = state["strings"].get(s.plan.name)
+            if stored is None or stored["plan"] != _fingerprint(s.plan):
                 continue
-            s.identifier.restore(mine["identifier"])
-            s.ageing.restore(mine["ageing"])
+            s.identifier.restore(stored["identifier"])
+            s.ageing.restore(stored["ageing"])
             s.estimates = s.identifier.estimates()
-        stored = {tuple(o["strings"]): o["state"] for o in state["observers"]}
+            same.add(s.plan.name)
+        observers = {tuple(o["strings"]): o["state"] for o in state["observers"]}
+        cold: set[str] = set()
         for g in self._groups:
-            names = tuple(self.strings[i].plan.name for i in g.members)
-            if names in stored:
-                g.observer.restore(stored[names])
-            else:
-                left.append(f"{', '.join(names)}: temperatures start anew, the strings have changed")
-        return left
+            names = self._names(g)
+            if tuple(names) in observers and same.issuperset(names):
+                g.observer.restore(observers[tuple(names)])
+                continue
+            cold.update(names)
+            for j, name in enumerate(names):
+                if name in same:
+                    self._adopt(g, j)
+        return [
+            f"{s.plan.name}: "
+            + ("temperatures start anew" if s.plan.name in same else "new or changed, starts from its model file")
+            for s in self.strings
+            if s.plan.name in cold
+        ]
+
+    def _names(self, group: Group) -> list[str]:
+        return [self.strings[i].plan.name for i in group.members]
+
+
+def _fingerprint(plan: StringPlan) -> str:
+    """Sum up what a stored state must agree with: the model file and the method."""
+    m = plan.model
+    priors = {k: (np.asarray(p.value).tolist(), p.rel_sd) for k, p in sorted(m.priors.items())}
+    text = repr((m.cells, m.sensors, m.condition, m.coolant, m.flow, priors, plan.identify))
+    return sha256(text.encode()).hexdigest()[:16]
 
 
 def _quality(r: Reading) -> NDArray[np.uint8]:

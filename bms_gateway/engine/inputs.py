@@ -203,7 +203,10 @@ class Inputs:
         if len(keep) == len(frames):
             return frames
         return FrameBatch(
-            frames.time_ns.take(keep), frames.can_id.take(keep), frames.length.take(keep), frames.data.take(keep, axis=0)
+            frames.time_ns.take(keep),
+            frames.can_id.take(keep),
+            frames.length.take(keep),
+            frames.data.take(keep, axis=0),
         )
 
     def decode(self, frames: FrameBatch) -> Samples:
@@ -253,13 +256,16 @@ class Inputs:
         """Take the good samples of currents, voltages and inlets; a current that strings share is integrated once."""
         s = samples.sorted_by_input(good & self._followed.take(samples.input))
         edge = s.input.searchsorted(self._number).tolist()
-        edge.append(edge[-1])  # index −1: nothing
+
+        def of(i: int) -> tuple[NDArray[np.int64], Floats]:
+            run = slice(edge[i], edge[i + 1]) if i >= 0 else slice(0)
+            return s.time_ns[run], s.value[run]
+
         means = {}
         for (current, voltage), line in self._currents.items():
-            a, b, c, d = edge[current], edge[current + 1], edge[voltage], edge[voltage + 1 if voltage >= 0 else -1]
-            means[current, voltage] = line.update(s.time_ns[a:b], s.value[a:b], s.time_ns[c:d], s.value[c:d], t0, t1)
+            means[current, voltage] = line.update(*of(current), *of(voltage), t0, t1)
         for i, inlet in self._inlets.items():
-            inlet.update(s.time_ns[edge[i] : edge[i + 1]], s.value[edge[i] : edge[i + 1]])
+            inlet.update(*of(i))
         self._active = any(m.I2 > ACTIVE_A**2 for m in means.values())
         return means
 

@@ -129,6 +129,17 @@ def test_parked_for_minutes_the_cores_have_relaxed_and_the_band_has_grown() -> N
     assert np.isfinite(woken.core).all()
 
 
+def test_a_state_of_another_model_file_is_not_used_and_said_so() -> None:
+    one = engine()
+    list(drive(one, [FRAMES]))
+    two = Engine(plan(rel_sd=0.2), database())
+    two.restore(json.loads(json.dumps(one.snapshot())))
+    told = [e.text for e in drain(two) if isinstance(e, Notice)]
+    assert told == [f"string_{k}: new or changed, starts from its model file" for k in (1, 2)]
+    later = FrameBatch(FRAMES.time_ns + 100 * S, FRAMES.can_id, FRAMES.length, FRAMES.data)
+    assert np.isnan(estimates(list(drive(two, [later])))[0].core).all()
+
+
 @pytest.mark.parametrize(
     "state", [{}, {"version": 99}, {"version": 1, "tick_end_ns": 5}, {"version": 1, "tick_end_ns": 5, "estimators": 3}]
 )
