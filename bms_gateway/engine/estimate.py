@@ -19,6 +19,10 @@ from bms_gateway.identify.contract import IDENTIFIED, LEARNING
 from bms_gateway.observe import AdaptiveObserver
 from bms_gateway.thermal import KINDS, Floats
 
+# of numpy's own type, which it compares much faster than members of an enumeration
+GOOD, STALE, NOT_AVAILABLE, ESTIMATED, NEVER = (
+    np.uint8(q) for q in (Quality.GOOD, Quality.STALE, Quality.NOT_AVAILABLE, Quality.ESTIMATED, Quality.NEVER)
+)
 AVAILABLE_SD_K = 12.0
 """A core known no better than this is sent as not available: no decision can be built on it, and the DBC ends there."""
 
@@ -65,7 +69,7 @@ class StringEstimator:
             nothing,
             nothing,
             nothing,
-            np.full(n, Quality.NEVER, np.uint8),
+            np.full(n, NEVER),
             estimates=identifier.estimates(),
         )
 
@@ -153,19 +157,19 @@ class Estimators:
         n = strings[0].plan.model.cells
         e = group.observer.step(
             np.array([r.means.I2 for r in readings]),
-            np.repeat(heat[:, None], n, axis=1),
+            heat[:, None].repeat(n, axis=1),
             np.array([r.inlet for r in readings]),
-            np.stack([r.y for r in readings]),
-            np.stack([r.age for r in readings]),
+            np.concatenate([r.y for r in readings]).reshape(-1, n),
+            np.concatenate([r.age for r in readings]).reshape(-1, n),
             np.array([s.flow_ratio(r) for s, r in zip(strings, readings, strict=True)]),
         )
         usable = e.core_sd <= AVAILABLE_SD_K
         core, core_sd = np.where(usable, e.core, np.nan), np.where(usable, e.core_sd, np.nan)
         surface = np.where(usable, e.surface, np.nan)
+        quality = np.where(usable, _quality(readings, n), NOT_AVAILABLE)
         normalised = e.innovation / e.innovation_sd
         for j, (i, s, r, result) in enumerate(zip(group.members, strings, readings, results, strict=True)):
-            s.core, s.core_sd, s.surface = core[j], core_sd[j], surface[j]
-            s.quality = np.where(usable[j], _quality(r), Quality.NOT_AVAILABLE).astype(np.uint8)
+            s.core, s.core_sd, s.surface, s.quality = core[j], core_sd[j], surface[j], quality[j]
             name = s.plan.name
             result.events.append(Estimated(t1, name, s.core, s.core_sd, s.surface, s.quality))
             if s.mismatch.update(normalised[j], self._dt):
@@ -268,11 +272,10 @@ def _fingerprint(plan: StringPlan) -> str:
     return sha256(text.encode()).hexdigest()[:16]
 
 
-def _quality(r: Reading) -> NDArray[np.uint8]:
-    """Quality of a string's estimates: the own sensor's, and nowhere better than that of the current."""
-    own = np.where(r.quality == Quality.NEVER, Quality.ESTIMATED, r.quality).astype(np.uint8)
-    if r.current_quality == Quality.GOOD:
-        return own
-    sound = (own == Quality.GOOD) | (own == Quality.ESTIMATED)
-    current = Quality.STALE if r.current_quality == Quality.NEVER else r.current_quality
-    return np.where(sound, current, own).astype(np.uint8)
+def _quality(readings: Sequence[Reading], cells: int) -> NDArray[np.uint8]:
+    """Quality (S, n) of strings' estimates: the own sensor's, and nowhere better than that of the current."""
+    own = np.concatenate([r.quality for r in readings]).reshape(-1, cells)
+    own = np.where(own == NEVER, ESTIMATED, own)
+    current = np.array([STALE if r.current_quality == NEVER else r.current_quality for r in readings], np.uint8)
+    worse = ((own == GOOD) | (own == ESTIMATED)) & (current != GOOD)[:, None]
+    return np.where(worse, current[:, None], own)
