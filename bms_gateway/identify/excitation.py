@@ -1,4 +1,4 @@
-"""Persistent excitation: does a window of data move all coefficients?"""
+"""Persistent excitation: whether a window of data moves all coefficients."""
 
 import numpy as np
 

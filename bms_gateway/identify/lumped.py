@@ -69,7 +69,7 @@ def lumped_jacobian(phi: Floats, conduction: bool = False) -> Floats:
 
 
 def alias(phi: Floats) -> Floats:
-    """The other physical cell with the same surface for any current while the coolant's temperature stands still.
+    """Find the other physical cell with the same surface for any current while the coolant's temperature stands still.
 
     The heat capacities are kept; R_u and R_u* = C_c R_c/(C_c + C_s) swap, R_c R_u and R_e R_u stay.
 

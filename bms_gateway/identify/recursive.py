@@ -109,7 +109,6 @@ class RecursiveIdentifier:
         if not known:
             self._filter = None
             return
-        self._watch_inlet(before.inlet, tick.dt)
         if self._filter is None:
             self._filter = Filter(tick.dt, self._pole)
             self._filter.start(T_s, before.inlet)
@@ -121,6 +120,7 @@ class RecursiveIdentifier:
         z, phi = self._filter.step(before.mean_square_current, T_s, before.inlet)
         if self._four.update(z, phi):
             self._learnt += tick.dt
+            self._watch_inlet(before.inlet, tick.dt)
         self._three.update(z, phi[[0, 1, 2, 4]])
 
     def _watch_inlet(self, inlet: float, dt: float) -> None:
@@ -151,14 +151,10 @@ class RecursiveIdentifier:
 
         ln = back(rls.theta)
         if ln is None:
-            full = unscale(rls.theta[:3])
-            return (
-                None,
-                None,
-                "a coefficient has the wrong sign"
-                if moving
-                else roots(float(full[0]), float(full[1]), float(full[2]), C_c, C_s).why,
-            )
+            if moving:
+                return None, None, "a coefficient has the wrong sign"
+            a, b, g = unscale(rls.theta[:3]).tolist()
+            return None, None, roots(a, b, g, C_c, C_s).why
         sd = delta_sd(back, rls.theta, rls.P * rls.variance * COLOUR)
         return ln, sd, why
 

@@ -26,8 +26,8 @@ SCALE = np.array([60.0**2, 10.0, 0.1, 0.1, 0.1])
 """Sizes of I², T_f − T_s, sT_s, sT_f and T_s'(0): A², K, K/s, K/s, K/s. Unscaled, I² alone rules the normalisation."""
 Z_SCALE = 0.1 * LAMBDA
 """K/s²: size of s²T_s."""
-FOLD = 0.05
-"""Share of γ² below which the discriminant says nothing: R_u within 25 % of R_u*."""
+FOLD = 0.005
+"""Share of γ² below which the discriminant says nothing: R_u within 15 % of R_u*."""
 
 
 class Filter:
@@ -138,7 +138,7 @@ def roots(alpha: float, beta: float, gamma: float, C_c: float, C_s: float) -> Ro
     >>> both = roots(5.487085e-7, 1.984479e-4, -0.1122937, 268.0, 18.8)
     >>> round(both.smaller.R_u, 2), round(both.larger.R_u, 2)
     (0.79, 1.18)
-    >>> roots(5.487085e-7, 1.984479e-4, -0.1103, 268.0, 18.8).why
+    >>> roots(5.487085e-7, 1.984479e-4, -0.1100, 268.0, 18.8).why
     'near the fold R_u = R_u*'
     """
     share = 1.0 - 4.0 * beta * (C_c + C_s) / (C_s * gamma**2)
@@ -154,14 +154,14 @@ def roots(alpha: float, beta: float, gamma: float, C_c: float, C_s: float) -> Ro
 
 
 def choose_root(both: Roots, R_c: float, R_u: float) -> Cell | None:
-    """The root on the side of R_u = R_u* where rough values of R_c, R_u (K/W) lie: nearest in ln(R_u/R_c)."""
+    """Take the root on the side of R_u = R_u* where rough values of R_c, R_u (K/W) lie: nearest in ln(R_u/R_c)."""
     if both.smaller is None or both.larger is None:
         return None
     return min((both.smaller, both.larger), key=lambda c: abs(np.log(c.R_u / c.R_c) - np.log(R_u / R_c)))
 
 
 def with_moving_inlet(alpha: float, beta: float, gamma: float, mu: float, C: float) -> Cell | None:
-    """The one physical cell behind the four-regressor form; only C = C_c + C_s (J/K) is presumed.
+    """Solve for the one physical cell behind the four-regressor form; only C = C_c + C_s (J/K) is presumed.
 
     R_e R_c does not even depend on how C is shared; None where a coefficient has the wrong sign.
 
@@ -182,7 +182,7 @@ def with_moving_inlet(alpha: float, beta: float, gamma: float, mu: float, C: flo
 
 
 def delta_sd(f: Callable[[Floats], Floats | None], theta: Floats, cov: Floats) -> Floats | None:
-    """Standard deviations of f(θ) at first order; None where f has no answer at θ or close by."""
+    """Propagate a covariance: sd of f(θ) at first order; None where f has no answer at θ or close by."""
     here = f(theta)
     if here is None:
         return None

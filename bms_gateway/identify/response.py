@@ -135,18 +135,18 @@ def respond(sets: Sequence[StringParameters], inputs: Inputs, x0: Floats, sensed
         if b < blocks - 1:
             x = (step @ x[:, :, None])[:, :, 0] + jump[:, :, b]
             P = step[0] @ P
-    O = see.transpose(1, 0, 2, 3).reshape(S, L * m, N)
+    observe = see.transpose(1, 0, 2, 3).reshape(S, L * m, N)
     surface = np.empty((S, K + 1, m))
     surface[:, 0] = x0[:, 1::2][:, list(sensed)]
-    surface[:, 1:] = (O @ X + inside).transpose(0, 2, 1).reshape(S, blocks * L, m)[:, :K]
+    surface[:, 1:] = (observe @ X + inside).transpose(0, 2, 1).reshape(S, blocks * L, m)[:, :K]
     by_start = np.empty((K + 1, m, N))
     by_start[0] = C
-    by_start[1:] = (O[0] @ Phi).reshape(blocks * L, m, N)[:K]
+    by_start[1:] = (observe[0] @ Phi).reshape(blocks * L, m, N)[:K]
     by_input = _by_input(
         toeplitz[0].reshape(L * m, L * r),
         reach[::-1, 0].transpose(1, 0, 2).reshape(N, L * r),
         step[0],
-        O[0],
+        observe[0],
         inputs,
         L,
         m,
@@ -174,7 +174,7 @@ def _by_input(inside: Floats, jump: Floats, step: Floats, see: Floats, inputs: I
 
 
 def _discrete(sets: Sequence[StringParameters], dt: float) -> tuple[Floats, Floats]:
-    """A (S, 2n, 2n) and B (S, 2n, 4) for the inputs I², mean heat, inlet at start and end."""
+    """Discretise: A (S, 2n, 2n) and B (S, 2n, 4) for the inputs I², mean heat, inlet at start and end."""
     A, B = [], []
     for p in sets:
         d = discretize(continuous(p), dt)

@@ -83,7 +83,8 @@ class WindowIdentifier:
     """
 
     def __init__(self, model: StringModel, settings: Settings | None = None) -> None:
-        self._model = model
+        # plain dicts: a job must pickle, and read-only views of mappings do not
+        self._model = replace(model, priors=dict(model.priors), tolerances=dict(model.tolerances))
         self._settings = settings or Settings()
         self._names, self._prior_mean, self._prior_sd = log_prior(model)
         p = len(self._names)

@@ -1,0 +1,50 @@
+"""Heat from voltage: the energy balance of an equivalent circuit that the tracker knows nothing of."""
+
+import numpy as np
+import pytest
+
+from bms_gateway.identify import VoltageTracker
+from tests.truth.cycle import repeated
+
+
+def circuit(minutes, seed=1, R=0.012, R1=0.004, tau=20.0, slope=0.05, U0=3.3, sub=10):
+    """Per second: mean I, V, I·V, and the true mean heat, of a cell with one RC pair and a sloping U(Q)."""
+    current = repeated(minutes, seed) * 0.1
+    V1 = Q = 0.0
+    h = 1 / sub
+    out = []
+    for I in current:
+        V_sum = heat = 0.0
+        for _ in range(sub):
+            V1 += h / tau * (R1 * I - V1)
+            Q += I * h / 3600
+            V = U0 - slope * Q - R * I - V1
+            V_sum += V / sub
+            heat += I * (R * I + V1) / sub
+        out.append((I, V_sum, I * V_sum, heat))
+    return np.array(out)
+
+
+def test_heat_agrees_with_the_circuits_overpotential():
+    rows = circuit(60)
+    tracker = VoltageTracker(capacity=2.5)
+    got = [tracker.update(I, V, IV, 1.0) for I, V, IV, _ in rows]
+    heat = np.array([g.heat for g in got])
+    late = slice(600, None)
+    assert np.isnan(heat[:60]).all()
+    assert heat[late].sum() == pytest.approx(rows[late, 3].sum(), rel=0.02)
+    error = heat[late] - rows[late, 3]
+    assert np.mean(np.abs(error) <= 2 * np.array([g.heat_sd for g in got])[late] + 1e-9) > 0.9
+    assert got[-1].resistance == pytest.approx(0.0145, rel=0.15)
+
+
+def test_a_gap_forgets_and_missing_values_teach_nothing():
+    rows = circuit(10)
+    tracker = VoltageTracker()
+    for I, V, IV, _ in rows:
+        last = tracker.update(I, V, IV, 1.0)
+    before = last.open_circuit
+    hole = tracker.update(np.nan, 3.3, np.nan, 1.0)
+    assert np.isnan(hole.heat)
+    assert hole.open_circuit == pytest.approx(before, abs=1e-3)
+    assert np.isnan(tracker.update(1.0, 3.3, 3.3, 3600.0).heat)
