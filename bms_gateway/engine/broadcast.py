@@ -1,7 +1,10 @@
 """What our node says on the bus each tick: layouts and columns looked up once, then numpy arrays per cycle."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import partial
+from math import nan
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +24,6 @@ from bms_gateway.frames.own import (
     parameters_message,
     summary_message,
 )
-from bms_gateway.frames.quality import Quality
 from bms_gateway.identify.contract import FIXED, IDENTIFIED, LEARNING
 from bms_gateway.thermal import KINDS, Floats
 
@@ -49,15 +51,23 @@ class Counts:
     uptime_s: float
 
 
-@dataclass(frozen=True, slots=True)
-class _String:
-    """Rows and columns of one string's messages."""
+Content = tuple[float | Floats | NDArray[np.uint8], ...]
+"""One value, or one for each row, for every column of a part."""
 
-    cores: NDArray[np.intp]
-    core_columns: tuple[int, int, int, int]
-    summary: int
-    parameters: NDArray[np.intp]
-    health: int
+CORE = ("core_01", "core_sd_01", "surface_01", "quality_01")  # in the columns of all other cells too
+SUMMARY = ("hottest_core", "hottest_cell", "hottest_sd", "hottest_quality", "coldest_core")
+HEALTH = ("R_e_flag", "R_e_growth", "R_e_growth_sd", "innovation", "mismatch_flag")
+STATUS = ("state", "frame_rate", "rejected_samples", "dropped_frames")
+INFO = ("version_major", "version_minor", "version_patch", "uptime")
+
+
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """Rows of the encoder that are filled alike and sent together, and the columns to fill."""
+
+    rows: NDArray[np.intp]
+    columns: tuple[int, ...]
+    cycle_ns: int
 
 
 class Broadcast:
@@ -76,123 +86,92 @@ class Broadcast:
     """
 
     def __init__(self, plan: Plan, database: Database) -> None:
-        numbers = [s.number for s in plan.strings]
         parts = (core_message, summary_message, parameters_message, health_message)
-        names = [part(k) for k in numbers for part in parts]
+        names = [part(s.number) for s in plan.strings for part in parts]
         names += [GATEWAY_STATUS, GATEWAY_INFO]
         self._encoder = Encoder(database, names)
         self._cycle = {name: database.message(name).cycle_ns or plan.tick_ns for name in names}
         self.cycles = {database.message(name).can_id: self._cycle[name] for name in names}
-        self._numbers = numbers
-        self._strings = [self._layout(s.number, s.model.cells) for s in plan.strings]
-        self._status, self._info = self._encoder.row(GATEWAY_STATUS), self._encoder.row(GATEWAY_INFO)
+        self._strings = [self._parts(s.number, s.model.cells) for s in plan.strings]
+        self._status, self._info = self._part(GATEWAY_STATUS, STATUS), self._part(GATEWAY_INFO, INFO)
 
-    def _layout(self, number: int, cells: int) -> _String:
-        row, column = self._encoder.row, self._encoder.column
-        cores = [row(core_message(number), k) for k in range(1, cells + 1)]
-        first = cores[0]
-        names = ("core_01", "core_sd_01", "surface_01", "quality_01")
-        a, b, c, d = (column(first, name) for name in names)
-        return _String(
-            np.array(cores, np.intp),
-            (a, b, c, d),
-            row(summary_message(number)),
-            np.array([row(parameters_message(number), mux) for mux in PARAMETER_MUX.values()], np.intp),
-            row(health_message(number)),
-        )
+    def _part(self, message: str, signals: tuple[str, ...], muxes: Sequence[tuple[int, ...]] = ((),)) -> _Part:
+        rows = [self._encoder.row(message, *mux) for mux in muxes]
+        columns = tuple(self._encoder.column(rows[0], signal) for signal in signals)
+        return _Part(np.array(rows, np.intp), columns, self._cycle[message])
+
+    def _parts(self, number: int, cells: int) -> list[tuple[_Part, Callable[[StringEstimator], Content]]]:
+        """Lay out one string's messages, in the order in which they are sent."""
+        parameters = parameters_message(number)
+        return [
+            (self._part(core_message(number), CORE, [(k,) for k in range(1, cells + 1)]), _cores),
+            (self._part(summary_message(number), SUMMARY), _summary),
+            *(
+                (self._part(parameters, (name, f"{name}_sd", f"{name}_status"), [(mux,)]), partial(_parameter, name))
+                for name, mux in PARAMETER_MUX.items()
+            ),
+            (self._part(health_message(number), HEALTH), _health),
+        ]
 
     def encode(self, t1: int, estimators: Estimators, state: State, counts: Counts) -> FrameBatch:
         """Frames that are due at the tick `t1`, stamped with it, in the order of the strings."""
-        rows: list[NDArray[np.intp]] = []
-        values: list[Floats] = []
-        for number, layout, s in zip(self._numbers, self._strings, estimators.strings, strict=True):
-            for message, part in (
-                (core_message(number), self._cores),
-                (summary_message(number), self._summary),
-                (parameters_message(number), self._parameters),
-                (health_message(number), self._health),
-            ):
-                if t1 % self._cycle[message] == 0:
-                    r, v = part(layout, s)
-                    rows.append(r)
-                    values.append(v)
-        for message, (r, v) in (
-            (GATEWAY_STATUS, self._gateway(state, counts)),
-            (GATEWAY_INFO, self._about(counts)),
-        ):
-            if t1 % self._cycle[message] == 0:
-                rows.append(r)
-                values.append(v)
-        if not rows:
+        due = [
+            (part, content(s))
+            for parts, s in zip(self._strings, estimators.strings, strict=True)
+            for part, content in parts
+            if t1 % part.cycle_ns == 0
+        ]
+        gateway = ((self._status, _status(state, counts)), (self._info, _info(counts)))
+        due += [(part, content) for part, content in gateway if t1 % part.cycle_ns == 0]
+        if not due:
             return FrameBatch.empty()
-        can_id, length, data = self._encoder.encode(np.concatenate(rows), np.concatenate(values))
+        rows = np.concatenate([part.rows for part, _ in due])
+        values = np.full((len(rows), self._encoder.width), nan)
+        start = 0
+        for part, content in due:
+            end = start + len(part.rows)
+            for column, value in zip(part.columns, content, strict=True):
+                values[start:end, column] = value
+            start = end
+        can_id, length, data = self._encoder.encode(rows, values)
         return FrameBatch(np.full(len(can_id), t1, np.int64), can_id, length, data)
 
-    def _blank(self, rows: NDArray[np.intp]) -> Floats:
-        return np.full((len(rows), self._encoder.width), np.nan)
 
-    def _one(self, row: int, **signals: float) -> tuple[NDArray[np.intp], Floats]:
-        rows = np.array([row], np.intp)
-        v = self._blank(rows)
-        for name, value in signals.items():
-            v[0, self._encoder.column(row, name)] = value
-        return rows, v
+def _cores(s: StringEstimator) -> Content:
+    return s.core, s.core_sd, s.surface, s.quality
 
-    def _cores(self, layout: _String, s: StringEstimator) -> tuple[NDArray[np.intp], Floats]:
-        v = self._blank(layout.cores)
-        core, sd, surface, quality = layout.core_columns
-        v[:, core], v[:, sd], v[:, surface], v[:, quality] = s.core, s.core_sd, s.surface, s.quality
-        v[s.quality == Quality.NEVER, quality] = np.nan
-        return layout.cores, v
 
-    def _summary(self, layout: _String, s: StringEstimator) -> tuple[NDArray[np.intp], Floats]:
-        if not np.isfinite(s.core).any():
-            return self._one(layout.summary)
-        k = int(np.nanargmax(s.core))
-        return self._one(
-            layout.summary,
-            hottest_core=s.core[k],
-            hottest_cell=k + 1,
-            hottest_sd=s.core_sd[k],
-            hottest_quality=float(s.quality[k]),
-            coldest_core=float(np.nanmin(s.core)),
-        )
+def _summary(s: StringEstimator) -> Content:
+    cores = s.core.tolist()
+    known = [core for core in cores if core == core]
+    if not known:
+        return (nan,) * len(SUMMARY)
+    k = cores.index(max(known))
+    return cores[k], k + 1, float(s.core_sd[k]), float(s.quality[k]), min(known)
 
-    def _parameters(self, layout: _String, s: StringEstimator) -> tuple[NDArray[np.intp], Floats]:
-        v = self._blank(layout.parameters)
-        for i, name in enumerate(PARAMETER_MUX):
-            row = int(layout.parameters[i])
-            estimate = next((e for e in s.estimates if e.name == name), None)
-            if estimate is None:
-                continue
-            to_si = KINDS[name].to_si
-            v[i, self._encoder.column(row, name)] = estimate.value / to_si
-            v[i, self._encoder.column(row, f"{name}_sd")] = estimate.sd / to_si
-            code = STATUS_CODES.get(estimate.status, NOT_IDENTIFIABLE)
-            v[i, self._encoder.column(row, f"{name}_status")] = code
-        return layout.parameters, v
 
-    def _health(self, layout: _String, s: StringEstimator) -> tuple[NDArray[np.intp], Floats]:
-        return self._one(
-            layout.health,
-            R_e_flag=s.ageing.flag.level if s.ageing.commissioned else np.nan,
-            R_e_growth=100.0 * s.ageing.growth,
-            R_e_growth_sd=100.0 * s.ageing.growth_sd,
-            innovation=s.mismatch.excess**0.5,
-            mismatch_flag=float(s.mismatch.flag.level),
-        )
+def _parameter(name: str, s: StringEstimator) -> Content:
+    estimate = next((e for e in s.estimates if e.name == name), None)
+    if estimate is None:
+        return nan, nan, nan
+    to_si = KINDS[name].to_si
+    return estimate.value / to_si, estimate.sd / to_si, STATUS_CODES.get(estimate.status, NOT_IDENTIFIABLE)
 
-    def _gateway(self, state: State, counts: Counts) -> tuple[NDArray[np.intp], Floats]:
-        return self._one(
-            self._status,
-            state=float(state),
-            frame_rate=counts.frames,
-            rejected_samples=counts.rejected,
-            dropped_frames=counts.dropped,
-        )
 
-    def _about(self, counts: Counts) -> tuple[NDArray[np.intp], Floats]:
-        major, minor, patch = (float(part) for part in __version__.split("."))
-        return self._one(
-            self._info, version_major=major, version_minor=minor, version_patch=patch, uptime=counts.uptime_s
-        )
+def _health(s: StringEstimator) -> Content:
+    return (
+        s.ageing.flag.level if s.ageing.commissioned else nan,
+        100.0 * s.ageing.growth,
+        100.0 * s.ageing.growth_sd,
+        s.mismatch.excess**0.5,
+        s.mismatch.flag.level,
+    )
+
+
+def _status(state: State, counts: Counts) -> Content:
+    return state.value, counts.frames, counts.rejected, counts.dropped
+
+
+def _info(counts: Counts) -> Content:
+    major, minor, patch = (float(part) for part in __version__.split("."))
+    return major, minor, patch, counts.uptime_s

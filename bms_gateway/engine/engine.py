@@ -227,7 +227,7 @@ class Engine:
         """Tell what the status frame says of us: degraded while a string lacks its current or all of its surfaces."""
         if not any(np.isfinite(s.core).any() for s in self._estimators.strings):
             return State.STARTING
-        sound = all(r.current_quality == Quality.GOOD and np.any(r.quality == Quality.GOOD) for r in readings)
+        sound = all(r.current_quality == Quality.GOOD and Quality.GOOD in r.quality.tolist() for r in readings)
         return State.RUNNING if sound else State.DEGRADED
 
     def _counts(self, t1: int) -> Counts:
