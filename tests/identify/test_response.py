@@ -65,8 +65,14 @@ def test_the_alias_has_the_same_surface_under_a_still_coolant():
     assert np.allclose(lumped(alias(PHI[:5]))[:3], lumped(PHI[:5])[:3])
 
 
-@pytest.mark.parametrize("f_df", [(lumped, lumped_jacobian), (lambda x: lumped(x, True), lambda x: lumped_jacobian(x, True)),
-                                  (fold_distance, fold_gradient)])  # fmt: skip
+@pytest.mark.parametrize(
+    "f_df",
+    [
+        (lumped, lumped_jacobian),
+        (lambda x: lumped(x, True), lambda x: lumped_jacobian(x, True)),
+        (fold_distance, fold_gradient),
+    ],
+)
 def test_jacobians_are_those_of_finite_differences(f_df):
     f, df = f_df
     numeric = np.array([(f(PHI + 1e-6 * e) - f(PHI - 1e-6 * e)) / 2e-6 for e in np.eye(7)]).T

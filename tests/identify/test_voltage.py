@@ -13,22 +13,22 @@ def circuit(minutes, seed=1, R=0.012, R1=0.004, tau=20.0, slope=0.05, U0=3.3, su
     V1 = Q = 0.0
     h = 1 / sub
     out = []
-    for I in current:
+    for amps in current:
         V_sum = heat = 0.0
         for _ in range(sub):
-            V1 += h / tau * (R1 * I - V1)
-            Q += I * h / 3600
-            V = U0 - slope * Q - R * I - V1
+            V1 += h / tau * (R1 * amps - V1)
+            Q += amps * h / 3600
+            V = U0 - slope * Q - R * amps - V1
             V_sum += V / sub
-            heat += I * (R * I + V1) / sub
-        out.append((I, V_sum, I * V_sum, heat))
+            heat += amps * (R * amps + V1) / sub
+        out.append((amps, V_sum, amps * V_sum, heat))
     return np.array(out)
 
 
 def test_heat_agrees_with_the_circuits_overpotential():
     rows = circuit(60)
     tracker = VoltageTracker(capacity=2.5)
-    got = [tracker.update(I, V, IV, 1.0) for I, V, IV, _ in rows]
+    got = [tracker.update(*row[:3], 1.0) for row in rows]
     heat = np.array([g.heat for g in got])
     late = slice(600, None)
     assert np.isnan(heat[:60]).all()
@@ -41,8 +41,8 @@ def test_heat_agrees_with_the_circuits_overpotential():
 def test_a_gap_forgets_and_missing_values_teach_nothing():
     rows = circuit(10)
     tracker = VoltageTracker()
-    for I, V, IV, _ in rows:
-        last = tracker.update(I, V, IV, 1.0)
+    for row in rows:
+        last = tracker.update(*row[:3], 1.0)
     before = last.open_circuit
     hole = tracker.update(np.nan, 3.3, np.nan, 1.0)
     assert np.isnan(hole.heat)
