@@ -48,7 +48,7 @@ class ParameterKind:
     per_cell: bool = True
 
 
-# Bounds span a coin cell in still air to a 400 Ah prismatic cell under liquid; they catch unit slips (mΩ for Ω), not taste.
+# Bounds span a coin cell in still air to a 400 Ah prismatic cell under liquid: they catch unit slips (mΩ for Ω).
 KINDS: Mapping[str, ParameterKind] = MappingProxyType(
     {
         k.symbol: k

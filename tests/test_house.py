@@ -1,0 +1,26 @@
+"""The house itself: files that a person can read at a sitting, no empty rooms, nothing beside the agreed top level."""
+
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / "bms_gateway"
+LONGEST = 500  # lines; about 300 is the aim
+TOP = {"pyproject.toml", "bms_gateway", "dbc", "tests", "deploy", "README.md", "dist", "build"}
+
+
+def test_no_file_is_longer_than_can_be_read() -> None:
+    ours = [p for place in ("bms_gateway", "dbc", "tests") for p in (ROOT / place).rglob("*.py")]
+    assert len(ours) > 100
+    lengths = {str(p.relative_to(ROOT)): len(p.read_text(encoding="utf-8").splitlines()) for p in ours}
+    assert {name: n for name, n in lengths.items() if n > LONGEST} == {}
+
+
+def test_every_room_has_something_in_it() -> None:
+    for room in (p for p in PACKAGE.iterdir() if p.is_dir() and p.name not in ("__pycache__", "shipped")):
+        code = [f for f in room.glob("*.py") if f.name != "__init__.py"]
+        assert code, f"{room.name} is empty"
+        assert (room / "__init__.py").read_text().startswith('"""'), f"{room.name} does not say what it is for"
+
+
+def test_nothing_lies_beside_the_agreed_top_level() -> None:
+    assert {p.name for p in ROOT.iterdir() if not p.name.startswith(".")} <= TOP
