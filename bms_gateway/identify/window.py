@@ -27,6 +27,7 @@ from bms_gateway.identify.posterior_fit import WALK_S, Evidence, Fit, Window, fi
 from bms_gateway.thermal import KINDS, Floats, StringModel
 
 HOLD_CURRENT_S = 10.0  # a lost current is bridged so long: it cannot hide a drive
+GAP_S = 10.0  # a longer tick is a gap: the bus slept, and a straight line through it would be made up
 HOLD_INLET_S = 60.0  # the inlet moves slowly
 
 
@@ -114,7 +115,7 @@ class WindowIdentifier:
             A job when a window is full, or when a gap ends one that is long enough.
         """
         job = None
-        if self._ticks and abs(tick.dt - self._ticks[-1].dt) > 1e-6:
+        if tick.dt > GAP_S or (self._ticks and abs(tick.dt - self._ticks[-1].dt) > 1e-6):
             job = self._close()
         blind, still = self._held
         no_heat = np.isnan(tick.mean_square_current) and np.isnan(tick.heat)

@@ -2,6 +2,7 @@
 
 import json
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -121,6 +122,30 @@ def test_a_gap_ends_the_window_and_a_short_one_is_dropped():
     other = WindowIdentifier(model())
     assert all(other.add(t) is None for t in stream[:200])
     assert other.add(gap) is None
+
+
+def test_a_gap_right_after_a_full_window_starts_a_fresh_one():
+    # Bug: the gap itself was taken for the first step of the next window.
+    square, inlet, y, _ = measured(6, minutes=31)
+    identifier = WindowIdentifier(model())
+    stream = list(ticks(square, inlet, y))
+    drive(identifier, stream[:601])
+    late = [replace(t, dt=1000.0 if k == 0 else 1.0) for k, t in enumerate(stream[601:1300])]
+    job = next(j for j in map(identifier.add, late) if j is not None)
+    assert (len(job.window.square), job.window.dt, job.start) == (600, 1.0, None)
+
+
+def test_windows_that_touch_carry_their_last_state():
+    square, inlet, y, _ = measured(6, minutes=21)
+    identifier = WindowIdentifier(model())
+    jobs = []
+    for tick in ticks(square, inlet, y):
+        job = identifier.add(tick)
+        if job is not None:
+            jobs.append(job)
+            identifier.accept(job.run())
+    assert [j.start is None for j in jobs] == [True, False]
+    assert jobs[1].start[0] == pytest.approx(y[600, 0], abs=0.3)
 
 
 def test_fixed_parameters_are_left_alone():
