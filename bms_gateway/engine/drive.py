@@ -30,7 +30,7 @@ def drive(engine: Engine, batches: Iterable[FrameBatch]) -> Iterator[Event]:
 def drain(engine: Engine) -> Iterator[Event]:
     """Yield what the engine has to say now, running its jobs inline."""
     while (event := engine.next_output()) is not None:
-        if isinstance(event, StartJob):
-            engine.finish(event.job_id, event.job.run())
-        else:
+        if not isinstance(event, StartJob):
             yield event
+        elif engine.awaits(event.job_id):  # one batch may hold the due time too: then the engine has run it itself
+            engine.finish(event.job_id, event.job.run())

@@ -151,6 +151,10 @@ class Engine:
         """Next event of the one ordered queue; None when there is nothing to say."""
         return self._queue.popleft() if self._queue else None
 
+    def awaits(self, job_id: int) -> bool:
+        """Whether the result of a job is still of use: it is not past its due time."""
+        return job_id in self._jobs
+
     def finish(self, job_id: int, result: object) -> None:
         """Hand in the result of a job; it takes effect at the job's due time."""
         if job_id in self._jobs:

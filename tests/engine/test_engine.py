@@ -12,6 +12,7 @@ from bms_gateway.errors import StateError
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.own import own_signal
 from bms_gateway.frames.quality import Quality
+from bms_gateway.identify.window import WindowJob
 from tests.engine.packs import EPOCH_S, cut, database, plan, text, traffic
 
 S = 1_000_000_000
@@ -69,6 +70,15 @@ def test_late_results_of_jobs_change_nothing() -> None:
         return text(out)
 
     assert run(0) == run(20) == run(None)
+
+
+@pytest.mark.parametrize("edges", [[], list(range(0, 7000, 40))])
+def test_a_job_is_run_once_however_many_ticks_a_batch_holds(monkeypatch: pytest.MonkeyPatch, edges: list[int]) -> None:
+    runs = []
+    run = WindowJob.run
+    monkeypatch.setattr(WindowJob, "run", lambda job: runs.append(job) or run(job))
+    list(drive(engine(1), cut(traffic(700, strings=1), edges)))
+    assert len(runs) == 1
 
 
 def test_a_timer_is_stamped_with_its_deadline_not_with_the_wake_up() -> None:
