@@ -6,6 +6,7 @@ wiring from strings to inputs is worked out once, so that a tick is a few numpy 
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import accumulate, pairwise
 from math import nan
 
 import numpy as np
@@ -112,9 +113,6 @@ class Reading:
     quality: NDArray[np.uint8]
 
 
-NOTHING = Means()
-
-
 class Inputs:
     """All inputs of a plan: compiled, guarded, integrated.
 
@@ -161,9 +159,10 @@ class Inputs:
         self._followed = np.zeros(len(signals), np.bool_)
         self._followed[[i for pair in self._currents for i in pair if i >= 0] + list(self._inlets)] = True
         self._number = np.arange(len(signals) + 1)
-        # the surfaces of all strings in one row, and where each string's begin
+        # the surfaces of all strings in one row, and which of them are each string's
         self._surface = np.concatenate([w.surface for w in self.wires])
-        self._first = np.cumsum([0] + [len(w.surface) for w in self.wires]).tolist()
+        ends = accumulate((len(w.surface) for w in self.wires), initial=0)
+        self._mine = [slice(first, end) for first, end in pairwise(ends)]
         self._active = False
         self.rejected: dict[str, int] = {}
 
@@ -237,20 +236,18 @@ class Inputs:
         y = np.where(there & (seen >= t0) & (seen > 0), g.value.take(self._surface), nan)
         age = np.where(np.isfinite(y), (t1 - seen) * 1e-9, 0.0)
         surface_quality = np.where(there, g.channel_quality.take(self._surface), np.uint8(ESTIMATED))
-        readings = []
-        for w, first, end in zip(self.wires, self._first, self._first[1:], strict=False):
-            readings.append(
-                Reading(
-                    means.get((w.current, w.voltage), NOTHING),
-                    quality[w.current],
-                    self._inlet(w, quality, t1),
-                    self._flow(w, quality, g.value),
-                    y[first:end],
-                    age[first:end],
-                    surface_quality[first:end],
-                )
+        return [
+            Reading(
+                means.get((w.current, w.voltage), Means()),
+                quality[w.current],
+                self._inlet(w, quality, t1),
+                self._flow(w, quality, g.value),
+                y[mine],
+                age[mine],
+                surface_quality[mine],
             )
-        return readings
+            for w, mine in zip(self.wires, self._mine, strict=True)
+        ]
 
     def _integrate(self, samples: Samples, good: NDArray[np.bool_], t0: int, t1: int) -> dict[tuple[int, int], Means]:
         """Take the good samples of currents, voltages and inlets; a current that strings share is integrated once."""
@@ -261,9 +258,7 @@ class Inputs:
             run = slice(edge[i], edge[i + 1]) if i >= 0 else slice(0)
             return s.time_ns[run], s.value[run]
 
-        means = {}
-        for (current, voltage), line in self._currents.items():
-            means[current, voltage] = line.update(*of(current), *of(voltage), t0, t1)
+        means = {(i, u): line.update(*of(i), *of(u), t0, t1) for (i, u), line in self._currents.items()}
         for i, inlet in self._inlets.items():
             inlet.update(*of(i))
         self._active = any(m.I2 > ACTIVE_A**2 for m in means.values())
@@ -276,9 +271,8 @@ class Inputs:
 
     @staticmethod
     def _flow(w: Wire, quality: Sequence[int], value: Floats) -> float:
-        if w.coolant_flow < 0 or quality[w.coolant_flow] != GOOD:
-            return w.constants.get("coolant_flow", nan)
-        return float(value[w.coolant_flow])
+        known = w.coolant_flow >= 0 and quality[w.coolant_flow] == GOOD
+        return float(value[w.coolant_flow]) if known else w.constants.get("coolant_flow", nan)
 
     def changes(self, t1: int) -> list[Notice]:
         """Tell which inputs have begun or ceased to be good since the last call."""
