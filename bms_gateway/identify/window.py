@@ -38,9 +38,8 @@ class Settings:
     Attributes
     ----------
     window_s : float
-        Length of a window.
-    first_s : tuple of float
-        Lengths of the first windows, so that something is known early.
+        Length of a window: two slow time constants of a cell. The first one too: a fit of half that length takes a
+        warming cell for a light one.
     shortest_s : float
         A window cut by a gap is used from this length on.
     cooling_drift : float
@@ -52,7 +51,6 @@ class Settings:
     """
 
     window_s: float = 1200.0
-    first_s: tuple[float, ...] = (600.0, 600.0)
     shortest_s: float = 300.0
     cooling_drift: float = 0.005
     least_rise: float = 0.5
@@ -135,9 +133,7 @@ class WindowIdentifier:
         self._held = (blind, still)
         self._ticks.append(tick)
         self._inlet.append(self._inlet[-1] if np.isnan(tick.inlet) else tick.inlet)
-        first = self._settings.first_s
-        length = first[self._windows] if self._windows < len(first) else self._settings.window_s
-        if len(self._ticks) * tick.dt >= length - 1e-6:
+        if len(self._ticks) * tick.dt >= self._settings.window_s - 1e-6:
             return self._close(full=True)
         return job
 

@@ -93,7 +93,7 @@ def test_parked_for_eight_hours_nothing_moves():
 
 
 def test_a_job_is_pure_and_survives_a_pickle_to_the_last_bit():
-    square, inlet, y, _ = measured(6, minutes=11)
+    square, inlet, y, _ = measured(6, minutes=21)
     identifier = WindowIdentifier(model())
     job = next(j for j in map(identifier.add, ticks(square, inlet, y)) if j is not None)
     one, two = job.run(), pickle.loads(pickle.dumps(job)).run()
@@ -136,7 +136,7 @@ def test_a_gap_right_after_a_full_window_starts_a_fresh_one():
 
 
 def test_windows_that_touch_carry_their_last_state():
-    square, inlet, y, _ = measured(6, minutes=21)
+    square, inlet, y, _ = measured(6, minutes=41)
     identifier = WindowIdentifier(model())
     jobs = []
     for tick in ticks(square, inlet, y):
@@ -145,7 +145,7 @@ def test_windows_that_touch_carry_their_last_state():
             jobs.append(job)
             identifier.accept(job.run())
     assert [j.start is None for j in jobs] == [True, False]
-    assert jobs[1].start[0] == pytest.approx(y[600, 0], abs=0.3)
+    assert jobs[1].start[0] == pytest.approx(y[1200, 0], abs=0.3)
 
 
 def test_fixed_parameters_are_left_alone():
