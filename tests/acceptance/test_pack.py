@@ -1,6 +1,9 @@
 """Five strings of twelve cells with sensors on the end cells, truth by an independent integrator, as CAN traffic."""
 
+import re
+
 import numpy as np
+import pytest
 
 from bms_gateway.config import load_config, shipped
 from bms_gateway.engine import Engine, Estimated, drive
@@ -30,3 +33,44 @@ def test_with_right_parameters_every_core_is_found_within_two_minutes(tmp_path) 
     seconds = max(k for k, w in worst.items() if not w <= 1.0) + 1 if any(not w <= 1.0 for w in worst.values()) else 0
     print(f"all 60 cores within 1 K of the truth from second {seconds} on")
     assert seconds < 120
+
+
+START = {
+    "R_e": ("3.5", "10.0", "0.3", "1.0"),
+    "R_c": ("1.266", "0.5", "0.3", "0.8"),
+    "R_u": ("0.79", "1.5", "0.3", "0.8"),
+}
+TRUTH = {"R_e": 3.5e-3, "R_c": 1.266, "R_u": 0.79}
+MINUTES = 90
+
+
+@pytest.mark.slow
+def test_from_a_far_start_the_resistances_are_inside_their_stated_band(tmp_path) -> None:
+    """Ninety minutes on the road, inlet moving by ± 3 K, noise of 0.1 K on everything: 20 drives, five at a time."""
+    model = shipped("deploy/example/string.toml").read_text()
+    for value, start, sd, wide in START.values():
+        before = re.search(rf"= {{ value = {value}, unit = \"[^\"]+\", rel_sd = {sd} }}", model)
+        assert before
+        model = model.replace(before[0], before[0].replace(value, start).replace(f"rel_sd = {sd}", f"rel_sd = {wide}"))
+    (tmp_path / "string.toml").write_text(model)
+    (tmp_path / "gateway.toml").write_text(shipped("deploy/example/gateway.toml").read_text())
+    loaded = load_config(tmp_path / "gateway.toml")
+    inside: dict[str, list[bool]] = {name: [] for name in TRUTH}
+    errors: list[float] = []
+    for run in range(4):
+        drives = [string_drive(MINUTES, 10 * run + k, 28.0 + 2 * k, 1.0 * k) for k in range(5)]
+        frames = frames_of(loaded.plan, loaded.database, drives, seed=run)
+        engine = Engine(loaded.plan, loaded.database)
+        cores = [e for e in drive(engine, [frames]) if isinstance(e, Estimated)][-5:]
+        k = cores[0].time_ns // S - EPOCH_S
+        errors += [float(np.abs(e.core - d[2][k]).max()) for e, d in zip(cores, drives, strict=True)]
+        for s in engine.strings:
+            for e in s.estimates:
+                if e.name in TRUTH:
+                    inside[e.name].append(abs(e.value - TRUTH[e.name]) <= 2 * e.sd)
+                    print(run, s.plan.name, f"{e.name} {e.value:.5f} ± {e.sd:.5f}, {e.status}")
+    print(
+        {name: f"{sum(hits)}/{len(hits)}" for name, hits in inside.items()}, "worst core at the end", max(errors), "K"
+    )
+    assert all(len(hits) == 20 and sum(hits) >= 18 for hits in inside.values())
+    assert max(errors) < 2.0
