@@ -122,7 +122,7 @@ def _string(path: Path, config: GatewayConfig, number: int, string: String, data
         channels = tuple(_own_channels(number, model, database))
     else:
         channels = tuple(_Wiring(f"{path}: {key}.signals", model, database).channels(string.signals))
-    return StringPlan(string.name, number, model, channels, config.identify.method)
+    return StringPlan(string.name, number, model, channels, string.identify or config.identify.method)
 
 
 def _own_channels(number: int, model: StringModel, database: Database) -> Iterator[Channel]:

@@ -58,11 +58,21 @@ class Signals(Section):
     cell_voltage: dict[str, Source] = Field(default_factory=dict)
 
 
+Method = Literal["window", "rls", "off"]
+
+
 class String(Section):
-    """`[[string]]`."""
+    """`[[string]]`.
+
+    Attributes
+    ----------
+    identify : {"window", "rls", "off"}, optional
+        Where this string is to be identified otherwise than `[identify]` says.
+    """
 
     name: str = Field(pattern=NAME, max_length=64)
     model: str
+    identify: Method | None = None
     signals: Signals | None = None
 
 
@@ -85,7 +95,7 @@ class Bus(Section):
 class Identify(Section):
     """`[identify]`."""
 
-    method: Literal["window", "rls", "off"] = "window"
+    method: Method = "window"
 
 
 class Store(Section):

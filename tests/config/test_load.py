@@ -54,6 +54,14 @@ def test_settings_reach_the_plan(tmp_path):
     assert loaded.plan.transmit is False
 
 
+def test_each_string_may_be_identified_by_its_own_method(tmp_path):
+    own = OWN.replace('name = "string_1"', 'name = "string_1"\nidentify = "off"', 1)
+    assert own != OWN
+    assert load_config(write(tmp_path, own + "[identify]\nmethod = 'rls'\n")).plan.strings[0].identify == "off"
+    with pytest.raises(ConfigError, match=r"string\[1\].identify: 'of' is not known; did you mean 'off'"):
+        load_config(write(tmp_path, own.replace('"off"', '"of"')))
+
+
 def test_the_state_goes_where_the_config_or_systemd_says(tmp_path, monkeypatch):
     monkeypatch.delenv("STATE_DIRECTORY", raising=False)
     assert load_config(write(tmp_path)).store == tmp_path / "state"
