@@ -215,9 +215,8 @@ class Engine:
             self._queue.append(SendFrames(t1, self._broadcast.encode(t1, self._estimators, state, self._counts(t1))))
         self._tick_end = t1
         if silent:
-            self._queue.append(
-                Notice(t1, Level.NOTICE, "silent", "no wanted frame for a minute: waiting for the bus, sending nothing")
-            )
+            quiet = f"no wanted frame for {self._plan.silent_after_ns / 1e9:g} s: waiting for the bus, sending nothing"
+            self._queue.append(Notice(t1, Level.NOTICE, "silent", quiet))
         self._deadline = None if silent else t1 + self._plan.tick_ns
 
     def _take_results(self, now: int) -> None:

@@ -38,7 +38,9 @@ SYSLOG_LEVELS: Final = {Level.WARNING: logging.WARNING, Level.NOTICE: NOTICE, Le
 
 
 class LiveEngine(Protocol):
-    """What the shell needs of the engine."""
+    """What the shell needs of the engine; it tells it in `dropped` how many frames the port has lost."""
+
+    dropped: int
 
     def receive(self, frames: FrameBatch, *, now_ns: int) -> None:
         """Take frames in."""
@@ -172,6 +174,7 @@ class Gateway:
         """Drain, give to the engine, do what is due, carry out what it says; returns the number of frames."""
         before_ns = self.port.now_ns()
         frames = self.port.drain()
+        self.engine.dropped = self.port.counters.dropped
         self._drained = True
         if len(frames):
             self.engine.receive(frames, now_ns=self.port.now_ns())

@@ -30,6 +30,7 @@ class TickEngine:
 
     def __init__(self, silent=1_000_000):
         self.deadline = None
+        self.dropped = 0
         self.last = 0
         self.silent, self.idle = silent, 0
         self.pending, self.ticks, self.late, self.results, self.calls = [], [], [], {}, []

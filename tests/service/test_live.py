@@ -142,6 +142,13 @@ def test_a_silent_bus_costs_no_drains_and_a_full_one_a_hundred_a_second(bus):
     assert sum(n for _, n in engine.ticks) + len(engine.pending) >= 300
 
 
+def test_the_engine_is_told_what_the_port_has_lost(bus):
+    engine = TickEngine()
+    bus.port.counters.dropped = 7
+    run(Gateway(engine, bus.port), traffic(bus), seconds=0.3)
+    assert engine.dropped == 7
+
+
 def test_the_bus_falls_asleep_and_wakes(bus):
     engine = TickEngine(silent=2)
 
