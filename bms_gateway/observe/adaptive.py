@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from bms_gateway.errors import StateError
-from bms_gateway.observe.kalman import Kalman, KalmanState
+from bms_gateway.observe.kalman import EVERY, Kalman, KalmanState
 from bms_gateway.observe.model import OFFSETS, Bools, Ints, Start, stack, start_covariance
 from bms_gateway.observe.sensitivity import PARAMETERS, Flows, carried, corrected
 from bms_gateway.thermal import Disturbance, Floats, StringModel, StringParameters
@@ -279,7 +279,7 @@ class AdaptiveObserver:
             setattr(self, f"_{name}", value)
         self._parameters, self._state = parameters, state
         self._root = np.stack([_root(c) for c in self._cov])
-        self._exchange(np.arange(self._strings), keep_gain=True)
+        self._exchange(np.arange(self._strings), restored=True)
 
     def _begin(self, inlet: Floats, y: Floats) -> None:
         """Start the strings of which something is heard for the first time."""
@@ -293,9 +293,9 @@ class AdaptiveObserver:
         x[new, :-OFFSETS] = level[:, None]
         x[new, -OFFSETS:] = 0.0
         P[new] = self._starts[known.astype(np.int64)]
-        held, pattern, steady = self._state.held.copy(), self._state.pattern.copy(), self._state.steady.copy()
-        held[new], pattern[new], steady[new] = 0, -1, False
-        self._state = replace(self._state, x=x, P=P, held=held, pattern=pattern, steady=steady)
+        held, pattern, since = self._state.held.copy(), self._state.pattern.copy(), self._state.since.copy()
+        held[new], pattern[new], since[new] = 0, -1, 0
+        self._state = replace(self._state, x=x, P=P, held=held, pattern=pattern, since=since)
         self._J, self._inlet, self._available = self._J.copy(), self._inlet.copy(), self._available.copy()
         self._J[new] = 0.0
         self._inlet[new] = np.where(known, inlet[new], level)
@@ -324,17 +324,17 @@ class AdaptiveObserver:
         p = self._parameters[s]
         return _usable(p.with_flow_ratio(float(np.exp(FLOW_GRID * self._level[s])))) if self._level[s] else p
 
-    def _exchange(self, at: Ints, *, keep_gain: bool = False) -> None:
+    def _exchange(self, at: Ints, *, restored: bool = False) -> None:
         """Rebuild the matrices of the strings `at`, whose parameters or flow have changed."""
+        if not restored:
+            state = self._kalman.caught_up(self._state, at)
+            held = state.held.copy()
+            held[at] = np.minimum(held[at], EVERY - 1)  # a little change: the next step is computed, then short strides
+            self._state = replace(state, held=held)
         in_force = [self._in_force(int(s)) for s in at]
-        model = self._kalman.model
-        self._kalman = replace(self._kalman, model=model.exchanged(at, stack(in_force, self._dt, model.disturbance)))
+        self._kalman = self._kalman.exchanged(at, stack(in_force, self._dt, self._kalman.model.disturbance))
         self._flows = self._flows.exchanged(at, Flows.of(in_force))
         self._rebuild_heat()
-        if not keep_gain:
-            steady, held = self._state.steady.copy(), self._state.held.copy()
-            steady[at], held[at] = False, np.minimum(held[at], 1)
-            self._state = replace(self._state, steady=steady, held=held)
 
     def _rebuild_heat(self) -> None:
         self._R_e = np.stack([p.R_e for p in self._parameters])

@@ -1,4 +1,4 @@
-r"""Kalman filter of stacked strings: readings that are late, missing or back again; a steady gain once it is steady.
+r"""Kalman filter of stacked strings: readings that are late, missing or back again; less work when nothing changes.
 
 A reading of age a belongs between the previous state and this one. With the lag w = a/dt the predicted reading is
 ŷ = (1−w) C x_k + w C x_{k−1}, and because x_k = A x_{k−1} + …, with P the covariance before the step and
@@ -12,23 +12,27 @@ P⁻ = A P Aᵀ + Q after it,
 which is the exact filter of the interpolated output. The last product is formed as WᵀW with W = L⁻¹Uᵀ, S = LLᵀ, so
 that P stays symmetric.
 
-The gain does not depend on the readings, only on which there are. After `MARK` steps with the same readings present
-(same lag to a fifth of a step) the change of the covariance is compared with the change over the `MARK` steps before;
-when the geometric rest is below `STEADY` the string keeps its gain and its covariance until something changes.
+The gain and the covariance do not depend on the readings, only on which there are. While the same ones keep coming
+(same lag to a fifth of a step), what still changes does so the slower the longer they have. After `EVERY` steps the
+covariance is therefore brought up to date in strides, exactly (`strides`), which grow with the time since the last
+change; in between, gain and covariance are those of the last one, late by 1/32 of that time at most. A variance that
+grows from nothing in proportion to time is thus stated 3 % too small and its band 1.5 %, others by less; what shrinks
+stays too wide by as little.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from bms_gateway.observe.model import OFFSETS, Bools, Ints, StackedModel
 from bms_gateway.observe.open_loop import predicted_surface
+from bms_gateway.observe.strides import Ladder, Stride
 from bms_gateway.thermal import Floats
 
-MARK = 64
-"""Steps between looks at the covariance: long against the fast pole (9 s), short against the slow one (557 s)."""
-STEADY = 0.01
-"""Rest of any variance, as a share of it, that is given up when the gain is frozen: half a per cent of a band."""
+EVERY = 256
+"""Steps after a change that are all computed; before, strides would hardly be cheaper."""
+SHARE = 64
+"""Strides are powers of two, from this share of the time since the last change to twice as much."""
 LAG_STEPS = 4
 """The covariance sees lags in quarters of a step: jitter of the bus then does not make another filter."""
 LAG_HOLD = 0.2
@@ -54,9 +58,8 @@ class KalmanState:
         Lag quarter of each sensor or `NONE`; then the same for inlet and current, 0 where measured.
     held : ndarray of int (S,)
         Steps for which the pattern has held.
-    mark, drift : ndarray (S, M), (S,)
-        Variances at the last look and their greatest relative change between the last two looks.
-    steady : ndarray of bool (S,)
+    since : ndarray of int (S,)
+        Steps with this pattern that `P` has not made yet.
     """
 
     x: Floats
@@ -65,9 +68,7 @@ class KalmanState:
     S: Floats
     pattern: Ints
     held: Ints
-    mark: Floats
-    drift: Floats
-    steady: Bools
+    since: Ints
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,14 +116,28 @@ class Kalman:
         0-based cells that can have a reading; `fitted` tells which columns count.
     fitted : ndarray of bool (S, m)
         False where a string has fewer than m sensors.
-    cache : bool
-        Whether a steady string skips its covariance; False gives the reference.
+    strides : bool
+        Whether the covariance may go in strides; False gives the reference.
+    ladder : Ladder
+        What strides have cost already; no part of the state.
     """
 
     model: StackedModel
     sensors: Ints
     fitted: Bools
-    cache: bool = True
+    strides: bool = True
+    ladder: Ladder = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        ladder = Ladder(self.model.strings, self.model.states, self.sensors.shape[1] + OFFSETS)
+        object.__setattr__(self, "ladder", ladder)
+
+    def exchanged(self, at: Ints, part: StackedModel) -> "Kalman":
+        """Exchange the models of the strings `at` for those of `part`; no step of theirs may be outstanding."""
+        new = replace(self, model=self.model.exchanged(at, part))
+        self.ladder.forget(at)
+        object.__setattr__(new, "ladder", self.ladder)
+        return new
 
     def init(self, x: Floats, P: Floats) -> KalmanState:
         """Start from `x` (S, M) with covariance `P` (S, M, M)."""
@@ -134,9 +149,7 @@ class Kalman:
             np.full((strings, m), np.nan),
             np.full((strings, m + OFFSETS), NONE),
             np.zeros(strings, np.int64),
-            np.zeros((strings, M)),
-            np.full(strings, np.inf),
-            np.zeros(strings, np.bool_),
+            np.zeros(strings, np.int64),
         )
 
     def predict(
@@ -163,7 +176,7 @@ class Kalman:
         back = known & (state.pattern[:, -OFFSETS:] == NONE) & (state.held > 0)[:, None]
         if back.any():
             d = self.model.disturbance
-            state = _restarted(state, back, (d.inlet, d.heat_common))
+            state = _restarted(self.caught_up(state, np.flatnonzero(back.any(axis=1))), back, (d.inlet, d.heat_common))
         return Predicted(state, self.model.advance(state.x, heat, inlet0, inlet1), known)
 
     def update(self, predicted: Predicted, y: Floats, age: Floats) -> tuple[KalmanState, Innovation]:
@@ -187,10 +200,11 @@ class Kalman:
         lag = np.where(there, self.lag(age), 0.0)
         pattern = self._pattern(before.pattern, there, lag, predicted.known)
         same = (pattern == before.pattern).all(axis=1)
-        steady = before.steady & same
-        state = replace(before, x=predicted.x, pattern=pattern, held=np.where(same, before.held + 1, 1), steady=steady)
-        if not steady.all():
-            state = self._covariance(before, state, np.flatnonzero(~steady))
+        held = np.where(same, before.held + 1, 1)
+        due = self._due(held, before.since)
+        state = replace(before, x=predicted.x, pattern=pattern, held=held, since=np.where(due, 0, before.since + 1))
+        if due.any():
+            state = self._covariance(before, state, np.flatnonzero(due))
         r = reading - predicted_surface(predicted.x, before.x, self.sensors, lag)
         r = np.where(there, r, np.nan)
         x = predicted.x + np.matmul(state.K, np.where(there, r, 0.0)[:, :, None])[:, :, 0]
@@ -207,42 +221,39 @@ class Kalman:
         quarter = np.where(keep, quarter, np.rint(lag * LAG_STEPS).astype(np.int64))
         return np.concatenate((np.where(there, quarter, NONE), np.where(known, 0, NONE)), axis=1)
 
+    def _due(self, held: Ints, since: Ints) -> Bools:
+        """Whether the covariance takes this step: after a change at once, later when a stride is full."""
+        if not self.strides:
+            return np.ones(len(held), np.bool_)
+        full = (since & (since - 1) == 0) & (SHARE * since >= held)
+        return np.asarray((held <= EVERY) | full, dtype=np.bool_)
+
+    def caught_up(self, state: KalmanState, at: Ints) -> KalmanState:
+        """Let the covariances of the strings `at` make the steps that they have not made yet."""
+        at = at[state.since[at] > 0]
+        if not len(at):
+            return state
+        P = self.ladder.advanced(state.P[at], at, state.pattern[at], state.since[at], self._one)
+        P = _put(state.P, at, P)
+        return replace(state, P=P, since=_put(state.since, at, np.zeros(len(at), np.int64)))
+
+    def _one(self, pattern: Ints, at: Ints) -> Stride:
+        quarter, known = pattern[:, :-OFFSETS], pattern[:, -OFFSETS:] != NONE
+        there = quarter != NONE
+        w = np.where(there, quarter, 0) / LAG_STEPS
+        Q = self.model.noise(at, known)
+        return Stride.one(self.model.A[at], Q, 2 * self.sensors[at] + 1, there, w, self.model.disturbance.sensor)
+
     def _covariance(self, before: KalmanState, state: KalmanState, live: Ints) -> KalmanState:
-        """Advance and update the covariance of the strings `live`, and look whether it has become steady."""
-        A, P0 = self.model.A[live], before.P[live]
+        """Advance and update the covariance of the strings `live`."""
+        A, P0 = self.model.A[live], self.caught_up(before, live).P[live]
         AP = np.matmul(A, P0)
         P = np.matmul(AP, A.swapaxes(1, 2)) + self.model.noise(live, state.pattern[live, -OFFSETS:] != NONE)
         P = (P + P.swapaxes(1, 2)) / 2.0
         P, K, S = _condition(
             P, AP, P0, 2 * self.sensors[live] + 1, state.pattern[live, :-OFFSETS], self.model.disturbance.sensor
         )
-        new = replace(
-            state,
-            P=_put(state.P, live, P),
-            K=_put(state.K, live, K),
-            S=_put(state.S, live, S),
-        )
-        return self._look(before, new, live) if self.cache else new
-
-    @staticmethod
-    def _look(before: KalmanState, state: KalmanState, live: Ints) -> KalmanState:
-        at = live[state.held[live] % MARK == 0]
-        first = live[state.held[live] == 1]
-        if not len(at) and not len(first):
-            return state
-        drift = _put(before.drift, first, np.full(len(first), np.inf))
-        var = np.einsum("sii->si", state.P[at])
-        change = (np.abs(var - before.mark[at]) / np.maximum(var, np.finfo(np.float64).tiny)).max(axis=1, initial=0.0)
-        last = drift[at]
-        shrink = np.where(np.isfinite(last) & (last > 0.0), change / np.where(last > 0.0, last, 1.0), np.inf)
-        rest = np.where(shrink < 1.0, change * shrink / np.where(shrink < 1.0, 1.0 - shrink, 1.0), np.inf)
-        settled = (state.held[at] >= 3 * MARK) & ((rest <= STEADY) | (change <= 1e-3 * STEADY))
-        return replace(
-            state,
-            mark=_put(before.mark, at, var),
-            drift=_put(drift, at, change),
-            steady=_put(state.steady, at, settled),
-        )
+        return replace(state, P=_put(state.P, live, P), K=_put(state.K, live, K), S=_put(state.S, live, S))
 
     def propagate(self, state: KalmanState, gap: StackedModel, inlet0: Floats, inlet1: Floats) -> KalmanState:
         """Carry the state over a gap with no heat and no readings, in one exact step.
@@ -259,9 +270,10 @@ class Kalman:
         Returns
         -------
         KalmanState
-            Long gaps end in the covariance of a rested string. The gain is not steady.
+            Long gaps end in the covariance of a rested string.
         """
         strings, n = len(state.x), self.model.cells
+        state = self.caught_up(state, np.arange(strings))
         x = gap.advance(state.x, np.zeros((strings, n)), inlet0, inlet1)
         unseen = np.tile([False, True], (strings, 1))
         Q = gap.noise(np.arange(strings), unseen)
@@ -287,7 +299,7 @@ def _restarted(state: KalmanState, back: Bools, sd: tuple[float, float]) -> Kalm
         P[s, at, :] = 0.0
         P[s, :, at] = 0.0
         P[s, at, at] = sd[which] ** 2
-    return replace(state, x=x, P=P, steady=state.steady & ~back.any(axis=1))
+    return replace(state, x=x, P=P)
 
 
 def _condition(
