@@ -17,8 +17,6 @@ after it cost 25 % of the heat on a measured cell. Average I·V by the trapezoid
 import math
 from dataclasses import dataclass
 
-import numpy as np
-
 HORIZON = 600.0
 """s of memory: long against polarisation (tens of seconds), short against a slow warming that changes R_el."""
 LEARN = 120.0
@@ -68,8 +66,8 @@ class VoltageTracker:
 
     def reset(self) -> None:
         """Forget: after a gap the charge moved is unknown and hysteresis starts anew."""
-        self._theta = np.zeros(3)
-        self._P = np.zeros((3, 3))
+        self._theta = (0.0, 0.0, 0.0)
+        self._P = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # P_00, P_01, P_02, P_11, P_12, P_22: six numbers need no arrays
         self._Q = 0.0
         self._learnt = 0.0
         self._swing = (0.0, 0.0)
@@ -91,17 +89,10 @@ class VoltageTracker:
             return self._out(math.nan, math.nan)
         moved = current * dt / 3600.0
         self._Q += moved / 2.0  # charge at mid-tick belongs to the means of the tick
-        if not self._P.any():
-            self._theta[:] = voltage, 0.0, 0.0
-            self._P = np.diag([(0.3 * self._cells) ** 2, self._slope_sd**2, (0.1 * self._cells) ** 2])
-        self._forget(dt)
-        phi = np.array([1.0, -self._Q, -current])
-        noise = self._volt_sd**2 * max(1.0, 20.0 / dt)  # neighbours within ~20 s share their polarisation
-        S = phi @ self._P @ phi + noise
-        K = self._P @ phi / S
-        self._theta = self._theta + K * (voltage - phi @ self._theta)
-        self._P = self._P - np.outer(K, phi @ self._P)
-        self._P = 0.5 * (self._P + self._P.T)
+        if not any(self._P):
+            self._theta = voltage, 0.0, 0.0
+            self._P = (0.3 * self._cells) ** 2, 0.0, 0.0, self._slope_sd**2, 0.0, (0.1 * self._cells) ** 2
+        self._learn(current, voltage, dt)
         self._learnt += dt
         low, high = self._swing
         self._swing = (min(low, current), max(high, current))
@@ -109,15 +100,37 @@ class VoltageTracker:
         self._Q += moved / 2.0
         return out
 
-    def _forget(self, dt: float) -> None:
-        """Random walks whose sd over the horizon is what the quantities do within it."""
-        q = np.array([self._volt_sd / 2, self._slope_sd / 20, 1e-3 * self._cells]) ** 2 * dt / HORIZON
-        self._P = self._P + np.diag(q)
+    def _learn(self, current: float, voltage: float, dt: float) -> None:
+        U, k, R = self._theta
+        P_00, P_01, P_02, P_11, P_12, P_22 = self._P
+        # random walks whose sd over the horizon is what the quantities do within it
+        share = dt / HORIZON
+        P_00 += (self._volt_sd / 2.0) ** 2 * share
+        P_11 += (self._slope_sd / 20.0) ** 2 * share
+        P_22 += (1e-3 * self._cells) ** 2 * share
+        # V = φᵀθ with φ = (1, −Q, −I); h = P φ
+        q, i = -self._Q, -current
+        h_0 = P_00 + P_01 * q + P_02 * i
+        h_1 = P_01 + P_11 * q + P_12 * i
+        h_2 = P_02 + P_12 * q + P_22 * i
+        noise = self._volt_sd**2 * max(1.0, 20.0 / dt)  # neighbours within ~20 s share their polarisation
+        S = h_0 + q * h_1 + i * h_2 + noise
+        r = (voltage - (U + q * k + i * R)) / S
+        self._theta = U + h_0 * r, k + h_1 * r, R + h_2 * r
+        self._P = (
+            P_00 - h_0 * h_0 / S,
+            P_01 - h_0 * h_1 / S,
+            P_02 - h_0 * h_2 / S,
+            P_11 - h_1 * h_1 / S,
+            P_12 - h_1 * h_2 / S,
+            P_22 - h_2 * h_2 / S,
+        )
 
     def _out(self, current: float, power: float) -> VoltageHeat:
-        at = np.array([1.0, -self._Q, 0.0])
-        U, U_sd = float(at @ self._theta), float(math.sqrt(max(0.0, at @ self._P @ at)))
-        R, R_sd = float(self._theta[2]), float(math.sqrt(max(0.0, self._P[2, 2])))
+        U_0, k, R = self._theta
+        P_00, P_01, _, P_11, _, P_22 = self._P
+        U, U_sd = U_0 - k * self._Q, math.sqrt(max(0.0, P_00 - 2.0 * self._Q * P_01 + self._Q**2 * P_11))
+        R_sd = math.sqrt(max(0.0, P_22))
         ready = self._learnt >= LEARN and self._swing[0] < 0.0 < self._swing[1]
         if not ready or not math.isfinite(current):
             return VoltageHeat(math.nan, math.nan, U if ready else math.nan, U_sd, R if ready else math.nan, R_sd)

@@ -48,3 +48,26 @@ def test_a_gap_forgets_and_missing_values_teach_nothing():
     assert np.isnan(hole.heat)
     assert hole.open_circuit == pytest.approx(before, abs=1e-3)
     assert np.isnan(tracker.update(1.0, 3.3, 3.3, 3600.0).heat)
+
+
+def test_it_is_least_squares_with_a_wandering_truth_to_twelve_digits():
+    """Oracle: the update in matrices, straight from the text book."""
+    cells, capacity, rows = 12, 8.0, circuit(30)
+    tracker = VoltageTracker(capacity, cells)
+    walk = np.array([0.02 * cells / 2, 0.5 * cells / capacity / 20, 1e-3 * cells]) ** 2 / 600.0
+    theta = np.array([cells * rows[0, 1], 0.0, 0.0])
+    P = np.diag([0.3 * cells, 0.5 * cells / capacity, 0.1 * cells]) ** 2
+    charge = np.cumsum(rows[:, 0]) / 3600.0
+    for (amps, volts, watts, _), Q in zip(rows, charge, strict=True):
+        phi = np.array([1.0, amps / 7200.0 - Q, -amps])
+        P = P + np.diag(walk)
+        K = P @ phi / (phi @ P @ phi + (0.02 * cells) ** 2 * 20.0)
+        theta = theta + K * (cells * volts - phi @ theta)
+        P = (np.eye(3) - np.outer(K, phi)) @ P
+        got = tracker.update(amps, cells * volts, cells * watts, 1.0)
+        at = np.array([1.0, amps / 7200.0 - Q, 0.0])  # the heat of a tick belongs to its middle
+    assert got.open_circuit == pytest.approx(at @ theta, rel=1e-11)
+    assert got.open_circuit_sd == pytest.approx(np.sqrt(at @ P @ at), rel=1e-10)
+    assert got.resistance == pytest.approx(theta[2], rel=1e-10)
+    assert got.resistance_sd == pytest.approx(np.sqrt(P[2, 2]), rel=1e-10)
+    assert got.heat == pytest.approx(at @ theta * amps - cells * watts, rel=1e-9)
