@@ -33,6 +33,14 @@ from bms_gateway.frames.rules import PROOF_K, STUCK_COARSE_S, Rule, default_rule
 __all__ = ["CounterGuard", "Guard", "GuardResult", "Rule", "default_rule"]
 
 Index = NDArray[np.intp]
+# of numpy's own type, which it compares five times as fast as members of an enumeration
+GOOD, STALE, OUT_OF_RANGE, STUCK, OPEN, SHORT, JUMPY, NEVER = (
+    np.uint8(q)
+    for q in (
+        *(Quality.GOOD, Quality.STALE, Quality.OUT_OF_RANGE, Quality.STUCK),
+        *(Quality.OPEN, Quality.SHORT, Quality.JUMPY, Quality.NEVER),
+    )
+)
 CONSISTENT = 3
 """Calm samples after an upset before a channel is believed again."""
 MAX_STRIKES = 6
@@ -92,7 +100,7 @@ class Guard:
         )
         self._stale_ns = np.array([r.stale_after_ns for r in self.rules], np.int64)
         self._value, self._value_ns = np.full(n, np.nan), np.zeros(n, np.int64)
-        self._last, self._received_ns = np.full(n, Quality.NEVER, np.uint8), np.full(n, -1, np.int64)
+        self._last, self._received_ns = np.full(n, NEVER, np.uint8), np.full(n, -1, np.int64)
         self._end_ns = np.full(1, -1, np.int64)
         # from here on: only the channels that are judged by their past
         self._channel = np.array([i for i, r in enumerate(self.rules) if r.remembers], np.intp)
@@ -103,6 +111,7 @@ class Guard:
         self._jump, self._rate, self._stuck = (
             np.array([getattr(r, name) for r in past], np.float64) for name in ("jump", "jump_rate", "stuck_after_s")
         )
+        self._stuck_coarse = np.maximum(self._stuck, STUCK_COARSE_S)
         self._proof = np.array([r.needs_proof for r in past], np.bool_)
         kinds = sorted({(r.quantity, r.group) for r in past})
         number = {kind: i for i, kind in enumerate(kinds)}
@@ -115,7 +124,7 @@ class Guard:
         self._home, self._home_clock = np.full(m, np.nan), np.zeros(m)
         self._clock, self._moving = np.zeros(m), np.zeros(m, np.bool_)
         self._proven, self._fine = np.zeros(m, np.bool_), np.zeros(m, np.bool_)
-        self._cause = np.full(m, Quality.NEVER, np.uint8)
+        self._cause = np.full(m, NEVER, np.uint8)
 
     _STATE = (
         *("_previous", "_previous_ns", "_calm", "_needed", "_strikes", "_anchor", "_anchor_count", "_anchor_clock"),
@@ -161,12 +170,13 @@ class Guard:
             # a round of all channels, the usual one, needs no gathering
             c = slice(None) if len(part) == len(self._channel) else local[part]
             quality[part] = self._judge(c, value[part], time_ns[part], quality[part], updated, changed, fine)
-        on = np.broadcast_to(np.asarray(active, np.bool_), (n,)).take(self._channel)
-        self._fine |= np.bincount(self._group, fine, 1)[self._group] > 0
-        self._advance(t1_ns, on, updated, changed)
+        if fine.any():
+            self._fine |= np.bincount(self._group, fine, 1)[self._group] > 0
+        on = np.asarray(active, np.bool_)
+        self._advance(t1_ns, on.take(self._channel) if on.ndim else on, updated, changed)
         self._last[channel] = quality
         self._received_ns[channel] = time_ns
-        good = quality == Quality.GOOD
+        good = quality == GOOD
         self._value[channel[good]] = value[good]
         self._value_ns[channel[good]] = time_ns[good]
         rejected = np.bincount(channel[~good] * QUALITIES + quality[~good], minlength=n * QUALITIES)
@@ -177,11 +187,12 @@ class Guard:
     def _memoryless(self, channel: Index, value: NDArray[np.float64], flag: NDArray[np.uint8]) -> NDArray[np.uint8]:
         quality = flag.copy()
         # a rail says more than a range: what the DBC's range already rejected is still told apart
-        open_to = (flag == Quality.GOOD) | (flag == Quality.OUT_OF_RANGE)
-        inside = (value >= self._lower.take(channel)) & (value <= self._upper.take(channel))
-        quality[open_to & ~inside] = Quality.OUT_OF_RANGE
-        quality[open_to & (value >= self._high_rail.take(channel))] = Quality.OPEN
-        quality[open_to & (value <= self._low_rail.take(channel))] = Quality.SHORT
+        open_to = (flag == GOOD) | (flag == OUT_OF_RANGE)
+        outside = ~((value >= self._lower.take(channel)) & (value <= self._upper.take(channel)))
+        high, low = value >= self._high_rail.take(channel), value <= self._low_rail.take(channel)
+        for wrong, becomes in ((outside, OUT_OF_RANGE), (high, OPEN), (low, SHORT)):
+            if wrong.any():
+                quality[open_to & wrong] = becomes
         return quality
 
     def _judge(
@@ -195,36 +206,44 @@ class Guard:
         fine: NDArray[np.bool_],
     ) -> NDArray[np.uint8]:
         """Judge one sample each of distinct channels by their past."""
-        usable = quality == Quality.GOOD
-        first = np.isnan(self._previous[c])
+        usable = quality == GOOD
+        previous = self._previous[c]
+        known = ~np.isnan(previous)
         seconds = np.maximum(time_ns - self._previous_ns[c], 0) * 1e-9
-        step = np.abs(value - self._previous[c])
-        jumped = usable & ~first & (step > self._jump[c] + self._rate[c] * seconds)
+        step = np.abs(value - previous)
+        jumped = usable & known & (step > self._jump[c] + self._rate[c] * seconds)
+        stepped = usable & (step > 0)
         updated[c] |= usable
-        changed[c] |= usable & ~first & (step > 0)
-        fine[c] |= usable & (step > 0) & (step < 1.01 * PROOF_K)
+        changed[c] |= stepped & known
+        fine[c] |= stepped & (step < 1.01 * PROOF_K)
         moved, returned = self._follow_anchor(c, value, usable)
+        proof, is_fine = self._proof[c], self._fine[c]
         patience = np.where(self._proven[c], PROVEN_PATIENCE, 1.0)
-        limit = np.where(self._fine[c], self._stuck[c], np.maximum(self._stuck[c], STUCK_COARSE_S))
+        limit = np.where(is_fine, self._stuck[c], self._stuck_coarse[c])
         stands = self._clock[c] - self._anchor_clock[c] > patience * limit
-        stuck = usable & ~jumped & (stands | (returned & self._proof[c] & self._fine[c]))
+        stuck = usable & ~jumped & (stands | (returned & proof & is_fine))
         upset = ~usable | jumped | stuck
-        cause = np.where(stuck, Quality.STUCK, np.where(jumped, Quality.JUMPY, quality)).astype(np.uint8)
-        strikes = np.minimum(self._strikes[c] + jumped, MAX_STRIKES)
-        calm = np.where(upset, 0, self._calm[c] + 1)
-        needed = np.where(upset, np.maximum(self._needed[c], CONSISTENT), self._needed[c])
-        needed = np.where(jumped, CONSISTENT << strikes, needed)
+        proven, calm, cause = self._proven[c] | (moved & known & ~upset), self._calm[c] + 1, quality
+        if upset.any():
+            proven &= ~jumped & ~stuck
+            calm[upset] = 0
+            cause = np.where(stuck, STUCK, np.where(jumped, JUMPY, quality))
+            strikes = np.minimum(self._strikes[c] + jumped, MAX_STRIKES)
+            needed = np.where(upset, np.maximum(self._needed[c], CONSISTENT), self._needed[c])
+            self._strikes[c], self._needed[c] = strikes, np.where(jumped, CONSISTENT << strikes, needed)
+            self._cause[c] = np.where(upset, cause, self._cause[c])
+            value, time_ns = np.where(usable, value, previous), np.where(usable, time_ns, self._previous_ns[c])
         forgiven = calm >= FORGIVEN_AFTER
-        self._strikes[c] = np.where(forgiven, 0, strikes)
-        self._needed[c] = np.where(forgiven, CONSISTENT, needed)
-        self._calm[c] = calm
-        self._cause[c] = np.where(upset, cause, self._cause[c])
-        self._proven[c] = (self._proven[c] | (moved & ~first & ~upset)) & ~jumped & ~stuck
-        self._previous[c] = np.where(usable, value, self._previous[c])
-        self._previous_ns[c] = np.where(usable, time_ns, self._previous_ns[c])
-        accepted = ~upset & (calm >= self._needed[c]) & (self._proven[c] | ~self._proof[c])
-        self._cause[c] = np.where(accepted, Quality.GOOD, self._cause[c])
-        return np.where(accepted, np.uint8(Quality.GOOD), np.where(usable & ~upset, self._cause[c], cause))
+        self._strikes[c] = np.where(forgiven, 0, self._strikes[c])
+        self._needed[c] = np.where(forgiven, CONSISTENT, self._needed[c])
+        self._proven[c], self._calm[c] = proven, calm
+        self._previous[c], self._previous_ns[c] = value, time_ns
+        accepted = ~upset & (calm >= self._needed[c]) & (proven | ~proof)
+        if accepted.all():
+            self._cause[c] = GOOD
+            return cause
+        self._cause[c] = np.where(accepted, GOOD, self._cause[c])
+        return np.where(accepted, GOOD, np.where(usable & ~upset, self._cause[c], cause))
 
     def _follow_anchor(
         self, c: Index | slice, value: NDArray[np.float64], usable: NDArray[np.bool_]
@@ -242,7 +261,7 @@ class Guard:
         at_home = usable & same & (anchor == self._home[c]) & (count >= AT_HOME)
         longest = held > self._home_held[c]
         # at rest a good sensor too may come back to a hundredth; one that was found stuck before is not acquitted by it
-        suspect = (clock > self._home_clock[c]) | (self._cause[c] == Quality.STUCK)
+        suspect = (clock > self._home_clock[c]) | (self._cause[c] == STUCK)
         returned = at_home & ~longest & suspect
         settled = longest | (clock - self._home_clock[c] > HOME_MEMORY_S)
         self._home[c] = np.where(settled, anchor, self._home[c])
@@ -266,7 +285,7 @@ class Guard:
     def _channels(self, t1_ns: int) -> NDArray[np.uint8]:
         late = t1_ns - self._received_ns > self._stale_ns
         received = self._received_ns >= 0
-        return np.where(late & received, np.uint8(Quality.STALE), self._last)
+        return np.where(late & received, STALE, self._last)
 
 
 def _rounds(local: Index) -> list[Index]:
