@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bms_gateway.cli.main import Parser
+from bms_gateway.errors import DataError, UsageError
 
 if TYPE_CHECKING:
     from bms_gateway.bus.logfile import LogNotes
@@ -22,27 +23,65 @@ def arguments(parser: Parser) -> None:
     """Declare the command's words."""
     parser.option("log", nargs="+", type=Path, metavar="LOG", help="logs in the order they were recorded")
     parser.option("--config", required=True, type=Path, help="the gateway's config")
-    parser.option("--out", required=True, type=Path, metavar="DIR", help="folder for the results")
+    parser.option("--out", required=True, metavar="DIR", help="folder for the results; files of an earlier run go")
+    parser.option("--json", metavar="FILE", help="write the summary as JSON; - is standard output")
 
 
 def run(args: argparse.Namespace) -> int:
     """Analyze the logs; results lie in the folder, a table of the strings goes to standard output."""
     from bms_gateway.bus.logfile import LogNotes, write_log
+    from bms_gateway.cli.output import write_json
     from bms_gateway.config.load import load_config
     from bms_gateway.engine import Engine
     from bms_gateway.report.csv_out import ResultFolder
 
+    out = _folder(args.out, args.log)
     loaded = load_config(args.config)
     engine = Engine(loaded.plan, loaded.database)
     notes = [LogNotes() for _ in args.log]
     span = _Span()
-    with ResultFolder(args.out) as folder:
+    with ResultFolder(out, {s.name: s.model.cells for s in loaded.plan.strings}) as folder:
         batches = _batches(args.log, notes, span)
-        write_log(args.out / "broadcast.log", _sent(engine, batches, folder), loaded.config.bus.channel)
+        write_log(folder.place("broadcast.log"), _sent(engine, batches, folder), loaded.config.bus.channel)
+        _expect_estimates(args, engine, span)
         _conclude(engine, folder)
-        folder.write_summary(frames=span.frames, duration_s=span.seconds, dropped=0, rejected=engine.rejected)
-    _tell(args, engine, folder, notes, span)
+        broken = sum(n.broken for n in notes)
+        summary = folder.write_summary(
+            frames=span.frames,
+            duration_s=round(engine.duration_s, 6) if engine.clock_faults else span.seconds,
+            dropped=0,
+            rejected=engine.rejected | ({"broken_line": broken} if broken else {}),
+        )
+    if args.json:
+        write_json(args.json, summary)
+    _tell(args, engine, folder, notes, summary["duration_s"])
     return 0
+
+
+def _folder(name: str, logs: list[Path]) -> Path:
+    """Take the result folder, if no result would overwrite a log."""
+    from bms_gateway.report.csv_out import FILES
+
+    if not name:
+        raise UsageError("analyze: --out is empty; name a folder for the results")
+    out = Path(name)
+    for log in logs:
+        if any(log.resolve() == (out / file).resolve() for file in FILES):
+            raise UsageError(f"analyze: {log} would be replaced by the result of that name; choose another --out")
+    return out
+
+
+def _expect_estimates(args: argparse.Namespace, engine: "Engine", span: "_Span") -> None:
+    """Refuse logs from which nothing was estimated: an empty result looks too much like a good one."""
+    logs = ", ".join(str(log) for log in args.log)
+    if not span.frames:
+        raise DataError(f"{logs}: no data frames")
+    if not engine.frames:
+        wanted = ", ".join(f"{can_id & 0x1FFF_FFFF:X}" for can_id in engine.can_ids[:3].tolist())
+        raise DataError(
+            f"{logs}: none of the {span.frames} frames carries a signal of {args.config}, or they span less than a "
+            f"second; expected identifiers {wanted}{', …' if len(engine.can_ids) > 3 else ''}"
+        )
 
 
 class _Span:
@@ -90,42 +129,41 @@ def _sent(engine: "Engine", batches: "Iterable[FrameBatch]", folder: "ResultFold
 def _conclude(engine: "Engine", folder: "ResultFolder") -> None:
     """Put what the flags say at the end into the summary."""
     for s in engine.strings:
-        summary = folder.strings.get(s.plan.name)
-        if summary is None:
-            continue
+        summary = folder.strings[s.plan.name]
         growth = s.ageing.growth
         summary.resistance_growth_pct = round(100.0 * growth, 3) if growth == growth else None
         summary.flags = list(s.flags)
 
 
 def _tell(
-    args: argparse.Namespace, engine: "Engine", folder: "ResultFolder", notes: "list[LogNotes]", span: _Span
+    args: argparse.Namespace, engine: "Engine", folder: "ResultFolder", notes: "list[LogNotes]", seconds: float
 ) -> None:
-    from bms_gateway.cli.output import note
+    from bms_gateway.cli.output import note, say
     from bms_gateway.report.show import number, text_table
 
     for log, n in zip(args.log, notes, strict=True):
         if n.broken:
             line, text = n.broken_at[0]
             note(f"{log}: {n.broken} broken lines passed over, the first at line {line}: {text!r}")
-    if not engine.frames:
-        note(f"none of the {span.frames} frames carries a signal of {args.config}: nothing was estimated")
+    if engine.clock_faults:
+        note(f"the clock of these logs misbehaves: {engine.clock_faults}; time_s is a line that only goes forward")
+    for name, missing in engine.unheard.items():
+        note(f"{name}: never received {missing}")
     rows = []
     for s in engine.strings:
-        sums = folder.strings.get(s.plan.name)
         by_name = {e.name: e for e in s.estimates}
         R_e = by_name["R_e"]
         rows.append(
             [
                 s.plan.name,
                 s.plan.model.cells,
-                number(sums.max_core_C if sums else None),
+                number(folder.strings[s.plan.name].max_core_C),
                 f"{1e3 * R_e.value:.3f} ± {1e3 * R_e.sd:.3f}",
                 R_e.status,
                 ", ".join(s.flags) or "none",
             ]
         )
-    print(text_table(["string", "cells", "hottest core °C", "R_e mΩ", "status", "flags"], rows))
+    say(text_table(["string", "cells", "hottest core °C", "R_e mΩ", "status", "flags"], rows), args.json)
     if engine.rejected:
-        print("rejected samples: " + ", ".join(f"{k} {v}" for k, v in sorted(engine.rejected.items())))
-    print(f"{span.frames} frames, {span.seconds:.1f} s of traffic; results in {args.out}")
+        say("samples not used: " + ", ".join(f"{k} {v}" for k, v in sorted(engine.rejected.items())), args.json)
+    say(f"{sum(n.frames for n in notes)} frames, {seconds:.1f} s of traffic; results in {args.out}", args.json)

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bms_gateway.cli.main import Parser
+from bms_gateway.errors import UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -35,6 +36,8 @@ def run(args: argparse.Namespace) -> int:
     from bms_gateway.service.live import Gateway
     from bms_gateway.store import StateStore
 
+    if args.seconds is not None and not args.seconds > 0:
+        raise UsageError(f"run: --seconds {args.seconds:g}: must be above 0")
     start_logging()
     log = logging.getLogger("bms_gateway.run")
     loaded = load_config(args.config)

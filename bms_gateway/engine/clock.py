@@ -25,6 +25,8 @@ class Clock:
 
     Attributes
     ----------
+    first_ns : int
+        First time given out.
     last_ns : int or None
         Newest time given out.
     shift_ns : int
@@ -33,6 +35,7 @@ class Clock:
         What was met.
     """
 
+    first_ns: int = 0
     last_ns: int | None = None
     shift_ns: int = 0
     reordered: int = 0
@@ -58,6 +61,8 @@ class Clock:
             self._held = None
         if not len(frames):
             return frames
+        if self.last_ns is None:
+            self.first_ns = int(frames.time_ns[0])
         start = frames.time_ns[0] if self.last_ns is None else self.last_ns - self.shift_ns
         steps = np.diff(frames.time_ns, prepend=start)
         if steps.min() >= 0 and steps.max() <= AHEAD_NS:
@@ -65,6 +70,12 @@ class Clock:
             self.last_ns = int(time[-1])
             return FrameBatch(time, frames.can_id, frames.length, frames.data)
         return self._one_by_one(frames)
+
+    def faults(self) -> str:
+        """Tell what was met beyond reordering, which adapters do all day; for people, empty where nothing was."""
+        back = f"clock set back {self.set_back}×" if self.set_back else ""
+        absurd = f"{self.absurd} frames dropped whose stamps lie far ahead of all others" if self.absurd else ""
+        return "; ".join(part for part in (back, absurd) if part)
 
     def _one_by_one(self, frames: FrameBatch) -> FrameBatch:
         """Apply the rules to a batch in which something is odd."""

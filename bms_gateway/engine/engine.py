@@ -33,6 +33,7 @@ from bms_gateway.frames.database import Database
 from bms_gateway.frames.quality import Quality
 
 JOB_DUE_TICKS = 30  # far beyond what a window takes on a slow core, far below what a window spans
+UNHEARD_TICKS = 10  # no message of a battery comes less often than that
 UNKNOWN_GAP_S = 86_400.0  # parked for a time that nobody knows: after a day any string is at rest
 SNAPSHOT_VERSION = 1
 
@@ -82,6 +83,7 @@ class Engine:
         self._heard = 0  # newest wanted frame, bus time
         self._jobs: dict[int, _Running] = {}
         self._next_job = 1
+        self._clock_told = ""
         self._started = 0
         self._told = Counts(0, 0, 0, 0.0)
         self.frames = 0
@@ -101,6 +103,21 @@ class Engine:
     def strings(self) -> list[StringEstimator]:
         """What is known of each string now, in the order of the plan; to be read only."""
         return self._estimators.strings
+
+    @property
+    def duration_s(self) -> float:
+        """From the first wanted frame to the newest, on the line of time that only goes forward."""
+        return 0.0 if self._clock.last_ns is None else (self._clock.last_ns - self._clock.first_ns) * 1e-9
+
+    @property
+    def clock_faults(self) -> str:
+        """What was wrong with the stamps so far, for people; empty where nothing was."""
+        return self._clock.faults()
+
+    @property
+    def unheard(self) -> dict[str, str]:
+        """Inputs never received, by string, for people."""
+        return self._inputs.unheard()
 
     @property
     def rejected(self) -> dict[str, int]:
@@ -202,6 +219,12 @@ class Engine:
         self._take_results(t1)
         readings = self._inputs.update(samples, t0, t1)
         self._queue.extend(self._inputs.changes(t1))
+        if (faults := self._clock.faults()) != self._clock_told:
+            self._clock_told = faults
+            self._queue.append(Notice(t1, Level.WARNING, "clock", f"time stamps: {faults}"))
+        if t1 - self._started == UNHEARD_TICKS * self._plan.tick_ns:
+            for name, missing in self._inputs.unheard().items():
+                self._queue.append(Notice(t1, Level.WARNING, "unheard", f"not received so far: {missing}", name))
         tick = self._estimators.step(readings, t1)
         self._queue.extend(tick.events)
         for string, job in tick.jobs:

@@ -133,6 +133,7 @@ class Estimators:
 
     def __init__(self, plan: Plan, wires: Sequence[Wire]) -> None:
         self._dt = plan.tick_ns * 1e-9
+        self._introduced = False  # what is known at the start has been told
         self._gap_s = 0.0  # since the last tick, beyond its period
         self.strings = [StringEstimator.of(p, w) for p, w in zip(plan.strings, wires, strict=True)]
         lengths = sorted({s.plan.model.cells for s in self.strings})
@@ -145,6 +146,10 @@ class Estimators:
     def step(self, readings: Sequence[Reading], t1: int) -> TickResult:
         """Advance all strings by one tick that ends at `t1`, ns."""
         results = [TickResult() for _ in self.strings]
+        if not self._introduced:
+            self._introduced = True
+            for s, result in zip(self.strings, results, strict=True):
+                result.events.append(Parameters(t1, s.plan.name, s.estimates))
         for group in self._groups:
             self._step_group(group, [readings[i] for i in group.members], t1, [results[i] for i in group.members])
         self._gap_s = 0.0

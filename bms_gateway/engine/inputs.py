@@ -154,6 +154,7 @@ class Inputs:
         self._counters = CounterGuard(self._table)
         self._quality = np.full(len(signals), Quality.NEVER, np.uint8)
         self._told = self._quality.copy()
+        self._heard = np.zeros(len(signals), np.bool_)
         self._currents = {(w.current, w.voltage): Current() for w in self.wires if w.current >= 0}
         self._inlets = {w.coolant_inlet: Line() for w in self.wires if w.coolant_inlet >= 0}
         self._followed = np.zeros(len(signals), np.bool_)
@@ -223,6 +224,7 @@ class Inputs:
         list of Reading
             One per string of the plan, in its order.
         """
+        self._heard[samples.input] = True
         g = self._guard.update(samples.time_ns, samples.input, samples.value, samples.flag, t1, self._active)
         rejected = g.rejected.sum(axis=0)
         for code in rejected.nonzero()[0].tolist():
@@ -291,6 +293,13 @@ class Inputs:
         if now == Quality.GOOD:
             return Notice(t1, Level.NOTICE, "sensor", f"{what} is good again ({c.signal})", string, cell)
         return Notice(t1, Level.WARNING, "sensor", f"{what} is not used: {REASONS[now]} ({c.signal})", string, cell)
+
+    def unheard(self) -> dict[str, str]:
+        """Tell of which inputs no sample ever came, by string, as text."""
+        missing: dict[str, list[str]] = {}
+        for i in np.flatnonzero(~self._heard).tolist():
+            missing.setdefault(self._names[i][0], []).append(self._channels[i].signal or "")
+        return {name: ", ".join(signals) for name, signals in missing.items()}
 
     def forget(self) -> None:
         """Drop what a gap has made worthless: the current held, the slope of the inlet."""

@@ -3,8 +3,10 @@
 import csv
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from shutil import rmtree
+from tempfile import mkdtemp
 from types import TracebackType
 from typing import Any, Self, TextIO
 
@@ -44,13 +46,21 @@ class StringSummary:
     flags: list[str] = field(default_factory=list)
 
 
+FILES = ("estimates.csv", "parameters.csv", "events.jsonl", "broadcast.log", "summary.json")
+
+
 class ResultFolder:
     """Writes the events of a run into a folder; a context manager.
+
+    Everything is written beside its place and put there when the run has ended well: a run that fails leaves the
+    results of the one before as they were.
 
     Parameters
     ----------
     directory : Path
         Made where it is missing; files of an earlier run are replaced.
+    strings : mapping of str to int
+        Names of the strings and their numbers of cells.
 
     Attributes
     ----------
@@ -63,20 +73,26 @@ class ResultFolder:
         The folder cannot be written.
     """
 
-    def __init__(self, directory: Path) -> None:
+    def __init__(self, directory: Path, strings: Mapping[str, int]) -> None:
         self.directory = directory
-        self.strings: dict[str, StringSummary] = {}
+        self.strings = {name: StringSummary(cells) for name, cells in strings.items()}
         self._rows: dict[str, tuple[str, list[str]]] = {}
+        self._made = not directory.exists()
         try:
             directory.mkdir(parents=True, exist_ok=True)
-            self._estimates = self._open("estimates.csv")
-            self._parameters = self._open("parameters.csv")
-            self._events = self._open("events.jsonl")
+            self._part = Path(mkdtemp(prefix=".part-", dir=directory))
         except OSError as e:
             raise UsageError(f"{directory}: cannot write results there: {e.strerror}") from None
+        self._estimates = self._open("estimates.csv")
+        self._parameters = self._open("parameters.csv")
+        self._events = self._open("events.jsonl")
         self._estimates.write(ESTIMATES + "\n")
         self._parameters.write(PARAMETERS + "\n")
         self._parameter_rows = csv.writer(self._parameters, lineterminator="\n")
+
+    def place(self, name: str) -> Path:
+        """Where to write a further file of the results while the run goes on."""
+        return self._part / name
 
     def write(self, event: Event) -> None:
         """Write one event; frames to send and jobs are none of this folder's business."""
@@ -87,30 +103,20 @@ class ResultFolder:
         elif isinstance(event, Notice):
             self._events.write(json.dumps(notice_json(event), ensure_ascii=False) + "\n")
 
-    def write_summary(self, *, frames: int, duration_s: float, dropped: int, rejected: Mapping[str, int]) -> None:
-        """Write `summary.json` from what was gathered and these counts."""
+    def write_summary(
+        self, *, frames: int, duration_s: float, dropped: int, rejected: Mapping[str, int]
+    ) -> dict[str, Any]:
+        """Write `summary.json` from what was gathered and these counts; returns it."""
         document = {
             "frames": frames,
             "duration_s": duration_s,
-            "strings": {
-                name: {
-                    "cells": s.cells,
-                    "max_core_C": s.max_core_C,
-                    "resistance_growth_pct": s.resistance_growth_pct,
-                    "flags": s.flags,
-                }
-                for name, s in self.strings.items()
-            },
+            "strings": {name: asdict(s) for name, s in self.strings.items()},
             "dropped": dropped,
             "rejected": dict(sorted(rejected.items())),
         }
         with self._open("summary.json") as f:
             f.write(json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
-
-    def close(self) -> None:
-        """Finish the files."""
-        for f in (self._estimates, self._parameters, self._events):
-            f.close()
+        return document
 
     def __enter__(self) -> Self:
         return self
@@ -118,16 +124,23 @@ class ResultFolder:
     def __exit__(
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.close()
+        """Put the files in their places, or, after an exception, away."""
+        for f in (self._estimates, self._parameters, self._events):
+            f.close()
+        if kind is None:
+            for file in sorted(self._part.iterdir()):
+                file.replace(self.directory / file.name)
+        rmtree(self._part)
+        if kind is not None and self._made:
+            self.directory.rmdir()
 
     def _open(self, name: str) -> TextIO:
-        return (self.directory / name).open("w", encoding="utf-8", newline="\n")
+        return self.place(name).open("w", encoding="utf-8", newline="\n")
 
     def _write_estimates(self, e: Estimated) -> None:
         n = len(e.core)
         if e.string not in self._rows:
             self._rows[e.string] = ("%.3f,%.3f,%.3f\n" * n, [f",{e.string},{k + 1}," for k in range(n)])
-            self.strings.setdefault(e.string, StringSummary(cells=n))
         form, heads = self._rows[e.string]
         numbers = form % tuple(np.column_stack([e.core, e.core_sd, e.surface]).ravel().tolist())
         lines = numbers.replace("nan", "").split("\n")
