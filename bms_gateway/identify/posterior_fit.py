@@ -29,7 +29,7 @@ import numpy as np
 from bms_gateway.identify.contract import log_prior, string_parameters
 from bms_gateway.identify.discrepancy import SIZES, TAUS, Whitener, white_sd
 from bms_gateway.identify.lumped import alias, lumped, lumped_jacobian
-from bms_gateway.identify.response import Inputs, respond
+from bms_gateway.identify.response import Inputs, Response, respond
 from bms_gateway.thermal import KINDS, Floats, StringModel, StringParameters, coolant_path
 
 STEP = 1e-4  # of a logarithm, for derivatives: truncation and rounding both stay near 1e-8
@@ -48,27 +48,38 @@ FRESH = ((5.0, 6.0, 1.0), (4.0, 4.0, 1.0))
 # K: sd of an unknown start: of T_s and of e; all alike, from end to end of the string, each by itself
 CARRIED = ((0.5, 0.5, 0.3), (1.0, 0.5, 0.3))  # K: the same where the window before ended there
 STEEP = 1.5  # largest step of a logarithm in one iteration
+UNLIKE = ("R_e", "R_u", "R_c")  # what differs from cell to cell, by the model's tolerances
 
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """What all data so far say of z, prior not included: ½ δᵀ info δ + gradᵀ δ with δ = z − z0."""
+    """What all data so far say of z, prior not included: ½ δᵀ info δ + (grad + cross u)ᵀ δ with δ = z − z0.
+
+    Attributes
+    ----------
+    z0, grad : ndarray (p,)
+    info : ndarray (p, p)
+    cross : ndarray (p, c)
+        What the gradient would be more, had the cells the departures u from their mean (`unlike_cells`), in sd.
+    """
 
     z0: Floats
     info: Floats
     grad: Floats
+    cross: Floats
 
     @classmethod
-    def none(cls, p: int) -> "Evidence":
+    def none(cls, p: int, c: int) -> "Evidence":
         """Before any data."""
-        return cls(np.zeros(p), np.zeros((p, p)), np.zeros(p))
+        return cls(np.zeros(p), np.zeros((p, p)), np.zeros(p), np.zeros((p, c)))
 
     def forget(self, directions: Floats, sd: Floats) -> "Evidence":
         """Marginalise a random step of `sd` (r,) along `directions` (p, r): exact, also where info is singular."""
         along = self.info @ directions
         gain = np.linalg.solve(np.diag(1.0 / sd**2) + directions.T @ along, along.T)
         info = self.info - along @ gain
-        return Evidence(self.z0, 0.5 * (info + info.T), self.grad - gain.T @ (directions.T @ self.grad))
+        grad, cross = (g - gain.T @ (directions.T @ g) for g in (self.grad, self.cross))
+        return Evidence(self.z0, 0.5 * (info + info.T), grad, cross)
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,6 +201,7 @@ class _Problem:
             start[:n] = seen.mean() if seen.size else window.inlet[0]
         self.swing_info = (float(np.std(window.inlet)) / INLET_SD) ** 2 + SWING_SD**-2
         self.N, self.J, self.p = N, J, len(self.names)
+        self.unlike_sd = np.array([model.tolerances.get(f"cell_{s}", 0.0) for s in UNLIKE])
         self.xi0 = np.concatenate([start, np.zeros(J + 2)])
         self.moving = np.concatenate([self.free, np.arange(self.p, self.p + N + J + 2)])
 
@@ -202,21 +214,25 @@ class _Problem:
 
     def simulate(self, phi: Floats, xi: Floats) -> tuple[Floats, Floats, Floats]:
         """Residual (K, m), its columns −∂r/∂(φ, ξ) (K, m, p + q), and (T_s, e) at the end (2n,)."""
-        inputs = replace(self.inputs, departure=xi[self.N : -1], swing=1.0 + float(xi[-1]))
         sets = [string_parameters(self.model, self.names, q) for q in (phi, *(phi + STEP * np.eye(self.p)))]
-        starts = [self.start_map(s, inputs.inlet[0]) for s in sets]
-        x0 = np.array([E @ xi[: self.N] + c for E, c in starts])
-        R = respond(sets, inputs, x0, self.sensed)
-
-        def read(Y: Floats) -> Floats:  # at the readings' own times
-            late = self.late[:, :, None]
-            return np.asarray((1.0 - late) * Y[1:] + late * Y[:-1], dtype=np.float64)
-
-        f = read(R.surface.transpose(1, 2, 0))
+        R = self.respond(sets, xi)
+        f = self.read(R.surface.transpose(1, 2, 0))
         by_phi = (f[:, :, 1:] - f[:, :, :1]) / STEP
-        columns = np.concatenate([by_phi, read(R.surface_by_start) @ starts[0][0], read(R.surface_by_input)], axis=2)
-        E, c = self.start_map(sets[0], inputs.inlet[-1])
+        E, _ = self.start_map(sets[0], self.inputs.inlet[0])
+        columns = np.concatenate([by_phi, self.read(R.surface_by_start) @ E, self.read(R.surface_by_input)], axis=2)
+        E, c = self.start_map(sets[0], self.inputs.inlet[-1])
         return np.where(self.valid, self.y - f[:, :, 0], np.nan), columns, np.linalg.solve(E, R.last[0] - c)
+
+    def respond(self, sets: list[StringParameters], xi: Floats) -> Response:
+        """Response of parameter sets with the nuisances ξ."""
+        inputs = replace(self.inputs, departure=xi[self.N : -1], swing=1.0 + float(xi[-1]))
+        starts = (self.start_map(s, inputs.inlet[0]) for s in sets)
+        return respond(sets, inputs, np.array([E @ xi[: self.N] + c for E, c in starts]), self.sensed)
+
+    def read(self, Y: Floats) -> Floats:
+        """Surfaces (K + 1, m, …) at the readings' own times (K, m, …)."""
+        late = self.late[:, :, None]
+        return np.asarray((1.0 - late) * Y[1:] + late * Y[:-1], dtype=np.float64)
 
     def start_map(self, p: StringParameters, inlet: float) -> tuple[Floats, Floats]:
         """X = E (T_s, e) + c at an instant, with E (2n, 2n) and c (2n,)."""
@@ -333,6 +349,22 @@ class _Problem:
         gain = np.linalg.solve(point.H[p:, p:], point.H[p:, :p])
         return point.H[:p, :p] - point.H[:p, p:] @ gain, point.g[:p] - gain.T @ point.g[p:]
 
+    def cross(self, point: _Point, sizes: _Sizes) -> Floats:
+        """Gradient over φ by the departures of single cells (p, c), nuisances integrated out as in `marginal`."""
+        p = self.p
+        base = string_parameters(self.model, self.names, point.phi)
+        sets = unlike_cells(base, STEP)
+        W = Whitener.of(self.valid, sizes.white, sizes.slow, sizes.tau, self.inputs.dt)
+        f = self.read(self.respond([base, *sets], point.xi).surface.transpose(1, 2, 0))
+        both = W(np.concatenate([point.columns, (f[:, :, 1:] - f[:, :, :1]) / STEP], axis=2))
+        rows = both.reshape(-1, both.shape[2])
+        by_cell = (rows[:, : len(point.g)].T @ rows[:, len(point.g) :]).reshape(len(point.g), len(UNLIKE), -1)
+        by_cell = self.unlike_sd[:, None] * (by_cell - by_cell.mean(axis=2, keepdims=True))
+        g = by_cell.reshape(len(point.g), -1)
+        D = lumped_jacobian(point.phi, self.model.has_conduction)
+        gain = np.linalg.solve(point.H[p:, p:], point.H[p:, :p])
+        return np.asarray(g[:p] + D.T @ self.evidence.cross - gain.T @ g[p:], dtype=np.float64)
+
     def covariance(self, point: _Point) -> Floats:
         """Posterior covariance of φ at a mode; zero for what is fixed."""
         info, _ = self.marginal(point)
@@ -341,6 +373,17 @@ class _Problem:
         part = np.ix_(self.free, self.free)
         cov[part] = np.linalg.inv(post[part])
         return 0.5 * (cov + cov.T)
+
+
+def departures(model: StringModel) -> int:
+    """How many departures of single cells there are (c): one cell is its own mean."""
+    return len(UNLIKE) * model.cells if model.cells > 1 else 0
+
+
+def unlike_cells(p: StringParameters, step: float) -> list[StringParameters]:
+    """Strings in which one logarithm of one cell is more by `step`: all cells of `UNLIKE[0]`, then of the next."""
+    factors = np.exp(step * np.eye(p.cells))
+    return [replace(p, **{s: getattr(p, s) * factor}) for s in UNLIKE for factor in factors]
 
 
 def _warming(y: Floats) -> Floats:
@@ -388,11 +431,16 @@ def fit_window(model: StringModel, window: Window, evidence: Evidence, guess: Fl
         point = problem.minimise(point.phi, point.xi, sizes, 1.0, 10)
     point, mean, cov, other = _both_roots(problem, point, sizes)
     info, grad = problem.marginal(point)
+    cross = problem.evidence.cross
+    if model.cells > 1:
+        cross = problem.cross(point, sizes)
+        pull = problem.covariance(point) @ cross
+        cov = cov + pull @ pull.T
     back = np.linalg.inv(lumped_jacobian(point.phi, model.has_conduction))
     info_z = back.T @ info @ back
     rms = float(np.sqrt(np.nanmean(point.residual**2))) if problem.valid.any() else np.nan
     return Fit(
-        Evidence(lumped(point.phi, model.has_conduction), 0.5 * (info_z + info_z.T), back.T @ grad),
+        Evidence(lumped(point.phi, model.has_conduction), 0.5 * (info_z + info_z.T), back.T @ grad, back.T @ cross),
         point.phi, mean, cov, point.end, other, sizes.walk, sizes.white, sizes.slow, sizes.tau, rms,
     )  # fmt: skip
 

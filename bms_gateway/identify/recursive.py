@@ -86,6 +86,7 @@ class RecursiveIdentifier:
 
     def __init__(self, model: StringModel, *, P: float = P0, pole: float = LAMBDA, forgetting: float = 1.0) -> None:
         self._names, self._prior_mean, self._prior_sd = log_prior(model)
+        self._unlike = _first_cell_from_mean(model, self._names)
         self._fits = model.sensors[:1] == (1,) and (model.cells == 1 or not model.has_conduction)
         z = lumped(self._prior_mean[:5])
         start = np.array([np.exp(z[0]), np.exp(z[1]), -np.exp(z[2]), 0.0, 0.0])
@@ -170,7 +171,7 @@ class RecursiveIdentifier:
                 if ln is None or sd is None or sd[j] > 0.15:
                     status[i] = not_identifiable(why if sd is None else "too little current")
                     continue
-                status[i], mean[i], cov[i, i] = IDENTIFIED, ln[j], sd[j] ** 2
+                status[i], mean[i], cov[i, i] = IDENTIFIED, ln[j], sd[j] ** 2 + self._unlike[i]
         return Posterior(self._names, mean, cov), status
 
     def posterior(self) -> Posterior:
@@ -209,3 +210,9 @@ class RecursiveIdentifier:
         self._inlet_mean, self._inlet_var = state["inlet"] or (np.nan, 0.0)
         self._learnt = float(state["learnt"])
         self._filter, self._before = None, None
+
+
+def _first_cell_from_mean(model: StringModel, names: tuple[str, ...]) -> Floats:
+    """Variance of ln(first cell/mean of all) by the model's tolerances, per parameter: only that cell is seen."""
+    tolerance = np.array([model.tolerances.get(f"cell_{name}", 0.0) for name in names])
+    return np.asarray(tolerance**2 * (1.0 - 1.0 / model.cells), dtype=np.float64)

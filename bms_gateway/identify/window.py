@@ -23,7 +23,7 @@ from bms_gateway.identify.contract import (
     not_identifiable,
 )
 from bms_gateway.identify.lumped import R_E, R_U, fold_distance, fold_gradient, lumped_jacobian
-from bms_gateway.identify.posterior_fit import WALK_S, Evidence, Fit, Window, fit_window
+from bms_gateway.identify.posterior_fit import WALK_S, Evidence, Fit, Window, departures, fit_window
 from bms_gateway.thermal import KINDS, Floats, StringModel
 
 HOLD_CURRENT_S = 10.0  # a lost current is bridged so long: it cannot hide a drive
@@ -87,7 +87,7 @@ class WindowIdentifier:
         self._settings = settings or Settings()
         self._names, self._prior_mean, self._prior_sd = log_prior(model)
         p = len(self._names)
-        self._evidence = Evidence.none(p)
+        self._evidence = Evidence.none(p, departures(model))
         self._mean, self._cov = self._prior_mean.copy(), np.diag(self._prior_sd**2)
         self._guess = self._prior_mean.copy()
         self._other_root = 0.0
@@ -219,6 +219,7 @@ class WindowIdentifier:
             "z0": e.z0,
             "info": e.info,
             "grad": e.grad,
+            "cross": e.cross,
             "mean": self._mean,
             "cov": self._cov,
             "guess": self._guess,
@@ -244,11 +245,12 @@ class WindowIdentifier:
         if state.get("method") != "window" or state.get("names") != list(self._names):
             raise StateError("identified parameters: the stored state is of another method or string; starting anew")
         p = len(self._names)
-        vectors = {k: np.array(state[k], dtype=np.float64) for k in ("z0", "grad", "mean", "guess", "info", "cov")}
-        shapes = {k: ((p, p) if k in ("info", "cov") else (p,)) for k in vectors}
+        shapes: dict[str, tuple[int, ...]] = dict.fromkeys(("z0", "grad", "mean", "guess"), (p,))
+        shapes |= {"info": (p, p), "cov": (p, p), "cross": self._evidence.cross.shape}
+        vectors = {k: np.array(state[k], dtype=np.float64) for k in shapes}
         if any(v.shape != shapes[k] or not np.isfinite(v).all() for k, v in vectors.items()):
             raise StateError("identified parameters: the stored state is damaged; starting anew")
-        self._evidence = Evidence(vectors["z0"], vectors["info"], vectors["grad"])
+        self._evidence = Evidence(vectors["z0"], vectors["info"], vectors["grad"], vectors["cross"])
         self._mean, self._cov, self._guess = vectors["mean"], vectors["cov"], vectors["guess"]
         self._other_root, self._walk = float(state["other_root"]), float(state["walk"])
         self._windows, self._from_voltage = int(state["windows"]), bool(state["from_voltage"])
