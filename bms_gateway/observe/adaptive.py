@@ -107,7 +107,8 @@ class AdaptiveObserver:
         self._kalman = Kalman(stack(in_force, dt, disturbance), sensors, fitted)
         self._flows = Flows.of(in_force)
         self._rebuild_heat()
-        self._scatter = np.stack([_scatter(m) for m in models])
+        self._scatter = np.stack([_scatter(m) for m in models], axis=1)[:, :, None]
+        self._read = fitted, np.nonzero(fitted)[0], sensors[fitted]
         self._starts = np.stack(
             [start_covariance(self._cells, start, disturbance, inlet_known=known) for known in (False, True)]
         )
@@ -152,7 +153,8 @@ class AdaptiveObserver:
             self._follow_flow(flow_ratio)
         self._begin(inlet, y)
         electric, given, known_heat = self._heat(I2, heat)
-        known = np.stack((np.isfinite(inlet), known_heat), axis=1)
+        known = np.empty((self._strings, OFFSETS), np.bool_)
+        known[:, 0], known[:, 1] = np.isfinite(inlet), known_heat
         inlet1 = np.where(known[:, 0], inlet, self._inlet)
         was_known = self._state.pattern[:, -OFFSETS] >= 0
         inlet0 = np.where(was_known, self._inlet, inlet1)  # no ramp from a value that was only held
@@ -161,8 +163,8 @@ class AdaptiveObserver:
         before = predicted.before
         forcing = self._flows.forcing((before.x + predicted.x) / 2.0, electric, given, (inlet0 + inlet1) / 2.0)
         model, sensors = self._kalman.model, self._kalman.sensors
-        lag = self._kalman.lag(age)
-        self._J, seen = corrected(carried(self._J, model.A, forcing, self._dt), self._J, state.K, sensors, lag)
+        J = carried(self._J, model.A, forcing, self._dt)
+        self._J, seen = corrected(J, self._J, state.K, sensors, innovation.lag)
         self._state, self._inlet = state, inlet1
         self._unread = np.where(np.isfinite(innovation.value), 0.0, self._unread + self._dt)
         more = _squares(np.matmul(seen, self._root))
@@ -346,11 +348,9 @@ class AdaptiveObserver:
         var = np.einsum("sii->si", self._state.P)[:, :N] + _squares(np.matmul(self._J[:, :N], self._root))
         var += self._between_cells()
         sd = np.where(there, np.sqrt(var), np.inf)
-        at, fitted = self._kalman.sensors, self._kalman.fitted
-        r, r_sd = (np.full((self._strings, self._cells), np.nan) for _ in range(2))
-        row = np.broadcast_to(np.arange(self._strings)[:, None], at.shape)
-        r[row[fitted], at[fitted]] = innovation[fitted]
-        r_sd[row[fitted], at[fitted]] = innovation_sd[fitted]
+        r, r_sd = np.full((2, self._strings, self._cells), np.nan)
+        fitted, row, at = self._read
+        r[row, at], r_sd[row, at] = innovation[fitted], innovation_sd[fitted]
         return Estimate(x[:, 0::2], sd[:, 0::2], x[:, 1::2], sd[:, 1::2], r, r_sd, self._available)
 
     def _between_cells(self) -> Floats:
@@ -358,13 +358,14 @@ class AdaptiveObserver:
         x, N = self._state.x, 2 * self._cells
         T_c, T_s = x[:, 0:N:2], x[:, 1:N:2]
         base = self._flows.coolant(x, self._inlet)
-        row, col = np.nonzero(self._unread <= READ_WITHIN)
+        row, col = (self._unread <= READ_WITHIN).nonzero()
         at = self._kalman.sensors[row, col]
         base[row, at] = T_s[row, at]
-        heat, cooling, inside, offset = (self._scatter[:, [j]] for j in range(4))
+        heat, cooling, inside, offset = self._scatter
+        surface = (T_s - base) ** 2
         var = np.empty((len(x), N))
-        var[:, 0::2] = heat * (T_c - base) ** 2 + cooling * (T_s - base) ** 2 + inside * (T_c - T_s) ** 2 + offset
-        var[:, 1::2] = (heat + cooling) * (T_s - base) ** 2 + offset
+        var[:, 0::2] = heat * (T_c - base) ** 2 + cooling * surface + inside * (T_c - T_s) ** 2 + offset
+        var[:, 1::2] = (heat + cooling) * surface + offset
         return var
 
 

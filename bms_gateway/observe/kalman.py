@@ -99,10 +99,13 @@ class Innovation:
         y − ŷ; NaN where there was no reading.
     sd : ndarray (S, m), K
         What it should be; `value / sd` is white with unit variance while the model holds.
+    lag : ndarray (S, m)
+        Age of the reading as a share of the step; 0 where there was none.
     """
 
     value: Floats
     sd: Floats
+    lag: Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,6 +123,8 @@ class Kalman:
         Whether the covariance may go in strides; False gives the reference.
     ladder : Ladder
         What strides have cost already; no part of the state.
+    row : ndarray of int (S, 1)
+        Numbers of the strings: `y[row, sensors]` are the readings.
     """
 
     model: StackedModel
@@ -127,8 +132,10 @@ class Kalman:
     fitted: Bools
     strides: bool = True
     ladder: Ladder = field(init=False, repr=False, compare=False)
+    row: Ints = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "row", np.arange(self.model.strings)[:, None])
         ladder = Ladder(self.model.strings, self.model.states, self.sensors.shape[1] + OFFSETS)
         object.__setattr__(self, "ladder", ladder)
 
@@ -195,31 +202,36 @@ class Kalman:
         KalmanState, Innovation
         """
         before = predicted.before
-        reading = np.take_along_axis(y, self.sensors, 1)
+        reading = y[self.row, self.sensors]
         there = np.isfinite(reading) & self.fitted
         lag = np.where(there, self.lag(age), 0.0)
         pattern = self._pattern(before.pattern, there, lag, predicted.known)
         same = (pattern == before.pattern).all(axis=1)
         held = np.where(same, before.held + 1, 1)
         due = self._due(held, before.since)
-        state = replace(before, x=predicted.x, pattern=pattern, held=held, since=np.where(due, 0, before.since + 1))
+        since = np.where(due, 0, before.since + 1)
+        state = KalmanState(predicted.x, before.P, before.K, before.S, pattern, held, since)
         if due.any():
             state = self._covariance(before, state, np.flatnonzero(due))
         r = reading - predicted_surface(predicted.x, before.x, self.sensors, lag)
-        r = np.where(there, r, np.nan)
         x = predicted.x + np.matmul(state.K, np.where(there, r, 0.0)[:, :, None])[:, :, 0]
-        return replace(state, x=x), Innovation(r, np.sqrt(np.where(there, state.S, np.nan)))
+        state = KalmanState(x, state.P, state.K, state.S, pattern, held, since)
+        value, sd = np.where(there, (r, np.sqrt(state.S)), np.nan)
+        return state, Innovation(value, sd, lag)
 
     def lag(self, age: Floats) -> Floats:
         """Ages (S, n) s of the sensed cells as shares of the step, (S, m), 0…1; an unknown age counts as none."""
-        return np.fmin(np.fmax(np.take_along_axis(age, self.sensors, 1) / self.model.dt, 0.0), 1.0)
+        return np.fmin(np.fmax(age[self.row, self.sensors] / self.model.dt, 0.0), 1.0)
 
     @staticmethod
     def _pattern(old: Ints, there: Bools, lag: Floats, known: Bools) -> Ints:
         quarter = old[:, :-OFFSETS]
         keep = (quarter != NONE) & (np.abs(lag - quarter / LAG_STEPS) <= LAG_HOLD)
         quarter = np.where(keep, quarter, np.rint(lag * LAG_STEPS).astype(np.int64))
-        return np.concatenate((np.where(there, quarter, NONE), np.where(known, 0, NONE)), axis=1)
+        new = np.full(old.shape, NONE)
+        np.copyto(new[:, :-OFFSETS], quarter, where=there)
+        np.copyto(new[:, -OFFSETS:], 0, where=known)
+        return new
 
     def _due(self, held: Ints, since: Ints) -> Bools:
         """Whether the covariance takes this step: after a change at once, later when a stride is full."""

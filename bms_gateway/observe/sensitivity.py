@@ -88,12 +88,13 @@ class Flows:
         T_c, T_s = x[:, 0:-OFFSETS:2], x[:, 1:-OFFSETS:2]
         out = (T_c - T_s) / self.R_c
         T_f = self.coolant(x, inlet)
-        cooled = (T_s - T_f) / self.R_u
-        step = np.diff(T_s, axis=1) * self.g_cc[:, None]
+        over = T_s - T_f
+        cooled = over / self.R_u
+        step = (T_s[:, 1:] - T_s[:, :-1]) * self.g_cc[:, None]
         conducted = np.zeros_like(T_s)
         conducted[:, :-1] += step
         conducted[:, 1:] -= step
-        warmed = np.matmul(self.M, (self.de * (T_s - T_f))[:, :, None])[:, :, 0] / self.R_u
+        warmed = np.matmul(self.M, (self.de * over)[:, :, None])[:, :, 0] / self.R_u
         heat = electric + given + x[:, -1:]
         F = np.zeros((*x.shape, len(PARAMETERS)))
         core, surface = F[:, 0:-OFFSETS:2], F[:, 1:-OFFSETS:2]
@@ -151,5 +152,6 @@ def corrected(J: Floats, J_before: Floats, K: Floats, sensors: Ints, lag: Floats
     """
     row = np.arange(len(J))[:, None]
     at = 2 * sensors + 1
-    seen = J[row, at] + lag[:, :, None] * (J_before[row, at] - J[row, at])
+    now = J[row, at]
+    seen = now + lag[:, :, None] * (J_before[row, at] - now)
     return J - np.matmul(K, seen), seen
