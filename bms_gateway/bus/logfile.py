@@ -3,11 +3,13 @@
 import gzip
 import zlib
 from collections.abc import Iterable, Iterator
+from contextlib import nullcontext
 from difflib import get_close_matches
 from pathlib import Path
 from typing import BinaryIO, Final
 
 from bms_gateway.bus.candump import LogNotes, format_block, parse_block
+from bms_gateway.bus.whole import whole
 from bms_gateway.errors import DataError, UsageError
 from bms_gateway.frames.batch import FrameBatch
 
@@ -65,7 +67,7 @@ def read_log(path: Path | str, *, chunk: int = CHUNK, notes: LogNotes | None = N
 
 
 def write_log(path: Path | str, batches: Iterable[FrameBatch], channel: str = "can0") -> int:
-    """Write frames as a candump log.
+    """Write frames as a candump log; until the last frame is written an older file of that name stays.
 
     Parameters
     ----------
@@ -92,11 +94,13 @@ def write_log(path: Path | str, batches: Iterable[FrameBatch], channel: str = "c
         raise UsageError(f"logs are written as candump text: name {path.name} '.log' or '.log.gz'")
     count = 0
     try:
-        # no time in the gzip header: the same frames give the same bytes
-        with gzip.GzipFile(path, "wb", 6, mtime=0) if path.suffix.lower() == ".gz" else path.open("wb") as out:
-            for batch in batches:
-                out.write(format_block(batch, channel))
-                count += len(batch)
+        with whole(path) as beside, beside.open("wb") as file:
+            # neither time nor name in the gzip header: the same frames give the same bytes
+            packed = path.suffix.lower() == ".gz"
+            with gzip.GzipFile("", "wb", 6, file, mtime=0) if packed else nullcontext(file) as out:
+                for batch in batches:
+                    out.write(format_block(batch, channel))
+                    count += len(batch)
     except OSError as error:
         raise DataError(f"{path}: cannot be written ({error.strerror or error})") from None
     return count

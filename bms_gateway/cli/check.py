@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from bms_gateway.cli.main import Parser
-from bms_gateway.cli.output import say, write_json
+from bms_gateway.cli.output import distinct, say, writable, write_json
 
 EXAMPLE = """\
   bms-gateway check gateway.toml
@@ -25,7 +25,9 @@ def run(args: argparse.Namespace) -> int:
     from bms_gateway.report.show import number, ranges, text_table
     from bms_gateway.sensors.observability import exact_rank, steady_core_sd
 
+    writable({"--json": args.json})
     loaded = load_config(Path(args.config))
+    distinct({"--json": args.json}, loaded.files)
     plan = loaded.plan
     strings: list[dict[str, Any]] = []
     for s in plan.strings:

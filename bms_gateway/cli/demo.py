@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bms_gateway.cli.main import Parser
-from bms_gateway.cli.output import note, say, write_json
+from bms_gateway.cli.output import note, say, writable, write_json
 from bms_gateway.errors import BusError, UsageError
 
 if TYPE_CHECKING:
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 SECOND = 1_000_000_000
 CHANNEL = "vcan0"
 LIVE_S, SIMULATED_S = 45.0, 2700.0  # in real time: long enough to find every core; simulated: to identify twice
+LONGEST_S = 86_400  # its truth is kept in memory
 UNKNOWN = 0.10  # R_e, R_c and R_u of each string differ from its model file by so much (relative sd)
 LEAD_NS = 100_000_000  # between the first frame's stamp in the pack's time and its way onto the bus
 EXAMPLE = """\
@@ -66,10 +67,15 @@ def run(args: argparse.Namespace) -> int:
     from bms_gateway.config import load_config, shipped
     from bms_gateway.engine import Engine
 
+    if args.seed < 0:
+        raise UsageError(f"demo: --seed {args.seed}: must not be negative")
+    writable({"--json": args.json})
     live = not args.in_process and _has_vcan()
     seconds = args.seconds if args.seconds is not None else (LIVE_S if live else SIMULATED_S)
     if not (math.isfinite(seconds) and seconds >= 10):
         raise UsageError(f"demo: --seconds {seconds:g}: at least 10")
+    if seconds > LONGEST_S:
+        raise UsageError(f"demo: --seconds {seconds:g}: at most {LONGEST_S} (a day)")
     loaded = load_config(shipped("deploy/example/gateway.toml"))
     pack = VirtualPack(loaded.plan, args.seed, common=UNKNOWN)
     traffic = Traffic(loaded.plan, loaded.database, noise_K=SENSOR_NOISE_K, seed=args.seed)

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bms_gateway.cli.main import Parser
-from bms_gateway.cli.output import note, say, write_json
+from bms_gateway.cli.output import distinct, note, say, writable, write_json
 from bms_gateway.errors import DataError, UsageError, did_you_mean
 
 if TYPE_CHECKING:
@@ -47,7 +47,10 @@ def run(args: argparse.Namespace) -> int:
     from bms_gateway.report.progress import progress
     from bms_gateway.report.table import parse_columns, read_table
 
+    outputs = {"--out": args.out, "--json": args.json}
+    writable(outputs)
     loaded = load_config(Path(args.config))
+    distinct(outputs, [*loaded.files, args.table])
     plan = loaded.plan
     index = _string(plan, args.string)
     table = read_table(Path(args.table), parse_columns(args.columns))

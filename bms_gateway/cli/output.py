@@ -1,11 +1,13 @@
 """Where a command's words go: text for people on standard output, unless JSON has it."""
 
 import json
+import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from bms_gateway.bus.whole import whole
 from bms_gateway.errors import UsageError
 
 
@@ -19,8 +21,76 @@ def note(text: str) -> None:
     print(f"bms-gateway: note: {text}", file=sys.stderr)
 
 
+def distinct(outputs: Mapping[str, Path | str | None], inputs: Iterable[Path | str]) -> None:
+    """Refuse an output that would destroy a file that is read, or another output.
+
+    Parameters
+    ----------
+    outputs : mapping of option to path
+        As ``{"--out": "drive.log"}``; None and "-" (standard output) are passed over.
+    inputs : iterable of path
+        Every file that the command reads.
+
+    Raises
+    ------
+    UsageError
+        Two of them are the same file, by name, by a link or otherwise.
+    """
+    read = [Path(p) for p in inputs]
+    seen: list[tuple[str, Path]] = []
+    for option, given in outputs.items():
+        if given is None or str(given) == "-":
+            continue
+        path = Path(given)
+        if any(_same(path, p) for p in read):
+            raise UsageError(f"{option} {path}: this file is read by the command; write to another name")
+        other = next((name for name, p in seen if _same(path, p)), None)
+        if other is not None:
+            raise UsageError(f"{option} {path}: {other} writes to the same file; give each its own name")
+        seen.append((option, path))
+
+
+def _same(a: Path, b: Path) -> bool:
+    """Whether two paths are one file; devices and pipes are no files that could be destroyed."""
+    try:
+        if a.exists():
+            return a.is_file() and a.samefile(b)
+    except OSError:  # the other is not there, or its folder may not be looked into
+        pass
+    return os.path.realpath(a) == os.path.realpath(b)
+
+
+def writable(outputs: Mapping[str, Path | str | None]) -> None:
+    """Find out before the work whether its results can be written.
+
+    Raises
+    ------
+    UsageError
+        Names the option and the reason.
+    """
+    for option, given in outputs.items():
+        if given is None or str(given) == "-":
+            continue
+        try:
+            reason = _hindrance(Path(given))
+        except OSError as e:
+            reason = e.strerror
+        if reason:
+            raise UsageError(f"{option} {given}: cannot be written: {reason}")
+
+
+def _hindrance(path: Path) -> str | None:
+    if path.is_dir():
+        return "is a directory"
+    if not path.parent.is_dir():
+        return f"no such folder: {path.parent}"
+    # a plain file is replaced, which is a matter of its folder
+    place = path.parent if path.is_file() or not path.exists() else path
+    return None if os.access(place, os.W_OK) else "permission denied"
+
+
 def write_json(target: str, document: Mapping[str, Any]) -> None:
-    """Write a result for machines to a file, or to standard output for `-`.
+    """Write a result for machines to a file, as a whole or not at all, or to standard output for `-`.
 
     Raises
     ------
@@ -32,6 +102,7 @@ def write_json(target: str, document: Mapping[str, Any]) -> None:
         sys.stdout.write(text)
         return
     try:
-        Path(target).write_text(text, encoding="utf-8")
+        with whole(Path(target)) as beside:
+            beside.write_text(text, encoding="utf-8")
     except OSError as e:
         raise UsageError(f"--json {target}: cannot be written: {e.strerror}") from None

@@ -7,14 +7,16 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
+from bms_gateway.bus.whole import whole
 from bms_gateway.cli.main import Parser
-from bms_gateway.cli.output import say, write_json
+from bms_gateway.cli.output import distinct, say, writable, write_json
 from bms_gateway.errors import UsageError
 
 if TYPE_CHECKING:
     from bms_gateway.bus.virtual import Segment
     from bms_gateway.frames.batch import FrameBatch
 
+LONGEST_S = 30 * 86_400  # five strings write 11 GB of log in that time
 EXAMPLE = """\
   bms-gateway simulate --config gateway.toml --out drive.log --truth truth.csv --seed 7 --duration 5400
 """
@@ -47,11 +49,16 @@ def run(args: argparse.Namespace) -> int:
 
     if not (math.isfinite(args.duration) and args.duration >= 1):
         raise UsageError(f"simulate: --duration {args.duration:g}: at least 1 second")
+    if args.duration > LONGEST_S:
+        raise UsageError(f"simulate: --duration {args.duration:g}: at most {LONGEST_S} seconds (30 days)")
     if args.seed < 0:
         raise UsageError(f"simulate: --seed {args.seed}: must not be negative")
     if not 0 <= args.unknown <= 1:
         raise UsageError(f"simulate: --unknown {args.unknown:g}: valid: 0 to 1")
+    outputs = {"--out": args.out, "--truth": args.truth, "--json": args.json}
+    writable(outputs)
     loaded = load_config(Path(args.config))
+    distinct(outputs, loaded.files)
     plan = loaded.plan
     pack = VirtualPack(plan, args.seed, common=args.unknown)
     traffic = Traffic(plan, loaded.database, noise_K=SENSOR_NOISE_K, seed=args.seed)
@@ -80,7 +87,7 @@ def _truth_file(name: str | None) -> Iterator[TextIO | None]:
         yield None
         return
     try:
-        with Path(name).open("w", encoding="utf-8", newline="\n") as f:
+        with whole(Path(name)) as beside, beside.open("w", encoding="utf-8", newline="\n") as f:
             f.write("time_s,string,cell,core_C,surface_C\n")
             yield f
     except OSError as e:

@@ -37,6 +37,8 @@ class LoadedConfig:
         Of the plan's DBC files and ours; parsing them again would take longer than all else here.
     store : Path or None
         Directory of the stored state; None: nothing is stored.
+    files : tuple of Path
+        All that was read for it: the config, its DBC and model files. No result may be written to one of them.
     """
 
     path: Path
@@ -44,6 +46,7 @@ class LoadedConfig:
     plan: Plan
     database: Database
     store: Path | None
+    files: tuple[Path, ...]
 
 
 def load_config(path: Path) -> LoadedConfig:
@@ -81,7 +84,9 @@ def load_config(path: Path) -> LoadedConfig:
         silent_after_ns=round(config.engine.silent_after_s * 1e9),
         disturbance=config.observer.disturbance,
     )
-    return LoadedConfig(path, config, plan, database, _store(path, config))
+    models = [path.parent / s.model for s in config.string]
+    files = tuple(dict.fromkeys([path, *map(Path, databases), *models]))
+    return LoadedConfig(path, config, plan, database, _store(path, config), files)
 
 
 def own_dbc_text() -> str:

@@ -46,6 +46,12 @@ def test_help_lists_every_command(capsys):
         (["simulate", "--config", "a", "--out", "b", "--seed", "-1"], "--seed -1: must not be negative"),
         (["simulate", "--config", "a", "--out", "b", "--duration", "0"], "--duration 0: at least 1 second"),
         (["simulate", "--config", "a", "--out", "b", "--duration", "nan"], "--duration nan: at least 1 second"),
+        (
+            ["simulate", "--config", "a", "--out", "b", "--duration", "1e12"],
+            "--duration 1e+12: at most 2592000 seconds",
+        ),
+        (["demo", "--seed", "-1"], "demo: --seed -1: must not be negative"),
+        (["demo", "--seconds", "1e12"], "demo: --seconds 1e+12: at most 86400"),
         (["replay", "a.log", "--to", "vcan9", "--speed", "fast"], "--speed 'fast': valid: 1"),
         (["replay", "a.log", "--to", "vcan9", "--speed", "-1"], "--speed '-1': valid: 1"),
     ],

@@ -1,0 +1,119 @@
+"""No command destroys a file that it reads, nor an older result before the new one is whole."""
+
+import json
+import os
+
+import numpy as np
+import pytest
+
+from bms_gateway.bus.logfile import read_log, write_log
+from bms_gateway.bus.whole import whole
+from bms_gateway.cli.main import main
+from bms_gateway.cli.output import distinct, write_json
+from bms_gateway.errors import UsageError
+from bms_gateway.frames.batch import FrameBatch
+from tests.config.files import OWN, write
+
+TABLE = "time_s,current_A,coolant_inlet_C,surface_1_C,surface_3_C,surface_5_C\n" + "".join(
+    f"{t},1,25,26,27,28\n" for t in range(20)
+)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    write(tmp_path)  # gateway.toml, string_1.toml, vehicle.dbc
+    (tmp_path / "bench.csv").write_text(TABLE)
+    (tmp_path / "old.log").write_text("(1.000000) can0 123#AA\n")
+    os.link(tmp_path / "gateway.toml", tmp_path / "hard.json")
+    (tmp_path / "soft.json").symlink_to(tmp_path / "vehicle.dbc")
+    return tmp_path
+
+
+def contents(folder):
+    return {p.name: p.read_bytes() for p in folder.iterdir()}
+
+
+ENCODE = ["encode", "bench.csv", "--config", "gateway.toml"]
+SIMULATE = ["simulate", "--config", "gateway.toml", "--duration", "5"]
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["check", "gateway.toml", "--json", "gateway.toml"], "--json gateway.toml: this file is read"),
+        (["check", "gateway.toml", "--json", "./string_1.toml"], "this file is read"),
+        (["check", "gateway.toml", "--json", "vehicle.dbc"], "this file is read"),
+        (["check", "gateway.toml", "--json", "hard.json"], "this file is read"),
+        (["check", "gateway.toml", "--json", "soft.json"], "this file is read"),
+        ([*ENCODE, "--out", "a.log", "--json", "bench.csv"], "--json bench.csv: this file is read"),
+        ([*ENCODE, "--out", "a.log", "--json", "a.log"], "--out writes to the same file"),
+        ([*ENCODE, "--out", "a.log", "--json", "."], "--json .: cannot be written: is a directory"),
+        ([*ENCODE, "--out", "absent/a.log"], "--out absent/a.log: cannot be written: no such folder: absent"),
+        ([*SIMULATE, "--out", "a.log", "--truth", "a.log"], "--out writes to the same file"),
+        ([*SIMULATE, "--out", "a.log", "--truth", "gateway.toml"], "this file is read"),
+        ([*SIMULATE, "--out", "a.log", "--truth", "t.csv", "--json", "./t.csv"], "--truth writes to the same file"),
+        ([*SIMULATE, "--out", "old.blf"], "candump"),
+        (["replay", "old.log", "--to", "vcan9", "--json", "old.log"], "this file is read"),
+        (["replay", "old.log", "--to", "vcan9", "--json", "no/x.json"], "no such folder: no"),
+        (["demo", "--json", "no/x.json"], "no such folder: no"),
+    ],
+)
+def test_an_output_never_takes_the_place_of_an_input_or_another_output(folder, monkeypatch, capsys, words, says):
+    monkeypatch.chdir(folder)
+    before = contents(folder)
+    assert main(words) == 2
+    err = capsys.readouterr().err
+    assert says in err
+    assert err.count("\n") == 1
+    assert contents(folder) == before
+
+
+def frames(count, broken=False):
+    for k in range(count):
+        yield FrameBatch(
+            np.array([k * 10**9]), np.array([1], np.uint32), np.array([1], np.uint8), np.zeros((1, 8), "u1")
+        )
+    if broken:
+        raise UsageError("the work failed")
+
+
+@pytest.mark.parametrize("name", ["old.log", "old.log.gz"])
+def test_a_failing_command_leaves_the_old_log_and_no_rest(tmp_path, name):
+    write_log(tmp_path / name, frames(3))
+    (tmp_path / name).chmod(0o640)
+    before = contents(tmp_path)
+    with pytest.raises(UsageError, match="the work failed"):
+        write_log(tmp_path / name, frames(2, broken=True))
+    assert contents(tmp_path) == before
+    assert write_log(tmp_path / name, frames(2)) == 2
+    assert sum(len(b) for b in read_log(tmp_path / name)) == 2
+    assert (tmp_path / name).stat().st_mode & 0o777 == 0o640
+    assert [p.name for p in tmp_path.iterdir()] == [name]
+
+
+def test_a_failing_simulation_leaves_the_old_truth(tmp_path, monkeypatch):
+    config = write(tmp_path, OWN)
+    (tmp_path / "t.csv").write_text("old")
+    before = contents(tmp_path)
+    monkeypatch.setattr("bms_gateway.bus.logfile.format_block", lambda *_: (_ for _ in ()).throw(OSError(28, "full")))
+    words = ["simulate", "--config", str(config), "--out", str(tmp_path / "a.log"), "--duration", "5"]
+    assert main([*words, "--truth", str(tmp_path / "t.csv")]) == 2
+    assert contents(tmp_path) == before
+
+
+def test_a_packed_log_does_not_depend_on_its_name(tmp_path):
+    for name in ("a.log.gz", "b.log.gz"):
+        write_log(tmp_path / name, frames(3))
+    assert (tmp_path / "a.log.gz").read_bytes() == (tmp_path / "b.log.gz").read_bytes()
+
+
+def test_a_link_is_followed_and_a_device_stays_one(tmp_path):
+    (tmp_path / "real.json").write_text("{}")
+    (tmp_path / "link.json").symlink_to("real.json")
+    write_json(str(tmp_path / "link.json"), {"a": 1})
+    assert (tmp_path / "link.json").is_symlink()
+    assert json.loads((tmp_path / "real.json").read_text()) == {"a": 1}
+    os.mkfifo(tmp_path / "pipe")
+    with whole(tmp_path / "pipe") as beside:
+        assert beside == tmp_path / "pipe"
+    distinct({"--a": "/dev/null", "--b": "/dev/null", "--c": "-", "--d": None}, [])
