@@ -162,7 +162,12 @@ class PythonCanPort:
 
         try:
             return can.Bus(interface=self.interface, channel=self.channel)
-        except (can.CanError, OSError, ValueError, ImportError) as error:
+        except (NameError, AttributeError, ImportError) as error:
+            # drivers load their vendor's library when they are imported and fail over its names only when opened
+            raise BusError(
+                f"{self.interface} {self.channel} cannot be opened: is the driver's library installed? ({error})"
+            ) from None
+        except (can.CanError, OSError, ValueError) as error:
             raise BusError(f"{self.interface} {self.channel} cannot be opened: {error}") from None
 
     def _failed(self, error: Exception) -> None:

@@ -54,6 +54,10 @@ class SocketCanSender:
         except (AttributeError, OSError) as error:
             if hasattr(self, "_sock"):
                 self._sock.close()
+            if isinstance(error, AttributeError) or error.errno == errno.EAFNOSUPPORT:
+                raise BusError(
+                    f"cannot send on {channel}: this system has no SocketCAN (a Linux kernel with CAN)"
+                ) from None
             raise BusError(
                 f"cannot send on {channel} ({error}): sudo ip link add dev {channel} type vcan && "
                 f"sudo ip link set {channel} up makes a virtual one"

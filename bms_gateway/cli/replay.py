@@ -2,11 +2,12 @@
 
 import argparse
 from dataclasses import asdict
+from itertools import chain
 from pathlib import Path
 
 from bms_gateway.cli.main import Parser
-from bms_gateway.cli.output import note, say, write_json
-from bms_gateway.errors import UsageError
+from bms_gateway.cli.output import distinct, note, say, writable, write_json
+from bms_gateway.errors import DataError, UsageError
 
 EXAMPLE = """\
   bms-gateway replay drive.log --to vcan0
@@ -31,8 +32,15 @@ def run(args: argparse.Namespace) -> int:
     from bms_gateway.report.progress import progress
 
     speed = _speed(args.speed)
+    writable({"--json": args.json})
+    distinct({"--json": args.json}, [args.log])
     notes = LogNotes()
-    frames = read_log(Path(args.log), notes=notes)
+    batches = read_log(Path(args.log), notes=notes)
+    # the first piece is read before the interface is opened: a log that is none is told whatever the bus is like
+    first = next(batches, None)
+    if first is None:
+        raise DataError(f"{args.log}: no data frames in it")
+    frames = chain([first], batches)
     sender = SocketCanSender(args.to)
     try:
         with progress(f"{args.log} to {args.to}", None) as advance:

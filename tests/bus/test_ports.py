@@ -228,3 +228,13 @@ def test_replay_keeps_the_order_of_stamps_that_step_back():
     tape = Tape()
     replay([make((5, 1, b""), (3, 2, b""), (SECOND, 3, b""))], tape, clock=tape.clock, sleep=tape.sleep)
     assert [t for _, t in tape.sent] == [5, 3, SECOND]
+
+
+@pytest.mark.parametrize("error", [NameError, AttributeError, ImportError, OSError, ValueError, can.CanError])
+def test_whatever_a_driver_fails_with_at_opening_is_a_bus_error(monkeypatch, error):
+    def fail(**_):
+        raise error("name 'canGetNumberOfChannels' is not defined")
+
+    monkeypatch.setattr(can, "Bus", fail)
+    with pytest.raises(BusError, match=r"kvaser 0 cannot be opened: .*canGetNumberOfChannels"):
+        PythonCanPort("kvaser", "0")

@@ -1,5 +1,6 @@
 """`replay` hands the log to the bus in order and says what it did."""
 
+import errno
 import json
 
 import numpy as np
@@ -68,3 +69,28 @@ def test_a_missing_log_or_interface_is_one_line(tmp_path, log, monkeypatch, caps
     monkeypatch.setattr(bus_replay, "SocketCanSender", Recorder)
     assert main(["replay", str(tmp_path / "b.log"), "--to", "vcan0"]) == 2
     assert "no such log" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("error", "says"),
+    [(OSError(errno.EAFNOSUPPORT, "x"), "this system has no SocketCAN"), (OSError(errno.ENODEV, "x"), "sudo ip link")],
+)
+def test_advice_fits_what_the_system_lacks(log, monkeypatch, capsys, error, says):
+    def refuse(*_):
+        raise error
+
+    monkeypatch.setattr(bus_replay.socket, "socket", refuse)
+    assert main(["replay", str(log), "--to", "vcan0"]) == 2
+    err = capsys.readouterr().err
+    assert says in err
+    assert err.count("\n") == 1
+
+
+def test_the_log_is_looked_at_before_the_interface(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(bus_replay, "SocketCanSender", None)
+    (tmp_path / "a.log").write_text("\n")
+    assert main(["replay", str(tmp_path / "a.log"), "--to", "vcan0"]) == 2
+    assert "a.log: no data frames in it" in capsys.readouterr().err
+    (tmp_path / "a.log").write_text("nothing like it\n")
+    assert main(["replay", str(tmp_path / "a.log"), "--to", "vcan0"]) == 2
+    assert "line 1: not a .log log" in capsys.readouterr().err
