@@ -18,7 +18,11 @@ if TYPE_CHECKING:
 
 EXAMPLE = """\
   bms-gateway encode bench.csv --config gateway.toml --out bench.log
-  bms-gateway encode cell.csv --config gateway.toml --out cell.log --columns time_s=t_s current_A=-I_A surface_1_C=T
+  bms-gateway encode cell.csv --config gateway.toml --out cell.log --columns time_s=t_s --columns current_A=-I_A
+
+columns of TABLE (K is a cell, from 1; blanks are missing values):
+  needed    time_s (increasing), current_A (discharge positive), coolant_inlet_C
+  optional  voltage_V, soc (0 to 1), coolant_flow_m3_s, surface_K_C, cell_voltage_K_V, core_K_C (for comparison)
 """
 
 
@@ -31,10 +35,10 @@ def arguments(parser: Parser) -> None:
     parser.option(
         "--columns",
         metavar="NAME=COLUMN",
-        nargs="+",
-        action="extend",
+        action="append",
         default=[],
-        help="the table's own column names; a minus before the column flips the sign",
+        help="the table's own name of a column, once per column, or several parted by commas; "
+        "a minus before COLUMN flips the sign",
     )
     parser.option("--json", metavar="FILE", help="write what was done as JSON; - is standard output")
 
@@ -43,20 +47,22 @@ def run(args: argparse.Namespace) -> int:
     """Write the log."""
     from bms_gateway.bus.logfile import write_log
     from bms_gateway.bus.traffic import SECOND, Traffic
+    from bms_gateway.cli.bench import check_time, not_carried, refuse_log
     from bms_gateway.config import load_config
     from bms_gateway.report.progress import progress
     from bms_gateway.report.table import parse_columns, read_table
 
+    columns = parse_columns(args.columns)
+    refuse_log(args.table)
     outputs = {"--out": args.out, "--json": args.json}
     writable(outputs)
     loaded = load_config(Path(args.config))
     distinct(outputs, [*loaded.files, args.table])
     plan = loaded.plan
     index = _string(plan, args.string)
-    table = read_table(Path(args.table), parse_columns(args.columns))
+    table = read_table(Path(args.table), columns)
+    check_time(table)
     feed = _feed(plan, index, table)
-    if table.time_s[0] < 0:
-        raise DataError(f"{table.source}: time_s begins at {table.time_s[0]:g}: a log cannot hold times below zero")
     traffic = Traffic(plan, loaded.database, [index])
     # The last row is an instant too: frames go on until just after it.
     start_ns, stop_ns = (round(float(t) * SECOND) for t in table.time_s[[0, -1]])
@@ -69,8 +75,15 @@ def run(args: argparse.Namespace) -> int:
 
         frames = write_log(args.out, shown())
     name, seconds = plan.strings[index].name, (stop_ns - start_ns) / SECOND
+    lost = not_carried(plan.strings[index], loaded.database, table)
+    for x in lost:
+        note(
+            f"{table.source}: {x['column']}: {x['rows']} of {len(table)} rows, the first at {x['first']}, do not fit "
+            f"{x['signal']} ({x['lowest']:.6g} to {x['highest']:.6g}) and are sent as {x['sent_as']}"
+        )
     if args.json:
-        write_json(args.json, {"log": args.out, "frames": frames, "duration_s": seconds, "string": name})
+        numbers = {"frames": frames, "duration_s": seconds, "string": name, "not_carried": lost}
+        write_json(args.json, {"log": args.out, **numbers})
     say(f"{args.out}: {frames} frames, {seconds:.1f} s of {name}", args.json)
     return 0
 

@@ -40,6 +40,8 @@ class Table:
     surface_C, cell_voltage_V, core_C : mapping of cell (from 1) to ndarray (N,)
     ignored : tuple of str
         Columns that mean nothing here; worth a word to the user, who may have misspelt one.
+    word, lines : str, sequence of int (N,)
+        What the file's rows are called, and the number of each.
     """
 
     source: str
@@ -52,7 +54,13 @@ class Table:
     surface_C: Mapping[int, Floats]
     cell_voltage_V: Mapping[int, Floats]
     core_C: Mapping[int, Floats]
-    ignored: tuple[str, ...] = ()
+    ignored: tuple[str, ...]
+    word: str
+    lines: Sequence[int]
+
+    def place(self, row: int) -> str:
+        """Tell where a row (from 0) stands in the file."""
+        return f"{self.word} {self.lines[row]}"
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -74,14 +82,14 @@ def parse_columns(pairs: Iterable[str]) -> dict[str, str]:
     Raises
     ------
     UsageError
-        Not of that form, or a name that no table has.
+        Not of that form, a name that no table has, or one given twice.
 
     Examples
     --------
     >>> parse_columns(["time_s=t_s,current_A=-I_A", "surface_1_C=T surf"])
     {'time_s': 't_s', 'current_A': '-I_A', 'surface_1_C': 'T surf'}
     """
-    found = {}
+    found: dict[str, str] = {}
     for pair in pairs:
         parts = pair.split(",")
         for part in parts if all("=" in p for p in parts) else [pair]:
@@ -91,6 +99,8 @@ def parse_columns(pairs: Iterable[str]) -> dict[str, str]:
                 raise UsageError(f"--columns {part!r}: expected name=column, such as current_A=I_A")
             if not _known(name):
                 raise UsageError(f"--columns {part!r}: no table has a column {name!r}{did_you_mean(name, _EXAMPLES)}")
+            if name in found:
+                raise UsageError(f"--columns {part!r}: {name} is {found[name]!r} already; name it once")
             found[name] = column
     return found
 
@@ -117,13 +127,19 @@ def read_table(path: Path, columns: Mapping[str, str] | None = None) -> Table:
         Parquet without pyarrow.
     """
     columns = columns or {}
+    if path.is_dir():
+        raise DataError(f"{path}: is a directory; expected a table, CSV or Parquet")
     parquet = path.suffix.lower() in (".parquet", ".pq")
     try:
         text = _Parquet(path) if parquet else _Csv(path)
     except FileNotFoundError:
         beside = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
         raise DataError(f"{path}: no such file{did_you_mean(path.name, beside)}") from None
-    except (OSError, EOFError, zlib.error) as e:
+    except gzip.BadGzipFile:
+        raise DataError(f"{path}: not gzip data: leave .gz out of its name") from None
+    except (EOFError, zlib.error):
+        raise DataError(f"{path}: the gzip data are cut short or damaged") from None
+    except OSError as e:
         raise DataError(f"{path}: cannot be read: {e}") from None
     names = text.names
     ours = {name: _find(path, name, column, names) for name, column in columns.items()}
@@ -152,6 +168,8 @@ def read_table(path: Path, columns: Mapping[str, str] | None = None) -> Table:
         cells["cell_voltage"],
         cells["core"],
         ignored=tuple(n for n in names if n not in ours.values() and f"-{n}" not in ours.values()),
+        word=text.word,
+        lines=text.lines,
     )
 
 
@@ -196,6 +214,8 @@ def _check_soc(path: Path, soc: Floats | None, text: "_Csv | _Parquet") -> None:
 class _Csv:
     """Cells of a CSV file as text; numbers are made for the columns that are asked for."""
 
+    word = "line"
+
     def __init__(self, path: Path) -> None:
         self.path = path
         raw = gzip.decompress(path.read_bytes()) if path.suffix == ".gz" else path.read_bytes()
@@ -215,7 +235,7 @@ class _Csv:
         if twice:
             raise DataError(f"{path}: line {kept[0][0]}: column {twice[0]!r} stands there twice")
         width = len(self.names)
-        self.lines = [i for i, _ in kept[1:]]
+        self.lines: Sequence[int] = [i for i, _ in kept[1:]]
         self.cells: list[str] = []
         for i, line in kept[1:]:
             row = split(line)
@@ -224,7 +244,7 @@ class _Csv:
             self.cells += row
 
     def place(self, row: int) -> str:
-        return f"line {self.lines[row]}"
+        return f"{self.word} {self.lines[row]}"
 
     def numbers(self, column: str) -> Floats:
         sign = 1.0 if column in self.names else -1.0
@@ -255,6 +275,8 @@ class _Csv:
 class _Parquet:
     """Columns of a Parquet file."""
 
+    word = "row"
+
     def __init__(self, path: Path) -> None:
         try:
             import pyarrow  # type: ignore[import-not-found,import-untyped,unused-ignore]
@@ -267,9 +289,10 @@ class _Parquet:
         except pyarrow.ArrowInvalid as e:
             raise DataError(f"{path}: not a Parquet file: {' '.join(str(e).split())}") from None
         self.names: list[str] = list(self._table.column_names)
+        self.lines: Sequence[int] = range(1, self._table.num_rows + 1)
 
     def place(self, row: int) -> str:
-        return f"row {row + 1}"
+        return f"{self.word} {self.lines[row]}"
 
     def numbers(self, column: str) -> Floats:
         sign = 1.0 if column in self.names else -1.0

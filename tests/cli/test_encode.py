@@ -1,6 +1,7 @@
 """Bench data and virtual packs become frames that cantools reads back, whatever DBC they are mapped to."""
 
 import csv
+import json
 import tomllib
 from pathlib import Path
 
@@ -133,6 +134,7 @@ def test_the_same_table_gives_the_same_bytes(tmp_path, table):
         (("surface_3_C", "surface_4_C"), [], "no column 'surface_3_C', a sensor of string_1; did you mean 'surface_"),
         (("time_s,", "t,"), [], "no column 'time_s'"),
         ((",", ","), ["--columns", "curent_A=x"], "did you mean 'current_A'?"),
+        ((",", ","), ["--columns", "soc=a", "--columns", "soc=b"], "soc is 'a' already; name it once"),
         ((",", ","), ["--string", "string_2"], "--string 'string_2' is not in the config; did you mean 'string_1'?"),
         ((",", ","), ["--strng", "string_2"], "unknown option '--strng'; did you mean '--string'?"),
     ],
@@ -220,3 +222,88 @@ def test_a_log_can_only_be_candump(tmp_path, table, capsys):
     config = write(tmp_path, OWN)
     assert main(["encode", str(table[0]), "--config", str(config), "--out", str(tmp_path / "a.blf")]) == 2
     assert "candump" in capsys.readouterr().err
+
+
+def put(tmp_path, rows, name="t.csv"):
+    (tmp_path / name).write_text(
+        "time_s,current_A,coolant_inlet_C,surface_1_C,surface_3_C,surface_5_C\n" + "\n".join(rows)
+    )
+    return str(tmp_path / name)
+
+
+def test_values_that_the_dbc_cannot_carry_are_told(tmp_path, capsys):
+    config = write(
+        tmp_path,
+        MAPPED.replace('"Pack.Current", scale', '"Pack.Voltage", scale').replace('voltage = "Pack.Voltage"', ""),
+    )
+    dbc = (tmp_path / "vehicle.dbc").read_text()
+    (tmp_path / "vehicle.dbc").write_text(
+        dbc.replace('"mV"', '""').replace("[0|600000]", "[0|600]").replace("(100,0)", "(0.1,0)")
+    )
+    table = put(tmp_path, [f"{t},{20 if t == 3 else -5},25,26,{900 if t > 6 else 27},28" for t in range(10)])
+    words = ["encode", table, "--config", str(config), "--out", str(tmp_path / "a.log"), "--json", "-"]
+    assert main(words) == 0  # scale = -1: 20 A would be -20 in an unsigned signal
+    out, err = capsys.readouterr()
+    assert "current_A: 1 of 10 rows, the first at line 5 (20), do not fit Pack.Voltage (-600 to 0)" in err.replace(
+        "-0)", "0)"
+    )
+    assert "surface_3_C: 3 of 10 rows, the first at line 9 (900), do not fit Temps.T3 (-99.5 to 500.5)" in err
+    assert [(x["column"], x["rows"]) for x in json.loads(out)["not_carried"]] == [("current_A", 1), ("surface_3_C", 3)]
+
+
+def test_what_our_dbc_cannot_carry_leaves_as_not_available(tmp_path, capsys):
+    table = put(tmp_path, [f"{t},5,25,26,{900 if t > 6 else 27},28" for t in range(10)])
+    log, config = tmp_path / "a.log", write(tmp_path, OWN)
+    assert main(["encode", table, "--config", str(config), "--out", str(log)]) == 0
+    assert "surface_3_C: 3 of 10 rows" in (err := capsys.readouterr().err)
+    assert "sent as not available" in err
+    assert main(["encode", put(tmp_path, [f"{t},5,25,26,27,28" for t in range(10)]), *words_of(config, log)]) == 0
+    assert capsys.readouterr().err == ""
+
+
+def words_of(config, log):
+    return ["--config", str(config), "--out", str(log)]
+
+
+@pytest.mark.parametrize(
+    ("times", "says"),
+    [
+        ([1.7e12, 1.7e12 + 100], "looks like milliseconds"),
+        ([1e300, 2e300], "looks like milliseconds"),
+        ([0, 100, 200, 300], "looks like milliseconds, it must be in seconds: it goes on by 100"),
+        ([*range(0, 100, 10), 1e6], "spans 11.6 days"),
+    ],
+)
+def test_times_that_are_no_seconds_are_refused_and_the_old_log_stays(tmp_path, capsys, times, says):
+    config, log = write(tmp_path, OWN), tmp_path / "a.log"
+    log.write_text("old")
+    assert main(["encode", put(tmp_path, [f"{t!r},5,25,26,27,28" for t in times]), *words_of(config, log)]) == 2
+    err = capsys.readouterr().err
+    assert says in err
+    assert err.count("\n") == 1
+    assert log.read_text() == "old"
+
+
+@pytest.mark.parametrize("name", ["a.log", "a.LOG.gz", "a.asc", "a.blf"])
+def test_a_log_is_not_taken_for_a_table(tmp_path, capsys, name):
+    config = write(tmp_path, OWN)
+    assert main(["encode", put(tmp_path, ["0,1,2,3,4,5"], name), *words_of(config, tmp_path / "b.log")]) == 2
+    assert "log is frames already: use analyze or replay" in capsys.readouterr().err
+    assert main(["encode", put(tmp_path, ["0,1,2,3,4,5"], "a.log.csv"), *words_of(config, tmp_path / "b.log")]) == 0
+
+
+@pytest.mark.parametrize(
+    "columns", [["--columns", "time_s=t", "--columns", "current_A=-I"], ["--columns", "time_s=t,current_A=-I"]]
+)
+def test_columns_do_not_swallow_the_table(tmp_path, columns):
+    table = tmp_path / "map.csv"
+    table.write_text("t,I,coolant_inlet_C,surface_1_C,surface_3_C,surface_5_C\n0,5,25,26,27,28\n1,5,25,26,27,28\n")
+    config, log = write(tmp_path, OWN), tmp_path / "a.log"
+    assert main(["encode", *columns, str(table), *words_of(config, log)]) == 0
+    assert np.allclose(decode(log, config)["string_1_electrical.current"][1], -5.0)
+
+
+def test_help_names_the_columns_of_a_table(capsys):
+    assert main(["encode", "--help"]) == 0
+    out = capsys.readouterr().out
+    assert all(name in out for name in ["coolant_inlet_C", "surface_K_C", "cell_voltage_K_V", "discharge positive"])

@@ -175,3 +175,26 @@ def test_the_bench_record_reads_as_numpy_reads_it():
     assert np.array_equal(t.current_A, -oracle["I_A"])
     assert np.array_equal(t.surface_C[1], oracle["T_surf_C"])
     assert np.array_equal(t.core_C[1], oracle["T_core_C"])
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "says"),
+    [
+        ("t.csv.gz", GOOD.encode(), "not gzip data: leave .gz out of its name"),
+        ("t.csv.gz", gzip.compress(GOOD.encode())[:-9], "cut short or damaged"),
+        ("t.csv", None, "is a directory"),
+        ("t.parquet", None, "is a directory"),
+    ],
+)
+def test_a_packed_table_or_a_folder_says_what_is_wrong(tmp_path, name, content, says):
+    if content is None:
+        (tmp_path / name).mkdir()
+    else:
+        (tmp_path / name).write_bytes(content)
+    with pytest.raises(DataError, match=says):
+        read_table(tmp_path / name)
+
+
+def test_a_row_is_found_again_in_its_file(tmp_path):
+    t = read_table(put(tmp_path, "# from the bench\n" + GOOD))
+    assert [t.place(k) for k in range(3)] == ["line 3", "line 4", "line 5"]
