@@ -18,6 +18,9 @@ coordinates (`lumped`), Gauss–Newton minimises
   however sharply the equations would take it at its word.
 * W whitens sensor noise and slow model discrepancy.
 
+Cells are alike while the modes are sought; what their differences do to the mean and its band is reckoned at the mode
+(`evidence`), from one more simulation and one linear step.
+
 The sizes of b and of the discrepancy are chosen by the marginal likelihood with its determinants: a profile over the
 nuisances prefers whatever lets them swallow the data, and biases R_e by tens of per cent.
 """
@@ -28,6 +31,7 @@ import numpy as np
 
 from bms_gateway.identify.contract import log_prior, string_parameters
 from bms_gateway.identify.discrepancy import SIZES, TAUS, Whitener, white_sd
+from bms_gateway.identify.evidence import UNLIKE, Evidence, unlike
 from bms_gateway.identify.lumped import alias, lumped, lumped_jacobian
 from bms_gateway.identify.response import Inputs, Response, respond
 from bms_gateway.thermal import KINDS, Floats, StringModel, StringParameters, coolant_path
@@ -48,38 +52,6 @@ FRESH = ((5.0, 6.0, 1.0), (4.0, 4.0, 1.0))
 # K: sd of an unknown start: of T_s and of e; all alike, from end to end of the string, each by itself
 CARRIED = ((0.5, 0.5, 0.3), (1.0, 0.5, 0.3))  # K: the same where the window before ended there
 STEEP = 1.5  # largest step of a logarithm in one iteration
-UNLIKE = ("R_e", "R_u", "R_c")  # what differs from cell to cell, by the model's tolerances
-
-
-@dataclass(frozen=True, slots=True)
-class Evidence:
-    """What all data so far say of z, prior not included: ½ δᵀ info δ + (grad + cross u)ᵀ δ with δ = z − z0.
-
-    Attributes
-    ----------
-    z0, grad : ndarray (p,)
-    info : ndarray (p, p)
-    cross : ndarray (p, c)
-        What the gradient would be more, had the cells the departures u from their mean (`unlike_cells`), in sd.
-    """
-
-    z0: Floats
-    info: Floats
-    grad: Floats
-    cross: Floats
-
-    @classmethod
-    def none(cls, p: int, c: int) -> "Evidence":
-        """Before any data."""
-        return cls(np.zeros(p), np.zeros((p, p)), np.zeros(p), np.zeros((p, c)))
-
-    def forget(self, directions: Floats, sd: Floats) -> "Evidence":
-        """Marginalise a random step of `sd` (r,) along `directions` (p, r): exact, also where info is singular."""
-        along = self.info @ directions
-        gain = np.linalg.solve(np.diag(1.0 / sd**2) + directions.T @ along, along.T)
-        info = self.info - along @ gain
-        grad, cross = (g - gain.T @ (directions.T @ g) for g in (self.grad, self.cross))
-        return Evidence(self.z0, 0.5 * (info + info.T), grad, cross)
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,6 +140,8 @@ class _Problem:
 
     def __init__(self, model: StringModel, window: Window, evidence: Evidence, start: Floats | None) -> None:
         self.model, self.evidence = model, evidence
+        p = len(evidence.z0)
+        self.info, self.grad = np.ascontiguousarray(evidence.info[:p, :p]), evidence.grad[:p]
         self.names, self.prior_mean, prior_sd = log_prior(model)
         self.free = np.flatnonzero(prior_sd > 0.0)
         self.prior_info = np.zeros(len(prior_sd))
@@ -211,6 +185,13 @@ class _Problem:
             return True
         p = string_parameters(self.model, self.names, phi)
         return bool(np.all(p.R_u * p.C_f > 1.001))
+
+    def inside(self, phi: Floats, step: Floats) -> Floats:
+        """As much of `step` from a feasible φ as stays feasible."""
+        step = step * min(1.0, STEEP / max(float(np.max(np.abs(step))), STEEP))
+        while not self.feasible(there := np.clip(phi + step, self.low, self.high)):
+            step = step / 2.0
+        return np.asarray(there, dtype=np.float64)
 
     def simulate(self, phi: Floats, xi: Floats) -> tuple[Floats, Floats, Floats]:
         """Residual (K, m), its columns −∂r/∂(φ, ξ) (K, m, p + q), and (T_s, e) at the end (2n,)."""
@@ -268,14 +249,14 @@ class _Problem:
             lumped_jacobian(phi, self.model.has_conduction),
             lumped(phi, self.model.has_conduction) - self.evidence.z0,
         )
-        pull = self.evidence.info @ delta
-        H[:p, :p] += D.T @ self.evidence.info @ D
-        g[:p] += D.T @ (pull + self.evidence.grad)
+        pull = self.info @ delta
+        H[:p, :p] += D.T @ self.info @ D
+        g[:p] += D.T @ (pull + self.grad)
         info, off = self.nuisance_info(walk), xi - self.xi0
         H[p:, p:] += info
         g[p:] += info @ off
         prior = self.prior_info @ (phi - self.prior_mean) ** 2
-        cost += float(0.5 * delta @ pull + self.evidence.grad @ delta + 0.5 * off @ info @ off + 0.5 * prior)
+        cost += float(0.5 * delta @ pull + self.grad @ delta + 0.5 * off @ info @ off + 0.5 * prior)
         return _Point(phi, xi, *seen, H, g, cost)
 
     def at(self, phi: Floats, xi: Floats, whitener: Whitener, walk: float) -> _Point:
@@ -349,21 +330,38 @@ class _Problem:
         gain = np.linalg.solve(point.H[p:, p:], point.H[p:, :p])
         return point.H[:p, :p] - point.H[:p, p:] @ gain, point.g[:p] - gain.T @ point.g[p:]
 
-    def cross(self, point: _Point, sizes: _Sizes) -> Floats:
-        """Gradient over φ by the departures of single cells (p, c), nuisances integrated out as in `marginal`."""
-        p = self.p
+    def with_cells(self, point: _Point, sizes: _Sizes) -> tuple[Floats, Floats]:
+        """Information and gradient as of `marginal`, over φ and the departures u of single cells."""
+        p, r = self.p, len(point.g)
         base = string_parameters(self.model, self.names, point.phi)
-        sets = unlike_cells(base, STEP)
+        f = self.read(self.respond([base, *unlike(base, STEP)], point.xi).surface.transpose(1, 2, 0))
+        by_cell = ((f[:, :, 1:] - f[:, :, :1]) / STEP).reshape(*f.shape[:2], len(UNLIKE), self.model.cells)
+        by_cell = self.unlike_sd[:, None] * (by_cell - by_cell.mean(axis=3, keepdims=True))
+        columns = np.concatenate([point.columns, by_cell.reshape(*f.shape[:2], -1)], axis=2)
         W = Whitener.of(self.valid, sizes.white, sizes.slow, sizes.tau, self.inputs.dt)
-        f = self.read(self.respond([base, *sets], point.xi).surface.transpose(1, 2, 0))
-        both = W(np.concatenate([point.columns, (f[:, :, 1:] - f[:, :, :1]) / STEP], axis=2))
-        rows = both.reshape(-1, both.shape[2])
-        by_cell = (rows[:, : len(point.g)].T @ rows[:, len(point.g) :]).reshape(len(point.g), len(UNLIKE), -1)
-        by_cell = self.unlike_sd[:, None] * (by_cell - by_cell.mean(axis=2, keepdims=True))
-        g = by_cell.reshape(len(point.g), -1)
-        D = lumped_jacobian(point.phi, self.model.has_conduction)
-        gain = np.linalg.solve(point.H[p:, p:], point.H[p:, :p])
-        return np.asarray(g[:p] + D.T @ self.evidence.cross - gain.T @ g[p:], dtype=np.float64)
+        M = self.normal(point.residual, columns, W)
+        H, g = M[:-1, :-1].copy(), -M[:-1, -1]
+        H[:r, :r], g[:r] = point.H, point.g
+        carried, delta = self.evidence, lumped(point.phi, self.model.has_conduction) - self.evidence.z0
+        cross = lumped_jacobian(point.phi, self.model.has_conduction).T @ carried.info[:p, p:]
+        H[:p, r:] += cross
+        H[r:, :p] += cross.T
+        H[r:, r:] += carried.info[p:, p:]
+        g[r:] += carried.info[p:, :p] @ delta + carried.grad[p:]
+        kept = np.r_[:p, r : len(g)]
+        gain = np.linalg.solve(H[p:r, p:r], H[p:r, kept])
+        return H[np.ix_(kept, kept)] - H[kept, p:r] @ gain, g[kept] - gain.T @ g[p:r]
+
+    def mean_of_cells(self, point: _Point, info: Floats, grad: Floats) -> tuple[Floats, Floats]:
+        """Step of φ from the mode, and covariance there, with u integrated out of `with_cells`."""
+        p, own = self.p, info[self.p :, self.p :] + np.eye(len(grad) - self.p)
+        gain = np.linalg.solve(own, info[p:, :p])
+        H = info[:p, :p] + np.diag(self.prior_info) - info[:p, p:] @ gain
+        g = grad[:p] + self.prior_info * (point.phi - self.prior_mean) - gain.T @ grad[p:]
+        cov = np.zeros((p, p))
+        cov[np.ix_(self.free, self.free)] = np.linalg.inv(H[np.ix_(self.free, self.free)])
+        cov = 0.5 * (cov + cov.T)
+        return -cov @ g, cov
 
     def covariance(self, point: _Point) -> Floats:
         """Posterior covariance of φ at a mode; zero for what is fixed."""
@@ -373,17 +371,6 @@ class _Problem:
         part = np.ix_(self.free, self.free)
         cov[part] = np.linalg.inv(post[part])
         return 0.5 * (cov + cov.T)
-
-
-def departures(model: StringModel) -> int:
-    """How many departures of single cells there are (c): one cell is its own mean."""
-    return len(UNLIKE) * model.cells if model.cells > 1 else 0
-
-
-def unlike_cells(p: StringParameters, step: float) -> list[StringParameters]:
-    """Strings in which one logarithm of one cell is more by `step`: all cells of `UNLIKE[0]`, then of the next."""
-    factors = np.exp(step * np.eye(p.cells))
-    return [replace(p, **{s: getattr(p, s) * factor}) for s in UNLIKE for factor in factors]
 
 
 def _warming(y: Floats) -> Floats:
@@ -431,16 +418,16 @@ def fit_window(model: StringModel, window: Window, evidence: Evidence, guess: Fl
         point = problem.minimise(point.phi, point.xi, sizes, 1.0, 10)
     point, mean, cov, other = _both_roots(problem, point, sizes)
     info, grad = problem.marginal(point)
-    cross = problem.evidence.cross
     if model.cells > 1:
-        cross = problem.cross(point, sizes)
-        pull = problem.covariance(point) @ cross
-        cov = cov + pull @ pull.T
-    back = np.linalg.inv(lumped_jacobian(point.phi, model.has_conduction))
+        info, grad = problem.with_cells(point, sizes)
+        step, wider = problem.mean_of_cells(point, info, grad)
+        mean, cov = problem.inside(mean, step), cov + wider - problem.covariance(point)
+    back = np.eye(len(grad))
+    back[: problem.p, : problem.p] = np.linalg.inv(lumped_jacobian(point.phi, model.has_conduction))
     info_z = back.T @ info @ back
     rms = float(np.sqrt(np.nanmean(point.residual**2))) if problem.valid.any() else np.nan
     return Fit(
-        Evidence(lumped(point.phi, model.has_conduction), 0.5 * (info_z + info_z.T), back.T @ grad, back.T @ cross),
+        Evidence(lumped(point.phi, model.has_conduction), 0.5 * (info_z + info_z.T), back.T @ grad),
         point.phi, mean, cov, point.end, other, sizes.walk, sizes.white, sizes.slow, sizes.tau, rms,
     )  # fmt: skip
 

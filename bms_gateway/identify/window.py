@@ -22,8 +22,9 @@ from bms_gateway.identify.contract import (
     log_prior,
     not_identifiable,
 )
+from bms_gateway.identify.evidence import Evidence, departures
 from bms_gateway.identify.lumped import R_E, R_U, fold_distance, fold_gradient, lumped_jacobian
-from bms_gateway.identify.posterior_fit import WALK_S, Evidence, Fit, Window, departures, fit_window
+from bms_gateway.identify.posterior_fit import WALK_S, Fit, Window, fit_window
 from bms_gateway.thermal import KINDS, Floats, StringModel
 
 HOLD_CURRENT_S = 10.0  # a lost current is bridged so long: it cannot hide a drive
@@ -159,7 +160,9 @@ class WindowIdentifier:
         if self._windows:
             part = np.sqrt(len(ticks) * ticks[0].dt / WALK_S)
             steps = np.array([max(self._walk, 0.01), self._settings.cooling_drift]) * part
-            evidence = evidence.forget(lumped_jacobian(self._guess, self._model.has_conduction)[:, [R_E, R_U]], steps)
+            along = np.zeros((len(evidence.grad), 2))
+            along[: len(self._names)] = lumped_jacobian(self._guess, self._model.has_conduction)[:, [R_E, R_U]]
+            evidence = evidence.forget(along, steps)
         self._pending = True
         if full:  # the next window runs on from this one's last instant
             self._inlet = [float(inlet[-1])]
@@ -219,7 +222,6 @@ class WindowIdentifier:
             "z0": e.z0,
             "info": e.info,
             "grad": e.grad,
-            "cross": e.cross,
             "mean": self._mean,
             "cov": self._cov,
             "guess": self._guess,
@@ -245,12 +247,12 @@ class WindowIdentifier:
         if state.get("method") != "window" or state.get("names") != list(self._names):
             raise StateError("identified parameters: the stored state is of another method or string; starting anew")
         p = len(self._names)
-        shapes: dict[str, tuple[int, ...]] = dict.fromkeys(("z0", "grad", "mean", "guess"), (p,))
-        shapes |= {"info": (p, p), "cov": (p, p), "cross": self._evidence.cross.shape}
+        c = p + departures(self._model)
+        shapes = {"z0": (p,), "mean": (p,), "guess": (p,), "grad": (c,), "info": (c, c), "cov": (p, p)}
         vectors = {k: np.array(state[k], dtype=np.float64) for k in shapes}
         if any(v.shape != shapes[k] or not np.isfinite(v).all() for k, v in vectors.items()):
             raise StateError("identified parameters: the stored state is damaged; starting anew")
-        self._evidence = Evidence(vectors["z0"], vectors["info"], vectors["grad"], vectors["cross"])
+        self._evidence = Evidence(vectors["z0"], vectors["info"], vectors["grad"])
         self._mean, self._cov, self._guess = vectors["mean"], vectors["cov"], vectors["guess"]
         self._other_root, self._walk = float(state["other_root"]), float(state["walk"])
         self._windows, self._from_voltage = int(state["windows"]), bool(state["from_voltage"])

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from bms_gateway.identify.evidence import Evidence
 from bms_gateway.identify.lumped import alias, fold_distance, fold_gradient, lumped, lumped_jacobian
-from bms_gateway.identify.posterior_fit import Evidence
 from bms_gateway.identify.response import Inputs, respond
 from bms_gateway.thermal import StringParameters
 from tests.truth.cycle import repeated
@@ -84,7 +84,7 @@ def test_forgetting_equals_adding_the_steps_covariance():
     A = rng.normal(size=(4, 4))
     info, grad = A @ A.T + np.eye(4), rng.normal(size=4)
     G, sd = rng.normal(size=(4, 2)), np.array([0.3, 0.1])
-    after = Evidence(np.zeros(4), info, grad, np.zeros((4, 0))).forget(G, sd)
+    after = Evidence(np.zeros(4), info, grad).forget(G, sd)
     cov = np.linalg.inv(info) + G @ np.diag(sd**2) @ G.T
     assert np.allclose(after.info, np.linalg.inv(cov))
     assert np.allclose(np.linalg.solve(after.info, after.grad), np.linalg.solve(info, grad))  # the mean stays
