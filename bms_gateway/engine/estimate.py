@@ -27,6 +27,7 @@ AVAILABLE_SD_K = 12.0
 """A core known no better than this is sent as not available: no decision can be built on it, and the DBC ends there."""
 
 
+ADOPT_NS = 60_000_000_000  # the recursive method moves with every tick; the observer's matrices need not
 GOOD_SD = 0.1  # relative; an electrical resistance known worse than this is still being learnt
 CAPACITY_AH = 8.0  # where the model file does not say; the voltage's slope needs its order of magnitude only
 
@@ -183,8 +184,9 @@ class Estimators:
             job = s.identifier.add(Tick(t1, self._dt + self._gap_s, r.means.I2, float(heat[j]), r.inlet, r.y, r.age))
             if job is not None:
                 result.jobs.append((i, job))
-            elif s.plan.identify == "rls":
+            elif s.plan.identify == "rls" and t1 % ADOPT_NS == 0:
                 self._adopt(group, j)
+                result.events.append(Parameters(t1, s.plan.name, s.estimates))
 
     def _adopt(self, group: Group, j: int) -> None:
         """Give the observer what the identifier knows now."""

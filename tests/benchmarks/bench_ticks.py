@@ -20,7 +20,7 @@ from bms_gateway.observe import AdaptiveObserver
 from bms_gateway.thermal import Prior, StringModel
 
 CELLS = 12
-SETTLE = 60  # steps until gains are steady
+SETTLE = 600  # steps until the covariance goes in long strides
 STEPS, ROUNDS = 50, 7
 
 
@@ -57,7 +57,8 @@ def main() -> None:
     for cells in (60, 1_000, 10_000):
         us = [1e6 * s for s in tick_seconds(math.ceil(cells / CELLS))]
         table[cells] = {"median_us": statistics.median(us), "min_us": min(us), "max_us": max(us)}
-        print(f"{cells:>6} cells: {statistics.median(us):8.0f} us a tick (min {min(us):.0f}, max {max(us):.0f})")
+        spread = f"rounds of {STEPS}: {min(us):.0f} to {max(us):.0f}"
+        print(f"{cells:>6} cells: {statistics.median(us):8.0f} us a tick ({spread})")
     exponent = math.log10(table[10_000]["median_us"] / table[1_000]["median_us"])
     print(f"growth exponent from 1,000 to 10,000 cells: {exponent:.2f}")
     if "--json" in sys.argv:

@@ -1,13 +1,14 @@
 """The engine: one stream however frames come, silence and restarts as one step, no fault of the bus gets out."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bms_gateway.engine import Engine, Estimated, Notice, SendFrames, StartJob, drain, drive
+from bms_gateway.engine import Engine, Estimated, Notice, Parameters, SendFrames, StartJob, drain, drive
 from bms_gateway.errors import StateError
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.own import own_signal
@@ -211,3 +212,15 @@ def test_a_sensor_that_dies_is_told_once_marks_its_cell_and_widens_the_band() ->
     assert last.quality.tolist() == [Quality.STALE, Quality.ESTIMATED, Quality.ESTIMATED, Quality.STALE]
     assert healthy.quality[0] == Quality.GOOD
     assert (last.core_sd > healthy.core_sd).all()
+
+
+def test_the_recursive_method_tells_its_parameters_once_a_minute() -> None:
+    by_rls = replace(plan(1), strings=tuple(replace(s, identify="rls") for s in plan(1).strings))
+    told = [
+        e.time_ns // S - EPOCH_S
+        for e in drive(Engine(by_rls, database()), [traffic(200, strings=1)])
+        if isinstance(e, Parameters)
+    ]
+    assert told[0] == 1  # what is known at the start
+    assert all(t % 60 == 40 for t in told[1:])  # whole minutes of bus time
+    assert len(told) == 4
