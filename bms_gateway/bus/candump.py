@@ -24,6 +24,7 @@ PAD: Final = 32  # bytes around a block, so that no word leaves it
 LAYOUTS: Final = 8  # of stamps in one block (number of digits); lines with still others are read one by one
 NAMED: Final = 20  # broken lines kept with number and text
 LATEST_S: Final = 9_000_000_000  # year 2255; later seconds do not fit 64 bits of ns
+CUT_SHORT: Final = "the gzip data end too early or are damaged: the rest is lost"
 
 _BAD = 0x80
 _NIBBLES = bytes(int(chr(c), 16) if chr(c) in "0123456789abcdefABCDEF" else _BAD for c in range(256))

@@ -16,7 +16,7 @@ from itertools import islice
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Final
 
-from bms_gateway.bus.candump import LogNotes
+from bms_gateway.bus.candump import CUT_SHORT, LogNotes
 from bms_gateway.bus.message import to_batch
 from bms_gateway.errors import DataError, MissingExtraError
 from bms_gateway.frames.batch import FrameBatch
@@ -104,7 +104,8 @@ def _messages(path: Path, kind: str, notes: LogNotes) -> Iterator["can.Message"]
 
     make_reader, *own_errors = _reader(kind)
     broken = (*BROKEN, can.CanError, BLFParseError, *own_errors)
-    opened = gzip.open if path.suffix.lower() == ".gz" else open
+    packed = path.suffix.lower() == ".gz"
+    opened = gzip.open if packed else open
     lines: _Lines | None = None
     source: Any
     if kind in (".blf", ".mf4"):
@@ -124,6 +125,9 @@ def _messages(path: Path, kind: str, notes: LogNotes) -> Iterator["can.Message"]
                     in_a_row = 0
                     yield message
             except broken as error:
+                if lines is not None and packed and isinstance(error, EOFError | zlib.error):
+                    notes.note_broken(lines.number + 1, CUT_SHORT)
+                    return
                 in_a_row += 1
                 number = record + notes.broken + 1 if lines is None else lines.number
                 notes.note_broken(number, str(error) or type(error).__name__)

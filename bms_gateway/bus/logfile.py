@@ -8,7 +8,8 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import BinaryIO, Final
 
-from bms_gateway.bus.candump import LogNotes, format_block, parse_block
+from bms_gateway.bus.candump import CUT_SHORT, LogNotes, format_block, parse_block
+from bms_gateway.bus.sniff import misnamed
 from bms_gateway.bus.whole import whole
 from bms_gateway.errors import DataError, UsageError
 from bms_gateway.frames.batch import FrameBatch
@@ -49,10 +50,16 @@ def read_log(path: Path | str, *, chunk: int = CHUNK, notes: LogNotes | None = N
     """
     path = Path(path)
     notes = LogNotes() if notes is None else notes
+    if path.is_dir():
+        raise UsageError(f"{path}: is a directory; expected a log")
     kind = _kind(path)
-    if not path.is_file():
+    if not path.exists():
         raise UsageError(f"no such log: {path}{_nearest_file(path)}")
+    if not path.is_file():
+        raise UsageError(f"{path}: is no plain file; expected a log")
     try:
+        if problem := misnamed(path, kind):
+            raise DataError(f"{path}: {problem}")
         if kind in CANDUMP:
             yield from _read_candump(path, chunk, notes)
         else:
@@ -63,6 +70,8 @@ def read_log(path: Path | str, *, chunk: int = CHUNK, notes: LogNotes | None = N
         raise DataError(f"{path}: cannot be read ({error.strerror or error})") from None
     if notes.broken and not notes.frames + notes.remote + notes.errors:
         number, text = notes.broken_at[0]
+        if text == CUT_SHORT:
+            raise DataError(f"{path}: {CUT_SHORT}; nothing before can be read")
         raise DataError(f"{path}, line {number}: not a {kind} log: {text!r}")
 
 
@@ -127,9 +136,8 @@ def _read_candump(path: Path, chunk: int, notes: LogNotes) -> Iterator[FrameBatc
     carry = b""
     line = 1
     with path.open("rb") as file:
-        for block in (
-            _gunzip(file, chunk, notes) if path.suffix.lower() == ".gz" else iter(lambda: file.read(chunk), b"")
-        ):
+        unpacked = _Gunzip(file, chunk) if path.suffix.lower() == ".gz" else None
+        for block in unpacked or iter(lambda: file.read(chunk), b""):
             text = carry + block
             cut = text.rfind(b"\n") + 1
             carry = text[cut:]
@@ -140,27 +148,41 @@ def _read_candump(path: Path, chunk: int, notes: LogNotes) -> Iterator[FrameBatc
                 line += lines
                 if len(frames):
                     yield frames
-    if carry:
+    if unpacked is not None and unpacked.cut_short:
+        # what is left of the last line may look like a whole, shorter frame
+        notes.note_broken(line, CUT_SHORT)
+    elif carry:
         frames, _ = parse_block(carry, line, notes)
         if len(frames):
             yield frames
 
 
-def _gunzip(file: BinaryIO, chunk: int, notes: LogNotes) -> Iterator[bytes]:
-    """Unpack in bounded pieces; of a damaged file all that is before the damage."""
-    unpack, begun, left = zlib.decompressobj(wbits=31), False, b""
-    while packed := unpack.unconsumed_tail or left or file.read(1 << 16):
-        try:
-            block = unpack.decompress(packed, chunk)
-        except zlib.error as error:
-            notes.note_broken(0, f"damaged gzip data, the rest is lost ({error})")
-            return
-        begun, left = True, b""
-        if unpack.eof:  # files joined end to end are valid gzip
-            begun, left, unpack = False, unpack.unused_data, zlib.decompressobj(wbits=31)
-        if block:
-            yield block
-    if rest := unpack.flush():
-        yield rest
-    if begun and not unpack.eof:
-        notes.note_broken(0, "gzip data end too early, the rest is lost")
+class _Gunzip:
+    """Unpacked data in bounded pieces; of a damaged file all that is before the damage.
+
+    Attributes
+    ----------
+    cut_short : bool
+        Known at the end: the data were damaged or ended too early.
+    """
+
+    def __init__(self, file: BinaryIO, chunk: int) -> None:
+        self._file, self._chunk = file, chunk
+        self.cut_short = False
+
+    def __iter__(self) -> Iterator[bytes]:
+        unpack, begun, left = zlib.decompressobj(wbits=31), False, b""
+        while packed := unpack.unconsumed_tail or left or self._file.read(1 << 16):
+            try:
+                block = unpack.decompress(packed, self._chunk)
+            except zlib.error:
+                self.cut_short = True
+                return
+            begun, left = True, b""
+            if unpack.eof:  # files joined end to end are valid gzip
+                begun, left, unpack = False, unpack.unused_data, zlib.decompressobj(wbits=31)
+            if block:
+                yield block
+        if rest := unpack.flush():
+            yield rest
+        self.cut_short = begun and not unpack.eof

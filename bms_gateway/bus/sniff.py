@@ -1,0 +1,73 @@
+"""What kind of log a file is by its first bytes, for files with a wrong name."""
+
+import re
+import zlib
+from pathlib import Path
+from typing import Final
+
+HEAD: Final = 4096  # bytes that are looked at
+_CANDUMP = re.compile(rb"\(\d+\.\d+\)\s+\S+\s+[0-9A-Fa-f]{3,8}#")
+# candump on a screen: `can0  123   [8]  11 22`, with -t a stamp before it; without -L in a pipe: `can0 123#1122`
+_SCREEN = re.compile(rb"(\(\S+( \S+)?\)\s+)?\S+\s+([RT]X\s+\S+\s+\S+\s+)?[0-9A-Fa-f]{3,8}\s+\[\d+\](\s|$)")
+_NO_STAMP = re.compile(rb"[A-Za-z]\S*\s+[0-9A-Fa-f]{3,8}#")
+_STARTS: Final = (
+    (b"LOGG", ".blf"),
+    (b"MDF     ", ".mf4"),
+    (b"date ", ".asc"),
+    (b";$FILEVERSION", ".trc"),
+    (b"timestamp,arbitration_id,", ".csv"),
+)
+_SOFTWARE: Final = {".log": "candump", ".asc": "Vector ASC", ".blf": "Vector BLF", ".trc": "PEAK TRC"}
+
+
+def misnamed(path: Path, kind: str) -> str | None:
+    """Tell what is in a file that its name does not say.
+
+    Parameters
+    ----------
+    path : Path
+    kind : str
+        Format by its name, such as ".log".
+
+    Returns
+    -------
+    str or None
+        What it is and what to do; None where it is what the name says, or nothing known.
+
+    Raises
+    ------
+    OSError
+        The file cannot be read.
+    """
+    packed = path.suffix.lower() == ".gz"
+    with path.open("rb") as file:
+        raw = file.read(HEAD)
+    if packed and raw and not raw.startswith(b"\x1f\x8b"):
+        return "not gzip data: leave .gz out of its name"
+    if raw.startswith(b"\x1f\x8b") and not packed:
+        return "this is gzip data: end its name with .gz"
+    found = _kind(_unpacked(raw) if packed else raw)
+    if found == "screen":
+        return "this is candump's output without exact time stamps: record with candump -l or -L"
+    if found is None or found == kind:
+        return None
+    what = f"a {_SOFTWARE[found]} log" if found in _SOFTWARE else f"a {found} log"
+    return f"this is {what}: name it {found}{'.gz' if packed else ''}"
+
+
+def _unpacked(raw: bytes) -> bytes:
+    try:
+        return zlib.decompressobj(wbits=31).decompress(raw, HEAD)
+    except zlib.error:
+        return b""
+
+
+def _kind(head: bytes) -> str | None:
+    text = head.removeprefix(b"\xef\xbb\xbf").lstrip()
+    for start, kind in _STARTS:
+        if text.startswith(start):
+            return kind
+    lines = [line.strip() for line in text.splitlines()[:20] if line.strip()]
+    if any(map(_CANDUMP.match, lines)):
+        return ".log"
+    return "screen" if any(_SCREEN.match(x) or _NO_STAMP.match(x) for x in lines) else None
