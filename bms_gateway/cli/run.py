@@ -42,9 +42,15 @@ def run(args: argparse.Namespace) -> int:
     log = logging.getLogger("bms_gateway.run")
     loaded = load_config(args.config)
     store = StateStore(loaded.store) if loaded.store else None
-    engine = _resumed(loaded, store, log)
+    engine = engine_of(loaded, _stored(store, log), log)
     port = _port(loaded, engine)
-    gateway = Gateway(engine, port, save=_saver(store, log) if store else None)
+
+    def reload() -> "Engine":
+        nonlocal engine
+        engine = reloaded(args.config, engine, log)
+        return engine
+
+    gateway = Gateway(engine, port, save=_saver(store, log) if store else None, reload=reload)
     log.info("listening on %s: %d strings", loaded.config.bus.channel, len(loaded.plan.strings))
     try:
         asyncio.run(gateway.run(seconds=args.seconds))
@@ -53,24 +59,47 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _resumed(loaded: "LoadedConfig", store: "StateStore | None", log: Any) -> "Engine":
-    """Engine with the stored state, or, where that cannot be used, a fresh one and a line that says why."""
+def _stored(store: "StateStore | None", log: Any) -> "Mapping[str, Any] | None":
+    """Newest stored state that can be trusted, and a line on each that could not."""
+    if store is None:
+        return None
+    found = store.load()
+    for problem in found.problems:
+        log.warning("%s", problem)
+    return found.state
+
+
+def engine_of(loaded: "LoadedConfig", state: "Mapping[str, Any] | None", log: Any) -> "Engine":
+    """Engine of a config with a state taken up, or, where that cannot be used, a fresh one and a line that says why."""
     from bms_gateway.engine import Engine
     from bms_gateway.errors import StateError
 
     engine = Engine(loaded.plan, loaded.database)
-    if store is None:
-        return engine
-    found = store.load()
-    for problem in found.problems:
-        log.warning("%s", problem)
-    if found.state is None:
+    if state is None:
         return engine
     try:
-        engine.restore(found.state)
+        engine.restore(state)
     except StateError as e:
         log.warning("%s; starting from the model files", e)
         return Engine(loaded.plan, loaded.database)
+    return engine
+
+
+def reloaded(config: Path, running: "Engine", log: Any) -> "Engine":
+    """Engine of the config as it is now, going on from the running one.
+
+    Raises
+    ------
+    ConfigError
+        The config is wrong, or needs another port than the one that is open.
+    """
+    from bms_gateway.config.load import load_config
+    from bms_gateway.errors import ConfigError
+
+    loaded = load_config(config)
+    engine = engine_of(loaded, running.snapshot(), log)
+    if engine.can_ids.tolist() != running.can_ids.tolist() or engine.sends != running.sends:
+        raise ConfigError(f"{config}: reads or sends other identifiers than before: restart the service")
     return engine
 
 

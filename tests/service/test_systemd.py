@@ -155,6 +155,20 @@ def test_it_gets_ready_estimates_survives_and_stops_cleanly(service, pack):
     time.sleep(5)
     assert prop("NRestarts") == "0"
 
+    # a reload: a wrong config is refused, a right one taken, the process stays
+    config = CONFIG.read_text()
+    try:
+        CONFIG.write_text(config.replace("channel", "chanel"))
+        subprocess.run(["systemctl", "reload", UNIT], check=False)
+        until(lambda: "not reloaded, going on as before" in journal(), "refusal of the wrong config")
+        CONFIG.write_text(config.replace("# [observer]", "[observer]\nheat_cell_W = 0.3\n#"))
+        sh("systemctl", "reload", UNIT)
+        until(lambda: journal().rstrip().endswith("reloaded"), "reload")
+    finally:
+        CONFIG.write_text(config)
+    assert (int(prop("MainPID")), prop("NRestarts")) == (pid, "0")
+    until(lambda: len(own_frames(3).get("gateway_status", [])) >= 2, "our own frames after the reload")
+
     # a hang: everything stands still
     os.kill(pid, 19)
     until(lambda: prop("NRestarts") == "1" and prop("ActiveState") == "active", "restart by the watchdog")
