@@ -1,11 +1,12 @@
 """`check`: tells whether a config is sound and whether the cores of every string can be told from its sensors."""
 
 import argparse
+import os
 from pathlib import Path
 from typing import Any
 
 from bms_gateway.cli.main import Parser
-from bms_gateway.cli.output import distinct, say, writable, write_json
+from bms_gateway.cli.output import distinct, note, say, writable, write_json
 
 EXAMPLE = """\
   bms-gateway check gateway.toml
@@ -51,11 +52,15 @@ def run(args: argparse.Namespace) -> int:
                 "signals": {_label(c.quantity, c.cell): c.signal or f"constant {c.constant:g}" for c in s.channels},
             }
         )
+    problem = _unstorable(loaded.store)
+    if problem:
+        note(f"{args.config}: store.path: {problem}: the state would not be kept here")
     blind = [s["name"] for s in strings if not s["observable"]]
     if args.json:
         bus = loaded.config.bus
         document = {"ok": not blind, "config": args.config, "channel": bus.channel, "transmit": plan.transmit}
-        write_json(args.json, document | {"store": str(loaded.store) if loaded.store else None, "strings": strings})
+        store = {"store": str(loaded.store) if loaded.store else None, "store_problem": problem}
+        write_json(args.json, document | store | {"strings": strings})
     rows = [
         [
             s["name"],
@@ -77,6 +82,16 @@ def run(args: argparse.Namespace) -> int:
         return 1
     say(f"{args.config}: sound", args.json)
     return 0
+
+
+def _unstorable(store: Path | None) -> str | None:
+    """Tell why no state can be kept in a directory, if so; one that is not there yet is made by the service."""
+    if store is None:
+        return None
+    there = next(p for p in (store.absolute(), *store.absolute().parents) if os.path.lexists(p))
+    if not there.is_dir():
+        return f"{there} is no directory"
+    return None if os.access(there, os.W_OK | os.X_OK) else f"{there} cannot be written by this user"
 
 
 def _label(quantity: str, cell: int | None) -> str:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from bms_gateway.config.model_file import read_model
 from bms_gateway.config.schema import GatewayConfig, Signals, Source, String
-from bms_gateway.config.toml import read_toml, validate
+from bms_gateway.config.toml import nearest_file, read_toml, validate
 from bms_gateway.config.units import signal_conversion
 from bms_gateway.engine.plan import Channel, Plan, Quantity, StringPlan
 from bms_gateway.errors import ConfigError, did_you_mean
@@ -211,7 +211,10 @@ class _Wiring:
             info = self.database.resolve(source.signal)
         except ConfigError as e:
             raise ConfigError(f"{key}: {e}") from None
-        scale, offset = signal_conversion(quantity, info.unit)
+        try:
+            scale, offset = signal_conversion(quantity, info.unit)
+        except ConfigError as e:
+            raise ConfigError(f"{key}: '{source.signal}': {e}") from None
         if scale != 1.0 and abs(source.scale) == scale:
             raise ConfigError(
                 f"{key}: the DBC gives '{source.signal}' in {info.unit}, which is converted without a scale; "
@@ -260,9 +263,12 @@ def _limits(where: str, config: GatewayConfig) -> None:
 def _file(config: Path, name: str, key: str) -> Path:
     """Find a file that the config names, relative to it."""
     file = config.parent / name
+    if file.is_dir():
+        raise ConfigError(f"{config}: {key}: {str(file)!r} is a directory; expected a file")
+    if not file.exists():
+        raise ConfigError(f"{config}: {key}: no file {str(file)!r}{nearest_file(file)}")
     if not file.is_file():
-        beside = [p.name for p in file.parent.iterdir() if p.suffix == file.suffix] if file.parent.is_dir() else []
-        raise ConfigError(f"{config}: {key}: no file {str(file)!r}{did_you_mean(file.name, beside)}")
+        raise ConfigError(f"{config}: {key}: {str(file)!r} is no plain file")
     return file
 
 

@@ -1,14 +1,16 @@
 """The gateway's config file as pydantic values: keys, types, ranges and defaults; nothing is read or resolved here."""
 
-from typing import Any, Literal
+import re
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from bms_gateway.config.toml import Section
 from bms_gateway.thermal import Disturbance
 
-NAME = r"^[A-Za-z0-9_.-]+$"
+NAME = re.compile(r"[A-Za-z0-9_.-]+")
 """Names of strings go into CSV columns, metrics and file names."""
+IFNAMSIZ = 15  # most bytes of a network interface's name in Linux
 
 
 class Source(Section):
@@ -70,10 +72,17 @@ class String(Section):
         Where this string is to be identified otherwise than `[identify]` says.
     """
 
-    name: str = Field(pattern=NAME, max_length=64)
-    model: str
+    name: str = Field(min_length=1, max_length=64)
+    model: str = Field(min_length=1)
     identify: Method | None = None
     signals: Signals | None = None
+
+    @field_validator("name")
+    @classmethod
+    def _plain(cls, name: str) -> str:
+        if not NAME.fullmatch(name):
+            raise ValueError(f"{name!r}: valid are letters A-Z and a-z, digits, '_', '-' and '.'")
+        return name
 
 
 class Bus(Section):
@@ -86,10 +95,21 @@ class Bus(Section):
     """
 
     interface: str = "socketcan"
-    channel: str = "vcan0"
-    dbc: list[str] = Field(default_factory=list)
+    channel: str = Field(default="vcan0", min_length=1)
+    dbc: list[Annotated[str, Field(min_length=1)]] = Field(default_factory=list)
     transmit: bool = True
     receive_buffer: int = Field(default=2 << 20, ge=4096, le=1 << 30)
+
+    @model_validator(mode="after")
+    def _name_of_linux(self) -> "Bus":
+        if self.interface == "socketcan":
+            if len(self.channel.encode()) > IFNAMSIZ:
+                raise ValueError(f"channel: {self.channel!r}: a SocketCAN interface has at most {IFNAMSIZ} characters")
+            if "/" in self.channel or any(c.isspace() for c in self.channel):
+                raise ValueError(
+                    f"channel: {self.channel!r}: a SocketCAN interface has no blank and no '/' in its name"
+                )
+        return self
 
 
 class Identify(Section):
@@ -101,7 +121,7 @@ class Identify(Section):
 class Store(Section):
     """`[store]`: without a path systemd's StateDirectory is used, and without that nothing is stored."""
 
-    path: str | None = None
+    path: str | None = Field(default=None, min_length=1)
 
 
 _UNKNOWN = Disturbance()
@@ -147,6 +167,16 @@ class GatewayConfig(Section):
     store: Store = Store()
     observer: Observer = Observer()
     engine: EngineSection = EngineSection()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _a_list_of_tables(cls, given: Any) -> Any:
+        strings = given.get("string") if isinstance(given, dict) else None
+        if isinstance(strings, dict):
+            raise ValueError("string: write [[string]], in double brackets: there may be several")  # noqa: TRY004 — what pydantic takes
+        if strings == []:
+            raise ValueError("string: needs at least one [[string]]")
+        return given
 
     @model_validator(mode="after")
     def _names_differ(self) -> "GatewayConfig":

@@ -2,6 +2,7 @@
 
 import re
 import tomllib
+from difflib import get_close_matches
 from pathlib import Path
 from types import UnionType
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin
@@ -38,24 +39,39 @@ def parse_toml(text: str, where: str) -> dict[str, Any]:
         raise ConfigError(f"{where}: not valid TOML: {one_line(str(e))}") from None
 
 
-def read_text(path: Path, encoding: str = "utf-8") -> str:
-    """Read a text file of the user.
+def read_text(path: Path) -> str:
+    """Read a text file of the user; the mark that Windows puts before UTF-8 is passed over.
 
     Raises
     ------
     ConfigError
-        Missing, unreadable or not text in that encoding.
+        Missing, unreadable, empty or not UTF-8.
     """
     try:
-        return path.read_text(encoding=encoding)
+        text = path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
-        parent = path.parent
-        beside = [p.name for p in parent.iterdir() if p.suffix == path.suffix] if parent.is_dir() else []
-        raise ConfigError(f"{path}: no such file{did_you_mean(path.name, beside)}") from None
+        raise ConfigError(f"{path}: no such file{nearest_file(path)}") from None
+    except IsADirectoryError:
+        raise ConfigError(f"{path}: is a directory; expected a file") from None
     except UnicodeDecodeError as e:
-        raise ConfigError(f"{path}: not {encoding} text (byte {e.start})") from None
+        raise ConfigError(f"{path}: not UTF-8 text (byte {e.start})") from None
     except OSError as e:
         raise ConfigError(f"{path}: cannot be read: {e.strerror}") from None
+    if not text.strip():
+        raise ConfigError(f"{path}: is empty")
+    return text
+
+
+def nearest_file(path: Path) -> str:
+    """Tell the nearest name in the same folder, else the files of the same kind, as the end of an error line."""
+    try:
+        beside = sorted(p.name for p in path.parent.iterdir() if p.is_file())
+    except FileNotFoundError:
+        return f" (no such folder: {path.parent})"
+    except OSError:  # a folder that may not be looked into gives no advice
+        return ""
+    near = get_close_matches(path.name, beside, n=1)
+    return did_you_mean(path.name, near or [name for name in beside if Path(name).suffix == path.suffix])
 
 
 def one_line(text: str) -> str:
@@ -111,6 +127,8 @@ def _line(schema: type[BaseModel], fault: Any) -> str:
         return f"{key}: missing"
     if kind in ("model_type", "model_attributes_type", "dict_type"):
         return f"{key}: expected a table, got {given!r}"
+    if kind == "string_too_short":
+        return f"{key}: must not be empty"
     if kind == "literal_error":
         return f"{key}: {given!r} is not known{did_you_mean(str(given), [str(c) for c in _choices(_at(schema, loc))])}"
     message = one_line(str(fault["msg"])).removeprefix("Value error, ")

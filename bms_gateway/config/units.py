@@ -47,9 +47,30 @@ _SIGNAL_UNITS: Mapping[str, Mapping[str, tuple[float, float]]] = MappingProxyTyp
             "degf": (5 / 9, -160 / 9),
             "°f": (5 / 9, -160 / 9),
             "f": (5 / 9, -160 / 9),
+            "deg f": (5 / 9, -160 / 9),
+            "fahrenheit": (5 / 9, -160 / 9),
         },
     }
 )
+# What DBC files print for each kind, lower case; `other` is what no quantity here is measured in.
+_KNOWN_UNITS: Mapping[str, frozenset[str]] = MappingProxyType(
+    {
+        "current": frozenset({"a", "ma", "ka", "amp", "amps", "ampere", "amperes"}),
+        "voltage": frozenset({"v", "mv", "kv", "volt", "volts"}),
+        "temperature": frozenset(
+            {"c", "°c", "degc", "deg c", "celsius", "k", "kelvin", "f", "°f", "degf", "deg f", "fahrenheit"}
+        ),
+        "soc": frozenset({"%", "percent"}),
+        "coolant_flow": frozenset(
+            {"m3/s", "m^3/s", "m³/s", "m³/h", "m3/h", "m^3/h", "l/s", "l/min", "l/h", "lpm", "kg/s"}
+        ),
+        "other": frozenset(
+            {"ohm", "mohm", "ω", "mω", "k/w", "w", "kw", "wh", "kwh", "ah", "mah", "s", "ms", "hz", "rpm", "1/min"}
+            | {"m/s", "km/h", "kph", "mph", "nm", "bar", "mbar", "psi", "pa", "kpa", "g", "kg", "m", "mm", "km"}
+        ),
+    }
+)
+_CALLED = {"current": "a current", "voltage": "a voltage", "temperature": "a temperature", "soc": "a state of charge"}
 _FAMILY = {"cell_voltage": "voltage", "surface": "temperature", "coolant_inlet": "temperature"}
 
 
@@ -76,14 +97,20 @@ def parameter_factor(symbol: str, unit: str) -> float:
 def signal_conversion(quantity: str, unit: str | None) -> tuple[float, float]:
     """Scale and offset from a DBC's unit to SI (°C for temperatures).
 
-    Only where the printed unit leaves no doubt; anything else passes as it is, and the user's own scale mends it.
+    Only where the printed unit leaves no doubt; one that says nothing passes as it is, and the user's own scale mends
+    it.
 
     Parameters
     ----------
     quantity : str
         As in `engine.plan.Quantity`.
     unit : str or None
-        As the DBC prints it.
+        As the DBC prints it; some write ``current:A``.
+
+    Raises
+    ------
+    ConfigError
+        The unit is that of another quantity: the wrong signal was named.
 
     Examples
     --------
@@ -92,5 +119,9 @@ def signal_conversion(quantity: str, unit: str | None) -> tuple[float, float]:
     >>> signal_conversion("surface", "C")
     (1.0, 0.0)
     """
-    family = _SIGNAL_UNITS.get(_FAMILY.get(quantity, quantity), {})
-    return family.get((unit or "").strip().lower(), (1.0, 0.0))
+    kind = _FAMILY.get(quantity, quantity)
+    name = (unit or "").rpartition(":")[2].strip().lower()
+    if any(name in units for other, units in _KNOWN_UNITS.items() if other != kind):
+        called = _CALLED.get(kind, "a coolant flow")
+        raise ConfigError(f"unit {unit!r} does not fit {called}; name another signal, or correct the unit in the DBC")
+    return _SIGNAL_UNITS.get(kind, {}).get(name, (1.0, 0.0))

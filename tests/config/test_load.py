@@ -150,6 +150,34 @@ FAULTS = [
     (MAPPED.replace("scale = -1.0", "scale = 0.001"), "in mA, which is converted without a scale"),
     (MAPPED.replace('current = { signal = "Pack.Current", scale = -1.0 }\n', ""), "string[1].signals.current: missing"),
     (MAPPED.replace("[identify]", "[observer]\nheat_cel_W = 1.0\n[identify]"), "did you mean 'heat_cell_W'?"),
+    (OWN.replace("[[string]]", "[string]"), "string: write [[string]], in double brackets"),
+    ("string = []\n", "string: needs at least one [[string]]"),
+    (
+        MAPPED.replace('name = "string_1"', 'name = "Zelle ß"'),
+        "valid are letters A-Z and a-z, digits, '_', '-' and '.'",
+    ),
+    (MAPPED.replace('name = "string_1"', 'name = ""'), "string[1].name: must not be empty"),
+    (MAPPED.replace('"vcan0"', '""'), "bus.channel: must not be empty"),
+    (
+        MAPPED.replace('"vcan0"', '"a_name_too_long_0"'),
+        "channel: 'a_name_too_long_0': a SocketCAN interface has at most",
+    ),
+    (MAPPED.replace('"vcan0"', '"vcan 0"'), "channel: 'vcan 0': a SocketCAN interface has no blank"),
+    (MAPPED.replace('"string_1.toml"', '""'), "string[1].model: must not be empty"),
+    (MAPPED.replace('"vehicle.dbc"', '""'), "bus.dbc[1]: must not be empty"),
+    (MAPPED.replace('"state"', '""'), "store.path: must not be empty"),
+    (MAPPED.replace('"string_1.toml"', '"."'), "is a directory; expected a file"),
+    (MAPPED.replace('"vehicle.dbc"', '"."'), "bus.dbc[1]: "),
+    (MAPPED.replace('"string_1.toml"', '"/dev/null"'), "string[1].model: '/dev/null' is no plain file"),
+    (MAPPED.replace('"string_1.toml"', '"string_1.tml"'), "did you mean 'string_1.toml'?"),
+    (
+        MAPPED.replace('"Temps.T1"', '"Pack.Current"'),
+        "string[1].signals.surface.1: 'Pack.Current': unit 'mA' does not fit a temperature",
+    ),
+    (MAPPED.replace('"Temps.T1"', '{ signal = "Pack.Voltage", scale = 2.0 }'), "unit 'mV' does not fit a temperature"),
+    (MAPPED.replace('"Pack.Current"', '"Temps.T1"'), "signals.current: 'Temps.T1': unit 'C' does not fit a current"),
+    (MAPPED.replace('"Pack.InletF"', '"Pack.Soc"'), "unit '%' does not fit a temperature"),
+    (MAPPED.replace('"Pack.Soc"', '"Pack.Voltage"'), "unit 'mV' does not fit a state of charge"),
     (MAPPED.replace("[identify]", "[engine]\nsilent_after_s = 0.1\n[identify]"), "engine.silent_after_s: 0.1"),
 ]
 
@@ -215,3 +243,48 @@ def test_a_string_that_is_not_observable_gives_exit_status_1(tmp_path, capsys):
     found = json.loads((tmp_path / "out.json").read_text())
     assert found["ok"] is False
     assert (found["strings"][0]["exact_rank"], found["strings"][0]["states"]) == (4, 10)
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("gateway.tml", "no such file; did you mean 'gateway.toml'?"),
+        ("gatway.toml", "did you mean 'gateway.toml'?"),
+        ("zzz.toml", "no such file; valid: gateway.toml, string_1.toml"),
+        ("absent/gateway.toml", "no such folder"),
+        (".", "is a directory"),
+        ("/dev/null", "/dev/null: is empty"),
+    ],
+)
+def test_a_config_that_is_not_there_names_the_nearest_file(tmp_path, capsys, name, says):
+    write(tmp_path)
+    assert main(["check", str(tmp_path / name)]) == 2
+    err = capsys.readouterr().err
+    assert says in err
+    assert err.count("\n") == 1
+
+
+def test_files_as_windows_saves_them_load(tmp_path):
+    file = write(tmp_path)
+    for path in (file, tmp_path / "string_1.toml", tmp_path / "vehicle.dbc"):
+        path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes().replace(b"\n", b"\r\n"))
+    assert channels(load_config(file).plan)["surface", 3].offset == 0.5
+
+
+@pytest.mark.parametrize(
+    ("unit", "scale"), [("", 1.0), ("gids", 1.0), ("temperature:C", 1.0), ("deg C", 1.0), ("degF", 5 / 9)]
+)
+def test_a_unit_that_says_nothing_passes(tmp_path, unit, scale):
+    file = write(tmp_path)
+    dbc = tmp_path / "vehicle.dbc"
+    dbc.write_text(dbc.read_text().replace('"C"', f'"{unit}"'))
+    assert channels(load_config(file).plan)["surface", 1].scale == pytest.approx(scale)
+
+
+def test_check_mentions_a_state_that_cannot_be_kept(tmp_path, capsys):
+    file = write(tmp_path)
+    assert main(["check", str(file)]) == 0
+    assert capsys.readouterr().err == ""
+    (tmp_path / "state").write_text("")
+    assert main(["check", str(file)]) == 0
+    assert f"store.path: {tmp_path / 'state'} is no directory" in capsys.readouterr().err

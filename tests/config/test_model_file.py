@@ -180,7 +180,7 @@ def test_a_missing_file_names_the_nearest(tmp_path):
 
 def test_what_is_no_text_is_said(tmp_path):
     (tmp_path / "a.toml").write_bytes(b"cells = 5\xff\xfe")
-    with pytest.raises(ConfigError, match="not utf-8 text"):
+    with pytest.raises(ConfigError, match="not UTF-8 text"):
         read_model(tmp_path / "a.toml")
 
 
