@@ -167,7 +167,7 @@ class PythonCanPort:
             raise BusError(
                 f"{self.interface} {self.channel} cannot be opened: is the driver's library installed? ({error})"
             ) from None
-        except (can.CanError, OSError, ValueError) as error:
+        except (can.CanError, OSError, ValueError, TypeError) as error:  # TypeError: it wants options that we have not
             raise BusError(f"{self.interface} {self.channel} cannot be opened: {error}") from None
 
     def _failed(self, error: Exception) -> None:

@@ -46,7 +46,7 @@ def misnamed(path: Path, kind: str) -> str | None:
         return "not gzip data: leave .gz out of its name"
     if raw.startswith(b"\x1f\x8b") and not packed:
         return "this is gzip data: end its name with .gz"
-    found = _kind(_unpacked(raw) if packed else raw)
+    found = kind_of(_unpacked(raw) if packed else raw)
     if found == "screen":
         return "this is candump's output without exact time stamps: record with candump -l or -L"
     if found is None or found == kind:
@@ -62,7 +62,8 @@ def _unpacked(raw: bytes) -> bytes:
         return b""
 
 
-def _kind(head: bytes) -> str | None:
+def kind_of(head: bytes) -> str | None:
+    """Format that the first bytes of a log belong to: a suffix, "screen" for candump without exact stamps, or None."""
     text = head.removeprefix(b"\xef\xbb\xbf").lstrip()
     for start, kind in _STARTS:
         if text.startswith(start):

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from bms_gateway.bus.candump import LATEST_S
 from bms_gateway.bus.logfile import FORMATS
+from bms_gateway.bus.sniff import HEAD, kind_of
 from bms_gateway.engine.plan import Channel, StringPlan
 from bms_gateway.errors import DataError, UsageError
 from bms_gateway.frames.database import Database
@@ -27,20 +28,30 @@ LONGEST_S = 10 * 86_400  # a bench run; more is time in another unit
 WIDEST_STEP_S = 100.0  # ten rows a second in ms; of a current known this seldom nobody can tell the heat
 
 
-def refuse_log(name: str) -> None:
+def refuse_log(path: Path) -> None:
     """Tell a log that is given as a table.
 
     Raises
     ------
     UsageError
-        By its name it is a log.
+        By its name or its first bytes it is a log.
     """
-    suffixes = [s for s in Path(name.lower()).suffixes if s != ".gz"]
-    if suffixes and suffixes[-1] in FORMATS and suffixes[-1] != ".csv":
-        raise UsageError(
-            f"encode: {name}: takes a table of measurements; a {suffixes[-1]} log is frames already: use analyze "
-            "or replay"
-        )
+    suffixes = [s for s in Path(path.name.lower()).suffixes if s != ".gz"]
+    kind: str | None = suffixes[-1] if suffixes else ""
+    if kind == ".csv" or kind not in FORMATS:
+        kind = None if path.suffix.lower() == ".gz" else _content(path)
+    if kind is not None:
+        raise UsageError(f"encode: {path}: takes a table; this is a {kind} log, frames already: use analyze or replay")
+
+
+def _content(path: Path) -> str | None:
+    """Format of a log whose text is sure to be none of a table."""
+    try:
+        with path.open("rb") as file:
+            kind = kind_of(file.read(HEAD))
+    except OSError:  # reading the table will say it
+        return None
+    return kind if kind in (".log", ".csv") else None
 
 
 def check_time(table: Table) -> None:

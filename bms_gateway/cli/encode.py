@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
     from bms_gateway.report.table import parse_columns, read_table
 
     columns = parse_columns(args.columns)
-    refuse_log(args.table)
+    refuse_log(Path(args.table))
     outputs = {"--out": args.out, "--json": args.json}
     writable(outputs)
     loaded = load_config(Path(args.config))

@@ -230,7 +230,9 @@ def test_replay_keeps_the_order_of_stamps_that_step_back():
     assert [t for _, t in tape.sent] == [5, 3, SECOND]
 
 
-@pytest.mark.parametrize("error", [NameError, AttributeError, ImportError, OSError, ValueError, can.CanError])
+@pytest.mark.parametrize(
+    "error", [NameError, AttributeError, ImportError, OSError, ValueError, TypeError, can.CanError]
+)
 def test_whatever_a_driver_fails_with_at_opening_is_a_bus_error(monkeypatch, error):
     def fail(**_):
         raise error("name 'canGetNumberOfChannels' is not defined")

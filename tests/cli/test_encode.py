@@ -284,12 +284,28 @@ def test_times_that_are_no_seconds_are_refused_and_the_old_log_stays(tmp_path, c
     assert log.read_text() == "old"
 
 
-@pytest.mark.parametrize("name", ["a.log", "a.LOG.gz", "a.asc", "a.blf"])
-def test_a_log_is_not_taken_for_a_table(tmp_path, capsys, name):
+ROW = "time_s,current_A,coolant_inlet_C,surface_1_C,surface_3_C,surface_5_C\n0,1,2,3,4,5\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "kind"),
+    [
+        *((name, ROW, name[1 : 1 + 4].lower()) for name in ("a.log", "a.LOG.gz", "a.asc", "a.blf")),
+        ("a.csv", "(1700000000.000000) can0 123#AABB\n", ".log"),
+        ("a.txt", "(1700000000.000000) can0 123#AABB\n", ".log"),
+        ("a.csv", "timestamp,arbitration_id,extended,remote,error,dlc,data\n", ".csv"),
+        ("a.log.csv", ROW, None),
+    ],
+)
+def test_a_log_is_not_taken_for_a_table(tmp_path, capsys, name, text, kind):
     config = write(tmp_path, OWN)
-    assert main(["encode", put(tmp_path, ["0,1,2,3,4,5"], name), *words_of(config, tmp_path / "b.log")]) == 2
-    assert "log is frames already: use analyze or replay" in capsys.readouterr().err
-    assert main(["encode", put(tmp_path, ["0,1,2,3,4,5"], "a.log.csv"), *words_of(config, tmp_path / "b.log")]) == 0
+    (tmp_path / name).write_text(text)
+    status = main(["encode", str(tmp_path / name), *words_of(config, tmp_path / "b.log")])
+    if kind is None:
+        assert status == 0
+        return
+    assert status == 2
+    assert f"this is a {kind} log, frames already: use analyze or replay" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
