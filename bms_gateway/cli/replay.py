@@ -57,6 +57,8 @@ def run(args: argparse.Namespace) -> int:
     if notes.broken:
         number, text = notes.broken_at[0]
         note(f"{args.log}: {notes.broken} lines passed over, the first is line {number}: {text!r}")
+    if notes.remote or notes.errors:
+        note(f"{args.log}: {notes.remote} remote and {notes.errors} error frames passed over")
     if args.json:
         write_json(args.json, {"log": args.log, "to": args.to, **asdict(played)})
     late = f", at most {played.worst_late_s * 1e3:.1f} ms late" if speed else ""

@@ -63,6 +63,13 @@ def test_a_broken_line_is_mentioned_not_fatal(log, monkeypatch, capsys):
     assert "1 lines passed over, the first is line 4" in err
 
 
+def test_frames_that_are_not_sent_are_mentioned(log, monkeypatch, capsys):
+    monkeypatch.setattr(bus_replay, "SocketCanSender", Recorder)
+    log.write_text(log.read_text() + "(9.000000) can0 123#R\n")
+    assert main(["replay", str(log), "--to", "vcan0", "--speed", "max"]) == 0
+    assert "1 remote and 0 error frames passed over" in capsys.readouterr().err
+
+
 def test_a_missing_log_or_interface_is_one_line(tmp_path, log, monkeypatch, capsys):
     assert main(["replay", str(log), "--to", "no_such_can"]) == 2
     assert "no_such_can" in capsys.readouterr().err
