@@ -30,13 +30,17 @@ def arguments(parser: Parser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Analyze the logs; results lie in the folder, a table of the strings goes to standard output."""
     from bms_gateway.bus.logfile import LogNotes, write_log
-    from bms_gateway.cli.output import write_json
+    from bms_gateway.cli.output import distinct, writable, write_json
     from bms_gateway.config.load import load_config
     from bms_gateway.engine import Engine
-    from bms_gateway.report.csv_out import ResultFolder
+    from bms_gateway.report.csv_out import FILES, ResultFolder
 
-    out = _folder(args.out, args.log)
+    if not args.out:
+        raise UsageError("analyze: --out is empty; name a folder for the results")
+    writable({"--json": args.json})
+    out = Path(args.out)
     loaded = load_config(args.config)
+    distinct({"--json": args.json} | {f"--out {file}": out / file for file in FILES}, [*loaded.files, *args.log])
     engine = Engine(loaded.plan, loaded.database)
     notes = [LogNotes() for _ in args.log]
     span = _Span()
@@ -56,19 +60,6 @@ def run(args: argparse.Namespace) -> int:
         write_json(args.json, summary)
     _tell(args, engine, folder, notes, summary["duration_s"])
     return 0
-
-
-def _folder(name: str, logs: list[Path]) -> Path:
-    """Take the result folder, if no result would overwrite a log."""
-    from bms_gateway.report.csv_out import FILES
-
-    if not name:
-        raise UsageError("analyze: --out is empty; name a folder for the results")
-    out = Path(name)
-    for log in logs:
-        if any(log.resolve() == (out / file).resolve() for file in FILES):
-            raise UsageError(f"analyze: {log} would be replaced by the result of that name; choose another --out")
-    return out
 
 
 def _expect_estimates(args: argparse.Namespace, engine: "Engine", span: "_Span") -> None:

@@ -49,7 +49,7 @@ def test_a_result_never_replaces_the_log_it_comes_from(drive, tmp_path, capsys):
     mine.write_bytes(log.read_bytes())
     assert analyze(mine, config, tmp_path) == 2
     assert mine.read_bytes() == log.read_bytes()
-    assert "choose another --out" in capsys.readouterr().err
+    assert "this file is read by the command" in capsys.readouterr().err
 
 
 def test_strings_that_are_never_heard_are_told(drive, tmp_path, capsys):
