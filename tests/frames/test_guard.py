@@ -4,6 +4,7 @@ import gzip
 import re
 from functools import cache
 
+import cantools
 import numpy as np
 import pytest
 
@@ -257,7 +258,7 @@ def expected(drive: str) -> dict[str, str]:
         if can_id == message.frame_id | EXTENDED:
             try:
                 decoded = message.decode(data, decode_choices=False)
-            except Exception:
+            except cantools.database.DecodeError:  # a multiplexer value without a layout
                 continue
             for name, value in decoded.items():
                 series.setdefault(name, []).append(value)
