@@ -29,7 +29,6 @@ CHANNEL = "vcan0"
 LIVE_S, SIMULATED_S = 45.0, 2700.0  # in real time: long enough to find every core; simulated: to identify twice
 LONGEST_S = 86_400  # its truth is kept in memory
 UNKNOWN = 0.10  # R_e, R_c and R_u of each string differ from its model file by so much (relative sd)
-LEAD_NS = 100_000_000  # between the first frame's stamp in the pack's time and its way onto the bus
 EXAMPLE = """\
   bms-gateway demo
   bms-gateway demo --seed 7 --json -

@@ -1,7 +1,6 @@
 """Ranks against rational arithmetic written here, and the figures published or derived for twelve cells."""
 
 import itertools
-import time
 from fractions import Fraction
 
 import numpy as np
@@ -97,10 +96,9 @@ def test_exact_rank_takes_the_ntu_node_and_no_sensor_too():
     assert paper_rank(cells(6), ()) == 0
 
 
-def test_exact_rank_of_forty_cells_comes_at_once():
-    start = time.perf_counter()
+def test_exact_rank_of_forty_cells_is_full_where_double_precision_gives_up():
     assert exact_rank(cells(40), (1,)) == 80
-    assert time.perf_counter() - start < 1.0
+    assert paper_rank(cells(40), (1,)) < 80
 
 
 def test_published_counts_are_those_of_rounding():
