@@ -180,7 +180,6 @@ def _signal(
         start_raw=None if s.raw_initial is None else float(s.raw_initial),
         j1939=_is_j1939(m, s),
         can_id=can_id,
-        message_length=m.length,
         cycle_ns=cycle_ns,
     )
 

@@ -64,7 +64,6 @@ class SignalInfo:
     start_raw: float | None
     j1939: bool
     can_id: int
-    message_length: int
     cycle_ns: int | None
 
     @property

@@ -50,8 +50,6 @@ class SignalTable:
         Bytes that a frame needs for all signals of the node.
     protected, id_crc : ndarray (K,)
         Whether the node's message has end-to-end protection, and what its data ID adds to the check sum.
-    node_label : tuple of str (K,)
-        "Message" or "Message[multiplexer=value]", for counters and events.
     """
 
     signals: tuple[SignalInfo, ...]
@@ -81,7 +79,6 @@ class SignalTable:
     node_needs: NDArray[np.int64]
     protected: NDArray[np.bool_]
     id_crc: NDArray[np.uint8]
-    node_label: tuple[str, ...]
     can_ids: NDArray[np.uint32]
     float_sizes: tuple[int, ...]
     any_wide: bool
@@ -155,7 +152,6 @@ class SignalTable:
             ),
             protected=data_id >= 0,
             id_crc=id_crc(data_id),
-            node_label=tuple(node.label for node in nodes),
             can_ids=np.array(sorted({i.can_id for i in signals}), np.uint32),
             float_sizes=tuple(sorted({i.place.size for i in infos if i.is_float})),
             any_wide=any(_is_wide(i) for i in infos),
@@ -184,7 +180,6 @@ class _Node:
     signals: list[int]
     switches: list[int]
     data_id: int
-    label: str
 
 
 class _Tree:
@@ -197,7 +192,7 @@ class _Tree:
         self._switch_number: dict[str, int] = {}
 
     def add(self, number: int, info: SignalInfo) -> None:
-        nodes = [self._node(0, info.can_id, info, info.message)]
+        nodes = [self._node(0, info.can_id, info)]
         for step in info.mux:
             switch = self.messages[info.message].signals[step.signal]
             w = self._switch(switch)
@@ -205,7 +200,7 @@ class _Tree:
                 if w not in node.switches:
                     node.switches.append(w)
             reachable = [v for v in step.values if _representable(v, switch)]
-            nodes = [self._node(w + 1, v, info, f"{info.message}[{step.signal}={v}]") for v in reachable]
+            nodes = [self._node(w + 1, v, info) for v in reachable]
         for node in nodes:
             node.signals.append(number)
 
@@ -221,9 +216,9 @@ class _Tree:
             for key in sorted(k for k in self.nodes if k >> 32 == w + 1):
                 self._hand_down(self.nodes[key], node.signals)
 
-    def _node(self, prefix: int, value: int, info: SignalInfo, label: str) -> _Node:
+    def _node(self, prefix: int, value: int, info: SignalInfo) -> _Node:
         e2e = self.messages[info.message].e2e
-        made = _Node([], [], -1 if e2e is None else e2e.data_id, label)
+        made = _Node([], [], -1 if e2e is None else e2e.data_id)
         return self.nodes.setdefault(prefix << 32 | value, made)
 
     def _switch(self, info: SignalInfo) -> int:

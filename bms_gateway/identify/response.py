@@ -64,14 +64,13 @@ class Inputs:
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """Surfaces and the last state of S parameter sets; derivatives with respect to the start for set 0.
+    """Surfaces and the last state of S parameter sets; derivatives of the surfaces for set 0.
 
     Attributes
     ----------
     surface : ndarray (S, K + 1, m)
     last : ndarray (S, 2n)
     surface_by_start : ndarray (K + 1, m, 2n)
-    last_by_start : ndarray (2n, 2n)
     surface_by_input : ndarray (K + 1, m, J + 1)
         By `departure` and `swing`.
     """
@@ -79,7 +78,6 @@ class Response:
     surface: Floats
     last: Floats
     surface_by_start: Floats
-    last_by_start: Floats
     surface_by_input: Floats
 
 
@@ -153,8 +151,7 @@ def respond(sets: Sequence[StringParameters], inputs: Inputs, x0: Floats, sensed
     )
     for k in range((blocks - 1) * L, K):  # the last block may be short
         x = (A @ x[:, :, None])[:, :, 0] + B @ u[k]
-        P = A[0] @ P
-    return Response(surface, x, by_start, P, by_input)
+    return Response(surface, x, by_start, by_input)
 
 
 def _by_input(inside: Floats, jump: Floats, step: Floats, see: Floats, inputs: Inputs, L: int, m: int) -> Floats:
