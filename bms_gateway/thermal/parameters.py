@@ -164,6 +164,32 @@ DEFAULT_TOLERANCES: Mapping[str, float] = MappingProxyType(
 
 
 @dataclass(frozen=True, slots=True)
+class AddedEffect:
+    """A physical effect of the catalogue that a model contains, with its numbers.
+
+    Attributes
+    ----------
+    name : str
+        Of the catalogue in `thermal.effects`.
+    cell : int or None
+        1-based, for an effect that sits on one cell, one thermocouple or the stream after one cell.
+    values : mapping of parameter to number, SI
+    sd : mapping of parameter to number
+        Standard deviation: SI, or of the logarithm for a parameter that is fitted in it; 0 means fixed.
+    """
+
+    name: str
+    cell: int | None = None
+    values: Mapping[str, float] = field(default_factory=dict)
+    sd: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def key(self) -> str:
+        """The effect's name in model files and results: `name`, or `name:cell` where it sits on one cell."""
+        return self.name if self.cell is None else f"{self.name}:{self.cell}"
+
+
+@dataclass(frozen=True, slots=True)
 class StringModel:
     """One string as its model file states it: structure, sensors and priors.
 
@@ -181,6 +207,8 @@ class StringModel:
     flow : float or None
         Nominal coolant flow, m³/s, to which C_f and R_u belong.
     tolerances : mapping
+    effects : tuple of AddedEffect
+        What the model knows beyond I²R_e, two nodes and a coolant path.
     """
 
     cells: int
@@ -191,6 +219,7 @@ class StringModel:
     capacity_Ah: float | None = None
     flow: float | None = None
     tolerances: Mapping[str, float] = field(default_factory=lambda: DEFAULT_TOLERANCES)
+    effects: tuple[AddedEffect, ...] = ()
 
     @property
     def has_conduction(self) -> bool:

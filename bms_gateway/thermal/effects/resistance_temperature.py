@@ -1,0 +1,33 @@
+"""Resistance falls as the cell warms: an Arrhenius law of the core temperature."""
+
+import numpy as np
+
+from bms_gateway.thermal.effects.base import Effect, EffectParameter, Values
+from bms_gateway.thermal.parameters import Floats
+from bms_gateway.thermal.point import Point
+
+KELVIN = 273.15
+REFERENCE = 298.15
+
+
+class ResistanceTemperature(Effect):
+    r"""Ohmic and kinetic losses follow the temperature of the core.
+
+    .. math:: R_e \to R_e \exp\bigl(B (1/T_c - 1/298.15\,\mathrm{K})\bigr)
+    """
+
+    name = "resistance_temperature"
+    title = "resistance falls as the cell warms"
+    equation = "R_e -> R_e * exp(B*(1/T_c - 1/298.15 K))"
+    signature = "error follows I^2 times the distance from the mean temperature; heat falls as the cell warms"
+    needs = "at least 5 K of temperature span at similar I^2; voltage sharpens it"
+    node = "core"
+    plausibility = 0.0
+    confused_with = ("resistance_drift", "resistance_soc", "natural_convection")
+    parameters = (
+        EffectParameter("B", "activation temperature", "K", 1.0, 0.0, 2000.0, -1000.0, 8000.0, probe=500.0),
+    )
+
+    def coefficients(self, z: Point, p: Values, at: Floats) -> None:
+        """Scale R_e by the Arrhenius factor of each core."""
+        z.R_e = z.R_e * np.exp(p["B"] * (1.0 / (z.T_c + KELVIN) - 1.0 / REFERENCE))

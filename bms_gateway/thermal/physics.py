@@ -1,0 +1,233 @@
+r"""The balances of a string with any effects of the catalogue: rates, readings, and their linear part.
+
+State X = [T_c1, T_s1, T_c2, …, own states of the effects], °C, as in `thermal.string`; without effects the rates are
+that module's A X + B u, with the coolant flow C_f following the flow ratio. For cell k
+
+.. math::
+    C_c \dot T_{c,k} &= q_k - j_k, \qquad q_k = \overline{I^2} R_e, \qquad j_k = (T_{c,k} - T_{s,k}) / R_c \\
+    C_s \dot T_{s,k} &= j_k - f_k + \sum_j (T_{s,j} - T_{s,k}) / R_{cc} + s_k, \qquad
+    f_k = (T_{s,k} - T_{f,k}) / R_u \\
+    T_{f,k+1} &= T_{f,k} + e_k (T_{s,k} - T_{f,k})
+
+where the effects may change each symbol (Lin et al., Eq 16–18, corrected as `thermal.string` says).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from bms_gateway.thermal.drive import Drive
+from bms_gateway.thermal.effects import Effect, effect_named
+from bms_gateway.thermal.parameters import AddedEffect, Floats, StringModel, StringParameters
+from bms_gateway.thermal.point import Point
+
+Memory = Mapping[str, Floats]
+REFERENCE_GAP = 5.0
+"""K: gap surface to coolant at which R_u holds when the film flux is not proportional to it."""
+LEAST_GAP = 0.05
+"""K: below it the film is taken as linear, for its slope at zero gap would be zero or infinite."""
+
+
+@dataclass(frozen=True, slots=True)
+class Numbers:
+    """One choice of all the numbers of a string: its parameters and, by key, those of its effects (SI)."""
+
+    string: StringParameters
+    effects: Mapping[str, Mapping[str, float]]
+
+
+@dataclass(frozen=True, slots=True)
+class _Placed:
+    key: str
+    effect: Effect
+    at: Floats
+    own: slice
+    hooks: frozenset[str]
+
+
+class Physics:
+    """Structure of one string and its effects; every method is a pure function of its arguments.
+
+    Parameters
+    ----------
+    model : StringModel
+
+    Raises
+    ------
+    ConfigError
+        An effect that is not in the catalogue, or sits on a cell that does not exist.
+    """
+
+    def __init__(self, model: StringModel) -> None:
+        self.model = model
+        self.cells = model.cells
+        placed, first = [], 2 * model.cells
+        for added in model.effects:
+            effect = effect_named(added.name)
+            width = effect.states * model.cells
+            placed.append(
+                _Placed(
+                    added.key, effect, _share(added, model.cells), slice(first, first + width), frozenset(effect.hooks())
+                )
+            )
+            first += width
+        self._placed = tuple(placed)
+        self.states = first
+        self._remembering = tuple(e for e in placed if type(e.effect).follow is not Effect.follow)
+
+    def numbers(self, values: Mapping[str, float | Floats] | None = None) -> Numbers:
+        """Numbers of the model as it stands; `values` by symbol (SI) in place of the priors' medians."""
+        return Numbers(self.model.parameters(values or {}), {e.key: e.values for e in self.model.effects})
+
+    def memory(self, u: Drive, v: Numbers, carry: Memory | None = None) -> tuple[dict[str, Floats], dict[str, Floats]]:
+        """Run the effects' memories of the inputs over `u`.
+
+        Returns
+        -------
+        memory, carry : dict of effect key to ndarray
+            (N, k) over the intervals, and what the next call needs.
+        """
+        memory, after = {}, {}
+        for e in self._remembering:
+            got = e.effect.follow(u, v.effects[e.key], None if carry is None else carry[e.key])
+            assert got is not None  # noqa: S101 - the class overrides follow
+            memory[e.key], after[e.key] = got
+        return memory, after
+
+    def start(self, T_c: Floats, T_s: Floats, v: Numbers) -> Floats:
+        """State (…, D) with cores and surfaces (…, n) given and the effects' own states in balance with them."""
+        parts = [np.stack([T_c, T_s], axis=-1).reshape(*np.shape(T_c)[:-1], 2 * self.cells)]
+        for e in self._placed:
+            if e.effect.states:
+                rest = e.effect.rest(T_c, T_s, v.effects[e.key])
+                parts.append(rest.reshape(*np.shape(T_c)[:-1], -1))
+        return np.concatenate(parts, axis=-1)
+
+    def point(self, X: Floats, u: Drive, v: Numbers, memory: Memory) -> Point:
+        """Balances at the states `X` (N, D) under the inputs of the N intervals of `u`."""
+        z = self._open(X, u, v, memory)
+        self._run("inputs", z, v)
+        self._run("coefficients", z, v)
+        z.core = z.I2 * z.R_e + np.zeros_like(z.T_c)
+        self._run("heats", z, v)
+        z.inner = (z.T_c - z.T_s) / z.R_c
+        self._run("flux", z, v)
+        self._stream(z, v.string.coolant)
+        self._run("surroundings", z, v)
+        return z
+
+    def rates(self, X: Floats, u: Drive, v: Numbers, memory: Memory) -> Floats:
+        """Rates of change (N, D) in 1/s at the states `X` (N, D) under the inputs of the N intervals of `u`."""
+        z = self.point(X, u, v, memory)
+        out = np.empty(z.T_c.shape[:-1] + (self.states,))
+        out[..., 0 : 2 * self.cells : 2] = (z.core - z.inner) / z.C_c
+        net = z.inner - z.film + z.surface
+        if np.isfinite(v.string.R_cc) and self.cells > 1:
+            between = np.diff(z.T_s, axis=-1) / v.string.R_cc
+            net[..., :-1] += between
+            net[..., 1:] -= between
+        out[..., 1 : 2 * self.cells : 2] = net / z.C_s
+        for e in self._placed:
+            if e.effect.states:
+                out[..., e.own] = z.extra_rates[e.key].reshape(*z.T_c.shape[:-1], -1)
+        return out
+
+    def readings(self, X: Floats, u: Drive, v: Numbers, memory: Memory) -> Floats:
+        """What thermocouples on all n cells read (N, n), °C, at the states `X` under the inputs of `u`."""
+        if not any("reading" in e.hooks for e in self._placed):
+            return X[..., 1 : 2 * self.cells : 2]
+        z = self.point(X, u, v, memory)
+        z.y = z.T_s
+        self._run("reading", z, v)
+        return z.y
+
+    def linearised(self, X: Floats, u: Drive, v: Numbers, memory: Memory) -> Floats:
+        """Jacobian ∂(rates)/∂X (D, D), 1/s, at one state `X` (D,) under one interval `u`."""
+        D = self.states
+        probe = 0.05  # K: well above rounding, well below the curvature of any effect
+        nudged = X + np.concatenate([np.eye(D), -np.eye(D)]) * probe
+        f = self.rates(nudged, u, v, memory)
+        return np.asarray((f[:D] - f[D:]).T / (2.0 * probe), dtype=np.float64)
+
+    def _run(self, hook: str, z: Point, v: Numbers) -> None:
+        for e in self._placed:
+            if hook in e.hooks:
+                z.key = e.key
+                getattr(e.effect, hook)(z, v.effects[e.key], e.at)
+
+    def _open(self, X: Floats, u: Drive, v: Numbers, memory: Memory) -> Point:
+        s, n = v.string, self.cells
+        T_c, T_s = X[..., 0 : 2 * n : 2], X[..., 1 : 2 * n : 2]
+        flow = u.flow[:, None]
+        nothing = np.zeros_like(T_s)
+        return Point(
+            cells=n,
+            I=u.I[:, None],
+            I2=u.I2[:, None],
+            I_abs=u.I_abs[:, None],
+            T_in=u.T_in[:, None],
+            flow=flow,
+            soc=u.soc[:, None],
+            V=u.V[:, None],
+            IV=u.IV[:, None],
+            hours=u.hours[:, None],
+            T_c=T_c,
+            T_s=T_s,
+            R_e=s.R_e,
+            R_c=s.R_c,
+            R_u=s.R_u,
+            C_c=s.C_c,
+            C_s=s.C_s,
+            C_f=s.C_f * flow * np.ones(n),
+            core=nothing,
+            surface=nothing,
+            T_f=T_s,
+            film=nothing,
+            inner=nothing,
+            y=T_s,
+            memory=dict(memory),
+            extra={
+                e.key: X[..., e.own].reshape(*X.shape[:-1], n, e.effect.states) for e in self._placed if e.effect.states
+            },
+        )
+
+    def _stream(self, z: Point, coolant: str) -> None:
+        """Follow the coolant along the string: its temperature at each cell and the flux each cell gives it."""
+        if not np.isfinite(z.C_f).all():
+            z.T_f = z.T_in + np.zeros_like(z.T_s)
+            z.film = (z.T_s - z.T_f) / z.R_u * _film(z.T_s - z.T_f, z.film_exponent)
+            return
+        T_f, film = np.empty_like(z.T_s), np.empty_like(z.T_s)
+        R_u = np.broadcast_to(z.R_u, z.T_s.shape)
+        C_f = np.broadcast_to(z.C_f, z.T_s.shape)
+        stream = np.broadcast_to(z.T_in[..., 0], z.T_s.shape[:-1])
+        for k in range(self.cells):
+            gap = z.T_s[..., k] - stream
+            conductance = _film(gap, z.film_exponent) / R_u[..., k]
+            T_f[..., k], film[..., k] = stream, gap * conductance
+            units = conductance / C_f[..., k]
+            # the bulk node would overshoot the surface where a unit is above one: there the exact exchange
+            share = -np.expm1(-units) if coolant == "ntu" else np.where(units < 1.0, units, -np.expm1(-units))
+            stream = stream + share * gap
+        z.T_f, z.film = T_f, film
+
+
+def _film(gap: Floats, exponent: float) -> Any:
+    if exponent == 0.0:
+        return 1.0
+    return (np.maximum(np.abs(gap), LEAST_GAP) / REFERENCE_GAP) ** exponent
+
+
+def _share(added: AddedEffect, cells: int) -> Floats:
+    if added.cell is None:
+        return np.ones(cells)
+    at = np.zeros(cells)
+    at[added.cell - 1] = 1.0
+    return at
+
+
+def with_effect(v: Numbers, key: str, values: Mapping[str, float]) -> Numbers:
+    """Numbers with those of one effect replaced."""
+    return replace(v, effects={**v.effects, key: values})
