@@ -32,10 +32,25 @@ LEAST_GAP = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Numbers:
-    """One choice of all the numbers of a string: its parameters and, by key, those of its effects (SI)."""
+    """One choice of all the numbers of a string.
+
+    Attributes
+    ----------
+    string : StringParameters
+    effects : mapping of effect key to mapping of parameter to float, SI
+    inlet_offset : float, K
+        The inlet thermocouple reads so much too high (within its tolerance).
+    surface_offset : ndarray (n,) or 0.0, K
+        The surface thermocouples read so much too high (within their tolerance).
+    core_heat : ndarray (…, n) or float, W
+        Heat made in the cores beside what the model knows: what an observer takes its disturbance for.
+    """
 
     string: StringParameters
     effects: Mapping[str, Mapping[str, float]]
+    inlet_offset: float = 0.0
+    surface_offset: float | Floats = 0.0
+    core_heat: float | Floats = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,6 +127,7 @@ class Physics:
         self._run("coefficients", z, v)
         z.core = z.I2 * z.R_e + np.zeros_like(z.T_c)
         self._run("heats", z, v)
+        z.core = z.core + v.core_heat
         z.inner = (z.T_c - z.T_s) / z.R_c
         self._run("flux", z, v)
         self._stream(z, v.string.coolant)
@@ -120,7 +136,10 @@ class Physics:
 
     def rates(self, X: Floats, u: Drive, v: Numbers, memory: Memory) -> Floats:
         """Rates of change (N, D) in 1/s at the states `X` (N, D) under the inputs of the N intervals of `u`."""
-        z = self.point(X, u, v, memory)
+        return self.balances(self.point(X, u, v, memory), v)
+
+    def balances(self, z: Point, v: Numbers) -> Floats:
+        """Rates of change (N, D) in 1/s that a point of `point` comes to."""
         out = np.empty(z.T_c.shape[:-1] + (self.states,))
         out[..., 0 : 2 * self.cells : 2] = (z.core - z.inner) / z.C_c
         net = z.inner - z.film + z.surface
@@ -137,11 +156,11 @@ class Physics:
     def readings(self, X: Floats, u: Drive, v: Numbers, memory: Memory) -> Floats:
         """What thermocouples on all n cells read (N, n), °C, at the states `X` under the inputs of `u`."""
         if not any("reading" in e.hooks for e in self._placed):
-            return X[..., 1 : 2 * self.cells : 2]
+            return np.asarray(X[..., 1 : 2 * self.cells : 2] + v.surface_offset)
         z = self.point(X, u, v, memory)
         z.y = z.T_s
         self._run("reading", z, v)
-        return z.y
+        return np.asarray(z.y + v.surface_offset)
 
     def linearised(self, X: Floats, u: Drive, v: Numbers, memory: Memory) -> Floats:
         """Jacobian ∂(rates)/∂X (D, D), 1/s, at one state `X` (D,) under one interval `u`."""
@@ -167,7 +186,7 @@ class Physics:
             I=u.I[:, None],
             I2=u.I2[:, None],
             I_abs=u.I_abs[:, None],
-            T_in=u.T_in[:, None],
+            T_in=u.T_in[:, None] - v.inlet_offset,
             flow=flow,
             soc=u.soc[:, None],
             V=u.V[:, None],
