@@ -27,6 +27,8 @@ FINE_K = 1e-3
 """Steps below this are the decimals of a file."""
 OUTLIER = 4.0
 """Deviations beyond are events of the signal, not noise."""
+MOST, CROWDED = 0.9, 3.0
+"""Share of the readings that lie on the levels of a coarse sensor, and how many there are to each of those levels."""
 TERMS = np.arange(1, 9)
 
 
@@ -66,15 +68,20 @@ def resolution(y: Floats) -> float:
 
     Examples
     --------
-    >>> resolution(np.array([20.0, 20.5, 20.5, 21.0, 20.5, 20.0, 22.0]))
+    >>> resolution(np.array([20.0, 20.5, 20.5, 21.0, 20.5, 20.0, 20.0]))
     0.5
     """
-    levels = np.unique(np.round(y, 6))
-    if len(levels) < 3:
-        return float(levels[-1] - levels[0]) if len(levels) == 2 else 0.0
+    levels, count = np.unique(np.round(y, 6), return_counts=True)
+    # A file may hold interpolated values on the way from level to level: the levels are those that most readings have.
+    order = np.argsort(-count, kind="stable")
+    most = int(np.searchsorted(np.cumsum(count[order]), MOST * len(y))) + 1
+    crowded = len(y) > CROWDED * most
+    if crowded:
+        levels = np.sort(levels[order[:most]])
+    if len(levels) < 2:
+        return 0.0
     gaps = np.diff(levels)
-    # Few levels, each seen often: the usual gap is the step even if the file rounds 0.0625 to 0.06 and 0.07.
-    crowded = len(y) > 3 * len(levels)
+    # where levels are few, the usual gap is the step even if the file rounds 0.0625 to 0.06 and 0.07
     step = float(np.median(gaps) if crowded else gaps.min())
     return round(step, 6) if step >= FINE_K else 0.0
 
@@ -104,9 +111,8 @@ def white_noise(t: Floats, y: Floats, step: float) -> float:
         return floor
     limit = max(OUTLIER * 1.4826 * float(np.median(np.abs(e))), 1.5 * step)
     for _ in range(3):
-        kept = e[np.abs(e) <= limit] if limit > 0.0 else e
-        limit = max(OUTLIER * float(np.sqrt(np.mean(kept**2))), 1.5 * step)
-    W = float(np.mean(kept**2))
+        limit = max(OUTLIER * float(np.sqrt(np.mean(e[np.abs(e) <= limit] ** 2))), 1.5 * step)
+    W = float(np.mean(e[np.abs(e) <= limit] ** 2))
     if step == 0.0:
         return max(float(np.sqrt(W)), floor)
     # A clean staircase moves too, by its slope alone: two deviations of q per crossing, each squared over 6.
@@ -144,7 +150,7 @@ def _out_of_line(t: Floats, y: Floats) -> Floats:
 
 
 def _calm(y: Floats) -> Floats:
-    """Moving mean over a fiftieth of the readings, for the way that the signal goes without its noise."""
+    """Average over a fiftieth of the readings: the way that the signal goes without its noise."""
     width = max(len(y) // 50, 3)
     total = np.cumsum(np.concatenate([[0.0], y]))
     return np.asarray((total[width:] - total[:-width]) / width)
