@@ -1,0 +1,226 @@
+r"""Maximum a posteriori output-error fit of a string with any effects, and its Laplace evidence.
+
+Minimised over coordinates θ and nuisances ν is
+
+.. math::
+    \sum_i D_i\bigl(y_i - f_i(\theta) - J_\nu \nu\bigr) + \sum ((\theta-\mu)/s)^2 + \sum (\nu/s_\nu)^2
+
+with D the deviance of rounded readings (`likelihood`), f the free-running trajectory, by Gauss–Newton steps with
+Levenberg's damping and an active set at the bounds. The log evidence is the Laplace approximation
+−½(cost + ln|H| + 2 Σ ln s): the Occam factor of an added number is its prior's width over its posterior's.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.linalg
+
+from bms_gateway.identify.likelihood import generalised
+from bms_gateway.identify.problem import LIMIT, Prediction, Problem
+from bms_gateway.thermal import Floats
+
+ITERATIONS = 12
+GAIN = 0.05
+"""Cost: a step that gains less ends the fit; a twentieth of what one standard deviation of a number is worth."""
+
+
+@dataclass(frozen=True, slots=True)
+class Linear:
+    """The nuisances' columns, taken once: y moves by `J` ν, a prior of sd `sd` each.
+
+    Attributes
+    ----------
+    J : ndarray (M, Q), K per unit
+    sd : ndarray (Q,)
+    """
+
+    J: Floats
+    sd: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class MapFit:
+    """A fit.
+
+    Attributes
+    ----------
+    problem : Problem
+    theta, nu : ndarray (P,), (Q,)
+    linear : Linear
+    J : ndarray (M, P), K per unit
+        At the optimum, all readings.
+    H : ndarray (P + Q, P + Q)
+        Precision of [θ, ν]: half the cost's Hessian.
+    prediction : Prediction
+    y : ndarray (M,), °C
+        Model with nuisances, at all readings.
+    r : ndarray (M,)
+        Generalised residuals (sd 1 when the model is right), at all readings, held-out ones too.
+    cost, log_evidence : float
+    """
+
+    problem: Problem
+    theta: Floats
+    nu: Floats
+    linear: Linear
+    J: Floats
+    H: Floats
+    prediction: Prediction
+    y: Floats
+    r: Floats
+    cost: float
+    log_evidence: float
+
+    @property
+    def covariance(self) -> Floats:
+        """Covariance (P, P) of the coordinates, nuisances marginalised."""
+        P = len(self.theta)
+        return np.asarray(np.linalg.inv(self.H)[:P, :P], dtype=np.float64)
+
+    def at_bound(self, name: str) -> bool:
+        """Whether a coordinate ended on its bound."""
+        c = self.problem.coordinates[self.problem.index(name)]
+        z, width = self.theta[self.problem.index(name)], 1e-3 * (c.upper - c.lower)
+        return bool(z <= c.lower + width or z >= c.upper - width)
+
+
+def stacked(problem: Problem) -> tuple[Floats, Floats, Floats, Floats, np.ndarray]:
+    """Readings, σ, σ₀, step (M,) of all records, and which are used."""
+    ms = problem.records
+    return (
+        np.concatenate([m.y for m in ms]),
+        np.concatenate([m.sigma for m in ms]),
+        np.concatenate([m.sigma0[m.channel] for m in ms]),
+        np.concatenate([m.step[m.channel] for m in ms]),
+        np.concatenate([m.used for m in ms]),
+    )
+
+
+def nuisance_columns(problem: Problem, theta: Floats, prediction: Prediction) -> Linear:
+    """Columns of the problem's nuisances about `theta`."""
+    sd = np.array([c.sd for c in problem.nuisances])
+    return Linear(problem.jacobian(theta, prediction, problem.nuisances, refinements=0), sd)
+
+
+def map_fit(
+    problem: Problem,
+    theta: Floats,
+    *,
+    linear: Linear | None = None,
+    nu: Floats | None = None,
+    guess: Sequence[Floats] | None = None,
+    J: Floats | None = None,
+    iterations: int = ITERATIONS,
+    give_up: float = np.inf,
+) -> MapFit:
+    """Fit.
+
+    Parameters
+    ----------
+    problem : Problem
+    theta : ndarray (P,)
+        Where to start.
+    linear : Linear, optional
+        The nuisances' columns; none are fitted where it is left out.
+    nu : ndarray (Q,), optional
+    guess : sequence of ndarray, optional
+        Trajectories near the start's, one per record.
+    J : ndarray (M, P'), optional
+        Columns of the first P' coordinates near the start: spares taking them in the first iteration.
+    iterations : int
+    give_up : float
+        Stop as soon as the cost is unlikely to fall below: the fit is then only good for ranking.
+
+    Returns
+    -------
+    MapFit
+    """
+    y, sigma, sigma0, step, used = stacked(problem)
+    linear = linear or Linear(np.zeros((len(y), 0)), np.zeros(0))
+    lower, upper, prior, sd = (
+        np.array([getattr(c, k) for c in problem.coordinates]) for k in ("lower", "upper", "prior", "sd")
+    )
+    lower, upper = np.concatenate([lower, -LIMIT * linear.sd]), np.concatenate([upper, LIMIT * linear.sd])
+    prior, sd = np.concatenate([prior, np.zeros(len(linear.sd))]), np.concatenate([sd, linear.sd])
+    P = len(problem.coordinates)
+    z = np.concatenate([theta, np.zeros(len(linear.sd)) if nu is None else nu])
+    z = np.clip(z, lower, upper)
+    weight = np.where(used, 1.0 / sigma, 0.0)
+
+    def judge(z: Floats, p: Prediction) -> tuple[float, Floats, Floats]:
+        model = p.y + linear.J @ z[P:]
+        r, deviance = generalised(y - model, sigma0, step)
+        return float(np.sum(deviance[used]) + np.sum(((z - prior) / sd) ** 2)), r, model
+
+    Jn = linear.J * weight[:, None]
+    nn = Jn.T @ Jn
+    prediction = problem.predict(z[:P], guess)
+    cost, r, model = judge(z, prediction)
+    columns, H = _columns(problem, z[:P], prediction, J), np.eye(len(z))
+    damping, settled = 1e-3, False
+    for iteration in range(iterations):
+        if iteration:
+            columns = problem.jacobian(z[:P], prediction, problem.coordinates)
+        H = _precision(columns * weight[:, None], Jn, nn, sd)
+        gradient = np.concatenate([columns * weight[:, None], Jn], axis=1).T @ np.where(used, r, 0.0) - (z - prior) / sd**2
+        before = cost
+        for _ in range(6):
+            new = np.clip(z + _step(H, gradient, z, lower, upper, damping), lower, upper)
+            trial = problem.predict(new[:P], prediction.X)
+            trial_cost, trial_r, trial_model = judge(new, trial)
+            if np.isfinite(trial_cost) and trial_cost < cost:
+                z, prediction, cost, r, model = new, trial, trial_cost, trial_r, trial_model
+                damping = max(0.2 * damping, 1e-6)
+                break
+            damping *= 10.0
+        gain = before - cost
+        settled = gain < GAIN or (iteration > 0 and cost > give_up and gain < 0.3 * (cost - give_up))
+        if settled:
+            break
+    log_evidence = -0.5 * cost - 0.5 * float(np.linalg.slogdet(H)[1]) - float(np.sum(np.log(sd)))
+    return MapFit(problem, z[:P], z[P:], linear, columns, H, prediction, model, r, cost, log_evidence)
+
+
+def refreshed(fit: MapFit, iterations: int = 6) -> MapFit:
+    """Fit on with the nuisances' columns and the recursions' reference taken anew at the optimum."""
+    fit.problem.renew(fit.prediction, fit.theta)
+    prediction = fit.problem.predict(fit.theta, fit.prediction.X)
+    linear = nuisance_columns(fit.problem, fit.theta, prediction)
+    return map_fit(fit.problem, fit.theta, linear=linear, nu=fit.nu, guess=prediction.X, iterations=iterations)
+
+
+def begin(problem: Problem) -> MapFit:
+    """Fit a problem from where its coordinates begin, nuisances last."""
+    first = map_fit(problem, problem.begin)
+    return refreshed(replace(first, nu=np.zeros(len(problem.nuisances))))
+
+
+def _columns(problem: Problem, theta: Floats, prediction: Prediction, J: Floats | None) -> Floats:
+    if J is None:
+        return problem.jacobian(theta, prediction, problem.coordinates)
+    more = problem.coordinates[J.shape[1] :]
+    return np.concatenate([J, problem.jacobian(theta, prediction, more)], axis=1)
+
+
+def _precision(J: Floats, Jn: Floats, nn: Floats, sd: Floats) -> Floats:
+    cross = J.T @ Jn
+    H = np.block([[J.T @ J, cross], [cross.T, nn]])
+    H[np.diag_indices_from(H)] += 1.0 / sd**2
+    return np.asarray(H, dtype=np.float64)
+
+
+def _step(H: Floats, gradient: Floats, z: Floats, lower: Floats, upper: Floats, damping: float) -> Floats:
+    """Damped Gauss–Newton step; what stands on a bound and would leave it is held."""
+    A = H + damping * np.diag(np.diag(H))
+    free = np.ones(len(z), np.bool_)
+    step = np.zeros(len(z))
+    for _ in range(4):
+        step[:] = 0.0
+        factor = scipy.linalg.cho_factor(A[np.ix_(free, free)])
+        step[free] = scipy.linalg.cho_solve(factor, gradient[free])
+        out = free & (((z + step < lower) & (z <= lower + 1e-12)) | ((z + step > upper) & (z >= upper - 1e-12)))
+        if not out.any():
+            break
+        free &= ~out
+    return step
