@@ -10,13 +10,72 @@ from importlib.metadata import entry_points
 from types import MappingProxyType
 
 from bms_gateway.errors import ConfigError, did_you_mean
+from bms_gateway.thermal.effects.ambient_loss import AmbientLoss
 from bms_gateway.thermal.effects.base import Effect, EffectParameter
+from bms_gateway.thermal.effects.busbar_joule import BusbarJoule
+from bms_gateway.thermal.effects.cell_conduction import CellConduction
+from bms_gateway.thermal.effects.cell_cooling import CellCooling
+from bms_gateway.thermal.effects.cell_resistance import CellResistance
+from bms_gateway.thermal.effects.charge_transfer import ChargeTransfer
+from bms_gateway.thermal.effects.coolant_bypass import CoolantBypass
+from bms_gateway.thermal.effects.coolant_delay import CoolantDelay
+from bms_gateway.thermal.effects.cooling_drift import CoolingDrift
+from bms_gateway.thermal.effects.current_offset import CurrentOffset
+from bms_gateway.thermal.effects.end_plate import EndPlate
+from bms_gateway.thermal.effects.entropic_heat import EntropicHeat
+from bms_gateway.thermal.effects.flow_dependent_cooling import FlowDependentCooling
+from bms_gateway.thermal.effects.hysteresis import Hysteresis
+from bms_gateway.thermal.effects.inlet_offset import InletOffset
+from bms_gateway.thermal.effects.natural_convection import NaturalConvection
+from bms_gateway.thermal.effects.neighbour_heat import NeighbourHeat
+from bms_gateway.thermal.effects.phase_change import PhaseChange
+from bms_gateway.thermal.effects.polarization import Polarization
+from bms_gateway.thermal.effects.radial_gradient import RadialGradient
+from bms_gateway.thermal.effects.resistance_asymmetry import ResistanceAsymmetry
+from bms_gateway.thermal.effects.resistance_drift import ResistanceDrift
+from bms_gateway.thermal.effects.resistance_soc import ResistanceSoc
 from bms_gateway.thermal.effects.resistance_temperature import ResistanceTemperature
+from bms_gateway.thermal.effects.surface_joule import SurfaceJoule
+from bms_gateway.thermal.effects.thermocouple_contact import ThermocoupleContact
+from bms_gateway.thermal.effects.thermocouple_lag import ThermocoupleLag
+from bms_gateway.thermal.effects.thermocouple_offset import ThermocoupleOffset
+from bms_gateway.thermal.effects.voltage_heat import VoltageHeat
 
 __all__ = ["Effect", "EffectParameter", "catalogue", "effect_named"]
 
 GROUP = "bms_gateway.effects"
-BUILT_IN: tuple[type[Effect], ...] = (ResistanceTemperature,)
+BUILT_IN: tuple[type[Effect], ...] = (
+    EntropicHeat,
+    VoltageHeat,
+    ResistanceTemperature,
+    ResistanceSoc,
+    ResistanceAsymmetry,
+    ChargeTransfer,
+    Hysteresis,
+    Polarization,
+    RadialGradient,
+    ResistanceDrift,
+    CoolingDrift,
+    FlowDependentCooling,
+    NaturalConvection,
+    AmbientLoss,
+    SurfaceJoule,
+    BusbarJoule,
+    EndPlate,
+    CoolantDelay,
+    CoolantBypass,
+    CellResistance,
+    CellCooling,
+    CellConduction,
+    NeighbourHeat,
+    PhaseChange,
+    ThermocoupleLag,
+    ThermocoupleOffset,
+    ThermocoupleContact,
+    InletOffset,
+    CurrentOffset,
+)
+"""In the order in which the catalogue is shown."""
 
 
 @cache

@@ -5,9 +5,9 @@ once (leading axis: intervals), the fit, the screening and one tick of the live 
 values of the effect's parameters (SI) and `at`, the share of each cell that is concerned: ones, or a single one for an
 effect that sits on one cell. It may put new arrays into the point and must not write into the arrays it finds there.
 
-Hooks run in the order of the signal: `inputs`, `coefficients`, `heats`, `flux`, `surroundings`, `reading`. An effect with
-a memory of the inputs (polarisation, delay) says in `follow` how it runs on; one with thermal states of its own
-(radial rings, a slow thermocouple) says how many per cell, how they start, and gives their rates in a hook.
+Hooks run in the order of the signal: `inputs`, `coefficients`, `heats`, `flux`, `surroundings`, `reading`. An effect
+with a memory of the inputs (polarisation, delay) says in `follow` how it runs on; one with thermal states of its own
+(radial modes, a slow thermocouple) says how many per cell, how they start, and gives their rates in a hook.
 """
 
 from abc import ABC
@@ -106,7 +106,7 @@ class Effect(ABC):
     plausibility: ClassVar[float] = -3.0
     states: ClassVar[int] = 0
 
-    def starts(self, low: float, high: float) -> tuple[dict[str, float], ...]:  # noqa: ARG002 - for overriding
+    def starts(self, low: float, high: float) -> tuple[dict[str, float], ...]:
         """Values from which a fit should be tried, by parameter (SI); what is not named starts at its probe.
 
         Parameters
@@ -116,7 +116,14 @@ class Effect(ABC):
         """
         return ({},)
 
-    def follow(self, u: Drive, p: Values, carry: Floats | None) -> tuple[Floats, Floats] | None:  # noqa: ARG002
+    def determined(self, u: Drive) -> tuple[str, ...]:
+        """Names of the parameters that a record of this drive can tell at all.
+
+        A fit leaves the others at their neutral value; with none left, the effect is not offered.
+        """
+        return tuple(p.name for p in self.parameters)
+
+    def follow(self, u: Drive, p: Values, carry: Floats | None) -> tuple[Floats, Floats] | None:
         """Run the effect's memory of the inputs on over the intervals of `u`.
 
         Parameters
@@ -138,7 +145,7 @@ class Effect(ABC):
         """
         return None
 
-    def rest(self, T_c: Floats, T_s: Floats, p: Values) -> Floats:  # noqa: ARG002 - for overriding
+    def rest(self, T_c: Floats, T_s: Floats, p: Values) -> Floats:
         """Give the effect's own states in balance with core and surface: ndarray (…, n, states)."""
         return np.zeros((*np.shape(T_c), self.states))
 

@@ -1,13 +1,9 @@
 """Resistance falls as the cell warms: an Arrhenius law of the core temperature."""
 
-import numpy as np
-
 from bms_gateway.thermal.effects.base import Effect, EffectParameter, Values
+from bms_gateway.thermal.effects.laws import activation
 from bms_gateway.thermal.parameters import Floats
 from bms_gateway.thermal.point import Point
-
-KELVIN = 273.15
-REFERENCE = 298.15
 
 
 class ResistanceTemperature(Effect):
@@ -24,10 +20,8 @@ class ResistanceTemperature(Effect):
     node = "core"
     plausibility = 0.0
     confused_with = ("resistance_drift", "resistance_soc", "natural_convection")
-    parameters = (
-        EffectParameter("B", "activation temperature", "K", 1.0, 0.0, 2000.0, -1000.0, 8000.0, probe=500.0),
-    )
+    parameters = (EffectParameter("B", "activation temperature", "K", 1.0, 0.0, 2000.0, -1000.0, 8000.0, probe=500.0),)
 
     def coefficients(self, z: Point, p: Values, at: Floats) -> None:
         """Scale R_e by the Arrhenius factor of each core."""
-        z.R_e = z.R_e * np.exp(p["B"] * (1.0 / (z.T_c + KELVIN) - 1.0 / REFERENCE))
+        z.R_e = z.R_e * activation(z.T_c, p["B"])
