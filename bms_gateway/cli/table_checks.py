@@ -36,12 +36,18 @@ def refuse_log(path: Path) -> None:
     UsageError
         By its name or its first bytes it is a log.
     """
+    kind = log_kind(path)
+    if kind is not None:
+        raise UsageError(f"encode: {path}: takes a table; this is a {kind} log, frames already: use analyze or replay")
+
+
+def log_kind(path: Path) -> str | None:
+    """Tell by its name, or where that leaves it open by its first bytes, which kind of log a file is; None: none."""
     suffixes = [s for s in Path(path.name.lower()).suffixes if s != ".gz"]
     kind: str | None = suffixes[-1] if suffixes else ""
     if kind == ".csv" or kind not in FORMATS:
         kind = None if path.suffix.lower() == ".gz" else _content(path)
-    if kind is not None:
-        raise UsageError(f"encode: {path}: takes a table; this is a {kind} log, frames already: use analyze or replay")
+    return kind
 
 
 def _content(path: Path) -> str | None:
