@@ -24,6 +24,8 @@ Floats = NDArray[np.float64]
 SECOND = 1_000_000_000
 ACTIVE_A2 = 1.0
 """Mean square of a second's current above which the guard expects temperatures to move, as in the engine."""
+WORTH_A_WORD = 0.05
+"""Share of refused samples from which on a signal is named; every start refuses a few."""
 
 
 def add_measurement_arguments(parser: Parser) -> None:
@@ -223,14 +225,14 @@ def _told(samples: "_Samples", quality: NDArray[np.uint8], channels: Sequence["C
     from bms_gateway.engine.inputs import REASONS
 
     if samples.clock_faults:
-        yield f"The clock of this log misbehaves ({samples.clock_faults}): time is taken as a line that only goes forward."
+        yield f"The clock of this log misbehaves ({samples.clock_faults}): only its steps forward are believed."
     by_value = {int(k): text for k, text in REASONS.items()}
     for i, c in enumerate(channels):
         mine = quality[samples.channel == i]
         refused = mine[mine != 0]
         if not len(mine):
             yield f"{c.signal} never comes in this log."
-        elif len(refused):
+        elif len(refused) > WORTH_A_WORD * len(mine):
             most = int(np.bincount(refused).argmax())
             yield f"{c.signal}: {len(refused)} of {len(mine)} samples are not used, mostly: {by_value[most]}."
 

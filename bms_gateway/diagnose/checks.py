@@ -3,7 +3,7 @@
 Thresholds are wide on purpose: each finding is one that a person would agree with at a glance at the plot.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -33,9 +33,13 @@ INLET_K = 0.5
 SOC_SPAN = 0.2
 STEADY = 0.05
 """Scatter of the squared current, relative to its mean, below which the current counts as constant."""
+MISSING = 0.25
+"""Share of the readings."""
 LOOP = 0.8
 """Correlation of flow with temperature from which on a fan is seen to follow it."""
 SWAPPED_K = 0.5
+SATURATED = 0.02
+"""Share of the time at exactly the greatest current that is no chance."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +103,17 @@ def _current(r: Record, _: StringModel) -> Iterator[Finding]:
         )
     for way, one, other in (("discharged", d.I, "charging"), ("charged", -d.I, "discharging")):
         if float(one.min()) > -REST * peak:
-            yield Finding("one_direction", "note", f"The cells are only {way}: nothing is learnt of {other}.")
+            sentence = f"The cells are only {way}, or the signal cuts {other} off: nothing is learnt of it."
+            yield Finding("one_direction", "note", sentence)
+    level = float(np.abs(d.I).max())
+    at_end = float(np.mean(np.abs(d.I) >= (1.0 - 1e-6) * level))
+    if SATURATED < at_end < 0.5:
+        yield Finding(
+            "current_saturated",
+            "note",
+            f"The current stands at its greatest value, {level:.4g} A, for {100 * at_end:.0f} % of the time: a limit "
+            "of the drive, or of the sensor?",
+        )
 
 
 def _rise(r: Record, _: StringModel) -> Iterator[Finding]:
@@ -278,17 +292,25 @@ def _charge(r: Record, _: StringModel) -> Iterator[Finding]:
 
 def _sampling(r: Record, _: StringModel) -> Iterator[Finding]:
     t = r.surface.at(r.instants)
-    for j, cell in enumerate(r.cells):
+    seconds = float(r.drive.N * r.drive.dt)
+    lost = []
+    for j in range(len(r.cells)):
         gaps = np.diff(t[r.sensor == j])
-        if len(gaps) < 2:
-            continue
-        usual = float(np.median(gaps))
-        seconds = float(r.drive.N * r.drive.dt)
-        if (lost := 1.0 - (len(gaps) + 1) * usual / seconds) > 0.25:
-            yield Finding("readings_missing", "note", f"{100 * lost:.0f} % of the readings of cell {cell} are missing.")
-    for j, cell in enumerate(r.cells):
-        if r.noise.step[j] >= COARSE_K:
-            yield Finding("coarse_sensor", "note", f"The sensor of cell {cell} counts in {r.noise.step[j]:g} K.")
+        lost.append(1.0 - (len(gaps) + 1) * float(np.median(gaps)) / seconds)
+    if few := [cell for cell, share in zip(r.cells, lost, strict=True) if share > MISSING]:
+        yield Finding(
+            "readings_missing", "note", f"Up to {100 * max(lost):.0f} % of the readings of {_cells(few)} are missing."
+        )
+    if coarse := [cell for cell, q in zip(r.cells, r.noise.step.tolist(), strict=True) if q >= COARSE_K]:
+        yield Finding(
+            "coarse_sensor",
+            "note",
+            f"The surface of {_cells(coarse)} is measured in steps of {r.noise.step.max():g} K.",
+        )
+
+
+def _cells(cells: Sequence[int]) -> str:
+    return f"cell{'s' if len(cells) > 1 else ''} {', '.join(map(str, cells))}"
 
 
 def _above(d: Drive, share: float) -> NDArray[np.bool_]:

@@ -16,8 +16,10 @@ JUMP_K = 2.5
 NEIGHBOURS = 2
 CROWDED = 1.5
 """Readings per interval from which on they are condensed: a fit costs time per reading."""
+FEWEST = 3
+"""Readings without which a sensor says nothing, not even what its noise is."""
 NEAR = 2.5
-"""Intervals between two readings up to which a straight line gives the temperature at an instant between them."""
+"""Usual spacings between two readings up to which a straight line gives the temperature at an instant between them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,13 +57,13 @@ class Readings:
         for j in range(len(self.cells)):
             mine = self.sensor == j
             known, y = t[mine], self.y[mine]
-            after = np.clip(np.searchsorted(known, instants, "left"), 1, max(len(known) - 1, 1))
-            if len(known) == 1:
-                exact = np.abs(instants - known[0]) < 1e-6 * dt
-                out[exact, j] = y[0]
-                continue
+            after = np.clip(np.searchsorted(known, instants, "left"), 1, len(known) - 1)
             a, b = known[after - 1], known[after]
-            close = (b - a <= NEAR * dt) & (a - instants <= 1e-6 * dt) & (instants - b <= 1e-6 * dt)
+            close = (
+                (b - a <= NEAR * max(dt, float(np.median(np.diff(known)))))
+                & (a - instants <= 1e-6 * dt)
+                & (instants - b <= 1e-6 * dt)
+            )
             exact = np.minimum(np.abs(instants - a), np.abs(instants - b)) <= 1e-6 * dt
             out[:, j] = np.where(close | exact, np.interp(instants, known, y), np.nan)
         return out
@@ -93,22 +95,23 @@ def gather_readings(
         What the columns are called.
     """
     cells: list[int] = []
+    absent: list[int] = []
     parts = []
     for cell in wanted:
-        if cell not in columns:
-            notes.append(f"No {what} temperature of cell {cell} is in the data.")
-            continue
-        left, share, y = _of_one(t, columns[cell], grid, f"{what} of cell {cell}", notes)
-        if not len(y):
-            notes.append(f"The {what} of cell {cell} has no usable reading.")
+        none = np.full(len(t), np.nan)
+        left, share, y = _of_one(t, columns.get(cell, none), grid, f"{what} of cell {cell}", notes)
+        if len(y) < FEWEST:
+            absent.append(cell)
             continue
         parts.append((np.full(len(y), len(cells), np.intp), left, share, y))
         cells.append(cell)
+    if absent:
+        notes.append(f"No usable {what} temperature is there of cell {', '.join(map(str, absent))}.")
     if spare := sorted(set(columns) - set(wanted)):
         notes.append(f"Not among the sensors of the model, so not used: {what} of cell {', '.join(map(str, spare))}.")
     if not parts:
-        none = np.empty(0, np.intp)
-        return Readings((), none, none, np.empty(0), np.empty(0))
+        nowhere = np.empty(0, np.intp)
+        return Readings((), nowhere, nowhere, np.empty(0), np.empty(0))
     sensor, left, share, y = (np.concatenate(x) for x in zip(*parts, strict=True))
     return Readings(tuple(cells), sensor, left, share, y)
 
