@@ -37,7 +37,11 @@ def _trips(rng, K, speed, stop, pull):
     parts, length = [], 0
     while length < K:
         v = rng.uniform(*speed)
-        away, cruise, brake = (int(rng.integers(5, 16)), int(rng.integers(10, 15 + int(8 * v))), int(rng.integers(5, 14)))
+        away, cruise, brake = (
+            int(rng.integers(5, 16)),
+            int(rng.integers(10, 15 + int(8 * v))),
+            int(rng.integers(5, 14)),
+        )
         ripple = np.repeat(rng.normal(0, 0.35, cruise // 3 + 1), 3)[:cruise]
         part = np.concatenate(
             [

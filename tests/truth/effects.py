@@ -42,11 +42,11 @@ def charge_transfer(t, *, I_0, E):
 def hysteresis(t, *, V, Ah):
     """|I| V (1 − exp(−q/Ah)), q the charge moved since the current last changed its direction."""
     q, direction, mean = 0.0, 0.0, np.zeros(t.K)
-    for k, I in enumerate(t.I):
-        if I * direction < 0:
+    for k, amps in enumerate(t.I):
+        if amps * direction < 0:
             q = 0.0
-        direction = np.sign(I) or direction
-        step = abs(I) / 3600
+        direction = np.sign(amps) or direction
+        step = abs(amps) / 3600
         z = step / Ah
         mean[k] = 1 - np.exp(-q / Ah) * (-np.expm1(-z) / z if z > 1e-12 else 1.0)
         q += step
@@ -188,7 +188,7 @@ def lagged(x, tau):
 
 def sense(surface, coolant, inlet, current, effects):
     """Readings without noise: surface (K + 1, n), inlet (K + 1,), current (K,), as wrong as `effects` make them."""
-    y, T_in, I = surface.copy(), np.array(inlet, float), np.array(current, float)
+    y, T_in, amps = surface.copy(), np.array(inlet, float), np.array(current, float)
     if p := effects.get("thermocouple_contact"):
         c = p["cell"] - 1
         y[:, c] += p["g"] * (coolant[:, c] - y[:, c])
@@ -199,5 +199,5 @@ def sense(surface, coolant, inlet, current, effects):
     if p := effects.get("inlet_offset"):
         T_in += p["b"]
     if p := effects.get("current_offset"):
-        I += p["b"]
-    return y, T_in, I
+        amps += p["b"]
+    return y, T_in, amps

@@ -123,7 +123,7 @@ def make_logs(scenarios):
 
 
 def pack_of(s):
-    """Parameters of a scenario's pack, drawn about nominal within the declared tolerances; what is absorbed included."""
+    """Parameters of a scenario's pack, drawn within the declared tolerances; what is absorbed is in them."""
     rng, n = s.rng("pack"), s.cells
 
     def scatter(share):
@@ -229,8 +229,43 @@ class _Preparation:
 
     def log(self, trace):
         """Read the trace as the logger does."""
-        s, d, stamps = self.s, self.drive, self.stamps
-        instants = np.arange(s.seconds + 1.0)
+        s, instants = self.s, np.arange(self.s.seconds + 1.0)
+        y, inlet, current = self._without_noise(trace)
+
+        def at(x):
+            return np.stack([np.interp(self.stamps, instants, c) for c in x.reshape(len(x), -1).T], axis=1)
+
+        noise = s.rng("noise", drive=True)
+        offset = 0.03 * np.clip(s.rng("offsets").normal(size=s.cells + 1), -2, 2)
+
+        def white(sigma, *more):
+            return sigma * noise.normal(size=(s.seconds, *more))
+
+        columns = {
+            "time_s": self.stamps,
+            "current_A": np.round(current + white(0.05), 1),
+            "coolant_inlet_C": _steps(at(inlet)[:, 0] + offset[-1] + white(0.03), min(s.step, 0.1)),
+        }
+        read = _steps(at(y) + offset[:-1] + white(s.noise, s.cells), s.step)
+        U = open_circuit(self.terms.soc, s.rng("chemistry").random() < 0.5)
+        optional = {
+            "voltage": ("voltage_V", np.round(U - trace.overpotential + white(0.001), 3)),
+            "soc": ("soc", np.round(self.terms.soc, 3)),
+            "flow": ("coolant_flow_m3_s", np.round(NOMINAL_FLOW * self.drive.flow * (1 + white(0.004)), 5)),
+        }
+        columns |= dict(column for name, column in optional.items() if name in s.columns)
+        columns |= {f"surface_{k}_C": read[:, k - 1] for k in s.sensors}
+        if s.missing:
+            holes = s.rng("missing", drive=True)
+            for x in list(columns.values())[2:]:
+                x[holes.random(s.seconds) < s.missing] = np.nan
+        return HiddenLog(
+            s, columns, at(trace.core), at(trace.surface), model_text(s), self.parameters, self.cells, self.pack
+        )
+
+    def _without_noise(self, trace):
+        """Readings at the instants, as wrong as hidden effects of the measurement make them."""
+        s, d = self.s, self.drive
         sensing = {k: v for k, v in self.given.items() if k in SENSING}
         y, inlet, current = sense(trace.surface, trace.coolant, d.inlet, d.current, sensing)
         for name, effect in STRANGE_SENSING.items():
@@ -238,39 +273,7 @@ class _Preparation:
                 y = effect(y, trace.coolant, _multiple(s.effects[name][0]), s.rng(name, drive=True))
         if "current_gain" in s.effects:
             current = current / (1 + _absorbed(s, "current_gain"))
-
-        def at(x):
-            x = x.reshape(len(x), -1)
-            return np.stack([np.interp(stamps, instants, column) for column in x.T], axis=1)
-
-        still, noise = s.rng("offsets"), s.rng("noise", drive=True)
-        offset = 0.03 * np.clip(still.normal(size=s.cells + 1), -2, 2)
-        columns = {
-            "time_s": stamps,
-            "current_A": np.round(current + 0.05 * noise.normal(size=s.seconds), 1),
-            "coolant_inlet_C": _steps(
-                at(inlet)[:, 0] + offset[-1] + 0.03 * noise.normal(size=s.seconds), min(s.step, 0.1)
-            ),
-        }
-        read = at(y) + offset[:-1] + s.noise * noise.normal(size=(s.seconds, s.cells))
-        if "voltage" in s.columns:
-            U = open_circuit(self.terms.soc, s.rng("chemistry").random() < 0.5)
-            columns["voltage_V"] = np.round(U - trace.overpotential + 0.001 * noise.normal(size=s.seconds), 3)
-        if "soc" in s.columns:
-            columns["soc"] = np.round(self.terms.soc, 3)
-        if "flow" in s.columns:
-            columns["coolant_flow_m3_s"] = np.round(
-                NOMINAL_FLOW * d.flow * (1 + 0.004 * noise.normal(size=s.seconds)), 5
-            )
-        columns |= {f"surface_{k}_C": _steps(read[:, k - 1], s.step) for k in s.sensors}
-        if s.missing:
-            holes = s.rng("missing", drive=True)
-            for name, x in columns.items():
-                if name not in ("time_s", "current_A"):
-                    x[holes.random(s.seconds) < s.missing] = np.nan
-        return HiddenLog(
-            s, columns, at(trace.core), at(trace.surface), model_text(s), self.parameters, self.cells, self.pack
-        )
+        return y, inlet, current
 
 
 def _multiple(size):

@@ -5,7 +5,8 @@ a second at the most:
 
     C_c dT_c/dt = heat − (T_c − T_s)/R_c
     C_s dT_s/dt = (T_c − T_s)/R_c − film + conduction from the neighbours + heat at the casing − G (T_s − 25 °C)
-    film        = (T_s − T_f)/R_u,   T_f of the next cell = T_f + film/C_f   (or the share 1 − exp(−1/(R_u C_f)) of the gap)
+    film        = (T_s − T_f)/R_u
+    T_f of the next cell = T_f + film/C_f, or + the share 1 − exp(−1/(R_u C_f)) of the gap
 
 The core is one node, or a cylinder of concentric shells of equal thickness in which heat is made uniformly, with a
 share of R_c spread over the shells and the rest at their edge; its temperature is then the mean over the volume.
@@ -40,7 +41,7 @@ class Terms:
     C_c, C_s, R_c : (n,). R_e, R_u, C_f : (K, n). R_cc : scalar.
     """
 
-    I: np.ndarray
+    I: np.ndarray  # noqa: E741 - the field's symbol
     I2: np.ndarray
     I2_charge: np.ndarray
     I_abs: np.ndarray
@@ -54,6 +55,8 @@ class Terms:
     R_u: np.ndarray
     C_f: np.ndarray
     R_cc: float
+    rows: np.ndarray
+    """(K,) A: the current held from each stamp of the log on; I where stamps do not jitter."""
     start: float
     """°C of core and casing at the start."""
     coolant: str = "bulk"
@@ -112,7 +115,12 @@ def terms(cells, current, inlet, flow, soc_0, *, means=None, start=None, coolant
     if cells == 1:
         v |= {"C_f": np.inf}
     current = np.asarray(current, float)
-    I, I2, I2_charge, I_abs = means or (current, current**2, np.minimum(current, 0) ** 2, np.abs(current))
+    I, I2, I2_charge, I_abs = means or (  # noqa: E741
+        current,
+        current**2,
+        np.minimum(current, 0) ** 2,
+        np.abs(current),
+    )
     K, flow = len(I), np.asarray(flow, float)
 
     def per_cell(x):
@@ -134,6 +142,7 @@ def terms(cells, current, inlet, flow, soc_0, *, means=None, start=None, coolant
         R_u=np.tile(per_cell(v["R_u"]), (K, 1)),
         C_f=np.tile(v["C_f"] * flow[:, None], (1, cells)),
         R_cc=v["R_cc"],
+        rows=current,
         start=float(inlet[0]) if start is None else start,
         coolant=coolant,
     )
@@ -141,7 +150,7 @@ def terms(cells, current, inlet, flow, soc_0, *, means=None, start=None, coolant
 
 @dataclass(frozen=True)
 class Trace:
-    """Temperatures of one log at the instants 0…K, °C, and the cells' mean overpotential, V, per second."""
+    """Temperatures of one log at the instants 0…K, °C, and the mean overpotential at the current of each row, V."""
 
     core: np.ndarray
     surface: np.ndarray
@@ -152,7 +161,7 @@ class Trace:
 def shells(rings, share):
     """Volume shares and conductances of a cylinder whose mean-to-edge resistance is `share` and edge film 1 − share.
 
-    Returns w (rings,), inner conductances (rings − 1,) and that from the outer shell's middle to the casing; times 1/R_c.
+    Returns w (rings,), the conductances between shells (rings − 1,) and that from the last to the casing, times 1/R_c.
     """
     edge = np.arange(rings + 1) / rings
     w = np.diff(edge**2)
@@ -182,9 +191,7 @@ class _Batch:
         self.start = stack(lambda x: x.start)
         self.joule = stack(lambda x: (x.I2 + x.asymmetry * x.I2_charge)[:, None] * x.R_e)
         self.G_u = stack(lambda x: 1 / x.R_u)
-        self.uptake = stack(
-            lambda x: 1 / (x.R_u * x.C_f) if x.coolant == "bulk" else -np.expm1(-1 / (x.R_u * x.C_f))
-        )
+        self.uptake = stack(lambda x: 1 / (x.R_u * x.C_f) if x.coolant == "bulk" else -np.expm1(-1 / (x.R_u * x.C_f)))
         self.C_c, self.C_s, self.G_c = stack(lambda x: x.C_c), stack(lambda x: x.C_s), stack(lambda x: 1 / x.R_c)
         self.G_cc = stack(lambda x: 1 / x.R_cc)
         self.B = some(lambda x: x.B)
@@ -326,13 +333,13 @@ def integrate(logs, *, substeps=2):
 
 
 def overpotential(t, core):
-    """Open-circuit minus terminal voltage of the mean cell per second, V: what makes the irreversible heat."""
+    """Open-circuit minus terminal voltage of the mean cell, V: what makes the irreversible heat."""
     T = (core[1:] + core[:-1]) / 2 + KELVIN
-    share = 1 + t.asymmetry * t.I2_charge / np.maximum(t.I2, 1e-12)
+    share = 1 + t.asymmetry * (t.rows < 0)
     R = t.R_e * np.exp(t.B * (1 / T - 1 / T_REF)) * share[:, None]
-    out = t.I * R.mean(axis=1) + t.drop - (t.entropic[:, None] * (T - T_REF)).mean(axis=1)
+    out = t.rows * R.mean(axis=1) + t.drop - (t.entropic[:, None] * (T - T_REF)).mean(axis=1)
     if np.isfinite(t.exchange_current):
         I_0 = t.exchange_current * np.exp(-t.exchange_energy * (1 / T - 1 / T_REF))
-        eta = 2 * GAS * T / FARADAY * np.arcsinh(np.abs(t.I)[:, None] / (2 * I_0))
-        out = out + np.sign(t.I) * eta.mean(axis=1)
+        eta = 2 * GAS * T / FARADAY * np.arcsinh(np.abs(t.rows)[:, None] / (2 * I_0))
+        out = out + np.sign(t.rows) * eta.mean(axis=1)
     return out

@@ -53,7 +53,11 @@ SIZES = {
     "cell_cooling": _one("a", "1", 0.1, 0.25, 0.6),
     "cell_conduction": _one("a", "1", 0.2, 0.6, 1.5),
     "neighbour_heat": _one("P", "W", 0.35, 1.0, 2.5),
-    "phase_change": (Size("L", "J", 200.0, 600.0, 1500.0), Size("T_m", "°C", 4.0, 4.0, 4.0), Size("w", "K", 0.7, 0.7, 0.7)),
+    "phase_change": (
+        Size("L", "J", 200.0, 600.0, 1500.0),
+        Size("T_m", "°C", 4.0, 4.0, 4.0),
+        Size("w", "K", 0.7, 0.7, 0.7),
+    ),
     "thermocouple_lag": _one("tau", "s", 1.5, 4.0, 10.0),
     "thermocouple_offset": _one("b", "K", 0.25, 0.7, 1.8, signed=True),
     "thermocouple_contact": _one("g", "1", 0.05, 0.15, 0.35),
@@ -66,7 +70,12 @@ ON_A_CELL = ("cell_resistance", "cell_cooling", "cell_conduction", "neighbour_he
 ON_A_SENSOR = ("thermocouple_offset", "thermocouple_contact")
 AFTER_A_CELL = ("coolant_bypass",)
 LOCATED = ON_A_CELL + ON_A_SENSOR + AFTER_A_CELL
-LEAST_CELLS = {name: 2 for name in ON_A_CELL} | {"busbar_joule": 3, "end_plate": 3, "coolant_bypass": 4, "neighbour_heat": 1}
+LEAST_CELLS = dict.fromkeys(ON_A_CELL, 2) | {
+    "busbar_joule": 3,
+    "end_plate": 3,
+    "coolant_bypass": 4,
+    "neighbour_heat": 1,
+}
 """Strings that are shorter cannot have the effect, or have it under another name."""
 
 

@@ -55,9 +55,10 @@ def moisture(t, size, rng):
 def parallel_load(t, size, rng):
     """At times a second load draws a current that the shunt does not see; it shares the cells."""
     hidden = 30.0 * np.sqrt(size) * _telegraph(rng, t.K, 100, 500, edge=1) * rng.choice([0.6, 1.0])
-    I = t.I + hidden
-    t.I2_charge = np.where(I < 0, I * I, 0.0)
-    t.I2, t.I_abs, t.I = t.I2 + 2 * t.I * hidden + hidden**2, np.abs(I), I
+    total = t.I + hidden
+    t.rows = t.rows + hidden
+    t.I2_charge = np.where(total < 0, total**2, 0.0)
+    t.I2, t.I_abs, t.I = t.I2 + 2 * t.I * hidden + hidden**2, np.abs(total), total
 
 
 def ambient_swing(t, size, rng):
