@@ -19,8 +19,8 @@ BURSTS = 0.05
 """Share of rows that follow at once on others, from which on a tester is seen to log around its set points."""
 BURST_S = 0.1
 """Of the usual interval."""
-CELL_VOLTS = (0.5, 5.5)
-"""Any chemistry, empty to full."""
+CELL_VOLTS, LITHIUM_VOLTS = (0.5, 5.5), (2.0, 4.6)
+"""Any chemistry, and lithium-ion, empty to full."""
 FLOW_UNITS = {"L/s": 1e3, "L/min": 6e4, "L/h": 3.6e6, "m³/h": 3.6e3}
 FLOW_WITHIN = 5.0
 """Factor about nominal within which a flow is believed; units lie further apart."""
@@ -189,22 +189,24 @@ def _mean_square(rows: Rows, half_way: bool) -> Path | None:
 def _voltage(
     rows: Rows, model: StringModel, t_I: Floats, amps: Floats, half_way: bool, notes: list[str]
 ) -> Path | None:
-    """Voltage of a cell; the string's is shared out evenly, as in the gateway."""
+    """Voltage of a cell: the string's, shared out evenly as in the gateway, unless it plainly is a cell's already."""
     if rows.voltage_V is None:
         return None
     known = np.isfinite(rows.voltage_V)
-    t, V = rows.time_s[known], rows.voltage_V[known] / model.cells
+    t, V = rows.time_s[known], rows.voltage_V[known]
     if len(t) < 2:
         return None
     usual = float(np.median(V))
+    low, high = LITHIUM_VOLTS
+    if model.cells > 1 and usual / model.cells < low <= usual <= high:
+        notes.append(f"voltage_V is {usual:.3g} V: taken as the mean of the cells, not as the whole string's.")
+    else:
+        V = V / model.cells
+        usual /= model.cells
     low, high = CELL_VOLTS
     if not low <= usual <= high:
-        notes.append(
-            f"The voltage is not used: voltage_V is the whole string's, and a {model.cells}th of it, {usual:.3g} V, is "
-            "no voltage of a cell."
-            if model.cells > 1
-            else f"The voltage is not used: {usual:.4g} V is no voltage of one cell."
-        )
+        share = f"a {model.cells}th of voltage_V" if model.cells > 1 else "voltage_V"
+        notes.append(f"The voltage is not used: {share}, {usual:.4g} V, is no voltage of a cell.")
         return None
     if wild := int(((low > V) | (high < V)).sum()):
         notes.append(f"{wild} values of voltage_V are no voltage of a cell and are left out.")

@@ -131,7 +131,8 @@ def make_record(
     current_A, coolant_inlet_C : ndarray (K,)
         Discharge positive; °C.
     voltage_V : ndarray (K,), optional
-        Of the whole string, its cells in series, as the gateway takes it.
+        Of the whole string, its cells in series, as the gateway takes it; the mean of its cells where a share of it
+        would be too low for lithium-ion and it itself is not.
     soc : ndarray (K,), optional
         0…1.
     coolant_flow_m3_s : ndarray (K,), optional
