@@ -163,7 +163,9 @@ def map_fit(
         if iteration:
             columns = problem.jacobian(z[:P], prediction, problem.coordinates)
         H = _precision(columns * weight[:, None], Jn, nn, sd)
-        gradient = np.concatenate([columns * weight[:, None], Jn], axis=1).T @ np.where(used, r, 0.0) - (z - prior) / sd**2
+        gradient = (
+            np.concatenate([columns * weight[:, None], Jn], axis=1).T @ np.where(used, r, 0.0) - (z - prior) / sd**2
+        )
         before = cost
         for _ in range(6):
             new = np.clip(z + _step(H, gradient, z, lower, upper, damping), lower, upper)

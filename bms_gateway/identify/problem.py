@@ -157,8 +157,9 @@ class Problem:
     def __post_init__(self) -> None:
         self.physics = Physics(self.model)
         self.coordinates = tuple(_parameters(self.model, len(self.records)))
-        self.coordinates += tuple(c for e in self.model.effects for c in _effect(e.key, e.name, e.values, e.sd))
         self.coordinates += tuple(c for r, m in enumerate(self.records) for c in _starts(r, m, len(self.records)))
+        # last: a model with one more effect has the same coordinates and some at the end
+        self.coordinates += tuple(c for e in self.model.effects for c in _effect(e.key, e.name, e.values, e.sd))
         self.nuisances = tuple(_nuisances(self.model, self.records))
         self._recursion = [None] * len(self.records)
 
@@ -198,7 +199,7 @@ class Problem:
             X, ok = simulate(
                 self.physics, m.drive, v, memory, starts, m.spans, recursion, None if guess is None else guess[r]
             )
-            ys.append(_at(m, _channels(m, self.physics, v, memory, X)))
+            ys.append(signals_at(m, self.physics, v, memory, X))
             Xs.append(X)
             settled = settled and ok
         return Prediction(np.concatenate(ys), tuple(Xs), settled)
@@ -237,9 +238,7 @@ class Problem:
                 )
                 now = _channels(m, self.physics, v, memory, prediction.X[r])
                 for k, c in enumerate(some):
-                    moved = _channels(
-                        m, self.physics, c.numbers, c.memory, prediction.X[r] + c.step * S[..., k]
-                    )
+                    moved = _channels(m, self.physics, c.numbers, c.memory, prediction.X[r] + c.step * S[..., k])
                     J[:, mine[first + k]] = _at(m, (moved - now) / c.step)
             blocks.append(J)
         return np.concatenate(blocks)
@@ -285,6 +284,11 @@ def _channels(m: Measured, physics: Physics, v: Numbers, memory: Mapping[str, Fl
     """Signals (rows, m) of the record's channels along a trajectory."""
     surface = readings(physics, m.drive, v, memory, X, m.spans)
     return np.stack([surface[:, k - 1] if kind == "surface" else X[:, 2 * k - 2] for kind, k in m.channels], axis=1)
+
+
+def signals_at(m: Measured, physics: Physics, v: Numbers, memory: Mapping[str, Floats], X: Floats) -> Floats:
+    """What the record's thermocouples read (M,) along a trajectory, at the readings' own time stamps, °C."""
+    return _at(m, _channels(m, physics, v, memory, X))
 
 
 def _at(m: Measured, signals: Floats) -> Floats:

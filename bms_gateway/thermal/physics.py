@@ -38,7 +38,7 @@ class Numbers:
     ----------
     string : StringParameters
     effects : mapping of effect key to mapping of parameter to float, SI
-    inlet_offset : float, K
+    inlet_offset : ndarray (…, 1) or float, K
         The inlet thermocouple reads so much too high (within its tolerance).
     surface_offset : ndarray (n,) or 0.0, K
         The surface thermocouples read so much too high (within their tolerance).
@@ -48,7 +48,7 @@ class Numbers:
 
     string: StringParameters
     effects: Mapping[str, Mapping[str, float]]
-    inlet_offset: float = 0.0
+    inlet_offset: float | Floats = 0.0
     surface_offset: float | Floats = 0.0
     core_heat: float | Floats = 0.0
 
@@ -84,12 +84,17 @@ class Physics:
             width = effect.states * model.cells
             placed.append(
                 _Placed(
-                    added.key, effect, _share(added, model.cells), slice(first, first + width), frozenset(effect.hooks())
+                    added.key,
+                    effect,
+                    _share(added, model.cells),
+                    slice(first, first + width),
+                    frozenset(effect.hooks()),
                 )
             )
             first += width
         self._placed = tuple(placed)
         self.states = first
+        self.reads = any("reading" in e.hooks for e in placed)
         self._remembering = tuple(e for e in placed if type(e.effect).follow is not Effect.follow)
 
     def numbers(self, values: Mapping[str, float | Floats] | None = None) -> Numbers:
@@ -155,7 +160,7 @@ class Physics:
 
     def readings(self, X: Floats, u: Drive, v: Numbers, memory: Memory) -> Floats:
         """What thermocouples on all n cells read (N, n), °C, at the states `X` under the inputs of `u`."""
-        if not any("reading" in e.hooks for e in self._placed):
+        if not self.reads:
             return np.asarray(X[..., 1 : 2 * self.cells : 2] + v.surface_offset)
         z = self.point(X, u, v, memory)
         z.y = z.T_s

@@ -1,0 +1,118 @@
+"""What a fit leaves over: how much, how much of it is structure, and what it does where nothing was fitted."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bms_gateway.identify.likelihood import generalised
+from bms_gateway.identify.map_fit import MapFit, stacked
+from bms_gateway.identify.problem import Measured
+from bms_gateway.thermal import Floats
+
+LAGS = range(3, 9)
+"""Samples: beyond what a thermocouple's own filter colours, short against a cell's slow time constant."""
+LONGEST = 400
+"""Samples over which the inflation of a sum's variance is gathered."""
+REGIME = {"soc": 0.01, "T_in": 0.5, "flow": 0.03}
+"""How far outside the trained range a held-out reading may lie before it counts as extrapolation."""
+ENOUGH = 50
+"""Readings inside the trained range; with fewer all held-out readings count."""
+
+
+@dataclass(frozen=True, slots=True)
+class Structure:
+    """What is not white in a residual of unit variance.
+
+    Attributes
+    ----------
+    power : float
+        Autocovariance at lags 3–8, in units of the sensors' variance: the structured error squared.
+    z : float
+        It over its standard deviation for a white residual.
+    inflation : float
+        By how much a sum over the residual varies more than a white one: tempers evidence.
+    """
+
+    power: float
+    z: float
+    inflation: float
+
+    @property
+    def size(self) -> float:
+        """Structured error in units of the sensors' noise."""
+        return float(np.sqrt(max(self.power, 0.0)))
+
+
+def structure(fit: MapFit, held: bool = False) -> Structure:
+    """Find the structure in a fit's residual, on the readings used or on those held out."""
+    series = _series(fit, held)
+    covariance = np.zeros(LONGEST)
+    count = np.zeros(LONGEST)
+    variance = float(np.mean(np.concatenate(series) ** 2))
+    for r in series:
+        size = len(r)
+        spectrum = np.abs(np.fft.rfft(r, 2 * size)) ** 2
+        lags = np.fft.irfft(spectrum)[: min(LONGEST, size)]
+        covariance[: len(lags)] += lags
+        count[: len(lags)] += size - np.arange(len(lags))
+    short = np.array(LAGS)
+    pairs = float(count[short].sum())
+    power = float(covariance[short].sum()) / max(pairs, 1.0)
+    rho = covariance[1:] / np.maximum(count[1:], 1.0) / variance
+    weak = np.flatnonzero(rho < 2.0 / np.sqrt(count[0]))
+    inflation = 1.0 + 2.0 * float(rho[: weak[0] if len(weak) else None].sum())
+    return Structure(power, power * np.sqrt(pairs) / variance, inflation)
+
+
+def rmse(fit: MapFit, rows: np.ndarray) -> float:
+    """Root mean square of reading minus model over some readings, K."""
+    y = stacked(fit.problem)[0]
+    return float(np.sqrt(np.mean((y - fit.y)[rows] ** 2))) if rows.any() else float("nan")
+
+
+def noise_floor(fit: MapFit, rows: np.ndarray) -> float:
+    """What a perfect model would leave over some readings, K."""
+    sigma = stacked(fit.problem)[1]
+    return float(np.sqrt(np.mean(sigma[rows] ** 2))) if rows.any() else float("nan")
+
+
+def log_density(fit: MapFit, rows: np.ndarray) -> float:
+    """Log-likelihood of some readings, up to a constant."""
+    y, _, sigma0, step, _ = stacked(fit.problem)
+    return -0.5 * float(np.sum(generalised(y - fit.y, sigma0, step)[1][rows]))
+
+
+def scale(fit: MapFit, rows: np.ndarray) -> float:
+    """Root mean square of the generalised residual: 1 for a model that is right."""
+    return float(np.sqrt(np.mean(fit.r[rows] ** 2))) if rows.any() else float("nan")
+
+
+def within(fit: MapFit) -> np.ndarray:
+    """Held-out readings (M,) whose inputs lie within the range that was trained; all held-out ones if few do."""
+    parts = []
+    for m in fit.problem.records:
+        interval = np.minimum(m.row - _span(m), m.drive.N - 1)
+        inside = ~m.used
+        for name, margin in REGIME.items():
+            x = getattr(m.drive, name)[interval]
+            trained = x[m.used]
+            inside &= (x >= trained.min() - margin) & (x <= trained.max() + margin)
+        parts.append(inside if inside.sum() >= ENOUGH else ~m.used)
+    return np.concatenate(parts)
+
+
+def _span(m: Measured) -> np.ndarray:
+    """Span (M,) in which each reading lies: a span has one row more than intervals."""
+    return np.searchsorted(np.cumsum([len(s) + 1 for s in m.spans]), m.row, side="right")
+
+
+def _series(fit: MapFit, held: bool) -> list[Floats]:
+    """Residual of each record and channel, in order of time."""
+    found = []
+    first = 0
+    for m in fit.problem.records:
+        r = fit.r[first : first + len(m.y)]
+        first += len(m.y)
+        chosen = ~m.used if held else m.used
+        found += [r[chosen & (m.channel == j)] for j in range(len(m.channels))]
+    return [r for r in found if len(r) > max(LAGS)]

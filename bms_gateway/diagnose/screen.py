@@ -1,0 +1,160 @@
+"""Which effects would explain what a fit leaves over: the score test, for all candidates at a few trajectories' cost.
+
+The response of the readings to a candidate is found by running the model once more with the effect at a small probe
+value, about the fitted trajectory. Its gain is what the cost would fall by if the effect's strength and all numbers of
+the fit were free and everything were linear: the Gauss–Newton step of the joint problem, projected off the columns of
+the fit, so that what those numbers have absorbed counts in the effect's favour (Rao's score test with nuisances).
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.linalg
+
+from bms_gateway.diagnose.candidates import Candidate
+from bms_gateway.identify.map_fit import MapFit, stacked
+from bms_gateway.identify.problem import Measured, signals_at
+from bms_gateway.thermal import Floats
+from bms_gateway.thermal.drive import Drive
+from bms_gateway.thermal.effects import EffectParameter
+from bms_gateway.thermal.physics import Numbers, Physics
+from bms_gateway.thermal.trajectory import cut, reference, simulate
+
+AMPLITUDE_SD = 3.0
+"""Prior sd, in units of the probe, of an effect whose strength is a logarithm: how much stronger it may well be."""
+
+
+@dataclass(frozen=True, slots=True)
+class Gain:
+    """Score of one candidate.
+
+    Attributes
+    ----------
+    candidate : Candidate
+    gain : float
+        By how much the cost (−2 log posterior) would fall.
+    values : mapping of parameter to float, SI
+        Where its strength would end: the start of a fit.
+    columns : ndarray (M, p)
+        Response of the readings to its strengths, K per unit.
+    """
+
+    candidate: Candidate
+    gain: float
+    values: Mapping[str, float]
+    columns: Floats
+
+
+def screen(fit: MapFit, candidates: Sequence[Candidate]) -> list[Gain]:
+    """Score candidates against a fit, best first."""
+    _, sigma, _, _, used = stacked(fit.problem)
+    weight = np.where(used, 1.0 / sigma, 0.0)
+    base = np.concatenate([fit.J, fit.linear.J], axis=1) * weight[:, None]
+    factor = scipy.linalg.cho_factor(fit.H)
+    r = np.where(used, fit.r, 0.0)
+    prior = np.array([c.prior for c in fit.problem.coordinates])
+    sd = np.array([c.sd for c in fit.problem.coordinates])
+    pull = np.concatenate([(fit.theta - prior) / sd**2, fit.nu / fit.linear.sd**2])
+    rest = base.T @ r - pull  # zero at a converged optimum inside its bounds
+    responses = _Responses(fit)
+    found = []
+    for c in candidates:
+        strengths = [p for p in c.effect.parameters if p.neutral is not None]
+        columns = np.stack([responses.column(c, p) for p in strengths], axis=1)
+        J = columns * weight[:, None]
+        scales = np.array([AMPLITUDE_SD if p.log else p.sd for p in strengths])
+        cross = base.T @ J
+        S = J.T @ J + np.diag(1.0 / scales**2) - cross.T @ scipy.linalg.cho_solve(factor, cross)
+        b = J.T @ r - cross.T @ scipy.linalg.cho_solve(factor, rest)
+        step = np.linalg.solve(S, b)
+        gain = float(b @ step)
+        if c.effect.one_sided and step[0] < 0.0:
+            gain = 0.0
+        found.append(Gain(c, gain, _start(c, strengths, step), columns))
+    return sorted(found, key=lambda g: -g.gain)
+
+
+def _start(c: Candidate, strengths: Sequence[EffectParameter], step: Floats) -> dict[str, float]:
+    values = {p.name: c.start.get(p.name, p.probe) for p in c.effect.parameters}
+    for p, s in zip(strengths, step, strict=True):
+        if not p.log and p.name not in c.start:
+            values[p.name] = float(np.clip(s, max(p.lower, -1.5 * p.sd), min(p.upper, 1.5 * p.sd)))
+    if c.effect.one_sided and not strengths[0].log:
+        least = 0.3 * strengths[0].sd
+        values[strengths[0].name] = max(values[strengths[0].name], least)
+    return values
+
+
+class _Responses:
+    """Responses of one fit's readings to candidates; what they share is computed once."""
+
+    def __init__(self, fit: MapFit) -> None:
+        self._fit = fit
+        self._problem = fit.problem
+        self._records = []
+        for r, m in enumerate(fit.problem.records):
+            v, starts = fit.problem.numbers(r, fit.theta)
+            memory, _ = fit.problem.physics.memory(m.drive, v)
+            X = fit.prediction.X[r]
+            recursion = reference(fit.problem.physics, m.drive, v, memory, X.mean(axis=0))
+            y = signals_at(m, fit.problem.physics, v, memory, X)
+            f = [fit.problem.physics.rates(x, u, v, mem) for x, u, mem in _spans(m, X, memory)]
+            self._records.append((m, v, starts, X, recursion, y, f))
+
+    def column(self, c: Candidate, p: EffectParameter) -> Floats:
+        """Readings' response (M,) to one parameter, per unit (or per probe where it is a logarithm)."""
+        values = {q.name: c.start.get(q.name, q.probe) for q in c.effect.parameters}
+        for q in c.effect.parameters:
+            if q.neutral is not None and q.name != p.name:
+                values[q.name] = q.neutral
+        values[p.name] = p.probe
+        assert p.neutral is not None  # noqa: S101 - strengths only
+        unit = 1.0 if p.log else p.probe - p.neutral
+        physics = Physics(c.put_into(self._problem.model, values))
+        parts = []
+        for m, v, starts, X, recursion, y, f in self._records:
+            with_it = replace(v, effects={**v.effects, c.key: values})
+            memory, _ = physics.memory(m.drive, with_it)
+            if c.effect.states:
+                moved = self._whole(physics, m, with_it, memory, starts, X)
+            else:
+                moved = X + np.concatenate(
+                    [
+                        recursion.run(np.zeros((X.shape[1], 1)), (physics.rates(x, u, with_it, mem) - f0)[..., None])[
+                            ..., 0
+                        ]
+                        for (x, u, mem), f0 in zip(_spans(m, X, memory), f, strict=True)
+                    ]
+                )
+            parts.append((signals_at(m, physics, with_it, memory, moved) - y) / unit)
+        return np.concatenate(parts)
+
+    @staticmethod
+    def _whole(
+        physics: Physics, m: Measured, v: Numbers, memory: Mapping[str, Floats], starts: Sequence[Floats], X: Floats
+    ) -> Floats:
+        """Trajectory with an effect that has states of its own."""
+        n = physics.cells
+        # states that the model had before stay where they are: the new effect's come last
+        guess = extended(physics, X, v, n)
+        begins = [extended(physics, s, v, n) for s in starts]
+        recursion = reference(physics, m.drive, v, memory, guess.mean(axis=0))
+        return simulate(physics, m.drive, v, memory, begins, m.spans, recursion, guess)[0]
+
+
+def extended(physics: Physics, X: Floats, v: Numbers, n: int) -> Floats:
+    """States with room for the new effect's own, in balance with core and surface."""
+    full = physics.start(X[..., 0 : 2 * n : 2], X[..., 1 : 2 * n : 2], v)
+    full[..., : X.shape[-1]] = X
+    return full
+
+
+def _spans(m: Measured, X: Floats, memory: Mapping[str, Floats]) -> Iterator[tuple[Floats, Drive, dict[str, Floats]]]:
+    """Mean states, inputs and memories of each span's intervals."""
+    row = 0
+    for span in m.spans:
+        x = X[row : row + len(span) + 1]
+        row += len(span) + 1
+        at = slice(span.first, span.last)
+        yield (x[1:] + x[:-1]) / 2.0, cut(m.drive, span.first, span.last), {k: a[at] for k, a in memory.items()}

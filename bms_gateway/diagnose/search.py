@@ -1,0 +1,342 @@
+"""The search for missing effects: screen all, refit the best, let evidence and held-out readings decide, repeat.
+
+Evidence is compared over {nothing, each effect} with half of the prior on nothing, and tempered by how much the best
+hypothesis' residual is inflated by autocorrelation. Held-out readings are a gate, never a score: an effect must not be
+worse there, and must take its part of what is too much there. After each addition the earlier ones are tried again:
+dropped when superfluous, exchanged when another does their work better.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from bms_gateway.diagnose.candidates import Candidate, candidates
+from bms_gateway.diagnose.residuals import log_density, rmse, structure, within
+from bms_gateway.diagnose.screen import Gain, extended, screen
+from bms_gateway.identify.map_fit import MapFit, map_fit, nuisance_columns, refreshed, stacked
+from bms_gateway.identify.problem import Measured, Problem
+from bms_gateway.thermal import StringModel
+
+Progress = Callable[[float, str], None]
+HALF = float(np.log(0.5))
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """Constants of the search.
+
+    Attributes
+    ----------
+    refits, per_family : int
+        Candidates refitted per round, and of one effect among them.
+    first_odds, further_odds : float
+        Log-odds an effect needs: 3 is 20 to 1; further ones must earn more, for the first has been fitted to the rest.
+    effects : int
+        Most effects that one search adds.
+    least_gain : float
+        Cost: what a candidate must promise to be refitted.
+    excess : float
+        A held-out mean square this share above the noise floor must fall …
+    relief : float
+        … to this share of its excess.
+    strong : float
+        z of the structure from which a biased optimum is a bad start: the best are fitted from nominal too.
+    ahead : float
+        Log-odds from which an effect that fails the gates is kept on trial for one round.
+    """
+
+    refits: int = 14
+    per_family: int = 2
+    first_odds: float = 3.0
+    further_odds: float = 6.0
+    effects: int = 3
+    least_gain: float = 4.0
+    excess: float = 0.25
+    relief: float = 0.7
+    strong: float = 8.0
+    ahead: float = 15.0
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """One hypothesis of a round: the current model and one effect more.
+
+    Attributes
+    ----------
+    candidate : Candidate
+    fit : MapFit
+    log_odds : float
+        Against nothing more, tempered.
+    share : float
+        Posterior probability of its effect in the round.
+    passed : bool
+        Whether evidence and held-out readings let it in.
+    why : str
+        Why not; empty where it passed.
+    """
+
+    candidate: Candidate
+    fit: MapFit
+    log_odds: float
+    share: float
+    passed: bool
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class Chosen:
+    """An effect that the search added.
+
+    Attributes
+    ----------
+    candidate : Candidate
+    tied : tuple of str
+        Other effects that this record cannot tell from it.
+    log_odds : float
+    """
+
+    candidate: Candidate
+    tied: tuple[str, ...]
+    log_odds: float
+
+
+@dataclass(slots=True)
+class Search:
+    """What a search found.
+
+    Attributes
+    ----------
+    baseline, final : MapFit
+    chosen : list of Chosen
+    rounds : list of list of Trial
+        Ranked by probability, the first round's first.
+    gains : list of Gain
+        Scores of all candidates against the baseline.
+    orphan : bool
+        Strong evidence for something, and nothing that the gates let in.
+    """
+
+    baseline: MapFit
+    final: MapFit
+    chosen: list[Chosen] = field(default_factory=list)
+    rounds: list[list[Trial]] = field(default_factory=list)
+    gains: list[Gain] = field(default_factory=list)
+    orphan: bool = False
+
+
+def search(
+    model: StringModel,
+    records: Sequence[Measured],
+    settings: Settings | None = None,
+    progress: Progress | None = None,
+) -> Search:
+    """Search for the effects that a model lacks.
+
+    Parameters
+    ----------
+    model : StringModel
+        With the priors from which it is fitted.
+    records : sequence of Measured
+    settings : Settings, optional
+    progress : callable, optional
+        Told the share of the work done and what is being done.
+
+    Returns
+    -------
+    Search
+        The same for the same arguments, to the last bit.
+    """
+    s = settings or Settings()
+    tell = progress or (lambda share, text: None)
+    tell(0.0, "fitting the model as it is")
+    baseline = fitted(Problem(model, records))
+    found = Search(baseline, baseline)
+    y = stacked(baseline.problem)[0]
+    surfaces = (float(np.quantile(y, 0.05)), float(np.quantile(y, 0.95)))
+    offered = candidates(model, records[0].drive, surfaces)
+    on_trial = False
+    for number in range(s.effects):
+        current = found.final
+        tell(0.15 + 0.8 * number / s.effects, "screening the catalogue")
+        there = {c.candidate.key for c in found.chosen}
+        gains = screen(current, [c for c in offered if c.key not in there])
+        if number == 0:
+            found.gains = gains
+        trials = _round(current, gains, offered, s, number, tell)
+        if not trials:
+            break
+        found.rounds.append(trials)
+        accepted = next((t for t in trials if t.passed), None)
+        if accepted is None and number == 0 and trials[0].log_odds > s.ahead:
+            accepted, on_trial = trials[0], True  # two effects may only generalise together
+        if accepted is None:
+            break
+        found.chosen.append(_chosen(accepted, trials))
+        found.final = refreshed(accepted.fit)
+        if len(found.chosen) > 1:
+            _exchange(found, offered, s)
+    if on_trial and not _redeemed(found):
+        found.chosen, found.final = [], baseline
+    found.orphan = not found.chosen and any(t.log_odds > s.ahead for r in found.rounds for t in r)
+    tell(1.0, "done")
+    return found
+
+
+def fitted(problem: Problem) -> MapFit:
+    """Fit a problem from where its coordinates begin; nuisances once the rest stands."""
+    first = map_fit(problem, problem.begin)
+    return refreshed(replace(first, nu=np.zeros(len(problem.nuisances))))
+
+
+def refit(parent: MapFit, gain: Gain, *, iterations: int = 8, give_up: float = np.inf) -> MapFit:
+    """Fit a model with one effect more, from the optimum without it."""
+    problem = Problem(gain.candidate.put_into(parent.problem.model, gain.values), parent.problem.records)
+    theta = np.concatenate([parent.theta, problem.begin[len(parent.theta) :]])
+    guess = [
+        extended(problem.physics, X, problem.numbers(r, theta)[0], problem.model.cells)
+        for r, X in enumerate(parent.prediction.X)
+    ]
+    return map_fit(
+        problem,
+        theta,
+        linear=parent.linear,
+        nu=parent.nu,
+        guess=guess,
+        J=parent.J,
+        iterations=iterations,
+        give_up=give_up,
+    )
+
+
+def refit_from_nominal(fit: MapFit, parent: MapFit) -> MapFit:
+    """Fit the same model from the priors' medians: a strong effect biases the optimum that others start from."""
+    P = len(parent.theta)
+    theta = fit.problem.begin
+    theta[P:] = fit.theta[P:]
+    prediction = fit.problem.predict(theta)
+    linear = nuisance_columns(fit.problem, theta, prediction)
+    return map_fit(fit.problem, theta, linear=linear, guess=prediction.X)
+
+
+def _round(
+    current: MapFit, gains: Sequence[Gain], offered: Sequence[Candidate], s: Settings, number: int, tell: Progress
+) -> list[Trial]:
+    chosen: list[Gain] = []
+    for g in gains:
+        family = sum(c.candidate.name == g.candidate.name for c in chosen)
+        if g.gain >= s.least_gain and family < s.per_family and len(chosen) < s.refits:
+            chosen.append(g)
+    fits: list[tuple[Candidate, MapFit]] = []
+    best = np.inf
+    for i, g in enumerate(chosen):
+        tell(0.15 + 0.8 * (number + 0.1 + 0.8 * i / len(chosen)) / s.effects, f"refitting with {g.candidate.key}")
+        fit = refit(current, g, give_up=best + 60.0)
+        best = min(best, fit.cost)
+        fits.append((g.candidate, fit))
+    if not fits:
+        return []
+
+    def posterior(c: Candidate, fit: MapFit) -> float:
+        return fit.log_evidence + prior_odds(c, offered)
+
+    fits.sort(key=lambda x: -posterior(*x))
+    if structure(current).z > s.strong:
+        for i, (c, fit) in enumerate(fits[:4]):
+            other = refit_from_nominal(fit, current)
+            if other.log_evidence > fit.log_evidence:
+                fits[i] = (c, other)
+        fits.sort(key=lambda x: -posterior(*x))
+    return _judge(current, fits, offered, s, first=number == 0)
+
+
+def prior_odds(c: Candidate, offered: Sequence[Candidate]) -> float:
+    """Log prior probability of one candidate: half is on nothing, the rest even over effects, then over places."""
+    families = len({o.name for o in offered})
+    return HALF - float(np.log(families * sum(o.name == c.name for o in offered)))
+
+
+def _judge(
+    current: MapFit, fits: Sequence[tuple[Candidate, MapFit]], offered: Sequence[Candidate], s: Settings, *, first: bool
+) -> list[Trial]:
+    inflation = structure(fits[0][1]).inflation
+    nothing = HALF + current.log_evidence / inflation
+    odds = np.array([fit.log_evidence / inflation + prior_odds(c, offered) - nothing for c, fit in fits])
+    weight = np.exp(np.concatenate([[0.0], odds]) - max(0.0, float(odds.max())))
+    weight /= weight.sum()
+    held = within(current)
+    floor = float(np.mean(stacked(current.problem)[1][held] ** 2))
+    before, density = rmse(current, held), log_density(current, held)
+    excess = max(before**2 - floor, 0.0)
+    share: dict[str, float] = {}
+    for (c, _), w in zip(fits, weight[1:], strict=True):
+        share[c.name] = share.get(c.name, 0.0) + float(w)
+    trials = []
+    for (c, fit), odd in zip(fits, odds, strict=True):
+        after, gain = rmse(fit, held), log_density(fit, held) - density
+        why = ""
+        if odd <= (s.first_odds if first else s.further_odds):
+            why = f"evidence too weak (log-odds {odd:.1f})"
+        elif gain < (-(5.0 + 0.03 * max(odd, 0.0)) if first else 3.0) * inflation:
+            why = "worse on the held-out blocks" if first else "no better on the held-out blocks"
+        elif excess > s.excess * floor and after**2 - floor > s.relief * excess:
+            why = f"held-out error stays at {after:.3g} K (noise {np.sqrt(floor):.3g} K)"
+        trials.append(Trial(c, fit, float(odd), share[c.name], not why, why))
+    # by the probability of the effect, then of the place; the gates speak for the three most probable effects
+    trials.sort(key=lambda t: (-t.share, -t.log_odds))
+    names = list(dict.fromkeys(t.candidate.name for t in trials))
+    likely = {n for i, n in enumerate(names) if i < 3 and (i == 0 or share[n] >= 0.02)}
+    return [
+        t if t.candidate.name in likely or not t.passed else replace(t, passed=False, why="another effect is likelier")
+        for t in trials
+    ]
+
+
+def _chosen(accepted: Trial, trials: Sequence[Trial]) -> Chosen:
+    tied = [t.candidate.name for t in trials if t.share >= 0.01 and t.candidate.name != accepted.candidate.name]
+    return Chosen(accepted.candidate, tuple(dict.fromkeys(tied)), accepted.log_odds)
+
+
+def _exchange(found: Search, offered: Sequence[Candidate], s: Settings) -> None:
+    """Try each earlier effect again: is it superfluous now, or does another do its work better?"""
+    inflation = structure(found.final).inflation
+    for i, old in enumerate(found.chosen[:-1]):
+        keep = [c for j, c in enumerate(found.chosen) if j != i]
+        without = _without(found.final, old.candidate.key)
+        if (found.final.log_evidence - without.log_evidence) / inflation + prior_odds(
+            old.candidate, offered
+        ) - HALF < s.first_odds:
+            found.chosen, found.final = keep, refreshed(without)
+            return
+        there = {c.candidate.key for c in keep}
+        gains = screen(without, [c for c in offered if c.key not in there])
+        seen: dict[str, Gain] = {}
+        for g in gains:
+            if g.gain >= s.least_gain and len(seen) < 6:
+                seen.setdefault(g.candidate.name, g)
+        fits = [(g.candidate, refit(without, g)) for g in seen.values()]
+        if not fits:
+            continue
+        best, fit = max(fits, key=lambda x: x[1].log_evidence + prior_odds(x[0], offered))
+        won = fit.log_evidence + prior_odds(best, offered)
+        won -= found.final.log_evidence + prior_odds(old.candidate, offered)
+        if won > s.first_odds * inflation and best.key != old.candidate.key:
+            trials = _judge(without, sorted(fits, key=lambda x: -x[1].log_evidence), offered, s, first=False)
+            trial = next(t for t in trials if t.candidate is best)
+            found.chosen = [*keep, _chosen(trial, trials)]
+            found.final = refreshed(fit)
+
+
+def _without(fit: MapFit, key: str) -> MapFit:
+    """Refit with one effect of the model taken out."""
+    model = fit.problem.model
+    problem = Problem(replace(model, effects=tuple(e for e in model.effects if e.key != key)), fit.problem.records)
+    theta = np.array([fit.theta[fit.problem.index(c.name)] for c in problem.coordinates])
+    return map_fit(problem, theta, linear=fit.linear, nu=fit.nu, iterations=8)
+
+
+def _redeemed(found: Search) -> bool:
+    """Whether effects taken on trial generalise together."""
+    held = within(found.baseline)
+    better = log_density(found.final, held) - log_density(found.baseline, held) >= 10.0
+    return len(found.chosen) > 1 and better and rmse(found.final, held) <= 1.05 * rmse(found.baseline, held)
