@@ -1,0 +1,272 @@
+"""Which physical effect is missing: the verdict on one or several records of a string, with all that stands behind it.
+
+adequate
+    What the declared tolerances explain: nothing is missing that these records could show.
+missing_effect
+    Named, with the effects that these records cannot tell from it; `unknown_remains` where it does not explain all.
+undecidable
+    Something of the catalogue is missing, and several effects explain it about equally well.
+unknown_effect
+    Structure that no effect of the catalogue explains; what merely resembles it is told as such, never as the cause.
+insufficient_data
+    The records cannot show an effect at all.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from bms_gateway.diagnose.candidates import Candidate
+from bms_gateway.diagnose.prepare import measured
+from bms_gateway.diagnose.record import Record
+from bms_gateway.diagnose.residuals import Structure, noise_floor, rmse, scale, structure, within
+from bms_gateway.diagnose.search import Progress, Search, Settings, Trial, search
+from bms_gateway.identify.map_fit import MapFit, stacked
+from bms_gateway.thermal import StringModel
+
+Verdict = Literal["adequate", "missing_effect", "undecidable", "unknown_effect", "insufficient_data"]
+
+LEAST_STRUCTURE = 0.18
+"""Structured error, in units of the sensors' noise, that counts as something left over …"""
+COARSE_STRUCTURE = 0.6
+"""… and where the resolution is so coarse that rounding itself leaves structure."""
+LEAST_Z = 6.0
+HELD_RATIO = 1.2
+"""Held-out residual over the noise, from which the model does not hold there."""
+EXPLAINED, EXPLAINED_HELD = 0.8, 0.5
+"""Share of the structure, of the held-out excess, that an effect must take away to be named as the cause."""
+DECIDED = 0.5
+"""Posterior share of the first effect below which several explain the records about equally well."""
+TIED = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class Number:
+    """A fitted number of an effect as people read it: value, standard deviation, unit."""
+
+    value: float
+    sd: float
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class Ranked:
+    """An effect in the ranking.
+
+    Attributes
+    ----------
+    effect : str
+    cell : int or None
+    heldout_rmse_K : float
+    evidence : float
+        Tempered log-odds against nothing.
+    share : float
+        Posterior probability of the effect within its round.
+    parameters : mapping of str to Number
+    tied_with : tuple of str
+        Effects that these records cannot tell from it.
+    refused : str
+        Why it was not let in; empty where nothing speaks against it.
+    """
+
+    effect: str
+    cell: int | None
+    heldout_rmse_K: float
+    evidence: float
+    share: float
+    parameters: Mapping[str, Number]
+    tied_with: tuple[str, ...]
+    refused: str
+
+
+@dataclass(frozen=True, slots=True)
+class Errors:
+    """Root mean squares in K: trained readings, held-out readings, and what the noise alone would leave."""
+
+    train_rmse_K: float
+    heldout_rmse_K: float
+    noise_floor_K: float
+    structure: Structure
+
+
+@dataclass(frozen=True, slots=True)
+class Selected:
+    """An effect of the verdict, with the effects tied with it."""
+
+    candidate: Candidate
+    tied_with: tuple[str, ...]
+    parameters: Mapping[str, Number]
+    log_odds: float
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """The verdict and what stands behind it.
+
+    Attributes
+    ----------
+    verdict : Verdict
+    unknown_remains : bool
+    sentence : str
+        The verdict for a battery engineer.
+    selected : tuple of Selected
+    looks_like : tuple of str
+        What an unknown effect resembles.
+    ranking : tuple of Ranked
+    baseline, after : Errors
+    search : Search
+    """
+
+    verdict: Verdict
+    unknown_remains: bool
+    sentence: str
+    selected: tuple[Selected, ...]
+    looks_like: tuple[str, ...]
+    ranking: tuple[Ranked, ...]
+    baseline: Errors
+    after: Errors
+    search: Search
+
+
+def diagnose(
+    model: StringModel,
+    records: Sequence[Record],
+    settings: Settings | None = None,
+    progress: Progress | None = None,
+) -> Diagnosis:
+    """Find the effect that a model lacks.
+
+    Parameters
+    ----------
+    model : StringModel
+    records : sequence of Record
+        Of one cell type; each with its own start, and its own cooling where there are several.
+    settings : Settings, optional
+    progress : callable, optional
+        Told the share of the work done and what is being done.
+
+    Returns
+    -------
+    Diagnosis
+    """
+    found = search(model, [measured(r, model) for r in records], settings, progress)
+    return judged(found)
+
+
+def judged(found: Search) -> Diagnosis:
+    """Pass the verdict on what a search found."""
+    base, final = errors(found.baseline), errors(found.final)
+    held = within(found.final)
+    floor = float(np.mean(stacked(found.final.problem)[1][held] ** 2))
+    coarse = any(bool(np.any(m.step > 3.0 * m.sigma0)) for m in found.final.problem.records)
+    least = COARSE_STRUCTURE if coarse else LEAST_STRUCTURE
+    structured = final.structure.z > LEAST_Z and final.structure.size > least
+    fails_held = scale(found.final, held) > HELD_RATIO
+    explained = 1.0 - max(final.structure.power, 0.0) / max(base.structure.power, 1e-9)
+    before, after = (max(rmse(f, held) ** 2 - floor, 0.0) for f in (found.baseline, found.final))
+    explained_held = 1.0 - after / max(before, 1e-9)
+    outside = bool(found.chosen) and final.heldout_rmse_K > max(1.3 * final.noise_floor_K, 1.05 * base.heldout_rmse_K)
+    remains = structured or fails_held or outside
+    mimic = (structured and explained < EXPLAINED) or (fails_held and explained_held < EXPLAINED_HELD)
+    selected = tuple(Selected(c.candidate, c.tied, numbers(found.final, c.candidate), c.log_odds) for c in found.chosen)
+    ranking = tuple(_ranked(t, r) for r in found.rounds[:1] for t in r)
+    if not found.chosen:
+        verdict: Verdict = "unknown_effect" if remains or found.orphan else "adequate"
+    elif mimic:
+        verdict = "unknown_effect"
+    else:
+        first = next(t for t in found.rounds[0] if t.candidate is found.rounds[0][0].candidate)
+        verdict = "undecidable" if first.share < DECIDED and selected[0].tied_with else "missing_effect"
+    looks = tuple(dict.fromkeys(t.candidate.name for r in found.rounds[:1] for t in r[:3] if t.log_odds > 3.0))
+    if verdict == "unknown_effect":
+        return Diagnosis(
+            verdict, True, _sentence(verdict, (), looks, True, base, base), (), looks, ranking, base, base, found
+        )
+    return Diagnosis(
+        verdict,
+        remains,
+        _sentence(verdict, selected, (), remains, base, final),
+        selected,
+        (),
+        ranking,
+        base,
+        final,
+        found,
+    )
+
+
+def errors(fit: MapFit) -> Errors:
+    """Errors of a fit on trained and held-out readings."""
+    used = stacked(fit.problem)[4]
+    everything = np.ones_like(used)
+    return Errors(rmse(fit, used), rmse(fit, ~used), noise_floor(fit, everything), structure(fit))
+
+
+def numbers(fit: MapFit, c: Candidate) -> dict[str, Number]:
+    """Numbers of one effect of a fit in the units shown to people; sd by the delta method where it is a logarithm."""
+    sd = np.sqrt(np.diag(fit.covariance))
+    found = {}
+    for p in c.effect.parameters:
+        i = fit.problem.index(f"{c.key}.{p.name}")
+        value = float(np.exp(fit.theta[i])) if p.log else float(fit.theta[i])
+        spread = value * float(sd[i]) if p.log else float(sd[i])
+        found[p.name] = Number(value / p.to_si, spread / p.to_si, p.unit)
+    return found
+
+
+def _ranked(t: Trial, trials: Sequence[Trial]) -> Ranked:
+    used = stacked(t.fit.problem)[4]
+    tied = tuple(
+        dict.fromkeys(
+            o.candidate.name
+            for o in trials
+            if o.candidate.name != t.candidate.name and abs(o.log_odds - t.log_odds) < 4.6 and o.log_odds > 3.0
+        )
+    )
+    return Ranked(
+        t.candidate.name,
+        t.candidate.cell,
+        rmse(t.fit, ~used),
+        t.log_odds,
+        t.share,
+        numbers(t.fit, t.candidate),
+        tied,
+        t.why,
+    )
+
+
+def named(c: Candidate) -> str:
+    """An effect as a sentence names it."""
+    place = "" if c.cell is None else f" (cell {c.cell})" if c.effect.place != "gap" else f" (after cell {c.cell})"
+    return f"{c.name}{place}: {c.effect.title}"
+
+
+def _sentence(
+    verdict: Verdict,
+    selected: Sequence[Selected],
+    looks: Sequence[str],
+    remains: bool,
+    base: Errors,
+    after: Errors,
+) -> str:
+    floor = base.noise_floor_K
+    if verdict == "adequate":
+        return (
+            f"The model explains these readings: {base.heldout_rmse_K:.2g} K on held-out blocks, "
+            f"noise {floor:.2g} K. Nothing is missing that they could show."
+        )
+    if verdict == "unknown_effect":
+        like = f" It looks partly like {', '.join(looks)}, but that does not explain it." if looks else ""
+        return (
+            f"Something is missing that no effect of the catalogue explains: {base.heldout_rmse_K:.2g} K on "
+            f"held-out blocks, noise {floor:.2g} K.{like}"
+        )
+    names = " and ".join(named(s.candidate) for s in selected)
+    tied = sorted({t for s in selected for t in s.tied_with})
+    text = f"Missing: {names}. With it the held-out error falls from {base.heldout_rmse_K:.2g} to "
+    text += f"{after.heldout_rmse_K:.2g} K (noise {floor:.2g} K)."
+    if tied:
+        text += f" These readings cannot tell it from {', '.join(tied)}."
+    return text + (" Something unknown remains." if remains else "")
