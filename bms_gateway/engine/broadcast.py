@@ -38,7 +38,7 @@ class State(IntEnum):
 
 
 STATUS_CODES = {LEARNING: 0, IDENTIFIED: 1, FIXED: 3}
-NOT_IDENTIFIABLE = 2  # its text goes on with the reason, so it is the code of every other status
+NOT_IDENTIFIABLE = 2  # of every other status; what follows a colon is for people
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,7 +155,11 @@ def _parameter(name: str, s: StringEstimator) -> Content:
     if estimate is None:
         return nan, nan, nan
     to_si = KINDS[name].to_si
-    return estimate.value / to_si, estimate.sd / to_si, STATUS_CODES.get(estimate.status, NOT_IDENTIFIABLE)
+    return (
+        estimate.value / to_si,
+        estimate.sd / to_si,
+        STATUS_CODES.get(estimate.status.split(":")[0], NOT_IDENTIFIABLE),
+    )
 
 
 def _health(s: StringEstimator) -> Content:

@@ -1,4 +1,4 @@
-"""Means of one current input over a tick: of I, of I² and, with a voltage beside it, of V and I·V.
+"""Means of one current input over a tick: of I, |I|, I² and, with a voltage beside it, of V and I·V.
 
 The heat of a tick needs the mean of the square, never the square of the mean. Between two samples the current is held
 (what a battery monitor sends is a reading, not a slope); a sample is trusted for `HOLD_S` at the most, so a current
@@ -25,12 +25,15 @@ class Means:
     ----------
     I, I2, V, IV : float
         A, A², V, W.
+    I_abs : float
+        Mean magnitude of the current, A.
     """
 
     I: float = nan  # noqa: E741  the field's symbol
     I2: float = nan
     V: float = nan
     IV: float = nan
+    I_abs: float = nan
 
 
 @dataclass(slots=True)
@@ -87,16 +90,16 @@ class Current:
             return Means()
         charge = weight * values
         mean_I, mean_I2 = float(charge.sum()) / covered, float((charge * values).sum()) / covered
+        I_abs = float(np.abs(charge).sum()) / covered
         if volts is None:
-            return Means(mean_I, mean_I2)
+            return Means(mean_I, mean_I2, I_abs=I_abs)
         known = np.isfinite(volts)
         weight, volts = np.where(known, weight, 0.0), np.where(known, volts, 0.0)
         both = float(weight.sum())
         if both < enough:
-            return Means(mean_I, mean_I2)
-        return Means(
-            mean_I, mean_I2, float((weight * volts).sum()) / both, float((weight * values * volts).sum()) / both
-        )
+            return Means(mean_I, mean_I2, I_abs=I_abs)
+        mean_V, mean_IV = float((weight * volts).sum()) / both, float((weight * values * volts).sum()) / both
+        return Means(mean_I, mean_I2, mean_V, mean_IV, I_abs)
 
     def _volts_at(self, starts: NDArray[np.int64], times: NDArray[np.int64], V: Floats) -> Floats | None:
         """Voltage in force at each instant: the newest at or before it, if not too old; else NaN. None: no voltage."""

@@ -16,7 +16,9 @@ from bms_gateway.frames.quality import Quality
 from bms_gateway.health import Ageing, Mismatch
 from bms_gateway.identify import Estimate, Identifier, Tick, VoltageHeat, VoltageTracker, build, string_parameters
 from bms_gateway.identify.contract import IDENTIFIED, LEARNING
-from bms_gateway.observe import AdaptiveObserver
+from bms_gateway.observe import AdaptiveObserver, EffectObserver, Measured
+from bms_gateway.observe import Estimate as States
+from bms_gateway.observe.effects import SOC_UNKNOWN
 from bms_gateway.thermal import KINDS, Floats
 
 # of numpy's own type, which it compares much faster than members of an enumeration
@@ -66,7 +68,10 @@ class StringEstimator:
             plan,
             wire,
             identifier,
-            VoltageTracker(plan.model.capacity_Ah or CAPACITY_AH, n) if wire.voltage >= 0 else None,
+            # a model with effects says itself where the heat comes from
+            VoltageTracker(plan.model.capacity_Ah or CAPACITY_AH, n)
+            if wire.voltage >= 0 and not plan.model.effects
+            else None,
             nothing,
             nothing,
             nothing,
@@ -105,13 +110,18 @@ class StringEstimator:
         nominal = self.plan.model.flow
         return reading.flow / nominal if nominal else float("nan")
 
+    def measured(self, reading: Reading) -> Measured:
+        """Gather what the observer of a string with effects takes in at a tick."""
+        m, n = reading.means, self.plan.model.cells
+        return Measured(m.I, m.I2, m.I_abs, reading.inlet, self.flow_ratio(reading), reading.soc, m.V / n, m.IV / n)
+
 
 @dataclass(slots=True)
 class Group:
-    """Strings with equal numbers of cells, and the observer that stacks them."""
+    """Strings with equal numbers of cells and the observer that stacks them, or one string with effects and its own."""
 
     members: list[int]
-    observer: AdaptiveObserver
+    observer: AdaptiveObserver | EffectObserver
 
 
 @dataclass(slots=True)
@@ -137,12 +147,18 @@ class Estimators:
         self._introduced = False  # what is known at the start has been told
         self._gap_s = 0.0  # since the last tick, beyond its period
         self.strings = [StringEstimator.of(p, w) for p, w in zip(plan.strings, wires, strict=True)]
-        lengths = sorted({s.plan.model.cells for s in self.strings})
+        plain = [i for i, s in enumerate(self.strings) if not s.plan.model.effects]
+        lengths = sorted({self.strings[i].plan.model.cells for i in plain})
         self._groups = []
         for n in lengths:
-            members = [i for i, s in enumerate(self.strings) if s.plan.model.cells == n]
+            members = [i for i in plain if self.strings[i].plan.model.cells == n]
             models = [self.strings[i].plan.model for i in members]
             self._groups.append(Group(members, AdaptiveObserver(models, self._dt, plan.disturbance)))
+        for i, s in enumerate(self.strings):
+            if s.plan.model.effects:
+                soc = s.wire.constants.get("soc", SOC_UNKNOWN)
+                observer = EffectObserver(s.plan.model, self._dt, plan.disturbance, soc=soc)
+                self._groups.append(Group([i], observer))
 
     def step(self, readings: Sequence[Reading], t1: int) -> TickResult:
         """Advance all strings by one tick that ends at `t1`, ns."""
@@ -161,14 +177,7 @@ class Estimators:
         strings = [self.strings[i] for i in group.members]
         heat = np.array([s.heat(r, self._dt) for s, r in zip(strings, readings, strict=True)])
         n = strings[0].plan.model.cells
-        e = group.observer.step(
-            np.array([r.means.I2 for r in readings]),
-            heat[:, None].repeat(n, axis=1),
-            np.array([r.inlet for r in readings]),
-            np.concatenate([r.y for r in readings]).reshape(-1, n),
-            np.concatenate([r.age for r in readings]).reshape(-1, n),
-            np.array([s.flow_ratio(r) for s, r in zip(strings, readings, strict=True)]),
-        )
+        e = self._observe(group.observer, strings, readings, heat)
         usable = e.core_sd <= AVAILABLE_SD_K
         core, core_sd = np.where(usable, e.core, np.nan), np.where(usable, e.core_sd, np.nan)
         surface = np.where(usable, e.surface, np.nan)
@@ -184,9 +193,28 @@ class Estimators:
             job = s.identifier.add(Tick(t1, self._dt + self._gap_s, r.means.I2, float(heat[j]), r.inlet, r.y, r.age))
             if job is not None:
                 result.jobs.append((i, job))
-            elif s.plan.identify == "rls" and t1 % ADOPT_NS == 0:
+            elif s.plan.identify == "rls" and not s.plan.model.effects and t1 % ADOPT_NS == 0:
                 self._adopt(group, j)
                 result.events.append(Parameters(t1, s.plan.name, s.estimates))
+
+    @staticmethod
+    def _observe(
+        observer: AdaptiveObserver | EffectObserver,
+        strings: Sequence[StringEstimator],
+        readings: Sequence[Reading],
+        heat: Floats,
+    ) -> States:
+        if isinstance(observer, EffectObserver):
+            return observer.step(strings[0].measured(readings[0]), readings[0].y, readings[0].age)
+        n = strings[0].plan.model.cells
+        return observer.step(
+            np.array([r.means.I2 for r in readings]),
+            heat[:, None].repeat(n, axis=1),
+            np.array([r.inlet for r in readings]),
+            np.concatenate([r.y for r in readings]).reshape(-1, n),
+            np.concatenate([r.age for r in readings]).reshape(-1, n),
+            np.array([s.flow_ratio(r) for s, r in zip(strings, readings, strict=True)]),
+        )
 
     def _adopt(self, group: Group, j: int) -> None:
         """Give the observer what the identifier knows now."""
@@ -258,7 +286,7 @@ class Estimators:
                 continue
             cold.update(names)
             for j, name in enumerate(names):
-                if name in same:
+                if name in same and isinstance(g.observer, AdaptiveObserver):
                     self._adopt(g, j)
         return [
             f"{s.plan.name}: "
@@ -276,6 +304,8 @@ def _fingerprint(plan: StringPlan) -> str:
     m = plan.model
     priors = {k: (np.asarray(p.value).tolist(), p.rel_sd) for k, p in sorted(m.priors.items())}
     text = repr((m.cells, m.sensors, m.condition, m.coolant, m.flow, priors, plan.identify))
+    for e in m.effects:
+        text += repr((e.key, sorted(e.values.items()), sorted(e.sd.items())))
     return sha256(text.encode()).hexdigest()[:16]
 
 

@@ -27,8 +27,9 @@ from bms_gateway.thermal import Floats
 
 # plain integers: numpy takes many times longer to compare with a member of an enumeration
 GOOD, ESTIMATED = int(Quality.GOOD), int(Quality.ESTIMATED)
-# What today's estimators take in; state of charge and cell voltages may be wired but need not be decoded yet.
+# What the estimators take in; cell voltages may be wired but need not be decoded yet.
 USED = frozenset({"current", "voltage", "coolant_inlet", "coolant_flow", "surface"})
+USED_BY_EFFECTS = USED | {"soc"}
 ACTIVE_A = 1.0  # mean current of a tick above which a sensor that never moves is suspicious
 
 REASONS = {
@@ -61,6 +62,7 @@ class Wire:
     voltage: int
     coolant_inlet: int
     coolant_flow: int
+    soc: int
     surface: NDArray[np.intp]
     constants: Mapping[str, float]
 
@@ -98,6 +100,8 @@ class Reading:
         Coolant inlet at the tick, °C; NaN where unknown.
     flow : float
         m³/s; NaN where unknown.
+    soc : float
+        State of charge, 0…1; NaN where unknown, and for strings whose model has no effects.
     y, age : ndarray (n,)
         Surface readings, °C, NaN where none is new and good; seconds between reading and tick.
     quality : ndarray of uint8 (n,)
@@ -108,6 +112,7 @@ class Reading:
     current_quality: int
     inlet: float
     flow: float
+    soc: float
     y: Floats
     age: Floats
     quality: NDArray[np.uint8]
@@ -171,11 +176,12 @@ class Inputs:
         at: dict[str, int] = {}
         surface = np.full(string.model.cells, -1, np.intp)
         constants: dict[str, float] = {}
+        used = USED_BY_EFFECTS if string.model.effects else USED
         for c in string.channels:
             if c.signal is None:
                 constants[c.quantity] = nan if c.constant is None else c.constant
                 continue
-            if c.quantity not in USED:
+            if c.quantity not in used:
                 continue
             known = len(index)
             i = index.setdefault((c.signal, c.scale, c.offset), known)
@@ -192,6 +198,7 @@ class Inputs:
             voltage=at.get("voltage", -1),
             coolant_inlet=at.get("coolant_inlet", -1),
             coolant_flow=at.get("coolant_flow", -1),
+            soc=at.get("soc", -1),
             surface=surface,
             constants=constants,
         )
@@ -244,6 +251,7 @@ class Inputs:
                 quality[w.current],
                 self._inlet(w, quality, t1),
                 self._flow(w, quality, g.value),
+                float(g.value[w.soc]) if w.soc >= 0 and quality[w.soc] == GOOD else nan,
                 y[mine],
                 age[mine],
                 surface_quality[mine],

@@ -1,6 +1,15 @@
 """Parameters from measurements: the paper's regression as reference, windowed output error for the road."""
 
-from bms_gateway.identify.contract import Estimate, Identifier, Job, Posterior, Result, Tick, string_parameters
+from bms_gateway.identify.contract import (
+    FIXED_OFFLINE,
+    Estimate,
+    Identifier,
+    Job,
+    Posterior,
+    Result,
+    Tick,
+    string_parameters,
+)
 from bms_gateway.identify.fixed import FixedIdentifier
 from bms_gateway.identify.recursive import RecursiveIdentifier
 from bms_gateway.identify.voltage import VoltageHeat, VoltageTracker
@@ -32,6 +41,8 @@ def build(method: str, model: StringModel, settings: Settings | None = None) -> 
     ----------
     method : {"window", "rls", "off"}
     model : StringModel
+        One with effects keeps its numbers, whatever the method: these know I²R_e only, and would take an effect for
+        another resistance.
     settings : Settings or None
         Of the windowed method; the others have none.
 
@@ -40,6 +51,8 @@ def build(method: str, model: StringModel, settings: Settings | None = None) -> 
     ValueError
         Unknown method: the caller's mistake, as the config was checked before.
     """
+    if model.effects:
+        return FixedIdentifier(model, FIXED_OFFLINE)
     if method == "window":
         return WindowIdentifier(model, settings)
     if method == "rls":

@@ -16,6 +16,7 @@ from bms_gateway.thermal import CELL_SYMBOLS, KINDS, Floats, StringModel, String
 LEARNING = "learning"
 IDENTIFIED = "identified"
 FIXED = "fixed"
+FIXED_OFFLINE = f"{FIXED}: identified offline, together with the effects of the model file"
 
 
 def not_identifiable(why: str) -> str:

@@ -12,9 +12,10 @@ from bms_gateway.thermal import StringModel
 class FixedIdentifier:
     """The prior, for ever."""
 
-    def __init__(self, model: StringModel) -> None:
+    def __init__(self, model: StringModel, status: str = FIXED) -> None:
         names, mean, sd = log_prior(model)
         self._posterior = Posterior(names, mean, np.diag(sd**2))
+        self._status = status
 
     def add(self, tick: Tick) -> None:
         """Learn nothing."""
@@ -27,8 +28,8 @@ class FixedIdentifier:
         return self._posterior
 
     def estimates(self) -> tuple[Estimate, ...]:
-        """Return the prior's values, each `fixed`."""
-        return estimates_of(self._posterior, [FIXED] * len(self._posterior.names))
+        """Return the prior's values, each with the one status."""
+        return estimates_of(self._posterior, [self._status] * len(self._posterior.names))
 
     def snapshot(self) -> dict[str, Any]:
         """Return nothing to remember."""

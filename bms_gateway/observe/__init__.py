@@ -1,6 +1,7 @@
-"""From readings to states: open loop, Luenberger, Kalman and the adaptive observer, all with init, predict, update."""
+"""From readings to states: open loop, Luenberger, Kalman, the adaptive observer, that for strings with effects."""
 
 from bms_gateway.observe.adaptive import AdaptiveObserver, Estimate
+from bms_gateway.observe.effects import EffectObserver, Measured
 from bms_gateway.observe.kalman import Innovation, Kalman, KalmanState, Predicted
 from bms_gateway.observe.luenberger import Luenberger
 from bms_gateway.observe.model import StackedModel, Start, stack, start_covariance
@@ -12,12 +13,14 @@ __all__ = [
     "PARAMETERS",
     "AdaptiveObserver",
     "Disturbance",
+    "EffectObserver",
     "Estimate",
     "Innovation",
     "Kalman",
     "KalmanState",
     "Luenberger",
     "MeanState",
+    "Measured",
     "OpenLoop",
     "Predicted",
     "StackedModel",

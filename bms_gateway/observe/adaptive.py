@@ -20,12 +20,14 @@ from bms_gateway.errors import StateError
 from bms_gateway.observe.kalman import EVERY, Kalman, KalmanState
 from bms_gateway.observe.model import OFFSETS, Bools, Ints, Start, stack, start_covariance
 from bms_gateway.observe.sensitivity import PARAMETERS, Flows, carried, corrected
+from bms_gateway.observe.spread import root, scatter
+from bms_gateway.observe.stored import like, plain
 from bms_gateway.thermal import Disturbance, Floats, StringModel, StringParameters
 
 FLOW_GRID = 0.03
-"""Step of ln(flow ratio) between discretisations: R_u then is off by 1 % at most, less than the law behind it."""
+"""Step of ln(flow ratio) between discretisations: C_f then is off by 2 % at most, less than it is known."""
 FLOW_LIMITS = (0.02, 50.0)
-"""Flow ratios beyond are taken for these: a stopped fan still leaves draught, and R_u ∝ flow^−0.63 ends somewhere."""
+"""Flow ratios beyond are taken for these: a stopped fan still leaves draught."""
 READ_WITHIN = 60.0
 """s for which a reading stands for its surface: thermocouples that take turns, and many fast time constants (9 s)."""
 PROBE = 1e-4
@@ -107,7 +109,7 @@ class AdaptiveObserver:
         self._kalman = Kalman(stack(in_force, dt, disturbance), sensors, fitted)
         self._flows = Flows.of(in_force)
         self._rebuild_heat()
-        self._scatter = np.stack([_scatter(m) for m in models], axis=1)[:, :, None]
+        self._scatter = np.stack([scatter(m) for m in models], axis=1)[:, :, None]
         self._read = fitted, np.nonzero(fitted)[0], sensors[fitted]
         self._starts = np.stack(
             [start_covariance(self._cells, start, disturbance, inlet_known=known) for known in (False, True)]
@@ -116,7 +118,7 @@ class AdaptiveObserver:
         self._state = self._kalman.init(np.zeros((self._strings, M)), np.repeat(self._starts[:1], self._strings, 0))
         self._J = np.zeros((self._strings, M, len(PARAMETERS)))
         self._cov = np.stack([_prior_covariance(m, heat_rel_sd) for m in models])
-        self._root = np.stack([_root(c) for c in self._cov])
+        self._root = np.stack([root(c) for c in self._cov])
         self._unread = np.full(sensors.shape, np.inf)
         self._inlet = np.zeros(self._strings)
         self._usual = np.zeros((self._strings, self._cells))
@@ -213,7 +215,7 @@ class AdaptiveObserver:
         cov[:, at] = 0.0
         cov[np.ix_(at, at)] = covariance
         self._cov, self._root = self._cov.copy(), self._root.copy()
-        self._cov[s], self._root[s] = cov, _root(cov)
+        self._cov[s], self._root[s] = cov, root(cov)
 
     def propagate(self, gap_s: float, inlet: Floats | None = None) -> Estimate:
         """Carry all strings over a time without frames: a silent bus, or parked since the state was stored.
@@ -251,9 +253,9 @@ class AdaptiveObserver:
 
     def snapshot(self) -> dict[str, Any]:
         """Return all that a restart needs, as numbers, lists and None for NaN."""
-        own = {name: _plain(getattr(self, f"_{name}")) for name in _KEPT}
-        state = {f.name: _plain(getattr(self._state, f.name)) for f in fields(KalmanState)}
-        values = [{k: _plain(np.asarray(getattr(p, k))) for k in PARAMETERS[:-1]} for p in self._parameters]
+        own = {name: plain(getattr(self, f"_{name}")) for name in _KEPT}
+        state = {f.name: plain(getattr(self._state, f.name)) for f in fields(KalmanState)}
+        values = [{k: plain(np.asarray(getattr(p, k))) for k in PARAMETERS[:-1]} for p in self._parameters]
         return {"own": own, "state": state, "parameters": values}
 
     def restore(self, snapshot: Mapping[str, Any]) -> None:
@@ -265,12 +267,12 @@ class AdaptiveObserver:
             It belongs to other strings, something is missing in it, or it holds no numbers.
         """
         try:
-            own = {k: _like(snapshot["own"][k], getattr(self, f"_{k}")) for k in _KEPT}
+            own = {k: like(snapshot["own"][k], getattr(self, f"_{k}")) for k in _KEPT}
             state = KalmanState(
-                **{f.name: _like(snapshot["state"][f.name], getattr(self._state, f.name)) for f in fields(KalmanState)}
+                **{f.name: like(snapshot["state"][f.name], getattr(self._state, f.name)) for f in fields(KalmanState)}
             )
             parameters = [
-                model.parameters({k: _like(v[k], np.asarray(getattr(p, k))) for k in model.priors})
+                model.parameters({k: like(v[k], np.asarray(getattr(p, k))) for k in model.priors})
                 for model, p, v in zip(self._models, self._parameters, snapshot["parameters"], strict=True)
             ]
         except (KeyError, TypeError, ValueError) as e:
@@ -280,7 +282,7 @@ class AdaptiveObserver:
         for name, value in own.items():
             setattr(self, f"_{name}", value)
         self._parameters, self._state = parameters, state
-        self._root = np.stack([_root(c) for c in self._cov])
+        self._root = np.stack([root(c) for c in self._cov])
         self._exchange(np.arange(self._strings), restored=True)
 
     def _begin(self, inlet: Floats, y: Floats) -> None:
@@ -378,21 +380,6 @@ def _prior_covariance(model: StringModel, heat_rel_sd: float) -> Floats:
     return np.diag(np.square([*sd, heat_rel_sd]))
 
 
-def _scatter(model: StringModel) -> Floats:
-    """Squares of what cells differ in R_e, R_u and R_c, and of the thermocouples' offset; one cell is its own mean."""
-    keys = ("cell_R_e", "cell_R_u", "cell_R_c", "surface_offset_K")
-    sd = np.array([model.tolerances.get(k, 0.0) for k in keys])
-    if model.cells == 1:
-        sd[:3] = 0.0
-    return np.asarray(np.square(sd), dtype=np.float64)
-
-
-def _root(covariance: Floats) -> Floats:
-    """Find F with F Fᵀ = covariance; by eigenvalues, because fixed parameters make it singular."""
-    values, vectors = np.linalg.eigh((covariance + covariance.T) / 2.0)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)), dtype=np.float64)
-
-
 def _squares(a: Floats) -> Floats:
     """Sum the squares over the last axis, which is short: a reduction there would be slow."""
     return np.asarray(np.einsum("smp,smp->sm", a, a), dtype=np.float64)
@@ -405,19 +392,3 @@ def _scaled(p: StringParameters, symbol: str, factor: float) -> StringParameters
 def _usable(p: StringParameters) -> StringParameters:
     """Take the exact exchange where the flow is too low for the bulk node, which would overshoot there."""
     return replace(p, coolant="ntu") if p.coolant == "bulk" and bool(np.any(p.R_u * p.C_f <= 1.0)) else p
-
-
-def _plain(a: np.ndarray) -> Any:
-    if a.dtype.kind == "f" and not np.isfinite(a).all():
-        blank = a.astype(object)
-        blank[~np.isfinite(a)] = None
-        return blank.tolist()
-    return a.tolist()
-
-
-def _like(value: Any, model: np.ndarray) -> np.ndarray:
-    """Array of the type and shape of `model`; None becomes NaN."""
-    a = np.array(value, dtype=np.float64 if model.dtype.kind == "f" else model.dtype)
-    if a.shape != model.shape:
-        raise ValueError(f"shape {a.shape} where {model.shape} is needed")
-    return a

@@ -145,16 +145,17 @@ class StringParameters:
         return cls(spread(C_c), spread(C_s), spread(R_e), spread(R_c), spread(R_u), float(R_cc), float(C_f), coolant)
 
     def with_flow_ratio(self, ratio: float) -> "StringParameters":
-        """Scale the cooling to another coolant flow.
+        """Scale the stream to another coolant flow: C_f is proportional to it.
 
-        R_u falls as flow^0.63 (Zukauskas, tube bank) and C_f is proportional to it.
+        R_u stays as it is: how the film follows the flow is an effect of the catalogue (`flow_dependent_cooling`),
+        which a model has or has not, wherever it is used.
 
         Parameters
         ----------
         ratio : float
             Flow over nominal flow, > 0.
         """
-        return replace(self, R_u=self.R_u * ratio**-0.63, C_f=self.C_f * ratio)
+        return replace(self, C_f=self.C_f * ratio)
 
 
 # What is not a missing effect: scatter that any pack has. Cell-to-cell shares of R_e, R_u, R_c; sensor offsets in K.
@@ -205,7 +206,7 @@ class StringModel:
     capacity_Ah : float or None
         For state of charge by counting.
     flow : float or None
-        Nominal coolant flow, m³/s, to which C_f and R_u belong.
+        Nominal coolant flow, m³/s, to which C_f belongs.
     tolerances : mapping
     effects : tuple of AddedEffect
         What the model knows beyond I²R_e, two nodes and a coolant path.

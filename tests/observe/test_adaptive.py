@@ -303,7 +303,7 @@ def test_a_state_that_is_foreign_or_damaged_is_refused_and_changes_nothing():
         assert own.snapshot() == before
 
 
-def test_flow_changes_cool_as_the_law_says():
+def test_flow_changes_cool_by_the_heat_that_the_stream_carries():
     ratio = 2.0
     p = model(3, (1, 3)).nominal.with_flow_ratio(ratio)
     drive = Drive.of(truth(3, batch=(1,), R_u=p.R_u, C_f=p.C_f), 30, 25.0, (1, 3))

@@ -185,11 +185,11 @@ def test_without_coolant_warming_and_conduction_cells_do_not_know_each_other():
     assert not A.any()
 
 
-def test_more_flow_cools_better():
+def test_more_flow_warms_up_less_and_films_stay_as_they_are():
     p = table_1(3, C_f=C_F)
     fast = p.with_flow_ratio(2.0)
     assert fast.C_f == pytest.approx(2 * C_F)
-    assert fast.R_u == pytest.approx(p.R_u / 2**0.63)
+    assert fast.R_u is p.R_u
     assert fast.R_c is p.R_c
 
 

@@ -1,0 +1,89 @@
+r"""Kalman filter that considers numbers without estimating them: mean, covariance and sensitivities of one string.
+
+The numbers θ, with covariance Σ, keep their values; J = ∂x̂/∂θ is carried (S. F. Schmidt 1966). With the readings'
+covariances U, S for known numbers (late readings as in `kalman`) and their sensitivity G,
+
+.. math::
+    K = (U + J^- \Sigma G^T)(S + G \Sigma G^T)^{-1}, \qquad J^+ = J^- - K G, \qquad
+    P^+ = P^- - K U^T - U K^T + K S K^T
+
+which holds for any gain; this one makes P + J Σ Jᵀ smallest.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bms_gateway.thermal import Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Belief:
+    """What is held of a string.
+
+    Attributes
+    ----------
+    z : ndarray (M,)
+        State, offsets last.
+    P : ndarray (M, M)
+        Covariance if the numbers were known.
+    J : ndarray (M, p)
+        Sensitivity of `z` to the numbers.
+    """
+
+    z: Floats
+    P: Floats
+    J: Floats
+
+    @property
+    def finite(self) -> bool:
+        """Whether everything in it is a number."""
+        return bool(np.isfinite(self.z).all() and np.isfinite(self.P).all() and np.isfinite(self.J).all())
+
+
+def conditioned(
+    before: Belief,
+    now: Belief,
+    Phi: Floats,
+    H: Floats,
+    G: Floats,
+    r: Floats,
+    w: Floats,
+    cov: Floats,
+    sd: float,
+) -> tuple[Belief, Floats]:
+    """Take m readings in.
+
+    Parameters
+    ----------
+    before, now : Belief
+        One step ago, and carried to now.
+    Phi : ndarray (M, M)
+        Transition between them.
+    H, G : ndarray (m, M), (m, p)
+        Slopes of the readings by the state, and by the numbers at a given state.
+    r, w : ndarray (m,)
+        Readings less predictions, K; their lag as a share of the step.
+    cov : ndarray (p, p)
+    sd : float, K
+        Noise of a reading.
+
+    Returns
+    -------
+    Belief
+    sd : ndarray (m,), K
+        What `r` should be, the numbers' uncertainty included.
+    """
+    v = 1.0 - w
+    HP, HAP = H @ now.P, H @ before.P @ Phi.T
+    U = (v[:, None] * HP + w[:, None] * HAP).T
+    cross = v[:, None] * w * (HAP @ H.T).T
+    S = np.outer(v, v) * (HP @ H.T) + cross + cross.T + np.outer(w, w) * (H @ before.P @ H.T)
+    S[np.diag_indices_from(S)] += sd**2
+    G = v[:, None] * (H @ now.J) + w[:, None] * (H @ before.J) + G
+    Sigma_G = cov @ G.T
+    total = S + G @ Sigma_G
+    K = np.linalg.solve(total, (U + now.J @ Sigma_G).T).T
+    KU = K @ U.T
+    P = now.P - KU - KU.T + K @ S @ K.T
+    return Belief(now.z + K @ r, (P + P.T) / 2.0, now.J - K @ G), np.sqrt(np.diag(total))

@@ -1,0 +1,493 @@
+"""The observer of a string whose model holds effects of the catalogue, linear or not.
+
+The mean runs by the string's own balances, the ones that the offline simulation and fit use; the covariance runs by
+their Jacobian (`tangent`), renewed when the string has moved away from where it was taken. What the model states as
+uncertain, its parameters and those of the effects, is considered and not estimated (`consider`): the stated variance
+is that of the filter with all numbers known, and what their covariance adds through the sensitivities that are carried
+along, and what cells differ by the model's tolerances.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import isfinite, nan
+from typing import Any
+
+import numpy as np
+
+from bms_gateway.errors import StateError
+from bms_gateway.observe.adaptive import FLOW_LIMITS, READ_WITHIN, Estimate
+from bms_gateway.observe.consider import Belief, conditioned
+from bms_gateway.observe.model import OFFSETS, Bools, Start, start_covariance
+from bms_gateway.observe.spread import root, scatter
+from bms_gateway.observe.stored import like, plain
+from bms_gateway.observe.tangent import ROW, Tangent, disturbed, drive_of, jacobian
+from bms_gateway.observe.uncertain import log_change, uncertain
+from bms_gateway.thermal import Disturbance, Floats, StringModel, StringParameters
+from bms_gateway.thermal.physics import Memory, Numbers, Physics
+
+BLOCK = 10
+"""Steps whose inputs are gathered before the sensitivities feel them: far below the time constant of a core."""
+STRAYED_K, STRAYED_FLOW, STRAYED_STEPS = 3.0, 0.03, 300
+"""The Jacobian is renewed when a temperature, the logarithm of the flow or the time is further from where it was taken:
+within, no effect bends so much that covariances would notice. The mean does not depend on it in a steady state."""
+SOC_UNKNOWN = 0.5
+DRIFT_HOURS = 4.0
+"""Drifts are learnt on records of some hours. What they come to by then is held: nothing tells how they go on."""
+COLDEST, HOTTEST = -100.0, 400.0
+"""°C: a model that runs away is held there, and goes on being corrected by the readings."""
+FIRST_STEP_S, GROWTH = 5.0, 1.5
+"""First step over a gap and how each next one grows: a string at rest moves ever more slowly."""
+REST_SD = 0.1
+"""K: an effect's own states at the start, about their balance with core and surface."""
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """What is measured of one string over one step, beside its surfaces; NaN for what is not.
+
+    Attributes
+    ----------
+    I, I2, I_abs : float
+        Mean current [A, discharge positive], mean square [A²], mean magnitude [A].
+    inlet : float, °C
+        Coolant inlet at the end of the step.
+    flow : float
+        Coolant flow over nominal flow; the last one is kept where it is missing.
+    soc : float
+        State of charge, 0…1; counted where it is missing.
+    V, IV : float
+        Mean voltage of a cell [V], mean of its product with the current [W].
+    """
+
+    I: float = nan  # noqa: E741 - the field's symbol
+    I2: float = nan
+    I_abs: float = nan
+    inlet: float = nan
+    flow: float = nan
+    soc: float = nan
+    V: float = nan
+    IV: float = nan
+
+
+class EffectObserver:
+    """Observer of one string by its full physics.
+
+    Parameters
+    ----------
+    model : StringModel
+        Its priors and the effects' standard deviations give the covariance of the uncertain numbers.
+    dt : float, s
+        Step.
+    disturbance : Disturbance, optional
+    start : Start, optional
+    soc : float, optional
+        State of charge from which counting starts.
+
+    Examples
+    --------
+    >>> from bms_gateway.thermal import AddedEffect, Prior
+    >>> table_1 = {"C_c": 268.0, "C_s": 18.8, "R_e": 3.5e-3, "R_c": 1.266, "R_u": 0.79}
+    >>> priors = {symbol: Prior(value) for symbol, value in table_1.items()}
+    >>> effect = AddedEffect("resistance_temperature", None, {"B": 3000.0}, {"B": 300.0})
+    >>> observer = EffectObserver(StringModel(1, (1,), "single", priors, effects=(effect,)), 1.0)
+    >>> e = observer.step(Measured(60.0, 3600.0, 60.0, inlet=25.0), np.array([30.0]), np.zeros(1))
+    >>> bool(e.available[0]), round(float(e.surface[0, 0]), 1)
+    (True, 30.0)
+    """
+
+    def __init__(
+        self,
+        model: StringModel,
+        dt: float,
+        disturbance: Disturbance | None = None,
+        start: Start | None = None,
+        soc: float = SOC_UNKNOWN,
+    ) -> None:
+        self._model, self._dt = model, float(dt)
+        self._disturbance, self._start = disturbance or Disturbance(), start or Start()
+        self._physics = Physics(model)
+        self._uncertain, self._cov = uncertain(model)
+        self._root, self._scatter = root(self._cov), scatter(model)
+        self._sensors = np.array(model.sensors, np.int64) - 1
+        self._values = {k: np.array(prior.value, np.float64) for k, prior in model.priors.items()}
+        self._v = self._physics.numbers(self._values)
+        n, D, p = model.cells, self._physics.states, len(self._uncertain)
+        self._belief = Belief(np.zeros(D + OFFSETS), np.eye(D + OFFSETS), np.zeros((D + OFFSETS, p)))
+        self._F = np.zeros((D + OFFSETS, p))
+        self._seen, self._coolant = np.zeros(n), np.zeros(n)
+        self._unread = np.full(len(self._sensors), np.inf)
+        self._known = np.ones(OFFSETS, np.bool_)
+        self._available = np.array(False)
+        self._inlet, self._soc, self._flow, self._hours = nan, float(soc), 1.0, 0.0
+        self._usual = np.zeros(3)
+        self._row = np.full(len(ROW), nan)
+        self._carry: dict[str, Floats] = {}
+        # inputs and states since the sensitivities were last forced, and the memories at that time
+        self._rows, self._states = np.zeros((0, len(ROW))), np.zeros((0, D + OFFSETS))
+        self._carries: dict[str, dict[str, Floats]] = {}
+        # where the Jacobian was taken, and how many steps ago
+        self._at, self._at_row, self._at_memory = np.zeros(D + OFFSETS), self._row, dict[str, Floats]()
+        self._age = 0
+        self._tangent: Tangent | None = None
+        self._G = np.zeros((n, p))
+
+    @property
+    def parameters(self) -> tuple[StringParameters, ...]:
+        """Numbers of the string at nominal flow."""
+        return (self._v.string,)
+
+    def step(self, m: Measured, y: Floats, age: Floats) -> Estimate:
+        """Advance one step and take the readings in.
+
+        Parameters
+        ----------
+        m : Measured
+        y, age : ndarray (n,), °C, s
+            New surface readings (NaN: none) and how long before now they were taken.
+
+        Returns
+        -------
+        Estimate
+            Of S = 1 string.
+        """
+        if not self._available and not self._begin(m, y):
+            return self.estimate()
+        known = np.array([isfinite(m.inlet), isfinite(m.I) and isfinite(m.I2) and isfinite(m.I_abs)])
+        before = self._restarted(known & ~self._known)
+        row = self._inputs(m, known)
+        memory = self._remember(row)
+        now, tangent = self._predict(before, row, memory, known)
+        instant = row.copy()
+        instant[ROW.index("T_in")] = self._inlet
+        seen = self._readings(now.z, instant, memory)
+        r, r_sd = np.full((2, 1, len(y)), nan)
+        at = self._sensors[np.isfinite(y[self._sensors])]
+        after = now
+        if len(at):
+            w = np.clip(np.nan_to_num(age[at]) / self._dt, 0.0, 1.0)
+            r[0, at] = y[at] - ((1.0 - w) * seen[at] + w * self._seen[at])
+            after, r_sd[0, at] = conditioned(
+                before, now, tangent.Phi, tangent.H[at], self._G[at], r[0, at], w, self._cov, self._disturbance.sensor
+            )
+        self._unread = np.where(np.isfinite(y[self._sensors]), 0.0, self._unread + self._dt)
+        self._known, self._row = known, row
+        if not after.finite:  # no number of the model leads here but a senseless one: begin anew
+            self._available = np.array(False)
+            return self.estimate()
+        self._belief, self._seen = after, seen + tangent.H @ (after.z - now.z)
+        self._force(row, before.z)
+        return self._estimate(r, r_sd)
+
+    def estimate(self) -> Estimate:
+        """Tell where the string is now, with no innovation; nothing changes."""
+        none = np.full((1, self._model.cells), nan)
+        return self._estimate(none, none)
+
+    def set_parameters(
+        self, s: int, values: Mapping[str, float | Floats], names: Sequence[str], covariance: Floats
+    ) -> None:
+        """Take identified parameters into use; see `AdaptiveObserver.set_parameters`, of which `s` is 0 here."""
+        del s
+        new = self._values | {k: np.array(x, np.float64) for k, x in values.items()}
+        moved = log_change(self._values, new, self._uncertain)
+        self._values, self._v = new, self._physics.numbers(new)
+        b = self._belief
+        self._belief = Belief(b.z + b.J @ moved, b.P, b.J)
+        mine = [u.name for u in self._uncertain]
+        given = [j for j, name in enumerate(names) if name in mine]
+        at = [mine.index(names[j]) for j in given]
+        cov = self._cov.copy()
+        cov[at, :] = 0.0
+        cov[:, at] = 0.0
+        cov[np.ix_(at, at)] = covariance[np.ix_(given, given)]
+        self._cov, self._root = cov, root(cov)
+        self._tangent = None
+
+    def propagate(self, gap_s: float, inlet: Floats | None = None) -> Estimate:
+        """Carry the string over a time without frames: a silent bus, or parked since the state was stored.
+
+        Parameters
+        ----------
+        gap_s : float, s
+            > 0.
+        inlet : ndarray (1,), optional
+            Coolant inlet after it, °C; NaN or None takes the last one.
+
+        Returns
+        -------
+        Estimate
+            No current in the meantime; bands grow towards those of a rested string whose inlet nobody saw.
+        """
+        if not self._available:
+            return self.estimate()
+        first = self._inlet
+        last = float(inlet[0]) if inlet is not None and isfinite(inlet[0]) else first
+        row = self._row.copy()
+        row[[ROW.index(k) for k in ("I", "I2", "I_abs", "IV")]] = 0.0
+        done, h = 0.0, FIRST_STEP_S
+        while done < gap_s:
+            h = gap_s - done if gap_s - done < 2.0 * h else h
+            self._hours = min(self._hours + h / 3600.0, DRIFT_HOURS)
+            row[ROW.index("T_in")] = first + (last - first) * (done + h / 2.0) / gap_s
+            row[ROW.index("hours")] = self._hours
+            self._rest(row, h)
+            done, h = done + h, h * GROWTH
+        self._inlet, self._usual, self._row = last, np.zeros(3), row
+        self._unread = self._unread + gap_s
+        self._known = np.array([False, True])
+        self._rows, self._states = self._rows[:0], self._states[:0]
+        self._tangent = None
+        instant = row.copy()
+        instant[ROW.index("T_in")] = last
+        self._seen = self._readings(self._belief.z, instant, self._memory(row, self._dt)[0])
+        return self.estimate()
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return all that a restart needs, as numbers, lists and None for NaN."""
+        own = {name: plain(np.asarray(getattr(self, f"_{name}"))) for name in _KEPT}
+        belief = {name: plain(getattr(self._belief, name)) for name in ("z", "P", "J")}
+        memories = {"": self._carry, "at": self._at_memory} | {f"of {k}": c for k, c in self._carries.items()}
+        return {
+            "own": own,
+            "belief": belief,
+            "block": [plain(self._rows), plain(self._states)],
+            "values": {k: plain(v) for k, v in self._values.items()},
+            "memories": {k: {e: plain(a) for e, a in m.items()} for k, m in memories.items()},
+            "linear": self._tangent is not None,
+        }
+
+    def restore(self, snapshot: Mapping[str, Any]) -> None:
+        """Go on from `snapshot` as if never stopped, bit for bit.
+
+        Raises
+        ------
+        StateError
+            It belongs to another string, something is missing in it, or it holds no numbers.
+        """
+        try:
+            own = {k: like(snapshot["own"][k], np.asarray(getattr(self, f"_{k}"))) for k in _KEPT}
+            belief = Belief(*(like(snapshot["belief"][k], getattr(self._belief, k)) for k in ("z", "P", "J")))
+            rows, states = (np.array(a, np.float64) for a in snapshot["block"])
+            rows, states = rows.reshape(-1, len(ROW)), states.reshape(len(rows), len(belief.z))
+            values = {k: like(snapshot["values"][k], v) for k, v in self._values.items()}
+            memories = {k: {e: np.array(a, np.float64) for e, a in m.items()} for k, m in snapshot["memories"].items()}
+            carry, at_memory = memories.pop(""), memories.pop("at")
+            linear = bool(snapshot["linear"])
+        except (KeyError, TypeError, ValueError, AttributeError) as e:
+            raise StateError(f"observer state: not of this string ({type(e).__name__}: {e})") from e
+        held = [own["cov"], own["F"], own["usual"], states, *values.values(), *carry.values(), *at_memory.values()]
+        if not belief.finite or not all(np.isfinite(a).all() for a in held):
+            raise StateError("observer state: holds values that are not numbers")
+        for name, value in own.items():
+            setattr(self, f"_{name}", value.item() if name in _SCALARS else value)
+        self._belief, self._rows, self._states, self._values = belief, rows, states, values
+        self._carry, self._at_memory = carry, at_memory
+        self._carries = {k.removeprefix("of "): m for k, m in memories.items()}
+        self._v, self._root = self._physics.numbers(values), root(self._cov)
+        self._tangent = None
+        if linear:
+            self._linearise()
+
+    def _begin(self, m: Measured, y: Floats) -> bool:
+        """Start when something is heard for the first time."""
+        heard = y[np.isfinite(y)]
+        if not len(heard) and not isfinite(m.inlet):
+            return False
+        level = float(np.mean(heard)) if len(heard) else m.inlet
+        n, known = self._model.cells, isfinite(m.inlet)
+        at = np.full((2 * n + 1, 2 * n), level)
+        at[:-1] += np.eye(2 * n)
+        X = self._physics.start(at[:, 0::2], at[:, 1::2], self._v)
+        D = X.shape[1]
+        T = np.zeros((D + OFFSETS, 2 * n + OFFSETS))
+        T[:D, : 2 * n], T[D:, 2 * n :] = (X[:-1] - X[-1]).T, np.eye(OFFSETS)
+        P = T @ start_covariance(n, self._start, self._disturbance, inlet_known=known) @ T.T
+        own = np.arange(2 * n, D)
+        P[own, own] += REST_SD**2
+        z = np.concatenate([X[-1], np.zeros(OFFSETS)])
+        self._belief = Belief(z, P, np.zeros_like(self._belief.J))
+        self._F = np.zeros_like(self._F)
+        self._inlet, self._seen, self._coolant = m.inlet if known else level, np.full(n, level), np.full(n, level)
+        self._known, self._available = np.ones(OFFSETS, np.bool_), np.array(True)
+        self._carry, self._carries, self._tangent = {}, {}, None
+        self._rows, self._states = self._rows[:0], self._states[:0]
+        return True
+
+    def _restarted(self, back: Bools) -> Belief:
+        """Let the offset of what is measured again start anew: it belongs to the new measurement."""
+        b = self._belief
+        if not back.any():
+            return b
+        z, P, J = b.z.copy(), b.P.copy(), b.J.copy()
+        for which, sd in enumerate((self._disturbance.inlet, self._disturbance.heat_common)):
+            if back[which]:
+                at = which - OFFSETS
+                z[at], P[at, :], P[:, at], J[at] = 0.0, 0.0, 0.0, 0.0
+                P[at, at] = sd**2
+        return Belief(z, P, J)
+
+    def _inputs(self, m: Measured, known: Bools) -> Floats:
+        """Means of the step as a row, with what is missing filled in; flow, charge and time run on."""
+        inlet0, self._inlet = self._inlet, m.inlet if known[0] else self._inlet
+        if not self._known[0]:
+            inlet0 = self._inlet  # no ramp from a value that was only held
+        current = np.array([m.I, m.I2, m.I_abs]) if known[1] else self._usual
+        if known[1]:
+            share = -np.expm1(-self._dt / self._disturbance.correlation)
+            self._usual = self._usual + share * (current - self._usual)
+        if isfinite(m.flow):
+            self._flow = float(np.clip(m.flow, *FLOW_LIMITS))
+        half = self._dt / 7200.0
+        moved = float(current[0]) * half / self._model.capacity_Ah if self._model.capacity_Ah else 0.0
+        if isfinite(m.soc):
+            self._soc, soc = m.soc, m.soc
+        else:
+            soc = min(max(self._soc - moved, 0.0), 1.0)
+            self._soc = min(max(soc - moved, 0.0), 1.0)
+        hours = min(self._hours + half, DRIFT_HOURS)
+        self._hours = min(hours + half, DRIFT_HOURS)
+        return np.array([*current, (inlet0 + self._inlet) / 2.0, self._flow, soc, m.V, m.IV, hours])
+
+    def _memory(self, row: Floats, dt: float) -> tuple[dict[str, Floats], dict[str, Floats]]:
+        return self._physics.memory(drive_of(row[None], dt), self._v, self._carry or None)
+
+    def _remember(self, row: Floats) -> Memory:
+        """Run the effects' memories on; one that cannot follow what is missing stays as it was."""
+        memory, carry = self._memory(row, self._dt)
+        if not all(np.isfinite(a).all() for a in (*memory.values(), *carry.values())):
+            still = row.copy()
+            still[np.isnan(still)] = 0.0
+            memory, carry = self._memory(still, self._dt)
+        if not len(self._rows):
+            self._carries[""] = self._carry
+        self._carry = carry
+        return memory
+
+    def _predict(self, before: Belief, row: Floats, memory: Memory, known: Bools) -> tuple[Belief, Tangent]:
+        rate = self._rates(before.z, row, memory)
+        sure = bool(np.isfinite(rate).all())
+        if not sure:  # an effect that cannot tell without what is missing: the string stands, and heat is unknown
+            rate = np.zeros_like(rate)
+        tangent = self._linear(before.z, row, memory)
+        z = before.z + tangent.Gamma @ rate
+        z[:-OFFSETS] = np.clip(z[:-OFFSETS], COLDEST, HOTTEST)
+        P = tangent.Phi @ before.P @ tangent.Phi.T + tangent.noise(bool(known[0]), bool(known[1]) and sure)
+        return Belief(z, P, tangent.Phi @ before.J + tangent.Gamma @ self._F), tangent
+
+    def _rates(self, z: Floats, row: Floats, memory: Memory, dt: float | None = None) -> Floats:
+        """Rates (M,) of the whole state; notes the coolant on the way."""
+        v = disturbed(self._v, z[-OFFSETS:])
+        point = self._physics.point(z[None, :-OFFSETS], drive_of(row[None], dt or self._dt), v, memory)
+        if np.isfinite(point.T_f).all():
+            self._coolant = np.array(point.T_f[0])
+        return np.concatenate([self._physics.balances(point, v)[0], -z[-OFFSETS:] / self._disturbance.correlation])
+
+    def _readings(self, z: Floats, row: Floats, memory: Memory, v: Numbers | None = None) -> Floats:
+        v = disturbed(v or self._v, z[-OFFSETS:])
+        seen = self._physics.readings(z[None, :-OFFSETS], drive_of(row[None], self._dt), v, memory)[0]
+        return np.where(np.isfinite(seen), seen, z[1 : 2 * self._model.cells : 2])
+
+    def _linear(self, z: Floats, row: Floats, memory: Memory) -> Tangent:
+        """Tangent in force; taken anew where it is out of date."""
+        self._age += 1
+        flow = ROW.index("flow")
+        n = 2 * self._model.cells
+        if (
+            self._tangent is None
+            or self._age > STRAYED_STEPS
+            or np.abs(z[:n] - self._at[:n]).max() > STRAYED_K
+            or abs(np.log(row[flow] / self._at_row[flow])) > STRAYED_FLOW
+        ):
+            self._at, self._at_row = z, np.concatenate([self._usual, row[3:]])
+            self._at_memory, self._age = dict(memory), 0
+            self._linearise()
+        assert self._tangent is not None  # noqa: S101 - just made
+        return self._tangent
+
+    def _linearise(self) -> None:
+        """Take Jacobian and slopes where the notes say."""
+        z, row, memory = self._at, self._at_row, self._at_memory
+        j = jacobian(
+            self._physics,
+            z[:-OFFSETS],
+            z[-OFFSETS:],
+            drive_of(row[None], self._dt),
+            self._v,
+            memory,
+            self._disturbance.correlation,
+        )
+        self._tangent = Tangent.of(j, self._dt, self._disturbance)
+        here = self._readings(z, row, memory)
+        if self._physics.reads:
+            moved = [self._readings(z, row, memory, u.moved(self._v)) - here for u in self._uncertain]
+            self._G = np.stack([d / u.step for d, u in zip(moved, self._uncertain, strict=True)], axis=1)
+
+    def _force(self, row: Floats, z: Floats) -> None:
+        """Gather a step; when a block is full, find how its rates move with the uncertain numbers."""
+        self._rows, self._states = np.vstack([self._rows, row]), np.vstack([self._states, z])
+        if len(self._rows) == BLOCK:
+            self._F = self._forcing(self._rows, self._states, self._dt)
+            self._rows, self._states = self._rows[:0], self._states[:0]
+
+    def _forcing(self, rows: Floats, states: Floats, dt: float) -> Floats:
+        """Mean slope (M, p) of the rates by the uncertain numbers over some steps; runs on the moved memories."""
+        u, X, b = drive_of(rows, dt), states[:, :-OFFSETS], states[:, -OFFSETS:]
+        start = self._carries.get("", {})
+        memory, _ = self._physics.memory(u, self._v, start or None)
+        here = self._physics.rates(X, u, disturbed(self._v, b), memory)
+        F = np.zeros_like(self._F)
+        for k, number in enumerate(self._uncertain):
+            v, own = number.moved(self._v), memory
+            if number.key in memory:
+                mine = {**start, **self._carries.get(number.name, {})}
+                moved, carry = self._physics.memory(u, v, mine or None)
+                own = {**memory, number.key: moved[number.key]}
+                if np.isfinite(carry[number.key]).all():
+                    self._carries[number.name] = {number.key: carry[number.key]}
+            slope = (self._physics.rates(X, u, disturbed(v, b), own) - here).mean(axis=0) / number.step
+            F[:-OFFSETS, k] = np.nan_to_num(slope, posinf=0.0, neginf=0.0)
+        return F
+
+    def _rest(self, row: Floats, h: float) -> None:
+        """Carry the string over `h` seconds of rest."""
+        self._carries[""] = self._carry
+        memory, self._carry = self._memory(row, h)
+        b, u = self._belief, drive_of(row[None], h)
+        j = jacobian(self._physics, b.z[:-OFFSETS], b.z[-OFFSETS:], u, self._v, memory, self._disturbance.correlation)
+        t = Tangent.of(j, h, self._disturbance)
+        z = b.z + t.Gamma @ np.nan_to_num(self._rates(b.z, row, memory, h))
+        z[:-OFFSETS] = np.clip(z[:-OFFSETS], COLDEST, HOTTEST)
+        P = t.Phi @ b.P @ t.Phi.T + t.noise(False, True)
+        F = self._forcing(row[None], (b.z + z)[None] / 2.0, h)
+        self._belief = Belief(z, (P + P.T) / 2.0, t.Phi @ b.J + t.Gamma @ F)
+
+    def _estimate(self, r: Floats, r_sd: Floats) -> Estimate:
+        n, b = self._model.cells, self._belief
+        spread = b.J[: 2 * n] @ self._root
+        var = np.diag(b.P)[: 2 * n] + np.einsum("mp,mp->m", spread, spread) + self._between_cells()
+        sd = np.where(self._available, np.sqrt(np.maximum(var, 0.0)), np.inf)
+        x = np.where(self._available, b.z[: 2 * n], nan)
+        return Estimate(
+            x[None, 0::2], sd[None, 0::2], x[None, 1::2], sd[None, 1::2], r, r_sd, self._available.reshape(1)
+        )
+
+    def _between_cells(self) -> Floats:
+        """Variance (2n,) that cells add by being unlike, as `AdaptiveObserver` states it."""
+        n, z = self._model.cells, self._belief.z
+        T_c, T_s = z[0 : 2 * n : 2], z[1 : 2 * n : 2]
+        base = self._coolant.copy()
+        at = self._sensors[self._unread <= READ_WITHIN]
+        base[at] = T_s[at]
+        heat, cooling, inside, offset = self._scatter
+        surface = (T_s - base) ** 2
+        var = np.empty(2 * n)
+        var[0::2] = heat * (T_c - base) ** 2 + cooling * surface + inside * (T_c - T_s) ** 2 + offset
+        var[1::2] = (heat + cooling) * surface + offset
+        return var
+
+
+_SCALARS = ("inlet", "soc", "flow", "hours", "age")
+_KEPT = (
+    *_SCALARS, "cov", "F", "seen", "coolant", "unread", "known", "available", "usual", "row", "at", "at_row", "G"
+)  # fmt: skip
+"""Attributes beside belief, memories and the open block that a snapshot holds."""

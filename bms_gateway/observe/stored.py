@@ -1,0 +1,22 @@
+"""Arrays as JSON-able values and back, to the last bit."""
+
+from typing import Any
+
+import numpy as np
+
+
+def plain(a: np.ndarray) -> Any:
+    """Give lists of numbers; None for what is not finite."""
+    if a.dtype.kind == "f" and not np.isfinite(a).all():
+        blank = a.astype(object)
+        blank[~np.isfinite(a)] = None
+        return blank.tolist()
+    return a.tolist()
+
+
+def like(value: Any, model: np.ndarray) -> np.ndarray:
+    """Make an array of the type and shape of `model`; None becomes NaN."""
+    a = np.array(value, dtype=np.float64 if model.dtype.kind == "f" else model.dtype)
+    if a.shape != model.shape:
+        raise ValueError(f"shape {a.shape} where {model.shape} is needed")
+    return a

@@ -1,0 +1,96 @@
+"""The uncertain numbers of a string with effects: which they are, how they vary, and how together."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bms_gateway.thermal import Floats, StringModel
+from bms_gateway.thermal.effects import effect_named
+from bms_gateway.thermal.physics import Numbers, with_effect
+
+STEP = 0.01
+"""Finite differences step by this share of a number's standard deviation: above rounding, below curvature."""
+
+
+@dataclass(frozen=True, slots=True)
+class Uncertain:
+    """One uncertain number.
+
+    Attributes
+    ----------
+    name : str
+        A symbol of the string, or `key.parameter` of an effect.
+    key, parameter : str
+        The effect's key and parameter; the key is empty for a symbol.
+    log : bool
+        Known in per cent: everything about it is in its logarithm.
+    step : float
+        Of the finite differences, SI or of the logarithm; negative where the other side is out of bounds.
+    """
+
+    name: str
+    key: str
+    parameter: str
+    log: bool
+    step: float
+
+    def moved(self, v: Numbers) -> Numbers:
+        """Numbers with this one moved by its step."""
+        if not self.key:
+            value = getattr(v.string, self.parameter) * np.exp(self.step)
+            return replace(v, string=replace(v.string, **{self.parameter: value}))
+        values = dict(v.effects[self.key])
+        old = values[self.parameter]
+        values[self.parameter] = old * float(np.exp(self.step)) if self.log else old + self.step
+        return with_effect(v, self.key, values)
+
+
+def uncertain(model: StringModel) -> tuple[tuple[Uncertain, ...], Floats]:
+    """List what the model does not hold for exactly known, and its covariance.
+
+    Returns
+    -------
+    numbers : tuple of Uncertain
+    covariance : ndarray (p, p)
+        Of the logarithms, or of the SI values where a number is not known in per cent.
+    """
+    found, sd = [], []
+    for symbol, prior in model.priors.items():
+        if not prior.fixed:
+            found.append(Uncertain(symbol, "", symbol, True, STEP * prior.rel_sd))
+            sd.append(prior.rel_sd)
+    for added in model.effects:
+        for p in effect_named(added.name).parameters:
+            width = added.sd.get(p.name, 0.0)
+            if not width > 0.0:
+                continue
+            value, step = added.values[p.name], STEP * width
+            beyond = value * np.exp(step) if p.log else value + step
+            found.append(
+                Uncertain(f"{added.key}.{p.name}", added.key, p.name, p.log, -step if beyond > p.upper else step)
+            )
+            sd.append(width)
+    spread = np.array(sd)
+    return tuple(found), np.outer(spread, spread) * _correlation(model, [u.name for u in found])
+
+
+def _correlation(model: StringModel, names: Sequence[str]) -> Floats:
+    out = np.eye(len(names))
+    known: tuple[tuple[str, ...], Floats] | None = getattr(model, "correlation", None)
+    if known is not None:
+        there = [(i, known[0].index(name)) for i, name in enumerate(names) if name in known[0]]
+        at, of = ([pair[k] for pair in there] for k in range(2))
+        out[np.ix_(at, at)] = known[1][np.ix_(of, of)]
+    return out
+
+
+def log_change(
+    old: Mapping[str, float | Floats], new: Mapping[str, float | Floats], numbers: Sequence[Uncertain]
+) -> Floats:
+    """Mean change (p,) of the string's own numbers in their logarithm; 0 for those of effects."""
+    out = np.zeros(len(numbers))
+    for j, u in enumerate(numbers):
+        if not u.key:
+            out[j] = float(np.mean(np.log(np.asarray(new[u.parameter]) / np.asarray(old[u.parameter]))))
+    return out
