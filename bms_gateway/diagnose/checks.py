@@ -145,8 +145,8 @@ def _rest(r: Record, _: StringModel) -> Iterator[Finding]:
     if abs(level) > max(0.003 * peak, 0.02) and spread < 0.5 * abs(level):
         yield Finding(
             "current_at_rest",
-            "warn",
-            f"At rest the current reads {level:.3g} A: an offset of its sensor, or a load that never stops.",
+            "note",
+            f"At rest the current reads {level:.3g} A: an offset of its sensor, or a current that never stops.",
         )
 
 
