@@ -6,6 +6,7 @@ Cells are counted from 1. Effects of the measurement (thermocouples, inlet and c
 import numpy as np
 from scipy.signal import lfilter
 
+RINGS = 24
 KNOTS = np.array([0.05, 0.35, 0.65, 0.95])
 """State of charge at which the entropic coefficient is given, where it varies."""
 
@@ -66,7 +67,7 @@ def polarization(t, *, R_1, tau):
 
 
 def radial_gradient(t, *, phi):
-    t.rings, t.share = 24, phi
+    t.rings, t.share = RINGS, phi
 
 
 def resistance_drift(t, *, a):

@@ -29,7 +29,8 @@ NOMINAL = {"C_c": 268.0, "C_s": 18.8, "R_e": 3.5e-3, "R_c": 1.266, "R_u": 0.79, 
 NOMINAL_FLOW = 0.0095
 CAPACITY_AH = 8.0
 """20C is 160 A."""
-RINGS = 24
+REACTION_LIMIT = 9.0
+"""W: a self-heating reaction is as fast as its reactants diffuse; no pack runs away here."""
 
 
 @dataclass
@@ -73,7 +74,7 @@ class Terms:
     melting: float = 0.0
     melting_width: float = 1.0
     reaction: float = 0.0
-    """W at 40 °C, e-fold every `reaction_K`."""
+    """W at 45 °C, e-fold every `reaction_K`."""
     reaction_K: float = 6.0
     fan: tuple = ()
     """(on above °C, off below °C, flow ratio when on), by the hottest casing: unrecorded."""
@@ -168,8 +169,9 @@ def shells(rings, share):
     middle = (edge[1:] + edge[:-1]) / 2
     # Uniform heat in a solid cylinder: mean-to-edge resistance 1/(8 π k L) = share, so 2 π k L = 1/(4 share).
     k = 1 / (4 * share)
-    inner = k / np.log(middle[1:] / middle[:-1])
-    outer = 1 / (np.log(1 / middle[-1]) / k + 1 - share)
+    # Differences between middles give the flux of a parabola exactly: no error of the grid in the steady profile.
+    inner = k * edge[1:-1] * rings
+    outer = 1 / ((1 - middle[-1] ** 2) / (2 * k) + 1 - share)
     return w, inner, outer
 
 
@@ -246,7 +248,8 @@ class _Batch:
         if self.core_heat is not None:
             q = q + self.core_heat[k]
         if self.reaction is not None:
-            q = q + self.reaction * np.exp((T_c - 40.0) / self.reaction_K)
+            rising = self.reaction * np.exp(np.minimum((T_c - 45.0) / self.reaction_K, 30.0))
+            q = q + rising / (1 + rising / REACTION_LIMIT)
         return q
 
     def rates(self, k, x, T_in, G_u, uptake, extra):
