@@ -190,15 +190,15 @@ class Problem:
         for r, m in enumerate(self.records):
             v, starts = self.numbers(r, theta)
             memory, _ = self.physics.memory(m.drive, v)
+            about = np.mean(np.stack(starts), axis=0) if guess is None else guess[r].mean(axis=0)
             recursion = self._recursion[r]
             if recursion is None:
-                middle = np.mean(np.stack(starts), axis=0)
-                if guess is not None:
-                    middle = guess[r].mean(axis=0)
-                recursion = self._recursion[r] = reference(self.physics, m.drive, v, memory, middle)
-            X, ok = simulate(
-                self.physics, m.drive, v, memory, starts, m.spans, recursion, None if guess is None else guess[r]
-            )
+                recursion = self._recursion[r] = reference(self.physics, m.drive, v, memory, about)
+            start = None if guess is None else guess[r]
+            X, ok = simulate(self.physics, m.drive, v, memory, starts, m.spans, recursion, start, march=False)
+            if not ok:  # these numbers are far from those of the reference
+                recursion = self._recursion[r] = reference(self.physics, m.drive, v, memory, about)
+                X, ok = simulate(self.physics, m.drive, v, memory, starts, m.spans, recursion, start)
             ys.append(signals_at(m, self.physics, v, memory, X))
             Xs.append(X)
             settled = settled and ok

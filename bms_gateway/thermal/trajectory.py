@@ -144,6 +144,8 @@ def simulate(
     recursion: Recursion,
     guess: Floats | None = None,
     tolerance: float = TOLERANCE,
+    *,
+    march: bool = True,
 ) -> tuple[Floats, bool]:
     """Run the string freely over a record.
 
@@ -160,13 +162,16 @@ def simulate(
     guess : ndarray (N + 1, D), optional
         A trajectory near the result saves sweeps.
     tolerance : float, K
+    march : bool
+        Whether a step-by-step march takes over where the sweeps do not settle: its only failing is its cost. A
+        recursion about these very numbers is the better thing to try first.
 
     Returns
     -------
     X : ndarray (N + spans, D)
         States at the instants; a span of k intervals has k + 1 of them. With one span N + 1.
     settled : bool
-        Whether the sweeps converged; where not, a step-by-step march takes over, whose only failing is its cost.
+        Whether the sweeps converged everywhere.
     """
     parts, settled = [], True
     row = 0
@@ -175,7 +180,7 @@ def simulate(
         part_memory = {k: m[span.first : span.last] for k, m in memory.items()}
         part_guess = None if guess is None else guess[row : row + len(span) + 1]
         X, ok = _relax(physics, part_u, v, part_memory, x0, recursion, part_guess, tolerance)
-        if not ok:
+        if not ok and march:
             X = _march(physics, part_u, v, part_memory, x0, recursion)
         parts.append(X)
         settled = settled and ok
