@@ -7,7 +7,7 @@ from bms_gateway.thermal.effects.base import Effect, EffectParameter, Values
 from bms_gateway.thermal.parameters import Floats
 from bms_gateway.thermal.point import Point
 
-MODES = 4
+MODES = 5
 SHARE = 8.0 / jn_zeros(1, MODES) ** 2
 """Share of each mode in the mean-to-edge resistance of a uniformly heated cylinder. All that there are
 sum to 1: what is left to the faster ones is a resistance without memory."""
@@ -27,13 +27,13 @@ class RadialGradient(Effect):
 
     Notes
     -----
-    The modes of the cylinder itself, not rings: uncoupled, and nearer to the fine solution than eight rings from the
-    first second on. In the steady state T_c − T_s = R_c q for every φ; at φ = 0 this is the two-node model.
+    The modes of the cylinder itself, not rings: they are uncoupled, and five are as near to the fine solution as eight
+    rings of equal volume. In the steady state T_c − T_s = R_c q for every φ; at φ = 0 this is the two-node model.
     """
 
     name = "radial_gradient"
     title = "temperature gradient within the jelly roll"
-    equation = "a share phi of R_c is spread over the jelly roll (uniformly heated cylinder, 4 radial modes)"
+    equation = "a share phi of R_c is spread over the jelly roll (uniformly heated cylinder, 5 radial modes)"
     signature = "the model's surface answers a step too slowly in the first seconds and too quickly later"
     needs = "current steps and rests, sampled at 1 Hz"
     node = "core"
