@@ -48,21 +48,20 @@ class Gain:
 
 def screen(fit: MapFit, candidates: Sequence[Candidate]) -> list[Gain]:
     """Score candidates against a fit, best first."""
-    _, sigma, _, _, used = stacked(fit.problem)
-    weight = np.where(used, 1.0 / sigma, 0.0)
-    base = np.concatenate([fit.J, fit.linear.J], axis=1) * weight[:, None]
+    used = stacked(fit.problem)[4]
+    base = fit.weighed(np.concatenate([fit.J, fit.linear.J], axis=1))
     factor = scipy.linalg.cho_factor(fit.H)
     r = np.where(used, fit.r, 0.0)
     prior = np.array([c.prior for c in fit.problem.coordinates])
     sd = np.array([c.sd for c in fit.problem.coordinates])
     pull = np.concatenate([(fit.theta - prior) / sd**2, fit.nu / fit.linear.sd**2])
     rest = base.T @ r - pull  # zero at a converged optimum inside its bounds
-    responses = _Responses(fit)
+    responses = Responses(fit)
     found = []
     for c in candidates:
         strengths = [p for p in c.effect.parameters if p.neutral is not None]
         columns = np.stack([responses.column(c, p) for p in strengths], axis=1)
-        J = columns * weight[:, None]
+        J = fit.weighed(columns)
         scales = np.array([AMPLITUDE_SD if p.log else p.sd for p in strengths])
         cross = base.T @ J
         S = J.T @ J + np.diag(1.0 / scales**2) - cross.T @ scipy.linalg.cho_solve(factor, cross)
@@ -86,7 +85,7 @@ def _start(c: Candidate, strengths: Sequence[EffectParameter], step: Floats) -> 
     return values
 
 
-class _Responses:
+class Responses:
     """Responses of one fit's readings to candidates; what they share is computed once."""
 
     def __init__(self, fit: MapFit) -> None:

@@ -12,6 +12,7 @@ Levenberg's damping and an active set at the bounds. The log evidence is the Lap
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 import scipy.linalg
@@ -23,6 +24,17 @@ from bms_gateway.thermal import Floats
 ITERATIONS = 12
 GAIN = 0.05
 """Cost: a step that gains less ends the fit; a twentieth of what one standard deviation of a number is worth."""
+
+
+class Whitening(Protocol):
+    """Noise with a memory: what makes residuals independent and of unit variance, held-out readings zero."""
+
+    log_det: float
+    """Logarithm of the determinant of the noise's covariance, K²."""
+
+    def __call__(self, x: Floats) -> Floats:
+        """Whiten residuals (M,) or columns (M, P), K."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +70,8 @@ class MapFit:
     r : ndarray (M,)
         Generalised residuals (sd 1 when the model is right), at all readings, held-out ones too.
     cost, log_evidence : float
+    noise : Whitening or None
+        In place of the white noise of rounded readings; `r` is then what it leaves.
     """
 
     problem: Problem
@@ -71,12 +85,20 @@ class MapFit:
     r: Floats
     cost: float
     log_evidence: float
+    noise: Whitening | None = None
 
     @property
     def covariance(self) -> Floats:
         """Covariance (P, P) of the coordinates, nuisances marginalised."""
         P = len(self.theta)
         return np.asarray(np.linalg.inv(self.H)[:P, :P], dtype=np.float64)
+
+    def weighed(self, columns: Floats) -> Floats:
+        """Columns (M, P) in units of the noise, zero where a reading is held out."""
+        if self.noise is not None:
+            return self.noise(columns)
+        _, sigma, _, _, used = stacked(self.problem)
+        return np.asarray(columns * np.where(used, 1.0 / sigma, 0.0)[:, None])
 
     def at_bound(self, name: str) -> bool:
         """Whether a coordinate ended on its bound."""
@@ -113,6 +135,7 @@ def map_fit(
     J: Floats | None = None,
     iterations: int = ITERATIONS,
     give_up: float = np.inf,
+    noise: Whitening | None = None,
 ) -> MapFit:
     """Fit.
 
@@ -131,6 +154,8 @@ def map_fit(
     iterations : int
     give_up : float
         Stop as soon as the cost is unlikely to fall below: the fit is then only good for ranking.
+    noise : Whitening, optional
+        Takes the place of the records' own noise.
 
     Returns
     -------
@@ -148,12 +173,19 @@ def map_fit(
     z = np.clip(z, lower, upper)
     weight = np.where(used, 1.0 / sigma, 0.0)
 
+    def weigh(columns: Floats) -> Floats:
+        return columns * weight[:, None] if noise is None else noise(columns)
+
     def judge(z: Floats, p: Prediction) -> tuple[float, Floats, Floats]:
         model = p.y + linear.J @ z[P:]
+        strain = float(np.sum(((z - prior) / sd) ** 2))
+        if noise is not None:
+            r = noise(y - model)
+            return float(r @ r) + noise.log_det + strain, r, model
         r, deviance = generalised(y - model, sigma0, step)
-        return float(np.sum(deviance[used]) + np.sum(((z - prior) / sd) ** 2)), r, model
+        return float(np.sum(deviance[used])) + strain, r, model
 
-    Jn = linear.J * weight[:, None]
+    Jn = weigh(linear.J)
     nn = Jn.T @ Jn
     prediction = problem.predict(z[:P], guess)
     cost, r, model = judge(z, prediction)
@@ -162,10 +194,9 @@ def map_fit(
     for iteration in range(iterations):
         if iteration:
             columns = problem.jacobian(z[:P], prediction, problem.coordinates)
-        H = _precision(columns * weight[:, None], Jn, nn, sd)
-        gradient = (
-            np.concatenate([columns * weight[:, None], Jn], axis=1).T @ np.where(used, r, 0.0) - (z - prior) / sd**2
-        )
+        weighed = weigh(columns)
+        H = _precision(weighed, Jn, nn, sd)
+        gradient = np.concatenate([weighed, Jn], axis=1).T @ np.where(used, r, 0.0) - (z - prior) / sd**2
         before = cost
         for _ in range(6):
             new = np.clip(z + _step(H, gradient, z, lower, upper, damping), lower, upper)
@@ -181,7 +212,7 @@ def map_fit(
         if settled:
             break
     log_evidence = -0.5 * cost - 0.5 * float(np.linalg.slogdet(H)[1]) - float(np.sum(np.log(sd)))
-    return MapFit(problem, z[:P], z[P:], linear, columns, H, prediction, model, r, cost, log_evidence)
+    return MapFit(problem, z[:P], z[P:], linear, columns, H, prediction, model, r, cost, log_evidence, noise)
 
 
 def refreshed(fit: MapFit, iterations: int = 6) -> MapFit:
@@ -189,7 +220,9 @@ def refreshed(fit: MapFit, iterations: int = 6) -> MapFit:
     fit.problem.renew(fit.prediction, fit.theta)
     prediction = fit.problem.predict(fit.theta, fit.prediction.X)
     linear = nuisance_columns(fit.problem, fit.theta, prediction)
-    return map_fit(fit.problem, fit.theta, linear=linear, nu=fit.nu, guess=prediction.X, iterations=iterations)
+    return map_fit(
+        fit.problem, fit.theta, linear=linear, nu=fit.nu, guess=prediction.X, iterations=iterations, noise=fit.noise
+    )
 
 
 def begin(problem: Problem) -> MapFit:

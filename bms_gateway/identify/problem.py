@@ -119,6 +119,20 @@ class Coordinate:
 
 
 @dataclass(frozen=True, slots=True)
+class Belief:
+    """A prior that takes the place of a coordinate's own.
+
+    Attributes
+    ----------
+    prior, sd : float
+        In the coordinate. Its bounds stay.
+    """
+
+    prior: float
+    sd: float
+
+
+@dataclass(frozen=True, slots=True)
 class Prediction:
     """What the model says with one set of coordinates.
 
@@ -145,10 +159,13 @@ class Problem:
     model : StringModel
         Its effects are part of it; effects with sd 0 keep their numbers.
     records : sequence of Measured
+    beliefs : mapping of coordinate to Belief
+        Priors in place of the coordinates' own; named without cell, span and record.
     """
 
     model: StringModel
     records: Sequence[Measured]
+    beliefs: Mapping[str, Belief] = field(default_factory=dict)
     physics: Physics = field(init=False)
     coordinates: tuple[Coordinate, ...] = field(init=False)
     nuisances: tuple[Coordinate, ...] = field(init=False)
@@ -160,6 +177,7 @@ class Problem:
         self.coordinates += tuple(c for r, m in enumerate(self.records) for c in _starts(r, m, len(self.records)))
         # last: a model with one more effect has the same coordinates and some at the end
         self.coordinates += tuple(c for e in self.model.effects for c in _effect(e.key, e.name, e.values, e.sd))
+        self.coordinates = tuple(_believed(c, self.beliefs) for c in self.coordinates)
         self.nuisances = tuple(_nuisances(self.model, self.records))
         self._recursion = [None] * len(self.records)
 
@@ -344,6 +362,14 @@ def _effect_coordinate(key: str, p: EffectParameter, value: float) -> Coordinate
         put,
         effect=key,
     )
+
+
+def _believed(c: Coordinate, beliefs: Mapping[str, Belief]) -> Coordinate:
+    plain = c.name.split("@")[0].split("[")[0]
+    if c.effect is not None:
+        plain = c.name.replace(c.effect, c.effect.partition(":")[0], 1)
+    b = beliefs.get(plain)
+    return c if b is None else replace(c, prior=b.prior, sd=b.sd)
 
 
 # K: how far the cores may be from the surfaces, and the surfaces from the first readings, when a record starts
