@@ -1,0 +1,133 @@
+"""Each fault of a record is found by its own check, and a sound record has none."""
+
+import numpy as np
+import pytest
+
+from bms_gateway.diagnose.checks import check_record
+from bms_gateway.diagnose.record import make_record
+from tests.diagnose.logs import rows, string_model
+
+
+def findings(columns, model=None, **more):
+    model = model or string_model()
+    found = check_record(make_record(**{**columns, **more}, model=model, source="log"), model)
+    return {f.kind: f for f in found}
+
+
+def first(columns, seconds):
+    n = seconds + 1
+    return {k: v[:n] if isinstance(v, np.ndarray) else {a: x[:n] for a, x in v.items()} for k, v in columns.items()}
+
+
+def test_a_sound_record_raises_no_suspicion():
+    assert {f.kind for f in findings(rows()).values() if f.severity != "note"} == set()
+
+
+def test_the_worst_comes_first():
+    model = string_model()
+    c = first(rows(), 200)
+    found = check_record(make_record(**c, model=model, source="log"), model)
+    order = ["stop", "warn", "note"]
+    assert [order.index(f.severity) for f in found] == sorted(order.index(f.severity) for f in found)
+    assert found[0].severity == "stop"
+
+
+def test_too_short_stops():
+    assert findings(first(rows(), 200))["too_short"].severity == "stop"
+    assert findings(first(rows(), 900))["short"].severity == "warn"
+
+
+def test_no_heat_stops():
+    c = rows()
+    flat = {k: 22 + 0.1 * np.random.default_rng(k).standard_normal(3001) for k in (1, 3)}
+    assert findings(c, surface_C=flat)["little_heat"].severity == "stop"
+    assert findings(c, current_A=np.zeros(3001))["no_current"].severity == "stop"
+
+
+@pytest.mark.parametrize("step", [0.0, 0.5])
+def test_a_stuck_sensor_is_named(step):
+    c = rows(6000)
+    if step:
+        c["surface_C"] = {k: np.round(x / step) * step for k, x in c["surface_C"].items()}
+    c["surface_C"][3][1500:] = c["surface_C"][3][1500]
+    found = findings(c)
+    assert "cell 3" in found["stuck_sensor"].sentence
+    assert "all_stuck" not in found
+    c["surface_C"][1][1500:] = c["surface_C"][1][1500]
+    assert findings(c)["all_stuck"].severity == "stop"
+
+
+def test_a_coarse_sensor_that_moves_seldom_is_not_stuck():
+    c = rows(6000, noise=0.0)
+    c["surface_C"] = {k: np.round(x) for k, x in c["surface_C"].items()}
+    found = findings(c)
+    assert "stuck_sensor" not in found
+    assert "steps of 1 K" in found["coarse_sensor"].sentence
+
+
+def test_a_wrong_sign_is_seen_by_the_voltage_and_by_the_charge():
+    c = rows()
+    flipped = {**c, "current_A": -c["current_A"]}
+    assert "current_sign" in findings(flipped)
+    assert "voltage" in findings(flipped)["current_sign"].sentence
+    without = {k: v for k, v in flipped.items() if k != "voltage_V"}
+    assert "charge" in findings(without)["current_sign"].sentence
+    assert "current_sign" not in findings({k: v for k, v in c.items() if k != "voltage_V"})
+
+
+def test_an_offset_at_rest_is_read_off():
+    c = rows()
+    assert "1.5 A" in findings(c, current_A=c["current_A"] + 1.5)["current_at_rest"].sentence
+
+
+def test_an_offset_after_a_soak_is_read_off():
+    c = rows()
+    c["surface_C"][3] = c["surface_C"][3] + 0.8
+    assert "cell 3 reads +0.8" in findings(c)["soak_offset"].sentence
+
+
+def test_a_constant_current_is_told():
+    assert "constant_current" in findings(rows(), current_A=np.full(3001, 20.0))
+    assert "one_direction" in findings(rows(), current_A=np.abs(rows()["current_A"]))
+
+
+def test_a_current_that_stands_at_its_end_is_told():
+    c = rows()
+    noisy = c["current_A"] + np.random.default_rng(1).normal(0, 10, 3001)
+    assert "current_saturated" in findings(c, current_A=np.clip(noisy, -60, 60))
+    assert "current_saturated" not in findings(c, current_A=noisy)
+
+
+def test_an_inlet_that_is_none_is_told():
+    c = rows()
+    assert "inlet_constant" in findings(c, coolant_inlet_C=np.full(3001, 22.0))
+    assert "inlet_warmer" in findings(c, coolant_inlet_C=c["coolant_inlet_C"] + 25.0)
+
+
+def test_a_coolant_that_enters_at_the_other_end_is_told():
+    c = rows()
+    rise = c["surface_C"][1] - 22
+    assert "coolant_backwards" in findings(c, surface_C={1: 22 + 1.5 * rise, 3: 22 + 0.7 * rise})
+    assert "coolant_backwards" not in findings(c, surface_C={1: 22 + 0.7 * rise, 3: 22 + 1.5 * rise})
+
+
+def test_a_fan_that_follows_the_temperature_is_told():
+    c = rows()
+    hot = c["surface_C"][3]
+    fan = 0.0095 * (1 + 0.1 * (hot - hot.mean()))
+    assert "flow_follows_temperature" in findings(c, coolant_flow_m3_s=fan)
+    steps = np.where(c["time_s"] % 1000 < 500, 0.008, 0.012)
+    assert "flow_follows_temperature" not in findings(c, coolant_flow_m3_s=steps)
+
+
+def test_what_the_charge_cannot_tell_is_told():
+    assert "soc_span" in findings(rows(), string_model(capacity_Ah=80.0), soc=None)
+    assert "no_soc" in findings(rows(), string_model(capacity_Ah=None), soc=None)
+
+
+def test_missing_readings_are_counted():
+    c = rows()
+    c["surface_C"][3][np.random.default_rng(1).random(3001) < 0.4] = np.nan
+    sentence = findings(c)["readings_missing"].sentence
+    assert "cell 3" in sentence
+    assert "40 %" in sentence or "39 %" in sentence or "41 %" in sentence
