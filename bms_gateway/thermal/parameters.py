@@ -210,6 +210,8 @@ class StringModel:
     tolerances : mapping
     effects : tuple of AddedEffect
         What the model knows beyond I²R_e, two nodes and a coolant path.
+    before : mapping of symbol to Prior, or None
+        What was known before any data, where `priors` come from a fit.
     """
 
     cells: int
@@ -221,6 +223,12 @@ class StringModel:
     flow: float | None = None
     tolerances: Mapping[str, float] = field(default_factory=lambda: DEFAULT_TOLERANCES)
     effects: tuple[AddedEffect, ...] = ()
+    before: Mapping[str, Prior] | None = None
+
+    @property
+    def unfitted(self) -> "StringModel":
+        """The string as it was known before any data: every fit starts here, so that no data count twice."""
+        return self if self.before is None else replace(self, priors=self.before, before=None)
 
     @property
     def has_conduction(self) -> bool:
