@@ -24,6 +24,7 @@ Floats = NDArray[np.float64]
 SECOND = 1_000_000_000
 ACTIVE_A2 = 1.0
 """Mean square of a second's current above which the guard expects temperatures to move, as in the engine."""
+OPTIONAL = ("voltage", "cell_voltage", "soc", "coolant_flow")
 WORTH_A_WORD = 0.05
 """Share of refused samples from which on a signal is named; every start refuses a few."""
 
@@ -223,6 +224,7 @@ def _from_log(path: Path, model: "StringModel", loaded: "LoadedConfig", string: 
 def _told(samples: "_Samples", quality: NDArray[np.uint8], channels: Sequence["Channel"]) -> Iterator[str]:
     """Tell per signal what the guard refused, and what was wrong with the log's clock."""
     from bms_gateway.engine.inputs import REASONS
+    from bms_gateway.frames.quality import Quality
 
     if samples.clock_faults:
         yield f"The clock of this log misbehaves ({samples.clock_faults}): only its steps forward are believed."
@@ -230,6 +232,8 @@ def _told(samples: "_Samples", quality: NDArray[np.uint8], channels: Sequence["C
     for i, c in enumerate(channels):
         mine = quality[samples.channel == i]
         refused = mine[mine != 0]
+        if c.quantity in OPTIONAL and (mine == int(Quality.NOT_AVAILABLE)).all():
+            continue  # a sender that has none; nothing is lost that was ever there
         if not len(mine):
             yield f"{c.signal} never comes in this log."
         elif len(refused) > WORTH_A_WORD * len(mine):

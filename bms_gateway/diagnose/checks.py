@@ -39,7 +39,8 @@ LOOP = 0.8
 """Correlation of flow with temperature from which on a fan is seen to follow it."""
 SWAPPED_K = 0.5
 SATURATED = 0.02
-"""Share of the time at exactly the greatest current that is no chance."""
+LEVELS = 0.05
+"""Share of the time at exactly the greatest current that is no chance, in a drive of so many levels per interval."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +108,8 @@ def _current(r: Record, _: StringModel) -> Iterator[Finding]:
             yield Finding("one_direction", "note", sentence)
     level = float(np.abs(d.I).max())
     at_end = float(np.mean(np.abs(d.I) >= (1.0 - 1e-6) * level))
-    if SATURATED < at_end < 0.5:
+    # a profile of few levels is at one of them all the time
+    if at_end > SATURATED and len(np.unique(np.round(d.I / level, 4))) > LEVELS * d.N:
         yield Finding(
             "current_saturated",
             "note",
