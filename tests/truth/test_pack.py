@@ -22,7 +22,8 @@ from tests.truth.string import TruthString, rk4, wavy_inlet
 IDS = """entropic_heat voltage_heat resistance_temperature resistance_soc resistance_asymmetry charge_transfer
 hysteresis polarization radial_gradient resistance_drift cooling_drift flow_dependent_cooling natural_convection
 ambient_loss surface_joule busbar_joule end_plate coolant_delay coolant_bypass cell_resistance cell_cooling
-cell_conduction neighbour_heat phase_change thermocouple_lag thermocouple_offset thermocouple_contact inlet_offset current_offset"""
+cell_conduction neighbour_heat phase_change thermocouple_lag thermocouple_offset thermocouple_contact
+inlet_offset current_offset"""
 
 N, K, SOC_0 = 3, 150, 0.6
 
