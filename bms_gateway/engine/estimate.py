@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from hashlib import sha256
 from math import nan
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +16,13 @@ from bms_gateway.frames.quality import Quality
 from bms_gateway.health import Ageing, Mismatch
 from bms_gateway.identify import Estimate, Identifier, Tick, VoltageHeat, VoltageTracker, build, string_parameters
 from bms_gateway.identify.contract import IDENTIFIED, LEARNING
-from bms_gateway.observe import AdaptiveObserver, EffectObserver, Measured
+from bms_gateway.observe import AdaptiveObserver, Measured
 from bms_gateway.observe import Estimate as States
-from bms_gateway.observe.effects import SOC_UNKNOWN
-from bms_gateway.thermal import KINDS, Floats
+from bms_gateway.observe.measured import SOC_UNKNOWN
+from bms_gateway.thermal import KINDS, Disturbance, Floats
+
+if TYPE_CHECKING:
+    from bms_gateway.observe.effects import EffectObserver
 
 # of numpy's own type, which it compares much faster than members of an enumeration
 GOOD, STALE, NOT_AVAILABLE, ESTIMATED, NEVER = (
@@ -31,6 +34,7 @@ AVAILABLE_SD_K = 12.0
 
 ADOPT_NS = 60_000_000_000  # the recursive method moves with every tick; the observer's matrices need not
 GOOD_SD = 0.1  # relative; an electrical resistance known worse than this is still being learnt
+CELL_V = (2.0, 4.6)  # V: lithium-ion, empty to full; a string's voltage shared out is not below
 CAPACITY_AH = 8.0  # where the model file does not say; the voltage's slope needs its order of magnitude only
 
 
@@ -113,6 +117,8 @@ class StringEstimator:
     def measured(self, reading: Reading) -> Measured:
         """Gather what the observer of a string with effects takes in at a tick."""
         m, n = reading.means, self.plan.model.cells
+        if n > 1 and m.V / n < CELL_V[0] <= m.V <= CELL_V[1]:
+            n = 1  # the mean of the cells' voltages, as offline
         return Measured(m.I, m.I2, m.I_abs, reading.inlet, self.flow_ratio(reading), reading.soc, m.V / n, m.IV / n)
 
 
@@ -121,7 +127,7 @@ class Group:
     """Strings with equal numbers of cells and the observer that stacks them, or one string with effects and its own."""
 
     members: list[int]
-    observer: AdaptiveObserver | EffectObserver
+    observer: "AdaptiveObserver | EffectObserver"
 
 
 @dataclass(slots=True)
@@ -154,11 +160,11 @@ class Estimators:
             members = [i for i in plain if self.strings[i].plan.model.cells == n]
             models = [self.strings[i].plan.model for i in members]
             self._groups.append(Group(members, AdaptiveObserver(models, self._dt, plan.disturbance)))
-        for i, s in enumerate(self.strings):
-            if s.plan.model.effects:
-                soc = s.wire.constants.get("soc", SOC_UNKNOWN)
-                observer = EffectObserver(s.plan.model, self._dt, plan.disturbance, soc=soc)
-                self._groups.append(Group([i], observer))
+        self._groups += [
+            Group([i], _with_effects(s, self._dt, plan.disturbance))
+            for i, s in enumerate(self.strings)
+            if s.plan.model.effects
+        ]
 
     def step(self, readings: Sequence[Reading], t1: int) -> TickResult:
         """Advance all strings by one tick that ends at `t1`, ns."""
@@ -199,12 +205,12 @@ class Estimators:
 
     @staticmethod
     def _observe(
-        observer: AdaptiveObserver | EffectObserver,
+        observer: "AdaptiveObserver | EffectObserver",
         strings: Sequence[StringEstimator],
         readings: Sequence[Reading],
         heat: Floats,
     ) -> States:
-        if isinstance(observer, EffectObserver):
+        if not isinstance(observer, AdaptiveObserver):
             return observer.step(strings[0].measured(readings[0]), readings[0].y, readings[0].age)
         n = strings[0].plan.model.cells
         return observer.step(
@@ -297,6 +303,14 @@ class Estimators:
 
     def _names(self, group: Group) -> list[str]:
         return [self.strings[i].plan.name for i in group.members]
+
+
+def _with_effects(s: StringEstimator, dt: float, disturbance: Disturbance) -> "EffectObserver":
+    from bms_gateway.observe.effects import (
+        EffectObserver,
+    )  # the catalogue doubles the time of a start: only who needs it
+
+    return EffectObserver(s.plan.model, dt, disturbance, soc=s.wire.constants.get("soc", SOC_UNKNOWN))
 
 
 def _fingerprint(plan: StringPlan) -> str:

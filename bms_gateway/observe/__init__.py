@@ -1,9 +1,13 @@
-"""From readings to states: open loop, Luenberger, Kalman, the adaptive observer, that for strings with effects."""
+"""From readings to states: open loop, Luenberger, Kalman and the adaptive observer, all with init, predict, update.
+
+The observer of strings with effects is in `observe.effects`: it brings the catalogue along, which a gateway without
+effects need not load.
+"""
 
 from bms_gateway.observe.adaptive import AdaptiveObserver, Estimate
-from bms_gateway.observe.effects import EffectObserver, Measured
 from bms_gateway.observe.kalman import Innovation, Kalman, KalmanState, Predicted
 from bms_gateway.observe.luenberger import Luenberger
+from bms_gateway.observe.measured import Measured
 from bms_gateway.observe.model import StackedModel, Start, stack, start_covariance
 from bms_gateway.observe.open_loop import MeanState, OpenLoop
 from bms_gateway.observe.sensitivity import PARAMETERS
@@ -13,7 +17,6 @@ __all__ = [
     "PARAMETERS",
     "AdaptiveObserver",
     "Disturbance",
-    "EffectObserver",
     "Estimate",
     "Innovation",
     "Kalman",

@@ -8,7 +8,6 @@ along, and what cells differ by the model's tolerances.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from math import isfinite, nan
 from typing import Any
 
@@ -17,6 +16,7 @@ import numpy as np
 from bms_gateway.errors import StateError
 from bms_gateway.observe.adaptive import FLOW_LIMITS, READ_WITHIN, Estimate
 from bms_gateway.observe.consider import Belief, conditioned
+from bms_gateway.observe.measured import SOC_UNKNOWN, Measured
 from bms_gateway.observe.model import OFFSETS, Bools, Start, start_covariance
 from bms_gateway.observe.spread import root, scatter
 from bms_gateway.observe.stored import like, plain
@@ -30,7 +30,6 @@ BLOCK = 10
 STRAYED_K, STRAYED_FLOW, STRAYED_STEPS = 3.0, 0.03, 300
 """The Jacobian is renewed when a temperature, the logarithm of the flow or the time is further from where it was taken:
 within, no effect bends so much that covariances would notice. The mean does not depend on it in a steady state."""
-SOC_UNKNOWN = 0.5
 DRIFT_HOURS = 4.0
 """Drifts are learnt on records of some hours. What they come to by then is held: nothing tells how they go on."""
 COLDEST, HOTTEST = -100.0, 400.0
@@ -39,34 +38,6 @@ FIRST_STEP_S, GROWTH = 5.0, 1.5
 """First step over a gap and how each next one grows: a string at rest moves ever more slowly."""
 REST_SD = 0.1
 """K: an effect's own states at the start, about their balance with core and surface."""
-
-
-@dataclass(frozen=True, slots=True)
-class Measured:
-    """What is measured of one string over one step, beside its surfaces; NaN for what is not.
-
-    Attributes
-    ----------
-    I, I2, I_abs : float
-        Mean current [A, discharge positive], mean square [A²], mean magnitude [A].
-    inlet : float, °C
-        Coolant inlet at the end of the step.
-    flow : float
-        Coolant flow over nominal flow; the last one is kept where it is missing.
-    soc : float
-        State of charge, 0…1; counted where it is missing.
-    V, IV : float
-        Mean voltage of a cell [V], mean of its product with the current [W].
-    """
-
-    I: float = nan  # noqa: E741 - the field's symbol
-    I2: float = nan
-    I_abs: float = nan
-    inlet: float = nan
-    flow: float = nan
-    soc: float = nan
-    V: float = nan
-    IV: float = nan
 
 
 class EffectObserver:
