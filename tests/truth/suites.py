@@ -105,7 +105,7 @@ def one_cell(seed):
 
 
 def controls(seed):
-    """Nothing hidden: all cycles, noises and steps, strings of 1…12, and what logs have: holes, jitter, still inlets."""
+    """Nothing hidden: all cycles, noises and steps, 1…12 cells, and what logs have: holes, jitter, still inlets."""
     seeds, out = _seeds(seed, 2), []
     columns = ((), ("flow",), ("flow", "soc"), ("flow", "soc", "voltage"), ("soc",))
     for i, (cycle, noise, step) in enumerate(
