@@ -24,6 +24,8 @@ COMMANDS = {
     "replay": "put logged traffic on a bus with its own timing",
     "encode": "bench data as CAN frames by the DBC, so that it can be replayed",
     "simulate": "drive-cycle traffic of a virtual pack",
+    "compare": "model against measurement: where, when and in which regime it fails",
+    "diagnose": "which physical effect the model lacks",
 }
 """Command and what it does. The file of the same name in this room has `arguments(parser)`, `run(args) -> int` and
 `EXAMPLE`; it imports what is heavy inside `run`, so that help and errors come at once."""

@@ -1,0 +1,177 @@
+"""A comparison of measurement and model for people at a terminal, and for programs."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from bms_gateway.diagnose.checks import Finding
+from bms_gateway.diagnose.compare import Comparison, CoreCheck, Level, Variant
+from bms_gateway.diagnose.core_band import CoreBand
+from bms_gateway.diagnose.regimes import Regime
+from bms_gateway.report.diagnosis_text import finite, told_aside
+from bms_gateway.report.show import number, text_table
+
+TITLES: Mapping[str, str] = {"filed": "The model as filed", "refitted": "The same model, refitted to these data"}
+LEAST_SHARE = 0.05
+"""Share of the excess from which a regime is listed."""
+
+
+def comparison_document(
+    c: Comparison, findings: Sequence[tuple[str, Finding]], notes: Sequence[tuple[str, str]]
+) -> dict[str, Any]:
+    """Return the document of `compare --json`."""
+    return {
+        "tables": list(c.sources),
+        "filed": _variant(c.filed),
+        "refitted": _variant(c.refitted),
+        "checks": [{"table": s, "kind": f.kind, "severity": f.severity, "sentence": f.sentence} for s, f in findings],
+        "notes": [{"table": s, "note": text} for s, text in notes],
+    }
+
+
+def _variant(v: Variant) -> dict[str, Any]:
+    return {
+        "train_rmse_K": finite(v.trained.rmse_K),
+        "heldout_rmse_K": finite(v.held.rmse_K),
+        "noise_floor_K": finite(v.trained.floor_K),
+        "structure": {"size_sigma": finite(v.structure.size), "z": finite(v.structure.z)},
+        "sensors": [
+            {
+                "cell": s.cell,
+                "train_rmse_K": finite(s.trained.rmse_K),
+                "heldout_rmse_K": finite(s.held.rmse_K),
+                "noise_floor_K": finite(s.trained.floor_K),
+                "structured_K": finite(s.structured_K),
+                "z": finite(s.z),
+                "share_of_excess": finite(s.share),
+                "worst": {
+                    "table": s.worst.record,
+                    "time_s": finite(s.worst.time_s),
+                    "error_K": finite(s.worst.error_K),
+                },
+                "regimes": [_regime(r) for r in s.regimes],
+            }
+            for s in v.sensors
+        ],
+        "explained_by": dict(v.explained),
+        "blocks": [
+            {
+                "table": b.record,
+                "first_s": finite(b.first_s),
+                "last_s": finite(b.last_s),
+                "share_of_excess": finite(b.share),
+                "rmse_K": finite(b.rmse_K),
+            }
+            for b in v.blocks
+        ],
+        "core": [
+            {"table": b.record, "max_C": _column(b.T_c.max(axis=0)), "sd_K": _column(b.total_K.max(axis=0))}
+            for b in v.cores
+        ],
+        "core_measured": [_core(x) for x in v.core_checks],
+        "findings": list(v.findings),
+    }
+
+
+def _regime(r: Regime) -> dict[str, Any]:
+    return {
+        "feature": r.feature,
+        "unit": r.unit,
+        "share_of_excess": finite(r.share),
+        "bins": [
+            {
+                "label": b.label,
+                "low": finite(b.low),
+                "high": finite(b.high),
+                "readings": b.readings,
+                "mean_K": finite(b.mean_K),
+                "sd_K": finite(b.sd_K),
+                "rmse_K": finite(b.rmse_K),
+            }
+            for b in r.bins
+        ],
+    }
+
+
+def _core(x: CoreCheck) -> dict[str, Any]:
+    return {
+        "table": x.record,
+        "cell": x.cell,
+        "rmse_K": finite(x.rmse_K),
+        "bias_K": finite(x.bias_K),
+        "inside_95": finite(x.covered),
+    }
+
+
+def _column(x: np.ndarray) -> list[float | None]:
+    return [finite(v) for v in x.tolist()]
+
+
+def comparison_text(c: Comparison, findings: Sequence[tuple[str, Finding]], notes: Sequence[tuple[str, str]]) -> str:
+    """Write a comparison for people: what was found, per sensor, per regime, and the cores."""
+    parts = [_variant_text(v, len(c.sources) > 1) for v in (c.filed, c.refitted)]
+    parts += told_aside(findings, notes, len(c.sources) > 1)
+    return "\n\n".join(parts)
+
+
+def _variant_text(v: Variant, several: bool) -> str:
+    parts = [TITLES[v.name] + ".", *v.findings, "", _sensors(v)]
+    regimes = [r for r in v.explained if r[1] >= LEAST_SHARE]
+    if regimes:
+        titles = {r.feature: r.title for s in v.sensors for r in s.regimes}
+        rows = [[titles.get(feature, feature), f"{100 * share:.0f} %"] for feature, share in regimes]
+        parts += ["", text_table(["the error above the noise follows", "share"], rows)]
+    parts += ["", _cores(v.cores, several)]
+    if v.core_checks:
+        parts += ["", _measured_cores(v.core_checks, several)]
+    return "\n".join(parts)
+
+
+def _sensors(v: Variant) -> str:
+    rows = [
+        [
+            f"cell {s.cell}",
+            number(s.trained.rmse_K, 3),
+            number(s.held.rmse_K, 3),
+            number(s.trained.floor_K, 3),
+            number(s.structured_K, 3),
+            number(s.z, 1),
+            f"{s.worst.error_K:+.2f} at {s.worst.time_s / 60:.0f} min",
+        ]
+        for s in v.sensors
+    ]
+    if len(v.sensors) > 1:
+        rows.append(["all", *(number(x.rmse_K, 3) for x in (v.trained, v.held)), _floor(v.trained), "", "", ""])
+    headers = ["surface", "fitted K", "held-out K", "noise K", "structured K", "z", "worst K"]
+    return text_table(headers, rows)
+
+
+def _floor(level: Level) -> str:
+    return number(level.floor_K, 3)
+
+
+def _cores(bands: Sequence[CoreBand], several: bool) -> str:
+    rows = []
+    for b in bands:
+        for k in range(b.T_c.shape[1]):
+            hottest = int(np.argmax(b.T_c[:, k]))
+            where = ([str(b.record + 1)] if several else []) + [f"cell {k + 1}"]
+            rows.append([*where, number(b.T_c[hottest, k]), number(1.96 * b.total_K[hottest, k])])
+    headers = (["record"] if several else []) + ["core", "hottest °C", "± 95 % K"]
+    return text_table(headers, rows, left=2 if several else 1)
+
+
+def _measured_cores(checks: Sequence[CoreCheck], several: bool) -> str:
+    rows = [
+        [
+            *([str(x.record + 1)] if several else []),
+            f"cell {x.cell}",
+            number(x.rmse_K),
+            f"{x.bias_K:+.2f}",
+            f"{100 * x.covered:.0f} %",
+        ]
+        for x in checks
+    ]
+    headers = (["record"] if several else []) + ["core thermocouple", "error K", "mean K", "inside the band"]
+    return text_table(headers, rows, left=2 if several else 1)

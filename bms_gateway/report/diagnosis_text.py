@@ -1,0 +1,226 @@
+"""A diagnosis for people at a terminal, and for programs: the same content as the page that `--html` writes."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from bms_gateway.diagnose.checks import Finding
+from bms_gateway.diagnose.diagnosis import Diagnosis, Errors, Number, Ranked, Selected
+from bms_gateway.report.show import number, text_table
+
+BAR = 12
+"""Characters of the longest evidence bar: the table still fits a terminal with it."""
+SHOWN = 8
+"""Ranked effects shown to people; programs get them all."""
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """A diagnosis with what goes beside it.
+
+    Attributes
+    ----------
+    diagnosis : Diagnosis or None
+        None where the records are insufficient.
+    sentence : str
+    sources : tuple of str
+    findings : tuple of (source, Finding)
+        Of the checks, the worst of each record first.
+    notes : tuple of (source, str)
+        What was bridged, left out or assumed when the records were read.
+    absorbed : tuple of str
+        What a parameter of the model would swallow without a trace.
+    next_experiment : str or None
+    card : tuple of str
+        What these records could show at all, a line each.
+    """
+
+    diagnosis: Diagnosis | None
+    sentence: str
+    sources: tuple[str, ...]
+    findings: tuple[tuple[str, Finding], ...] = ()
+    notes: tuple[tuple[str, str], ...] = ()
+    absorbed: tuple[str, ...] = ()
+    next_experiment: str | None = None
+    card: tuple[str, ...] = ()
+
+
+def diagnosis_document(told: Told) -> dict[str, Any]:
+    """Return the document of `diagnose --json`; what stands behind `next_experiment` may grow."""
+    d = told.diagnosis
+    return {
+        "verdict": d.verdict if d else "insufficient_data",
+        "unknown_remains": bool(d and d.unknown_remains),
+        "selected": [{"effect": s.candidate.name, "cell": s.candidate.cell} for s in d.selected] if d else [],
+        "ranking": [_ranked(r) for r in d.ranking] if d else [],
+        "baseline": {
+            "train_rmse_K": finite(d.baseline.train_rmse_K) if d else None,
+            "heldout_rmse_K": finite(d.baseline.heldout_rmse_K) if d else None,
+            "noise_floor_K": finite(d.baseline.noise_floor_K) if d else None,
+        },
+        "after": {
+            "train_rmse_K": finite(d.after.train_rmse_K) if d else None,
+            "heldout_rmse_K": finite(d.after.heldout_rmse_K) if d else None,
+        },
+        "absorbed": list(told.absorbed),
+        "next_experiment": told.next_experiment,
+        "sentence": told.sentence,
+        "looks_like": list(d.looks_like) if d else [],
+        "parameters": [_selected(s) for s in d.selected] if d else [],
+        "structure": {"baseline": _structure(d.baseline), "after": _structure(d.after)} if d else None,
+        "tables": list(told.sources),
+        "checks": [
+            {"table": source, "kind": f.kind, "severity": f.severity, "sentence": f.sentence}
+            for source, f in told.findings
+        ],
+        "notes": [{"table": source, "note": text} for source, text in told.notes],
+        "detectability": list(told.card),
+    }
+
+
+def _ranked(r: Ranked) -> dict[str, Any]:
+    return {
+        "effect": r.effect,
+        "cell": r.cell,
+        "heldout_rmse_K": finite(r.heldout_rmse_K),
+        "evidence": finite(r.evidence),
+        "parameters": numbers_document(r.parameters),
+        "tied_with": list(r.tied_with),
+        "probability": finite(r.share),
+        "refused": r.refused or None,
+    }
+
+
+def _selected(s: Selected) -> dict[str, Any]:
+    return {
+        "effect": s.candidate.name,
+        "cell": s.candidate.cell,
+        "parameters": numbers_document(s.parameters),
+        "tied_with": list(s.tied_with),
+    }
+
+
+def _structure(e: Errors) -> dict[str, Any]:
+    return {"size_sigma": finite(e.structure.size), "z": finite(e.structure.z)}
+
+
+def numbers_document(numbers: Mapping[str, Number]) -> dict[str, Any]:
+    """Return numbers as documents hold them: value, sd and unit by name."""
+    return {name: {"value": finite(x.value), "sd": finite(x.sd), "unit": x.unit} for name, x in numbers.items()}
+
+
+def finite(x: float) -> float | None:
+    """Return a number that JSON can hold; None where there is none."""
+    return float(x) if math.isfinite(x) else None
+
+
+def diagnosis_text(told: Told) -> str:
+    """Write a diagnosis for people, the verdict first."""
+    d = told.diagnosis
+    parts = [told.sentence]
+    if d is not None:
+        if d.selected:
+            parts.append(_what_is_missing(d.selected))
+        if d.ranking:
+            parts.append(_ranking(d.ranking))
+        parts.append(_errors(d))
+        tied = {x.candidate.name: x.tied_with for x in d.selected if x.tied_with}
+        parts += [f"These readings cannot tell {name} from {', '.join(others)}." for name, others in tied.items()]
+    if told.absorbed:
+        parts.append(_listed("Swallowed by a parameter of the model, so never missing:", told.absorbed))
+    if told.next_experiment:
+        parts.append(f"Next: {told.next_experiment}")
+    if told.card:
+        parts.append(_listed("What these readings could show at all:", told.card))
+    parts += told_aside(told.findings, told.notes, len(told.sources) > 1)
+    return "\n\n".join(parts)
+
+
+def told_aside(
+    findings: Sequence[tuple[str, Finding]], notes: Sequence[tuple[str, str]], several: bool
+) -> Iterator[str]:
+    """Write what the checks found and what was assumed while reading; each record by name where there are several."""
+    if findings:
+        lines = [(f"{source}: " if several else "") + f"{f.severity}: {f.sentence}" for source, f in findings]
+        yield _listed("Checks of the data:", lines)
+    if notes:
+        yield _listed("Reading the data:", [(f"{source}: " if several else "") + text for source, text in notes])
+
+
+def _listed(title: str, lines: Sequence[str]) -> str:
+    return "\n".join([title, *(f"  {line}" for line in lines)])
+
+
+def _what_is_missing(selected: Sequence[Selected]) -> str:
+    lines = []
+    for s in selected:
+        lines.append(f"{placed(s.candidate.name, s.candidate.cell)}: {s.candidate.effect.equation}")
+        lines += [f"  {text}" for text in number_lines(s.parameters)]
+    return "\n".join(lines)
+
+
+def number_lines(numbers: Mapping[str, Number]) -> list[str]:
+    """Write each number with its standard deviation and unit."""
+    return [f"{name} = {with_sd(x.value, x.sd)} {x.unit}".rstrip() for name, x in numbers.items()]
+
+
+def with_sd(value: float, sd: float) -> str:
+    """Write a value with as many digits as its standard deviation has two of.
+
+    Examples
+    --------
+    >>> with_sd(0.49637, 0.00843), with_sd(2014.2, 210.0)
+    ('0.4964 ± 0.0084', '2010 ± 210')
+    """
+    if not (math.isfinite(sd) and sd > 0.0):
+        return f"{value:.4g}"
+    digits = 1 - math.floor(math.log10(sd))
+    rounded, spread = (round(x, digits) for x in (value, sd))
+    return f"{rounded:.{max(digits, 0)}f} ± {spread:.{max(digits, 0)}f}"
+
+
+def placed(effect: str, cell: int | None) -> str:
+    """Name an effect with its cell, as `add` takes it."""
+    return effect if cell is None else f"{effect}:{cell}"
+
+
+def _ranking(ranking: Sequence[Ranked]) -> str:
+    best = max((r.evidence for r in ranking if math.isfinite(r.evidence)), default=0.0)
+    rows = [
+        [
+            placed(r.effect, r.cell),
+            _bar(r.evidence, best),
+            r.refused,
+            number(r.evidence, 1),
+            f"{100 * r.share:.0f} %",
+            number(r.heldout_rmse_K, 3),
+        ]
+        for r in ranking[:SHOWN]
+    ]
+    text = text_table(["effect", "evidence", "why not", "log-odds", "probability", "held-out K"], rows, left=3)
+    return text if len(ranking) <= SHOWN else f"{text}\n… and {len(ranking) - SHOWN} less likely ones"
+
+
+def _bar(evidence: float, best: float) -> str:
+    if not (math.isfinite(evidence) and evidence > 0.0 and best > 0.0):
+        return "·"
+    return "█" * max(1, round(BAR * evidence / best))
+
+
+def _errors(d: Diagnosis) -> str:
+    rows = [_error_row("model as it is", d.baseline)]
+    if d.selected:
+        rows.append(_error_row("with what is missing", d.after))
+    rows.append(["noise alone", *[number(d.baseline.noise_floor_K, 3)] * 2, "0", ""])
+    return text_table(["error", "fitted K", "held-out K", "structured (noise = 1)", "z"], rows)
+
+
+def _error_row(name: str, e: Errors) -> list[str]:
+    return [
+        name,
+        number(e.train_rmse_K, 3),
+        number(e.heldout_rmse_K, 3),
+        number(e.structure.size),
+        number(e.structure.z, 1),
+    ]
