@@ -8,11 +8,20 @@ import os
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
 
+from bms_gateway.config.effect_tables import (
+    Correlation,
+    EffectTable,
+    read_correlation,
+    read_effects,
+    shown,
+    write_correlation,
+    write_effects,
+)
 from bms_gateway.config.toml import Section, parse_toml, read_text, validate
 from bms_gateway.config.units import PARAMETER_UNITS, parameter_factor
 from bms_gateway.errors import ConfigError
@@ -41,8 +50,8 @@ class Flow(Section):
     fixed: Literal[True] = True
 
 
-class Parameters(Section):
-    """`[parameters]`."""
+class Known(Section):
+    """`[before]`, what was known before any data; and so the numbers of `[parameters]`."""
 
     C_c: Parameter
     C_s: Parameter
@@ -51,6 +60,11 @@ class Parameters(Section):
     R_u: Parameter
     R_cc: Parameter | None = None
     C_f: Parameter | None = None
+
+
+class Parameters(Known):
+    """`[parameters]`."""
+
     coolant_flow: Flow | None = None
 
 
@@ -79,10 +93,12 @@ class ModelFile(Section):
     condition: Condition
     coolant: Coolant = "bulk"
     effects: list[str] = Field(default_factory=list)
-    effect: dict[str, dict[str, Any]] = Field(default_factory=dict)
+    effect: dict[str, EffectTable] = Field(default_factory=dict)
     cell: Cell = Cell()
     parameters: Parameters
     tolerances: Tolerances = Tolerances()
+    correlation: Correlation | None = None
+    before: Known | None = None
 
 
 def read_model(path: Path) -> StringModel:
@@ -131,12 +147,13 @@ def write_model(model: StringModel, path: Path) -> None:
 
 def format_model(model: StringModel) -> str:
     """Write a string model as TOML text, comments and all; `parse_model` gives the same model back."""
+    effects, tables = write_effects(model.effects)
     lines = [
         f"cells = {model.cells}",
         f"sensors = {list(model.sensors)}  # measured surfaces, 1-based",
         f'condition = "{model.condition}"  # full | natural | no-conduction | single',
         f'coolant = "{model.coolant}"  # bulk | ntu',
-        "effects = []",
+        f"effects = {effects}",
     ]
     if model.capacity_Ah is not None:
         lines += ["", "[cell]", f"capacity_Ah = {model.capacity_Ah!r}"]
@@ -145,33 +162,34 @@ def format_model(model: StringModel) -> str:
     if model.flow is not None:
         lines.append(f'coolant_flow = {{ value = {model.flow!r}, unit = "m3/s" }}')
     lines += ["", "[tolerances]", *(f"{name} = {float(value)!r}" for name, value in model.tolerances.items())]
+    lines += tables
+    if model.correlation is not None:
+        lines += write_correlation(model.correlation)
+    if model.before is not None:
+        lines += ["", "[before]  # known before any data: what a fit starts from"]
+        lines += [_parameter_line(name, model.before[name]) for name in KINDS if name in model.before]
     return "\n".join(lines) + "\n"
 
 
 def _model(file: ModelFile) -> StringModel:
-    if file.effects or file.effect:
-        name = file.effects[0] if file.effects else next(iter(file.effect))
-        key = "effects" if file.effects else f"effect.{name}"
-        raise ConfigError(f"{key}: {name!r}: effects are not available in this version; use effects = []")
+    sensors = _sensors(file)
     model = StringModel(
         cells=file.cells,
-        sensors=_sensors(file),
+        sensors=sensors,
         condition=file.condition,
-        priors=_priors(file),
+        priors=_priors(file.parameters, "parameters", file.cells),
         coolant=file.coolant,
         capacity_Ah=file.cell.capacity_Ah,
         flow=_flow(file),
         tolerances=file.tolerances.model_dump(),
+        effects=read_effects(file.effects, file.effect, file.cells, sensors),
     )
-    coupling = {"R_cc": model.has_conduction, "C_f": model.has_coolant_path}
-    for name, needed in coupling.items():
-        if needed and name not in model.priors:
-            raise ConfigError(
-                f'parameters.{name}: missing; condition = "{model.condition}" with several cells needs it'
-            )
-    # A file may name what its condition does not have: it stays right when only the condition is changed.
-    kept = {name: prior for name, prior in model.priors.items() if coupling.get(name, True)}
-    model = replace(model, priors=kept)
+    model = replace(model, priors=_complete(model, model.priors, "parameters"))
+    if file.before is not None:
+        before = _complete(model, _priors(file.before, "before", file.cells), "before")
+        model = replace(model, before=before)
+    if file.correlation is not None:
+        model = replace(model, correlation=read_correlation(file.correlation, model.priors, model.effects))
     if model.has_coolant_path:
         exchange(model.nominal)
     return model
@@ -197,17 +215,27 @@ def _flow(file: ModelFile) -> float | None:
         raise ConfigError(f"parameters.coolant_flow: {e}") from None
 
 
-def _priors(file: ModelFile) -> Mapping[str, Prior]:
-    given = {name: getattr(file.parameters, name) for name in KINDS}
+def _priors(given: Known, key: str, cells: int) -> dict[str, Prior]:
     priors = {}
-    for name, p in given.items():
+    for name in KINDS:
+        p = getattr(given, name)
         if p is None:
             continue
         try:
-            priors[name] = _prior(name, p, file.cells)
+            priors[name] = _prior(name, p, cells)
         except ConfigError as e:
-            raise ConfigError(f"parameters.{name}: {e}") from None
+            raise ConfigError(f"{key}.{name}: {e}") from None
     return priors
+
+
+def _complete(model: StringModel, priors: Mapping[str, Prior], key: str) -> Mapping[str, Prior]:
+    """Check that the coupling which a condition has is there, and leave aside that which it has not."""
+    coupling = {"R_cc": model.has_conduction, "C_f": model.has_coolant_path}
+    for name, needed in coupling.items():
+        if needed and name not in priors:
+            raise ConfigError(f'{key}.{name}: missing; condition = "{model.condition}" with several cells needs it')
+    # A file may name what its condition does not have: it stays right when only the condition is changed.
+    return {name: prior for name, prior in priors.items() if coupling.get(name, True)}
 
 
 def _prior(name: str, p: Parameter, cells: int) -> Prior:
@@ -221,9 +249,9 @@ def _prior(name: str, p: Parameter, cells: int) -> Prior:
     if p.values is not None and len(p.values) != cells:
         raise ConfigError(f"{len(p.values)} values for {cells} cells")
     factor = parameter_factor(name, p.unit)
-    shown = p.values if p.values is not None else [p.value]
-    si = np.array(shown, dtype=np.float64) * factor
-    for number, x in zip(shown, si, strict=True):
+    written = p.values if p.values is not None else [p.value]
+    si = np.array(written, dtype=np.float64) * factor
+    for number, x in zip(written, si, strict=True):
         if not kind.lower <= x <= kind.upper:
             low, high = kind.lower / factor, kind.upper / factor
             raise ConfigError(f"{number:g} {p.unit} is not plausible; valid: {low:g} to {high:g} {p.unit}")
@@ -233,17 +261,6 @@ def _prior(name: str, p: Parameter, cells: int) -> Prior:
 def _parameter_line(name: str, prior: Prior) -> str:
     known = "fixed = true" if prior.fixed else f"rel_sd = {float(prior.rel_sd)!r}"
     numbers = np.atleast_1d(np.asarray(prior.value, dtype=np.float64))
-    text, unit = _shown(name, numbers)
+    text, unit = shown(numbers, KINDS[name].unit, PARAMETER_UNITS[name])
     value = f"value = {text[0]}" if np.ndim(prior.value) == 0 else f"values = [{', '.join(text)}]"
     return f'{name} = {{ {value}, unit = "{unit}", {known} }}'
-
-
-def _shown(name: str, si: np.ndarray[Any, np.dtype[np.float64]]) -> tuple[list[str], str]:
-    """Numbers in the unit for people, with as few digits as read back exactly; in SI where that unit cannot."""
-    unit, factor = KINDS[name].unit, parameter_factor(name, KINDS[name].unit)
-    for digits in (12, 15, 17):
-        text = [repr(float(f"{x / factor:.{digits}g}")) for x in si]
-        if np.array_equal(np.array(text, dtype=np.float64) * factor, si):
-            return text, unit
-    base = next(u for u, f in PARAMETER_UNITS[name].items() if f == 1.0)
-    return [repr(float(x)) for x in si], base

@@ -143,11 +143,17 @@ def _at(annotation: Any, loc: tuple[int | str, ...]) -> Any:
         annotation = _unwrap(annotation)
         if isinstance(annotation, type) and issubclass(annotation, BaseModel):
             field = {(f.alias or name): f for name, f in annotation.model_fields.items()}.get(str(part))
-            annotation = field.annotation if field else None
+            annotation = field.annotation if field else _of_extra(annotation)
         else:
             arguments = get_args(annotation)
             annotation = arguments[-1] if arguments else None
     return _unwrap(annotation)
+
+
+def _of_extra(schema: type[BaseModel]) -> Any:
+    """Type of the tables that a schema takes under any name; None where it takes none."""
+    arguments = get_args(schema.__annotations__.get("__pydantic_extra__"))
+    return arguments[-1] if arguments else None
 
 
 def _unwrap(annotation: Any) -> Any:

@@ -27,6 +27,25 @@ PARAMETER_UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
     }
 )
 
+# What the effects of the catalogue are measured in. The unit that an effect shows picks its row.
+_EFFECT_UNITS: tuple[Mapping[str, float], ...] = (
+    _RESISTANCE,
+    _THERMAL_RESISTANCE,
+    _CAPACITY,
+    _CONDUCTANCE,
+    {"1": 1.0, "%": 1e-2},
+    {"K": 1.0},
+    {"°C": 1.0, "degC": 1.0},
+    {"W": 1.0, "mW": 1e-3, "kW": 1e3},
+    {"J": 1.0, "kJ": 1e3},
+    {"A": 1.0, "mA": 1e-3},
+    {"V": 1.0, "mV": 1e-3},
+    {"V/K": 1.0, "mV/K": 1e-3, "uV/K": 1e-6},
+    {"Ah": 3600.0, "mAh": 3.6, "C": 1.0},
+    {"s": 1.0, "min": 60.0, "h": 3600.0},
+    {"1/h": 1 / 3600, "1/s": 1.0},
+)
+
 # Units that DBC files print, lower case, where they leave no doubt. °F is not linear through 0: (scale, offset).
 _SIGNAL_UNITS: Mapping[str, Mapping[str, tuple[float, float]]] = MappingProxyType(
     {
@@ -92,6 +111,26 @@ def parameter_factor(symbol: str, unit: str) -> float:
         shown = [u for u in units if u not in ("mohm", "ohm", "uohm", "mΩ", "Ω", "m³/s")]
         raise ConfigError(f"unit {unit!r} does not fit {symbol}{did_you_mean(unit, shown)}")
     return units[unit]
+
+
+def effect_units(unit: str, to_si: float) -> Mapping[str, float]:
+    """Units in which a number of an effect may be written, with their factors to SI.
+
+    Parameters
+    ----------
+    unit : str
+        The one that the effect shows.
+    to_si : float
+        Its factor; an own effect may measure in what nobody here knows, and then "SI" is there beside it.
+
+    Examples
+    --------
+    >>> effect_units("mV", 1e-3)
+    {'V': 1.0, 'mV': 0.001}
+    >>> effect_units("furlong", 201.168)
+    {'furlong': 201.168, 'SI': 1.0}
+    """
+    return next((units for units in _EFFECT_UNITS if units.get(unit) == to_si), {unit: to_si, "SI": 1.0})
 
 
 def signal_conversion(quantity: str, unit: str | None) -> tuple[float, float]:

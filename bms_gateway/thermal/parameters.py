@@ -212,6 +212,9 @@ class StringModel:
         What the model knows beyond I²R_e, two nodes and a coolant path.
     before : mapping of symbol to Prior, or None
         What was known before any data, where `priors` come from a fit.
+    correlation : (names, ndarray (m, m)) or None
+        How the errors of m numbers hang together, by symbol or `effect key.parameter`: of the logarithm where a number
+        is known in it. What is not named is independent. Symmetric, ones on the diagonal, positive semidefinite.
     """
 
     cells: int
@@ -224,11 +227,12 @@ class StringModel:
     tolerances: Mapping[str, float] = field(default_factory=lambda: DEFAULT_TOLERANCES)
     effects: tuple[AddedEffect, ...] = ()
     before: Mapping[str, Prior] | None = None
+    correlation: tuple[tuple[str, ...], Floats] | None = None
 
     @property
     def unfitted(self) -> "StringModel":
         """The string as it was known before any data: every fit starts here, so that no data count twice."""
-        return self if self.before is None else replace(self, priors=self.before, before=None)
+        return self if self.before is None else replace(self, priors=self.before, before=None, correlation=None)
 
     @property
     def has_conduction(self) -> bool:
