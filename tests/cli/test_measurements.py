@@ -11,6 +11,7 @@ from bms_gateway.cli.measurements import add_measurement_arguments, given_measur
 from bms_gateway.config.model_file import parse_model, read_model
 from bms_gateway.diagnose.checks import check_record
 from bms_gateway.errors import ConfigError, DataError, UsageError
+from tests.config.bench_cell import write_bench_table
 from tests.config.files import MAPPED, OWN, write
 from tests.config.race_car import write_race_car
 from tests.config.test_model_file import EXAMPLE
@@ -187,9 +188,7 @@ def test_a_race_car_s_log_is_a_record_without_its_parked_channels(tmp_path):
     assert "219.3 A" in found["current_saturated"].sentence
 
 
-@pytest.mark.parametrize("name", ["a123_26650_hev2", "lfp_32113_insulated_1", "lfp_32113_uninsulated_2"])
-def test_a_bench_cell_has_nothing_suspicious_and_its_core_is_kept_apart(tmp_path, name):
-    file = need("core_surface", f"{name}.csv")
+def bench_model(tmp_path):
     single = tmp_path / "cell.toml"
     single.write_text(
         'cells = 1\nsensors = [1]\ncondition = "single"\n[cell]\ncapacity_Ah = 2.3\n[parameters]\n'
@@ -201,7 +200,36 @@ def test_a_bench_cell_has_nothing_suspicious_and_its_core_is_kept_apart(tmp_path
             ]
         )
     )
-    model = read_model(single)
+    return read_model(single)
+
+
+def test_raw_stamps_and_ten_rows_a_second_of_one_drive_give_one_mean_square(tmp_path):
+    slow = np.genfromtxt(need("core_surface", "a123_26650_hev2.csv"), delimiter=",", names=True)
+    fast = np.genfromtxt(need("core_surface", "a123_26650_hev2_raw_current.csv"), delimiter=",", names=True)
+    model = bench_model(tmp_path)
+    merged = {t: ["", "", "", ""] for t in sorted({*slow["t_s"], *fast["t_s"]})}
+    for t, amps, volts in zip(fast["t_s"], fast["I_A"], fast["V_V"], strict=True):
+        merged[t][:2] = f"{-amps:.5f}", f"{volts:.5f}"
+    for t, inlet, surface in zip(slow["t_s"], slow["T_amb_C"], slow["T_surf_C"], strict=True):
+        merged[t][2:] = f"{inlet:.4f}", f"{surface:.4f}"
+    file = tmp_path / "merged.csv"
+    head = "time_s,current_A,voltage_V,coolant_inlet_C,surface_1_C"
+    file.write_text("\n".join([head, *(f"{t:.5f},{','.join(x)}" for t, x in merged.items())]))
+    raw, dense = read_measurements([file, write_bench_table(tmp_path / "dense.csv")], model=model)
+    n = min(raw.drive.N, dense.drive.N)
+    assert any("bursts" in note for note in raw.notes)
+    assert raw.drive.I2.mean() == pytest.approx(dense.drive.I2.mean(), rel=0.003)
+    assert raw.drive.I2.mean() == pytest.approx(128.9, abs=0.2)
+    # a tenth of a second is as well as the dense table knows its steps
+    assert np.abs(raw.drive.I[:n] - dense.drive.I[:n]).max() < 0.2 * 46
+    heat = 3.3 * raw.drive.I.mean() - raw.drive.IV.mean()
+    assert heat == pytest.approx(3.3 * dense.drive.I.mean() - dense.drive.IV.mean(), rel=0.02)
+
+
+@pytest.mark.parametrize("name", ["a123_26650_hev2", "lfp_32113_insulated_1", "lfp_32113_uninsulated_2"])
+def test_a_bench_cell_has_nothing_suspicious_and_its_core_is_kept_apart(tmp_path, name):
+    file = need("core_surface", f"{name}.csv")
+    model = bench_model(tmp_path)
     names = {"time_s": "t_s", "current_A": "-I_A", "voltage_V": "V_V", "coolant_inlet_C": "T_amb_C"}
     names |= {"surface_1_C": "T_surf_C", "core_1_C": "T_core_C"}
     (r,) = read_measurements([file], model=model, columns=names)

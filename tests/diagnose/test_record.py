@@ -75,6 +75,13 @@ def test_ten_rows_a_second_keep_their_mean_square_and_the_readings_their_mean():
     assert r.noise.sigma[0] == pytest.approx(0.1 / np.sqrt(10), rel=0.15)
 
 
+def test_a_mean_square_that_the_source_states_is_taken():
+    c = rows()
+    stated = c["current_A"] ** 2 + 50.0
+    assert np.allclose(record(c, mean_square_current=stated).drive.I2, stated[:-1])
+    assert np.allclose(record(c, mean_square_current=0.5 * stated).drive.I2, np.maximum(0.5 * stated, stated - 50)[:-1])
+
+
 def test_a_tester_that_logs_in_bursts_has_its_steps_half_way():
     t = np.sort(np.concatenate([np.arange(0.0, 600.0), np.arange(9.9996, 600.0, 10)]))
     amps = np.where((t // 20) % 2 == 0, 10.0, -10.0)
