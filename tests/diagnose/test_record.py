@@ -2,7 +2,10 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from bms_gateway.diagnose.checks import check_record
 from bms_gateway.diagnose.record import make_record
 from bms_gateway.errors import DataError
 from tests.diagnose.logs import rows, string_model
@@ -251,3 +254,54 @@ def test_the_same_rows_give_the_same_bits():
     a, b = record(rows()), record(rows())
     for name in ("I", "I2", "I_abs", "T_in", "flow", "soc", "V", "IV"):
         assert np.array_equal(getattr(a.drive, name), getattr(b.drive, name))
+
+
+@settings(max_examples=60, deadline=None)
+@given(data=st.data())
+def test_whatever_is_missing_the_outcome_is_a_sound_record_or_one_line(data):
+    n = data.draw(st.integers(2, 400))
+    rng = np.random.default_rng(data.draw(st.integers(0, 10_000)))
+    spacing = data.draw(st.sampled_from([0.01, 0.1, 1.0, 7.0]))
+    t = np.cumsum(spacing * rng.uniform(0.5, 1.5, n) + np.where(rng.random(n) < 0.02, 1000.0, 0.0))
+
+    def column(scale, centre):
+        x = centre + scale * rng.standard_normal(n)
+        x[rng.random(n) < data.draw(st.sampled_from([0.0, 0.1, 0.9, 1.0]))] = np.nan
+        return np.full(n, centre) if data.draw(st.booleans()) else x
+
+    model = string_model(capacity_Ah=data.draw(st.sampled_from([None, 8.0])))
+    try:
+        r = make_record(
+            time_s=t,
+            current_A=column(50, 0.0),
+            coolant_inlet_C=column(1, 22.0),
+            voltage_V=column(0.1, data.draw(st.sampled_from([0.0, 3.3, 9.9, 400.0]))),
+            soc=column(0.1, 0.5),
+            coolant_flow_m3_s=column(0.001, data.draw(st.sampled_from([0.0, 0.0095, 9.5]))),
+            surface_C={1: column(1, 25.0), 3: column(600, 25.0)},
+            core_C={2: column(1, 30.0)},
+            model=model,
+            source="log",
+        )
+    except DataError as e:
+        line = str(e)
+    else:
+        line = ""
+        sound(r, model)
+    assert not line or (line.startswith("log: ") and "\n" not in line)
+
+
+def sound(r, model):
+    d = r.drive
+    assert len(r.instants) == d.N + 1 == len(r.grid)
+    assert (np.diff(r.instants) > 0).all()
+    for name in ("I", "I2", "I_abs", "T_in", "flow", "soc", "hours"):
+        assert np.isfinite(getattr(d, name)).all(), name
+    assert (d.I2 >= d.I**2 - 1e-6 * (1 + d.I2)).all()
+    assert (d.I_abs >= np.abs(d.I) - 1e-9).all()
+    assert ((r.left >= 0) & (r.left < d.N) & (r.share >= 0) & (r.share <= 1)).all()
+    assert np.isfinite(r.y).all()
+    assert ((r.noise.sigma > 0) & (r.noise.step >= 0)).all()
+    parts = np.diff(np.concatenate([r.segments, [d.N + 1]]))
+    assert (parts > 1).all()
+    assert all(f.sentence.endswith((".", "?")) for f in check_record(r, model))
