@@ -1,5 +1,6 @@
 """What a fit leaves over: how much, how much of it is structure, and what it does where nothing was fitted."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,7 +46,11 @@ class Structure:
 
 def structure(fit: MapFit, held: bool = False) -> Structure:
     """Find the structure in a fit's residual, on the readings used or on those held out."""
-    series = _series(fit, held)
+    return structure_of(_series(fit, held))
+
+
+def structure_of(series: Sequence[Floats]) -> Structure:
+    """Find the structure in some residuals of unit variance, each in order of time and longer than the lags."""
     covariance = np.zeros(LONGEST)
     count = np.zeros(LONGEST)
     variance = float(np.mean(np.concatenate(series) ** 2))
@@ -71,7 +76,7 @@ def rmse(fit: MapFit, rows: np.ndarray) -> float:
 
 
 def noise_floor(fit: MapFit, rows: np.ndarray) -> float:
-    """What a perfect model would leave over some readings, K."""
+    """Tell what a perfect model would leave over some readings, K."""
     sigma = stacked(fit.problem)[1]
     return float(np.sqrt(np.mean(sigma[rows] ** 2))) if rows.any() else float("nan")
 

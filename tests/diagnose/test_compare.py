@@ -143,7 +143,7 @@ def test_an_error_that_follows_a_feature_is_laid_to_it():
     found = regimes(error, np.full(3600, 0.05), features, stretches(t, 1.0, 1.0), 120.0)
     assert found[1].feature == "current"
     strong = max(found[1].bins, key=lambda b: b.mean_K)
-    assert strong.label == "while discharging above 80 A" or "discharging above" in strong.label
+    assert strong.label == "while discharging above 60 A"
     assert strong.mean_K == pytest.approx(0.6, abs=0.02)
     rest = next(b for b in found[1].bins if b.label == "at rest")
     assert abs(rest.mean_K) < 0.02

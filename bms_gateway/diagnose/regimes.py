@@ -1,0 +1,290 @@
+"""In which regime a model fails: its error over bins of what the string was doing, with honest error bars.
+
+Neighbouring errors of a slow system are nearly the same error. So the mean over a bin is given the scatter of whole
+stretches of time, not of single readings (the cluster-robust variance), and a feature counts for what its bins'
+means explain beyond that.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bms_gateway.identify.problem import Measured
+from bms_gateway.thermal import Floats
+from bms_gateway.thermal.drive import Drive
+
+REST = 0.03
+"""Share of the greatest current below which a string rests."""
+SLOPE_S = 60.0
+"""Time over which the slope of the inlet is taken: shorter is noise of its sensor."""
+SHORTEST_S = 60.0
+"""Least length of a stretch of time whose errors count as one: surfaces follow within it."""
+MOST_STRETCHES = 60
+FEW = 10
+"""Stretches, below which a bin's own scatter is not trusted alone."""
+SIGNIFICANT = 3.0
+"""sd."""
+
+
+@dataclass(frozen=True, slots=True)
+class Bin:
+    """Errors (reading minus model) in one bin.
+
+    Attributes
+    ----------
+    label : str
+        As a sentence says it: "while discharging above 60 A".
+    low, high : float
+        In the unit of the regime.
+    readings : int
+    mean_K, sd_K : float
+        Mean error, and how well it is known though neighbouring errors are alike.
+    rmse_K : float
+    """
+
+    label: str
+    low: float
+    high: float
+    readings: int
+    mean_K: float
+    sd_K: float
+    rmse_K: float
+
+    @property
+    def significant(self) -> bool:
+        """Whether the mean error is no chance."""
+        return abs(self.mean_K) > SIGNIFICANT * self.sd_K
+
+
+@dataclass(frozen=True, slots=True)
+class Regime:
+    """Errors over the bins of one feature.
+
+    Attributes
+    ----------
+    feature : str
+        `always` (one bin), or a key of `FEATURES`.
+    title, unit : str
+    bins : tuple of Bin
+    explained_K2 : float
+        Mean square that the bins' means account for, beyond what chance would.
+    share : float
+        Of the mean square above the noise, 0…1.
+    """
+
+    feature: str
+    title: str
+    unit: str
+    bins: tuple[Bin, ...]
+    explained_K2: float
+    share: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Kind:
+    title: str
+    unit: str
+    least: float
+    phrase: str
+
+
+FEATURES: Mapping[str, _Kind] = {
+    "current": _Kind("current, charging or discharging", "A", 1.0, ""),
+    "recent_heat": _Kind("rms current of the last minutes (I²)", "A", 5.0, "after an rms current {} A"),
+    "recent_current": _Kind("mean current of the last minutes", "A", 2.0, "after a mean current {} A"),
+    "magnitude": _Kind("magnitude of the current", "A", 2.0, "at a current {} A"),
+    "soc": _Kind("state of charge", "%", 5.0, "with the state of charge {} %"),
+    "surface": _Kind("surface temperature", "°C", 2.0, "while the surface is {} °C"),
+    "inlet": _Kind("coolant inlet", "°C", 1.0, "while the inlet is {} °C"),
+    "inlet_slope": _Kind("slope of the inlet", "K/min", 0.3, "while the inlet's slope is {} K/min"),
+    "flow": _Kind("coolant flow over nominal", "%", 3.0, "with the flow {} % of nominal"),
+    "time": _Kind("time since the start", "min", 1.0, "at times {} min"),
+}
+"""What the errors are sorted by: title, unit, least span worth bins, and how a sentence says a bin."""
+
+
+def interval_of(m: Measured) -> NDArray[np.intp]:
+    """Interval (M,) in which each reading lies: a span has one row more than intervals."""
+    span = np.searchsorted(np.cumsum([len(s) + 1 for s in m.spans]), m.row, side="right")
+    last = np.array([s.last for s in m.spans])[span] - 1
+    return np.asarray(np.minimum(m.row - span, last), dtype=np.intp)
+
+
+def instants_of(m: Measured) -> Floats:
+    """Time (rows,) of the rows of a trajectory, s since the record began."""
+    u = m.drive
+    return np.concatenate([3600.0 * u.hours[s.first] + u.dt * (np.arange(len(s) + 1) - 0.5) for s in m.spans])
+
+
+def seconds_of(m: Measured) -> Floats:
+    """Time (M,) of the readings, s since the record began."""
+    return np.asarray(instants_of(m)[m.row] + m.share * m.drive.dt)
+
+
+def low_passed(x: Floats, dt: float, tau: float) -> Floats:
+    """First-order low pass (N, …) that starts at the first value."""
+    a = float(np.exp(-dt / tau))
+    out = np.empty_like(x)
+    y = x[0]
+    for k in range(len(x)):
+        y = a * y + (1.0 - a) * x[k]
+        out[k] = y
+    return out
+
+
+def slope(u: Drive) -> Floats:
+    """Slope (N,) of the inlet over about a minute, K/s."""
+    width = max(round(SLOPE_S / u.dt), 1)
+    ahead = np.minimum(np.arange(u.N) + width // 2 + 1, u.N - 1)
+    back = np.maximum(np.arange(u.N) - width // 2, 0)
+    return np.asarray((u.T_in[ahead] - u.T_in[back]) / np.maximum((ahead - back) * u.dt, u.dt))
+
+
+def string_features(u: Drive, tau: float) -> dict[str, Floats]:
+    """Features (N,) that all cells share, in the units of `FEATURES`; what is not known is left out.
+
+    Parameters
+    ----------
+    u : Drive
+    tau : float, s
+        How long a cell remembers its heat.
+    """
+    recent = low_passed(np.stack([u.I2, u.I], axis=1), u.dt, tau)
+    found = {
+        "current": u.I,
+        "recent_heat": np.sqrt(recent[:, 0]),
+        "recent_current": recent[:, 1],
+        "magnitude": u.I_abs,
+        "inlet": u.T_in,
+        "inlet_slope": 60.0 * slope(u),
+        "time": 60.0 * u.hours,
+    }
+    if "soc" in u.known:
+        found["soc"] = 100.0 * u.soc
+    if "flow" in u.known:
+        found["flow"] = 100.0 * u.flow
+    return {name: found[name] for name in FEATURES if name in found}
+
+
+def stretches(t: Floats, inflation: float, dt: float) -> NDArray[np.intp]:
+    """Give each reading the number (M,) of its stretch of time, long enough for stretches to be independent."""
+    span = float(np.ptp(t)) + dt
+    length = max(SHORTEST_S, 2.0 * inflation * dt, span / MOST_STRETCHES)
+    length = min(length, span / 12.0)  # fewer would leave no scatter to be seen
+    return np.asarray((t - t.min()) / length, dtype=np.intp)
+
+
+def regimes(
+    error: Floats, sigma: Floats, values: Mapping[str, Floats], stretch: NDArray[np.intp], peak: float
+) -> tuple[Regime, ...]:
+    """Errors of one sensor over the bins of each feature, the one that explains most first; `always` leads.
+
+    Parameters
+    ----------
+    error : ndarray (M,), K
+        Reading minus model.
+    sigma : ndarray (M,), K
+    values : mapping of feature to ndarray (M,)
+    stretch : ndarray (M,)
+        Of `stretches`.
+    peak : float, A
+        Greatest current.
+    """
+    excess = max(float(np.mean(error**2) - np.mean(sigma**2)), 1e-12)
+    whole = _binned(error, sigma, np.zeros(len(error), np.intp), stretch, ((0.0, 0.0),), ("all along",))
+    mean = whole[0].mean_K
+    constant = max(mean**2 - whole[0].sd_K ** 2, 0.0)
+    found = []
+    for name, x in values.items():
+        cells = _bins(name, x, peak)
+        if cells is None:
+            continue
+        edges, labels = cells
+        index = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(labels) - 1)
+        edges = np.clip(edges, x.min(), x.max())
+        bounds = tuple(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
+        bins = _binned(error, sigma, index, stretch, bounds, labels)
+        explained = sum(b.readings * ((b.mean_K - mean) ** 2 - b.sd_K**2) for b in bins) / len(error)
+        explained = max(explained, 0.0)
+        kind = FEATURES[name]
+        found.append(Regime(name, kind.title, kind.unit, bins, explained, min(explained / excess, 1.0)))
+    found.sort(key=lambda r: -r.explained_K2)
+    return (Regime("always", "all along", "", whole, constant, min(constant / excess, 1.0)), *found)
+
+
+def _bins(name: str, x: Floats, peak: float) -> tuple[Floats, tuple[str, ...]] | None:
+    """Edges and labels of one feature's bins; None where it hardly moves."""
+    kind = FEATURES[name]
+    if float(np.ptp(x)) < kind.least:
+        return None
+    if name == "current":
+        return _directions(x, peak)
+    inner = np.unique(_rounded(np.quantile(x, [0.2, 0.4, 0.6, 0.8]), float(np.ptp(x))))
+    inner = inner[(inner > x.min()) & (inner < x.max())]
+    if not len(inner):
+        return None
+    edges = np.concatenate([[x.min()], inner, [x.max()]])
+    labels = [f"below {inner[0]:g}", *(f"between {a:g} and {b:g}" for a, b in pairwise(inner.tolist()))]
+    return edges, tuple(kind.phrase.format(t) for t in [*labels, f"above {inner[-1]:g}"])
+
+
+def _directions(x: Floats, peak: float) -> tuple[Floats, tuple[str, ...]] | None:
+    edges: list[float] = [-np.inf]
+    labels: list[str] = []
+    rest = REST * peak
+    for way, side in (("charging", -x[x < -rest]), ("discharging", x[x > rest])):
+        # half of what this side reaches: pulses of two sizes end up in bins of their own
+        half = float(_rounded(0.5 * np.quantile(side, [0.95]), peak)[0]) if len(side) > 20 else np.inf
+        halves = [half] if rest < half < np.inf else []
+        names = [f"while {way} below {h:g} A" for h in halves] + [f"while {way} above {h:g} A" for h in halves]
+        names = names or [f"while {way}"]
+        if way == "charging":
+            edges += [*(-h for h in halves), -rest]
+            labels += names[::-1]
+        else:
+            edges += [rest, *halves, np.inf]
+            labels += ["at rest", *names]
+    there = [bool(np.any((x >= a) & (x < b))) for a, b in pairwise(edges)]
+    return (np.array(edges), tuple(labels)) if sum(there) > 1 else None
+
+
+def _rounded(x: Floats, span: float) -> Floats:
+    """To a step that is 1, 2 or 5 times a power of ten, about a fiftieth of the span."""
+    rough = span / 50.0
+    power = 10.0 ** np.floor(np.log10(rough))
+    step = power * min((1.0, 2.0, 5.0, 10.0), key=lambda s: abs(s * power - rough))
+    return np.asarray(np.round(np.round(x / step) * step, 10))
+
+
+def _binned(
+    error: Floats,
+    sigma: Floats,
+    index: NDArray[np.intp],
+    stretch: NDArray[np.intp],
+    bounds: Sequence[tuple[float, float]],
+    labels: Sequence[str],
+) -> tuple[Bin, ...]:
+    K, C = len(labels), int(stretch.max()) + 1
+    n = np.bincount(index, minlength=K)
+    safe = np.maximum(n, 1)
+    mean = np.bincount(index, error, K) / safe
+    square = np.bincount(index, error**2, K) / safe
+    white = np.bincount(index, sigma**2, K) / safe
+    at = index * C + stretch
+    sums = np.bincount(at, error - mean[index], K * C).reshape(K, C)
+    clusters = (np.bincount(at, minlength=K * C).reshape(K, C) > 0).sum(axis=1)
+    spread = (sums**2).sum(axis=1) / safe**2 * clusters / np.maximum(clusters - 1, 1)
+    # one or two stretches show no scatter of their own: there the whole sensor's stands in
+    overall = np.bincount(stretch, error, C) / np.maximum(np.bincount(stretch, minlength=C), 1)
+    few = np.var(overall) / np.maximum(clusters, 1)
+    spread = np.where(clusters < FEW, np.maximum(spread, few), spread)
+    # the scatter of a handful is itself uncertain: the variance of Student's t
+    variance = np.maximum(spread * (clusters + 1.0) / np.maximum(clusters - 1.0, 1.0), white / safe)
+    return tuple(
+        Bin(labels[k], *bounds[k], int(n[k]), float(mean[k]), float(np.sqrt(variance[k])), float(np.sqrt(square[k])))
+        for k in range(K)
+        if n[k]
+    )
