@@ -26,6 +26,7 @@ COMMANDS = {
     "simulate": "drive-cycle traffic of a virtual pack",
     "compare": "model against measurement: where, when and in which regime it fails",
     "diagnose": "which physical effect the model lacks",
+    "effects": "the catalogue of physical effects that a model may lack: equation, parameters, needs, look-alikes",
 }
 """Command and what it does. The file of the same name in this room has `arguments(parser)`, `run(args) -> int` and
 `EXAMPLE`; it imports what is heavy inside `run`, so that help and errors come at once."""

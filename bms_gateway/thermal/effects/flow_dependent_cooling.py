@@ -23,7 +23,7 @@ class FlowDependentCooling(Effect):
     title = "cooling follows the coolant flow"
     equation = "R_u -> R_u * (flow/nominal)^-n"
     signature = "distance of the surface from the coolant per watt follows the flow"
-    needs = "a recorded coolant flow that changes"
+    needs = "a flow that changes"
     node = "surface"
     signals = ("flow",)
     plausibility = -1.5

@@ -24,7 +24,7 @@ class ResistanceSoc(Effect):
     title = "resistance depends on the state of charge"
     equation = "R_e -> R_e * (1 + s_1*u + s_2*u^2), u = 1 - 2*SOC"
     signature = "error at equal I^2 follows the state of charge"
-    needs = "a state of charge that goes down and up again, or voltage"
+    needs = "charge that goes out and in again, so that SOC is told from time; or voltage"
     node = "core"
     signals = ("soc",)
     plausibility = -1.5

@@ -31,7 +31,7 @@ class VoltageHeat(Effect):
     title = "heat from the measured voltage"
     equation = "Q_c = I*(U(SOC) - V) in place of I^2*R_e, U = level + departures by SOC"
     signature = "error follows whatever the overpotential does beyond I*R_e"
-    needs = "cell voltage and state of charge"
+    needs = "a voltage measured at the cells' own terminals"
     node = "core"
     signals = ("voltage", "soc")
     parameters = (

@@ -1,0 +1,79 @@
+"""The catalogue on the terminal, as JSON and in the README is the one that the code has."""
+
+import json
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from bms_gateway.cli.effects import catalogue_table
+from bms_gateway.cli.main import main
+from bms_gateway.config import load_config
+from bms_gateway.config.model_file import parse_model
+from bms_gateway.thermal.effects import catalogue
+from tests.config.files import OWN, write
+from tests.config.test_model_file import EXAMPLE, WITH_EFFECTS
+
+
+def test_the_readmes_table_is_the_catalogue():
+    text = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+    start, end = "<!-- effects -->\n", "\n<!-- /effects -->"
+    assert text.count(start) == text.count(end) == 1
+    assert text.partition(start)[2].partition(end)[0] == catalogue_table()
+
+
+def test_the_overview_names_every_effect_and_fits_a_terminal(capsys):
+    assert main(["effects"]) == 0
+    out = capsys.readouterr().out
+    for e in catalogue().values():
+        assert f"\n{e.name} " in out
+        assert e.equation.split()[0] in out
+    assert max(map(len, out.splitlines())) <= 110
+
+
+@pytest.mark.parametrize("name", catalogue())
+def test_one_effect_in_detail_comes_with_a_table_that_a_model_takes(capsys, name):
+    assert main(["effects", name]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    e = catalogue()[name]
+    assert out.startswith(f"{name}: {e.title}\n")
+    lines = [line.strip() for line in out.partition("in a model file:\n")[2].splitlines()]
+    table = "\n".join(lines[1:])
+    assert lines[0] == f'effects = ["{name}"]'
+    text = EXAMPLE.replace("effects = []", lines[0]) + table
+    (added,) = parse_model(text).effects
+    assert added.name == name
+    for p in e.parameters:
+        assert added.values[p.name] == pytest.approx(p.probe, rel=1e-5)
+        assert added.sd[p.name] == pytest.approx(p.sd, rel=1e-5)
+    assert tomllib.loads(table)["effect"][name]
+
+
+def test_the_json_has_units_and_bounds_as_shown(capsys):
+    assert main(["effects", "--json", "-"]) == 0
+    out, err = capsys.readouterr()
+    listed = json.loads(out)["effects"]
+    assert [e["name"] for e in listed] == list(catalogue())
+    assert "entropic_heat" in err
+    first = listed[0]["parameters"][0]
+    assert (first["name"], first["unit"], first["bounds"]) == ("dUdT", "mV/K", [-1.5, 1.5])
+    assert first["sd"] == 0.25
+    transfer = next(e for e in listed if e["name"] == "charge_transfer")
+    assert transfer["parameters"][0]["rel_sd"] == 1.5
+
+
+def test_one_effect_as_json(tmp_path, capsys):
+    assert main(["effects", "hysteresis", "--json", str(tmp_path / "e.json")]) == 0
+    assert [e["name"] for e in json.loads((tmp_path / "e.json").read_text())["effects"]] == ["hysteresis"]
+    assert "hysteresis" in capsys.readouterr().out
+
+
+def test_a_wrong_name_tells_the_nearest(capsys):
+    assert main(["effects", "cell_coolin"]) == 2
+    assert "did you mean 'cell_cooling'?" in capsys.readouterr().err
+
+
+def test_a_config_takes_a_model_with_effects(tmp_path):
+    (string,) = load_config(write(tmp_path, OWN, WITH_EFFECTS)).plan.strings
+    assert [e.key for e in string.model.effects] == ["entropic_heat", "cell_resistance:4", "charge_transfer"]
