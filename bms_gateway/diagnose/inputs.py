@@ -1,10 +1,10 @@
 """From rows of current, voltage, inlet, flow and charge to the means that drive a string."""
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
+from bms_gateway.diagnose.charge import state_of_charge
 from bms_gateway.diagnose.grid import Grid, bridged
 from bms_gateway.diagnose.means import Path, mean, mean_magnitude, mean_product, path
 from bms_gateway.diagnose.smooth import COARSEST_K, smooth
@@ -24,8 +24,6 @@ CELL_VOLTS, LITHIUM_VOLTS = (0.5, 5.5), (2.0, 4.6)
 FLOW_UNITS = {"L/s": 1e3, "L/min": 6e4, "L/h": 3.6e6, "m³/h": 3.6e3}
 FLOW_WITHIN = 5.0
 """Factor about nominal within which a flow is believed; units lie further apart."""
-SHAPE = 0.05
-"""Of the capacity: how far counted and recorded charge may drift apart before the capacity is not believed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +77,8 @@ class Signals:
             square = np.maximum(mean(x, self.mean_square), current**2)
         none = np.full(n, np.nan)
         known = {name for name, p in (("flow", self.flow), ("voltage", self.voltage)) if p is not None}
-        soc = _charge(self, grid, current, model, notes)
+        recorded = None if self.soc is None else np.clip(mean(x, self.soc), 0.0, 1.0)
+        soc = state_of_charge(recorded, current, grid, model.capacity_Ah, notes)
         if soc is not None:
             known.add("soc")
         return Drive(
@@ -251,55 +250,3 @@ def _recorded_charge(rows: Rows, notes: list[str]) -> Path | None:
         return None
     t, soc = _believable(rows, rows.soc, "soc", "soc", notes)
     return path(t, soc, True) if len(t) > 1 else None
-
-
-def _charge(s: Signals, grid: Grid, current: Floats, model: StringModel, notes: list[str]) -> Floats | None:
-    """State of charge: the counted shape at the recorded level, or whichever of the two there is."""
-    recorded = None if s.soc is None else np.clip(mean(grid.instants, s.soc), 0.0, 1.0)
-    if model.capacity_Ah is None:
-        if recorded is None:
-            notes.append(
-                "State of charge: neither recorded nor, without cell.capacity_Ah in the model file, countable."
-            )
-        return recorded
-    counted = _counted(current, grid, model.capacity_Ah)
-    parts = [slice(a, b) for a, b in _parts(grid, len(current))]
-    if recorded is None:
-        spans = [float(np.ptp(counted[p])) for p in parts]
-        if max(spans) > 1.0 + SHAPE:
-            notes.append(
-                f"State of charge: counting gives a change of {100 * max(spans):.0f} %, more than the cell holds by "
-                "cell.capacity_Ah: not used."
-            )
-            return None
-        out = counted.copy()
-        for p in parts:
-            # half full unless the record itself then runs below empty or above full
-            out[p] += 0.5 - counted[p][0]
-            out[p] += max(-float(out[p].min()), 0.0) - max(float(out[p].max()) - 1.0, 0.0)
-        notes.append("State of charge: counted from the current; its level, half full at the start, is an assumption.")
-        return np.clip(out, 0.0, 1.0)
-    out = counted.copy()
-    for p in parts:
-        apart = recorded[p] - counted[p]
-        out[p] += float(np.median(apart))
-        if float(np.percentile(apart, 95) - np.percentile(apart, 5)) > SHAPE:
-            notes.append(
-                "State of charge: the recorded one does not move as the current counted by cell.capacity_Ah does; the "
-                "recorded one is used."
-            )
-            return recorded
-    return np.clip(out, 0.0, 1.0)
-
-
-def _counted(current: Floats, grid: Grid, capacity_Ah: float) -> Floats:
-    """Charge at the middle of each interval, counted from the record's start; none flows in gaps."""
-    moved = -current * grid.dt / 3600.0 / capacity_Ah
-    moved[grid.gaps] = 0.0
-    return np.asarray(np.cumsum(moved) - 0.5 * moved)
-
-
-def _parts(grid: Grid, n: int) -> list[tuple[int, int]]:
-    """First interval of each segment and the one after its last; the gap before goes with it."""
-    starts = [0, *grid.gaps, n]
-    return list(pairwise(starts))
