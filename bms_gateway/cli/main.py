@@ -24,6 +24,7 @@ COMMANDS = {
     "replay": "put logged traffic on a bus with its own timing",
     "encode": "bench data as CAN frames by the DBC, so that it can be replayed",
     "simulate": "drive-cycle traffic of a virtual pack",
+    "fit": "batch identification of a string model from measurements",
     "compare": "model against measurement: where, when and in which regime it fails",
     "diagnose": "which physical effect the model lacks",
     "effects": "the catalogue of physical effects that a model may lack: equation, parameters, needs, look-alikes",

@@ -129,8 +129,8 @@ def parse_model(text: str, where: str = "model") -> StringModel:
         raise ConfigError(f"{where}: {e}") from None
 
 
-def write_model(model: StringModel, path: Path) -> None:
-    """Write a string model; the file is complete or untouched.
+def write_model(model: StringModel, path: Path, heading: str = "") -> None:
+    """Write a string model, with a heading as a comment; the file is complete or untouched.
 
     Raises
     ------
@@ -139,7 +139,8 @@ def write_model(model: StringModel, path: Path) -> None:
     """
     beside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
-        beside.write_text(format_model(model), encoding="utf-8")
+        comment = "".join(f"# {' '.join(line.split())}\n" for line in heading.splitlines())
+        beside.write_text(comment + format_model(model), encoding="utf-8")
         beside.replace(path)
     except OSError as e:
         raise ConfigError(f"{path}: cannot be written: {e.strerror}") from None

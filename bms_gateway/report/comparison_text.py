@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 
 from bms_gateway.diagnose.checks import Finding
-from bms_gateway.diagnose.compare import Comparison, CoreCheck, Level, Variant
+from bms_gateway.diagnose.compare import Comparison, CoreCheck, Variant
 from bms_gateway.diagnose.core_band import CoreBand
+from bms_gateway.diagnose.misfit import Level
 from bms_gateway.diagnose.regimes import Regime
 from bms_gateway.report.diagnosis_text import finite, told_aside
 from bms_gateway.report.show import number, text_table

@@ -1,0 +1,150 @@
+"""What a fit made of a model, for people at a terminal, and for programs."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from bms_gateway.diagnose.calibrate import Change, ChannelError, Product
+from bms_gateway.diagnose.checks import Finding
+from bms_gateway.diagnose.diagnosis import Errors
+from bms_gateway.report.diagnosis_text import finite, told_aside, with_sd
+from bms_gateway.report.show import number, text_table
+
+HOLDS = 1.2
+"""Error over the noise up to which a model holds, as the diagnosis has it."""
+
+
+@dataclass(frozen=True, slots=True)
+class FitReport:
+    """A fit as it is told.
+
+    Attributes
+    ----------
+    out : str
+        The model file written.
+    sources : tuple of str
+    calibrated : bool
+    changes : tuple of Change
+    products : tuple of Product
+    channels : tuple of ChannelError
+    errors : Errors
+        Over all thermocouples.
+    findings, notes : tuple of (source, …)
+    """
+
+    out: str
+    sources: tuple[str, ...]
+    calibrated: bool
+    changes: tuple[Change, ...]
+    products: tuple[Product, ...]
+    channels: tuple[ChannelError, ...]
+    errors: Errors
+    findings: tuple[tuple[str, Finding], ...]
+    notes: tuple[tuple[str, str], ...]
+
+    @property
+    def holds(self) -> bool:
+        """Whether the fitted model explains the readings to within their noise."""
+        worst = np.nanmax([self.errors.train_rmse_K, self.errors.heldout_rmse_K])
+        return bool(worst <= HOLDS * self.errors.noise_floor_K)
+
+
+def fit_document(r: FitReport) -> dict[str, Any]:
+    """Return the document of `fit --json`."""
+    return {
+        "model": r.out,
+        "tables": list(r.sources),
+        "calibrated": r.calibrated,
+        "parameters": [change_document(c) for c in r.changes],
+        "products": [{"names": list(p.names), "rel_sd": p.rel_sd, "each_rel_sd": list(p.each)} for p in r.products],
+        "train_rmse_K": finite(r.errors.train_rmse_K),
+        "heldout_rmse_K": finite(r.errors.heldout_rmse_K),
+        "noise_floor_K": finite(r.errors.noise_floor_K),
+        "sensors": [
+            {
+                "table": c.source,
+                "kind": c.kind,
+                "cell": c.cell,
+                "train_rmse_K": finite(c.trained_K),
+                "heldout_rmse_K": finite(c.held_K),
+                "noise_floor_K": finite(c.floor_K),
+            }
+            for c in r.channels
+        ],
+        "checks": [{"table": s, "kind": f.kind, "severity": f.severity, "sentence": f.sentence} for s, f in r.findings],
+        "notes": [{"table": s, "note": text} for s, text in r.notes],
+    }
+
+
+def change_document(c: Change) -> dict[str, Any]:
+    """Return one number of a fit as documents hold it."""
+    return {
+        "name": c.name,
+        "table": c.of or None,
+        "unit": c.unit,
+        "before": {"value": finite(c.before), "sd": finite(c.before_sd)},
+        "after": {"value": finite(c.after), "sd": finite(c.after_sd)},
+        "status": c.status,
+    }
+
+
+def fit_text(r: FitReport) -> str:
+    """Write what a fit found for people."""
+    several = len(r.sources) > 1
+    parts = [_headline(r), changes_table(r.changes)]
+    parts += [product_sentence(p) for p in r.products]
+    parts.append(_errors(r.channels, several))
+    if several:
+        parts.append(
+            "Each record has its own cooling; the model file holds the geometric mean of R_u, and a sd for it "
+            "that covers another record's."
+        )
+    parts += told_aside(r.findings, r.notes, several)
+    return "\n\n".join(parts)
+
+
+def _headline(r: FitReport) -> str:
+    e = r.errors
+    held = "" if np.isnan(e.heldout_rmse_K) else f", {e.heldout_rmse_K:.3g} K on blocks held out"
+    text = f"The error is {e.train_rmse_K:.3g} K{held}; noise alone leaves {e.noise_floor_K:.3g} K."
+    if r.holds:
+        return f"{text} The fitted model explains these readings."
+    return f"{text} These readings hold more than this model can say: compare shows where, diagnose what is missing."
+
+
+def product_sentence(p: Product) -> str:
+    """Say that a product is known better than its factors."""
+    (a, b), (x, y) = p.names, p.each
+    return f"{a}·{b} is known to {100 * p.rel_sd:.2g} %, {a} and {b} alone only to {100 * x:.2g} and {100 * y:.2g} %."
+
+
+def changes_table(changes: Sequence[Change]) -> str:
+    """Write numbers before and after."""
+    rows = [
+        [
+            c.name + (f" ({c.of})" if c.of else ""),
+            c.unit,
+            c.status,
+            with_sd(c.before, c.before_sd),
+            with_sd(c.after, c.after_sd),
+        ]
+        for c in changes
+    ]
+    return text_table(["parameter", "unit", "status", "before", "after"], rows, left=3)
+
+
+def _errors(channels: Sequence[ChannelError], several: bool) -> str:
+    rows = [
+        [
+            *([c.source] if several else []),
+            f"{c.kind} {c.cell}",
+            number(c.trained_K, 3),
+            number(c.held_K, 3),
+            number(c.floor_K, 3),
+        ]
+        for c in channels
+    ]
+    headers = (["table"] if several else []) + ["error", "fitted K", "held-out K", "noise K"]
+    return text_table(headers, rows, left=2 if several else 1)
