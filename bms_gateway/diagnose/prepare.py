@@ -15,7 +15,7 @@ START_S = 45.0
 UNSEEN_SD = 0.2
 """K: how far the surface of a cell without a sensor may start from the line between its neighbours with one."""
 LEAST_START_SD = 0.02
-WORK = 15_000
+WORK = 12_000
 """Cells times intervals that a ranking may take: beyond, intervals are joined. Means stay exact; 9 s poles at 4 s too."""
 COARSEST_S = 5.0
 

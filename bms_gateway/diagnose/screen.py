@@ -57,20 +57,27 @@ def screen(fit: MapFit, candidates: Sequence[Candidate]) -> list[Gain]:
     pull = np.concatenate([(fit.theta - prior) / sd**2, fit.nu / fit.linear.sd**2])
     rest = base.T @ r - pull  # zero at a converged optimum inside its bounds
     responses = Responses(fit)
-    found = []
-    for c in candidates:
-        strengths = [p for p in c.effect.parameters if p.neutral is not None]
-        columns = np.stack([responses.column(c, p) for p in strengths], axis=1)
-        J = fit.weighed(columns)
-        scales = np.array([AMPLITUDE_SD if p.log else p.sd for p in strengths])
-        cross = base.T @ J
-        S = J.T @ J + np.diag(1.0 / scales**2) - cross.T @ scipy.linalg.cho_solve(factor, cross)
-        b = J.T @ r - cross.T @ scipy.linalg.cho_solve(factor, rest)
-        step = np.linalg.solve(S, b)
-        gain = float(b @ step)
+    strengths = [[p for p in c.effect.parameters if p.neutral is not None] for c in candidates]
+    if not candidates:
+        return []
+    columns = np.stack(
+        [responses.column(c, p) for c, ps in zip(candidates, strengths, strict=True) for p in ps], axis=1
+    )
+    J = fit.weighed(columns)
+    cross = base.T @ J
+    absorbed = scipy.linalg.cho_solve(factor, cross)
+    score = J.T @ r - absorbed.T @ rest
+    found, last = [], 0
+    for c, ps in zip(candidates, strengths, strict=True):
+        own = slice(last, last + len(ps))
+        last = own.stop
+        scales = np.array([AMPLITUDE_SD if p.log else p.sd for p in ps])
+        S = J[:, own].T @ J[:, own] + np.diag(1.0 / scales**2) - cross[:, own].T @ absorbed[:, own]
+        step = np.linalg.solve(S, score[own])
+        gain = float(score[own] @ step)
         if c.effect.one_sided and step[0] < 0.0:
             gain = 0.0
-        found.append(Gain(c, gain, _start(c, strengths, step), columns))
+        found.append(Gain(c, gain, _start(c, ps, step), columns[:, own]))
     return sorted(found, key=lambda g: -g.gain)
 
 

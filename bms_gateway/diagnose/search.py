@@ -34,14 +34,16 @@ class Settings:
         Log-odds an effect needs: 3 is 20 to 1; further ones must earn more, for the first has been fitted to the rest.
     effects : int
         Most effects that one search adds.
-    least_gain : float
-        Cost: what a candidate must promise to be refitted.
+    promise : float
+        Share of the gain an effect needs that the screening must promise before it is refitted: the score is linear,
+        and effects that are not do better than it says.
     excess : float
         A held-out mean square this share above the noise floor must fall …
     relief : float
         … to this share of its excess.
     strong : float
-        z of the structure from which a biased optimum is a bad start: the best are fitted from nominal too.
+        z of the structure from which a biased optimum is a bad start: unless the best fit leaves no structure, the best
+        are fitted from nominal too.
     ahead : float
         Log-odds from which an effect that fails the gates is kept on trial for one round.
     """
@@ -51,7 +53,7 @@ class Settings:
     first_odds: float = 3.0
     further_odds: float = 6.0
     effects: int = 3
-    least_gain: float = 4.0
+    promise: float = 0.5
     excess: float = 0.25
     relief: float = 0.7
     strong: float = 8.0
@@ -225,7 +227,7 @@ def _round(
     chosen: list[Gain] = []
     for g in gains:
         family = sum(c.candidate.name == g.candidate.name for c in chosen)
-        if g.gain >= s.least_gain and family < s.per_family and len(chosen) < s.refits:
+        if _promising(g, offered, s, first=number == 0) and family < s.per_family and len(chosen) < s.refits:
             chosen.append(g)
     fits: list[tuple[Candidate, MapFit]] = []
     best = np.inf
@@ -241,13 +243,18 @@ def _round(
         return fit.log_evidence + prior_odds(c, offered)
 
     fits.sort(key=lambda x: -posterior(*x))
-    if structure(current).z > s.strong:
+    if structure(current).z > s.strong and structure(fits[0][1]).z > s.strong:
         for i, (c, fit) in enumerate(fits[:4]):
             other = refit_from_nominal(fit, current)
             if other.log_evidence > fit.log_evidence:
                 fits[i] = (c, other)
         fits.sort(key=lambda x: -posterior(*x))
     return _judge(current, fits, offered, s, first=number == 0)
+
+
+def _promising(g: Gain, offered: Sequence[Candidate], s: Settings, *, first: bool) -> bool:
+    needed = (s.first_odds if first else s.further_odds) + HALF - prior_odds(g.candidate, offered)
+    return g.gain >= 2.0 * s.promise * needed
 
 
 def prior_odds(c: Candidate, offered: Sequence[Candidate]) -> float:
@@ -312,7 +319,7 @@ def _exchange(found: Search, offered: Sequence[Candidate], s: Settings) -> None:
         gains = screen(without, [c for c in offered if c.key not in there])
         seen: dict[str, Gain] = {}
         for g in gains:
-            if g.gain >= s.least_gain and len(seen) < 6:
+            if _promising(g, offered, s, first=False) and len(seen) < 6:
                 seen.setdefault(g.candidate.name, g)
         fits = [(g.candidate, refit(without, g)) for g in seen.values()]
         if not fits:

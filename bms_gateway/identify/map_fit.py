@@ -45,10 +45,21 @@ class Linear:
     ----------
     J : ndarray (M, Q), K per unit
     sd : ndarray (Q,)
+    weighed : ndarray (M, Q)
+        `J` in units of the noise, zero where a reading is held out.
+    gram : ndarray (Q, Q)
+        Its products: taken once, for many fits share them.
     """
 
     J: Floats
     sd: Floats
+    weighed: Floats
+    gram: Floats
+
+    @classmethod
+    def of(cls, J: Floats, sd: Floats, weighed: Floats) -> "Linear":
+        """Build it with its products."""
+        return cls(J, sd, weighed, weighed.T @ weighed)
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,10 +106,7 @@ class MapFit:
 
     def weighed(self, columns: Floats) -> Floats:
         """Columns (M, P) in units of the noise, zero where a reading is held out."""
-        if self.noise is not None:
-            return self.noise(columns)
-        _, sigma, _, _, used = stacked(self.problem)
-        return np.asarray(columns * np.where(used, 1.0 / sigma, 0.0)[:, None])
+        return _weighed(self.problem, self.noise, columns)
 
     def at_bound(self, name: str) -> bool:
         """Whether a coordinate ended on its bound."""
@@ -119,10 +127,18 @@ def stacked(problem: Problem) -> tuple[Floats, Floats, Floats, Floats, np.ndarra
     )
 
 
-def nuisance_columns(problem: Problem, theta: Floats, prediction: Prediction) -> Linear:
+def nuisance_columns(problem: Problem, theta: Floats, prediction: Prediction, noise: Whitening | None = None) -> Linear:
     """Columns of the problem's nuisances about `theta`."""
     sd = np.array([c.sd for c in problem.nuisances])
-    return Linear(problem.jacobian(theta, prediction, problem.nuisances, refinements=0), sd)
+    J = problem.jacobian(theta, prediction, problem.nuisances, refinements=0)
+    return Linear.of(J, sd, _weighed(problem, noise, J))
+
+
+def _weighed(problem: Problem, noise: Whitening | None, columns: Floats) -> Floats:
+    if noise is not None:
+        return noise(columns)
+    _, sigma, _, _, used = stacked(problem)
+    return np.asarray(columns * np.where(used, 1.0 / sigma, 0.0)[:, None])
 
 
 def map_fit(
@@ -161,8 +177,9 @@ def map_fit(
     -------
     MapFit
     """
-    y, sigma, sigma0, step, used = stacked(problem)
-    linear = linear or Linear(np.zeros((len(y), 0)), np.zeros(0))
+    y, _, sigma0, step, used = stacked(problem)
+    none = np.zeros((len(y), 0))
+    linear = linear or Linear.of(none, np.zeros(0), none)
     lower, upper, prior, sd = (
         np.array([getattr(c, k) for c in problem.coordinates]) for k in ("lower", "upper", "prior", "sd")
     )
@@ -171,10 +188,6 @@ def map_fit(
     P = len(problem.coordinates)
     z = np.concatenate([theta, np.zeros(len(linear.sd)) if nu is None else nu])
     z = np.clip(z, lower, upper)
-    weight = np.where(used, 1.0 / sigma, 0.0)
-
-    def weigh(columns: Floats) -> Floats:
-        return columns * weight[:, None] if noise is None else noise(columns)
 
     def judge(z: Floats, p: Prediction) -> tuple[float, Floats, Floats]:
         model = p.y + linear.J @ z[P:]
@@ -185,8 +198,6 @@ def map_fit(
         r, deviance = generalised(y - model, sigma0, step)
         return float(np.sum(deviance[used])) + strain, r, model
 
-    Jn = weigh(linear.J)
-    nn = Jn.T @ Jn
     prediction = problem.predict(z[:P], guess)
     cost, r, model = judge(z, prediction)
     columns, H = _columns(problem, z[:P], prediction, J), np.eye(len(z))
@@ -194,9 +205,10 @@ def map_fit(
     for iteration in range(iterations):
         if iteration:
             columns = problem.jacobian(z[:P], prediction, problem.coordinates)
-        weighed = weigh(columns)
-        H = _precision(weighed, Jn, nn, sd)
-        gradient = np.concatenate([weighed, Jn], axis=1).T @ np.where(used, r, 0.0) - (z - prior) / sd**2
+        weighed = _weighed(problem, noise, columns)
+        H = _precision(weighed, linear, sd)
+        pull = np.where(used, r, 0.0)
+        gradient = np.concatenate([pull @ weighed, pull @ linear.weighed]) - (z - prior) / sd**2
         before = cost
         for _ in range(6):
             new = np.clip(z + _step(H, gradient, z, lower, upper, damping), lower, upper)
@@ -219,7 +231,7 @@ def refreshed(fit: MapFit, iterations: int = 6) -> MapFit:
     """Fit on with the nuisances' columns and the recursions' reference taken anew at the optimum."""
     fit.problem.renew(fit.prediction, fit.theta)
     prediction = fit.problem.predict(fit.theta, fit.prediction.X)
-    linear = nuisance_columns(fit.problem, fit.theta, prediction)
+    linear = nuisance_columns(fit.problem, fit.theta, prediction, fit.noise)
     return map_fit(
         fit.problem, fit.theta, linear=linear, nu=fit.nu, guess=prediction.X, iterations=iterations, noise=fit.noise
     )
@@ -238,9 +250,9 @@ def _columns(problem: Problem, theta: Floats, prediction: Prediction, J: Floats 
     return np.concatenate([J, problem.jacobian(theta, prediction, more)], axis=1)
 
 
-def _precision(J: Floats, Jn: Floats, nn: Floats, sd: Floats) -> Floats:
-    cross = J.T @ Jn
-    H = np.block([[J.T @ J, cross], [cross.T, nn]])
+def _precision(J: Floats, linear: Linear, sd: Floats) -> Floats:
+    cross = J.T @ linear.weighed
+    H = np.block([[J.T @ J, cross], [cross.T, linear.gram]])
     H[np.diag_indices_from(H)] += 1.0 / sd**2
     return np.asarray(H, dtype=np.float64)
 

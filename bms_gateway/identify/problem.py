@@ -213,7 +213,7 @@ class Problem:
             if recursion is None:
                 recursion = self._recursion[r] = reference(self.physics, m.drive, v, memory, about)
             start = None if guess is None else guess[r]
-            X, ok = simulate(self.physics, m.drive, v, memory, starts, m.spans, recursion, start, march=False)
+            X, ok = simulate(self.physics, m.drive, v, memory, starts, m.spans, recursion, start, halve=False)
             if not ok:  # these numbers are far from those of the reference
                 recursion = self._recursion[r] = reference(self.physics, m.drive, v, memory, about)
                 X, ok = simulate(self.physics, m.drive, v, memory, starts, m.spans, recursion, start)
@@ -249,15 +249,18 @@ class Problem:
                 recursion = self._recursion[r] = reference(
                     self.physics, m.drive, v, memory, prediction.X[r].mean(axis=0)
                 )
+            now = _channels(m, self.physics, v, memory, prediction.X[r])
             for first in range(0, len(mine), 16):  # few columns at a time stay in the cache
                 some = variations[first : first + 16]
                 S = sensitivities(
                     self.physics, m.drive, v, memory, prediction.X[r], m.spans, recursion, some, refinements
                 )
-                now = _channels(m, self.physics, v, memory, prediction.X[r])
-                for k, c in enumerate(some):
-                    moved = _channels(m, self.physics, c.numbers, c.memory, prediction.X[r] + c.step * S[..., k])
-                    J[:, mine[first + k]] = _at(m, (moved - now) / c.step)
+                moved = [
+                    (_channels(m, self.physics, c.numbers, c.memory, prediction.X[r] + c.step * S[..., k]) - now)
+                    / c.step
+                    for k, c in enumerate(some)
+                ]
+                J[:, mine[first : first + 16]] = _at(m, np.stack(moved, axis=-1))
             blocks.append(J)
         return np.concatenate(blocks)
 
@@ -310,9 +313,18 @@ def signals_at(m: Measured, physics: Physics, v: Numbers, memory: Mapping[str, F
 
 
 def _at(m: Measured, signals: Floats) -> Floats:
-    """Signals (rows, m) at the time stamps of the readings (M,)."""
-    after = np.minimum(m.row + 1, len(signals) - 1)
-    return np.asarray((1.0 - m.share) * signals[m.row, m.channel] + m.share * signals[after, m.channel])
+    """Signals (rows, m) or (rows, m, P) at the time stamps of the readings: (M,) or (M, P)."""
+    rows, channels = signals.shape[:2]
+    flat = signals.reshape(rows * channels, *signals.shape[2:])
+    before = m.row * channels + m.channel
+    after = np.minimum(m.row + 1, rows - 1) * channels + m.channel
+    share = m.share if signals.ndim == 2 else m.share[:, None]
+    out = np.take(flat, after, axis=0)
+    start = np.take(flat, before, axis=0)
+    out -= start
+    out *= share
+    out += start
+    return out
 
 
 def _parameters(model: StringModel, records: int) -> list[Coordinate]:

@@ -185,6 +185,8 @@ class Physics:
         s, n = v.string, self.cells
         T_c, T_s = X[..., 0 : 2 * n : 2], X[..., 1 : 2 * n : 2]
         flow = u.flow[:, None]
+        # a flow that stands still leaves the stream's coefficients without a time axis, and its path a matrix
+        still = u.flow[0] if np.all(u.flow == u.flow[0]) else flow
         nothing = np.zeros_like(T_s)
         return Point(
             cells=n,
@@ -204,7 +206,7 @@ class Physics:
             R_u=s.R_u,
             C_c=s.C_c,
             C_s=s.C_s,
-            C_f=s.C_f * flow * np.ones(n),
+            C_f=s.C_f * still * np.ones(n),
             core=nothing,
             surface=nothing,
             T_f=T_s,
@@ -223,6 +225,11 @@ class Physics:
             z.T_f = z.T_in + np.zeros_like(z.T_s)
             z.film = (z.T_s - z.T_f) / z.R_u * _film(z.T_s - z.T_f, z.film_exponent)
             return
+        if z.film_exponent == 0.0 and np.ndim(z.R_u) == 1 and np.ndim(z.C_f) == 1:
+            M, m = _path(z.R_u, z.C_f, coolant)
+            z.T_f = z.T_s @ M.T + z.T_in * m
+            z.film = (z.T_s - z.T_f) / z.R_u
+            return
         T_f, film = np.empty_like(z.T_s), np.empty_like(z.T_s)
         R_u = np.broadcast_to(z.R_u, z.T_s.shape)
         C_f = np.broadcast_to(z.C_f, z.T_s.shape)
@@ -231,11 +238,26 @@ class Physics:
             gap = z.T_s[..., k] - stream
             conductance = _film(gap, z.film_exponent) / R_u[..., k]
             T_f[..., k], film[..., k] = stream, gap * conductance
-            units = conductance / C_f[..., k]
-            # the bulk node would overshoot the surface where a unit is above one: there the exact exchange
-            share = -np.expm1(-units) if coolant == "ntu" else np.where(units < 1.0, units, -np.expm1(-units))
-            stream = stream + share * gap
+            stream = stream + _exchange(conductance / C_f[..., k], coolant) * gap
         z.T_f, z.film = T_f, film
+
+
+def _exchange(units: Any, coolant: str) -> Any:
+    """Share of the gap that the stream takes up; where the bulk node would overshoot the surface, the exact one."""
+    exact = -np.expm1(-units)
+    return exact if coolant == "ntu" else np.where(units < 1.0, units, exact)
+
+
+def _path(R_u: Floats, C_f: Floats, coolant: str) -> tuple[Floats, Floats]:
+    """Coolant at each cell as T_f = M T_s + m T_in, as `thermal.string.coolant_path`, with any C_f per cell."""
+    n = len(R_u)
+    share = _exchange(1.0 / (R_u * C_f), coolant)
+    M, m = np.zeros((n, n)), np.ones(n)
+    for k in range(1, n):
+        M[k] = (1.0 - share[k - 1]) * M[k - 1]
+        M[k, k - 1] += share[k - 1]
+        m[k] = (1.0 - share[k - 1]) * m[k - 1]
+    return M, m
 
 
 def _film(gap: Floats, exponent: float) -> Any:

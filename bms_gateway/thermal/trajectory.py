@@ -27,9 +27,12 @@ from bms_gateway.thermal.physics import Memory, Numbers, Physics
 
 TOLERANCE = 2e-4
 """K: sweeps end when the trajectory moves by less; a hundredth of the finest thermocouple noise."""
-SWEEPS = 40
-WILD = 1e3
-"""°C: hotter is no cell; a trajectory that runs away is held there so that a fit can turn back."""
+SWEEPS = 15
+LEAST_INTERVALS = 8
+"""A stretch that does not settle is halved, for sweeps settle the faster the shorter they are; below this it is taken
+as it is."""
+COLD, HOT = -200.0, 1000.0
+"""°C: no cell is beyond; a trajectory that runs away is held there so that a fit can turn back."""
 
 
 class Recursion:
@@ -145,7 +148,7 @@ def simulate(
     guess: Floats | None = None,
     tolerance: float = TOLERANCE,
     *,
-    march: bool = True,
+    halve: bool = True,
 ) -> tuple[Floats, bool]:
     """Run the string freely over a record.
 
@@ -162,9 +165,9 @@ def simulate(
     guess : ndarray (N + 1, D), optional
         A trajectory near the result saves sweeps.
     tolerance : float, K
-    march : bool
-        Whether a step-by-step march takes over where the sweeps do not settle: its only failing is its cost. A
-        recursion about these very numbers is the better thing to try first.
+    halve : bool
+        Whether a span on which the sweeps do not settle is halved until they do. A recursion about these very numbers
+        is the better thing to try first.
 
     Returns
     -------
@@ -180,8 +183,8 @@ def simulate(
         part_memory = {k: m[span.first : span.last] for k, m in memory.items()}
         part_guess = None if guess is None else guess[row : row + len(span) + 1]
         X, ok = _relax(physics, part_u, v, part_memory, x0, recursion, part_guess, tolerance)
-        if not ok and march:
-            X = _march(physics, part_u, v, part_memory, x0, recursion)
+        if not ok and halve:
+            X = _halved(physics, part_u, v, part_memory, x0, X, tolerance)
         parts.append(X)
         settled = settled and ok
         row += len(span) + 1
@@ -270,30 +273,34 @@ def _relax(
     for sweep in range(SWEEPS):
         mean = (X[1:] + X[:-1]) / 2.0
         w = physics.rates(mean, u, v, memory) - mean @ recursion.A.T
-        new = np.clip(recursion.run(x0[:, None], w[..., None])[..., 0], -WILD, WILD)
+        new = np.clip(recursion.run(x0[:, None], w[..., None])[..., 0], COLD, HOT)
         change = float(np.abs(new - X).max())
         X = new
         if change < tolerance:
             return X, True
-        if not np.isfinite(change) or (sweep > 3 and change > 2.0 * last):
+        if not np.isfinite(change) or (sweep > 3 and change > 0.8 * last):
             break
         last = change
     return X, False
 
 
-def _march(physics: Physics, u: Drive, v: Numbers, memory: Memory, x0: Floats, recursion: Recursion) -> Floats:
-    """Interval by interval, with one corrector: stands where the sweeps do not settle."""
-    X = np.empty((len(u.I) + 1, len(x0)))
-    X[0] = x0
-    for k in range(len(u.I)):
-        step, m = cut(u, k, k + 1), {key: a[k : k + 1] for key, a in memory.items()}
-        mean = X[k]
-        for _ in range(3):
-            w = physics.rates(mean[None], step, v, m)[0] - recursion.A @ mean
-            new = np.clip(recursion.Phi @ X[k] + recursion.Gamma @ w, -WILD, WILD)
-            mean = (X[k] + new) / 2.0
-        X[k + 1] = new
-    return X
+def _halved(
+    physics: Physics, u: Drive, v: Numbers, memory: Memory, x0: Floats, guess: Floats, tolerance: float
+) -> Floats:
+    """Solve the first half, then the second from where it ends, each about its own mean."""
+    middle = len(u.I) // 2
+    found = []
+    for part in (slice(0, middle), slice(middle, len(u.I))):
+        some = {k: a[part] for k, a in memory.items()}
+        inputs = cut(u, part.start, part.stop)
+        about = np.clip(guess[part.start : part.stop + 1].mean(axis=0), COLD, HOT)
+        recursion = reference(physics, inputs, v, some, about)
+        X, ok = _relax(physics, inputs, v, some, x0, recursion, None, tolerance)
+        if not ok and len(inputs.I) > LEAST_INTERVALS:
+            X = _halved(physics, inputs, v, some, x0, X, tolerance)
+        found.append(X)
+        x0 = X[-1]
+    return np.concatenate([found[0][:-1], found[1]])
 
 
 def _between(x: Floats) -> Floats:
