@@ -11,12 +11,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from bms_gateway.diagnose.discrepancy import START, Discrepancy, Noise
-from bms_gateway.identify.map_fit import MapFit, map_fit, nuisance_columns
+from bms_gateway.identify.map_fit import GAIN, MapFit, map_fit, nuisance_columns
 from bms_gateway.identify.problem import Belief, Measured, Problem
 from bms_gateway.thermal import Floats
 from bms_gateway.thermal.drive import Drive
 from bms_gateway.thermal.trajectory import Span
 
+REFINEMENTS = 3
+"""Of the sensitivities: with heat that follows the core, one is not enough to find the way along a flat valley."""
 _MEANS = ("I", "I2", "I_abs", "T_in", "flow", "soc", "V", "IV", "hours")
 
 
@@ -136,6 +138,7 @@ def fit(
     parent: Fit | None = None,
     guess: Sequence[Floats] | None = None,
     iterations: int = 8,
+    least_gain: float = GAIN,
 ) -> Fit:
     """Fit numbers and discrepancy in turn, until they agree.
 
@@ -152,6 +155,8 @@ def fit(
         Trajectories near the start's.
     iterations : int
         Of each fit of the numbers.
+    least_gain : float
+        Cost at which each of them ends.
     """
     d = START if parent is None else parent.discrepancy
     if d.size < bench.least:
@@ -165,7 +170,16 @@ def fit(
     best: Fit | None = None
     for _ in range(bench.settings.rounds):
         found = map_fit(
-            problem, theta, linear=linear, nu=nu, guess=guess, J=J, iterations=iterations, noise=bench.noise.at(d)
+            problem,
+            theta,
+            linear=linear,
+            nu=nu,
+            guess=guess,
+            J=J,
+            iterations=iterations,
+            noise=bench.noise.at(d),
+            least_gain=least_gain,
+            refinements=REFINEMENTS,
         )
         trial = Fit(found, d, found.log_evidence - 0.5 * d.strain)
         if best is None or trial.log_evidence > best.log_evidence:

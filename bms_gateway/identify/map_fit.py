@@ -152,6 +152,8 @@ def map_fit(
     iterations: int = ITERATIONS,
     give_up: float = np.inf,
     noise: Whitening | None = None,
+    least_gain: float = GAIN,
+    refinements: int = 1,
 ) -> MapFit:
     """Fit.
 
@@ -172,6 +174,10 @@ def map_fit(
         Stop as soon as the cost is unlikely to fall below: the fit is then only good for ranking.
     noise : Whitening, optional
         Takes the place of the records' own noise.
+    least_gain : float
+        Cost: a step that gains less ends the fit. In a long flat valley the core still moves by a kelvin for GAIN.
+    refinements : int
+        Of the sensitivities: more where the balances are far from linear.
 
     Returns
     -------
@@ -200,11 +206,11 @@ def map_fit(
 
     prediction = problem.predict(z[:P], guess)
     cost, r, model = judge(z, prediction)
-    columns, H = _columns(problem, z[:P], prediction, J), np.eye(len(z))
+    columns, H = _columns(problem, z[:P], prediction, J, refinements), np.eye(len(z))
     damping, settled = 1e-3, False
     for iteration in range(iterations):
         if iteration:
-            columns = problem.jacobian(z[:P], prediction, problem.coordinates)
+            columns = problem.jacobian(z[:P], prediction, problem.coordinates, refinements)
         weighed = _weighed(problem, noise, columns)
         H = _precision(weighed, linear, sd)
         pull = np.where(used, r, 0.0)
@@ -220,7 +226,7 @@ def map_fit(
                 break
             damping *= 10.0
         gain = before - cost
-        settled = gain < GAIN or (iteration > 0 and cost > give_up and gain < 0.3 * (cost - give_up))
+        settled = gain < least_gain or (iteration > 0 and cost > give_up and gain < 0.3 * (cost - give_up))
         if settled:
             break
     log_evidence = -0.5 * cost - 0.5 * float(np.linalg.slogdet(H)[1]) - float(np.sum(np.log(sd)))
@@ -243,11 +249,11 @@ def begin(problem: Problem) -> MapFit:
     return refreshed(replace(first, nu=np.zeros(len(problem.nuisances))))
 
 
-def _columns(problem: Problem, theta: Floats, prediction: Prediction, J: Floats | None) -> Floats:
+def _columns(problem: Problem, theta: Floats, prediction: Prediction, J: Floats | None, refinements: int) -> Floats:
     if J is None:
-        return problem.jacobian(theta, prediction, problem.coordinates)
+        return problem.jacobian(theta, prediction, problem.coordinates, refinements)
     more = problem.coordinates[J.shape[1] :]
-    return np.concatenate([J, problem.jacobian(theta, prediction, more)], axis=1)
+    return np.concatenate([J, problem.jacobian(theta, prediction, more, refinements)], axis=1)
 
 
 def _precision(J: Floats, linear: Linear, sd: Floats) -> Floats:
