@@ -114,7 +114,7 @@ def compare(model: StringModel, records: Sequence[Record]) -> Comparison:
         Filed and refitted; readings of cores, where there are any, are used for `core_checks` only.
     """
     ready = [measured(r, model) for r in records]
-    refitted = fitted(Problem(model, ready))
+    refitted = fitted(Problem(model.unfitted, ready))
     filed = fitted(Problem(as_filed(model), ready))
     sensors, kept = sensors_of(refitted), sensors_of(filed)
     bands = core_bands(refitted, nearest(sensors, model.cells))
