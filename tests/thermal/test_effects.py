@@ -292,6 +292,28 @@ def test_an_effect_of_ones_own_works_like_the_others(installed):
     assert gain == pytest.approx(np.tile([0, 4.0 / 18.8, 0, 0, 0, 0], (5, 1)), abs=1e-12)
 
 
+def test_an_installed_package_brings_its_effect(monkeypatch, tmp_path):
+    (tmp_path / "rain_on_cells.py").write_text(
+        "from bms_gateway.thermal.effects import Effect, EffectParameter\n"
+        "class Rain(Effect):\n"
+        "    name, title, equation, signature = 'rain', 'rain', 'surface heat -> surface heat - P', 'wet'\n"
+        "    node = 'surface'\n"
+        "    parameters = (EffectParameter('P', 'heat', 'W', 1.0, 0.0, 5.0, 0.0, 50.0, probe=2.0),)\n"
+    )
+    info = tmp_path / "rain_on_cells-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: rain-on-cells\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[bms_gateway.effects]\nrain = rain_on_cells:Rain\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    catalogue.cache_clear()
+    try:
+        assert effect_named("rain").parameter("P").probe == 2.0
+        assert list(catalogue()) == [*CONTRACT, "rain"]
+    finally:
+        monkeypatch.undo()
+        catalogue.cache_clear()
+
+
 @pytest.mark.parametrize(
     ("points", "says"),
     [
