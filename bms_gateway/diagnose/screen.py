@@ -14,7 +14,7 @@ import scipy.linalg
 
 from bms_gateway.diagnose.candidates import Candidate
 from bms_gateway.identify.map_fit import MapFit, stacked
-from bms_gateway.identify.problem import Measured, signals_at
+from bms_gateway.identify.problem import Measured, Problem, signals_at
 from bms_gateway.thermal import Floats
 from bms_gateway.thermal.drive import Drive
 from bms_gateway.thermal.effects import EffectParameter
@@ -118,8 +118,9 @@ class Responses:
         assert p.neutral is not None  # noqa: S101 - strengths only
         unit = 1.0 if p.log else p.probe - p.neutral
         physics = Physics(c.put_into(self._problem.model, values))
+        begins = self._begins(c, values)
         parts = []
-        for m, v, starts, X, recursion, y, f in self._records:
+        for (m, v, starts, X, recursion, y, f), begin in zip(self._records, begins, strict=True):
             with_it = replace(v, effects={**v.effects, c.key: values})
             memory, _ = physics.memory(m.drive, with_it)
             if c.effect.states:
@@ -127,14 +128,20 @@ class Responses:
             else:
                 moved = X + np.concatenate(
                     [
-                        recursion.run(np.zeros((X.shape[1], 1)), (physics.rates(x, u, with_it, mem) - f0)[..., None])[
-                            ..., 0
-                        ]
-                        for (x, u, mem), f0 in zip(_spans(m, X, memory), f, strict=True)
+                        recursion.run((b - a)[:, None], (physics.rates(x, u, with_it, mem) - f0)[..., None])[..., 0]
+                        for (x, u, mem), f0, a, b in zip(_spans(m, X, memory), f, starts, begin, strict=True)
                     ]
                 )
             parts.append((signals_at(m, physics, with_it, memory, moved) - y) / unit)
         return np.concatenate(parts)
+
+    def _begins(self, c: Candidate, values: Mapping[str, float]) -> list[tuple[Floats, ...]]:
+        """Starts of each record with the effect: what a thermocouple adds has gone into the start taken from it."""
+        if c.effect.states or "reading" not in c.effect.hooks():
+            return [starts for _, _, starts, *_ in self._records]
+        with_it = Problem(c.put_into(self._problem.model, values), self._problem.records)
+        theta = np.concatenate([self._fit.theta, with_it.begin[len(self._fit.theta) :]])
+        return [with_it.numbers(r, theta)[1] for r in range(len(self._records))]
 
     @staticmethod
     def _whole(

@@ -16,7 +16,7 @@ from bms_gateway.thermal import CELL_SYMBOLS, KINDS, Floats, StringModel, String
 from bms_gateway.thermal.drive import Drive
 from bms_gateway.thermal.effects import EffectParameter, effect_named
 from bms_gateway.thermal.physics import Numbers, Physics
-from bms_gateway.thermal.trajectory import Recursion, Span, Variation, readings, reference, sensitivities, simulate
+from bms_gateway.thermal.trajectory import Recursion, Span, Variation, cut, readings, reference, sensitivities, simulate
 
 Channel = tuple[Literal["surface", "core"], int]
 """What a thermocouple measures, and on which cell (from 1)."""
@@ -170,6 +170,7 @@ class Problem:
     coordinates: tuple[Coordinate, ...] = field(init=False)
     nuisances: tuple[Coordinate, ...] = field(init=False)
     _recursion: list[Recursion | None] = field(init=False)
+    _alters_readings: bool = field(init=False)
 
     def __post_init__(self) -> None:
         self.physics = Physics(self.model)
@@ -180,6 +181,7 @@ class Problem:
         self.coordinates = tuple(_believed(c, self.beliefs) for c in self.coordinates)
         self.nuisances = tuple(_nuisances(self.model, self.records))
         self._recursion = [None] * len(self.records)
+        self._alters_readings = any("reading" in effect_named(e.name).hooks() for e in self.model.effects)
 
     @property
     def begin(self) -> Floats:
@@ -200,7 +202,7 @@ class Problem:
             for c, value in zip(self.nuisances, nu, strict=True):
                 if c.record in (None, r):
                     c.put(draft, float(value))
-        return self._close(draft)
+        return self._close(r, draft)
 
     def predict(self, theta: Floats, guess: Sequence[Floats] | None = None) -> Prediction:
         """Run the model freely over all records and read it; `guess` are trajectories near the result."""
@@ -277,7 +279,7 @@ class Problem:
                 other.put(draft, float(value))
         if not any(c is other for other in self.coordinates):
             c.put(draft, step)
-        v, moved = self._close(draft)
+        v, moved = self._close(r, draft)
         m = memory if c.effect is None else self.physics.memory(self.records[r].drive, v)[0]
         return Variation(v, m, step, tuple((b - a) / step for a, b in zip(starts, moved, strict=True)))
 
@@ -288,7 +290,7 @@ class Problem:
         start = [s.copy() for s in self.records[r].start]
         return Draft(string, effects, 0.0, np.zeros(n), [s.copy() for s in start], start)
 
-    def _close(self, d: Draft) -> tuple[Numbers, tuple[Floats, ...]]:
+    def _close(self, r: int, d: Draft) -> tuple[Numbers, tuple[Floats, ...]]:
         s = d.string
         string = StringParameters(
             **{name: s[name] for name in CELL_SYMBOLS},
@@ -298,7 +300,24 @@ class Problem:
         )
         v = Numbers(string, d.effects, d.inlet_offset, d.surface_offset)
         starts = tuple(self.physics.start(c, s, v) for c, s in zip(d.core_start, d.surface_start, strict=True))
+        if self._alters_readings or np.any(d.surface_offset):
+            return v, tuple(
+                self.physics.start(c - e, s - e, v)
+                for c, s, e in zip(d.core_start, d.surface_start, self._reading_errors(r, v, starts), strict=True)
+            )
         return v, starts
+
+    def _reading_errors(self, r: int, v: Numbers, starts: Sequence[Floats]) -> list[Floats]:
+        """What the thermocouples add at the start of each span, cell by cell: starts were taken from their readings."""
+        m, n = self.records[r], self.model.cells
+        sensed = sorted({k for kind, k in m.channels if kind == "surface"})
+        found = []
+        for X, span in zip(starts, m.spans, strict=True):
+            u = cut(m.drive, span.first, span.first + 1)
+            read = self.physics.readings(X[None], u, v, self.physics.memory(u, v)[0])[0]
+            error = (read - X[1 : 2 * n : 2])[[k - 1 for k in sensed]]
+            found.append(np.interp(np.arange(1, n + 1), sensed, error))
+        return found
 
 
 def _channels(m: Measured, physics: Physics, v: Numbers, memory: Mapping[str, Floats], X: Floats) -> Floats:
