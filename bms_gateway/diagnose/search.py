@@ -271,23 +271,12 @@ def _judge(
     odds = np.array([fit.log_evidence / inflation + prior_odds(c, offered) - nothing for c, fit in fits])
     weight = np.exp(np.concatenate([[0.0], odds]) - max(0.0, float(odds.max())))
     weight /= weight.sum()
-    held = within(current)
-    floor = float(np.mean(stacked(current.problem)[1][held] ** 2))
-    before, density = rmse(current, held), log_density(current, held)
-    excess = max(before**2 - floor, 0.0)
     share: dict[str, float] = {}
     for (c, _), w in zip(fits, weight[1:], strict=True):
         share[c.name] = share.get(c.name, 0.0) + float(w)
     trials = []
     for (c, fit), odd in zip(fits, odds, strict=True):
-        after, gain = rmse(fit, held), log_density(fit, held) - density
-        why = ""
-        if odd <= (s.first_odds if first else s.further_odds):
-            why = f"evidence too weak (log-odds {odd:.1f})"
-        elif gain < (-(5.0 + 0.03 * max(odd, 0.0)) if first else 3.0) * inflation:
-            why = "worse on the held-out blocks" if first else "no better on the held-out blocks"
-        elif excess > s.excess * floor and after**2 - floor > s.relief * excess:
-            why = f"held-out error stays at {after:.3g} K (noise {np.sqrt(floor):.3g} K)"
+        why = gate(current, fit, float(odd), inflation, s, first=first)
         trials.append(Trial(c, fit, float(odd), share[c.name], not why, why))
     # by the probability of the effect, then of the place; the gates speak for the three most probable effects
     trials.sort(key=lambda t: (-t.share, -t.log_odds))
@@ -297,6 +286,35 @@ def _judge(
         t if t.candidate.name in likely or not t.passed else replace(t, passed=False, why="another effect is likelier")
         for t in trials
     ]
+
+
+def gate(current: MapFit, fit: MapFit, odds: float, inflation: float, s: Settings, *, first: bool) -> str:
+    """Say why evidence or held-out readings keep an effect out of a model; empty where they let it in.
+
+    Parameters
+    ----------
+    current, fit : MapFit
+        Without it and with it.
+    odds : float
+        Tempered log-odds for it.
+    inflation : float
+        Of the variance of a sum over the residual.
+    s : Settings
+    first : bool
+        Nothing was added by this search before.
+    """
+    held = within(current)
+    floor = float(np.mean(stacked(current.problem)[1][held] ** 2))
+    before, after = rmse(current, held), rmse(fit, held)
+    gain = log_density(fit, held) - log_density(current, held)
+    excess = max(before**2 - floor, 0.0)
+    if odds <= (s.first_odds if first else s.further_odds):
+        return f"evidence too weak (log-odds {odds:.1f})"
+    if gain < (-(5.0 + 0.03 * max(odds, 0.0)) if first else 3.0) * inflation:
+        return "worse on the held-out blocks" if first else "no better on the held-out blocks"
+    if excess > s.excess * floor and after**2 - floor > s.relief * excess:
+        return f"held-out error stays at {after:.3g} K (noise {np.sqrt(floor):.3g} K)"
+    return ""
 
 
 def _chosen(accepted: Trial, trials: Sequence[Trial]) -> Chosen:
