@@ -34,8 +34,9 @@ DRIFT_HOURS = 4.0
 """Drifts are learnt on records of some hours. What they come to by then is held: nothing tells how they go on."""
 COLDEST, HOTTEST = -100.0, 400.0
 """°C: a model that runs away is held there, and goes on being corrected by the readings."""
-FIRST_STEP_S, GROWTH = 5.0, 1.5
-"""First step over a gap and how each next one grows: a string at rest moves ever more slowly."""
+FIRST_STEP_S, GROWTH, LAST_STEP_S = 5.0, 1.5, 20.0
+"""First step over a gap and how each next one grows, for a string at rest moves ever more slowly; the last one is short
+again, that surfaces and their sensitivities are those of the end."""
 REST_SD = 0.1
 """K: an effect's own states at the start, about their balance with core and surface."""
 
@@ -195,14 +196,15 @@ class EffectObserver:
         last = float(inlet[0]) if inlet is not None and isfinite(inlet[0]) else first
         row = self._row.copy()
         row[[ROW.index(k) for k in ("I", "I2", "I_abs", "IV")]] = 0.0
-        done, h = 0.0, FIRST_STEP_S
+        done, grown = 0.0, FIRST_STEP_S
         while done < gap_s:
-            h = gap_s - done if gap_s - done < 2.0 * h else h
+            left = gap_s - done
+            h = left if left < 2.0 * LAST_STEP_S else min(grown, left - LAST_STEP_S)
             self._hours = min(self._hours + h / 3600.0, DRIFT_HOURS)
             row[ROW.index("T_in")] = first + (last - first) * (done + h / 2.0) / gap_s
             row[ROW.index("hours")] = self._hours
             self._rest(row, h)
-            done, h = done + h, h * GROWTH
+            done, grown = done + h, grown * GROWTH
         self._inlet, self._usual, self._row = last, np.zeros(3), row
         self._unread = self._unread + gap_s
         self._known = np.array([False, True])
