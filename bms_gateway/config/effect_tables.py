@@ -92,7 +92,7 @@ def example(effect: Effect, key: str) -> str:
     Examples
     --------
     >>> print(example(effect_named("resistance_temperature"), "resistance_temperature"))
-    [effect.resistance_temperature] with B = { value = 500.0, unit = "K", sd = 2000.0 }
+    [effect.resistance_temperature] with B = { value = 500, unit = "K", sd = 2000 }
     """
     numbers = [
         f'{p.name} = {{ value = {p.probe / p.to_si:.6g}, unit = "{p.unit}", '

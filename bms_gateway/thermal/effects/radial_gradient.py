@@ -49,8 +49,11 @@ class RadialGradient(Effect):
 
     def flux(self, z: Point, p: Values, at: Floats) -> None:
         """Let the edge of the roll, not its mean, drive the casing."""
-        phi, m = p["phi"], z.extra[z.key]
-        z.inner = (z.T_c + m.sum(axis=-1) - z.T_s) / (z.R_c * (1.0 - phi * SHARE.sum()))
-        spread = phi * np.asarray(z.R_c)[..., None] * SHARE
-        tau = ((spread * np.asarray(z.C_c)[..., None]) ** 4 + QUICKEST**4) ** 0.25
-        z.extra_rates[z.key] = -(m + spread * z.inner[..., None]) / tau
+        phi, m, rates = p["phi"], z.extra[z.key], np.empty_like(z.extra[z.key])
+        edge = np.einsum("...i->...", m)  # as sum(axis=-1), which is slow over so few
+        z.inner = (z.T_c + edge - z.T_s) / (z.R_c * (1.0 - phi * SHARE.sum()))
+        for i, share in enumerate(SHARE):
+            spread = phi * share * z.R_c
+            tau = ((spread * z.C_c) ** 4 + QUICKEST**4) ** 0.25
+            rates[..., i] = -(m[..., i] + spread * z.inner) / tau
+        z.extra_rates[z.key] = rates
