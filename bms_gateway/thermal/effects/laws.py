@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.signal import lfilter
 
 from bms_gateway.thermal.parameters import Floats
 
@@ -68,6 +67,8 @@ def lag(x: Floats, dt: float, tau: float, before: float) -> tuple[Floats, Floats
     -----
     Interval by interval the same numbers come out as for all at once, bit for bit.
     """
+    from scipy.signal import lfilter  # takes longer to load than all else here: only who has a lag pays
+
     kept = float(np.exp(-dt / tau)) if tau > 0.0 else 0.0
     end, _ = lfilter([1.0 - kept], [1.0, -kept], x, zi=np.array([kept * before]))
     y = np.concatenate([[before], end])
