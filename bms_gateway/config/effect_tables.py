@@ -18,7 +18,7 @@ from bms_gateway.thermal.effects import Effect, EffectParameter, effect_named
 
 Correlated = tuple[tuple[str, ...], Floats]
 ROUNDING = 1e-6
-"""By which a correlation matrix that was written with some digits may miss what a correlation matrix is."""
+"""By which numbers written with some digits may miss their bound, or a matrix what a correlation is."""
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
@@ -233,7 +233,8 @@ def _number(p: EffectParameter, given: EffectNumber) -> tuple[float, float]:
         raise ConfigError(f".{p.name}: unit {unit!r} does not fit {p.name}{did_you_mean(unit, units)}")
     factor = units[unit]
     x = given.value * factor
-    if not p.lower <= x <= p.upper:
+    slack = ROUNDING * (p.upper - p.lower)  # a fit that ended on a bound may be a rounding beyond it
+    if not p.lower - slack <= x <= p.upper + slack:
         low, high = p.lower / factor, p.upper / factor
         raise ConfigError(f".{p.name}: {given.value:g} {unit} is not plausible; valid: {low:g} to {high:g} {unit}")
     right, wrong = ("rel_sd", "sd") if p.log else ("sd", "rel_sd")

@@ -1,5 +1,7 @@
 """Model files: what is written reads back exactly, and every fault is one line that names key and remedy."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -219,6 +221,14 @@ def test_effects_mean_what_they_say():
     assert matrix.tolist() == [[1.0, -0.4, 0.1], [-0.4, 1.0, 0.0], [0.1, 0.0, 1.0]]
     assert model.before["R_e"].rel_sd == 0.6
     assert model.unfitted.correlation is None
+
+
+def test_a_fit_that_ended_on_a_bound_reads_back():
+    model = parse_model(WITH_EFFECTS)
+    above = float(np.nextafter(1e5, np.inf))
+    values = {"I_0": above, "E": 15000.0}
+    at_bound = replace(model, correlation=None, effects=(replace(model.effects[2], values=values),))
+    assert parse_model(format_model(at_bound)).effects[0].values == values
 
 
 def test_one_effect_on_several_cells_is_named_by_its_cell():
