@@ -63,14 +63,7 @@ def examine(model: "StringModel", records: "list[Record]") -> "Told":
 
 def _diagnosed(model: "StringModel", records: "list[Record]") -> "Diagnosis":
     from bms_gateway.diagnose.diagnosis import diagnose
-    from bms_gateway.report.progress import progress
+    from bms_gateway.report.progress import share_of
 
-    with progress("diagnosing", 1.0) as advance:
-        done = 0.0
-
-        def tell(share: float, _what: str) -> None:
-            nonlocal done
-            advance(share - done)
-            done = share
-
+    with share_of("diagnosing") as tell:
         return diagnose(model.unfitted, records, progress=tell)

@@ -27,6 +27,7 @@ COMMANDS = {
     "fit": "batch identification of a string model from measurements",
     "compare": "model against measurement: where, when and in which regime it fails",
     "diagnose": "which physical effect the model lacks",
+    "add": "add an effect to a model, refit it, show the error before and after",
     "effects": "the catalogue of physical effects that a model may lack: equation, parameters, needs, look-alikes",
 }
 """Command and what it does. The file of the same name in this room has `arguments(parser)`, `run(args) -> int` and

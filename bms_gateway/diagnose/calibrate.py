@@ -258,7 +258,7 @@ def _effect(fit: MapFit, e: AddedEffect, spread: Mapping[str, float]) -> AddedEf
             z = float(fit.theta[fit.problem.index(name)])
             value = float(_rounded(np.asarray(np.exp(z) if p.log else z), p.to_si))
             values[p.name] = min(max(value, p.lower), p.upper)
-            sd[p.name] = _short(spread[name])
+            sd[p.name] = _short(spread[name]) if p.log else _short(spread[name] / p.to_si) * p.to_si
     return replace(e, values=values, sd=sd)
 
 

@@ -40,5 +40,29 @@ def progress(title: str, total: float | None) -> Iterator[Callable[[float], None
         yield lambda amount: bar.advance(task, amount)
 
 
+@contextmanager
+def share_of(title: str) -> Iterator[Callable[[float, str], None]]:
+    """Show how far long work has come that tells its share itself.
+
+    Parameters
+    ----------
+    title : str
+
+    Yields
+    ------
+    callable
+        `tell(share, what)`, with a share that goes from 0 to 1.
+    """
+    with progress(title, 1.0) as advance:
+        done = 0.0
+
+        def tell(share: float, _what: str) -> None:
+            nonlocal done
+            advance(share - done)
+            done = share
+
+        yield tell
+
+
 def _nothing(_amount: float) -> None:
     """Off a terminal nobody looks."""

@@ -1,0 +1,221 @@
+"""Adding effects to a model: which are meant, what a refit makes of them, and whether they may stay.
+
+What `diagnose` finds, and what it cannot tell from that, may be added. Anything else is fitted on its own and told why
+not: an effect that lowers the error of a surface can still take the core the wrong way.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bms_gateway.diagnose.calibrate import UNTOLD, posterior
+from bms_gateway.diagnose.candidates import FLOW_MOVES, Candidate, candidates, places
+from bms_gateway.diagnose.core_band import core_bands
+from bms_gateway.diagnose.diagnosis import Diagnosis, diagnose
+from bms_gateway.diagnose.misfit import nearest, sensors
+from bms_gateway.diagnose.record import Record
+from bms_gateway.diagnose.residuals import structure
+from bms_gateway.diagnose.screen import screen
+from bms_gateway.diagnose.search import HALF, Progress, Settings, gate, prior_odds, refit, refit_from_nominal
+from bms_gateway.errors import ConfigError, DataError
+from bms_gateway.identify.map_fit import MapFit, refreshed, stacked
+from bms_gateway.thermal import Floats, StringModel
+from bms_gateway.thermal.effects import Effect, effect_named
+
+COLUMNS = {"flow": "coolant_flow_m3_s", "soc": "soc", "voltage": "voltage_V"}
+"""What an effect needs of a table."""
+WAYS = 4
+"""Starts and places of one effect that are refitted; the others promise less."""
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """An effect that a user asks for; `cell` is None where it has no place, or where the best is to be found."""
+
+    effect: Effect
+    cell: int | None = None
+
+    @property
+    def key(self) -> str:
+        """As the user called it."""
+        return self.effect.name if self.cell is None else f"{self.effect.name}:{self.cell}"
+
+    def meets(self, c: Candidate) -> bool:
+        """Whether a candidate is what is asked for."""
+        return c.name == self.effect.name and self.cell in (None, c.cell)
+
+
+@dataclass(frozen=True, slots=True)
+class Addition:
+    """A model with effects more.
+
+    Attributes
+    ----------
+    added : tuple of Candidate
+    before, after : MapFit
+    log_odds : float
+        For all that was added against nothing, tempered.
+    refused : str
+        Why it should not stay; empty where nothing speaks against it.
+    remark : str
+        What else these records say; may be empty.
+    """
+
+    added: tuple[Candidate, ...]
+    before: MapFit
+    after: MapFit
+    log_odds: float
+    refused: str
+    remark: str
+
+
+def wanted(word: str, model: StringModel) -> Wanted:
+    """Understand `EFFECT` or `EFFECT:CELL`.
+
+    Raises
+    ------
+    ConfigError
+        No such effect, no such place, or it is in the model already.
+    """
+    name, colon, text = word.partition(":")
+    effect = effect_named(name)
+    if model.cells < effect.least_cells:
+        raise ConfigError(f"{name} needs at least {effect.least_cells} cells; this model has {model.cells}")
+    valid = places(effect, model.cells, model.sensors)
+    if not valid:
+        raise ConfigError(f"{name}: the model has no {effect.place} where it could sit")
+    if colon and valid == (None,):
+        raise ConfigError(f"{name} sits on no cell; write {name}")
+    if colon and (not text.isdecimal() or int(text) not in valid):
+        raise ConfigError(f"{word}: no place for {name}; valid: {', '.join(map(str, valid))}")
+    found = Wanted(effect, int(text) if colon else None)
+    there = {e.key for e in model.effects}
+    if all((name if cell is None else f"{name}:{cell}") in there for cell in valid if not colon or cell == found.cell):
+        raise ConfigError(f"{word} is in the model already")
+    return found
+
+
+def check_signals(wants: Sequence[Wanted], records: Sequence[Record]) -> None:
+    """Refuse records without what an effect needs.
+
+    Raises
+    ------
+    DataError
+        Names the record and the column.
+    """
+    for w in wants:
+        for r in records:
+            for signal in w.effect.signals:
+                if signal not in r.drive.known:
+                    more = ", or cell.capacity_Ah in the model to count it" if signal == "soc" else ""
+                    raise DataError(f"{r.source}: {w.effect.name} needs the column {COLUMNS[signal]}{more}")
+            if "flow" in w.effect.signals and float(np.std(r.drive.flow)) < FLOW_MOVES:
+                raise DataError(f"{r.source}: {w.effect.name}: the coolant flow does not move, so it cannot show")
+
+
+def add_effects(
+    model: StringModel,
+    records: Sequence[Record],
+    wants: Sequence[Wanted],
+    progress: Progress | None = None,
+) -> Addition:
+    """Add effects to a model, refit it, and judge.
+
+    Parameters
+    ----------
+    model : StringModel
+    records : sequence of Record
+    wants : sequence of Wanted
+        Judged together.
+    progress : callable, optional
+        Told the share of the work done and what is being done.
+
+    Returns
+    -------
+    Addition
+        Fitted from what was known before any data.
+    """
+    d = diagnose(model.unfitted, records, progress=progress)
+    named = [s.candidate for s in d.selected]
+    if len(named) == len(wants) and all(any(w.meets(c) for c in named) for w in wants):
+        odds = min(s.log_odds for s in d.selected)
+        after = d.search.final
+        return Addition(tuple(named), d.search.baseline, after, odds, _unbelievable(after, named), "")
+    return _fitted_alone(d, wants)
+
+
+def core_half_widths(fit: MapFit) -> Floats:
+    """95 % half width of each cell's core (n,), K: root mean square over all records."""
+    bands = core_bands(fit, nearest(sensors(fit), fit.problem.model.cells))
+    return np.asarray(1.96 * np.sqrt(np.mean(np.concatenate([b.total_K for b in bands]) ** 2, axis=0)))
+
+
+def _fitted_alone(d: Diagnosis, wants: Sequence[Wanted]) -> Addition:
+    s = Settings()
+    before = after = d.search.baseline
+    problem = before.problem
+    y = stacked(problem)[0]
+    surfaces = float(np.quantile(y, 0.05)), float(np.quantile(y, 0.95))
+    offered = candidates(problem.model, problem.records[0].drive, surfaces)
+    added: list[Candidate] = []
+    for w in wants:
+        c, after = _best(after, [c for c in offered if w.meets(c)], s)
+        added.append(c)
+    inflation = structure(after).inflation
+    odds = (after.log_evidence - before.log_evidence) / inflation
+    odds += sum(prior_odds(c, offered) for c in added) - HALF
+    refused = _unbelievable(after, added) or gate(before, after, odds, inflation, s, first=True)
+    remark = ""
+    named = [x.candidate for x in d.selected]
+    if all(any(w.meets(c) for c in named) for w in wants):
+        others = ", ".join(c.key for c in named if not any(w.meets(c) for w in wants))
+        refused, remark = _unbelievable(after, added), f"These records ask for {others} as well."
+    elif not refused:
+        refused = _contradiction(d, wants)
+        remark = "" if refused else f"These records cannot tell it from {', '.join(c.key for c in named)}."
+    return Addition(tuple(added), before, after, float(odds), refused, remark)
+
+
+def _best(current: MapFit, ways: Sequence[Candidate], s: Settings) -> tuple[Candidate, MapFit]:
+    """Fit one effect from its starts and at its places, and keep the likeliest."""
+    fits = [(g.candidate, refit(current, g)) for g in screen(current, ways)[:WAYS]]
+    c, fit = max(fits, key=lambda x: x[1].log_evidence)
+    if structure(current).z > s.strong and structure(fit).z > s.strong:
+        other = refit_from_nominal(fit, current)
+        fit = other if other.log_evidence > fit.log_evidence else fit
+    return c, refreshed(fit)
+
+
+def _contradiction(d: Diagnosis, wants: Sequence[Wanted]) -> str:
+    """Say why effects that pass the gates are still not what these records lack."""
+    if d.verdict == "adequate":
+        return "nothing is missing that these records could show"
+    if d.verdict == "unknown_effect":
+        return "it explains a part only: these records lack something that is in no catalogue"
+    tied = {name for x in d.selected for name in (x.candidate.name, *x.tied_with)}
+    if all(w.effect.name in tied for w in wants):
+        return ""
+    return f"these records speak for {' and '.join(x.candidate.key for x in d.selected)} instead"
+
+
+def _unbelievable(fit: MapFit, added: Sequence[Candidate]) -> str:
+    """Say which number of an added effect nobody should believe."""
+    sd = np.sqrt(np.diag(posterior(fit)))
+    for c in added:
+        told = []
+        for p in c.effect.parameters:
+            name = f"{c.key}.{p.name}"
+            names = [x.name for x in fit.problem.coordinates]
+            if name not in names:
+                continue
+            i = names.index(name)
+            z = float(fit.theta[i])
+            value = float(np.exp(z)) if p.log else z
+            if fit.at_bound(name) and value != p.neutral:
+                return f"{p.name} ends at its bound, {value / p.to_si:.4g} {p.unit}: not believed"
+            if p.neutral is not None:
+                told.append(sd[i] < UNTOLD * fit.problem.coordinates[i].sd)
+        if told and not any(told):
+            return "not identifiable: the data say no more of its size than was known before"
+    return ""

@@ -1,0 +1,143 @@
+"""What an added effect did to a model's errors, for people at a terminal, and for programs."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from bms_gateway.diagnose.calibrate import Change, ChannelError
+from bms_gateway.diagnose.candidates import Candidate
+from bms_gateway.diagnose.checks import Finding
+from bms_gateway.diagnose.diagnosis import Errors
+from bms_gateway.report.diagnosis_text import finite, told_aside
+from bms_gateway.report.fit_text import change_document, changes_table
+from bms_gateway.report.show import number, text_table
+from bms_gateway.thermal import Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Side:
+    """A model before or after: its errors, and the 95 % half width of each cell's core (n,), K."""
+
+    errors: Errors
+    channels: tuple[ChannelError, ...]
+    core_K: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class AddReport:
+    """An addition as it is told.
+
+    Attributes
+    ----------
+    out : str
+    added : tuple of Candidate
+    written, forced : bool
+        Whether the model was written, and whether in spite of a reason not to.
+    refused, remark : str
+    log_odds : float
+    before, after : Side
+    changes : tuple of Change
+    sources : tuple of str
+    findings, notes : tuple of (source, …)
+    """
+
+    out: str
+    added: tuple[Candidate, ...]
+    written: bool
+    forced: bool
+    refused: str
+    remark: str
+    log_odds: float
+    before: Side
+    after: Side
+    changes: tuple[Change, ...]
+    sources: tuple[str, ...]
+    findings: tuple[tuple[str, Finding], ...]
+    notes: tuple[tuple[str, str], ...]
+
+    @property
+    def names(self) -> str:
+        """Of what is added, as a sentence says them."""
+        return " and ".join(c.key for c in self.added)
+
+
+def add_document(r: AddReport) -> dict[str, Any]:
+    """Return the document of `add --json`."""
+    return {
+        "added": r.written,
+        "forced": r.forced,
+        "refused": r.refused or None,
+        "remark": r.remark or None,
+        "model": r.out if r.written else None,
+        "effects": [{"effect": c.name, "cell": c.cell} for c in r.added],
+        "evidence": finite(r.log_odds),
+        "before": _errors_document(r.before.errors),
+        "after": _errors_document(r.after.errors),
+        "noise_floor_K": finite(r.before.errors.noise_floor_K),
+        "sensors": [
+            {
+                "table": b.source,
+                "kind": b.kind,
+                "cell": b.cell,
+                "before": {"train_rmse_K": finite(b.trained_K), "heldout_rmse_K": finite(b.held_K)},
+                "after": {"train_rmse_K": finite(a.trained_K), "heldout_rmse_K": finite(a.held_K)},
+                "noise_floor_K": finite(b.floor_K),
+            }
+            for b, a in zip(r.before.channels, r.after.channels, strict=True)
+        ],
+        "core_95_K": {
+            "before": [finite(x) for x in r.before.core_K.tolist()],
+            "after": [finite(x) for x in r.after.core_K.tolist()],
+        },
+        "parameters": [change_document(c) for c in r.changes],
+        "tables": list(r.sources),
+        "checks": [{"table": s, "kind": f.kind, "severity": f.severity, "sentence": f.sentence} for s, f in r.findings],
+        "notes": [{"table": s, "note": text} for s, text in r.notes],
+    }
+
+
+def _errors_document(e: Errors) -> dict[str, Any]:
+    return {"train_rmse_K": finite(e.train_rmse_K), "heldout_rmse_K": finite(e.heldout_rmse_K)}
+
+
+def add_text(r: AddReport) -> str:
+    """Write what the addition did for people: errors, cores, numbers."""
+    several = len(r.sources) > 1
+    b, a = r.before.errors, r.after.errors
+    head = (
+        f"With {r.names} the held-out error goes from {number(b.heldout_rmse_K, 3)} to "
+        f"{number(a.heldout_rmse_K, 3)} K; noise alone leaves {number(b.noise_floor_K, 3)} K."
+    )
+    parts = [head, _errors(r, several), _cores(r), changes_table(r.changes)]
+    if r.remark:
+        parts.append(r.remark)
+    if r.forced:
+        parts.append(f"Added by force, though: {r.refused}.")
+    parts += told_aside(r.findings, r.notes, several)
+    return "\n\n".join(parts)
+
+
+def _errors(r: AddReport, several: bool) -> str:
+    rows = [
+        [
+            *([b.source] if several else []),
+            f"{b.kind} {b.cell}",
+            *_numbers(b.trained_K, a.trained_K, b.held_K, a.held_K, b.floor_K),
+        ]
+        for b, a in zip(r.before.channels, r.after.channels, strict=True)
+    ]
+    b, a = r.before.errors, r.after.errors
+    total = _numbers(b.train_rmse_K, a.train_rmse_K, b.heldout_rmse_K, a.heldout_rmse_K, b.noise_floor_K)
+    rows.append([*([""] if several else []), "all", *total])
+    headers = ["error K", "fitted before", "after", "held-out before", "after", "noise"]
+    return text_table((["table"] if several else []) + headers, rows, left=2 if several else 1)
+
+
+def _numbers(*values: float) -> Sequence[str]:
+    return [number(x, 3) for x in values]
+
+
+def _cores(r: AddReport) -> str:
+    pairs = zip(r.before.core_K.tolist(), r.after.core_K.tolist(), strict=True)
+    rows = [[f"cell {k}", number(b), number(a)] for k, (b, a) in enumerate(pairs, start=1)]
+    return text_table(["core, ± 95 % K", "before", "after"], rows)
