@@ -61,6 +61,7 @@ def run(args: argparse.Namespace) -> int:
     from bms_gateway.diagnose.adding import check_signals
     from bms_gateway.diagnose.calibrate import fitted_model
     from bms_gateway.report.add_text import add_document, add_text
+    from bms_gateway.report.examine import findings_and_notes
     from bms_gateway.report.table import parse_columns
 
     outputs = {"--out": args.out, "--json": args.json}
@@ -70,10 +71,11 @@ def run(args: argparse.Namespace) -> int:
     wants = _wanted(args, model)
     columns = parse_columns(args.columns)
     records = read_measurements(args.data, model=model, config=args.config, string=args.string, columns=columns)
-    findings = sound(records, model)
+    findings, notes = findings_and_notes(model, records)
+    sound(findings)
     check_signals(wants, records)
     addition = _added(model, records, wants)
-    report = _report(args, addition, records, findings)
+    report = _report(args, addition, findings, notes)
     if report.written:
         heading = f"{' '.join(args.effect)} added, fitted to {', '.join(report.sources)}"
         if report.forced:
@@ -113,7 +115,10 @@ def _added(model: "StringModel", records: "list[Record]", wants: "list[Wanted]")
 
 
 def _report(
-    args: argparse.Namespace, addition: "Addition", records: "list[Record]", findings: "tuple[tuple[str, Finding], ...]"
+    args: argparse.Namespace,
+    addition: "Addition",
+    findings: "tuple[tuple[str, Finding], ...]",
+    notes: "tuple[tuple[str, str], ...]",
 ) -> "AddReport":
     from bms_gateway.diagnose.calibrate import changes
     from bms_gateway.report.add_text import AddReport
@@ -129,9 +134,9 @@ def _report(
         _side(addition.before),
         _side(addition.after),
         changes(addition.after),
-        tuple(r.source for r in records),
+        tuple(m.source for m in addition.after.problem.records),
         findings,
-        tuple((r.source, text) for r in records for text in r.notes),
+        notes,
     )
 
 

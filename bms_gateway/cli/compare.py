@@ -1,6 +1,7 @@
 """`compare`: measured and free-running model side by side."""
 
 import argparse
+from pathlib import Path
 
 from bms_gateway.cli.main import Parser
 from bms_gateway.cli.measurements import add_measurement_arguments, given_measurements
@@ -22,19 +23,27 @@ def arguments(parser: Parser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Compare."""
+    from bms_gateway.cli.diagnose import command_line, needs_plotly
+    from bms_gateway.cli.fit import long_enough
     from bms_gateway.config.model_file import read_model
-    from bms_gateway.diagnose.checks import check_record
     from bms_gateway.diagnose.compare import compare
     from bms_gateway.report.comparison_text import comparison_document, comparison_text
+    from bms_gateway.report.examine import findings_and_notes
 
     outputs = {"--html": args.html, "--json": args.json}
     writable(outputs)
     distinct(outputs, [args.model, *args.table, *([args.config] if args.config else [])])
+    if args.html:
+        needs_plotly()
     model = read_model(args.model)
     records = given_measurements(args, model)
-    findings = [(r.source, f) for r in records for f in check_record(r, model)]
-    notes = [(r.source, text) for r in records for text in r.notes]
+    findings, notes = findings_and_notes(model, records)
+    long_enough(findings)
     comparison = compare(model, records)
+    if args.html:
+        from bms_gateway.report.html import write_comparison
+
+        write_comparison(Path(args.html), comparison, findings=findings, notes=notes, command=command_line("compare"))
     if args.json:
         write_json(args.json, comparison_document(comparison, findings, notes))
     say(comparison_text(comparison, findings, notes), args.json)

@@ -10,9 +10,10 @@ from bms_gateway.cli.output import distinct, say, writable, write_json
 from bms_gateway.errors import DataError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from bms_gateway.diagnose.checks import Finding
     from bms_gateway.diagnose.record import Record
-    from bms_gateway.thermal import StringModel
 
 EXAMPLE = """\
   bms-gateway fit bench.csv --model string_1.toml --out fitted.toml
@@ -35,8 +36,10 @@ def arguments(parser: Parser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Fit, and write the model."""
     from bms_gateway.config.model_file import read_model, write_model
-    from bms_gateway.diagnose.calibrate import changes, channel_errors, fitted_model, identify, products
+    from bms_gateway.diagnose.calibrate import changes, channel_errors, fitted_model, identify
+    from bms_gateway.diagnose.detect import absorbed
     from bms_gateway.diagnose.diagnosis import errors
+    from bms_gateway.report.examine import findings_and_notes
     from bms_gateway.report.fit_text import FitReport, fit_document, fit_text
     from bms_gateway.report.progress import progress
 
@@ -45,7 +48,8 @@ def run(args: argparse.Namespace) -> int:
     distinct(outputs, [args.model, *args.table, *([args.config] if args.config else [])])
     model = read_model(args.model)
     records = given_measurements(args, model)
-    findings = sound(records, model)
+    findings, notes = findings_and_notes(model, records)
+    sound(findings)
     if args.calibrate:
         _with_cores(records)
     with progress("fitting", None) as advance:
@@ -56,11 +60,11 @@ def run(args: argparse.Namespace) -> int:
         tuple(r.source for r in records),
         args.calibrate,
         changes(fit),
-        products(fit),
+        absorbed(fit).combinations,
         channel_errors(fit),
         errors(fit),
         findings,
-        tuple((r.source, text) for r in records for text in r.notes),
+        notes,
     )
     how = "calibrated with the core on" if args.calibrate else "fitted to"
     write_model(
@@ -73,20 +77,26 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def sound(records: "list[Record]", model: "StringModel") -> "tuple[tuple[str, Finding], ...]":
-    """Check records, and refuse one of which nothing can be learnt.
+def sound(findings: "Sequence[tuple[str, Finding]]") -> None:
+    """Refuse records of which nothing can be learnt.
 
     Raises
     ------
     DataError
     """
-    from bms_gateway.diagnose.checks import check_record
-
-    findings = tuple((r.source, f) for r in records for f in check_record(r, model))
     for source, f in findings:
         if f.severity == "stop":
             raise DataError(f"{source}: {f.sentence}")
-    return findings
+
+
+def long_enough(findings: "Sequence[tuple[str, Finding]]") -> None:
+    """Refuse records that are too short even to be compared.
+
+    Raises
+    ------
+    DataError
+    """
+    sound([(source, f) for source, f in findings if f.kind == "too_short"])
 
 
 def _with_cores(records: "list[Record]") -> None:

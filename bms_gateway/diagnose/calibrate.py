@@ -23,8 +23,6 @@ CALIBRATED = ("C_c", "C_s", "R_c")
 """What a calibration with the core tells of the cell itself: its cooling and its resistance, which ages, stay open."""
 CELL_SD = 0.03
 """Relative: cells of one type differ by as much, so that a calibration of one knows another no better."""
-PRODUCTS = (("R_e", "R_c"), ("R_e", "R_u"))
-"""Core over surface and surface over coolant are proportional to these."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,15 +50,6 @@ class Change:
     after: float
     after_sd: float
     status: str
-
-
-@dataclass(frozen=True, slots=True)
-class Product:
-    """A product of two numbers that is better known than either: its relative sd and theirs."""
-
-    names: tuple[str, str]
-    rel_sd: float
-    each: tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,22 +166,6 @@ def changes(fit: MapFit) -> tuple[Change, ...]:
             found.append(Change(name, of, kind.unit, value, value * prior.rel_sd, now, now * float(sd[i]), status))
     for e in model.effects:
         found += [_effect_change(fit, e, p, sd) for p in effect_named(e.name).parameters]
-    return tuple(found)
-
-
-def products(fit: MapFit) -> tuple[Product, ...]:
-    """Find products of parameters that the records tell at least twice as well as each of their factors."""
-    names, mix = _mixed(fit)
-    P = len(fit.theta)
-    C = mix @ posterior(fit)[:P, :P] @ mix.T
-    found = []
-    for a, b in PRODUCTS:
-        if a in names and b in names:
-            i, j = names.index(a), names.index(b)
-            together = float(np.sqrt(max(C[i, i] + C[j, j] + 2.0 * C[i, j], 0.0)))
-            each = float(np.sqrt(C[i, i])), float(np.sqrt(C[j, j]))
-            if 2.0 * together < min(each):
-                found.append(Product((a, b), together, each))
     return tuple(found)
 
 

@@ -57,7 +57,7 @@ def places(effect: Effect, cells: int, sensors: tuple[int, ...]) -> tuple[int | 
     if effect.place == "sensor":
         return sensors
     if effect.place == "gap":
-        return tuple(range(1, cells))
+        return tuple(range(1, cells - 1))  # what the stream loses after the last but one cell shows nowhere
     return tuple(range(1, cells + 1))
 
 

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from bms_gateway.diagnose.calibrate import Change, ChannelError, Product
+from bms_gateway.diagnose.calibrate import Change, ChannelError
 from bms_gateway.diagnose.checks import Finding
+from bms_gateway.diagnose.detect import Combination
 from bms_gateway.diagnose.diagnosis import Errors
 from bms_gateway.report.diagnosis_text import finite, told_aside, with_sd
 from bms_gateway.report.show import number, text_table
@@ -27,7 +28,8 @@ class FitReport:
     sources : tuple of str
     calibrated : bool
     changes : tuple of Change
-    products : tuple of Product
+    products : tuple of Combination
+        Products of parameters that are known better than these.
     channels : tuple of ChannelError
     errors : Errors
         Over all thermocouples.
@@ -38,7 +40,7 @@ class FitReport:
     sources: tuple[str, ...]
     calibrated: bool
     changes: tuple[Change, ...]
-    products: tuple[Product, ...]
+    products: tuple[Combination, ...]
     channels: tuple[ChannelError, ...]
     errors: Errors
     findings: tuple[tuple[str, Finding], ...]
@@ -58,7 +60,7 @@ def fit_document(r: FitReport) -> dict[str, Any]:
         "tables": list(r.sources),
         "calibrated": r.calibrated,
         "parameters": [change_document(c) for c in r.changes],
-        "products": [{"names": list(p.names), "rel_sd": p.rel_sd, "each_rel_sd": list(p.each)} for p in r.products],
+        "products": [{"names": list(p.symbols), "rel_sd": p.rel_sd, "apart": dict(p.apart)} for p in r.products],
         "train_rmse_K": finite(r.errors.train_rmse_K),
         "heldout_rmse_K": finite(r.errors.heldout_rmse_K),
         "noise_floor_K": finite(r.errors.noise_floor_K),
@@ -94,7 +96,8 @@ def fit_text(r: FitReport) -> str:
     """Write what a fit found for people."""
     several = len(r.sources) > 1
     parts = [_headline(r), changes_table(r.changes)]
-    parts += [product_sentence(p) for p in r.products]
+    if r.products:
+        parts.append("\n".join(p.sentence for p in r.products))
     parts.append(_errors(r.channels, several))
     if several:
         parts.append(
@@ -112,12 +115,6 @@ def _headline(r: FitReport) -> str:
     if r.holds:
         return f"{text} The fitted model explains these readings."
     return f"{text} These readings hold more than this model can say: compare shows where, diagnose what is missing."
-
-
-def product_sentence(p: Product) -> str:
-    """Say that a product is known better than its factors."""
-    (a, b), (x, y) = p.names, p.each
-    return f"{a}·{b} is known to {100 * p.rel_sd:.2g} %, {a} and {b} alone only to {100 * x:.2g} and {100 * y:.2g} %."
 
 
 def changes_table(changes: Sequence[Change]) -> str:

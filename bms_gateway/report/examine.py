@@ -1,0 +1,62 @@
+"""From records to all that a diagnosis tells: checks, verdict, what is absorbed, what to measure next."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from bms_gateway.diagnose.candidates import candidates
+from bms_gateway.diagnose.checks import Finding, check_record
+from bms_gateway.diagnose.detect import Card, detectability
+from bms_gateway.diagnose.diagnosis import Diagnosis, diagnose
+from bms_gateway.diagnose.experiment import next_experiment
+from bms_gateway.diagnose.record import Record
+from bms_gateway.diagnose.search import Progress
+from bms_gateway.identify.map_fit import MapFit, stacked
+from bms_gateway.report.diagnosis_text import Told
+from bms_gateway.thermal import StringModel
+
+
+def findings_and_notes(
+    model: StringModel, records: Sequence[Record]
+) -> tuple[tuple[tuple[str, Finding], ...], tuple[tuple[str, str], ...]]:
+    """Check the records, and gather what was noted while they were read; each with its source."""
+    findings = tuple((r.source, f) for r in records for f in check_record(r, model))
+    return findings, tuple((r.source, text) for r in records for text in r.notes)
+
+
+def examine(model: StringModel, records: Sequence[Record], progress: Progress | None = None) -> Told:
+    """Check records, and diagnose a model with those of which something can be learnt.
+
+    Parameters
+    ----------
+    model : StringModel
+        Diagnosed from what was known of it before any data.
+    records : sequence of Record
+    progress : callable, optional
+        Told the share of the work done and what is being done.
+    """
+    findings, notes = findings_and_notes(model, records)
+    sources = tuple(r.source for r in records)
+    stopped = {source for source, f in findings if f.severity == "stop"}
+    usable = [r for r in records if r.source not in stopped]
+    if not usable:
+        why = " ".join(dict.fromkeys(f.sentence for _, f in findings if f.severity == "stop"))
+        return Told(None, f"Nothing can be said from these data. {why}", sources, findings, notes)
+    d = diagnose(model.unfitted, usable, progress=progress)
+    card = card_of(d.search.baseline)
+    absorbed = (*card.absorbed.sentences, *(c.sentence for c in card.absorbed.combinations))
+    shown = tuple(s for s in card.sentences if s not in card.absorbed.sentences)
+    return Told(d, d.sentence, sources, findings, notes, absorbed, _next(d), shown)
+
+
+def card_of(fit: MapFit) -> Card:
+    """Tell what the records of a fit could show at all."""
+    y = stacked(fit.problem)[0]
+    surfaces = float(np.quantile(y, 0.05)), float(np.quantile(y, 0.95))
+    return detectability(fit, candidates(fit.problem.model, fit.problem.records[0].drive, surfaces))
+
+
+def _next(d: Diagnosis) -> str | None:
+    doubt = d.unknown_remains or d.verdict in ("undecidable", "unknown_effect")
+    found = next_experiment(d.search, uncertain=doubt)
+    return found.sentence if found else None
