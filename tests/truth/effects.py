@@ -12,9 +12,9 @@ KNOTS = np.array([0.05, 0.35, 0.65, 0.95])
 """State of charge at which the entropic coefficient is given, where it varies."""
 
 
-def entropic_heat(t, *, dU_dT):
-    """Heat −I T dU/dT; mV/K, one value or one per knot."""
-    value = np.atleast_1d(np.asarray(dU_dT, float)) * 1e-3
+def entropic_heat(t, *, dUdT):
+    """Heat −I T dU/dT, dUdT in mV/K, one value or one per knot."""
+    value = np.atleast_1d(np.asarray(dUdT, float)) * 1e-3
     t.entropic += np.interp(t.soc, KNOTS, value) if value.size > 1 else value[0]
 
 
@@ -28,9 +28,9 @@ def resistance_temperature(t, *, B):
     t.B += B
 
 
-def resistance_soc(t, *, s1, s2):
+def resistance_soc(t, *, s_1, s_2):
     u = 1 - 2 * t.soc
-    t.R_e *= (1 + s1 * u + s2 * u * u)[:, None]
+    t.R_e *= (1 + s_1 * u + s_2 * u * u)[:, None]
 
 
 def resistance_asymmetry(t, *, a):
@@ -41,16 +41,16 @@ def charge_transfer(t, *, I_0, E):
     t.exchange_current, t.exchange_energy = I_0, E
 
 
-def hysteresis(t, *, V, Ah):
-    """|I| V (1 − exp(−q/Ah)), q the charge moved since the current last changed its direction."""
+def hysteresis(t, *, V, Q):
+    """|I| V (1 − exp(−q/Q)), q [Ah] the charge moved since the current last changed its direction."""
     q, direction, mean = 0.0, 0.0, np.zeros(t.K)
     for k, amps in enumerate(t.I):
         if amps * direction < 0:
             q = 0.0
         direction = np.sign(amps) or direction
         step = abs(amps) / 3600
-        z = step / Ah
-        mean[k] = 1 - np.exp(-q / Ah) * (-np.expm1(-z) / z if z > 1e-12 else 1.0)
+        z = step / Q
+        mean[k] = 1 - np.exp(-q / Q) * (-np.expm1(-z) / z if z > 1e-12 else 1.0)
         q += step
     t.core_heat += (t.I_abs * V * mean)[:, None]
     t.drop += np.sign(t.I) * V * mean

@@ -168,8 +168,8 @@ def draw(s, name, mean_inlet):
         given |= {"I_0": I_0 / size, "E": E}
         shown |= {"I_0": (I_0 / size, "A"), "E": (E, "K")}
     if name == "entropic_heat" and rng.random() < 0.5:
-        profile = given["dU_dT"] * np.array([-0.6, 1.4, 0.8, -0.2])
-        given["dU_dT"], shown["dU_dT"] = profile, (tuple(profile), "mV/K")
+        profile = given["dUdT"] * np.array([-0.6, 1.4, 0.8, -0.2])
+        given["dUdT"], shown = profile, {"dUdT at 5, 35, 65, 95 %": (tuple(profile.tolist()), "mV/K")}
     if name == "voltage_heat":
         given |= {"periods": rng.uniform(350, 1800, 5), "phases": rng.uniform(0, 2 * np.pi, 5)}
     if name in LOCATED:
@@ -270,7 +270,7 @@ class _Preparation:
         y, inlet, current = sense(trace.surface, trace.coolant, d.inlet, d.current, sensing)
         for name, effect in STRANGE_SENSING.items():
             if name in s.effects:
-                y = effect(y, trace.coolant, _multiple(s.effects[name][0]), s.rng(name, drive=True))
+                y = effect(y, trace.coolant, s.sensors, _multiple(s.effects[name][0]), s.rng(name, drive=True))
         if "current_gain" in s.effects:
             current = current / (1 + _absorbed(s, "current_gain"))
         return y, inlet, current

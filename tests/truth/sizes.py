@@ -30,13 +30,13 @@ def _one(name, unit, weak, medium, strong, **more):
 
 
 SIZES = {
-    "entropic_heat": _one("dU_dT", "mV/K", 0.08, 0.22, 0.55, signed=True),
+    "entropic_heat": _one("dUdT", "mV/K", 0.08, 0.22, 0.55, signed=True),
     "voltage_heat": _one("swing", "1", 0.05, 0.14, 0.35),
     "resistance_temperature": _one("B", "K", 600.0, 1800.0, 4200.0),
-    "resistance_soc": (Size("s1", "1", 0.08, 0.22, 0.55, signed=True), Size("s2", "1", 0.03, 0.1, 0.25)),
+    "resistance_soc": (Size("s_1", "1", 0.08, 0.22, 0.55, signed=True), Size("s_2", "1", 0.03, 0.1, 0.25)),
     "resistance_asymmetry": _one("a", "1", 0.05, 0.16, 0.4),
     "charge_transfer": (Size("I_0", "A", 80.0, 30.0, 9.0), Size("E", "K", 4000.0, 5000.0, 6000.0)),
-    "hysteresis": (Size("V", "V", 0.006, 0.018, 0.045), Size("Ah", "Ah", 0.15, 0.15, 0.15)),
+    "hysteresis": (Size("V", "mV", 6.0, 18.0, 45.0, factor=1e-3), Size("Q", "Ah", 0.15, 0.15, 0.15)),
     "polarization": (Size("R_1", "mOhm", 0.18, 0.5, 1.3, factor=1e-3), Size("tau", "s", 60.0, 60.0, 60.0)),
     "radial_gradient": _one("phi", "1", 0.25, 0.6, 1.0),
     "resistance_drift": _one("a", "1/h", 0.03, 0.09, 0.22, signed=True),

@@ -29,7 +29,7 @@ def sun_load(t, size, rng):
 def bypass_opens(t, size, rng):
     """A valve sticks open midway: part of the air no longer passes the cells, and no sensor says so."""
     at = rng.uniform(0.35, 0.6) * t.K
-    left = 1 - min(0.28 * size, 0.8) / (1 + np.exp(-(np.arange(t.K) - at) / 15))
+    left = 1 - min(0.16 * size, 0.8) / (1 + np.exp(-(np.arange(t.K) - at) / 15))
     t.C_f *= left[:, None]
     t.R_u *= left[:, None] ** -0.63
 
@@ -71,14 +71,14 @@ def ambient_swing(t, size, rng):
 
 def self_heating(t, size, rng):
     """A slow reaction whose heat grows exponentially with the core's temperature."""
-    t.reaction, t.reaction_K = 1.3 * size, rng.uniform(5.0, 7.0)
+    t.reaction, t.reaction_K = 0.5 * size, rng.uniform(5.0, 7.0)
 
 
 def balancing_resistor(t, size, rng):
     """The balancing resistor of one cell switches at times; its heat goes into that casing."""
     at = np.zeros(t.n)
     at[rng.integers(0, t.n)] = 1.0
-    t.casing_heat += 2.2 * size * _telegraph(rng, t.K, 150, 450, edge=1)[:, None] * at
+    t.casing_heat += 2.8 * size * _telegraph(rng, t.K, 150, 450, edge=1)[:, None] * at
 
 
 def loose_joint(t, size, rng):
@@ -94,7 +94,7 @@ def thermal_break(t, size, rng):
     """The air path to half of the cells clogs and clears by itself."""
     clogged = _telegraph(rng, t.K, 300, 900, edge=60)[:, None]
     late = (np.arange(t.n) >= t.n // 2).astype(float)
-    t.R_u *= 1 + 0.35 * size * clogged * late
+    t.R_u *= 1 + 0.2 * size * clogged * late
 
 
 STRANGE = {
@@ -115,10 +115,10 @@ STRANGE = {
 }
 
 
-def loose_thermocouple(y, coolant, size, rng):
+def loose_thermocouple(y, coolant, sensors, size, rng):
     """One thermocouple lifts off at times and then reads between casing and air: readings (K + 1, n) of all cells."""
     off = np.append(_telegraph(rng, len(y) - 1, 100, 500, edge=10), 0.0)
-    c = rng.integers(0, y.shape[1])
+    c = rng.choice(sensors) - 1
     y = y.copy()
     y[:, c] += min(0.12 * size, 0.9) * off * (coolant[:, c] - y[:, c])
     return y

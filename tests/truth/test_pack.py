@@ -147,16 +147,16 @@ def each(value):
 
 
 CASES = {
-    "entropic_heat": ({"dU_dT": [-0.4, 0.9, 0.3, -0.2]}, {"dU_dT": [-0.4, 0.9, 0.3, -0.2]}),
+    "entropic_heat": ({"dUdT": [-0.4, 0.9, 0.3, -0.2]}, {"dU_dT": [-0.4, 0.9, 0.3, -0.2]}),
     "voltage_heat": (
         {"swing": 0.5, "periods": PERIODS, "phases": PHASES},
         {"swing": 0.5, "periods": PERIODS, "phases": PHASES},
     ),
     "resistance_temperature": ({"B": 4000.0}, {"B": 4000.0}),
-    "resistance_soc": ({"s1": 0.8, "s2": 0.4}, {"s1": 0.8, "s2": 0.4}),
+    "resistance_soc": ({"s_1": 0.8, "s_2": 0.4}, {"s1": 0.8, "s2": 0.4}),
     "resistance_asymmetry": ({"a": 0.7}, {"asymmetry": 0.7}),
     "charge_transfer": ({"I_0": 8.0, "E": 6000.0}, {"I_0": 8.0, "E": 6000.0}),
-    "hysteresis": ({"V": 0.08, "Ah": 0.15}, {"hysteresis": 0.08, "Ah": 0.15}),
+    "hysteresis": ({"V": 0.08, "Q": 0.15}, {"hysteresis": 0.08, "Ah": 0.15}),
     "polarization": ({"R_1": 3e-3, "tau": 25.0}, {"R_1": 3e-3, "tau": 25.0}),
     "radial_gradient": ({"phi": 0.7}, {"phi": 0.7}),
     "resistance_drift": ({"a": 5.0}, {"r_drift": 5.0}),
