@@ -16,7 +16,7 @@ from bms_gateway.thermal import CELL_SYMBOLS, KINDS, Floats, StringModel, String
 LEARNING = "learning"
 IDENTIFIED = "identified"
 FIXED = "fixed"
-FIXED_OFFLINE = f"{FIXED}: identified offline, together with the effects of the model file"
+FIXED_OFFLINE = f"{FIXED}: identified offline, with its effects"
 
 
 def not_identifiable(why: str) -> str:

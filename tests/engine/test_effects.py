@@ -97,9 +97,7 @@ def test_a_silent_bus_is_carried_over_in_one_step() -> None:
 
 def test_numbers_that_come_from_a_fit_with_effects_are_told_as_fixed() -> None:
     told = [e for e in drive(engine(LATE), [FRAMES]) if isinstance(e, Parameters) and e.string == "string_1"]
-    assert {p.status for p in told[0].estimates} == {
-        "fixed: identified offline, together with the effects of the model file"
-    }
+    assert {p.status for p in told[0].estimates} == {"fixed: identified offline, with its effects"}
     assert STATUS_CODES[told[0].estimates[0].status.split(":")[0]] == 3
 
 
