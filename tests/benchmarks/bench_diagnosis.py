@@ -1,0 +1,111 @@
+"""Logs with hidden effects, diagnosed: scores beside their goals, who was taken for whom, and every miss.
+
+``python -m tests.benchmarks.bench_diagnosis --seed 100 --suites singles,controls --limit 30`` for a part;
+``… --new-drives --json out.json --peer FOLDER --peer-python PYTHON`` for all of it, with the prototype beside.
+"""
+
+import argparse
+import json
+import multiprocessing
+import os
+import sys
+import time
+import traceback
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+import numpy as np
+
+from tests.benchmarks.diagnosis_case import examine
+from tests.benchmarks.diagnosis_peer import Peer
+from tests.benchmarks.diagnosis_scores import by_effect, confusion, misses, table
+from tests.truth.hidden import make_logs, new_drive
+from tests.truth.suites import SUITES
+
+CHUNK = 24
+"""Logs made at once: a few tens of megabytes."""
+
+
+def scenarios(suite, seed, limit):
+    """A suite, or `limit` of it chosen by the seed, strings of one length together: they are made in one loop."""
+    found = SUITES[suite](seed)
+    if limit is not None and limit < len(found):
+        chosen = np.random.default_rng([seed, 77]).choice(len(found), limit, replace=False)
+        found = [found[i] for i in sorted(chosen)]
+    return sorted(found, key=lambda s: s.cells)
+
+
+def attempt(suite, log, new_log):
+    """Diagnose one; a crash is a miss like any other."""
+    try:
+        return examine(suite, log, new_log)
+    except Exception as error:
+        traceback.print_exc()
+        s, never = log.scenario, [float("nan")] * 2
+        hidden = [{"effect": k, "size": size, "cell": c, "odds": None} for k, (size, c) in s.effects.items()]
+        said = {"verdict": "crashed", "remains": False, "named": [], "seconds": 0.0, "inside": {}}
+        said |= {"structure": never, "held": never, "core": never, "error": f"{type(error).__name__}: {error}"}
+        where = {"suite": suite, "name": s.name, "cells": s.cells, "sensors": list(s.sensors)}
+        return where | {"floor": max(s.noise, 1e-3), "hidden": hidden, "absorbed": False, "ours": said, "peer": None}
+
+
+def outcomes(suite, scenarios, pool, peer, new_drives):
+    """Diagnose the logs of a suite, chunk by chunk."""
+    again = new_drives and suite in ("singles", "one_cell", "pairs")
+    for first in range(0, len(scenarios), CHUNK):
+        some = scenarios[first : first + CHUNK]
+        logs = make_logs(some + [new_drive(s) for s in some] * again)
+        other = logs[len(some) :] if again else [None] * len(some)
+        futures = [pool.submit(attempt, suite, log, new) for log, new in zip(logs, other, strict=False)]
+        for log, future in zip(logs, futures, strict=False):
+            o = future.result()
+            if peer is not None:
+                o["peer"] = peer.run(log)
+            yield o
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seed", type=int, default=100, help="base of all seeds")
+    parser.add_argument("--suites", default=",".join(SUITES))
+    parser.add_argument("--limit", type=int, help="logs per suite")
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--json", type=Path, help="write every outcome")
+    parser.add_argument("--peer", type=Path, help="folder of the prototype")
+    parser.add_argument("--peer-python", default=sys.executable, help="a Python with numpy, scipy and numba")
+    parser.add_argument("--new-drives", action="store_true", help="predict another drive of each pack, without refit")
+    parser.add_argument("--quiet", action="store_true", help="no line per log on the way")
+    args = parser.parse_args()
+    os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")  # the workers'
+    peer = None if args.peer is None else Peer(args.peer, args.peer_python)
+    if peer is None:
+        print("no --peer: the prototype does not run beside")
+    found, begin = [], time.time()
+    with ProcessPoolExecutor(args.jobs, multiprocessing.get_context("spawn")) as pool:
+        for suite in args.suites.split(","):
+            for o in outcomes(suite, scenarios(suite, args.seed, args.limit), pool, peer, args.new_drives):
+                found.append(o)
+                if not args.quiet:
+                    told = misses([o])
+                    print(f"{len(found):4} {time.time() - begin:5.0f} s ", *(told or [f"ok {o['name']}"]), flush=True)
+            if args.json:
+                args.json.write_text(json.dumps(found))
+    if peer is not None:
+        peer.close()
+    report(found)
+
+
+def report(found):
+    for title, lines in (
+        (f"{len(found)} logs", table(found)),
+        ("hidden: named", confusion(found)),
+        ("numbers outside their intervals", by_effect(found)),
+        ("misses", misses(found)),
+        ("the prototype's misses", misses(found, "peer")),
+    ):
+        if lines:
+            print(f"\n{title}", *lines, sep="\n")
+
+
+if __name__ == "__main__":
+    main()
