@@ -81,11 +81,11 @@ def sensitivity(fit: MapFit, records: Sequence[Measured]) -> tuple[Floats, Float
         Per unit of [θ, ν].
     """
     problem = Problem(fit.problem.model, records)
-    moved = problem.jacobian(fit.theta, fit.prediction, problem.coordinates)
+    moved = problem.jacobian(fit.theta, fit.prediction, problem.coordinates, nu=fit.nu)
     nuisances = fit.problem.nuisances
-    scatter = problem.jacobian(fit.theta, fit.prediction, nuisances, refinements=0) if len(fit.nu) else moved[:, :0]
-    y = problem.predict(fit.theta, fit.prediction.X).y
-    return y + scatter @ fit.nu, np.concatenate([moved, scatter], axis=1)
+    scatter = problem.jacobian(fit.theta, fit.prediction, nuisances, refinements=0, nu=fit.nu) if len(fit.nu) else moved[:, :0]
+    y = problem.predict(fit.theta, fit.prediction.X, fit.nu).y
+    return y, np.concatenate([moved, scatter], axis=1)
 
 
 def tempered(fit: MapFit, inflation: float) -> Floats:

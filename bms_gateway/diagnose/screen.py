@@ -100,7 +100,7 @@ class Responses:
         self._problem = fit.problem
         self._records = []
         for r, m in enumerate(fit.problem.records):
-            v, starts = fit.problem.numbers(r, fit.theta)
+            v, starts = fit.problem.numbers(r, fit.theta, fit.nu)
             memory, _ = fit.problem.physics.memory(m.drive, v)
             X = fit.prediction.X[r]
             recursion = reference(fit.problem.physics, m.drive, v, memory, X.mean(axis=0))
@@ -141,7 +141,7 @@ class Responses:
             return [starts for _, _, starts, *_ in self._records]
         with_it = Problem(c.put_into(self._problem.model, values), self._problem.records)
         theta = np.concatenate([self._fit.theta, with_it.begin[len(self._fit.theta) :]])
-        return [with_it.numbers(r, theta)[1] for r in range(len(self._records))]
+        return [with_it.numbers(r, theta, self._fit.nu)[1] for r in range(len(self._records))]
 
     @staticmethod
     def _whole(

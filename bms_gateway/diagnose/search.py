@@ -14,7 +14,7 @@ import numpy as np
 from bms_gateway.diagnose.candidates import Candidate, candidates
 from bms_gateway.diagnose.residuals import log_density, rmse, structure, within
 from bms_gateway.diagnose.screen import Gain, extended, screen
-from bms_gateway.identify.map_fit import MapFit, map_fit, nuisance_columns, refreshed, stacked
+from bms_gateway.identify.map_fit import MapFit, converged, fitted, map_fit, nuisance_columns, stacked
 from bms_gateway.identify.problem import Measured, Problem
 from bms_gateway.thermal import StringModel
 
@@ -175,7 +175,7 @@ def search(
         if accepted is None:
             break
         found.chosen.append(_chosen(accepted, trials))
-        found.final = refreshed(accepted.fit)
+        found.final = converged(accepted.fit)
         if len(found.chosen) > 1:
             _exchange(found, offered, s)
     if on_trial and not _redeemed(found):
@@ -185,18 +185,12 @@ def search(
     return found
 
 
-def fitted(problem: Problem) -> MapFit:
-    """Fit a problem from where its coordinates begin; nuisances once the rest stands."""
-    first = map_fit(problem, problem.begin)
-    return refreshed(replace(first, nu=np.zeros(len(problem.nuisances))))
-
-
 def refit(parent: MapFit, gain: Gain, *, iterations: int = 8, give_up: float = np.inf) -> MapFit:
     """Fit a model with one effect more, from the optimum without it."""
     problem = Problem(gain.candidate.put_into(parent.problem.model, gain.values), parent.problem.records)
     theta = np.concatenate([parent.theta, problem.begin[len(parent.theta) :]])
     guess = [
-        extended(problem.physics, X, problem.numbers(r, theta)[0], problem.model.cells)
+        extended(problem.physics, X, problem.numbers(r, theta, parent.nu)[0], problem.model.cells)
         for r, X in enumerate(parent.prediction.X)
     ]
     return map_fit(
@@ -331,7 +325,7 @@ def _exchange(found: Search, offered: Sequence[Candidate], s: Settings) -> None:
         if (found.final.log_evidence - without.log_evidence) / inflation + prior_odds(
             old.candidate, offered
         ) - HALF < s.first_odds:
-            found.chosen, found.final = keep, refreshed(without)
+            found.chosen, found.final = keep, converged(without)
             return
         there = {c.candidate.key for c in keep}
         gains = screen(without, [c for c in offered if c.key not in there])
@@ -349,7 +343,7 @@ def _exchange(found: Search, offered: Sequence[Candidate], s: Settings) -> None:
             trials = _judge(without, sorted(fits, key=lambda x: -x[1].log_evidence), offered, s, first=False)
             trial = next(t for t in trials if t.candidate is best)
             found.chosen = [*keep, _chosen(trial, trials)]
-            found.final = refreshed(fit)
+            found.final = converged(fit)
 
 
 def _without(fit: MapFit, key: str) -> MapFit:

@@ -15,6 +15,8 @@ from scipy.special import log_ndtr
 from bms_gateway.thermal import Floats
 
 _LOG_SQRT_2PI = 0.5 * float(np.log(2.0 * np.pi))
+FINE = 0.2
+"""Steps of so little noise round nothing away."""
 FAR = 25.0
 """sd: beyond it the two tails of the interval cannot be told apart in floating point; the nearer edge counts."""
 
@@ -38,7 +40,7 @@ def generalised(u: Floats, sigma0: Floats, step: Floats) -> tuple[Floats, Floats
         −2 ln L up to a constant.
     """
     sigma = np.sqrt(sigma0**2 + step**2 / 12.0)
-    fine = step < 0.2 * sigma0
+    fine = step < FINE * sigma0
     if fine.all():
         r = u / sigma
         return r, r * r
@@ -55,3 +57,17 @@ def generalised(u: Floats, sigma0: Floats, step: Floats) -> tuple[Floats, Floats
     deviance = np.where(far, edge**2, deviance)
     r = np.where(fine, u / sigma, -np.sign(x) * mean * sigma / sigma0)
     return r, np.where(fine, (u / sigma) ** 2, deviance)
+
+
+def curvature(u: Floats, sigma0: Floats, step: Floats) -> float:
+    """Mean second derivative of half the deviance, in units of 1/σ².
+
+    1 for fine steps. Coarse ones are flat inside their interval and steep outside: far from the optimum a Hessian
+    without it would be σ²/σ₀² too small, and steps as much too long.
+    """
+    if np.all(step < FINE * sigma0):
+        return 1.0
+    sigma = np.sqrt(sigma0**2 + step**2 / 12.0)
+    h = 0.1 * sigma0
+    slope = (generalised(u + h, sigma0, step)[0] - generalised(u - h, sigma0, step)[0]) / (2.0 * h) * sigma
+    return float(np.mean(slope))

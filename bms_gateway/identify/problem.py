@@ -198,17 +198,17 @@ class Problem:
         for c, value in zip(self.coordinates, theta, strict=True):
             if c.record in (None, r):
                 c.put(draft, float(value))
-        if nu is not None:
+        if nu is not None and len(nu):
             for c, value in zip(self.nuisances, nu, strict=True):
                 if c.record in (None, r):
                     c.put(draft, float(value))
         return self._close(r, draft)
 
-    def predict(self, theta: Floats, guess: Sequence[Floats] | None = None) -> Prediction:
+    def predict(self, theta: Floats, guess: Sequence[Floats] | None = None, nu: Floats | None = None) -> Prediction:
         """Run the model freely over all records and read it; `guess` are trajectories near the result."""
         ys, Xs, settled = [], [], True
         for r, m in enumerate(self.records):
-            v, starts = self.numbers(r, theta)
+            v, starts = self.numbers(r, theta, nu)
             memory, _ = self.physics.memory(m.drive, v)
             about = np.mean(np.stack(starts), axis=0) if guess is None else guess[r].mean(axis=0)
             recursion = self._recursion[r]
@@ -224,10 +224,10 @@ class Problem:
             settled = settled and ok
         return Prediction(np.concatenate(ys), tuple(Xs), settled)
 
-    def renew(self, prediction: Prediction, theta: Floats) -> None:
+    def renew(self, prediction: Prediction, theta: Floats, nu: Floats | None = None) -> None:
         """Take the reference of the recursions anew, about a trajectory; before a fit, not within one."""
         for r, m in enumerate(self.records):
-            v, _ = self.numbers(r, theta)
+            v, _ = self.numbers(r, theta, nu)
             memory, _ = self.physics.memory(m.drive, v)
             self._recursion[r] = reference(self.physics, m.drive, v, memory, prediction.X[r].mean(axis=0))
 
@@ -237,15 +237,16 @@ class Problem:
         prediction: Prediction,
         coordinates: Sequence[Coordinate],
         refinements: int = 1,
+        nu: Floats | None = None,
     ) -> Floats:
         """Derivative (M, P) of the readings with respect to coordinates or nuisances, °C per unit."""
         blocks = []
         for r, m in enumerate(self.records):
             J = np.zeros((len(m.y), len(coordinates)))
             mine = [j for j, c in enumerate(coordinates) if c.record in (None, r)]
-            v, starts = self.numbers(r, theta)
+            v, starts = self.numbers(r, theta, nu)
             memory, _ = self.physics.memory(m.drive, v)
-            variations = [self._variation(r, theta, coordinates[j], memory, starts) for j in mine]
+            variations = [self._variation(r, theta, nu, coordinates[j], memory, starts) for j in mine]
             recursion = self._recursion[r]
             if recursion is None:
                 recursion = self._recursion[r] = reference(
@@ -267,18 +268,23 @@ class Problem:
         return np.concatenate(blocks)
 
     def _variation(
-        self, r: int, theta: Floats, c: Coordinate, memory: Mapping[str, Floats], starts: Sequence[Floats]
+        self,
+        r: int,
+        theta: Floats,
+        nu: Floats | None,
+        c: Coordinate,
+        memory: Mapping[str, Floats],
+        starts: Sequence[Floats],
     ) -> Variation:
         draft = self._draft(r)
         step = c.step
-        for other, value in zip(self.coordinates, theta, strict=True):
+        nuisances = zip(self.nuisances, np.zeros(len(self.nuisances)) if nu is None or not len(nu) else nu, strict=True)
+        for other, value in (*zip(self.coordinates, theta, strict=True), *nuisances):
             if other is c:
                 step = c.step if value + c.step <= c.upper else -c.step
                 c.put(draft, float(value) + step)
-            elif other.record in (None, r):
+            elif other.record in (None, r) and (value or other.effect is not None):
                 other.put(draft, float(value))
-        if not any(c is other for other in self.coordinates):
-            c.put(draft, step)
         v, moved = self._close(r, draft)
         m = memory if c.effect is None else self.physics.memory(self.records[r].drive, v)[0]
         return Variation(v, m, step, tuple((b - a) / step for a, b in zip(starts, moved, strict=True)))
