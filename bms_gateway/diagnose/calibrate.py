@@ -9,8 +9,7 @@ from bms_gateway.diagnose.core_band import tempered
 from bms_gateway.diagnose.prepare import measured
 from bms_gateway.diagnose.record import Record
 from bms_gateway.diagnose.residuals import structure
-from bms_gateway.diagnose.search import fitted
-from bms_gateway.identify.map_fit import MapFit, stacked
+from bms_gateway.identify.map_fit import MapFit, fitted, stacked
 from bms_gateway.identify.problem import OWN, Problem
 from bms_gateway.thermal import KINDS, AddedEffect, Floats, Prior, StringModel
 from bms_gateway.thermal.effects import EffectParameter, effect_named

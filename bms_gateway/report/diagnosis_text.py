@@ -53,7 +53,7 @@ def diagnosis_document(told: Told) -> dict[str, Any]:
         "verdict": d.verdict if d else "insufficient_data",
         "unknown_remains": bool(d and d.unknown_remains),
         "selected": [{"effect": s.candidate.name, "cell": s.candidate.cell} for s in d.selected] if d else [],
-        "ranking": [_ranked(r) for r in d.ranking] if d else [],
+        "ranking": [_ranked(r) for r in ranking(d)] if d else [],
         "baseline": {
             "train_rmse_K": finite(d.baseline.train_rmse_K) if d else None,
             "heldout_rmse_K": finite(d.baseline.heldout_rmse_K) if d else None,
@@ -77,6 +77,14 @@ def diagnosis_document(told: Told) -> dict[str, Any]:
         "notes": [{"table": source, "note": text} for source, text in told.notes],
         "detectability": list(told.card),
     }
+
+
+def ranking(d: Diagnosis) -> tuple[Ranked, ...]:
+    """Return the ranking with each effect at each place once, by the likeliest of its starts."""
+    best: dict[tuple[str, int | None], Ranked] = {}
+    for r in d.ranking:
+        best.setdefault((r.effect, r.cell), r)
+    return tuple(best.values())
 
 
 def _ranked(r: Ranked) -> dict[str, Any]:
@@ -123,7 +131,7 @@ def diagnosis_text(told: Told) -> str:
         if d.selected:
             parts.append(_what_is_missing(d.selected))
         if d.ranking:
-            parts.append(_ranking(d.ranking))
+            parts.append(_ranking(ranking(d)))
         parts.append(_errors(d))
         tied = {x.candidate.name: x.tied_with for x in d.selected if x.tied_with}
         parts += [f"These readings cannot tell {name} from {', '.join(others)}." for name, others in tied.items()]
@@ -185,8 +193,8 @@ def placed(effect: str, cell: int | None) -> str:
     return effect if cell is None else f"{effect}:{cell}"
 
 
-def _ranking(ranking: Sequence[Ranked]) -> str:
-    best = max((r.evidence for r in ranking if math.isfinite(r.evidence)), default=0.0)
+def _ranking(ranked: Sequence[Ranked]) -> str:
+    best = max((r.evidence for r in ranked if math.isfinite(r.evidence)), default=0.0)
     rows = [
         [
             placed(r.effect, r.cell),
@@ -196,10 +204,10 @@ def _ranking(ranking: Sequence[Ranked]) -> str:
             f"{100 * r.share:.0f} %",
             number(r.heldout_rmse_K, 3),
         ]
-        for r in ranking[:SHOWN]
+        for r in ranked[:SHOWN]
     ]
     text = text_table(["effect", "evidence", "why not", "log-odds", "probability", "held-out K"], rows, left=3)
-    return text if len(ranking) <= SHOWN else f"{text}\n… and {len(ranking) - SHOWN} less likely ones"
+    return text if len(ranked) <= SHOWN else f"{text}\n… and {len(ranked) - SHOWN} less likely ones"
 
 
 def _bar(evidence: float, best: float) -> str:
