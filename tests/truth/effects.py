@@ -112,9 +112,9 @@ def end_plate(t, *, G, P):
 
 
 def coolant_delay(t, *, tau):
-    """Three fifths of τ as a plug of air, two fifths as a lag; constant before the log begins."""
+    """Two thirds of τ, nearly, as a plug of air and the rest as a lag; constant before the log begins."""
     instants = np.arange(t.K + 1.0)
-    t.inlet = lagged(np.interp(instants - 0.6 * tau, instants, t.inlet), 0.4 * tau)
+    t.inlet = lagged(np.interp(instants - 0.65 * tau, instants, t.inlet), 0.35 * tau)
 
 
 def coolant_bypass(t, *, b, cell):

@@ -201,7 +201,7 @@ def test_a_delayed_inlet_is_a_plug_and_a_lag_with_that_mean_delay():
     step = np.where(np.arange(K + 1) < 20, 20.0, 30.0)
     t = terms(N, current, step, flow, SOC_0)
     CATALOGUE["coolant_delay"](t, tau=15.0)
-    assert t.inlet[:29] == pytest.approx(20.0)  # nothing before the plug of 9 s has passed
+    assert t.inlet[:29] == pytest.approx(20.0)  # nothing before the plug of 9.75 s has passed
     assert t.inlet[-1] == pytest.approx(30.0)
     assert np.sum(step - t.inlet) / 10.0 == pytest.approx(15.0, abs=0.1)
 
