@@ -7,7 +7,7 @@ import numpy as np
 import scipy.linalg
 
 from bms_gateway.diagnose.candidates import Candidate, candidates
-from bms_gateway.diagnose.model_error import Bench, Fit, fit
+from bms_gateway.diagnose.model_error import REFINEMENTS, Bench, Fit, fit
 from bms_gateway.diagnose.screen import AMPLITUDE_SD, Responses, extended
 from bms_gateway.identify.problem import Coordinate, Problem
 from bms_gateway.thermal import AddedEffect, Floats, StringModel
@@ -213,14 +213,27 @@ class Board:
         found = fit(self.bench, problem, theta, parent=h.fit, guess=guess)
         self._keep(judged((*h.options, o), found, self.offered, self.base))
 
-    def again_from_nominal(self, h: Hypothesis) -> None:
-        """Fit a hypothesis from the priors' medians: a strong effect biases the optimum that it started from."""
+    def finish(self, h: Hypothesis, digits: float) -> None:
+        """Fit a hypothesis to the end, and once more from the priors' medians.
+
+        A strong effect biases the optimum that it started from, and along a flat valley the last digits of the cost
+        are still kelvins of the core.
+        """
         problem = h.fit.map.problem
-        theta = problem.begin
+        nominal = problem.begin
         for i, c in enumerate(problem.coordinates):
             if c.effect is not None:
-                theta[i] = h.fit.map.theta[i]
-        self._keep(judged(h.options, fit(self.bench, problem, theta, iterations=12), self.offered, self.base))
+                nominal[i] = h.fit.map.theta[i]
+        for theta in (h.fit.map.theta, nominal):
+            found = fit(self.bench, problem, theta, iterations=40, least_gain=digits, refinements=REFINEMENTS)
+            self._keep(judged(h.options, found, self.offered, self.base if h.options else None))
+        if not h.options:
+            self.base = self.found[()]
+
+    def without(self, h: Hypothesis, o: Option) -> Hypothesis:
+        """Best hypothesis made of some of the other effects alone."""
+        rest = {x.candidate.name for x in h.options} - {o.candidate.name}
+        return max((x for x in self.accepted() if set(x.names) <= rest), key=lambda x: x.score)
 
     def _keep(self, h: Hypothesis) -> None:
         if h.key not in self.found or h.score > self.found[h.key].score:

@@ -11,14 +11,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from bms_gateway.diagnose.discrepancy import START, Discrepancy, Noise
-from bms_gateway.identify.map_fit import GAIN, MapFit, map_fit, nuisance_columns
+from bms_gateway.identify.map_fit import GAIN, Linear, MapFit, map_fit
 from bms_gateway.identify.problem import Belief, Measured, Problem
 from bms_gateway.thermal import Floats
 from bms_gateway.thermal.drive import Drive
 from bms_gateway.thermal.trajectory import Span
 
 REFINEMENTS = 3
-"""Of the sensitivities: with heat that follows the core, one is not enough to find the way along a flat valley."""
+"""Of the sensitivities, for the last digits: where heat follows the core, one does not lead along a flat valley."""
 _MEANS = ("I", "I2", "I_abs", "T_in", "flow", "soc", "V", "IV", "hours")
 
 
@@ -139,6 +139,7 @@ def fit(
     guess: Sequence[Floats] | None = None,
     iterations: int = 8,
     least_gain: float = GAIN,
+    refinements: int = 1,
 ) -> Fit:
     """Fit numbers and discrepancy in turn, until they agree.
 
@@ -157,29 +158,34 @@ def fit(
         Of each fit of the numbers.
     least_gain : float
         Cost at which each of them ends.
+    refinements : int
+        Of the sensitivities.
     """
     d = START if parent is None else parent.discrepancy
     if d.size < bench.least:
         d = replace(d, size=bench.least)
+    sd = np.array([c.sd for c in problem.nuisances])
     if parent is None:
         prediction = problem.predict(theta, guess)
-        linear, nu, J, guess = nuisance_columns(problem, theta, prediction), None, None, prediction.X
+        columns = problem.jacobian(theta, prediction, problem.nuisances, 0)
+        nu, J, guess = None, None, prediction.X
     else:
-        linear, nu, J = parent.map.linear, parent.map.nu, parent.map.J
+        columns, nu, J = parent.map.linear.J, parent.map.nu, parent.map.J
     y = np.concatenate([m.y for m in problem.records])
     best: Fit | None = None
     for _ in range(bench.settings.rounds):
+        noise = bench.noise.at(d)
         found = map_fit(
             problem,
             theta,
-            linear=linear,
+            linear=Linear.of(columns, sd, noise(columns)),
             nu=nu,
             guess=guess,
             J=J,
             iterations=iterations,
-            noise=bench.noise.at(d),
+            noise=noise,
             least_gain=least_gain,
-            refinements=REFINEMENTS,
+            refinements=refinements,
         )
         trial = Fit(found, d, found.log_evidence - 0.5 * d.strain)
         if best is None or trial.log_evidence > best.log_evidence:

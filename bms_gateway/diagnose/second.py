@@ -1,0 +1,324 @@
+"""The second search: for records whose model error, not the noise of their thermocouples, sets what can be told.
+
+All single effects are fitted, then the pairs and triples that a linear step promises most of, each with a discrepancy
+of its own; plausibility counts. An effect stays only if no hypothesis without it comes within 20 to 1. What is found
+must explain half of the misfit and, fitted to the first part of the record, remove half of the error in the rest.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from bms_gateway.diagnose.band import Cores, core_band
+from bms_gateway.diagnose.hypotheses import Board, Hypothesis
+from bms_gateway.diagnose.model_error import REFINEMENTS, Bench, Fit, ModelError, averaged, first_part, fit
+from bms_gateway.diagnose.residuals import structure
+from bms_gateway.diagnose.search import Chosen, Search
+from bms_gateway.diagnose.witness import Witness, witnesses
+from bms_gateway.identify.map_fit import MapFit, stacked
+from bms_gateway.identify.problem import Measured, Problem
+from bms_gateway.thermal import Floats, StringModel
+
+Progress = Callable[[float, str], None]
+STRUCTURED = (0.18, 6.0)
+"""Structured remainder in units of the noise, and its z: from there something is left that the first search did not
+name."""
+HALF = 0.8
+"""Share of the structure's power that an explanation must take away."""
+
+
+@dataclass(frozen=True, slots=True)
+class SecondSettings:
+    """Constants of the second search.
+
+    Attributes
+    ----------
+    error : ModelError
+    singles, pairs, triples : int
+        Hypotheses fitted of one, two, three effects, for a single cell …
+    string_singles, string_pairs : int
+        … and for a string, whose fits cost more and whose effects sit in many places.
+    parents, string_parents, pair_parents : int
+        Singles, those of a string, and pairs that are extended.
+    again : int
+        Best ones that are fitted anew from nominal.
+    gain : float
+        Log-odds that every effect must earn over the best hypothesis without it: 3 is 20 to 1.
+    digits : float
+        Cost at which the fits of the best hypotheses end.
+    numbers : float
+        Share of the white floor with which the numbers of the chosen hypothesis are fitted. The floor guards the
+        choice; once that is made, what the readings know of the numbers need not be thrown away with it.
+    explained : float
+        Share of the misfit above the noise that the choice must explain.
+    train, tail : float
+        First part of the record, and share of the error in the rest that may be left.
+    """
+
+    error: ModelError = ModelError()
+    singles: int = 40
+    pairs: int = 24
+    triples: int = 6
+    string_singles: int = 14
+    string_pairs: int = 8
+    parents: int = 12
+    string_parents: int = 4
+    pair_parents: int = 3
+    again: int = 5
+    gain: float = 3.0
+    digits: float = 1e-3
+    numbers: float = 0.5
+    explained: float = 0.5
+    train: float = 0.6
+    tail: float = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Ranked:
+    """One hypothesis for people.
+
+    Attributes
+    ----------
+    effects : tuple of str
+        Keys as in model files; empty for the model as it is.
+    log_odds : float
+        Against the chosen hypothesis: 0 for itself, positive only for what was refused or not parsimonious.
+    share : float
+        Probability among those not refused.
+    refused : str
+    """
+
+    effects: tuple[str, ...]
+    log_odds: float
+    share: float
+    refused: str
+
+
+@dataclass(frozen=True, slots=True)
+class SecondSearch:
+    """What the second search found.
+
+    Attributes
+    ----------
+    baseline, best : MapFit
+        The model as it is and with the chosen effects, on the averaged records.
+    chosen : tuple of Chosen
+    verdict : {"missing_effect", "unknown_effect"}
+    unknown_remains : bool
+        Always true: the regime is entered because the skeleton itself errs.
+    core_claimed : bool
+        Whether the core may be called better known than before.
+    alarms : tuple of str
+        What speaks against the core, each a sentence.
+    witnesses : tuple of Witness
+        All that were asked, with what they said.
+    ranking : tuple of Ranked
+    explained : float
+        Share of the surface's misfit above the noise.
+    tail : tuple of float
+        RMSE in the last part, fitted to the first: without and with the chosen effects, K.
+    discrepancy : tuple of float
+        Size of the slow model error without and with the chosen effects, K.
+    records : sequence of Measured
+        As given.
+    """
+
+    baseline: MapFit
+    best: MapFit
+    chosen: tuple[Chosen, ...]
+    verdict: Literal["missing_effect", "unknown_effect"]
+    unknown_remains: bool
+    core_claimed: bool
+    alarms: tuple[str, ...]
+    witnesses: tuple[Witness, ...]
+    ranking: tuple[Ranked, ...]
+    explained: float
+    tail: tuple[float, float]
+    discrepancy: tuple[float, float]
+    records: Sequence[Measured]
+    hypotheses: tuple[Hypothesis, ...]
+
+    def cores(self) -> tuple[Cores, ...]:
+        """Cores of every record with their standard deviation, at the instants of the records as given."""
+        return core_band(self.best, self.discrepancy[1], self.hypotheses, self.records, alarmed=not self.core_claimed)
+
+
+def needs_second(first: Search) -> bool:
+    """Whether the first search leaves what it could not explain: structure, a number at its bound, half the misfit."""
+    if first.orphan:
+        return True
+    f = first.final
+    if any(
+        c.effect is not None and f.at_bound(c.name) and c.name.rpartition(".")[2] != "T_m"
+        for c in f.problem.coordinates
+    ):
+        return True
+    left = structure(f)
+    if left.size > STRUCTURED[0] and left.z > STRUCTURED[1]:
+        return True
+    before = structure(first.baseline).power
+    return bool(first.chosen) and left.z > STRUCTURED[1] and left.power > (1.0 - HALF) * before
+
+
+def second_search(
+    model: StringModel,
+    records: Sequence[Measured],
+    settings: SecondSettings | None = None,
+    progress: Progress | None = None,
+    first: Search | None = None,
+) -> SecondSearch:
+    """Search for missing effects without trusting the model beyond its floor.
+
+    Parameters
+    ----------
+    model : StringModel
+        With the priors from which it is fitted.
+    records : sequence of Measured
+        As `prepare.measured` makes them; all readings are used, held-out ones too.
+    settings : SecondSettings, optional
+    progress : callable, optional
+        Told the share of the work done and what is being done.
+    first : Search, optional
+        What the first search found; nothing of it is taken over.
+
+    Returns
+    -------
+    SecondSearch
+        The same for the same arguments, to the last bit.
+    """
+    s = settings or SecondSettings()
+    tell = progress or (lambda share, text: None)
+    bench = Bench([averaged(m, s.error) for m in records], s.error)
+    tell(0.0, "fitting the model as it is, with an error of its own")
+    board = Board(model, bench)
+    _explore(board, s, tell)
+    best = _parsimonious(board, s)
+    fine_settings = replace(s.error, floor=s.numbers * s.error.floor)
+    fine = Bench([averaged(m, fine_settings) for m in records], fine_settings)
+    tell(0.85, "fitting the numbers of the best hypothesis")
+    final = _finished(best, fine, s)
+    base = board.base.fit
+    tell(0.9, "predicting the last part from the first")
+    tail = _tail(bench, base, s), _tail(bench, best.fit, s)
+    explained = _explained(records, base.map, best.fit.map)
+    noise = _noise(records, best.fit.map)
+    kept = max(tail[1] ** 2 - noise**2, 0.0) <= s.tail * max(tail[0] ** 2 - noise**2, 1e-9)
+    believed = bool(best.options) and explained >= s.explained and kept
+    said = witnesses(tuple(records), fine, final, best, tail)
+    alarms = tuple(w.says for w in said if w.alarm)
+    tell(1.0, "done")
+    accepted = tuple(board.accepted())
+    if best is not accepted[0]:
+        accepted = (best, *(h for h in accepted if h is not best))
+    return SecondSearch(
+        baseline=base.map,
+        best=final.map,
+        chosen=_chosen(board, best),
+        verdict="missing_effect" if believed else "unknown_effect",
+        unknown_remains=True,
+        core_claimed=believed and not alarms,
+        alarms=alarms,
+        witnesses=said,
+        ranking=_ranking(board, best),
+        explained=explained,
+        tail=tail,
+        discrepancy=(base.discrepancy.size, final.discrepancy.size),
+        records=records,
+        hypotheses=accepted,
+    )
+
+
+def _explore(board: Board, s: SecondSettings, tell: Progress) -> None:
+    one = board.base.fit.map.problem.model.cells == 1
+    counts = (s.singles, s.pairs, s.triples) if one else (s.string_singles, s.string_pairs, s.triples)
+    parents = (1, s.parents if one else s.string_parents, s.pair_parents)
+    begin = 0.05
+    for effects, share in enumerate((0.3, 0.3, 0.1)):
+        todo = board.prospects(board.of(effects)[: parents[effects]], counts[effects])
+        for i, (h, o, values) in enumerate(todo):
+            names = ", ".join([*h.names, o.candidate.key])
+            tell(begin + share * i / len(todo), f"refitting with {names}")
+            board.add(h, o, values)
+        begin += share
+    tell(0.75, "refitting the best hypotheses")
+    for h in board.accepted()[: s.again]:
+        board.finish(h, s.digits)
+
+
+def _parsimonious(board: Board, s: SecondSettings) -> Hypothesis:
+    """Best hypothesis each of whose effects is worth its place."""
+    best = board.accepted()[0]
+    while best.options:
+        value, without = min(
+            ((best.score - w.score, w) for o in best.options for w in [board.without(best, o)]), key=lambda x: x[0]
+        )
+        if value >= s.gain:
+            break
+        best = without
+    return best
+
+
+def _finished(best: Hypothesis, fine: Bench, s: SecondSettings) -> Fit:
+    problem = Problem(best.fit.map.problem.model, fine.records, fine.beliefs)
+    return fit(
+        fine,
+        problem,
+        best.fit.map.theta,
+        guess=best.fit.map.prediction.X,
+        iterations=60,
+        least_gain=s.digits,
+        refinements=REFINEMENTS,
+    )
+
+
+def _tail(bench: Bench, f: Fit, s: SecondSettings) -> float:
+    """RMSE of the last part by a fit to the first, K."""
+    part = Bench([first_part(m, s.train) for m in bench.records], bench.settings)
+    problem = Problem(f.map.problem.model, part.records, bench.beliefs)
+    found = fit(part, problem, f.map.theta, guess=f.map.prediction.X).map
+    y, _, _, _, used = stacked(problem)
+    return float(np.sqrt(np.mean((y - found.y)[~used] ** 2)))
+
+
+def _explained(records: Sequence[Measured], base: MapFit, best: MapFit) -> float:
+    y = stacked(base.problem)[0]
+    noise = _noise(records, base)
+    before, after = (max(float(np.mean((y - f.y) ** 2)) - noise**2, 0.0) for f in (base, best))
+    return 1.0 - after / max(before, 1e-9)
+
+
+def _noise(records: Sequence[Measured], f: MapFit) -> float:
+    """What the thermocouples alone would leave in the averaged readings, K."""
+    raw = sum(float(np.sum(m.sigma**2)) for m in records)
+    count = sum(len(m.y) for m in records)
+    return float(np.sqrt(raw / count / (count / sum(len(m.y) for m in f.problem.records))))
+
+
+def _chosen(board: Board, best: Hypothesis) -> tuple[Chosen, ...]:
+    found = []
+    for o in best.options:
+        others = {x.key for x in best.options if x is not o}
+        tied = [
+            h
+            for h in board.accepted()
+            if h.score > best.score - 3.0
+            and len(h.options) == len(best.options)
+            and others <= set(h.key)
+            and h.key != best.key
+        ]
+        names = {n for h in tied for n in h.names} - set(best.names)
+        found.append(Chosen(o.candidate, tuple(sorted(names)), best.score - board.without(best, o).score))
+    return tuple(found)
+
+
+def _ranking(board: Board, best: Hypothesis) -> tuple[Ranked, ...]:
+    accepted = board.accepted()
+    weight = np.exp(np.array([h.score for h in accepted]) - accepted[0].score)
+    share = dict(zip((h.key for h in accepted), (weight / weight.sum()).tolist(), strict=True))
+    ranked = sorted(board.found.values(), key=lambda h: (-h.score, h.key))
+    return tuple(
+        Ranked(tuple(o.candidate.key for o in h.options), h.score - best.score, share.get(h.key, 0.0), h.refused)
+        for h in ranked
+    )

@@ -1,0 +1,244 @@
+r"""What can testify against a core that no thermocouple sees, when the surface's residual says nothing.
+
+A wrong heat and a wrong way from core to surface can cancel in the surface. They do not cancel in what else is known:
+
+* each number has a plausible range, from the data sheet or from what lithium-ion cells have in common;
+* all of them together: the strain :math:`\sum ((\theta - \mu)/s)^2` of the directions that the record has moved, a
+  χ² of as many degrees of freedom as it has determined;
+* the energy: what the terminals took in and did not store has become heat;
+* the activation: the overpotential falls with temperature as the heat does;
+* the last part of the record, predicted from the first;
+* other records of the same cells under other cooling, whose physics is the same.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.signal
+import scipy.stats
+
+from bms_gateway.diagnose.hypotheses import Hypothesis
+from bms_gateway.diagnose.model_error import Bench, Fit
+from bms_gateway.identify.map_fit import MapFit
+from bms_gateway.identify.problem import Coordinate, Measured
+from bms_gateway.thermal import KINDS, Floats, StringModel
+from bms_gateway.thermal.drive import Drive
+from bms_gateway.thermal.effects.laws import KELVIN, REFERENCE
+from bms_gateway.thermal.physics import with_effect
+from bms_gateway.thermal.trajectory import cut
+
+FAR = 2.5
+"""sd of its prior beyond which a number of a data sheet is an alarm: one in eighty."""
+PLAUSIBLE = {"resistance_temperature.B": (3000.0, 1300.0), "charge_transfer.E": (6000.0, 2000.0)}
+"""Kelvin, and sd: activation of the losses in lithium-ion cells, 20 to 40 kJ/mol; of the reaction, 50 to 70."""
+BEYOND = 2.0
+"""sd of a plausible range."""
+STRAINED = 0.05
+"""Probability of the strain of all numbers together from which on it is an alarm."""
+ENERGY = 0.35
+"""Share by which heat by temperature and by voltage may differ: heat capacities are known to 10 %, the open-circuit
+voltage under load to some millivolts, and both errors go into it."""
+LOAD_S = 30.0
+"""s: what of the overpotential is slower than a step and still no open-circuit voltage."""
+WINDOW_S = 300.0
+"""s: over which losses are averaged to see them fall with temperature."""
+
+
+@dataclass(frozen=True, slots=True)
+class Witness:
+    """What one of them says.
+
+    Attributes
+    ----------
+    name : str
+    says : str
+        One sentence.
+    value, limit : float
+        The figure, and where it becomes an alarm.
+    alarm : bool
+        Whether it speaks against the core.
+    """
+
+    name: str
+    says: str
+    value: float
+    limit: float
+    alarm: bool
+
+
+def witnesses(
+    records: tuple[Measured, ...], bench: Bench, final: Fit, best: Hypothesis, tail: tuple[float, float]
+) -> tuple[Witness, ...]:
+    """Ask all witnesses that there are.
+
+    Parameters
+    ----------
+    records : tuple of Measured
+        As given, not averaged.
+    bench : Bench
+    final : Fit
+        The chosen model with its finest numbers.
+    best : Hypothesis
+    tail : float, float
+        RMSE of the last part without and with the chosen effects, K.
+    """
+    f = final.map
+    found = [*implausible(f), strain(f), _tail(tail)]
+    for r, m in enumerate(records):
+        if "voltage" in m.drive.known:
+            found += [w for w in (energy(f, r, m), activation(f, r, m)) if w is not None]
+    return tuple(found)
+
+
+def implausible(f: MapFit) -> list[Witness]:
+    """Numbers of a fit that are far from what is declared or usual; one that does not alarm is not named."""
+    found = []
+    for c, z in zip(f.problem.coordinates, f.theta.tolist(), strict=True):
+        usual = PLAUSIBLE.get(c.name)
+        if usual is not None:
+            off = (z - usual[0]) / usual[1]
+            text = f"{c.name} = {z:.0f} K is not plausible: usual are {usual[0]:.0f} ± {usual[1]:.0f} K"
+            limit = BEYOND
+        elif c.effect is None or c.name.startswith("current_offset"):
+            off, limit = (z - c.prior) / c.sd, FAR
+            text = _far(f, c, z, off)
+        else:
+            continue
+        if abs(off) > limit:
+            found.append(Witness(f"number {c.name}", text + ".", abs(off), limit, True))
+    return found
+
+
+def _far(f: MapFit, c: Coordinate, z: float, off: float) -> str:
+    symbol = c.name.split("@")[0]
+    if symbol in KINDS:
+        change = 100.0 * np.expm1(z - c.prior)
+        return f"{symbol} ends {change:+.0f} % off what is declared ({100.0 * c.sd:.0f} % tolerance)"
+    if c.effect is not None:
+        return f"{c.name} = {z:.2f} A is more than a current sensor's offset ({c.sd:.2g} A)"
+    what = "the core starts" if c.name.startswith("T_c0") else "the surface starts"
+    return f"{what} {z:+.1f} K off ({c.sd:.1f} K are usual after a rest)"
+
+
+def strain(f: MapFit) -> Witness:
+    """All numbers together: how probable it is that they lie so far from what was known of them."""
+    keep = [i for i, c in enumerate(f.problem.coordinates) if c.record is None or not c.name.startswith("T_")]
+    prior, sd = (np.array([getattr(f.problem.coordinates[i], k) for i in keep]) for k in ("prior", "sd"))
+    u = (f.theta[keep] - prior) / sd
+    posterior = f.covariance[np.ix_(keep, keep)] / np.outer(sd, sd)
+    # directions that the record has determined: what is left of their prior variance is below half
+    value, axes = np.linalg.eigh(posterior)
+    known = np.clip(1.0 - value, 0.0, 1.0)
+    # the estimate varies by the prior's variance less the posterior's, if the prior is right
+    square = float(np.sum((axes.T @ u)[known > 0.5] ** 2 / known[known > 0.5]))
+    freedom = int(np.sum(known > 0.5))
+    p = float(scipy.stats.chi2.sf(square, max(freedom, 1)))
+    text = f"All numbers together lie {np.sqrt(square):.1f} sd from what was known of them ({freedom} directions, p = {p:.2g})"
+    return Witness("strain", text + ".", p, STRAINED, p < STRAINED)
+
+
+def _tail(tail: tuple[float, float]) -> Witness:
+    ratio = tail[1] / max(tail[0], 1e-9)
+    text = f"Fitted to the first 60 %, the error in the rest is {tail[1]:.2g} K, without the effects {tail[0]:.2g} K"
+    return Witness("tail", text + ".", ratio, float(np.sqrt(0.5)), ratio > np.sqrt(0.5))
+
+
+def heats(f: MapFit, r: int) -> Floats:
+    """Irreversible heat (N, n), W, along a fitted trajectory: the reversible part comes and goes with the charge."""
+    problem = f.problem
+    v, _ = problem.numbers(r, f.theta)
+    for e in problem.model.effects:
+        if e.name == "entropic_heat":
+            v = with_effect(v, e.key, dict.fromkeys(e.values, 0.0))
+    m = problem.records[r]
+    memory, _ = problem.physics.memory(m.drive, v)
+    parts, row = [], 0
+    for span in m.spans:
+        X = f.prediction.X[r][row : row + len(span) + 1]
+        row += len(span) + 1
+        at = slice(span.first, span.last)
+        z = problem.physics.point(
+            (X[1:] + X[:-1]) / 2.0, cut(m.drive, at.start, at.stop), v, {k: a[at] for k, a in memory.items()}
+        )
+        parts.append(z.core + np.zeros_like(z.T_c))
+    return np.concatenate(parts)
+
+
+def electric_heat(u: Drive) -> Floats | None:
+    """Heat (N,) of one cell by its voltage, W: current times the gap from the open-circuit voltage.
+
+    The open-circuit voltage is what of the voltage follows the charge, beside what follows the current at once and
+    within half a minute. None where the voltage is not known over half of the record.
+    """
+    known = np.isfinite(u.V) & np.isfinite(u.IV)
+    if known.mean() < 0.5:
+        return None
+    charge = np.cumsum(u.I) * u.dt / 3600.0
+    a = float(np.exp(-u.dt / LOAD_S))
+    slow = scipy.signal.lfilter([1.0 - a], [1.0, -a], u.I)
+    columns = np.stack([np.ones(u.N), charge, charge**2, -u.I, -slow], axis=1)
+    steady = known & (np.abs(u.I2 - u.I**2) <= 1.0)
+    rows = steady if steady.sum() > 10 * columns.shape[1] else known
+    k = np.linalg.lstsq(columns[rows], u.V[rows], rcond=None)[0]
+    return np.asarray(np.where(known, u.I * (columns[:, :3] @ k[:3]) - u.IV, np.nan))
+
+
+def energy(f: MapFit, r: int, m: Measured) -> Witness | None:
+    """Compare the energy that became heat by temperature and by voltage."""
+    q = electric_heat(m.drive)
+    if q is None:
+        return None
+    known = np.isfinite(q)
+    square = float(np.sum(m.drive.I2[known]))
+    by_voltage = float(np.sum(q[known])) / square
+    thermal = heats(f, r).mean(axis=1)
+    by_temperature = float(np.sum(thermal) / np.sum(f.problem.records[r].drive.I2))
+    off = by_temperature / by_voltage - 1.0
+    text = (
+        f"The temperatures ask for {1e3 * by_temperature:.1f} mΩ of losses, the voltage for {1e3 * by_voltage:.1f} mΩ "
+        f"({100.0 * off:+.0f} %)"
+    )
+    return Witness("voltage energy", text + ".", abs(off), ENERGY, abs(off) > ENERGY or by_voltage <= 0.0)
+
+
+def activation(f: MapFit, r: int, m: Measured) -> Witness | None:
+    """Compare how losses fall with temperature by the surface's fit and by the voltage."""
+    names = {
+        c.name: (float(z), s)
+        for c, z, s in zip(f.problem.coordinates, f.theta, np.sqrt(np.diag(f.covariance)), strict=True)
+    }
+    q = electric_heat(m.drive)
+    if q is None or "resistance_temperature.B" not in names:
+        return None
+    size = max(round(WINDOW_S / m.drive.dt), 1)
+    windows = m.drive.N // size
+    coarse = f.problem.records[r]
+    ratio = coarse.drive.dt / m.drive.dt
+    n = f.problem.model.cells
+    core = np.interp(
+        np.arange(m.drive.N) / ratio,
+        np.arange(len(f.prediction.X[r])),
+        f.prediction.X[r][:, 0 : 2 * n : 2].mean(axis=1),
+    )
+    x, y, w = [], [], []
+    for i in range(windows):
+        at = slice(i * size, (i + 1) * size)
+        good = np.isfinite(q[at])
+        square = float(np.sum(m.drive.I2[at][good]))
+        heat = float(np.sum(q[at][good]))
+        if heat > 0.0 and square > 0.0:
+            weight = m.drive.I2[at] * good
+            x.append(1.0 / (float(np.average(core[at], weights=weight)) + KELVIN) - 1.0 / REFERENCE)
+            y.append(np.log(heat / square))
+            w.append(square)
+    if len(x) < 4 or np.ptp(x) < 5e-5:
+        return None
+    A = np.stack([np.ones(len(x)), np.array(x)], axis=1) * np.sqrt(np.array(w))[:, None]
+    b = np.array(y) * np.sqrt(np.array(w))
+    k, *_ = np.linalg.lstsq(A, b, rcond=None)
+    left = b - A @ k
+    sd = float(np.sqrt(left @ left / max(len(x) - 2, 1) * np.linalg.inv(A.T @ A)[1, 1]))
+    B, own = names["resistance_temperature.B"]
+    off = (B - float(k[1])) / float(np.hypot(sd, own))
+    text = f"By the voltage the losses fall with B = {k[1]:.0f} ± {sd:.0f} K, by the surface with {B:.0f} ± {own:.0f} K"
+    return Witness("voltage activation", text + ".", abs(off), FAR, abs(off) > FAR)
