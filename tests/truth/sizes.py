@@ -46,7 +46,7 @@ SIZES = {
     "ambient_loss": (Size("G", "W/K", 0.03, 0.09, 0.22), Size("P", "W", 0.2, 0.5, 1.2, signed=True)),
     "surface_joule": _one("R_s", "mOhm", 0.06, 0.15, 0.4, factor=1e-3),
     "busbar_joule": _one("R_s", "mOhm", 0.08, 0.22, 0.55, factor=1e-3),
-    "end_plate": (Size("G", "W/K", 0.06, 0.18, 0.45), Size("P", "W", 0.3, 0.9, 2.2, signed=True)),
+    "end_plate": (Size("G", "W/K", 0.03, 0.08, 0.2), Size("P", "W", 0.12, 0.35, 0.9, signed=True)),
     "coolant_delay": _one("tau", "s", 6.0, 18.0, 45.0),
     "coolant_bypass": _one("b", "1", 0.1, 0.25, 0.5),
     "cell_resistance": _one("a", "1", 0.1, 0.25, 0.6),
