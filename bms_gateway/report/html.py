@@ -1,0 +1,221 @@
+"""`--html`: a comparison, a diagnosis or an addition as one page, in the order in which an engineer asks.
+
+What is wrong, how sure is that, how good does it get; then where and when, what else it might be, what to measure next;
+last what the data themselves look like. The same content as the text on the terminal, and the numbers of the same
+objects.
+"""
+
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+
+from bms_gateway.diagnose.adding import Addition
+from bms_gateway.diagnose.candidates import Candidate
+from bms_gateway.diagnose.checks import Finding
+from bms_gateway.diagnose.compare import Comparison, Variant
+from bms_gateway.diagnose.detect import Card
+from bms_gateway.diagnose.experiment import Experiment
+from bms_gateway.report.diagnosis_text import Told
+from bms_gateway.report.html_evidence import evidence, summary
+from bms_gateway.report.html_ranking import detectability_table, experiment_table, ranking_table
+from bms_gateway.report.html_series import Shown, shown
+from bms_gateway.report.html_tables import parameters_table
+from bms_gateway.report.page import amount, items, paragraph, section, write_page
+
+VERDICTS = {
+    "adequate": "✓ Adequate",
+    "missing_effect": "Missing effect",
+    "undecidable": "Missing effect, not decidable which",
+    "unknown_effect": "Unknown effect",
+    "insufficient_data": "Insufficient data",
+}
+SEVERITIES = {"stop": "stop", "warn": "warning", "note": "note"}
+AS_IT_IS = "model as it is"
+Findings = Sequence[tuple[str, Finding]]
+Notes = Sequence[tuple[str, str]]
+
+
+def write_comparison(
+    path: Path,
+    comparison: Comparison,
+    *,
+    findings: Findings = (),
+    notes: Notes = (),
+    command: str = "",
+    title: str = "Model against measurement",
+) -> None:
+    """Write a comparison as a page.
+
+    Parameters
+    ----------
+    path : Path
+    comparison : Comparison
+        Shown as filed and refitted.
+    findings : sequence of (source, Finding)
+    notes : sequence of (source, str)
+    command : str
+        Command line that makes the page again.
+    title : str
+
+    Raises
+    ------
+    MissingExtraError
+        No plotly.
+    UsageError
+        The file cannot be written.
+    """
+    filed, now = comparison.filed, comparison.refitted
+    models = [_variant("as filed", filed), _variant("refitted", now)]
+    head = f'<p class="verdict">{escape(filed.findings[0])}</p>' + summary(models)
+    said = [
+        "<h3>The model as filed</h3>",
+        items(filed.findings),
+        "<h3>Refitted to these data</h3>",
+        items(now.findings),
+    ]
+    sections = [
+        section("where", "Where, when and in which regime it fails", *said),
+        *evidence(models, now.core_checks),
+        section("parameters", "Parameters, refitted", parameters_table(now.fit)),
+        *_aside(findings, notes, comparison.sources, command),
+    ]
+    write_page(path, title, head, sections)
+
+
+def write_diagnosis(
+    path: Path,
+    told: Told,
+    *,
+    comparison: Comparison | None = None,
+    experiment: Experiment | None = None,
+    card: Card | None = None,
+    command: str = "",
+    title: str = "Which effect is the model missing?",
+) -> None:
+    """Write a diagnosis as a page.
+
+    Parameters
+    ----------
+    path : Path
+    told : Told
+        With what the terminal shows; without a diagnosis the page says what the data lack.
+    comparison : Comparison, optional
+        Of the same records: adds in words where the model fails, and thermocouples in cores.
+    experiment : Experiment, optional
+        Adds all tests with what they can be expected to bring.
+    card : Card, optional
+        Adds the smallest size of each effect that these data could show.
+    command : str
+        Command line that makes the page again.
+    title : str
+
+    Raises
+    ------
+    MissingExtraError
+        No plotly.
+    UsageError
+        The file cannot be written.
+    """
+    d = told.diagnosis
+    verdict = d.verdict if d else "insufficient_data"
+    tag = VERDICTS[verdict] + (", and something unknown remains" if d and d.unknown_remains and d.selected else "")
+    head = f'<p><span class="tag {verdict}">{escape(tag)}</span></p><p class="verdict">{escape(told.sentence)}</p>'
+    sections: list[str] = []
+    if d is not None:
+        models = [shown(AS_IT_IS, d.search.baseline)]
+        if d.selected:
+            models.append(shown("with " + " and ".join(s.candidate.key for s in d.selected), d.search.final))
+        head += summary(models)
+        tied = [t for s in d.selected for t in s.tied_with]
+        sections = [
+            section("missing", "What is missing", _effects([s.candidate for s in d.selected], tied)),
+            section("where", "Where the model fails", items(comparison.refitted.findings) if comparison else ""),
+            *evidence(models, comparison.refitted.core_checks if comparison else ()),
+            section("ranking", "What it could be, ranked", ranking_table(d)),
+            section("parameters", f"Parameters, {models[-1].name}", parameters_table(models[-1].fit)),
+        ]
+    following = paragraph(told.next_experiment) if told.next_experiment else ""
+    sections += [
+        section("absorbed", "What a parameter absorbs", items(told.absorbed)),
+        section("next", "What to measure next", following, experiment_table(experiment) if experiment else ""),
+        section(
+            "card", "What these data could show at all", items(told.card), detectability_table(card) if card else ""
+        ),
+        *_aside(told.findings, told.notes, told.sources, command),
+    ]
+    write_page(path, title, head, sections)
+
+
+def write_addition(
+    path: Path,
+    addition: Addition,
+    sources: Sequence[str],
+    *,
+    findings: Findings = (),
+    notes: Notes = (),
+    command: str = "",
+    title: str = "Model with an effect added",
+) -> None:
+    """Write what an added effect did as a page.
+
+    Parameters
+    ----------
+    path : Path
+    addition : Addition
+    sources : sequence of str
+        Names of the records.
+    findings : sequence of (source, Finding)
+    notes : sequence of (source, str)
+    command : str
+        Command line that makes the page again.
+    title : str
+
+    Raises
+    ------
+    MissingExtraError
+        No plotly.
+    UsageError
+        The file cannot be written.
+    """
+    names = " and ".join(c.key for c in addition.added)
+    models = [shown(AS_IT_IS, addition.before), shown(f"with {names}", addition.after)]
+    held = [m.levels[1] for m in models]
+    sentence = f"With {names} the held-out error goes from {amount(held[0].rmse_K)} to {amount(held[1].rmse_K)} K; "
+    sentence += f"noise alone leaves {amount(held[1].floor_K)} K."
+    against = [f"The measurements speak against it: {addition.refused}."] if addition.refused else []
+    said = [*against, *([addition.remark] if addition.remark else [])]
+    sections = [
+        section("missing", "What was added", _effects(addition.added, ()), items(said)),
+        *evidence(models),
+        section("parameters", f"Parameters, {models[-1].name}", parameters_table(addition.after)),
+        *_aside(findings, notes, sources, command),
+    ]
+    write_page(path, title, f'<p class="verdict">{escape(sentence)}</p>' + summary(models), sections)
+
+
+def _variant(name: str, v: Variant) -> Shown:
+    return Shown(name, v.fit, v.sensors, v.cores)
+
+
+def _effects(added: Sequence[Candidate], tied: Sequence[str]) -> str:
+    """Say what effects are and how they show."""
+    parts = []
+    for c in added:
+        parts.append(f"<h3>{escape(c.key)}: {escape(c.effect.title)}</h3><pre>{escape(c.effect.equation)}</pre>")
+        parts.append(paragraph(f"How it shows: {c.effect.signature}."))
+    if tied:
+        parts.append(paragraph(f"These data cannot tell it from {', '.join(dict.fromkeys(tied))}."))
+    return "\n".join(parts)
+
+
+def _aside(findings: Findings, notes: Notes, sources: Sequence[str], command: str) -> list[str]:
+    """Say what the data look like, and how the page was made."""
+    several = len(sources) > 1
+    checks = [(f"{s}: " if several else "") + f"{SEVERITIES[f.severity]}: {f.sentence}" for s, f in findings]
+    read = [(f"{s}: " if several else "") + text for s, text in notes]
+    made = f"<pre>{escape(command)}</pre>" if command else ""
+    return [
+        section("checks", "Direct checks of the data", items(checks)),
+        section("notes", "How the data were read", items(read)),
+        section("again", "From which data, and how to make this page again", items(sources), made),
+    ]

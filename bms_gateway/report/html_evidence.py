@@ -1,0 +1,116 @@
+"""What every report shows of models against readings: the cards on top, errors, overlays, regimes, cores."""
+
+from collections.abc import Sequence
+from html import escape
+
+from bms_gateway.diagnose.compare import CoreCheck
+from bms_gateway.report.html_figures import cores, drive, overlay
+from bms_gateway.report.html_series import Shown, clock, points_each, traces_of
+from bms_gateway.report.html_tables import cores_table, errors_table, heat_map, thermocouples_table, unlearnt
+from bms_gateway.report.page import Card, amount, cards, figure, section
+
+
+MANY = 6
+"""Overlays on a page up to which they are drawn large."""
+
+
+def _sample(shape: str) -> str:
+    return f'<svg width="34" height="12" aria-hidden="true">{shape}</svg>'
+
+
+KEY = (
+    _sample('<rect width="34" height="12" fill="#ececec"/>') + "held out: never fitted to",
+    _sample('<path d="M0 2H34M0 10H34" stroke="#777" stroke-dasharray="1 3"/>') + "± 2 σ of the sensor",
+    _sample('<path d="M0 6H34" stroke="#777" stroke-width=".8"/>') + "reading minus model",
+    _sample('<path d="M0 6H34" stroke="#777" stroke-width="3"/>') + "its mean over a minute",
+)
+"""What the legends of the overlays do not say."""
+
+
+def summary(models: Sequence[Shown]) -> str:
+    """Four numbers: errors against the noise, fitted and held out; the core; what cannot be known."""
+    found = []
+    for i, title in enumerate(("Error where fitted", "Error on held-out blocks")):
+        both = [m.levels[i] for m in models]
+        last = both[-1]
+        line = f"noise alone {amount(last.floor_K)} K; {amount(last.ratio, 2)} × the noise"
+        found.append(Card(title, _arrow([x.rmse_K for x in both]), line))
+    half = [m.worst_core for m in models]
+    found.append(Card("Core, 95 % band", "±" + _arrow([h[0] for h in half], 2), f"cell {half[-1][1]}, at its worst"))
+    lost = unlearnt(models[-1].fit)
+    line = "stays where it was known before" if lost else "the data tell every free parameter"
+    found.append(Card("Not identifiable", ", ".join(lost) or "nothing", line))
+    return cards(found)
+
+
+def _arrow(values: Sequence[float], digits: int = 3) -> str:
+    return " → ".join(amount(v, digits) for v in values) + " K"
+
+
+def evidence(models: Sequence[Shown], checks: Sequence[CoreCheck] = ()) -> list[str]:
+    """Give the sections that show models against readings.
+
+    Parameters
+    ----------
+    models : sequence of Shown
+        One, or before and after; of the same records.
+    checks : sequence of CoreCheck
+        Thermocouples in cores, which no fit has seen.
+    """
+    key = '<ul class="key">' + "".join(f"<li>{t}</li>" for t in KEY) + "</ul>"
+    return [
+        section("errors", "Errors", errors_table(models)),
+        section("overlay", "Measured and modelled", key, *_overlays(models)),
+        section("regimes", "In which regime", heat_map(models)),
+        section(
+            "core",
+            "Core temperature",
+            cores_table(models),
+            thermocouples_table(models, checks),
+            *_cores(models, checks),
+        ),
+    ]
+
+
+def _overlays(models: Sequence[Shown]) -> list[str]:
+    fits = [m.fit for m in models]
+    names = [m.name for m in models]
+    traces = traces_of(fits)
+    points = points_each(len(traces) * (1 + 2 * len(fits)))
+    found = []
+    height = 360 if len(traces) <= MANY else 290
+    for r, m in enumerate(fits[0].problem.records):
+        mine = [t for t in traces if t.record == r]
+        time = clock(max(float(t.time_s.max()) for t in mine))
+        if len(fits[0].problem.records) > 1:
+            found.append(f"<h3>Record {r + 1}: {escape(m.source)}</h3>")
+        for t in mine:
+            caption = f"Cell {t.cell}."
+            if len(t.time_s) > points:
+                caption += f" Of {len(t.time_s)} readings the least and the greatest of each stretch are drawn."
+            told = f"Surface temperature of cell {t.cell}, measured and modelled, over time; below it the residual"
+            spec = overlay(t, names, m, time, points, height)
+            found.append(figure(f"overlay-{r + 1}-{t.cell}", spec, caption, described=told, time=r))
+        told = "Current, coolant inlet and what else is known of the drive, over time"
+        spec = drive(m, time, points)
+        caption = "What drove the string. All figures of one record zoom together; a double click shows all again."
+        found.append(figure(f"drive-{r + 1}", spec, caption, described=told, time=r))
+    return found
+
+
+def _cores(models: Sequence[Shown], checks: Sequence[CoreCheck]) -> list[str]:
+    names = [m.name for m in models]
+    found = []
+    for r, m in enumerate(models[0].fit.problem.records):
+        check = next((c for c in checks if c.record == r), None)
+        last = models[-1].cores[r]
+        hottest = int(last.T_c.max(axis=0).argmax()) + 1
+        cell = check.cell if check else hottest
+        time = clock(float(last.time_s.max()))
+        thermocouple = (check.time_s, check.measured) if check else None
+        spec = cores([x.cores[r] for x in models], names, cell, m, time, thermocouple)
+        caption = f"Core of cell {cell}{', the hottest,' if cell == hottest and last.T_c.shape[1] > 1 else ''} "
+        caption += "with its 95 % band."
+        told = f"Core temperature of cell {cell} over time with its 95 percent band"
+        found.append(figure(f"core-{r + 1}", spec, caption, described=told, time=r))
+    return found

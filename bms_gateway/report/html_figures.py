@@ -1,0 +1,202 @@
+"""Figures of the reports as specifications of plotly.
+
+Colours are of Okabe and Ito's set, which people with any common colour blindness can tell apart; line styles say the
+same once more, for print without colour.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from bms_gateway.diagnose.candidates import FLOW_MOVES
+from bms_gateway.diagnose.core_band import CoreBand
+from bms_gateway.diagnose.regimes import instants_of
+from bms_gateway.identify.problem import Measured
+from bms_gateway.report.html_series import BAND_SD, Clock, Trace, broken, envelope, held_out, numbers, smooth
+from bms_gateway.report.page import Figure
+from bms_gateway.thermal import Floats
+
+BLACK, BLUE, VERMILLION, GREEN, ORANGE, SKY, PURPLE = (
+    "#000000",
+    "#0072b2",
+    "#d55e00",
+    "#009e73",
+    "#e69f00",
+    "#56b4e9",
+    "#cc79a7",
+)
+MEASURED = "#4d4d4d"
+STYLES = ((VERMILLION, "dash"), (BLUE, "solid"))
+"""Colour and line style of the model before and after."""
+HELD = "rgba(0,0,0,0.075)"
+GRID = "#e3e3e3"
+
+
+def layout(height: int, m: Measured, clock: Clock, **more: Any) -> dict[str, Any]:
+    """Give what all figures over the time of a record have in common."""
+    t = instants_of(m)
+    x = axis(f"time, {clock.unit}", range=clock(t[[0, -1]]))
+    return {
+        "height": height,
+        "margin": {"l": 64, "r": 14, "t": 34, "b": 42},
+        "font": {"family": "system-ui, Segoe UI, Liberation Sans, Arial, sans-serif", "size": 12, "color": "#1a1a1a"},
+        "paper_bgcolor": "#ffffff",
+        "plot_bgcolor": "#ffffff",
+        "hovermode": "x",
+        "dragmode": "zoom",
+        "legend": {"orientation": "h", "x": 0, "y": 1.01, "xanchor": "left", "yanchor": "bottom"},
+        "xaxis": x,
+        **more,
+    }
+
+
+def axis(title: str, **more: Any) -> dict[str, Any]:
+    """Give one axis with a title and a grid."""
+    return {
+        "title": {"text": title, "standoff": 6},
+        "gridcolor": GRID,
+        "zeroline": False,
+        "linecolor": "#777777",
+        "showline": True,
+        "ticks": "outside",
+        "automargin": False,
+        **more,
+    }
+
+
+def line(x: list[float], y: list[float], name: str, color: str, **more: Any) -> dict[str, Any]:
+    """Give one line."""
+    style = {"color": color, "width": more.pop("width", 1.6), "dash": more.pop("dash", "solid")}
+    return {"type": "scatter", "mode": "lines", "x": x, "y": y, "name": name, "line": style, **more}
+
+
+def shaded(m: Measured, clock: Clock) -> list[dict[str, Any]]:
+    """Draw held-out stretches as grey ground."""
+    return [
+        {
+            "type": "rect",
+            "xref": "x",
+            "yref": "paper",
+            "x0": clock(np.array([a]))[0],
+            "x1": clock(np.array([b]))[0],
+            "y0": 0,
+            "y1": 1,
+            "fillcolor": HELD,
+            "line": {"width": 0},
+            "layer": "below",
+        }
+        for a, b in held_out(m)
+    ]
+
+
+def _level(y: float, axis_name: str) -> dict[str, Any]:
+    style = {"color": "#777777", "width": 1, "dash": "dot"}
+    place = {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "yref": axis_name, "y0": y, "y1": y}
+    return {**place, "line": style, "layer": "below"}
+
+
+def overlay(trace: Trace, names: Sequence[str], m: Measured, clock: Clock, points: int, height: int) -> Figure:
+    """Draw readings and models of one sensor, and below what the models leave over.
+
+    Parameters
+    ----------
+    trace : Trace
+    names : sequence of str
+        Of the models.
+    m : Measured
+        The trace's record.
+    clock : Clock
+    points : int
+        Most points per trace.
+    height : int, px
+    """
+
+    def thin(y: Floats, digits: int = 3) -> tuple[list[float], list[float]]:
+        t, few = broken(*envelope(trace.time_s, y, points), trace.breaks_s)
+        return clock(t), numbers(few, digits)
+
+    data = [line(*thin(trace.measured), "measured", MEASURED, width=1)]
+    for name, model, (color, dash) in zip(names, trace.models, STYLES, strict=False):
+        data.append(line(*thin(model), name, color, dash=dash, width=2, legendgroup=name))
+    small: dict[str, Any] = {"yaxis": "y2", "showlegend": False}
+    for name, model, (color, _) in zip(names, trace.models, STYLES, strict=False):
+        each = line(*thin(trace.measured - model), name, color, width=0.7, opacity=0.4, legendgroup=name, **small)
+        data.append({**each, "hoverinfo": "skip"})
+    for name, model, (color, dash) in zip(names, trace.models, STYLES, strict=False):
+        t, mean = broken(*smooth(trace.time_s, trace.measured - model, trace.breaks_s), trace.breaks_s)
+        data.append(line(clock(t), numbers(mean), name, color, dash=dash, width=2.4, legendgroup=name, **small))
+    band = [_level(s * 2.0 * trace.sigma_K, "y2") for s in (-1.0, 1.0)]
+    spec = layout(
+        height,
+        m,
+        clock,
+        yaxis=axis(f"cell {trace.cell}: surface, °C", domain=[0.47, 1.0]),
+        yaxis2=axis("residual, K", domain=[0.0, 0.41], zeroline=True, zerolinecolor="#777777"),
+        shapes=[*shaded(m, clock), *band],
+    )
+    spec["xaxis"]["anchor"] = "y2"
+    return {"data": data, "layout": spec}
+
+
+def drive(m: Measured, clock: Clock, points: int) -> Figure:
+    """Draw what drove the string: current, inlet, and of charge and flow what is known."""
+    u = m.drive
+    rows = [("current, A", u.I, BLACK), ("inlet, °C", u.T_in, BLUE)]
+    if "soc" in u.known:
+        rows.append(("charge, %", 100.0 * u.soc, GREEN))
+    if "flow" in u.known and float(np.ptp(u.flow)) > FLOW_MOVES:
+        rows.append(("flow, %", 100.0 * u.flow, PURPLE))
+    data, axes = [], {}
+    height = 1.0 / len(rows)
+    for i, (title, y, color) in enumerate(rows):
+        suffix = "" if i == 0 else str(i + 1)
+        t, few = envelope(3600.0 * u.hours, y, points)
+        data.append(line(clock(t), numbers(few), title, color, width=1.2, yaxis=f"y{suffix}", showlegend=False))
+        top = 1.0 - i * height
+        axes[f"yaxis{suffix}"] = axis(title, domain=[max(top - height + 0.05, 0.0), top], nticks=4)
+    spec = layout(72 + 92 * len(rows), m, clock, shapes=shaded(m, clock), **axes)
+    spec["xaxis"]["anchor"] = "y" if len(rows) == 1 else f"y{len(rows)}"
+    return {"data": data, "layout": spec}
+
+
+def cores(
+    bands: Sequence[CoreBand],
+    names: Sequence[str],
+    cell: int,
+    m: Measured,
+    clock: Clock,
+    thermocouple: tuple[Floats, Floats] | None = None,
+) -> Figure:
+    """Draw the core of one cell with its 95 % band, before and after, and a thermocouple in it where there is one."""
+    data: list[dict[str, Any]] = []
+    k = cell - 1
+    for band, name, (color, _) in zip(bands, names, STYLES, strict=False):
+        half = BAND_SD * band.total_K[:, k]
+        t = clock(band.time_s)
+        low, high = numbers(band.T_c[:, k] - half), numbers(band.T_c[:, k] + half)
+        edge = {"mode": "lines", "line": {"width": 0}, "hoverinfo": "skip", "showlegend": False, "legendgroup": name}
+        data.append({"type": "scatter", "x": t, "y": low, "name": name, **edge})
+        fill = {"fill": "tonexty", "fillcolor": faint(color)}
+        data.append({"type": "scatter", "x": t, "y": high, "name": name, **fill, **edge})
+    for band, name, (color, dash) in zip(bands, names, STYLES, strict=False):
+        data.append(
+            line(clock(band.time_s), numbers(band.T_c[:, k]), name, color, dash=dash, width=2, legendgroup=name)
+        )
+    if thermocouple is not None:
+        t_s, y = envelope(*thermocouple, 2000)
+        data.append(line(clock(t_s), numbers(y), "thermocouple in the core", BLACK, width=1.3, dash="dot"))
+    spec = layout(290, m, clock, yaxis=axis(f"cell {cell}: core, °C"), shapes=shaded(m, clock))
+    return {"data": data, "layout": spec}
+
+
+def faint(color: str, share: float = 0.16) -> str:
+    """Return the colour as a see-through fill.
+
+    Examples
+    --------
+    >>> faint("#0072b2")
+    'rgba(0,114,178,0.16)'
+    """
+    r, g, b = (int(color[i : i + 2], 16) for i in (1, 3, 5))
+    return f"rgba({r},{g},{b},{share:g})"

@@ -1,0 +1,144 @@
+"""Tables of a diagnosis: the ranking with its bars, what to measure next, what the data could show at all."""
+
+from collections.abc import Mapping, Sequence
+from html import escape
+
+import numpy as np
+
+from bms_gateway.diagnose.detect import Card, Detectable
+from bms_gateway.diagnose.diagnosis import Diagnosis, Number, Ranked
+from bms_gateway.diagnose.experiment import ENOUGH_ODDS, Experiment
+from bms_gateway.report.diagnosis_text import placed, with_sd
+from bms_gateway.report.html_tables import unit
+from bms_gateway.report.page import amount, table
+from bms_gateway.thermal.effects import effect_named
+
+TESTS_SHOWN = 6
+BAR = 190
+"""Width of the evidence bars, px."""
+NAMED_AT = 3.0
+"""Log-odds that an effect needs: 20 to 1."""
+HATCH = (
+    '<svg width="0" height="0" aria-hidden="true" style="position:absolute"><defs><pattern id="hatch" width="6" '
+    'height="6" patternUnits="userSpaceOnUse" patternTransform="rotate(45)"><rect width="6" height="6" fill="#fff"/>'
+    '<rect width="2.4" height="6" fill="#777"/></pattern></defs></svg>'
+)
+
+
+def ranking_table(d: Diagnosis) -> str:
+    """Give the ranking with evidence bars; what is chosen and tied stands out, what is refused is hatched."""
+    if not d.ranking:
+        return ""
+    chosen = {s.candidate.key for s in d.selected}
+    tied = {t for s in d.selected for t in s.tied_with}
+    top = max(max((r.evidence for r in d.ranking if np.isfinite(r.evidence)), default=0.0), 10.0)
+    rows = []
+    for r in d.ranking:
+        key = placed(r.effect, r.cell)
+        kind = "chosen" if key in chosen else "tied" if r.effect in tied else ""
+        mark = {"chosen": "named", "tied": "cannot be told apart from it"}.get(kind, "")
+        told = f'<span class="muted">refused: {escape(r.refused)}</span>' if r.refused else mark
+        title = escape(effect_named(r.effect).title)
+        cells = [
+            f'{escape(key)}<br><span class="muted">{title}</span>',
+            _bar(r, top, kind),
+            f"{r.evidence:.1f}".replace("-", "−"),
+            f"{100 * r.share:.0f} %" if r.share >= 0.005 else "< 1 %",
+            amount(r.heldout_rmse_K),
+        ]
+        columns = "".join(f'<td class="n">{c}</td>' for c in cells[2:])
+        row = f'<th scope="row">{cells[0]}</th><td>{cells[1]}</td>{columns}'
+        rows.append(f'<tr class="{kind}">{row}<td class="numbers">{_numbers(r.parameters)}</td><td>{told}</td></tr>')
+    heads = ["log-odds", "prob.", "held-out, K"]
+    head = "".join(f'<th scope="col" class="n">{h}</th>' for h in heads)
+    note = (
+        "Evidence: log-odds against nothing missing; an effect needs 3, which is 20 to 1 (dashed line, where the scale "
+        "shows it). Hatched: refused, with the reason. Probability: of the effect among all. Light blue ground: cannot "
+        "be told from the one that is named."
+    )
+    return (
+        f'{HATCH}<table class="ranking"><caption>{escape(note)}</caption><thead><tr><th scope="col">effect</th>'
+        f'<th scope="col">evidence{_scale(top)}</th>{head}<th scope="col">its numbers</th><th scope="col"></th></tr>'
+        "</thead><tbody>\n" + "\n".join(rows) + "\n</tbody></table>"
+    )
+
+
+def _numbers(numbers: Mapping[str, Number]) -> str:
+    return "<br>".join(
+        escape(f"{n} = {with_sd(x.value, x.sd)} {unit(x.unit)}").replace("-", "−") for n, x in numbers.items()
+    )
+
+
+def _place(evidence: float, top: float) -> float:
+    return BAR * float(np.clip(evidence / top, 0.0, 1.0))
+
+
+def _bar(r: Ranked, top: float, kind: str) -> str:
+    width = max(_place(r.evidence, top) if np.isfinite(r.evidence) else 0.0, 1.5)
+    fill = "url(#hatch)" if r.refused else "#0072b2" if kind == "chosen" else "#56b4e9" if kind == "tied" else "#999"
+    edge = "#777" if r.refused else "#333"
+    at = _place(NAMED_AT, top)
+    limit = f'<line x1="{at:.1f}" x2="{at:.1f}" y1="0" y2="18" stroke="#000" stroke-dasharray="2 2"/>' if at > 4 else ""
+    told = f"log-odds {r.evidence:.1f}" + (", refused" if r.refused else "")
+    return (
+        f'<svg width="{BAR + 2}" height="18" role="img" aria-label="{told}"><rect x="0.5" y="2.5" width="{width:.1f}" '
+        f'height="13" fill="{fill}" stroke="{edge}"/>{limit}</svg>'
+    )
+
+
+def _scale(top: float) -> str:
+    step = 10.0 ** np.floor(np.log10(top))
+    step = next(s for s in (step / 2, step, 2 * step, 5 * step) if top / s <= 4.0 + 1e-9)
+    marks = np.arange(0.0, top + 1e-9, step)
+    texts = "".join(
+        f'<text x="{_place(t, top):.1f}" y="11" text-anchor="{_anchor(_place(t, top))}">{t:g}</text>'
+        for t in marks.tolist()
+    )
+    return f'<svg width="{BAR + 2}" height="14" font-size="10" font-weight="400" aria-hidden="true">{texts}</svg>'
+
+
+def _anchor(place: float) -> str:
+    return "start" if place < 4.0 else "end" if place > BAR - 14.0 else "middle"
+
+
+def experiment_table(e: Experiment) -> str:
+    """List tests with the log-odds that they can be expected to bring, pair by pair."""
+    parts = []
+    for p in e.partings:
+        rows = []
+        for t in p.tests[:TESTS_SHOWN]:
+            enough = "decides" if t.log_odds >= ENOUGH_ODDS else ""
+            rows.append([escape(t.plan.instruction), f"{t.plan.minutes:.0f}", amount(t.log_odds), enough])
+        note = f"To tell {p.one} from {p.other}: expected log-odds of each test; {ENOUGH_ODDS:g} decide, 20 to 1."
+        parts.append(table(["test", "min", "expected log-odds", ""], rows, words=(0, 3), caption=note))
+        if p is not e.partings[0] or p.sensor is not None:
+            parts.append(f"<p>{escape(p.sentence)}</p>")
+    return "\n".join(parts)
+
+
+def detectability_table(card: Card) -> str:
+    """Smallest size of each effect that the data could show; effects of many places in one row."""
+    rows = []
+    for name in dict.fromkeys(d.effect for d in card.effects):
+        mine = [d for d in card.effects if d.effect == name]
+        seen = [d for d in mine if d.visible]
+        first = mine[0]
+        low, high = min(d.smallest for d in mine), max(d.smallest for d in mine)
+        size = amount(low, 2) if np.isfinite(low) else "none"
+        if np.isfinite(low) and high > 1.05 * low:
+            size += f" … {amount(high, 2) if np.isfinite(high) else 'none'}"
+        usual, u = f"{amount(first.typical, 2)}", unit(first.unit)
+        rows.append([escape(name), escape(first.parameter), size, usual, u, _visible(mine, seen)])
+    note = (
+        "Smallest size that these data would show with log-odds of 3, and the size that the catalogue counts as usual; "
+        "over the cells where an effect can sit on one, from the best to the worst place."
+    )
+    return table(["effect", "number", "smallest shown", "usual", "unit", ""], rows, words=(0, 1, 4, 5), caption=note)
+
+
+def _visible(mine: Sequence[Detectable], seen: Sequence[Detectable]) -> str:
+    if not seen:
+        return '<span class="alarm">not at a usual size</span>'
+    if len(seen) == len(mine):
+        return "visible"
+    return f"visible at cell {', '.join(str(d.cell) for d in seen)} only"

@@ -1,0 +1,188 @@
+"""Long series as a page can carry them: few points that hide nothing, gaps left open, time in a unit people read."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bms_gateway.diagnose.core_band import CoreBand, core_bands
+from bms_gateway.diagnose.misfit import Level, Sensor, level, nearest, sensors
+from bms_gateway.diagnose.regimes import instants_of, seconds_of
+from bms_gateway.identify.map_fit import MapFit, stacked
+from bms_gateway.identify.problem import Measured
+from bms_gateway.thermal import Floats
+
+MOST_POINTS = 4000
+"""Per trace: more than a screen has columns."""
+ALL_POINTS = 60_000
+"""Of the readings' traces of a page together, three quarters of a megabyte: a dozen sensors get fewer points each."""
+SMOOTH_S = 60.0
+"""Time over which a residual is averaged for the eye: core and surface exchange heat in tens of seconds."""
+BAND_SD = 1.96
+"""Half width of a 95 % band."""
+HOURS_FROM_S = 3.0 * 3600.0
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """One model as a page shows it.
+
+    Attributes
+    ----------
+    name : str
+        In legends and headings.
+    fit : MapFit
+    sensors : tuple of Sensor
+    cores : tuple of CoreBand, one per record
+    """
+
+    name: str
+    fit: MapFit
+    sensors: tuple[Sensor, ...]
+    cores: tuple[CoreBand, ...]
+
+    @property
+    def levels(self) -> tuple[Level, Level]:
+        """Errors of all sensors together: readings fitted to, readings held out."""
+        y, sigma, _, _, used = stacked(self.fit.problem)
+        return level(y - self.fit.y, sigma, used), level(y - self.fit.y, sigma, ~used)
+
+    @property
+    def worst_core(self) -> tuple[float, int]:
+        """Widest 95 % half width of a core, K, and its cell."""
+        half = np.max(np.stack([BAND_SD * b.total_K.max(axis=0) for b in self.cores]), axis=0)
+        return float(half.max()), int(np.argmax(half)) + 1
+
+
+def shown(name: str, fit: MapFit) -> Shown:
+    """Look at a fit as a page shows it."""
+    found = sensors(fit)
+    return Shown(name, fit, found, core_bands(fit, nearest(found, fit.problem.model.cells)))
+
+
+@dataclass(frozen=True, slots=True)
+class Trace:
+    """One thermocouple of one record and what the models make of it.
+
+    Attributes
+    ----------
+    record, cell : int
+        Cell from 1.
+    time_s : ndarray (K,), s since the record began
+    measured : ndarray (K,), °C
+    models : tuple of ndarray (K,), °C
+        Before and, where there is one, after.
+    sigma_K : float
+        Noise and rounding of one reading.
+    breaks_s : tuple of float
+        Where a stretch with a start of its own begins.
+    """
+
+    record: int
+    cell: int
+    time_s: Floats
+    measured: Floats
+    models: tuple[Floats, ...]
+    sigma_K: float
+    breaks_s: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """Unit of a time axis: seconds per unit, and its name."""
+
+    seconds: float
+    unit: str
+
+    def __call__(self, t: Floats) -> list[float]:
+        """Give times as the axis shows them, to a twentieth of a second or better."""
+        return [round(x, 4) for x in (np.asarray(t) / self.seconds).tolist()]
+
+
+def clock(longest_s: float) -> Clock:
+    """Choose minutes or hours."""
+    return Clock(60.0, "min") if longest_s < HOURS_FROM_S else Clock(3600.0, "h")
+
+
+def traces_of(fits: Sequence[MapFit]) -> list[Trace]:
+    """Give readings beside the models of several fits of the same records."""
+    found, first = [], 0
+    _, sigma, _, _, _ = stacked(fits[0].problem)
+    for r, m in enumerate(fits[0].problem.records):
+        part = slice(first, first + len(m.y))
+        first += len(m.y)
+        t, starts = seconds_of(m), _breaks(m)
+        for j, (_, cell) in enumerate(m.channels):
+            mine = m.channel == j
+            if not mine.any():
+                continue
+            models = tuple(f.y[part][mine] for f in fits)
+            found.append(Trace(r, cell, t[mine], m.y[mine], models, float(sigma[part][mine][0]), starts))
+    return found
+
+
+def held_out(m: Measured) -> list[tuple[float, float]]:
+    """Find stretches of time, s since the record began, whose readings were never fitted to."""
+    order = np.argsort(seconds_of(m), kind="stable")
+    t, held = seconds_of(m)[order], ~m.used[order]
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], held.astype(np.int8), [0]])))
+    return [(float(t[a]), float(t[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def envelope(t: Floats, y: Floats, most: int) -> tuple[Floats, Floats]:
+    """Thin a series to at most `most` points without hiding an excursion.
+
+    Parameters
+    ----------
+    t, y : ndarray (K,)
+        Without NaN.
+    most : int
+        At least 2.
+
+    Returns
+    -------
+    t, y : ndarray (≤ most,)
+        The series itself where it is short, else least and greatest value of each of `most`/2 stretches of equal
+        length, where they occurred.
+    """
+    n = len(y)
+    if n <= most:
+        return t, y
+    edges = np.linspace(0, n, most // 2 + 1).astype(np.intp)
+    rows = []
+    for a, b in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+        low, high = a + int(np.argmin(y[a:b])), a + int(np.argmax(y[a:b]))
+        rows += sorted({low, high})
+    return t[rows], y[rows]
+
+
+def smooth(t: Floats, y: Floats, breaks_s: Sequence[float], width_s: float = SMOOTH_S) -> tuple[Floats, Floats]:
+    """Average a series over stretches of time, at their mean times."""
+    segment = np.searchsorted(np.asarray(breaks_s), t, side="right")
+    at = np.floor(t / width_s).astype(np.int64) + segment * (int(t.max() / width_s) + 2)
+    _, index, count = np.unique(at, return_inverse=True, return_counts=True)
+    return np.bincount(index, t) / count, np.bincount(index, y) / count
+
+
+def broken(t: Floats, y: Floats, breaks_s: Sequence[float]) -> tuple[Floats, Floats]:
+    """Open a line where a gap parts it: a point without a value stands in each."""
+    at = np.searchsorted(t, np.asarray(breaks_s))
+    inside = (at > 0) & (at < len(t))
+    return np.insert(t, at[inside], np.asarray(breaks_s)[inside]), np.insert(y, at[inside], np.nan)
+
+
+def points_each(traces: int) -> int:
+    """Say how many points a trace of a page may have."""
+    return int(np.clip(ALL_POINTS // max(traces, 1), 400, MOST_POINTS))
+
+
+def numbers(y: NDArray[np.float64], digits: int = 3) -> list[float]:
+    """Give plain numbers to so many decimals."""
+    return [float(x) for x in np.round(y, digits).tolist()]
+
+
+def _breaks(m: Measured) -> tuple[float, ...]:
+    t = instants_of(m)
+    first = np.cumsum([len(s) + 1 for s in m.spans])[:-1]
+    return tuple(float(x) for x in t[first])

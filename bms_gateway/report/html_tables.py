@@ -1,0 +1,243 @@
+"""Tables of the reports on one or two models: errors, cores, parameters, regimes as a heat map."""
+
+from collections.abc import Mapping, Sequence
+from html import escape
+
+import numpy as np
+
+from bms_gateway.diagnose.compare import CoreCheck
+from bms_gateway.diagnose.core_band import at_times
+from bms_gateway.diagnose.detect import FIRM, LEARNT
+from bms_gateway.diagnose.misfit import Level, Sensor
+from bms_gateway.diagnose.regimes import Bin, Regime
+from bms_gateway.identify.map_fit import MapFit
+from bms_gateway.identify.problem import Coordinate
+from bms_gateway.report.diagnosis_text import with_sd
+from bms_gateway.report.html_series import BAND_SD, Shown
+from bms_gateway.report.page import amount, grouped, table
+from bms_gateway.thermal import KINDS
+from bms_gateway.thermal.effects import effect_named
+
+UNITS = {"mOhm": "mΩ", "Ohm": "Ω", "degC": "°C", "1": ""}
+FEATURES_SHOWN = 6
+BESIDE = 6
+"""Columns up to which two heat maps stand side by side."""
+
+
+def unit(name: str) -> str:
+    """Write a unit as people do."""
+    return UNITS.get(name, name)
+
+
+def errors_table(models: Sequence[Shown]) -> str:
+    """Errors per sensor, each model's columns side by side."""
+    columns = ("fitted, K", "held-out, K", "structured, K", "z")
+    groups = [("", ["surface", "noise, K"]), *((m.name, columns) for m in models)]
+    rows = []
+    for j, s in enumerate(models[0].sensors):
+        row = [f"cell {s.cell}", amount(s.trained.floor_K)]
+        for m in models:
+            row += _levels(m.sensors[j].trained, m.sensors[j].held)
+            row += [amount(m.sensors[j].structured_K), f"{m.sensors[j].z:.1f}".replace("-", "−")]
+        rows.append(row)
+    if len(rows) > 1:
+        row = ["all", amount(models[0].levels[0].floor_K)]
+        for m in models:
+            row += [*_levels(*m.levels), "", ""]
+        rows.append(row)
+    note = (
+        "Root mean squares of reading minus model. Noise: what sensor noise and rounding alone leave. Held-out: blocks "
+        "that were never fitted to. Structured: the part that is alike from reading to reading; above z = 6 it is no "
+        "chance."
+    )
+    return grouped(groups, rows, caption=note)
+
+
+def _levels(trained: Level, held: Level) -> list[str]:
+    def one(x: Level) -> str:
+        text = amount(x.rmse_K)
+        return f'<span class="alarm">{text}</span>' if x.rmse_K > 1.2 * x.floor_K else text
+
+    return [one(trained), one(held)]
+
+
+def cores_table(models: Sequence[Shown]) -> str:
+    """Hottest core of each cell with its 95 % band."""
+    several = len(models[0].cores) > 1
+    columns = ("hottest, °C", "± 95 % there, K", "± 95 % at worst, K")
+    groups = [("", ["core"]), *((m.name, columns) for m in models)]
+    rows = []
+    for r, band in enumerate(models[0].cores):
+        for k in range(band.T_c.shape[1]):
+            row = [f"cell {k + 1}" + (f", record {r + 1}" if several else "")]
+            for m in models:
+                b = m.cores[r]
+                at = int(np.argmax(b.T_c[:, k]))
+                half = BAND_SD * b.total_K[:, k]
+                row += [f"{b.T_c[at, k]:.2f}", amount(half[at], 2), amount(half.max(), 2)]
+            rows.append(row)
+    return grouped(groups, rows)
+
+
+def thermocouples_table(models: Sequence[Shown], checks: Sequence[CoreCheck]) -> str:
+    """Models against thermocouples in cores, which no fit has seen."""
+    if not checks:
+        return ""
+    groups = [("", ["core thermocouple"]), *((m.name, ("RMSE, K", "mean, K", "inside 95 %")) for m in models)]
+    rows = []
+    for c in checks:
+        row = [f"cell {c.cell}" + (f", record {c.record + 1}" if len(models[0].cores) > 1 else "")]
+        for m in models:
+            T_c, sd = at_times(m.cores[c.record], c.cell, c.time_s)
+            error = c.measured - T_c
+            inside = np.mean(np.abs(error) <= BAND_SD * np.maximum(sd, 1e-9))
+            row += [amount(float(np.sqrt(np.mean(error**2)))), amount(float(np.mean(error))), f"{100 * inside:.0f} %"]
+        rows.append(row)
+    return grouped(groups, rows, caption="Mean: thermocouple minus model. It was never fitted to.")
+
+
+def unlearnt(fit: MapFit) -> list[str]:
+    """Names of the numbers that the records left about where their prior had them."""
+    return [c.name for c, _, sd in _free(fit) if sd > LEARNT * c.sd and not _start(c) and not _firm(c)]
+
+
+def parameters_table(fit: MapFit) -> str:
+    """Numbers of a fit with sd, prior, limits, and what is to be thought of them."""
+    rows = []
+    for c, z, sd in _free(fit):
+        if _start(c):
+            continue
+        name, _, record = c.name.partition("@")
+        if c.effect is None:
+            kind, prior = KINDS[name], np.asarray(fit.problem.model.priors[name].value)
+            of = float(prior.mean()) / kind.to_si
+            value, spread = of * np.exp(z), of * np.exp(z) * sd
+            before, limits = f"{amount(of)} ± {100 * c.sd:.0f} %", (of * np.exp(c.lower), of * np.exp(c.upper))
+            u, what = unit(kind.unit), kind.description
+        else:
+            p = effect_named(c.effect.partition(":")[0]).parameter(c.name.removeprefix(c.effect + "."))
+            log = np.exp if p.log else (lambda x: x)
+            value, spread = log(z) / p.to_si, (log(z) if p.log else 1.0) * sd / p.to_si
+            middle = log(c.prior) / p.to_si
+            before = f"{amount(middle)} ± " + (f"{100 * c.sd:.0f} %" if p.log else amount(c.sd / p.to_si))
+            limits = (log(c.lower) / p.to_si, log(c.upper) / p.to_si)
+            u, what = unit(p.unit), f"{c.effect}: {p.description}"
+        told = "at its limit: not believed" if fit.at_bound(c.name) else ""
+        if not told and sd <= LEARNT * c.sd:
+            state = "identified"
+        elif not told and _firm(c):
+            state = "known beforehand"
+        else:
+            state = f'<span class="alarm">{told or "not identifiable"}</span>'
+        which = f" (record {record})" if record else ""
+        label = f"{escape(name)} <span class='muted'>{escape(what)}{which}</span>"
+        rows.append(
+            [
+                label,
+                with_sd(float(value), float(spread)).replace("-", "−"),
+                u,
+                before,
+                f"{amount(limits[0])} … {amount(limits[1])}",
+                state,
+            ]
+        )
+    return table(["number", "value ± sd", "unit", "known before", "limits", "state"], rows, words=(0, 2, 5))
+
+
+def _free(fit: MapFit) -> list[tuple[Coordinate, float, float]]:
+    sd = np.sqrt(np.diag(fit.covariance))
+    return [(c, float(z), float(s)) for c, z, s in zip(fit.problem.coordinates, fit.theta, sd, strict=True)]
+
+
+def _firm(c: Coordinate) -> bool:
+    """Whether the model file knows a parameter so well that a record need not tell it."""
+    return c.effect is None and c.sd <= FIRM
+
+
+def _start(c: Coordinate) -> bool:
+    return c.effect is None and c.name.startswith(("T_c0", "T_s0"))
+
+
+def heat_map(models: Sequence[Shown]) -> str:
+    """Mean error by regime, feature by feature, one column per sensor and model."""
+    always, *others = _features(models)
+    first = models[0].sensors
+    grid = {f: [_bins(m.sensors[j], f) for j in range(len(first)) for m in models] for f in (always, *others)}
+    largest = max((abs(b.mean_K) for row in grid.values() for bins in row for b in bins), default=0.0)
+    largest = max(largest, first[0].trained.floor_K)
+    note = (
+        "Mean of reading minus model, K. Orange, +: the cell reads more than the model; blue, −: less. Bold: no chance."
+    )
+    note += f" Before and after: {' and '.join(m.name for m in models)}." if len(models) > 1 else ""
+    half = -(-len(others) // 2) if len(first) * len(models) <= BESIDE else len(others)
+    parts = [part for part in ([always, *others[:half]], others[half:]) if part]
+    tables = [_heat_table(models, part, grid, largest) for part in parts]
+    return f'<p class="muted">{escape(note)}</p><div class="beside">{"".join(tables)}</div>'
+
+
+def _heat_table(
+    models: Sequence[Shown], features: Sequence[str], grid: Mapping[str, list[tuple[Bin, ...]]], largest: float
+) -> str:
+    cells = [s.cell for s in models[0].sensors]
+    over = "".join(f'<th scope="colgroup" class="first" colspan="{len(models)}">cell {k}</th>' for k in cells)
+    words = ("before", "after") if len(models) > 1 else ("error",)
+    under = "".join(f'<th scope="col"{_first(i)}>{w}</th>' for _ in cells for i, w in enumerate(words))
+    wide = 1 + len(cells) * len(models)
+    body = []
+    for f in features:
+        row = grid[f]
+        regime = next(r for r in models[0].sensors[0].regimes if r.feature == f)
+        if f != "always":
+            title = escape(f"{regime.title}, {unit(regime.unit)}")
+            body.append(f'<tr><th class="group" scope="rowgroup" colspan="{wide}">{title}</th></tr>')
+        # surfaces are sorted each by its own, and what a cell remembers depends on the model
+        shared = len({tuple(b.label for b in bins) for bins in row if bins}) == 1
+        for i in range(max(len(bins) for bins in row)):
+            same = [bins[i] for bins in row if i < len(bins)]
+            columns = "".join(_heat(bins, i, largest, _first(n % len(models))) for n, bins in enumerate(row))
+            label = same[0].label if shared else _between(same, regime)
+            body.append(f'<tr><th scope="row">{escape(label)}</th>{columns}</tr>')
+    return (
+        f'<table class="heat"><thead><tr><th rowspan="2" scope="col">while</th>{over}</tr><tr>{under}</tr></thead>'
+        "<tbody>\n" + "\n".join(body) + "\n</tbody></table>"
+    )
+
+
+def _first(i: int) -> str:
+    return ' class="first"' if i == 0 else ""
+
+
+def _features(models: Sequence[Shown]) -> list[str]:
+    """Name `always`, and the features whose bins explain most of what the first model leaves over, over all sensors."""
+    first = models[0].sensors
+    weight: dict[str, float] = {}
+    for s in first:
+        for r in s.regimes:
+            weight[r.feature] = weight.get(r.feature, 0.0) + s.share * r.share
+    every = [{r.feature for r in s.regimes} for s in first]
+    there = [f for f in weight if f != "always" and all(f in own for own in every)]
+    return ["always", *sorted(there, key=lambda f: -weight[f])[:FEATURES_SHOWN]]
+
+
+def _bins(s: Sensor, feature: str) -> tuple[Bin, ...]:
+    return next((r.bins for r in s.regimes if r.feature == feature), ())
+
+
+def _between(bins: Sequence[Bin], regime: Regime) -> str:
+    low, high = float(np.mean([b.low for b in bins])), float(np.mean([b.high for b in bins]))
+    return f"about {low:.3g} to {high:.3g} {unit(regime.unit)}"
+
+
+def _heat(bins: Sequence[Bin], i: int, largest: float, first: str) -> str:
+    if i >= len(bins):
+        side = "first no" if first else "no"
+        return f'<td class="{side}">–</td>'
+    b = bins[i]
+    share = float(np.clip(b.mean_K / largest, -1.0, 1.0))
+    strong = abs(share) ** 0.7 * 0.75
+    tint = (230, 140, 0) if share > 0 else (60, 140, 210)
+    color = ",".join(str(round(255 + (c - 255) * strong)) for c in tint)
+    text = f"{b.mean_K:+.2f}".replace("-", "−") if abs(b.mean_K) >= 0.005 else "0.00"
+    text = f"<b>{text}</b>" if b.significant else text
+    told = f"{b.readings} readings, mean {b.mean_K:+.3f} ± {b.sd_K:.3f} K, RMSE {b.rmse_K:.3f} K"
+    return f'<td{first} style="background:rgb({color})" title="{told}">{text}</td>'

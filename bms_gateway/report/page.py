@@ -1,0 +1,230 @@
+"""One self-contained HTML page: parts that are put together as text, figures drawn by plotly's own script in it.
+
+Figures are specifications of plotly in plain dictionaries, so that nothing of plotly but its script is needed, and
+that only when a page is written. The page forbids itself any request, by its content security policy.
+"""
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bms_gateway.errors import MissingExtraError, UsageError
+
+Figure = dict[str, Any]
+"""`data` and `layout` as plotly takes them."""
+POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:; "
+    "form-action 'none'; base-uri 'none'"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Card:
+    """One number that matters: what it is, the number, and a line that puts it in its place."""
+
+    title: str
+    value: str
+    line: str
+
+
+def amount(x: float, digits: int = 3) -> str:
+    """Write a number for people with so many significant digits, a dash for none.
+
+    Examples
+    --------
+    >>> amount(0.03284), amount(2716.4), amount(-1.5), amount(float("nan")), amount(0.09998)
+    ('0.0328', '2716', '−1.50', '–', '0.100')
+    """
+    if not np.isfinite(x):
+        return "–"
+    if x == 0.0:
+        return "0"
+    size = int(np.floor(np.log10(abs(float(f"{x:.{digits - 1}e}")))))
+    if size < -4 or size > 6:
+        return f"{x:.{digits - 1}e}".replace("-", "−")
+    return f"{x:.{max(digits - 1 - size, 0)}f}".replace("-", "−")
+
+
+def table(
+    headers: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    *,
+    words: Sequence[int] = (0,),
+    caption: str = "",
+) -> str:
+    """Give a table.
+
+    Parameters
+    ----------
+    headers : sequence of str
+        Plain text.
+    rows : sequence of sequence of str
+        HTML.
+    words : sequence of int
+        Columns that hold words; the others hold numbers, which stand to the right.
+    caption : str
+    """
+
+    def cell(j: int, html: str, tag: str = "td") -> str:
+        side = "" if j in words else ' class="n"'
+        scope = ' scope="row"' if j == 0 and tag == "td" else ' scope="col"' if tag == "th" else ""
+        tag = "th" if j == 0 else tag
+        return f"<{tag}{scope}{side}>{html}</{tag}>"
+
+    head = "".join(cell(j, escape(h), "th") for j, h in enumerate(headers))
+    body = "\n".join("<tr>" + "".join(cell(j, c) for j, c in enumerate(row)) + "</tr>" for row in rows)
+    below = f"<caption>{escape(caption)}</caption>" if caption else ""
+    return f"<table>{below}<thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody></table>"
+
+
+def grouped(groups: Sequence[tuple[str, Sequence[str]]], rows: Sequence[Sequence[str]], *, caption: str = "") -> str:
+    """Give a table of numbers whose columns stand in groups, each with a title over it.
+
+    Parameters
+    ----------
+    groups : sequence of (title, headers)
+        Plain text; the first header is that of the rows' names.
+    rows : sequence of sequence of str
+        HTML.
+    """
+    over = "".join(f'<th scope="colgroup" class="over" colspan="{len(h)}">{escape(t)}</th>' for t, h in groups)
+    plain = table([h for _, headers in groups for h in headers], rows, caption=caption)
+    return plain.replace("<thead>", f"<thead><tr>{over}</tr>", 1)
+
+
+def cards(some: Sequence[Card]) -> str:
+    """Give cards in a row."""
+
+    def one(c: Card) -> str:
+        words = "" if re.search(r"\d", c.value) or len(c.value) < 12 else " words"
+        return (
+            f'<dl class="card"><dt>{escape(c.title)}</dt><dd class="value{words}">{escape(c.value)}</dd>'
+            f"<dd>{escape(c.line)}</dd></dl>"
+        )
+
+    return f'<div class="cards">{"".join(one(c) for c in some)}</div>'
+
+
+def items(sentences: Sequence[str]) -> str:
+    """Give sentences as a list, or nothing where there are none."""
+    if not sentences:
+        return ""
+    return '<ul class="found">' + "".join(f"<li>{escape(s)}</li>" for s in sentences) + "</ul>"
+
+
+def paragraph(text: str) -> str:
+    """Give one paragraph."""
+    return f"<p>{escape(text)}</p>"
+
+
+def section(name: str, title: str, *parts: str) -> str:
+    """Give a section of the page, or nothing where it would hold nothing."""
+    inside = "\n".join(p for p in parts if p)
+    if not inside:
+        return ""
+    head = f'<h2 id="{name}-title">{escape(title)}</h2>'
+    return f'<section id="{name}" aria-labelledby="{name}-title">{head}\n{inside}\n</section>'
+
+
+def figure(name: str, spec: Figure, caption: str, *, described: str, time: int | None = None) -> str:
+    """Give a place for a figure and its specification.
+
+    Parameters
+    ----------
+    name : str
+        Of the element; one of its kind on the page.
+    spec : Figure
+    caption : str
+        Below it.
+    described : str
+        What it shows, for those who cannot see it.
+    time : int, optional
+        Record whose time its x axis is: figures of one record are zoomed together.
+    """
+    linked = "" if time is None else f' data-time="{time}"'
+    height = spec["layout"]["height"]
+    return (
+        f'<figure><div class="plot" id="{name}" role="img" aria-label="{escape(described)}"{linked} '
+        f'style="height:{height}px"></div>\n<script type="application/json" id="{name}-data">{to_json(spec)}</script>\n'
+        f"<figcaption>{escape(caption)}</figcaption></figure>"
+    )
+
+
+def to_json(spec: Mapping[str, Any]) -> str:
+    r"""Write a specification so that it can stand in a page; what is not a number becomes null.
+
+    Examples
+    --------
+    >>> to_json({"y": [1.0, float("nan")], "name": "</script>"})
+    '{"y":[1.0,null],"name":"<\\/script>"}'
+    """
+
+    def plain(x: Any) -> Any:
+        if isinstance(x, float):
+            return x if np.isfinite(x) else None
+        if isinstance(x, Mapping):
+            return {k: plain(v) for k, v in x.items()}
+        return [plain(v) for v in x] if isinstance(x, list | tuple) else x
+
+    text = json.dumps(plain(spec), ensure_ascii=False, separators=(",", ":"), allow_nan=False)
+    return text.replace("</", "<\\/")
+
+
+def write_page(path: Path, title: str, head: str, sections: Sequence[str]) -> None:
+    """Write a page.
+
+    Parameters
+    ----------
+    path : Path
+    title : str
+    head : str
+        HTML of what stands on top.
+    sections : sequence of str
+        HTML; empty ones are left out.
+
+    Raises
+    ------
+    MissingExtraError
+        No plotly.
+    UsageError
+        The file cannot be written.
+    """
+    script = plotly_script()
+    own = files("bms_gateway.report")
+    css, js = (own.joinpath(name).read_text(encoding="utf-8") for name in ("page.css", "page.js"))
+    body = "\n".join(s for s in sections if s)
+    text = (
+        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">\n'
+        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">\n'
+        f'<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>{escape(title)}</title>\n<style>{css}</style></head>\n<body>\n"
+        f"<header><h1>{escape(title)}</h1>\n{head}</header>\n<main>\n{body}\n</main>\n"
+        "<footer><noscript>The figures need JavaScript; all tables can be read without.</noscript></footer>\n"
+        f"<script>{script}</script>\n<script>{js}</script>\n</body></html>\n"
+    )
+    try:
+        path.write_text(text, encoding="utf-8", newline="\n")
+    except OSError as e:
+        raise UsageError(f"{path}: cannot be written: {e.strerror}") from None
+
+
+def plotly_script() -> str:
+    """Read plotly's script.
+
+    Raises
+    ------
+    MissingExtraError
+        No plotly.
+    """
+    try:
+        from plotly.offline import get_plotlyjs  # type: ignore[import-not-found,import-untyped,unused-ignore]
+    except ImportError:
+        raise MissingExtraError("an HTML report", "report") from None
+    return str(get_plotlyjs()).replace("</script", "<\\/script")
