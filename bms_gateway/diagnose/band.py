@@ -23,7 +23,7 @@ MOST = 8
 LUMPED = 0.05
 """m of a model against which nothing speaks: position of the core's thermocouple, conduction along the axis …"""
 ALARMED = 0.25
-"""… and of one whose numbers, heat or predictions are not plausible: its R_c may be half or twice the cell's."""
+"""… and of one whose numbers, heat or predictions are not plausible: its R_c may be wrong by half (two sd)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +41,13 @@ class Cores:
 
 
 def core_band(
-    best: MapFit, size: float, hypotheses: Sequence[Hypothesis], records: Sequence[Measured], *, alarmed: bool
+    best: MapFit,
+    size: float,
+    hypotheses: Sequence[Hypothesis],
+    records: Sequence[Measured],
+    *,
+    alarmed: bool,
+    alone: Sequence[MapFit] = (),
 ) -> tuple[Cores, ...]:
     """Cores with their uncertainty.
 
@@ -57,6 +63,8 @@ def core_band(
         At whose instants the cores are wanted; those of the fits may be coarser.
     alarmed : bool
         Whether a witness speaks against the core.
+    alone : sequence of MapFit
+        Fits of each record by itself, where all together disagree with them.
 
     Returns
     -------
@@ -70,22 +78,23 @@ def core_band(
     for r, (m, coarse) in enumerate(zip(records, best.problem.records, strict=True)):
         X = best.prediction.X[r]
         mean = X[:, 0 : 2 * n : 2]
-        own = _variance(best, r)
-        # the best with its finest numbers, the others as they were compared
+        finest = core_variance(best, r)
         variance = np.zeros_like(mean)
         for h, w in zip(near, weight, strict=True):
-            variance += w * (np.maximum(own, _variance(h.fit.map, r)) if h is near[0] else _variance(h.fit.map, r))
-            variance += w * (h.core(r) - mean) ** 2
+            variance += w * (np.maximum(finest, core_variance(h.fit.map, r)) + (h.core(r) - mean) ** 2)
         gap = mean - X[:, 1 : 2 * n : 2]
         share = ALARMED if alarmed else LUMPED
         # a difference that has just changed sign is not known any better
         usual = np.sqrt(np.mean(gap**2, axis=0))
+        if alone:
+            own = alone[r].prediction.X[0][:, 0 : 2 * n : 2]
+            variance = np.maximum(variance, core_variance(alone[r], 0)) + (own - mean) ** 2
         variance += size**2 + share**2 * (gap**2 + usual**2) / 2.0
         found.append(Cores(_at(mean, coarse, m), _at(np.sqrt(variance), coarse, m)))
     return tuple(found)
 
 
-def _variance(f: MapFit, r: int) -> Floats:
+def core_variance(f: MapFit, r: int) -> Floats:
     """Laplace variance (N + spans, n) of the cores of one record, K²."""
     n = f.problem.model.cells
     m = f.problem.records[r]

@@ -126,7 +126,7 @@ def options(model: StringModel, bench: Bench) -> tuple[Option, ...]:
 
 def log_prior(o: Option, offered: Sequence[Option]) -> float:
     """Log prior odds of one effect at one place with one start."""
-    ways = sum(other.candidate.name == o.candidate.name for other in offered)
+    ways = max(sum(other.candidate.name == o.candidate.name for other in offered), 1)
     return o.candidate.effect.plausibility - COST - float(np.log(ways))
 
 
@@ -148,8 +148,9 @@ def _absurd(h: Hypothesis, base: Hypothesis) -> str:
             return f"{c.name} ends at its bound"
         if name == "current_offset" and abs(z) > FAR * c.sd:
             return f"a current offset of {z:.2g} A is none that a sensor has"
-    if h.gap() > WILD_GAP * max(base.gap(), LEAST_GAP):
-        return f"its core stands {h.gap():.1f} K from the surface, {h.gap() / max(base.gap(), LEAST_GAP):.1f} times as far as without it"
+    gap, usual = h.gap(), max(base.gap(), LEAST_GAP)
+    if gap > WILD_GAP * usual:
+        return f"its core stands {gap:.1f} K from the surface, {gap / usual:.1f} times as far as without it"
     hottest = max(float(h.core(r).max()) for r in range(len(problem.records)))
     return f"its core reaches {hottest:.0f} °C" if not hottest < HOTTEST else ""
 
@@ -203,6 +204,10 @@ class Board:
 
     def add(self, h: Hypothesis, o: Option, values: Mapping[str, float]) -> None:
         """Fit one more hypothesis."""
+        self._keep(self.fitted(h, o, values))
+
+    def fitted(self, h: Hypothesis, o: Option, values: Mapping[str, float]) -> Hypothesis:
+        """Fit a hypothesis and one effect more."""
         parent = h.fit.map
         problem = Problem(o.put_into(parent.problem.model, values), self.bench.records, self.bench.beliefs)
         theta = np.concatenate([parent.theta, problem.begin[len(parent.theta) :]])
@@ -211,7 +216,7 @@ class Board:
             for r, X in enumerate(parent.prediction.X)
         ]
         found = fit(self.bench, problem, theta, parent=h.fit, guess=guess)
-        self._keep(judged((*h.options, o), found, self.offered, self.base))
+        return judged((*h.options, o), found, self.offered, self.base)
 
     def finish(self, h: Hypothesis, digits: float) -> None:
         """Fit a hypothesis to the end, and once more from the priors' medians.

@@ -6,20 +6,22 @@ must explain half of the misfit and, fitted to the first part of the record, rem
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 
 from bms_gateway.diagnose.band import Cores, core_band
-from bms_gateway.diagnose.hypotheses import Board, Hypothesis
+from bms_gateway.diagnose.candidates import Candidate
+from bms_gateway.diagnose.hypotheses import Board, Hypothesis, Option
 from bms_gateway.diagnose.model_error import REFINEMENTS, Bench, Fit, ModelError, averaged, first_part, fit
 from bms_gateway.diagnose.residuals import structure
 from bms_gateway.diagnose.search import Chosen, Search
-from bms_gateway.diagnose.witness import Witness, witnesses
+from bms_gateway.diagnose.witness import Witness, agreement, by_voltage, witnesses
 from bms_gateway.identify.map_fit import MapFit, stacked
 from bms_gateway.identify.problem import Measured, Problem
-from bms_gateway.thermal import Floats, StringModel
+from bms_gateway.thermal import StringModel
+from bms_gateway.thermal.effects import effect_named
 
 Progress = Callable[[float, str], None]
 STRUCTURED = (0.18, 6.0)
@@ -57,7 +59,7 @@ class SecondSettings:
         First part of the record, and share of the error in the rest that may be left.
     """
 
-    error: ModelError = ModelError()
+    error: ModelError = field(default_factory=ModelError)
     singles: int = 40
     pairs: int = 24
     triples: int = 6
@@ -123,6 +125,10 @@ class SecondSearch:
         Size of the slow model error without and with the chosen effects, K.
     records : sequence of Measured
         As given.
+    hypotheses : tuple of Hypothesis
+        Not refused, the chosen one first.
+    alone : tuple of MapFit
+        The chosen model fitted to each record alone, where the records disagree.
     """
 
     baseline: MapFit
@@ -139,10 +145,18 @@ class SecondSearch:
     discrepancy: tuple[float, float]
     records: Sequence[Measured]
     hypotheses: tuple[Hypothesis, ...]
+    alone: tuple[MapFit, ...]
 
     def cores(self) -> tuple[Cores, ...]:
         """Cores of every record with their standard deviation, at the instants of the records as given."""
-        return core_band(self.best, self.discrepancy[1], self.hypotheses, self.records, alarmed=not self.core_claimed)
+        return core_band(
+            self.best,
+            self.discrepancy[1],
+            self.hypotheses,
+            self.records,
+            alarmed=not self.core_claimed,
+            alone=self.alone,
+        )
 
 
 def needs_second(first: Search) -> bool:
@@ -167,7 +181,6 @@ def second_search(
     records: Sequence[Measured],
     settings: SecondSettings | None = None,
     progress: Progress | None = None,
-    first: Search | None = None,
 ) -> SecondSearch:
     """Search for missing effects without trusting the model beyond its floor.
 
@@ -180,8 +193,6 @@ def second_search(
     settings : SecondSettings, optional
     progress : callable, optional
         Told the share of the work done and what is being done.
-    first : Search, optional
-        What the first search found; nothing of it is taken over.
 
     Returns
     -------
@@ -189,7 +200,7 @@ def second_search(
         The same for the same arguments, to the last bit.
     """
     s = settings or SecondSettings()
-    tell = progress or (lambda share, text: None)
+    tell = progress or (lambda _share, _text: None)
     bench = Bench([averaged(m, s.error) for m in records], s.error)
     tell(0.0, "fitting the model as it is, with an error of its own")
     board = Board(model, bench)
@@ -206,7 +217,15 @@ def second_search(
     noise = _noise(records, best.fit.map)
     kept = max(tail[1] ** 2 - noise**2, 0.0) <= s.tail * max(tail[0] ** 2 - noise**2, 1e-9)
     believed = bool(best.options) and explained >= s.explained and kept
-    said = witnesses(tuple(records), fine, final, best, tail)
+    said = (*witnesses(final.map, records, tail), *_by_voltage(board, best))
+    alone: tuple[MapFit, ...] = ()
+    if len(records) > 1:
+        tell(0.95, "fitting each record alone")
+        alone = tuple(_alone(final, m, fine.settings) for m in fine.records)
+        together = agreement(final.map, alone)
+        said += together
+        if not any(w.alarm for w in together):
+            alone = ()
     alarms = tuple(w.says for w in said if w.alarm)
     tell(1.0, "done")
     accepted = tuple(board.accepted())
@@ -227,6 +246,7 @@ def second_search(
         discrepancy=(base.discrepancy.size, final.discrepancy.size),
         records=records,
         hypotheses=accepted,
+        alone=alone,
     )
 
 
@@ -273,6 +293,31 @@ def _finished(best: Hypothesis, fine: Bench, s: SecondSettings) -> Fit:
     )
 
 
+def _by_voltage(board: Board, best: Hypothesis) -> list[Witness]:
+    """Fit the heat that the voltage tells, without any effect, and see where it puts the cores."""
+    effect = effect_named("voltage_heat")
+    told = {p for m in board.bench.records for p in effect.determined(m.drive)}
+    if not all(effect.determined(m.drive) for m in board.bench.records):
+        return []
+    option = Option(Candidate(effect), tuple(p.name for p in effect.parameters if p.name in told))
+    other = board.fitted(board.base, option, {})
+    return [
+        by_voltage(best.fit.map, other.fit.map, r, other.fit.log_evidence - best.fit.log_evidence)
+        for r in range(len(board.bench.records))
+    ]
+
+
+def _alone(joint: Fit, m: Measured, settings: ModelError) -> MapFit:
+    """Fit one record with the model of all."""
+    bench = Bench([m], settings)
+    problem = Problem(joint.map.problem.model, bench.records, bench.beliefs)
+    theta = problem.begin
+    known = {c.name: float(z) for c, z in zip(joint.map.problem.coordinates, joint.map.theta, strict=True)}
+    for i, c in enumerate(problem.coordinates):
+        theta[i] = known.get(c.name, theta[i])
+    return fit(bench, problem, theta, iterations=40, refinements=REFINEMENTS).map
+
+
 def _tail(bench: Bench, f: Fit, s: SecondSettings) -> float:
     """RMSE of the last part by a fit to the first, K."""
     part = Bench([first_part(m, s.train) for m in bench.records], bench.settings)
@@ -290,7 +335,7 @@ def _explained(records: Sequence[Measured], base: MapFit, best: MapFit) -> float
 
 
 def _noise(records: Sequence[Measured], f: MapFit) -> float:
-    """What the thermocouples alone would leave in the averaged readings, K."""
+    """Tell what the thermocouples alone would leave in the averaged readings, K."""
     raw = sum(float(np.sum(m.sigma**2)) for m in records)
     count = sum(len(m.y) for m in records)
     return float(np.sqrt(raw / count / (count / sum(len(m.y) for m in f.problem.records))))

@@ -11,17 +11,17 @@ A wrong heat and a wrong way from core to surface can cancel in the surface. The
 * other records of the same cells under other cooling, whose physics is the same.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.signal
 import scipy.stats
 
-from bms_gateway.diagnose.hypotheses import Hypothesis
-from bms_gateway.diagnose.model_error import Bench, Fit
+from bms_gateway.diagnose.band import core_variance
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.identify.problem import Coordinate, Measured
-from bms_gateway.thermal import KINDS, Floats, StringModel
+from bms_gateway.thermal import KINDS, Floats
 from bms_gateway.thermal.drive import Drive
 from bms_gateway.thermal.effects.laws import KELVIN, REFERENCE
 from bms_gateway.thermal.physics import with_effect
@@ -35,9 +35,15 @@ BEYOND = 2.0
 """sd of a plausible range."""
 STRAINED = 0.05
 """Probability of the strain of all numbers together from which on it is an alarm."""
+DISAGREE = 0.05
+"""Probability of the distance between one record alone and all together, over all records, from which they disagree."""
+LEAST_MORE = 0.05
+"""Share of a variance that the other records must have taken away, for a difference to mean anything."""
 ENERGY = 0.35
 """Share by which heat by temperature and by voltage may differ: heat capacities are known to 10 %, the open-circuit
 voltage under load to some millivolts, and both errors go into it."""
+HEARD = 10.0
+"""Log-odds by which the voltage's heat may follow the surface worse, for its core to be heard."""
 LOAD_S = 30.0
 """s: what of the overpotential is slower than a step and still no open-circuit voltage."""
 WINDOW_S = 300.0
@@ -66,23 +72,18 @@ class Witness:
     alarm: bool
 
 
-def witnesses(
-    records: tuple[Measured, ...], bench: Bench, final: Fit, best: Hypothesis, tail: tuple[float, float]
-) -> tuple[Witness, ...]:
-    """Ask all witnesses that there are.
+def witnesses(f: MapFit, records: Sequence[Measured], tail: tuple[float, float]) -> tuple[Witness, ...]:
+    """Ask all witnesses that one fit has.
 
     Parameters
     ----------
-    records : tuple of Measured
+    f : MapFit
+        The chosen model with its finest numbers, on averaged records.
+    records : sequence of Measured
         As given, not averaged.
-    bench : Bench
-    final : Fit
-        The chosen model with its finest numbers.
-    best : Hypothesis
     tail : float, float
         RMSE of the last part without and with the chosen effects, K.
     """
-    f = final.map
     found = [*implausible(f), strain(f), _tail(tail)]
     for r, m in enumerate(records):
         if "voltage" in m.drive.known:
@@ -101,7 +102,7 @@ def implausible(f: MapFit) -> list[Witness]:
             limit = BEYOND
         elif c.effect is None or c.name.startswith("current_offset"):
             off, limit = (z - c.prior) / c.sd, FAR
-            text = _far(f, c, z, off)
+            text = _far(c, z)
         else:
             continue
         if abs(off) > limit:
@@ -109,7 +110,7 @@ def implausible(f: MapFit) -> list[Witness]:
     return found
 
 
-def _far(f: MapFit, c: Coordinate, z: float, off: float) -> str:
+def _far(c: Coordinate, z: float) -> str:
     symbol = c.name.split("@")[0]
     if symbol in KINDS:
         change = 100.0 * np.expm1(z - c.prior)
@@ -133,8 +134,52 @@ def strain(f: MapFit) -> Witness:
     square = float(np.sum((axes.T @ u)[known > 0.5] ** 2 / known[known > 0.5]))
     freedom = int(np.sum(known > 0.5))
     p = float(scipy.stats.chi2.sf(square, max(freedom, 1)))
-    text = f"All numbers together lie {np.sqrt(square):.1f} sd from what was known of them ({freedom} directions, p = {p:.2g})"
+    text = (
+        f"All numbers together lie {np.sqrt(square):.1f} sd from what was known of them "
+        f"({freedom} directions, p = {p:.2g})"
+    )
     return Witness("strain", text + ".", p, STRAINED, p < STRAINED)
+
+
+def agreement(joint: MapFit, alone: Sequence[MapFit]) -> tuple[Witness, ...]:
+    r"""Whether each record alone says what all say together, in the numbers that they share.
+
+    A record alone is known to :math:`C_i`, all together to :math:`C`; if they are one physics, the difference of
+    the two estimates has the covariance :math:`C_i - C` (Hausman, Specification tests in econometrics, 1978).
+
+    Parameters
+    ----------
+    joint : MapFit
+    alone : sequence of MapFit
+        Of the same model, one per record.
+    """
+    names = [c.name for c in joint.problem.coordinates if c.record is None]
+    limit = DISAGREE / len(alone)
+    found = []
+    for one in alone:
+        i, j = ([f.problem.index(n) for n in names] for f in (one, joint))
+        apart = one.theta[i] - joint.theta[j]
+        spread = one.covariance[np.ix_(i, i)]
+        scale = np.sqrt(np.diag(spread))
+        more = (spread - joint.covariance[np.ix_(j, j)]) / np.outer(scale, scale)
+        value, axes = np.linalg.eigh(more)
+        told = value > LEAST_MORE
+        square = float(np.sum((axes.T @ (apart / scale))[told] ** 2 / value[told]))
+        p = float(scipy.stats.chi2.sf(square, max(int(told.sum()), 1)))
+        z = np.abs(apart) / (scale * np.sqrt(np.maximum(np.diag(more), LEAST_MORE)))
+        said = ", ".join(_compared(joint.problem.coordinates[j[k]], apart[k], z[k]) for k in np.argsort(-z)[:2])
+        source = one.problem.records[0].source
+        text = f"Alone, {source} asks for other numbers than all records together: {said} (all numbers: p = {p:.2g})"
+        if p >= limit:
+            text = f"Alone, {source} asks for the same numbers as all records together (p = {p:.2g})"
+        found.append(Witness(f"records: {source}", text + ".", p, limit, p < limit))
+    return tuple(found)
+
+
+def _compared(c: Coordinate, apart: float, z: float) -> str:
+    if c.effect is None:
+        return f"{c.name} {100.0 * np.expm1(apart):+.0f} % ({z:.1f} sd)"
+    return f"{c.name} {apart:+.3g} ({z:.1f} sd)"
 
 
 def _tail(tail: tuple[float, float]) -> Witness:
@@ -201,25 +246,42 @@ def energy(f: MapFit, r: int, m: Measured) -> Witness | None:
     return Witness("voltage energy", text + ".", abs(off), ENERGY, abs(off) > ENERGY or by_voltage <= 0.0)
 
 
+def by_voltage(f: MapFit, other: MapFit, r: int, odds: float) -> Witness:
+    """Compare the cores of one record with those of a model whose heat is the voltage's.
+
+    Parameters
+    ----------
+    f, other : MapFit
+        The chosen model, and the model as it is with the heat of the voltage.
+    r : int
+    odds : float
+        Log evidence of the other over the chosen one: it is heard if it fits the surface about as well.
+    """
+    n = f.problem.model.cells
+    source = f.problem.records[r].source
+    cores = [x.prediction.X[r][:, 0 : 2 * n : 2] for x in (f, other)]
+    apart = float(np.mean(cores[1] - cores[0]))
+    limit = BEYOND * float(np.sqrt(np.mean(core_variance(f, r))))
+    if odds < -HEARD:
+        text = f"Heat from the voltage alone does not follow the surface of {source} (log-odds {odds:.0f}): not heard"
+        return Witness("voltage heat", text + ".", abs(apart), limit, False)
+    text = f"With its heat taken from the voltage the core of {source} is {apart:+.1f} K apart (limit {limit:.1f} K)"
+    return Witness("voltage heat", text + ".", abs(apart), limit, abs(apart) > limit)
+
+
 def activation(f: MapFit, r: int, m: Measured) -> Witness | None:
     """Compare how losses fall with temperature by the surface's fit and by the voltage."""
-    names = {
-        c.name: (float(z), s)
-        for c, z, s in zip(f.problem.coordinates, f.theta, np.sqrt(np.diag(f.covariance)), strict=True)
-    }
     q = electric_heat(m.drive)
-    if q is None or "resistance_temperature.B" not in names:
+    number = [i for i, c in enumerate(f.problem.coordinates) if c.name == "resistance_temperature.B"]
+    if q is None or not number:
         return None
     size = max(round(WINDOW_S / m.drive.dt), 1)
     windows = m.drive.N // size
     coarse = f.problem.records[r]
     ratio = coarse.drive.dt / m.drive.dt
     n = f.problem.model.cells
-    core = np.interp(
-        np.arange(m.drive.N) / ratio,
-        np.arange(len(f.prediction.X[r])),
-        f.prediction.X[r][:, 0 : 2 * n : 2].mean(axis=1),
-    )
+    cores = f.prediction.X[r][:, 0 : 2 * n : 2].mean(axis=1)
+    core = np.interp(np.arange(m.drive.N) / ratio, np.arange(len(cores)), cores)
     x, y, w = [], [], []
     for i in range(windows):
         at = slice(i * size, (i + 1) * size)
@@ -238,7 +300,7 @@ def activation(f: MapFit, r: int, m: Measured) -> Witness | None:
     k, *_ = np.linalg.lstsq(A, b, rcond=None)
     left = b - A @ k
     sd = float(np.sqrt(left @ left / max(len(x) - 2, 1) * np.linalg.inv(A.T @ A)[1, 1]))
-    B, own = names["resistance_temperature.B"]
+    B, own = float(f.theta[number[0]]), float(np.sqrt(f.covariance[number[0], number[0]]))
     off = (B - float(k[1])) / float(np.hypot(sd, own))
     text = f"By the voltage the losses fall with B = {k[1]:.0f} ± {sd:.0f} K, by the surface with {B:.0f} ± {own:.0f} K"
     return Witness("voltage activation", text + ".", abs(off), FAR, abs(off) > FAR)
