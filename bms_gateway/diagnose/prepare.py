@@ -18,6 +18,8 @@ LEAST_START_SD = 0.02
 WORK = 12_000
 """Cells times intervals that a ranking may take: beyond, intervals are joined. Means stay exact; 9 s poles at 4 s too."""
 COARSEST_S = 5.0
+HIDDEN = 0.15
+"""Share of a sensor's noise that joining may err by."""
 
 
 def measured(record: Record, model: StringModel, *, join: int | None = None, core: bool = False) -> Measured:
@@ -87,9 +89,16 @@ def measured(record: Record, model: StringModel, *, join: int | None = None, cor
 
 
 def joined(record: Record, model: StringModel) -> int:
-    """How many intervals a ranking joins into one."""
+    """How many intervals a ranking joins into one: as many as the work asks for and the noise hides.
+
+    Within an interval the heat counts as constant and readings lie on a straight line. A surface bends by at most
+    q / (C_c R_c C_s), so that this errs by an eighth of that times dt².
+    """
     wanted = int(np.ceil(model.cells * record.drive.N / WORK))
-    return max(1, min(wanted, int(COARSEST_S / record.drive.dt)))
+    p = model.nominal
+    bend = float(np.quantile(record.drive.I2, 0.95) * np.mean(p.R_e / (p.C_c * p.R_c * p.C_s)))
+    hidden = np.sqrt(8.0 * HIDDEN * float(np.min(record.noise.total)) / max(bend, 1e-12))
+    return max(1, min(wanted, int(min(COARSEST_S, hidden) / record.drive.dt)))
 
 
 def _spans(record: Record) -> list[Span]:

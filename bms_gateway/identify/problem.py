@@ -22,6 +22,8 @@ Channel = tuple[Literal["surface", "core"], int]
 """What a thermocouple measures, and on which cell (from 1)."""
 LIMIT = 4.0
 """sd: a prior's tails end here; a number that ends there is an alarm, not an answer."""
+LATE = {"T_in": 0.3, "flow": 0.5}
+"""s: how late inlet and flow may be read against the current; half an interval of a logger, or another device's filter."""
 OWN = ("R_u",)
 """Parameters that each of several records has for itself: the same cells are cooled differently."""
 
@@ -80,6 +82,7 @@ class Draft:
     effects: dict[str, dict[str, float]]
     inlet_offset: float
     surface_offset: Floats
+    late: dict[str, float]
     core_start: list[Floats]
     surface_start: list[Floats]
 
@@ -294,7 +297,7 @@ class Problem:
         string = {name: np.array(getattr(p, name), dtype=np.float64) for name in KINDS}
         effects = {e.key: dict(e.values) for e in self.model.effects}
         start = [s.copy() for s in self.records[r].start]
-        return Draft(string, effects, 0.0, np.zeros(n), [s.copy() for s in start], start)
+        return Draft(string, effects, 0.0, np.zeros(n), dict.fromkeys(LATE, 0.0), [s.copy() for s in start], start)
 
     def _close(self, r: int, d: Draft) -> tuple[Numbers, tuple[Floats, ...]]:
         s = d.string
@@ -304,7 +307,7 @@ class Problem:
             C_f=float(s["C_f"]),
             coolant=self.model.coolant,
         )
-        v = Numbers(string, d.effects, d.inlet_offset, d.surface_offset)
+        v = Numbers(string, d.effects, d.inlet_offset, d.surface_offset, d.late["T_in"], d.late["flow"])
         starts = tuple(self.physics.start(c, s, v) for c, s in zip(d.core_start, d.surface_start, strict=True))
         if self._alters_readings or np.any(d.surface_offset):
             return v, tuple(
@@ -458,6 +461,14 @@ def _nuisances(model: StringModel, records: Sequence[Measured]) -> list[Coordina
             d.inlet_offset += z
 
         found.append(_nuisance(f"inlet_offset{tail}", tol.get("inlet_offset_K", 0.0), inlet, r))
+        for signal, sd in LATE.items():
+            x = getattr(m.drive, signal)
+            if np.ptp(x) > 0.0:
+
+                def late(d: Draft, z: float, signal: str = signal) -> None:
+                    d.late[signal] += z
+
+                found.append(_nuisance(f"{signal}_late{tail}", sd, late, r))
         for i, sds in enumerate(m.start_sd):
             for k, sd in enumerate(sds):
 

@@ -42,6 +42,8 @@ class Numbers:
         The inlet thermocouple reads so much too high (within its tolerance).
     surface_offset : ndarray (n,) or 0.0, K
         The surface thermocouples read so much too high (within their tolerance).
+    inlet_late, flow_late : float, s
+        These readings come so late: filters and time stamps of other devices (within what is usual).
     core_heat : ndarray (…, n) or float, W
         Heat made in the cores beside what the model knows: what an observer takes its disturbance for.
     """
@@ -50,6 +52,8 @@ class Numbers:
     effects: Mapping[str, Mapping[str, float]]
     inlet_offset: float | Floats = 0.0
     surface_offset: float | Floats = 0.0
+    inlet_late: float = 0.0
+    flow_late: float = 0.0
     core_heat: float | Floats = 0.0
 
 
@@ -184,16 +188,16 @@ class Physics:
     def _open(self, X: Floats, u: Drive, v: Numbers, memory: Memory) -> Point:
         s, n = v.string, self.cells
         T_c, T_s = X[..., 0 : 2 * n : 2], X[..., 1 : 2 * n : 2]
-        flow = u.flow[:, None]
+        flow = _earlier(u.flow, v.flow_late, u.dt)[:, None]
         # a flow that stands still leaves the stream's coefficients without a time axis, and its path a matrix
-        still = u.flow[0] if np.all(u.flow == u.flow[0]) else flow
+        still = flow[0] if np.all(flow == flow[0]) else flow
         nothing = np.zeros_like(T_s)
         return Point(
             cells=n,
             I=u.I[:, None],
             I2=u.I2[:, None],
             I_abs=u.I_abs[:, None],
-            T_in=u.T_in[:, None] - v.inlet_offset,
+            T_in=_earlier(u.T_in, v.inlet_late, u.dt)[:, None] - v.inlet_offset,
             flow=flow,
             soc=u.soc[:, None],
             V=u.V[:, None],
@@ -240,6 +244,11 @@ class Physics:
             T_f[..., k], film[..., k] = stream, gap * conductance
             stream = stream + _exchange(conductance / C_f[..., k], coolant) * gap
         z.T_f, z.film = T_f, film
+
+
+def _earlier(x: Floats, late: float, dt: float) -> Floats:
+    """Signal `late` seconds before it was read, to first order: lateness is small against what moves."""
+    return x if late == 0.0 or len(x) < 2 else x + np.gradient(x) * (late / dt)
 
 
 def _exchange(units: Any, coolant: str) -> Any:
