@@ -14,7 +14,16 @@ from bms_gateway.engine.inputs import Reading, Wire
 from bms_gateway.engine.plan import Plan, StringPlan
 from bms_gateway.frames.quality import Quality
 from bms_gateway.health import Ageing, Mismatch
-from bms_gateway.identify import Estimate, Identifier, Tick, VoltageHeat, VoltageTracker, build, string_parameters
+from bms_gateway.identify import (
+    Estimate,
+    FixedIdentifier,
+    Identifier,
+    Tick,
+    VoltageHeat,
+    VoltageTracker,
+    build,
+    string_parameters,
+)
 from bms_gateway.identify.contract import IDENTIFIED, LEARNING
 from bms_gateway.observe import AdaptiveObserver, Measured
 from bms_gateway.observe import Estimate as States
@@ -196,7 +205,11 @@ class Estimators:
             if s.mismatch.update(normalised[j], self._dt):
                 level = Level.WARNING if s.mismatch.flag.level else Level.NOTICE
                 result.events.append(Notice(t1, level, "mismatch", s.mismatch.sentence(), name))
-            job = s.identifier.add(Tick(t1, self._dt + self._gap_s, r.means.I2, float(heat[j]), r.inlet, r.y, r.age))
+            I2, inlet = r.means.I2, r.inlet
+            if not isinstance(group.observer, AdaptiveObserver):
+                effective, shift = group.observer.effective
+                I2, inlet = (effective if np.isfinite(I2) else I2), inlet + shift
+            job = s.identifier.add(Tick(t1, self._dt + self._gap_s, I2, float(heat[j]), inlet, r.y, r.age))
             if job is not None:
                 result.jobs.append((i, job))
             elif s.plan.identify == "rls" and not s.plan.model.effects and t1 % ADOPT_NS == 0:
@@ -292,7 +305,7 @@ class Estimators:
                 continue
             cold.update(names)
             for j, name in enumerate(names):
-                if name in same and isinstance(g.observer, AdaptiveObserver):
+                if name in same and not isinstance(self.strings[g.members[j]].identifier, FixedIdentifier):
                     self._adopt(g, j)
         return [
             f"{s.plan.name}: "

@@ -41,8 +41,8 @@ def build(method: str, model: StringModel, settings: Settings | None = None) -> 
     ----------
     method : {"window", "rls", "off"}
     model : StringModel
-        One with effects keeps its numbers, whatever the method: these know I²R_e only, and would take an effect for
-        another resistance.
+        One whose effects change more than the heat in the cores keeps its numbers, whatever the method: these know two
+        nodes and I²R_e, and would take the effect for another resistance. See `effective`.
     settings : Settings or None
         Of the windowed method; the others have none.
 
@@ -51,8 +51,11 @@ def build(method: str, model: StringModel, settings: Settings | None = None) -> 
     ValueError
         Unknown method: the caller's mistake, as the config was checked before.
     """
-    if model.effects:
-        return FixedIdentifier(model, FIXED_OFFLINE)
+    if model.effects and method != "off":
+        from bms_gateway.identify.effective import heat_only  # brings the catalogue along
+
+        if method != "window" or not heat_only(model):
+            return FixedIdentifier(model, FIXED_OFFLINE)
     if method == "window":
         return WindowIdentifier(model, settings)
     if method == "rls":

@@ -87,6 +87,7 @@ class EffectObserver:
         self._belief = Belief(np.zeros(D + OFFSETS), np.eye(D + OFFSETS), np.zeros((D + OFFSETS, p)))
         self._F = np.zeros((D + OFFSETS, p))
         self._seen, self._coolant = np.zeros(n), np.zeros(n)
+        self._effective = nan, 0.0
         self._unread = np.full(len(self._sensors), np.inf)
         self._known = np.ones(OFFSETS, np.bool_)
         self._available = np.array(False)
@@ -107,6 +108,11 @@ class EffectObserver:
     def parameters(self) -> tuple[StringParameters, ...]:
         """Numbers of the string at nominal flow."""
         return (self._v.string,)
+
+    @property
+    def effective(self) -> tuple[float, float]:
+        """Mean square current that would make the last step's heat by R_e, A², and what effects add to the inlet, K."""
+        return self._effective
 
     def step(self, m: Measured, y: Floats, age: Floats) -> Estimate:
         """Advance one step and take the readings in.
@@ -353,6 +359,8 @@ class EffectObserver:
         point = self._physics.point(z[None, :-OFFSETS], drive_of(row[None], dt or self._dt), v, memory)
         if np.isfinite(point.T_f).all():
             self._coolant = np.array(point.T_f[0])
+        heat = float(np.mean((point.core[0] - z[-1]) / v.string.R_e))
+        self._effective = heat, float(point.T_in[0, 0] - z[-2] - row[ROW.index("T_in")])
         return np.concatenate([self._physics.balances(point, v)[0], -z[-OFFSETS:] / self._disturbance.correlation])
 
     def _readings(self, z: Floats, row: Floats, memory: Memory, v: Numbers | None = None) -> Floats:

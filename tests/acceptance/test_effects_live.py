@@ -4,6 +4,7 @@ The pack and its effect are those of the independent truth. The model files diff
 cell's parameters to one per cent, and the effect's numbers to a tenth.
 """
 
+import csv
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,10 +12,11 @@ import numpy as np
 import pytest
 
 from bms_gateway.cli.main import main
+from bms_gateway.config import shipped
 from bms_gateway.config.model_file import format_model, parse_model
 from bms_gateway.thermal import AddedEffect, Prior, StringModel
 from bms_gateway.thermal.effects import catalogue
-from tests.acceptance.drives import analyze
+from tests.acceptance.drives import analyze, string_drive
 from tests.truth.hidden import HiddenLog, Scenario, make_log, open_circuit
 
 GATEWAY = """
@@ -144,3 +146,41 @@ def test_every_effect_of_the_catalogue_pays_live(name: str, tmp_path: Path) -> N
     before, after = before_and_after(name, tmp_path)
     assert after.inside >= 0.9
     assert after.rms < before.rms
+
+
+def aged(growth: float, minutes: int, identify: str, directory: Path) -> tuple[float, float, str]:
+    """Core error over the last quarter of an hour, R_e found over the true one, and its status."""
+    rng = np.random.default_rng(1)
+    current, inlet, core, surface = string_drive(minutes, 3, 15.0, 1.0, 5, B=3000.0, R_e=3.5e-3 * growth)
+    model = parse_model(shipped("deploy/example/string.toml").read_text())
+    priors = {
+        k: Prior(p.value, {"R_e": 0.1, "R_c": 0.05, "R_u": 0.05}.get(k, p.rel_sd)) for k, p in model.priors.items()
+    }
+    falling = AddedEffect("resistance_temperature", None, {"B": 2900.0}, {"B": 200.0})
+    model = replace(model, cells=5, sensors=(1, 3, 5), priors=priors, effects=(falling,))
+    config = config_with(model, identify, directory)
+    config.write_text(config.read_text() + f'[identify]\nmethod = "{identify}"\n')
+    t = np.arange(len(current), dtype=float)
+    columns = {"time_s": t, "current_A": current, "coolant_inlet_C": inlet[:-1]}
+    columns |= {f"surface_{k}_C": surface[:-1, k - 1] + 0.1 * rng.normal(size=len(t)) for k in (1, 3, 5)}
+    table = directory / "aged.csv"
+    np.savetxt(table, np.column_stack(list(columns.values())), "%.6g", ",", header=",".join(columns), comments="")
+    log = directory / "aged.log"
+    assert main(["encode", str(table), "--config", str(config), "--out", str(log)]) == 0
+    e = analyze(log, config, directory / f"{identify}_out")
+    late = e["time_s"] > 60 * (minutes - 15)
+    error = e["core_C"][late] - core[e["time_s"][late].astype(int), e["cell"][late].astype(int) - 1]
+    with (directory / f"{identify}_out" / "parameters.csv").open() as f:
+        last = [row for row in csv.DictReader(f) if row["name"] == "R_e"][-1]
+    return float(np.sqrt(np.mean(error**2))), float(last["value"]) / (3.5 * growth), last["status"]
+
+
+@pytest.mark.slow
+def test_ageing_is_followed_with_an_effect_of_the_heat_in_the_model(tmp_path: Path) -> None:
+    """R_e has grown by a fifth since the fit, B is known to 200 K."""
+    fixed, _, _ = aged(1.2, 75, "off", tmp_path)
+    followed, share, status = aged(1.2, 75, "window", tmp_path)
+    print(f"core {fixed:.2f} K with the numbers of the fit, {followed:.2f} K followed; R_e {share:.3f} of the true one")
+    assert status == "identified"
+    assert share == pytest.approx(1.0, abs=0.08)
+    assert followed < 0.7 * fixed

@@ -17,6 +17,7 @@ from tests.engine.packs import EPOCH_S, cut, database, plan, text, traffic
 S = 1_000_000_000
 FALLING = AddedEffect("resistance_temperature", None, {"B": 3000.0}, {"B": 300.0})
 SLOW = AddedEffect("polarization", None, {"R_1": 1e-3, "tau": 60.0}, {"R_1": 1e-4, "tau": 0.2})
+COOLED = AddedEffect("natural_convection", None, {"n": 0.2}, {"n": 0.02})
 LATE = AddedEffect("coolant_delay", None, {"tau": 20.0}, {"tau": 4.0})
 
 
@@ -96,7 +97,7 @@ def test_a_silent_bus_is_carried_over_in_one_step() -> None:
 
 
 def test_numbers_that_come_from_a_fit_with_effects_are_told_as_fixed() -> None:
-    told = [e for e in drive(engine(LATE), [FRAMES]) if isinstance(e, Parameters) and e.string == "string_1"]
+    told = [e for e in drive(engine(COOLED), [FRAMES]) if isinstance(e, Parameters) and e.string == "string_1"]
     assert {p.status for p in told[0].estimates} == {"fixed: identified offline, with its effects"}
     assert STATUS_CODES[told[0].estimates[0].status.split(":")[0]] == 3
 
