@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.cli.main import Parser
-from bms_gateway.errors import DataError, UsageError, did_you_mean
+from bms_gateway.errors import ConfigError, DataError, UsageError, did_you_mean
 
 if TYPE_CHECKING:
     from bms_gateway.config.load import LoadedConfig
@@ -96,6 +96,8 @@ def read_measurements(
     """
     from bms_gateway.cli.table_checks import log_kind
 
+    if not model.sensors:
+        raise ConfigError("the model has no sensors (sensors = []): there is nothing to hold measurements against")
     loaded: tuple[LoadedConfig, StringPlan] | None = None
     records = []
     for path in paths:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bms_gateway.diagnose.calibrate import UNTOLD, posterior
-from bms_gateway.diagnose.candidates import FLOW_MOVES, Candidate, candidates, places
+from bms_gateway.diagnose.candidates import Candidate, candidates, places
 from bms_gateway.diagnose.core_band import core_bands
 from bms_gateway.diagnose.diagnosis import Diagnosis, diagnose
 from bms_gateway.diagnose.misfit import nearest, sensors
@@ -110,8 +110,8 @@ def check_signals(wants: Sequence[Wanted], records: Sequence[Record]) -> None:
                 if signal not in r.drive.known:
                     more = ", or cell.capacity_Ah in the model to count it" if signal == "soc" else ""
                     raise DataError(f"{r.source}: {w.effect.name} needs the column {COLUMNS[signal]}{more}")
-            if "flow" in w.effect.signals and float(np.std(r.drive.flow)) < FLOW_MOVES:
-                raise DataError(f"{r.source}: {w.effect.name}: the coolant flow does not move, so it cannot show")
+        if not any(w.effect.determined(r.drive) for r in records):
+            raise DataError(f"{records[0].source}: {w.effect.name} cannot show here: it needs {w.effect.needs}")
 
 
 def add_effects(
@@ -160,6 +160,8 @@ def _fitted_alone(d: Diagnosis, wants: Sequence[Wanted]) -> Addition:
     offered = candidates(problem.model, problem.records[0].drive, surfaces)
     added: list[Candidate] = []
     for w in wants:
+        if not any(w.meets(c) for c in offered):
+            raise DataError(f"{problem.records[0].source}: {w.key} cannot show here: it needs {w.effect.needs}")
         c, after = _best(after, [c for c in offered if w.meets(c)], s)
         added.append(c)
     inflation = structure(after).inflation

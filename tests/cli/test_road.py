@@ -181,7 +181,7 @@ class TestAdd:
             (["cell_cooling:9"], 2, "no place for cell_cooling; valid: 1, 2, 3"),
             (["cell_cooling", "--cell", "9"], 2, "no place for cell_cooling; valid: 1, 2, 3"),
             (["voltage_heat"], 2, "voltage_heat needs the column voltage_V"),
-            (["flow_dependent_cooling"], 2, "the coolant flow does not move"),
+            (["flow_dependent_cooling"], 2, "flow_dependent_cooling cannot show here: it needs a flow that changes"),
             (["entropic_heat", "entropic_heat"], 2, "entropic_heat is there twice"),
             (["cell_cooling", "end_plate", "--cell", "1"], 2, "--cell goes with one EFFECT"),
         ],
