@@ -1,4 +1,4 @@
-"""One log diagnosed, and all that is known of the truth held against the verdict: a plain dictionary, ready for JSON."""
+"""One log diagnosed and held against all that is known of its truth: a plain dictionary, ready for JSON."""
 
 import time
 from dataclasses import replace
@@ -19,8 +19,6 @@ from tests.diagnose.hidden_record import record_of
 from tests.truth.hidden import ABSORBED
 from tests.truth.sizes import SIZES
 
-CALLED = {"s1": "s_1", "s2": "s_2", "Ah": "Q"}
-"""Names of parameters of the truth that the catalogue writes otherwise."""
 FIRST_READINGS_S = 300.0
 """Readings of so long settle where a new drive starts; all later ones judge."""
 
@@ -117,12 +115,10 @@ def inside(log, d: Diagnosis, name):
     if name == "entropic_heat":
         return _entropic(log, d, chosen)
     found = {}
-    for hidden, (value, unit) in log.parameters[name].items():
-        parameter = CALLED.get(hidden, hidden)
+    for parameter, (true, _) in log.parameters[name].items():
         number = chosen.parameters.get(parameter)
         if number is None:
             continue
-        true = value * 1e3 if (unit, number.unit) == ("V", "mV") else value
         if effect_named(name).parameter(parameter).log:
             error, sd = np.log(true / number.value), number.sd / number.value
         else:
@@ -134,7 +130,7 @@ def inside(log, d: Diagnosis, name):
 def _entropic(log, d, chosen):
     """The curve at each knot that the record told, level and departure together; the level where it told that alone."""
     problem, final = d.search.final.problem, d.search.final
-    (value, _) = log.parameters["entropic_heat"]["dU_dT"]
+    (value, _) = next(iter(log.parameters["entropic_heat"].values()))
     knots = np.array([0.05, 0.35, 0.65, 0.95])
     soc = problem.records[0].drive.soc
     names = [c.name for c in problem.coordinates]

@@ -236,6 +236,10 @@ def missed(o, v):
         return ("a cause named" if v["named"] else "") if told_unknown(o, v) else "not said to be unknown"
     if not visible(o):
         return f"not visible, yet {wrong(o, v)} named" if wrong(o, v) else ""
+    return ", ".join(_misnamed(o, v) + (_mispredicted(o, v) if right(o, v) else []))
+
+
+def _misnamed(o, v):
     found = []
     if not set(hidden(o)) <= set(names(v)):
         found.append("not named" if not in_group(o, v) else "only in the group")
@@ -243,14 +247,18 @@ def missed(o, v):
         found.append(f"wrong {'+'.join(extra)}")
     if o["suite"] != "pairs" and cell_right(o, v) is False:
         found.append("wrong cell")
-    if right(o, v):
-        if v["held"][1] > HELD * o["floor"]:
-            found.append(f"held-out {v['held'][1] / o['floor']:.2f} x noise")
-        if v.get("new_drive") is not None and v["new_drive"] > NEW * o["floor"]:
-            found.append(f"new drive {v['new_drive'] / o['floor']:.2f} x noise")
-        if v["core"][1] >= v["core"][0]:
-            found.append("core worse")
-    return ", ".join(found)
+    return found
+
+
+def _mispredicted(o, v):
+    found = []
+    if v["held"][1] > HELD * o["floor"]:
+        found.append(f"held-out {v['held'][1] / o['floor']:.2f} x noise")
+    if v.get("new_drive") is not None and v["new_drive"] > NEW * o["floor"]:
+        found.append(f"new drive {v['new_drive'] / o['floor']:.2f} x noise")
+    if v["core"][1] >= v["core"][0]:
+        found.append("core worse")
+    return found
 
 
 def misses(outcomes, who="ours"):
