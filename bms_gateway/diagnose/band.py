@@ -22,8 +22,9 @@ NEAR = 5.0
 MOST = 8
 LUMPED = 0.05
 """m of a model against which nothing speaks: position of the core's thermocouple, conduction along the axis …"""
-ALARMED = 0.25
-"""… and of one whose numbers, heat or predictions are not plausible: its R_c may be wrong by half (two sd)."""
+ALARMED = 0.35
+"""… and of one whose numbers, heat or predictions are not plausible: two sd are two thirds of its R_c, as much as
+one type of cell differs between two ways of cooling."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -241,7 +241,7 @@ class Board:
         return max((x for x in self.accepted() if set(x.names) <= rest), key=lambda x: x.score)
 
     def _keep(self, h: Hypothesis) -> None:
-        if h.key not in self.found or h.score > self.found[h.key].score:
+        if np.isfinite(h.score) and (h.key not in self.found or h.score > self.found[h.key].score):
             self.found[h.key] = h
 
 

@@ -164,37 +164,39 @@ def fit(
     d = START if parent is None else parent.discrepancy
     if d.size < bench.least:
         d = replace(d, size=bench.least)
-    sd = np.array([c.sd for c in problem.nuisances])
-    if parent is None:
-        prediction = problem.predict(theta, guess)
-        columns = problem.jacobian(theta, prediction, problem.nuisances, 0)
-        nu, J, guess = None, None, prediction.X
-    else:
-        columns, nu, J = parent.map.linear.J, parent.map.nu, parent.map.J
-    y = np.concatenate([m.y for m in problem.records])
-    best: Fit | None = None
-    for _ in range(bench.settings.rounds):
-        noise = bench.noise.at(d)
-        found = map_fit(
-            problem,
-            theta,
-            linear=Linear.of(columns, sd, noise(columns)),
-            nu=nu,
-            guess=guess,
-            J=J,
-            iterations=iterations,
-            noise=noise,
-            least_gain=least_gain,
-            refinements=refinements,
-        )
-        trial = Fit(found, d, found.log_evidence - 0.5 * d.strain)
-        if best is None or trial.log_evidence > best.log_evidence:
-            best = trial
-        theta, nu, guess, J = found.theta, found.nu, found.prediction.X, found.J
-        after = bench.noise.profile(y - found.y, bench.least)
-        if after == d:
-            break
-        d = after
+    # a trial that runs away is judged by its cost, which is then not finite
+    with np.errstate(over="ignore", invalid="ignore"):
+        sd = np.array([c.sd for c in problem.nuisances])
+        if parent is None:
+            prediction = problem.predict(theta, guess)
+            columns = problem.jacobian(theta, prediction, problem.nuisances, 0)
+            nu, J, guess = None, None, prediction.X
+        else:
+            columns, nu, J = parent.map.linear.J, parent.map.nu, parent.map.J
+        y = np.concatenate([m.y for m in problem.records])
+        best: Fit | None = None
+        for _ in range(bench.settings.rounds):
+            noise = bench.noise.at(d)
+            found = map_fit(
+                problem,
+                theta,
+                linear=Linear.of(columns, sd, noise(columns)),
+                nu=nu,
+                guess=guess,
+                J=J,
+                iterations=iterations,
+                noise=noise,
+                least_gain=least_gain,
+                refinements=refinements,
+            )
+            trial = Fit(found, d, found.log_evidence - 0.5 * d.strain)
+            if best is None or trial.log_evidence > best.log_evidence:
+                best = trial
+            theta, nu, guess, J = found.theta, found.nu, found.prediction.X, found.J
+            after = bench.noise.profile(y - found.y, bench.least)
+            if after == d:
+                break
+            d = after
     assert best is not None  # noqa: S101 - there is at least one round
     return best
 

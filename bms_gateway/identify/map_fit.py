@@ -235,6 +235,9 @@ def map_fit(
         pull = np.where(used, trust * r, 0.0)
         gradient = np.concatenate([pull @ weighed, pull @ linear.weighed]) - (z - prior) / sd**2
         before = cost
+        if not (np.isfinite(H).all() and np.isfinite(gradient).all()):
+            cost, H = np.inf, np.eye(len(z))  # a trajectory that runs away tells no direction: the fit is none
+            break
         for _ in range(TRIES):
             new = np.clip(z + _step(H, gradient, z, lower, upper, damping), lower, upper)
             trial = problem.predict(new[:P], prediction.X, new[P:])

@@ -9,6 +9,8 @@ from bms_gateway.thermal.parameters import Floats
 KELVIN = 273.15
 REFERENCE = 298.15
 """K: where temperature-dependent numbers are stated."""
+COLDEST = 100.0
+"""K: no cell is colder; a trial of a fit that goes there must still find numbers."""
 LEAST_FACTOR = 0.05
 """A resistance never falls below this share of itself: a fit that tries more must meet no sign change."""
 
@@ -22,7 +24,7 @@ def activation(T: Floats, kelvin: float) -> Floats:
     >>> float(activation(np.array(25.0), 3000.0))
     1.0
     """
-    return np.asarray(np.exp(kelvin * (1.0 / (T + KELVIN) - 1.0 / REFERENCE)), dtype=np.float64)
+    return np.asarray(np.exp(kelvin * (1.0 / np.maximum(T + KELVIN, COLDEST) - 1.0 / REFERENCE)), dtype=np.float64)
 
 
 def factor(change: Floats) -> Floats:
