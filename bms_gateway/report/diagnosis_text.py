@@ -133,7 +133,8 @@ def diagnosis_text(told: Told) -> str:
         if d.ranking:
             parts.append(_ranking(ranking(d)))
         parts.append(_errors(d))
-        tied = {x.candidate.name: x.tied_with for x in d.selected if x.tied_with}
+        # with one effect the sentence has said it
+        tied = {x.candidate.name: x.tied_with for x in d.selected if x.tied_with and len(d.selected) > 1}
         parts += [f"These readings cannot tell {name} from {', '.join(others)}." for name, others in tied.items()]
     if told.absorbed:
         parts.append(_listed("Swallowed by a parameter of the model, so never missing:", told.absorbed))
