@@ -19,8 +19,7 @@ from bms_gateway.diagnose.prepare import joined, measured
 from bms_gateway.diagnose.record import Record
 from bms_gateway.diagnose.regimes import FEATURES, seconds_of
 from bms_gateway.diagnose.residuals import Structure, structure
-from bms_gateway.diagnose.search import fitted
-from bms_gateway.identify.map_fit import MapFit, stacked
+from bms_gateway.identify.map_fit import MapFit, fitted, stacked
 from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal import Floats, StringModel
 

@@ -16,7 +16,7 @@ import scipy.linalg
 
 from bms_gateway.diagnose.candidates import Candidate
 from bms_gateway.diagnose.screen import Gain, screen
-from bms_gateway.identify.map_fit import MapFit, stacked
+from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.thermal import Floats
 from bms_gateway.thermal.effects import EffectParameter
 
@@ -174,14 +174,13 @@ class Projection:
     """
 
     def __init__(self, fit: MapFit) -> None:
-        _, sigma, _, _, used = stacked(fit.problem)
-        self._weight = np.where(used, 1.0 / sigma, 0.0)[:, None]
-        self._base = np.concatenate([fit.J, fit.linear.J], axis=1) * self._weight
+        self._fit = fit
+        self._base = fit.weighed(np.concatenate([fit.J, fit.linear.J], axis=1))
         self._factor = scipy.linalg.cho_factor(fit.H)
 
     def gram(self, columns: Floats) -> Floats:
         """Inner products (p, p) of what is left of the columns (M, p), K per unit, in units of the noise."""
-        J = columns * self._weight
+        J = self._fit.weighed(columns)
         cross = self._base.T @ J
         S = J.T @ J - cross.T @ scipy.linalg.cho_solve(self._factor, cross)
         return np.asarray(0.5 * (S + S.T))
@@ -229,11 +228,11 @@ FIRM = 0.1
 
 def _sized(c: Candidate) -> bool:
     """Whether the effect vanishes at some value of its first parameter, so that it has a size."""
-    return c.effect.parameters[0].neutral is not None
+    return bool(c.strengths) and c.effect.parameters[0].neutral is not None
 
 
 def _smallest(g: Gain, S: float, handicap: float, inflation: float) -> Detectable:
-    c, p = g.candidate, g.candidate.effect.parameters[0]
+    c, p = g.candidate, g.candidate.strengths[0]
     width = 3.0 if p.log else p.sd
     S = max(S, 1e-12) / inflation
     # ½ s² S − ½ ln(1 + S w²) − ln(hypotheses) = log-odds wanted

@@ -251,10 +251,9 @@ def _follows(fit: MapFit, node: Node, heats: Sequence[Heat]) -> list[Follow]:
     columns = np.concatenate(
         [_response(fit, r, node, np.stack([t[n][2] for n in names], axis=2)) for r, t in enumerate(tables)]
     )
-    _, sigma, _, _, used = stacked(fit.problem)
-    weight = np.where(used, 1.0 / sigma, 0.0)[:, None]
+    used = stacked(fit.problem)[4]
     r = np.where(used, fit.r, 0.0)
-    J, base = columns * weight, np.concatenate([fit.J, fit.linear.J], axis=1) * weight
+    J, base = fit.weighed(columns), fit.weighed(np.concatenate([fit.J, fit.linear.J], axis=1))
     prior, sd = (np.array([getattr(c, k) for c in fit.problem.coordinates]) for k in ("prior", "sd"))
     rest = base.T @ r - np.concatenate([(fit.theta - prior) / sd**2, fit.nu / fit.linear.sd**2])
     cross = base.T @ J

@@ -30,7 +30,8 @@ def test_the_filed_model_has_nothing_free_but_its_start(control):
     _, _, model, got = control
     names = [c.name for c in got.filed.fit.problem.coordinates]
     assert names == ["T_c0", "T_s0"]
-    assert {c.name[:3] for c in got.filed.fit.problem.nuisances} <= {"T_0"}
+    free = {c.name for c in got.filed.fit.problem.nuisances}
+    assert all(name.startswith("T_0[") or name.endswith("_late") for name in free)
     assert as_filed(model).effects == ()
 
 
@@ -87,7 +88,7 @@ def test_one_cells_resistance_shows_at_that_cell():
     assert worst.cell == 3
     assert got.findings[0].startswith("Cell 3 reads")
     assert " more than the model" in got.findings[0]
-    assert worst.worst.error_K > 1.0
+    assert worst.worst.error_K > 0.3
 
 
 def test_heat_at_the_surface_shows_over_the_current():

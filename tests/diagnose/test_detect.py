@@ -8,8 +8,8 @@ from bms_gateway.diagnose.detect import Projection, absorbed, detectability
 from bms_gateway.diagnose.prepare import measured
 from bms_gateway.diagnose.residuals import structure
 from bms_gateway.diagnose.screen import screen
-from bms_gateway.diagnose.search import fitted, prior_odds, refit
-from bms_gateway.identify.map_fit import stacked
+from bms_gateway.diagnose.search import prior_odds, refit
+from bms_gateway.identify.map_fit import fitted
 from bms_gateway.identify.problem import Problem
 from tests.diagnose.hidden_record import hidden
 
@@ -46,12 +46,10 @@ def test_projected_columns_are_what_least_squares_leaves(pulses):
     fit, offered, _ = pulses
     gains = screen(fit, [c for c in offered if c.key in ("current_offset", "surface_joule")])
     h = np.concatenate([g.columns for g in gains], axis=1)
-    _, sigma, _, _, used = stacked(fit.problem)
-    w = np.where(used, 1 / sigma, 0.0)[:, None]
     sd = np.concatenate([[c.sd for c in fit.problem.coordinates], fit.linear.sd])
     # ridge least squares as one tall ordinary problem: an oracle that shares no formula with the projection
-    base = np.concatenate([np.concatenate([fit.J, fit.linear.J], axis=1) * w, np.diag(1 / sd)])
-    tall = np.concatenate([h * w, np.zeros((len(sd), h.shape[1]))])
+    base = np.concatenate([fit.weighed(np.concatenate([fit.J, fit.linear.J], axis=1)), np.diag(1 / sd)])
+    tall = np.concatenate([fit.weighed(h), np.zeros((len(sd), h.shape[1]))])
     rest = tall - base @ np.linalg.lstsq(base, tall, rcond=None)[0]
     assert np.allclose(Projection(fit).gram(h), rest.T @ rest, rtol=1e-5)
 
@@ -69,8 +67,9 @@ def test_on_a_single_cell_at_constant_inlet_offsets_and_losses_are_one():
     card = detectability(fit, offered)
     group = next(g for g in card.groups if "inlet_offset" in g)
     assert "neighbour_heat:1" in group
-    assert not next(d for d in card.effects if d.key == "coolant_delay").visible
-    assert "coolant_delay" in card.sentences[0]
+    assert not any(d.visible for d in card.effects if d.key == "coolant_delay")
+    blind = [d.effect for d in card.effects if not d.visible]
+    assert all(name in card.sentences[0] for name in blind)
 
 
 def test_a_cell_without_a_sensor_hides_more(pulses):

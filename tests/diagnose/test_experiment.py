@@ -13,8 +13,8 @@ from bms_gateway.diagnose.feasible import limits_of, plans
 from bms_gateway.diagnose.prepare import measured
 from bms_gateway.diagnose.residuals import structure
 from bms_gateway.diagnose.screen import screen
-from bms_gateway.diagnose.search import Chosen, Search, Trial, fitted, refit, refit_from_nominal
-from bms_gateway.identify.map_fit import map_fit, refreshed
+from bms_gateway.diagnose.search import Chosen, Search, Trial, refit, refit_from_nominal
+from bms_gateway.identify.map_fit import fitted, map_fit, refreshed
 from bms_gateway.identify.problem import Problem
 from tests.diagnose.hidden_record import hidden, record_of
 from tests.truth import hidden as truth

@@ -5,7 +5,7 @@ import pytest
 
 from bms_gateway.diagnose.latent import latent
 from bms_gateway.diagnose.prepare import measured
-from bms_gateway.diagnose.search import fitted
+from bms_gateway.identify.map_fit import fitted
 from bms_gateway.identify.problem import Problem
 from tests.diagnose.hidden_record import hidden
 
