@@ -78,6 +78,8 @@ class ModelError:
             "thermocouple_contact.g": Belief(0.0, self.contact),
             "thermocouple_lag.tau": Belief(0.0, self.lag),
             "thermocouple_offset.b": Belief(0.0, self.offset),
+            "T_in_late": Belief(0.0, 0.0),  # half a second is nothing beside means over five
+            "flow_late": Belief(0.0, 0.0),
             "current_offset.b": Belief(0.0, max(self.current_offset, self.current_share * peak)),
         }
 

@@ -107,6 +107,10 @@ class Coordinate:
         The record it belongs to; None for all.
     effect : str or None
         Key of its effect.
+    reach : float
+        Longest step of a fit.
+    vanishing : bool
+        Its lower bound is where the effect vanishes and its other numbers mean nothing: a fit comes near by shares.
     """
 
     name: str
@@ -119,6 +123,8 @@ class Coordinate:
     put: Callable[[Draft, float], None]
     record: int | None = None
     effect: str | None = None
+    reach: float = np.inf
+    vanishing: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,7 +169,7 @@ class Problem:
         Its effects are part of it; effects with sd 0 keep their numbers.
     records : sequence of Measured
     beliefs : mapping of coordinate to Belief
-        Priors in place of the coordinates' own; named without cell, span and record.
+        Priors in place of the coordinates' own; named without cell, span and record. A nuisance of sd 0 is none.
     """
 
     model: StringModel
@@ -182,7 +188,8 @@ class Problem:
         # last: a model with one more effect has the same coordinates and some at the end
         self.coordinates += tuple(c for e in self.model.effects for c in _effect(e.key, e.name, e.values, e.sd))
         self.coordinates = tuple(_believed(c, self.beliefs) for c in self.coordinates)
-        self.nuisances = tuple(_nuisances(self.model, self.records))
+        believed = (_believed(c, self.beliefs) for c in _nuisances(self.model, self.records))
+        self.nuisances = tuple(c for c in believed if c.sd > 0.0)
         self._recursion = [None] * len(self.records)
         self._alters_readings = any("reading" in effect_named(e.name).hooks() for e in self.model.effects)
 
@@ -401,6 +408,8 @@ def _effect_coordinate(key: str, p: EffectParameter, value: float) -> Coordinate
         min(max(to(value), to(p.lower)), to(p.upper)),
         put,
         effect=key,
+        reach=p.reach,
+        vanishing=p.neutral == p.lower,
     )
 
 
