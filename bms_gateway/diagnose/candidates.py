@@ -3,14 +3,9 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from bms_gateway.thermal import AddedEffect, StringModel
 from bms_gateway.thermal.drive import Drive
-from bms_gateway.thermal.effects import Effect, catalogue, effect_named
-
-FLOW_MOVES = 0.01
-"""Share by which the flow must move before an effect that lives on it is offered."""
+from bms_gateway.thermal.effects import Effect, EffectParameter, catalogue, effect_named
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,11 +17,14 @@ class Candidate:
     effect : Effect
     cell : int or None
     start : mapping of parameter to float, SI
+    free : tuple of str, optional
+        Parameters that the record can tell; the others stay neutral. All where left out.
     """
 
     effect: Effect
     cell: int | None = None
     start: Mapping[str, float] = field(default_factory=dict)
+    free: tuple[str, ...] | None = None
 
     @property
     def name(self) -> str:
@@ -38,12 +36,27 @@ class Candidate:
         """As `AddedEffect.key`."""
         return self.name if self.cell is None else f"{self.name}:{self.cell}"
 
+    def is_free(self, p: EffectParameter) -> bool:
+        """Whether a fit may move the parameter."""
+        return self.free is None or p.name in self.free
+
+    @property
+    def strengths(self) -> tuple[EffectParameter, ...]:
+        """Free parameters with a value at which the effect vanishes: those that a score can speak of."""
+        return tuple(p for p in self.effect.parameters if p.neutral is not None and self.is_free(p))
+
+    @property
+    def begin(self) -> dict[str, float]:
+        """Where a fit starts, by parameter (SI)."""
+        return {
+            p.name: p.neutral if p.neutral is not None and not self.is_free(p) else self.start.get(p.name, p.probe)
+            for p in self.effect.parameters
+        }
+
     def added(self, values: Mapping[str, float] | None = None) -> AddedEffect:
         """Return the effect as part of a model: numbers of the catalogue's start, or `values`."""
-        start = {p.name: self.start.get(p.name, p.probe) for p in self.effect.parameters}
-        return AddedEffect(
-            self.name, self.cell, {**start, **(values or {})}, {p.name: p.sd for p in self.effect.parameters}
-        )
+        sd = {p.name: p.sd if self.is_free(p) else 0.0 for p in self.effect.parameters}
+        return AddedEffect(self.name, self.cell, {**self.begin, **(values or {})}, sd)
 
     def put_into(self, model: StringModel, values: Mapping[str, float] | None = None) -> StringModel:
         """Add the effect to a model, last."""
@@ -77,10 +90,13 @@ def candidates(model: StringModel, drive: Drive, surfaces: tuple[float, float]) 
     for effect in catalogue().values():
         if model.cells < effect.least_cells or not set(effect.signals) <= drive.known:
             continue
-        if "flow" in effect.signals and float(np.std(drive.flow)) < FLOW_MOVES:
+        free = effect.determined(drive)
+        if not free:
             continue
         for cell in places(effect, model.cells, model.sensors):
-            found += [c for start in effect.starts(*surfaces) if (c := Candidate(effect, cell, start)).key not in there]
+            found += [
+                c for start in effect.starts(*surfaces) if (c := Candidate(effect, cell, start, free)).key not in there
+            ]
     return tuple(found)
 
 

@@ -208,7 +208,7 @@ def numbers(fit: MapFit, c: Candidate) -> dict[str, Number]:
     """Numbers of one effect of a fit in the units shown to people; sd by the delta method where it is a logarithm."""
     sd = np.sqrt(np.diag(fit.covariance))
     found = {}
-    for p in c.effect.parameters:
+    for p in filter(c.is_free, c.effect.parameters):
         i = fit.problem.index(f"{c.key}.{p.name}")
         value = float(np.exp(fit.theta[i])) if p.log else float(fit.theta[i])
         spread = value * float(sd[i]) if p.log else float(sd[i])

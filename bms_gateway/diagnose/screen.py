@@ -33,7 +33,8 @@ class Gain:
     ----------
     candidate : Candidate
     gain : float
-        By how much the cost (−2 log posterior) would fall.
+        By how much the cost (−2 log posterior) would fall; infinite for an effect that never vanishes, which a score
+        cannot speak of.
     values : mapping of parameter to float, SI
         Where its strength would end: the start of a fit.
     columns : ndarray (M, p)
@@ -49,26 +50,29 @@ class Gain:
 def screen(fit: MapFit, candidates: Sequence[Candidate]) -> list[Gain]:
     """Score candidates against a fit, best first."""
     used = stacked(fit.problem)[4]
-    base = fit.weighed(np.concatenate([fit.J, fit.linear.J], axis=1))
-    factor = scipy.linalg.cho_factor(fit.H)
-    r = np.where(used, fit.r, 0.0)
+    steep = np.sqrt(fit.steep)  # as in the fit's H
+    base = fit.weighed(np.concatenate([fit.J, fit.linear.J], axis=1)) * steep
+    free = fit.free  # what stands on a bound cannot make way for a candidate
+    base = base[:, free]
+    factor = scipy.linalg.cho_factor(fit.H[np.ix_(free, free)])
+    r = np.where(used, fit.r, 0.0) / steep
     prior = np.array([c.prior for c in fit.problem.coordinates])
     sd = np.array([c.sd for c in fit.problem.coordinates])
     pull = np.concatenate([(fit.theta - prior) / sd**2, fit.nu / fit.linear.sd**2])
-    rest = base.T @ r - pull  # zero at a converged optimum inside its bounds
+    rest = base.T @ r - pull[free]  # zero at a converged optimum inside its bounds
     responses = Responses(fit)
-    strengths = [[p for p in c.effect.parameters if p.neutral is not None] for c in candidates]
-    if not candidates:
-        return []
-    columns = np.stack(
-        [responses.column(c, p) for c, ps in zip(candidates, strengths, strict=True) for p in ps], axis=1
-    )
-    J = fit.weighed(columns)
+    scored = [c for c in candidates if c.strengths]
+    found = [Gain(c, np.inf, c.begin, fit.J[:, :0]) for c in candidates if not c.strengths]
+    if not scored:
+        return found
+    columns = np.stack([responses.column(c, p) for c in scored for p in c.strengths], axis=1)
+    J = fit.weighed(columns) * steep
     cross = base.T @ J
     absorbed = scipy.linalg.cho_solve(factor, cross)
     score = J.T @ r - absorbed.T @ rest
-    found, last = [], 0
-    for c, ps in zip(candidates, strengths, strict=True):
+    last = 0
+    for c in scored:
+        ps = c.strengths
         own = slice(last, last + len(ps))
         last = own.stop
         scales = np.array([AMPLITUDE_SD if p.log else p.sd for p in ps])
@@ -82,7 +86,7 @@ def screen(fit: MapFit, candidates: Sequence[Candidate]) -> list[Gain]:
 
 
 def _start(c: Candidate, strengths: Sequence[EffectParameter], step: Floats) -> dict[str, float]:
-    values = {p.name: c.start.get(p.name, p.probe) for p in c.effect.parameters}
+    values = c.begin
     for p, s in zip(strengths, step, strict=True):
         if not p.log and p.name not in c.start:
             values[p.name] = float(np.clip(s, max(p.lower, -1.5 * p.sd), min(p.upper, 1.5 * p.sd)))
@@ -110,7 +114,7 @@ class Responses:
 
     def column(self, c: Candidate, p: EffectParameter) -> Floats:
         """Readings' response (M,) to one parameter, per unit (or per probe where it is a logarithm)."""
-        values = {q.name: c.start.get(q.name, q.probe) for q in c.effect.parameters}
+        values = c.begin
         for q in c.effect.parameters:
             if q.neutral is not None and q.name != p.name:
                 values[q.name] = q.neutral

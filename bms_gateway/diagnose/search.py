@@ -155,7 +155,7 @@ def search(
     baseline = fitted(Problem(model, records))
     found = Search(baseline, baseline)
     y = stacked(baseline.problem)[0]
-    surfaces = (float(np.quantile(y, 0.05)), float(np.quantile(y, 0.95)))
+    surfaces = (float(np.quantile(y, 0.002)), float(np.quantile(y, 0.998)))
     offered = candidates(model, records[0].drive, surfaces)
     on_trial = False
     for number in range(s.effects):

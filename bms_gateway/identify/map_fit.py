@@ -30,6 +30,8 @@ where Marquardt's usual 1e-3 would creep. Grows by 30 until the cost falls."""
 REFRESHES = 8
 SETTLED = 0.2
 """Cost: less is not worth another look at the nuisances' columns; evidence is read to a few tenths."""
+VANISHING = 0.8
+"""Share of its size by which a step may take an effect away: gone, its other numbers could not bring it back."""
 GAIN = 0.05
 """Cost: a step that gains less ends the fit; a twentieth of what one standard deviation of a number is worth."""
 
@@ -102,6 +104,7 @@ class MapFit:
     cost: float
     log_evidence: float
     noise: Whitening | None = None
+    steep: float = 1.0
 
     @property
     def covariance(self) -> Floats:
@@ -117,6 +120,15 @@ class MapFit:
     def weighed(self, columns: Floats) -> Floats:
         """Columns (M, P) in units of the noise, zero where a reading is held out."""
         return _weighed(self.problem, self.noise, columns)
+
+    @property
+    def free(self) -> np.ndarray:
+        """Which of [θ, ν] (P + Q,) stand inside their bounds and could move either way."""
+        cs = self.problem.coordinates
+        lower = np.concatenate([[c.lower for c in cs], -LIMIT * self.linear.sd])
+        upper = np.concatenate([[c.upper for c in cs], LIMIT * self.linear.sd])
+        z, margin = np.concatenate([self.theta, self.nu]), 1e-6 * (upper - lower)
+        return np.asarray((z > lower + margin) & (z < upper - margin))
 
     def at_bound(self, name: str) -> bool:
         """Whether a coordinate ended on its bound."""
@@ -225,7 +237,7 @@ def map_fit(
     prediction = problem.predict(z[:P], guess, z[P:])
     cost, r = judge(z, prediction)
     columns, H = _columns(problem, z, prediction, J, refinements), np.eye(len(z))
-    damping, settled = DAMPING, False
+    damping, settled, steep = DAMPING, False, 1.0
     for iteration in range(iterations):
         if iteration:
             columns = problem.jacobian(z[:P], prediction, problem.coordinates, refinements, z[P:])
@@ -239,7 +251,8 @@ def map_fit(
             cost, H = np.inf, np.eye(len(z))  # a trajectory that runs away tells no direction: the fit is none
             break
         for _ in range(TRIES):
-            new = np.clip(z + _step(H, gradient, z, lower, upper, damping), lower, upper)
+            step_z = _step(H, gradient, z, lower, upper, damping)
+            new = np.clip(z + step_z * _within_reach(problem, z, step_z), lower, upper)
             trial = problem.predict(new[:P], prediction.X, new[P:])
             trial_cost, trial_r = judge(new, trial)
             if np.isfinite(trial_cost) and trial_cost < cost:
@@ -252,7 +265,7 @@ def map_fit(
         if settled:
             break
     log_evidence = -0.5 * cost - 0.5 * float(np.linalg.slogdet(H)[1]) - float(np.sum(np.log(sd)))
-    return MapFit(problem, z[:P], z[P:], linear, columns, H, prediction, r, cost, log_evidence, noise)
+    return MapFit(problem, z[:P], z[P:], linear, columns, H, prediction, r, cost, log_evidence, noise, steep)
 
 
 def refreshed(fit: MapFit, iterations: int = 6) -> MapFit:
@@ -303,6 +316,16 @@ def _precision(J: Floats, linear: Linear, sd: Floats, trust: float) -> Floats:
     H = trust * np.block([[J.T @ J, cross], [cross.T, linear.gram]])
     H[np.diag_indices_from(H)] += 1.0 / sd**2
     return np.asarray(H, dtype=np.float64)
+
+
+def _within_reach(problem: Problem, z: Floats, step: Floats) -> float:
+    """Share of a step that leaves every number where its linear response still means something."""
+    share = 1.0
+    for c, at, move in zip(problem.coordinates, z, step, strict=False):
+        reach = min(c.reach, VANISHING * (at - c.lower)) if c.vanishing and move < 0.0 else c.reach
+        if abs(move) > reach > 0.0:
+            share = min(share, reach / abs(move))
+    return share
 
 
 def _step(H: Floats, gradient: Floats, z: Floats, lower: Floats, upper: Floats, damping: float) -> Floats:

@@ -60,7 +60,14 @@ class Recursion:
         self._powers = np.stack(powers)
 
     def run(self, x0: Floats, w: Floats) -> Floats:
-        """Run from `x0` (D, P) under `w` (N, D, P): states (N + 1, D, P), the start first."""
+        """Run from `x0` (D, P) under `w` (N, D, P): states (N + 1, D, P), the start first.
+
+        Numbers that a fit tries on its way may run away: the result is then infinite or not a number.
+        """
+        with np.errstate(over="ignore", invalid="ignore"):
+            return self._run(x0, w)
+
+    def _run(self, x0: Floats, w: Floats) -> Floats:
         N, D, P = w.shape
         m = self.block
         blocks = -(-N // m)

@@ -49,6 +49,8 @@ class EffectParameter:
         SI: the value at which the screening looks at the effect; for a shape parameter its typical value.
     neutral : float or None
         SI: the value at which the effect vanishes; None for a shape parameter.
+    reach : float
+        SI (or of the logarithm where `log`): farther than this a linear step in it means nothing.
     """
 
     name: str
@@ -62,6 +64,7 @@ class EffectParameter:
     log: bool = False
     probe: float = 0.0
     neutral: float | None = 0.0
+    reach: float = np.inf
 
 
 class Effect(ABC):

@@ -23,13 +23,17 @@ class PhaseChange(Effect):
     one_sided = True
     parameters = (
         EffectParameter("L", "latent heat", "J", 1.0, 0.0, 1000.0, 0.0, 1e4, probe=300.0),
-        EffectParameter("T_m", "melting temperature", "°C", 1.0, 40.0, 20.0, -20.0, 120.0, probe=40.0, neutral=None),
-        EffectParameter("w", "width of melting", "K", 1.0, 0.7, 0.35, 0.2, 3.0, log=True, probe=0.7, neutral=None),
+        EffectParameter(
+            "T_m", "melting temperature", "°C", 1.0, 40.0, 20.0, -20.0, 120.0, probe=40.0, neutral=None, reach=1.0
+        ),
+        EffectParameter(
+            "w", "width of melting", "K", 1.0, 0.7, 0.35, 0.2, 3.0, log=True, probe=0.7, neutral=None, reach=0.3
+        ),
     )
 
     def starts(self, low: float, high: float) -> tuple[dict[str, float], ...]:
-        """Try six melting temperatures over the range that the surfaces passed."""
-        return tuple({"T_m": low + share * (high - low)} for share in (0.15, 0.3, 0.45, 0.6, 0.75, 0.9))
+        """Try eight melting temperatures over the range that the surfaces passed, ends included."""
+        return tuple({"T_m": low + float(share) * (high - low)} for share in np.linspace(0.0, 1.0, 8))
 
     def coefficients(self, z: Point, p: Values, at: Floats) -> None:
         """Raise C_s around the melting temperature."""
