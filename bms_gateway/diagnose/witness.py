@@ -46,6 +46,8 @@ HEARD = 10.0
 """Log-odds by which the voltage's heat may follow the surface worse, for its core to be heard."""
 LOAD_S = 30.0
 """s: what of the overpotential is slower than a step and still no open-circuit voltage."""
+APART = 0.3
+"""Share of the current that must not go with the charge."""
 WINDOW_S = 300.0
 """s: over which losses are averaged to see them fall with temperature."""
 
@@ -213,7 +215,8 @@ def electric_heat(u: Drive) -> Floats | None:
     """Heat (N,) of one cell by its voltage, W: current times the gap from the open-circuit voltage.
 
     The open-circuit voltage is what of the voltage follows the charge, beside what follows the current at once and
-    within half a minute. None where the voltage is not known over half of the record.
+    within half a minute. None where the voltage is not known over half of the record, or where the current hardly
+    moves about its trend: a discharge at one current does not tell the two apart.
     """
     known = np.isfinite(u.V) & np.isfinite(u.IV)
     if known.mean() < 0.5:
@@ -224,6 +227,9 @@ def electric_heat(u: Drive) -> Floats | None:
     columns = np.stack([np.ones(u.N), charge, charge**2, -u.I, -slow], axis=1)
     steady = known & (np.abs(u.I2 - u.I**2) <= 1.0)
     rows = steady if steady.sum() > 10 * columns.shape[1] else known
+    own = u.I[rows] - columns[rows, :3] @ np.linalg.lstsq(columns[rows, :3], u.I[rows], rcond=None)[0]
+    if np.sqrt(np.mean(own**2)) < APART * np.sqrt(np.mean(u.I2[rows])):
+        return None
     k = np.linalg.lstsq(columns[rows], u.V[rows], rcond=None)[0]
     return np.asarray(np.where(known, u.I * (columns[:, :3] @ k[:3]) - u.IV, np.nan))
 

@@ -91,3 +91,10 @@ def test_no_heat_by_voltage_where_it_is_mostly_missing():
     V[:40] = 3.3
     drive = Drive(1.0, one, one, one, 25 * one, one, 0.5 * one, V, V, one, frozenset({"voltage"}))
     assert electric_heat(drive) is None
+
+
+def test_no_heat_by_voltage_from_a_discharge_at_one_current():
+    one = np.ones(2000)
+    V = 3.6 - np.linspace(0.0, 0.8, 2000)
+    drive = Drive(1.0, 3 * one, 9 * one, 3 * one, 25 * one, one, 0.5 * one, V, 3 * V, one, frozenset({"voltage"}))
+    assert electric_heat(drive) is None
