@@ -15,11 +15,12 @@ from bms_gateway.diagnose.checks import Finding
 from bms_gateway.diagnose.compare import Comparison, Variant
 from bms_gateway.diagnose.detect import Card
 from bms_gateway.diagnose.experiment import Experiment
+from bms_gateway.diagnose.latent import Latent
 from bms_gateway.report.diagnosis_text import Told
-from bms_gateway.report.html_evidence import evidence, summary
+from bms_gateway.report.html_evidence import evidence, missing_heat, summary
 from bms_gateway.report.html_ranking import detectability_table, experiment_table, ranking_table
 from bms_gateway.report.html_series import Shown, shown
-from bms_gateway.report.html_tables import parameters_table
+from bms_gateway.report.html_tables import errors_table, parameters_table
 from bms_gateway.report.page import amount, items, paragraph, section, write_page
 
 VERDICTS = {
@@ -76,6 +77,7 @@ def write_comparison(
     sections = [
         section("where", "Where, when and in which regime it fails", *said),
         *evidence(models, now.core_checks),
+        section("errors", "Errors", errors_table(models)),
         section("parameters", "Parameters, refitted", parameters_table(now.fit)),
         *_aside(findings, notes, comparison.sources, command),
     ]
@@ -87,6 +89,7 @@ def write_diagnosis(
     told: Told,
     *,
     comparison: Comparison | None = None,
+    latent: Latent | None = None,
     experiment: Experiment | None = None,
     card: Card | None = None,
     command: str = "",
@@ -101,6 +104,8 @@ def write_diagnosis(
         With what the terminal shows; without a diagnosis the page says what the data lack.
     comparison : Comparison, optional
         Of the same records: adds in words where the model fails, and thermocouples in cores.
+    latent : Latent, optional
+        Of the model as it is: adds the heat that it misses.
     experiment : Experiment, optional
         Adds all tests with what they can be expected to bring.
     card : Card, optional
@@ -131,7 +136,9 @@ def write_diagnosis(
             section("missing", "What is missing", _effects([s.candidate for s in d.selected], tied)),
             section("where", "Where the model fails", items(comparison.refitted.findings) if comparison else ""),
             *evidence(models, comparison.refitted.core_checks if comparison else ()),
+            section("latent", "The heat that is missing", missing_heat(latent, models[0].fit) if latent else ""),
             section("ranking", "What it could be, ranked", ranking_table(d)),
+            section("errors", "Errors before and after" if d.selected else "Errors", errors_table(models)),
             section("parameters", f"Parameters, {models[-1].name}", parameters_table(models[-1].fit)),
         ]
     following = paragraph(told.next_experiment) if told.next_experiment else ""
@@ -187,6 +194,7 @@ def write_addition(
     sections = [
         section("missing", "What was added", _effects(addition.added, ()), items(said)),
         *evidence(models),
+        section("errors", "Errors before and after", errors_table(models)),
         section("parameters", f"Parameters, {models[-1].name}", parameters_table(addition.after)),
         *_aside(findings, notes, sources, command),
     ]

@@ -4,11 +4,13 @@ from collections.abc import Sequence
 from html import escape
 
 from bms_gateway.diagnose.compare import CoreCheck
-from bms_gateway.report.html_figures import cores, drive, overlay
+from bms_gateway.diagnose.latent import Latent
+from bms_gateway.identify.map_fit import MapFit
+from bms_gateway.report.html_figures import cores, drive, latent, overlay
+from bms_gateway.report.html_ranking import follows_table
 from bms_gateway.report.html_series import Shown, clock, points_each, traces_of
-from bms_gateway.report.html_tables import cores_table, errors_table, heat_map, thermocouples_table, unlearnt
+from bms_gateway.report.html_tables import cores_table, heat_map, thermocouples_table, unlearnt
 from bms_gateway.report.page import Card, amount, cards, figure, section
-
 
 MANY = 6
 """Overlays on a page up to which they are drawn large."""
@@ -59,7 +61,6 @@ def evidence(models: Sequence[Shown], checks: Sequence[CoreCheck] = ()) -> list[
     """
     key = '<ul class="key">' + "".join(f"<li>{t}</li>" for t in KEY) + "</ul>"
     return [
-        section("errors", "Errors", errors_table(models)),
         section("overlay", "Measured and modelled", key, *_overlays(models)),
         section("regimes", "In which regime", heat_map(models)),
         section(
@@ -70,6 +71,20 @@ def evidence(models: Sequence[Shown], checks: Sequence[CoreCheck] = ()) -> list[
             *_cores(models, checks),
         ),
     ]
+
+
+def missing_heat(found: Latent, fit: MapFit) -> str:
+    """Draw the heat that a fit misses and what it follows; a table of all features below."""
+    parts = [f"<p>{escape(found.sentence)}</p>"]
+    for r, m in enumerate(fit.problem.records):
+        time = clock(3600.0 * float(m.drive.hours[-1]))
+        several = f", record {r + 1}" if len(fit.problem.records) > 1 else ""
+        caption = (
+            f"Missing heat as if it all were made in the {found.node}{several}, ± one sd, and what it follows most."
+        )
+        told = f"Missing heat at the {found.node} over time, and the features that it follows"
+        parts.append(figure(f"latent-{r + 1}", latent(found, r, m, time), caption, described=told, time=r))
+    return "\n".join([*parts, follows_table(found)])
 
 
 def _overlays(models: Sequence[Shown]) -> list[str]:

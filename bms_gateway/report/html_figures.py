@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from bms_gateway.diagnose.candidates import FLOW_MOVES
 from bms_gateway.diagnose.core_band import CoreBand
+from bms_gateway.diagnose.latent import Latent
 from bms_gateway.diagnose.regimes import instants_of
 from bms_gateway.identify.problem import Measured
 from bms_gateway.report.html_series import BAND_SD, Clock, Trace, broken, envelope, held_out, numbers, smooth
@@ -29,6 +29,12 @@ BLACK, BLUE, VERMILLION, GREEN, ORANGE, SKY, PURPLE = (
 MEASURED = "#4d4d4d"
 STYLES = ((VERMILLION, "dash"), (BLUE, "solid"))
 """Colour and line style of the model before and after."""
+HEATS = ((BLUE, "solid"), (ORANGE, "dash"), (GREEN, "dot"))
+"""Of the cells whose missing heat is drawn."""
+FLOW_MOVES = 0.01
+"""Of the nominal flow: below, the flow counts as constant and is not drawn."""
+FEATURES, WORTH = 2, 0.02
+"""Features drawn below it, and the share of the misfit from which one is worth showing."""
 HELD = "rgba(0,0,0,0.075)"
 GRID = "#e3e3e3"
 
@@ -65,7 +71,7 @@ def axis(title: str, **more: Any) -> dict[str, Any]:
     }
 
 
-def line(x: list[float], y: list[float], name: str, color: str, **more: Any) -> dict[str, Any]:
+def line(x: Sequence[float], y: Sequence[float | None], name: str, color: str, **more: Any) -> dict[str, Any]:
     """Give one line."""
     style = {"color": color, "width": more.pop("width", 1.6), "dash": more.pop("dash", "solid")}
     return {"type": "scatter", "mode": "lines", "x": x, "y": y, "name": name, "line": style, **more}
@@ -112,7 +118,7 @@ def overlay(trace: Trace, names: Sequence[str], m: Measured, clock: Clock, point
     height : int, px
     """
 
-    def thin(y: Floats, digits: int = 3) -> tuple[list[float], list[float]]:
+    def thin(y: Floats, digits: int = 3) -> tuple[list[float], list[float | None]]:
         t, few = broken(*envelope(trace.time_s, y, points), trace.breaks_s)
         return clock(t), numbers(few, digits)
 
@@ -187,6 +193,53 @@ def cores(
         t_s, y = envelope(*thermocouple, 2000)
         data.append(line(clock(t_s), numbers(y), "thermocouple in the core", BLACK, width=1.3, dash="dot"))
     spec = layout(290, m, clock, yaxis=axis(f"cell {cell}: core, °C"), shapes=shaded(m, clock))
+    return {"data": data, "layout": spec}
+
+
+def latent(found: Latent, record: int, m: Measured, clock: Clock) -> Figure:
+    """Draw the missing heat of the cells that miss most, and below the features that explain most of it."""
+    of_node = [h for h in found.heats if h.node == found.node]
+    mine = sorted((h for h in of_node if h.record == record), key=lambda h: -h.rms_W)[: len(HEATS)]
+    worst = [h is mine[0] for h in of_node].index(True)
+    data: list[dict[str, Any]] = []
+    for h, (color, dash) in zip(mine, HEATS, strict=False):
+        t, name = clock(h.time_s), f"cell {h.cell}"
+        edge = {"mode": "lines", "line": {"width": 0}, "hoverinfo": "skip", "showlegend": False, "legendgroup": name}
+        low, high = numbers(h.heat_W - h.sd_W, 4), numbers(h.heat_W + h.sd_W, 4)
+        data.append({"type": "scatter", "x": t, "y": low, "name": name, **edge})
+        fill = {"fill": "tonexty", "fillcolor": faint(color)}
+        data.append({"type": "scatter", "x": t, "y": high, "name": name, **fill, **edge})
+        data.append(line(t, numbers(h.heat_W, 4), name, color, dash=dash, width=2, legendgroup=name))
+    moving = [f for f in found.follows if f.feature != "constant" and f.share >= WORTH]
+    follows = [f for f in moving if f.node == found.node][:FEATURES]
+    height = 0.6 / max(len(follows), 1)
+    axes: dict[str, Any] = {}
+    notes: list[dict[str, Any]] = []
+    for i, f in enumerate(follows):
+        x = line(clock(mine[0].time_s), numbers(f.values[worst], 4), f.title, BLACK, width=1.2, showlegend=False)
+        data.append({**x, "yaxis": f"y{i + 2}"})
+        top = 0.6 - i * height
+        axes[f"yaxis{i + 2}"] = axis(
+            "" if f.unit == "1" else f.unit, domain=[max(top - height + 0.05, 0.0), top], nticks=4
+        )
+        notes.append(
+            {
+                "text": f.title,
+                "xref": "paper",
+                "x": 0.005,
+                "xanchor": "left",
+                "yref": f"y{i + 2} domain",
+                "y": 1.0,
+                "yanchor": "top",
+                "showarrow": False,
+                "bgcolor": "rgba(255,255,255,0.75)",
+            }
+        )
+    heat = axis(
+        f"heat in the {found.node}, W", domain=[0.65 if follows else 0.0, 1.0], zeroline=True, zerolinecolor="#777777"
+    )
+    spec = layout(250 + 100 * len(follows), m, clock, yaxis=heat, shapes=shaded(m, clock), annotations=notes, **axes)
+    spec["xaxis"]["anchor"] = f"y{len(follows) + 1}" if follows else "y"
     return {"data": data, "layout": spec}
 
 

@@ -8,12 +8,15 @@ import numpy as np
 from bms_gateway.diagnose.detect import Card, Detectable
 from bms_gateway.diagnose.diagnosis import Diagnosis, Number, Ranked
 from bms_gateway.diagnose.experiment import ENOUGH_ODDS, Experiment
+from bms_gateway.diagnose.latent import Latent
 from bms_gateway.report.diagnosis_text import placed, with_sd
+from bms_gateway.report.html_figures import WORTH
 from bms_gateway.report.html_tables import unit
 from bms_gateway.report.page import amount, table
 from bms_gateway.thermal.effects import effect_named
 
 TESTS_SHOWN = 6
+FOLLOWS_SHOWN = 6
 BAR = 190
 """Width of the evidence bars, px."""
 NAMED_AT = 3.0
@@ -48,7 +51,9 @@ def ranking_table(d: Diagnosis) -> str:
         ]
         columns = "".join(f'<td class="n">{c}</td>' for c in cells[2:])
         row = f'<th scope="row">{cells[0]}</th><td>{cells[1]}</td>{columns}'
-        rows.append(f'<tr class="{kind}">{row}<td class="numbers">{_numbers(r.parameters)}</td><td>{told}</td></tr>')
+        rows.append(
+            f'<tr class="{kind}">{row}<td class="numbers">{_numbers(r.parameters)}</td><td class="why">{told}</td></tr>'
+        )
     heads = ["log-odds", "prob.", "held-out, K"]
     head = "".join(f'<th scope="col" class="n">{h}</th>' for h in heads)
     note = (
@@ -81,8 +86,8 @@ def _bar(r: Ranked, top: float, kind: str) -> str:
     limit = f'<line x1="{at:.1f}" x2="{at:.1f}" y1="0" y2="18" stroke="#000" stroke-dasharray="2 2"/>' if at > 4 else ""
     told = f"log-odds {r.evidence:.1f}" + (", refused" if r.refused else "")
     return (
-        f'<svg width="{BAR + 2}" height="18" role="img" aria-label="{told}"><rect x="0.5" y="2.5" width="{width:.1f}" '
-        f'height="13" fill="{fill}" stroke="{edge}"/>{limit}</svg>'
+        f'<svg viewBox="0 0 {BAR + 2} 18" width="{BAR + 2}" role="img" aria-label="{told}">'
+        f'<rect x="0.5" y="2.5" width="{width:.1f}" height="13" fill="{fill}" stroke="{edge}"/>{limit}</svg>'
     )
 
 
@@ -94,11 +99,34 @@ def _scale(top: float) -> str:
         f'<text x="{_place(t, top):.1f}" y="11" text-anchor="{_anchor(_place(t, top))}">{t:g}</text>'
         for t in marks.tolist()
     )
-    return f'<svg width="{BAR + 2}" height="14" font-size="10" font-weight="400" aria-hidden="true">{texts}</svg>'
+    size = f'viewBox="0 0 {BAR + 2} 14" width="{BAR + 2}" font-size="10" font-weight="400"'
+    return f'<svg {size} aria-hidden="true">{texts}</svg>'
 
 
 def _anchor(place: float) -> str:
     return "start" if place < 4.0 else "end" if place > BAR - 14.0 else "middle"
+
+
+def follows_table(found: Latent) -> str:
+    """Features that the missing heat may follow, with the share of the misfit that goes with each."""
+    if not any(f.share >= WORTH for f in found.follows):
+        return ""
+    rows = [
+        [
+            escape(f.title),
+            f.node,
+            f"{100 * f.share:.0f} %",
+            amount(f.slope),
+            "W" if f.unit == "W" else f"W per {unit(f.unit) or 'unit'}",
+        ]
+        for f in found.follows[:FOLLOWS_SHOWN]
+        if f.share >= WORTH
+    ]
+    note = (
+        "Share of the misfit above the noise that goes when a heat proportional to the feature is added there and all "
+        "numbers are refitted; and that heat."
+    )
+    return table(["feature", "heat made at", "share", "heat", ""], rows, words=(0, 1, 4), caption=note)
 
 
 def experiment_table(e: Experiment) -> str:

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bms_gateway.diagnose.core_band import CoreBand, core_bands
 from bms_gateway.diagnose.misfit import Level, Sensor, level, nearest, sensors
@@ -149,11 +148,11 @@ def envelope(t: Floats, y: Floats, most: int) -> tuple[Floats, Floats]:
     n = len(y)
     if n <= most:
         return t, y
-    edges = np.linspace(0, n, most // 2 + 1).astype(np.intp)
-    rows = []
-    for a, b in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
-        low, high = a + int(np.argmin(y[a:b])), a + int(np.argmax(y[a:b]))
-        rows += sorted({low, high})
+    size = -(-n // (most // 2))
+    stretches = np.pad(y, (0, -n % size), mode="edge").reshape(-1, size)
+    first = size * np.arange(len(stretches))
+    ends = np.stack([first + stretches.argmin(axis=1), first + stretches.argmax(axis=1)], axis=1)
+    rows = np.minimum(np.sort(ends, axis=1).ravel(), n - 1)
     return t[rows], y[rows]
 
 
@@ -177,9 +176,9 @@ def points_each(traces: int) -> int:
     return int(np.clip(ALL_POINTS // max(traces, 1), 400, MOST_POINTS))
 
 
-def numbers(y: NDArray[np.float64], digits: int = 3) -> list[float]:
-    """Give plain numbers to so many decimals."""
-    return [float(x) for x in np.round(y, digits).tolist()]
+def numbers(y: Floats, digits: int = 3) -> list[float | None]:
+    """Give plain numbers to so many decimals; what is missing is None."""
+    return [x if x == x else None for x in np.round(y, digits).tolist()]
 
 
 def _breaks(m: Measured) -> tuple[float, ...]:

@@ -1,6 +1,6 @@
 """Tables of the reports on one or two models: errors, cores, parameters, regimes as a heat map."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from html import escape
 
 import numpy as np
@@ -20,7 +20,9 @@ from bms_gateway.thermal.effects import effect_named
 
 UNITS = {"mOhm": "mΩ", "Ohm": "Ω", "degC": "°C", "1": ""}
 FEATURES_SHOWN = 6
-BESIDE = 6
+SENSORS_SHOWN, TOGETHER = 16, 12
+"""Sensors in a heat map at most, and columns up to which before and after stand in one."""
+BESIDE = 4
 """Columns up to which two heat maps stand side by side."""
 
 
@@ -160,45 +162,53 @@ def _start(c: Coordinate) -> bool:
 
 def heat_map(models: Sequence[Shown]) -> str:
     """Mean error by regime, feature by feature, one column per sensor and model."""
-    always, *others = _features(models)
     first = models[0].sensors
-    grid = {f: [_bins(m.sensors[j], f) for j in range(len(first)) for m in models] for f in (always, *others)}
-    largest = max((abs(b.mean_K) for row in grid.values() for bins in row for b in bins), default=0.0)
-    largest = max(largest, first[0].trained.floor_K)
+    worst = sorted(range(len(first)), key=lambda j: -first[j].share)[:SENSORS_SHOWN]
+    columns = sorted(worst)
+    features = _features(models)
+    means = [abs(b.mean_K) for f in features for m in models for j in columns for b in _bins(m.sensors[j], f)]
+    largest = max(max(means, default=0.0), first[0].trained.floor_K)
     note = (
         "Mean of reading minus model, K. Orange, +: the cell reads more than the model; blue, −: less. Bold: no chance."
     )
+    if len(columns) < len(first):
+        note += f" The {len(columns)} cells with the largest errors."
+    if len(columns) * len(models) > TOGETHER:  # wider than a page: one map per model
+        tables = [_heat_table([m], features, columns, largest, m.name) for m in models]
+        return f'<p class="muted">{escape(note)}</p>' + "".join(tables)
     note += f" Before and after: {' and '.join(m.name for m in models)}." if len(models) > 1 else ""
-    half = -(-len(others) // 2) if len(first) * len(models) <= BESIDE else len(others)
-    parts = [part for part in ([always, *others[:half]], others[half:]) if part]
-    tables = [_heat_table(models, part, grid, largest) for part in parts]
+    half = 1 + len(features) // 2 if len(columns) * len(models) <= BESIDE else len(features)
+    parts = [part for part in (features[:half], features[half:]) if part]
+    tables = [_heat_table(models, part, columns, largest) for part in parts]
     return f'<p class="muted">{escape(note)}</p><div class="beside">{"".join(tables)}</div>'
 
 
 def _heat_table(
-    models: Sequence[Shown], features: Sequence[str], grid: Mapping[str, list[tuple[Bin, ...]]], largest: float
+    models: Sequence[Shown], features: Sequence[str], columns: Sequence[int], largest: float, title: str = "while"
 ) -> str:
-    cells = [s.cell for s in models[0].sensors]
+    cells = [models[0].sensors[j].cell for j in columns]
+    grid = {f: [_bins(m.sensors[j], f) for j in columns for m in models] for f in features}
     over = "".join(f'<th scope="colgroup" class="first" colspan="{len(models)}">cell {k}</th>' for k in cells)
-    words = ("before", "after") if len(models) > 1 else ("error",)
-    under = "".join(f'<th scope="col"{_first(i)}>{w}</th>' for _ in cells for i, w in enumerate(words))
+    under = "".join(f'<th scope="col"{_first(i)}>{w}</th>' for _ in cells for i, w in enumerate(("before", "after")))
+    under = f"<tr>{under}</tr>" if len(models) > 1 else ""
     wide = 1 + len(cells) * len(models)
     body = []
     for f in features:
         row = grid[f]
         regime = next(r for r in models[0].sensors[0].regimes if r.feature == f)
         if f != "always":
-            title = escape(f"{regime.title}, {unit(regime.unit)}")
-            body.append(f'<tr><th class="group" scope="rowgroup" colspan="{wide}">{title}</th></tr>')
+            what = escape(f"{regime.title}, {unit(regime.unit)}")
+            body.append(f'<tr><th class="group" scope="rowgroup" colspan="{wide}">{what}</th></tr>')
         # surfaces are sorted each by its own, and what a cell remembers depends on the model
         shared = len({tuple(b.label for b in bins) for bins in row if bins}) == 1
         for i in range(max(len(bins) for bins in row)):
             same = [bins[i] for bins in row if i < len(bins)]
-            columns = "".join(_heat(bins, i, largest, _first(n % len(models))) for n, bins in enumerate(row))
+            tints = "".join(_heat(bins, i, largest, _first(n % len(models))) for n, bins in enumerate(row))
             label = same[0].label if shared else _between(same, regime)
-            body.append(f'<tr><th scope="row">{escape(label)}</th>{columns}</tr>')
+            body.append(f'<tr><th scope="row">{escape(label)}</th>{tints}</tr>')
     return (
-        f'<table class="heat"><thead><tr><th rowspan="2" scope="col">while</th>{over}</tr><tr>{under}</tr></thead>'
+        f'<table class="heat"><thead><tr><th rowspan="{2 if under else 1}" scope="col">{escape(title)}</th>{over}</tr>'
+        f"{under}</thead>"
         "<tbody>\n" + "\n".join(body) + "\n</tbody></table>"
     )
 

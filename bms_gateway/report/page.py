@@ -158,23 +158,14 @@ def figure(name: str, spec: Figure, caption: str, *, described: str, time: int |
 
 
 def to_json(spec: Mapping[str, Any]) -> str:
-    r"""Write a specification so that it can stand in a page; what is not a number becomes null.
+    r"""Write a specification so that it can stand in a page.
 
     Examples
     --------
-    >>> to_json({"y": [1.0, float("nan")], "name": "</script>"})
+    >>> to_json({"y": [1.0, None], "name": "</script>"})
     '{"y":[1.0,null],"name":"<\\/script>"}'
     """
-
-    def plain(x: Any) -> Any:
-        if isinstance(x, float):
-            return x if np.isfinite(x) else None
-        if isinstance(x, Mapping):
-            return {k: plain(v) for k, v in x.items()}
-        return [plain(v) for v in x] if isinstance(x, list | tuple) else x
-
-    text = json.dumps(plain(spec), ensure_ascii=False, separators=(",", ":"), allow_nan=False)
-    return text.replace("</", "<\\/")
+    return json.dumps(spec, ensure_ascii=False, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
 
 
 def write_page(path: Path, title: str, head: str, sections: Sequence[str]) -> None:
