@@ -143,7 +143,7 @@ class Responses:
         """Starts of each record with the effect: what a thermocouple adds has gone into the start taken from it."""
         if c.effect.states or "reading" not in c.effect.hooks():
             return [starts for _, _, starts, *_ in self._records]
-        with_it = Problem(c.put_into(self._problem.model, values), self._problem.records)
+        with_it = Problem(c.put_into(self._problem.model, values), self._problem.records, self._problem.beliefs)
         theta = np.concatenate([self._fit.theta, with_it.begin[len(self._fit.theta) :]])
         return [with_it.numbers(r, theta, self._fit.nu)[1] for r in range(len(self._records))]
 
