@@ -20,12 +20,12 @@ SOC = 0.9
 
 # name: numbers for the truth, numbers for ours (SI), cell, how far apart the two may be on the way, K
 CASES = {
-    "entropic_heat": ({"dU_dT": [0.4, -0.2, 0.1, -0.5]}, {"dUdT": 0.0}, None, 0.02),
+    "entropic_heat": ({"dUdT": [0.4, -0.2, 0.1, -0.5]}, {"dUdT": 0.0}, None, 0.02),
     "resistance_temperature": ({"B": 4200.0}, {"B": 4200.0}, None, 0.02),
-    "resistance_soc": ({"s1": 0.5, "s2": 0.25}, {"s_1": 0.5, "s_2": 0.25}, None, 0.02),
+    "resistance_soc": ({"s_1": 0.5, "s_2": 0.25}, {"s_1": 0.5, "s_2": 0.25}, None, 0.02),
     "resistance_asymmetry": ({"a": 0.4}, {"a": 0.4}, None, 0.02),
     "charge_transfer": ({"I_0": 9.0, "E": 6000.0}, {"I_0": 9.0, "E": 6000.0}, None, 0.02),
-    "hysteresis": ({"V": 0.045, "Ah": 0.15}, {"V": 0.045, "Q": 540.0}, None, 0.02),
+    "hysteresis": ({"V": 0.045, "Q": 0.15}, {"V": 0.045, "Q": 540.0}, None, 0.02),
     "polarization": ({"R_1": 1.3e-3, "tau": 60.0}, {"R_1": 1.3e-3, "tau": 60.0}, None, 0.02),
     "radial_gradient": ({"phi": 0.6}, {"phi": 0.6}, None, 0.05),
     "resistance_drift": ({"a": 0.4}, {"a": 0.4 / 3600}, None, 0.02),
