@@ -158,23 +158,26 @@ def _fitted_alone(d: Diagnosis, wants: Sequence[Wanted]) -> Addition:
     y = stacked(problem)[0]
     surfaces = float(np.quantile(y, 0.05)), float(np.quantile(y, 0.95))
     offered = candidates(problem.model, problem.records[0].drive, surfaces)
+    named = [x.candidate for x in d.selected]
     added: list[Candidate] = []
     for w in wants:
-        if not any(w.meets(c) for c in offered):
+        ways = [c for c in named if w.meets(c)] or [c for c in offered if w.meets(c)]
+        if not ways:
             raise DataError(f"{problem.records[0].source}: {w.key} cannot show here: it needs {w.effect.needs}")
-        c, after = _best(after, [c for c in offered if w.meets(c)], s)
+        c, after = _best(after, ways, s)
         added.append(c)
     inflation = structure(after).inflation
     odds = (after.log_evidence - before.log_evidence) / inflation
     odds += sum(prior_odds(c, offered) for c in added) - HALF
-    refused = _unbelievable(after, added) or gate(before, after, odds, inflation, s, first=True)
+    refused = _unbelievable(after, added)
     remark = ""
-    named = [x.candidate for x in d.selected]
     if all(any(w.meets(c) for c in named) for w in wants):
-        others = ", ".join(c.key for c in named if not any(w.meets(c) for w in wants))
-        refused, remark = _unbelievable(after, added), f"These records ask for {others} as well."
-    elif not refused:
-        refused = _contradiction(d, wants)
+        keys = " ".join(c.key for c in named)
+        others = " and ".join(c.key for c in named if not any(w.meets(c) for w in wants))
+        remark = f"These records ask for {others} as well."
+        refused = refused and f"alone, {refused}; these records ask for {others} as well: add {keys} at once"
+    else:
+        refused = refused or gate(before, after, odds, inflation, s, first=True) or _contradiction(d, wants)
         remark = "" if refused else f"These records cannot tell it from {', '.join(c.key for c in named)}."
     return Addition(tuple(added), before, after, float(odds), refused, remark)
 
