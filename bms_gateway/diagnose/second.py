@@ -13,7 +13,7 @@ import numpy as np
 
 from bms_gateway.diagnose.band import Cores, core_band
 from bms_gateway.diagnose.candidates import Candidate
-from bms_gateway.diagnose.hypotheses import Board, Hypothesis, Option
+from bms_gateway.diagnose.hypotheses import Board, Hypothesis, freed
 from bms_gateway.diagnose.model_error import REFINEMENTS, Bench, Fit, ModelError, averaged, first_part, fit
 from bms_gateway.diagnose.residuals import structure
 from bms_gateway.diagnose.search import Chosen, Search
@@ -27,6 +27,8 @@ Progress = Callable[[float, str], None]
 STRUCTURED = (0.18, 6.0)
 """Structured remainder in units of the noise, and its z: from there something is left that the first search did not
 name."""
+TIED = 3.0
+"""Log-odds within which another effect in its place would do as well."""
 HALF = 0.8
 """Share of the structure's power that an explanation must take away."""
 
@@ -164,11 +166,11 @@ def needs_second(first: Search) -> bool:
     if first.orphan:
         return True
     f = first.final
-    if any(
-        c.effect is not None and f.at_bound(c.name) and c.name.rpartition(".")[2] != "T_m"
-        for c in f.problem.coordinates
-    ):
-        return True
+    for c in f.problem.coordinates:
+        if c.effect is not None and f.at_bound(c.name):
+            effect = effect_named(c.effect.partition(":")[0])
+            if effect.parameter(c.name.rpartition(".")[2]).neutral is not None:  # a shape may end where it likes
+                return True
     left = structure(f)
     if left.size > STRUCTURED[0] and left.z > STRUCTURED[1]:
         return True
@@ -216,7 +218,7 @@ def second_search(
     explained = _explained(records, base.map, best.fit.map)
     noise = _noise(records, best.fit.map)
     kept = max(tail[1] ** 2 - noise**2, 0.0) <= s.tail * max(tail[0] ** 2 - noise**2, 1e-9)
-    believed = bool(best.options) and explained >= s.explained and kept
+    believed = bool(best.effects) and explained >= s.explained and kept
     said = (*witnesses(final.map, records, tail), *_by_voltage(board, best))
     alone: tuple[MapFit, ...] = ()
     if len(records) > 1:
@@ -257,10 +259,10 @@ def _explore(board: Board, s: SecondSettings, tell: Progress) -> None:
     begin = 0.05
     for effects, share in enumerate((0.3, 0.3, 0.1)):
         todo = board.prospects(board.of(effects)[: parents[effects]], counts[effects])
-        for i, (h, o, values) in enumerate(todo):
-            names = ", ".join([*h.names, o.candidate.key])
+        for i, (h, g) in enumerate(todo):
+            names = ", ".join([*h.names, g.candidate.key])
             tell(begin + share * i / len(todo), f"refitting with {names}")
-            board.add(h, o, values)
+            board.add(h, g.candidate, g.values)
         begin += share
     tell(0.75, "refitting the best hypotheses")
     for h in board.accepted()[: s.again]:
@@ -270,9 +272,9 @@ def _explore(board: Board, s: SecondSettings, tell: Progress) -> None:
 def _parsimonious(board: Board, s: SecondSettings) -> Hypothesis:
     """Best hypothesis each of whose effects is worth its place."""
     best = board.accepted()[0]
-    while best.options:
+    while best.effects:
         value, without = min(
-            ((best.score - w.score, w) for o in best.options for w in [board.without(best, o)]), key=lambda x: x[0]
+            ((best.score - w.score, w) for c in best.effects for w in [board.without(best, c)]), key=lambda x: x[0]
         )
         if value >= s.gain:
             break
@@ -295,12 +297,10 @@ def _finished(best: Hypothesis, fine: Bench, s: SecondSettings) -> Fit:
 
 def _by_voltage(board: Board, best: Hypothesis) -> list[Witness]:
     """Fit the heat that the voltage tells, without any effect, and see where it puts the cores."""
-    effect = effect_named("voltage_heat")
-    told = {p for m in board.bench.records for p in effect.determined(m.drive)}
-    if not all(effect.determined(m.drive) for m in board.bench.records):
+    heat = freed(Candidate(effect_named("voltage_heat")), board.bench.records)
+    if not all(heat.effect.determined(m.drive) for m in board.bench.records):
         return []
-    option = Option(Candidate(effect), tuple(p.name for p in effect.parameters if p.name in told))
-    other = board.fitted(board.base, option, {})
+    other = board.fitted(board.base, heat, {})
     return [
         by_voltage(best.fit.map, other.fit.map, r, other.fit.log_evidence - best.fit.log_evidence)
         for r in range(len(board.bench.records))
@@ -342,19 +342,12 @@ def _noise(records: Sequence[Measured], f: MapFit) -> float:
 
 
 def _chosen(board: Board, best: Hypothesis) -> tuple[Chosen, ...]:
+    near = [h for h in board.accepted() if h.score > best.score - TIED and len(h.effects) == len(best.effects)]
     found = []
-    for o in best.options:
-        others = {x.key for x in best.options if x is not o}
-        tied = [
-            h
-            for h in board.accepted()
-            if h.score > best.score - 3.0
-            and len(h.options) == len(best.options)
-            and others <= set(h.key)
-            and h.key != best.key
-        ]
-        names = {n for h in tied for n in h.names} - set(best.names)
-        found.append(Chosen(o.candidate, tuple(sorted(names)), best.score - board.without(best, o).score))
+    for c in best.effects:
+        others = set(best.names) - {c.name}
+        tied = {n for h in near if others < set(h.names) for n in h.names} - set(best.names)
+        found.append(Chosen(c, tuple(sorted(tied)), best.score - board.without(best, c).score))
     return tuple(found)
 
 
@@ -364,6 +357,5 @@ def _ranking(board: Board, best: Hypothesis) -> tuple[Ranked, ...]:
     share = dict(zip((h.key for h in accepted), (weight / weight.sum()).tolist(), strict=True))
     ranked = sorted(board.found.values(), key=lambda h: (-h.score, h.key))
     return tuple(
-        Ranked(tuple(o.candidate.key for o in h.options), h.score - best.score, share.get(h.key, 0.0), h.refused)
-        for h in ranked
+        Ranked(tuple(c.key for c in h.effects), h.score - best.score, share.get(h.key, 0.0), h.refused) for h in ranked
     )
