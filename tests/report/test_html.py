@@ -1,0 +1,347 @@
+"""The page of a report: self-contained, well formed, with the numbers of its objects, and seen by a browser."""
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bms_gateway.config.model_file import parse_model
+from bms_gateway.diagnose.adding import Addition
+from bms_gateway.diagnose.checks import Finding, check_record
+from bms_gateway.diagnose.compare import compare
+from bms_gateway.diagnose.diagnosis import diagnose
+from bms_gateway.diagnose.latent import latent
+from bms_gateway.diagnose.record import HELD_OUT, make_record
+from bms_gateway.diagnose.search import Settings
+from bms_gateway.errors import MissingExtraError, UsageError
+from bms_gateway.report.diagnosis_text import Told
+from bms_gateway.report.html import write_addition, write_comparison, write_diagnosis
+from bms_gateway.report.html_figures import HEATS, STYLES
+from bms_gateway.report.html_series import ALL_POINTS, broken, envelope, points_each, smooth
+from bms_gateway.report.page import amount
+from tests.truth.hidden import Scenario, make_log
+
+pytest.importorskip("plotly")
+CHROMIUM = next((p for p in map(shutil.which, ("chromium", "chromium-browser", "google-chrome")) if p), None)
+COMMAND = "bms-gateway diagnose bench.csv --model string_1.toml --html report.html"
+VOID = {"meta", "br", "img", "link", "input", "hr"}
+
+
+class Page(HTMLParser):
+    """What stands on a page; complains about tags that are not closed in order."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.tags, self.ids, self.open, self.tables, self.text = [], [], [], {}, ""
+        self.section = None
+        self.feed(text)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        attrs = dict(attrs)
+        self.tags.append((tag, attrs))
+        self.ids += [attrs["id"]] if "id" in attrs else []
+        if tag not in VOID:
+            self.open.append(tag)
+        if tag == "section":
+            self.section = attrs["id"]
+        if tag == "table":
+            self.tables.setdefault(self.section, []).append([])
+        if tag == "tr":
+            self.tables[self.section][-1].append([])
+        if tag in ("td", "th"):
+            self.tables[self.section][-1][-1].append("")
+
+    def handle_startendtag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] in ("script", "style"):
+            return
+        self.text += data
+        if "td" in self.open or "th" in self.open:
+            self.tables[self.section][-1][-1][-1] += data
+
+    def figures(self, text):
+        names = [a["id"] for t, a in self.tags if a.get("class") == "plot"]
+        return {n: json.loads(re.search(f'id="{n}-data">(.*?)</script>', text, re.DOTALL)[1]) for n in names}
+
+
+def measured_log():
+    log = make_log(
+        Scenario({"resistance_temperature": ("strong", None)}, cells=3, sensors=(1, 3), seconds=1500, seed=2)
+    )
+    model, t = parse_model(log.model), log.table
+    record = make_record(
+        time_s=t["time_s"],
+        current_A=t["current_A"],
+        coolant_inlet_C=t["coolant_inlet_C"],
+        soc=t["soc"],
+        surface_C={k: t[f"surface_{k}_C"] for k in model.sensors},
+        core_C={3: log.core[: len(t["time_s"]), 2]},
+        model=model,
+        source="bench <1>.csv",
+    )
+    return model, record
+
+
+@pytest.fixture(scope="module")
+def road(tmp_path_factory):
+    """One record on the whole road: model, record, comparison, diagnosis, and their pages."""
+    folder = tmp_path_factory.mktemp("html")
+    model, record = measured_log()
+    found = diagnose(model, [record], Settings(refits=3, effects=1))
+    comparison = compare(model, [record])
+    told = Told(
+        found,
+        found.sentence,
+        (record.source,),
+        tuple((record.source, f) for f in check_record(record, model)),
+        (("bench <1>.csv", "a gap of 3 s was bridged"),),
+        absorbed=("A gain of the current sensor goes into R_e.",),
+        next_experiment="To tell it from a drift: drive the same cycle twice (60 min).",
+        card=("These records could not show hysteresis at a usual size.",),
+    )
+    write_diagnosis(
+        folder / "d.html", told, comparison=comparison, latent=latent(found.search.baseline), command=COMMAND
+    )
+    write_comparison(folder / "c.html", comparison, findings=told.findings, notes=told.notes, command=COMMAND)
+    addition = Addition(
+        tuple(s.candidate for s in found.selected), found.search.baseline, found.search.final, 9, "", ""
+    )
+    write_addition(folder / "a.html", addition, told.sources, command=COMMAND)
+    texts = {p.stem: p.read_text(encoding="utf-8") for p in folder.iterdir()}
+    return folder, record, comparison, told, {k: (t, Page(t)) for k, t in texts.items()}
+
+
+def test_pages_are_well_formed_and_what_they_point_at_is_there(road):
+    for text, page in road[-1].values():
+        assert text.startswith("<!DOCTYPE html>")
+        assert len(page.ids) == len(set(page.ids))
+        for _, attrs in page.tags:
+            assert attrs.get("aria-labelledby", page.ids[0]) in page.ids
+        for tag, attrs in page.tags:
+            if tag == "div" and attrs.get("class") == "plot":
+                assert attrs["role"] == "img"
+                assert len(attrs["aria-label"]) > 20
+
+
+def test_pages_ask_for_nothing_from_anywhere(road):
+    for text, page in road[-1].values():
+        assert not [t for t, a in page.tags if t in ("link", "iframe", "img", "object") or "src" in a or "href" in a]
+        policy = next(a["content"] for t, a in page.tags if a.get("http-equiv") == "Content-Security-Policy")
+        assert "default-src 'none'" in policy
+        assert "http" not in policy
+        css = re.search("<style>(.*?)</style>", text, re.DOTALL)[1]
+        assert "url(" not in css
+        assert "@import" not in css
+        own = text[text.rindex("<script>") :]
+        assert not re.search(r"https?:|fetch|XMLHttp|import\(", own)
+
+
+def test_every_section_is_there_and_none_is_empty(road):
+    wanted = {
+        "d": "missing where overlay regimes core latent ranking errors parameters absorbed next card checks notes again",
+        "c": "where overlay regimes core errors parameters checks notes again",
+        "a": "missing overlay regimes core errors parameters again",
+    }
+    for name, (text, page) in road[-1].items():
+        assert [a["id"] for t, a in page.tags if t == "section"] == wanted[name].split()
+        assert all(len(s) > 100 for s in re.findall("<section.*?</section>", text, re.DOTALL))
+
+
+def test_the_page_says_what_the_terminal_says(road):
+    _, _, comparison, told, pages = road
+    page = pages["d"][1]
+    for sentence in (
+        told.sentence,
+        *told.absorbed,
+        told.next_experiment,
+        *told.card,
+        COMMAND,
+        *(f.sentence for _, f in told.findings),
+        *(text for _, text in told.notes),
+        *comparison.refitted.findings,
+    ):
+        assert sentence in page.text
+    for sentence in (*comparison.filed.findings, *comparison.refitted.findings):
+        assert sentence in pages["c"][1].text
+
+
+def test_errors_are_those_of_the_readings(road):
+    """Against root mean squares taken here from readings and model, not by the report."""
+    found = road[3].diagnosis.search
+    rows = road[-1]["d"][1].tables["errors"][0]
+    for column, fit in ((2, found.baseline), (6, found.final)):
+        m = fit.problem.records[0]
+        for j, (_, cell) in enumerate(m.channels):
+            row = next(r for r in rows if r[0] == f"cell {cell}")
+            for at, used in ((column, True), (column + 1, False)):
+                mine = (m.channel == j) & (m.used == used)
+                assert row[at] == amount(float(np.sqrt(np.mean((m.y - fit.y)[mine] ** 2))))
+        total = next(r for r in rows if r[0] == "all")
+        assert total[column] == amount(float(np.sqrt(np.mean((m.y - fit.y)[m.used] ** 2))))
+
+
+def test_ranking_and_parameters_are_those_of_the_diagnosis(road):
+    d = road[3].diagnosis
+    page = road[-1]["d"][1]
+    rows = page.tables["ranking"][0][1:]
+    assert [float(r[2].replace("−", "-")) for r in rows] == [round(r.evidence, 1) for r in d.ranking]
+    for row, r in zip(rows, d.ranking, strict=True):
+        assert row[0].startswith(r.effect)
+        assert row[4] == amount(r.heldout_rmse_K)
+        assert (r.refused in row[6]) if r.refused else not row[6].startswith("refused")
+    assert [r[6] for r in rows].count("named") == len(d.selected) == 1
+    B = next(r for r in page.tables["parameters"][0] if r[0].startswith("resistance_temperature.B"))
+    number = d.selected[0].parameters["B"]
+    value, sd = (float(x) for x in B[1].split(" ± "))
+    assert abs(value - number.value) < 0.1 * number.sd
+    assert abs(sd / number.sd - 1.0) < 0.1
+
+
+def test_overlays_hold_the_readings_and_shade_what_was_held_out(road):
+    _, record, _, _, pages = road
+    figures = pages["d"][1].figures(pages["d"][0])
+    end = record.instants[-1] - record.instants[0]
+    for j, cell in enumerate(record.cells):
+        spec = figures[f"overlay-1-{cell}"]
+        trace = spec["data"][0]
+        mine = record.sensor == j
+        assert np.allclose(trace["y"], record.y[mine], atol=1e-3)
+        assert np.allclose(np.array(trace["x"]) * 60, record.surface.at(record.instants)[mine], atol=0.01)
+        shaded = [(s["x0"] * 60 / end, s["x1"] * 60 / end) for s in spec["layout"]["shapes"] if s["type"] == "rect"]
+        assert np.allclose(shaded, HELD_OUT, atol=0.005)
+        for title in ("yaxis", "yaxis2", "xaxis"):
+            assert re.search("°C|K|min", spec["layout"][title]["title"]["text"])
+
+
+def test_plotly_knows_every_figure(road):
+    from plotly.graph_objects import Figure
+
+    for text, page in road[-1].values():
+        for spec in page.figures(text).values():
+            Figure(spec)  # refuses what it does not know
+            assert all(len(t["x"]) == len(t["y"]) for t in spec["data"])
+
+
+def test_a_core_thermocouple_is_shown_beside_the_models(road):
+    _, _, comparison, _, pages = road
+    check = comparison.refitted.core_checks[0]
+    row = next(r for r in pages["c"][1].tables["core"][1] if r[0] == "cell 3")
+    assert row[4:] == [amount(check.rmse_K), amount(check.bias_K), f"{100 * check.covered:.0f} %"]
+    names = [t.get("name") for t in pages["c"][1].figures(pages["c"][0])["core-1"]["data"]]
+    assert "thermocouple in the core" in names
+
+
+def test_pages_stay_small(road):
+    assert all(f.stat().st_size < 6_000_000 for f in road[0].iterdir())
+    assert all(points_each(n) * n <= max(ALL_POINTS, 400 * n) for n in range(1, 200))
+
+
+def test_without_a_diagnosis_the_page_says_what_the_data_lack(tmp_path):
+    stop = Finding("too_short", "stop", "The record lasts 20 s; 300 s are the least.")
+    told = Told(None, f"Nothing can be said. {stop.sentence}", ("a.csv", "b.csv"), (("a.csv", stop),))
+    write_diagnosis(tmp_path / "x.html", told, title="<b>&")
+    text = (tmp_path / "x.html").read_text(encoding="utf-8")
+    page = Page(text)
+    assert [a["id"] for t, a in page.tags if t == "section"] == ["checks", "again"]
+    assert "Insufficient data" in page.text
+    assert "a.csv: stop: The record lasts" in page.text
+    assert "<b>&" in page.text
+    assert "<title>&lt;b&gt;&amp;</title>" in text
+
+
+def test_what_is_refused_is_hatched_and_what_is_tied_stands_out(road, tmp_path):
+    told = road[3]
+    d = told.diagnosis
+    first, second, *_ = d.ranking
+    ranking = (
+        first,
+        replace(second, effect="charge_transfer", refused=""),
+        replace(second, effect="end_plate", refused="bound"),
+    )
+    selected = (replace(d.selected[0], tied_with=("charge_transfer",)),)
+    write_diagnosis(tmp_path / "x.html", replace(told, diagnosis=replace(d, ranking=ranking, selected=selected)))
+    text = (tmp_path / "x.html").read_text(encoding="utf-8")
+    rows = re.findall('<tr class="(chosen|tied|)">(.*?)</tr>', text, re.DOTALL)
+    assert [kind for kind, _ in rows] == ["chosen", "tied", ""]
+    assert ["url(#hatch)" in row for _, row in rows] == [False, False, True]
+    assert "cannot tell it from charge_transfer" in text
+
+
+def test_lines_differ_in_style_too_where_colour_is_not_seen():
+    for styles in (STYLES, HEATS):
+        assert len({dash for _, dash in styles}) == len({color for color, _ in styles}) == len(styles)
+
+
+def test_without_plotly_the_extra_is_named(monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "plotly.offline", None)
+    with pytest.raises(MissingExtraError, match=r"pip install 'bms-gateway\[report\]'"):
+        write_diagnosis(tmp_path / "x.html", Told(None, "Nothing.", ()))
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_page_that_cannot_be_written_is_the_callers_fault(tmp_path):
+    with pytest.raises(UsageError, match="none"):
+        write_diagnosis(tmp_path / "none" / "x.html", Told(None, "Nothing.", ()))
+
+
+@given(st.lists(st.floats(-50, 150), min_size=1, max_size=300), st.integers(2, 60))
+def test_thinning_hides_no_excursion(values, most):
+    y, t = np.array(values), np.arange(len(values), dtype=float)
+    few_t, few = envelope(t, y, most)
+    assert len(few) <= max(most, 2)
+    assert few.min() == y.min()
+    assert few.max() == y.max()
+    assert (np.diff(few_t) >= 0).all()
+    assert np.array_equal(y[few_t.astype(int)], few)
+
+
+def test_lines_are_open_where_the_record_has_a_gap():
+    t = np.array([0.0, 1, 2, 100, 101])
+    at, y = broken(t, np.ones(5), (99.0,))
+    assert at.tolist() == [0, 1, 2, 99, 100, 101]
+    assert np.isnan(y[3])
+    assert np.isfinite(np.delete(y, 3)).all()
+    at, y = smooth(t, np.arange(5.0), (99.0,), 200.0)
+    assert at.tolist() == [1.0, 100.5]
+    assert y.tolist() == [1.0, 3.5]
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here to look at the page with")
+def test_a_browser_draws_every_figure_without_a_complaint(road, tmp_path):
+    call = [
+        CHROMIUM,
+        "--headless=new",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--enable-logging=stderr",
+        "--window-size=1280,900",
+    ]
+    call += [
+        f"--user-data-dir={tmp_path / 'profile'}",
+        "--virtual-time-budget=10000",
+        "--host-resolver-rules=MAP * ~NOTFOUND",
+    ]
+    page, picture = f"file://{road[0] / 'd.html'}", tmp_path / "page.png"
+    seen = subprocess.run([*call, "--dump-dom", page], capture_output=True, text=True, timeout=120, check=True)
+    assert "CONSOLE" not in seen.stderr  # neither errors nor requests that the page forbids itself
+    plots = len(road[-1]["d"][1].figures(road[-1]["d"][0]))
+    assert len(re.findall(r'class="plot js-plotly-plot"', seen.stdout)) == plots >= 4
+    assert len(re.findall(r'class="[xy]2?title"', seen.stdout)) >= 2 * plots
+    subprocess.run([*call, f"--screenshot={picture}", page], capture_output=True, timeout=120, check=True)
+    assert picture.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+    assert picture.stat().st_size > 20_000
