@@ -49,19 +49,22 @@ class CoreBand:
 
 
 def seen_at(m: Measured, channels: Sequence[Channel], row: np.ndarray, share: Floats | None = None) -> Measured:
-    """Give a record that is read elsewhere: all `channels` at each of the rows of its trajectory."""
-    K, C = len(row), len(channels)
+    """Give a record that is read elsewhere: `channels` at each of the rows of its trajectory.
+
+    Its own channels stay, without readings: where it starts was taken from their thermocouples.
+    """
+    K, C, own = len(row), len(channels), len(m.channels)
     share = np.zeros(K) if share is None else share
     return replace(
         m,
-        channels=tuple(channels),
-        channel=np.repeat(np.arange(C), K),
+        channels=(*m.channels, *channels),
+        channel=own + np.repeat(np.arange(C), K),
         row=np.tile(row, C),
         share=np.tile(share, C),
         y=np.zeros(K * C),
         used=np.ones(K * C, np.bool_),
-        sigma0=np.full(C, 0.1),
-        step=np.zeros(C),
+        sigma0=np.concatenate([m.sigma0, np.full(C, 0.1)]),
+        step=np.concatenate([m.step, np.zeros(C)]),
     )
 
 
@@ -81,9 +84,11 @@ def sensitivity(fit: MapFit, records: Sequence[Measured]) -> tuple[Floats, Float
         Per unit of [θ, ν].
     """
     problem = Problem(fit.problem.model, records)
+    nuisances = problem.nuisances = fit.problem.nuisances  # offsets of sensors too, which are read elsewhere here
     moved = problem.jacobian(fit.theta, fit.prediction, problem.coordinates, nu=fit.nu)
-    nuisances = fit.problem.nuisances
-    scatter = problem.jacobian(fit.theta, fit.prediction, nuisances, refinements=0, nu=fit.nu) if len(fit.nu) else moved[:, :0]
+    scatter = moved[:, :0]
+    if len(fit.nu):
+        scatter = problem.jacobian(fit.theta, fit.prediction, nuisances, refinements=0, nu=fit.nu)
     y = problem.predict(fit.theta, fit.prediction.X, fit.nu).y
     return y, np.concatenate([moved, scatter], axis=1)
 
