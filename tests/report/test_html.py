@@ -32,6 +32,12 @@ from tests.truth.hidden import Scenario, make_log
 pytest.importorskip("plotly")
 CHROMIUM = next((p for p in map(shutil.which, ("chromium", "chromium-browser", "google-chrome")) if p), None)
 COMMAND = "bms-gateway diagnose bench.csv --model string_1.toml --html report.html"
+ZOOM = """
+const all = [...document.querySelectorAll(".plot")];
+Plotly.relayout(all[0], {"xaxis.range": [5, 10]}).then(() => setTimeout(() => {
+  document.body.insertAdjacentHTML("beforeend", all.map((p) => `<i>${p.layout.xaxis.range}</i>`).join(""));
+}, 1000));
+"""
 VOID = {"meta", "br", "img", "link", "input", "hr"}
 
 
@@ -114,9 +120,8 @@ def road(tmp_path_factory):
         next_experiment="To tell it from a drift: drive the same cycle twice (60 min).",
         card=("These records could not show hysteresis at a usual size.",),
     )
-    write_diagnosis(
-        folder / "d.html", told, comparison=comparison, latent=latent(found.search.baseline), command=COMMAND
-    )
+    heat = latent(found.search.baseline)
+    write_diagnosis(folder / "d.html", told, comparison=comparison, latent=heat, command=COMMAND)
     write_comparison(folder / "c.html", comparison, findings=told.findings, notes=told.notes, command=COMMAND)
     addition = Addition(
         tuple(s.candidate for s in found.selected), found.search.baseline, found.search.final, 9, "", ""
@@ -153,7 +158,8 @@ def test_pages_ask_for_nothing_from_anywhere(road):
 
 def test_every_section_is_there_and_none_is_empty(road):
     wanted = {
-        "d": "missing where overlay regimes core latent ranking errors parameters absorbed next card checks notes again",
+        "d": "missing where overlay regimes core latent ranking errors parameters absorbed next card checks notes "
+        "again",
         "c": "where overlay regimes core errors parameters checks notes again",
         "a": "missing overlay regimes core errors parameters again",
     }
@@ -336,12 +342,15 @@ def test_a_browser_draws_every_figure_without_a_complaint(road, tmp_path):
         "--virtual-time-budget=10000",
         "--host-resolver-rules=MAP * ~NOTFOUND",
     ]
-    page, picture = f"file://{road[0] / 'd.html'}", tmp_path / "page.png"
+    text = road[-1]["d"][0].replace("</body>", f"<script>{ZOOM}</script></body>")
+    (tmp_path / "zoomed.html").write_text(text, encoding="utf-8")
+    page, picture = f"file://{tmp_path / 'zoomed.html'}", tmp_path / "page.png"
     seen = subprocess.run([*call, "--dump-dom", page], capture_output=True, text=True, timeout=120, check=True)
     assert "CONSOLE" not in seen.stderr  # neither errors nor requests that the page forbids itself
     plots = len(road[-1]["d"][1].figures(road[-1]["d"][0]))
     assert len(re.findall(r'class="plot js-plotly-plot"', seen.stdout)) == plots >= 4
     assert len(re.findall(r'class="[xy]2?title"', seen.stdout)) >= 2 * plots
+    assert set(re.findall(r"<i>([\d,.-]*)</i>", seen.stdout)) == {"5,10"}, "figures of one record zoom together"
     subprocess.run([*call, f"--screenshot={picture}", page], capture_output=True, timeout=120, check=True)
     assert picture.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
     assert picture.stat().st_size > 20_000
