@@ -109,6 +109,7 @@ class SecondSearch:
     baseline, best : MapFit
         The model as it is and with the chosen effects, on the averaged records.
     chosen : tuple of Chosen
+        Surest first. With the verdict "unknown_effect" it is what the unknown looks like, never the cause.
     verdict : {"missing_effect", "unknown_effect"}
     unknown_remains : bool
         Always true: the regime is entered because the skeleton itself errs.
@@ -219,7 +220,7 @@ def second_search(
     noise = _noise(records, best.fit.map)
     kept = max(tail[1] ** 2 - noise**2, 0.0) <= s.tail * max(tail[0] ** 2 - noise**2, 1e-9)
     believed = bool(best.effects) and explained >= s.explained and kept
-    said = (*witnesses(final.map, records, tail), *_by_voltage(board, best))
+    said = (*witnesses(final.map, records, tail if best.effects else None), *_by_voltage(board, best))
     alone: tuple[MapFit, ...] = ()
     if len(records) > 1:
         tell(0.95, "fitting each record alone")
@@ -348,7 +349,7 @@ def _chosen(board: Board, best: Hypothesis) -> tuple[Chosen, ...]:
         others = set(best.names) - {c.name}
         tied = {n for h in near if others < set(h.names) for n in h.names} - set(best.names)
         found.append(Chosen(c, tuple(sorted(tied)), best.score - board.without(best, c).score))
-    return tuple(found)
+    return tuple(sorted(found, key=lambda c: -c.log_odds))
 
 
 def _ranking(board: Board, best: Hypothesis) -> tuple[Ranked, ...]:

@@ -74,7 +74,7 @@ class Witness:
     alarm: bool
 
 
-def witnesses(f: MapFit, records: Sequence[Measured], tail: tuple[float, float]) -> tuple[Witness, ...]:
+def witnesses(f: MapFit, records: Sequence[Measured], tail: tuple[float, float] | None) -> tuple[Witness, ...]:
     """Ask all witnesses that one fit has.
 
     Parameters
@@ -83,10 +83,12 @@ def witnesses(f: MapFit, records: Sequence[Measured], tail: tuple[float, float])
         The chosen model with its finest numbers, on averaged records.
     records : sequence of Measured
         As given, not averaged.
-    tail : float, float
-        RMSE of the last part without and with the chosen effects, K.
+    tail : float, float or None
+        RMSE of the last part without and with the chosen effects, K; None where none is chosen.
     """
-    found = [*implausible(f), strain(f), _tail(tail)]
+    found = [*implausible(f), strain(f)]
+    if tail is not None:
+        found.append(_tail(tail))
     for r, m in enumerate(records):
         if "voltage" in m.drive.known:
             found += [w for w in (energy(f, r, m), activation(f, r, m)) if w is not None]
