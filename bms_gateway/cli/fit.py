@@ -54,21 +54,22 @@ def run(args: argparse.Namespace) -> int:
         _with_cores(records)
     with progress("fitting", None) as advance:
         advance(1)
-        fit = identify(model, records, core=args.calibrate)
+        found = identify(model, records, core=args.calibrate)
     report = FitReport(
         args.out,
         tuple(r.source for r in records),
         args.calibrate,
-        changes(fit),
-        absorbed(fit).combinations,
-        channel_errors(fit),
-        errors(fit),
+        changes(found.fit),
+        absorbed(found.fit).combinations,
+        channel_errors(found.seen),
+        errors(found.seen),
+        found.model_error_K,
         findings,
         notes,
     )
     how = "calibrated with the core on" if args.calibrate else "fitted to"
     write_model(
-        fitted_model(fit, model, calibrated=args.calibrate), Path(args.out), f"{how} {', '.join(report.sources)}"
+        fitted_model(found.fit, model, calibrated=args.calibrate), Path(args.out), f"{how} {', '.join(report.sources)}"
     )
     if args.json:
         write_json(args.json, fit_document(report))

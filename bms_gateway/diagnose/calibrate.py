@@ -6,14 +6,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bms_gateway.diagnose.core_band import tempered
+from bms_gateway.diagnose.model_error import Bench, ModelError, averaged
+from bms_gateway.diagnose.model_error import fit as fit_with_error
 from bms_gateway.diagnose.prepare import measured
-from bms_gateway.diagnose.record import Record
+from bms_gateway.diagnose.record import Record, in_held_out
 from bms_gateway.diagnose.residuals import structure
-from bms_gateway.identify.map_fit import MapFit, fitted, stacked
-from bms_gateway.identify.problem import OWN, Problem
+from bms_gateway.identify.likelihood import generalised
+from bms_gateway.identify.map_fit import ITERATIONS, MapFit, fitted, stacked
+from bms_gateway.identify.problem import OWN, Measured, Problem
 from bms_gateway.thermal import KINDS, AddedEffect, Floats, Prior, StringModel
 from bms_gateway.thermal.effects import EffectParameter, effect_named
 
+LEAST_STRUCTURE, LEAST_Z = 0.18, 6.0
+"""Structured error in units of the noise, and its z, above which a model does not explain the readings."""
 UNTOLD, WEAK = 0.9, 0.5
 """Posterior over prior sd, from which a number is not identifiable, or only weakly."""
 LEARNT = 0.9
@@ -52,6 +57,25 @@ class Change:
 
 
 @dataclass(frozen=True, slots=True)
+class Identified:
+    """A fit, what it says at the records' own readings, and how far the model errs by itself.
+
+    Attributes
+    ----------
+    fit : MapFit
+        Numbers and posterior.
+    seen : MapFit
+        The same numbers against all readings: only for errors.
+    model_error_K : float
+        Size of the slow error that the model was given; 0 where it explains the readings.
+    """
+
+    fit: MapFit
+    seen: MapFit
+    model_error_K: float
+
+
+@dataclass(frozen=True, slots=True)
 class ChannelError:
     """Errors of one thermocouple in one record, K; NaN where there is no reading.
 
@@ -71,8 +95,11 @@ class ChannelError:
     floor_K: float
 
 
-def identify(model: StringModel, records: Sequence[Record], *, core: bool = False) -> MapFit:
+def identify(model: StringModel, records: Sequence[Record], *, core: bool = False) -> Identified:
     """Fit a string to records, from what was known before any data.
+
+    Where the model cannot follow the surfaces to within their noise, it is fitted with an error of its own: taken for
+    white noise, what it lacks drives its numbers and with them its core far off, and makes them look certain.
 
     Parameters
     ----------
@@ -83,7 +110,30 @@ def identify(model: StringModel, records: Sequence[Record], *, core: bool = Fals
         Use thermocouples in cores too, and hold nothing out.
     """
     start = model.unfitted
-    return fitted(Problem(start, [measured(r, start, core=core) for r in records]))
+    ready = [measured(r, start, core=core) for r in records]
+    fit = fitted(Problem(start, ready))
+    left = structure(fit)
+    if core or left.z <= LEAST_Z or left.size <= LEAST_STRUCTURE:
+        return Identified(fit, fit, 0.0)
+    settings = ModelError()
+    bench = Bench([_held_out(averaged(m, settings)) for m in ready], settings)
+    problem = Problem(start, bench.records, bench.beliefs)
+    found = fit_with_error(bench, problem, problem.begin, iterations=ITERATIONS)
+    return Identified(found.map, seen_on(found.map, ready), found.discrepancy.size)
+
+
+def seen_on(fit: MapFit, records: Sequence[Measured]) -> MapFit:
+    """Hold the numbers of a fit against other readings of its records: what the model says there, and what is left."""
+    problem = Problem(fit.problem.model, records, fit.problem.beliefs)
+    prediction = problem.predict(fit.theta, nu=fit.nu)
+    y, _, sigma0, step, _ = stacked(problem)
+    r, _ = generalised(y - prediction.y, sigma0, step)
+    return replace(fit, problem=problem, prediction=prediction, r=r, noise=None)
+
+
+def _held_out(m: Measured) -> Measured:
+    at = m.row + m.share
+    return replace(m, used=~in_held_out(at / max(float(at.max()), 1.0)))
 
 
 def posterior(fit: MapFit) -> Floats:

@@ -33,6 +33,8 @@ class FitReport:
     channels : tuple of ChannelError
     errors : Errors
         Over all thermocouples.
+    model_error_K : float
+        How far the model errs by itself; 0 where it explains the readings.
     findings, notes : tuple of (source, …)
     """
 
@@ -43,6 +45,7 @@ class FitReport:
     products: tuple[Combination, ...]
     channels: tuple[ChannelError, ...]
     errors: Errors
+    model_error_K: float
     findings: tuple[tuple[str, Finding], ...]
     notes: tuple[tuple[str, str], ...]
 
@@ -64,6 +67,7 @@ def fit_document(r: FitReport) -> dict[str, Any]:
         "train_rmse_K": finite(r.errors.train_rmse_K),
         "heldout_rmse_K": finite(r.errors.heldout_rmse_K),
         "noise_floor_K": finite(r.errors.noise_floor_K),
+        "model_error_K": finite(r.model_error_K),
         "sensors": [
             {
                 "table": c.source,
@@ -96,6 +100,11 @@ def fit_text(r: FitReport) -> str:
     """Write what a fit found for people."""
     several = len(r.sources) > 1
     parts = [_headline(r), changes_table(r.changes)]
+    if r.model_error_K:
+        parts.append(
+            f"The model was given an error of its own, {r.model_error_K:.2g} K over minutes: its numbers and their sd "
+            "allow for what it lacks, as far as a surface can tell."
+        )
     if r.products:
         parts.append("\n".join(p.sentence for p in r.products))
     parts.append(_errors(r.channels, several))

@@ -41,7 +41,7 @@ def records():
 
 @pytest.fixture(scope="module")
 def fit(records):
-    return identify(WIDE, records[:1])
+    return identify(WIDE, records[:1]).fit
 
 
 def test_the_model_says_what_the_fit_says(fit):
@@ -60,7 +60,7 @@ def test_the_model_says_what_the_fit_says(fit):
 def test_what_was_known_before_is_kept_and_comes_back(fit, records):
     model = fitted_model(fit, WIDE)
     assert dict(model.before) == dict(WIDE.priors)
-    again = identify(model, records[:1])
+    again = identify(model, records[:1]).fit
     assert again.theta == pytest.approx(fit.theta, abs=1e-6)
     assert fitted_model(again, model).before == model.before
 
@@ -79,7 +79,7 @@ def test_the_correlation_is_that_of_the_posterior(fit):
 
 def test_what_is_fixed_stays_fixed(records):
     model = replace(WIDE, priors={**WIDE.priors, "C_c": Prior(268.0)})
-    fitted = fitted_model(identify(model, records[:1]), model)
+    fitted = fitted_model(identify(model, records[:1]).fit, model)
     assert fitted.priors["C_c"] == Prior(268.0)
     assert "C_c" not in fitted.correlation[0]
 
@@ -94,7 +94,7 @@ def test_coloured_residuals_weaken_the_posterior(fit):
 
 
 def test_each_record_has_its_own_cooling_and_the_model_a_mean_that_covers_the_next(records):
-    fit = identify(WIDE, records)
+    fit = identify(WIDE, records).fit
     own = [c for c in changes(fit) if c.name == "R_u"]
     assert [c.of for c in own] == [r.source for r in records]
     model = fitted_model(fit, WIDE)
