@@ -31,6 +31,7 @@ VERDICTS = {
     "insufficient_data": "Insufficient data",
 }
 SEVERITIES = {"stop": "stop", "warn": "warning", "note": "note"}
+AGREES, FAILS = "Where the model agrees", "Where the model fails"
 AS_IT_IS = "model as it is"
 Findings = Sequence[tuple[str, Finding]]
 Notes = Sequence[tuple[str, str]]
@@ -131,10 +132,15 @@ def write_diagnosis(
         if d.selected:
             models.append(shown("with " + " and ".join(s.candidate.key for s in d.selected), d.search.final))
         head += summary(models)
+        where = items(comparison.refitted.findings) if comparison else ""
         tied = [t for s in d.selected for t in s.tied_with]
         sections = [
             section("missing", "What is missing", _effects([s.candidate for s in d.selected], tied)),
-            section("where", "Where the model fails", items(comparison.refitted.findings) if comparison else ""),
+            section(
+                "where",
+                AGREES if d.verdict == "adequate" else FAILS,
+                items(comparison.refitted.findings) if comparison else "",
+            ),
             *evidence(models, comparison.refitted.core_checks if comparison else ()),
             section("latent", "The heat that is missing", missing_heat(latent, models[0].fit) if latent else ""),
             section("ranking", "What it could be, ranked", ranking_table(d)),

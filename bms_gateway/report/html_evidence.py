@@ -4,13 +4,14 @@ from collections.abc import Sequence
 from html import escape
 
 from bms_gateway.diagnose.compare import CoreCheck
-from bms_gateway.diagnose.latent import Latent
+from bms_gateway.diagnose.latent import MISSING_Z, Latent
+from bms_gateway.diagnose.residuals import structure
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.report.html_figures import cores, drive, latent, overlay
 from bms_gateway.report.html_ranking import follows_table
 from bms_gateway.report.html_series import Shown, clock, points_each, traces_of
 from bms_gateway.report.html_tables import cores_table, heat_map, thermocouples_table, unlearnt
-from bms_gateway.report.page import Card, amount, cards, figure, section
+from bms_gateway.report.page import Card, amount, cards, figure, paragraph, section
 
 MANY = 6
 """Overlays on a page up to which they are drawn large."""
@@ -74,8 +75,10 @@ def evidence(models: Sequence[Shown], checks: Sequence[CoreCheck] = ()) -> list[
 
 
 def missing_heat(found: Latent, fit: MapFit) -> str:
-    """Draw the heat that a fit misses and what it follows; a table of all features below."""
-    parts = [f"<p>{escape(found.sentence)}</p>"]
+    """Draw the heat that a fit misses and what it follows, a table of features below; where none is, say so."""
+    if structure(fit).z <= MISSING_Z:
+        return paragraph(found.sentence)
+    parts = [paragraph(found.sentence)]
     for r, m in enumerate(fit.problem.records):
         time = clock(3600.0 * float(m.drive.hours[-1]))
         several = f", record {r + 1}" if len(fit.problem.records) > 1 else ""

@@ -12,7 +12,7 @@ from bms_gateway.diagnose.latent import Latent
 from bms_gateway.report.diagnosis_text import placed, with_sd
 from bms_gateway.report.html_figures import WORTH
 from bms_gateway.report.html_tables import unit
-from bms_gateway.report.page import amount, table
+from bms_gateway.report.page import amount, paragraph, table
 from bms_gateway.thermal.effects import effect_named
 
 TESTS_SHOWN = 6
@@ -133,14 +133,14 @@ def experiment_table(e: Experiment) -> str:
     """List tests with the log-odds that they can be expected to bring, pair by pair."""
     parts = []
     for p in e.partings:
+        if p.sentence != e.sentence:
+            parts.append(paragraph(p.sentence))
         rows = []
         for t in p.tests[:TESTS_SHOWN]:
             enough = "decides" if t.log_odds >= ENOUGH_ODDS else ""
             rows.append([escape(t.plan.instruction), f"{t.plan.minutes:.0f}", amount(t.log_odds), enough])
         note = f"To tell {p.one} from {p.other}: expected log-odds of each test; {ENOUGH_ODDS:g} decide, 20 to 1."
         parts.append(table(["test", "min", "expected log-odds", ""], rows, words=(0, 3), caption=note))
-        if p is not e.partings[0] or p.sensor is not None:
-            parts.append(f"<p>{escape(p.sentence)}</p>")
     return "\n".join(parts)
 
 

@@ -40,7 +40,7 @@ def errors_table(models: Sequence[Shown]) -> str:
         row = [f"cell {s.cell}", amount(s.trained.floor_K)]
         for m in models:
             row += _levels(m.sensors[j].trained, m.sensors[j].held)
-            row += [amount(m.sensors[j].structured_K), f"{m.sensors[j].z:.1f}".replace("-", "−")]
+            row += [amount(m.sensors[j].structured_K), _z(m.sensors[j].z)]
         rows.append(row)
     if len(rows) > 1:
         row = ["all", amount(models[0].levels[0].floor_K)]
@@ -53,6 +53,10 @@ def errors_table(models: Sequence[Shown]) -> str:
         "chance."
     )
     return grouped(groups, rows, caption=note)
+
+
+def _z(z: float) -> str:
+    return f"{round(z, 1) + 0.0:.1f}".replace("-", "−")
 
 
 def _levels(trained: Level, held: Level) -> list[str]:
