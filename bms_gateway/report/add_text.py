@@ -8,7 +8,7 @@ from bms_gateway.diagnose.calibrate import Change, ChannelError
 from bms_gateway.diagnose.candidates import Candidate
 from bms_gateway.diagnose.checks import Finding
 from bms_gateway.diagnose.diagnosis import Errors
-from bms_gateway.report.diagnosis_text import finite, told_aside
+from bms_gateway.report.diagnosis_text import finite, told_aside, warned
 from bms_gateway.report.fit_text import change_document, changes_table
 from bms_gateway.report.show import number, text_table
 from bms_gateway.thermal import Floats
@@ -108,7 +108,7 @@ def add_text(r: AddReport) -> str:
         f"With {r.names} the held-out error goes from {number(b.heldout_rmse_K, 3)} to "
         f"{number(a.heldout_rmse_K, 3)} K; noise alone leaves {number(b.noise_floor_K, 3)} K."
     )
-    parts = [head, _errors(r, several), _cores(r), changes_table(r.changes)]
+    parts = [head, *warned(r.findings, several), _errors(r, several), _cores(r), changes_table(r.changes)]
     if r.remark:
         parts.append(r.remark)
     if r.forced:

@@ -10,7 +10,7 @@ from bms_gateway.diagnose.compare import Comparison, CoreCheck, Variant
 from bms_gateway.diagnose.core_band import CoreBand
 from bms_gateway.diagnose.misfit import Level
 from bms_gateway.diagnose.regimes import Regime
-from bms_gateway.report.diagnosis_text import finite, told_aside
+from bms_gateway.report.diagnosis_text import finite, told_aside, warned
 from bms_gateway.report.show import number, text_table
 
 TITLES: Mapping[str, str] = {"filed": "The model as filed", "refitted": "The same model, refitted to these data"}
@@ -111,8 +111,9 @@ def _column(x: np.ndarray) -> list[float | None]:
 
 def comparison_text(c: Comparison, findings: Sequence[tuple[str, Finding]], notes: Sequence[tuple[str, str]]) -> str:
     """Write a comparison for people: what was found, per sensor, per regime, and the cores."""
-    parts = [_variant_text(v, len(c.sources) > 1) for v in (c.filed, c.refitted)]
-    parts += told_aside(findings, notes, len(c.sources) > 1)
+    several = len(c.sources) > 1
+    parts = [*warned(findings, several), *(_variant_text(v, several) for v in (c.filed, c.refitted))]
+    parts += told_aside(findings, notes, several)
     return "\n\n".join(parts)
 
 

@@ -126,7 +126,7 @@ def finite(x: float) -> float | None:
 def diagnosis_text(told: Told) -> str:
     """Write a diagnosis for people, the verdict first."""
     d = told.diagnosis
-    parts = [told.sentence]
+    parts = [told.sentence, *warned(told.findings, len(told.sources) > 1)]
     if d is not None:
         if d.selected:
             parts.append(_what_is_missing(d.selected))
@@ -146,12 +146,23 @@ def diagnosis_text(told: Told) -> str:
     return "\n\n".join(parts)
 
 
+def warned(findings: Sequence[tuple[str, Finding]], several: bool) -> Iterator[str]:
+    """Write what casts doubt on the data themselves: it comes before anything that is concluded from them."""
+    lines = [(f"{source}: " if several else "") + f.sentence for source, f in findings if f.severity == "warn"]
+    if lines:
+        yield _listed("Look at the data first:", lines)
+
+
 def told_aside(
     findings: Sequence[tuple[str, Finding]], notes: Sequence[tuple[str, str]], several: bool
 ) -> Iterator[str]:
-    """Write what the checks found and what was assumed while reading; each record by name where there are several."""
-    if findings:
-        lines = [(f"{source}: " if several else "") + f"{f.severity}: {f.sentence}" for source, f in findings]
+    """Write what else the checks found and what was assumed while reading; records by name where there are several."""
+    lines = [
+        (f"{source}: " if several else "") + f"{f.severity}: {f.sentence}"
+        for source, f in findings
+        if f.severity != "warn"
+    ]
+    if lines:
         yield _listed("Checks of the data:", lines)
     if notes:
         yield _listed("Reading the data:", [(f"{source}: " if several else "") + text for source, text in notes])

@@ -10,7 +10,7 @@ from bms_gateway.diagnose.calibrate import Change, ChannelError
 from bms_gateway.diagnose.checks import Finding
 from bms_gateway.diagnose.detect import Combination
 from bms_gateway.diagnose.diagnosis import Errors
-from bms_gateway.report.diagnosis_text import finite, told_aside, with_sd
+from bms_gateway.report.diagnosis_text import finite, told_aside, warned, with_sd
 from bms_gateway.report.show import number, text_table
 
 HOLDS = 1.2
@@ -99,7 +99,7 @@ def change_document(c: Change) -> dict[str, Any]:
 def fit_text(r: FitReport) -> str:
     """Write what a fit found for people."""
     several = len(r.sources) > 1
-    parts = [_headline(r), changes_table(r.changes)]
+    parts = [_headline(r), *warned(r.findings, several), changes_table(r.changes)]
     if r.model_error_K:
         parts.append(
             f"The model was given an error of its own, {r.model_error_K:.2g} K over minutes: its numbers and their sd "

@@ -58,7 +58,10 @@ def test_people_are_told_the_verdict_first_then_all_the_rest():
     text = diagnosis_text(
         told(
             ranked("resistance_temperature", 40.0),
-            findings=(("a.csv", Finding("soc_span", "note", "The charge hardly moves.")),),
+            findings=(
+                ("a.csv", Finding("stuck_sensor", "warn", "Is its sensor stuck?")),
+                ("a.csv", Finding("soc_span", "note", "The charge hardly moves.")),
+            ),
             notes=(("a.csv", "A gap of 3 s was bridged."),),
             absorbed=("A gain goes into R_e.",),
             next_experiment="Warm the inlet by 10 K.",
@@ -67,6 +70,7 @@ def test_people_are_told_the_verdict_first_then_all_the_rest():
     )
     order = [
         "The sentence.",
+        "Is its sensor stuck?",
         "B = 3100 ± 210 K",
         "evidence",
         "noise alone",
