@@ -136,11 +136,7 @@ def write_diagnosis(
         tied = [t for s in d.selected for t in s.tied_with]
         sections = [
             section("missing", "What is missing", _effects([s.candidate for s in d.selected], tied)),
-            section(
-                "where",
-                AGREES if d.verdict == "adequate" else FAILS,
-                items(comparison.refitted.findings) if comparison else "",
-            ),
+            section("where", AGREES if d.verdict == "adequate" else FAILS, where),
             *evidence(models, comparison.refitted.core_checks if comparison else ()),
             section("latent", "The heat that is missing", missing_heat(latent, models[0].fit) if latent else ""),
             section("ranking", "What it could be, ranked", ranking_table(d)),
