@@ -23,6 +23,7 @@ from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.identify.problem import Coordinate, Measured
 from bms_gateway.thermal import KINDS, Floats
 from bms_gateway.thermal.drive import Drive
+from bms_gateway.thermal.effects import effect_named
 from bms_gateway.thermal.effects.laws import KELVIN, REFERENCE
 from bms_gateway.thermal.physics import with_effect
 from bms_gateway.thermal.trajectory import cut
@@ -181,9 +182,10 @@ def agreement(joint: MapFit, alone: Sequence[MapFit]) -> tuple[Witness, ...]:
 
 
 def _compared(c: Coordinate, apart: float, z: float) -> str:
-    if c.effect is None:
+    p = None if c.effect is None else effect_named(c.effect.partition(":")[0]).parameter(c.name.rpartition(".")[2])
+    if p is None or p.log:
         return f"{c.name} {100.0 * np.expm1(apart):+.0f} % ({z:.1f} sd)"
-    return f"{c.name} {apart:+.3g} ({z:.1f} sd)"
+    return f"{c.name} {apart / p.to_si:+.3g} {p.unit} ({z:.1f} sd)"
 
 
 def _tail(tail: tuple[float, float]) -> Witness:

@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from bms_gateway.diagnose.band import core_band
 from bms_gateway.diagnose.second import second_search
 from tests.diagnose.measured_cells import CELLS, bench
 
@@ -53,6 +54,16 @@ def test_band_covers_the_thermocouple_in_the_core(name):
     found, core = searched(name)
     (cores,) = found.cores()
     assert np.mean(np.abs(cores.mean[:, 0] - core) < 2.0 * cores.sd[:, 0]) >= 0.9
+
+
+def test_band_grows_where_a_witness_speaks_against_the_core():
+    found, _ = searched("a123_26650_hev2")
+    size = found.discrepancy[1]
+    calm, alarmed = (
+        core_band(found.best, size, found.hypotheses, found.records, alarmed=a)[0].sd for a in (False, True)
+    )
+    assert np.all(alarmed > calm)
+    assert np.all(calm >= size)
 
 
 def test_core_of_the_26650_is_within_half_a_kelvin():

@@ -41,6 +41,14 @@ def test_a_record_of_another_physics_is_named_with_the_number_that_differs():
     assert "R_c +65 %" in said[1].says
 
 
+def test_a_number_of_an_effect_is_told_in_its_own_unit():
+    name = "entropic_heat.dUdT"
+    effect = {name: {"effect": "entropic_heat", "sd": 2.5e-4}}
+    joint = fit({name: 1e-4}, [2e-5], **effect)
+    alone = [fit({name: x}, [4e-5], **effect) for x in (1e-4, 3e-4)]
+    assert "entropic_heat.dUdT +0.2 mV/K" in agreement(joint, alone)[1].says
+
+
 def test_what_the_other_records_did_not_sharpen_cannot_disagree():
     joint, alone = fit(NUMBERS, [0.1] * 3), fit({k: v + 0.05 for k, v in NUMBERS.items()}, [0.1] * 3)
     assert not agreement(joint, [alone, alone])[0].alarm
