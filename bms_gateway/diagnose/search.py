@@ -14,7 +14,7 @@ import numpy as np
 from bms_gateway.diagnose.candidates import Candidate, candidates
 from bms_gateway.diagnose.residuals import log_density, rmse, structure, within
 from bms_gateway.diagnose.screen import Gain, extended, screen
-from bms_gateway.identify.map_fit import MapFit, converged, fitted, map_fit, nuisance_columns, stacked
+from bms_gateway.identify.map_fit import MapFit, annealed, converged, fitted, map_fit, stacked
 from bms_gateway.identify.problem import Measured, Problem
 from bms_gateway.thermal import StringModel
 
@@ -44,6 +44,8 @@ class Settings:
     strong : float
         z of the structure from which a biased optimum is a bad start: unless the best fit leaves no structure, the best
         are fitted from nominal too.
+    restarts : int
+        How many of the best.
     ahead : float
         Log-odds from which an effect that fails the gates is kept on trial for one round.
     """
@@ -57,6 +59,7 @@ class Settings:
     excess: float = 0.25
     relief: float = 0.7
     strong: float = 8.0
+    restarts: int = 3
     ahead: float = 15.0
 
 
@@ -205,14 +208,21 @@ def refit(parent: MapFit, gain: Gain, *, iterations: int = 8, give_up: float = n
     )
 
 
-def refit_from_nominal(fit: MapFit, parent: MapFit) -> MapFit:
+def refit_from_nominal(fit: MapFit, parent: MapFit, *, give_up: float = np.inf) -> MapFit:
     """Fit the same model from the priors' medians: a strong effect biases the optimum that others start from."""
     P = len(parent.theta)
     theta = fit.problem.begin
     theta[P:] = fit.theta[P:]
-    prediction = fit.problem.predict(theta)
-    linear = nuisance_columns(fit.problem, theta, prediction)
-    return map_fit(fit.problem, theta, linear=linear, guess=prediction.X)
+    rough = annealed(fit.problem, theta)
+    return map_fit(
+        fit.problem,
+        rough.theta,
+        linear=rough.linear,
+        nu=rough.nu,
+        guess=rough.prediction.X,
+        iterations=8,
+        give_up=give_up,
+    )
 
 
 def _round(
@@ -238,8 +248,9 @@ def _round(
 
     fits.sort(key=lambda x: -posterior(*x))
     if structure(current).z > s.strong and structure(fits[0][1]).z > s.strong:
-        for i, (c, fit) in enumerate(fits[:4]):
-            other = refit_from_nominal(fit, current)
+        for i in range(min(s.restarts, len(fits))):
+            c, fit = fits[i]
+            other = refit_from_nominal(fit, current, give_up=fits[0][1].cost + 60.0)
             if other.log_evidence > fit.log_evidence:
                 fits[i] = (c, other)
         fits.sort(key=lambda x: -posterior(*x))

@@ -290,18 +290,21 @@ def converged(fit: MapFit) -> MapFit:
 
 def fitted(problem: Problem) -> MapFit:
     """Fit a problem from where its coordinates begin, the data trusted more and more."""
-    theta, nu, guess = problem.begin, np.zeros(len(problem.nuisances)), None
+    return converged(annealed(problem, problem.begin))
+
+
+def annealed(problem: Problem, theta: Floats) -> MapFit:
+    """Lead a start far off into the valley: a rough fit, the data trusted more and more."""
+    nu, guess = np.zeros(len(problem.nuisances)), None
     fit: MapFit | None = None
     for trust in ANNEALING:
         prediction = problem.predict(theta, guess, nu)
         problem.renew(prediction, theta, nu)
         linear = nuisance_columns(problem, theta, prediction, nu=nu)
-        fit = map_fit(
-            problem, theta, linear=linear, nu=nu, guess=prediction.X, iterations=4, trust=trust, least_gain=1.0
-        )
+        fit = map_fit(problem, theta, linear=linear, nu=nu, guess=prediction.X, iterations=4, trust=trust, least_gain=1.0)
         theta, nu, guess = fit.theta, fit.nu, fit.prediction.X
     assert fit is not None  # noqa: S101 - there are steps of annealing
-    return converged(fit)
+    return fit
 
 
 def _columns(problem: Problem, z: Floats, prediction: Prediction, J: Floats | None, refinements: int) -> Floats:

@@ -49,7 +49,10 @@ class VoltageHeat(Effect):
         return ("U", *(f"U_{k}" for k, knot in enumerate(KNOTS, 1) if low <= knot <= high))
 
     def heats(self, z: Point, p: Values, at: Floats) -> None:
-        """Put the voltage's heat in the place of I²R_e where there is a voltage."""
+        """Put the voltage's heat in the place of I²R_e where there is a voltage.
+
+        The voltage is the mean of the cells': one of more resistance has its share of the heat.
+        """
         U = p["U"] + by_knots(z.soc, KNOTS, [p[f"U_{k}"] for k in (1, 2, 3, 4, 5)])
-        heat = z.I * U - z.IV
+        heat = (z.I * U - z.IV) * z.R_e / np.mean(z.R_e, axis=-1, keepdims=True)
         z.core = z.core + np.where(np.isnan(heat), 0.0, heat - z.I2 * z.R_e)
