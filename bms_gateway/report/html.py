@@ -6,16 +6,18 @@ objects.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from html import escape
 from pathlib import Path
 
 from bms_gateway.diagnose.adding import Addition
 from bms_gateway.diagnose.candidates import Candidate
 from bms_gateway.diagnose.checks import Finding
-from bms_gateway.diagnose.compare import Comparison, Variant
+from bms_gateway.diagnose.compare import Comparison, CoreCheck, Variant
 from bms_gateway.diagnose.detect import Card
 from bms_gateway.diagnose.experiment import Experiment
 from bms_gateway.diagnose.latent import Latent
+from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.report.diagnosis_text import Told
 from bms_gateway.report.html_evidence import evidence, missing_heat, summary
 from bms_gateway.report.html_ranking import detectability_table, experiment_table, ranking_table
@@ -30,7 +32,6 @@ VERDICTS = {
     "unknown_effect": "Unknown effect",
     "insufficient_data": "Insufficient data",
 }
-SEVERITIES = {"stop": "stop", "warn": "warning", "note": "note"}
 AGREES, FAILS = "Where the model agrees", "Where the model fails"
 AS_IT_IS = "model as it is"
 Findings = Sequence[tuple[str, Finding]]
@@ -68,7 +69,8 @@ def write_comparison(
     """
     filed, now = comparison.filed, comparison.refitted
     models = [_variant("as filed", filed), _variant("refitted", now)]
-    head = f'<p class="verdict">{escape(filed.findings[0])}</p>' + summary(models)
+    head = f'<p class="verdict">{escape(filed.findings[0])}</p>' + _doubts(findings, comparison.sources)
+    head += summary(models)
     said = [
         "<h3>The model as filed</h3>",
         items(filed.findings),
@@ -126,6 +128,7 @@ def write_diagnosis(
     verdict = d.verdict if d else "insufficient_data"
     tag = VERDICTS[verdict] + (", and something unknown remains" if d and d.unknown_remains and d.selected else "")
     head = f'<p><span class="tag {verdict}">{escape(tag)}</span></p><p class="verdict">{escape(told.sentence)}</p>'
+    head += _doubts(told.findings, told.sources)
     sections: list[str] = []
     if d is not None:
         models = [shown(AS_IT_IS, d.search.baseline)]
@@ -137,7 +140,7 @@ def write_diagnosis(
         sections = [
             section("missing", "What is missing", _effects([s.candidate for s in d.selected], tied)),
             section("where", AGREES if d.verdict == "adequate" else FAILS, where),
-            *evidence(models, comparison.refitted.core_checks if comparison else ()),
+            *evidence(models, _core_checks(comparison, models[0].fit) if comparison else ()),
             section("latent", "The heat that is missing", missing_heat(latent, models[0].fit) if latent else ""),
             section("ranking", "What it could be, ranked", ranking_table(d)),
             section("errors", "Errors before and after" if d.selected else "Errors", errors_table(models)),
@@ -200,7 +203,8 @@ def write_addition(
         section("parameters", f"Parameters, {models[-1].name}", parameters_table(addition.after)),
         *_aside(findings, notes, sources, command),
     ]
-    write_page(path, title, f'<p class="verdict">{escape(sentence)}</p>' + summary(models), sections)
+    head = f'<p class="verdict">{escape(sentence)}</p>' + _doubts(findings, sources) + summary(models)
+    write_page(path, title, head, sections)
 
 
 def _variant(name: str, v: Variant) -> Shown:
@@ -218,10 +222,25 @@ def _effects(added: Sequence[Candidate], tied: Sequence[str]) -> str:
     return "\n".join(parts)
 
 
+def _doubts(findings: Findings, sources: Sequence[str]) -> str:
+    """Say what casts doubt on the data, before what is concluded from them."""
+    several = len(sources) > 1
+    lines = [(f"{s}: " if several else "") + f.sentence for s, f in findings if f.severity == "warn"]
+    return f'<div class="doubts"><p>Look at the data first:</p>{items(lines)}</div>' if lines else ""
+
+
+def _core_checks(comparison: Comparison, fit: MapFit) -> list[CoreCheck]:
+    """Thermocouples in the cores of a fit's records; the comparison may hold records that the fit has not."""
+    sources = [m.source for m in fit.problem.records]
+    checks = [(comparison.sources[c.record], c) for c in comparison.refitted.core_checks]
+    return [replace(c, record=sources.index(s)) for s, c in checks if sources.count(s) == 1]
+
+
 def _aside(findings: Findings, notes: Notes, sources: Sequence[str], command: str) -> list[str]:
     """Say what the data look like, and how the page was made."""
     several = len(sources) > 1
-    checks = [(f"{s}: " if several else "") + f"{SEVERITIES[f.severity]}: {f.sentence}" for s, f in findings]
+    others = [(s, f) for s, f in findings if f.severity != "warn"]
+    checks = [(f"{s}: " if several else "") + f"{f.severity}: {f.sentence}" for s, f in others]
     read = [(f"{s}: " if several else "") + text for s, text in notes]
     made = f"<pre>{escape(command)}</pre>" if command else ""
     return [

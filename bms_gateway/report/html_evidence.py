@@ -111,7 +111,8 @@ def _overlays(models: Sequence[Shown]) -> list[str]:
             found.append(figure(f"overlay-{r + 1}-{t.cell}", spec, caption, described=told, time=r))
         told = "Current, coolant inlet and what else is known of the drive, over time"
         spec = drive(m, time, points)
-        caption = "What drove the string. All figures zoom together; a double click shows all again, a click in a legend hides."
+        caption = "What drove the string. All figures of a record zoom together; a double click shows all again, and a "
+        caption += "click in a legend hides a line."
         found.append(figure(f"drive-{r + 1}", spec, caption, described=told, time=r))
     return found
 

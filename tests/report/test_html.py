@@ -288,6 +288,36 @@ def test_what_is_refused_is_hatched_and_what_is_tied_stands_out(road, tmp_path):
     assert "cannot tell it from charge_transfer" in text
 
 
+def test_what_casts_doubt_on_the_data_comes_before_the_cards(road, tmp_path):
+    told = replace(road[3], findings=(("x.csv", Finding("stuck", "warn", "The surface of cell 2 reads 21 °C.")),))
+    write_diagnosis(tmp_path / "x.html", told)
+    text = Page((tmp_path / "x.html").read_text(encoding="utf-8")).text
+    assert text.count("cell 2 reads 21 °C") == 1
+    assert text.index(told.sentence) < text.index("cell 2 reads 21 °C") < text.index("Error where fitted")
+
+
+def test_thermocouples_find_their_record_where_others_were_left_out(road, tmp_path):
+    _, _, comparison, told, pages = road
+    check = comparison.refitted.core_checks[0]
+    shifted = replace(comparison.refitted, core_checks=(replace(check, record=1), replace(check, record=0)))
+    other = replace(comparison, sources=("left out.csv", *comparison.sources), refitted=shifted)
+    write_diagnosis(tmp_path / "x.html", told, comparison=other)
+    page = Page((tmp_path / "x.html").read_text(encoding="utf-8"))
+    assert page.tables["core"][1] == pages["d"][1].tables["core"][1]
+
+
+def test_records_have_figures_of_their_own_that_zoom_apart(road, tmp_path):
+    model, record = measured_log()
+    both = compare(model, [record, replace(record, source="second.csv")])
+    write_comparison(tmp_path / "x.html", both)
+    text = (tmp_path / "x.html").read_text(encoding="utf-8")
+    page = Page(text)
+    figures = {a["id"]: a["data-time"] for t, a in page.tags if a.get("class") == "plot"}
+    assert figures["overlay-1-1"] == figures["core-1"] != figures["overlay-2-1"] == figures["core-2"]
+    assert "Record 2: second.csv" in page.text
+    assert any("R_u (record 2)" in r[0] or "record 2" in r[0] for r in page.tables["parameters"][0])
+
+
 def test_lines_differ_in_style_too_where_colour_is_not_seen():
     for styles in (STYLES, HEATS):
         assert len({dash for _, dash in styles}) == len({color for color, _ in styles}) == len(styles)
