@@ -110,7 +110,9 @@ class MapFit:
     def covariance(self) -> Floats:
         """Covariance (P, P) of the coordinates, nuisances marginalised."""
         P = len(self.theta)
-        return np.asarray(np.linalg.inv(self.H)[:P, :P], dtype=np.float64)
+        scale = 1.0 / np.sqrt(np.diag(self.H))  # numbers of ten orders of magnitude stand side by side
+        inverse = scipy.linalg.cho_solve(scipy.linalg.cho_factor(self.H * np.outer(scale, scale)), np.diag(scale))
+        return np.asarray((inverse * scale[:, None])[:P, :P], dtype=np.float64)
 
     @property
     def y(self) -> Floats:

@@ -112,18 +112,16 @@ def smoothed(x, tau):
 
 
 @pytest.mark.parametrize("tau", [0.4, 6.0, 30.0, 120.0])
-def test_the_delay_is_near_to_transport_and_mixing(tau):
+def test_the_delay_is_transport_and_mixing(tau):
     t, parts = np.arange(1200), 200
     step, swing = np.where(t < 100, 20.0, 30.0), 25 + 5 * np.sin(t / 300 * 2 * np.pi)
-    # at a jump the two differ by 15 % of it for an instant, seen by a surface of half the delay's slowness by 5 %
-    for T_in, apart, behind in ((step, 0.155, 0.06), (swing, 0.08, 0.08)):
+    for T_in in (step, swing):
         u = drive(len(t), T_in=T_in)
         got = T_in + effect_named("coolant_delay").follow(u, {"tau": tau}, None)[0][:, 0]
         fine = np.repeat(T_in, parts)
         late = np.interp(np.arange(fine.size) - 0.65 * tau * parts, np.arange(fine.size), fine)
         expected = smoothed(late, 0.35 * tau * parts).reshape(-1, parts).mean(axis=1)
-        assert np.abs(got - expected).max() < apart * 10
-        assert np.abs(smoothed(got - expected, max(tau / 2, 1.0))).max() < behind * 10
+        assert np.abs(got - expected).max() < 0.06 * 10  # of a jump within one interval
         if T_in is step:  # no heat is lost, however short the delay is against the interval
             assert np.sum(T_in - got) == pytest.approx(10.0 * tau, rel=1e-6)
 

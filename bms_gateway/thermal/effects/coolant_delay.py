@@ -8,21 +8,23 @@ from bms_gateway.thermal.effects.laws import lag
 from bms_gateway.thermal.parameters import Floats
 from bms_gateway.thermal.point import Point
 
-STAGES = 8
-"""Equal lags in a row: the spread of arrival times (tau/sqrt 8) is that of 65 % plug flow and 35 % mixing."""
+PLUG = 0.65
+"""Share of the delay that is transport through hoses and channels; the rest is mixing, in plenums and with the walls."""
+LONGEST = 120.0
+"""s: upper bound of the delay, and so of what must be remembered."""
 LEAST_SPREAD = 0.1
 """K: standard deviation of the inlet below which no delay shows."""
 
 
 class CoolantDelay(Effect):
-    r"""The inlet temperature reaches the cells late and rounded: eight equal first-order lags in a row.
+    r"""The inlet temperature reaches the cells late and rounded: transport, then one first-order lag.
 
-    .. math:: \frac{\hat T_{f,in}(s)}{T_{f,in}(s)} = \frac{1}{(1 + s \tau / 8)^8}
+    .. math:: \frac{\hat T_{f,in}(s)}{T_{f,in}(s)} = \frac{e^{-0.65 \tau s}}{1 + 0.35 \tau s}
     """
 
     name = "coolant_delay"
     title = "coolant arrives late"
-    equation = "T_in -> T_in delayed by tau (eight lags of tau/8: mostly transport, partly mixing)"
+    equation = "T_in -> T_in delayed by tau (65 % transport, then a lag of 35 %)"
     signature = "error follows the slope of the inlet temperature"
     needs = "steps of the coolant inlet"
     node = "coolant"
@@ -39,14 +41,26 @@ class CoolantDelay(Effect):
         return ("tau",) if np.std(u.T_in) > LEAST_SPREAD else ()
 
     def follow(self, u: Drive, p: Values, carry: Floats | None) -> tuple[Floats, Floats]:
-        """Delayed minus recorded inlet over each interval, K; carried on: the stages, °C."""
-        begin = np.full(STAGES, u.T_in[0]) if carry is None else carry
-        x, end = u.T_in, np.empty(STAGES)
-        for stage in range(STAGES):
-            y, x = lag(x, u.dt, p["tau"] / STAGES, float(begin[stage]))
-            end[stage] = y[-1]
-        return (x - u.T_in)[:, None], end
+        """Delayed minus recorded inlet over each interval, K; carried on: lag, interval, and the inlet's past, °C."""
+        reach = int(np.ceil(PLUG * LONGEST / u.dt)) + 1
+        past = np.full(reach, u.T_in[0]) if carry is None else _past(carry, u.dt, reach)
+        whole, part = divmod(PLUG * p["tau"] / u.dt, 1.0)
+        known = np.concatenate([past, u.T_in])
+        last = np.arange(reach, len(known)) - int(whole)
+        moved = (1.0 - part) * known[last] + part * known[last - 1]
+        begin = float(u.T_in[0]) if carry is None else float(carry[0])
+        y, mean = lag(moved, u.dt, (1.0 - PLUG) * p["tau"], begin)
+        return (mean - u.T_in)[:, None], np.concatenate([[y[-1], u.dt], known[-reach:]])
 
     def inputs(self, z: Point, p: Values, at: Floats) -> None:
         """Put the delayed inlet in the place of the recorded one."""
         z.T_in = z.T_in + z.memory[z.key]
+
+
+def _past(carry: Floats, dt: float, reach: int) -> Floats:
+    """Inlet of the last `reach` intervals, the latest last; a carry of other intervals is read by its ages."""
+    values, was = carry[2:], float(carry[1])
+    if was == dt:
+        return values
+    ages = (np.arange(reach)[::-1] + 0.5) * dt
+    return np.asarray(np.interp(ages, (np.arange(len(values)) + 0.5) * was, values[::-1]))
