@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from bms_gateway.diagnose.record import Record
     from bms_gateway.identify.map_fit import MapFit
     from bms_gateway.report.add_text import AddReport, Side
-    from bms_gateway.thermal import StringModel
+    from bms_gateway.thermal import Floats, StringModel
 
 EXAMPLE = """\
   bms-gateway add entropic_heat --model string_1.toml --data bench.csv --out string_1b.toml
@@ -80,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
         heading = f"{' '.join(args.effect)} added, fitted to {', '.join(report.sources)}"
         if report.forced:
             heading += f"\nadded by force, though: {addition.refused}"
-        write_model(fitted_model(addition.after, model), Path(args.out), heading)
+        write_model(fitted_model(addition.after, model, doubt=addition.doubt), Path(args.out), heading)
     if args.json:
         write_json(args.json, add_document(report))
     if not report.written:
@@ -131,8 +131,9 @@ def _report(
         addition.refused,
         addition.remark,
         addition.log_odds,
-        _side(addition.before),
-        _side(addition.after),
+        _side(addition.seen[0], addition.core_K[0]),
+        _side(addition.seen[1], addition.core_K[1]),
+        addition.tail_K,
         changes(addition.after),
         tuple(m.source for m in addition.after.problem.records),
         findings,
@@ -140,10 +141,9 @@ def _report(
     )
 
 
-def _side(fit: "MapFit") -> "Side":
-    from bms_gateway.diagnose.adding import core_half_widths
+def _side(fit: "MapFit", core_K: "Floats") -> "Side":
     from bms_gateway.diagnose.calibrate import channel_errors
     from bms_gateway.diagnose.diagnosis import errors
     from bms_gateway.report.add_text import Side
 
-    return Side(errors(fit), channel_errors(fit), core_half_widths(fit))
+    return Side(errors(fit), channel_errors(fit), core_K)

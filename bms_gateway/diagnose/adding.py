@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bms_gateway.diagnose.calibrate import UNTOLD, posterior
+from bms_gateway.diagnose.adding_bench import all_used, core_before_and_after, doubt, fit_with, named_by
+from bms_gateway.diagnose.calibrate import UNTOLD, posterior, seen_on
 from bms_gateway.diagnose.candidates import Candidate, candidates, places
 from bms_gateway.diagnose.core_band import core_bands
 from bms_gateway.diagnose.diagnosis import Diagnosis, diagnose
@@ -18,6 +19,7 @@ from bms_gateway.diagnose.record import Record
 from bms_gateway.diagnose.residuals import structure
 from bms_gateway.diagnose.screen import screen
 from bms_gateway.diagnose.search import HALF, Progress, Settings, gate, prior_odds, refit, refit_from_nominal
+from bms_gateway.diagnose.second import SecondSearch, needs_second, second_search
 from bms_gateway.errors import ConfigError, DataError
 from bms_gateway.identify.map_fit import MapFit, refreshed, stacked
 from bms_gateway.thermal import Floats, StringModel
@@ -60,6 +62,14 @@ class Addition:
         Why it should not stay; empty where nothing speaks against it.
     remark : str
         What else these records say; may be empty.
+    seen : tuple of MapFit
+        Before and after against the readings themselves: only for errors.
+    core_K : tuple of ndarray (n,)
+        95 % half width of each cell's core before and after, K.
+    tail_K : tuple of float, or None
+        Error in the last part of the records, predicted from the first, before and after: where nothing was held out.
+    doubt : float
+        Relative sd of R_c beyond the posterior's.
     """
 
     added: tuple[Candidate, ...]
@@ -68,6 +78,10 @@ class Addition:
     log_odds: float
     refused: str
     remark: str
+    seen: tuple[MapFit, MapFit]
+    core_K: tuple[Floats, Floats]
+    tail_K: tuple[float, float] | None = None
+    doubt: float = 0.0
 
 
 def wanted(word: str, model: StringModel) -> Wanted:
@@ -137,12 +151,60 @@ def add_effects(
         Fitted from what was known before any data.
     """
     d = diagnose(model.unfitted, records, progress=progress)
+    if needs_second(d.search):
+        start, ready = model.unfitted, d.search.baseline.problem.records
+        found = _on_bench(d, second_search(start, ready, progress=progress), wants)
+        if found is not None:
+            return found
     named = [s.candidate for s in d.selected]
     if len(named) == len(wants) and all(any(w.meets(c) for c in named) for w in wants):
         odds = min(s.log_odds for s in d.selected)
-        after = d.search.final
-        return Addition(tuple(named), d.search.baseline, after, odds, _unbelievable(after, named), "")
+        return _addition(named, d.search.baseline, d.search.final, odds, _unbelievable(d.search.final, named), "")
     return _fitted_alone(d, wants)
+
+
+def _on_bench(d: Diagnosis, second: SecondSearch, wants: Sequence[Wanted]) -> Addition | None:
+    """Take the fit from the search that lets the model err; None where it has none with these effects."""
+    named = named_by(second)
+    keys = [next((c.key for c in named if w.meets(c)), w.key) for w in wants]
+    after = fit_with(second, keys)
+    if after is None:
+        return None
+    chosen = {c.candidate.key: c for c in second.chosen}
+    tied = {name for c in second.chosen for name in c.tied}
+    remark = " ".join(second.alarms)
+    others = [c.key for c in named if c.key not in keys]
+    refused = ""
+    if not named:
+        refused = "it explains a part only: these records lack something that is in no catalogue"
+    elif set(keys) <= set(chosen):
+        remark = " ".join([*([f"These records ask for {' and '.join(others)} as well."] if others else []), remark])
+    elif not all(k in chosen or w.effect.name in tied for k, w in zip(keys, wants, strict=True)):
+        refused = f"these records speak for {' and '.join(c.key for c in named)} instead"
+    ready = all_used(d.search.baseline.problem.records)
+    added = tuple(
+        Candidate(w.effect, int(k.partition(":")[2]) if ":" in k else None) for w, k in zip(wants, keys, strict=True)
+    )
+    odds = min((chosen[k].log_odds for k in keys if k in chosen), default=0.0)
+    return Addition(
+        added,
+        second.baseline,
+        after,
+        odds,
+        refused,
+        remark.strip(),
+        (seen_on(second.baseline, ready), seen_on(after, ready)),
+        core_before_and_after(second, after),
+        second.tail if after is second.best else None,
+        doubt(second),
+    )
+
+
+def _addition(
+    added: Sequence[Candidate], before: MapFit, after: MapFit, odds: float, refused: str, remark: str
+) -> Addition:
+    cores = core_half_widths(before), core_half_widths(after)
+    return Addition(tuple(added), before, after, odds, refused, remark, (before, after), cores)
 
 
 def core_half_widths(fit: MapFit) -> Floats:
@@ -179,7 +241,7 @@ def _fitted_alone(d: Diagnosis, wants: Sequence[Wanted]) -> Addition:
     else:
         refused = refused or gate(before, after, odds, inflation, s, first=True) or _contradiction(d, wants)
         remark = "" if refused else f"These records cannot tell it from {', '.join(c.key for c in named)}."
-    return Addition(tuple(added), before, after, float(odds), refused, remark)
+    return _addition(added, before, after, float(odds), refused, remark)
 
 
 def _best(current: MapFit, ways: Sequence[Candidate], s: Settings) -> tuple[Candidate, MapFit]:

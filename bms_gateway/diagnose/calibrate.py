@@ -143,7 +143,7 @@ def posterior(fit: MapFit) -> Floats:
     return tempered(fit, max(1.0, structure(fit).inflation))
 
 
-def fitted_model(fit: MapFit, model: StringModel, *, calibrated: bool = False) -> StringModel:
+def fitted_model(fit: MapFit, model: StringModel, *, calibrated: bool = False, doubt: float = 0.0) -> StringModel:
     """Return the model with the numbers of a fit, for the gateway to estimate with.
 
     Parameters
@@ -154,6 +154,8 @@ def fitted_model(fit: MapFit, model: StringModel, *, calibrated: bool = False) -
         What that was, is kept in `before`.
     calibrated : bool
         The fit has seen cores: what it tells of the cell is known from now on, to no better than cells are alike.
+    doubt : float
+        Relative sd of R_c beyond the posterior's, for what two nodes may get wrong.
 
     Returns
     -------
@@ -167,6 +169,8 @@ def fitted_model(fit: MapFit, model: StringModel, *, calibrated: bool = False) -
     P = len(fit.theta)
     z = mix @ fit.theta
     covariance = mix @ C[:P, :P] @ mix.T + np.diag([_scatter(fit, name) for name in names])
+    if "R_c" in names:
+        covariance[names.index("R_c"), names.index("R_c")] += doubt**2
     sd = np.sqrt(np.diag(covariance))
     priors = dict(problem.model.priors)
     for name, x, spread in zip(names, z, sd, strict=True):

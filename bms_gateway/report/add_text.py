@@ -36,6 +36,8 @@ class AddReport:
     refused, remark : str
     log_odds : float
     before, after : Side
+    tail_K : tuple of float, or None
+        Error in the last part, predicted from the first, before and after: the held-out error where no block was.
     changes : tuple of Change
     sources : tuple of str
     findings, notes : tuple of (source, …)
@@ -50,10 +52,16 @@ class AddReport:
     log_odds: float
     before: Side
     after: Side
+    tail_K: tuple[float, float] | None
     changes: tuple[Change, ...]
     sources: tuple[str, ...]
     findings: tuple[tuple[str, Finding], ...]
     notes: tuple[tuple[str, str], ...]
+
+    @property
+    def held_K(self) -> tuple[float, float]:
+        """Error before and after where nothing was fitted."""
+        return self.tail_K or (self.before.errors.heldout_rmse_K, self.after.errors.heldout_rmse_K)
 
     @property
     def names(self) -> str:
@@ -71,8 +79,8 @@ def add_document(r: AddReport) -> dict[str, Any]:
         "model": r.out if r.written else None,
         "effects": [{"effect": c.name, "cell": c.cell} for c in r.added],
         "evidence": finite(r.log_odds),
-        "before": _errors_document(r.before.errors),
-        "after": _errors_document(r.after.errors),
+        "before": _errors_document(r.before.errors, r.held_K[0]),
+        "after": _errors_document(r.after.errors, r.held_K[1]),
         "noise_floor_K": finite(r.before.errors.noise_floor_K),
         "sensors": [
             {
@@ -96,17 +104,17 @@ def add_document(r: AddReport) -> dict[str, Any]:
     }
 
 
-def _errors_document(e: Errors) -> dict[str, Any]:
-    return {"train_rmse_K": finite(e.train_rmse_K), "heldout_rmse_K": finite(e.heldout_rmse_K)}
+def _errors_document(e: Errors, held_K: float) -> dict[str, Any]:
+    return {"train_rmse_K": finite(e.train_rmse_K), "heldout_rmse_K": finite(held_K)}
 
 
 def add_text(r: AddReport) -> str:
     """Write what the addition did for people: errors, cores, numbers."""
     several = len(r.sources) > 1
-    b, a = r.before.errors, r.after.errors
+    where = "held-out error" if r.tail_K is None else "error in the last 40 %, predicted from the first 60 %,"
     head = (
-        f"With {r.names} the held-out error goes from {number(b.heldout_rmse_K, 3)} to "
-        f"{number(a.heldout_rmse_K, 3)} K; noise alone leaves {number(b.noise_floor_K, 3)} K."
+        f"With {r.names} the {where} goes from {number(r.held_K[0], 3)} to {number(r.held_K[1], 3)} K; "
+        f"noise alone leaves {number(r.before.errors.noise_floor_K, 3)} K."
     )
     parts = [head, *warned(r.findings, several), _errors(r, several), _cores(r), changes_table(r.changes)]
     if r.remark:
