@@ -46,6 +46,9 @@ class Settings:
         are fitted from nominal too.
     restarts : int
         How many of the best.
+    proof, sure : float
+        Log-likelihood that a further effect must gain on the held-out readings, at log-odds `sure`; half a unit less
+        for each that it has more, for a small effect's share of a third of the record is within chance.
     ahead : float
         Log-odds from which an effect that fails the gates is kept on trial for one round.
     """
@@ -55,11 +58,13 @@ class Settings:
     first_odds: float = 3.0
     further_odds: float = 6.0
     effects: int = 3
-    promise: float = 0.5
+    promise: float = 0.3
     excess: float = 0.25
     relief: float = 0.7
     strong: float = 8.0
     restarts: int = 3
+    proof: float = 3.0
+    sure: float = 10.0
     ahead: float = 15.0
 
 
@@ -315,7 +320,8 @@ def gate(current: MapFit, fit: MapFit, odds: float, inflation: float, s: Setting
     excess = max(before**2 - floor, 0.0)
     if odds <= (s.first_odds if first else s.further_odds):
         return f"evidence too weak (log-odds {odds:.1f})"
-    if gain < (-(5.0 + 0.03 * max(odds, 0.0)) if first else 3.0) * inflation:
+    least = -(5.0 + 0.03 * odds) if first else float(np.clip(s.proof - 0.5 * (odds - s.sure), -s.proof, s.proof))
+    if gain < least * inflation:
         return "worse on the held-out blocks" if first else "no better on the held-out blocks"
     if excess > s.excess * floor and after**2 - floor > s.relief * excess:
         return f"held-out error stays at {after:.3g} K (noise {np.sqrt(floor):.3g} K)"
@@ -330,8 +336,8 @@ def _chosen(accepted: Trial, trials: Sequence[Trial]) -> Chosen:
 def _exchange(found: Search, offered: Sequence[Candidate], s: Settings) -> None:
     """Try each earlier effect again: is it superfluous now, or does another do its work better?"""
     inflation = structure(found.final).inflation
-    for i, old in enumerate(found.chosen[:-1]):
-        keep = [c for j, c in enumerate(found.chosen) if j != i]
+    for old in found.chosen[:-1]:
+        keep = [c for c in found.chosen if c is not old]  # an exchange puts the new one last
         without = _without(found.final, old.candidate.key)
         if (found.final.log_evidence - without.log_evidence) / inflation + prior_odds(
             old.candidate, offered
