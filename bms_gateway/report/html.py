@@ -10,13 +10,13 @@ from dataclasses import replace
 from html import escape
 from pathlib import Path
 
-from bms_gateway.diagnose.adding import Addition
 from bms_gateway.diagnose.candidates import Candidate
 from bms_gateway.diagnose.checks import Finding
 from bms_gateway.diagnose.compare import Comparison, CoreCheck, Variant
 from bms_gateway.diagnose.detect import Card
 from bms_gateway.diagnose.experiment import Experiment
 from bms_gateway.diagnose.latent import Latent
+from bms_gateway.diagnose.misfit import sensors
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.report.diagnosis_text import Told
 from bms_gateway.report.html_evidence import evidence, missing_heat, summary
@@ -24,6 +24,7 @@ from bms_gateway.report.html_ranking import detectability_table, experiment_tabl
 from bms_gateway.report.html_series import Shown, shown
 from bms_gateway.report.html_tables import errors_table, parameters_table
 from bms_gateway.report.page import amount, items, paragraph, section, write_page
+from bms_gateway.thermal import Floats
 
 VERDICTS = {
     "adequate": "✓ Adequate",
@@ -160,9 +161,14 @@ def write_diagnosis(
 
 def write_addition(
     path: Path,
-    addition: Addition,
+    added: Sequence[Candidate],
+    before: MapFit,
+    after: MapFit,
     sources: Sequence[str],
     *,
+    seen: tuple[MapFit, MapFit] | None = None,
+    core_K: tuple[Floats, Floats] | None = None,
+    remarks: Sequence[str] = (),
     findings: Findings = (),
     notes: Notes = (),
     command: str = "",
@@ -173,9 +179,17 @@ def write_addition(
     Parameters
     ----------
     path : Path
-    addition : Addition
+    added : sequence of Candidate
+    before, after : MapFit
+        Of the same records; their numbers and cores are shown.
     sources : sequence of str
         Names of the records.
+    seen : tuple of MapFit, optional
+        Before and after against the readings themselves, where the fits were to means of them.
+    core_K : tuple of ndarray (n,), optional
+        95 % half widths of the cores before and after, K, where more is known of them than the fits say.
+    remarks : sequence of str
+        What speaks against it, and what else the records say.
     findings : sequence of (source, Finding)
     notes : sequence of (source, str)
     command : str
@@ -189,21 +203,23 @@ def write_addition(
     UsageError
         The file cannot be written.
     """
-    names = " and ".join(c.key for c in addition.added)
-    models = [shown(AS_IT_IS, addition.before), shown(f"with {names}", addition.after)]
+    names = " and ".join(c.key for c in added)
+    models = []
+    for i, (name, fit) in enumerate(((AS_IT_IS, before), (f"with {names}", after))):
+        own = shown(name, fit)
+        errors = own if seen is None else replace(own, fit=seen[i], sensors=sensors(seen[i]))
+        models.append(errors if core_K is None else errors.with_cores(core_K[i]))
     held = [m.levels[1] for m in models]
     sentence = f"With {names} the held-out error goes from {amount(held[0].rmse_K)} to {amount(held[1].rmse_K)} K; "
     sentence += f"noise alone leaves {amount(held[1].floor_K)} K."
-    against = [f"The measurements speak against it: {addition.refused}."] if addition.refused else []
-    said = [*against, *([addition.remark] if addition.remark else [])]
     sections = [
-        section("missing", "What was added", _effects(addition.added, ()), items(said)),
+        section("missing", "What was added", _effects(added, ()), items(remarks)),
         *evidence(models),
         section("errors", "Errors before and after", errors_table(models)),
-        section("parameters", f"Parameters, {models[-1].name}", parameters_table(addition.after)),
+        section("parameters", f"Parameters, {models[-1].name}", parameters_table(after)),
         *_aside(findings, notes, sources, command),
     ]
-    head = f'<p class="verdict">{escape(sentence)}</p>' + _doubts(findings, sources) + summary(models)
+    head = f'<p class="verdict">{escape(sentence)}</p>' + _doubts(findings, sources) + summary(models, after)
     write_page(path, title, head, sections)
 
 

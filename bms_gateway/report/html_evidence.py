@@ -7,10 +7,10 @@ from bms_gateway.diagnose.compare import CoreCheck
 from bms_gateway.diagnose.latent import MISSING_Z, Latent
 from bms_gateway.diagnose.residuals import structure
 from bms_gateway.identify.map_fit import MapFit
-from bms_gateway.report.html_figures import cores, drive, latent, overlay
+from bms_gateway.report.html_figures import WORTH, cores, drive, latent, overlay
 from bms_gateway.report.html_ranking import follows_table
 from bms_gateway.report.html_series import Shown, clock, points_each, traces_of
-from bms_gateway.report.html_tables import cores_table, heat_map, thermocouples_table, unlearnt
+from bms_gateway.report.html_tables import at_limits, cores_table, heat_map, thermocouples_table, unlearnt
 from bms_gateway.report.page import Card, amount, cards, figure, paragraph, section
 
 MANY = 6
@@ -30,8 +30,16 @@ KEY = (
 """What the legends of the overlays do not say."""
 
 
-def summary(models: Sequence[Shown]) -> str:
-    """Four numbers: errors against the noise, fitted and held out; the core; what cannot be known."""
+def summary(models: Sequence[Shown], numbers: MapFit | None = None) -> str:
+    """Four numbers: errors against the noise, fitted and held out; the core; what cannot be known.
+
+    Parameters
+    ----------
+    models : sequence of Shown
+    numbers : MapFit, optional
+        Whose numbers are told; the last model's where left out.
+    """
+    last_fit = numbers or models[-1].fit
     found = []
     for i, title in enumerate(("Error where fitted", "Error on held-out blocks")):
         both = [m.levels[i] for m in models]
@@ -40,8 +48,9 @@ def summary(models: Sequence[Shown]) -> str:
         found.append(Card(title, _arrow([x.rmse_K for x in both]), line))
     half = [m.worst_core for m in models]
     found.append(Card("Core, 95 % band", "±" + _arrow([h[0] for h in half], 2), f"cell {half[-1][1]}, at its worst"))
-    lost = unlearnt(models[-1].fit)
+    lost, stuck = unlearnt(last_fit), at_limits(last_fit)
     line = "stays where it was known before" if lost else "the data tell every free parameter"
+    line = f"not believed, at its limit: {', '.join(stuck)}" if stuck else line
     found.append(Card("Not identifiable", ", ".join(lost) or "nothing", line))
     return cards(found)
 
@@ -82,9 +91,8 @@ def missing_heat(found: Latent, fit: MapFit) -> str:
     for r, m in enumerate(fit.problem.records):
         time = clock(3600.0 * float(m.drive.hours[-1]))
         several = f", record {r + 1}" if len(fit.problem.records) > 1 else ""
-        caption = (
-            f"Missing heat as if it all were made in the {found.node}{several}, ± one sd, and what it follows most."
-        )
+        follows = ", and what it follows most" if any(f.share >= WORTH for f in found.follows) else ""
+        caption = f"Missing heat, were it all made in the {found.node}{several}, ± one sd{follows}."
         told = f"Missing heat at the {found.node} over time, and the features that it follows"
         parts.append(figure(f"latent-{r + 1}", latent(found, r, m, time), caption, described=told, time=r))
     return "\n".join([*parts, follows_table(found)])

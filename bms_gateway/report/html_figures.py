@@ -31,6 +31,9 @@ STYLES = ((VERMILLION, "dash"), (BLUE, "solid"))
 """Colour and line style of the model before and after."""
 HEATS = ((BLUE, "solid"), (ORANGE, "dash"), (GREEN, "dot"))
 """Of the cells whose missing heat is drawn."""
+HEAT_PX, FEATURE_PX, GAP_PX = 165, 95, 18
+EDGES_PX = 76
+"""Above and below the panels of a figure."""
 FLOW_MOVES = 0.01
 """Of the nominal flow: below, the flow counts as constant and is not drawn."""
 FEATURES, WORTH = 2, 0.02
@@ -212,16 +215,15 @@ def latent(found: Latent, record: int, m: Measured, clock: Clock) -> Figure:
         data.append(line(t, numbers(h.heat_W, 4), name, color, dash=dash, width=2, legendgroup=name))
     moving = [f for f in found.follows if f.feature != "constant" and f.share >= WORTH]
     follows = [f for f in moving if f.node == found.node][:FEATURES]
-    height = 0.6 / max(len(follows), 1)
+    inside = HEAT_PX + FEATURE_PX * len(follows)
     axes: dict[str, Any] = {}
     notes: list[dict[str, Any]] = []
     for i, f in enumerate(follows):
         x = line(clock(mine[0].time_s), numbers(f.values[worst], 4), f.title, BLACK, width=1.2, showlegend=False)
         data.append({**x, "yaxis": f"y{i + 2}"})
-        top = 0.6 - i * height
-        axes[f"yaxis{i + 2}"] = axis(
-            "" if f.unit == "1" else f.unit, domain=[max(top - height + 0.05, 0.0), top], nticks=4
-        )
+        bottom = FEATURE_PX * (len(follows) - 1 - i)
+        domain = [bottom / inside, (bottom + FEATURE_PX - GAP_PX) / inside]
+        axes[f"yaxis{i + 2}"] = axis("" if f.unit == "1" else f.unit, domain=domain, nticks=4)
         notes.append(
             {
                 "text": f.title,
@@ -235,10 +237,8 @@ def latent(found: Latent, record: int, m: Measured, clock: Clock) -> Figure:
                 "bgcolor": "rgba(255,255,255,0.75)",
             }
         )
-    heat = axis(
-        f"heat in the {found.node}, W", domain=[0.65 if follows else 0.0, 1.0], zeroline=True, zerolinecolor="#777777"
-    )
-    spec = layout(250 + 100 * len(follows), m, clock, yaxis=heat, shapes=shaded(m, clock), annotations=notes, **axes)
+    heat = axis("missing heat, W", domain=[1.0 - HEAT_PX / inside, 1.0], zeroline=True, zerolinecolor="#777777")
+    spec = layout(inside + EDGES_PX, m, clock, yaxis=heat, shapes=shaded(m, clock), annotations=notes, **axes)
     spec["xaxis"]["anchor"] = f"y{len(follows) + 1}" if follows else "y"
     return {"data": data, "layout": spec}
 

@@ -1,7 +1,7 @@
 """Long series as a page can carry them: few points that hide nothing, gaps left open, time in a unit people read."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -46,6 +46,12 @@ class Shown:
         """Errors of all sensors together: readings fitted to, readings held out."""
         y, sigma, _, _, used = stacked(self.fit.problem)
         return level(y - self.fit.y, sigma, used), level(y - self.fit.y, sigma, ~used)
+
+    def with_cores(self, half_K: Floats) -> "Shown":
+        """Give the cores' bands these half widths (n,), root mean squares over all records, K."""
+        own = BAND_SD * np.sqrt(np.mean(np.concatenate([b.total_K for b in self.cores]) ** 2, axis=0))
+        scaled = [replace(b, sd_K=b.total_K * half_K / own, remainder_K=0.0 * b.remainder_K) for b in self.cores]
+        return replace(self, cores=tuple(scaled))
 
     @property
     def worst_core(self) -> tuple[float, int]:

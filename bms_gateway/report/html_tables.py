@@ -107,6 +107,11 @@ def unlearnt(fit: MapFit) -> list[str]:
     return [c.name for c, _, sd in _free(fit) if sd > LEARNT * c.sd and not _start(c) and not _firm(c)]
 
 
+def at_limits(fit: MapFit) -> list[str]:
+    """Names of the numbers that ended on a limit: an alarm, not an answer."""
+    return [c.name for c, _, _ in _free(fit) if not _start(c) and fit.at_bound(c.name)]
+
+
 def parameters_table(fit: MapFit) -> str:
     """Numbers of a fit with sd, prior, limits, and what is to be thought of them."""
     rows = []

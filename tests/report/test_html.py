@@ -14,7 +14,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bms_gateway.config.model_file import parse_model
-from bms_gateway.diagnose.adding import Addition
 from bms_gateway.diagnose.checks import Finding, check_record
 from bms_gateway.diagnose.compare import compare
 from bms_gateway.diagnose.diagnosis import diagnose
@@ -123,10 +122,9 @@ def road(tmp_path_factory):
     heat = latent(found.search.baseline)
     write_diagnosis(folder / "d.html", told, comparison=comparison, latent=heat, command=COMMAND)
     write_comparison(folder / "c.html", comparison, findings=told.findings, notes=told.notes, command=COMMAND)
-    addition = Addition(
-        tuple(s.candidate for s in found.selected), found.search.baseline, found.search.final, 9, "", ""
-    )
-    write_addition(folder / "a.html", addition, told.sources, command=COMMAND)
+    added = tuple(s.candidate for s in found.selected)
+    before, after, half = found.search.baseline, found.search.final, (np.full(3, 2.5), np.full(3, 0.5))
+    write_addition(folder / "a.html", added, before, after, told.sources, core_K=half, seen=(before, after))
     texts = {p.stem: p.read_text(encoding="utf-8") for p in folder.iterdir()}
     return folder, record, comparison, told, {k: (t, Page(t)) for k, t in texts.items()}
 
@@ -250,6 +248,14 @@ def test_a_core_thermocouple_is_shown_beside_the_models(road):
     assert row[4:] == [amount(check.rmse_K), amount(check.bias_K), f"{100 * check.covered:.0f} %"]
     names = [t.get("name") for t in pages["c"][1].figures(pages["c"][0])["core-1"]["data"]]
     assert "thermocouple in the core" in names
+
+
+def test_half_widths_of_cores_that_are_given_are_those_shown(road):
+    text, page = road[-1]["a"]
+    spec = page.figures(text)["core-1"]["data"]
+    for low, high, half in ((0, 1, 2.5), (2, 3, 0.5)):
+        own = (np.array(spec[high]["y"]) - np.array(spec[low]["y"])) / 2
+        assert np.sqrt(np.mean(own**2)) == pytest.approx(half, rel=0.01)
 
 
 def test_pages_stay_small(road):
