@@ -10,10 +10,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.linalg
 
 from bms_gateway.diagnose.candidates import Candidate
-from bms_gateway.identify.map_fit import MapFit, stacked
+from bms_gateway.identify.map_fit import MapFit, solved, stacked
 from bms_gateway.identify.problem import Measured, Problem, signals_at
 from bms_gateway.thermal import Floats
 from bms_gateway.thermal.drive import Drive
@@ -54,7 +53,6 @@ def screen(fit: MapFit, candidates: Sequence[Candidate]) -> list[Gain]:
     base = fit.weighed(np.concatenate([fit.J, fit.linear.J], axis=1)) * steep
     free = fit.free  # what stands on a bound cannot make way for a candidate
     base = base[:, free]
-    factor = scipy.linalg.cho_factor(fit.H[np.ix_(free, free)])
     r = np.where(used, fit.r, 0.0) / steep
     prior = np.array([c.prior for c in fit.problem.coordinates])
     sd = np.array([c.sd for c in fit.problem.coordinates])
@@ -68,7 +66,7 @@ def screen(fit: MapFit, candidates: Sequence[Candidate]) -> list[Gain]:
     columns = np.stack([responses.column(c, p) for c in scored for p in c.strengths], axis=1)
     J = fit.weighed(columns) * steep
     cross = base.T @ J
-    absorbed = scipy.linalg.cho_solve(factor, cross)
+    absorbed = solved(fit.H[np.ix_(free, free)], cross)
     score = J.T @ r - absorbed.T @ rest
     last = 0
     for c in scored:

@@ -11,7 +11,7 @@ Levenberg's damping and an active set at the bounds. The log evidence is the Lap
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -32,6 +32,8 @@ SETTLED = 0.2
 """Cost: less is not worth another look at the nuisances' columns; evidence is read to a few tenths."""
 VANISHING = 0.8
 """Share of its size by which a step may take an effect away: gone, its other numbers could not bring it back."""
+ROUNDING = 1e-12
+"""Of a precision scaled to a unit diagonal: combinations known worse than this against its numbers are lost in rounding."""
 GAIN = 0.05
 """Cost: a step that gains less ends the fit; a twentieth of what one standard deviation of a number is worth."""
 
@@ -110,18 +112,7 @@ class MapFit:
     def covariance(self) -> Floats:
         """Covariance (P, P) of the coordinates, nuisances marginalised."""
         P = len(self.theta)
-        scale = 1.0 / np.sqrt(np.diag(self.H))  # numbers of ten orders of magnitude stand side by side
-        inverse = scipy.linalg.cho_solve(scipy.linalg.cho_factor(self.H * np.outer(scale, scale)), np.diag(scale))
-        return np.asarray((inverse * scale[:, None])[:P, :P], dtype=np.float64)
-
-    @property
-    def y(self) -> Floats:
-        """What the model reads (M,), °C, at all readings."""
-        return self.prediction.y
-
-    def weighed(self, columns: Floats) -> Floats:
-        """Columns (M, P) in units of the noise, zero where a reading is held out."""
-        return _weighed(self.problem, self.noise, columns)
+        return solved(self.H, np.eye(len(self.H))[:, :P])[:P]
 
     @property
     def free(self) -> np.ndarray:
@@ -137,6 +128,15 @@ class MapFit:
         c = self.problem.coordinates[self.problem.index(name)]
         z, width = self.theta[self.problem.index(name)], 1e-3 * (c.upper - c.lower)
         return bool(z <= c.lower + width or z >= c.upper - width)
+
+
+def solved(H: Floats, b: Floats) -> Floats:
+    """Solve H x = b for a precision whose numbers may be so unlike that rounding takes its last digits."""
+    scale = 1.0 / np.sqrt(np.diag(H))
+    unit = H * np.outer(scale, scale)
+    unit[np.diag_indices_from(unit)] += ROUNDING
+    x = scipy.linalg.cho_solve(scipy.linalg.cho_factor(unit), scale[:, None] * b)
+    return np.asarray(scale[:, None] * x, dtype=np.float64)
 
 
 def stacked(problem: Problem) -> tuple[Floats, Floats, Floats, Floats, np.ndarray]:
@@ -303,7 +303,9 @@ def annealed(problem: Problem, theta: Floats) -> MapFit:
         prediction = problem.predict(theta, guess, nu)
         problem.renew(prediction, theta, nu)
         linear = nuisance_columns(problem, theta, prediction, nu=nu)
-        fit = map_fit(problem, theta, linear=linear, nu=nu, guess=prediction.X, iterations=4, trust=trust, least_gain=1.0)
+        fit = map_fit(
+            problem, theta, linear=linear, nu=nu, guess=prediction.X, iterations=4, trust=trust, least_gain=1.0
+        )
         theta, nu, guess = fit.theta, fit.nu, fit.prediction.X
     assert fit is not None  # noqa: S101 - there are steps of annealing
     return fit
