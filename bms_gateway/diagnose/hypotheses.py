@@ -10,6 +10,7 @@ from bms_gateway.diagnose.model_error import REFINEMENTS, Bench, Fit, fit
 from bms_gateway.diagnose.screen import Gain, extended, screen
 from bms_gateway.identify.problem import Coordinate, Measured, Problem
 from bms_gateway.thermal import Floats, StringModel
+from bms_gateway.thermal.effects import effect_named
 
 COST = 1.0
 """Log-odds that any effect costs, however common it is: a hypothesis of fewer effects is the likelier one."""
@@ -119,7 +120,7 @@ def _absurd(h: Hypothesis, base: Hypothesis) -> str:
         if c.effect is None:
             continue
         name = c.effect.partition(":")[0]
-        p = next(e for e in h.effects if e.name == name).effect.parameter(c.name.rpartition(".")[2])
+        p = effect_named(name).parameter(c.name.rpartition(".")[2])
         if p.neutral is not None and _at_bound(c, float(z), p.lower == p.neutral or p.upper == p.neutral):
             return f"{c.name} ends at its bound"
         if name == "current_offset" and abs(z) > FAR * c.sd:

@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from bms_gateway.diagnose.calibrate import Change, ChannelError
 from bms_gateway.diagnose.candidates import Candidate
 from bms_gateway.diagnose.checks import Finding
@@ -112,8 +114,11 @@ def add_text(r: AddReport) -> str:
     """Write what the addition did for people: errors, cores, numbers."""
     several = len(r.sources) > 1
     where = "held-out error" if r.tail_K is None else "error in the last 40 %, predicted from the first 60 %,"
+    before, after = r.held_K
+    if np.isnan(after):  # all readings were fitted
+        where, before, after = "error", r.before.errors.train_rmse_K, r.after.errors.train_rmse_K
     head = (
-        f"With {r.names} the {where} goes from {number(r.held_K[0], 3)} to {number(r.held_K[1], 3)} K; "
+        f"With {r.names} the {where} goes from {number(before, 3)} to {number(after, 3)} K; "
         f"noise alone leaves {number(r.before.errors.noise_floor_K, 3)} K."
     )
     parts = [head, *warned(r.findings, several), _errors(r, several), _cores(r), changes_table(r.changes)]

@@ -1,0 +1,40 @@
+"""The same road on a measured cell: two effects, one after the other, by its surface alone; the core only judges."""
+
+import pytest
+
+from tests.cli.test_road import told
+from tests.data import need
+
+MODEL = """\
+cells = 1
+sensors = [1]
+condition = "single"
+effects = []
+[cell]
+capacity_Ah = 4.4
+[parameters]
+C_c = { value = 140.0, unit = "J/K", rel_sd = 0.10 }
+C_s = { value = 12.0, unit = "J/K", rel_sd = 0.25 }
+R_e = { value = 8.0, unit = "mOhm", rel_sd = 0.7 }
+R_c = { value = 2.5, unit = "K/W", rel_sd = 0.7 }
+R_u = { value = 5.0, unit = "K/W", rel_sd = 0.7 }
+"""
+COLUMNS = "time_s=t_s,current_A=-I_A,coolant_inlet_C=T_amb_C,surface_1_C=T_surf_C,core_1_C=T_core_C"
+
+
+@pytest.mark.slow
+def test_effects_added_by_the_surface_bring_the_core_down(tmp_path):
+    table = need("core_surface", "lfp_32113_insulated_1.csv")
+    models = [tmp_path / f"{name}.toml" for name in ("nominal", "fitted", "one", "two")]
+    models[0].write_text(MODEL)
+    told("fit", table, "--model", models[0], "--out", models[1], "--columns", COLUMNS)
+    words = ("--data", table, "--columns", COLUMNS)
+    told("add", "resistance_temperature", "--model", models[0], "--out", models[2], *words)
+    last = told("add", "entropic_heat", "--model", models[2], "--out", models[3], *words)
+    assert last["after"]["heldout_rmse_K"] < 0.5 * last["before"]["heldout_rmse_K"]
+    before, after = (
+        told("compare", table, "--model", m, "--columns", COLUMNS)["filed"]["core_measured"][0]["rmse_K"]
+        for m in (models[1], models[3])
+    )
+    assert before > 4.0
+    assert after < 1.0
