@@ -115,6 +115,15 @@ class MapFit:
         return solved(self.H, np.eye(len(self.H))[:, :P])[:P]
 
     @property
+    def y(self) -> Floats:
+        """What the model reads (M,), °C, at all readings."""
+        return self.prediction.y
+
+    def weighed(self, columns: Floats) -> Floats:
+        """Columns (M, P) in units of the noise, zero where a reading is held out."""
+        return _weighed(self.problem, self.noise, columns)
+
+    @property
     def free(self) -> np.ndarray:
         """Which of [θ, ν] (P + Q,) stand inside their bounds and could move either way."""
         cs = self.problem.coordinates
