@@ -43,34 +43,53 @@ def attempt(suite, log, new_log):
         traceback.print_exc()
         s, never = log.scenario, [float("nan")] * 2
         hidden = [{"effect": k, "size": size, "cell": c, "odds": None} for k, (size, c) in s.effects.items()]
-        said = {"verdict": "crashed", "remains": False, "named": [], "seconds": 0.0, "inside": {}}
+        said = {"verdict": "crashed", "remains": False, "named": [], "seconds": 0.0, "inside": {}, "absorbs": {}}
         said |= {"structure": never, "held": never, "core": never, "error": f"{type(error).__name__}: {error}"}
         where = {"suite": suite, "name": s.name, "cells": s.cells, "sensors": list(s.sensors)}
         return where | {"floor": max(s.noise, 1e-3), "hidden": hidden, "absorbed": False, "ours": said, "peer": None}
 
 
 def outcomes(suite, scenarios, pool, peer, new_drives):
-    """Diagnose the logs of a suite, chunk by chunk."""
+    """Diagnose the logs of a suite. The next logs are made while the workers diagnose: two chunks are held at once."""
     again = new_drives and suite in ("singles", "one_cell", "pairs")
+    waiting = []
     for first in range(0, len(scenarios), CHUNK):
         some = scenarios[first : first + CHUNK]
         logs = make_logs(some + [new_drive(s) for s in some] * again)
         other = logs[len(some) :] if again else [None] * len(some)
-        futures = [pool.submit(attempt, suite, log, new) for log, new in zip(logs, other, strict=False)]
-        for log, future in zip(logs, futures, strict=False):
-            o = future.result()
-            if peer is not None:
-                o["peer"] = peer.run(log)
-            yield o
+        submitted = [(log, pool.submit(attempt, suite, log, new)) for log, new in zip(logs, other, strict=False)]
+        yield from gathered(waiting, peer)
+        waiting = submitted
+    yield from gathered(waiting, peer)
+
+
+def gathered(waiting, peer):
+    for log, future in waiting:
+        o = future.result()
+        if peer is not None:
+            o["peer"] = peer.run(log)
+        yield o
+
+
+def limits(text):
+    """`30` for every suite, or `singles=150,pairs=40`; suites that are not named run in full."""
+    if text is None:
+        return {}
+    if text.isdecimal():
+        return dict.fromkeys(SUITES, int(text))
+    found = {name: int(n) for name, _, n in (part.partition("=") for part in text.split(","))}
+    if unknown := found.keys() - SUITES.keys():
+        raise SystemExit(f"--limit: no suite {', '.join(sorted(unknown))}; there are {', '.join(SUITES)}")
+    return found
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, default=100, help="base of all seeds")
     parser.add_argument("--suites", default=",".join(SUITES))
-    parser.add_argument("--limit", type=int, help="logs per suite")
+    parser.add_argument("--limit", help="logs per suite: one number, or singles=150,pairs=40")
     parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--json", type=Path, help="write every outcome")
+    parser.add_argument("--json", type=Path, help="write every outcome, after each suite")
     parser.add_argument("--peer", type=Path, help="folder of the prototype")
     parser.add_argument("--peer-python", default=sys.executable, help="a Python with numpy, scipy and numba")
     parser.add_argument("--new-drives", action="store_true", help="predict another drive of each pack, without refit")
@@ -80,14 +99,17 @@ def main():
     peer = None if args.peer is None else Peer(args.peer, args.peer_python)
     if peer is None:
         print("no --peer: the prototype does not run beside")
-    found, begin = [], time.time()
+    most, found, begin = limits(args.limit), [], time.time()
     with ProcessPoolExecutor(args.jobs, multiprocessing.get_context("spawn")) as pool:
-        for suite in args.suites.split(","):
-            for o in outcomes(suite, scenarios(suite, args.seed, args.limit), pool, peer, args.new_drives):
-                found.append(o)
+        for suite in filter(None, args.suites.split(",")):
+            some = []
+            for o in outcomes(suite, scenarios(suite, args.seed, most.get(suite)), pool, peer, args.new_drives):
+                some.append(o)
                 if not args.quiet:
-                    told = misses([o])
-                    print(f"{len(found):4} {time.time() - begin:5.0f} s ", *(told or [f"ok {o['name']}"]), flush=True)
+                    at = f"{len(found) + len(some):4} {time.time() - begin:5.0f} s "
+                    print(at, *(misses([o]) or [f"ok {o['name']}"]), flush=True)
+            found += some
+            print(f"\n{suite}, {time.time() - begin:.0f} s", *table(some), "", *misses(some), "", sep="\n", flush=True)
             if args.json:
                 args.json.write_text(json.dumps(found))
     if peer is not None:

@@ -7,6 +7,7 @@ import numpy as np
 
 from bms_gateway.diagnose.candidates import Candidate, candidates
 from bms_gateway.diagnose.compare import as_filed
+from bms_gateway.diagnose.detect import absorbed
 from bms_gateway.diagnose.diagnosis import Diagnosis, diagnose
 from bms_gateway.diagnose.prepare import measured
 from bms_gateway.diagnose.residuals import structure
@@ -57,6 +58,7 @@ def examine(suite, log, new_log=None):
             "looks": list(d.looks_like),
             "ranking": [(r.effect, r.cell, round(r.evidence, 1), r.refused) for r in d.ranking[:4]],
             "screened": [(g.candidate.key, round(g.gain, 1)) for g in search.gains[:4]],
+            "absorbs": takes_up(s, search.baseline),
             "inside": {name: inside(log, d, name) for name, _ in truth},
             "structure": [d.baseline.structure.size, d.after.structure.size],
             "held": [d.baseline.heldout_rmse_K, d.after.heldout_rmse_K],
@@ -66,6 +68,21 @@ def examine(suite, log, new_log=None):
         },
         "peer": None,
     }
+
+
+TAKEN_UP = {
+    "current_gain": "gain of the current sensor",
+    "uniform_R_e": "all cells' R_e",
+    "uniform_R_c": "all cells' R_c",
+}
+"""What the sentence about an absorbed change must speak of."""
+
+
+def takes_up(scenario, fit: MapFit):
+    """Whether each hidden change that a parameter absorbs is told as such: {name: bool}."""
+    there = [name for name in scenario.effects if name in ABSORBED]
+    told = absorbed(fit).sentences if there else ()
+    return {name: any(TAKEN_UP[name] in sentence for sentence in told) for name in there}
 
 
 def true_odds(baseline: MapFit, truth):

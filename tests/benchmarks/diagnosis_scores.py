@@ -51,6 +51,11 @@ def quiet(o, v):
     return v["verdict"] == "adequate" and not v["remains"]
 
 
+def reported(o, v):
+    """Whether nothing is claimed, and told that a parameter takes up what is there; the peer tells no such thing."""
+    return quiet(o, v) and all(v["absorbs"].values()) if "absorbs" in v else None
+
+
 def cell_right(o, v):
     """None where the cell of the hidden effect is not to be told: it has none, or no sensor."""
     h = o["hidden"][0]
@@ -114,6 +119,7 @@ SCORES = (
     Score("cell right where it has a sensor", 0.95, _single, cell_right),
     Score("nothing hidden: false alarms", 0.0, _suite("controls"), lambda o, v: not quiet(o, v), at_most=True),
     Score("absorbed by a parameter: adequate", 1.0, _suite("absorbed"), quiet),
+    Score("absorbed by a parameter: adequate and reported as absorbed", 1.0, _suite("absorbed"), reported),
     Score("in no catalogue: unknown, or something unknown remains", 0.90, _suite("unknowns"), told_unknown),
     Score("in no catalogue: a cause named", 0.03, _suite("unknowns"), lambda o, v: bool(v["named"]), at_most=True),
     Score(
@@ -145,13 +151,13 @@ SCORES = (
 def table(outcomes):
     """Lines of text: every score of ours and, where it ran, of the peer."""
     peer = any(o["peer"] for o in outcomes)
-    lines = [f"{'':58}{'goal':>8}{'ours':>20}" + (f"{'prototype':>20}" if peer else "")]
+    lines = [f"{'':60}{'goal':>8}{'ours':>20}" + (f"{'prototype':>20}" if peer else "")]
     for s in SCORES:
         if not any(s.of(o) for o in outcomes):
             continue
         goal = "" if s.goal is None else f"{'<=' if s.at_most else '>='}{100 * s.goal:.0f} %"
         cells = [_share(s, outcomes, who) for who in (("ours", "peer") if peer else ("ours",))]
-        lines.append(f"{s.text:58}{goal:>8}" + "".join(f"{c:>20}" for c in cells))
+        lines.append(f"{s.text:60}{goal:>8}" + "".join(f"{c:>20}" for c in cells))
     for text, goal, of in (
         ("right verdicts: core error after / before, median", "<=0.33", _core_ratio),
         ("parameters inside their own 95 % interval", ">=90 %", _inside),
@@ -159,7 +165,7 @@ def table(outcomes):
         ("one diagnosis, median / 95 % s", "", _seconds),
     ):
         cells = [of(outcomes, who) for who in (("ours", "peer") if peer else ("ours",))]
-        lines.append(f"{text:58}{goal:>8}" + "".join(f"{c:>20}" for c in cells))
+        lines.append(f"{text:60}{goal:>8}" + "".join(f"{c:>20}" for c in cells))
     shown = [o for o in outcomes if o["suite"] in ("singles", "one_cell", "pairs")]
     if shown:
         lines.append(f"visible: {sum(map(visible, shown))} of {len(shown)} logs with effects of the catalogue")
