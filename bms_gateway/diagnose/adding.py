@@ -19,7 +19,7 @@ from bms_gateway.diagnose.record import Record
 from bms_gateway.diagnose.residuals import structure
 from bms_gateway.diagnose.screen import screen
 from bms_gateway.diagnose.search import HALF, Progress, Settings, gate, prior_odds, refit, refit_from_nominal
-from bms_gateway.diagnose.second import SecondSearch, needs_second, second_search
+from bms_gateway.diagnose.second import SecondSearch
 from bms_gateway.errors import ConfigError, DataError
 from bms_gateway.identify.map_fit import MapFit, refreshed, stacked
 from bms_gateway.thermal import Floats, StringModel
@@ -151,9 +151,8 @@ def add_effects(
         Fitted from what was known before any data.
     """
     d = diagnose(model.unfitted, records, progress=progress)
-    if needs_second(d.search):
-        start, ready = model.unfitted, d.search.baseline.problem.records
-        found = _on_bench(d, second_search(start, ready, progress=progress), wants)
+    if d.second is not None and (model.cells == 1 or not d.selected):
+        found = _on_bench(d, d.second, wants)
         if found is not None:
             return found
     named = [s.candidate for s in d.selected]

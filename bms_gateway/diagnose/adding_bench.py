@@ -8,8 +8,8 @@ import numpy as np
 from bms_gateway.diagnose.band import ALARMED, LUMPED, Cores, core_band
 from bms_gateway.diagnose.candidates import Candidate
 from bms_gateway.diagnose.second import SecondSearch
+from bms_gateway.identify.coordinates import Measured
 from bms_gateway.identify.map_fit import MapFit
-from bms_gateway.identify.problem import Measured
 from bms_gateway.thermal import Floats
 
 

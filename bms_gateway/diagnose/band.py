@@ -13,8 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bms_gateway.diagnose.hypotheses import Hypothesis
+from bms_gateway.identify.coordinates import Measured
 from bms_gateway.identify.map_fit import MapFit
-from bms_gateway.identify.problem import Measured, Problem
+from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal import Floats
 
 NEAR = 5.0

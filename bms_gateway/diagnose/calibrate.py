@@ -11,9 +11,10 @@ from bms_gateway.diagnose.model_error import fit as fit_with_error
 from bms_gateway.diagnose.prepare import measured
 from bms_gateway.diagnose.record import Record, in_held_out
 from bms_gateway.diagnose.residuals import structure
+from bms_gateway.identify.coordinates import OWN, Measured
 from bms_gateway.identify.likelihood import generalised
 from bms_gateway.identify.map_fit import ITERATIONS, MapFit, fitted, stacked
-from bms_gateway.identify.problem import OWN, Measured, Problem
+from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal import KINDS, AddedEffect, Floats, Prior, StringModel
 from bms_gateway.thermal.effects import EffectParameter, effect_named
 

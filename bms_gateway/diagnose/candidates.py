@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 from bms_gateway.thermal import AddedEffect, StringModel
 from bms_gateway.thermal.drive import Drive
-from bms_gateway.thermal.effects import Effect, EffectParameter, catalogue, effect_named
+from bms_gateway.thermal.effects import Effect, EffectParameter, catalogue
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,15 +98,3 @@ def candidates(model: StringModel, drive: Drive, surfaces: tuple[float, float]) 
                 c for start in effect.starts(*surfaces) if (c := Candidate(effect, cell, start, free)).key not in there
             ]
     return tuple(found)
-
-
-def candidate_named(key: str, model: StringModel) -> Candidate:
-    """Return the candidate that a user calls `key`, `name` or `name:cell`.
-
-    Raises
-    ------
-    ConfigError
-        No such effect.
-    """
-    name, _, cell = key.partition(":")
-    return Candidate(effect_named(name), int(cell) if cell else None)

@@ -12,8 +12,9 @@ import numpy as np
 
 from bms_gateway.diagnose.regimes import instants_of
 from bms_gateway.diagnose.residuals import structure
+from bms_gateway.identify.coordinates import Channel, Measured
 from bms_gateway.identify.map_fit import MapFit
-from bms_gateway.identify.problem import Channel, Measured, Problem
+from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal import Floats
 from bms_gateway.thermal.trajectory import Span
 

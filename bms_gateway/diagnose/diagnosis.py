@@ -13,7 +13,7 @@ insufficient_data
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -23,6 +23,7 @@ from bms_gateway.diagnose.prepare import measured
 from bms_gateway.diagnose.record import Record
 from bms_gateway.diagnose.residuals import Structure, noise_floor, rmse, scale, structure, within
 from bms_gateway.diagnose.search import Progress, Search, Settings, Trial, search
+from bms_gateway.diagnose.second import SecondSearch, needs_second, second_search
 from bms_gateway.identify.map_fit import MapFit, stacked
 from bms_gateway.thermal import StringModel
 
@@ -117,6 +118,10 @@ class Diagnosis:
     ranking : tuple of Ranked
     baseline, after : Errors
     search : Search
+    second : SecondSearch or None
+        Where the model's own error, not the noise, sets what can be told.
+    alarms : tuple of str
+        What speaks against the core of the model with the selected effects, a sentence each.
     """
 
     verdict: Verdict
@@ -128,6 +133,8 @@ class Diagnosis:
     baseline: Errors
     after: Errors
     search: Search
+    second: SecondSearch | None = None
+    alarms: tuple[str, ...] = ()
 
 
 def diagnose(
@@ -151,8 +158,18 @@ def diagnose(
     -------
     Diagnosis
     """
-    found = search(model, [measured(r, model) for r in records], settings, progress)
-    return judged(found)
+    tell = progress or (lambda _share, _text: None)
+    ready = [measured(r, model) for r in records]
+    found = search(model, ready, settings, lambda share, text: tell(0.6 * share, text))
+    first = judged(found)
+    # a string whose first search names nothing gains nothing from a second one, which costs it half a minute
+    if not needs_second(found) or (model.cells > 1 and not first.selected):
+        tell(1.0, "done")
+        return first
+    second = second_search(model, ready, progress=lambda share, text: tell(0.6 + 0.4 * share, text))
+    if model.cells > 1 and second.verdict == "missing_effect":
+        return replace(first, unknown_remains=True, second=second, alarms=second.alarms)
+    return _judged_again(first, second)
 
 
 def judged(found: Search) -> Diagnosis:
@@ -197,6 +214,39 @@ def judged(found: Search) -> Diagnosis:
     )
 
 
+def _judged_again(first: Diagnosis, second: SecondSearch) -> Diagnosis:
+    """Pass the verdict of the second search: its names, its errors, its doubts."""
+    floor = first.baseline.noise_floor_K
+    everything = stacked(second.baseline.problem)[4]
+    base, after = (
+        Errors(rmse(f, everything), tail, floor, structure(f))
+        for f, tail in zip((second.baseline, second.best), second.tail, strict=True)
+    )
+    names = tuple(c.candidate.name for c in second.chosen)
+    selected = tuple(
+        Selected(c.candidate, c.tied, numbers(second.best, c.candidate), c.log_odds) for c in second.chosen
+    )
+    ranking = tuple(
+        Ranked(s.candidate.name, s.candidate.cell, after.heldout_rmse_K, s.log_odds, 1.0, s.parameters, s.tied_with, "")
+        for s in selected
+    )
+    if second.verdict == "unknown_effect":
+        why = "it explains a part only"
+        ranking = tuple(replace(r, refused=why) for r in ranking)
+        text = _sentence("unknown_effect", (), names, True, base, base)
+        return Diagnosis(
+            "unknown_effect", True, text, (), names, ranking, base, base, first.search, second, second.alarms
+        )
+    text = _sentence(
+        "missing_effect", selected, (), True, base, after, held="the last 40 %, predicted from the first 60 %,"
+    )
+    if not second.core_claimed:
+        text += f" The core is not known better by it: {' '.join(second.alarms)}"
+    return Diagnosis(
+        "missing_effect", True, text, selected, (), ranking, base, after, first.search, second, second.alarms
+    )
+
+
 def errors(fit: MapFit) -> Errors:
     """Errors of a fit on trained and held-out readings."""
     used = stacked(fit.problem)[4]
@@ -238,7 +288,7 @@ def _ranked(t: Trial, trials: Sequence[Trial]) -> Ranked:
 
 
 def named(c: Candidate) -> str:
-    """An effect as a sentence names it."""
+    """Return an effect as a sentence names it."""
     place = "" if c.cell is None else f" (cell {c.cell})" if c.effect.place != "gap" else f" (after cell {c.cell})"
     return f"{c.name}{place}: {c.effect.title}"
 
@@ -250,6 +300,7 @@ def _sentence(
     remains: bool,
     base: Errors,
     after: Errors,
+    held: str = "held-out blocks",
 ) -> str:
     floor = base.noise_floor_K
     if verdict == "adequate":
@@ -265,7 +316,8 @@ def _sentence(
         )
     names = " and ".join(named(s.candidate) for s in selected)
     tied = sorted({t for s in selected for t in s.tied_with})
-    text = f"Missing: {names}. With it the held-out error falls from {base.heldout_rmse_K:.2g} to "
+    them = "it" if len(selected) == 1 else "them"
+    text = f"Missing: {names}. With {them} the error on {held} falls from {base.heldout_rmse_K:.2g} to "
     text += f"{after.heldout_rmse_K:.2g} K (noise {floor:.2g} K)."
     if tied:
         text += f" These readings cannot tell it from {', '.join(tied)}."

@@ -20,7 +20,7 @@ from itertools import product
 import numpy as np
 import scipy.linalg
 
-from bms_gateway.identify.problem import Measured
+from bms_gateway.identify.coordinates import Measured
 from bms_gateway.thermal import Floats
 
 SIZES = (0.005, 0.01, 0.015, 0.022, 0.032, 0.047, 0.07, 0.1, 0.15, 0.22, 0.32, 0.5, 0.8)

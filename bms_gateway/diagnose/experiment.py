@@ -20,8 +20,9 @@ from bms_gateway.diagnose.core_band import tempered
 from bms_gateway.diagnose.feasible import Plan, limits_of, plans
 from bms_gateway.diagnose.residuals import structure
 from bms_gateway.diagnose.search import Search, Trial
+from bms_gateway.identify.coordinates import OWN, Channel, Measured
 from bms_gateway.identify.map_fit import MapFit
-from bms_gateway.identify.problem import OWN, Channel, Measured, Problem
+from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal import Floats
 from bms_gateway.thermal.trajectory import Span
 

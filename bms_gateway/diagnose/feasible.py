@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bms_gateway.identify.problem import Measured
+from bms_gateway.identify.coordinates import Measured
 from bms_gateway.thermal import Floats, StringModel
 from bms_gateway.thermal.drive import Drive
 

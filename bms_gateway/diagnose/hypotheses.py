@@ -8,7 +8,8 @@ import numpy as np
 from bms_gateway.diagnose.candidates import Candidate, candidates
 from bms_gateway.diagnose.model_error import REFINEMENTS, Bench, Fit, fit
 from bms_gateway.diagnose.screen import Gain, extended, screen
-from bms_gateway.identify.problem import Coordinate, Measured, Problem
+from bms_gateway.identify.coordinates import Coordinate, Measured
+from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal import Floats, StringModel
 from bms_gateway.thermal.effects import effect_named
 

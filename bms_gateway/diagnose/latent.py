@@ -24,8 +24,8 @@ import scipy.linalg
 
 from bms_gateway.diagnose.regimes import slope
 from bms_gateway.diagnose.residuals import structure
+from bms_gateway.identify.coordinates import Measured
 from bms_gateway.identify.map_fit import MapFit, stacked
-from bms_gateway.identify.problem import Measured
 from bms_gateway.thermal import Floats
 from bms_gateway.thermal.drive import Drive
 from bms_gateway.thermal.trajectory import reference

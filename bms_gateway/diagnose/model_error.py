@@ -11,8 +11,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from bms_gateway.diagnose.discrepancy import START, Discrepancy, Noise
+from bms_gateway.identify.coordinates import Belief, Measured
 from bms_gateway.identify.map_fit import GAIN, Linear, MapFit, map_fit
-from bms_gateway.identify.problem import Belief, Measured, Problem
+from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal import Floats
 from bms_gateway.thermal.drive import Drive
 from bms_gateway.thermal.trajectory import Span

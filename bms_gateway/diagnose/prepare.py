@@ -1,11 +1,12 @@
 """From a record to what a fit takes: a grid coarse enough for the size of the string, starts, noise."""
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
 from bms_gateway.diagnose.record import Record
-from bms_gateway.identify.problem import Channel, Measured
+from bms_gateway.identify.coordinates import Channel, Measured
 from bms_gateway.thermal import Floats, StringModel
 from bms_gateway.thermal.drive import Drive
 from bms_gateway.thermal.trajectory import Span
@@ -16,7 +17,7 @@ UNSEEN_SD = 0.2
 """K: how far the surface of a cell without a sensor may start from the line between its neighbours with one."""
 LEAST_START_SD = 0.02
 WORK = 12_000
-"""Cells times intervals that a ranking may take: beyond, intervals are joined. Means stay exact; 9 s poles at 4 s too."""
+"""Cells times intervals that a ranking may take: beyond, intervals are joined; their means stay exact."""
 COARSEST_S = 5.0
 HIDDEN = 0.15
 """Share of a sensor's noise that joining may err by."""
@@ -103,7 +104,7 @@ def joined(record: Record, model: StringModel) -> int:
 
 def _spans(record: Record) -> list[Span]:
     edges = [*record.segments, record.drive.N + 1]
-    return [Span(a, b - 1) for a, b in zip(edges, edges[1:], strict=False) if b - 1 > a]
+    return [Span(a, b - 1) for a, b in pairwise(edges) if b - 1 > a]
 
 
 def _join(u: Drive, first: int, blocks: int, size: int) -> dict[str, Floats]:

@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from bms_gateway.identify.problem import Measured
+from bms_gateway.identify.coordinates import Measured
 from bms_gateway.thermal import Floats
 from bms_gateway.thermal.drive import Drive
 

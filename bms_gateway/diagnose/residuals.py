@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bms_gateway.identify.coordinates import Measured
 from bms_gateway.identify.likelihood import generalised
 from bms_gateway.identify.map_fit import MapFit, stacked
-from bms_gateway.identify.problem import Measured
 from bms_gateway.thermal import Floats
 
 LAGS = range(3, 9)

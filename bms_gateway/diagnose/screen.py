@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bms_gateway.diagnose.candidates import Candidate
+from bms_gateway.identify.coordinates import Measured
 from bms_gateway.identify.map_fit import MapFit, solved, stacked
-from bms_gateway.identify.problem import Measured, Problem, signals_at
+from bms_gateway.identify.problem import Problem, signals_at
 from bms_gateway.thermal import Floats
 from bms_gateway.thermal.drive import Drive
 from bms_gateway.thermal.effects import EffectParameter
@@ -111,7 +112,7 @@ class Responses:
             self._records.append((m, v, starts, X, recursion, y, f))
 
     def column(self, c: Candidate, p: EffectParameter) -> Floats:
-        """Readings' response (M,) to one parameter, per unit (or per probe where it is a logarithm)."""
+        """Return the readings' response (M,) to one parameter, per unit (or per probe where it is a logarithm)."""
         values = c.begin
         for q in c.effect.parameters:
             if q.neutral is not None and q.name != p.name:
@@ -138,7 +139,7 @@ class Responses:
         return np.concatenate(parts)
 
     def _begins(self, c: Candidate, values: Mapping[str, float]) -> list[tuple[Floats, ...]]:
-        """Starts of each record with the effect: what a thermocouple adds has gone into the start taken from it."""
+        """Return the starts with the effect: what a thermocouple adds has gone into the start taken from it."""
         if c.effect.states or "reading" not in c.effect.hooks():
             return [starts for _, _, starts, *_ in self._records]
         with_it = Problem(c.put_into(self._problem.model, values), self._problem.records, self._problem.beliefs)

@@ -14,8 +14,9 @@ import numpy as np
 from bms_gateway.diagnose.candidates import Candidate, candidates
 from bms_gateway.diagnose.residuals import log_density, rmse, structure, within
 from bms_gateway.diagnose.screen import Gain, extended, screen
+from bms_gateway.identify.coordinates import Measured
 from bms_gateway.identify.map_fit import MapFit, annealed, converged, fitted, map_fit, stacked
-from bms_gateway.identify.problem import Measured, Problem
+from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal import StringModel
 
 Progress = Callable[[float, str], None]
@@ -158,7 +159,7 @@ def search(
         The same for the same arguments, to the last bit.
     """
     s = settings or Settings()
-    tell = progress or (lambda share, text: None)
+    tell = progress or (lambda _share, _text: None)
     tell(0.0, "fitting the model as it is")
     baseline = fitted(Problem(model, records))
     found = Search(baseline, baseline)
@@ -334,7 +335,7 @@ def _chosen(accepted: Trial, trials: Sequence[Trial]) -> Chosen:
 
 
 def _exchange(found: Search, offered: Sequence[Candidate], s: Settings) -> None:
-    """Try each earlier effect again: is it superfluous now, or does another do its work better?"""
+    """Try each earlier effect again: it may be superfluous now, or another does its work better."""
     inflation = structure(found.final).inflation
     for old in found.chosen[:-1]:
         keep = [c for c in found.chosen if c is not old]  # an exchange puts the new one last

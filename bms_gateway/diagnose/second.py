@@ -18,8 +18,9 @@ from bms_gateway.diagnose.model_error import REFINEMENTS, Bench, Fit, ModelError
 from bms_gateway.diagnose.residuals import structure
 from bms_gateway.diagnose.search import Chosen, Search
 from bms_gateway.diagnose.witness import Witness, agreement, by_voltage, witnesses
+from bms_gateway.identify.coordinates import Measured
 from bms_gateway.identify.map_fit import MapFit, stacked
-from bms_gateway.identify.problem import Measured, Problem
+from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal import StringModel
 from bms_gateway.thermal.effects import effect_named
 

@@ -19,8 +19,8 @@ import scipy.signal
 import scipy.stats
 
 from bms_gateway.diagnose.band import core_variance
+from bms_gateway.identify.coordinates import Coordinate, Measured
 from bms_gateway.identify.map_fit import MapFit
-from bms_gateway.identify.problem import Coordinate, Measured
 from bms_gateway.thermal import KINDS, Floats
 from bms_gateway.thermal.drive import Drive
 from bms_gateway.thermal.effects import effect_named

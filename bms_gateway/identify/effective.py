@@ -29,6 +29,7 @@ def heat_only(model: StringModel) -> bool:
     physics = Physics(model)
     if physics.reads or physics.states > 2 * model.cells:
         return False
+
     # Two moments that differ in all that an effect may look at: whatever it changes shows in one of them.
     def two(first: float, second: float) -> Floats:
         return np.array([first, second])

@@ -17,23 +17,24 @@ from typing import Protocol
 import numpy as np
 import scipy.linalg
 
+from bms_gateway.identify.coordinates import LIMIT
 from bms_gateway.identify.likelihood import curvature, generalised
-from bms_gateway.identify.problem import LIMIT, Prediction, Problem
+from bms_gateway.identify.problem import Prediction, Problem
 from bms_gateway.thermal import Floats
 
 ITERATIONS = 12
 ANNEALING = (1e-3, 3e-2)
 """Weights of the data on the way to 1: at first only what is off by thirty times the noise counts."""
 DAMPING, TRIES = 1e-8, 6
-"""Share of the Hessian's diagonal: the numbers of a string lie in a valley ten thousand times flatter along than across,
-where Marquardt's usual 1e-3 would creep. Grows by 30 until the cost falls."""
+"""Share of the Hessian's diagonal: the numbers of a string lie in a valley ten thousand times flatter along than
+across, where Marquardt's usual 1e-3 would creep. Grows by 30 until the cost falls."""
 REFRESHES = 8
 SETTLED = 0.2
 """Cost: less is not worth another look at the nuisances' columns; evidence is read to a few tenths."""
 VANISHING = 0.8
 """Share of its size by which a step may take an effect away: gone, its other numbers could not bring it back."""
 ROUNDING = 1e-12
-"""Of a precision scaled to a unit diagonal: combinations known worse than this against its numbers are lost in rounding."""
+"""Of a precision scaled to a unit diagonal: combinations known worse than this are lost in rounding."""
 GAIN = 0.05
 """Cost: a step that gains less ends the fit; a twentieth of what one standard deviation of a number is worth."""
 
@@ -149,7 +150,7 @@ def solved(H: Floats, b: Floats) -> Floats:
 
 
 def stacked(problem: Problem) -> tuple[Floats, Floats, Floats, Floats, np.ndarray]:
-    """Readings, σ, σ₀, step (M,) of all records, and which are used."""
+    """Stack readings, σ, σ₀, step (M,) of all records, and which are used."""
     ms = problem.records
     return (
         np.concatenate([m.y for m in ms]),

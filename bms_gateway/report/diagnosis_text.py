@@ -67,6 +67,7 @@ def diagnosis_document(told: Told) -> dict[str, Any]:
         "next_experiment": told.next_experiment,
         "sentence": told.sentence,
         "looks_like": list(d.looks_like) if d else [],
+        "core_doubts": list(d.alarms) if d else [],
         "parameters": [_selected(s) for s in d.selected] if d else [],
         "structure": {"baseline": _structure(d.baseline), "after": _structure(d.after)} if d else None,
         "tables": list(told.sources),

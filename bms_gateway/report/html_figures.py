@@ -12,7 +12,7 @@ import numpy as np
 from bms_gateway.diagnose.core_band import CoreBand
 from bms_gateway.diagnose.latent import Latent
 from bms_gateway.diagnose.regimes import instants_of
-from bms_gateway.identify.problem import Measured
+from bms_gateway.identify.coordinates import Measured
 from bms_gateway.report.html_series import BAND_SD, Clock, Trace, broken, envelope, held_out, numbers, smooth
 from bms_gateway.report.page import Figure
 from bms_gateway.thermal import Floats

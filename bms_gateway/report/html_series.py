@@ -8,8 +8,8 @@ import numpy as np
 from bms_gateway.diagnose.core_band import CoreBand, core_bands
 from bms_gateway.diagnose.misfit import Level, Sensor, level, nearest, sensors
 from bms_gateway.diagnose.regimes import instants_of, seconds_of
+from bms_gateway.identify.coordinates import Measured
 from bms_gateway.identify.map_fit import MapFit, stacked
-from bms_gateway.identify.problem import Measured
 from bms_gateway.thermal import Floats
 
 MOST_POINTS = 4000

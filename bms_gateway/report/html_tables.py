@@ -10,8 +10,8 @@ from bms_gateway.diagnose.core_band import at_times
 from bms_gateway.diagnose.detect import FIRM, LEARNT
 from bms_gateway.diagnose.misfit import Level, Sensor
 from bms_gateway.diagnose.regimes import Bin, Regime
+from bms_gateway.identify.coordinates import Coordinate
 from bms_gateway.identify.map_fit import MapFit
-from bms_gateway.identify.problem import Coordinate
 from bms_gateway.report.diagnosis_text import with_sd
 from bms_gateway.report.html_series import BAND_SD, Shown
 from bms_gateway.report.page import amount, grouped, table

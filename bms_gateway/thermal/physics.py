@@ -149,7 +149,7 @@ class Physics:
 
     def balances(self, z: Point, v: Numbers) -> Floats:
         """Rates of change (N, D) in 1/s that a point of `point` comes to."""
-        out = np.empty(z.T_c.shape[:-1] + (self.states,))
+        out = np.empty((*z.T_c.shape[:-1], self.states))
         out[..., 0 : 2 * self.cells : 2] = (z.core - z.inner) / z.C_c
         net = z.inner - z.film + z.surface
         if np.isfinite(v.string.R_cc) and self.cells > 1:
@@ -163,7 +163,7 @@ class Physics:
         return out
 
     def readings(self, X: Floats, u: Drive, v: Numbers, memory: Memory) -> Floats:
-        """What thermocouples on all n cells read (N, n), °C, at the states `X` under the inputs of `u`."""
+        """Read thermocouples on all n cells (N, n), °C, at the states `X` under the inputs of `u`."""
         if not self.reads:
             return np.asarray(X[..., 1 : 2 * self.cells : 2] + v.surface_offset)
         z = self.point(X, u, v, memory)

@@ -134,7 +134,7 @@ def average(u: Drive) -> Drive:
 
 
 def at_instants(u: Drive) -> Drive:
-    """Inputs at the N + 1 instants between and around the intervals: means of the neighbours."""
+    """Return the inputs at the N + 1 instants between and around the intervals: means of the neighbours."""
     return _map(u, _between)
 
 
@@ -209,7 +209,7 @@ def sensitivities(
     variations: Sequence[Variation],
     refinements: int = 1,
 ) -> Floats:
-    """Derivatives of a trajectory with respect to several numbers.
+    """Differentiate a trajectory with respect to several numbers.
 
     Parameters
     ----------
@@ -254,7 +254,7 @@ def sensitivities(
 
 
 def readings(physics: Physics, u: Drive, v: Numbers, memory: Memory, X: Floats, spans: Sequence[Span]) -> Floats:
-    """What thermocouples on all cells would read along a trajectory: ndarray (N + spans, n), °C."""
+    """Read thermocouples on all cells along a trajectory: ndarray (N + spans, n), °C."""
     parts = []
     row = 0
     for span in spans:

@@ -3,7 +3,9 @@
 from functools import cache
 
 from bms_gateway.config.model_file import parse_model
+from bms_gateway.diagnose.candidates import Candidate
 from bms_gateway.diagnose.record import make_record
+from bms_gateway.thermal.effects import effect_named
 from tests.truth.hidden import Scenario, make_log
 
 
@@ -30,3 +32,9 @@ def hidden(effect=None, size="medium", cell=None, **scenario):
     """Log, record and model of one scenario, made once."""
     log = make_log(Scenario(effects={} if effect is None else {effect: (size, cell)}, **scenario))
     return (log, *record_of(log))
+
+
+def named(key):
+    """The candidate that a user calls `name` or `name:cell`."""
+    name, _, cell = key.partition(":")
+    return Candidate(effect_named(name), int(cell) if cell else None)

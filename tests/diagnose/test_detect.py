@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bms_gateway.diagnose.candidates import candidate_named, candidates
+from bms_gateway.diagnose.candidates import candidates
 from bms_gateway.diagnose.detect import Projection, absorbed, detectability
 from bms_gateway.diagnose.prepare import measured
 from bms_gateway.diagnose.residuals import structure
@@ -11,7 +11,7 @@ from bms_gateway.diagnose.screen import screen
 from bms_gateway.diagnose.search import prior_odds, refit
 from bms_gateway.identify.map_fit import fitted
 from bms_gateway.identify.problem import Problem
-from tests.diagnose.hidden_record import hidden
+from tests.diagnose.hidden_record import hidden, named
 
 
 def fit_of(*effect, **scenario):
@@ -33,7 +33,7 @@ def test_a_size_above_the_smallest_is_found_and_one_below_is_not(pulses):
 
     def odds(times):
         fit, offered = fit_of("resistance_asymmetry", times * smallest / 0.3, seed=12, cycle="pulses")
-        (gain,) = screen(fit, [candidate_named("resistance_asymmetry", fit.problem.model)])
+        (gain,) = screen(fit, [named("resistance_asymmetry")])
         more = refit(fit, gain)
         inflation = structure(more).inflation
         return (more.log_evidence - fit.log_evidence) / inflation + prior_odds(gain.candidate, offered) - np.log(0.5)

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bms_gateway.diagnose.discrepancy import GRID, Discrepancy, Noise
-from bms_gateway.identify.problem import Measured
+from bms_gateway.identify.coordinates import Measured
 from bms_gateway.thermal.drive import Drive
 from bms_gateway.thermal.trajectory import Span
 

@@ -7,7 +7,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bms_gateway.diagnose.candidates import candidate_named
 from bms_gateway.diagnose.experiment import next_experiment, separation
 from bms_gateway.diagnose.feasible import limits_of, plans
 from bms_gateway.diagnose.prepare import measured
@@ -16,7 +15,7 @@ from bms_gateway.diagnose.screen import screen
 from bms_gateway.diagnose.search import Chosen, Search, Trial, refit, refit_from_nominal
 from bms_gateway.identify.map_fit import fitted, map_fit, refreshed
 from bms_gateway.identify.problem import Problem
-from tests.diagnose.hidden_record import hidden, record_of
+from tests.diagnose.hidden_record import hidden, named, record_of
 from tests.truth import hidden as truth
 from tests.truth.drives import Drive
 
@@ -43,7 +42,7 @@ def hypotheses(names, *effect, **scenario):
     base = fitted(Problem(model, [measured(record, model)]))
     fits = {}
     for key in names:
-        gain = screen(base, [candidate_named(key, model)])[0]
+        gain = screen(base, [named(key)])[0]
         near = refit(base, gain)
         far = refit_from_nominal(near, base)
         fits[key] = refreshed(max(near, far, key=lambda f: f.log_evidence))
@@ -53,8 +52,8 @@ def hypotheses(names, *effect, **scenario):
 def found(base, fits):
     """A search that left the two tied."""
     first, second = fits
-    trials = [Trial(candidate_named(k, base.problem.model), f, 10.0, 0.5, True, "") for k, f in fits.items()]
-    chosen = Chosen(candidate_named(first, base.problem.model), (second.partition(":")[0],), 10.0)
+    trials = [Trial(named(k), f, 10.0, 0.5, True, "") for k, f in fits.items()]
+    chosen = Chosen(named(first), (second.partition(":")[0],), 10.0)
     return Search(base, fits[first], [chosen], [trials])
 
 
@@ -162,7 +161,7 @@ def test_nothing_is_asked_for_where_nothing_is_in_doubt(offset):
     _, base, fits = offset
     first, second = fits
     trials = [
-        Trial(candidate_named(k, base.problem.model), f, o, s, True, "")
+        Trial(named(k), f, o, s, True, "")
         for (k, f), o, s in zip(fits.items(), (100.0, 1.0), (0.9999, 1e-4), strict=True)
     ]
     clear = Search(base, fits[first], [Chosen(trials[0].candidate, (), 100.0)], [trials])

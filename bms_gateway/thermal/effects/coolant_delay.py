@@ -9,7 +9,7 @@ from bms_gateway.thermal.parameters import Floats
 from bms_gateway.thermal.point import Point
 
 PLUG = 0.65
-"""Share of the delay that is transport through hoses and channels; the rest is mixing, in plenums and with the walls."""
+"""Share of the delay that is transport through hoses and channels; the rest is mixing, with plenums and walls."""
 LONGEST = 120.0
 """s: upper bound of the delay, and so of what must be remembered."""
 LEAST_SPREAD = 0.1
