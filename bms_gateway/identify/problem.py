@@ -70,8 +70,8 @@ class Problem:
         # last: a model with one more effect has the same coordinates and some at the end
         self.coordinates += tuple(c for e in self.model.effects for c in effect_numbers(e.key, e.name, e.values, e.sd))
         self.coordinates = tuple(believed(c, self.beliefs) for c in self.coordinates)
-        believed = (believed(c, self.beliefs) for c in nuisances(self.model, self.records))
-        self.nuisances = tuple(c for c in believed if c.sd > 0.0)
+        small = (believed(c, self.beliefs) for c in nuisances(self.model, self.records))
+        self.nuisances = tuple(c for c in small if c.sd > 0.0)
         self._recursion = [None] * len(self.records)
         self._alters_readings = any("reading" in effect_named(e.name).hooks() for e in self.model.effects)
 
