@@ -1,7 +1,8 @@
 """Logs with hidden effects, diagnosed: scores beside their goals, who was taken for whom, and every miss.
 
 ``python -m tests.benchmarks.bench_diagnosis --seed 100 --suites singles,controls --limit 30`` for a part;
-``… --new-drives --json out.json --peer FOLDER --peer-python PYTHON`` for all of it, with the prototype beside.
+``… --new-drives --json out.json --peer FOLDER --peer-python PYTHON`` for all of it, with the prototype beside;
+``… --experiments 30 --gateway 30`` drives what is suggested next, and runs the added effects in `analyze`.
 """
 
 import argparse
@@ -11,17 +12,22 @@ import os
 import sys
 import time
 import traceback
+from collections import deque
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
 
 from tests.benchmarks.diagnosis_case import examine
+from tests.benchmarks.diagnosis_experiment import confusable, experiment, experiments_report
+from tests.benchmarks.diagnosis_gateway import gateway, gateway_report, hidden_ones
 from tests.benchmarks.diagnosis_peer import Peer
 from tests.benchmarks.diagnosis_scores import by_effect, confusion, misses, table
 from tests.truth.hidden import make_logs, new_drive
 from tests.truth.suites import SUITES
 
+TRIES = 6
+"""Of how many times the number asked for a study gives up."""
 CHUNK = 24
 """Logs made at once: a few tens of megabytes."""
 
@@ -71,6 +77,32 @@ def gathered(waiting, peer):
         yield o
 
 
+def tries(study, scenarios, pool, wanted, jobs, begin):
+    """Try scenarios until `wanted` were of use, `TRIES` times as many at most: outcomes, of how many, crashes.
+
+    Outcomes count in the order of the scenarios, whatever finishes first.
+    """
+    found, tried, crashed, most = [], 0, [], TRIES * wanted
+    some, running = iter(scenarios), deque()
+    while len(found) < wanted and tried < most:
+        while len(running) < 2 * jobs and (s := next(some, None)) is not None:
+            running.append((s, pool.submit(study, s)))
+        s, future = running.popleft()
+        tried += 1
+        try:
+            o = future.result()
+        except Exception as error:
+            traceback.print_exc()
+            crashed.append(f"  {s.name}: crashed: {type(error).__name__}: {error}")
+            continue
+        if o is not None:
+            found.append(o)
+            print(f"{len(found):4}/{tried} {time.time() - begin:5.0f} s  {s.name}", flush=True)
+    for _, future in running:
+        future.cancel()
+    return found, tried, crashed
+
+
 def limits(text):
     """`30` for every suite, or `singles=150,pairs=40`; suites that are not named run in full."""
     if text is None:
@@ -83,7 +115,7 @@ def limits(text):
     return found
 
 
-def main():
+def options():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, default=100, help="base of all seeds")
     parser.add_argument("--suites", default=",".join(SUITES))
@@ -93,8 +125,14 @@ def main():
     parser.add_argument("--peer", type=Path, help="folder of the prototype")
     parser.add_argument("--peer-python", default=sys.executable, help="a Python with numpy, scipy and numba")
     parser.add_argument("--new-drives", action="store_true", help="predict another drive of each pack, without refit")
+    parser.add_argument("--experiments", type=int, default=0, help="tied pairs whose next experiment is driven")
+    parser.add_argument("--gateway", type=int, default=0, help="right verdicts whose model files run in `analyze`")
     parser.add_argument("--quiet", action="store_true", help="no line per log on the way")
-    args = parser.parse_args()
+    return parser.parse_args()
+
+
+def main():
+    args = options()
     os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")  # the workers'
     peer = None if args.peer is None else Peer(args.peer, args.peer_python)
     if peer is None:
@@ -112,12 +150,34 @@ def main():
             print(f"\n{suite}, {time.time() - begin:.0f} s", *table(some), "", *misses(some), "", sep="\n", flush=True)
             if args.json:
                 args.json.write_text(json.dumps(found))
+        studies = studied(args, pool, begin)
     if peer is not None:
         peer.close()
     report(found)
+    for name, lines in studies.items():
+        print(f"\n{name}", *lines, sep="\n")
+
+
+def studied(args, pool, begin):
+    """Run what was asked for beyond the suites: lines by name."""
+    studies = {}
+    for name, wanted, study, some, told in (
+        ("experiments", args.experiments, experiment, confusable(args.seed), experiments_report),
+        ("gateway", args.gateway, gateway, hidden_ones(args.seed), gateway_report),
+    ):
+        if not wanted:
+            continue
+        outcome, tried, crashed = tries(study, some, pool, wanted, args.jobs, begin)
+        studies[name] = told(outcome, tried) + crashed
+        print(f"\n{name}", *studies[name], "", sep="\n", flush=True)
+        if args.json:
+            args.json.with_suffix(f".{name}.json").write_text(json.dumps(outcome))
+    return studies
 
 
 def report(found):
+    if not found:
+        return
     for title, lines in (
         (f"{len(found)} logs", table(found)),
         ("hidden: named", confusion(found)),

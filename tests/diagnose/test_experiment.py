@@ -1,7 +1,5 @@
 """The next experiment: feasible, and on the hidden pack it tells two explanations apart."""
 
-from contextlib import contextmanager
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,30 +8,12 @@ import pytest
 from bms_gateway.diagnose.experiment import next_experiment, separation
 from bms_gateway.diagnose.feasible import limits_of, plans
 from bms_gateway.diagnose.prepare import measured
-from bms_gateway.diagnose.residuals import structure
 from bms_gateway.diagnose.screen import screen
 from bms_gateway.diagnose.search import Chosen, Search, Trial, refit, refit_from_nominal
-from bms_gateway.identify.map_fit import fitted, map_fit, refreshed
+from bms_gateway.identify.map_fit import fitted, refreshed
 from bms_gateway.identify.problem import Problem
-from tests.diagnose.hidden_record import hidden, named, record_of
-from tests.truth import hidden as truth
-from tests.truth.drives import Drive
-
-
-def as_driven(plan):
-    """A plan at 1 Hz: mean and mean square of each of its intervals kept."""
-    u, k = plan.drive, round(plan.drive.dt)
-    ripple = np.sqrt(np.maximum(u.I2 - u.I**2, 0.0))
-    current = np.repeat(u.I, k) + np.repeat(ripple, k) * np.tile([1.0, -1.0], k * u.N // 2)
-    inlet = np.repeat(u.T_in, k)
-    return Drive(current, np.append(inlet, inlet[-1]), np.repeat(u.flow, k), float(u.soc[0]))
-
-
-@contextmanager
-def driving(plan, monkeypatch):
-    with monkeypatch.context() as patch:
-        patch.setattr(truth, "make_drive", lambda *a, **k: as_driven(plan))
-        yield
+from tests.benchmarks.diagnosis_experiment import as_driven, gained
+from tests.diagnose.hidden_record import hidden, named
 
 
 def hypotheses(names, *effect, **scenario):
@@ -57,25 +37,6 @@ def found(base, fits):
     return Search(base, fits[first], [chosen], [trials])
 
 
-def gained(log, base, fits, plan, monkeypatch):
-    """Log-odds for the hidden effect that driving the plan on the hidden pack brings."""
-    seconds = round(plan.drive.N * plan.drive.dt)
-    with driving(plan, monkeypatch):
-        second = truth.make_log(truth.new_drive(log.scenario, seconds=seconds))
-    record, model = record_of(second)
-    both = [base.problem.records[0], measured(record, model)]
-    more = []
-    for f in fits.values():
-        problem = Problem(f.problem.model, both)
-        at = {c.name: z for c, z in zip(f.problem.coordinates, f.theta, strict=True)}
-        names = [c.name.replace("@1", "").replace("R_u@2", "R_u") for c in problem.coordinates]
-        begin = [at.get(name, c.begin) for name, c in zip(names, problem.coordinates, strict=True)]
-        joint = map_fit(problem, np.array(begin), iterations=6)
-        joint = refreshed(replace(joint, nu=np.zeros(len(problem.nuisances))), iterations=4)
-        more.append((joint.log_evidence - f.log_evidence, structure(joint).inflation))
-    return (more[0][0] - more[1][0]) / min(i for _, i in more)
-
-
 PAIRS = {
     "direction": (("entropic_heat", "current_offset"), ("entropic_heat", "medium", None), {"cycle": "urban"}),
     "offset": (
@@ -96,14 +57,14 @@ QUICK = ("offset",)
 
 
 @pytest.mark.parametrize("pair", [p if p in QUICK else pytest.param(p, marks=pytest.mark.slow) for p in PAIRS])
-def test_the_suggested_test_tells_more_on_the_hidden_pack_than_the_worst_ranked(pair, monkeypatch):
+def test_the_suggested_test_tells_more_on_the_hidden_pack_than_the_worst_ranked(pair):
     keys, effect, scenario = PAIRS[pair]
     log, base, fits = hypotheses(keys, *effect, seed=31, seconds=1800, **scenario)
     got = next_experiment(found(base, fits)).partings[0]
     best, worst = got.tests[0], got.tests[-1]
     assert best.log_odds > worst.log_odds
-    with_best = gained(log, base, fits, best.plan, monkeypatch)
-    with_worst = gained(log, base, fits, worst.plan, monkeypatch)
+    with_best = gained(log.scenario, base, fits.values(), best.plan)
+    with_worst = gained(log.scenario, base, fits.values(), worst.plan)
     print(pair, best.plan.name, best.log_odds, with_best, worst.plan.name, worst.log_odds, with_worst)
     assert with_best > with_worst
     assert got.decides is (best.log_odds >= 3.0)
