@@ -253,7 +253,10 @@ def _round(
         return fit.log_evidence + prior_odds(c, offered)
 
     fits.sort(key=lambda x: -posterior(*x))
-    if structure(current).z > s.strong and structure(fits[0][1]).z > s.strong:
+    # later rounds start from an optimum that holds the strongest effect already
+    if number == 0 and structure(current).z > s.strong and structure(fits[0][1]).z > s.strong:
+        fits[0] = (fits[0][0], converged(fits[0][1]))
+    if number == 0 and structure(current).z > s.strong and structure(fits[0][1]).z > s.strong:
         for i in range(min(s.restarts, len(fits))):
             c, fit = fits[i]
             other = refit_from_nominal(fit, current, give_up=fits[0][1].cost + 60.0)

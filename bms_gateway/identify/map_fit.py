@@ -31,6 +31,8 @@ across, where Marquardt's usual 1e-3 would creep. Grows by 30 until the cost fal
 REFRESHES = 8
 SETTLED = 0.2
 """Cost: less is not worth another look at the nuisances' columns; evidence is read to a few tenths."""
+MISFIT = 2e-3
+"""Share of what the cost has above its expectation: a model that misses much need not be settled to the last digit."""
 VANISHING = 0.8
 """Share of its size by which a step may take an effect away: gone, its other numbers could not bring it back."""
 ROUNDING = 1e-12
@@ -119,6 +121,11 @@ class MapFit:
     def y(self) -> Floats:
         """What the model reads (M,), °C, at all readings."""
         return self.prediction.y
+
+    @property
+    def readings(self) -> int:
+        """How many readings were fitted to: what a model that is right costs, give or take its chance."""
+        return sum(int(np.count_nonzero(m.used)) for m in self.problem.records)
 
     def weighed(self, columns: Floats) -> Floats:
         """Columns (M, P) in units of the noise, zero where a reading is held out."""
@@ -295,7 +302,7 @@ def converged(fit: MapFit) -> MapFit:
     for _ in range(REFRESHES):
         before = fit.cost
         fit = refreshed(fit, iterations=3)
-        if abs(before - fit.cost) < SETTLED:
+        if abs(before - fit.cost) < max(SETTLED, MISFIT * (fit.cost - fit.readings)):
             break
     return fit
 

@@ -23,6 +23,10 @@ from bms_gateway.thermal.physics import Numbers, Physics
 from bms_gateway.thermal.trajectory import Recursion, Variation, cut, readings, reference, sensitivities, simulate
 
 
+MEMORIES = 32
+"""Sets of numbers whose memories are kept."""
+
+
 @dataclass(frozen=True, slots=True)
 class Prediction:
     """What the model says with one set of coordinates.
@@ -62,6 +66,7 @@ class Problem:
     nuisances: tuple[Coordinate, ...] = field(init=False)
     _recursion: list[Recursion | None] = field(init=False)
     _alters_readings: bool = field(init=False)
+    _memories: dict[tuple[object, ...], Mapping[str, Floats]] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         self.physics = Physics(self.model)
@@ -101,7 +106,7 @@ class Problem:
         ys, Xs, settled = [], [], True
         for r, m in enumerate(self.records):
             v, starts = self.numbers(r, theta, nu)
-            memory, _ = self.physics.memory(m.drive, v)
+            memory = self._memory(r, v)
             about = np.mean(np.stack(starts), axis=0) if guess is None else guess[r].mean(axis=0)
             recursion = self._recursion[r]
             if recursion is None:
@@ -120,7 +125,7 @@ class Problem:
         """Take the reference of the recursions anew, about a trajectory; before a fit, not within one."""
         for r, m in enumerate(self.records):
             v, _ = self.numbers(r, theta, nu)
-            memory, _ = self.physics.memory(m.drive, v)
+            memory = self._memory(r, v)
             self._recursion[r] = reference(self.physics, m.drive, v, memory, prediction.X[r].mean(axis=0))
 
     def jacobian(
@@ -137,7 +142,7 @@ class Problem:
             J = np.zeros((len(m.y), len(coordinates)))
             mine = [j for j, c in enumerate(coordinates) if c.record in (None, r)]
             v, starts = self.numbers(r, theta, nu)
-            memory, _ = self.physics.memory(m.drive, v)
+            memory = self._memory(r, v)
             variations = [self._variation(r, theta, nu, coordinates[j], memory, starts) for j in mine]
             recursion = self._recursion[r]
             if recursion is None:
@@ -178,8 +183,17 @@ class Problem:
             elif other.record in (None, r) and (value or other.effect is not None):
                 other.put(draft, float(value))
         v, moved = self._close(r, draft)
-        m = memory if c.effect is None else self.physics.memory(self.records[r].drive, v)[0]
+        m = memory if c.effect is None else self._memory(r, v)
         return Variation(v, m, step, tuple((b - a) / step for a, b in zip(starts, moved, strict=True)))
+
+    def _memory(self, r: int, v: Numbers) -> Mapping[str, Floats]:
+        """Effects' memories of a record's inputs; a fit comes back to the same numbers of an effect again and again."""
+        key = (r, *((name, *v.effects[name].values()) for name in self.physics.remembering))
+        if key not in self._memories:
+            if len(self._memories) >= MEMORIES:
+                self._memories.clear()
+            self._memories[key] = self.physics.memory(self.records[r].drive, v)[0]
+        return self._memories[key]
 
     def _draft(self, r: int) -> Draft:
         p, n = self.model.nominal, self.model.cells

@@ -56,7 +56,15 @@ def card_of(fit: MapFit) -> Card:
     return detectability(fit, candidates(fit.problem.model, fit.problem.records[0].drive, surfaces))
 
 
+ANOTHER_COOLING = (
+    "Record the same cell under another cooling (with a fan, in still air) and diagnose both records together: cells "
+    "that share their physics disagree where one record alone looks right with a wrong core."
+)
+
+
 def _next(d: Diagnosis) -> str | None:
+    if d.second is not None and len(d.second.records) == 1 and d.search.baseline.problem.model.cells == 1:
+        return ANOTHER_COOLING
     doubt = d.unknown_remains or d.verdict in ("undecidable", "unknown_effect")
     found = next_experiment(d.search, uncertain=doubt)
     return found.sentence if found else None

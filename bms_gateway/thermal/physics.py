@@ -101,6 +101,11 @@ class Physics:
         self.reads = any("reading" in e.hooks for e in placed)
         self._remembering = tuple(e for e in placed if type(e.effect).follow is not Effect.follow)
 
+    @property
+    def remembering(self) -> tuple[str, ...]:
+        """Keys of the effects with a memory of the inputs."""
+        return tuple(e.key for e in self._remembering)
+
     def numbers(self, values: Mapping[str, float | Floats] | None = None) -> Numbers:
         """Numbers of the model as it stands; `values` by symbol (SI) in place of the priors' medians."""
         return Numbers(self.model.parameters(values or {}), {e.key: e.values for e in self.model.effects})
