@@ -5,6 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from bms_gateway.diagnose.adding_bench import all_used
+from bms_gateway.diagnose.calibrate import seen_on
 from bms_gateway.diagnose.candidates import Candidate, candidates
 from bms_gateway.diagnose.compare import as_filed
 from bms_gateway.diagnose.detect import absorbed
@@ -33,7 +35,7 @@ def examine(suite, log, new_log=None):
     seconds = time.process_time() - begin
     search = d.search
     named = [x.candidate for x in d.selected]
-    final = search.final if named else search.baseline
+    before, final = fits(d)
     floor = float(np.hypot(s.noise, s.step / np.sqrt(12)))
     truth = [(name, log.cells.get(name)) for name in s.effects if name in SIZES]
     odds = true_odds(search.baseline, truth)
@@ -59,15 +61,25 @@ def examine(suite, log, new_log=None):
             "ranking": [(r.effect, r.cell, round(r.evidence, 1), r.refused) for r in d.ranking[:4]],
             "screened": [(g.candidate.key, round(g.gain, 1)) for g in search.gains[:4]],
             "absorbs": takes_up(s, search.baseline),
-            "inside": {name: inside(log, d, name) for name, _ in truth},
+            "inside": {name: inside(log, d, final, name) for name, _ in truth},
             "structure": [d.baseline.structure.size, d.after.structure.size],
             "held": [d.baseline.heldout_rmse_K, d.after.heldout_rmse_K],
-            "core": [core_error(log, record, search.baseline), core_error(log, record, final)],
+            "core": [core_error(log, record, before), core_error(log, record, final)],
             "new_drive": None if new_log is None or not named else new_drive_rmse(final, new_log),
             "seconds": seconds,
         },
         "peer": None,
     }
+
+
+def fits(d: Diagnosis):
+    """The fits that a verdict speaks of, without and with what it names: the second search's where that decided."""
+    found = d.search
+    if d.second is not None and found.baseline.problem.model.cells == 1:
+        ready = all_used(found.baseline.problem.records)
+        before = seen_on(d.second.baseline, ready)
+        return before, seen_on(d.second.best, ready) if d.selected else before
+    return found.baseline, found.final if d.selected else found.baseline
 
 
 TAKEN_UP = {
@@ -124,13 +136,13 @@ def core_error(log, record, fit: MapFit):
     return float(np.sqrt(np.mean((cores - log.core) ** 2)))
 
 
-def inside(log, d: Diagnosis, name):
+def inside(log, d: Diagnosis, final: MapFit, name):
     """Whether each number of an effect lies in the 95 % interval that the diagnosis gives: {parameter: bool}."""
     chosen = next((x for x in d.selected if x.candidate.name == name), None)
     if chosen is None or name == "voltage_heat":  # its numbers are an open-circuit curve, the truth's are not
         return {}
     if name == "entropic_heat":
-        return _entropic(log, d, chosen)
+        return _entropic(log, final, chosen)
     found = {}
     for parameter, (true, _) in log.parameters[name].items():
         number = chosen.parameters.get(parameter)
@@ -144,9 +156,9 @@ def inside(log, d: Diagnosis, name):
     return found
 
 
-def _entropic(log, d, chosen):
+def _entropic(log, final, chosen):
     """The curve at each knot that the record told, level and departure together; the level where it told that alone."""
-    problem, final = d.search.final.problem, d.search.final
+    problem = final.problem
     (value, _) = next(iter(log.parameters["entropic_heat"].values()))
     knots = np.array([0.05, 0.35, 0.65, 0.95])
     soc = problem.records[0].drive.soc
