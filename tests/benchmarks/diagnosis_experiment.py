@@ -15,7 +15,7 @@ from bms_gateway.diagnose.diagnosis import diagnose
 from bms_gateway.diagnose.experiment import next_experiment
 from bms_gateway.diagnose.prepare import measured
 from bms_gateway.diagnose.residuals import structure
-from bms_gateway.identify.map_fit import map_fit, refreshed
+from bms_gateway.identify.map_fit import converged, fitted
 from bms_gateway.identify.problem import Problem
 from tests.diagnose.hidden_record import record_of
 from tests.truth import hidden
@@ -93,12 +93,7 @@ def gained(scenario, base, fits, plan):
     both = [base.problem.records[0], measured(record, model)]
     more = []
     for f in fits:
-        problem = Problem(f.problem.model, both)
-        at = {c.name: z for c, z in zip(f.problem.coordinates, f.theta, strict=True)}
-        names = [c.name.replace("@1", "").replace("R_u@2", "R_u") for c in problem.coordinates]
-        begin = [at.get(name, c.begin) for name, c in zip(names, problem.coordinates, strict=True)]
-        joint = map_fit(problem, np.array(begin), iterations=6)
-        joint = refreshed(replace(joint, nu=np.zeros(len(problem.nuisances))), iterations=4)
+        joint = fitted(Problem(f.problem.model, both))
         more.append((joint.log_evidence - f.log_evidence, structure(joint).inflation))
     return (more[0][0] - more[1][0]) / min(i for _, i in more)
 
@@ -123,7 +118,7 @@ def experiment(scenario):
     if not parting.decides:
         return found | {"sensor": None if parting.sensor is None else parting.sensor.cell}
     trials = {t.candidate.key: t.fit for r in reversed(search.rounds) for t in reversed(r)}
-    fits = [refreshed(trials[key]) for key in (true, other)]
+    fits = [converged(trials[key]) for key in (true, other)]
     return found | {
         "brought": [gained(scenario, search.baseline, fits, t.plan) for t in (best, worst)],
     }
