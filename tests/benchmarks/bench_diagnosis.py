@@ -55,7 +55,7 @@ def attempt(suite, log, new_log):
         return where | {"floor": max(s.noise, 1e-3), "hidden": hidden, "absorbed": False, "ours": said, "peer": None}
 
 
-def outcomes(suite, scenarios, pool, peer, new_drives):
+def outcomes(suite, scenarios, pool, peer, peer_every, new_drives):
     """Diagnose the logs of a suite. The next logs are made while the workers diagnose: two chunks are held at once."""
     again = new_drives and suite in ("singles", "one_cell", "pairs")
     waiting = []
@@ -64,15 +64,16 @@ def outcomes(suite, scenarios, pool, peer, new_drives):
         logs = make_logs(some + [new_drive(s) for s in some] * again)
         other = logs[len(some) :] if again else [None] * len(some)
         submitted = [(log, pool.submit(attempt, suite, log, new)) for log, new in zip(logs, other, strict=False)]
-        yield from gathered(waiting, peer)
+        yield from gathered(waiting, peer, peer_every)
         waiting = submitted
-    yield from gathered(waiting, peer)
+    yield from gathered(waiting, peer, peer_every)
 
 
-def gathered(waiting, peer):
-    for log, future in waiting:
+def gathered(waiting, peer, peer_every):
+    """Await outcomes; the prototype runs here, on logs of a chunk in equal steps, while the workers go on."""
+    for i, (log, future) in enumerate(waiting):
         o = future.result()
-        if peer is not None:
+        if peer is not None and i % peer_every == 0:
             o["peer"] = peer.run(log)
         yield o
 
@@ -124,6 +125,7 @@ def options():
     parser.add_argument("--json", type=Path, help="write every outcome, after each suite")
     parser.add_argument("--peer", type=Path, help="folder of the prototype")
     parser.add_argument("--peer-python", default=sys.executable, help="a Python with numpy, scipy and numba")
+    parser.add_argument("--peer-every", type=int, default=1, metavar="K", help="the prototype on every K-th log only")
     parser.add_argument("--new-drives", action="store_true", help="predict another drive of each pack, without refit")
     parser.add_argument("--experiments", type=int, default=0, help="tied pairs whose next experiment is driven")
     parser.add_argument("--gateway", type=int, default=0, help="right verdicts whose model files run in `analyze`")
@@ -141,7 +143,8 @@ def main():
     with ProcessPoolExecutor(args.jobs, multiprocessing.get_context("spawn")) as pool:
         for suite in filter(None, args.suites.split(",")):
             some = []
-            for o in outcomes(suite, scenarios(suite, args.seed, most.get(suite)), pool, peer, args.new_drives):
+            chosen = scenarios(suite, args.seed, most.get(suite))
+            for o in outcomes(suite, chosen, pool, peer, args.peer_every, args.new_drives):
                 some.append(o)
                 if not args.quiet:
                     at = f"{len(found) + len(some):4} {time.time() - begin:5.0f} s "
