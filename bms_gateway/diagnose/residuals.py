@@ -88,8 +88,11 @@ def log_density(fit: MapFit, rows: np.ndarray) -> float:
 
 
 def scale(fit: MapFit, rows: np.ndarray) -> float:
-    """Root mean square of the generalised residual: 1 for a model that is right."""
-    return float(np.sqrt(np.mean(fit.r[rows] ** 2))) if rows.any() else float("nan")
+    """Root mean square of the generalised residual over what a model that is right leaves: 1 for it.
+
+    The variance of a score is its information: more than one where the steps are coarse against the noise.
+    """
+    return float(np.sqrt(np.mean(fit.r[rows] ** 2) / fit.steep)) if rows.any() else float("nan")
 
 
 def within(fit: MapFit) -> np.ndarray:
