@@ -40,7 +40,9 @@ EXPLAINED, EXPLAINED_HELD = 0.8, 0.5
 """Share of the structure, of the held-out excess, that an effect must take away to be named as the cause."""
 DECIDED = 0.5
 """Posterior share of the first effect below which several explain the records about equally well."""
-TIED = 0.01
+LEFT_IN_DOUBT = 0.05
+"""Share of the structure's power: a right name leaves less, unless the noise hides it all the same."""
+SHORT_STRING = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,8 +164,7 @@ def diagnose(
     ready = [measured(r, model) for r in records]
     found = search(model, ready, settings, lambda share, text: tell(0.6 * share, text))
     first = judged(found)
-    # a string whose first search names nothing gains nothing from a second one, which costs it half a minute
-    if not needs_second(found) or (model.cells > 1 and not first.selected):
+    if not needs_second(found) or (model.cells > 1 and not _doubtful(first)):
         tell(1.0, "done")
         return first
     second = second_search(model, ready, progress=lambda share, text: tell(0.6 + 0.4 * share, text))
@@ -212,6 +213,12 @@ def judged(found: Search) -> Diagnosis:
         final,
         found,
     )
+
+
+def _doubtful(d: Diagnosis) -> bool:
+    """Whether a string's first search names what explains too little; in a long one a second would take minutes."""
+    left = d.after.structure.power / max(d.baseline.structure.power, 1e-9)
+    return bool(d.selected) and left > LEFT_IN_DOUBT and d.search.baseline.problem.model.cells <= SHORT_STRING
 
 
 def _judged_again(first: Diagnosis, second: SecondSearch) -> Diagnosis:

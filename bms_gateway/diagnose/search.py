@@ -38,10 +38,9 @@ class Settings:
     promise : float
         Share of the gain an effect needs that the screening must promise before it is refitted: the score is linear,
         and effects that are not do better than it says.
-    excess : float
-        A held-out mean square this share above the noise floor must fall …
-    relief : float
-        … to this share of its excess.
+    excess, relief : float
+        With it the held-out mean square must lie within this share above the noise floor, or at this share of what it
+        had above it.
     strong : float
         z of the structure from which a biased optimum is a bad start: unless the best fit leaves no structure, the best
         are fitted from nominal too.
@@ -327,7 +326,7 @@ def gate(current: MapFit, fit: MapFit, odds: float, inflation: float, s: Setting
     least = -(5.0 + 0.03 * odds) if first else float(np.clip(s.proof - 0.5 * (odds - s.sure), -s.proof, s.proof))
     if gain < least * inflation:
         return "worse on the held-out blocks" if first else "no better on the held-out blocks"
-    if excess > s.excess * floor and after**2 - floor > s.relief * excess:
+    if after**2 - floor > max(s.relief * excess, s.excess * floor):
         return f"held-out error stays at {after:.3g} K (noise {np.sqrt(floor):.3g} K)"
     return ""
 
