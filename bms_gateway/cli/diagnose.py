@@ -43,10 +43,23 @@ def run(args: argparse.Namespace) -> int:
         told = examine(model, records, tell)
     if args.html:
         from bms_gateway.diagnose.compare import compare
+        from bms_gateway.diagnose.latent import latent
+        from bms_gateway.report.examine import card_of, experiment_of
         from bms_gateway.report.html import write_diagnosis
 
-        comparison = compare(model, records) if told.diagnosis else None
-        write_diagnosis(Path(args.html), told, comparison=comparison, command=command_line("diagnose"))
+        d, command = told.diagnosis, command_line("diagnose")
+        if d is None:
+            write_diagnosis(Path(args.html), told, command=command)
+        else:
+            write_diagnosis(
+                Path(args.html),
+                told,
+                comparison=compare(model, records),
+                latent=latent(d.search.baseline),
+                experiment=experiment_of(d),
+                card=card_of(d.search.baseline),
+                command=command,
+            )
     if args.json:
         write_json(args.json, diagnosis_document(told))
     say(diagnosis_text(told), args.json)

@@ -18,6 +18,7 @@ from typing import Literal
 
 import numpy as np
 
+from bms_gateway.diagnose.calibrate import seen_on
 from bms_gateway.diagnose.candidates import Candidate
 from bms_gateway.diagnose.prepare import measured
 from bms_gateway.diagnose.record import Record
@@ -137,6 +138,15 @@ class Diagnosis:
     search: Search
     second: SecondSearch | None = None
     alarms: tuple[str, ...] = ()
+
+    @property
+    def fits(self) -> tuple[MapFit, MapFit]:
+        """The model as it is and with the selected effects, held against all readings; of the search that decided."""
+        ready = self.search.baseline.problem.records
+        if self.second is None or self.search.baseline.problem.model.cells > 1:
+            return self.search.baseline, self.search.final if self.selected else self.search.baseline
+        before = seen_on(self.second.baseline, ready)
+        return before, seen_on(self.second.best, ready) if self.selected else before
 
 
 def diagnose(

@@ -22,7 +22,6 @@ from bms_gateway.thermal.effects import effect_named
 from bms_gateway.thermal.physics import Numbers, Physics
 from bms_gateway.thermal.trajectory import Recursion, Variation, cut, readings, reference, sensitivities, simulate
 
-
 MEMORIES = 32
 """Sets of numbers whose memories are kept."""
 

@@ -8,7 +8,7 @@ from bms_gateway.diagnose.candidates import candidates
 from bms_gateway.diagnose.checks import Finding, check_record
 from bms_gateway.diagnose.detect import Card, detectability
 from bms_gateway.diagnose.diagnosis import Diagnosis, diagnose
-from bms_gateway.diagnose.experiment import next_experiment
+from bms_gateway.diagnose.experiment import Experiment, next_experiment
 from bms_gateway.diagnose.record import Record
 from bms_gateway.diagnose.search import Progress
 from bms_gateway.identify.map_fit import MapFit, stacked
@@ -62,9 +62,15 @@ ANOTHER_COOLING = (
 )
 
 
+def experiment_of(d: Diagnosis) -> Experiment | None:
+    """Plan what to drive next; None where the second search of a single cell decided, or nothing is left to tell."""
+    if d.second is not None and d.search.baseline.problem.model.cells == 1:
+        return None
+    return next_experiment(d.search, uncertain=d.unknown_remains or d.verdict in ("undecidable", "unknown_effect"))
+
+
 def _next(d: Diagnosis) -> str | None:
     if d.second is not None and len(d.second.records) == 1 and d.search.baseline.problem.model.cells == 1:
         return ANOTHER_COOLING
-    doubt = d.unknown_remains or d.verdict in ("undecidable", "unknown_effect")
-    found = next_experiment(d.search, uncertain=doubt)
+    found = experiment_of(d)
     return found.sentence if found else None

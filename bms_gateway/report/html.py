@@ -132,9 +132,10 @@ def write_diagnosis(
     head += _doubts(told.findings, told.sources)
     sections: list[str] = []
     if d is not None:
-        models = [shown(AS_IT_IS, d.search.baseline)]
+        before, after = d.fits
+        models = [shown(AS_IT_IS, before)]
         if d.selected:
-            models.append(shown("with " + " and ".join(s.candidate.key for s in d.selected), d.search.final))
+            models.append(shown("with " + " and ".join(s.candidate.key for s in d.selected), after))
         head += summary(models)
         where = items(comparison.refitted.findings) if comparison else ""
         tied = [t for s in d.selected for t in s.tied_with]
