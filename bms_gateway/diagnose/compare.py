@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bms_gateway.diagnose.calibrate import identify
 from bms_gateway.diagnose.core_band import CoreBand, at_times, core_bands
 from bms_gateway.diagnose.findings import core_sentences, sensor_sentences
 from bms_gateway.diagnose.misfit import Block, Level, Sensor, Series, level, nearest, series
@@ -113,7 +114,7 @@ def compare(model: StringModel, records: Sequence[Record]) -> Comparison:
         Filed and refitted; readings of cores, where there are any, are used for `core_checks` only.
     """
     ready = [measured(r, model) for r in records]
-    refitted = fitted(Problem(model.unfitted, ready))
+    refitted = identify(model, records).seen
     filed = fitted(Problem(as_filed(model), ready))
     sensors, kept = sensors_of(refitted), sensors_of(filed)
     bands = core_bands(refitted, nearest(sensors, model.cells))
