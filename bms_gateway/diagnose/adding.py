@@ -238,7 +238,7 @@ def _fitted_alone(d: Diagnosis, wants: Sequence[Wanted]) -> Addition:
         remark = f"These records ask for {others} as well."
         refused = refused and f"alone, {refused}; these records ask for {others} as well: add {keys} at once"
     else:
-        refused = refused or gate(before, after, odds, inflation, s, first=True) or _contradiction(d, wants)
+        refused = refused or gate(before, after, odds, inflation, s) or _contradiction(d, wants)
         remark = "" if refused else f"These records cannot tell it from {', '.join(c.key for c in named)}."
     return _addition(added, before, after, float(odds), refused, remark)
 

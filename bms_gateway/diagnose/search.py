@@ -67,6 +67,17 @@ class Settings:
     sure: float = 10.0
     ahead: float = 15.0
 
+    def odds(self, number: int) -> float:
+        """Log-odds that the next effect needs where `number` were added before: each more must earn more."""
+        return self.first_odds if number == 0 else self.further_odds * number
+
+    def least_gain(self, number: int, odds: float) -> float:
+        """Log-likelihood that the next effect must gain on held-out readings."""
+        if number == 0:
+            return -(5.0 + 0.03 * odds)
+        allowed = self.proof if number == 1 else 0.0
+        return float(np.clip(self.proof - 0.5 * (odds - self.sure), -allowed, self.proof))
+
 
 @dataclass(frozen=True, slots=True)
 class Trial:
@@ -236,7 +247,7 @@ def _round(
     chosen: list[Gain] = []
     for g in gains:
         family = sum(c.candidate.name == g.candidate.name for c in chosen)
-        if _promising(g, offered, s, first=number == 0) and family < s.per_family and len(chosen) < s.refits:
+        if _promising(g, offered, s, number) and family < s.per_family and len(chosen) < s.refits:
             chosen.append(g)
     fits: list[tuple[Candidate, MapFit]] = []
     best = np.inf
@@ -262,11 +273,11 @@ def _round(
             if other.log_evidence > fit.log_evidence:
                 fits[i] = (c, other)
         fits.sort(key=lambda x: -posterior(*x))
-    return _judge(current, fits, offered, s, first=number == 0)
+    return _judge(current, fits, offered, s, number)
 
 
-def _promising(g: Gain, offered: Sequence[Candidate], s: Settings, *, first: bool) -> bool:
-    needed = (s.first_odds if first else s.further_odds) + HALF - prior_odds(g.candidate, offered)
+def _promising(g: Gain, offered: Sequence[Candidate], s: Settings, number: int) -> bool:
+    needed = s.odds(number) + HALF - prior_odds(g.candidate, offered)
     return g.gain >= 2.0 * s.promise * needed
 
 
@@ -277,7 +288,7 @@ def prior_odds(c: Candidate, offered: Sequence[Candidate]) -> float:
 
 
 def _judge(
-    current: MapFit, fits: Sequence[tuple[Candidate, MapFit]], offered: Sequence[Candidate], s: Settings, *, first: bool
+    current: MapFit, fits: Sequence[tuple[Candidate, MapFit]], offered: Sequence[Candidate], s: Settings, number: int
 ) -> list[Trial]:
     inflation = structure(fits[0][1]).inflation
     nothing = HALF + current.log_evidence / inflation
@@ -289,7 +300,7 @@ def _judge(
         share[c.name] = share.get(c.name, 0.0) + float(w)
     trials = []
     for (c, fit), odd in zip(fits, odds, strict=True):
-        why = gate(current, fit, float(odd), inflation, s, first=first)
+        why = gate(current, fit, float(odd), inflation, s, number)
         trials.append(Trial(c, fit, float(odd), share[c.name], not why, why))
     # by the probability of the effect, then of the place; the gates speak for the three most probable effects
     trials.sort(key=lambda t: (-t.share, -t.log_odds))
@@ -301,7 +312,7 @@ def _judge(
     ]
 
 
-def gate(current: MapFit, fit: MapFit, odds: float, inflation: float, s: Settings, *, first: bool) -> str:
+def gate(current: MapFit, fit: MapFit, odds: float, inflation: float, s: Settings, number: int = 0) -> str:
     """Say why evidence or held-out readings keep an effect out of a model; empty where they let it in.
 
     Parameters
@@ -313,19 +324,18 @@ def gate(current: MapFit, fit: MapFit, odds: float, inflation: float, s: Setting
     inflation : float
         Of the variance of a sum over the residual.
     s : Settings
-    first : bool
-        Nothing was added by this search before.
+    number : int
+        How many effects this search has added before.
     """
     held = within(current)
     floor = float(np.mean(stacked(current.problem)[1][held] ** 2))
     before, after = rmse(current, held), rmse(fit, held)
     gain = log_density(fit, held) - log_density(current, held)
     excess = max(before**2 - floor, 0.0)
-    if odds <= (s.first_odds if first else s.further_odds):
+    if odds <= s.odds(number):
         return f"evidence too weak (log-odds {odds:.1f})"
-    least = -(5.0 + 0.03 * odds) if first else float(np.clip(s.proof - 0.5 * (odds - s.sure), -s.proof, s.proof))
-    if gain < least * inflation:
-        return "worse on the held-out blocks" if first else "no better on the held-out blocks"
+    if gain < s.least_gain(number, odds) * inflation:
+        return "worse on the held-out blocks" if number == 0 else "no better on the held-out blocks"
     if after**2 - floor > max(s.relief * excess, s.excess * floor):
         return f"held-out error stays at {after:.3g} K (noise {np.sqrt(floor):.3g} K)"
     return ""
@@ -351,7 +361,7 @@ def _exchange(found: Search, offered: Sequence[Candidate], s: Settings) -> None:
         gains = screen(without, [c for c in offered if c.key not in there])
         seen: dict[str, Gain] = {}
         for g in gains:
-            if _promising(g, offered, s, first=False) and len(seen) < 6:
+            if _promising(g, offered, s, 1) and len(seen) < 6:
                 seen.setdefault(g.candidate.name, g)
         fits = [(g.candidate, refit(without, g)) for g in seen.values()]
         if not fits:
@@ -360,7 +370,7 @@ def _exchange(found: Search, offered: Sequence[Candidate], s: Settings) -> None:
         won = fit.log_evidence + prior_odds(best, offered)
         won -= found.final.log_evidence + prior_odds(old.candidate, offered)
         if won > s.first_odds * inflation and best.key != old.candidate.key:
-            trials = _judge(without, sorted(fits, key=lambda x: -x[1].log_evidence), offered, s, first=False)
+            trials = _judge(without, sorted(fits, key=lambda x: -x[1].log_evidence), offered, s, 1)
             trial = next(t for t in trials if t.candidate is best)
             found.chosen = [*keep, _chosen(trial, trials)]
             found.final = converged(fit)
