@@ -1,0 +1,132 @@
+"""The fit on records of the independent truth: honest covariance, bounds held, columns that are derivatives."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bms_gateway.identify.coordinates import Measured
+from bms_gateway.identify.map_fit import converged, fitted, map_fit, solved
+from bms_gateway.identify.problem import Problem
+from bms_gateway.thermal import AddedEffect, Prior, StringModel
+from bms_gateway.thermal.drive import Drive
+from bms_gateway.thermal.trajectory import Span
+from tests.truth.cycle import repeated
+from tests.truth.string import C_F, TABLE_1, TruthString, rk4, wavy_inlet
+
+SECONDS = 2400
+SD = {"C_c": 0.05, "C_s": 0.05, "R_e": 0.6, "R_c": 0.6, "R_u": 0.6, "R_cc": 0.4, "C_f": 0.05}
+
+
+def record(cells=1, *, seed=0, noise=0.1, B=0.0, step=0.0):
+    """Readings of a pack drawn within its priors, and the logarithms by which it departs from them."""
+    rng = np.random.default_rng([seed, 7])
+    off = {k: rng.normal() * min(sd, 0.15) for k, sd in SD.items() if cells > 1 or k not in ("R_cc", "C_f")}
+    values = {k: x * np.exp(off[k]) for k, x in (TABLE_1 | {"R_cc": 4.0, "C_f": C_F}).items() if k in off}
+    current, inlet = repeated(SECONDS / 60, seed), wavy_inlet(SECONDS)
+    core, surface = rk4(TruthString.of(cells, B=B, **values), current, inlet, 24.0)
+    y = surface + noise * rng.normal(size=surface.shape)
+    y = step * np.round(y / step) if step else y
+    one, none = np.ones(SECONDS), np.full(SECONDS, np.nan)
+    drive = Drive(
+        dt=1.0, I=current, I2=current**2, I_abs=np.abs(current), T_in=(inlet[1:] + inlet[:-1]) / 2, flow=one,
+        soc=0.5 * one, V=none, IV=none, hours=np.arange(SECONDS) / 3600, known=frozenset(),
+    )  # fmt: skip
+    row = np.minimum(np.arange(SECONDS + 1), SECONDS - 1)
+    share = np.arange(SECONDS + 1) - row
+    m = Measured(
+        drive, (Span(0, SECONDS),), tuple(("surface", k + 1) for k in range(cells)),
+        np.repeat(np.arange(cells), SECONDS + 1), np.tile(row, cells), np.tile(share, cells).astype(float),
+        y.T.ravel(), np.ones(cells * (SECONDS + 1), bool), np.full(cells, noise), np.full(cells, step),
+        (np.full(cells, 24.0),), (np.full(cells, 0.02),),
+    )  # fmt: skip
+    return m, off, core
+
+
+def model(cells=1, *effects):
+    priors = {k: Prior(v, SD[k]) for k, v in TABLE_1.items()}
+    if cells > 1:
+        priors |= {"R_cc": Prior(4.0, SD["R_cc"]), "C_f": Prior(C_F, SD["C_f"])}
+    sensors = tuple(range(1, cells + 1))
+    tolerances = {"cell_R_e": 0.0, "cell_R_u": 0.0, "cell_R_c": 0.0, "surface_offset_K": 0.0, "inlet_offset_K": 0.0}
+    return StringModel(
+        cells, sensors, "full" if cells > 1 else "single", priors, tolerances=tolerances, effects=effects
+    )
+
+
+def test_claimed_covariance_is_honest():
+    strain, numbers = 0.0, 0
+    for seed in range(12):
+        m, off, core = record(seed=seed)
+        fit = fitted(Problem(model(), [m]))
+        at = [fit.problem.index(name) for name in off]
+        error = fit.theta[at] - np.array(list(off.values()))
+        strain += float(error @ np.linalg.solve(fit.covariance[np.ix_(at, at)], error))
+        numbers += len(at)
+        assert np.mean(fit.r**2) == pytest.approx(1.0, abs=0.1)
+        assert np.sqrt(np.mean((fit.prediction.X[0][:, ::2] - core) ** 2)) < 4.0  # the core's rise of 30 K to 10 %
+    assert 0.6 * numbers < strain < 1.6 * numbers  # χ² of 60: three sd about its mean
+
+
+def test_rounded_readings_bias_nothing():
+    m, off, _ = record(seed=3, noise=0.05, step=0.5)
+    fit = fitted(Problem(model(), [m]))
+    sd = np.sqrt(np.diag(fit.covariance))
+    z = [(fit.theta[fit.problem.index(k)] - x) / sd[fit.problem.index(k)] for k, x in off.items()]
+    assert np.abs(z).max() < 3.0
+
+
+def test_a_fit_stays_within_its_bounds_and_says_where_it_stands_on_one():
+    m, _, _ = record(seed=1, B=6000.0)  # without it the capacities go where they may not
+    sure = model()
+    sure = replace(sure, priors=sure.priors | {k: Prior(TABLE_1[k], 0.005) for k in ("C_c", "C_s")})
+    fit = fitted(Problem(sure, [m]))
+    for c, z in zip(fit.problem.coordinates, fit.theta, strict=True):
+        assert c.lower - 1e-9 <= z <= c.upper + 1e-9
+    assert any(fit.at_bound(c.name) for c in fit.problem.coordinates)
+    assert not fit.free.all()
+
+
+def test_a_strong_effect_in_the_model_is_found_with_its_size():
+    m, _, core = record(3, seed=2, B=3500.0)
+    fit = fitted(Problem(model(3, AddedEffect("resistance_temperature", None, {"B": 500.0}, {"B": 2000.0})), [m]))
+    i = fit.problem.index("resistance_temperature.B")
+    assert abs(fit.theta[i] - 3500.0) < 3 * np.sqrt(fit.covariance[i, i])
+    assert np.sqrt(np.mean((fit.prediction.X[0][:, 0:6:2] - core) ** 2)) < 1.5
+
+
+def test_columns_are_derivatives_of_the_readings():
+    m, _, _ = record(2, seed=4)
+    problem = Problem(model(2), [m])
+    theta = np.zeros(len(problem.coordinates))
+    prediction = problem.predict(theta)
+    problem.renew(prediction, theta)
+    J = problem.jacobian(theta, prediction, problem.coordinates, refinements=3)
+    for j, c in enumerate(problem.coordinates):
+        moved = theta.copy()
+        moved[j] += c.step
+        expected = (problem.predict(moved, prediction.X).y - problem.predict(theta, prediction.X).y) / c.step
+        assert np.abs(J[:, j] - expected).max() < 0.02 * np.abs(expected).max() + 1e-3, c.name
+
+
+def test_a_converged_fit_does_not_move_on():
+    m, _, _ = record(2, seed=5)
+    fit = fitted(Problem(model(2), [m]))
+    again = converged(fit)
+    assert abs(again.cost - fit.cost) < 0.3
+    assert np.abs(again.theta - fit.theta).max() < 0.02
+
+
+def test_held_out_readings_do_not_move_a_fit():
+    m, _, _ = record(seed=6)
+    held = replace(m, used=np.arange(len(m.y)) < len(m.y) // 2)
+    wild = replace(held, y=np.where(held.used, held.y, held.y + 40.0))
+    one, other = (map_fit(Problem(model(), [x]), Problem(model(), [x]).begin) for x in (held, wild))
+    assert np.allclose(one.theta, other.theta, atol=1e-12)
+    assert one.log_evidence == pytest.approx(other.log_evidence, abs=1e-9)
+
+
+def test_precisions_of_unlike_numbers_are_solved():
+    H = np.diag([1e-8, 1.0, 1e12])
+    H[0, 1] = H[1, 0] = 0.9e-4
+    assert np.allclose(H @ solved(H, np.eye(3)), np.eye(3), atol=1e-6)

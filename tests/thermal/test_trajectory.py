@@ -1,0 +1,98 @@
+"""Whole trajectories against an independent integrator, and their sensitivities against differences of trajectories."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bms_gateway.thermal import AddedEffect, Prior, StringModel
+from bms_gateway.thermal.drive import Drive
+from bms_gateway.thermal.physics import Physics
+from bms_gateway.thermal.trajectory import Recursion, Span, Variation, cut, reference, sensitivities, simulate
+from tests.truth.cycle import repeated
+from tests.truth.string import C_F, TABLE_1, TruthString, rk4, wavy_inlet
+
+SECONDS = 1500
+
+
+def string_of(cells, *effects):
+    """Physics, numbers and a drive of the urban cycle with a wavy inlet, and the inlet at the instants."""
+    priors = {k: Prior(v) for k, v in TABLE_1.items()}
+    if cells > 1:
+        priors |= {"R_cc": Prior(4.0), "C_f": Prior(C_F)}
+    model = StringModel(cells, (1,), "full" if cells > 1 else "single", priors, effects=effects)
+    current, inlet = repeated(SECONDS / 60), wavy_inlet(SECONDS)
+    one, none = np.ones(SECONDS), np.full(SECONDS, np.nan)
+    drive = Drive(
+        dt=1.0, I=current, I2=current**2, I_abs=np.abs(current), T_in=(inlet[1:] + inlet[:-1]) / 2, flow=one,
+        soc=0.5 * one, V=none, IV=none, hours=np.arange(SECONDS) / 3600, known=frozenset(),
+    )  # fmt: skip
+    physics = Physics(model)
+    return physics, physics.numbers(), drive, current, inlet
+
+
+def run(physics, v, drive, start, *, guess=None, spans=None, tolerance=1e-6):
+    spans = spans or [Span(0, drive.N)]
+    memory, _ = physics.memory(drive, v)
+    recursion = reference(physics, drive, v, memory, start + 5.0)
+    X, settled = simulate(physics, drive, v, memory, [start] * len(spans), spans, recursion, guess, tolerance)
+    return X, settled, recursion
+
+
+@pytest.mark.parametrize(("cells", "B"), [(1, 0.0), (1, 4000.0), (4, 0.0), (4, 6000.0)])
+def test_a_trajectory_is_the_independent_integrators(cells, B):
+    added = (AddedEffect("resistance_temperature", None, {"B": B}),) if B else ()
+    physics, v, drive, current, inlet = string_of(cells, *added)
+    X, settled, _ = run(physics, v, drive, physics.start(np.full(cells, 24.0), np.full(cells, 24.0), v))
+    conduction = {"R_cc": 4.0, "C_f": C_F} if cells > 1 else {}
+    core, surface = rk4(TruthString.of(cells, B=B, **conduction), current, inlet, 24.0)
+    assert settled
+    assert np.abs(X[:, 0 : 2 * cells : 2] - core).max() < 1e-3
+    assert np.abs(X[:, 1 : 2 * cells : 2] - surface).max() < 1e-3
+
+
+def test_a_span_that_does_not_settle_is_halved_to_the_same_end():
+    # a melting peak thirty times the casing's capacity: sweeps over the whole record do not settle
+    physics, v, drive, *_ = string_of(1, AddedEffect("phase_change", None, {"L": 900.0, "T_m": 27.0, "w": 0.5}))
+    start = physics.start(np.array([24.0]), np.array([24.0]), v)
+    whole, _, _ = run(physics, v, drive, start, tolerance=2e-4)
+    first, _, _ = run(physics, v, cut(drive, 0, SECONDS // 2), start, tolerance=2e-4)
+    second, _, _ = run(physics, v, cut(drive, SECONDS // 2, SECONDS), first[-1], tolerance=2e-4)
+    stepwise = np.concatenate([first[:-1], second])
+    assert np.abs(whole - stepwise).max() < 0.02
+
+
+@pytest.mark.parametrize("symbol", ["R_e", "R_c", "R_u", "C_c", "C_s"])
+def test_sensitivities_are_differences_of_trajectories(symbol):
+    physics, v, drive, *_ = string_of(3, AddedEffect("resistance_temperature", None, {"B": 3000.0}))
+    start = physics.start(np.full(3, 24.0), np.full(3, 24.0), v)
+    X, _, recursion = run(physics, v, drive, start)
+    h = 0.01
+    moved = replace(v, string=replace(v.string, **{symbol: getattr(v.string, symbol) * np.exp(h)}))
+    S = sensitivities(
+        physics, drive, v, {}, X, [Span(0, drive.N)], recursion, [Variation(moved, {}, h, (0 * start,))], refinements=4
+    )[..., 0]
+    expected = (run(physics, moved, drive, start, guess=X)[0] - X) / h
+    assert np.abs(S - expected).max() < 0.02 * np.abs(expected).max()
+
+
+def test_each_span_starts_anew_and_none_sees_the_other():
+    physics, v, drive, *_ = string_of(2)
+    start = physics.start(np.full(2, 24.0), np.full(2, 24.0), v)
+    spans = [Span(0, 600), Span(601, SECONDS)]
+    both, _, _ = run(physics, v, drive, start, spans=spans)
+    alone = [run(physics, v, cut(drive, s.first, s.last), start)[0] for s in spans]
+    assert both.shape == (600 + 1 + SECONDS - 601 + 1, 4)
+    assert np.allclose(both, np.concatenate(alone), atol=1e-4)
+
+
+@pytest.mark.parametrize("steps", [1, 2, 7, 100, 101])
+def test_the_blockwise_recursion_is_the_plain_one(steps):
+    rng = np.random.default_rng(steps)
+    A = -np.diag([0.1, 0.01, 2.0]) + 0.01 * rng.normal(size=(3, 3))
+    recursion = Recursion(A, 1.0, 64)
+    x0, w = rng.normal(size=(3, 2)), rng.normal(size=(steps, 3, 2))
+    plain = [x0]
+    for u in w:
+        plain.append(recursion.Phi @ plain[-1] + recursion.Gamma @ u)
+    assert np.allclose(recursion.run(x0, w), plain, rtol=1e-12, atol=1e-12)
