@@ -23,7 +23,7 @@ def other(path):
 
 @pytest.mark.parametrize("name", ["a.asc", "a.csv", "a.trc", "a.blf", "a.mf4", "a.asc.gz"])
 def test_candump_text_under_another_name_is_recognised(tmp_path, name):
-    (tmp_path / name).write_bytes(gzip.compress(CANDUMP) if name.endswith("gz") else CANDUMP)
+    (tmp_path / name).write_bytes(gzip.compress(CANDUMP, mtime=0) if name.endswith("gz") else CANDUMP)
     packed = ".gz" if name.endswith("gz") else ""
     with pytest.raises(DataError, match=f"{name}: this is a candump log: name it .log{packed}$"):
         list(read_log(tmp_path / name))
@@ -48,8 +48,8 @@ def test_candump_without_its_stamps_says_how_to_record(tmp_path, text):
     [
         ("a.log.gz", CANDUMP, "a.log.gz: not gzip data: leave .gz out of its name"),
         ("a.asc.gz", b"date Sat\n", "not gzip data"),
-        ("a.log", gzip.compress(CANDUMP), "this is gzip data: end its name with .gz"),
-        ("a.log.gz", gzip.compress(CANDUMP)[:12], "a.log.gz: the gzip data end too early or are damaged"),
+        ("a.log", gzip.compress(CANDUMP, mtime=0), "this is gzip data: end its name with .gz"),
+        ("a.log.gz", gzip.compress(CANDUMP, mtime=0)[:12], "a.log.gz: the gzip data end too early or are damaged"),
     ],
 )
 def test_packed_or_not_is_told(tmp_path, name, content, says):
@@ -61,7 +61,7 @@ def test_packed_or_not_is_told(tmp_path, name, content, says):
 
 @pytest.mark.parametrize("cut", range(-400, -8, 49))
 def test_a_packed_log_cut_short_gives_whole_lines_and_the_place(tmp_path, cut):
-    (tmp_path / "a.log.gz").write_bytes(gzip.compress(CANDUMP)[:cut])
+    (tmp_path / "a.log.gz").write_bytes(gzip.compress(CANDUMP, mtime=0)[:cut])
     notes = LogNotes()
     batches = list(read_log(tmp_path / "a.log.gz", chunk=1000, notes=notes))
     count = sum(len(b) for b in batches)
