@@ -260,11 +260,12 @@ def map_fit(
     for iteration in range(iterations):
         if iteration:
             columns = problem.jacobian(z[:P], prediction, problem.coordinates, refinements, z[P:])
-        weighed = _weighed(problem, noise, columns)
         steep = 1.0 if noise is not None else curvature((y - prediction.y)[used], sigma0[used], step[used])
-        H = _precision(weighed, linear, sd, trust * steep)
-        pull = np.where(used, trust * r, 0.0)
-        gradient = np.concatenate([pull @ weighed, pull @ linear.weighed]) - (z - prior) / sd**2
+        with np.errstate(over="ignore", invalid="ignore"):  # of columns that ran away; seen and told below
+            weighed = _weighed(problem, noise, columns)
+            H = _precision(weighed, linear, sd, trust * steep)
+            pull = np.where(used, trust * r, 0.0)
+            gradient = np.concatenate([pull @ weighed, pull @ linear.weighed]) - (z - prior) / sd**2
         before = cost
         if not (np.isfinite(H).all() and np.isfinite(gradient).all()):
             cost, H = np.inf, np.eye(len(z))  # a trajectory that runs away tells no direction: the fit is none
