@@ -140,16 +140,18 @@ def test_the_broadcast_core_is_better_with_the_effect_in_the_model_file(name: st
     assert after.inside >= 0.9
 
 
-ABSORBED_K = 0.25
+# Not reached: with the offset in the model, following R_e brings the core from 0.21 to 0.24 K, inside its band.
+NO_GAIN_YET = pytest.mark.xfail(strict=True, reason="current_offset: the identified R_e takes the offset up as well")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", sorted(catalogue()))
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=NO_GAIN_YET) if n == "current_offset" else n for n in sorted(catalogue())]
+)
 def test_every_effect_of_the_catalogue_pays_live(name: str, tmp_path: Path) -> None:
     before, after = before_and_after(name, tmp_path)
     assert after.inside >= 0.9
-    # an offset of the current that the identified R_e takes up leaves 0.2 K, as much as is left with the effect
-    assert after.rms < max(before.rms, ABSORBED_K)
+    assert after.rms < before.rms
 
 
 def aged(growth: float, minutes: int, identify: str, directory: Path) -> tuple[float, float, str]:
