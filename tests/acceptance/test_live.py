@@ -1,6 +1,8 @@
 """The service on a real vcan0 against the analysis of a recording of the same traffic."""
 
+import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -25,6 +27,18 @@ def program(*words: object, **how: object) -> subprocess.Popen:
     return subprocess.Popen([sys.executable, "-m", "bms_gateway", *map(str, words)], **how)
 
 
+def ready_service(config: Path, folder: Path) -> subprocess.Popen:
+    """Start `run` and wait until it says READY: a slow guest may import for longer than any fixed pause."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as systemd:
+        systemd.bind(str(folder / "notify"))
+        systemd.settimeout(120)
+        environment = os.environ | {"NOTIFY_SOCKET": str(folder / "notify")}
+        service = program("run", config, stderr=subprocess.PIPE, env=environment)
+        while b"READY=1" not in systemd.recv(4096):
+            pass
+    return service
+
+
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory) -> tuple[Path, Path]:
     """Drive with `replay` against `run` on vcan0 and record it with candump; returns config and recording."""
@@ -35,8 +49,7 @@ def recording(tmp_path_factory) -> tuple[Path, Path]:
     assert main(["simulate", "--config", str(config), "--out", str(log), "--duration", str(SECONDS)]) == 0
     with recorded.open("w") as out:
         candump = subprocess.Popen(["candump", "-L", "vcan0"], stdout=out)
-        service = program("run", config, stderr=subprocess.PIPE)
-        time.sleep(4.0)  # the guest is slow to import
+        service = ready_service(config, folder)
         player = program("replay", log, "--to", "vcan0", stdout=subprocess.DEVNULL)
         assert player.wait(120) == 0
         time.sleep(1.5)
