@@ -24,7 +24,7 @@ def run(args: argparse.Namespace) -> int:
     """Check; 1 where a string is not observable."""
     from bms_gateway.config import load_config
     from bms_gateway.report.show import number, ranges, text_table
-    from bms_gateway.sensors.observability import exact_rank, steady_core_sd
+    from bms_gateway.sensors import exact_rank, steady_core_sd
 
     writable({"--json": args.json})
     loaded = load_config(Path(args.config))

@@ -1,5 +1,32 @@
 """Which surfaces to measure: what a set of sensors can tell of the cores."""
 
-from bms_gateway.sensors.observability import Observability, exact_rank, observability, paper_rank, steady_core_sd
+from bms_gateway.sensors.exact import exact_rank, exact_ranks
+from bms_gateway.sensors.observability import Observability, observability, steady_core_sd
+from bms_gateway.sensors.paper import (
+    Counts,
+    Needed,
+    SetRank,
+    paper_counts,
+    paper_rank,
+    paper_ranks,
+    paper_string,
+    set_ranks,
+    table_2,
+)
 
-__all__ = ["Observability", "exact_rank", "observability", "paper_rank", "steady_core_sd"]
+__all__ = [
+    "Counts",
+    "Needed",
+    "Observability",
+    "SetRank",
+    "exact_rank",
+    "exact_ranks",
+    "observability",
+    "paper_counts",
+    "paper_rank",
+    "paper_ranks",
+    "paper_string",
+    "set_ranks",
+    "steady_core_sd",
+    "table_2",
+]

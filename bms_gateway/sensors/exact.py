@@ -1,0 +1,181 @@
+r"""Rank of the observability matrix without any rounding.
+
+The entries of [C; CA; CA²; …] span so many decades that double precision loses rank. The numbers of a string are
+rationals, though, and so are the entries; arithmetic modulo a prime keeps what is zero zero and makes of what is not
+zero a zero with a chance of one in 2³¹. Hence a rank modulo a prime is never too great, and the greater of two is the
+true one.
+"""
+
+from collections.abc import Sequence
+from fractions import Fraction
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bms_gateway.thermal import StringParameters, exchange
+
+PRIMES = (2_147_483_647, 2_147_483_629)
+"""The two greatest below 2³¹: a product of residues fits into 64 bits."""
+AT_ONCE = 4_000_000
+"""Residues that are eliminated together: 32 MB, and enough for numpy to be busy."""
+
+Residues = NDArray[np.int64]
+
+
+def exact_rank(p: StringParameters, sensors: Sequence[int]) -> int:
+    """Rank of (A, C) as if computed with rational numbers.
+
+    Parameters
+    ----------
+    p : StringParameters
+        Taken as the rational numbers that the floats are; so is the exchange of an NTU coolant node.
+    sensors : sequence of int
+        1-based cells.
+
+    Returns
+    -------
+    int
+        0…2n.
+
+    Notes
+    -----
+    The rows of C are multiplied by A and reduced against what is there until nothing new comes, in the integers modulo
+    two primes; the greater rank is wrong with a chance of about (2n/2³¹)².
+
+    References
+    ----------
+    Lin et al., Eq 20.
+
+    Examples
+    --------
+    >>> p = StringParameters.of(30, C_c=268, C_s=18.8, R_e=3.5e-3, R_c=1.266, R_u=0.79, R_cc=32, C_f=11.33)
+    >>> exact_rank(p, [1])
+    60
+    """
+    return max(len(_closed(residues(p, prime), sensors, prime)) for prime in PRIMES)
+
+
+def exact_ranks(p: StringParameters, sets: Sequence[Sequence[int]]) -> NDArray[np.int64]:
+    """Exact rank of many sets of sensors of one string.
+
+    Parameters
+    ----------
+    p : StringParameters
+    sets : sequence of sequences of int
+        1-based cells.
+
+    Returns
+    -------
+    ndarray (len(sets),)
+        0…2n each, as `exact_rank` gives it.
+
+    Notes
+    -----
+    What a set determines is the sum of what its sensors determine. Each sensor's share is found once; a set that holds
+    a sensor which alone determines everything needs nothing further, and the others are eliminated together.
+
+    References
+    ----------
+    Lin et al., Eq 20 and Table 3.
+    """
+    first, second = (_ranks(residues(p, prime), sets, prime) for prime in PRIMES)
+    return np.maximum(first, second)
+
+
+def residues(p: StringParameters, prime: int) -> Residues:
+    """Build A (Eq 18, 21, corrected) with each entry as its residue: sums, products, quotients of the parameters.
+
+    Returns
+    -------
+    ndarray (2n, 2n)
+        0…prime − 1.
+    """
+
+    def residue(value: float) -> int:
+        q = Fraction(value)
+        return q.numerator * pow(q.denominator, -1, prime) % prime
+
+    def inverse(value: float) -> int:
+        return pow(residue(value), -1, prime) if np.isfinite(value) else 0
+
+    n = p.cells
+    between, flow = inverse(p.R_cc), inverse(p.C_f)
+    e = [residue(x) for x in exchange(p)] if p.coolant == "ntu" else [inverse(x) * flow for x in p.R_u]
+    A = [[0] * (2 * n) for _ in range(2 * n)]
+    stream = [0] * n  # share of each surface in the coolant that meets cell k
+    for k in range(n):
+        c, s = 2 * k, 2 * k + 1
+        inside, outside, casing = inverse(p.R_c[k]), inverse(p.R_u[k]), inverse(p.C_s[k])
+        A[c][s] = inside * inverse(p.C_c[k])
+        A[c][c] = -A[c][s]
+        A[s][c] = inside * casing
+        A[s][s] = -(inside + outside) * casing
+        for j in range(k):
+            A[s][2 * j + 1] += stream[j] * outside * casing
+        for j in (k - 1, k + 1):
+            if 0 <= j < n:
+                A[s][2 * j + 1] += between * casing
+                A[s][s] -= between * casing
+        stream = [(1 - e[k]) * share % prime for share in stream]
+        stream[k] = e[k]
+    return np.array([[x % prime for x in row] for row in A], dtype=np.int64)
+
+
+def _closed(A: Residues, sensors: Sequence[int], prime: int) -> Residues:
+    """Rows that span the smallest space which holds those of C and is closed under A, each with a pivot of its own."""
+    N = len(A)
+    basis = np.zeros((N, N), np.int64)  # reduced: the pivot column of a row is zero in all others
+    pivots: list[int] = []
+    waiting = [np.eye(N, dtype=np.int64)[2 * k - 1] for k in sensors]
+    while waiting and len(pivots) < N:
+        row, r = waiting.pop(), len(pivots)
+        row = (row - (row[pivots][:, None] * basis[:r] % prime).sum(axis=0)) % prime
+        if not row.any():
+            continue
+        pivot = int(np.flatnonzero(row)[0])
+        row = row * pow(int(row[pivot]), -1, prime) % prime
+        basis[:r] = (basis[:r] - basis[:r, [pivot]] * row) % prime
+        basis[r] = row
+        pivots.append(pivot)
+        waiting.append((row[:, None] * A % prime).sum(axis=0) % prime)
+    return basis[: len(pivots)]
+
+
+def _ranks(A: Residues, sets: Sequence[Sequence[int]], prime: int) -> NDArray[np.int64]:
+    N = len(A)
+    alone = {k: _closed(A, [k], prime) for k in sorted({k for s in sets for k in s})}
+    ranks = np.array([max((len(alone[k]) for k in s), default=0) for s in sets], np.int64)
+    open_sets = np.array([i for i, s in enumerate(sets) if 0 < ranks[i] < N and len(s) > 1], np.int64)
+    if not len(open_sets):
+        return ranks
+    rows = max(sum(len(alone[k]) for k in sets[i]) for i in open_sets)
+    for part in np.array_split(open_sets, -(-len(open_sets) * rows * N // AT_ONCE)):
+        stack = np.zeros((len(part), rows, N), np.int64)
+        for rowsof, i in zip(stack, part, strict=True):
+            together = np.concatenate([alone[k] for k in sets[i]])
+            rowsof[: len(together)] = together
+        ranks[part] = _eliminated(stack, prime)
+    return ranks
+
+
+def _eliminated(M: Residues, prime: int) -> NDArray[np.int64]:
+    """Rank of each matrix of a stack (S, rows, N); the stack is used up."""
+    S, rows, N = M.shape
+    every, rank = np.arange(S), np.zeros(S, np.int64)
+    for column in range(N):
+        free = (M[:, :, column] != 0) & (np.arange(rows) >= rank[:, None])
+        found = free.any(axis=1)
+        if not found.any():
+            continue
+        at, to = np.where(found, free.argmax(axis=1), 0), np.where(found, rank, 0)
+        pivot = M[every, at]
+        M[every, at] = M[every, to]
+        M[every, to] = pivot
+        # Rows cleared with the pivot row scaled to one: below it only, and not where this column has no pivot.
+        scale = np.array([pow(int(x), -1, prime) if x else 0 for x in pivot[:, column]], np.int64)
+        pivot = pivot * scale[:, None] % prime
+        below = np.where(found[:, None] & (np.arange(rows) > to[:, None]), M[:, :, column], 0)
+        M -= below[:, :, None] * pivot[:, None, :] % prime
+        M %= prime
+        rank += found
+    return rank
