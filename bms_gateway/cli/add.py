@@ -5,7 +5,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bms_gateway.cli.main import Parser
-from bms_gateway.cli.output import distinct, note, say, writable, write_json
+from bms_gateway.cli.measurements import add_measurement_arguments, given_measurements, given_model
+from bms_gateway.cli.output import command_line, note, say, write_json
 from bms_gateway.errors import UsageError
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 EXAMPLE = """\
   bms-gateway add entropic_heat --model string_1.toml --data bench.csv --out string_1b.toml
-  bms-gateway add cell_cooling:3 --model string_1.toml --data bench.csv --out string_1b.toml
+  bms-gateway add cell_cooling:3 --model string_1.toml --data bench.csv --out string_1b.toml --html added.html
   bms-gateway add resistance_temperature entropic_heat --model cell.toml --data cell.csv --out cell_b.toml
 
 EFFECT is a name of the catalogue, EFFECT:CELL where it sits on one cell (without CELL the best place is found);
@@ -29,58 +30,40 @@ exit status 1: the measurements speak against it, nothing is written; --force wr
 def arguments(parser: Parser) -> None:
     """Declare the options."""
     parser.option("effect", nargs="+", metavar="EFFECT[:CELL]", help="what to add; several are judged together")
-    parser.option("--model", type=Path, metavar="M", required=True, help="string model (TOML)")
-    parser.option(
-        "--data",
-        type=Path,
-        metavar="TABLE",
-        action="append",
-        required=True,
-        help="measurements to fit: CSV or Parquet, with --config also a CAN log; may be given several times",
-    )
+    add_measurement_arguments(parser, "--data")
     parser.option("--out", metavar="M2", required=True, help="model file to write (TOML)")
     parser.option("--cell", type=int, metavar="K", help="the cell that it sits on; the same as EFFECT:K")
     parser.option("--force", action="store_true", help="add it although the measurements speak against it")
-    parser.option("--config", type=Path, metavar="C", help="gateway config: which signals of a log carry what")
-    parser.option("--string", metavar="NAME", help="string that a log is read for, where the config has several")
-    parser.option(
-        "--columns",
-        metavar="NAME=COLUMN",
-        action="append",
-        default=[],
-        help="a table's own name of a column, as in compare",
-    )
+    parser.option("--html", metavar="FILE", help="write before and after as one page that works offline")
     parser.option("--json", metavar="FILE", help="write what was found as JSON; - is standard output")
 
 
 def run(args: argparse.Namespace) -> int:
     """Add; 1 where the measurements speak against it."""
     from bms_gateway.cli.fit import sound
-    from bms_gateway.cli.measurements import read_measurements
-    from bms_gateway.config.model_file import read_model, write_model
+    from bms_gateway.config.model_file import write_model
     from bms_gateway.diagnose.adding import check_signals
     from bms_gateway.diagnose.calibrate import fitted_model
     from bms_gateway.report.add_text import add_document, add_text
     from bms_gateway.report.examine import findings_and_notes
-    from bms_gateway.report.table import parse_columns
 
-    outputs = {"--out": args.out, "--json": args.json}
-    writable(outputs)
-    distinct(outputs, [args.model, *args.data, *([args.config] if args.config else [])])
-    model = read_model(args.model)
+    model = given_model(args)
     wants = _wanted(args, model)
-    columns = parse_columns(args.columns)
-    records = read_measurements(args.data, model=model, config=args.config, string=args.string, columns=columns)
+    records = given_measurements(args, model)
     findings, notes = findings_and_notes(model, records)
     sound(findings)
     check_signals(wants, records)
     addition = _added(model, records, wants)
-    report = _report(args, addition, findings, notes)
+    report = _report(args, records, addition, findings, notes)
     if report.written:
         heading = f"{' '.join(args.effect)} added, fitted to {', '.join(report.sources)}"
         if report.forced:
             heading += f"\nadded by force, though: {addition.refused}"
         write_model(fitted_model(addition.after, model, doubt=addition.doubt), Path(args.out), heading)
+    if args.html:
+        from bms_gateway.report.html import write_addition
+
+        write_addition(Path(args.html), report, addition, command_line("add"))
     if args.json:
         write_json(args.json, add_document(report))
     if not report.written:
@@ -116,6 +99,7 @@ def _added(model: "StringModel", records: "list[Record]", wants: "list[Wanted]")
 
 def _report(
     args: argparse.Namespace,
+    records: "list[Record]",
     addition: "Addition",
     findings: "tuple[tuple[str, Finding], ...]",
     notes: "tuple[tuple[str, str], ...]",
@@ -123,6 +107,7 @@ def _report(
     from bms_gateway.diagnose.calibrate import changes
     from bms_gateway.report.add_text import AddReport
 
+    before, after = (_side(records, *side) for side in zip(addition.seen, addition.core_K, strict=True))
     return AddReport(
         str(args.out),
         addition.added,
@@ -131,8 +116,8 @@ def _report(
         addition.refused,
         addition.remark,
         addition.log_odds,
-        _side(addition.seen[0], addition.core_K[0]),
-        _side(addition.seen[1], addition.core_K[1]),
+        before,
+        after,
         addition.tail_K,
         changes(addition.after),
         tuple(m.source for m in addition.after.problem.records),
@@ -141,9 +126,13 @@ def _report(
     )
 
 
-def _side(fit: "MapFit", core_K: "Floats") -> "Side":
+def _side(records: "list[Record]", fit: "MapFit", core_K: "Floats") -> "Side":
     from bms_gateway.diagnose.calibrate import channel_errors
+    from bms_gateway.diagnose.compare import core_checks
+    from bms_gateway.diagnose.core_band import core_bands
     from bms_gateway.diagnose.diagnosis import errors
+    from bms_gateway.diagnose.misfit import nearest, sensors
     from bms_gateway.report.add_text import Side
 
-    return Side(errors(fit), channel_errors(fit), core_K)
+    bands = core_bands(fit, nearest(sensors(fit), fit.problem.model.cells))
+    return Side(errors(fit), channel_errors(fit), core_K, core_checks(records, fit, bands))

@@ -4,8 +4,8 @@ import argparse
 from pathlib import Path
 
 from bms_gateway.cli.main import Parser
-from bms_gateway.cli.measurements import add_measurement_arguments, given_measurements
-from bms_gateway.cli.output import distinct, say, writable, write_json
+from bms_gateway.cli.measurements import add_measurement_arguments, given_measurements, given_model
+from bms_gateway.cli.output import command_line, say, write_json
 
 EXAMPLE = """\
   bms-gateway compare bench.csv --model string_1.toml
@@ -23,27 +23,21 @@ def arguments(parser: Parser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Compare."""
-    from bms_gateway.cli.diagnose import command_line, needs_plotly
     from bms_gateway.cli.fit import long_enough
-    from bms_gateway.config.model_file import read_model
     from bms_gateway.diagnose.compare import compare
     from bms_gateway.report.comparison_text import comparison_document, comparison_text
     from bms_gateway.report.examine import findings_and_notes
 
-    outputs = {"--html": args.html, "--json": args.json}
-    writable(outputs)
-    distinct(outputs, [args.model, *args.table, *([args.config] if args.config else [])])
-    if args.html:
-        needs_plotly()
-    model = read_model(args.model)
+    model = given_model(args)
     records = given_measurements(args, model)
     findings, notes = findings_and_notes(model, records)
     long_enough(findings)
     comparison = compare(model, records)
     if args.html:
-        from bms_gateway.report.html import write_comparison
+        from bms_gateway.report.html import Aside, write_comparison
 
-        write_comparison(Path(args.html), comparison, findings=findings, notes=notes, command=command_line("compare"))
+        aside = Aside(comparison.sources, findings, notes, command_line("compare"))
+        write_comparison(Path(args.html), comparison, aside)
     if args.json:
         write_json(args.json, comparison_document(comparison, findings, notes))
     say(comparison_text(comparison, findings, notes), args.json)

@@ -1,13 +1,11 @@
 """`diagnose`: which physical effect a model lacks, by measurements."""
 
 import argparse
-import shlex
-import sys
 from pathlib import Path
 
-from bms_gateway.cli.main import PROGRAM, Parser
-from bms_gateway.cli.measurements import add_measurement_arguments, given_measurements
-from bms_gateway.cli.output import distinct, say, writable, write_json
+from bms_gateway.cli.main import Parser
+from bms_gateway.cli.measurements import add_measurement_arguments, given_measurements, given_model
+from bms_gateway.cli.output import command_line, say, write_json
 
 EXAMPLE = """\
   bms-gateway diagnose bench.csv --model string_1.toml
@@ -27,17 +25,11 @@ def arguments(parser: Parser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Diagnose; every verdict is a success."""
-    from bms_gateway.config.model_file import read_model
     from bms_gateway.report.diagnosis_text import diagnosis_document, diagnosis_text
     from bms_gateway.report.examine import examine
     from bms_gateway.report.progress import share_of
 
-    outputs = {"--html": args.html, "--json": args.json}
-    writable(outputs)
-    distinct(outputs, [args.model, *args.table, *([args.config] if args.config else [])])
-    if args.html:
-        needs_plotly()
-    model = read_model(args.model)
+    model = given_model(args)
     records = given_measurements(args, model)
     with share_of("diagnosing") as tell:
         told = examine(model, records, tell)
@@ -64,24 +56,3 @@ def run(args: argparse.Namespace) -> int:
         write_json(args.json, diagnosis_document(told))
     say(diagnosis_text(told), args.json)
     return 0
-
-
-def needs_plotly() -> None:
-    """Refuse a page before the work where nothing could draw it.
-
-    Raises
-    ------
-    MissingExtraError
-    """
-    from importlib.util import find_spec
-
-    from bms_gateway.errors import MissingExtraError
-
-    if find_spec("plotly") is None:
-        raise MissingExtraError("--html", "report")
-
-
-def command_line(name: str) -> str:
-    """Return the words that were typed, for the page that tells how it was made."""
-    words = sys.argv[1:]
-    return shlex.join([PROGRAM, *words]) if words[:1] == [name] else ""

@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bms_gateway.cli.main import Parser
-from bms_gateway.cli.measurements import add_measurement_arguments, given_measurements
-from bms_gateway.cli.output import distinct, say, writable, write_json
+from bms_gateway.cli.measurements import add_measurement_arguments, given_measurements, given_model
+from bms_gateway.cli.output import say, write_json
 from bms_gateway.errors import DataError
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def arguments(parser: Parser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Fit, and write the model."""
-    from bms_gateway.config.model_file import read_model, write_model
+    from bms_gateway.config.model_file import write_model
     from bms_gateway.diagnose.calibrate import changes, channel_errors, fitted_model, identify
     from bms_gateway.diagnose.detect import absorbed
     from bms_gateway.diagnose.diagnosis import errors
@@ -43,10 +43,7 @@ def run(args: argparse.Namespace) -> int:
     from bms_gateway.report.fit_text import FitReport, fit_document, fit_text
     from bms_gateway.report.progress import progress
 
-    outputs = {"--out": args.out, "--json": args.json}
-    writable(outputs)
-    distinct(outputs, [args.model, *args.table, *([args.config] if args.config else [])])
-    model = read_model(args.model)
+    model = given_model(args)
     records = given_measurements(args, model)
     findings, notes = findings_and_notes(model, records)
     sound(findings)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.cli.main import Parser
+from bms_gateway.cli.output import distinct, needs_plotly, writable
 from bms_gateway.errors import ConfigError, DataError, UsageError, did_you_mean
 
 if TYPE_CHECKING:
@@ -29,11 +30,20 @@ WORTH_A_WORD = 0.05
 """Share of refused samples from which on a signal is named; every start refuses a few."""
 
 
-def add_measurement_arguments(parser: Parser) -> None:
-    """Declare `TABLE... --model M [--config C] [--string NAME] [--columns NAME=COLUMN]`."""
+def add_measurement_arguments(parser: Parser, option: str | None = None) -> None:
+    """Declare `TABLE... --model M [--config C] [--string NAME] [--columns NAME=COLUMN]`.
+
+    Parameters
+    ----------
+    parser : Parser
+    option : str, optional
+        Option that names a table, where the command's plain words are something else.
+    """
+    name, how = ((option,), {"action": "append", "required": True}) if option else ((), {"nargs": "+"})
     parser.option(
-        "table",
-        nargs="+",
+        *name,
+        dest="table",
+        **how,
         type=Path,
         metavar="TABLE",
         help="measurements of one string: CSV or Parquet; with --config also a CAN log. Several: one record each",
@@ -49,6 +59,18 @@ def add_measurement_arguments(parser: Parser) -> None:
         help="a table's own name of a column, once per column, or several parted by commas; "
         "a minus before COLUMN flips the sign",
     )
+
+
+def given_model(args: argparse.Namespace) -> "StringModel":
+    """Read the model, once it is sure that what the command makes can be written, destroys nothing and can be drawn."""
+    from bms_gateway.config.model_file import read_model
+
+    outputs = {f"--{name}": getattr(args, name, None) for name in ("out", "html", "json")}
+    writable(outputs)
+    distinct(outputs, [args.model, *args.table, *([args.config] if args.config else [])])
+    if outputs["--html"]:
+        needs_plotly()
+    return read_model(args.model)
 
 
 def given_measurements(args: argparse.Namespace, model: "StringModel") -> "list[Record]":

@@ -1,14 +1,17 @@
 """Where a command's words go: text for people on standard output, unless JSON has it."""
 
+import importlib.util
 import json
 import os
+import shlex
 import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from bms_gateway.bus.whole import whole
-from bms_gateway.errors import UsageError
+from bms_gateway.cli.main import PROGRAM
+from bms_gateway.errors import MissingExtraError, UsageError
 
 
 def say(text: str, json_target: str | None = None) -> None:
@@ -106,3 +109,20 @@ def write_json(target: str, document: Mapping[str, Any]) -> None:
             beside.write_text(text, encoding="utf-8")
     except OSError as e:
         raise UsageError(f"--json {target}: cannot be written: {e.strerror}") from None
+
+
+def needs_plotly() -> None:
+    """Refuse a page before the work where nothing could draw it.
+
+    Raises
+    ------
+    MissingExtraError
+    """
+    if importlib.util.find_spec("plotly") is None:
+        raise MissingExtraError("--html", "report")
+
+
+def command_line(name: str) -> str:
+    """Return the words that were typed, for the page that tells how it was made."""
+    words = sys.argv[1:]
+    return shlex.join([PROGRAM, *words]) if words[:1] == [name] else ""

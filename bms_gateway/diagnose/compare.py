@@ -152,7 +152,7 @@ def _variant(
     totals = {k: sum(weight[s.cell] * r.share for s in sensors for r in s.regimes if r.feature == k) for k in names}
     explained = tuple(sorted(((k, float(x)) for k, x in totals.items() if x > 0.0), key=lambda e: -e[1]))
     findings = sensor_sentences(sensors, blocks, explained, len(records)) + core_sentences(bands, sensors, name)
-    checks = tuple(c for r, record in enumerate(records) for c in _core_checks(record, fit, r, bands[r]))
+    checks = core_checks(records, fit, bands)
     return Variant(
         name,
         fit,
@@ -167,6 +167,20 @@ def _variant(
         checks,
         findings,
     )
+
+
+def core_checks(records: Sequence[Record], fit: MapFit, bands: Sequence[CoreBand]) -> tuple[CoreCheck, ...]:
+    """Hold a fit against the thermocouples in the cores of its records, where there are any.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    fit : MapFit
+        Of these records, in their order.
+    bands : sequence of CoreBand
+        Of the fit.
+    """
+    return tuple(c for r, record in enumerate(records) for c in _core_checks(record, fit, r, bands[r]))
 
 
 def _core_checks(record: Record, fit: MapFit, r: int, band: CoreBand) -> list[CoreCheck]:

@@ -145,6 +145,7 @@ class Diagnosis:
         ready = self.search.baseline.problem.records
         if self.second is None or self.search.baseline.problem.model.cells > 1:
             return self.search.baseline, self.search.final if self.selected else self.search.baseline
+        ready = [replace(m, used=np.ones_like(m.used)) for m in ready]  # it held nothing out
         before = seen_on(self.second.baseline, ready)
         return before, seen_on(self.second.best, ready) if self.selected else before
 

@@ -1,6 +1,6 @@
 """What an added effect did to a model's errors, for people at a terminal, and for programs."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,6 +9,7 @@ import numpy as np
 from bms_gateway.diagnose.calibrate import Change, ChannelError
 from bms_gateway.diagnose.candidates import Candidate
 from bms_gateway.diagnose.checks import Finding
+from bms_gateway.diagnose.compare import CoreCheck
 from bms_gateway.diagnose.diagnosis import Errors
 from bms_gateway.report.diagnosis_text import finite, told_aside, warned
 from bms_gateway.report.fit_text import change_document, changes_table
@@ -18,11 +19,22 @@ from bms_gateway.thermal import Floats
 
 @dataclass(frozen=True, slots=True)
 class Side:
-    """A model before or after: its errors, and the 95 % half width of each cell's core (n,), K."""
+    """A model before or after.
+
+    Attributes
+    ----------
+    errors : Errors
+    channels : tuple of ChannelError
+    core_K : ndarray (n,)
+        95 % half width of each cell's core, K.
+    checks : tuple of CoreCheck
+        Thermocouples in cores, which no fit has seen.
+    """
 
     errors: Errors
     channels: tuple[ChannelError, ...]
     core_K: Floats
+    checks: tuple[CoreCheck, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +111,10 @@ def add_document(r: AddReport) -> dict[str, Any]:
             "before": [finite(x) for x in r.before.core_K.tolist()],
             "after": [finite(x) for x in r.after.core_K.tolist()],
         },
+        "core_measured": [
+            {"table": r.sources[b.record], "cell": b.cell, "before": _measured_core(b), "after": _measured_core(a)}
+            for b, a in zip(r.before.checks, r.after.checks, strict=True)
+        ],
         "parameters": [change_document(c) for c in r.changes],
         "tables": list(r.sources),
         "checks": [{"table": s, "kind": f.kind, "severity": f.severity, "sentence": f.sentence} for s, f in r.findings],
@@ -110,24 +126,39 @@ def _errors_document(e: Errors, held_K: float) -> dict[str, Any]:
     return {"train_rmse_K": finite(e.train_rmse_K), "heldout_rmse_K": finite(held_K)}
 
 
+def _measured_core(c: CoreCheck) -> dict[str, Any]:
+    return {"rmse_K": finite(c.rmse_K), "mean_K": finite(c.bias_K)}
+
+
 def add_text(r: AddReport) -> str:
     """Write what the addition did for people: errors, cores, numbers."""
     several = len(r.sources) > 1
-    where = "held-out error" if r.tail_K is None else "error in the last 40 %, predicted from the first 60 %,"
-    before, after = r.held_K
-    if np.isnan(after):  # all readings were fitted
-        where, before, after = "error", r.before.errors.train_rmse_K, r.after.errors.train_rmse_K
-    head = (
-        f"With {r.names} the {where} goes from {number(before, 3)} to {number(after, 3)} K; "
-        f"noise alone leaves {number(r.before.errors.noise_floor_K, 3)} K."
-    )
-    parts = [head, *warned(r.findings, several), _errors(r, several), _cores(r), changes_table(r.changes)]
+    parts = [
+        headline(r),
+        *warned(r.findings, several),
+        _errors(r, several),
+        _cores(r),
+        *_core_errors(r, several),
+        changes_table(r.changes),
+    ]
     if r.remark:
         parts.append(r.remark)
     if r.forced:
         parts.append(f"Added by force, though: {r.refused}.")
     parts += told_aside(r.findings, r.notes, several)
     return "\n\n".join(parts)
+
+
+def headline(r: AddReport) -> str:
+    """Say in a sentence what the addition does to the error."""
+    where = "held-out error" if r.tail_K is None else "error in the last 40 %, predicted from the first 60 %,"
+    before, after = r.held_K
+    if np.isnan(after):  # all readings were fitted
+        where, before, after = "error", r.before.errors.train_rmse_K, r.after.errors.train_rmse_K
+    return (
+        f"With {r.names} the {where} goes from {number(before, 3)} to {number(after, 3)} K; "
+        f"noise alone leaves {number(r.before.errors.noise_floor_K, 3)} K."
+    )
 
 
 def _errors(r: AddReport, several: bool) -> str:
@@ -154,3 +185,19 @@ def _cores(r: AddReport) -> str:
     pairs = zip(r.before.core_K.tolist(), r.after.core_K.tolist(), strict=True)
     rows = [[f"cell {k}", number(b), number(a)] for k, (b, a) in enumerate(pairs, start=1)]
     return text_table(["core, ± 95 % K", "before", "after"], rows)
+
+
+def _core_errors(r: AddReport, several: bool) -> Iterator[str]:
+    """Say what thermocouples in cores, which no fit has seen, make of it."""
+    if not r.after.checks:
+        return
+    rows = [
+        [
+            *([r.sources[b.record]] if several else []),
+            f"cell {b.cell}",
+            *_numbers(b.rmse_K, a.rmse_K, b.bias_K, a.bias_K),
+        ]
+        for b, a in zip(r.before.checks, r.after.checks, strict=True)
+    ]
+    headers = ["core thermocouple, not used", "error K before", "after", "mean K before", "after"]
+    yield text_table((["table"] if several else []) + headers, rows, left=2 if several else 1)

@@ -5,26 +5,26 @@ last what the data themselves look like. The same content as the text on the ter
 objects.
 """
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
 
+from bms_gateway.diagnose.adding import Addition
 from bms_gateway.diagnose.candidates import Candidate
 from bms_gateway.diagnose.checks import Finding
 from bms_gateway.diagnose.compare import Comparison, CoreCheck, Variant
 from bms_gateway.diagnose.detect import Card
 from bms_gateway.diagnose.experiment import Experiment
 from bms_gateway.diagnose.latent import Latent
-from bms_gateway.diagnose.misfit import sensors
 from bms_gateway.identify.map_fit import MapFit
+from bms_gateway.report.add_text import AddReport, headline
 from bms_gateway.report.diagnosis_text import Told
 from bms_gateway.report.html_evidence import evidence, missing_heat, summary
 from bms_gateway.report.html_ranking import detectability_table, experiment_table, ranking_table
 from bms_gateway.report.html_series import Shown, shown
 from bms_gateway.report.html_tables import errors_table, parameters_table
-from bms_gateway.report.page import amount, items, paragraph, section, write_page
-from bms_gateway.thermal import Floats
+from bms_gateway.report.page import items, paragraph, section, write_page
 
 VERDICTS = {
     "adequate": "✓ Adequate",
@@ -35,43 +35,56 @@ VERDICTS = {
 }
 AGREES, FAILS = "Where the model agrees", "Where the model fails"
 AS_IT_IS = "model as it is"
-Findings = Sequence[tuple[str, Finding]]
-Notes = Sequence[tuple[str, str]]
 
 
-def write_comparison(
-    path: Path,
-    comparison: Comparison,
-    *,
-    findings: Findings = (),
-    notes: Notes = (),
-    command: str = "",
-    title: str = "Model against measurement",
-) -> None:
-    """Write a comparison as a page.
+@dataclass(frozen=True, slots=True)
+class Aside:
+    """What a page says of the data beside what it concludes from them.
 
-    Parameters
+    Attributes
     ----------
-    path : Path
-    comparison : Comparison
-        Shown as filed and refitted.
+    sources : sequence of str
+        Names of the records.
     findings : sequence of (source, Finding)
+        Of the checks.
     notes : sequence of (source, str)
+        What was bridged, left out or assumed when the records were read.
     command : str
-        Command line that makes the page again.
-    title : str
-
-    Raises
-    ------
-    MissingExtraError
-        No plotly.
-    UsageError
-        The file cannot be written.
+        Command line that makes the page again; may be empty.
     """
+
+    sources: Sequence[str]
+    findings: Sequence[tuple[str, Finding]] = ()
+    notes: Sequence[tuple[str, str]] = ()
+    command: str = ""
+
+    def _by_record(self, said: Iterable[tuple[str, str]]) -> list[str]:
+        """Name the record of each sentence where there are several."""
+        return [f"{source}: {text}" if len(self.sources) > 1 else text for source, text in said]
+
+    @property
+    def doubts(self) -> str:
+        """What casts doubt on the data, for the head of the page: it comes before what is concluded from them."""
+        lines = self._by_record((s, f.sentence) for s, f in self.findings if f.severity == "warn")
+        return f'<div class="doubts"><p>Look at the data first:</p>{items(lines)}</div>' if lines else ""
+
+    @property
+    def sections(self) -> list[str]:
+        """What the data look like, and how the page was made, for its end."""
+        checks = ((s, f"{f.severity}: {f.sentence}") for s, f in self.findings if f.severity != "warn")
+        made = f"<pre>{escape(self.command)}</pre>" if self.command else ""
+        return [
+            section("checks", "Direct checks of the data", items(self._by_record(checks))),
+            section("notes", "How the data were read", items(self._by_record(self.notes))),
+            section("again", "From which data, and how to make this page again", items(self.sources), made),
+        ]
+
+
+def write_comparison(path: Path, comparison: Comparison, aside: Aside) -> None:
+    """Write a comparison as a page, the model as filed and refitted; raises what `write_page` does."""
     filed, now = comparison.filed, comparison.refitted
     models = [_variant("as filed", filed), _variant("refitted", now)]
-    head = f'<p class="verdict">{escape(filed.findings[0])}</p>' + _doubts(findings, comparison.sources)
-    head += summary(models)
+    head = f'<p class="verdict">{escape(filed.findings[0])}</p>' + aside.doubts + summary(models)
     said = [
         "<h3>The model as filed</h3>",
         items(filed.findings),
@@ -83,9 +96,9 @@ def write_comparison(
         *evidence(models, now.core_checks),
         section("errors", "Errors", errors_table(models)),
         section("parameters", "Parameters, refitted", parameters_table(now.fit)),
-        *_aside(findings, notes, comparison.sources, command),
+        *aside.sections,
     ]
-    write_page(path, title, head, sections)
+    write_page(path, "Model against measurement", head, sections)
 
 
 def write_diagnosis(
@@ -120,23 +133,22 @@ def write_diagnosis(
 
     Raises
     ------
-    MissingExtraError
-        No plotly.
-    UsageError
-        The file cannot be written.
+    MissingExtraError, UsageError
+        As `write_page` does.
     """
     d = told.diagnosis
+    aside = Aside(told.sources, told.findings, told.notes, command)
     verdict = d.verdict if d else "insufficient_data"
     tag = VERDICTS[verdict] + (", and something unknown remains" if d and d.unknown_remains and d.selected else "")
     head = f'<p><span class="tag {verdict}">{escape(tag)}</span></p><p class="verdict">{escape(told.sentence)}</p>'
-    head += _doubts(told.findings, told.sources)
+    head += aside.doubts
     sections: list[str] = []
     if d is not None:
         before, after = d.fits
         models = [shown(AS_IT_IS, before)]
         if d.selected:
             models.append(shown("with " + " and ".join(s.candidate.key for s in d.selected), after))
-        head += summary(models)
+        head += summary(models, tail=(d.baseline.heldout_rmse_K, d.after.heldout_rmse_K))
         where = items(comparison.refitted.findings) if comparison else ""
         tied = [t for s in d.selected for t in s.tied_with]
         sections = [
@@ -155,73 +167,49 @@ def write_diagnosis(
         section(
             "card", "What these data could show at all", items(told.card), detectability_table(card) if card else ""
         ),
-        *_aside(told.findings, told.notes, told.sources, command),
+        *aside.sections,
     ]
     write_page(path, title, head, sections)
 
 
-def write_addition(
-    path: Path,
-    added: Sequence[Candidate],
-    before: MapFit,
-    after: MapFit,
-    sources: Sequence[str],
-    *,
-    seen: tuple[MapFit, MapFit] | None = None,
-    core_K: tuple[Floats, Floats] | None = None,
-    remarks: Sequence[str] = (),
-    findings: Findings = (),
-    notes: Notes = (),
-    command: str = "",
-    title: str = "Model with an effect added",
-) -> None:
-    """Write what an added effect did as a page.
+def write_addition(path: Path, report: AddReport, addition: Addition, command: str = "") -> None:
+    """Write what an added effect did, or why it was not added, as a page.
 
     Parameters
     ----------
     path : Path
-    added : sequence of Candidate
-    before, after : MapFit
-        Of the same records; their numbers and cores are shown.
-    sources : sequence of str
-        Names of the records.
-    seen : tuple of MapFit, optional
-        Before and after against the readings themselves, where the fits were to means of them.
-    core_K : tuple of ndarray (n,), optional
-        95 % half widths of the cores before and after, K, where more is known of them than the fits say.
-    remarks : sequence of str
-        What speaks against it, and what else the records say.
-    findings : sequence of (source, Finding)
-    notes : sequence of (source, str)
+    report : AddReport
+        With what the terminal shows.
+    addition : Addition
+        Its fits and the half widths of its cores are drawn.
     command : str
         Command line that makes the page again.
-    title : str
 
     Raises
     ------
-    MissingExtraError
-        No plotly.
-    UsageError
-        The file cannot be written.
+    MissingExtraError, UsageError
+        As `write_page` does.
     """
-    names = " and ".join(c.key for c in added)
-    models = []
-    for i, (name, fit) in enumerate(((AS_IT_IS, before), (f"with {names}", after))):
-        own = shown(name, fit)
-        errors = own if seen is None else replace(own, fit=seen[i], sensors=sensors(seen[i]))
-        models.append(errors if core_K is None else errors.with_cores(core_K[i]))
-    held = [m.levels[1] for m in models]
-    sentence = f"With {names} the held-out error goes from {amount(held[0].rmse_K)} to {amount(held[1].rmse_K)} K; "
-    sentence += f"noise alone leaves {amount(held[1].floor_K)} K."
-    sections = [
-        section("missing", "What was added", _effects(added, ()), items(remarks)),
-        *evidence(models),
-        section("errors", "Errors before and after", errors_table(models)),
-        section("parameters", f"Parameters, {models[-1].name}", parameters_table(after)),
-        *_aside(findings, notes, sources, command),
+    aside = Aside(report.sources, report.findings, report.notes, command)
+    names = (AS_IT_IS, f"with {report.names}")
+    models = [
+        shown(name, seen).with_cores(half_K)
+        for name, seen, half_K in zip(names, addition.seen, addition.core_K, strict=True)
     ]
-    head = f'<p class="verdict">{escape(sentence)}</p>' + _doubts(findings, sources) + summary(models, after)
-    write_page(path, title, head, sections)
+    tag, kind = ("Added", "added") if report.written and not report.forced else ("Not added", "refused")
+    tag = "Added by force" if report.forced else tag
+    against = [f"{'Added by force, though' if report.forced else 'Not added'}: {report.refused}."]
+    sections = [
+        section("missing", "What was added" if report.written else "What was tried", _effects(addition.added, ())),
+        *evidence(models, report.after.checks),
+        section("errors", "Errors before and after", errors_table(models)),
+        section("parameters", f"Parameters, {models[-1].name}", parameters_table(addition.after)),
+        *aside.sections,
+    ]
+    head = f'<p><span class="tag {kind}">{tag}</span></p><p class="verdict">{escape(headline(report))}</p>'
+    head += items([*(against if report.refused else []), *([report.remark] if report.remark else [])])
+    head += aside.doubts + summary(models, addition.after, tail=report.tail_K)
+    write_page(path, "Model with an effect added", head, sections)
 
 
 def _variant(name: str, v: Variant) -> Shown:
@@ -239,29 +227,8 @@ def _effects(added: Sequence[Candidate], tied: Sequence[str]) -> str:
     return "\n".join(parts)
 
 
-def _doubts(findings: Findings, sources: Sequence[str]) -> str:
-    """Say what casts doubt on the data, before what is concluded from them."""
-    several = len(sources) > 1
-    lines = [(f"{s}: " if several else "") + f.sentence for s, f in findings if f.severity == "warn"]
-    return f'<div class="doubts"><p>Look at the data first:</p>{items(lines)}</div>' if lines else ""
-
-
 def _core_checks(comparison: Comparison, fit: MapFit) -> list[CoreCheck]:
     """Thermocouples in the cores of a fit's records; the comparison may hold records that the fit has not."""
     sources = [m.source for m in fit.problem.records]
     checks = [(comparison.sources[c.record], c) for c in comparison.refitted.core_checks]
     return [replace(c, record=sources.index(s)) for s, c in checks if sources.count(s) == 1]
-
-
-def _aside(findings: Findings, notes: Notes, sources: Sequence[str], command: str) -> list[str]:
-    """Say what the data look like, and how the page was made."""
-    several = len(sources) > 1
-    others = [(s, f) for s, f in findings if f.severity != "warn"]
-    checks = [(f"{s}: " if several else "") + f"{f.severity}: {f.sentence}" for s, f in others]
-    read = [(f"{s}: " if several else "") + text for s, text in notes]
-    made = f"<pre>{escape(command)}</pre>" if command else ""
-    return [
-        section("checks", "Direct checks of the data", items(checks)),
-        section("notes", "How the data were read", items(read)),
-        section("again", "From which data, and how to make this page again", items(sources), made),
-    ]

@@ -12,6 +12,7 @@ from bms_gateway.report.html_ranking import follows_table
 from bms_gateway.report.html_series import Shown, clock, points_each, traces_of
 from bms_gateway.report.html_tables import at_limits, cores_table, heat_map, thermocouples_table, unlearnt
 from bms_gateway.report.page import Card, amount, cards, figure, paragraph, section
+from bms_gateway.report.show import number
 
 MANY = 6
 """Overlays on a page up to which they are drawn large."""
@@ -21,8 +22,8 @@ def _sample(shape: str) -> str:
     return f'<svg width="34" height="12" aria-hidden="true">{shape}</svg>'
 
 
+HELD_KEY = _sample('<rect width="34" height="12" fill="#ececec"/>') + "held out: never fitted to"
 KEY = (
-    _sample('<rect width="34" height="12" fill="#ececec"/>') + "held out: never fitted to",
     _sample('<path d="M0 2H34M0 10H34" stroke="#777" stroke-dasharray="1 3"/>') + "± 2 σ of the sensor",
     _sample('<path d="M0 6H34" stroke="#777" stroke-width=".8"/>') + "reading minus model",
     _sample('<path d="M0 6H34" stroke="#777" stroke-width="3"/>') + "its mean over a minute",
@@ -30,7 +31,7 @@ KEY = (
 """What the legends of the overlays do not say."""
 
 
-def summary(models: Sequence[Shown], numbers: MapFit | None = None) -> str:
+def summary(models: Sequence[Shown], numbers: MapFit | None = None, tail: tuple[float, float] | None = None) -> str:
     """Four numbers: errors against the noise, fitted and held out; the core; what cannot be known.
 
     Parameters
@@ -38,16 +39,24 @@ def summary(models: Sequence[Shown], numbers: MapFit | None = None) -> str:
     models : sequence of Shown
     numbers : MapFit, optional
         Whose numbers are told; the last model's where left out.
+    tail : tuple of float, optional
+        Errors in the last part, predicted from the first, K: where all readings were fitted.
     """
     last_fit = numbers or models[-1].fit
-    found = []
-    for i, title in enumerate(("Error where fitted", "Error on held-out blocks")):
-        both = [m.levels[i] for m in models]
-        last = both[-1]
-        line = f"noise alone {amount(last.floor_K)} K; {amount(last.ratio, 2)} × the noise"
-        found.append(Card(title, _arrow([x.rmse_K for x in both]), line))
+    levels = [m.levels for m in models]
+    fitted, held = levels[-1]
+    line = f"noise alone {amount(fitted.floor_K)} K; {amount(fitted.ratio, 2)} × the noise"
+    found = [Card("Error where fitted", _arrow([number(x.rmse_K, 3) for x, _ in levels]), line)]
+    if held.readings:
+        line = f"noise alone {amount(held.floor_K)} K; {amount(held.ratio, 2)} × the noise"
+        found.append(Card("Error on held-out blocks", _arrow([number(x.rmse_K, 3) for _, x in levels]), line))
+    elif tail:
+        line = "last 40 %, from a fit to the first 60 %"
+        found.append(Card("Error where predicted", _arrow([number(x, 3) for x in tail[: len(models)]]), line))
     half = [m.worst_core for m in models]
-    found.append(Card("Core, 95 % band", "±" + _arrow([h[0] for h in half], 2), f"cell {half[-1][1]}, at its worst"))
+    found.append(
+        Card("Core, 95 % band", "±" + _arrow([amount(h, 2) for h, _ in half]), f"cell {half[-1][1]}, at its worst")
+    )
     lost, stuck = unlearnt(last_fit), at_limits(last_fit)
     line = "stays where it was known before" if lost else "the data tell every free parameter"
     line = f"not believed, at its limit: {', '.join(stuck)}" if stuck else line
@@ -55,8 +64,8 @@ def summary(models: Sequence[Shown], numbers: MapFit | None = None) -> str:
     return cards(found)
 
 
-def _arrow(values: Sequence[float], digits: int = 3) -> str:
-    return " → ".join(amount(v, digits) for v in values) + " K"
+def _arrow(values: Sequence[str]) -> str:
+    return " → ".join(values) + " K"
 
 
 def evidence(models: Sequence[Shown], checks: Sequence[CoreCheck] = ()) -> list[str]:
@@ -69,7 +78,8 @@ def evidence(models: Sequence[Shown], checks: Sequence[CoreCheck] = ()) -> list[
     checks : sequence of CoreCheck
         Thermocouples in cores, which no fit has seen.
     """
-    key = '<ul class="key">' + "".join(f"<li>{t}</li>" for t in KEY) + "</ul>"
+    said = (HELD_KEY, *KEY) if models[0].levels[1].readings else KEY
+    key = '<ul class="key">' + "".join(f"<li>{t}</li>" for t in said) + "</ul>"
     return [
         section("overlay", "Measured and modelled", key, *_overlays(models)),
         section("regimes", "In which regime", heat_map(models)),

@@ -33,25 +33,24 @@ def unit(name: str) -> str:
 
 def errors_table(models: Sequence[Shown]) -> str:
     """Errors per sensor, each model's columns side by side."""
-    columns = ("fitted, K", "held-out, K", "structured, K", "z")
+    held = bool(models[0].levels[1].readings)
+    columns = ("fitted, K", *(("held-out, K",) if held else ()), "structured, K", "z")
     groups = [("", ["surface", "noise, K"]), *((m.name, columns) for m in models)]
     rows = []
     for j, s in enumerate(models[0].sensors):
         row = [f"cell {s.cell}", amount(s.trained.floor_K)]
         for m in models:
-            row += _levels(m.sensors[j].trained, m.sensors[j].held)
+            row += _levels(m.sensors[j].trained, m.sensors[j].held)[: 1 + held]
             row += [amount(m.sensors[j].structured_K), _z(m.sensors[j].z)]
         rows.append(row)
     if len(rows) > 1:
         row = ["all", amount(models[0].levels[0].floor_K)]
         for m in models:
-            row += [*_levels(*m.levels), "", ""]
+            row += [*_levels(*m.levels)[: 1 + held], "", ""]
         rows.append(row)
-    note = (
-        "Root mean squares of reading minus model. Noise: what sensor noise and rounding alone leave. Held-out: blocks "
-        "that were never fitted to. Structured: the part that is alike from reading to reading; above z = 6 it is no "
-        "chance."
-    )
+    note = "Root mean squares of reading minus model. Noise: what sensor noise and rounding alone leave. "
+    note += "Held-out: blocks that were never fitted to. " if held else ""
+    note += "Structured: the part that is alike from reading to reading; above z = 6 it is no chance."
     return grouped(groups, rows, caption=note)
 
 

@@ -72,7 +72,9 @@ def diagnosis(pack) -> dict:
 @pytest.fixture(scope="module")
 def added(pack) -> tuple[Path, dict]:
     out = pack.folder / "added.toml"
-    return out, told("add", "entropic_heat", "--model", pack.model, "--data", pack.hidden, "--out", out)
+    page = pack.folder / "added.html"
+    words = ("--model", pack.model, "--data", pack.hidden, "--out", out, "--html", page)
+    return out, told("add", "entropic_heat", *words)
 
 
 @pytest.fixture(scope="module")
@@ -136,6 +138,14 @@ class TestAdd:
             assert s["after"]["heldout_rmse_K"] < 1.2 * s["noise_floor_K"] < s["before"]["heldout_rmse_K"]
         assert all(a < b for a, b in zip(d["core_95_K"]["after"], d["core_95_K"]["before"], strict=True))
 
+    def test_its_page_says_the_same(self, pack, added):
+        pytest.importorskip("plotly")
+        text = (pack.folder / "added.html").read_text()
+        d = added[1]
+        error = f"from {d['before']['heldout_rmse_K']:.3f} to {d['after']['heldout_rmse_K']:.3f} K"
+        assert f"With entropic_heat the held-out error goes {error}" in text
+        assert text.count('class="plot"') == 5  # three surfaces, the drive, the hottest core
+
     def test_its_model_lacks_nothing_any_more(self, pack, added):
         d = told("diagnose", pack.hidden, "--model", added[0])
         assert d["verdict"] == "adequate"
@@ -151,10 +161,12 @@ class TestAdd:
     def test_what_the_records_speak_against_is_refused_with_the_reason(self, pack):
         out = pack.folder / "refused.toml"
         words = ("add", "resistance_drift", "--model", pack.model, "--data", pack.hidden, "--out", out)
-        status, text, err = call(*words)
+        page = pack.folder / "refused.html"
+        status, text, err = call(*words, "--html", page)
         assert status == 1
         assert not out.exists()
         assert text == ""
+        assert "Not added" in page.read_text()
         assert len(err.strip().splitlines()) == 1
         assert "not added: resistance_drift" in err
         assert "held-out" in err or "instead" in err
@@ -287,8 +299,13 @@ class TestCompare:
 
     def test_a_page_needs_an_extra_and_says_so_before_the_work(self, pack, monkeypatch):
         monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-        for command in ("compare", "diagnose"):
-            status, _, err = call(command, pack.clean, "--model", pack.model, "--html", pack.folder / "x.html")
+        given = ("--model", pack.model, "--html", pack.folder / "x.html")
+        for words in (
+            ("compare", pack.clean),
+            ("diagnose", pack.clean),
+            ("add", "entropic_heat", "--data", pack.clean, "--out", pack.folder / "x.toml"),
+        ):
+            status, _, err = call(*words, *given)
             assert status == 2
             assert "pip install 'bms-gateway[report]'" in err
 

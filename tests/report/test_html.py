@@ -14,15 +14,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bms_gateway.config.model_file import parse_model
+from bms_gateway.diagnose.adding import Addition
+from bms_gateway.diagnose.calibrate import channel_errors
 from bms_gateway.diagnose.checks import Finding, check_record
 from bms_gateway.diagnose.compare import compare
-from bms_gateway.diagnose.diagnosis import diagnose
+from bms_gateway.diagnose.diagnosis import diagnose, errors
 from bms_gateway.diagnose.latent import latent
 from bms_gateway.diagnose.record import HELD_OUT, make_record
 from bms_gateway.diagnose.search import Settings
 from bms_gateway.errors import MissingExtraError, UsageError
+from bms_gateway.identify.problem import Problem
+from bms_gateway.report.add_text import AddReport, Side, headline
 from bms_gateway.report.diagnosis_text import Told
-from bms_gateway.report.html import write_addition, write_comparison, write_diagnosis
+from bms_gateway.report.html import Aside, write_addition, write_comparison, write_diagnosis
 from bms_gateway.report.html_figures import HEATS, STYLES
 from bms_gateway.report.html_series import ALL_POINTS, broken, envelope, points_each, smooth
 from bms_gateway.report.page import amount
@@ -102,6 +106,22 @@ def measured_log():
     return model, record
 
 
+def replace_records(fit, records):
+    return Problem(fit.problem.model, records, fit.problem.beliefs)
+
+
+def report_of(addition, told=None, *, force=False):
+    """What the terminal is told of an addition."""
+    before, after = (
+        Side(errors(f), channel_errors(f), half) for f, half in zip(addition.seen, addition.core_K, strict=True)
+    )
+    refused, written = addition.refused, force or not addition.refused
+    return AddReport(
+        "out.toml", addition.added, written, force and bool(refused), refused, addition.remark, addition.log_odds,
+        before, after, addition.tail_K, (), *((told.sources, told.findings, told.notes) if told else (("x",), (), ())),
+    )  # fmt: skip
+
+
 @pytest.fixture(scope="module")
 def road(tmp_path_factory):
     """One record on the whole road: model, record, comparison, diagnosis, and their pages."""
@@ -121,10 +141,10 @@ def road(tmp_path_factory):
     )
     heat = latent(found.search.baseline)
     write_diagnosis(folder / "d.html", told, comparison=comparison, latent=heat, command=COMMAND)
-    write_comparison(folder / "c.html", comparison, findings=told.findings, notes=told.notes, command=COMMAND)
-    added = tuple(s.candidate for s in found.selected)
-    before, after, half = found.search.baseline, found.search.final, (np.full(3, 2.5), np.full(3, 0.5))
-    write_addition(folder / "a.html", added, before, after, told.sources, core_K=half, seen=(before, after))
+    write_comparison(folder / "c.html", comparison, Aside(told.sources, told.findings, told.notes, COMMAND))
+    fits, half = (found.search.baseline, found.search.final), (np.full(3, 2.5), np.full(3, 0.5))
+    addition = Addition(tuple(s.candidate for s in found.selected), *fits, 9.0, "", "", fits, half)
+    write_addition(folder / "a.html", report_of(addition, told), addition)
     texts = {p.stem: p.read_text(encoding="utf-8") for p in folder.iterdir()}
     return folder, record, comparison, told, {k: (t, Page(t)) for k, t in texts.items()}
 
@@ -159,7 +179,7 @@ def test_every_section_is_there_and_none_is_empty(road):
         "d": "missing where overlay regimes core latent ranking errors parameters absorbed next card checks notes "
         "again",
         "c": "where overlay regimes core errors parameters checks notes again",
-        "a": "missing overlay regimes core errors parameters again",
+        "a": "missing overlay regimes core errors parameters checks notes again",
     }
     for name, (text, page) in road[-1].items():
         assert [a["id"] for t, a in page.tags if t == "section"] == wanted[name].split()
@@ -258,6 +278,40 @@ def test_half_widths_of_cores_that_are_given_are_those_shown(road):
         assert np.sqrt(np.mean(own**2)) == pytest.approx(half, rel=0.01)
 
 
+@pytest.mark.parametrize(("force", "tag"), [(False, "Not added"), (True, "Added by force")])
+def test_the_page_of_an_addition_says_what_speaks_against_it(road, tmp_path, force, tag):
+    d = road[3].diagnosis
+    fits = d.search.baseline, d.search.final
+    half = np.full(3, 1.0), np.full(3, 1.0)
+    why = "worse on the held-out blocks"
+    addition = Addition((d.selected[0].candidate,), *fits, 1.0, why, "It is only a try.", fits, half)
+    report = report_of(addition, force=force)
+    write_addition(tmp_path / "x.html", report, addition, "bms-gateway add x")
+    text = Page((tmp_path / "x.html").read_text(encoding="utf-8")).text
+    for words in (tag, headline(report), why, "It is only a try.", "bms-gateway add x"):
+        assert words in text
+    assert text.index(headline(report)) < text.index(why) < text.index("Error where fitted")
+
+
+def test_where_nothing_was_held_out_the_page_claims_no_held_out_error(road, tmp_path):
+    """Fits that used every reading: their errors in the last part, predicted from the first, stand in its place."""
+    d = road[3].diagnosis
+    fits = tuple(
+        replace(f, problem=replace_records(f, [replace(m, used=np.ones_like(m.used)) for m in f.problem.records]))
+        for f in (d.search.baseline, d.search.final)
+    )
+    half = np.full(3, 1.0), np.full(3, 1.0)
+    addition = Addition((d.selected[0].candidate,), *fits, 9.0, "", "", fits, half, (0.4321, 0.1234))
+    write_addition(tmp_path / "x.html", report_of(addition), addition)
+    text = (tmp_path / "x.html").read_text(encoding="utf-8")
+    page = Page(text)
+    assert "0.432 → 0.123 K" in page.text
+    assert "last 40 %" in page.text
+    assert not re.search("held.out", page.text)
+    shapes = [s for f in page.figures(text).values() for s in f["layout"].get("shapes", ())]
+    assert not [s for s in shapes if s["type"] == "rect"]
+
+
 def test_pages_stay_small(road):
     assert all(f.stat().st_size < 6_000_000 for f in road[0].iterdir())
     assert all(points_each(n) * n <= max(ALL_POINTS, 400 * n) for n in range(1, 200))
@@ -315,7 +369,7 @@ def test_thermocouples_find_their_record_where_others_were_left_out(road, tmp_pa
 def test_records_have_figures_of_their_own_that_zoom_apart(road, tmp_path):
     model, record = measured_log()
     both = compare(model, [record, replace(record, source="second.csv")])
-    write_comparison(tmp_path / "x.html", both)
+    write_comparison(tmp_path / "x.html", both, Aside(both.sources))
     text = (tmp_path / "x.html").read_text(encoding="utf-8")
     page = Page(text)
     figures = {a["id"]: a["data-time"] for t, a in page.tags if a.get("class") == "plot"}
