@@ -194,7 +194,9 @@ def _effect_coordinate(key: str, p: EffectParameter, value: float) -> Coordinate
 
 def believed(c: Coordinate, beliefs: Mapping[str, Belief]) -> Coordinate:
     """Give a coordinate another prior, where there is one for its name."""
-    plain = c.name.split("@")[0].split("[")[0]
+    plain, _, place = c.name.split("@")[0].partition("[")
+    if plain == "T_c0" and place not in ("", "1]"):  # what is known of a rest holds where a record starts
+        return c
     if c.effect is not None:
         plain = c.name.replace(c.effect, c.effect.partition(":")[0], 1)
     b = beliefs.get(plain)
@@ -204,6 +206,10 @@ def believed(c: Coordinate, beliefs: Mapping[str, Belief]) -> Coordinate:
 CORE_START = (1.0, 15.0)
 SURFACE_START = (0.5, 5.0)
 """K, sd and bound: how far cores are from surfaces, and surfaces from the first readings, when a record starts."""
+CORE_UNDER_WAY = (10.0, 60.0)
+"""K, sd and bound, for a span after a gap: nobody knows what the current did, and the cells have not rested."""
+CELL_UNDER_WAY = 1.0
+"""K: how far one cell's core may be from the others' there; they differ by some per cent of what stands above."""
 
 
 def starts(r: int, m: Measured, records: int) -> list[Coordinate]:
@@ -219,7 +225,7 @@ def starts(r: int, m: Measured, records: int) -> list[Coordinate]:
             d.core_start[i] = d.core_start[i] + z
             d.surface_start[i] = d.surface_start[i] + z
 
-        sd, limit = CORE_START
+        sd, limit = CORE_UNDER_WAY if i else CORE_START
         found.append(Coordinate(f"T_c0{tail}", 0.0, sd, -limit, limit, 0.1, 0.0, core, r))
         sd, limit = SURFACE_START
         found.append(Coordinate(f"T_s0{tail}", 0.0, sd, -limit, limit, 0.1, 0.0, both, r))
@@ -293,6 +299,12 @@ def _cell_starts(r: int, m: Measured, tail: str) -> list[Coordinate]:
                 d.surface_start[i] = d.surface_start[i] + z * here
 
             found.append(_nuisance(f"T_0[{k + 1}]{tail}", float(sd), start, r))
+
+            def core(d: Draft, z: float, i: int = i, k: int = k) -> None:
+                d.core_start[i] = d.core_start[i] + z * (np.arange(len(d.core_start[i])) == k)
+
+            if i and len(sds) > 1:
+                found.append(_nuisance(f"T_c0[{i + 1}][{k + 1}]{tail}", CELL_UNDER_WAY, core, r))
     return found
 
 
