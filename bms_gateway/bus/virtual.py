@@ -12,11 +12,8 @@ import numpy as np
 from bms_gateway.bus.traffic import Key, Series, lines, steps
 from bms_gateway.engine.plan import Plan, StringPlan
 from bms_gateway.thermal import Floats, StringParameters, continuous, discretize, simulate
+from bms_gateway.thermal.cycles import CAPACITY_AH, CYCLES
 
-# The urban assault cycle of the paper's 8 Ah cell: +160 A, −96 A, 62.2 A rms; here per Ah of capacity.
-C_RATE_HIGH, C_RATE_LOW, C_RATE_RMS = 20.0, -12.0, 62.2 / 8.0
-CYCLE_S = 1332
-CAPACITY_AH = 8.0  # where the model file does not say: the paper's cell
 SEGMENT_S = 600
 STEP_S = 1.0
 INLET_C, INLET_SWING_K, INLET_PERIOD_S = 25.0, 3.0, 300.0
@@ -44,37 +41,6 @@ class Segment:
     series: Mapping[Key, Series]
 
 
-def drive_cycle(rng: np.random.Generator, capacity_Ah: float = CAPACITY_AH) -> Floats:
-    """Draw one cycle of 1,332 s like the paper's urban assault cycle.
-
-    Pulses of 2 to 20 s in calm and intense stretches; both limits are reached, no net charge.
-
-    Parameters
-    ----------
-    rng : numpy Generator
-    capacity_Ah : float
-        The cell's; limits and rms grow with it.
-
-    Returns
-    -------
-    ndarray (1332,)
-        A, discharge positive, constant within each second.
-    """
-    raw = np.empty(0)
-    while len(raw) < CYCLE_S:
-        intensity = rng.choice([0.1, 0.5, 1.0, 1.6], p=[0.2, 0.25, 0.35, 0.2])
-        pulses = rng.normal(0.0, intensity, int(rng.integers(5, 20))) * (rng.random() < 0.9)
-        raw = np.concatenate([raw, np.repeat(pulses, rng.integers(2, 21, len(pulses)))])
-    raw = raw[:CYCLE_S]
-    raw[[np.argmax(raw), np.argmin(raw)]] = 1e3, -1e3  # clipped below: both limits are reached
-    gain, shift = C_RATE_RMS, 0.0
-    for _ in range(100):  # clipping moves mean and rms: mend them in turn until both hold
-        cycle = np.clip(gain * raw + shift, C_RATE_LOW, C_RATE_HIGH)
-        gain *= C_RATE_RMS / float(np.sqrt(np.mean(cycle**2)))
-        shift -= float(np.mean(cycle))
-    return np.clip(gain * raw + shift, C_RATE_LOW, C_RATE_HIGH) * capacity_Ah
-
-
 class VirtualPack:
     """The strings of a plan, simulated.
 
@@ -90,6 +56,8 @@ class VirtualPack:
         that does not fix them: what identification has to find. 0: the model file is right.
     inlet_swing_K : float
         Amplitude of the inlet's motion, where the plan has it from the bus.
+    cycle : str
+        Of `thermal.cycles.CYCLES`, driven over and over.
     """
 
     def __init__(
@@ -100,11 +68,12 @@ class VirtualPack:
         scatter: float = 1.0,
         common: float = 0.0,
         inlet_swing_K: float = INLET_SWING_K,
+        cycle: str = "urban-assault",
     ) -> None:
         self.plan = plan
         rng = np.random.default_rng([seed, 0x60])
         capacity = plan.strings[0].model.capacity_Ah or CAPACITY_AH
-        self._cycle = drive_cycle(rng, capacity)
+        self._cycle = CYCLES[cycle](rng, capacity)
         self._phase = float(rng.uniform(0.0, 2 * np.pi))
         self._swing = inlet_swing_K
         self.parameters = tuple(_truth(s, rng, scatter, common) for s in plan.strings)
@@ -126,7 +95,7 @@ class VirtualPack:
             last = min(whole, first + SEGMENT_S)
             k = np.arange(first, last + 1)
             time: Floats = k.astype(np.float64) * STEP_S
-            current = self._cycle[k % CYCLE_S]
+            current = self._cycle[k % len(self._cycle)]
             out = []
             for i, (string, p) in enumerate(zip(self.plan.strings, self.parameters, strict=True)):
                 inlet = self._inlet(string, time)

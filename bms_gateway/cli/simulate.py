@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TextIO
 from bms_gateway.bus.whole import whole
 from bms_gateway.cli.main import Parser
 from bms_gateway.cli.output import distinct, say, writable, write_json
-from bms_gateway.errors import UsageError
+from bms_gateway.errors import UsageError, did_you_mean
 
 if TYPE_CHECKING:
     from bms_gateway.bus.virtual import Segment
@@ -27,6 +27,7 @@ def arguments(parser: Parser) -> None:
     parser.option("--config", metavar="CONFIG", required=True, help="gateway config; its model files are the pack")
     parser.option("--out", metavar="LOG", required=True, help="candump log to write (.log or .log.gz)")
     parser.option("--truth", metavar="CSV", help="also write the true core and surface of every cell, once a second")
+    parser.option("--cycle", metavar="NAME", default="urban-assault", help="urban-assault (default), us06 or udds")
     parser.option("--seed", metavar="N", type=int, default=0, help="another seed is another pack and drive (default 0)")
     parser.option("--duration", metavar="S", type=float, default=1800.0, help="seconds to drive (default 1800)")
     parser.option(
@@ -46,7 +47,10 @@ def run(args: argparse.Namespace) -> int:
     from bms_gateway.bus.virtual import SENSOR_NOISE_K, VirtualPack
     from bms_gateway.config import load_config
     from bms_gateway.report.progress import progress
+    from bms_gateway.thermal.cycles import CYCLES
 
+    if args.cycle not in CYCLES:
+        raise UsageError(f"simulate: --cycle {args.cycle}: no such cycle{did_you_mean(args.cycle, CYCLES)}")
     if not (math.isfinite(args.duration) and args.duration >= 1):
         raise UsageError(f"simulate: --duration {args.duration:g}: at least 1 second")
     if args.duration > LONGEST_S:
@@ -60,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
     loaded = load_config(Path(args.config))
     distinct(outputs, loaded.files)
     plan = loaded.plan
-    pack = VirtualPack(plan, args.seed, common=args.unknown)
+    pack = VirtualPack(plan, args.seed, common=args.unknown, cycle=args.cycle)
     traffic = Traffic(plan, loaded.database, noise_K=SENSOR_NOISE_K, seed=args.seed)
     with _truth_file(args.truth) as truth, progress("simulating", args.duration) as advance:
 

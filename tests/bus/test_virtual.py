@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bms_gateway.bus.traffic import Series, Traffic, lines, steps, voltage_steps
-from bms_gateway.bus.virtual import CYCLE_S, VirtualPack, drive_cycle
+from bms_gateway.bus.virtual import VirtualPack
 from bms_gateway.config import load_config
 from tests.config.files import OWN, write
 from tests.truth.string import TruthString, rk4
@@ -19,17 +19,6 @@ ROOT = Path(__file__).resolve().parents[2]
 def loaded(tmp_path_factory):
     two = OWN + '[[string]]\nname = "string_2"\nmodel = "string_1.toml"\n'
     return load_config(write(tmp_path_factory.mktemp("pack"), two))
-
-
-@pytest.mark.parametrize("seed", range(5))
-@pytest.mark.parametrize("capacity", [8.0, 2.3])
-def test_the_cycle_has_the_papers_figures_per_ampere_hour(seed, capacity):
-    current = drive_cycle(np.random.default_rng(seed), capacity)
-    assert current.shape == (CYCLE_S,)
-    assert current.max() == pytest.approx(20 * capacity)
-    assert current.min() == pytest.approx(-12 * capacity)
-    assert np.sqrt(np.mean(current**2)) == pytest.approx(62.2 / 8 * capacity, rel=1e-3)
-    assert abs(current.mean()) < 1e-3 * capacity
 
 
 def test_the_pack_follows_the_independent_truth(loaded):
