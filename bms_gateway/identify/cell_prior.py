@@ -54,7 +54,7 @@ class CellSettings:
 
     spread: Mapping[str, float] = field(default_factory=lambda: SPREAD)
     offset_sd: float = 0.1
-    ratio_sd: float = 0.05
+    ratio_sd: float = 0.03
     ratio: float = 1.0
     joint_sd: float = 0.03
     skew_s: float = 0.1
@@ -85,7 +85,7 @@ class Layout:
         return cls(model.cells, tuple((s, k) for s in free for k in (cells if s in PER_CELL else (-1,))))
 
     def at(self, symbol: str) -> list[int]:
-        """Indices of a symbol."""
+        """Find the places of a symbol."""
         return [i for i, (s, _) in enumerate(self.names) if s == symbol]
 
     def parameters(self, model: StringModel, theta: Floats) -> StringParameters:
@@ -152,4 +152,4 @@ def cell_prior(model: StringModel, layout: Layout, settings: CellSettings) -> Ce
         mean[at] = ln if symbol in PER_CELL else ln.mean()
         own = settings.spread.get(symbol, 0.0) if symbol in PER_CELL and model.cells > 1 else 0.0
         cov[np.ix_(at, at)] = prior.rel_sd**2 + own**2 * np.eye(len(at))
-    return CellPrior(mean, np.linalg.inv(cov))
+    return CellPrior(mean, np.asarray(np.linalg.inv(cov), dtype=np.float64))

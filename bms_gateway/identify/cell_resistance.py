@@ -16,10 +16,11 @@ to 30 % of R_e, as a joint fit of numbers and disturbances does). The level of t
 the marginal likelihood itself, ln det S included.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bms_gateway.identify.cell_prior import CellPrior, CellSettings, Layout, cell_prior
 from bms_gateway.identify.disturbed import Start, disturbed, whiten
@@ -62,7 +63,8 @@ class CellRecord:
     @property
     def sensed(self) -> tuple[int, ...]:
         """0-based cells with readings."""
-        return tuple(np.isfinite(self.surface).any(axis=0).nonzero()[0].tolist())
+        there: NDArray[np.bool_] = np.isfinite(self.surface)
+        return tuple(k for k in range(there.shape[1]) if there[:, k].any())
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,6 +114,60 @@ class CellFit:
     def rel_sd(self) -> Floats:
         """Relative sd of each cell's R_e (n,)."""
         return np.asarray(np.sqrt(np.diag(self.R_e_cov)), dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True)
+class CellNumbers:
+    """A fit as an observer takes it: numbers of the cells, what is uncertain together and what of each cell's own.
+
+    Attributes
+    ----------
+    values : mapping of symbol to ndarray (n,) or float, SI
+    names : tuple of str
+    common : ndarray (p, p)
+        Covariance of the logarithms as far as the cells share it, in the order of `names`.
+    own : ndarray (n, 3, 3)
+        The rest for ln R_e, ln R_u, ln R_c of each cell.
+    """
+
+    values: Mapping[str, float | Floats]
+    names: tuple[str, ...]
+    common: Floats
+    own: Floats
+
+
+def numbers_of(model: StringModel, fit: CellFit) -> CellNumbers:
+    """Split a fit into what is common to the cells and what is each one's own.
+
+    Parameters
+    ----------
+    model : StringModel
+    fit : CellFit
+
+    Returns
+    -------
+    CellNumbers
+        Both covariances positive semi-definite; of one cell alone all is common.
+    """
+    n, layout = model.cells, fit.layout
+    names = tuple(dict.fromkeys(s for s, _ in layout.names))
+    p = layout.parameters(model, fit.mean)
+    at = {s: np.array(layout.at(s) * (n if len(layout.at(s)) == 1 else 1)) for s in names}
+    apart = ~np.eye(n, dtype=np.bool_) if n > 1 else np.ones((1, 1), np.bool_)
+    common = np.array([[fit.cov[np.ix_(at[a], at[b])][apart].mean() for b in names] for a in names])
+    common = _positive((common + common.T) / 2.0)
+    own = np.zeros((n, 3, 3))
+    mine = [s for s in ("R_e", "R_u", "R_c") if s in names]
+    to, among = [("R_e", "R_u", "R_c").index(s) for s in mine], [names.index(s) for s in mine]
+    for k in range(n):
+        rows = np.array([at[s][k] for s in mine])
+        own[k][np.ix_(to, to)] = _positive(fit.cov[np.ix_(rows, rows)] - common[np.ix_(among, among)])
+    return CellNumbers({s: getattr(p, s) for s in names}, names, common, own)
+
+
+def _positive(a: Floats) -> Floats:
+    values, vectors = np.linalg.eigh(a)
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T, dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,8 +284,7 @@ def fit_cells(
         sd = np.zeros(model.cells) if resistance_rel_sd is None else resistance_rel_sd
         prior = prior.with_electrical(layout.at("R_e"), resistance, sd, settings)
     if not problem.sensed:
-        cov = np.linalg.inv(prior.precision)
-        return CellFit(layout, prior.mean, cov, prior, 1.0, 1.0, (), 0.0)
+        return CellFit(layout, prior.mean, _inverse(prior.precision), prior, 1.0, 1.0, (), 0.0)
     theta = _scored(problem, prior, prior.mean, 1.0)
     level, at = _best_level(problem, prior, theta)
     if level != 1.0:
@@ -239,6 +294,11 @@ def fit_cells(
     info = np.einsum("bmp,bmq->pq", at.slopes, at.slopes) / inflation
     cov = np.linalg.inv(info + prior.precision)
     return CellFit(layout, theta, (cov + cov.T) / 2.0, prior, level, inflation, problem.sensed, -0.5 * at.deviance)
+
+
+def _inverse(a: Floats) -> Floats:
+    inverse = np.linalg.inv(a)
+    return np.asarray((inverse + inverse.T) / 2.0, dtype=np.float64)
 
 
 def _scored(problem: _Problem, prior: CellPrior, theta: Floats, level: float) -> Floats:
@@ -260,20 +320,18 @@ def _best_level(problem: _Problem, prior: CellPrior, theta: Floats) -> tuple[flo
     """Choose the level of the cells' own disturbances by marginal likelihood, θ integrated out to first order."""
     r = problem.residuals([theta, *(theta + PROBE * e for e in np.eye(len(theta)))])
     r[:, :, 1:] = (r[:, :, :1] - r[:, :, 1:]) / PROBE
-    best, found = np.inf, None
-    chosen = 1.0
+    tried = []
     for level in LEVELS:
         at = problem.whitened(theta, r, level)
         info = np.einsum("bmp,bmq->pq", at.slopes, at.slopes) + prior.precision
         gradient = np.einsum("bmp,bm->p", at.slopes, at.white) + prior.precision @ (prior.mean - theta)
         deviance = at.deviance - float(gradient @ np.linalg.solve(info, gradient)) + float(np.linalg.slogdet(info)[1])
-        if deviance < best:
-            best, found, chosen = deviance, at, level
-    assert found is not None
+        tried.append((deviance, level, at))
+    _, chosen, found = min(tried, key=lambda t: t[0])
     return chosen, found
 
 
-def _coloured(white: Floats, there: np.ndarray, block_s: float) -> float:
+def _coloured(white: Floats, there: NDArray[np.bool_], block_s: float) -> float:
     """Sum the innovations' correlations over the disturbances' time: how many times less they tell than white ones."""
     lags = max(1, round(LAGS_S / block_s))
     n = float(there.sum())

@@ -110,6 +110,8 @@ class AdaptiveObserver:
         self._flows = Flows.of(in_force)
         self._rebuild_heat()
         self._scatter = np.stack([scatter(m) for m in models], axis=1)[:, :, None]
+        self._own = _as_tolerated(self._scatter, self._cells)
+        self._owned = False
         self._read = fitted, np.nonzero(fitted)[0], sensors[fitted]
         self._starts = np.stack(
             [start_covariance(self._cells, start, disturbance, inlet_known=known) for known in (False, True)]
@@ -178,7 +180,12 @@ class AdaptiveObserver:
         return self._estimate(none, none)
 
     def set_parameters(
-        self, s: int, values: Mapping[str, float | Floats], names: Sequence[str], covariance: Floats
+        self,
+        s: int,
+        values: Mapping[str, float | Floats],
+        names: Sequence[str],
+        covariance: Floats,
+        own: Floats | None = None,
     ) -> None:
         """Take identified parameters of string `s` into use.
 
@@ -191,6 +198,9 @@ class AdaptiveObserver:
             Symbols the covariance speaks of, of `PARAMETERS`.
         covariance : ndarray (p, p)
             Of the logarithms. Other parameters keep their variance, uncorrelated with these.
+        own : ndarray (n, 3, 3), optional
+            Covariance of each cell's ln R_e, ln R_u, ln R_c about what is common to the cells, where it is known
+            better than the model's tolerances.
 
         Raises
         ------
@@ -216,6 +226,9 @@ class AdaptiveObserver:
         cov[np.ix_(at, at)] = covariance
         self._cov, self._root = self._cov.copy(), self._root.copy()
         self._cov[s], self._root[s] = cov, root(cov)
+        if own is not None:
+            self._own, self._owned = self._own.copy(), True
+            self._own[s] = own
 
     def propagate(self, gap_s: float, inlet: Floats | None = None) -> Estimate:
         """Carry all strings over a time without frames: a silent bus, or parked since the state was stored.
@@ -256,7 +269,8 @@ class AdaptiveObserver:
         own = {name: plain(getattr(self, f"_{name}")) for name in _KEPT}
         state = {f.name: plain(getattr(self._state, f.name)) for f in fields(KalmanState)}
         values = [{k: plain(np.asarray(getattr(p, k))) for k in PARAMETERS[:-1]} for p in self._parameters]
-        return {"own": own, "state": state, "parameters": values}
+        cells = plain(self._own) if self._owned else None
+        return {"own": own, "state": state, "parameters": values, "cells": cells}
 
     def restore(self, snapshot: Mapping[str, Any]) -> None:
         """Go on from `snapshot` as if never stopped, bit for bit.
@@ -271,17 +285,21 @@ class AdaptiveObserver:
             state = KalmanState(
                 **{f.name: like(snapshot["state"][f.name], getattr(self._state, f.name)) for f in fields(KalmanState)}
             )
+            cells = snapshot.get("cells")
+            owned = self._own if cells is None else like(cells, self._own)
             parameters = [
                 model.parameters({k: like(v[k], np.asarray(getattr(p, k))) for k in model.priors})
                 for model, p, v in zip(self._models, self._parameters, snapshot["parameters"], strict=True)
             ]
         except (KeyError, TypeError, ValueError) as e:
             raise StateError(f"observer state: not of these strings ({type(e).__name__}: {e})") from e
-        if not all(np.isfinite(a).all() for a in (state.x, state.P, state.K, own["J"], own["cov"], own["inlet"])):
+        numbers = (state.x, state.P, state.K, own["J"], own["cov"], own["inlet"], owned)
+        if not all(np.isfinite(a).all() for a in numbers):
             raise StateError("observer state: holds values that are not numbers")
         for name, value in own.items():
             setattr(self, f"_{name}", value)
         self._parameters, self._state = parameters, state
+        self._own, self._owned = owned, cells is not None
         self._root = np.stack([root(c) for c in self._cov])
         self._exchange(np.arange(self._strings), restored=True)
 
@@ -364,15 +382,30 @@ class AdaptiveObserver:
         at = self._kalman.sensors[row, col]
         base[row, at] = T_s[row, at]
         heat, cooling, inside, offset = self._scatter
-        surface = (T_s - base) ** 2
+        over = T_s - base
+        if self._owned:
+            heat, cooling, inside = (self._own[:, :, a, a] for a in range(3))
         var = np.empty((len(x), N))
-        var[:, 0::2] = heat * (T_c - base) ** 2 + cooling * surface + inside * (T_c - T_s) ** 2 + offset
-        var[:, 1::2] = (heat + cooling) * surface + offset
+        var[:, 0::2] = heat * (T_c - base) ** 2 + cooling * over**2 + inside * (T_c - T_s) ** 2 + offset
+        var[:, 1::2] = (heat + cooling) * over**2 + offset
+        if self._owned:
+            of_heat, of_gap, of_film = self._own[:, :, 0, 1], self._own[:, :, 0, 2], self._own[:, :, 1, 2]
+            rise, gap = T_c - base, T_c - T_s
+            var[:, 0::2] += 2.0 * (of_heat * rise * over + of_gap * rise * gap + of_film * over * gap)
+            var[:, 1::2] += 2.0 * of_heat * over**2
         return var
 
 
 _KEPT = ("J", "cov", "inlet", "usual", "unread", "level", "available")
 """Attributes beside the filter's state and the parameters that a snapshot holds."""
+
+
+def _as_tolerated(scattered: Floats, cells: int) -> Floats:
+    """Covariance (S, n, 3, 3) of each cell's ln R_e, ln R_u, ln R_c by the models' tolerances: uncorrelated."""
+    own = np.zeros((scattered.shape[1], cells, 3, 3))
+    at = np.arange(3)
+    own[:, :, at, at] = scattered[:3].transpose(1, 2, 0)
+    return own
 
 
 def _prior_covariance(model: StringModel, heat_rel_sd: float) -> Floats:
