@@ -13,6 +13,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
 from bms_gateway.thermal import Floats
@@ -77,10 +78,11 @@ class Whitener:
     def __call__(self, columns: Floats) -> Floats:
         """Innovations (K, m, c) of `columns` (K, m, c); zero where there was no reading."""
         out = np.where(self.weight[:, :, None] > 0.0, columns, 0.0)
-        fed, keep = self.put[:, :, None] * out, self.keep[:, :, None]
-        d = np.zeros(columns.shape[1:])
-        for k in range(len(out)):
-            out[k] -= d
-            d = keep[k] * d + fed[k]
+        band = np.ones((2, len(out)))  # of the recursion as a system of equations: one solve, not a thousand steps
+        for j in range(columns.shape[1]):
+            band[1] = -self.keep[:, j]
+            fed = np.zeros(out[:, j].shape)
+            fed[1:] = self.put[:-1, j, None] * out[:-1, j]
+            out[:, j] -= scipy.linalg.solve_banded((1, 0), band, fed, overwrite_b=True, check_finite=False)
         out *= self.weight[:, :, None]
         return out

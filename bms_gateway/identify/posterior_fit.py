@@ -26,16 +26,18 @@ nuisances prefers whatever lets them swallow the data, and biases R_e by tens of
 """
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
 from bms_gateway.identify.contract import log_prior, string_parameters
 from bms_gateway.identify.discrepancy import SIZES, TAUS, Whitener, white_sd
 from bms_gateway.identify.evidence import UNLIKE, Evidence, unlike
-from bms_gateway.identify.lumped import alias, lumped, lumped_jacobian
+from bms_gateway.identify.lumped import alias, fold_distance, lumped, lumped_jacobian
 from bms_gateway.identify.response import Inputs, Response, respond
 from bms_gateway.thermal import KINDS, Floats, StringModel, StringParameters, coolant_path
 
+Root = Literal["both", "smaller", "larger"]
 STEP = 1e-4  # of a logarithm, for derivatives: truncation and rounding both stay near 1e-8
 ANNEAL = (30.0, 10.0, 3.0)  # times the noise: far starts slide in on a blunted likelihood instead of sticking
 WALKS = (0.01, 0.03, 0.1, 0.3, 0.8)  # candidates for the walk of ln R_e in `WALK_S`
@@ -383,7 +385,16 @@ def _warming(y: Floats) -> Floats:
     return np.asarray(np.interp(np.arange(len(y)), read, mean) - np.mean(mean[-60:]), dtype=np.float64)
 
 
-def fit_window(model: StringModel, window: Window, evidence: Evidence, guess: Floats, start: Floats | None) -> Fit:
+def fit_window(
+    model: StringModel,
+    window: Window,
+    evidence: Evidence,
+    guess: Floats,
+    start: Floats | None,
+    *,
+    root: Root = "both",
+    model_sd: float = MODEL_SD,
+) -> Fit:
     """Fit one window.
 
     Parameters
@@ -396,6 +407,10 @@ def fit_window(model: StringModel, window: Window, evidence: Evidence, guess: Fl
         First φ.
     start : ndarray (2n,) or None
         (T_s, e) where the window before ended, °C and K; None where nothing is known.
+    root : {"both", "smaller", "larger"}
+        Which roots of Eq 9 are possible.
+    model_sd : float, K·√s
+        White error of the model itself.
 
     Returns
     -------
@@ -407,7 +422,7 @@ def fit_window(model: StringModel, window: Window, evidence: Evidence, guess: Fl
     """
     problem = _Problem(model, window, evidence, start)
     phi, xi = np.array(guess, dtype=np.float64), problem.xi0
-    floor = MODEL_SD / float(np.sqrt(window.dt))
+    floor = model_sd / float(np.sqrt(window.dt))
     sizes = _Sizes(floor, 0.05, 100.0, 0.1)
     for scale in () if evidence.info.any() else ANNEAL:
         point = problem.minimise(phi, xi, sizes, scale, 6)
@@ -416,7 +431,7 @@ def fit_window(model: StringModel, window: Window, evidence: Evidence, guess: Fl
     for _ in range(2):
         sizes = problem.choose(point, floor)
         point = problem.minimise(point.phi, point.xi, sizes, 1.0, 10)
-    point, mean, cov, other = _both_roots(problem, point, sizes)
+    point, mean, cov, other = _both_roots(problem, point, sizes, root)
     info, grad = problem.marginal(point)
     if model.cells > 1:
         info, grad = problem.with_cells(point, sizes)
@@ -432,11 +447,15 @@ def fit_window(model: StringModel, window: Window, evidence: Evidence, guess: Fl
     )  # fmt: skip
 
 
-def _both_roots(problem: _Problem, point: _Point, sizes: _Sizes) -> tuple[_Point, Floats, Floats, float]:
+def _both_roots(problem: _Problem, point: _Point, sizes: _Sizes, root: Root) -> tuple[_Point, Floats, Floats, float]:
     """Look on the other side of the fold; mean and covariance of both where neither can be excluded."""
     cov = problem.covariance(point)
     other = np.clip(alias(point.phi), problem.low, problem.high)
     other = np.where(problem.prior_info > 0.0, other, point.phi)
+    if root != "both":
+        if (fold_distance(point.phi) > 0.0) == (root == "smaller") and problem.feasible(other):
+            point = problem.minimise(other, point.xi, sizes, 1.0, 10)
+        return point, point.phi, problem.covariance(point), 0.0
     jump = lumped(other, problem.model.has_conduction) - lumped(point.phi, problem.model.has_conduction)
     info, _ = problem.marginal(point)
     back = np.linalg.inv(lumped_jacobian(point.phi, problem.model.has_conduction))

@@ -10,7 +10,7 @@ sd, which does not know of it, is a lower bound. Use the windowed method on a ve
 """
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -27,9 +27,22 @@ from bms_gateway.identify.contract import (
     not_identifiable,
 )
 from bms_gateway.identify.lumped import C_C, C_S, R_C, R_E, R_U, lumped
-from bms_gateway.identify.regression import LAMBDA, SCALE, Z_SCALE, Filter, choose_root, delta_sd, roots, unscale
+from bms_gateway.identify.regression import (
+    LAMBDA,
+    SCALE,
+    Z_SCALE,
+    Cell,
+    Filter,
+    Roots,
+    choose_root,
+    delta_sd,
+    roots,
+    unscale,
+)
 from bms_gateway.identify.regression import with_moving_inlet as one_root
 from bms_gateway.thermal import Floats, StringModel
+
+Root = Literal["prior", "smaller", "larger"]
 
 P0 = 1e4
 """Start covariance in scaled units: the start is forgotten within three minutes of driving."""
@@ -53,12 +66,19 @@ class RecursiveLeastSquares:
         Start covariance.
     forgetting : float
         f, 1 for none.
+    normalised : bool
+        Divide every row by m, m² = 1 + |φ|², as the paper does: strong excitation then teaches no faster than weak.
+
+    References
+    ----------
+    Lin et al., Eq 5, and Eq 4 for m.
     """
 
-    def __init__(self, theta: Floats, P: float = P0, forgetting: float = 1.0) -> None:
+    def __init__(self, theta: Floats, P: float = P0, forgetting: float = 1.0, *, normalised: bool = False) -> None:
         self.theta = np.array(theta, dtype=np.float64)
         self.P = P * np.eye(len(theta))
         self.forgetting = forgetting
+        self.normalised = normalised
         self.variance = 0.0
         self.count = 0
 
@@ -68,7 +88,8 @@ class RecursiveLeastSquares:
         if size / (1.0 + size) < QUIET:
             return False
         error = z - float(phi @ self.theta)
-        K = self.P @ phi / (self.forgetting + float(phi @ self.P @ phi))
+        row = self.forgetting * (1.0 + size) if self.normalised else self.forgetting
+        K = self.P @ phi / (row + float(phi @ self.P @ phi))
         self.theta = self.theta + K * error
         self.P = (self.P - np.outer(K, phi @ self.P)) / self.forgetting
         self.P = 0.5 * (self.P + self.P.T)
@@ -82,17 +103,49 @@ class RecursiveIdentifier:
     """The reference method behind the common verbs; one cell at the coolant inlet that no neighbour touches.
 
     Works one tick late: the reading at a tick is interpolated between the two readings around it.
+
+    Parameters
+    ----------
+    model : StringModel
+        Its medians are the start.
+    P : float
+        Start covariance of the scaled coefficients.
+    pole : float
+        λ_1 = λ_2 of the filter, 1/s.
+    forgetting : float
+        1 for none.
+    normalised : bool
+        As `RecursiveLeastSquares` says. With P = 100 and a pole of 0.1 it learns at the speed that the paper shows.
+    root : {"prior", "smaller", "larger"}
+        Which root of Eq 9 is the cell while the inlet stands still: the one on the side of the medians of R_c and R_u,
+        or the one that is known: the smaller where air is forced past the cell, the larger where it is still.
+
+    References
+    ----------
+    Lin et al., Eq 5–9.
     """
 
-    def __init__(self, model: StringModel, *, P: float = P0, pole: float = LAMBDA, forgetting: float = 1.0) -> None:
+    def __init__(
+        self,
+        model: StringModel,
+        *,
+        P: float = P0,
+        pole: float = LAMBDA,
+        forgetting: float = 1.0,
+        normalised: bool = False,
+        root: Root = "prior",
+    ) -> None:
         self._names, self._prior_mean, self._prior_sd = log_prior(model)
         self._unlike = _first_cell_from_mean(model, self._names)
         self._fits = model.sensors[:1] == (1,) and (model.cells == 1 or not model.has_conduction)
         z = lumped(self._prior_mean[:5])
         start = np.array([np.exp(z[0]), np.exp(z[1]), -np.exp(z[2]), 0.0, 0.0])
-        self._three = RecursiveLeastSquares((start * SCALE / Z_SCALE)[[0, 1, 2, 4]], P, forgetting)
+        self._three = RecursiveLeastSquares(
+            (start * SCALE / Z_SCALE)[[0, 1, 2, 4]], P, forgetting, normalised=normalised
+        )
         start[3] = np.exp(z[3])
-        self._four = RecursiveLeastSquares(start * SCALE / Z_SCALE, P, forgetting)
+        self._four = RecursiveLeastSquares(start * SCALE / Z_SCALE, P, forgetting, normalised=normalised)
+        self._root = root
         self._pole = pole
         self._filter: Filter | None = None
         self._before: Tick | None = None
@@ -147,7 +200,7 @@ class RecursiveIdentifier:
             full = np.zeros(5)
             full[[0, 1, 2, 3, 4] if moving else [0, 1, 2, 4]] = theta
             a, b, g, m, _ = unscale(full)
-            cell = one_root(a, b, g, m, C_c + C_s) if moving else choose_root(roots(a, b, g, C_c, C_s), *rough)
+            cell = one_root(a, b, g, m, C_c + C_s) if moving else self._choose(roots(a, b, g, C_c, C_s), *rough)
             return None if cell is None else np.log([cell.R_e, cell.R_c, cell.R_u])
 
         ln = back(rls.theta)
@@ -158,6 +211,19 @@ class RecursiveIdentifier:
             return None, None, roots(a, b, g, C_c, C_s).why
         sd = delta_sd(back, rls.theta, rls.P * rls.variance * COLOUR)
         return ln, sd, why
+
+    def _choose(self, both: Roots, R_c: float, R_u: float) -> Cell | None:
+        if self._root == "prior":
+            return choose_root(both, R_c, R_u)
+        return both.smaller if self._root == "smaller" else both.larger
+
+    def cell(self) -> Cell | None:
+        """Give the cell behind the coefficients of now, believable or not; None where Eq 9 has no answer.
+
+        `estimates` is what to use on a vehicle: it waits, and states a band.
+        """
+        ln, _, _ = self._physical()
+        return None if ln is None else Cell(*np.exp(ln).tolist())
 
     def _knowledge(self) -> tuple[Posterior, list[str]]:
         mean, cov = self._prior_mean.copy(), np.diag(self._prior_sd**2)

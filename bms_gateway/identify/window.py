@@ -24,7 +24,7 @@ from bms_gateway.identify.contract import (
 )
 from bms_gateway.identify.evidence import Evidence, departures
 from bms_gateway.identify.lumped import R_E, R_U, fold_distance, fold_gradient, lumped_jacobian
-from bms_gateway.identify.posterior_fit import WALK_S, Fit, Window, fit_window
+from bms_gateway.identify.posterior_fit import MODEL_SD, WALK_S, Fit, Root, Window, fit_window
 from bms_gateway.thermal import KINDS, Floats, StringModel
 
 HOLD_CURRENT_S = 10.0  # a lost current is bridged so long: it cannot hide a drive
@@ -49,6 +49,11 @@ class Settings:
         K: a window whose heat warms the surface by less is left out; it teaches nothing and would only forget.
     good_sd : float
         Relative sd at which a parameter may be called identified.
+    root : {"both", "smaller", "larger"}
+        Which roots of Eq 9 are possible. Both, unless the flow is known to be forced past the cells (smaller R_u) or
+        to stand still (larger): while the inlet stands still, nothing else tells them apart.
+    model_sd : float
+        K·√s: white error of the two-node model itself, whatever the sensor. The default is for real cells.
     """
 
     window_s: float = 1200.0
@@ -56,6 +61,8 @@ class Settings:
     cooling_drift: float = 0.005
     least_rise: float = 0.5
     good_sd: float = 0.15
+    root: Root = "both"
+    model_sd: float = MODEL_SD
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,10 +74,14 @@ class WindowJob:
     evidence: Evidence
     guess: Floats
     start: Floats | None
+    root: Root
+    model_sd: float
 
     def run(self) -> Fit:
         """Fit; the same job gives the same result to the last bit."""
-        return fit_window(self.model, self.window, self.evidence, self.guess, self.start)
+        return fit_window(
+            self.model, self.window, self.evidence, self.guess, self.start, root=self.root, model_sd=self.model_sd
+        )
 
 
 class WindowIdentifier:
@@ -168,7 +179,8 @@ class WindowIdentifier:
             self._inlet = [float(inlet[-1])]
         start = self._end if joined else None
         self._joined = full
-        return WindowJob(self._model, window, evidence, self._guess, start)
+        known = self._settings
+        return WindowJob(self._model, window, evidence, self._guess, start, known.root, known.model_sd)
 
     def accept(self, result: Fit) -> None:
         """Take back the result of the last job."""
