@@ -1,7 +1,7 @@
 """Which surfaces to measure: what a set of sensors can tell of the cores."""
 
 from bms_gateway.sensors.exact import exact_rank, exact_ranks
-from bms_gateway.sensors.observability import Observability, observability, steady_core_sd
+from bms_gateway.sensors.observability import Observability, observability
 from bms_gateway.sensors.paper import (
     Counts,
     Needed,
@@ -13,12 +13,14 @@ from bms_gateway.sensors.paper import (
     set_ranks,
     table_2,
 )
+from bms_gateway.sensors.steady import Steady, steady_core_sd
 
 __all__ = [
     "Counts",
     "Needed",
     "Observability",
     "SetRank",
+    "Steady",
     "exact_rank",
     "exact_ranks",
     "observability",

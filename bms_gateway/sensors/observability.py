@@ -10,11 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 
 from bms_gateway.sensors.exact import exact_rank
 from bms_gateway.sensors.paper import paper_rank
-from bms_gateway.thermal import Disturbance, Floats, StringParameters, continuous, gathered_noise
+from bms_gateway.sensors.steady import steady_core_sd
+from bms_gateway.thermal import Disturbance, Floats, StringParameters
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,43 +60,3 @@ def observability(
     return Observability(
         2 * p.cells, exact_rank(p, sensors), paper_rank(p, sensors), steady_core_sd(p, sensors, disturbance, dt=dt)
     )
-
-
-def steady_core_sd(
-    p: StringParameters, sensors: Sequence[int], disturbance: Disturbance | None = None, *, dt: float = 1.0
-) -> Floats:
-    """Tell the standard deviation at which each core's estimate settles, parameters taken for true.
-
-    Parameters
-    ----------
-    p : StringParameters
-    sensors : sequence of int
-        1-based cells read every step.
-    disturbance : Disturbance, optional
-    dt : float, s
-
-    Returns
-    -------
-    ndarray (n,), K
-
-    Notes
-    -----
-    Every disturbance is white here, with the low-frequency intensity 2τσ² of the lasting one it stands for. That ranks
-    placements by one Riccati equation of 2n states and errs to the safe side: an observer that follows the lasting
-    errors as states of their own does better, by a sixth (two sensors on twelve cells) to a half (one cell).
-    """
-    d = disturbance or Disturbance()
-    s = continuous(p)
-    common = s.B_q.sum(axis=1)
-    W = d.heat_common**2 * np.outer(common, common) + d.heat_cell**2 * (s.B_q @ s.B_q.T)
-    W = 2.0 * d.correlation * (W + d.inlet**2 * np.outer(s.B_f, s.B_f))
-    Phi, Q = gathered_noise(s.A, W, dt)
-    if len(sensors):
-        C = np.eye(len(Phi))[[2 * k - 1 for k in sensors]]
-        R = d.sensor**2 * np.eye(len(sensors))
-        P = scipy.linalg.solve_discrete_are(Phi.T, C.T, Q, R)
-        PC = P @ C.T
-        P = P - PC @ np.linalg.solve(C @ PC + R, PC.T)
-    else:
-        P = scipy.linalg.solve_discrete_lyapunov(Phi, Q)
-    return np.sqrt(np.diag(P)[0::2])
