@@ -24,7 +24,7 @@ from bms_gateway.identify import (
     build,
     string_parameters,
 )
-from bms_gateway.identify.contract import IDENTIFIED, LEARNING
+from bms_gateway.identify.contract import FIXED_OFFLINE, IDENTIFIED, LEARNING
 from bms_gateway.observe import AdaptiveObserver, Measured
 from bms_gateway.observe import Estimate as States
 from bms_gateway.observe.measured import SOC_UNKNOWN
@@ -56,6 +56,10 @@ class StringEstimator:
     core, core_sd, surface : ndarray (n,)
         Newest estimate, °C, K, °C; NaN where not available.
     quality : ndarray of uint8 (n,)
+    estimates : tuple of Estimate
+        Parameters of the string.
+    effects : tuple of Estimate
+        Numbers of its model's effects, `key.parameter`.
     """
 
     plan: StringPlan
@@ -69,6 +73,7 @@ class StringEstimator:
     ageing: Ageing = field(default_factory=Ageing)
     mismatch: Mismatch = field(default_factory=Mismatch)
     estimates: tuple[Estimate, ...] = ()
+    effects: tuple[Estimate, ...] = ()
     electrical: VoltageHeat | None = None
 
     @classmethod
@@ -169,11 +174,12 @@ class Estimators:
             members = [i for i in plain if self.strings[i].plan.model.cells == n]
             models = [self.strings[i].plan.model for i in members]
             self._groups.append(Group(members, AdaptiveObserver(models, self._dt, plan.disturbance)))
-        self._groups += [
-            Group([i], _with_effects(s, self._dt, plan.disturbance))
-            for i, s in enumerate(self.strings)
-            if s.plan.model.effects
-        ]
+        for i, s in enumerate(self.strings):
+            if s.plan.model.effects:
+                observer = _with_effects(s, self._dt, plan.disturbance)
+                numbers = observer.effect_numbers
+                s.effects = tuple(Estimate(x.name, x.value, x.sd, x.unit, FIXED_OFFLINE) for x in numbers)
+                self._groups.append(Group([i], observer))
 
     def step(self, readings: Sequence[Reading], t1: int) -> TickResult:
         """Advance all strings by one tick that ends at `t1`, ns."""
@@ -181,7 +187,7 @@ class Estimators:
         if not self._introduced:
             self._introduced = True
             for s, result in zip(self.strings, results, strict=True):
-                result.events.append(Parameters(t1, s.plan.name, s.estimates))
+                result.events.append(Parameters(t1, s.plan.name, (*s.estimates, *s.effects)))
         for group in self._groups:
             self._step_group(group, [readings[i] for i in group.members], t1, [results[i] for i in group.members])
         self._gap_s = 0.0
@@ -214,7 +220,7 @@ class Estimators:
                 result.jobs.append((i, job))
             elif s.plan.identify == "rls" and not s.plan.model.effects and t1 % ADOPT_NS == 0:
                 self._adopt(group, j)
-                result.events.append(Parameters(t1, s.plan.name, s.estimates))
+                result.events.append(Parameters(t1, s.plan.name, (*s.estimates, *s.effects)))
 
     @staticmethod
     def _observe(
@@ -250,7 +256,7 @@ class Estimators:
         s.identifier.accept(job_result)
         group = next(g for g in self._groups if string in g.members)
         self._adopt(group, group.members.index(string))
-        events: list[Event] = [Parameters(now, s.plan.name, s.estimates)]
+        events: list[Event] = [Parameters(now, s.plan.name, (*s.estimates, *s.effects))]
         R_e = next(e for e in s.estimates if e.name == "R_e")
         if R_e.status == IDENTIFIED and s.ageing.update(R_e.value, R_e.sd):
             level = Level.WARNING if s.ageing.flag.level else Level.NOTICE

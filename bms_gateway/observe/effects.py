@@ -21,7 +21,7 @@ from bms_gateway.observe.model import OFFSETS, Bools, Start, start_covariance
 from bms_gateway.observe.spread import root, scatter
 from bms_gateway.observe.stored import like, plain
 from bms_gateway.observe.tangent import ROW, Tangent, disturbed, drive_of, jacobian
-from bms_gateway.observe.uncertain import log_change, uncertain
+from bms_gateway.observe.uncertain import EffectNumber, effect_numbers, log_change, uncertain
 from bms_gateway.thermal import Disturbance, Floats, StringModel, StringParameters
 from bms_gateway.thermal.physics import Memory, Numbers, Physics
 
@@ -108,6 +108,11 @@ class EffectObserver:
     def parameters(self) -> tuple[StringParameters, ...]:
         """Numbers of the string at nominal flow."""
         return (self._v.string,)
+
+    @property
+    def effect_numbers(self) -> list[EffectNumber]:
+        """Numbers of the effects in force."""
+        return effect_numbers(self._model, self._v, self._uncertain, self._cov)
 
     @property
     def effective(self) -> tuple[float, float]:

@@ -46,6 +46,27 @@ class Uncertain:
         return with_effect(v, self.key, values)
 
 
+@dataclass(frozen=True, slots=True)
+class EffectNumber:
+    """Number of an effect in force: `key.parameter`, value and standard deviation in SI, unit as shown to people."""
+
+    name: str
+    value: float
+    sd: float
+    unit: str
+
+
+def effect_numbers(model: StringModel, v: Numbers, numbers: Sequence[Uncertain], cov: Floats) -> list[EffectNumber]:
+    """List the numbers of a model's effects as they are in force, in the model's order; sd 0 where one is exact."""
+    sd = dict(zip((u.name for u in numbers), np.sqrt(np.diag(cov)).tolist(), strict=True))
+    found = []
+    for added in model.effects:
+        for p in effect_named(added.name).parameters:
+            name, value = f"{added.key}.{p.name}", float(v.effects[added.key][p.name])
+            found.append(EffectNumber(name, value, sd.get(name, 0.0) * (value if p.log else 1.0), p.unit))
+    return found
+
+
 def uncertain(model: StringModel) -> tuple[tuple[Uncertain, ...], Floats]:
     """List what the model does not hold for exactly known, and its covariance.
 

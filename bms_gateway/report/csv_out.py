@@ -15,6 +15,7 @@ import numpy as np
 from bms_gateway.engine.events import Estimated, Event, Notice, Parameters
 from bms_gateway.errors import UsageError
 from bms_gateway.frames.quality import Quality
+from bms_gateway.identify import Estimate
 from bms_gateway.thermal import KINDS
 
 ESTIMATES = "time_s,string,cell,core_C,core_sd_K,surface_C,quality"
@@ -156,9 +157,19 @@ class ResultFolder:
     def _write_parameters(self, e: Parameters) -> None:
         at = seconds(e.time_ns)
         for p in e.estimates:
-            factor = _TO_SI.get(p.unit, 1.0)
+            factor = _to_si(p)
             row = (at, e.string, p.name, _blank(p.value / factor), _blank(p.sd / factor), p.unit, p.status)
             self._parameter_rows.writerow(row)
+
+
+def _to_si(p: Estimate) -> float:
+    """Return what a number is multiplied with to get SI; an effect, whoever wrote it, says so itself."""
+    key, dot, parameter = p.name.rpartition(".")
+    if not dot:
+        return _TO_SI.get(p.unit, 1.0)
+    from bms_gateway.thermal.effects import effect_named  # the catalogue takes its time: only where it is needed
+
+    return effect_named(key.partition(":")[0]).parameter(parameter).to_si
 
 
 def notice_json(e: Notice) -> dict[str, Any]:

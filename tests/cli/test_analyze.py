@@ -1,6 +1,8 @@
 """`analyze`: results that are whole or untouched, and a word on everything that is odd about a log."""
 
+import csv
 import json
+import re
 
 import numpy as np
 import pytest
@@ -66,6 +68,22 @@ def test_strings_that_are_never_heard_are_told(drive, tmp_path, capsys):
     }  # fmt: skip
     rows = (tmp_path / "parameters.csv").read_text().splitlines()
     assert sum(row.endswith("learning") for row in rows) >= 6
+
+
+def test_the_numbers_of_an_added_effect_stand_beside_the_strings_own(drive, tmp_path):
+    config, log = drive
+    model = config.parent / "falling.toml"
+    text = (config.parent / "string.toml").read_text()
+    added = '[effect.resistance_temperature]\nB = { value = 3000.0, unit = "K", sd = 250.0 }\n'
+    model.write_text(re.sub(r"(?m)^effects = .*$", 'effects = ["resistance_temperature"]', text) + "\n" + added)
+    one = tmp_path / "one.toml"
+    one.write_text((config.parent / "one.toml").read_text().replace("string.toml", str(model)))
+    assert analyze(log, one, tmp_path / "out") == 0
+    rows = list(csv.DictReader((tmp_path / "out" / "parameters.csv").read_text().splitlines()))
+    mine = [r for r in rows if r["name"] == "resistance_temperature.B"]
+    assert mine
+    assert (mine[0]["string"], mine[0]["value"], mine[0]["sd"], mine[0]["unit"]) == ("string_1", "3000", "250", "K")
+    assert mine[0]["status"].startswith("fixed")
 
 
 def test_a_clock_that_is_set_back_is_told_and_the_duration_is_that_of_the_rows(drive, tmp_path, capsys):

@@ -102,6 +102,23 @@ def test_numbers_that_come_from_a_fit_with_effects_are_told_as_fixed() -> None:
     assert STATUS_CODES[told[0].estimates[0].status.split(":")[0]] == 3
 
 
+def test_numbers_of_effects_are_told_with_the_strings_own() -> None:
+    """In SI, by the name that model files use; the sd of what is known in per cent is turned into its unit."""
+    told = [e for e in drive(engine(), [FRAMES]) if isinstance(e, Parameters)]
+    for e in told:
+        numbers = {p.name: p for p in e.estimates if "." in p.name}
+        if e.string == "string_2":
+            assert not numbers
+            continue
+        names = ["resistance_temperature.B", "polarization.R_1", "polarization.tau", "coolant_delay.tau"]
+        assert [n for n in numbers if n in names] == names
+        B, tau = numbers["resistance_temperature.B"], numbers["polarization.tau"]
+        assert (B.value, B.sd, B.unit) == (3000.0, 300.0, "K")
+        assert (tau.value, tau.unit) == (60.0, "s")
+        assert tau.sd == pytest.approx(12.0)
+        assert numbers["polarization.R_1"].value == 1e-3
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_nothing_on_the_bus_raises(seed: int) -> None:
     rng = np.random.default_rng(seed)

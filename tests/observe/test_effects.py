@@ -49,6 +49,19 @@ def readings(surface, sensors, noise, rng):
     return y
 
 
+@pytest.mark.parametrize("amps", [40.0, -25.0, 0.0])
+def test_the_heat_that_is_identified_is_that_of_the_current_as_the_effect_says(amps):
+    """An offset of the current sensor is in the mean square that the identifier is fed, not left to R_e."""
+    b = 5.5
+    m = with_effects(model(3, (1, 3)), effect("current_offset", b=b))
+    observer = EffectObserver(m, 1.0)
+    y = np.full(3, NAN)
+    for _ in range(3):  # a second of two currents, 30 A apart
+        observer.step(Measured(amps, amps**2 + 225.0, abs(amps) + 1.0, 25.0), y, np.zeros(3))
+    assert observer.effective[0] == pytest.approx((amps - b) ** 2 + 225.0, rel=1e-9)
+    assert observer.effective[1] == 0.0
+
+
 def test_an_effect_of_no_strength_leaves_what_the_observer_without_effects_says():
     m = model(5, (1, 5))
     drive = Drive.of(truth(5, batch=(1,)), 15, (34.0, 30.0), (1, 5), inlet=20.0)

@@ -22,6 +22,23 @@ def estimated(t, core, quality=(0, 11)):
     return Estimated(t, "string_1", core, np.full(2, 0.5), core - 5.0, np.array(quality, np.uint8))
 
 
+def test_numbers_of_effects_are_written_in_their_own_units(tmp_path):
+    with ResultFolder(tmp_path / "out", {"string_1": 2}) as folder:
+        told = (
+            Estimate("resistance_drift.a", 0.05 / 3600, 0.01 / 3600, "1/h", "fixed"),
+            Estimate("entropic_heat.dUdT", 4e-4, 1e-5, "mV/K", "fixed"),
+            Estimate("cell_cooling:2.a", 0.25, 0.0, "1", "fixed"),
+        )
+        folder.write(Parameters(S, "string_1", told))
+        folder.write_summary(frames=10, duration_s=2.0, dropped=0, rejected={})
+    rows = list(csv.DictReader((tmp_path / "out" / "parameters.csv").read_text().splitlines()))
+    assert [(r["name"], r["value"], r["sd"], r["unit"]) for r in rows] == [
+        ("resistance_drift.a", "0.05", "0.01", "1/h"),
+        ("entropic_heat.dUdT", "0.4", "0.01", "mV/K"),
+        ("cell_cooling:2.a", "0.25", "0", "1"),
+    ]
+
+
 def test_the_files_hold_the_events(tmp_path):
     with ResultFolder(tmp_path / "new" / "out", {"string_1": 2}) as folder:
         folder.write(estimated(S, [30.0, 31.25]))
