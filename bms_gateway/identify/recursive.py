@@ -188,29 +188,35 @@ class RecursiveIdentifier:
     def accept(self, result: object) -> None:
         """Nothing is ever handed out, so nothing comes back."""
 
+    def _moving(self) -> tuple[bool, RecursiveLeastSquares]:
+        """Whether the inlet moves, and the regression that this asks for."""
+        moving = self._inlet_var > MOVED_K**2
+        return moving, self._four if moving else self._three
+
+    def _back(self, theta: Floats) -> Cell | None:
+        """Find the physical cell behind scaled coefficients."""
+        C_c, C_s, R_c, R_u = np.exp(self._prior_mean[[C_C, C_S, R_C, R_U]])
+        a, b, g = unscale(theta[:3]).tolist()
+        if len(theta) == 5:
+            return one_root(a, b, g, float(theta[3] * Z_SCALE / SCALE[3]), C_c + C_s)
+        return self._choose(roots(a, b, g, C_c, C_s), R_c, R_u)
+
+    def _logarithms(self, theta: Floats) -> Floats | None:
+        cell = self._back(theta)
+        return None if cell is None else np.log([cell.R_e, cell.R_c, cell.R_u])
+
     def _physical(self) -> tuple[Floats | None, Floats | None, str]:
         """ln(R_e, R_c, R_u), its sd, and why not."""
-        C_c, C_s = np.exp(self._prior_mean[[C_C, C_S]])
-        rough = np.exp(self._prior_mean[[R_C, R_U]])
-        moving = self._inlet_var > MOVED_K**2
-        rls = self._four if moving else self._three
-        why = "near the fold R_u = R_u*"
-
-        def back(theta: Floats) -> Floats | None:
-            full = np.zeros(5)
-            full[[0, 1, 2, 3, 4] if moving else [0, 1, 2, 4]] = theta
-            a, b, g, m, _ = unscale(full)
-            cell = one_root(a, b, g, m, C_c + C_s) if moving else self._choose(roots(a, b, g, C_c, C_s), *rough)
-            return None if cell is None else np.log([cell.R_e, cell.R_c, cell.R_u])
-
-        ln = back(rls.theta)
+        moving, rls = self._moving()
+        ln = self._logarithms(rls.theta)
         if ln is None:
             if moving:
                 return None, None, "a coefficient has the wrong sign"
+            C_c, C_s = np.exp(self._prior_mean[[C_C, C_S]])
             a, b, g = unscale(rls.theta[:3]).tolist()
             return None, None, roots(a, b, g, C_c, C_s).why
-        sd = delta_sd(back, rls.theta, rls.P * rls.variance * COLOUR)
-        return ln, sd, why
+        sd = delta_sd(self._logarithms, rls.theta, rls.P * rls.variance * COLOUR)
+        return ln, sd, "near the fold R_u = R_u*"
 
     def _choose(self, both: Roots, R_c: float, R_u: float) -> Cell | None:
         if self._root == "prior":
@@ -222,8 +228,7 @@ class RecursiveIdentifier:
 
         `estimates` is what to use on a vehicle: it waits, and states a band.
         """
-        ln, _, _ = self._physical()
-        return None if ln is None else Cell(*np.exp(ln).tolist())
+        return self._back(self._moving()[1].theta)
 
     def _knowledge(self) -> tuple[Posterior, list[str]]:
         mean, cov = self._prior_mean.copy(), np.diag(self._prior_sd**2)
