@@ -13,21 +13,28 @@ from bms_gateway.sensors.paper import (
     set_ranks,
     table_2,
 )
+from bms_gateway.sensors.placement import Placement, PlacementProblem, Placements, even_sets, fewest, place
 from bms_gateway.sensors.steady import Steady, steady_core_sd
 
 __all__ = [
     "Counts",
     "Needed",
     "Observability",
+    "Placement",
+    "PlacementProblem",
+    "Placements",
     "SetRank",
     "Steady",
+    "even_sets",
     "exact_rank",
     "exact_ranks",
+    "fewest",
     "observability",
     "paper_counts",
     "paper_rank",
     "paper_ranks",
     "paper_string",
+    "place",
     "set_ranks",
     "steady_core_sd",
     "table_2",

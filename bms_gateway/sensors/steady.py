@@ -28,6 +28,8 @@ Indices = NDArray[np.intp]
 SETTLED = 1e-8
 """Share of a core's variance that the last step may still take off: all that follow take some ten times it."""
 MAX_STEPS = 20_000
+LONG = 150
+"""Cells of a string along which the coolant takes longer than a cell to warm up."""
 AT_ONCE = 2_000_000
 """Numbers in the L of the sets that are worked on together: 16 MB."""
 
@@ -75,8 +77,10 @@ class Steady:
         P_0 = _stationary(s.A, W, 2.0 / middle)
         Phi: Floats = scipy.linalg.expm(s.A * dt)
         Q = P_0 - Phi @ P_0 @ Phi.T
-        # Readings make the fast poles faster: hence above the middle of what they are without. Any a gives the same P.
-        a = float(np.exp(-np.clip(3.0 * middle * dt, 1e-4, 2.0)))
+        # Any a gives the same P; this one in the fewest steps. Readings make the fast poles faster, hence above the
+        # middle; what the coolant carries along a long string is slow.
+        swift = 3.0 if p.cells <= LONG else 1.5
+        a = float(np.exp(-np.clip(swift * middle * dt, 1e-4, 2.0)))
         J = np.linalg.inv(np.eye(len(Phi)) - a * Phi).astype(np.float64, copy=False)
         return cls(P_0, J, J @ Q @ J.T, a, d.sensor)
 

@@ -1,0 +1,329 @@
+"""Where to put m surface sensors on a string so that the least certain core is as certain as can be.
+
+All sets are tried where they are few. Where they are many, a static picture of the string proposes: errors of heat and
+inlet that never change, seen by sensors whose noise is averaged over as long as such errors last. It finds sets by
+adding the best sensor again and again and then exchanging sensors one by one; these sets, even spacing, and what
+exchanging makes of that, are judged by the true measure, and the best of them is shifted cell by cell on strings where
+that is cheap. A modal decomposition would be no basis for any of this: cells that are alike make A defective.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
+from math import comb
+
+import numpy as np
+
+from bms_gateway.errors import UsageError
+from bms_gateway.sensors.steady import Steady
+from bms_gateway.thermal import Disturbance, Floats, StringParameters, continuous
+
+EXHAUSTIVE = 5_000
+"""Sets up to which all are tried: seconds on twenty cells."""
+SHOWN = 10
+"""Placements that are told, best first."""
+SHIFTED_CELLS = 200
+"""Cells up to which the best set found is shifted cell by cell; beyond, a round would take minutes."""
+ROUNDS = 50
+"""Of exchanging or shifting, each of which makes the set better: a bound that is not met in practice."""
+
+Sensors = tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Placement:
+    """A set of sensors and what it is worth.
+
+    Attributes
+    ----------
+    sensors : tuple of int
+        1-based cells, ascending.
+    core_sd : ndarray (n,), K
+        Steady standard deviation of each core.
+    """
+
+    sensors: Sensors
+    core_sd: Floats
+
+    @property
+    def worst_cell(self) -> int:
+        """Cell (1-based) with the least certain core."""
+        return int(np.argmax(self.core_sd)) + 1
+
+    @property
+    def worst_sd(self) -> float:
+        """Standard deviation of that core, K."""
+        return float(self.core_sd.max())
+
+
+@dataclass(frozen=True, slots=True)
+class Placements:
+    """The best places for m sensors.
+
+    Attributes
+    ----------
+    cells, sensors : int
+        n and m.
+    sets : int
+        C(n, m).
+    exhaustive : bool
+        Whether all of them were tried.
+    best : tuple of Placement
+        Best first.
+    even : Placement
+        The best of the evenly spaced sets.
+    losses : tuple of Placement
+        The best set without its first, second, … sensor: what is left when that one fails.
+    nothing : Placement
+        No sensor at all.
+    """
+
+    cells: int
+    sensors: int
+    sets: int
+    exhaustive: bool
+    best: tuple[Placement, ...]
+    even: Placement
+    losses: tuple[Placement, ...]
+    nothing: Placement
+
+
+def place(p: StringParameters, sensors: int, disturbance: Disturbance | None = None, *, dt: float = 1.0) -> Placements:
+    """Find the places for some sensors that leave the least worst core standard deviation.
+
+    Parameters
+    ----------
+    p : StringParameters
+    sensors : int
+        How many, 1…n.
+    disturbance : Disturbance, optional
+    dt : float, s
+        From reading to reading.
+
+    Raises
+    ------
+    UsageError
+        A number of sensors that the string cannot have.
+
+    References
+    ----------
+    What Lin et al. ask in Tables 2 and 3, with the measure that a user needs in place of the rank.
+
+    Examples
+    --------
+    >>> p = StringParameters.of(12, C_c=268, C_s=18.8, R_e=3.5e-3, R_c=1.266, R_u=0.79, R_cc=32, C_f=11.33)
+    >>> found = place(p, 2)
+    >>> found.best[0].sensors, round(found.best[0].worst_sd, 2), [round(x.worst_sd, 2) for x in found.losses]
+    ((1, 12), 0.48, [0.73, 1.05])
+    """
+    return PlacementProblem(p, disturbance, dt=dt).best(sensors)
+
+
+def fewest(p: StringParameters, wanted: float, disturbance: Disturbance | None = None, *, dt: float = 1.0) -> Placement:
+    """Find how many sensors it takes to know every core as well as wanted, and where they go.
+
+    Parameters
+    ----------
+    p : StringParameters
+    wanted : float, K
+        Standard deviation of the worst core.
+    disturbance : Disturbance, optional
+    dt : float, s
+
+    Returns
+    -------
+    Placement
+        Of the fewest sensors whose `worst_sd` is at most `wanted`; of one on every cell where even that is not enough.
+
+    Examples
+    --------
+    >>> p = StringParameters.of(12, C_c=268, C_s=18.8, R_e=3.5e-3, R_c=1.266, R_u=0.79, R_cc=32, C_f=11.33)
+    >>> fewest(p, 0.5).sensors
+    (1, 12)
+    """
+    return PlacementProblem(p, disturbance, dt=dt).fewest(wanted)
+
+
+class PlacementProblem:
+    """One string whose sensors are to be placed: what all questions about it share.
+
+    Parameters
+    ----------
+    p : StringParameters
+    disturbance : Disturbance, optional
+    dt : float, s
+    """
+
+    def __init__(self, p: StringParameters, disturbance: Disturbance | None = None, *, dt: float = 1.0) -> None:
+        self._p, self._disturbance, self._dt = p, disturbance or Disturbance(), dt
+        self.cells = p.cells
+        self.steady = Steady.of(p, self._disturbance, dt=dt)
+
+    def measure(self, sets: Iterable[Sequence[int]]) -> list[Placement]:
+        """Tell what each set is worth."""
+        chosen = [tuple(sorted(s)) for s in sets]
+        return [Placement(s, sd) for s, sd in zip(chosen, self.steady.core_sd(chosen), strict=True)]
+
+    def best(self, sensors: int) -> Placements:
+        """Find the best places for so many sensors; as `place`."""
+        n = self.cells
+        if not 1 <= sensors <= n:
+            raise UsageError(f"{sensors} sensors on {n} cells: valid: 1 to {n}")
+        sets = comb(n, sensors)
+        exhaustive = sets <= EXHAUSTIVE
+        tried = self._all(sensors) if exhaustive else self._searched(sensors)
+        even = _ranked(self.measure(even_sets(n, sensors)))[0]
+        ranked = _ranked(tried)[:SHOWN]
+        chosen = ranked[0].sensors
+        *losses, nothing = self.measure([*(chosen[:i] + chosen[i + 1 :] for i in range(sensors)), ()])
+        return Placements(n, sensors, sets, exhaustive, tuple(ranked), even, tuple(losses), nothing)
+
+    def fewest(self, wanted: float) -> Placement:
+        """Find the fewest sensors that are enough; as the function of that name."""
+        (nothing,) = self.measure([()])
+        if nothing.worst_sd <= wanted:
+            return nothing
+        short, m = 0, 1  # `short` sensors are known to be too few
+        while (found := _ranked(self._searched(m))[0]).worst_sd > wanted:
+            if m == self.cells:
+                return found
+            short, m = m, min(2 * m, self.cells)
+        while m - short > 1:
+            middle = (short + m) // 2
+            nearer = _ranked(self._searched(middle))[0]
+            if nearer.worst_sd <= wanted:
+                found, m = nearer, middle
+            else:
+                short = middle
+        # The search may have missed a set of one sensor less; where all can be tried, they are.
+        while m > 1 and comb(self.cells, m - 1) <= EXHAUSTIVE:
+            less = _ranked(self._all(m - 1))[0]
+            if less.worst_sd > wanted:
+                break
+            found, m = less, m - 1
+        return found
+
+    def _all(self, m: int) -> list[Placement]:
+        return self.measure(combinations(range(1, self.cells + 1), m))
+
+    def _searched(self, m: int) -> list[Placement]:
+        """Find sets worth considering without trying all."""
+        even = even_sets(self.cells, m)
+        proposed = [self._static.exchanged(self._static.added(m)), *even, *map(self._static.exchanged, even)]
+        tried = {x.sensors: x for x in self.measure(dict.fromkeys(proposed))}
+        if self.cells > SHIFTED_CELLS:
+            return list(tried.values())
+        best = _ranked(tried.values())[0]
+        for _ in range(ROUNDS):
+            near = [s for s in _shifted(best.sensors, self.cells) if s not in tried]
+            tried |= {x.sensors: x for x in self.measure(near)}
+            better = _ranked(tried.values())[0]
+            if better is best:
+                break
+            best = better
+        return list(tried.values())
+
+    @cached_property
+    def _static(self) -> "_Static":
+        return _Static.of(self._p, self._disturbance, self._dt)
+
+
+def even_sets(cells: int, sensors: int) -> list[Sensors]:
+    """Spread sensors evenly, in the ways that people do: ends included, each amid its share, each at the end of it.
+
+    Examples
+    --------
+    >>> even_sets(12, 4)
+    [(1, 5, 8, 12), (2, 5, 8, 11), (3, 6, 9, 12)]
+    """
+    share = cells / sensors
+    ends = [1 + round(i * (cells - 1) / (sensors - 1)) for i in range(sensors)] if sensors > 1 else [cells]
+    amid = [int((i + 0.5) * share + 0.5) for i in range(sensors)]
+    last = [int((i + 1) * share + 1e-9) for i in range(sensors)]
+    return list(dict.fromkeys(tuple(s) for s in (ends, amid, last)))
+
+
+def _ranked(found: Iterable[Placement]) -> list[Placement]:
+    """Best first; of equals, the one whose cells come first."""
+    return sorted(found, key=lambda x: (x.worst_sd, x.sensors))
+
+
+def _shifted(sensors: Sensors, cells: int) -> list[Sensors]:
+    """Put one sensor after the other one or two cells further up or down."""
+    near = []
+    for i, k in enumerate(sensors):
+        rest = sensors[:i] + sensors[i + 1 :]
+        near += [tuple(sorted((*rest, j))) for j in (k - 2, k - 1, k + 1, k + 2) if 1 <= j <= cells and j not in rest]
+    return list(dict.fromkeys(near))
+
+
+@dataclass(frozen=True, slots=True)
+class _Static:
+    """Errors that never change, as Gaussians: what sensors tell of the cores by their size alone.
+
+    Attributes
+    ----------
+    core : ndarray (n,), K²
+        Variance of each core.
+    cross, surface : ndarray (n, n), K²
+        Covariance of core i and surface j, and of the surfaces.
+    noise : float, K²
+        Of a reading averaged over as long as the errors last.
+    """
+
+    core: Floats
+    cross: Floats
+    surface: Floats
+    noise: float
+
+    @classmethod
+    def of(cls, p: StringParameters, d: Disturbance, dt: float) -> "_Static":
+        s = continuous(p)
+        sources = np.column_stack([d.heat_cell * s.B_q, d.heat_common * s.B_q.sum(axis=1), d.inlet * s.B_f])
+        rest = np.linalg.solve(s.A, sources)
+        T_c, T_s = rest[0::2], rest[1::2]
+        noise = d.sensor**2 * dt / (2.0 * d.correlation)
+        return cls(np.einsum("ij,ij->i", T_c, T_c), T_c @ T_s.T, T_s @ T_s.T, noise)
+
+    def added(self, m: int) -> Sensors:
+        """Add the best sensor to those there, m times."""
+        chosen: list[int] = []
+        for _ in range(m):
+            score = self._with_one_more(chosen)
+            chosen.append(int(np.argmin(score)))
+        return tuple(sorted(k + 1 for k in chosen))
+
+    def exchanged(self, sensors: Sensors) -> Sensors:
+        """Exchange one sensor at a time for a better one until there is none."""
+        chosen = [k - 1 for k in sensors]
+        for _ in range(ROUNDS):
+            before = list(chosen)
+            for i, k in enumerate(before):
+                rest = chosen[:i] + chosen[i + 1 :]
+                score = self._with_one_more(rest)
+                other = int(np.argmin(score))
+                if score[other] < score[k] * (1.0 - 1e-9):
+                    chosen[i] = other
+            if chosen == before:
+                break
+        return tuple(sorted(k + 1 for k in chosen))
+
+    def _with_one_more(self, chosen: Sequence[int]) -> Floats:
+        """Worst variance of a core with each further sensor (n,); infinite for those there already.
+
+        A thousandth of the mean goes with it, to tell apart sensors of which none reaches the worst cell.
+        """
+        core, cross, own = self.core, self.cross, np.diag(self.surface)
+        if chosen:
+            at = list(chosen)
+            seen = self.surface[np.ix_(at, at)] + self.noise * np.eye(len(at))
+            share = np.linalg.solve(seen, self.surface[at])
+            told = np.linalg.solve(seen, cross[:, at].T)
+            core = core - np.einsum("im,mi->i", cross[:, at], told)
+            own = own - np.einsum("mi,mi->i", self.surface[at], share)
+            cross = cross - cross[:, at] @ share
+        left = core[:, None] - cross**2 / (own + self.noise)
+        score: Floats = left.max(axis=0) + 1e-3 * left.mean(axis=0)
+        score[list(chosen)] = np.inf
+        return score
