@@ -43,6 +43,11 @@ LEVELS = 0.05
 """Share of the time at exactly the greatest current that is no chance, in a drive of so many levels per interval."""
 
 
+ROWS_S, DOUBT = 1.5, 0.03
+"""Rows of the current further apart than a logger's usual second, and share of a minute's heat that they leave open,
+from which what was not seen has been taken for a missing effect."""
+
+
 @dataclass(frozen=True, slots=True)
 class Finding:
     """One thing found.
@@ -69,7 +74,7 @@ def check_record(record: Record, model: StringModel) -> tuple[Finding, ...]:
     tuple of Finding
         The worst first, else in a fixed order. With a "stop" the data are insufficient for any verdict.
     """
-    checks = (_length, _current, _rise, _rest, _soak, _stuck, _sign, _inlet, _along, _loop, _charge, _sampling)
+    checks = (_length, _current, _rise, _rest, _soak, _stuck, _sign, _inlet, _along, _loop, _charge, _sampling, _rows)
     found = [f for check in checks for f in check(record, model)]
     return tuple(sorted(found, key=lambda f: ("stop", "warn", "note").index(f.severity)))
 
@@ -308,6 +313,18 @@ def _sampling(r: Record, _: StringModel) -> Iterator[Finding]:
             "coarse_sensor",
             "note",
             f"The surface of {_cells(coarse)} is measured in steps of {r.noise.step.max():g} K.",
+        )
+
+
+def _rows(r: Record, _: StringModel) -> Iterator[Finding]:
+    rows = r.sampling
+    if rows.seconds > ROWS_S and rows.doubt > DOUBT:
+        yield Finding(
+            "current_coarse",
+            "warn",
+            f"The current jumps between its rows, {rows.seconds:.3g} s apart: a minute's heat is known to "
+            f"±{100.0 * rows.doubt:.0f} % only, and what that leaves over can pass for a missing effect. Log it every "
+            "second or faster.",
         )
 
 

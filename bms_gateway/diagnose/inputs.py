@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bms_gateway.diagnose.charge import state_of_charge
-from bms_gateway.diagnose.grid import Grid, bridged
+from bms_gateway.diagnose.grid import Grid, bridged, usual_interval
 from bms_gateway.diagnose.means import Path, mean, mean_magnitude, mean_product, path
 from bms_gateway.diagnose.smooth import COARSEST_K, smooth
 from bms_gateway.errors import DataError
@@ -21,9 +21,27 @@ BURST_S = 0.1
 """Of the usual interval."""
 CELL_VOLTS, LITHIUM_VOLTS = (0.5, 5.5), (2.0, 4.6)
 """Any chemistry, and lithium-ion, empty to full."""
+MINUTE_S = 60.0
 FLOW_UNITS = {"L/s": 1e3, "L/min": 6e4, "L/h": 3.6e6, "m³/h": 3.6e3}
 FLOW_WITHIN = 5.0
 """Factor about nominal within which a flow is believed; units lie further apart."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sampling:
+    """How well rows tell a current that moves between them.
+
+    Attributes
+    ----------
+    seconds : float
+        Usual time from row to row.
+    doubt : float
+        Relative standard deviation of a minute's mean square current by what may have happened between rows; 0 where
+        the source states mean squares.
+    """
+
+    seconds: float = 0.0
+    doubt: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +74,8 @@ class Signals:
     flow : Path or None
         Ratio to nominal.
     soc : Path or None
+    sampling : Sampling
+        Of the current.
     """
 
     current_s: Floats
@@ -65,6 +85,7 @@ class Signals:
     voltage: Path | None
     flow: Path | None
     soc: Path | None
+    sampling: "Sampling"
 
     def drive(self, grid: Grid, model: StringModel, notes: list[str]) -> Drive:
         """Take the means over the intervals of the grid."""
@@ -137,6 +158,7 @@ def draw_inputs(rows: Rows, model: StringModel, half_way: bool | None, notes: li
         voltage=_voltage(rows, model, t, amps, half_way, notes),
         flow=_flow(rows, model, notes),
         soc=_recorded_charge(rows, notes),
+        sampling=Sampling(usual_interval(t), 0.0 if rows.mean_square_current is not None else _doubt(t, amps, bridge)),
     )
 
 
@@ -153,6 +175,18 @@ def _believable(rows: Rows, x: Floats, quantity: str, name: str, notes: list[str
 def _in_bursts(t: Floats) -> bool:
     d = np.diff(t)
     return bool(np.mean(d < BURST_S * np.percentile(d, 75)) >= BURSTS)
+
+
+def _doubt(t: Floats, amps: Floats, bridge: float) -> float:
+    """Relative sd of a minute's mean square current, were each step anywhere between its two rows, all alike likely."""
+    d, square = np.diff(t), amps**2
+    known = d <= bridge
+    if not known.any():
+        return 0.0
+    d, step = d[known], np.diff(square)[known]
+    seconds, charge = float(d.sum()), float(np.sum(square[:-1][known] * d))
+    variance = float(np.sum((step * d) ** 2)) / 12.0  # of all the time, A⁴s²
+    return float(np.sqrt(variance * seconds / MINUTE_S)) / charge if charge > 0.0 else 0.0
 
 
 def _tell_gaps(t: Floats, bridge: float, part: float, notes: list[str]) -> None:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.diagnose.grid import Grid, lay_grid
-from bms_gateway.diagnose.inputs import Rows, Signals, draw_inputs
+from bms_gateway.diagnose.inputs import Rows, Sampling, Signals, draw_inputs
 from bms_gateway.diagnose.noise import Noise, estimate_noise
 from bms_gateway.diagnose.readings import Readings, gather_readings
 from bms_gateway.errors import DataError
@@ -56,6 +56,8 @@ class Record:
         gap and says nothing.
     notes : tuple of str
         What was found, bridged, left out or assumed.
+    sampling : Sampling
+        Of the current.
     """
 
     source: str
@@ -68,6 +70,7 @@ class Record:
     core: Readings
     segments: tuple[int, ...]
     notes: tuple[str, ...]
+    sampling: Sampling
 
     @property
     def cells(self) -> tuple[int, ...]:
@@ -188,6 +191,7 @@ def make_record(
         core,
         grid.segments,
         tuple(notes),
+        signals.sampling,
     )
 
 

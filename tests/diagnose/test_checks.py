@@ -1,5 +1,7 @@
 """Each fault of a record is found by its own check, and a sound record has none."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -73,6 +75,34 @@ def test_a_wrong_sign_is_seen_by_the_voltage_and_by_the_charge():
     without = {k: v for k, v in flipped.items() if k != "voltage_V"}
     assert "charge" in findings(without)["current_sign"].sentence
     assert "current_sign" not in findings({k: v for k, v in c.items() if k != "voltage_V"})
+
+
+def every(columns, k):
+    return {n: v[::k] if isinstance(v, np.ndarray) else {a: x[::k] for a, x in v.items()} for n, v in columns.items()}
+
+
+def test_rows_of_a_jumping_current_that_are_too_far_apart_are_told():
+    """Against the mean squares of minutes of many currents, seen only now and then."""
+    rng = np.random.default_rng(5)
+    for k in (5, 10):
+        fine = rng.choice([-60.0, 0.0, 20.0, 60.0], (200, 300)).repeat(20, axis=1)  # levels of 20 s
+        at = rng.integers(0, 20, 200)  # that do not begin with the log
+        fine = np.stack([row[a : a + 5900] for row, a in zip(fine, at, strict=True)]) ** 2
+        coarse = fine[:, ::k].repeat(k, axis=1)[:, :5900]
+        minute = (coarse - fine)[:, :5880].reshape(200, -1, 60).mean(axis=2)
+        true = float(np.std(minute) / fine.mean())
+        found = findings(every(rows(6000), k))["current_coarse"]
+        assert found.severity == "warn"
+        assert f"{k} s apart" in found.sentence
+        told = float(re.search(r"±(\d+) %", found.sentence)[1]) / 100.0
+        assert told == pytest.approx(true, rel=0.3), k
+
+
+def test_a_current_that_is_seen_every_second_or_hardly_moves_is_fine_enough():
+    assert "current_coarse" not in findings(rows())
+    slow = rows(6000)
+    slow["current_A"] = 60.0 + 5.0 * np.sin(slow["time_s"] / 300.0)
+    assert "current_coarse" not in findings(every(slow, 10))
 
 
 def test_an_offset_at_rest_is_read_off():
