@@ -21,6 +21,12 @@ from bms_gateway.thermal import Floats, StringModel, StringParameters
 
 PER_CELL = ("R_e", "R_u", "R_c", "C_c")
 """Symbols with a value of each cell's own; the others are the string's."""
+AGED_TOGETHER, AGED_APART = 0.05, 0.03
+"""How far R_e moves between a commissioning run and later, relative: all cells, and each on its own."""
+FOLLOWED = 0.01
+"""The same for a cell whose change is told by its voltage: joints cancel, temperature and charge do not quite."""
+FOULED = 0.03
+"""How far R_u moves: filters clog."""
 SPREAD: Mapping[str, float] = MappingProxyType({"R_e": 0.10, "R_u": 0.05, "R_c": 0.03, "C_c": 0.02})
 """How unlike cells are, relative: aged cells of one make behind one fan."""
 
@@ -153,3 +159,43 @@ def cell_prior(model: StringModel, layout: Layout, settings: CellSettings) -> Ce
         own = settings.spread.get(symbol, 0.0) if symbol in PER_CELL and model.cells > 1 else 0.0
         cov[np.ix_(at, at)] = prior.rel_sd**2 + own**2 * np.eye(len(at))
     return CellPrior(mean, np.asarray(np.linalg.inv(cov), dtype=np.float64))
+
+
+@dataclass(frozen=True, slots=True)
+class Baseline:
+    """What a commissioning run left: all surfaces sensed once, two of them later.
+
+    Attributes
+    ----------
+    layout : Layout
+    mean : ndarray (p,)
+    cov : ndarray (p, p)
+    resistance : ndarray (n,), Ω
+        Electrical resistances of that run; NaN where there were none.
+    """
+
+    layout: Layout
+    mean: Floats
+    cov: Floats
+    resistance: Floats
+
+    def prior(self, resistance: Floats, rel_sd: Floats, settings: CellSettings) -> CellPrior:
+        """Make today's prior: the cells may have aged, and their voltages tell by how much.
+
+        Parameters
+        ----------
+        resistance, rel_sd : ndarray (n,)
+            Today's electrical resistances; NaN where there are none.
+        settings : CellSettings
+        """
+        at = np.asarray(self.layout.at("R_e"))
+        followed = np.isfinite(resistance) & np.isfinite(self.resistance)
+        mean, cov = self.mean.copy(), self.cov.copy()
+        mean[at[followed]] += np.log(resistance[followed] / self.resistance[followed])
+        alone = (~followed).astype(np.float64)
+        own = np.where(followed, np.hypot(FOLLOWED, np.where(followed, rel_sd, 0.0)), AGED_APART)
+        cov[np.ix_(at, at)] += AGED_TOGETHER**2 * np.outer(alone, alone) + np.diag(own**2)
+        film = self.layout.at("R_u")
+        cov[np.ix_(film, film)] += FOULED**2
+        prior = CellPrior(mean, np.asarray(np.linalg.inv(cov), dtype=np.float64))
+        return prior.with_electrical(at.tolist(), np.where(followed, np.nan, resistance), rel_sd, settings)

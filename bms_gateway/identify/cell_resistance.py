@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from bms_gateway.identify.cell_prior import CellPrior, CellSettings, Layout, cell_prior
+from bms_gateway.identify.cell_prior import Baseline, CellPrior, CellSettings, Layout, cell_prior
 from bms_gateway.identify.disturbed import Start, disturbed, whiten
 from bms_gateway.identify.response import Inputs, respond
 from bms_gateway.thermal import Disturbance, Floats, StringModel
@@ -98,6 +98,11 @@ class CellFit:
     inflation: float
     sensed: tuple[int, ...]
     log_marginal: float
+
+    def baseline(self, resistance: Floats | None = None) -> Baseline:
+        """Keep what was found, with the electrical resistances (n,) of the same run, as a later fit's prior."""
+        n = self.layout.cells
+        return Baseline(self.layout, self.mean, self.cov, np.full(n, np.nan) if resistance is None else resistance)
 
     @property
     def R_e(self) -> Floats:
@@ -249,7 +254,7 @@ def fit_cells(
     *,
     resistance: Floats | None = None,
     resistance_rel_sd: Floats | None = None,
-    baseline: CellPrior | None = None,
+    baseline: Baseline | None = None,
     settings: CellSettings | None = None,
     disturbance: Disturbance | None = None,
     start: Start | None = None,
@@ -263,14 +268,19 @@ def fit_cells(
     record : CellRecord
     resistance, resistance_rel_sd : ndarray (n,), optional
         Electrical resistance of each cell and its relative error; NaN for a cell without voltage.
-    baseline : CellPrior, optional
-        In place of the model's hierarchical prior: what a commissioning run with more sensors left (`baseline_of`).
+    baseline : Baseline, optional
+        In place of the model's hierarchical prior: what a commissioning run with more sensors left.
     settings, disturbance, start : optional
 
     Returns
     -------
     CellFit
         Always; cells about which nothing is learnt keep what was known before.
+
+    Raises
+    ------
+    ValueError
+        The baseline is of another structure: the caller's mistake.
 
     Notes
     -----
@@ -279,10 +289,15 @@ def fit_cells(
     settings, start = settings or CellSettings(), start or Start()
     problem = _Problem(model, record, settings, disturbance or Disturbance(), start)
     layout = problem.layout
-    prior = baseline or cell_prior(model, layout, settings)
-    if resistance is not None:
-        sd = np.zeros(model.cells) if resistance_rel_sd is None else resistance_rel_sd
-        prior = prior.with_electrical(layout.at("R_e"), resistance, sd, settings)
+    nothing = np.full(model.cells, np.nan)
+    R_el = nothing if resistance is None else resistance
+    R_el_sd = np.zeros(model.cells) if resistance_rel_sd is None else resistance_rel_sd
+    if baseline is None:
+        prior = cell_prior(model, layout, settings).with_electrical(layout.at("R_e"), R_el, R_el_sd, settings)
+    elif baseline.layout == layout:
+        prior = baseline.prior(R_el, R_el_sd, settings)
+    else:
+        raise ValueError("baseline of a string with other numbers")
     if not problem.sensed:
         return CellFit(layout, prior.mean, _inverse(prior.precision), prior, 1.0, 1.0, (), 0.0)
     theta = _scored(problem, prior, prior.mean, 1.0)

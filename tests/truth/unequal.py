@@ -35,25 +35,31 @@ class Scatter:
     heat_cell: float = 0.15
     inlet: float = 0.5
     ratio: float = 0.03
-    joint: float = 0.03
-    skew_s: float = 0.1
 
 
 @dataclass(frozen=True)
 class Drives:
-    """Records of S seeds: current (K,), inlet as measured (K + 1,), core and surface (S, K + 1, n), readings
-    (S, K, n) at instants 1..K, cell voltages (S, K, n) as means over the steps (their samples late by `skew`), R_e
-    (S, n), ratio (S,) and R_el (S, n) with R_e = ratio R_el (1 + eps)."""
+    """Records of S seeds: current (K,) A, inlet as measured (K + 1,), core and surface (S, K + 1, n), readings
+    (S, K, n) at instants 1..K, R_e (S, n), ratio (S,) and the joints' errors in sd (S, n)."""
 
+    seeds: list
     current: np.ndarray
     inlet: np.ndarray
     core: np.ndarray
     surface: np.ndarray
     readings: np.ndarray
-    voltage: np.ndarray
     R_e: np.ndarray
-    R_el: np.ndarray
     ratio: np.ndarray
+    joints: np.ndarray
+
+    def R_el(self, joint):
+        """Electrical resistance by energy balance (S, n): R_e = ratio R_el (1 + eps), eps of sd `joint`."""
+        return self.R_e / self.ratio[:, None] / (1 + joint * self.joints)
+
+    def voltage(self, i, joint, skew_s=0.1):
+        """Cell voltages of seed i (K, n), means over the steps, each cell's samples late by up to `skew_s`."""
+        rng = np.random.default_rng([self.seeds[i], 3030])
+        return cell_voltages(self.current, self.R_el(joint)[i], skew_s, rng)
 
 
 def _slow(rng, K, shape, sd):
@@ -67,11 +73,16 @@ def _slow(rng, K, shape, sd):
     return out
 
 
-def drives(seeds, *, minutes=89, R_e=FIG_10, scatter=None, swing=3.0, coolant="ntu", cycle=0, spread=0.0, start=25.0):
-    """Simulate one record per seed; `spread` scatters R_e of the cells about `R_e`, relative."""
+def drives(
+    seeds, *, minutes=89, R_e=FIG_10, scatter=None, swing=3.0, coolant="ntu", cycle=0, spread=0.0, start=25.0, run=0
+):
+    """Simulate one record per seed; `spread` scatters R_e of the cells about `R_e`, relative.
+
+    Runs of one seed share the pack, its sensors and its voltages' errors, not the disturbances and the noise.
+    """
     s = scatter or Scatter()
     seeds = list(seeds)
-    K, S, n = int(minutes * 60), len(seeds), len(R_e)
+    K, n = int(minutes * 60), len(R_e)
     rngs = [np.random.default_rng([seed, 1010]) for seed in seeds]
 
     def log_normal(common, own):
@@ -82,6 +93,10 @@ def drives(seeds, *, minutes=89, R_e=FIG_10, scatter=None, swing=3.0, coolant="n
     C_f = C_F * log_normal(s.C_f, 0.0)[:, 0]
     R_cc = 4.0 * log_normal(s.R_cc, 0.0)[:, 0]
     R = R_e * log_normal(0.0, spread)
+    offsets = np.array([rng.normal(0, s.offset, n) for rng in rngs])
+    ratio = np.exp([rng.normal(0, s.ratio) for rng in rngs])
+    joints = np.array([rng.normal(0, 1, n) for rng in rngs])
+    rngs = [np.random.default_rng([seed, 2020, run]) for seed in seeds]
     current = repeated(minutes, cycle)
     t = np.arange(K + 1.0)
     w = 2 * np.pi / 300.0
@@ -91,15 +106,10 @@ def drives(seeds, *, minutes=89, R_e=FIG_10, scatter=None, swing=3.0, coolant="n
     own = np.stack([_slow(rng, K, (n,), s.heat_cell) for rng in rngs], axis=1)
     heat = current[:, None, None] ** 2 * R + ((common + own)[1:] + (common + own)[:-1]) / 2
     core, surface = _integrate(p, C_f, R_cc, coolant, heat, true_inlet, start)
-    offsets = np.array([rng.normal(0, s.offset, n) for rng in rngs])
     noise = np.stack([rng.normal(0, s.noise, (K, n)) for rng in rngs])
     readings = surface[1:].transpose(1, 0, 2) + offsets[:, None] + noise
-    ratio = np.exp([rng.normal(0, s.ratio) for rng in rngs])
-    R_el = R / ratio[:, None] / (1 + np.array([rng.normal(0, s.joint, n) for rng in rngs]))
-    voltage = np.stack([cell_voltages(current, R_el[i], s.skew_s, rngs[i]) for i in range(S)])
-    return Drives(
-        current, measured, core.transpose(1, 0, 2), surface.transpose(1, 0, 2), readings, voltage, R, R_el, ratio
-    )
+    core, surface = core.transpose(1, 0, 2), surface.transpose(1, 0, 2)
+    return Drives(seeds, current, measured, core, surface, readings, R, ratio, joints)
 
 
 def _integrate(p, C_f, R_cc, coolant, heat, inlet, start):
