@@ -6,7 +6,7 @@ zero a zero with a chance of one in 2³¹. Hence a rank modulo a prime is never 
 true one.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from fractions import Fraction
 
 import numpy as np
@@ -71,8 +71,8 @@ def exact_ranks(p: StringParameters, sets: Sequence[Sequence[int]]) -> NDArray[n
 
     Notes
     -----
-    What a set determines is the sum of what its sensors determine. Each sensor's share is found once; a set that holds
-    a sensor which alone determines everything needs nothing further, and the others are eliminated together.
+    What a set determines is the sum of what its sensors determine, each of which is found once. Sensors that lie in the
+    share of another are left out, which leaves one sensor in most sets; sums of several are eliminated together.
 
     References
     ----------
@@ -144,18 +144,37 @@ def _closed(A: Residues, sensors: Sequence[int], prime: int) -> Residues:
 def _ranks(A: Residues, sets: Sequence[Sequence[int]], prime: int) -> NDArray[np.int64]:
     N = len(A)
     alone = {k: _closed(A, [k], prime) for k in sorted({k for s in sets for k in s})}
-    ranks = np.array([max((len(alone[k]) for k in s), default=0) for s in sets], np.int64)
-    open_sets = np.array([i for i, s in enumerate(sets) if 0 < ranks[i] < N and len(s) > 1], np.int64)
-    if not len(open_sets):
-        return ranks
-    rows = max(sum(len(alone[k]) for k in sets[i]) for i in open_sets)
-    for part in np.array_split(open_sets, -(-len(open_sets) * rows * N // AT_ONCE)):
-        stack = np.zeros((len(part), rows, N), np.int64)
-        for rowsof, i in zip(stack, part, strict=True):
-            together = np.concatenate([alone[k] for k in sets[i]])
-            rowsof[: len(together)] = together
-        ranks[part] = _eliminated(stack, prime)
-    return ranks
+    # A sensor that lies in what another determines adds nothing: its unit row is then one of the reduced rows.
+    within = {k: {int(j) // 2 + 1 for j in np.flatnonzero(_units(rows)) if j % 2} for k, rows in alone.items()}
+    needed = [_independent(s, within) for s in sets]
+    ranks = {s: len(alone[s[0]]) if s else 0 for s in needed if len(s) < 2}
+    sums = sorted({s for s in needed if len(s) > 1})
+    if sums:
+        rows = max(sum(len(alone[k]) for k in s) for s in sums)
+        step = max(1, AT_ONCE // (rows * N))
+        for i in range(0, len(sums), step):
+            part = sums[i : i + step]
+            stack = np.zeros((len(part), rows, N), np.int64)
+            for of, s in zip(stack, part, strict=True):
+                together = np.concatenate([alone[k] for k in s])
+                of[: len(together)] = together
+            ranks |= dict(zip(part, _eliminated(stack, prime).tolist(), strict=True))
+    return np.array([ranks[s] for s in needed], np.int64)
+
+
+def _units(rows: Residues) -> NDArray[np.bool_]:
+    """Tell which unit rows are among reduced rows (r, N): (N,)."""
+    there: NDArray[np.bool_] = rows[(rows != 0).sum(axis=1) == 1].any(axis=0)
+    return there
+
+
+def _independent(sensors: Sequence[int], within: Mapping[int, set[int]]) -> tuple[int, ...]:
+    """Leave out sensors that another one's space holds; of two that hold each other, the second."""
+    kept: list[int] = []
+    for k in sorted(sensors, key=lambda k: (-len(within[k]), k)):
+        if not any(k in within[j] for j in kept):
+            kept.append(k)
+    return tuple(sorted(kept))
 
 
 def _eliminated(M: Residues, prime: int) -> NDArray[np.int64]:

@@ -97,7 +97,9 @@ def paper_ranks(p: StringParameters, sets: Sequence[Sequence[int]], *, unit_s: f
     chosen = np.array([list(s) for s in sets], np.intp).reshape(len(sets), -1) - 1
     if not chosen.size:
         return np.zeros(len(sets), np.int64)
-    rows = _observability_rows(p, unit_s)
+    cells, chosen = np.unique(chosen, return_inverse=True)
+    chosen = chosen.reshape(len(sets), -1)
+    rows = _observability_rows(p, cells, unit_s)
     ranks = np.empty(len(sets), np.int64)
     # Stacked by some hundreds: all of them at once would need gigabytes on long strings.
     step = max(1, 2_000_000 // (chosen.shape[1] * rows[0].size))
@@ -108,11 +110,11 @@ def paper_ranks(p: StringParameters, sets: Sequence[Sequence[int]], *, unit_s: f
     return ranks
 
 
-def _observability_rows(p: StringParameters, unit_s: float) -> Floats:
-    """Rows C_k Aʲ, j = 0…2n − 1, of the surface of every cell k: (n, 2n, 2n)."""
+def _observability_rows(p: StringParameters, cells: NDArray[np.intp], unit_s: float) -> Floats:
+    """Rows C_k Aʲ, j = 0…2n − 1, of the surface of each cell k, counted from 0: (cells, 2n, 2n)."""
     A = continuous(p).A * unit_s
-    rows = np.empty((p.cells, len(A), len(A)))
-    rows[:, 0] = np.eye(len(A))[1::2]
+    rows = np.empty((len(cells), len(A), len(A)))
+    rows[:, 0] = np.eye(len(A))[2 * cells + 1]
     for j in range(1, len(A)):
         rows[:, j] = rows[:, j - 1] @ A
     return rows

@@ -3,8 +3,9 @@
 All sets are tried where they are few. Where they are many, a static picture of the string proposes: errors of heat and
 inlet that never change, seen by sensors whose noise is averaged over as long as such errors last. It finds sets by
 adding the best sensor again and again and then exchanging sensors one by one; these sets, even spacing, and what
-exchanging makes of that, are judged by the true measure, and the best of them is shifted cell by cell on strings where
-that is cheap. A modal decomposition would be no basis for any of this: cells that are alike make A defective.
+exchanging makes of that, are judged by the true measure, and the sensors of the best of them are moved one by one on
+strings where that is cheap. A modal decomposition would be no basis for any of this: cells that are alike make A
+defective.
 """
 
 from collections.abc import Iterable, Sequence
@@ -24,7 +25,9 @@ EXHAUSTIVE = 5_000
 SHOWN = 10
 """Placements that are told, best first."""
 SHIFTED_CELLS = 200
-"""Cells up to which the best set found is shifted cell by cell; beyond, a round would take minutes."""
+"""Cells up to which the sensors of the best set found are moved one by one; beyond, a round would take minutes."""
+ANYWHERE = 400
+"""Product of cells and sensors up to which a sensor is tried on every cell, not only on those near by."""
 ROUNDS = 50
 """Of exchanging or shifting, each of which makes the set better: a bound that is not met in practice."""
 
@@ -215,8 +218,9 @@ class PlacementProblem:
         if self.cells > SHIFTED_CELLS:
             return list(tried.values())
         best = _ranked(tried.values())[0]
+        reach = self.cells if m * self.cells <= ANYWHERE else 2
         for _ in range(ROUNDS):
-            near = [s for s in _shifted(best.sensors, self.cells) if s not in tried]
+            near = [s for s in _shifted(best.sensors, self.cells, reach) if s not in tried]
             tried |= {x.sensors: x for x in self.measure(near)}
             better = _ranked(tried.values())[0]
             if better is best:
@@ -249,12 +253,14 @@ def _ranked(found: Iterable[Placement]) -> list[Placement]:
     return sorted(found, key=lambda x: (x.worst_sd, x.sensors))
 
 
-def _shifted(sensors: Sensors, cells: int) -> list[Sensors]:
-    """Put one sensor after the other one or two cells further up or down."""
+def _shifted(sensors: Sensors, cells: int, reach: int) -> list[Sensors]:
+    """Put one sensor after the other up to `reach` cells further up or down."""
     near = []
     for i, k in enumerate(sensors):
         rest = sensors[:i] + sensors[i + 1 :]
-        near += [tuple(sorted((*rest, j))) for j in (k - 2, k - 1, k + 1, k + 2) if 1 <= j <= cells and j not in rest]
+        near += [
+            tuple(sorted((*rest, j))) for j in range(max(1, k - reach), min(cells, k + reach) + 1) if j not in sensors
+        ]
     return list(dict.fromkeys(near))
 
 
