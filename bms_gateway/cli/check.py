@@ -24,7 +24,7 @@ def run(args: argparse.Namespace) -> int:
     """Check; 1 where a string is not observable."""
     from bms_gateway.config import load_config
     from bms_gateway.report.show import number, ranges, text_table
-    from bms_gateway.sensors import exact_rank, steady_core_sd
+    from bms_gateway.sensors import determined_states, steady_core_sd
 
     writable({"--json": args.json})
     loaded = load_config(Path(args.config))
@@ -33,7 +33,7 @@ def run(args: argparse.Namespace) -> int:
     strings: list[dict[str, Any]] = []
     for s in plan.strings:
         p, sensors = s.model.nominal, s.model.sensors
-        rank = exact_rank(p, sensors)
+        rank = determined_states(p, sensors)
         sd = steady_core_sd(p, sensors, plan.disturbance)
         worst = int(sd.argmax())
         strings.append(

@@ -1,7 +1,7 @@
 """Which surfaces to measure: what a set of sensors can tell of the cores."""
 
 from bms_gateway.sensors.exact import exact_rank, exact_ranks
-from bms_gateway.sensors.observability import Observability, observability
+from bms_gateway.sensors.observability import Observability, determined_states, observability
 from bms_gateway.sensors.paper import (
     Counts,
     Needed,
@@ -13,7 +13,16 @@ from bms_gateway.sensors.paper import (
     set_ranks,
     table_2,
 )
-from bms_gateway.sensors.placement import Placement, PlacementProblem, Placements, even_sets, fewest, place
+from bms_gateway.sensors.pbh import hidden_states
+from bms_gateway.sensors.placement import (
+    Placement,
+    PlacementProblem,
+    Placements,
+    even_sets,
+    fewest,
+    observable_sets,
+    place,
+)
 from bms_gateway.sensors.steady import Steady, steady_core_sd
 
 __all__ = [
@@ -25,11 +34,14 @@ __all__ = [
     "Placements",
     "SetRank",
     "Steady",
+    "determined_states",
     "even_sets",
     "exact_rank",
     "exact_ranks",
     "fewest",
+    "hidden_states",
     "observability",
+    "observable_sets",
     "paper_counts",
     "paper_rank",
     "paper_ranks",

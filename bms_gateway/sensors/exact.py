@@ -82,6 +82,17 @@ def exact_ranks(p: StringParameters, sets: Sequence[Sequence[int]]) -> NDArray[n
     return np.maximum(first, second)
 
 
+def residue(value: float, prime: int) -> int:
+    """Residue of the rational number that a float is."""
+    q = Fraction(value)
+    return q.numerator * pow(q.denominator, -1, prime) % prime
+
+
+def inverse(value: float, prime: int) -> int:
+    """Residue of one over it; zero for an infinite value."""
+    return pow(residue(value, prime), -1, prime) if np.isfinite(value) else 0
+
+
 def residues(p: StringParameters, prime: int) -> Residues:
     """Build A (Eq 18, 21, corrected) with each entry as its residue: sums, products, quotients of the parameters.
 
@@ -90,23 +101,15 @@ def residues(p: StringParameters, prime: int) -> Residues:
     ndarray (2n, 2n)
         0…prime − 1.
     """
-
-    def residue(value: float) -> int:
-        q = Fraction(value)
-        return q.numerator * pow(q.denominator, -1, prime) % prime
-
-    def inverse(value: float) -> int:
-        return pow(residue(value), -1, prime) if np.isfinite(value) else 0
-
     n = p.cells
-    between, flow = inverse(p.R_cc), inverse(p.C_f)
-    e = [residue(x) for x in exchange(p)] if p.coolant == "ntu" else [inverse(x) * flow for x in p.R_u]
+    between, flow = inverse(p.R_cc, prime), inverse(p.C_f, prime)
+    e = [residue(x, prime) for x in exchange(p)] if p.coolant == "ntu" else [inverse(x, prime) * flow for x in p.R_u]
     A = [[0] * (2 * n) for _ in range(2 * n)]
     stream = [0] * n  # share of each surface in the coolant that meets cell k
     for k in range(n):
         c, s = 2 * k, 2 * k + 1
-        inside, outside, casing = inverse(p.R_c[k]), inverse(p.R_u[k]), inverse(p.C_s[k])
-        A[c][s] = inside * inverse(p.C_c[k])
+        inside, outside, casing = (inverse(x[k], prime) for x in (p.R_c, p.R_u, p.C_s))
+        A[c][s] = inside * inverse(p.C_c[k], prime)
         A[c][c] = -A[c][s]
         A[s][c] = inside * casing
         A[s][s] = -(inside + outside) * casing

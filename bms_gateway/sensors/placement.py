@@ -17,6 +17,8 @@ from math import comb
 import numpy as np
 
 from bms_gateway.errors import UsageError
+from bms_gateway.sensors.exact import exact_ranks
+from bms_gateway.sensors.paper import paper_ranks
 from bms_gateway.sensors.steady import Steady
 from bms_gateway.thermal import Disturbance, Floats, StringParameters, continuous
 
@@ -28,6 +30,10 @@ SHIFTED_CELLS = 200
 """Cells up to which the sensors of the best set found are moved one by one; beyond, a round would take minutes."""
 ANYWHERE = 400
 """Product of cells and sensors up to which a sensor is tried on every cell, not only on those near by."""
+COUNTED_CELLS = 60
+"""Cells up to which sets are counted exactly."""
+DECOMPOSED = 5e8
+"""Sets times sensors times n³ up to which the singular values that the paper's rank needs are found."""
 ROUNDS = 50
 """Of exchanging or shifting, each of which makes the set better: a bound that is not met in practice."""
 
@@ -333,3 +339,32 @@ class _Static:
         score: Floats = left.max(axis=0) + 1e-3 * left.mean(axis=0)
         score[list(chosen)] = np.inf
         return score
+
+
+def observable_sets(p: StringParameters, sensors: int) -> tuple[int | None, int | None]:
+    """Count the sets of m sensors that determine a string: exactly, and by the paper's rank.
+
+    Returns
+    -------
+    exact, paper : int or None
+        None where the sets are too many, or the string too long, to be counted in a minute.
+
+    References
+    ----------
+    Lin et al., Table 3.
+
+    Examples
+    --------
+    >>> from bms_gateway.sensors.paper import paper_string
+    >>> observable_sets(paper_string(12, "no-conduction"), 4)
+    (165, 1)
+    """
+    n, sets = p.cells, comb(p.cells, sensors)
+    if sets > EXHAUSTIVE or n > COUNTED_CELLS:
+        return None, None
+    every = list(combinations(range(1, n + 1), sensors))
+    exact = int((exact_ranks(p, every) == 2 * n).sum())
+    paper = None
+    if sets * sensors * n**3 <= DECOMPOSED:
+        paper = int((paper_ranks(p, every) == 2 * n).sum())
+    return exact, paper
