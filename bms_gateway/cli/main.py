@@ -29,6 +29,8 @@ COMMANDS = {
     "diagnose": "which physical effect the model lacks",
     "add": "add an effect to a model, refit it, show the error before and after",
     "effects": "the catalogue of physical effects that a model may lack: equation, parameters, needs, look-alikes",
+    "observability": "what surface sensors tell of the cores: exact rank, the paper's rank, uncertainty of each core",
+    "place": "where to put surface sensors so that the least certain core is known best",
 }
 """Command and what it does. The file of the same name in this room has `arguments(parser)`, `run(args) -> int` and
 `EXAMPLE`; it imports what is heavy inside `run`, so that help and errors come at once."""
