@@ -74,7 +74,7 @@ class Measured:
 
 @dataclass(slots=True)
 class Draft:
-    """Numbers of one record while the coordinates are put into them."""
+    """Numbers of one record while the coordinates are put into them; its arrays are its own."""
 
     string: dict[str, Floats]
     effects: dict[str, dict[str, float]]
@@ -109,6 +109,8 @@ class Coordinate:
         Longest step of a fit.
     vanishing : bool
         Its lower bound is where the effect vanishes and its other numbers mean nothing: a fit comes near by shares.
+    only_start : bool
+        It moves the start, or what is read, and no balance.
     """
 
     name: str
@@ -123,6 +125,7 @@ class Coordinate:
     effect: str | None = None
     reach: float = np.inf
     vanishing: bool = False
+    only_start: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,9 +229,9 @@ def starts(r: int, m: Measured, records: int) -> list[Coordinate]:
             d.surface_start[i] = d.surface_start[i] + z
 
         sd, limit = CORE_UNDER_WAY if i else CORE_START
-        found.append(Coordinate(f"T_c0{tail}", 0.0, sd, -limit, limit, 0.1, 0.0, core, r))
+        found.append(Coordinate(f"T_c0{tail}", 0.0, sd, -limit, limit, 0.1, 0.0, core, r, only_start=True))
         sd, limit = SURFACE_START
-        found.append(Coordinate(f"T_s0{tail}", 0.0, sd, -limit, limit, 0.1, 0.0, both, r))
+        found.append(Coordinate(f"T_s0{tail}", 0.0, sd, -limit, limit, 0.1, 0.0, both, r, only_start=True))
     return found
 
 
@@ -251,7 +254,7 @@ def _scatter(model: StringModel) -> list[Coordinate]:
         for k in range(model.cells):
 
             def scatter(d: Draft, z: float, symbol: str = symbol, k: int = k) -> None:
-                d.string[symbol] = d.string[symbol] * (1.0 + z * (np.arange(len(d.string[symbol])) == k))
+                d.string[symbol][k] *= 1.0 + z
 
             found.append(_nuisance(f"{symbol}[{k + 1}]", sd, scatter))
     return found
@@ -263,9 +266,11 @@ def _sensors(model: StringModel, r: int, m: Measured, tail: str) -> list[Coordin
     for k in sorted({cell for kind, cell in m.channels if kind == "surface"}):
 
         def offset(d: Draft, z: float, k: int = k) -> None:
-            d.surface_offset = d.surface_offset + z * (np.arange(len(d.surface_offset)) == k - 1)
+            d.surface_offset[k - 1] += z
 
-        found.append(_nuisance(f"surface_offset[{k}]{tail}", model.tolerances.get("surface_offset_K", 0.0), offset, r))
+        found.append(
+            _nuisance(f"surface_offset[{k}]{tail}", model.tolerances.get("surface_offset_K", 0.0), offset, r, True)
+        )
 
     def inlet(d: Draft, z: float) -> None:
         d.inlet_offset += z
@@ -294,11 +299,10 @@ def _cell_starts(r: int, m: Measured, tail: str) -> list[Coordinate]:
         for k, sd in enumerate(sds):
 
             def start(d: Draft, z: float, i: int = i, k: int = k) -> None:
-                here = np.arange(len(d.core_start[i])) == k
-                d.core_start[i] = d.core_start[i] + z * here
-                d.surface_start[i] = d.surface_start[i] + z * here
+                d.core_start[i][k] += z
+                d.surface_start[i][k] += z
 
-            found.append(_nuisance(f"T_0[{k + 1}]{tail}", float(sd), start, r))
+            found.append(_nuisance(f"T_0[{k + 1}]{tail}", float(sd), start, r, True))
 
             def core(d: Draft, z: float, i: int = i, k: int = k) -> None:
                 d.core_start[i] = d.core_start[i] + z * (np.arange(len(d.core_start[i])) == k)
@@ -308,5 +312,7 @@ def _cell_starts(r: int, m: Measured, tail: str) -> list[Coordinate]:
     return found
 
 
-def _nuisance(name: str, sd: float, put: Callable[[Draft, float], None], record: int | None = None) -> Coordinate:
-    return Coordinate(name, 0.0, sd, -LIMIT * sd, LIMIT * sd, sd, 0.0, put, record)
+def _nuisance(
+    name: str, sd: float, put: Callable[[Draft, float], None], record: int | None = None, only_start: bool = False
+) -> Coordinate:
+    return Coordinate(name, 0.0, sd, -LIMIT * sd, LIMIT * sd, sd, 0.0, put, record, only_start=only_start)

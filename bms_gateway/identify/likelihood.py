@@ -10,11 +10,12 @@ where the plain residual is strongly coloured (Gourieroux et al., Generalised re
 """
 
 import numpy as np
-from scipy.special import log_ndtr
+from scipy.special import ndtr
 
 from bms_gateway.thermal import Floats
 
-_LOG_SQRT_2PI = 0.5 * float(np.log(2.0 * np.pi))
+SQRT_2PI = float(np.sqrt(2.0 * np.pi))
+_LOG_SQRT_2PI = float(np.log(SQRT_2PI))
 FINE = 0.2
 """Steps of so little noise round nothing away."""
 FAR = 25.0
@@ -45,18 +46,24 @@ def generalised(u: Floats, sigma0: Floats, step: Floats) -> tuple[Floats, Floats
         r = u / sigma
         return r, r * r
     x, h = u / sigma0, 0.5 * step / sigma0
-    mirrored = np.abs(x)  # into the lower tail, where log_ndtr keeps its digits
+    mirrored = np.abs(x)  # into the lower tail, where ndtr keeps its digits
     low, high = -mirrored - h, -mirrored + h
-    log_high, log_low = log_ndtr(high), log_ndtr(low)
-    log_p = log_high + np.log1p(-np.exp(np.minimum(log_low - log_high, -1e-12)))
-    mean = np.exp(-0.5 * low**2 - _LOG_SQRT_2PI - log_p) - np.exp(-0.5 * high**2 - _LOG_SQRT_2PI - log_p)
+    p = ndtr(high) - ndtr(low)
+    # of what is farther than FAR only the edge counts: there p may be zero
+    with np.errstate(divide="ignore", invalid="ignore"):
+        log_p = np.log(p)
+        mean = (np.exp(-0.5 * low**2) - np.exp(-0.5 * high**2)) / (SQRT_2PI * p)
     deviance = -2.0 * (log_p - np.log(np.maximum(2.0 * h, 1e-12)) + _LOG_SQRT_2PI)
     edge = mirrored - h
     far = edge > FAR
-    mean = np.where(far, -edge, mean)
-    deviance = np.where(far, edge**2, deviance)
-    r = np.where(fine, u / sigma, -np.sign(x) * mean * sigma / sigma0)
-    return r, np.where(fine, (u / sigma) ** 2, deviance)
+    if far.any():
+        mean = np.where(far, -edge, mean)
+        deviance = np.where(far, edge**2, deviance)
+    r = np.copysign(mean, x) * (sigma / sigma0)
+    if fine.any():
+        r = np.where(fine, u / sigma, r)
+        deviance = np.where(fine, (u / sigma) ** 2, deviance)
+    return r, deviance
 
 
 def curvature(u: Floats, sigma0: Floats, step: Floats) -> float:

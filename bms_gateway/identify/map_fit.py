@@ -184,8 +184,8 @@ def nuisance_columns(
 def _weighed(problem: Problem, noise: Whitening | None, columns: Floats) -> Floats:
     if noise is not None:
         return noise(columns)
-    _, sigma, _, _, used = stacked(problem)
-    return np.asarray(columns * np.where(used, 1.0 / sigma, 0.0)[:, None])
+    weight = np.concatenate([np.where(m.used, 1.0 / m.sigma, 0.0) for m in problem.records])
+    return np.asarray(columns * weight[:, None])
 
 
 def map_fit(
@@ -263,9 +263,9 @@ def map_fit(
         steep = 1.0 if noise is not None else curvature((y - prediction.y)[used], sigma0[used], step[used])
         with np.errstate(over="ignore", invalid="ignore"):  # of columns that ran away; seen and told below
             weighed = _weighed(problem, noise, columns)
-            H = _precision(weighed, linear, sd, trust * steep)
             pull = np.where(used, trust * r, 0.0)
-            gradient = np.concatenate([pull @ weighed, pull @ linear.weighed]) - (z - prior) / sd**2
+            H, slope = _normal(weighed, linear, sd, trust * steep, pull)
+            gradient = slope - (z - prior) / sd**2
         before = cost
         if not (np.isfinite(H).all() and np.isfinite(gradient).all()):
             cost, H = np.inf, np.eye(len(z))  # a trajectory that runs away tells no direction: the fit is none
@@ -336,11 +336,15 @@ def _columns(problem: Problem, z: Floats, prediction: Prediction, J: Floats | No
     return columns if J is None else np.concatenate([J, columns], axis=1)
 
 
-def _precision(J: Floats, linear: Linear, sd: Floats, trust: float) -> Floats:
-    cross = J.T @ linear.weighed
-    H = trust * np.block([[J.T @ J, cross], [cross.T, linear.gram]])
+def _normal(J: Floats, linear: Linear, sd: Floats, trust: float, pull: Floats) -> tuple[Floats, Floats]:
+    """Precision, and what the residuals pull; the nuisances' columns, being many, are gone through only once."""
+    P = J.shape[1]
+    mine = np.empty((P + 1, len(J)))
+    mine[:P], mine[P] = J.T, pull
+    own, cross = mine @ mine[:P].T, mine @ linear.weighed
+    H = trust * np.block([[own[:P], cross[:P]], [cross[:P].T, linear.gram]])
     H[np.diag_indices_from(H)] += 1.0 / sd**2
-    return np.asarray(H, dtype=np.float64)
+    return np.asarray(H, dtype=np.float64), np.concatenate([own[P], cross[P]])
 
 
 def _within_reach(problem: Problem, z: Floats, step: Floats) -> float:

@@ -18,6 +18,7 @@ from bms_gateway.identify.coordinates import (
     starts,
 )
 from bms_gateway.thermal import CELL_SYMBOLS, KINDS, Floats, StringModel, StringParameters
+from bms_gateway.thermal.drive import Drive
 from bms_gateway.thermal.effects import effect_named
 from bms_gateway.thermal.physics import Numbers, Physics
 from bms_gateway.thermal.trajectory import Recursion, Variation, cut, readings, reference, sensitivities, simulate
@@ -65,6 +66,8 @@ class Problem:
     nuisances: tuple[Coordinate, ...] = field(init=False)
     _recursion: list[Recursion | None] = field(init=False)
     _alters_readings: bool = field(init=False)
+    _nominal: StringParameters = field(init=False)
+    _begins: list[list[Drive]] = field(init=False)
     _memories: dict[tuple[object, ...], Mapping[str, Floats]] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -77,6 +80,8 @@ class Problem:
         small = (believed(c, self.beliefs) for c in nuisances(self.model, self.records))
         self.nuisances = tuple(c for c in small if c.sd > 0.0)
         self._recursion = [None] * len(self.records)
+        self._nominal = self.model.nominal
+        self._begins = [[cut(m.drive, s.first, s.first + 1) for s in m.spans] for m in self.records]
         self._alters_readings = any("reading" in effect_named(e.name).hooks() for e in self.model.effects)
 
     @property
@@ -136,32 +141,51 @@ class Problem:
         nu: Floats | None = None,
     ) -> Floats:
         """Return the derivative (M, P) of the readings with respect to coordinates or nuisances, °C per unit."""
-        blocks = []
+        J = np.zeros((len(coordinates), sum(len(m.y) for m in self.records)))
+        last = 0
         for r, m in enumerate(self.records):
-            J = np.zeros((len(m.y), len(coordinates)))
+            own = slice(last, last + len(m.y))
+            last = own.stop
             mine = [j for j, c in enumerate(coordinates) if c.record in (None, r)]
             v, starts = self.numbers(r, theta, nu)
             memory = self._memory(r, v)
-            variations = [self._variation(r, theta, nu, coordinates[j], memory, starts) for j in mine]
+            X = prediction.X[r]
             recursion = self._recursion[r]
             if recursion is None:
-                recursion = self._recursion[r] = reference(
-                    self.physics, m.drive, v, memory, prediction.X[r].mean(axis=0)
-                )
-            now = _channels(m, self.physics, v, memory, prediction.X[r])
+                recursion = self._recursion[r] = reference(self.physics, m.drive, v, memory, X.mean(axis=0))
             for first in range(0, len(mine), 16):  # few columns at a time stay in the cache
-                some = variations[first : first + 16]
-                S = sensitivities(
-                    self.physics, m.drive, v, memory, prediction.X[r], m.spans, recursion, some, refinements
-                )
-                moved = [
-                    (_channels(m, self.physics, c.numbers, c.memory, prediction.X[r] + c.step * S[..., k]) - now)
-                    / c.step
-                    for k, c in enumerate(some)
-                ]
-                J[:, mine[first : first + 16]] = _at(m, np.stack(moved, axis=-1))
-            blocks.append(J)
-        return np.concatenate(blocks)
+                some = mine[first : first + 16]
+                variations = [self._variation(r, theta, nu, coordinates[j], memory, starts) for j in some]
+                S = sensitivities(self.physics, m.drive, v, memory, X, m.spans, recursion, variations, refinements)
+                for j, signals in zip(some, self._moved(m, v, memory, X, S, variations), strict=True):
+                    _at(m, signals, J[j, own])
+        return J.T
+
+    def _moved(
+        self,
+        m: Measured,
+        v: Numbers,
+        memory: Mapping[str, Floats],
+        X: Floats,
+        S: Floats,
+        variations: Sequence[Variation],
+    ) -> Floats:
+        """Move the channels' signals with the states: derivatives (P, m, rows) from `S` (rows, D, P)."""
+        if not self.physics.reads:
+            state = [2 * k - 1 if kind == "surface" else 2 * k - 2 for kind, k in m.channels]
+            moved = S.transpose(2, 1, 0)[:, state]
+            for G, c in zip(moved, variations, strict=True):
+                offset = (np.zeros(self.physics.cells) + c.numbers.surface_offset - v.surface_offset) / c.step
+                if offset.any():
+                    G += np.array([offset[k - 1] if kind == "surface" else 0.0 for kind, k in m.channels])[:, None]
+            return moved
+        now = _channels(m, self.physics, v, memory, X)
+        return np.stack(
+            [
+                (_channels(m, self.physics, c.numbers, c.memory, X + c.step * S[..., j]) - now) / c.step
+                for j, c in enumerate(variations)
+            ]
+        )
 
     def _variation(
         self,
@@ -181,9 +205,10 @@ class Problem:
                 c.put(draft, float(value) + step)
             elif other.record in (None, r) and (value or other.effect is not None):
                 other.put(draft, float(value))
-        v, moved = self._close(r, draft)
-        m = memory if c.effect is None else self._memory(r, v)
-        return Variation(v, m, step, tuple((b - a) / step for a, b in zip(starts, moved, strict=True)))
+        new, moved = self._close(r, draft)
+        m = memory if c.effect is None else self._memory(r, new)
+        start = tuple((b - a) / step for a, b in zip(starts, moved, strict=True))
+        return Variation(new, m, step, start, c.only_start)
 
     def _memory(self, r: int, v: Numbers) -> Mapping[str, Floats]:
         """Effects' memories of a record's inputs; a fit comes back to the same numbers of an effect again and again."""
@@ -195,7 +220,7 @@ class Problem:
         return self._memories[key]
 
     def _draft(self, r: int) -> Draft:
-        p, n = self.model.nominal, self.model.cells
+        p, n = self._nominal, self.model.cells
         string = {name: np.array(getattr(p, name), dtype=np.float64) for name in KINDS}
         effects = {e.key: dict(e.values) for e in self.model.effects}
         start = [s.copy() for s in self.records[r].start]
@@ -223,35 +248,31 @@ class Problem:
         m, n = self.records[r], self.model.cells
         sensed = sorted({k for kind, k in m.channels if kind == "surface"})
         found = []
-        for X, span in zip(starts, m.spans, strict=True):
-            u = cut(m.drive, span.first, span.first + 1)
-            read = self.physics.readings(X[None], u, v, self.physics.memory(u, v)[0])[0]
+        for X, u in zip(starts, self._begins[r], strict=True):
+            memory = self.physics.memory(u, v)[0] if self._alters_readings else {}
+            read = self.physics.readings(X[None], u, v, memory)[0]
             error = (read - X[1 : 2 * n : 2])[[k - 1 for k in sensed]]
             found.append(np.interp(np.arange(1, n + 1), sensed, error))
         return found
 
 
 def _channels(m: Measured, physics: Physics, v: Numbers, memory: Mapping[str, Floats], X: Floats) -> Floats:
-    """Signals (rows, m) of the record's channels along a trajectory."""
+    """Signals (m, rows) of the record's channels along a trajectory."""
     surface = readings(physics, m.drive, v, memory, X, m.spans)
-    return np.stack([surface[:, k - 1] if kind == "surface" else X[:, 2 * k - 2] for kind, k in m.channels], axis=1)
+    return np.stack([surface[:, k - 1] if kind == "surface" else X[:, 2 * k - 2] for kind, k in m.channels])
 
 
 def signals_at(m: Measured, physics: Physics, v: Numbers, memory: Mapping[str, Floats], X: Floats) -> Floats:
     """Read the record's thermocouples (M,) along a trajectory, at the readings' own time stamps, °C."""
-    return _at(m, _channels(m, physics, v, memory, X))
+    return _at(m, _channels(m, physics, v, memory, X), np.empty(len(m.y)))
 
 
-def _at(m: Measured, signals: Floats) -> Floats:
-    """Signals (rows, m) or (rows, m, P) at the time stamps of the readings: (M,) or (M, P)."""
-    rows, channels = signals.shape[:2]
-    flat = signals.reshape(rows * channels, *signals.shape[2:])
-    before = m.row * channels + m.channel
-    after = np.minimum(m.row + 1, rows - 1) * channels + m.channel
-    share = m.share if signals.ndim == 2 else m.share[:, None]
-    out = np.take(flat, after, axis=0)
-    start = np.take(flat, before, axis=0)
-    out -= start
-    out *= share
-    out += start
-    return np.asarray(out, dtype=np.float64)
+def _at(m: Measured, signals: Floats, out: Floats) -> Floats:
+    """Signals (m, rows) at the time stamps of the readings (M,), into `out`."""
+    rise = np.zeros_like(signals)  # none after the last row
+    np.subtract(signals[:, 1:], signals[:, :-1], out=rise[:, :-1])
+    place = m.channel * signals.shape[1] + m.row
+    np.take(rise, place, out=out, mode="clip")
+    out *= m.share
+    out += np.take(signals, place, mode="clip")
+    return out

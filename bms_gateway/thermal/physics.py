@@ -139,7 +139,7 @@ class Physics:
         z = self._open(X, u, v, memory)
         self._run("inputs", z, v)
         self._run("coefficients", z, v)
-        z.core = z.I2 * z.R_e + np.zeros_like(z.T_c)
+        z.core = np.multiply(z.I2, z.R_e, out=np.empty_like(z.T_c))
         self._run("heats", z, v)
         z.core = z.core + v.core_heat
         z.inner = (z.T_c - z.T_s) / z.R_c
@@ -154,7 +154,7 @@ class Physics:
 
     def balances(self, z: Point, v: Numbers) -> Floats:
         """Rates of change (N, D) in 1/s that a point of `point` comes to."""
-        out = np.empty((*z.T_c.shape[:-1], self.states))
+        out = np.empty((*z.T_c.shape[:-1], self.states), order="F")
         out[..., 0 : 2 * self.cells : 2] = (z.core - z.inner) / z.C_c
         net = z.inner - z.film + z.surface
         if np.isfinite(v.string.R_cc) and self.cells > 1:
@@ -170,11 +170,15 @@ class Physics:
     def readings(self, X: Floats, u: Drive, v: Numbers, memory: Memory) -> Floats:
         """Read thermocouples on all n cells (N, n), °C, at the states `X` under the inputs of `u`."""
         if not self.reads:
-            return np.asarray(X[..., 1 : 2 * self.cells : 2] + v.surface_offset)
+            return self.surfaces(X, v)
         z = self.point(X, u, v, memory)
         z.y = z.T_s
         self._run("reading", z, v)
         return np.asarray(z.y + v.surface_offset)
+
+    def surfaces(self, X: Floats, v: Numbers) -> Floats:
+        """Surfaces (N, n), °C, as thermocouples read them that no effect alters."""
+        return np.asarray(X[..., 1 : 2 * self.cells : 2] + v.surface_offset)
 
     def linearised(self, X: Floats, u: Drive, v: Numbers, memory: Memory) -> Floats:
         """Jacobian ∂(rates)/∂X (D, D), 1/s, at one state `X` (D,) under one interval `u`."""
@@ -215,7 +219,7 @@ class Physics:
             R_u=s.R_u,
             C_c=s.C_c,
             C_s=s.C_s,
-            C_f=s.C_f * still * np.ones(n),
+            C_f=s.C_f * still,
             core=nothing,
             surface=nothing,
             T_f=T_s,
@@ -236,13 +240,22 @@ class Physics:
             return
         if z.film_exponent == 0.0 and np.ndim(z.R_u) == 1 and np.ndim(z.C_f) == 1:
             M, m = _path(z.R_u, z.C_f, coolant)
-            z.T_f = z.T_s @ M.T + z.T_in * m
+            z.T_f = (M @ z.T_s[..., None])[..., 0] if z.T_s.ndim != 2 else (M @ z.T_s.T).T
+            z.T_f = z.T_f + z.T_in * m
             z.film = (z.T_s - z.T_f) / z.R_u
             return
-        T_f, film = np.empty_like(z.T_s), np.empty_like(z.T_s)
+        T_f = np.empty_like(z.T_s)
+        stream = np.broadcast_to(z.T_in[..., 0], z.T_s.shape[:-1])
+        if z.film_exponent == 0.0:
+            share = _exchange(np.divide(1.0 / z.C_f, z.R_u, out=np.empty_like(z.T_s)), coolant)
+            for k in range(self.cells):
+                T_f[..., k] = stream
+                stream = stream + share[..., k] * (z.T_s[..., k] - stream)
+            z.T_f, z.film = T_f, (z.T_s - T_f) / z.R_u
+            return
+        film = np.empty_like(z.T_s)
         R_u = np.broadcast_to(z.R_u, z.T_s.shape)
         C_f = np.broadcast_to(z.C_f, z.T_s.shape)
-        stream = np.broadcast_to(z.T_in[..., 0], z.T_s.shape[:-1])
         for k in range(self.cells):
             gap = z.T_s[..., k] - stream
             conductance = _film(gap, z.film_exponent) / R_u[..., k]
@@ -253,13 +266,19 @@ class Physics:
 
 def _earlier(x: Floats, late: float, dt: float) -> Floats:
     """Signal `late` seconds before it was read, to first order: lateness is small against what moves."""
-    return x if late == 0.0 or len(x) < 2 else x + np.gradient(x) * (late / dt)
+    if late == 0.0 or len(x) < 2:
+        return x
+    slope = np.empty_like(x)
+    slope[1:-1] = (x[2:] - x[:-2]) / 2.0
+    slope[0], slope[-1] = x[1] - x[0], x[-1] - x[-2]
+    return x + slope * (late / dt)
 
 
 def _exchange(units: Any, coolant: str) -> Any:
     """Share of the gap that the stream takes up; where the bulk node would overshoot the surface, the exact one."""
-    exact = -np.expm1(-units)
-    return exact if coolant == "ntu" else np.where(units < 1.0, units, exact)
+    if coolant == "ntu":
+        return -np.expm1(-units)
+    return units if np.all(units < 1.0) else np.where(units < 1.0, units, -np.expm1(-units))
 
 
 def _path(R_u: Floats, C_f: Floats, coolant: str) -> tuple[Floats, Floats]:

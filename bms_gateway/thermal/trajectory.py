@@ -19,7 +19,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.linalg
 
 from bms_gateway.thermal.drive import Drive
 from bms_gateway.thermal.parameters import Floats
@@ -31,6 +30,10 @@ SWEEPS = 15
 LEAST_INTERVALS = 8
 """A stretch that does not settle is halved, for sweeps settle the faster the shorter they are; below this it is taken
 as it is."""
+CACHE = 120_000
+"""Numbers of one column block of the recursion: a megabyte of them stays in the cache of one core."""
+TERMS, LEAST_SIZE = 14, 0.5
+"""Of the exponential's series: what is left of a matrix of this size lies below the last digit."""
 COLD, HOT = -200.0, 1000.0
 """°C: no cell is beyond; a trajectory that runs away is held there so that a fit can turn back."""
 
@@ -47,48 +50,93 @@ class Recursion:
     """
 
     def __init__(self, A: Floats, dt: float, steps: int) -> None:
-        D = len(A)
-        F = np.zeros((2 * D, 2 * D))
-        F[:D, :D], F[:D, D:] = A * dt, np.eye(D) * dt
-        E = scipy.linalg.expm(F)
         self.A, self.dt = A, dt
-        self.Phi, self.Gamma = E[:D, :D].copy(), E[:D, D:].copy()
+        self.Phi, phi = exponentials(A * dt)
+        self.Gamma = phi * dt
         self.block = max(1, int(np.sqrt(steps)))
-        powers = [self.Phi]
-        for _ in range(self.block - 1):
-            powers.append(powers[-1] @ self.Phi)
-        self._powers = np.stack(powers)
+        powers = [np.eye(len(A))]
+        for _ in range(self.block):
+            powers.append(self.Phi @ powers[-1])
+        self._whole = powers.pop()
+        self._ends = np.concatenate(powers[::-1], axis=1)
 
     def run(self, x0: Floats, w: Floats) -> Floats:
         """Run from `x0` (D, P) under `w` (N, D, P): states (N + 1, D, P), the start first.
 
-        Numbers that a fit tries on its way may run away: the result is then infinite or not a number.
+        Numbers that a fit tries on its way may run away: the result is then infinite or not a number. The result's
+        time runs fastest in memory; `w` is read quickest when its does too.
         """
-        with np.errstate(over="ignore", invalid="ignore"):
-            return self._run(x0, w)
-
-    def _run(self, x0: Floats, w: Floats) -> Floats:
         N, D, P = w.shape
+        out = np.empty((P, D, N + 1))
+        w = w.transpose(2, 1, 0)
+        with np.errstate(over="ignore", invalid="ignore"):
+            some = max(1, CACHE // (N * D))
+            for first in range(0, P, some):
+                columns = slice(first, first + some)
+                self._run(x0[:, columns], w[columns], out[columns])
+        return out.transpose(2, 1, 0)
+
+    def _run(self, x0: Floats, w: Floats, out: Floats) -> None:
+        P, D, N = w.shape
         m = self.block
-        blocks = -(-N // m)
-        padded = np.zeros((blocks * m, D, P))
-        padded[:N] = w
-        drive = np.matmul(self.Gamma, padded.reshape(blocks, m, D, P).transpose(1, 2, 0, 3).reshape(m, D, blocks * P))
-        z = drive[0]
-        for j in range(1, m):
-            z = self.Phi @ z + drive[j]
-            drive[j] = z
-        ends = z.reshape(D, blocks, P)
-        starts = np.empty((D, blocks, P))
+        full, rest = divmod(N, m)
+        blocks = full + (rest > 0)
+        drive = np.empty((m, D, P, blocks))
+        drive[..., :full] = w[..., : full * m].reshape(P, D, full, m).transpose(3, 1, 0, 2)
+        if rest:
+            drive[rest:, ..., full] = 0.0
+            drive[:rest, ..., full] = w[..., full * m :].transpose(2, 1, 0)
+        drive = np.matmul(self.Gamma, drive.reshape(m, D, P * blocks))
+        # where each block would end if it started from zero; then where it starts; then every step of all blocks
+        ends = (self._ends @ drive.reshape(m * D, P * blocks)).reshape(D, P, blocks)
+        starts = np.empty((D, P, blocks))
         x = x0
         for b in range(blocks):
-            starts[:, b] = x
-            x = self._powers[-1] @ x + ends[:, b]
-        drive += np.matmul(self._powers, starts.reshape(D, blocks * P))
-        out = np.empty((N + 1, D, P))
-        out[0] = x0
-        out[1:] = drive.reshape(m, D, blocks, P).transpose(2, 0, 1, 3).reshape(blocks * m, D, P)[:N]
-        return out
+            starts[..., b] = x
+            x = self._whole @ x + ends[..., b]
+        z = starts.reshape(D, P * blocks)
+        for step in drive:
+            step += self.Phi @ z
+            z = step
+        states = drive.reshape(m, D, P, blocks)
+        out[..., 0] = x0.T
+        out[..., 1 : full * m + 1].reshape(P, D, full, m)[...] = states[..., :full].transpose(2, 1, 3, 0)
+        if rest:
+            out[..., full * m + 1 :] = states[:rest, ..., full].transpose(2, 1, 0)
+
+
+def exponentials(Z: Floats) -> tuple[Floats, Floats]:
+    r"""Matrix functions e^Z and φ₁(Z) = ∫₀¹ e^{Zs} ds, by Taylor's series of a share of Z that is doubled back.
+
+    .. math:: e^{2Z} = e^Z e^Z, \qquad \varphi_1(2Z) = \tfrac{1}{2} (e^Z + 1) \varphi_1(Z)
+
+    Examples
+    --------
+    >>> e, phi = exponentials(np.diag([-3.0, 0.0]))
+    >>> bool(np.allclose(e, np.diag([np.exp(-3.0), 1.0])))
+    True
+    >>> bool(np.allclose(phi, np.diag([-np.expm1(-3.0) / 3.0, 1.0])))
+    True
+
+    References
+    ----------
+    Higham, Functions of Matrices, 2008, section 10.7.4.
+    """
+    one = np.eye(len(Z))
+    size = float(np.abs(Z).sum(axis=0).max())
+    if not np.isfinite(size):
+        return np.full_like(Z, np.nan), np.full_like(Z, np.nan)
+    doublings = max(0, int(np.ceil(np.log2(max(size, LEAST_SIZE) / LEAST_SIZE))))
+    small = Z / 2.0**doublings
+    phi = one
+    for k in range(TERMS, 1, -1):
+        phi = one + small @ phi / k
+    e = one + small @ phi
+    with np.errstate(over="ignore", invalid="ignore"):
+        for _ in range(doublings):
+            phi = 0.5 * (phi + e @ phi)
+            e = e @ e
+    return e, phi
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,16 +163,21 @@ class Variation:
     step : float
     start : tuple of ndarray (D,)
         Derivative of the start of each span.
+    only_start : bool
+        Whether the balances stay as they are.
     """
 
     numbers: Numbers
     memory: Memory
     step: float
     start: tuple[Floats, ...]
+    only_start: bool = False
 
 
 def cut(u: Drive, first: int, last: int) -> Drive:
     """Intervals `first` to `last` (not included) of a drive."""
+    if first == 0 and last == u.N:
+        return u
     return _map(u, lambda x: x[first:last])
 
 
@@ -223,7 +276,8 @@ def sensitivities(
     -------
     ndarray (N + spans, D, P)
     """
-    out = np.empty((*X.shape, len(variations)))
+    D, P = X.shape[1], len(variations)
+    parts = []
     row = 0
     for i, span in enumerate(spans):
         rows = slice(row, row + len(span) + 1)
@@ -231,30 +285,32 @@ def sensitivities(
         part_u = cut(u, span.first, span.last)
         at = slice(span.first, span.last)
         memories = [{k: m[at] for k, m in c.memory.items()} for c in variations]
-        x_mean = (X[rows][1:] + X[rows][:-1]) / 2.0
+        x_mean = _means(X[rows])
         f0 = physics.rates(x_mean, part_u, v, {k: m[at] for k, m in memory.items()})
-        g = np.stack(
-            [
-                (physics.rates(x_mean, part_u, c.numbers, m) - f0) / c.step
-                for c, m in zip(variations, memories, strict=True)
-            ],
-            axis=-1,
-        )
+        g = np.empty((P, D, len(span)))  # time runs fastest, as in a column of the recursion
+        for j, (c, m) in enumerate(zip(variations, memories, strict=True)):
+            if c.only_start:
+                g[j] = 0.0
+            else:
+                np.subtract(physics.rates(x_mean, part_u, c.numbers, m).T, f0.T, out=g[j])
+                g[j] /= c.step
         x0 = np.stack([c.start[i] for c in variations], axis=-1)
-        S = recursion.run(x0, g)
+        S = recursion.run(x0, g.transpose(2, 1, 0)).transpose(2, 1, 0)
         for _ in range(refinements):
-            S_mean = (S[1:] + S[:-1]) / 2.0
-            linear = np.matmul(recursion.A, S_mean)
             for j, (c, m) in enumerate(zip(variations, memories, strict=True)):
-                moved = physics.rates(x_mean + c.step * S_mean[..., j], part_u, c.numbers, m)
-                g[..., j] = (moved - f0) / c.step - linear[..., j]
-            S = recursion.run(x0, g)
-        out[rows] = S
-    return out
+                S_mean = (S[j, :, 1:] + S[j, :, :-1]) / 2.0
+                np.subtract(physics.rates(x_mean + c.step * S_mean.T, part_u, c.numbers, m).T, f0.T, out=g[j])
+                g[j] /= c.step
+                g[j] -= recursion.A @ S_mean
+            S = recursion.run(x0, g.transpose(2, 1, 0)).transpose(2, 1, 0)
+        parts.append(S)
+    return (parts[0] if len(parts) == 1 else np.concatenate(parts, axis=2)).transpose(2, 1, 0)
 
 
 def readings(physics: Physics, u: Drive, v: Numbers, memory: Memory, X: Floats, spans: Sequence[Span]) -> Floats:
     """Read thermocouples on all cells along a trajectory: ndarray (N + spans, n), °C."""
+    if not physics.reads:
+        return physics.surfaces(X, v)
     parts = []
     row = 0
     for span in spans:
@@ -278,8 +334,8 @@ def _relax(
     X = np.tile(x0, (len(u.I) + 1, 1)) if guess is None else guess
     last = np.inf
     for sweep in range(SWEEPS):
-        mean = (X[1:] + X[:-1]) / 2.0
-        w = physics.rates(mean, u, v, memory) - mean @ recursion.A.T
+        mean = _means(X)
+        w = physics.rates(mean, u, v, memory) - (recursion.A @ mean.T).T
         new = np.clip(recursion.run(x0[:, None], w[..., None])[..., 0], COLD, HOT)
         change = float(np.abs(new - X).max())
         X = new
@@ -308,6 +364,11 @@ def _halved(
         found.append(X)
         x0 = X[-1]
     return np.concatenate([found[0][:-1], found[1]])
+
+
+def _means(X: Floats) -> Floats:
+    """Means over the intervals (N, D) of states at the instants (N + 1, D), time running fastest in memory."""
+    return np.asarray((X[1:] + X[:-1]).T / 2.0, order="C").T
 
 
 def _between(x: Floats) -> Floats:
