@@ -29,6 +29,7 @@ COMMANDS = {
     "diagnose": "which physical effect the model lacks",
     "add": "add an effect to a model, refit it, show the error before and after",
     "effects": "the catalogue of physical effects that a model may lack: equation, parameters, needs, look-alikes",
+    "reproduce": "the paper's figures and tables beside ours, with its errata; explains the method",
     "observability": "what surface sensors tell of the cores: exact rank, the paper's rank, uncertainty of each core",
     "place": "where to put surface sensors so that the least certain core is known best",
 }
