@@ -140,10 +140,15 @@ class Diagnosis:
     alarms: tuple[str, ...] = ()
 
     @property
+    def decided_by_second(self) -> bool:
+        """Whether names and fits are those of the second search: in a string it only casts doubt on the first."""
+        return self.second is not None and self.search.baseline.problem.model.cells == 1
+
+    @property
     def fits(self) -> tuple[MapFit, MapFit]:
         """The model as it is and with the selected effects, held against all readings; of the search that decided."""
         ready = self.search.baseline.problem.records
-        if self.second is None or self.search.baseline.problem.model.cells > 1:
+        if self.second is None or not self.decided_by_second:
             return self.search.baseline, self.search.final if self.selected else self.search.baseline
         ready = [replace(m, used=np.ones_like(m.used)) for m in ready]  # it held nothing out
         before = seen_on(self.second.baseline, ready)

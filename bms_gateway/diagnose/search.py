@@ -351,35 +351,36 @@ def _exchange(found: Search, offered: Sequence[Candidate], s: Settings) -> None:
     inflation = structure(found.final).inflation
     for old in found.chosen[:-1]:
         keep = [c for c in found.chosen if c is not old]  # an exchange puts the new one last
-        without = _without(found.final, old.candidate.key)
-        if (found.final.log_evidence - without.log_evidence) / inflation + prior_odds(
+        less = without(found.final, old.candidate.key)
+        if (found.final.log_evidence - less.log_evidence) / inflation + prior_odds(
             old.candidate, offered
         ) - HALF < s.first_odds:
-            found.chosen, found.final = keep, converged(without)
+            found.chosen, found.final = keep, converged(less)
             return
         there = {c.candidate.key for c in keep}
-        gains = screen(without, [c for c in offered if c.key not in there])
+        gains = screen(less, [c for c in offered if c.key not in there])
         seen: dict[str, Gain] = {}
         for g in gains:
             if _promising(g, offered, s, 1) and len(seen) < 6:
                 seen.setdefault(g.candidate.name, g)
-        fits = [(g.candidate, refit(without, g)) for g in seen.values()]
+        fits = [(g.candidate, refit(less, g)) for g in seen.values()]
         if not fits:
             continue
         best, fit = max(fits, key=lambda x: x[1].log_evidence + prior_odds(x[0], offered))
         won = fit.log_evidence + prior_odds(best, offered)
         won -= found.final.log_evidence + prior_odds(old.candidate, offered)
         if won > s.first_odds * inflation and best.key != old.candidate.key:
-            trials = _judge(without, sorted(fits, key=lambda x: -x[1].log_evidence), offered, s, 1)
+            trials = _judge(less, sorted(fits, key=lambda x: -x[1].log_evidence), offered, s, 1)
             trial = next(t for t in trials if t.candidate is best)
             found.chosen = [*keep, _chosen(trial, trials)]
             found.final = converged(fit)
 
 
-def _without(fit: MapFit, key: str) -> MapFit:
-    """Refit with one effect of the model taken out."""
+def without(fit: MapFit, key: str) -> MapFit:
+    """Refit with one effect, called as in model files, taken out of the model."""
     model = fit.problem.model
-    problem = Problem(replace(model, effects=tuple(e for e in model.effects if e.key != key)), fit.problem.records)
+    less = replace(model, effects=tuple(e for e in model.effects if e.key != key))
+    problem = Problem(less, fit.problem.records, fit.problem.beliefs)
     theta = np.array([fit.theta[fit.problem.index(c.name)] for c in problem.coordinates])
     return map_fit(problem, theta, linear=fit.linear, nu=fit.nu, iterations=8)
 

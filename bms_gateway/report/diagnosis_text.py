@@ -1,16 +1,20 @@
 """A diagnosis for people at a terminal, and for programs: the same content as the page that `--html` writes."""
 
 import math
+import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from bms_gateway.diagnose.checks import Finding
-from bms_gateway.diagnose.diagnosis import Diagnosis, Errors, Number, Ranked, Selected
+from bms_gateway.diagnose.diagnosis import Diagnosis, Errors, Number, Selected
+from bms_gateway.diagnose.standing import Standing
 from bms_gateway.report.show import number, text_table
 
 BAR = 12
 """Characters of the longest evidence bar: the table still fits a terminal with it."""
+LINEAR = 100.0
+"""Log-odds up to which bars are in proportion: beyond, what is possible could not be seen beside what is certain."""
 SHOWN = 8
 """Ranked effects shown to people; programs get them all."""
 
@@ -34,6 +38,8 @@ class Told:
     next_experiment : str or None
     card : tuple of str
         What these records could show at all, a line each.
+    ranking : tuple of Standing
+        Everything that was weighed.
     """
 
     diagnosis: Diagnosis | None
@@ -44,6 +50,7 @@ class Told:
     absorbed: tuple[str, ...] = ()
     next_experiment: str | None = None
     card: tuple[str, ...] = ()
+    ranking: tuple[Standing, ...] = ()
 
 
 def diagnosis_document(told: Told) -> dict[str, Any]:
@@ -53,7 +60,7 @@ def diagnosis_document(told: Told) -> dict[str, Any]:
         "verdict": d.verdict if d else "insufficient_data",
         "unknown_remains": bool(d and d.unknown_remains),
         "selected": [{"effect": s.candidate.name, "cell": s.candidate.cell} for s in d.selected] if d else [],
-        "ranking": [_ranked(r) for r in ranking(d)] if d else [],
+        "ranking": [_ranked(r) for r in told.ranking if len(r.effects) == 1],
         "baseline": {
             "train_rmse_K": finite(d.baseline.train_rmse_K) if d else None,
             "heldout_rmse_K": finite(d.baseline.heldout_rmse_K) if d else None,
@@ -69,6 +76,7 @@ def diagnosis_document(told: Told) -> dict[str, Any]:
         "looks_like": list(d.looks_like) if d else [],
         "core_doubts": list(d.alarms) if d else [],
         "parameters": [_selected(s) for s in d.selected] if d else [],
+        "hypotheses": [_together(r) for r in told.ranking if len(r.effects) > 1],
         "structure": {"baseline": _structure(d.baseline), "after": _structure(d.after)} if d else None,
         "tables": list(told.sources),
         "checks": [
@@ -80,23 +88,28 @@ def diagnosis_document(told: Told) -> dict[str, Any]:
     }
 
 
-def ranking(d: Diagnosis) -> tuple[Ranked, ...]:
-    """Return the ranking with each effect at each place once, by the likeliest of its starts."""
-    best: dict[tuple[str, int | None], Ranked] = {}
-    for r in d.ranking:
-        best.setdefault((r.effect, r.cell), r)
-    return tuple(best.values())
-
-
-def _ranked(r: Ranked) -> dict[str, Any]:
+def _ranked(r: Standing) -> dict[str, Any]:
+    effect, _, cell = r.name.partition(":")
     return {
-        "effect": r.effect,
-        "cell": r.cell,
+        "effect": effect,
+        "cell": int(cell) if cell else None,
         "heldout_rmse_K": finite(r.heldout_rmse_K),
         "evidence": finite(r.evidence),
         "parameters": numbers_document(r.parameters),
         "tied_with": list(r.tied_with),
+        "role": r.role or None,
+        "error_K": finite(r.error_K),
+        "error_without_K": finite(r.without_K),
         "probability": finite(r.share),
+        "refused": r.refused or None,
+    }
+
+
+def _together(r: Standing) -> dict[str, Any]:
+    return {
+        "effects": list(r.effects),
+        "evidence": finite(r.evidence),
+        "error_K": finite(r.error_K),
         "refused": r.refused or None,
     }
 
@@ -131,8 +144,8 @@ def diagnosis_text(told: Told) -> str:
     if d is not None:
         if d.selected:
             parts.append(_what_is_missing(d.selected))
-        if d.ranking:
-            parts.append(_ranking(ranking(d)))
+        if told.ranking:
+            parts.append(_ranking(told.ranking, second=d.decided_by_second))
         parts.append(_errors(d))
         # with one effect the sentence has said it
         tied = {x.candidate.name: x.tied_with for x in d.selected if x.tied_with and len(d.selected) > 1}
@@ -206,27 +219,60 @@ def placed(effect: str, cell: int | None) -> str:
     return effect if cell is None else f"{effect}:{cell}"
 
 
-def _ranking(ranked: Sequence[Ranked]) -> str:
+ROLES = {"named": "named", "tied": "or", "next": "next", "instead": "instead", "": ""}
+"""Of effects in a ranking, for people."""
+
+
+def meaning(ranked: Sequence[Standing], *, second: bool) -> str:
+    """Say what the columns of a ranking mean, after what is in it."""
+    roles = {r.role for r in ranked}
+    if "named" not in roles:
+        return "log-odds: against nothing missing; 3 (20 to 1) are needed"
+    against = "what is named" if second else "nothing missing"
+    said = [
+        "named: log-odds against leaving it out, and the error of a refit without it",
+        *(["or: cannot be told from what is named"] if "tied" in roles else []),
+        *(["next: one more beside what is named"] if "next" in roles else []),
+        *([f"instead: in place of what is named, log-odds against {against}"] if "instead" in roles else []),
+    ]
+    return "; ".join(said)
+
+
+def _ranking(ranked: Sequence[Standing], *, second: bool) -> str:
     best = max((r.evidence for r in ranked if math.isfinite(r.evidence)), default=0.0)
+    told = any(r.role for r in ranked)
     rows = [
         [
-            placed(r.effect, r.cell),
+            *([ROLES[r.role]] if told else []),
+            r.name,
             _bar(r.evidence, best),
             r.refused,
-            number(r.evidence, 1),
-            f"{100 * r.share:.0f} %",
-            number(r.heldout_rmse_K, 3),
+            number(r.evidence, 1 if abs(r.evidence) < 1000.0 else 0),
+            number(100.0 * r.share, 0) + (" %" if math.isfinite(r.share) else ""),
+            number(r.error_K, 3),
+            *([number(r.without_K, 3) if r.role == "named" else ""] if told else []),
         ]
         for r in ranked[:SHOWN]
     ]
-    text = text_table(["effect", "evidence", "why not", "log-odds", "probability", "held-out K"], rows, left=3)
-    return text if len(ranked) <= SHOWN else f"{text}\n… and {len(ranked) - SHOWN} less likely ones"
+    error = "error K" if second else "held-out K"
+    headers = ["effect", "evidence", "why not", "log-odds", "probability", error]
+    headers = ["", *headers, "without it"] if told else headers
+    text = text_table(headers, rows, left=3 + told)
+    if len(ranked) > SHOWN:
+        text += f"\n… and {len(ranked) - SHOWN} less likely ones"
+    return f"{text}\n{textwrap.fill(meaning(ranked, second=second), 100)}"
+
+
+def reach(evidence: float, top: float) -> float:
+    """Share of a bar, 0…1, that log-odds take: in proportion, or by their logarithm where others would vanish."""
+    if not (math.isfinite(evidence) and evidence > 0.0 and top > 0.0):
+        return 0.0
+    return min(math.log1p(evidence) / math.log1p(top) if top > LINEAR else evidence / top, 1.0)
 
 
 def _bar(evidence: float, best: float) -> str:
-    if not (math.isfinite(evidence) and evidence > 0.0 and best > 0.0):
-        return "·"
-    return "█" * max(1, round(BAR * evidence / best))
+    share = reach(evidence, best)
+    return "█" * max(1, round(BAR * share)) if share else "·"
 
 
 def _errors(d: Diagnosis) -> str:

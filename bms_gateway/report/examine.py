@@ -11,6 +11,7 @@ from bms_gateway.diagnose.diagnosis import Diagnosis, diagnose
 from bms_gateway.diagnose.experiment import Experiment, next_experiment
 from bms_gateway.diagnose.record import Record
 from bms_gateway.diagnose.search import Progress
+from bms_gateway.diagnose.standing import ranking
 from bms_gateway.identify.map_fit import MapFit, stacked
 from bms_gateway.report.diagnosis_text import Told
 from bms_gateway.thermal import StringModel
@@ -46,7 +47,7 @@ def examine(model: StringModel, records: Sequence[Record], progress: Progress | 
     card = card_of(d.search.baseline)
     absorbed = (*card.absorbed.sentences, *(c.sentence for c in card.absorbed.combinations))
     shown = tuple(s for s in card.sentences if s not in card.absorbed.sentences)
-    return Told(d, d.sentence, sources, findings, notes, absorbed, _next(d), shown)
+    return Told(d, d.sentence, sources, findings, notes, absorbed, _next(d), shown, ranking(d))
 
 
 def card_of(fit: MapFit) -> Card:

@@ -156,7 +156,7 @@ def write_diagnosis(
             section("where", AGREES if d.verdict == "adequate" else FAILS, where),
             *evidence(models, _core_checks(comparison, models[0].fit) if comparison else ()),
             section("latent", "The heat that is missing", missing_heat(latent, models[0].fit) if latent else ""),
-            section("ranking", "What it could be, ranked", ranking_table(d)),
+            section("ranking", "What it could be, ranked", ranking_table(told.ranking, second=d.decided_by_second)),
             section("errors", "Errors before and after" if d.selected else "Errors", errors_table(models)),
             section("parameters", f"Parameters, {models[-1].name}", parameters_table(models[-1].fit)),
         ]

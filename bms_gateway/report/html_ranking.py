@@ -6,10 +6,11 @@ from html import escape
 import numpy as np
 
 from bms_gateway.diagnose.detect import Card, Detectable
-from bms_gateway.diagnose.diagnosis import Diagnosis, Number, Ranked
+from bms_gateway.diagnose.diagnosis import Number
 from bms_gateway.diagnose.experiment import ENOUGH_ODDS, Experiment
 from bms_gateway.diagnose.latent import Latent
-from bms_gateway.report.diagnosis_text import placed, with_sd
+from bms_gateway.diagnose.standing import Standing
+from bms_gateway.report.diagnosis_text import LINEAR, meaning, reach, with_sd
 from bms_gateway.report.html_figures import WORTH
 from bms_gateway.report.html_tables import unit
 from bms_gateway.report.page import amount, paragraph, table
@@ -17,8 +18,9 @@ from bms_gateway.thermal.effects import effect_named
 
 TESTS_SHOWN = 6
 FOLLOWS_SHOWN = 6
-BAR = 190
+BAR = 150
 """Width of the evidence bars, px."""
+SUPERSCRIPT = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 NAMED_AT = 3.0
 """Log-odds that an effect needs: 20 to 1."""
 HATCH = (
@@ -28,44 +30,58 @@ HATCH = (
 )
 
 
-def ranking_table(d: Diagnosis) -> str:
-    """Give the ranking with evidence bars; what is chosen and tied stands out, what is refused is hatched."""
-    if not d.ranking:
+GROUPS = {
+    "named": "Named",
+    "tied": "Cannot be told from it",
+    "next": "One more, beside what is named",
+    "instead": "In place of what is named",
+}
+"""Titles of the parts of a ranking, by role."""
+
+
+def ranking_table(ranked: Sequence[Standing], *, second: bool = False) -> str:
+    """Give the ranking with evidence bars; what is named and tied stands out, what is refused is hatched."""
+    if not ranked:
         return ""
-    chosen = {s.candidate.key for s in d.selected}
-    tied = {t for s in d.selected for t in s.tied_with}
-    top = max(max((r.evidence for r in d.ranking if np.isfinite(r.evidence)), default=0.0), 10.0)
+    top = max(max((r.evidence for r in ranked if np.isfinite(r.evidence)), default=0.0), 10.0)
+    told = any(r.role for r in ranked)
+    weighed = any(np.isfinite(r.share) for r in ranked)
     rows = []
-    for r in d.ranking:
-        key = placed(r.effect, r.cell)
-        kind = "chosen" if key in chosen else "tied" if r.effect in tied else ""
-        mark = {"chosen": "named", "tied": "cannot be told apart from it"}.get(kind, "")
-        told = f'<span class="muted">refused: {escape(r.refused)}</span>' if r.refused else mark
-        title = escape(effect_named(r.effect).title)
-        cells = [
-            f'{escape(key)}<br><span class="muted">{title}</span>',
-            _bar(r, top, kind),
-            f"{r.evidence:.1f}".replace("-", "−"),
-            f"{100 * r.share:.0f} %" if r.share >= 0.005 else "< 1 %",
-            amount(r.heldout_rmse_K),
+    before = ""
+    for r in ranked:
+        if r.role != before:
+            title = f'<th class="group" colspan="8" scope="rowgroup">{GROUPS[r.role]}</th>'
+            rows.append(f'<tr class="group">{title}</tr>')
+            before = r.role
+        kind = {"named": "chosen", "tied": "tied"}.get(r.role, "")
+        titles = " and ".join(effect_named(e.partition(":")[0]).title for e in r.effects)
+        columns = [
+            f"{r.evidence:.{1 if abs(r.evidence) < 1000.0 else 0}f}".replace("-", "−"),
+            *([_share(r.share)] if weighed else []),
+            amount(r.error_K),
+            *([amount(r.without_K) if r.role == "named" else ""] if told else []),
         ]
-        columns = "".join(f'<td class="n">{c}</td>' for c in cells[2:])
-        row = f'<th scope="row">{cells[0]}</th><td>{cells[1]}</td>{columns}'
-        rows.append(
-            f'<tr class="{kind}">{row}<td class="numbers">{_numbers(r.parameters)}</td><td class="why">{told}</td></tr>'
-        )
-    heads = ["log-odds", "prob.", "held-out, K"]
+        row = f'<th scope="row">{escape(r.name)}<br><span class="muted">{escape(titles)}</span></th>'
+        row += f"<td>{_bar(r, top, kind)}</td>" + "".join(f'<td class="n">{c}</td>' for c in columns)
+        row += f'<td class="numbers">{_numbers(r.parameters)}</td>'
+        row += f'<td class="why">{escape(r.refused).replace(" -", " −")}</td>'
+        rows.append(f'<tr class="{kind}">{row}</tr>')
+    error = "error, K" if second else "held-out, K"
+    heads = ["log-odds", *(["prob."] if weighed else []), error, *(["without it, K"] if told else [])]
     head = "".join(f'<th scope="col" class="n">{h}</th>' for h in heads)
-    note = (
-        "Evidence: log-odds against nothing missing; an effect needs 3, which is 20 to 1 (dashed line, where the scale "
-        "shows it). Hatched: refused, with the reason. Probability: of the effect among all. Light blue ground: cannot "
-        "be told from the one that is named."
-    )
+    note = f"{meaning(ranked, second=second)}. An effect needs 3, which is 20 to 1: dashed line. "
+    note += "Hatched: refused, with the reason."
     return (
-        f'{HATCH}<table class="ranking"><caption>{escape(note)}</caption><thead><tr><th scope="col">effect</th>'
-        f'<th scope="col">evidence{_scale(top)}</th>{head}<th scope="col">its numbers</th><th scope="col"></th></tr>'
-        "</thead><tbody>\n" + "\n".join(rows) + "\n</tbody></table>"
+        f'{HATCH}<table class="ranking"><caption>{escape(note[0].upper() + note[1:])}</caption><thead><tr>'
+        f'<th scope="col">effect</th><th scope="col">evidence{_scale(top)}</th>{head}<th scope="col">its numbers</th>'
+        '<th scope="col">why not</th></tr></thead><tbody>\n' + "\n".join(rows) + "\n</tbody></table>"
     )
+
+
+def _share(share: float) -> str:
+    if not np.isfinite(share):
+        return ""
+    return f"{100 * share:.0f} %" if share >= 0.005 else "&lt; 1 %"
 
 
 def _numbers(numbers: Mapping[str, Number]) -> str:
@@ -74,33 +90,36 @@ def _numbers(numbers: Mapping[str, Number]) -> str:
     )
 
 
-def _place(evidence: float, top: float) -> float:
-    return BAR * float(np.clip(evidence / top, 0.0, 1.0))
-
-
-def _bar(r: Ranked, top: float, kind: str) -> str:
-    width = max(_place(r.evidence, top) if np.isfinite(r.evidence) else 0.0, 1.5)
+def _bar(r: Standing, top: float, kind: str) -> str:
+    width = max(BAR * reach(r.evidence, top), 1.5)
     fill = "url(#hatch)" if r.refused else "#0072b2" if kind == "chosen" else "#56b4e9" if kind == "tied" else "#999"
     edge = "#777" if r.refused else "#333"
-    at = _place(NAMED_AT, top)
-    limit = f'<line x1="{at:.1f}" x2="{at:.1f}" y1="0" y2="18" stroke="#000" stroke-dasharray="2 2"/>' if at > 4 else ""
+    at = BAR * reach(NAMED_AT, top)
     told = f"log-odds {r.evidence:.1f}" + (", refused" if r.refused else "")
     return (
         f'<svg viewBox="0 0 {BAR + 2} 18" width="{BAR + 2}" role="img" aria-label="{told}">'
-        f'<rect x="0.5" y="2.5" width="{width:.1f}" height="13" fill="{fill}" stroke="{edge}"/>{limit}</svg>'
+        f'<rect x="0.5" y="2.5" width="{width:.1f}" height="13" fill="{fill}" stroke="{edge}"/>'
+        f'<line x1="{at:.1f}" x2="{at:.1f}" y1="0" y2="18" stroke="#000" stroke-dasharray="2 2"/></svg>'
     )
 
 
 def _scale(top: float) -> str:
-    step = 10.0 ** np.floor(np.log10(top))
-    step = next(s for s in (step / 2, step, 2 * step, 5 * step) if top / s <= 4.0 + 1e-9)
-    marks = np.arange(0.0, top + 1e-9, step)
+    if top > LINEAR:
+        marks = [0.0, *(10.0 ** np.arange(1, int(np.log10(top)) + 1)).tolist()]
+    else:
+        step = 10.0 ** np.floor(np.log10(top))
+        step = next(s for s in (step / 2, step, 2 * step, 5 * step) if top / s <= 4.0 + 1e-9)
+        marks = np.arange(0.0, top + 1e-9, step).tolist()
     texts = "".join(
-        f'<text x="{_place(t, top):.1f}" y="11" text-anchor="{_anchor(_place(t, top))}">{t:g}</text>'
-        for t in marks.tolist()
+        f'<text x="{BAR * reach(t, top):.1f}" y="11" text-anchor="{_anchor(BAR * reach(t, top))}">{_power(t)}</text>'
+        for t in marks
     )
     size = f'viewBox="0 0 {BAR + 2} 14" width="{BAR + 2}" font-size="10" font-weight="400"'
     return f'<svg {size} aria-hidden="true">{texts}</svg>'
+
+
+def _power(t: float) -> str:
+    return f"{t:g}" if t < 1e4 else f"10{str(round(np.log10(t))).translate(SUPERSCRIPT)}"
 
 
 def _anchor(place: float) -> str:

@@ -6,58 +6,97 @@ import pytest
 
 from bms_gateway.diagnose.candidates import Candidate
 from bms_gateway.diagnose.checks import Finding
-from bms_gateway.diagnose.diagnosis import Diagnosis, Errors, Number, Ranked, Selected
+from bms_gateway.diagnose.diagnosis import Diagnosis, Errors, Number, Selected
 from bms_gateway.diagnose.residuals import Structure
-from bms_gateway.report.diagnosis_text import Told, diagnosis_document, diagnosis_text, ranking, with_sd
+from bms_gateway.diagnose.standing import Standing
+from bms_gateway.report.diagnosis_text import Told, diagnosis_document, diagnosis_text, with_sd
 from bms_gateway.thermal.effects import effect_named
 
 NAN = float("nan")
 NUMBERS = {"B": Number(3100.0, 210.0, "K")}
 
 
-def ranked(effect, evidence, *, cell=None, refused="", heldout=0.1):
-    return Ranked(effect, cell, heldout, evidence, 0.5, NUMBERS, ("charge_transfer",), refused)
+def ranked(*effects, evidence, role="instead", refused="", heldout=0.1, without=NAN):
+    tied = ("charge_transfer",)
+    return Standing(effects, role, evidence, 0.5, heldout, heldout, without, NUMBERS, tied, refused)
 
 
 def told(*ranks, verdict="missing_effect", selected=("resistance_temperature",), **more):
     structure = Structure(0.04, 12.0, 1.5)
     base, after = Errors(0.2, 0.3, 0.1, structure), Errors(0.1, NAN, 0.1, structure)
     chosen = tuple(Selected(Candidate(effect_named(s)), ("charge_transfer",), NUMBERS, 40.0) for s in selected)
-    d = Diagnosis(verdict, False, "The sentence.", chosen, (), ranks, base, after, None)
-    return Told(d, d.sentence, ("a.csv",), **more)
+    d = Diagnosis(verdict, False, "The sentence.", chosen, (), (), base, after, None)
+    return Told(d, d.sentence, ("a.csv",), ranking=ranks, **more)
 
 
 def test_a_document_holds_no_number_that_json_does_not_have():
-    r = ranked("resistance_temperature", float("inf"), heldout=NAN)
+    r = ranked("resistance_temperature", evidence=float("inf"), heldout=NAN)
     text = json.dumps(diagnosis_document(told(r)), allow_nan=False)
     d = json.loads(text)
     assert d["after"]["heldout_rmse_K"] is None
     assert d["ranking"][0]["evidence"] is None
 
 
-def test_an_effect_with_several_starts_is_ranked_once():
-    a, b, c = ranked("phase_change", 9.0), ranked("phase_change", 7.0), ranked("cell_cooling", 5.0, cell=2)
-    assert ranking(told(a, b, c).diagnosis) == (a, c)
+def test_a_ranking_of_programs_holds_single_effects_and_hypotheses_the_others():
+    d = diagnosis_document(
+        told(
+            ranked("resistance_temperature", evidence=40.0, role="named", without=0.3),
+            ranked("cell_cooling:2", evidence=-1.0, role="next", refused="evidence too weak"),
+            ranked("charge_transfer", "entropic_heat", evidence=-8.0),
+        )
+    )
+    first, second = d["ranking"]
+    assert (first["effect"], first["cell"], first["role"], first["error_without_K"]) == (
+        "resistance_temperature", None, "named", 0.3,
+    )  # fmt: skip
+    assert (second["effect"], second["cell"], second["role"]) == ("cell_cooling", 2, "next")
+    assert second["error_without_K"] is None
+    assert [h["effects"] for h in d["hypotheses"]] == [["charge_transfer", "entropic_heat"]]
 
 
 def test_bars_are_as_long_as_the_evidence():
     text = diagnosis_text(
         told(
-            ranked("resistance_temperature", 40.0),
-            ranked("charge_transfer", 20.0, refused="worse on the held-out blocks"),
-            ranked("cell_cooling", -2.0, cell=3),
+            ranked("resistance_temperature", evidence=40.0, role="named"),
+            ranked("charge_transfer", evidence=20.0, refused="worse on the held-out blocks"),
+            ranked("cell_cooling:3", evidence=-2.0),
         )
     )
-    lines = {line.split()[0]: line for line in text.splitlines() if line.strip()}
+    lines = {line.split()[1]: line for line in text.splitlines() if line.startswith(("named ", "instead "))}
     assert lines["resistance_temperature"].count("█") == 2 * lines["charge_transfer"].count("█") > 0
     assert "█" not in lines["cell_cooling:3"]
     assert "worse on the held-out blocks" in lines["charge_transfer"]
 
 
+def test_bars_of_great_evidence_leave_small_ones_to_be_seen():
+    text = diagnosis_text(
+        told(
+            ranked("resistance_temperature", evidence=9e4, role="named"),
+            ranked("charge_transfer", evidence=9.0, role="next"),
+        )
+    )
+    lines = {line.split()[1]: line for line in text.splitlines() if line.startswith(("named ", "next "))}
+    assert lines["resistance_temperature"].count("█") > lines["charge_transfer"].count("█") > 1
+
+
+def test_what_is_named_stands_with_what_the_error_is_without_it():
+    text = diagnosis_text(
+        told(
+            ranked("entropic_heat", evidence=40.0, role="named", without=0.4789),
+            ranked("cell_cooling:3", evidence=30.0, role="named", without=0.1724),
+            ranked("charge_transfer", evidence=9.0, role="tied"),
+            ranked("phase_change", evidence=-3.0, role="next", refused="evidence too weak"),
+        )
+    )
+    order = ["0.479", "0.172", "charge_transfer", "phase_change", "log-odds against leaving it out"]
+    assert [text.index(x) for x in order] == sorted(text.index(x) for x in order)
+    assert "or: cannot be told from what is named" in " ".join(text.split())
+
+
 def test_people_are_told_the_verdict_first_then_all_the_rest():
     text = diagnosis_text(
         told(
-            ranked("resistance_temperature", 40.0),
+            ranked("resistance_temperature", evidence=40.0, role="named"),
             findings=(
                 ("a.csv", Finding("stuck_sensor", "warn", "Is its sensor stuck?")),
                 ("a.csv", Finding("soc_span", "note", "The charge hardly moves.")),

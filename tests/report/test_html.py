@@ -21,7 +21,9 @@ from bms_gateway.diagnose.compare import compare
 from bms_gateway.diagnose.diagnosis import diagnose, errors
 from bms_gateway.diagnose.latent import latent
 from bms_gateway.diagnose.record import HELD_OUT, make_record
+from bms_gateway.diagnose.residuals import rmse
 from bms_gateway.diagnose.search import Settings
+from bms_gateway.diagnose.standing import ranking
 from bms_gateway.errors import MissingExtraError, UsageError
 from bms_gateway.identify.problem import Problem
 from bms_gateway.report.add_text import AddReport, Side, headline
@@ -30,6 +32,7 @@ from bms_gateway.report.html import Aside, write_addition, write_comparison, wri
 from bms_gateway.report.html_figures import HEATS, STYLES
 from bms_gateway.report.html_series import ALL_POINTS, broken, envelope, points_each, smooth
 from bms_gateway.report.page import amount
+from tests.diagnose.decided import by_second
 from tests.truth.hidden import Scenario, make_log
 
 pytest.importorskip("plotly")
@@ -138,6 +141,7 @@ def road(tmp_path_factory):
         absorbed=("A gain of the current sensor goes into R_e.",),
         next_experiment="To tell it from a drift: drive the same cycle twice (60 min).",
         card=("These records could not show hysteresis at a usual size.",),
+        ranking=ranking(found),
     )
     heat = latent(found.search.baseline)
     write_diagnosis(folder / "d.html", told, comparison=comparison, latent=heat, command=COMMAND)
@@ -222,13 +226,15 @@ def test_errors_are_those_of_the_readings(road):
 def test_ranking_and_parameters_are_those_of_the_diagnosis(road):
     d = road[3].diagnosis
     page = road[-1]["d"][1]
-    rows = page.tables["ranking"][0][1:]
-    assert [float(r[2].replace("−", "-")) for r in rows] == [round(r.evidence, 1) for r in d.ranking]
-    for row, r in zip(rows, d.ranking, strict=True):
-        assert row[0].startswith(r.effect)
+    rows = [r for r in page.tables["ranking"][0][1:] if len(r) > 1]
+    for row, r in zip(rows, road[3].ranking, strict=True):
+        assert row[0].startswith(r.name)
+        assert float(row[2].replace("−", "-")) == round(r.evidence, 1 if abs(r.evidence) < 1000 else 0)
         assert row[4] == amount(r.heldout_rmse_K)
-        assert (r.refused in row[6]) if r.refused else not row[6].startswith("refused")
-    assert [r[6] for r in rows].count("named") == len(d.selected) == 1
+        assert row[7] == r.refused.replace(" -", " −")
+    groups = [r[0] for r in page.tables["ranking"][0][1:] if len(r) == 1]
+    assert groups == ["Named", "In place of what is named"]
+    assert rows[0][5] == amount(d.baseline.heldout_rmse_K)
     B = next(r for r in page.tables["parameters"][0] if r[0].startswith("resistance_temperature.B"))
     number = d.selected[0].parameters["B"]
     value, sd = (float(x) for x in B[1].split(" ± "))
@@ -312,6 +318,27 @@ def test_where_nothing_was_held_out_the_page_claims_no_held_out_error(road, tmp_
     assert not [s for s in shapes if s["type"] == "rect"]
 
 
+def test_the_page_of_the_second_search_claims_no_held_out_error(tmp_path):
+    """It fits every reading; what it predicted from the first part stands in the place of held-out errors."""
+    d = by_second()
+    assert d.decided_by_second
+    told = Told(d, d.sentence, ("cell.csv",), ranking=ranking(d))
+    write_diagnosis(tmp_path / "x.html", told)
+    text = (tmp_path / "x.html").read_text(encoding="utf-8")
+    page = Page(text)
+    assert "something unknown remains" in page.text
+    assert f"{d.second.tail[0]:.3f} → {d.second.tail[1]:.3f} K" in page.text
+    assert not re.search("held.out", page.text)
+    shapes = [s for f in page.figures(text).values() for s in f["layout"].get("shapes", ())]
+    assert not [s for s in shapes if s["type"] == "rect"]
+    head, *rows = page.tables["ranking"][0]
+    assert head[4:6] == ["error, K", "without it, K"]
+    first = next(r for r in rows if len(r) > 1)
+    error = rmse(d.fits[1], np.concatenate([m.used for m in d.fits[1].problem.records]))
+    assert first[4] == amount(error)
+    assert next(r[0] for r in rows if len(r) == 1) == "Named"
+
+
 def test_pages_stay_small(road):
     assert all(f.stat().st_size < 6_000_000 for f in road[0].iterdir())
     assert all(points_each(n) * n <= max(ALL_POINTS, 400 * n) for n in range(1, 200))
@@ -333,19 +360,20 @@ def test_without_a_diagnosis_the_page_says_what_the_data_lack(tmp_path):
 def test_what_is_refused_is_hatched_and_what_is_tied_stands_out(road, tmp_path):
     told = road[3]
     d = told.diagnosis
-    first, second, *_ = d.ranking
-    ranking = (
+    first, second, *_ = told.ranking
+    rank = (
         first,
-        replace(second, effect="charge_transfer", refused=""),
-        replace(second, effect="end_plate", refused="bound"),
+        replace(second, effects=("charge_transfer",), role="tied", refused=""),
+        replace(second, effects=("end_plate", "hysteresis"), refused="bound"),
     )
     selected = (replace(d.selected[0], tied_with=("charge_transfer",)),)
-    write_diagnosis(tmp_path / "x.html", replace(told, diagnosis=replace(d, ranking=ranking, selected=selected)))
+    write_diagnosis(tmp_path / "x.html", replace(told, diagnosis=replace(d, selected=selected), ranking=rank))
     text = (tmp_path / "x.html").read_text(encoding="utf-8")
     rows = re.findall('<tr class="(chosen|tied|)">(.*?)</tr>', text, re.DOTALL)
     assert [kind for kind, _ in rows] == ["chosen", "tied", ""]
     assert ["url(#hatch)" in row for _, row in rows] == [False, False, True]
     assert "cannot tell it from charge_transfer" in text
+    assert "end_plate + hysteresis" in text
 
 
 def test_what_casts_doubt_on_the_data_comes_before_the_cards(road, tmp_path):
