@@ -12,6 +12,7 @@ from math import nan
 import numpy as np
 from numpy.typing import NDArray
 
+from bms_gateway.engine.cell_voltage import CellVoltages
 from bms_gateway.engine.current import Current, Means
 from bms_gateway.engine.events import Level, Notice
 from bms_gateway.engine.line import Line
@@ -23,13 +24,15 @@ from bms_gateway.frames.decode import decode
 from bms_gateway.frames.guard import Guard
 from bms_gateway.frames.quality import Quality
 from bms_gateway.frames.rules import default_rule
+from bms_gateway.identify import PairMeans
 from bms_gateway.thermal import Floats
 
 # plain integers: numpy takes many times longer to compare with a member of an enumeration
 GOOD, ESTIMATED = int(Quality.GOOD), int(Quality.ESTIMATED)
-# What the estimators take in; cell voltages may be wired but need not be decoded yet.
+# What the estimators take in; single cells' voltages where these are identified, the charge where an effect needs it.
 USED = frozenset({"current", "voltage", "coolant_inlet", "coolant_flow", "surface"})
 USED_BY_EFFECTS = USED | {"soc"}
+USED_BY_CELLS = USED | {"cell_voltage"}
 ACTIVE_A = 1.0  # mean current of a tick above which a sensor that never moves is suspicious
 
 REASONS = {
@@ -53,7 +56,7 @@ class Wire:
 
     Attributes
     ----------
-    surface : ndarray of intp (n,)
+    surface, cell_voltage : ndarray of intp (n,)
     constants : mapping
         Quantities that the bus does not carry, by name.
     """
@@ -64,6 +67,7 @@ class Wire:
     coolant_flow: int
     soc: int
     surface: NDArray[np.intp]
+    cell_voltage: NDArray[np.intp]
     constants: Mapping[str, float]
 
 
@@ -106,6 +110,8 @@ class Reading:
         Surface readings, °C, NaN where none is new and good; seconds between reading and tick.
     quality : ndarray of uint8 (n,)
         Of the surface sensors; `Quality.ESTIMATED` for cells without one.
+    cells : PairMeans or None
+        Voltages of the cells with the current at their instants; None where there were none.
     """
 
     means: Means
@@ -116,6 +122,12 @@ class Reading:
     y: Floats
     age: Floats
     quality: NDArray[np.uint8]
+    cells: PairMeans | None = None
+
+
+def identifies_cells(string: StringPlan) -> bool:
+    """Whether the string's cells are told apart by their voltages."""
+    return string.identify == "window" and string.model.cells > 1 and not string.model.effects
 
 
 class Inputs:
@@ -163,6 +175,8 @@ class Inputs:
         self._currents = {(w.current, w.voltage): Current() for w in self.wires if w.current >= 0}
         self._inlets = {w.coolant_inlet: Line() for w in self.wires if w.coolant_inlet >= 0}
         self._followed = np.zeros(len(signals), np.bool_)
+        self._cells = CellVoltages([(w.current, w.cell_voltage) for w in self.wires])
+        self._followed[self._cells.inputs] = True
         self._followed[[i for pair in self._currents for i in pair if i >= 0] + list(self._inlets)] = True
         self._number = np.arange(len(signals) + 1)
         # the surfaces of all strings in one row, and which of them are each string's
@@ -174,9 +188,9 @@ class Inputs:
 
     def _wire(self, string: StringPlan, index: dict[tuple[str, float, float], int], groups: list[int]) -> Wire:
         at: dict[str, int] = {}
-        surface = np.full(string.model.cells, -1, np.intp)
+        surface, cell_voltage = np.full((2, string.model.cells), -1, np.intp)
         constants: dict[str, float] = {}
-        used = USED_BY_EFFECTS if string.model.effects else USED
+        used = USED_BY_EFFECTS if string.model.effects else USED_BY_CELLS if identifies_cells(string) else USED
         for c in string.channels:
             if c.signal is None:
                 constants[c.quantity] = nan if c.constant is None else c.constant
@@ -191,6 +205,8 @@ class Inputs:
                 groups.append(string.number)
             if c.quantity == "surface" and c.cell is not None:
                 surface[c.cell - 1] = i
+            elif c.quantity == "cell_voltage" and c.cell is not None:
+                cell_voltage[c.cell - 1] = i
             elif c.cell is None:
                 at[c.quantity] = i
         return Wire(
@@ -200,6 +216,7 @@ class Inputs:
             coolant_flow=at.get("coolant_flow", -1),
             soc=at.get("soc", -1),
             surface=surface,
+            cell_voltage=cell_voltage,
             constants=constants,
         )
 
@@ -238,7 +255,7 @@ class Inputs:
             reason = Quality(code).name.lower()
             self.rejected[reason] = self.rejected.get(reason, 0) + int(rejected[code])
         self._quality = g.channel_quality
-        means = self._integrate(samples, g.quality == GOOD, t0, t1)
+        means, cells = self._integrate(samples, g.quality == GOOD, t0, t1)
         quality = [*g.channel_quality.tolist(), ESTIMATED]  # one more for index −1: a channel that does not exist
         there = self._surface >= 0
         seen = g.time_ns.take(self._surface)
@@ -255,14 +272,18 @@ class Inputs:
                 y[mine],
                 age[mine],
                 surface_quality[mine],
+                pairs,
             )
-            for w, mine in zip(self.wires, self._mine, strict=True)
+            for w, mine, pairs in zip(self.wires, self._mine, cells, strict=True)
         ]
 
-    def _integrate(self, samples: Samples, good: NDArray[np.bool_], t0: int, t1: int) -> dict[tuple[int, int], Means]:
+    def _integrate(
+        self, samples: Samples, good: NDArray[np.bool_], t0: int, t1: int
+    ) -> tuple[dict[tuple[int, int], Means], list[PairMeans | None]]:
         """Take the good samples of currents, voltages and inlets; a current that strings share is integrated once."""
         s = samples.sorted_by_input(good & self._followed.take(samples.input))
-        edge = s.input.searchsorted(self._number).tolist()
+        edges = s.input.searchsorted(self._number)
+        edge = edges.tolist()
 
         def of(i: int) -> tuple[NDArray[np.int64], Floats]:
             run = slice(edge[i], edge[i + 1]) if i >= 0 else slice(0)
@@ -272,7 +293,8 @@ class Inputs:
         for i, inlet in self._inlets.items():
             inlet.update(*of(i))
         self._active = any(m.I2 > ACTIVE_A**2 for m in means.values())
-        return means
+        cells = self._cells.update(s.time_ns, s.value, edges, {i: of(i) for i, _ in self._currents})
+        return means, cells
 
     def _inlet(self, w: Wire, quality: Sequence[int], t1: int) -> float:
         if w.coolant_inlet < 0:
@@ -306,6 +328,8 @@ class Inputs:
         """Tell of which inputs no sample ever came, by string, as text."""
         missing: dict[str, list[str]] = {}
         for i in np.flatnonzero(~self._heard).tolist():
+            if self._channels[i].quantity == "cell_voltage":
+                continue  # our own DBC always has them; few buses carry them
             missing.setdefault(self._names[i][0], []).append(self._channels[i].signal or "")
         return {name: ", ".join(signals) for name, signals in missing.items()}
 
@@ -313,5 +337,6 @@ class Inputs:
         """Drop what a gap has made worthless: the current held, the slope of the inlet."""
         for current in self._currents.values():
             current.forget()
+        self._cells.forget()
         for inlet in self._inlets.values():
             inlet.forget()

@@ -10,6 +10,7 @@ from bms_gateway.identify.contract import (
     Tick,
     string_parameters,
 )
+from bms_gateway.identify.electrical import PairMeans
 from bms_gateway.identify.fixed import FixedIdentifier
 from bms_gateway.identify.recursive import RecursiveIdentifier
 from bms_gateway.identify.voltage import VoltageHeat, VoltageTracker
@@ -21,6 +22,7 @@ __all__ = [
     "FixedIdentifier",
     "Identifier",
     "Job",
+    "PairMeans",
     "Posterior",
     "RecursiveIdentifier",
     "Result",

@@ -258,6 +258,7 @@ def fit_cells(
     settings: CellSettings | None = None,
     disturbance: Disturbance | None = None,
     start: Start | None = None,
+    guess: Mapping[str, float] | None = None,
 ) -> CellFit:
     """Find R_e of each cell.
 
@@ -271,6 +272,8 @@ def fit_cells(
     baseline : Baseline, optional
         In place of the model's hierarchical prior: what a commissioning run with more sensors left.
     settings, disturbance, start : optional
+    guess : mapping of symbol to float, optional
+        Logarithm of the cells' geometric mean, from where to begin to search where the prior is wide.
 
     Returns
     -------
@@ -300,7 +303,11 @@ def fit_cells(
         raise ValueError("baseline of a string with other numbers")
     if not problem.sensed:
         return CellFit(layout, prior.mean, _inverse(prior.precision), prior, 1.0, 1.0, (), 0.0)
-    theta = _scored(problem, prior, prior.mean, 1.0)
+    first = prior.mean.copy()
+    for symbol, ln in (guess or {}).items():
+        if at_symbol := layout.at(symbol):
+            first[at_symbol] += ln - first[at_symbol].mean()
+    theta = _scored(problem, prior, first, 1.0)
     level, at = _best_level(problem, prior, theta)
     if level != 1.0:
         theta = _scored(problem, prior, theta, level)

@@ -29,7 +29,7 @@ LEAST = 3
 MOST = 48
 """Segments kept apart; older ones are put together in pairs."""
 LEAST_SWING_A = 2.0
-"""A: sd of the current below which the voltage's noise would be fitted."""
+"""A: rms of the current beside a mean and its own charge, below which the voltage's noise would be fitted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +70,22 @@ class ElectricalResistance:
         )
 
 
+@dataclass(frozen=True, slots=True)
+class PairMeans:
+    """Means of one tick over each cell's voltage samples and the current at their instants.
+
+    Attributes
+    ----------
+    I, I2, V, IV : ndarray (n,)
+        A, A², V, W; NaN for a cell without a sample.
+    """
+
+    I: Floats  # noqa: E741  the field's symbol
+    I2: Floats
+    V: Floats
+    IV: Floats
+
+
 class ElectricalSums:
     """Running sums of one string.
 
@@ -89,14 +105,13 @@ class ElectricalSums:
         self._last = np.nan
         self._neighbours = np.zeros(4)  # of I, I', I I', I² at neighbouring ticks
 
-    def update(self, I: Floats, I2: Floats, V: Floats, IV: Floats, current: float, dt: float) -> None:  # noqa: E741
+    def update(self, pairs: PairMeans | None, current: float, dt: float) -> None:
         """Take in the means of one tick.
 
         Parameters
         ----------
-        I, I2, V, IV : ndarray (n,)
-            Means over each cell's voltage samples and the current at their instants: A, A², V, W; NaN where there
-            were none.
+        pairs : PairMeans or None
+            None: no voltages in this tick.
         current : float
             Mean current of the tick, A, for the charge; NaN counts as none moved.
         dt : float, s
@@ -105,8 +120,14 @@ class ElectricalSums:
         moved = current * dt / 3600.0
         q = self._charge + moved / 2.0
         self._charge += moved
-        there = np.isfinite(V) & np.isfinite(IV)
-        i, i2, v, iv = (np.where(there, x, 0.0) for x in (I, I2, V, IV))
+        if self._last == self._last:
+            mean, square = (current + self._last) / 2.0, (current**2 + self._last**2) / 2.0
+            self._neighbours += (1.0, mean, current * self._last, square)
+        self._last = current
+        if pairs is None:
+            return
+        there = np.isfinite(pairs.IV)
+        i, i2, v, iv = (np.where(there, x, 0.0) for x in (pairs.I, pairs.I2, pairs.V, pairs.IV))
         w = np.where(there, dt, 0.0)
         if self._segments[-1][:, 0, 0].max() >= SEGMENT_S:
             if len(self._segments) >= MOST:
@@ -117,10 +138,6 @@ class ElectricalSums:
             for column, x in enumerate(values, start=row):
                 s[:, row, column] += x
         s[:, 3, 3] += w * v * v
-        if self._last == self._last:
-            mean, square = (current + self._last) / 2.0, (current**2 + self._last**2) / 2.0
-            self._neighbours += (1.0, mean, current * self._last, square)
-        self._last = current
 
     def result(self, dt: float = 1.0) -> ElectricalResistance:
         """Solve for each cell.
@@ -174,17 +191,20 @@ class ElectricalSums:
 
 
 def _solved(sums: Floats) -> Floats:
-    """R_el of each cell (n,) from its sums; NaN where the current hardly moved."""
+    """R_el of each cell (n,) from its sums; NaN where the current says nothing of it."""
     out = np.full(len(sums), np.nan)
     for k, upper in enumerate(sums):
         s = upper + np.triu(upper, 1).T
-        G = s[:3, :3]
-        if G[0, 0] <= 0.0 or G[2, 2] / G[0, 0] - (G[0, 2] / G[0, 0]) ** 2 < LEAST_SWING_A**2:
+        if s[0, 0] <= 0.0:
             continue
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(G), 1e-12))
-        theta = scale * (np.linalg.pinv(scale[:, None] * G * scale, rcond=1e-12, hermitian=True) @ (scale * s[:3, 3]))
-        if theta[2] < 0.0:
-            out[k] = -theta[2]
+        ocv, rest = s[:2, :2], s[:2, 2:]
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(ocv), 1e-12))
+        taken = scale[:, None] * (
+            np.linalg.pinv(scale[:, None] * ocv * scale, rcond=1e-12, hermitian=True) @ (scale[:, None] * rest)
+        )
+        left = s[2:, 2:] - rest.T @ taken  # of I and V when offset and charge slope are out
+        if left[0, 0] >= LEAST_SWING_A**2 * s[0, 0] and left[0, 1] < 0.0:
+            out[k] = -left[0, 1] / left[0, 0]
     return out
 
 
@@ -213,5 +233,5 @@ def electrical_resistance(current: Floats, voltage: Floats, dt: float = 1.0) -> 
     sums = ElectricalSums(voltage.shape[1])
     for i, v in zip(current.tolist(), voltage, strict=True):
         same = np.full(len(v), i)
-        sums.update(same, same * same, v, same * v, i, dt)
+        sums.update(PairMeans(same, same * same, v, same * v), i, dt)
     return sums.result(dt)

@@ -1,0 +1,300 @@
+"""R_e of each cell while driving: ticks are collected, a fit is a job, its numbers go to the observer.
+
+One record lasts an hour and a half and is fitted three times on the way, each time as a whole. Where it ends, its
+posterior is the next record's prior (`Baseline`): joints and thermal resistances are learnt once, only changes later.
+Strings whose cells' voltages are not on the bus are left alone: two surfaces do not tell five cells.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from bms_gateway.errors import StateError
+from bms_gateway.identify.cell_prior import Baseline, CellPrior, CellSettings, Layout
+from bms_gateway.identify.cell_resistance import CellFit, CellNumbers, CellRecord, fit_cells, numbers_of
+from bms_gateway.identify.cells_in_words import cell_estimates
+from bms_gateway.identify.contract import Estimate, Posterior, Tick
+from bms_gateway.identify.electrical import ElectricalResistance, ElectricalSums, PairMeans
+from bms_gateway.thermal import Disturbance, Floats, StringModel
+
+MILESTONES_S = (1800.0, 3600.0, 5400.0)
+"""Lengths at which a record is fitted; it ends with the last."""
+GAP_S = 10.0
+HOLD_CURRENT_S, HOLD_INLET_S = 10.0, 60.0
+"""As for the windows of the common parameters: what is bridged, and what ends a record."""
+FLOW_MOVED = 0.05
+"""Change of ln(flow ratio) within a record that ends it: C_f is one number per record."""
+
+
+@dataclass(frozen=True, slots=True)
+class CellResult:
+    """What a job found, and whether its record is over."""
+
+    fit: CellFit
+    resistance: Floats
+    over: bool
+
+
+@dataclass(frozen=True, slots=True)
+class CellJob:
+    """One record's fit, complete in itself; `flow` is its coolant flow over nominal."""
+
+    model: StringModel
+    record: CellRecord
+    electrical: ElectricalResistance
+    baseline: Baseline | None
+    settings: CellSettings
+    disturbance: Disturbance
+    guess: Mapping[str, float]
+    flow: float
+    over: bool
+
+    def run(self) -> CellResult:
+        """Fit; the same job gives the same result to the last bit. Everything in the result is at nominal flow."""
+        ln = float(np.log(self.flow))
+        priors, guess, baseline = dict(self.model.priors), dict(self.guess), self.baseline
+        if "C_f" in priors and ln != 0.0:
+            priors["C_f"] = replace(priors["C_f"], value=np.asarray(priors["C_f"].value) * self.flow)
+            if "C_f" in guess:
+                guess["C_f"] += ln
+            if baseline is not None:
+                baseline = replace(baseline, mean=_shifted(baseline.layout, baseline.mean, ln))
+        fit = fit_cells(
+            replace(self.model, priors=priors),
+            self.record,
+            resistance=self.electrical.value,
+            resistance_rel_sd=self.electrical.with_skew(self.settings.skew_s),
+            baseline=baseline,
+            settings=self.settings,
+            disturbance=self.disturbance,
+            guess=guess,
+        )
+        prior = replace(fit.prior, mean=_shifted(fit.layout, fit.prior.mean, -ln))
+        fit = replace(fit, mean=_shifted(fit.layout, fit.mean, -ln), prior=prior)
+        return CellResult(fit, self.electrical.value, self.over)
+
+
+def _shifted(layout: Layout, theta: Floats, ln: float) -> Floats:
+    """Move ln C_f."""
+    out = theta.copy()
+    out[layout.at("C_f")] += ln
+    return out
+
+
+class CellIdentifier:
+    """Per-cell R_e of one string, live.
+
+    Parameters
+    ----------
+    model : StringModel
+        More than one cell, no effects.
+    disturbance : Disturbance, optional
+    settings : CellSettings, optional
+    """
+
+    def __init__(
+        self, model: StringModel, disturbance: Disturbance | None = None, settings: CellSettings | None = None
+    ) -> None:
+        # plain dicts: a job must pickle, and read-only views of mappings do not
+        self._model = replace(model, priors=dict(model.priors), tolerances=dict(model.tolerances))
+        settings = settings or CellSettings()
+        self._settings = replace(settings, spread=dict(settings.spread))
+        self._disturbance = disturbance or Disturbance()
+        self._sums = ElectricalSums(model.cells)
+        self._fit: CellFit | None = None
+        self._resistance = np.full(model.cells, np.nan)
+        self._baseline: Baseline | None = None
+        self._pending = False
+        self._warning = ""
+        self._clear()
+
+    def _clear(self) -> None:
+        self._square: list[float] = []
+        self._inlet: list[float] = []
+        self._surface: list[Floats] = []
+        self._age: list[Floats] = []
+        self._dt = 1.0
+        self._held = (0.0, 0.0)
+        self._flow = 1.0
+        self._fitted_s = 0.0
+        self._heard = False
+        self._sums.reset()
+
+    def add(
+        self, tick: Tick, pairs: PairMeans | None, current: float, flow_ratio: float, common: Posterior
+    ) -> CellJob | None:
+        """Take in one tick.
+
+        Parameters
+        ----------
+        tick : Tick
+        pairs : PairMeans or None
+            Voltages of the tick's cells with the current at their instants.
+        current : float, A
+            Mean of the tick.
+        flow_ratio : float
+            Coolant flow over nominal; NaN where unknown.
+        common : Posterior
+            What is known of the parameters common to the cells: where a first fit begins to search.
+
+        Returns
+        -------
+        CellJob or None
+        """
+        job = None
+        ratio = flow_ratio if flow_ratio > 0.0 else self._flow
+        moved = bool(self._square) and abs(np.log(ratio / self._flow)) > FLOW_MOVED
+        if tick.dt > GAP_S or moved or (self._square and abs(tick.dt - self._dt) > 1e-6):
+            job = self._close(common)
+        blind, still = self._held
+        blind = blind + tick.dt if np.isnan(tick.mean_square_current) else 0.0
+        still = still + tick.dt if np.isnan(tick.inlet) else 0.0
+        if blind > HOLD_CURRENT_S or still > HOLD_INLET_S:
+            return job or self._close(common)
+        if not self._inlet:
+            if blind == still == 0.0:
+                self._inlet, self._flow = [tick.inlet], ratio  # the instant from which the record runs
+            return job
+        self._held, self._dt = (blind, still), tick.dt
+        last = self._square[-1] if self._square else 0.0
+        self._square.append(last if blind else tick.mean_square_current)
+        self._inlet.append(self._inlet[-1] if still else tick.inlet)
+        self._surface.append(tick.surface)
+        self._age.append(tick.age)
+        self._heard |= pairs is not None
+        self._sums.update(pairs, current, tick.dt)
+        seconds = len(self._square) * tick.dt
+        if not self._heard and seconds >= MILESTONES_S[0] / 2.0:
+            self._clear()  # no voltages on this bus: nothing is kept for a fit that will not be
+            return job
+        if any(self._fitted_s < m <= seconds for m in MILESTONES_S):
+            over = seconds >= MILESTONES_S[-1]
+            job = self._job(common, over) or job
+            self._fitted_s = seconds
+            if over:
+                self._clear()
+        return job
+
+    def _close(self, common: Posterior) -> CellJob | None:
+        """End the record; a job if it tells more than its last fit."""
+        seconds = len(self._square) * self._dt
+        job = self._job(common, over=True) if seconds >= max(MILESTONES_S[0], 1.2 * self._fitted_s) else None
+        self._clear()
+        return job
+
+    def _job(self, common: Posterior, over: bool) -> CellJob | None:
+        electrical = self._sums.result(self._dt)
+        if self._pending or 2 * int(np.isfinite(electrical.value).sum()) < self._model.cells:
+            return None
+        self._warning = electrical.warning(self._settings.skew_s, self._settings.joint_sd)
+        record = CellRecord(
+            np.array(self._square), np.array(self._inlet), np.array(self._surface), np.array(self._age), self._dt
+        )
+        if not record.sensed:
+            return None
+        self._pending = True
+        guess = {} if self._baseline else dict(zip(common.names, common.mean.tolist(), strict=True))
+        return CellJob(
+            self._model,
+            record,
+            electrical,
+            self._baseline,
+            self._settings,
+            self._disturbance,
+            guess,
+            self._flow,
+            over,
+        )
+
+    def accept(self, result: CellResult) -> None:
+        """Take back the result of the last job."""
+        self._pending = False
+        self._fit, self._resistance = result.fit, result.resistance
+        if result.over:
+            self._baseline = result.fit.baseline(result.resistance)
+
+    @property
+    def fit(self) -> CellFit | None:
+        """The newest fit, at nominal flow."""
+        return self._fit
+
+    @property
+    def warning(self) -> str:
+        """A sentence where the voltages' skew spoils the fit; empty otherwise."""
+        return self._warning
+
+    def numbers(self) -> CellNumbers | None:
+        """Give what the observer may take into use: all cells' R_e are identified; None otherwise."""
+        if self._fit is None or self._fit.rel_sd.max() > self._settings.good_sd:
+            return None
+        return numbers_of(self._model, self._fit)
+
+    def estimates(self) -> tuple[Estimate, ...]:
+        """Knowledge so far: `R_e_1` … `R_e_n`, empty before the first fit."""
+        return () if self._fit is None else cell_estimates(self._fit, self._settings, self._resistance)
+
+    def snapshot(self) -> dict[str, Any]:
+        """Knowledge as JSON-able values; the record under way is not kept."""
+        return {
+            "names": [list(name) for name in Layout.of(self._model).names],
+            "fit": None if self._fit is None else _plain(self._fit.mean, self._fit.cov),
+            "sensed": [] if self._fit is None else list(self._fit.sensed),
+            "resistance": _numbers(self._resistance),
+            "baseline": None if self._baseline is None else _plain(self._baseline.mean, self._baseline.cov),
+            "baseline_resistance": None if self._baseline is None else _numbers(self._baseline.resistance),
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Take a snapshot of a string with the same parameters.
+
+        Raises
+        ------
+        StateError
+            It is another structure's, or not finite.
+        """
+        layout = Layout.of(self._model)
+        if state.get("names") != [list(name) for name in layout.names]:
+            raise StateError("resistances of the cells: the stored state is of another string; starting anew")
+        p = len(layout.names)
+        fit, baseline = (_taken(state[key], p) for key in ("fit", "baseline"))
+        self._resistance = _array(state["resistance"], self._model.cells)
+        if fit is not None:  # what was known before is not kept: the posterior stands for it
+            prior = CellPrior(fit[0], np.asarray(np.linalg.pinv(fit[1], hermitian=True), dtype=np.float64))
+            sensed = tuple(int(k) for k in state["sensed"])
+            self._fit = CellFit(layout, *fit, prior, 1.0, 1.0, sensed, 0.0)
+        if baseline is not None:
+            before = _array(state["baseline_resistance"], self._model.cells)
+            self._baseline = Baseline(layout, *baseline, before)
+        self._pending = False
+        self._clear()
+
+
+def _numbers(a: Floats) -> list[float | None]:
+    return [x if x == x else None for x in a.tolist()]
+
+
+def _array(values: Sequence[float | None], n: int) -> Floats:
+    a = np.array([np.nan if x is None else x for x in values], dtype=np.float64)
+    if a.shape != (n,) or bool((a <= 0.0).any()):
+        raise StateError("resistances of the cells: the stored state is damaged; starting anew")
+    return a
+
+
+def _plain(mean: Floats, cov: Floats) -> dict[str, list[float]]:
+    return {"mean": mean.tolist(), "cov": cov[np.tril_indices(len(mean))].tolist()}
+
+
+def _taken(state: Mapping[str, Any] | None, p: int) -> tuple[Floats, Floats] | None:
+    if state is None:
+        return None
+    mean, lower = (np.array(state[key], dtype=np.float64) for key in ("mean", "cov"))
+    rows, columns = np.tril_indices(p)
+    if mean.shape != (p,) or lower.shape != rows.shape or not (np.isfinite(mean).all() and np.isfinite(lower).all()):
+        raise StateError("resistances of the cells: the stored state is damaged; starting anew")
+    cov = np.empty((p, p))
+    cov[rows, columns] = cov[columns, rows] = lower
+    if np.linalg.eigvalsh(cov)[0] < -1e-9:
+        raise StateError("resistances of the cells: the stored state is damaged; starting anew")
+    return mean, cov
