@@ -15,7 +15,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from bms_gateway.thermal import Floats
 
@@ -23,6 +22,8 @@ LEAST_K = 0.01
 """No thermometer in a pack is better; a smaller figure would make a likelihood blow up over nothing."""
 LEAST_STEPS = 0.1
 """Of a step: what the readings of a coarse sensor can still tell of its noise."""
+HALVINGS = 50
+"""Of the interval in which the root lies, to its last digit; a library's solver takes longer to load."""
 FINE_K = 1e-3
 """Steps below this are the decimals of a file."""
 OUTLIER = 4.0
@@ -166,4 +167,8 @@ def _before_rounding(W: float) -> float:
 
     if W >= 1.0:
         return float(np.sqrt(W - 1.0 / 12.0))
-    return float(brentq(lambda s: white(s) - W, 0.0, 1.1)) if W > 0.0 else 0.0
+    low, high = 0.0, 1.1
+    for _ in range(HALVINGS if W > 0.0 else 0):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if white(middle) < W else (low, middle)
+    return low

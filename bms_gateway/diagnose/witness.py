@@ -15,8 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.signal
-import scipy.stats
+from scipy.special import chdtrc
 
 from bms_gateway.diagnose.band import core_variance
 from bms_gateway.identify.coordinates import Coordinate, Measured
@@ -138,7 +137,7 @@ def strain(f: MapFit) -> Witness:
     # the estimate varies by the prior's variance less the posterior's, if the prior is right
     square = float(np.sum((axes.T @ u)[known > 0.5] ** 2 / known[known > 0.5]))
     freedom = int(np.sum(known > 0.5))
-    p = float(scipy.stats.chi2.sf(square, max(freedom, 1)))
+    p = float(chdtrc(max(freedom, 1), square))
     text = (
         f"All numbers together lie {np.sqrt(square):.1f} sd from what was known of them "
         f"({freedom} directions, p = {p:.2g})"
@@ -170,7 +169,7 @@ def agreement(joint: MapFit, alone: Sequence[MapFit]) -> tuple[Witness, ...]:
         value, axes = np.linalg.eigh(more)
         told = value > LEAST_MORE
         square = float(np.sum((axes.T @ (apart / scale))[told] ** 2 / value[told]))
-        p = float(scipy.stats.chi2.sf(square, max(int(told.sum()), 1)))
+        p = float(chdtrc(max(int(told.sum()), 1), square))
         z = np.abs(apart) / (scale * np.sqrt(np.maximum(np.diag(more), LEAST_MORE)))
         said = ", ".join(_compared(joint.problem.coordinates[j[k]], apart[k], z[k]) for k in np.argsort(-z)[:2])
         source = one.problem.records[0].source
@@ -225,9 +224,11 @@ def electric_heat(u: Drive) -> Floats | None:
     known = np.isfinite(u.V) & np.isfinite(u.IV)
     if known.mean() < 0.5:
         return None
+    from scipy.signal import lfilter  # takes longer to load than all else: only who has a voltage pays
+
     charge = np.cumsum(u.I) * u.dt / 3600.0
     a = float(np.exp(-u.dt / LOAD_S))
-    slow = scipy.signal.lfilter([1.0 - a], [1.0, -a], u.I)
+    slow = lfilter([1.0 - a], [1.0, -a], u.I)
     columns = np.stack([np.ones(u.N), charge, charge**2, -u.I, -slow], axis=1)
     steady = known & (np.abs(u.I2 - u.I**2) <= 1.0)
     rows = steady if steady.sum() > 10 * columns.shape[1] else known
