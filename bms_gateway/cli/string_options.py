@@ -94,6 +94,7 @@ def given_string(args: argparse.Namespace) -> AskedString:
 
 def _of_model(args: argparse.Namespace, disturbance: "Disturbance") -> AskedString:
     from bms_gateway.config.model_file import read_model
+    from bms_gateway.thermal import Prior
 
     distinct({"--json": args.json}, [args.model])
     model: StringModel = read_model(args.model)
@@ -105,7 +106,7 @@ def _of_model(args: argparse.Namespace, disturbance: "Disturbance") -> AskedStri
     for name, needed in (("R_cc", model.has_conduction and R_cc is None), ("C_f", model.has_coolant_path)):
         if needed and name not in model.priors:
             raise UsageError(f"--condition {model.condition}: {args.model} has no {name} in [parameters]")
-    p = model.parameters({"R_cc": R_cc} if R_cc is not None else {})
+    p = model.nominal if R_cc is None else replace(model, priors={**model.priors, "R_cc": Prior(R_cc)}).nominal
     return AskedString(p, model.condition, model.sensors, disturbance, str(args.model))
 
 

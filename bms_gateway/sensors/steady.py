@@ -26,7 +26,11 @@ from bms_gateway.thermal import Disturbance, Floats, StringParameters, continuou
 Indices = NDArray[np.intp]
 
 SETTLED = 1e-8
-"""Share of a core's variance that the last step may still take off: all that follow take some ten times it."""
+"""Share of a core's variance that all further steps together may still take off."""
+BLOCK = 8
+"""Steps after which that is judged, from what they took off and the eight before: single ones come and go in waves."""
+SLOWEST = 0.999
+"""Ratio of a block to the one before beyond which what is to come is not extrapolated: it has not begun to settle."""
 MAX_STEPS = 20_000
 LONG = 150
 """Cells of a string along which the coolant takes longer than a cell to warm up."""
@@ -130,17 +134,22 @@ class Steady:
         L, M = K, -E_inverse
         read = _columns(self.open, measured)  # P Cᵀ in the readings' own clock, for the last one
         settled, at, going = np.empty_like(read), measured, np.arange(S)
-        for _ in range(MAX_STEPS):
+        before, block = np.zeros_like(variance), np.zeros_like(variance)
+        for step in range(1, MAX_STEPS):
             LM = L @ M
-            gain = np.einsum("snm,snm->sn", LM[:, 0::2], L[:, 0::2])
-            variance[going] += gain
+            block += np.einsum("snm,snm->sn", LM[:, 0::2], L[:, 0::2])
             read += LM @ _rows(L, at).swapaxes(1, 2)
-            on = (np.abs(gain) > SETTLED * variance[going]).any(axis=1)
-            if not on.all():
+            if step % BLOCK == 0:
+                variance[going] += block
+                ratio = np.divide(block, before, out=np.full_like(block, SLOWEST), where=before < 0.0)
+                ratio = ratio.clip(0.0, SLOWEST)
+                on = (-block * ratio > (1.0 - ratio) * SETTLED * variance[going]).any(axis=1)
                 settled[going] = read
                 if not on.any():
                     break
-                going, at, L, M, K, E, E_inverse, read = (x[on] for x in (going, at, L, M, K, E, E_inverse, read))
+                before, block = block[on], np.zeros_like(block[on])
+                going, at = going[on], at[on]
+                read, L, M, K, E, E_inverse = (x[on] for x in (read, L, M, K, E, E_inverse))
             JL = self.J @ L
             CL, FL = b * _rows(JL, at), self._onward(L, JL)
             D = M @ CL.swapaxes(1, 2)
@@ -149,8 +158,6 @@ class Steady:
             E = E + CL @ D
             E_inverse = np.linalg.inv(E)
             M = M - D @ E_inverse @ D.swapaxes(1, 2)
-        else:
-            settled[going] = read
         taken = settled * np.linalg.solve(_rows(settled, measured) + white, settled.swapaxes(1, 2)).swapaxes(1, 2)
         left: Floats = variance - taken[:, 0::2].sum(axis=2)
         return left
