@@ -4,12 +4,15 @@ import importlib
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from bms_gateway.errors import MissingExtraError
 from bms_gateway.reproduce import Figure, Panel
 
 INCHES = (9.0, 3.2)
 """Width of a figure and height of one panel."""
 DPI = 110
+FEW = 12
 COLOURS = ("#0b5394", "#cc4125", "#38761d", "#b45f06", "#674ea7", "#444444")
 
 
@@ -61,5 +64,8 @@ def _fill(ax: Any, panel: Panel) -> None:
     ax.set_xlabel(panel.x_label)
     ax.set_ylabel(panel.y_label)
     ax.grid(visible=True, color="#e4e4e4", linewidth=0.6)
+    x = panel.curves[0].x
+    if len(x) <= FEW and np.array_equal(x, np.rint(x)):
+        ax.set_xticks(x)  # cells are counted in whole numbers
     if len(panel.curves) > 1:
-        ax.legend(fontsize=8, framealpha=0.9)
+        ax.legend(fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)  # hides no curve

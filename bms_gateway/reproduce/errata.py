@@ -25,12 +25,12 @@ class Erratum:
 
 
 ERRATA = (
-    Erratum("eq3", "Eq 3", "(ΦΦ)⁻¹Φ Z", "(ΦᵀΦ)⁻¹Φᵀ Z", "a transpose is lost; ΦΦ does not exist for a tall Φ"),
-    Erratum("eq4", "Eq 4", "rows φ", "rows φᵀ/m", "rows are transposed and divided by m, as z is"),
+    Erratum("eq3", "Eq 3", "without a transpose", "(ΦᵀΦ)⁻¹Φᵀ Z", "Φ is tall: the product does not exist without it"),
+    Erratum("eq4", "Eq 4", "rows otherwise", "rows φᵀ/m", "a row is a regressor, transposed and divided by m, as z is"),
     Erratum(
         "eq7",
         "Eq 7, 8",
-        "exact for any start",
+        "no condition on the start",
         "needs T_c(0) = T_s(0) = T_f(0) and a coolant at rest",
         "otherwise a transient of about 3/λ; the filter's impulse response and sT_f as further regressors make it "
         "exact",
@@ -52,12 +52,16 @@ ERRATA = (
     ),
     Erratum("eq13", "Eq 13, B₁₁", "R_e R_c/C_c", "R_e/C_c", "heat over capacity; the print has the wrong unit"),
     Erratum(
-        "eq15", "after Eq 15", "α₀ = 0.3, α₁ = 0.005", "α₀ = 0.005, α₁ = 0.3", "the lower bound is the smaller one"
+        "eq15",
+        "after Eq 15",
+        "α₀ and α₁ the wrong way round",
+        "least 0.005, greatest 0.3",
+        "the lower bound is the smaller one",
     ),
     Erratum("eq16", "Eq 16", "two neighbours for every cell", "one for the first and the last", "nothing lies beyond"),
     Erratum("eq17", "Eq 17", "R_s", "R_u", "no other equation has an R_s"),
     Erratum(
-        "eq18", "Eq 18, entry (3,4)", "another element", "1/(R_c C_c)", "core 2 hears its own surface, as core 1 does"
+        "eq18", "Eq 18, entry (3,4)", "another entry", "1/(R_c C_c)", "core 2 hears its own surface, as core 1 does"
     ),
     Erratum(
         "eq21",

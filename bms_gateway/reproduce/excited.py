@@ -1,5 +1,6 @@
 """Eq 15: whether a drive moves all coefficients, by the paper's eigenvalues and by what is known afterwards."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,7 +64,7 @@ def section(size: Size) -> Section:  # noqa: ARG001 — one drive of each kind t
             "not stated",
             f"{SCALE[0]:g} A², {SCALE[1]:g} K, {SCALE[2]:g} K/s",
             "assumed",
-            "unscaled, I² is ten thousand times the others: the ratio of the eigenvalues is then of the units",
+            "unscaled, I² outweighs all others by its unit alone, and so does its eigenvalue",
         )
     ]
     for name, label in CASES.items():
@@ -81,7 +82,7 @@ def section(size: Size) -> Section:  # noqa: ARG001 — one drive of each kind t
                 paper,
                 f"{e.greatest:.3g} and {e.least:.2g}; {sd}",
                 verdict,
-                _NOTES.get(name, ""),
+                _note(name, found),
                 {"greatest": e.greatest, "least": e.least, "sd_R_e": e.sd},
             )
         )
@@ -95,6 +96,13 @@ _NOTES = {
     "steady": "all the heat, none of the information: the least eigenvalue is smaller by orders of magnitude",
     "parked": "the recursion freezes at |φ|²/m² < 1e-3 and the window is left out: plain forgetting would forget all",
 }
+
+
+def _note(name: str, found: Mapping[str, Excited]) -> str:
+    town, motorway = found["udds"], found["us06"]
+    if name == "udds" and town.least < motorway.least and town.sd < motorway.sd:
+        return "a least eigenvalue far below that of US06, and R_e better known: the eigenvalues do not rank the drives"
+    return _NOTES.get(name, "")
 
 
 def _verdict(name: str, e: Excited, urban: Excited) -> Verdict:

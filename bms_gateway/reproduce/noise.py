@@ -170,10 +170,15 @@ def summary(outcomes: Sequence[Outcome]) -> dict[str, float]:
 def _text(s: dict[str, float]) -> str:
     if np.isnan(s["R_e_bias"]):
         return "all at the fold"
-    parts = [f"{100 * s[f'{n}_bias']:+.1f} ± {100 * s[f'{n}_sd']:.1f}".replace("-", "−") for n in RESISTANCES]
+    parts = [f"{_signed(100 * s[f'{n}_bias'])} ± {100 * s[f'{n}_sd']:.1f}" for n in RESISTANCES]
     folds = f"; folds {100 * s['folds']:.0f} %" if s["folds"] else ""
     refused = f"; refused {100 * (1 - s['identified']):.0f} %" if s["identified"] < 1.0 and not folds else ""
     return f"{', '.join(parts)}{folds}{refused}; {s['core_rmse_K']:.2f} K"
+
+
+def _signed(x: float) -> str:
+    text = f"{x:+.1f}"
+    return "0.0" if text in ("+0.0", "-0.0") else text.replace("-", "−")
 
 
 def _capacities_unknown(size: Size) -> Row:

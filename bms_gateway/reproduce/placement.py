@@ -63,8 +63,7 @@ def section(size: Size) -> Section:  # noqa: ARG001 — nothing here is random
             "place.best4",
             "the best four of 495, and what is left when any one of them fails",
             "{3,6,9,12}",
-            f"{_set(top.sensors)} {top.worst_sd:.3f} K; "
-            f"{several([x.worst_sd for x in best.losses], '.3f')}",
+            f"{_set(top.sensors)} {top.worst_sd:.3f} K; {several([x.worst_sd for x in best.losses], '.3f')}",
             "paper wrong" if top.sensors != (3, 6, 9, 12) else "agrees",
             "evenly spaced: "
             f"{_set(best.even.sensors)} {best.even.worst_sd:.3f} K. The best two: {_set(two.best[0].sensors)}",

@@ -11,8 +11,8 @@ from bms_gateway.thermal import Floats
 
 Verdict = Literal["agrees", "differs", "paper wrong", "assumed", "beyond", "missed"]
 """`agrees`: within what its row allows; `differs`: not, and the note says why; `paper wrong`: the print is in error and
-ours is right; `assumed`: the paper does not print it; `beyond`: the paper has nothing of the kind, a limit of ours is
-kept; `missed`: that limit is not kept."""
+ours is right; `assumed`: the paper does not print it; `beyond`: the paper has nothing of the kind, and ours
+keeps its limit where it has one; `missed`: that limit is not kept."""
 
 VERDICTS: Mapping[Verdict, str] = MappingProxyType(
     {
@@ -20,8 +20,8 @@ VERDICTS: Mapping[Verdict, str] = MappingProxyType(
         "differs": "ours is another number; the note says why",
         "paper wrong": "the print is in error; ours is the right form or number",
         "assumed": "the paper does not print it; this is what we took",
-        "beyond": "not in the paper; ours keeps the limit it was given",
-        "missed": "not in the paper; ours does not keep the limit it was given",
+        "beyond": "not in the paper; ours, within its limit where it has one",
+        "missed": "not in the paper; ours, beyond its limit",
     }
 )
 

@@ -122,7 +122,7 @@ def _shutdown(rest: Floats) -> tuple[list[Row], Figure]:
         Row(
             "fig8.gap",
             "core over surface 10 min after key-off, mean of the cells, K",
-            "about 7",
+            "7 (start of Fig 9)",
             f"{gap:.1f}",
             agreeing(5.9 < gap < 7.1),
             "so 'core = surface' is no start; the paper's restart in Fig 9 has 37 °C inside and 30 °C outside",
@@ -212,16 +212,16 @@ def _restart(current: Floats) -> tuple[list[Row], Figure]:
             {f"cell_{k}": float(v) for k, v in enumerate(a, 1)},
         ),
         Row(
-            "fig10.independent",
+            "fig9.independent",
             "sensors 1 and 5, errors believed independent: the same",
-            "minutes, at the sensed cells",
+            "–",
             several(b),
-            agreeing(bool((b[unsensed] > 20).all() and b[0] < 1.0)),
+            kept(bool((b[unsensed] > 20).all() and b[0] < 1.0)),
             "the cells without a sensor gain next to nothing over the open loop",
             {f"cell_{k}": float(v) for k, v in enumerate(b, 1)},
         ),
         Row(
-            "fig10.common",
+            "fig9.common",
             "sensors 1 and 5, common-mode errors: the same",
             "–",
             several(c, ".2f"),
@@ -235,12 +235,16 @@ def _restart(current: Floats) -> tuple[list[Row], Figure]:
         Panel(
             f"cell {k + 1}" + (" (sensor)" if k + 1 in SENSORS else " (no sensor)"),
             "min",
-            "core, °C",
-            (Curve("truth", t, truth[:, 2 * k]), *(Curve(n, t, v[:, 2 * k], "--") for n, v in runs.items())),
+            "error of the core, K",
+            tuple(Curve(n, t, (v - truth)[:, 2 * k]) for n, v in runs.items()),
+            limits=(-7.5, 1.5),
+            level=0.0,
         )
         for k in (0, 2)
     )
-    return rows, Figure("fig09_restart", "Fig 9–10: restart from 37/30 °C, believed to be 30 °C", panels)
+    return rows, Figure(
+        "fig09_restart", "Fig 9: restart from 37 °C inside and 30 °C outside, believed to be 30 °C", panels
+    )
 
 
 def _unequal(current: Floats) -> tuple[list[Row], Figure]:
@@ -260,7 +264,7 @@ def _unequal(current: Floats) -> tuple[list[Row], Figure]:
     found = {k: error_norms((v - truth)[last]) for k, v in runs.items()}
     (a, a1), (b, b1), (c, c1), (d, d1) = found.values()
     note = (
-        "norm over all ten temperatures, and worst cell, of the mean error in the last cycle; R_e known as 3.5 mΩ. "
+        "read as norm over all ten temperatures and as worst core, of the mean error in the last cycle: both fit. "
         "No filter finds R_e: that takes identification per cell"
     )
     rows = [
@@ -313,7 +317,7 @@ def _unequal(current: Floats) -> tuple[list[Row], Figure]:
         )
         for k in (2, 4)
     )
-    return rows, Figure("fig11_unequal", "Fig 11: three aged cells between two sensors", panels)
+    return rows, Figure("fig11_unequal", "Fig 10–11: three aged cells between two sensors", panels)
 
 
 def error_norms(error: Floats) -> tuple[float, float]:
