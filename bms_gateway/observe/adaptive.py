@@ -6,8 +6,9 @@ priors a small surface residual then does not make a narrow band about an unsens
 themselves (the model's tolerances) is added per cell, in the steady proportions: a resistance off by 3 % shifts the
 temperature across it by 3 %.
 
-New parameters rebuild the matrices and move the estimate by J Δ ln θ: to first order it is where it would be had it
-always run with them. That is also what keeps P + J Σ Jᵀ true from the first step on.
+New parameters rebuild the matrices and move the estimate by J Δ ln θ, and each cell by its own share of its rise: to
+first order it is where it would be had it always run with them. That is also what keeps P + J Σ Jᵀ true from the first
+step on.
 """
 
 from collections.abc import Mapping, Sequence
@@ -211,13 +212,21 @@ class AdaptiveObserver:
         now = {k: getattr(old, k) for k in self._models[s].priors}
         new = self._models[s].parameters({**now, **values})
         moved = np.zeros(len(PARAMETERS))
+        apart: dict[str, Floats] = {}
         for j, name in enumerate(PARAMETERS[:-1]):
             a, b = np.asarray(getattr(old, name)), np.asarray(getattr(new, name))
-            moved[j] = float(np.mean(np.log(b / a))) if np.isfinite(a).all() else 0.0
+            if np.isfinite(a).all():
+                ln = np.log(b / a)
+                moved[j], apart[name] = float(np.mean(ln)), ln - np.mean(ln)
+        rise, over, gap = (lever[s] for lever in self._levers())
         self._parameters[s] = new
         self._exchange(np.array([s]))
         x = self._state.x.copy()
         x[s] += self._J[s] @ moved
+        if self._available[s]:  # a cell's rise goes with its own heat and resistances
+            both = apart["R_e"] * rise + apart["R_u"] * over
+            x[s, 0:-OFFSETS:2] += both + apart["R_c"] * gap
+            x[s, 1:-OFFSETS:2] += (apart["R_e"] + apart["R_u"]) * over
         self._state = replace(self._state, x=x)
         at = [PARAMETERS.index(name) for name in names]
         cov = self._cov[s].copy()
@@ -375,25 +384,28 @@ class AdaptiveObserver:
 
     def _between_cells(self) -> Floats:
         """Variance (S, 2n) that cells add by being unlike: a surface that is read stands for itself."""
+        rise, over, gap = self._levers()
+        heat, cooling, inside, offset = self._scatter
+        if self._owned:
+            heat, cooling, inside = (self._own[:, :, a, a] for a in range(3))
+        var = np.empty((len(rise), 2 * self._cells))
+        var[:, 0::2] = heat * rise**2 + cooling * over**2 + inside * gap**2 + offset
+        var[:, 1::2] = (heat + cooling) * over**2 + offset
+        if self._owned:
+            of_heat, of_gap, of_film = self._own[:, :, 0, 1], self._own[:, :, 0, 2], self._own[:, :, 1, 2]
+            var[:, 0::2] += 2.0 * (of_heat * rise * over + of_gap * rise * gap + of_film * over * gap)
+            var[:, 1::2] += 2.0 * of_heat * over**2
+        return var
+
+    def _levers(self) -> tuple[Floats, Floats, Floats]:
+        """Temperatures (S, n) that a cell's own R_e, R_u, R_c stand behind: core over base, surface over it, gap."""
         x, N = self._state.x, 2 * self._cells
         T_c, T_s = x[:, 0:N:2], x[:, 1:N:2]
         base = self._flows.coolant(x, self._inlet)
         row, col = (self._unread <= READ_WITHIN).nonzero()
         at = self._kalman.sensors[row, col]
         base[row, at] = T_s[row, at]
-        heat, cooling, inside, offset = self._scatter
-        over = T_s - base
-        if self._owned:
-            heat, cooling, inside = (self._own[:, :, a, a] for a in range(3))
-        var = np.empty((len(x), N))
-        var[:, 0::2] = heat * (T_c - base) ** 2 + cooling * over**2 + inside * (T_c - T_s) ** 2 + offset
-        var[:, 1::2] = (heat + cooling) * over**2 + offset
-        if self._owned:
-            of_heat, of_gap, of_film = self._own[:, :, 0, 1], self._own[:, :, 0, 2], self._own[:, :, 1, 2]
-            rise, gap = T_c - base, T_c - T_s
-            var[:, 0::2] += 2.0 * (of_heat * rise * over + of_gap * rise * gap + of_film * over * gap)
-            var[:, 1::2] += 2.0 * of_heat * over**2
-        return var
+        return T_c - base, T_s - base, T_c - T_s
 
 
 _KEPT = ("J", "cov", "inlet", "usual", "unread", "level", "available")
