@@ -43,10 +43,8 @@ def sensor_sentences(
         feature, share = explained[0]
         titles = {r.feature: r.title for s in bad for r in s.regimes}
         if feature in titles and share > WORTH:
-            if feature == "always":
-                found.append(f"{share:.0%} of the squared error above the noise is a constant offset.")
-            else:
-                found.append(f"{share:.0%} of the squared error above the noise follows the {titles[feature]}.")
+            what = "is a constant offset" if feature == "always" else f"follows the {titles[feature]}"
+            found.append(f"{100.0 * share:.0f} % of the squared error above the noise {what}.")
     if blocks and (when := _when(blocks, records)):
         found.append(when)
     return tuple(found)
@@ -112,7 +110,7 @@ def _when(blocks: Sequence[Block], records: int) -> str:
     for b in sorted(most, key=lambda b: (b.record, b.first_s)):
         where = f" of record {b.record + 1}" if records > 1 else ""
         parts.append(f"{b.first_s / 60:.0f}-{b.last_s / 60:.0f} min{where}")
-    return f"{told:.0%} of the error lies at {', '.join(parts)}."
+    return f"{100.0 * told:.0f} % of the error lies at {', '.join(parts)}."
 
 
 def _cells(cells: Sequence[int]) -> str:

@@ -213,7 +213,7 @@ def _heat_table(
             same = [bins[i] for bins in row if i < len(bins)]
             tints = "".join(_heat(bins, i, largest, _first(n % len(models))) for n, bins in enumerate(row))
             label = same[0].label if shared else _between(same, regime)
-            body.append(f'<tr><th scope="row">{escape(label)}</th>{tints}</tr>')
+            body.append(f'<tr><th scope="row">{escape(label).replace(" -", " −")}</th>{tints}</tr>')
     return (
         f'<table class="heat"><thead><tr><th rowspan="{2 if under else 1}" scope="col">{escape(title)}</th>{over}</tr>'
         f"{under}</thead>"
