@@ -52,6 +52,10 @@ def build(method: str, model: StringModel, settings: Settings | None = None) -> 
     ------
     ValueError
         Unknown method: the caller's mistake, as the config was checked before.
+
+    References
+    ----------
+    Lin et al., Eq 3–9 for "rls"; "window" is ours.
     """
     if model.effects and method != "off":
         from bms_gateway.identify.effective import heat_only  # brings the catalogue along

@@ -11,7 +11,12 @@ from bms_gateway.thermal import Floats
 def rows(
     square: Floats, T_s: Floats, T_f: Floats, dt: float, columns: Sequence[int], pole: float
 ) -> tuple[Floats, Floats]:
-    """Left sides (K,) and regressors (K, c), scaled, for mean I² (K,) and temperatures (K + 1,)."""
+    """Left sides (K,) and regressors (K, c), scaled, for mean I² (K,) and temperatures (K + 1,).
+
+    References
+    ----------
+    Lin et al., Eq 8 (filtered signals).
+    """
     filtered = Filter(dt, pole)
     filtered.start(float(T_s[0]), float(T_f[0]))
     steps = [filtered.step(q, s, f) for q, s, f in zip(square, T_s[1:], T_f[1:], strict=True)]

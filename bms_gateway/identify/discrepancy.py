@@ -33,6 +33,10 @@ def white_sd(residual: Floats, floor: float) -> float:
         K; NaN where there was no reading.
     floor : float
         Smallest value believed, K: resolution and calibration of the best sensors.
+
+    References
+    ----------
+    Not in the paper, whose signals have no noise.
     """
     d = np.diff(residual, axis=0)
     d = d[np.isfinite(d)]
@@ -51,6 +55,10 @@ class Whitener:
         1/√S; zero where there was no reading.
     log_det : float
         Sum of ln S over the readings.
+
+    References
+    ----------
+    Not in the paper; the filter of an AR(1) process in white noise.
     """
 
     keep: Floats

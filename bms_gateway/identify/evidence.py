@@ -31,6 +31,10 @@ class Evidence:
     info : ndarray (p + c, p + c)
     grad : ndarray (p + c,)
         u are the departures of single cells from the string's mean (`departures`), in sd.
+
+    References
+    ----------
+    Not in the paper; in the coordinates of Lin et al., Eq 8.
     """
 
     z0: Floats

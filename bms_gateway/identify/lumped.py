@@ -35,6 +35,10 @@ def lumped(phi: Floats, conduction: bool = False) -> Floats:
     -------
     ndarray (p,)
 
+    References
+    ----------
+    Lin et al., Eq 8: its coefficients by the cell's values.
+
     Examples
     --------
     >>> z = lumped(np.log([268, 18.8, 3.5e-3, 1.266, 0.79]))
@@ -52,7 +56,12 @@ def lumped(phi: Floats, conduction: bool = False) -> Floats:
 
 
 def lumped_jacobian(phi: Floats, conduction: bool = False) -> Floats:
-    """∂z/∂φ (p, p); regular everywhere, also at the fold."""
+    """∂z/∂φ (p, p); regular everywhere, also at the fold.
+
+    References
+    ----------
+    Lin et al., Eq 8, differentiated.
+    """
     C_c, C_s, _, R_c, R_u = phi[:5]
     D = np.eye(len(phi))
     D[:5, :5] = 0.0
@@ -73,6 +82,10 @@ def alias(phi: Floats) -> Floats:
 
     The heat capacities are kept; R_u and R_u* = C_c R_c/(C_c + C_s) swap, R_c R_u and R_e R_u stay.
 
+    References
+    ----------
+    Lin et al., Eq 9: its other root.
+
     Examples
     --------
     >>> a = np.exp(alias(np.log([268, 18.8, 3.5e-3, 1.266, 0.79])))
@@ -88,13 +101,23 @@ def alias(phi: Floats) -> Floats:
 
 
 def fold_distance(phi: Floats) -> float:
-    """ln(R_u/R_u*): zero on the fold, positive for the larger root."""
+    """ln(R_u/R_u*): zero on the fold, positive for the larger root.
+
+    References
+    ----------
+    Lin et al., Eq 9: where its roots meet.
+    """
     C_c, C_s, _, R_c, R_u = phi[:5]
     return float(R_u - R_c - C_c + np.logaddexp(C_c, C_s))
 
 
 def fold_gradient(phi: Floats) -> Floats:
-    """∂ ln(R_u/R_u*)/∂φ (p,)."""
+    """∂ ln(R_u/R_u*)/∂φ (p,).
+
+    References
+    ----------
+    Lin et al., Eq 9: where its roots meet.
+    """
     share = 1.0 / (1.0 + np.exp(phi[C_C] - phi[C_S]))  # C_s/(C_c + C_s)
     g = np.zeros(len(phi))
     g[[C_C, C_S, R_C, R_U]] = -share, share, -1.0, 1.0

@@ -86,13 +86,23 @@ class Filter:
 
 
 def unscale(theta: Floats) -> Floats:
-    """Coefficients (α, β, γ, μ, T_s'(0)) in SI from scaled ones (as many as given)."""
+    """Coefficients (α, β, γ, μ, T_s'(0)) in SI from scaled ones (as many as given).
+
+    References
+    ----------
+    Lin et al., Eq 8.
+    """
     return np.asarray(theta * Z_SCALE / SCALE[: len(theta)], dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """R_e Ω, R_c K/W, R_u K/W of one root."""
+    """R_e Ω, R_c K/W, R_u K/W of one root.
+
+    References
+    ----------
+    Lin et al., Eq 9.
+    """
 
     R_e: float
     R_c: float
@@ -154,7 +164,12 @@ def roots(alpha: float, beta: float, gamma: float, C_c: float, C_s: float) -> Ro
 
 
 def choose_root(both: Roots, R_c: float, R_u: float) -> Cell | None:
-    """Take the root on the side of R_u = R_u* where rough values of R_c, R_u (K/W) lie: nearest in ln(R_u/R_c)."""
+    """Take the root on the side of R_u = R_u* where rough values of R_c, R_u (K/W) lie: nearest in ln(R_u/R_c).
+
+    References
+    ----------
+    Lin et al., Eq 9, whose "rough estimate" this is.
+    """
     if both.smaller is None or both.larger is None:
         return None
     return min((both.smaller, both.larger), key=lambda c: abs(np.log(c.R_u / c.R_c) - np.log(R_u / R_c)))
@@ -164,6 +179,10 @@ def with_moving_inlet(alpha: float, beta: float, gamma: float, mu: float, C: flo
     """Solve for the one physical cell behind the four-regressor form; only C = C_c + C_s (J/K) is presumed.
 
     R_e R_c does not even depend on how C is shared; None where a coefficient has the wrong sign.
+
+    References
+    ----------
+    Lin et al., Eq 7 with its term in s·T_f, which Eq 8 drops.
 
     Examples
     --------
@@ -182,7 +201,12 @@ def with_moving_inlet(alpha: float, beta: float, gamma: float, mu: float, C: flo
 
 
 def delta_sd(f: Callable[[Floats], Floats | None], theta: Floats, cov: Floats) -> Floats | None:
-    """Propagate a covariance: sd of f(θ) at first order; None where f has no answer at θ or close by."""
+    """Propagate a covariance: sd of f(θ) at first order; None where f has no answer at θ or close by.
+
+    References
+    ----------
+    Lin et al., Eq 9, linearised; the paper states no uncertainty.
+    """
     here = f(theta)
     if here is None:
         return None

@@ -97,6 +97,10 @@ def respond(sets: Sequence[StringParameters], inputs: Inputs, x0: Floats, sensed
     Returns
     -------
     Response
+
+    References
+    ----------
+    Lin et al., Eq 1 and 18, solved for many parameter sets.
     """
     A, B = _discrete(sets, inputs.dt)
     u = inputs.stacked()

@@ -37,6 +37,10 @@ class VoltageHeat:
         U, V.
     resistance, resistance_sd : float
         R_el, Ω.
+
+    References
+    ----------
+    In place of I²R_e in Lin et al., Eq 1.
     """
 
     heat: float

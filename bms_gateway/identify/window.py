@@ -91,6 +91,10 @@ class WindowIdentifier:
     ----------
     model : StringModel
     settings : Settings
+
+    References
+    ----------
+    Lin et al., Eq 1, 16–18 for the model; the method is ours, in place of Eq 5.
     """
 
     def __init__(self, model: StringModel, settings: Settings | None = None) -> None:

@@ -73,6 +73,10 @@ class AdaptiveObserver:
     heat_rel_sd : float
         Relative error of heat that is given instead of made from I²R_e.
 
+    References
+    ----------
+    Lin et al., Fig 5 (adaptive observer) and Fig 9–11 (strings); the gain and the band are ours.
+
     Examples
     --------
     >>> from bms_gateway.thermal import Prior

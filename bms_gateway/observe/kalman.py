@@ -125,6 +125,10 @@ class Kalman:
         What strides have cost already; no part of the state.
     row : ndarray of int (S, 1)
         Numbers of the strings: `y[row, sensors]` are the readings.
+
+    References
+    ----------
+    In place of the constant gain of Lin et al., Fig 5 and 9.
     """
 
     model: StackedModel

@@ -23,6 +23,10 @@ class Luenberger:
         0-based sensed cells.
     L : ndarray (S, M, m)
         Gain per step on y − ŷ.
+
+    References
+    ----------
+    Lin et al., Fig 5, on the model of Eq 13 (whose B₁₁ is R_e/C_c).
     """
 
     model: StackedModel

@@ -50,6 +50,10 @@ class StackedModel:
         What is added while the inlet, or the current, is not measured.
     dt : float, s
     disturbance : Disturbance
+
+    References
+    ----------
+    Lin et al., Eq 18; the offsets are ours.
     """
 
     G: Floats
@@ -112,7 +116,12 @@ class StackedModel:
 
 
 def augmented(p: StringParameters, disturbance: Disturbance) -> ContinuousString:
-    """Continuous system of one string with its two offset states; `B_q` has one column per cell."""
+    """Continuous system of one string with its two offset states; `B_q` has one column per cell.
+
+    References
+    ----------
+    Lin et al., Eq 18; the offsets are ours.
+    """
     s = continuous(p)
     N, n = s.B_q.shape
     A = np.zeros((N + OFFSETS, N + OFFSETS))
@@ -146,6 +155,10 @@ def stack(parameters: Sequence[StringParameters], dt: float, disturbance: Distur
     Notes
     -----
     About 3 ms per distinct string of 12 cells; equal strings share the work.
+
+    References
+    ----------
+    Lin et al., Eq 13 and 18, sampled.
 
     Examples
     --------
@@ -197,6 +210,10 @@ class Start:
         Each cell on its own.
     cell_gap : float
         Core over surface of each cell on its own.
+
+    References
+    ----------
+    Lin et al., Fig 8 for the size of `gap`.
     """
 
     level: float = 20.0
@@ -213,6 +230,10 @@ def start_covariance(cells: int, start: Start, disturbance: Disturbance, *, inle
     -------
     ndarray (2n + 2, 2n + 2), K² (the last row W²)
         Symmetric, positive definite.
+
+    References
+    ----------
+    Lin et al., Fig 8 and 9 for what a restart does not know.
     """
     N = 2 * cells
     core = np.tile([1.0, 0.0], cells)

@@ -37,6 +37,10 @@ class Flows:
         Coolant path T_f = M T_s + m T_f_in.
     de : ndarray (S, n)
         (∂e/∂ ln R_u)/e of the exchange; the same for ln C_f. 0 where the stream does not warm up.
+
+    References
+    ----------
+    Derivatives of Lin et al., Eq 1 and 16–18.
     """
 
     C_c: Floats
@@ -128,7 +132,12 @@ def _relative_slope(p: StringParameters) -> Floats:
 
 
 def carried(J: Floats, A: Floats, forcing: Floats, dt: float) -> Floats:
-    """Carry `J` (S, M, p) over one step of `dt` seconds."""
+    """Carry `J` (S, M, p) over one step of `dt` seconds.
+
+    References
+    ----------
+    Derivatives of Lin et al., Eq 1 and 16–18.
+    """
     half = (dt / 2.0) * forcing
     return np.asarray(np.matmul(A, J + half) + half, dtype=np.float64)
 
@@ -149,6 +158,10 @@ def corrected(J: Floats, J_before: Floats, K: Floats, sensors: Ints, lag: Floats
     J : ndarray (S, M, p)
     seen : ndarray (S, m, p)
         Sensitivities of the predicted readings.
+
+    References
+    ----------
+    Derivative of the filter's update; not in the paper.
     """
     row = np.arange(len(J))[:, None]
     at = 2 * sensors + 1

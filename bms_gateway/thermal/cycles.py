@@ -76,12 +76,22 @@ def urban_assault(rng: np.random.Generator, capacity_Ah: float = CAPACITY_AH) ->
 
 
 def us06(rng: np.random.Generator, capacity_Ah: float = CAPACITY_AH) -> Floats:
-    """Draw one cycle of 596 s like US06: five hard trips, to 129 km/h, hardly a stop; (596,) A."""
+    """Draw one cycle of 596 s like US06: five hard trips, to 129 km/h, hardly a stop; (596,) A.
+
+    References
+    ----------
+    Length, top speed and number of trips of the EPA's US06; the trips are drawn.
+    """
     return _current(_speed(rng, US06_S, trips=5, fastest=35.9, pull=(1.5, 3.5), stand=(3, 10)), capacity_Ah)
 
 
 def udds(rng: np.random.Generator, capacity_Ah: float = CAPACITY_AH) -> Floats:
-    """Draw one cycle of 1,369 s like UDDS: town, seventeen trips from stop to stop, to 91 km/h; (1369,) A."""
+    """Draw one cycle of 1,369 s like UDDS: town, seventeen trips from stop to stop, to 91 km/h; (1369,) A.
+
+    References
+    ----------
+    Length, top speed and number of trips of the EPA's UDDS; the trips are drawn.
+    """
     return _current(_speed(rng, UDDS_S, trips=17, fastest=25.3, pull=(0.8, 1.5), stand=(8, 25)), capacity_Ah)
 
 

@@ -26,6 +26,10 @@ class DiscreteString:
     B_f0, B_f1 : ndarray (2n,)
         Act on the inlet temperature at the start and at the end of the step.
     dt : float, s
+
+    References
+    ----------
+    Lin et al., Eq 1 and 18, sampled.
     """
 
     A: Floats
@@ -53,6 +57,11 @@ def discretize(s: ContinuousString, dt: float) -> DiscreteString:
     Returns
     -------
     DiscreteString
+
+    References
+    ----------
+    Lin et al., Eq 1 and 18, sampled.
+    C. F. Van Loan, Computing integrals involving the matrix exponential, IEEE TAC 23 (1978).
 
     Examples
     --------

@@ -28,6 +28,10 @@ class Disturbance:
         How long such errors last: the time constant of a drive's phases.
     sensor : float, K
         White noise of a thermocouple reading.
+
+    References
+    ----------
+    Not in the paper; what stands between Lin et al., Eq 18 and a real string.
     """
 
     heat_common: float = 0.5

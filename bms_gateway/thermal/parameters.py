@@ -101,6 +101,10 @@ class StringParameters:
         W/K of the coolant stream; infinite where the stream does not warm up along the string (ambient).
     coolant : {"bulk", "ntu"}
         Formula of the exchange between cell and stream.
+
+    References
+    ----------
+    Lin et al., Table 1 (one cell), Eq 16–18 (R_cc and C_f).
     """
 
     C_c: Floats
@@ -215,6 +219,10 @@ class StringModel:
     correlation : (names, ndarray (m, m)) or None
         How the errors of m numbers hang together, by symbol or `effect key.parameter`: of the logarithm where a number
         is known in it. What is not named is independent. Symmetric, ones on the diagonal, positive semidefinite.
+
+    References
+    ----------
+    Lin et al., Table 1 for symbols; the conditions are those of Table 3.
     """
 
     cells: int

@@ -24,6 +24,10 @@ def simulate(d: DiscreteString, x0: Floats, q: Floats, T_f_in: Floats) -> Floats
     ndarray (K + 1, 2n)
         States at the instants, the start first, °C.
 
+    References
+    ----------
+    Lin et al., Eq 1 and 18; Fig 3, 7 and 8 are such runs.
+
     Examples
     --------
     >>> from bms_gateway.thermal.discretize import discretize

@@ -32,6 +32,10 @@ class ContinuousString:
     B_q : ndarray (2n, n), K/J
     B_f : ndarray (2n,), 1/s
         Rows of A sum to −B_f: a string in equilibrium with its inlet stays there.
+
+    References
+    ----------
+    Lin et al., Eq 18.
     """
 
     A: Floats
@@ -51,6 +55,10 @@ def exchange(p: StringParameters) -> Floats:
     ------
     ConfigError
         Bulk node with R_u C_f ≤ 1: the stream would leave hotter than the cell; the user takes "ntu" or mends C_f.
+
+    References
+    ----------
+    Lin et al., Eq 16 (bulk node).
     """
     ntu = 1.0 / (p.R_u * p.C_f)
     if p.coolant == "ntu":
@@ -71,6 +79,10 @@ def coolant_path(p: StringParameters) -> tuple[Floats, Floats]:
     M : ndarray (n, n)
         Strictly lower triangular; rows of [M, m] sum to 1.
     m : ndarray (n,)
+
+    References
+    ----------
+    Lin et al., Eq 16 and 17, put into each other.
     """
     n, e = p.cells, exchange(p)
     M, m = np.zeros((n, n)), np.ones(n)
@@ -136,6 +148,10 @@ def steady_state(p: StringParameters, q: Floats, T_f_in: float) -> Floats:
     -------
     ndarray (2n,)
         [T_c1, T_s1, …], °C.
+
+    References
+    ----------
+    Lin et al., Eq 1 and 18 at rest; Fig 7 is near it.
 
     Examples
     --------
