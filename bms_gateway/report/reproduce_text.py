@@ -14,9 +14,12 @@ TITLE = (
     "Management, reproduced."
 )
 PREFACE = (
+    "The cores of a battery's cells are what ages and burns, and no sensor fits into them; thermocouples sit on a few "
+    "surfaces. The paper identifies a thermal model of the cells while driving and computes the rest from it. The "
+    "sections below go through that step by step.",
     "Every number under 'ours' has just been computed by the code that runs in the vehicle. The measured signals are "
     "simulated with the paper's model, as the paper's are; runs over several drives are given as median (least–most) "
-    "or mean ± standard deviation."
+    "or mean ± standard deviation.",
 )
 
 
@@ -29,7 +32,8 @@ def text(sections: Sequence[Section], seeds: int) -> str:
     seeds : int
         Noise realisations per condition, as told in the preface.
     """
-    lines = [*_wrapped(TITLE), "", *_wrapped(f"{PREFACE} Noise: {seeds} seeds.")]
+    problem, numbers = PREFACE
+    lines = [*_wrapped(TITLE), "", *_wrapped(problem), "", *_wrapped(f"{numbers} Noise: {seeds} seeds.")]
     lines += ["", *(f"  {name:<12} {what}" for name, what in VERDICTS.items())]
     for number, section in enumerate(sections, 1):
         lines += ["", "", f"{number}. {section.title}", ""]
