@@ -11,6 +11,7 @@ from html import escape
 from pathlib import Path
 
 from bms_gateway.diagnose.adding import Addition
+from bms_gateway.diagnose.adding_bench import core_before_and_after
 from bms_gateway.diagnose.candidates import Candidate
 from bms_gateway.diagnose.checks import Finding
 from bms_gateway.diagnose.compare import Comparison, CoreCheck, Variant
@@ -148,6 +149,9 @@ def write_diagnosis(
         models = [shown(AS_IT_IS, before)]
         if d.selected:
             models.append(shown("with " + " and ".join(s.candidate.key for s in d.selected), after))
+        if d.second is not None and d.decided_by_second:  # knows more of cores than its fits say
+            half = core_before_and_after(d.second, d.second.best)
+            models = [m.with_cores(h) for m, h in zip(models, half, strict=False)]
         head += summary(models, tail=(d.baseline.heldout_rmse_K, d.after.heldout_rmse_K))
         where = items(comparison.refitted.findings) if comparison else ""
         tied = [t for s in d.selected for t in s.tied_with]

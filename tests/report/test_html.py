@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from bms_gateway.config.model_file import parse_model
 from bms_gateway.diagnose.adding import Addition
+from bms_gateway.diagnose.adding_bench import core_before_and_after
 from bms_gateway.diagnose.calibrate import channel_errors
 from bms_gateway.diagnose.checks import Finding, check_record
 from bms_gateway.diagnose.compare import compare
@@ -331,6 +332,10 @@ def test_the_page_of_the_second_search_claims_no_held_out_error(tmp_path):
     assert not re.search("held.out", page.text)
     shapes = [s for f in page.figures(text).values() for s in f["layout"].get("shapes", ())]
     assert not [s for s in shapes if s["type"] == "rect"]
+    bands = page.figures(text)["core-1"]["data"]
+    for low, high, half in zip((0, 2), (1, 3), core_before_and_after(d.second, d.second.best), strict=True):
+        drawn = (np.array(bands[high]["y"]) - np.array(bands[low]["y"])) / 2
+        assert np.sqrt(np.mean(drawn**2)) == pytest.approx(half[0], rel=0.02)
     head, *rows = page.tables["ranking"][0]
     assert head[4:6] == ["error, K", "without it, K"]
     first = next(r for r in rows if len(r) > 1)
