@@ -10,7 +10,8 @@ any sensor is found once, and what m sensors take off it has few dimensions. The
 from P_0 on, for all sets at once and without ever forming a 2n × 2n matrix per set. In steps of a second it would take
 thousands, for the slow poles; so the equation is first brought to another clock by z = (w + a)/(1 + a w), which maps
 the unit circle onto itself and leaves P as it is, exactly. About a hundred steps are then enough for a string of any
-length.
+length. Cells that are not alike by orders of magnitude are another matter: what has not settled by then, or is all but
+lost in the difference from P_0, is solved by doubling, set by set.
 """
 
 from collections.abc import Sequence
@@ -21,7 +22,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from bms_gateway.thermal import Disturbance, Floats, StringParameters, continuous
+from bms_gateway.thermal import Disturbance, Floats, StringParameters, continuous, gathered_noise
 
 Indices = NDArray[np.intp]
 
@@ -31,7 +32,16 @@ BLOCK = 8
 """Steps after which that is judged, from what they took off and the eight before: single ones come and go in waves."""
 SLOWEST = 0.999
 """Ratio of a block to the one before beyond which what is to come is not extrapolated: it has not begun to settle."""
+PATIENCE = 1_000
+"""Steps after which a set is solved by doubling."""
+LOST = 1e-6
+"""Share of its variance without sensors below which a core's variance has too few digits left as a difference."""
+DENSE = 100
+"""Cells up to which a set can be solved by doubling: half a second there."""
 MAX_STEPS = 20_000
+"""The same for longer strings, where there is no other way and what is left by then is small."""
+DOUBLINGS = 60
+"""As many as no double can hold the time of."""
 LONG = 150
 """Cells of a string along which the coolant takes longer than a cell to warm up."""
 AT_ONCE = 2_000_000
@@ -46,8 +56,10 @@ class Steady:
     ----------
     open : ndarray (2n, 2n), K²
         Error covariance P_0 with no sensor, states [T_c1, T_s1, …].
+    Phi, Q : ndarray (2n, 2n)
+        Transition from reading to reading, and the noise that gathers meanwhile.
     J, noise : ndarray (2n, 2n)
-        (I − aΦ)⁻¹, and J Q Jᵀ of the noise Q that gathers from reading to reading.
+        (I − aΦ)⁻¹ and J Q Jᵀ.
     a : float
         Of the change of clock, 0…1.
     sensor : float, K
@@ -55,6 +67,8 @@ class Steady:
     """
 
     open: Floats
+    Phi: Floats
+    Q: Floats
     J: Floats
     noise: Floats
     a: float
@@ -79,14 +93,17 @@ class Steady:
         slow = 1.0 / float(np.max(p.C_c * p.R_c + (p.C_c + p.C_s) * p.R_u))
         middle = np.sqrt(slow * float(-np.diag(s.A).min()))  # in the geometric sense, of a cell's two poles
         P_0 = _stationary(s.A, W, 2.0 / middle)
-        Phi: Floats = scipy.linalg.expm(s.A * dt)
-        Q = P_0 - Phi @ P_0 @ Phi.T
+        if p.cells <= DENSE:
+            Phi, Q = gathered_noise(s.A, W, dt)
+        else:  # the same, for a tenth of the time
+            Phi = scipy.linalg.expm(s.A * dt)
+            Q = P_0 - Phi @ P_0 @ Phi.T
         # Any a gives the same P; this one in the fewest steps. Readings make the fast poles faster, hence above the
         # middle; what the coolant carries along a long string is slow.
         swift = 3.0 if p.cells <= LONG else 1.5
         a = float(np.exp(-np.clip(swift * middle * dt, 1e-4, 2.0)))
         J = np.linalg.inv(np.eye(len(Phi)) - a * Phi).astype(np.float64, copy=False)
-        return cls(P_0, J, J @ Q @ J.T, a, d.sensor)
+        return cls(P_0, Phi, Q, J, J @ Q @ J.T, a, d.sensor)
 
     def core_sd(self, sets: Sequence[Sequence[int]]) -> Floats:
         """Tell the standard deviation at which each core's estimate settles, right after a reading.
@@ -113,21 +130,26 @@ class Steady:
             for i in range(0, len(which), step):
                 part = which[i : i + step]
                 measured = 2 * np.array([list(sets[j]) for j in part], np.intp).reshape(len(part), m) - 1
-                sd[part] = np.sqrt(self._core_variance(measured))
+                variance, sound = self._core_variance(measured)
+                if len(self.open) <= 2 * DENSE:
+                    for j in np.flatnonzero(~sound):
+                        variance[j] = self._doubled(measured[j])
+                sd[part] = np.sqrt(variance)
         return sd
 
-    def _core_variance(self, measured: Indices) -> Floats:
-        """Variance of the cores (S, n) for sets (S, m) of measured states."""
+    def _core_variance(self, measured: Indices) -> tuple[Floats, NDArray[np.bool_]]:
+        """Variance of the cores (S, n) for sets (S, m) of measured states, and whether it is sound (S,)."""
         S, m = measured.shape
         variance = np.tile(np.diag(self.open)[0::2], (S, 1))
+        sound = np.ones(S, bool)
         if not m:
-            return variance
+            return variance, sound
         a, b = self.a, np.sqrt(1.0 - self.a**2)
         white = self.sensor**2 * np.eye(m)
         # In the other clock a reading C x is b C J x + a C J u, with u the noise that drives x: the two are correlated.
         crossed = _columns(self.noise, measured)
-        PC = b * (self.open @ self.J[measured].swapaxes(1, 2))
-        JPC = self.J @ PC
+        PC = b * _product(self.open, self.J[measured].swapaxes(1, 2))
+        JPC = _product(self.J, PC)
         E = white + a * a * _rows(crossed, measured) + b * _rows(JPC, measured)
         K = self._onward(PC, JPC) + a * b * crossed
         E_inverse = np.linalg.inv(E)
@@ -135,7 +157,7 @@ class Steady:
         read = _columns(self.open, measured)  # P Cᵀ in the readings' own clock, for the last one
         settled, at, going = np.empty_like(read), measured, np.arange(S)
         before, block = np.zeros_like(variance), np.zeros_like(variance)
-        for step in range(1, MAX_STEPS):
+        for step in range(1, (PATIENCE if len(self.open) <= 2 * DENSE else MAX_STEPS) + 1):
             LM = L @ M
             block += np.einsum("snm,snm->sn", LM[:, 0::2], L[:, 0::2])
             read += LM @ _rows(L, at).swapaxes(1, 2)
@@ -146,11 +168,12 @@ class Steady:
                 on = (-block * ratio > (1.0 - ratio) * SETTLED * variance[going]).any(axis=1)
                 settled[going] = read
                 if not on.any():
+                    going = going[:0]
                     break
                 before, block = block[on], np.zeros_like(block[on])
                 going, at = going[on], at[on]
                 read, L, M, K, E, E_inverse = (x[on] for x in (read, L, M, K, E, E_inverse))
-            JL = self.J @ L
+            JL = _product(self.J, L)
             CL, FL = b * _rows(JL, at), self._onward(L, JL)
             D = M @ CL.swapaxes(1, 2)
             L = FL - K @ (E_inverse @ CL)
@@ -160,7 +183,25 @@ class Steady:
             M = M - D @ E_inverse @ D.swapaxes(1, 2)
         taken = settled * np.linalg.solve(_rows(settled, measured) + white, settled.swapaxes(1, 2)).swapaxes(1, 2)
         left: Floats = variance - taken[:, 0::2].sum(axis=2)
-        return left
+        sound[going] = False
+        sound &= (left >= LOST * np.diag(self.open)[0::2]).all(axis=1)
+        return left, sound
+
+    def _doubled(self, measured: Indices) -> Floats:
+        """Variance of the cores (n,) by the structure-preserving doubling algorithm, for one set of states."""
+        one, C = np.eye(len(self.open)), np.eye(len(self.open))[measured]
+        white = self.sensor**2 * np.eye(len(measured))
+        A, G, P = self.Phi.T, C.T @ C / self.sensor**2, self.Q
+        for _ in range(DOUBLINGS):
+            W = np.linalg.inv(one + G @ P)
+            V = W @ A
+            more = A.T @ P @ V
+            P = P + more
+            if not (np.diag(more) > SETTLED**2 * np.diag(P)).any():
+                break
+            A, G = A @ V, G + A @ W @ G @ A.T
+        left = P - P @ C.T @ np.linalg.solve(C @ P @ C.T + white, C @ P)
+        return np.diag(left)[0::2].copy()
 
     def _onward(self, X: Floats, JX: Floats) -> Floats:
         """Transition of the other clock, J(Φ − a), applied to X of which J X is known."""
@@ -208,13 +249,20 @@ def _stationary(A: Floats, W: Floats, h: float) -> Floats:
     one = np.eye(len(A))
     J = np.linalg.inv(one - h / 2.0 * A)
     F, P = 2.0 * J - one, h * (J @ W @ J.T)
-    for _ in range(60):  # as many doublings would be more than any double holds
+    for _ in range(DOUBLINGS):
         more = F @ P @ F.T
         P = P + more
         if not (np.diag(more) > 1e-12 * np.diag(P)).any():
             break
         F = F @ F
     return (P + P.T) / 2.0
+
+
+def _product(X: Floats, Y: Floats) -> Floats:
+    """Multiply X (N, N) with every Y (S, N, m) in one go: numpy would read all of X once per set."""
+    S, N, m = Y.shape
+    flat = X @ np.moveaxis(Y, 1, 0).reshape(N, S * m)
+    return np.ascontiguousarray(np.moveaxis(flat.reshape(N, S, m), 0, 1))
 
 
 def _columns(X: Floats, at: Indices) -> Floats:

@@ -7,6 +7,7 @@ import pytest
 import scipy.linalg
 
 from bms_gateway.sensors import Steady, steady_core_sd
+from bms_gateway.sensors import steady as module
 from bms_gateway.thermal import Disturbance, StringParameters, continuous, gathered_noise
 from tests.truth.string import C_F, TABLE_1
 
@@ -128,3 +129,28 @@ def test_with_independent_heat_errors_only_no_placement_helps_an_unsensed_cell()
 def test_where_nothing_is_unknown_every_core_is_known():
     d = Disturbance(heat_common=0.0, heat_cell=0.0, inlet=0.0)
     assert steady_core_sd(cells(3), (2,), d).max() < 1e-9
+
+
+def test_what_has_not_settled_is_doubled_to_the_same(monkeypatch):
+    p, sets = cells(6), [(1,), (3, 6), (1, 2, 3)]
+    settled = Steady.of(p).core_sd(sets)
+    monkeypatch.setattr(module, "PATIENCE", 8)
+    np.testing.assert_allclose(Steady.of(p).core_sd(sets), settled, rtol=1e-7)
+    np.testing.assert_allclose(settled, [riccati(p, s) for s in sets], rtol=2e-6)
+
+
+@pytest.mark.parametrize("R_cc", [0.05, 4.0, np.inf])
+def test_cells_that_differ_by_orders_of_magnitude_are_solved_too(R_cc):
+    p = StringParameters.of(
+        3,
+        C_c=np.array([5.0, 9000.0, 268.0]),
+        C_s=np.array([0.3, 700.0, 18.8]),
+        R_e=1e-3,
+        R_c=np.array([0.02, 4.0, 1.266]),
+        R_u=np.array([150.0, 0.05, 0.79]),
+        R_cc=R_cc,
+        C_f=40.0,
+        coolant="ntu",
+    )
+    for s in ((1,), (2, 3), (1, 2, 3)):
+        np.testing.assert_allclose(steady_core_sd(p, s), riccati(p, s), rtol=1e-4, err_msg=str(s))
