@@ -9,6 +9,7 @@ import pytest
 from bms_gateway.bus.traffic import Series, Traffic, lines, steps, voltage_steps
 from bms_gateway.bus.virtual import VirtualPack
 from bms_gateway.config import load_config
+from bms_gateway.thermal.cycles import US06_S
 from tests.config.files import OWN, write
 from tests.truth.string import TruthString, rk4
 
@@ -132,3 +133,11 @@ def test_blanks_are_bridged_but_holes_are_not():
     assert np.isfinite(got).tolist() == [True, True, False, True, True, True, False]
     assert np.isnan(Series(np.empty(0), np.empty(0)).at(np.array([1.0]))).all()
     assert np.isnan(lines(t, np.full(60, np.nan)).at(t)).all()
+
+
+def test_a_pack_drives_the_cycle_that_it_is_told_over_and_over(loaded):
+    (early, _), (late, _), *_ = VirtualPack(loaded.plan, 5, cycle="us06").segments(1200)
+    first, second = (s.series["current", None] for s in (early, late))
+    t = np.arange(US06_S + 10.5, 1190.0)
+    assert np.array_equal(second.at(t), first.at(t - US06_S))
+    assert np.abs(first.value).max() > 50

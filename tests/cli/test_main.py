@@ -43,6 +43,7 @@ def test_help_lists_every_command(capsys):
         (["check", "a", "--json"], "check: argument --json: expected one argument"),
         (["check", "absent.toml"], "absent.toml: no such file"),
         (["simulate", "--config", "a", "--out", "b", "--seed", "x"], "argument --seed: invalid int value: 'x'"),
+        (["simulate", "--config", "a", "--out", "b", "--cycle", "us6"], "no such cycle; did you mean 'us06'?"),
         (["simulate", "--config", "a", "--out", "b", "--seed", "-1"], "--seed -1: must not be negative"),
         (["simulate", "--config", "a", "--out", "b", "--duration", "0"], "--duration 0: at least 1 second"),
         (["simulate", "--config", "a", "--out", "b", "--duration", "nan"], "--duration nan: at least 1 second"),
