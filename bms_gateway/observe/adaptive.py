@@ -136,6 +136,11 @@ class AdaptiveObserver:
         """Numbers of the strings at nominal flow."""
         return tuple(self._parameters)
 
+    @property
+    def share(self) -> Floats:
+        """Heat of each cell (S, n) over the mean of its string: unlike cells share a string's heat by their R_e."""
+        return self._share
+
     def step(
         self, I2: Floats, heat: Floats, inlet: Floats, y: Floats, age: Floats, flow_ratio: Floats | None = None
     ) -> Estimate:
@@ -373,6 +378,7 @@ class AdaptiveObserver:
 
     def _rebuild_heat(self) -> None:
         self._R_e = np.stack([p.R_e for p in self._parameters])
+        self._share: Floats = np.asarray(self._R_e / self._R_e.mean(axis=1, keepdims=True), dtype=np.float64)
 
     def _estimate(self, innovation: Floats, innovation_sd: Floats) -> Estimate:
         N = 2 * self._cells
