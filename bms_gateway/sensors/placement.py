@@ -145,6 +145,14 @@ def fewest(p: StringParameters, wanted: float, disturbance: Disturbance | None =
     Placement
         Of the fewest sensors whose `worst_sd` is at most `wanted`; of one on every cell where even that is not enough.
 
+    Notes
+    -----
+    Fewer by one are proved to be too few where C(n, m − 1) sets can all be tried; else they were searched.
+
+    References
+    ----------
+    What Lin et al. ask in Table 2, with the measure that a user needs in place of the rank.
+
     Examples
     --------
     >>> p = StringParameters.of(12, C_c=268, C_s=18.8, R_e=3.5e-3, R_c=1.266, R_u=0.79, R_cc=32, C_f=11.33)
@@ -241,6 +249,10 @@ class PlacementProblem:
 
 def even_sets(cells: int, sensors: int) -> list[Sensors]:
     """Spread sensors evenly, in the ways that people do: ends included, each amid its share, each at the end of it.
+
+    References
+    ----------
+    Lin et al., Table 3, whose {3, 6, 9, 12} is the last way's.
 
     Examples
     --------

@@ -230,6 +230,10 @@ def steady_core_sd(
     -----
     As `Steady` says; take that for several sets of one string.
 
+    References
+    ----------
+    The string of Lin et al., Eq 16–18 and 21, corrected, under `Disturbance`; the paper itself has no such measure.
+
     Examples
     --------
     >>> p = StringParameters.of(12, C_c=268, C_s=18.8, R_e=3.5e-3, R_c=1.266, R_u=0.79, R_cc=32, C_f=11.33)
