@@ -123,7 +123,7 @@ _INPUTS = ("I", "I2", "I_abs", "T_in", "flow", "soc", "V", "IV", "hours")
 
 
 def _start(record: Record, span: Span, cells: int) -> tuple[Floats, Floats]:
-    """Surfaces at the start of a span and how well they are known: a line through each sensor's first readings."""
+    """Surfaces at the start of a span and how well they are known: a parabola through each sensor's first readings."""
     dt = record.drive.dt
     at, value, sd = [], [], []
     for j, k in enumerate(record.cells):
@@ -137,8 +137,9 @@ def _start(record: Record, span: Span, cells: int) -> tuple[Floats, Floats]:
             continue
         sigma = float(record.noise.total[j])
         if early.sum() >= 8:
-            level = float(np.polyfit(t[early], y[early], 1)[1])
-            error = 2.0 * sigma / np.sqrt(early.sum())
+            line, level = (float(np.polyfit(t[early], y[early], degree)[-1]) for degree in (1, 2))
+            # a surface follows its load within seconds: what a parabola sees of the bend tells how much is left of it
+            error = float(np.hypot(3.0 * sigma / np.sqrt(early.sum()), level - line))
         else:
             level, error = float(np.median(y[early])), sigma / np.sqrt(early.sum())
         at.append(k)
