@@ -267,8 +267,8 @@ def even_sets(cells: int, sensors: int) -> list[Sensors]:
 
 
 def _ranked(found: Iterable[Placement]) -> list[Placement]:
-    """Best first; of equals, the one whose cells come first."""
-    return sorted(found, key=lambda x: (x.worst_sd, x.sensors))
+    """Best first; of equals to a micro-kelvin, the one with the better mean, then the one whose cells come first."""
+    return sorted(found, key=lambda x: (round(x.worst_sd, 6), round(float(x.core_sd.mean()), 6), x.sensors))
 
 
 def _shifted(sensors: Sensors, cells: int, reach: int) -> list[Sensors]:

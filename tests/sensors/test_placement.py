@@ -108,6 +108,17 @@ def test_sensors_follow_the_errors_that_are_declared():
     """With errors of each cell's own only, and nothing between cells, all unsensed cells are equally badly known."""
     found = place(cells(5, "single"), 2, Disturbance(heat_common=0.0, inlet=0.0, heat_cell=0.3))
     assert found.best[0].worst_sd == pytest.approx(found.nothing.worst_sd, rel=1e-9)
+    assert found.best[0].sensors == (1, 2)  # of equals, the one whose cells come first
+
+
+def test_of_equally_bad_worst_cells_the_better_mean_decides():
+    found = place(cells(12, "natural"), 5)
+    means = [
+        round(float(x.core_sd.mean()), 6)
+        for x in found.best
+        if round(x.worst_sd, 6) == round(found.best[0].worst_sd, 6)
+    ]
+    assert means == sorted(means)
 
 
 @pytest.mark.parametrize("m", [0, 6])
