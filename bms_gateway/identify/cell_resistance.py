@@ -23,9 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.identify.cell_prior import Baseline, CellPrior, CellSettings, Layout, cell_prior
-from bms_gateway.identify.disturbed import Start, disturbed, whiten
+from bms_gateway.identify.disturbed import disturbed, whiten
 from bms_gateway.identify.response import Inputs, respond
-from bms_gateway.thermal import Disturbance, Floats, StringModel
+from bms_gateway.thermal import Disturbance, Floats, Start, StringModel
 
 PROBE = 1e-4
 """Step of ln θ for slopes: far above rounding, far below curvature."""

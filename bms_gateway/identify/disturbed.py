@@ -17,26 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bms_gateway.thermal import Disturbance, Floats, StringParameters, continuous, gathered_noise
-
-
-@dataclass(frozen=True, slots=True)
-class Start:
-    """How little is known of a string when a record begins, as standard deviations in K.
-
-    Attributes
-    ----------
-    level, gap, slope : float
-        All temperatures together, cores over surfaces together, last cell over the middle one.
-    cell, cell_gap : float
-        The same of each cell on its own.
-    """
-
-    level: float = 20.0
-    gap: float = 8.0
-    slope: float = 5.0
-    cell: float = 1.0
-    cell_gap: float = 0.5
+from bms_gateway.thermal import Disturbance, Floats, Start, StringParameters, continuous, gathered_noise, start_spread
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,10 +78,7 @@ def disturbed(
     W, P = np.zeros((M, M)), np.zeros((M, M))
     W[slow, slow] = 2.0 * sd**2 / disturbance.correlation
     P[slow, slow] = sd**2
-    core = np.tile([1.0, 0.0], n)
-    along = np.repeat(np.linspace(-1.0, 1.0, n) if n > 1 else np.zeros(1), 2)
-    P[:N, :N] = start.level**2 + start.gap**2 * np.outer(core, core) + start.slope**2 * np.outer(along, along)
-    P[:N, :N] += start.cell**2 * np.kron(np.eye(n), np.ones((2, 2))) + start.cell_gap**2 * np.diag(core)
+    P[:N, :N] = start_spread(n, start)
     P[N + 2 + n :, N + 2 + n :] = offset_sd**2 * np.eye(m)
     Phi, Q = gathered_noise(A, W, block_s)
     Phi_0, Q_0 = gathered_noise(A, W, block_s / 2.0 if first_s is None else first_s)

@@ -8,10 +8,10 @@ from bms_gateway.observe.adaptive import AdaptiveObserver, Estimate
 from bms_gateway.observe.kalman import Innovation, Kalman, KalmanState, Predicted
 from bms_gateway.observe.luenberger import Luenberger
 from bms_gateway.observe.measured import Measured
-from bms_gateway.observe.model import StackedModel, Start, stack, start_covariance
+from bms_gateway.observe.model import StackedModel, stack, start_covariance
 from bms_gateway.observe.open_loop import MeanState, OpenLoop
 from bms_gateway.observe.sensitivity import PARAMETERS
-from bms_gateway.thermal import Disturbance
+from bms_gateway.thermal import Disturbance, Start
 
 __all__ = [
     "PARAMETERS",

@@ -19,11 +19,11 @@ import numpy as np
 
 from bms_gateway.errors import StateError
 from bms_gateway.observe.kalman import EVERY, Kalman, KalmanState
-from bms_gateway.observe.model import OFFSETS, Bools, Ints, Start, stack, start_covariance
+from bms_gateway.observe.model import OFFSETS, Bools, Ints, stack, start_covariance
 from bms_gateway.observe.sensitivity import PARAMETERS, Flows, carried, corrected
 from bms_gateway.observe.spread import root, scatter
 from bms_gateway.observe.stored import like, plain
-from bms_gateway.thermal import Disturbance, Floats, StringModel, StringParameters
+from bms_gateway.thermal import Disturbance, Floats, Start, StringModel, StringParameters
 
 FLOW_GRID = 0.03
 """Step of ln(flow ratio) between discretisations: C_f then is off by 2 % at most, less than it is known."""

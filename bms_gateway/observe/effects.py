@@ -17,12 +17,12 @@ from bms_gateway.errors import StateError
 from bms_gateway.observe.adaptive import FLOW_LIMITS, READ_WITHIN, Estimate
 from bms_gateway.observe.consider import Belief, conditioned
 from bms_gateway.observe.measured import SOC_UNKNOWN, Measured
-from bms_gateway.observe.model import OFFSETS, Bools, Start, start_covariance
+from bms_gateway.observe.model import OFFSETS, Bools, start_covariance
 from bms_gateway.observe.spread import root, scatter
 from bms_gateway.observe.stored import like, plain
 from bms_gateway.observe.tangent import ROW, Tangent, disturbed, drive_of, jacobian
 from bms_gateway.observe.uncertain import EffectNumber, effect_numbers, log_change, uncertain
-from bms_gateway.thermal import Disturbance, Floats, StringModel, StringParameters
+from bms_gateway.thermal import Disturbance, Floats, Start, StringModel, StringParameters
 from bms_gateway.thermal.physics import Memory, Numbers, Physics
 
 BLOCK = 10

@@ -22,10 +22,12 @@ from bms_gateway.thermal import (
     ContinuousString,
     Disturbance,
     Floats,
+    Start,
     StringParameters,
     continuous,
     discretize,
     gathered_noise,
+    start_spread,
 )
 
 Bools = NDArray[np.bool_]
@@ -194,35 +196,6 @@ def _discretized(p: StringParameters, dt: float, d: Disturbance) -> tuple[Floats
     return G, gathered_noise(s.A, W, dt)[1], unknown
 
 
-@dataclass(frozen=True, slots=True)
-class Start:
-    """How little is known of a string that is met for the first time, as standard deviations in K.
-
-    Attributes
-    ----------
-    level : float
-        All temperatures together, about the first reading (or the inlet where no surface is measured).
-    gap : float
-        Cores over surfaces, all cells together: 6.4 K ten minutes after a hot stop, more at once.
-    slope : float
-        Last cell over the middle one: the stream warms up by as much along a loaded string.
-    cell : float
-        Each cell on its own.
-    cell_gap : float
-        Core over surface of each cell on its own.
-
-    References
-    ----------
-    Lin et al., Fig 8 for the size of `gap`.
-    """
-
-    level: float = 20.0
-    gap: float = 8.0
-    slope: float = 5.0
-    cell: float = 1.0
-    cell_gap: float = 0.5
-
-
 def start_covariance(cells: int, start: Start, disturbance: Disturbance, *, inlet_known: bool = True) -> Floats:
     """Covariance of a string before its first reading, common-mode for the most part.
 
@@ -236,11 +209,8 @@ def start_covariance(cells: int, start: Start, disturbance: Disturbance, *, inle
     Lin et al., Fig 8 and 9 for what a restart does not know.
     """
     N = 2 * cells
-    core = np.tile([1.0, 0.0], cells)
-    along = np.repeat(np.linspace(-1.0, 1.0, cells) if cells > 1 else np.zeros(1), 2)
     P = np.zeros((N + OFFSETS, N + OFFSETS))
-    P[:N, :N] = start.level**2 + start.gap**2 * np.outer(core, core) + start.slope**2 * np.outer(along, along)
-    P[:N, :N] += start.cell**2 * np.kron(np.eye(cells), np.ones((2, 2))) + start.cell_gap**2 * np.diag(core)
+    P[:N, :N] = start_spread(cells, start)
     P[_INLET, _INLET] = (disturbance.inlet if inlet_known else disturbance.inlet_unknown) ** 2
     P[_HEAT, _HEAT] = disturbance.heat_common**2
     return P

@@ -1,7 +1,7 @@
 """The physics: parameters, the string of cells, its discretisation and simulation."""
 
 from bms_gateway.thermal.discretize import DiscreteString, discretize
-from bms_gateway.thermal.disturbance import Disturbance, gathered_noise
+from bms_gateway.thermal.disturbance import Disturbance, Start, gathered_noise, start_spread
 from bms_gateway.thermal.parameters import (
     CELL_SYMBOLS,
     CONDITIONS,
@@ -31,6 +31,7 @@ __all__ = [
     "Floats",
     "ParameterKind",
     "Prior",
+    "Start",
     "StringModel",
     "StringParameters",
     "continuous",
@@ -39,5 +40,6 @@ __all__ = [
     "exchange",
     "gathered_noise",
     "simulate",
+    "start_spread",
     "steady_state",
 ]

@@ -43,6 +43,50 @@ class Disturbance:
     sensor: float = 0.1
 
 
+@dataclass(frozen=True, slots=True)
+class Start:
+    """How little is known of a string that is met for the first time, as standard deviations in K.
+
+    Attributes
+    ----------
+    level : float
+        All temperatures together, about the first reading (or the inlet where no surface is measured).
+    gap : float
+        Cores over surfaces, all cells together: 6.4 K ten minutes after a hot stop, more at once.
+    slope : float
+        Last cell over the middle one: the stream warms up by as much along a loaded string.
+    cell : float
+        Each cell on its own.
+    cell_gap : float
+        Core over surface of each cell on its own.
+
+    References
+    ----------
+    Lin et al., Fig 8 for the size of `gap`.
+    """
+
+    level: float = 20.0
+    gap: float = 8.0
+    slope: float = 5.0
+    cell: float = 1.0
+    cell_gap: float = 0.5
+
+
+def start_spread(cells: int, start: Start) -> Floats:
+    """Covariance of the temperatures [T_c1, T_s1, …] before the first reading, common-mode for the most part.
+
+    Returns
+    -------
+    ndarray (2n, 2n), K²
+        Symmetric, positive definite.
+    """
+    core = np.tile([1.0, 0.0], cells)
+    along = np.repeat(np.linspace(-1.0, 1.0, cells) if cells > 1 else np.zeros(1), 2)
+    P = start.level**2 + start.gap**2 * np.outer(core, core) + start.slope**2 * np.outer(along, along)
+    P += start.cell**2 * np.kron(np.eye(cells), np.ones((2, 2))) + start.cell_gap**2 * np.diag(core)
+    return np.asarray(P, dtype=np.float64)
+
+
 def gathered_noise(A: Floats, W: Floats, dt: float) -> tuple[Floats, Floats]:
     """Transition and covariance that white noise of intensity `W` leaves after `dt` seconds, exactly.
 

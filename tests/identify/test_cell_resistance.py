@@ -13,8 +13,7 @@ import scipy.stats
 from bms_gateway.identify.cell_prior import CellSettings, Layout, cell_prior
 from bms_gateway.identify.cell_resistance import CellRecord, fit_cells, numbers_of
 from bms_gateway.identify.cells_in_words import cell_estimates, combinations
-from bms_gateway.identify.disturbed import Start
-from bms_gateway.thermal import Disturbance, Prior, StringModel
+from bms_gateway.thermal import Disturbance, Prior, Start, StringModel
 from tests.truth.string import C_F, TABLE_1
 from tests.truth.unequal import FIG_10, Scatter, drives
 
