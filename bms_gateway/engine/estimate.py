@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.engine.events import Estimated, Event, Job, Level, Notice, Parameters
-from bms_gateway.engine.inputs import Reading, Wire
+from bms_gateway.engine.inputs import Reading, Wire, identifies_cells
 from bms_gateway.engine.plan import Plan, StringPlan
 from bms_gateway.frames.quality import Quality
 from bms_gateway.health import Ageing, Mismatch
@@ -24,6 +24,7 @@ from bms_gateway.identify import (
     build,
     string_parameters,
 )
+from bms_gateway.identify.cell_live import CellIdentifier, CellResult
 from bms_gateway.identify.contract import FIXED_OFFLINE, IDENTIFIED, LEARNING
 from bms_gateway.observe import AdaptiveObserver, Measured
 from bms_gateway.observe import Estimate as States
@@ -75,9 +76,10 @@ class StringEstimator:
     estimates: tuple[Estimate, ...] = ()
     effects: tuple[Estimate, ...] = ()
     electrical: VoltageHeat | None = None
+    cells: CellIdentifier | None = None
 
     @classmethod
-    def of(cls, plan: StringPlan, wire: Wire) -> "StringEstimator":
+    def of(cls, plan: StringPlan, wire: Wire, disturbance: Disturbance) -> "StringEstimator":
         """Build from the plan, knowing nothing yet."""
         identifier = build(plan.identify, plan.model)
         n = plan.model.cells
@@ -95,6 +97,7 @@ class StringEstimator:
             nothing,
             np.full(n, NEVER),
             estimates=identifier.estimates(),
+            cells=CellIdentifier(plan.model, disturbance) if _hears_cells(plan, wire) else None,
         )
 
     @property
@@ -113,8 +116,8 @@ class StringEstimator:
         return self.electrical.heat / self.plan.model.cells
 
     def known(self) -> tuple[Estimate, ...]:
-        """Parameters as the identifier has them; R_e from the voltage where that makes the heat."""
-        found = self.identifier.estimates()
+        """Parameters as the identifiers have them; R_e from the voltage where that makes the heat."""
+        found = self.identifier.estimates() + (self.cells.estimates() if self.cells is not None else ())
         if self.electrical is None or self.electrical.heat != self.electrical.heat:
             return found
         n = self.plan.model.cells
@@ -166,7 +169,7 @@ class Estimators:
         self._dt = plan.tick_ns * 1e-9
         self._introduced = False  # what is known at the start has been told
         self._gap_s = 0.0  # since the last tick, beyond its period
-        self.strings = [StringEstimator.of(p, w) for p, w in zip(plan.strings, wires, strict=True)]
+        self.strings = [StringEstimator.of(p, w, plan.disturbance) for p, w in zip(plan.strings, wires, strict=True)]
         plain = [i for i, s in enumerate(self.strings) if not s.plan.model.effects]
         lengths = sorted({self.strings[i].plan.model.cells for i in plain})
         self._groups = []
@@ -215,7 +218,12 @@ class Estimators:
             if not isinstance(group.observer, AdaptiveObserver):
                 effective, shift = group.observer.effective
                 I2, inlet = (effective if np.isfinite(I2) else I2), inlet + shift
-            job = s.identifier.add(Tick(t1, self._dt + self._gap_s, I2, float(heat[j]), inlet, r.y, r.age))
+            tick = Tick(t1, self._dt + self._gap_s, I2, float(heat[j]), inlet, r.y, r.age)
+            if s.cells is not None:
+                of_cells = s.cells.add(tick, r.cells, r.means.I, s.flow_ratio(r), s.identifier.posterior)
+                if of_cells is not None:
+                    result.jobs.append((i, of_cells))
+            job = s.identifier.add(tick)
             if job is not None:
                 result.jobs.append((i, job))
             elif s.plan.identify == "rls" and not s.plan.model.effects and t1 % ADOPT_NS == 0:
@@ -234,7 +242,7 @@ class Estimators:
         n = strings[0].plan.model.cells
         return observer.step(
             np.array([r.means.I2 for r in readings]),
-            heat[:, None].repeat(n, axis=1),
+            heat[:, None] * observer.share,
             np.array([r.inlet for r in readings]),
             np.concatenate([r.y for r in readings]).reshape(-1, n),
             np.concatenate([r.age for r in readings]).reshape(-1, n),
@@ -244,6 +252,11 @@ class Estimators:
     def _adopt(self, group: Group, j: int) -> None:
         """Give the observer what the identifier knows now."""
         s = self.strings[group.members[j]]
+        cells = s.cells.numbers() if s.cells is not None else None
+        if cells is not None and isinstance(group.observer, AdaptiveObserver):
+            group.observer.set_parameters(j, cells.values, cells.names, cells.common, cells.own)
+            s.estimates = s.known()
+            return
         posterior = s.identifier.posterior()
         numbers = string_parameters(s.plan.model, posterior.names, posterior.mean)
         values = {name: getattr(numbers, name) for name in posterior.names}
@@ -253,6 +266,8 @@ class Estimators:
     def accept(self, string: int, job_result: object, now: int) -> list[Event]:
         """Take the result of a string's job into use."""
         s = self.strings[string]
+        if isinstance(job_result, CellResult) and s.cells is not None:
+            return self._accept_cells(string, s.cells, job_result, now)
         s.identifier.accept(job_result)
         group = next(g for g in self._groups if string in g.members)
         self._adopt(group, group.members.index(string))
@@ -261,6 +276,17 @@ class Estimators:
         if R_e.status == IDENTIFIED and s.ageing.update(R_e.value, R_e.sd):
             level = Level.WARNING if s.ageing.flag.level else Level.NOTICE
             events.append(Notice(now, level, "ageing", s.ageing.sentence(), s.plan.name))
+        return events
+
+    def _accept_cells(self, string: int, cells: CellIdentifier, result: CellResult, now: int) -> list[Event]:
+        s = self.strings[string]
+        told = cells.warning
+        cells.accept(result)
+        group = next(g for g in self._groups if string in g.members)
+        self._adopt(group, group.members.index(string))
+        events: list[Event] = [Parameters(now, s.plan.name, s.estimates)]
+        if cells.warning and cells.warning != told:
+            events.append(Notice(now, Level.WARNING, "skew", cells.warning, s.plan.name))
         return events
 
     def pass_time(self, gap_s: float) -> None:
@@ -279,6 +305,7 @@ class Estimators:
                 "plan": _fingerprint(s.plan),
                 "identifier": s.identifier.snapshot(),
                 "ageing": s.ageing.snapshot(),
+                "cells": None if s.cells is None else s.cells.snapshot(),
             }
             for s in self.strings
         }
@@ -300,7 +327,9 @@ class Estimators:
                 continue
             s.identifier.restore(stored["identifier"])
             s.ageing.restore(stored["ageing"])
-            s.estimates = s.identifier.estimates()
+            if s.cells is not None and stored.get("cells") is not None:
+                s.cells.restore(stored["cells"])
+            s.estimates = s.known()
             same.add(s.plan.name)
         observers = {tuple(o["strings"]): o["state"] for o in state["observers"]}
         cold: set[str] = set()
@@ -330,6 +359,11 @@ def _with_effects(s: StringEstimator, dt: float, disturbance: Disturbance) -> "E
     )  # the catalogue doubles the time of a start: only who needs it
 
     return EffectObserver(s.plan.model, dt, disturbance, soc=s.wire.constants.get("soc", SOC_UNKNOWN))
+
+
+def _hears_cells(plan: StringPlan, wire: Wire) -> bool:
+    """Whether enough cells' voltages may come to tell the cells apart; whether they do is seen on the way."""
+    return identifies_cells(plan) and 2 * int((wire.cell_voltage >= 0).sum()) >= plan.model.cells
 
 
 def _fingerprint(plan: StringPlan) -> str:

@@ -5,7 +5,7 @@ posterior is the next record's prior (`Baseline`): joints and thermal resistance
 Strings whose cells' voltages are not on the bus are left alone: two surfaces do not tell five cells.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -35,6 +35,7 @@ class CellResult:
     fit: CellFit
     resistance: Floats
     over: bool
+    warning: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +74,8 @@ class CellJob:
         )
         prior = replace(fit.prior, mean=_shifted(fit.layout, fit.prior.mean, -ln))
         fit = replace(fit, mean=_shifted(fit.layout, fit.mean, -ln), prior=prior)
-        return CellResult(fit, self.electrical.value, self.over)
+        warning = self.electrical.warning(self.settings.skew_s, self.settings.joint_sd)
+        return CellResult(fit, self.electrical.value, self.over, warning)
 
 
 def _shifted(layout: Layout, theta: Floats, ln: float) -> Floats:
@@ -123,7 +125,7 @@ class CellIdentifier:
         self._sums.reset()
 
     def add(
-        self, tick: Tick, pairs: PairMeans | None, current: float, flow_ratio: float, common: Posterior
+        self, tick: Tick, pairs: PairMeans | None, current: float, flow_ratio: float, common: Callable[[], Posterior]
     ) -> CellJob | None:
         """Take in one tick.
 
@@ -136,8 +138,8 @@ class CellIdentifier:
             Mean of the tick.
         flow_ratio : float
             Coolant flow over nominal; NaN where unknown.
-        common : Posterior
-            What is known of the parameters common to the cells: where a first fit begins to search.
+        common : callable
+            Gives what is known of the parameters common to the cells: where a first fit begins to search.
 
         Returns
         -------
@@ -177,25 +179,25 @@ class CellIdentifier:
                 self._clear()
         return job
 
-    def _close(self, common: Posterior) -> CellJob | None:
+    def _close(self, common: Callable[[], Posterior]) -> CellJob | None:
         """End the record; a job if it tells more than its last fit."""
         seconds = len(self._square) * self._dt
         job = self._job(common, over=True) if seconds >= max(MILESTONES_S[0], 1.2 * self._fitted_s) else None
         self._clear()
         return job
 
-    def _job(self, common: Posterior, over: bool) -> CellJob | None:
+    def _job(self, common: Callable[[], Posterior], over: bool) -> CellJob | None:
         electrical = self._sums.result(self._dt)
         if self._pending or 2 * int(np.isfinite(electrical.value).sum()) < self._model.cells:
             return None
-        self._warning = electrical.warning(self._settings.skew_s, self._settings.joint_sd)
         record = CellRecord(
             np.array(self._square), np.array(self._inlet), np.array(self._surface), np.array(self._age), self._dt
         )
         if not record.sensed:
             return None
         self._pending = True
-        guess = {} if self._baseline else dict(zip(common.names, common.mean.tolist(), strict=True))
+        known = common()
+        guess = {} if self._baseline else dict(zip(known.names, known.mean.tolist(), strict=True))
         return CellJob(
             self._model,
             record,
@@ -211,7 +213,7 @@ class CellIdentifier:
     def accept(self, result: CellResult) -> None:
         """Take back the result of the last job."""
         self._pending = False
-        self._fit, self._resistance = result.fit, result.resistance
+        self._fit, self._resistance, self._warning = result.fit, result.resistance, result.warning
         if result.over:
             self._baseline = result.fit.baseline(result.resistance)
 

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -35,7 +36,7 @@ def ticks(d, sensors=ENDS, first=0):
 
 def run(identifier, d, *, voltages=True, m=None, edit=lambda tick, k: tick, flow=1.0, first=0):
     """Drive through; the jobs asked for, with the second at which they were."""
-    V, jobs, before = d.voltage(0, 0.03), [], common(m or model())
+    V, jobs, before = d.voltage(0, 0.03), [], partial(common, m or model())
     for tick, k in ticks(d, first=first):
         same = np.full(5, d.current[k])
         pairs = PairMeans(same, same**2, V[k], same * V[k]) if voltages else None
