@@ -7,7 +7,7 @@ import pytest
 
 from bms_gateway.cli.main import main
 from tests.config.test_model_file import EXAMPLE
-from tests.sensors.test_steady import cells, riccati
+from tests.sensors.strings import cells, riccati
 
 
 def run(capsys, *words):

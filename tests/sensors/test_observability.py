@@ -9,21 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bms_gateway.sensors import determined_states, exact_rank, exact_ranks, hidden_states, observability, paper_rank
-from bms_gateway.thermal import StringParameters
 from tests.sensors.rational import rank, rates_matrix
-from tests.truth.string import C_F, TABLE_1
+from tests.sensors.strings import COUPLINGS, cells
 
 FOURS = list(itertools.combinations(range(1, 13), 4))
-COUPLINGS = {
-    "full": {"R_cc": 32.0, "C_f": C_F},
-    "natural": {"R_cc": 32.0},
-    "no-conduction": {"C_f": C_F},
-    "single": {},
-}
-
-
-def cells(n, condition="full", **other):
-    return StringParameters.of(n, **{**TABLE_1, **COUPLINGS[condition], **other})
 
 
 @pytest.mark.parametrize("condition", COUPLINGS)

@@ -10,7 +10,7 @@ from bms_gateway.errors import UsageError
 from bms_gateway.sensors import PlacementProblem, even_sets, fewest, observable_sets, place, steady_core_sd
 from bms_gateway.sensors import placement as module
 from bms_gateway.thermal import Disturbance
-from tests.sensors.test_steady import COUPLINGS, cells, riccati
+from tests.sensors.strings import COUPLINGS, cells, riccati
 
 
 @pytest.mark.parametrize("condition", COUPLINGS)
