@@ -112,7 +112,7 @@ def place_text(r: PlaceReport) -> str:
     """Write a placement for people."""
     found = r.placements
     n, m, best = found.cells, found.sensors, found.best[0]
-    how = f"all {found.sets:,} sets tried" if found.exhaustive else "searched, too many sets to try all"
+    how = f"all {found.sets:,} sets tried" if found.exhaustive else "searched, too much to try all sets"
     head = (
         f"{n} {_plural('cell', n)}, {r.condition} ({CONDITION_WORDS[r.condition]}), {m} {_plural('sensor', m)}: "
         f"best on {_cells(best)}.\nThe least certain core is then cell {best.worst_cell}, "

@@ -24,10 +24,10 @@ from bms_gateway.thermal import Disturbance, Floats, StringParameters, continuou
 
 EXHAUSTIVE = 5_000
 """Sets up to which all are tried: seconds on twenty cells."""
+TRIED_CELLS = 200
+"""Cells up to which that is so, and the best set found is improved sensor by sensor; beyond, it would take minutes."""
 SHOWN = 10
 """Placements that are told, best first."""
-SHIFTED_CELLS = 200
-"""Cells up to which the sensors of the best set found are moved one by one; beyond, a round would take minutes."""
 ANYWHERE = 400
 """Product of cells and sensors up to which a sensor is tried on every cell, not only on those near by."""
 COUNTED_CELLS = 60
@@ -188,7 +188,7 @@ class PlacementProblem:
         if not 1 <= sensors <= n:
             raise UsageError(f"{sensors} sensors on {n} cells: valid: 1 to {n}")
         sets = comb(n, sensors)
-        exhaustive = sets <= EXHAUSTIVE
+        exhaustive = self._triable(sensors)
         tried = self._all(sensors) if exhaustive else self._searched(sensors)
         even = _ranked(self.measure(even_sets(n, sensors)))[0]
         ranked = _ranked(tried)[:SHOWN]
@@ -214,12 +214,15 @@ class PlacementProblem:
             else:
                 short = middle
         # The search may have missed a set of one sensor less; where all can be tried, they are.
-        while m > 1 and comb(self.cells, m - 1) <= EXHAUSTIVE:
+        while m > 1 and self._triable(m - 1):
             less = _ranked(self._all(m - 1))[0]
             if less.worst_sd > wanted:
                 break
             found, m = less, m - 1
         return found
+
+    def _triable(self, m: int) -> bool:
+        return self.cells <= TRIED_CELLS and comb(self.cells, m) <= EXHAUSTIVE
 
     def _all(self, m: int) -> list[Placement]:
         return self.measure(combinations(range(1, self.cells + 1), m))
@@ -229,7 +232,7 @@ class PlacementProblem:
         even = even_sets(self.cells, m)
         proposed = [self._static.exchanged(self._static.added(m)), *even, *map(self._static.exchanged, even)]
         tried = {x.sensors: x for x in self.measure(dict.fromkeys(proposed))}
-        if self.cells > SHIFTED_CELLS:
+        if self.cells > TRIED_CELLS:
             return list(tried.values())
         best = _ranked(tried.values())[0]
         reach = self.cells if m * self.cells <= ANYWHERE else 2
