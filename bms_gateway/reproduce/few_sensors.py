@@ -30,8 +30,8 @@ FIG_10 = (3.5e-3, 4.3e-3, 4.3e-3, 4.3e-3, 3.5e-3)
 """Ω: the cells without a sensor are the hot ones."""
 SENSORS = (1, 5)
 SECONDS = 89 * 60
-SWING_K, PERIOD_S = 5.0, 300.0
-"""The inlet's motion: without it the level of all R_e together is known only half as well."""
+SWING_K, COMMISSIONING_K, PERIOD_S = 5.0, 8.0, 300.0
+"""The inlet's motion, usual and on purpose: without any the level of all R_e together is known only half as well."""
 REL_SD = {"C_c": 0.05, "C_s": 0.05, "R_e": 0.6, "R_c": 0.05, "R_u": 0.1, "R_cc": 0.2, "C_f": 0.05}
 """Of the string's means."""
 RATIO_SD = 0.03
@@ -53,6 +53,8 @@ class Line:
         Error of a cell's electrical resistance; None: no cell voltages on the bus.
     limit_sd, limit_core_K : float or None
         What is promised.
+    swing_K : float
+        Of the coolant inlet.
     """
 
     what: str
@@ -62,6 +64,7 @@ class Line:
     joint_sd: float | None = None
     limit_sd: float | None = None
     limit_core_K: float | None = None
+    swing_K: float = SWING_K
 
 
 LINES = (
@@ -70,7 +73,13 @@ LINES = (
     Line("R_e of each cell, surfaces {1,5} only"),
     Line("R_e of each cell, {1,5} and cell voltages, joints 3 %", joint_sd=0.03, limit_sd=0.05, limit_core_K=2.0),
     Line("R_e of each cell, {1,5} and cell voltages, joints 1 %", joint_sd=0.01, limit_sd=0.025, limit_core_K=1.5),
-    Line("R_e of each cell, all surfaces sensed", sensors=(1, 2, 3, 4, 5), limit_sd=0.035, limit_core_K=0.6),
+    Line(
+        "R_e of each cell, all surfaces sensed (commissioning run)",
+        sensors=(1, 2, 3, 4, 5),
+        limit_sd=0.035,
+        limit_core_K=0.6,
+        swing_K=COMMISSIONING_K,
+    ),
 )
 
 
@@ -156,8 +165,8 @@ def few_sensors(seeds: int = 4, seconds: int = SECONDS, lines: Sequence[Line] = 
     ----------
     Lin et al., Fig 10 and 11 (cells of unequal R_e, sensors on 1 and 5); the paper leaves the question open.
     """
-    packs = _packs(seeds, seconds)
-    return tuple(_outcome(line, packs) for line in lines)
+    packs = {swing: _packs(seeds, seconds, swing) for swing in {line.swing_K for line in lines}}
+    return tuple(_outcome(line, packs[line.swing_K]) for line in lines)
 
 
 def string_model(sensors: tuple[int, ...] = SENSORS) -> StringModel:
@@ -166,11 +175,11 @@ def string_model(sensors: tuple[int, ...] = SENSORS) -> StringModel:
     return StringModel(len(FIG_10), sensors, "full", {s: Prior(v, REL_SD[s]) for s, v in values.items()}, coolant="ntu")
 
 
-def _packs(seeds: int, seconds: int) -> Packs:
+def _packs(seeds: int, seconds: int, swing: float) -> Packs:
     cycle = urban_assault(np.random.default_rng(0))
     current = np.tile(cycle, seconds // len(cycle) + 1)[:seconds]
     t = np.arange(seconds + 1.0) * 2.0 * np.pi / PERIOD_S
-    inlet = 25.0 + SWING_K * (0.8 * np.sin(t) + 0.2 * np.sin(2.7 * t + 1.0))  # no pure sine: richer than one
+    inlet = 25.0 + swing * (0.8 * np.sin(t) + 0.2 * np.sin(2.7 * t + 1.0))  # no pure sine: richer than one
     n, R_e, d = len(FIG_10), np.array(FIG_10), Disturbance()
     core, readings, ratio, joints = [], [], [], []
     for seed in range(seeds):

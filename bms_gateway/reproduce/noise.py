@@ -144,14 +144,13 @@ def _rows(noise: float, step: float, rls: list[Outcome], window: list[Outcome]) 
 
 
 def _wrong(s: dict[str, float]) -> str:
-    return f"{round(s['runs'] * s['confidently_wrong'])} of {s['runs']:.0f} runs are off by over {FAR_SD} sd and do not say so"
+    count = round(s["runs"] * s["confidently_wrong"])
+    return f"{count} of {s['runs']:.0f} runs are off by over {FAR_SD} sd and do not say so"
 
 
 def _rls_note(noise: float, step: float) -> str:
     if (noise, step) == (0.0, 0.0):
-        return (
-            "Eq 5 with rows divided by m, P0 = 1e4, λ = 0.05. The paper's case: nothing but the discretisation is left"
-        )
+        return "Eq 5, rows divided by m, P0 = 1e4, λ = 0.05. The paper's case: only the discretisation is left"
     if (noise, step) == (0.1, 0.0):
         return "an ordinary thermocouple; the bias does not shrink with more data, and no residual shows it"
     return ""
