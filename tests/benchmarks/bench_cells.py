@@ -1,4 +1,4 @@
-"""R_e of each cell from few sensors on Fig 10's case: `python -m tests.benchmarks.bench_cells [--seeds N] [--json]`.
+"""R_e of each cell from few sensors, Fig 10's case: `python -m tests.benchmarks.bench_cells [--seeds N] [--rows TEXT]`.
 
 Five cells of 3.5 and 4.3 mOhm (the three inner ones hot), 89 minutes of the drive cycle, inlet moving by 5 K in five
 minutes, 0.1 K noise. Per seed the pack's R_u, R_c, C_c, C_s, C_f, R_cc and sensor offsets are drawn, and slow
@@ -48,13 +48,22 @@ class Row:
     baseline: bool = False
 
 
+DRIVES = {
+    "usual": {"swing": 5.0},
+    "rough": {"swing": 5.0, "scatter": Scatter(heat_cell=0.5)},
+    "commissioning": {"swing": 8.0},
+    "mild": {"swing": 3.0},
+    "still": {"swing": 0.0},
+    "before": {"swing": 8.0, "run": 1},
+}
 ROWS = (
     Row("nominal R_e, {1,5}", ENDS, fitted=False, covered=False),
     Row("shared R_e, {1,5}", ENDS, spread=1e-3, covered=False),
     Row("per cell, {1,5}: no promise", ENDS, covered=False),
     Row("{1,5} + voltages, joints 3 %", ENDS, 0.03, sd=0.05, core=2.0),
     Row("{1,5} + voltages, joints 1 %", ENDS, 0.01, sd=0.025, core=1.5),
-    Row("all sensed", ALL, sd=0.035, core=0.6),
+    Row("all sensed, inlet moves by 8 K", ALL, sd=0.035, core=0.6, drive="commissioning"),
+    Row("all sensed", ALL),
     Row("{1,5} + voltages 3 %, ratio unknown", ENDS, 0.03, ratio_sd=0.3),
     Row("{1,5} + voltages 1 %, ratio unknown", ENDS, 0.01, ratio_sd=0.3),
     Row("{1,5} after all sensed once", ENDS, baseline=True),
@@ -167,23 +176,18 @@ def main():
     arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     arguments.add_argument("--seeds", type=int, default=24)
     arguments.add_argument("--base", type=int, default=BASE)
+    arguments.add_argument("--rows", default="", help="only those whose name holds this")
     arguments.add_argument("--json", action="store_true")
     given = arguments.parse_args()
     seeds = range(given.base, given.base + given.seeds)
-    logs = {
-        "usual": drives(seeds, swing=5.0),
-        "rough": drives(seeds, swing=5.0, scatter=Scatter(heat_cell=0.5)),
-        "mild": drives(seeds, swing=3.0),
-        "still": drives(seeds, swing=0.0),
-        "before": drives(seeds, swing=5.0, run=1),
-    }
-    print(
-        f"{given.seeds} seeds, 5 cells, {len(logs['usual'].current) / 60:.0f} min; R_e in % , cores of the unread cells"
-    )
+    rows = [row for row in ROWS if given.rows in row.name]
+    names = {row.drive for row in rows} | {"before" for row in rows if row.baseline}
+    logs = {name: drives(seeds, **DRIVES[name]) for name in sorted(names)}
+    print(f"{given.seeds} seeds, 5 cells, 89 min; R_e in %, cores of the unread cells")
     print(f"{'':38} {'sd':>5} {'worst':>6} {'rms':>5} {'bias':>5} {'cover':>6} {'core':>6} {'cover':>6} {'CPU':>5}")
     lines = []
-    for row in ROWS:
-        line = measure(row, logs[row.drive], logs["before"])
+    for row in rows:
+        line = measure(row, logs[row.drive], logs.get("before"))
         lines.append(line)
         figures = [line.get(k) for k in ("R_e_sd", "R_e_sd_worst_cell", "R_e_rms", "R_e_bias")]
         text = " ".join("    -" if x is None else f"{100 * x:5.1f}" for x in figures)
