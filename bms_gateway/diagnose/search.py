@@ -70,7 +70,7 @@ class Settings:
     restarts: int = 3
     proof: float = 3.0
     sure: float = 10.0
-    form: float = 0.005
+    form: float = 0.01
     memory: float = 300.0
     ahead: float = 15.0
 
@@ -323,9 +323,9 @@ def prior_odds(c: Candidate, offered: Sequence[Candidate]) -> float:
 def worth(less: MapFit, fit: MapFit, baseline: MapFit, inflation: float, s: Settings) -> float:
     """Log evidence for what a fit has more than another, tempered.
 
-    The residual's autocorrelation tempers all of it. What effects that are there already move is right to some per
-    mille only, for minutes on end and at all sensors alike: readings that could resolve that tell of the form of these
-    effects, not of one more.
+    The residual's autocorrelation tempers all of it. What effects that are there already move is right to a per cent
+    only, for minutes on end and at all sensors alike: readings that resolve that tell of the form of these effects, not
+    of one more.
     """
     y, sigma, _, _, used = stacked(fit.problem)
     seconds = sum(m.drive.N * m.drive.dt for m in fit.problem.records)
