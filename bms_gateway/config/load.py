@@ -83,6 +83,7 @@ def load_config(path: Path) -> LoadedConfig:
         transmit=config.bus.transmit,
         silent_after_ns=round(config.engine.silent_after_s * 1e9),
         disturbance=config.observer.disturbance,
+        cells=config.cells.settings,
     )
     models = [path.parent / s.model for s in config.string]
     files = tuple(dict.fromkeys([path, *map(Path, databases), *models]))

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, field_validator, model_validator
 
 from bms_gateway.config.toml import Section
+from bms_gateway.identify.cell_prior import SPREAD, CellSettings
 from bms_gateway.thermal import Disturbance
 
 NAME = re.compile(r"[A-Za-z0-9_.-]+")
@@ -152,6 +153,34 @@ class Observer(Section):
         )
 
 
+_CELLS = CellSettings()
+
+
+class Cells(Section):
+    """`[cells]`: what tells the cells of a string apart by their voltages, as `identify.cell_prior.CellSettings`."""
+
+    joint_rel_sd: float = Field(default=_CELLS.joint_sd, ge=1e-3, le=0.5)
+    voltage_skew_s: float = Field(default=_CELLS.skew_s, ge=0.0, le=10.0)
+    ratio_rel_sd: float = Field(default=_CELLS.ratio_sd, ge=1e-3, le=1.0)
+    surface_offset_K: float = Field(default=_CELLS.offset_sd, ge=1e-3, le=10.0)
+    R_e_rel_sd: float = Field(default=SPREAD["R_e"], ge=1e-3, le=0.5)
+    R_u_rel_sd: float = Field(default=SPREAD["R_u"], ge=1e-3, le=0.5)
+    R_c_rel_sd: float = Field(default=SPREAD["R_c"], ge=1e-3, le=0.5)
+    C_c_rel_sd: float = Field(default=SPREAD["C_c"], ge=1e-3, le=0.5)
+
+    @property
+    def settings(self) -> CellSettings:
+        """The same as identification takes it."""
+        spread = {"R_e": self.R_e_rel_sd, "R_u": self.R_u_rel_sd, "R_c": self.R_c_rel_sd, "C_c": self.C_c_rel_sd}
+        return CellSettings(
+            spread=spread,
+            offset_sd=self.surface_offset_K,
+            ratio_sd=self.ratio_rel_sd,
+            joint_sd=self.joint_rel_sd,
+            skew_s=self.voltage_skew_s,
+        )
+
+
 class EngineSection(Section):
     """`[engine]`."""
 
@@ -166,6 +195,7 @@ class GatewayConfig(Section):
     identify: Identify = Identify()
     store: Store = Store()
     observer: Observer = Observer()
+    cells: Cells = Cells()
     engine: EngineSection = EngineSection()
 
     @model_validator(mode="before")

@@ -79,7 +79,7 @@ class StringEstimator:
     cells: CellIdentifier | None = None
 
     @classmethod
-    def of(cls, plan: StringPlan, wire: Wire, disturbance: Disturbance) -> "StringEstimator":
+    def of(cls, plan: StringPlan, wire: Wire, whole: Plan) -> "StringEstimator":
         """Build from the plan, knowing nothing yet."""
         identifier = build(plan.identify, plan.model)
         n = plan.model.cells
@@ -97,7 +97,7 @@ class StringEstimator:
             nothing,
             np.full(n, NEVER),
             estimates=identifier.estimates(),
-            cells=CellIdentifier(plan.model, disturbance) if _hears_cells(plan, wire) else None,
+            cells=CellIdentifier(plan.model, whole.disturbance, whole.cells) if _hears_cells(plan, wire) else None,
         )
 
     @property
@@ -169,7 +169,7 @@ class Estimators:
         self._dt = plan.tick_ns * 1e-9
         self._introduced = False  # what is known at the start has been told
         self._gap_s = 0.0  # since the last tick, beyond its period
-        self.strings = [StringEstimator.of(p, w, plan.disturbance) for p, w in zip(plan.strings, wires, strict=True)]
+        self.strings = [StringEstimator.of(p, w, plan) for p, w in zip(plan.strings, wires, strict=True)]
         plain = [i for i, s in enumerate(self.strings) if not s.plan.model.effects]
         lengths = sorted({self.strings[i].plan.model.cells for i in plain})
         self._groups = []

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Literal
 
+from bms_gateway.identify.cell_prior import CellSettings
 from bms_gateway.thermal import Disturbance, StringModel
 
 Quantity = Literal["current", "voltage", "coolant_inlet", "coolant_flow", "soc", "surface", "cell_voltage"]
@@ -61,6 +62,8 @@ class Plan:
         the engine, which then propagates its state over the gap in one step.
     disturbance : Disturbance
         What the observers assume that the models do not know.
+    cells : CellSettings
+        How unlike cells are, and what their voltages are worth.
     """
 
     strings: tuple[StringPlan, ...]
@@ -68,3 +71,4 @@ class Plan:
     tick_ns: int = 1_000_000_000
     silent_after_ns: int = 60_000_000_000
     disturbance: Disturbance = field(default_factory=Disturbance)
+    cells: CellSettings = field(default_factory=CellSettings)

@@ -58,7 +58,7 @@ class CellSettings:
         well below the scatter between cells.
     """
 
-    spread: Mapping[str, float] = field(default_factory=lambda: SPREAD)
+    spread: Mapping[str, float] = field(default_factory=lambda: dict(SPREAD))
     offset_sd: float = 0.1
     ratio_sd: float = 0.03
     ratio: float = 1.0
