@@ -24,6 +24,8 @@ MILESTONES_S = (1800.0, 3600.0, 5400.0)
 GAP_S = 10.0
 HOLD_CURRENT_S, HOLD_INLET_S = 10.0, 60.0
 """As for the windows of the common parameters: what is bridged, and what ends a record."""
+STALE_S = 1.5 * MILESTONES_S[-1]
+"""Of driving without a fit, as when the voltages have ceased: what is common to the cells goes on, and is better."""
 FLOW_MOVED = 0.05
 """Change of ln(flow ratio) within a record that ends it: C_f is one number per record."""
 
@@ -110,6 +112,7 @@ class CellIdentifier:
         self._baseline: Baseline | None = None
         self._pending = False
         self._warning = ""
+        self._since = 0.0  # seconds awake since the last fit
         self._clear()
 
     def _clear(self) -> None:
@@ -146,6 +149,7 @@ class CellIdentifier:
         CellJob or None
         """
         job = None
+        self._since += min(tick.dt, GAP_S)
         ratio = flow_ratio if flow_ratio > 0.0 else self._flow
         moved = bool(self._square) and abs(np.log(ratio / self._flow)) > FLOW_MOVED
         if tick.dt > GAP_S or moved or (self._square and abs(tick.dt - self._dt) > 1e-6):
@@ -212,7 +216,7 @@ class CellIdentifier:
 
     def accept(self, result: CellResult) -> None:
         """Take back the result of the last job."""
-        self._pending = False
+        self._pending, self._since = False, 0.0
         self._fit, self._resistance, self._warning = result.fit, result.resistance, result.warning
         if result.over:
             self._baseline = result.fit.baseline(result.resistance)
@@ -228,8 +232,8 @@ class CellIdentifier:
         return self._warning
 
     def numbers(self) -> CellNumbers | None:
-        """Give what the observer may take into use: all cells' R_e are identified; None otherwise."""
-        if self._fit is None or self._fit.rel_sd.max() > self._settings.good_sd:
+        """Give what the observer may take into use: all cells' R_e are identified, and not long ago; None otherwise."""
+        if self._fit is None or self._since > STALE_S or self._fit.rel_sd.max() > self._settings.good_sd:
             return None
         return numbers_of(self._model, self._fit)
 
@@ -242,6 +246,7 @@ class CellIdentifier:
         return {
             "names": [list(name) for name in Layout.of(self._model).names],
             "fit": None if self._fit is None else _plain(self._fit.mean, self._fit.cov),
+            "since": self._since,
             "sensed": [] if self._fit is None else list(self._fit.sensed),
             "resistance": _numbers(self._resistance),
             "baseline": None if self._baseline is None else _plain(self._baseline.mean, self._baseline.cov),
@@ -269,6 +274,7 @@ class CellIdentifier:
         if baseline is not None:
             before = _array(state["baseline_resistance"], self._model.cells)
             self._baseline = Baseline(layout, *baseline, before)
+        self._since = float(state["since"])
         self._pending = False
         self._clear()
 

@@ -9,7 +9,7 @@ import pytest
 
 from bms_gateway.errors import StateError
 from bms_gateway.identify import PairMeans, Tick
-from bms_gateway.identify.cell_live import MILESTONES_S, CellIdentifier
+from bms_gateway.identify.cell_live import MILESTONES_S, STALE_S, CellIdentifier
 from bms_gateway.identify.contract import Posterior, log_prior
 from tests.identify.test_cell_resistance import ENDS, model
 from tests.truth.unequal import drives
@@ -60,6 +60,19 @@ def test_the_first_fit_comes_after_half_an_hour_and_finds_the_cells(pack) -> Non
     assert numbers is not None
     assert numbers.values["R_e"][2] > 1.08 * numbers.values["R_e"][0]
     assert {e.status for e in identifier.estimates()} == {"identified"}
+
+
+def test_a_fit_that_is_long_ago_is_no_longer_for_the_observer(pack) -> None:
+    """The voltages have ceased; what the string has in common is followed on."""
+    identifier = CellIdentifier(model())
+    run(identifier, pack)
+    tick, _ = next(ticks(pack))
+    assert identifier.add(replace(tick, dt=900.0), None, 0.0, 1.0, lambda: common(model())) is None
+    assert identifier.numbers() is not None
+    for _ in range(int(STALE_S)):
+        assert identifier.add(tick, None, 0.0, 1.0, lambda: common(model())) is None
+    assert identifier.numbers() is None
+    assert identifier.estimates()
 
 
 def test_the_same_job_gives_the_same_result(pack) -> None:
