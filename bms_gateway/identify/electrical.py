@@ -13,19 +13,18 @@ Samples of voltage and current must belong together: a skew τ takes 1 − ρ(τ
 autocorrelation, which the sums know: 1.8 % at half a second on a drive cycle.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from bms_gateway.errors import StateError
 from bms_gateway.thermal import Floats
 
 SEGMENT_S = 300.0
 """s of samples per segment: as long as slow polarisation."""
 LEAST = 3
 """Segments before a cell's R_el is told."""
+TOGETHER = 60
+"""Ticks summed up at once."""
 MOST = 48
 """Segments kept apart; older ones are put together in pairs."""
 LEAST_SWING_A = 2.0
@@ -101,6 +100,7 @@ class ElectricalSums:
     def reset(self) -> None:
         """Forget everything: after a gap the charge moved is unknown."""
         self._segments = [np.zeros((self._cells, 4, 4))]  # upper triangles of ∫ z zᵀ dt, z = (1, Q, I, V)
+        self._waiting: list[tuple[PairMeans, float, float]] = []  # with charge and dt: summed up together, for speed
         self._charge = 0.0
         self._last = np.nan
         self._neighbours = np.zeros(4)  # of I, I', I I', I² at neighbouring ticks
@@ -126,18 +126,29 @@ class ElectricalSums:
         self._last = current
         if pairs is None:
             return
-        there = np.isfinite(pairs.IV)
-        i, i2, v, iv = (np.where(there, x, 0.0) for x in (pairs.I, pairs.I2, pairs.V, pairs.IV))
-        w = np.where(there, dt, 0.0)
+        self._waiting.append((pairs, q, dt))
+        if len(self._waiting) >= TOGETHER:
+            self._sum_up()
+
+    def _sum_up(self) -> None:
+        if not self._waiting:
+            return
         if self._segments[-1][:, 0, 0].max() >= SEGMENT_S:
             if len(self._segments) >= MOST:
                 self._segments = [a + b for a, b in zip(self._segments[::2], self._segments[1::2], strict=True)]
             self._segments.append(np.zeros((self._cells, 4, 4)))
+        pairs = [p for p, _, _ in self._waiting]
+        i, i2, v, iv = (np.array([getattr(p, name) for p in pairs]) for name in ("I", "I2", "V", "IV"))
+        there = np.isfinite(iv)
+        i, i2, v, iv = (np.where(there, x, 0.0) for x in (i, i2, v, iv))
+        w = np.where(there, np.array([dt for _, _, dt in self._waiting])[:, None], 0.0)
+        q = np.array([q for _, q, _ in self._waiting])[:, None]
         s = self._segments[-1]
-        for row, values in enumerate(((w, w * q, w * i, w * v), (w * q * q, w * q * i, w * q * v), (w * i2, w * iv))):
+        upper = ((w, w * q, w * i, w * v), (w * q * q, w * q * i, w * q * v), (w * i2, w * iv), (w * v * v,))
+        for row, values in enumerate(upper):
             for column, x in enumerate(values, start=row):
-                s[:, row, column] += x
-        s[:, 3, 3] += w * v * v
+                s[:, row, column] += x.sum(axis=0)
+        self._waiting = []
 
     def result(self, dt: float = 1.0) -> ElectricalResistance:
         """Solve for each cell.
@@ -147,6 +158,7 @@ class ElectricalSums:
         dt : float, s
             Length of the ticks.
         """
+        self._sum_up()
         segments = np.stack([a for a in self._segments if a[:, 0, 0].max() > 0.0] or self._segments)
         whole, count = segments.sum(axis=0), len(segments)
         value = _solved(whole) if count >= LEAST else np.full(self._cells, np.nan)
@@ -164,30 +176,6 @@ class ElectricalSums:
         if n < 2.0 or square / n - (mean / n) ** 2 < 1e-9:
             return 0.0
         return max(0.0, 1.0 - (product / n - (mean / n) ** 2) / (square / n - (mean / n) ** 2)) / dt
-
-    def snapshot(self) -> dict[str, Any]:
-        """State as JSON-able values."""
-        return {
-            "segments": [a.tolist() for a in self._segments],
-            "charge": self._charge,
-            "neighbours": self._neighbours.tolist(),
-        }
-
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """Take a snapshot of a string with as many cells.
-
-        Raises
-        ------
-        StateError
-            It is not one.
-        """
-        segments = [np.array(a, dtype=np.float64) for a in state["segments"]]
-        neighbours = np.array(state["neighbours"], dtype=np.float64)
-        fits = bool(segments) and all(a.shape == (self._cells, 4, 4) for a in segments) and neighbours.shape == (4,)
-        if not fits or not all(np.isfinite(a).all() for a in (*segments, neighbours)):
-            raise StateError("electrical resistances: the stored state is damaged; starting anew")
-        self._segments, self._charge, self._neighbours = segments, float(state["charge"]), neighbours
-        self._last = np.nan
 
 
 def _solved(sums: Floats) -> Floats:

@@ -1,12 +1,10 @@
 """Electrical resistance of each cell by energy balance, against exact arithmetic and known losses."""
 
-import json
 from fractions import Fraction
 
 import numpy as np
 import pytest
 
-from bms_gateway.errors import StateError
 from bms_gateway.identify.electrical import ElectricalSums, PairMeans, electrical_resistance
 from tests.truth.unequal import drives, overpotential
 
@@ -102,19 +100,3 @@ def test_means_within_a_tick_count() -> None:
         one = [np.array([np.mean(x)]) for x in (i, i * i, v, i * v)]
         sums.update(PairMeans(*one), float(np.mean(i)), 1.0)
     assert sums.result().value == pytest.approx([2.5e-3], rel=1e-9)
-
-
-def test_a_restart_goes_on_where_it_stopped() -> None:
-    d = drives([2], minutes=40)
-    one, two = ElectricalSums(5), ElectricalSums(5)
-    for k, (i, v) in enumerate(zip(d.current, d.voltage(0, 0.03), strict=True)):
-        same = np.full(5, i)
-        pairs = PairMeans(same, same**2, v, same * v)
-        one.update(pairs, float(i), 1.0)
-        if k == 1000:
-            two.restore(json.loads(json.dumps(one.snapshot(), allow_nan=False)))
-        elif k > 1000:
-            two.update(pairs, float(i), 1.0)
-    assert two.result().value.tolist() == one.result().value.tolist()
-    with pytest.raises(StateError, match="damaged"):
-        ElectricalSums(4).restore(one.snapshot())
