@@ -86,6 +86,8 @@ def main(words: Sequence[str] | None = None) -> int:
     int
         Exit status.
     """
+    # Before numpy is loaded: on matrices of a dozen rows threads cost ten times what they bring
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         status = _dispatch(list(sys.argv[1:] if words is None else words))
         sys.stdout.flush()

@@ -37,8 +37,6 @@ def arguments(parser: Parser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Compute the sections and tell them."""
-    # Small matrices: threads of the linear algebra would only wait for each other. Set before numpy is loaded.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from bms_gateway.report.reproduce_figures import drawing
     from bms_gateway.report.reproduce_text import text
     from bms_gateway.reproduce import SECTIONS, Size

@@ -125,3 +125,16 @@ def test_help_and_errors_need_nothing_heavy():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+def test_linear_algebra_runs_on_one_thread_unless_told_otherwise():
+    # numpy reads the setting when it is loaded: the entry must not have loaded it by then
+    code = (
+        "import os, sys; from bms_gateway.cli.main import main; loaded = 'numpy' in sys.modules; "
+        "main(['--version']); print(loaded, os.environ['OPENBLAS_NUM_THREADS'])"
+    )
+    for given, wanted in ((None, "1"), ("3", "3")):
+        environment = {k: v for k, v in os.environ.items() if k != "OPENBLAS_NUM_THREADS"}
+        environment |= {} if given is None else {"OPENBLAS_NUM_THREADS": given}
+        out = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+        assert out.stdout.splitlines()[-1] == f"False {wanted}"
