@@ -25,6 +25,7 @@ from bms_gateway.identify import (
     string_parameters,
 )
 from bms_gateway.identify.cell_live import CellIdentifier, CellResult
+from bms_gateway.identify.cells_in_words import sentence
 from bms_gateway.identify.contract import FIXED_OFFLINE, IDENTIFIED, LEARNING
 from bms_gateway.observe import AdaptiveObserver, Measured
 from bms_gateway.observe import Estimate as States
@@ -285,6 +286,7 @@ class Estimators:
         group = next(g for g in self._groups if string in g.members)
         self._adopt(group, group.members.index(string))
         events: list[Event] = [Parameters(now, s.plan.name, s.estimates)]
+        events.append(Notice(now, Level.INFO, "cells", sentence(result.fit), s.plan.name))
         if cells.warning and cells.warning != told:
             events.append(Notice(now, Level.WARNING, "skew", cells.warning, s.plan.name))
         return events

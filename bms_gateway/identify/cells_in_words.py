@@ -88,6 +88,14 @@ def combinations(fit: CellFit, settings: CellSettings | None = None) -> tuple[Co
     return tuple(found)
 
 
+def sentence(fit: CellFit, settings: CellSettings | None = None) -> str:
+    """Tell what the surfaces alone determine of the cells' R_e."""
+    found = [c.text() for c in combinations(fit, settings) if c.determined]
+    if not found:
+        return "the surfaces determine no combination of the cells' R_e"
+    return "the surfaces determine " + "; ".join(found)
+
+
 def cell_estimates(
     fit: CellFit, settings: CellSettings | None = None, voltages: Floats | None = None
 ) -> tuple[Estimate, ...]:

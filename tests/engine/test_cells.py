@@ -85,7 +85,10 @@ def test_each_cell_is_told_with_its_status() -> None:
     for k in range(5):
         e = cells[f"R_e_{k + 1}"]
         assert abs(e.value - PACK.R_e[0, k]) < 3 * e.sd
-    assert not [e for e in events() if isinstance(e, Notice) and e.code == "unheard"]
+    notices = {e.code: e.text for e in events() if isinstance(e, Notice)}
+    assert "unheard" not in notices
+    assert "the surfaces determine R_e of cell 1 against cell" in notices["cells"]
+    assert "skew" not in notices
 
 
 @pytest.mark.slow
