@@ -16,7 +16,7 @@ from bms_gateway.diagnose.calibrate import seen_on
 from bms_gateway.diagnose.candidates import Candidate, candidates
 from bms_gateway.diagnose.diagnosis import Diagnosis, Number, Ranked, numbers
 from bms_gateway.diagnose.residuals import rmse, structure
-from bms_gateway.diagnose.search import HALF, prior_odds, without
+from bms_gateway.diagnose.search import HALF, Settings, prior_odds, without, worth
 from bms_gateway.diagnose.second import SecondSearch
 from bms_gateway.identify.map_fit import MapFit, stacked
 
@@ -121,13 +121,14 @@ def _named(d: Diagnosis) -> Iterator[Standing]:
 
 
 def _odds(d: Diagnosis, c: Candidate, less: MapFit) -> float:
-    """Tempered log-odds for an effect beside all the others that are named."""
+    """Log-odds for an effect beside all the others that are named, tempered as where the search lets effects in."""
     base, final = d.search.baseline.problem, d.search.final
     y = stacked(base)[0]
     offered = candidates(
         base.model, base.records[0].drive, (float(np.quantile(y, 0.002)), float(np.quantile(y, 0.998)))
     )
-    return (final.log_evidence - less.log_evidence) / structure(final).inflation + prior_odds(c, offered) - HALF
+    gained = worth(less, final, d.search.baseline, structure(final).inflation, Settings())
+    return gained + prior_odds(c, offered) - HALF
 
 
 def _next(d: Diagnosis) -> Iterator[Standing]:

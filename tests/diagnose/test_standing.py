@@ -40,6 +40,13 @@ def test_leaving_the_later_of_two_out_gives_back_what_the_first_alone_reached():
     assert row.error_K == d.after.heldout_rmse_K
 
 
+def test_the_later_of_two_is_shown_at_the_odds_that_let_it_in():
+    d = by_first()
+    later = d.search.chosen[-1]
+    row = next(x for x in ranking(d) if x.effects == (later.candidate.key,))
+    assert row.evidence == pytest.approx(later.log_odds, rel=0.05)  # it was weighed beside the first then too
+
+
 def test_the_second_search_tells_the_hypotheses_that_come_closest():
     d = by_second()
     chosen = {s.candidate.key for s in d.selected}
