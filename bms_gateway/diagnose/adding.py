@@ -14,11 +14,12 @@ from bms_gateway.diagnose.calibrate import UNTOLD, posterior, seen_on
 from bms_gateway.diagnose.candidates import Candidate, candidates, places
 from bms_gateway.diagnose.core_band import core_bands
 from bms_gateway.diagnose.diagnosis import Diagnosis, diagnose
+from bms_gateway.diagnose.judge import HALF, Settings, gate, prior_odds
 from bms_gateway.diagnose.misfit import nearest, sensors
 from bms_gateway.diagnose.record import Record
 from bms_gateway.diagnose.residuals import structure
 from bms_gateway.diagnose.screen import screen
-from bms_gateway.diagnose.search import HALF, Progress, Settings, gate, prior_odds, refit, refit_from_nominal
+from bms_gateway.diagnose.search import Progress, refit, refit_from_nominal
 from bms_gateway.diagnose.second import SecondSearch
 from bms_gateway.errors import ConfigError, DataError
 from bms_gateway.identify.map_fit import MapFit, refreshed, stacked

@@ -20,10 +20,11 @@ import numpy as np
 
 from bms_gateway.diagnose.calibrate import seen_on
 from bms_gateway.diagnose.candidates import Candidate
+from bms_gateway.diagnose.judge import Settings, Trial
 from bms_gateway.diagnose.prepare import measured
 from bms_gateway.diagnose.record import Record
 from bms_gateway.diagnose.residuals import Structure, noise_floor, rmse, scale, structure, within
-from bms_gateway.diagnose.search import Progress, Search, Settings, Trial, search
+from bms_gateway.diagnose.search import Progress, Search, search
 from bms_gateway.diagnose.second import SecondSearch, needs_second, second_search
 from bms_gateway.identify.map_fit import MapFit, stacked
 from bms_gateway.thermal import StringModel

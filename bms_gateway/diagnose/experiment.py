@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from bms_gateway.diagnose.candidates import Candidate
 from bms_gateway.diagnose.core_band import tempered
 from bms_gateway.diagnose.feasible import Plan, limits_of, plans
+from bms_gateway.diagnose.judge import Trial
 from bms_gateway.diagnose.residuals import structure
-from bms_gateway.diagnose.search import Search, Trial
+from bms_gateway.diagnose.search import Search
 from bms_gateway.identify.coordinates import OWN, Channel, Measured
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.identify.problem import Problem

@@ -15,8 +15,9 @@ from bms_gateway.diagnose.adding_bench import all_used, fit_with
 from bms_gateway.diagnose.calibrate import seen_on
 from bms_gateway.diagnose.candidates import Candidate, candidates
 from bms_gateway.diagnose.diagnosis import Diagnosis, Number, Ranked, numbers
+from bms_gateway.diagnose.judge import HALF, Settings, prior_odds, worth
 from bms_gateway.diagnose.residuals import rmse, structure
-from bms_gateway.diagnose.search import HALF, Settings, prior_odds, without, worth
+from bms_gateway.diagnose.search import without
 from bms_gateway.diagnose.second import SecondSearch
 from bms_gateway.identify.map_fit import MapFit, stacked
 

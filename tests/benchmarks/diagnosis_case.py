@@ -11,10 +11,11 @@ from bms_gateway.diagnose.candidates import Candidate, candidates
 from bms_gateway.diagnose.compare import as_filed
 from bms_gateway.diagnose.detect import absorbed
 from bms_gateway.diagnose.diagnosis import Diagnosis, diagnose
+from bms_gateway.diagnose.judge import HALF, Settings, prior_odds
 from bms_gateway.diagnose.prepare import measured
 from bms_gateway.diagnose.residuals import structure
 from bms_gateway.diagnose.screen import screen
-from bms_gateway.diagnose.search import HALF, Settings, prior_odds, refit, refit_from_nominal
+from bms_gateway.diagnose.search import refit, refit_from_nominal
 from bms_gateway.identify.map_fit import MapFit, fitted, stacked
 from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal.effects import effect_named

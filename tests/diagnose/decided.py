@@ -6,7 +6,7 @@ import pytest
 
 from bms_gateway.diagnose import diagnosis
 from bms_gateway.diagnose.diagnosis import diagnose
-from bms_gateway.diagnose.search import Settings
+from bms_gateway.diagnose.judge import Settings
 from bms_gateway.diagnose.second import SecondSettings, second_search
 from tests.diagnose.hidden_record import record_of
 from tests.truth.hidden import Scenario, make_log

@@ -5,10 +5,11 @@ import pytest
 
 from bms_gateway.diagnose.candidates import candidates
 from bms_gateway.diagnose.detect import Projection, absorbed, detectability
+from bms_gateway.diagnose.judge import prior_odds
 from bms_gateway.diagnose.prepare import measured
 from bms_gateway.diagnose.residuals import structure
 from bms_gateway.diagnose.screen import screen
-from bms_gateway.diagnose.search import prior_odds, refit
+from bms_gateway.diagnose.search import refit
 from bms_gateway.identify.map_fit import fitted
 from bms_gateway.identify.problem import Problem
 from tests.diagnose.hidden_record import hidden, named

@@ -7,9 +7,10 @@ import pytest
 
 from bms_gateway.diagnose.experiment import next_experiment, separation
 from bms_gateway.diagnose.feasible import limits_of, plans
+from bms_gateway.diagnose.judge import Trial
 from bms_gateway.diagnose.prepare import measured
 from bms_gateway.diagnose.screen import screen
-from bms_gateway.diagnose.search import Chosen, Search, Trial, refit, refit_from_nominal
+from bms_gateway.diagnose.search import Chosen, Search, refit, refit_from_nominal
 from bms_gateway.identify.map_fit import fitted, refreshed
 from bms_gateway.identify.problem import Problem
 from tests.benchmarks.diagnosis_experiment import as_driven, gained

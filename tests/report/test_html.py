@@ -20,10 +20,10 @@ from bms_gateway.diagnose.calibrate import channel_errors
 from bms_gateway.diagnose.checks import Finding, check_record
 from bms_gateway.diagnose.compare import compare
 from bms_gateway.diagnose.diagnosis import diagnose, errors
+from bms_gateway.diagnose.judge import Settings
 from bms_gateway.diagnose.latent import latent
 from bms_gateway.diagnose.record import HELD_OUT, make_record
 from bms_gateway.diagnose.residuals import rmse
-from bms_gateway.diagnose.search import Settings
 from bms_gateway.diagnose.standing import ranking
 from bms_gateway.errors import MissingExtraError, UsageError
 from bms_gateway.identify.problem import Problem
