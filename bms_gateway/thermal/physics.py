@@ -99,6 +99,7 @@ class Physics:
         self._placed = tuple(placed)
         self.states = first
         self.reads = any("reading" in e.hooks for e in placed)
+        self.steep = any(e.effect.steep for e in placed)
         self._remembering = tuple(e for e in placed if type(e.effect).follow is not Effect.follow)
 
     @property

@@ -88,6 +88,8 @@ class Effect(ABC):
         Strings shorter than this do not have it.
     one_sided : bool
         The first parameter has its neutral value as physical limit.
+    steep : bool
+        The balances bend within a kelvin: sensitivities are stepped interval by interval, exact and slower.
     plausibility : float
         Prior log-odds on a bench cell: 0 for what every cell has, −1.5 common, −3 needs a special cause.
     states : int
@@ -106,6 +108,7 @@ class Effect(ABC):
     signals: ClassVar[tuple[str, ...]] = ()
     least_cells: ClassVar[int] = 1
     one_sided: ClassVar[bool] = False
+    steep: ClassVar[bool] = False
     plausibility: ClassVar[float] = -3.0
     states: ClassVar[int] = 0
 

@@ -21,6 +21,7 @@ class PhaseChange(Effect):
     node = "surface"
     confused_with = ("natural_convection",)
     one_sided = True
+    steep = True
     parameters = (
         EffectParameter("L", "latent heat", "J", 1.0, 0.0, 1000.0, 0.0, 1e4, probe=300.0),
         EffectParameter(
