@@ -188,14 +188,14 @@ def step(A, b, core, casing, watts=40.0):
     return np.column_stack([x @ core, x[:, casing]])
 
 
-@pytest.mark.parametrize(("phi", "apart"), [(0.05, 5e-4), (0.1, 5e-4), (0.3, 3e-3), (0.6, 0.02), (1.0, 0.07)])
+@pytest.mark.parametrize(("phi", "apart"), [(0.05, 1e-4), (0.1, 2e-4), (0.3, 5e-4), (0.6, 3e-3), (1.0, 0.03)])
 def test_the_radial_modes_are_the_fine_cylinder(phi, apart):
     # 40 W: 85 K at the core in the end; without the effect the surface is up to 1.9 K off on the way at phi = 1
     fine = step(*shells(phi), -1)
     got = step(*modes(phi))
     assert np.abs(got - fine).max() < apart
     lumped = step(*modes(0.0))
-    assert np.abs(lumped - fine).max() > 8 * np.abs(got - fine).max()
+    assert np.abs(lumped - fine).max() > 80 * np.abs(got - fine).max()
 
 
 @pytest.mark.parametrize("phi", [0.0, 0.01, 0.3, 1.0])
