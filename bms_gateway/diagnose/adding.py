@@ -159,7 +159,8 @@ def add_effects(
     named = [s.candidate for s in d.selected]
     if len(named) == len(wants) and all(any(w.meets(c) for c in named) for w in wants):
         odds = min(s.log_odds for s in d.selected)
-        return _addition(named, d.search.baseline, d.search.final, odds, _unbelievable(d.search.final, named), "")
+        doubts = "" if d.second is not None else " ".join(d.alarms)
+        return _addition(named, d.search.baseline, d.search.final, odds, _unbelievable(d.search.final, named), doubts)
     return _fitted_alone(d, wants)
 
 

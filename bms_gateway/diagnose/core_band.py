@@ -138,6 +138,30 @@ def core_bands(fit: MapFit, structured_K: Sequence[float] = ()) -> tuple[CoreBan
     return tuple(bands)
 
 
+def core_moved(before: MapFit, after: MapFit) -> tuple[float, float]:
+    r"""Tell how far effects move the cores, and how well these are known with them.
+
+    With s the standard deviation of a core and d the way that it moved, the move is one towards the truth with a
+    probability of :math:`\Phi(|d|/2s)`: a move within the band's half width says little about it.
+
+    Parameters
+    ----------
+    before, after : MapFit
+        Of the same records, without and with the effects.
+
+    Returns
+    -------
+    float, float
+        Root mean square over all cores and instants of the move, and of the 95 % half width, K.
+    """
+    n = after.problem.model.cells
+    moves = [
+        a[:, 0 : 2 * n : 2] - b[:, 0 : 2 * n : 2] for a, b in zip(after.prediction.X, before.prediction.X, strict=True)
+    ]
+    sd = np.concatenate([b.sd_K for b in core_bands(after)])
+    return float(np.sqrt(np.mean(np.concatenate(moves) ** 2))), float(1.96 * np.sqrt(np.mean(sd**2)))
+
+
 def at_times(band: CoreBand, cell: int, t: Floats) -> tuple[Floats, Floats]:
     """Core of one cell (from 1) and its sd at other times."""
     return (

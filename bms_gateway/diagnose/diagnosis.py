@@ -20,6 +20,7 @@ import numpy as np
 
 from bms_gateway.diagnose.calibrate import seen_on
 from bms_gateway.diagnose.candidates import Candidate
+from bms_gateway.diagnose.core_band import core_moved
 from bms_gateway.diagnose.judge import Settings, Trial
 from bms_gateway.diagnose.prepare import measured
 from bms_gateway.diagnose.record import Record
@@ -183,7 +184,7 @@ def diagnose(
     first = judged(found)
     if not needs_second(found) or (model.cells > 1 and not _doubtful(first)):
         tell(1.0, "done")
-        return first
+        return _with_doubt(first)
     second = second_search(model, ready, progress=lambda share, text: tell(0.6 + 0.4 * share, text))
     if model.cells > 1 and second.verdict == "missing_effect":
         return replace(first, unknown_remains=True, second=second, alarms=second.alarms)
@@ -230,6 +231,19 @@ def judged(found: Search) -> Diagnosis:
         final,
         found,
     )
+
+
+def _with_doubt(d: Diagnosis) -> Diagnosis:
+    """Say so where the named effects move the core by less than it is known to: no surface tells which is nearer."""
+    if not d.selected:
+        return d
+    moved, half_width = core_moved(d.search.baseline, d.search.final)
+    if moved > half_width:
+        return d
+    doubt = (
+        f"With what is named the core moves by {moved:.2g} K, less than the ± {half_width:.2g} K to which it is known."
+    )
+    return replace(d, sentence=f"{d.sentence} The core is not known better by it: {doubt}", alarms=(doubt,))
 
 
 def _doubtful(d: Diagnosis) -> bool:

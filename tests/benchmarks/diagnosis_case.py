@@ -65,6 +65,7 @@ def examine(suite, log, new_log=None):
             "inside": {name: inside(log, d, final, name) for name, _ in truth},
             "structure": [d.baseline.structure.size, d.after.structure.size],
             "held": [d.baseline.heldout_rmse_K, d.after.heldout_rmse_K],
+            "core_claimed": bool(named) and not d.alarms,
             "core": [core_error(log, record, before), core_error(log, record, final)],
             "new_drive": None if new_log is None or not named else new_drive_rmse(final, new_log),
             "seconds": seconds,

@@ -145,6 +145,18 @@ SCORES = (
         _shown,
         lambda o, v: v["core"][1] < v["core"][0] if right(o, v) else None,
     ),
+    Score(
+        "right verdicts, core called better known: its error falls",
+        0.97,
+        _shown,
+        lambda o, v: v["core"][1] < v["core"][0] if right(o, v) and v.get("core_claimed") else None,
+    ),
+    Score(
+        "right verdicts: the core called better known",
+        None,
+        _shown,
+        lambda o, v: v["core_claimed"] if right(o, v) and "core_claimed" in v else None,
+    ),
 )
 
 
