@@ -154,6 +154,7 @@ def _from_table(path: Path, model: "StringModel", columns: Mapping[str, str] | N
         coolant_flow_m3_s=table.coolant_flow_m3_s,
         surface_C=_cells_of(table, model),
         core_C=table.core_C,
+        cell_voltage_V=table.cell_voltage_V,
         model=model,
         source=table.source,
     )
@@ -238,6 +239,7 @@ def _from_log(path: Path, model: "StringModel", loaded: "LoadedConfig", string: 
         soc=columns.get(("soc", None)),
         coolant_flow_m3_s=columns.get(("coolant_flow", None)),
         surface_C={k: x for (q, k), x in columns.items() if q == "surface" and k is not None},
+        cell_voltage_V=cell_voltage,
         model=model,
         source=str(path),
         half_way=True,

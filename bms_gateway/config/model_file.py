@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
+from bms_gateway.config.commissioning import CommissioningTable, read_commissioning, write_commissioning
 from bms_gateway.config.effect_tables import (
     Correlation,
     EffectTable,
@@ -99,6 +100,7 @@ class ModelFile(Section):
     tolerances: Tolerances = Tolerances()
     correlation: Correlation | None = None
     before: Known | None = None
+    commissioning: CommissioningTable | None = None
 
 
 def read_model(path: Path) -> StringModel:
@@ -166,6 +168,8 @@ def format_model(model: StringModel) -> str:
     lines += tables
     if model.correlation is not None:
         lines += write_correlation(model.correlation)
+    if model.commissioning is not None:
+        lines += write_commissioning(model.commissioning)
     if model.before is not None:
         lines += ["", "[before]  # known before any data: what a fit starts from"]
         lines += [_parameter_line(name, model.before[name]) for name in KINDS if name in model.before]
@@ -191,6 +195,8 @@ def _model(file: ModelFile) -> StringModel:
         model = replace(model, before=before)
     if file.correlation is not None:
         model = replace(model, correlation=read_correlation(file.correlation, model.priors, model.effects))
+    if file.commissioning is not None:
+        model = replace(model, commissioning=read_commissioning(file.commissioning, model))
     if model.has_coolant_path:
         exchange(model.nominal)
     return model

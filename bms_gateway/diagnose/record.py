@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from bms_gateway.diagnose.cell_rows import CellRows
 from bms_gateway.diagnose.grid import Grid, lay_grid
 from bms_gateway.diagnose.inputs import Rows, Sampling, Signals, draw_inputs
 from bms_gateway.diagnose.noise import Noise, estimate_noise
@@ -58,6 +59,8 @@ class Record:
         What was found, bridged, left out or assumed.
     sampling : Sampling
         Of the current.
+    voltages : CellRows or None
+        Voltages of single cells, where there were any.
     """
 
     source: str
@@ -71,6 +74,7 @@ class Record:
     segments: tuple[int, ...]
     notes: tuple[str, ...]
     sampling: Sampling
+    voltages: CellRows | None = None
 
     @property
     def cells(self) -> tuple[int, ...]:
@@ -121,6 +125,7 @@ def make_record(
     surface_C: Mapping[int, Floats],
     core_C: Mapping[int, Floats] | None = None,
     mean_square_current: Floats | None = None,
+    cell_voltage_V: Mapping[int, Floats] | None = None,
     model: StringModel,
     source: str,
     half_way: bool | None = None,
@@ -142,6 +147,8 @@ def make_record(
     surface_C, core_C : mapping of cell (from 1) to ndarray (K,)
     mean_square_current : ndarray (K,), optional
         A², of the time that a row stands for; the square of the rows otherwise.
+    cell_voltage_V : mapping of cell (from 1) to ndarray (K,), optional
+        Tells the cells apart; no other use is made of it.
     model : StringModel
         Which cells have sensors, nominal flow, capacity.
     source : str
@@ -192,6 +199,7 @@ def make_record(
         grid.segments,
         tuple(notes),
         signals.sampling,
+        CellRows(time_s, current_A, cell_voltage_V) if cell_voltage_V else None,
     )
 
 

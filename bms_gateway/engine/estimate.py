@@ -24,9 +24,11 @@ from bms_gateway.identify import (
     build,
     string_parameters,
 )
+from bms_gateway.identify.cell_kept import numbers_kept
 from bms_gateway.identify.cell_live import CellIdentifier, CellResult
+from bms_gateway.identify.cell_resistance import CellNumbers
 from bms_gateway.identify.cells_in_words import sentence
-from bms_gateway.identify.contract import FIXED_OFFLINE, IDENTIFIED, LEARNING
+from bms_gateway.identify.contract import FIXED_AT_COMMISSIONING, FIXED_OFFLINE, IDENTIFIED, LEARNING
 from bms_gateway.observe import AdaptiveObserver, Measured
 from bms_gateway.observe import Estimate as States
 from bms_gateway.observe.measured import SOC_UNKNOWN
@@ -62,6 +64,8 @@ class StringEstimator:
         Parameters of the string.
     effects : tuple of Estimate
         Numbers of its model's effects, `key.parameter`.
+    kept : CellNumbers or None
+        What a commissioning run left in its model.
     """
 
     plan: StringPlan
@@ -78,6 +82,7 @@ class StringEstimator:
     effects: tuple[Estimate, ...] = ()
     electrical: VoltageHeat | None = None
     cells: CellIdentifier | None = None
+    kept: CellNumbers | None = None
 
     @classmethod
     def of(cls, plan: StringPlan, wire: Wire, whole: Plan) -> "StringEstimator":
@@ -85,7 +90,8 @@ class StringEstimator:
         identifier = build(plan.identify, plan.model)
         n = plan.model.cells
         nothing = np.full(n, np.nan)
-        return cls(
+        cells = CellIdentifier(plan.model, whole.disturbance, whole.cells) if _hears_cells(plan, wire) else None
+        own = cls(
             plan,
             wire,
             identifier,
@@ -97,9 +103,11 @@ class StringEstimator:
             nothing,
             nothing,
             np.full(n, NEVER),
-            estimates=identifier.estimates(),
-            cells=CellIdentifier(plan.model, whole.disturbance, whole.cells) if _hears_cells(plan, wire) else None,
+            cells=cells,
+            kept=numbers_kept(plan.model),
         )
+        own.estimates = own.known()
+        return own
 
     @property
     def flags(self) -> tuple[str, ...]:
@@ -118,7 +126,8 @@ class StringEstimator:
 
     def known(self) -> tuple[Estimate, ...]:
         """Parameters as the identifiers have them; R_e from the voltage where that makes the heat."""
-        found = self.identifier.estimates() + (self.cells.estimates() if self.cells is not None else ())
+        common = self.identifier.estimates()
+        found = common + ((self.cells.estimates() if self.cells is not None else ()) or self._as_kept(common))
         if self.electrical is None or self.electrical.heat != self.electrical.heat:
             return found
         n = self.plan.model.cells
@@ -126,6 +135,17 @@ class StringEstimator:
         sound = R > 0.0 and sd < GOOD_SD * R
         electrical = Estimate("R_e", R, sd, KINDS["R_e"].unit, IDENTIFIED if sound else LEARNING)
         return tuple(electrical if e.name == "R_e" else e for e in found)
+
+    def _as_kept(self, common: tuple[Estimate, ...]) -> tuple[Estimate, ...]:
+        """R_e of each cell as told apart at commissioning: all go with what is common to them."""
+        if self.kept is None:
+            return ()
+        now, R = next(e for e in common if e.name == "R_e"), np.asarray(self.kept.values["R_e"])
+        value = now.value * R / np.exp(np.mean(np.log(R)))
+        sd = value * np.hypot(now.sd / now.value, np.sqrt(self.kept.own[:, 0, 0]))
+        unit = KINDS["R_e"].unit
+        each = enumerate(zip(value.tolist(), sd.tolist(), strict=True), start=1)
+        return tuple(Estimate(f"R_e_{k}", x, spread, unit, FIXED_AT_COMMISSIONING) for k, (x, spread) in each)
 
     def flow_ratio(self, reading: Reading) -> float:
         """Coolant flow over the model's nominal flow; NaN where either is unknown."""
@@ -177,13 +197,18 @@ class Estimators:
         for n in lengths:
             members = [i for i in plain if self.strings[i].plan.model.cells == n]
             models = [self.strings[i].plan.model for i in members]
-            self._groups.append(Group(members, AdaptiveObserver(models, self._dt, plan.disturbance)))
+            observer = AdaptiveObserver(models, self._dt, plan.disturbance)
+            self._groups.append(Group(members, observer))
+            for j, i in enumerate(members):
+                kept = self.strings[i].kept
+                if kept is not None:
+                    observer.set_parameters(j, kept.values, kept.names, kept.common, kept.own)
         for i, s in enumerate(self.strings):
             if s.plan.model.effects:
-                observer = _with_effects(s, self._dt, plan.disturbance)
-                numbers = observer.effect_numbers
+                own = _with_effects(s, self._dt, plan.disturbance)
+                numbers = own.effect_numbers
                 s.effects = tuple(Estimate(x.name, x.value, x.sd, x.unit, FIXED_OFFLINE) for x in numbers)
-                self._groups.append(Group([i], observer))
+                self._groups.append(Group([i], own))
 
     def step(self, readings: Sequence[Reading], t1: int) -> TickResult:
         """Advance all strings by one tick that ends at `t1`, ns."""
@@ -261,7 +286,11 @@ class Estimators:
         posterior = s.identifier.posterior()
         numbers = string_parameters(s.plan.model, posterior.names, posterior.mean)
         values = {name: getattr(numbers, name) for name in posterior.names}
-        group.observer.set_parameters(j, values, posterior.names, posterior.cov)
+        if isinstance(group.observer, AdaptiveObserver):
+            own = None if s.kept is None else s.kept.own  # what is common scales the cells; how they differ stays
+            group.observer.set_parameters(j, values, posterior.names, posterior.cov, own)
+        else:
+            group.observer.set_parameters(j, values, posterior.names, posterior.cov)
         s.estimates = s.known()
 
     def accept(self, string: int, job_result: object, now: int) -> list[Event]:
@@ -373,6 +402,8 @@ def _fingerprint(plan: StringPlan) -> str:
     m = plan.model
     priors = {k: (np.asarray(p.value).tolist(), p.rel_sd) for k, p in sorted(m.priors.items())}
     text = repr((m.cells, m.sensors, m.condition, m.coolant, m.flow, priors, plan.identify))
+    if m.commissioning is not None:
+        text += repr((m.commissioning.names, m.commissioning.rel_sd.tolist(), m.commissioning.electrical.tolist()))
     for e in m.effects:
         text += repr((e.key, sorted(e.values.items()), sorted(e.sd.items())))
     return sha256(text.encode()).hexdigest()[:16]

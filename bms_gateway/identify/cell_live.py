@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from bms_gateway.errors import StateError
+from bms_gateway.identify.cell_kept import baseline_of
 from bms_gateway.identify.cell_prior import Baseline, CellPrior, CellSettings, Layout
 from bms_gateway.identify.cell_resistance import CellFit, CellNumbers, CellRecord, fit_cells, numbers_of
 from bms_gateway.identify.cells_in_words import cell_estimates
@@ -93,7 +94,7 @@ class CellIdentifier:
     Parameters
     ----------
     model : StringModel
-        More than one cell, no effects.
+        More than one cell, no effects. What a commissioning run left in it is the first record's prior.
     disturbance : Disturbance, optional
     settings : CellSettings, optional
     """
@@ -109,7 +110,7 @@ class CellIdentifier:
         self._sums = ElectricalSums(model.cells)
         self._fit: CellFit | None = None
         self._resistance = np.full(model.cells, np.nan)
-        self._baseline: Baseline | None = None
+        self._baseline = baseline_of(model)
         self._pending = False
         self._warning = ""
         self._since = 0.0  # seconds awake since the last fit

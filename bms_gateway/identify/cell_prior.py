@@ -90,6 +90,11 @@ class Layout:
         cells = range(model.cells)
         return cls(model.cells, tuple((s, k) for s in free for k in (cells if s in PER_CELL else (-1,))))
 
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Names as in model files: `symbol:cell`, cells from 1, or `symbol`."""
+        return tuple(s if k < 0 else f"{s}:{k + 1}" for s, k in self.names)
+
     def at(self, symbol: str) -> list[int]:
         """Find the places of a symbol."""
         return [i for i, (s, _) in enumerate(self.names) if s == symbol]

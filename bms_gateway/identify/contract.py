@@ -17,6 +17,7 @@ LEARNING = "learning"
 IDENTIFIED = "identified"
 FIXED = "fixed"
 FIXED_OFFLINE = f"{FIXED}: identified offline, with its effects"
+FIXED_AT_COMMISSIONING = f"{FIXED}: its ratio to the other cells is that of the commissioning run"
 
 
 def not_identifiable(why: str) -> str:

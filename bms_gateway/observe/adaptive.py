@@ -209,8 +209,8 @@ class AdaptiveObserver:
         covariance : ndarray (p, p)
             Of the logarithms. Other parameters keep their variance, uncorrelated with these.
         own : ndarray (n, 3, 3), optional
-            Covariance of each cell's ln R_e, ln R_u, ln R_c about what is common to the cells, where it is known
-            better than the model's tolerances.
+            Covariance of each cell's ln R_e, ln R_u, ln R_c about what is common to the cells; None for the model's
+            tolerances.
 
         Raises
         ------
@@ -244,9 +244,10 @@ class AdaptiveObserver:
         cov[np.ix_(at, at)] = covariance
         self._cov, self._root = self._cov.copy(), self._root.copy()
         self._cov[s], self._root[s] = cov, root(cov)
-        if own is not None:
+        if own is not None or self._owned:
+            tolerated = _as_tolerated(self._scatter, self._cells)[s]
             self._own, self._owned = self._own.copy(), True
-            self._own[s] = own
+            self._own[s] = tolerated if own is None else own
 
     def propagate(self, gap_s: float, inlet: Floats | None = None) -> Estimate:
         """Carry all strings over a time without frames: a silent bus, or parked since the state was stored.

@@ -195,6 +195,28 @@ class AddedEffect:
 
 
 @dataclass(frozen=True, slots=True)
+class Commissioning:
+    """What a run that told the cells apart left beside their values: how well each number is known, and how together.
+
+    Attributes
+    ----------
+    names : tuple of str
+        `symbol:cell` (from 1) for a number of a cell, `symbol` for one of the string.
+    rel_sd : ndarray (p,)
+        Of the logarithms.
+    correlation : ndarray (p, p)
+        Symmetric, ones on the diagonal, positive definite.
+    electrical : ndarray (n,), Ω
+        Electrical resistance of each cell in that run; NaN where its voltage was not recorded.
+    """
+
+    names: tuple[str, ...]
+    rel_sd: Floats
+    correlation: Floats
+    electrical: Floats
+
+
+@dataclass(frozen=True, slots=True)
 class StringModel:
     """One string as its model file states it: structure, sensors and priors.
 
@@ -219,6 +241,8 @@ class StringModel:
     correlation : (names, ndarray (m, m)) or None
         How the errors of m numbers hang together, by symbol or `effect key.parameter`: of the logarithm where a number
         is known in it. What is not named is independent. Symmetric, ones on the diagonal, positive semidefinite.
+    commissioning : Commissioning or None
+        Where the cells have been told apart; their values are those of `priors`.
 
     References
     ----------
@@ -236,11 +260,14 @@ class StringModel:
     effects: tuple[AddedEffect, ...] = ()
     before: Mapping[str, Prior] | None = None
     correlation: tuple[tuple[str, ...], Floats] | None = None
+    commissioning: Commissioning | None = None
 
     @property
     def unfitted(self) -> "StringModel":
         """The string as it was known before any data: every fit starts here, so that no data count twice."""
-        return self if self.before is None else replace(self, priors=self.before, before=None, correlation=None)
+        if self.before is None:
+            return self
+        return replace(self, priors=self.before, before=None, correlation=None, commissioning=None)
 
     @property
     def has_conduction(self) -> bool:
