@@ -8,6 +8,9 @@ from bms_gateway.identify.cell_prior import Baseline, CellSettings, Layout
 from bms_gateway.identify.cell_resistance import CellFit, CellNumbers, numbers_of
 from bms_gateway.thermal import KINDS, Commissioning, Floats, Prior, StringModel
 
+GROWN = 0.15
+"""How far the cells' common R_e may go in a vehicle's life, relative. With less, the road's identification would take
+growth for an error of its readings: it would follow by half, and no ageing would be told."""
 LEAST_SD = 1e-6
 """Zero would mean fixed."""
 
@@ -27,7 +30,7 @@ def kept(model: StringModel, fit: CellFit, electrical: Floats) -> StringModel:
     Returns
     -------
     StringModel
-        Values per cell; `rel_sd` is what the cells have in common from now on, ageing since the run included.
+        Values per cell; `rel_sd` is how far what the cells have in common may be from them in later years.
     """
     layout = fit.layout
     sd = np.sqrt(np.diag(fit.cov))
@@ -51,6 +54,7 @@ def kept(model: StringModel, fit: CellFit, electrical: Floats) -> StringModel:
     )
     numbers = numbers_of(out, _today(out, _baseline(out, layout, told)))
     shared = dict(zip(numbers.names, np.sqrt(np.diag(numbers.common)).tolist(), strict=True))
+    shared["R_e"] = float(np.hypot(shared["R_e"], GROWN))
     return replace(
         out, priors={s: replace(x, rel_sd=_short(shared[s])) if s in shared else x for s, x in priors.items()}
     )
