@@ -93,3 +93,13 @@ def test_a_restart_keeps_the_cells_apart(pack) -> None:
 
 def replace_cells(state):
     return {k: v for k, v in state.items() if k != "cells"}
+
+
+def test_without_numbers_of_each_cells_own_the_tolerances_hold_again(pack) -> None:
+    """Values common to the cells, taken when the voltages had ceased, kept the narrow band of the cells told apart."""
+    usual, told = AdaptiveObserver([model()], 1.0), AdaptiveObserver([model()], 1.0)
+    told.set_parameters(0, {}, (), np.zeros((0, 0)), np.zeros((5, 3, 3)))
+    narrow, wide = (run(o, pack, 0, 900).core_sd[0] for o in (told, usual))
+    assert (narrow[1:4] < 0.97 * wide[1:4]).all()
+    told.set_parameters(0, {}, (), np.zeros((0, 0)))
+    assert told.estimate().core_sd[0] == pytest.approx(wide, rel=1e-3)
