@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from bms_gateway.diagnose.coarse_rows import HOPELESS, doubt
 from bms_gateway.diagnose.record import Record
 from bms_gateway.thermal import Floats, StringModel
 from bms_gateway.thermal.drive import Drive
@@ -41,11 +42,6 @@ SWAPPED_K = 0.5
 SATURATED = 0.02
 LEVELS = 0.05
 """Share of the time at exactly the greatest current that is no chance, in a drive of so many levels per interval."""
-
-
-ROWS_S, DOUBT = 1.5, 0.03
-"""Rows of the current further apart than a logger's usual second, and share of a minute's heat that they leave open,
-from which what was not seen has been taken for a missing effect."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -317,14 +313,13 @@ def _sampling(r: Record, _: StringModel) -> Iterator[Finding]:
 
 
 def _rows(r: Record, _: StringModel) -> Iterator[Finding]:
-    rows = r.sampling
-    if rows.seconds > ROWS_S and rows.doubt > DOUBT:
+    if (share := doubt(r)) > 0.0:
+        what = "nothing can be named" if share > HOPELESS else "only what stands out of that is named"
         yield Finding(
             "current_coarse",
             "warn",
-            f"The current jumps between its rows, {rows.seconds:.3g} s apart: a minute's heat is known to "
-            f"±{100.0 * rows.doubt:.0f} % only, and what that leaves over can pass for a missing effect. Log it every "
-            "second or faster.",
+            f"The current jumps between its rows, {r.sampling.seconds:.3g} s apart: a minute's heat is known to "
+            f"±{100.0 * share:.0f} % only, and {what}. Log it every second or faster.",
         )
 
 

@@ -20,6 +20,7 @@ import numpy as np
 
 from bms_gateway.diagnose.calibrate import seen_on
 from bms_gateway.diagnose.candidates import Candidate
+from bms_gateway.diagnose.coarse_rows import doubt
 from bms_gateway.diagnose.core_band import core_moved
 from bms_gateway.diagnose.judge import Settings, Trial
 from bms_gateway.diagnose.prepare import measured
@@ -37,6 +38,9 @@ LEAST_STRUCTURE = 0.18
 COARSE_STRUCTURE = 0.6
 """… and where the resolution is so coarse that rounding itself leaves structure."""
 LEAST_Z = 6.0
+ROWS_OPEN = " The rows of the current lie so far apart that {:.2g} K may be theirs."
+CHANCE = 1.5
+"""What rows too coarse leave open counts so often: one record's share of it is a draw of few."""
 HELD_RATIO = 1.2
 """Held-out residual over the noise, from which the model does not hold there."""
 EXPLAINED, EXPLAINED_HELD = 0.8, 0.5
@@ -180,9 +184,10 @@ def diagnose(
     """
     tell = progress or (lambda _share, _text: None)
     ready = [measured(r, model) for r in records]
-    found = search(model, ready, settings, lambda share, text: tell(0.6 * share, text))
+    found = search(model, ready, settings, lambda share, text: tell(0.6 * share, text), [doubt(r) for r in records])
     first = judged(found)
-    if not needs_second(found) or (model.cells > 1 and not _doubtful(first)):
+    open_rows = found.hopeless or (found.left_open > 0.0 and first.verdict == "adequate")
+    if open_rows or not needs_second(found) or (model.cells > 1 and not _doubtful(first)):
         tell(1.0, "done")
         return _with_doubt(first)
     second = second_search(model, ready, progress=lambda share, text: tell(0.6 + 0.4 * share, text))
@@ -197,33 +202,36 @@ def judged(found: Search) -> Diagnosis:
     held = within(found.final)
     floor = float(np.mean(stacked(found.final.problem)[1][held] ** 2))
     coarse = any(bool(np.any(m.step > 3.0 * m.sigma0)) for m in found.final.problem.records)
-    least = COARSE_STRUCTURE if coarse else LEAST_STRUCTURE
+    open_in_sd = CHANCE * found.left_open / np.sqrt(floor)
+    least = np.hypot(COARSE_STRUCTURE if coarse else LEAST_STRUCTURE, open_in_sd)
     structured = final.structure.z > LEAST_Z and final.structure.size > least
-    fails_held = scale(found.final, held) > HELD_RATIO
+    fails_held = scale(found.final, held) > np.hypot(HELD_RATIO, open_in_sd)
     explained = 1.0 - max(final.structure.power, 0.0) / max(base.structure.power, 1e-9)
     before, after = (max(rmse(f, held) ** 2 - floor, 0.0) for f in (found.baseline, found.final))
     explained_held = 1.0 - after / max(before, 1e-9)
-    outside = bool(found.chosen) and final.heldout_rmse_K > max(1.3 * final.noise_floor_K, 1.05 * base.heldout_rmse_K)
+    noise = np.hypot(final.noise_floor_K, CHANCE * found.left_open)
+    outside = bool(found.chosen) and final.heldout_rmse_K > max(1.3 * noise, 1.05 * base.heldout_rmse_K)
     remains = structured or fails_held or outside
     mimic = (structured and explained < EXPLAINED) or (fails_held and explained_held < EXPLAINED_HELD)
     selected = tuple(Selected(c.candidate, c.tied, numbers(found.final, c.candidate), c.log_odds) for c in found.chosen)
     ranking = tuple(_ranked(t, r) for r in found.rounds[:1] for t in r)
     if not found.chosen:
         verdict: Verdict = "unknown_effect" if remains or found.orphan else "adequate"
-    elif mimic:
+    elif mimic or found.hopeless:
         verdict = "unknown_effect"
     else:
         first = next(t for t in found.rounds[0] if t.candidate is found.rounds[0][0].candidate)
         verdict = "undecidable" if first.share < DECIDED and selected[0].tied_with else "missing_effect"
+    rows = ROWS_OPEN.format(found.left_open) if found.left_open else ""
     looks = tuple(dict.fromkeys(t.candidate.name for r in found.rounds[:1] for t in r[:3] if t.log_odds > 3.0))
     if verdict == "unknown_effect":
         return Diagnosis(
-            verdict, True, _sentence(verdict, (), looks, True, base, base), (), looks, ranking, base, base, found
+            verdict, True, _sentence(verdict, (), looks, True, base, base) + rows, (), looks, ranking, base, base, found
         )
     return Diagnosis(
         verdict,
         remains,
-        _sentence(verdict, selected, (), remains, base, final),
+        _sentence(verdict, selected, (), remains, base, final) + rows,
         selected,
         (),
         ranking,

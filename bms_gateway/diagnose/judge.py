@@ -45,6 +45,8 @@ class Settings:
         for each that it has more, for a small effect's share of a third of the record is within chance.
     form, memory : float, s
         Error of what effects move, a share of it, and how long it lasts: the lumped form of a strong one is no better.
+    left_open : float, K
+        What the readings may be off because the current is not known between its rows.
     ahead : float
         Log-odds from which an effect that fails the gates is kept on trial for one round.
     """
@@ -63,6 +65,7 @@ class Settings:
     sure: float = 10.0
     form: float = 0.01
     memory: float = 300.0
+    left_open: float = 0.0
     ahead: float = 15.0
 
     def odds(self, number: int) -> float:
@@ -114,12 +117,13 @@ def worth(less: MapFit, fit: MapFit, baseline: MapFit, inflation: float, s: Sett
 
     The residual's autocorrelation tempers all of it. What effects that are there already move is right to a per cent
     only, for minutes on end and at all sensors alike: readings that resolve that tell of the form of these effects, not
-    of one more.
+    of one more. So does what a current leaves open between its rows.
     """
     y, sigma, _, _, used = stacked(fit.problem)
     seconds = sum(m.drive.N * m.drive.dt for m in fit.problem.records)
     moved = float(np.mean(((less.y - baseline.y) / sigma)[used] ** 2))
-    form = len(y) / seconds * s.memory * s.form**2 * moved
+    unknown = s.form**2 * moved + s.left_open**2 * float(np.mean(1.0 / sigma[used] ** 2))
+    form = len(y) / seconds * s.memory * unknown
     read = max(log_density(fit, used) - log_density(less, used), 0.0)
     gain = (fit.log_evidence - less.log_evidence) / inflation
     return gain - read * (1.0 / inflation - 1.0 / (inflation + form))
@@ -189,7 +193,7 @@ def gate(current: MapFit, fit: MapFit, odds: float, inflation: float, s: Setting
         How many effects this search has added before.
     """
     held = within(current)
-    floor = float(np.mean(stacked(current.problem)[1][held] ** 2))
+    floor = float(np.mean(stacked(current.problem)[1][held] ** 2)) + s.left_open**2
     before, after = rmse(current, held), rmse(fit, held)
     gain = log_density(fit, held) - log_density(current, held)
     excess = max(before**2 - floor, 0.0)

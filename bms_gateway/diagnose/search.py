@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from bms_gateway.diagnose.candidates import Candidate, candidates
+from bms_gateway.diagnose.coarse_rows import HOPELESS, left_open
 from bms_gateway.diagnose.judge import HALF, Settings, Trial, judge, prior_odds, worth
 from bms_gateway.diagnose.residuals import log_density, rmse, structure, within
 from bms_gateway.diagnose.screen import Gain, extended, screen
@@ -55,6 +56,10 @@ class Search:
         Scores of all candidates against the baseline.
     orphan : bool
         Strong evidence for something, and nothing that the gates let in.
+    left_open : float, K
+        What the readings may be off because the current is not known between its rows.
+    hopeless : bool
+        Whether that is too much for any name.
     """
 
     baseline: MapFit
@@ -63,6 +68,8 @@ class Search:
     rounds: list[list[Trial]] = field(default_factory=list)
     gains: list[Gain] = field(default_factory=list)
     orphan: bool = False
+    left_open: float = 0.0
+    hopeless: bool = False
 
 
 def search(
@@ -70,6 +77,7 @@ def search(
     records: Sequence[Measured],
     settings: Settings | None = None,
     progress: Progress | None = None,
+    doubts: Sequence[float] = (),
 ) -> Search:
     """Search for the effects that a model lacks.
 
@@ -81,6 +89,8 @@ def search(
     settings : Settings, optional
     progress : callable, optional
         Told the share of the work done and what is being done.
+    doubts : sequence of float, optional
+        Of a minute's heat in each record, relative: rows of the current that lie too far apart (`coarse_rows`).
 
     Returns
     -------
@@ -92,6 +102,8 @@ def search(
     tell(0.0, "fitting the model as it is")
     baseline = fitted(Problem(model, records))
     found = Search(baseline, baseline)
+    found.left_open, found.hopeless = left_open(baseline, doubts), max(doubts, default=0.0) > HOPELESS
+    s = replace(s, left_open=found.left_open)
     y = stacked(baseline.problem)[0]
     surfaces = (float(np.quantile(y, 0.002)), float(np.quantile(y, 0.998)))
     offered = candidates(model, records[0].drive, surfaces)
