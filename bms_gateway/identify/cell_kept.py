@@ -42,9 +42,9 @@ def kept(model: StringModel, fit: CellFit, electrical: Floats) -> StringModel:
         one = len(layout.at(symbol)) == 1 and np.ndim(model.priors[symbol].value) == 0
         value = _rounded(np.atleast_1d(getattr(p, symbol)), symbol)
         priors[symbol] = Prior(float(value[0]) if one else value, model.priors[symbol].rel_sd)
-    told = Commissioning(
-        layout.labels, np.array([_short(x) for x in sd]), correlation, _rounded(electrical, "R_e", bounded=False)
-    )
+    kind = KINDS["R_e"]
+    plausible = np.where((electrical >= kind.lower) & (electrical <= kind.upper), electrical, np.nan)
+    told = Commissioning(layout.labels, np.array([_short(x) for x in sd]), correlation, _rounded(plausible, "R_e"))
     out = replace(
         model,
         priors=priors,
@@ -91,11 +91,11 @@ def _today(model: StringModel, baseline: Baseline) -> CellFit:
     return CellFit(baseline.layout, prior.mean, (cov + cov.T) / 2.0, prior, 1.0, 1.0, (), 0.0)
 
 
-def _rounded(x: Floats, symbol: str, *, bounded: bool = True) -> Floats:
+def _rounded(x: Floats, symbol: str) -> Floats:
     """Six significant digits of the number shown: far below what is known, and a file that can be read."""
     kind = KINDS[symbol]
     out = np.array([float(f"{v / kind.to_si:.6g}") * kind.to_si for v in x])
-    return np.asarray(np.clip(out, kind.lower, kind.upper) if bounded else out, dtype=np.float64)
+    return np.asarray(np.clip(out, kind.lower, kind.upper), dtype=np.float64)
 
 
 def _short(sd: float) -> float:
