@@ -27,7 +27,8 @@ several tables are records of one cell type: they share its physics, each has it
 --cells tells the cells of one string apart: R_e of each, from all surfaces that the table has (surface_K_C, also of
 cells that the vehicle does not sense) and from the cells' voltages where it has them (cell_voltage_K_V). Sense every
 surface once, at commissioning, for an hour of driving with a moving inlet; the model written keeps its own sensors, and
-run and analyze estimate with each cell's own numbers
+run and analyze estimate with each cell's own numbers. [cells] of --config says what the voltages are worth; where the
+run is a log, the config's model lists every sensed cell
 """
 
 
