@@ -43,12 +43,11 @@ CHANCE = 1.5
 """What rows too coarse leave open counts so often: one record's share of it is a draw of few."""
 HELD_RATIO = 1.2
 """Held-out residual over the noise, from which the model does not hold there."""
-EXPLAINED, EXPLAINED_HELD = 0.8, 0.5
-"""Share of the structure, of the held-out excess, that an effect must take away to be named as the cause."""
+EXPLAINED, EXPLAINED_HELD = 0.95, 0.5
+"""Share of the structure's power, of the held-out excess, that an effect must take away to be named as the cause: a
+right name leaves less, unless the noise hides it all the same."""
 DECIDED = 0.5
 """Posterior share of the first effect below which several explain the records about equally well."""
-LEFT_IN_DOUBT = 0.05
-"""Share of the structure's power: a right name leaves less, unless the noise hides it all the same."""
 SHORT_STRING = 5
 
 
@@ -257,7 +256,7 @@ def _with_doubt(d: Diagnosis) -> Diagnosis:
 def _doubtful(d: Diagnosis) -> bool:
     """Whether a string's first search names what explains too little; in a long one a second would take minutes."""
     left = d.after.structure.power / max(d.baseline.structure.power, 1e-9)
-    return bool(d.selected) and left > LEFT_IN_DOUBT and d.search.baseline.problem.model.cells <= SHORT_STRING
+    return bool(d.selected) and left > 1.0 - EXPLAINED and d.search.baseline.problem.model.cells <= SHORT_STRING
 
 
 def _judged_again(first: Diagnosis, second: SecondSearch) -> Diagnosis:

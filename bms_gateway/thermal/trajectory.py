@@ -61,8 +61,9 @@ class Recursion:
         self.Gamma = phi * dt
         self.block = max(1, int(np.sqrt(steps)))
         powers = [np.eye(len(A))]
-        for _ in range(self.block):
-            powers.append(self.Phi @ powers[-1])
+        with np.errstate(over="ignore", invalid="ignore"):  # as in `run`: numbers tried on the way
+            for _ in range(self.block):
+                powers.append(self.Phi @ powers[-1])
         self._whole = powers.pop()
         self._ends = np.concatenate(powers[::-1], axis=1)
 

@@ -130,3 +130,10 @@ def test_the_blockwise_recursion_is_the_plain_one(steps):
     for u in w:
         plain.append(recursion.Phi @ plain[-1] + recursion.Gamma @ u)
     assert np.allclose(recursion.run(x0, w), plain, rtol=1e-12, atol=1e-12)
+
+
+def test_a_recursion_that_runs_away_is_infinite_and_says_nothing():
+    # a fit may try such numbers on its way; the warning of the powers alone used to come through
+    recursion = Recursion(np.array([[2.0, 0.0], [0.0, -1.0]]), 10.0, 3600)
+    out = recursion.run(np.ones((2, 1)), np.ones((3600, 2, 1)))
+    assert not np.isfinite(out[-1, 0, 0])
