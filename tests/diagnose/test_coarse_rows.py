@@ -31,6 +31,7 @@ def test_what_happened_between_rows_is_no_effect(cycle, k):
     assert not found.selected, found.sentence
     assert found.verdict == "adequate" or doubt(record) > HOPELESS
     assert "rows of the current" in found.sentence
+    assert type(found.unknown_remains) is bool  # numpy's own is none for JSON
 
 
 def test_what_stands_out_is_named_all_the_same():
