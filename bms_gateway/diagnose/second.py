@@ -18,7 +18,7 @@ from bms_gateway.diagnose.model_error import REFINEMENTS, Bench, Fit, ModelError
 from bms_gateway.diagnose.residuals import structure
 from bms_gateway.diagnose.search import Chosen, Search
 from bms_gateway.diagnose.witness import Witness, agreement, by_voltage, witnesses
-from bms_gateway.identify.coordinates import Measured
+from bms_gateway.identify.coordinates import Coordinate, Measured
 from bms_gateway.identify.map_fit import MapFit, stacked
 from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal import StringModel
@@ -164,20 +164,28 @@ class SecondSearch:
 
 
 def needs_second(first: Search) -> bool:
-    """Whether the first search leaves what it could not explain: structure, a number at its bound, half the misfit."""
+    """Whether the first search leaves structure that it could not explain: much, half of it, or a number at its bound.
+
+    A number at its bound that leaves white readings is there by nature: all of a share, none of a loss.
+    """
     if first.orphan:
         return True
     f = first.final
-    for c in f.problem.coordinates:
-        if c.effect is not None and f.at_bound(c.name):
-            effect = effect_named(c.effect.partition(":")[0])
-            if effect.parameter(c.name.rpartition(".")[2]).neutral is not None:  # a shape may end where it likes
-                return True
     left = structure(f)
-    if left.size > STRUCTURED[0] and left.z > STRUCTURED[1]:
+    if left.z <= STRUCTURED[1]:
+        return False
+    if left.size > STRUCTURED[0] or any(f.at_bound(c.name) for c in f.problem.coordinates if _bounded(c)):
         return True
     before = structure(first.baseline).power
-    return bool(first.chosen) and left.z > STRUCTURED[1] and left.power > (1.0 - HALF) * before
+    return bool(first.chosen) and left.power > (1.0 - HALF) * before
+
+
+def _bounded(c: Coordinate) -> bool:
+    """Whether a coordinate is a number of an effect and no mere shape, which may end where it likes."""
+    if c.effect is None:
+        return False
+    effect = effect_named(c.effect.partition(":")[0])
+    return effect.parameter(c.name.rpartition(".")[2]).neutral is not None
 
 
 def second_search(

@@ -11,7 +11,7 @@ from tests.benchmarks.diagnosis_scores import missed, names, visible
 from tests.diagnose.hidden_record import record_of
 from tests.truth.hidden import Scenario, make_logs
 from tests.truth.sizes import SIZES
-from tests.truth.suites import SENSORS, suited
+from tests.truth.suites import SENSORS, one_cell, suited
 
 SEED = 6_100_000
 """Packs that nothing was tuned on."""
@@ -109,3 +109,15 @@ def test_of_all_effects_that_show_nearly_all_are_named_first_and_nothing_else_is
     assert len(seen) >= 25
     first = sum(names(o["ours"])[:1] == [o["hidden"][0]["effect"]] for o in seen)
     assert first >= 0.9 * len(seen), [f"{o['name']}: {missed(o, o['ours'])}" for o in seen if missed(o, o["ours"])]
+
+
+def test_a_number_at_its_bound_that_leaves_nothing_needs_no_second_search():
+    # all of R_c is spread over the jelly roll: the whole share is the right number, and a second search, coarser by
+    # what it grants the model, used to name a superfluous effect beside it
+    (scenario,) = (s for s in one_cell(300) if s.seed == 3_001_050)
+    record, model = record_of(make_logs([scenario])[0])
+    found = diagnose(model, [record])
+    assert [s.candidate.name for s in found.selected] == list(scenario.effects) == ["radial_gradient"]
+    assert found.selected[0].parameters["phi"].value == pytest.approx(1.0, abs=0.02)
+    assert found.second is None
+    assert not found.unknown_remains
