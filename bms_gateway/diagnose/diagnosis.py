@@ -204,7 +204,10 @@ def judged(found: Search) -> Diagnosis:
     open_in_sd = CHANCE * found.left_open / float(np.sqrt(floor))
     least = float(np.hypot(COARSE_STRUCTURE if coarse else LEAST_STRUCTURE, open_in_sd))
     structured = final.structure.z > LEAST_Z and final.structure.size > least
-    fails_held = scale(found.final, held) > float(np.hypot(HELD_RATIO, open_in_sd))
+    # noise well below the steps is hardly known: what trained readings leave white is noise, however much it is
+    white = coarse and final.structure.z <= LEAST_Z
+    usual = max(1.0, scale(found.final, stacked(found.final.problem)[4])) if white else 1.0
+    fails_held = scale(found.final, held) > float(np.hypot(HELD_RATIO * usual, open_in_sd))
     explained = 1.0 - max(final.structure.power, 0.0) / max(base.structure.power, 1e-9)
     before, after = (max(rmse(f, held) ** 2 - floor, 0.0) for f in (found.baseline, found.final))
     explained_held = 1.0 - after / max(before, 1e-9)

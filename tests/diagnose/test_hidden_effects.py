@@ -11,7 +11,7 @@ from tests.benchmarks.diagnosis_scores import missed, names, visible
 from tests.diagnose.hidden_record import record_of
 from tests.truth.hidden import Scenario, make_logs
 from tests.truth.sizes import SIZES
-from tests.truth.suites import SENSORS, one_cell, suited
+from tests.truth.suites import SENSORS, controls, one_cell, suited
 
 SEED = 6_100_000
 """Packs that nothing was tuned on."""
@@ -121,3 +121,10 @@ def test_a_number_at_its_bound_that_leaves_nothing_needs_no_second_search():
     assert found.selected[0].parameters["phi"].value == pytest.approx(1.0, abs=0.02)
     assert found.second is None
     assert not found.unknown_remains
+
+
+def test_noise_taken_for_too_small_under_coarse_steps_is_nothing_unknown():
+    # steps of five sd: the noise was found a fifth too small, and white readings failed the held-out blocks by it
+    (scenario,) = (s for s in controls(9400) if s.seed == 94_002_050)
+    record, model = record_of(make_logs([scenario])[0])
+    assert diagnose(model, [record]).verdict == "adequate"
