@@ -1,4 +1,7 @@
-"""Cells told apart once, kept in the string's model, and taken from there: a commissioning run's way to the gateway."""
+"""Cells told apart once, kept in the string's model, and taken from there: a commissioning run's way to the gateway.
+
+Beyond Lin et al., whose last section leaves the parameters of single cells open.
+"""
 
 from dataclasses import replace
 

@@ -3,6 +3,8 @@
 One record lasts an hour and a half and is fitted three times on the way, each time as a whole. Where it ends, its
 posterior is the next record's prior (`Baseline`): joints and thermal resistances are learnt once, only changes later.
 Strings whose cells' voltages are not on the bus are left alone: two surfaces do not tell five cells.
+
+Beyond Lin et al., whose last section leaves the parameters of single cells open.
 """
 
 from collections.abc import Callable, Mapping, Sequence

@@ -9,6 +9,8 @@ energy balance (`electrical`),
 
 where ρ is common to the cells (gain of the current sensor, reversible heat) and ε_k is a cell's own: welds and busbars
 inside the sense loop, and a skew between its samples and the current's.
+
+Beyond Lin et al., whose last section leaves the parameters of single cells open.
 """
 
 from collections.abc import Mapping

@@ -1,4 +1,7 @@
-"""What a fit of single cells has found, for people: one line per cell, and the combinations that the data determine."""
+"""What a fit of single cells has found, for people: one line per cell, and the combinations that the data determine.
+
+Beyond Lin et al., whose last section leaves the parameters of single cells open.
+"""
 
 from dataclasses import dataclass
 

@@ -3,6 +3,8 @@
 An identifier is fed one `Tick` per second. Cheap ones update at once; the windowed one hands out a `Job` when a window
 is full. A job is a pure function of its own data: it may run inline or on another thread and gives the same `Result`
 to the last bit; the engine gives it back by `accept` at a bus time of its own choosing.
+
+Every method stands where Lin et al. have their recursive least squares (Eq 5-10).
 """
 
 from collections.abc import Mapping, Sequence

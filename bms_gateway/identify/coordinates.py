@@ -3,6 +3,8 @@
 Coordinates are logarithms of the parameters about their prior's median, numbers of the effects, and what each record
 knows on its own (start, and with several records the cooling). Scatter within the declared tolerances (cells, sensors,
 inlet) and the start of each cell are nuisances: small, so that their columns need not be taken in every step.
+
+The numbers are those of Lin et al., Eq 1 and 16-18; priors and tolerances are not in the paper.
 """
 
 from collections.abc import Callable, Mapping, Sequence

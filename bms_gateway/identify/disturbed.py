@@ -11,6 +11,8 @@ Readings less the undisturbed response are Gaussian with a covariance that this 
 
 Being linear, the same filter whitens the slopes ∂f/∂θ beside the residuals, one column each, for the price of one
 covariance. Slow disturbances need no 1 Hz filter: readings are averaged over blocks of some seconds first.
+
+The string is that of Lin et al., Eq 16-18; its disturbances are not in the paper.
 """
 
 from dataclasses import dataclass

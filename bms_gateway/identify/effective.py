@@ -3,6 +3,8 @@
 The method knows two nodes a cell, I²R_e and an inlet. Effects that change nothing but the heat in the core and the
 inputs leave that skeleton as it is: fed with the mean square current that would make the same heat by the R_e in
 force, and with the inlet as the effects see it, it finds by how much R_e has grown and what became of R_c and R_u.
+
+For Lin et al., Eq 1, which knows no heat but I²R_e.
 """
 
 import numpy as np

@@ -9,6 +9,8 @@ R_c of each cell from that mean, with
     \ln R_{k} = \ln \bar R + \sigma (u_k - \bar u), \qquad u \sim N(0, 1)
 
 which stay what they are from window to window and are integrated out only when the mean is asked for.
+
+For Lin et al., Eq 9, carried from window to window; not in the paper.
 """
 
 from dataclasses import dataclass, replace

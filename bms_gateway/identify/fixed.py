@@ -1,4 +1,7 @@
-"""No identification: the model file's values, with their spread as its author stated it."""
+"""No identification: the model file's values, with their spread as its author stated it.
+
+In place of Lin et al., Eq 5-10, where parameters are given (Table 1).
+"""
 
 from collections.abc import Mapping
 from typing import Any

@@ -8,6 +8,8 @@ Minimised over coordinates θ and nuisances ν is
 with D the deviance of rounded readings (`likelihood`), f the free-running trajectory, by Gauss–Newton steps with
 Levenberg's damping and an active set at the bounds. The log evidence is the Laplace approximation
 −½(cost + ln|H| + 2 Σ ln s): the Occam factor of an added number is its prior's width over its posterior's.
+
+In place of the least squares of Lin et al., Eq 3-10, where a model has effects that Eq 1 lacks.
 """
 
 from collections.abc import Sequence

@@ -1,4 +1,7 @@
-"""One or several records of a string, the numbers that are free, and what the model reads with them."""
+"""One or several records of a string, the numbers that are free, and what the model reads with them.
+
+The string is that of Lin et al., Eq 16-18, with effects that the paper lacks.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

@@ -3,6 +3,8 @@
 A window has a thousand steps; stepping them one by one costs a thousand small products per parameter set. Within a
 block of L steps the response is one Toeplitz matrix times the inputs, the same for every block, so only the blocks'
 first states are stepped. The result equals the step-by-step simulation to rounding.
+
+Lin et al., Eq 16-18, corrected as `thermal.string` says.
 """
 
 from collections.abc import Sequence

@@ -5,6 +5,8 @@ their Jacobian (`tangent`), renewed when the string has moved away from where it
 uncertain, its parameters and those of the effects, is considered and not estimated (`consider`): the stated variance
 is that of the filter with all numbers known, and what their covariance adds through the sensitivities that are carried
 along, and what cells differ by the model's tolerances.
+
+In place of Lin et al., Eq 11-12, where a model has effects that the paper lacks.
 """
 
 from collections.abc import Mapping, Sequence

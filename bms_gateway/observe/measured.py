@@ -1,4 +1,7 @@
-"""What the observer of a string with effects takes in: more of the current, and what only effects ask for."""
+"""What the observer of a string with effects takes in: more of the current, and what only effects ask for.
+
+The inputs and outputs of Lin et al., Eq 11-13.
+"""
 
 from dataclasses import dataclass
 from math import nan

@@ -1,4 +1,7 @@
-"""What is uncertain beside the filter: how unlike cells are, and the root of a covariance."""
+"""What is uncertain beside the filter: how unlike cells are, and the root of a covariance.
+
+Beyond Lin et al., whose observer holds its parameters for exact.
+"""
 
 import numpy as np
 

@@ -1,4 +1,7 @@
-"""The uncertain numbers of a string with effects: which they are, how they vary, and how together."""
+"""The uncertain numbers of a string with effects: which they are, how they vary, and how together.
+
+Beyond Lin et al., whose observer holds its parameters for exact.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -4,6 +4,8 @@ A `Point` carries what the balances of a string need: inputs, temperatures, coef
 fills it from states and inputs, lets every effect change what it is about, and closes the balances. All arrays share
 their leading axes (the intervals of a record, or nothing live); the last axis counts the cells, or is 1 for what the
 cells have in common.
+
+Lin et al., Eq 16-18, corrected as `thermal.string` says.
 """
 
 from dataclasses import dataclass, field

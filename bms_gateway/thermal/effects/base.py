@@ -8,6 +8,8 @@ effect that sits on one cell. It may put new arrays into the point and must not 
 Hooks run in the order of the signal: `inputs`, `coefficients`, `heats`, `flux`, `surroundings`, `reading`. An effect
 with a memory of the inputs (polarisation, delay) says in `follow` how it runs on; one with thermal states of its own
 (radial modes, a slow thermocouple) says how many per cell, how they start, and gives their rates in a hook.
+
+What Lin et al., Eq 1 and 16-18, leave out.
 """
 
 from abc import ABC
