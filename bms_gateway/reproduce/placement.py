@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from bms_gateway.reproduce.result import Curve, Figure, Panel, Row, Section, kept, several
+from bms_gateway.reproduce.result import Curve, Figure, Panel, Row, Section, braced, disproved, kept, several
 from bms_gateway.reproduce.setting import R_CC, Size
 from bms_gateway.sensors import PlacementProblem, paper_string
 from bms_gateway.thermal import Disturbance, Floats
@@ -55,7 +55,7 @@ def section(size: Size) -> Section:  # noqa: ARG001 — nothing here is random
             "two sensors at the ends against the paper's four {3,6,9,12}",
             "only {3,6,9,12}",
             f"{{1,12}} {worst[1, 12]:.3f} K; {{3,6,9,12}} {worst[3, 6, 9, 12]:.3f} K",
-            "paper wrong" if worst[1, 12] < worst[3, 6, 9, 12] else "differs",
+            disproved(worst[1, 12] < worst[3, 6, 9, 12]),
             "the first cell has no neighbour upstream and the last one all the heat: the ends know least by themselves",
             {"two": worst[1, 12], "four": worst[3, 6, 9, 12]},
         ),
@@ -63,10 +63,10 @@ def section(size: Size) -> Section:  # noqa: ARG001 — nothing here is random
             "place.best4",
             "the best four of 495, and what is left when any one of them fails",
             "{3,6,9,12}",
-            f"{_set(top.sensors)} {top.worst_sd:.3f} K; {several([x.worst_sd for x in best.losses], '.3f')}",
+            f"{braced(top.sensors)} {top.worst_sd:.3f} K; {several([x.worst_sd for x in best.losses], '.3f')}",
             "paper wrong" if top.sensors != (3, 6, 9, 12) else "agrees",
             "evenly spaced: "
-            f"{_set(best.even.sensors)} {best.even.worst_sd:.3f} K. The best two: {_set(two.best[0].sensors)}",
+            f"{braced(best.even.sensors)} {best.even.worst_sd:.3f} K. The best two: {braced(two.best[0].sensors)}",
             {"best_K": top.worst_sd, "worst_loss_K": max(x.worst_sd for x in best.losses)},
         ),
         _independent(),
@@ -95,7 +95,7 @@ def _figure(sd: dict[tuple[int, ...], Floats]) -> Figure:
     cells = np.arange(1, CELLS + 1, dtype=np.float64)
     chosen = [(12,), (1, 12), (3, 6, 9, 12), (1, 2, 11, 12), tuple(range(1, 13))]
     curves = tuple(
-        Curve("all" if len(s) == CELLS else _set(s), cells, sd[s], "o--" if s == (3, 6, 9, 12) else "o-")
+        Curve("all" if len(s) == CELLS else braced(s), cells, sd[s], "o--" if s == (3, 6, 9, 12) else "o-")
         for s in chosen
     )
     return Figure(
@@ -103,7 +103,3 @@ def _figure(sd: dict[tuple[int, ...], Floats]) -> Figure:
         "How well each core of twelve is known, by where the sensors are",
         (Panel("", "cell", "sd of the core, K", curves),),
     )
-
-
-def _set(sensors: tuple[int, ...]) -> str:
-    return "{" + ",".join(map(str, sensors)) + "}"

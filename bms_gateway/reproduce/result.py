@@ -71,6 +71,11 @@ def agreeing(hold: bool) -> Verdict:
     return "agrees" if hold else "differs"
 
 
+def disproved(hold: bool) -> Verdict:
+    """Verdict of something that the paper shows and that is wrong, if what shows it holds."""
+    return "paper wrong" if hold else "differs"
+
+
 def kept(hold: bool) -> Verdict:
     """Verdict of something that only we have, against its limit."""
     return "beyond" if hold else "missed"
@@ -160,3 +165,8 @@ def span(values: Sequence[float] | Floats, form: str = ".1f") -> str:
     if np.isnan(v).all():
         return "–"
     return f"{np.nanmedian(v):{form}} ({np.nanmin(v):{form}}–{np.nanmax(v):{form}})"
+
+
+def braced(sensors: Sequence[int]) -> str:
+    """Write a set of cells as the paper does."""
+    return "{" + ",".join(map(str, sensors)) + "}"
