@@ -3,6 +3,7 @@
 import os
 import signal
 import socket
+import statistics
 import subprocess
 import sys
 import time
@@ -48,7 +49,7 @@ def recording(tmp_path_factory) -> tuple[Path, Path]:
     config, log, recorded = folder / "gateway.toml", folder / "drive.log", folder / "recorded.log"
     assert main(["simulate", "--config", str(config), "--out", str(log), "--duration", str(SECONDS)]) == 0
     with recorded.open("w") as out:
-        candump = subprocess.Popen(["candump", "-L", "vcan0"], stdout=out)
+        candump = subprocess.Popen(["candump", "-L", "-r", str(4 << 20), "vcan0"], stdout=out)
         service = ready_service(config, folder)
         player = program("replay", log, "--to", "vcan0", stdout=subprocess.DEVNULL)
         assert player.wait(120) == 0
@@ -100,4 +101,6 @@ def test_our_frames_come_at_their_cycle_times_and_cantools_reads_them(recording)
         cycle = 1e-3 * (database.get_message_by_name(name).cycle_time or 0)
         gaps = [(b - a) * 1e-9 for a, b in pairwise(times)]
         assert len(times) >= (SECONDS - 3) // cycle, name
-        assert all(abs(g - cycle) < 0.2 for g in gaps), (name, gaps)
+        # a pause of the machine delays one frame, which is no drift and loses none; the cycle is that of the many
+        assert abs(statistics.median(gaps) - cycle) < 0.05 * cycle + 0.01, (name, gaps)
+        assert abs(sum(gaps) - len(gaps) * cycle) < 0.5 * cycle + 0.2, (name, gaps)
