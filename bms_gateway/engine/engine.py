@@ -26,7 +26,7 @@ from bms_gateway.engine.clock import Clock
 from bms_gateway.engine.estimate import Estimators, StringEstimator
 from bms_gateway.engine.events import Event, Job, Level, Notice, SendFrames, StartJob
 from bms_gateway.engine.inputs import Inputs, Reading, Samples
-from bms_gateway.engine.plan import Plan
+from bms_gateway.engine.plan import Channel, Plan
 from bms_gateway.errors import StateError
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.database import Database
@@ -118,6 +118,11 @@ class Engine:
     def unheard(self) -> dict[str, str]:
         """Inputs never received, by string, for people."""
         return self._inputs.unheard()
+
+    @property
+    def faults(self) -> list[tuple[str, Channel, Quality]]:
+        """Inputs that are not good now: the string that first names each, its channel, its quality."""
+        return self._inputs.faults()
 
     @property
     def rejected(self) -> dict[str, int]:
