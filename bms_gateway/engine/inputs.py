@@ -325,7 +325,7 @@ class Inputs:
         return Notice(t1, Level.WARNING, "sensor", f"{what} is not used: {REASONS[now]} ({c.signal})", string, cell)
 
     def faults(self) -> list[tuple[str, Channel, Quality]]:
-        """Inputs that were received and are not good now: the string that first names each, its channel, its quality."""
+        """List inputs once received and not good now: the string that first names each, its channel, its quality."""
         bad = np.flatnonzero((self._quality != GOOD) & (self._quality != Quality.NEVER)).tolist()
         return [(self._names[i][0], self._channels[i], Quality(int(self._quality[i]))) for i in bad]
 
