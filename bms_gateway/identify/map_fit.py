@@ -179,11 +179,11 @@ def nuisance_columns(
 ) -> Linear:
     """Columns of the problem's nuisances about `theta` and `nu`.
 
-    Without effects the balances are nearly linear and the plain recursion will do; with one that is not, columns a
-    per cent off hold a fit fast where it stands, and what it leaves looks like one more effect.
+    Without effects and in a steady stream the balances are linear and the plain recursion will do; else columns a
+    few per cent off hold a fit fast where it stands, and what it leaves looks like one more effect.
     """
     sd = np.array([c.sd for c in problem.nuisances])
-    refinements = 1 if problem.model.effects else 0
+    refinements = 1 if problem.model.effects or any(np.ptp(m.drive.flow) > 0.0 for m in problem.records) else 0
     J = problem.jacobian(theta, prediction, problem.nuisances, refinements, nu)
     return Linear.of(J, sd, _weighed(problem, noise, J))
 
