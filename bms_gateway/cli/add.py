@@ -11,11 +11,8 @@ from bms_gateway.errors import UsageError
 
 if TYPE_CHECKING:
     from bms_gateway.diagnose.adding import Addition, Wanted
-    from bms_gateway.diagnose.checks import Finding
     from bms_gateway.diagnose.record import Record
-    from bms_gateway.identify.map_fit import MapFit
-    from bms_gateway.report.add_text import AddReport, Side
-    from bms_gateway.thermal import Floats, StringModel
+    from bms_gateway.thermal import StringModel
 
 EXAMPLE = """\
   bms-gateway add entropic_heat --model string_1.toml --data bench.csv --out string_1b.toml
@@ -40,12 +37,12 @@ def arguments(parser: Parser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Add; 1 where the measurements speak against it."""
-    from bms_gateway.cli.fit import sound
     from bms_gateway.config.model_file import write_model
     from bms_gateway.diagnose.adding import check_signals
     from bms_gateway.diagnose.calibrate import fitted_model
     from bms_gateway.report.add_text import add_document, add_text
-    from bms_gateway.report.examine import findings_and_notes
+    from bms_gateway.report.added import added_report, heading
+    from bms_gateway.report.examine import findings_and_notes, sound
 
     model = given_model(args)
     wants = _wanted(args, model)
@@ -54,12 +51,10 @@ def run(args: argparse.Namespace) -> int:
     sound(findings)
     check_signals(wants, records)
     addition = _added(model, records, wants)
-    report = _report(args, records, addition, findings, notes)
+    report = added_report(addition, records, findings, notes, out=str(args.out), force=args.force)
     if report.written:
-        heading = f"{' '.join(args.effect)} added, fitted to {', '.join(report.sources)}"
-        if report.forced:
-            heading += f"\nadded by force, though: {addition.refused}"
-        write_model(fitted_model(addition.after, model, doubt=addition.doubt), Path(args.out), heading)
+        found = fitted_model(addition.after, model, doubt=addition.doubt)
+        write_model(found, Path(args.out), heading(report, args.effect))
     if args.html:
         from bms_gateway.report.html import write_addition
 
@@ -95,44 +90,3 @@ def _added(model: "StringModel", records: "list[Record]", wants: "list[Wanted]")
 
     with share_of("adding") as tell:
         return add_effects(model, records, wants, tell)
-
-
-def _report(
-    args: argparse.Namespace,
-    records: "list[Record]",
-    addition: "Addition",
-    findings: "tuple[tuple[str, Finding], ...]",
-    notes: "tuple[tuple[str, str], ...]",
-) -> "AddReport":
-    from bms_gateway.diagnose.calibrate import changes
-    from bms_gateway.report.add_text import AddReport
-
-    before, after = (_side(records, *side) for side in zip(addition.seen, addition.core_K, strict=True))
-    return AddReport(
-        str(args.out),
-        addition.added,
-        not addition.refused or args.force,
-        bool(addition.refused) and args.force,
-        addition.refused,
-        addition.remark,
-        addition.log_odds,
-        before,
-        after,
-        addition.tail_K,
-        changes(addition.after),
-        tuple(m.source for m in addition.after.problem.records),
-        findings,
-        notes,
-    )
-
-
-def _side(records: "list[Record]", fit: "MapFit", core_K: "Floats") -> "Side":
-    from bms_gateway.diagnose.calibrate import channel_errors
-    from bms_gateway.diagnose.compare import core_checks
-    from bms_gateway.diagnose.core_band import core_bands
-    from bms_gateway.diagnose.diagnosis import errors
-    from bms_gateway.diagnose.misfit import nearest, sensors
-    from bms_gateway.report.add_text import Side
-
-    bands = core_bands(fit, nearest(sensors(fit), fit.problem.model.cells))
-    return Side(errors(fit), channel_errors(fit), core_K, core_checks(records, fit, bands))

@@ -47,8 +47,9 @@ def run(args: argparse.Namespace) -> int:
     """Write the log."""
     from bms_gateway.bus.logfile import write_log
     from bms_gateway.bus.traffic import SECOND, Traffic
-    from bms_gateway.cli.table_checks import check_time, not_carried, refuse_log
+    from bms_gateway.cli.table_checks import not_carried, refuse_log
     from bms_gateway.config import load_config
+    from bms_gateway.records.kind import check_time
     from bms_gateway.report.progress import progress
     from bms_gateway.report.table import parse_columns, read_table
 

@@ -10,9 +10,6 @@ from bms_gateway.cli.output import say, write_json
 from bms_gateway.errors import ConfigError, DataError, UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from bms_gateway.diagnose.checks import Finding
     from bms_gateway.diagnose.record import Record
 
 EXAMPLE = """\
@@ -49,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
     from bms_gateway.diagnose.calibrate import changes, channel_errors, fitted_model, identify
     from bms_gateway.diagnose.detect import absorbed
     from bms_gateway.diagnose.diagnosis import errors
-    from bms_gateway.report.examine import findings_and_notes
+    from bms_gateway.report.examine import findings_and_notes, sound
     from bms_gateway.report.fit_text import FitReport, fit_document, fit_text
     from bms_gateway.report.progress import progress
 
@@ -95,7 +92,7 @@ def _cells(args: argparse.Namespace) -> int:
     from bms_gateway.identify.cell_kept import kept
     from bms_gateway.identify.cell_prior import CellSettings
     from bms_gateway.report.cells_text import CellsReport, cells_document, cells_text
-    from bms_gateway.report.examine import findings_and_notes
+    from bms_gateway.report.examine import findings_and_notes, sound
     from bms_gateway.report.progress import progress
     from bms_gateway.thermal import Disturbance
 
@@ -126,28 +123,6 @@ def _cells(args: argparse.Namespace) -> int:
     say(cells_text(report), args.json)
     say(f"\n{args.out}: written", args.json)
     return 0
-
-
-def sound(findings: "Sequence[tuple[str, Finding]]") -> None:
-    """Refuse records of which nothing can be learnt.
-
-    Raises
-    ------
-    DataError
-    """
-    for source, f in findings:
-        if f.severity == "stop":
-            raise DataError(f"{source}: {f.sentence}")
-
-
-def long_enough(findings: "Sequence[tuple[str, Finding]]") -> None:
-    """Refuse records that are too short even to be compared.
-
-    Raises
-    ------
-    DataError
-    """
-    sound([(source, f) for source, f in findings if f.kind == "too_short"])
 
 
 def _with_cores(records: "list[Record]") -> None:

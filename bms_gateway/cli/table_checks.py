@@ -6,12 +6,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bms_gateway.bus.candump import LATEST_S
-from bms_gateway.bus.logfile import FORMATS
-from bms_gateway.bus.sniff import HEAD, kind_of
 from bms_gateway.engine.plan import Channel, StringPlan
-from bms_gateway.errors import DataError, UsageError
+from bms_gateway.errors import UsageError
 from bms_gateway.frames.database import Database
+from bms_gateway.records.kind import log_kind
 from bms_gateway.report.table import Table
 
 COLUMNS = {
@@ -24,8 +22,6 @@ COLUMNS = {
     "cell_voltage": "cell_voltage_{}_V",
 }
 """Column of a table by quantity."""
-LONGEST_S = 10 * 86_400  # a bench run; more is time in another unit
-WIDEST_STEP_S = 100.0  # ten rows a second in ms; of a current known this seldom nobody can tell the heat
 
 
 def refuse_log(path: Path) -> None:
@@ -39,47 +35,6 @@ def refuse_log(path: Path) -> None:
     kind = log_kind(path)
     if kind is not None:
         raise UsageError(f"encode: {path}: takes a table; this is a {kind} log, frames already: use analyze or replay")
-
-
-def log_kind(path: Path) -> str | None:
-    """Tell by its name, or where that leaves it open by its first bytes, which kind of log a file is; None: none."""
-    suffixes = [s for s in Path(path.name.lower()).suffixes if s != ".gz"]
-    kind: str | None = suffixes[-1] if suffixes else ""
-    if kind == ".csv" or kind not in FORMATS:
-        kind = None if path.suffix.lower() == ".gz" else _content(path)
-    return kind
-
-
-def _content(path: Path) -> str | None:
-    """Format of a log whose text is sure to be none of a table."""
-    try:
-        with path.open("rb") as file:
-            kind = kind_of(file.read(HEAD))
-    except OSError:  # reading the table will say it
-        return None
-    return kind if kind in (".log", ".csv") else None
-
-
-def check_time(table: Table) -> None:
-    """Refuse a time that no log can hold, or that is plainly not in seconds.
-
-    Raises
-    ------
-    DataError
-    """
-    t = table.time_s
-    if t[0] < 0:
-        raise DataError(f"{table.source}: time_s begins at {t[0]:g}: a log cannot hold times below zero")
-    step = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
-    if t[-1] >= LATEST_S:
-        seen = f"ends at {t[-1]:g}, after the year 2255"
-    elif step >= WIDEST_STEP_S:
-        seen = f"goes on by {step:g} from row to row, where less than {WIDEST_STEP_S:g} s are needed"
-    elif t[-1] - t[0] > LONGEST_S:
-        seen = f"spans {(t[-1] - t[0]) / 86_400:.1f} days, more than the {LONGEST_S // 86_400} that one table may"
-    else:
-        return
-    raise DataError(f"{table.source}: time_s looks like milliseconds, it must be in seconds: it {seen}")
 
 
 def not_carried(string: StringPlan, database: Database, table: Table) -> list[dict[str, Any]]:

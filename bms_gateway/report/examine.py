@@ -12,6 +12,7 @@ from bms_gateway.diagnose.experiment import Experiment, next_experiment
 from bms_gateway.diagnose.record import Record
 from bms_gateway.diagnose.search import Progress
 from bms_gateway.diagnose.standing import ranking
+from bms_gateway.errors import DataError
 from bms_gateway.identify.map_fit import MapFit, stacked
 from bms_gateway.report.diagnosis_text import Told
 from bms_gateway.thermal import StringModel
@@ -23,6 +24,28 @@ def findings_and_notes(
     """Check the records, and gather what was noted while they were read; each with its source."""
     findings = tuple((r.source, f) for r in records for f in check_record(r, model))
     return findings, tuple((r.source, text) for r in records for text in r.notes)
+
+
+def sound(findings: Sequence[tuple[str, Finding]]) -> None:
+    """Refuse records of which nothing can be learnt.
+
+    Raises
+    ------
+    DataError
+    """
+    for source, f in findings:
+        if f.severity == "stop":
+            raise DataError(f"{source}: {f.sentence}")
+
+
+def long_enough(findings: Sequence[tuple[str, Finding]]) -> None:
+    """Refuse records that are too short even to be compared.
+
+    Raises
+    ------
+    DataError
+    """
+    sound([(source, f) for source, f in findings if f.kind == "too_short"])
 
 
 def examine(model: StringModel, records: Sequence[Record], progress: Progress | None = None) -> Told:

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from bms_gateway.cli.main import Parser, main
-from bms_gateway.cli.measurements import add_measurement_arguments, given_measurements, read_measurements
+from bms_gateway.cli.measurements import add_measurement_arguments, given_measurements
 from bms_gateway.config.model_file import parse_model, read_model
 from bms_gateway.diagnose.checks import check_record
 from bms_gateway.errors import ConfigError, DataError, UsageError
+from bms_gateway.records.read import read_measurements
 from tests.config.bench_cell import write_bench_table
 from tests.config.files import MAPPED, OWN, write
 from tests.config.race_car import write_race_car

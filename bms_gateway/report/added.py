@@ -1,0 +1,67 @@
+"""From an addition to all that is told of it: what `add` prints and the workbench shows."""
+
+from collections.abc import Sequence
+
+from bms_gateway.diagnose.adding import Addition
+from bms_gateway.diagnose.calibrate import changes, channel_errors
+from bms_gateway.diagnose.checks import Finding
+from bms_gateway.diagnose.compare import core_checks
+from bms_gateway.diagnose.core_band import core_bands
+from bms_gateway.diagnose.diagnosis import errors
+from bms_gateway.diagnose.misfit import nearest, sensors
+from bms_gateway.diagnose.record import Record
+from bms_gateway.identify.map_fit import MapFit
+from bms_gateway.report.add_text import AddReport, Side
+from bms_gateway.thermal import Floats
+
+
+def added_report(
+    addition: Addition,
+    records: Sequence[Record],
+    findings: tuple[tuple[str, Finding], ...],
+    notes: tuple[tuple[str, str], ...],
+    *,
+    out: str,
+    force: bool = False,
+) -> AddReport:
+    """Gather what is told of an addition.
+
+    Parameters
+    ----------
+    addition : Addition
+    records : sequence of Record
+        To which it was fitted.
+    findings, notes : tuple of (source, …)
+    out : str
+        Model file that is written where nothing speaks against it.
+    force : bool
+        Whether it is written all the same.
+    """
+    before, after = (_side(records, *side) for side in zip(addition.seen, addition.core_K, strict=True))
+    return AddReport(
+        out,
+        addition.added,
+        not addition.refused or force,
+        bool(addition.refused) and force,
+        addition.refused,
+        addition.remark,
+        addition.log_odds,
+        before,
+        after,
+        addition.tail_K,
+        changes(addition.after),
+        tuple(m.source for m in addition.after.problem.records),
+        findings,
+        notes,
+    )
+
+
+def heading(report: AddReport, words: Sequence[str]) -> str:
+    """Write what stands on top of the model file: what was added, to which data, and whether by force."""
+    text = f"{' '.join(words)} added, fitted to {', '.join(report.sources)}"
+    return f"{text}\nadded by force, though: {report.refused}" if report.forced else text
+
+
+def _side(records: Sequence[Record], fit: MapFit, core_K: Floats) -> Side:
+    bands = core_bands(fit, nearest(sensors(fit), fit.problem.model.cells))
+    return Side(errors(fit), channel_errors(fit), core_K, core_checks(records, fit, bands))
