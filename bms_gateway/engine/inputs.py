@@ -12,11 +12,12 @@ from math import nan
 import numpy as np
 from numpy.typing import NDArray
 
-from bms_gateway.engine.cell_voltage import CellVoltages
+from bms_gateway.engine.cell_voltage import CellVoltages, Run
 from bms_gateway.engine.current import Current, Means
 from bms_gateway.engine.events import Level, Notice
 from bms_gateway.engine.line import Line
 from bms_gateway.engine.plan import Channel, Plan, StringPlan
+from bms_gateway.frames.ammeter import Ammeter
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.counter import CounterGuard
 from bms_gateway.frames.database import Database
@@ -48,6 +49,9 @@ REASONS = {
     Quality.CRC: "the check sum of its frame is wrong",
     Quality.NEVER: "not yet seen to move",
 }
+CURRENT_STANDS = "it stands at {:g} A while the voltage goes up and down: stuck, saturated or clipped"
+WRONG_SIGN = "current and voltage rise together: the sign of the current is wrong (scale = -1 in its entry turns it)"
+RIGHT_SIGN = "current and voltage move against each other again, as they should"
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,6 +177,12 @@ class Inputs:
         self._told = self._quality.copy()
         self._heard = np.zeros(len(signals), np.bool_)
         self._currents = {(w.current, w.voltage): Current() for w in self.wires if w.current >= 0}
+        self._meters = {
+            (i, u): Ammeter(abs(self._channels[u].scale) * database.resolve(signals[u]).resolution)
+            for i, u in self._currents
+            if u >= 0
+        }
+        self._reversed: set[int] = set()
         self._inlets = {w.coolant_inlet: Line() for w in self.wires if w.coolant_inlet >= 0}
         self._followed = np.zeros(len(signals), np.bool_)
         self._cells = CellVoltages([(w.current, w.cell_voltage) for w in self.wires])
@@ -289,12 +299,31 @@ class Inputs:
             run = slice(edge[i], edge[i + 1]) if i >= 0 else slice(0)
             return s.time_ns[run], s.value[run]
 
-        means = {(i, u): line.update(*of(i), *of(u), t0, t1) for (i, u), line in self._currents.items()}
+        currents = {i: of(i) for i, _ in self._currents}
+        volts = {u: of(u) for _, u in self._currents}
+        for (i, u), meter in self._meters.items():
+            meter.update(currents[i][1], volts[u][1])
+            currents[i] = self._credible(i, meter, currents[i])
+            if meter.reversed:
+                volts[u] = of(-1)  # heat from I²R_e has no sign, that from the voltage has
+        means = {(i, u): line.update(*currents[i], *volts[u], t0, t1) for (i, u), line in self._currents.items()}
         for i, inlet in self._inlets.items():
             inlet.update(*of(i))
         self._active = any(m.I2 > ACTIVE_A**2 for m in means.values())
-        cells = self._cells.update(s.time_ns, s.value, edges, {i: of(i) for i, _ in self._currents})
+        cells = self._cells.update(s.time_ns, s.value, edges, currents)
         return means, cells
+
+    def _credible(self, i: int, meter: Ammeter, run: Run) -> Run:
+        """Turn away the value at which a current stands though the voltage moves."""
+        time_ns, value = run
+        keep = value != meter.stands_at
+        if keep.all():
+            return run
+        reason = Quality.STUCK.name.lower()
+        self.rejected[reason] = self.rejected.get(reason, 0) + int(np.count_nonzero(~keep))
+        if not keep[-1]:
+            self._quality[i] = Quality.STUCK
+        return time_ns[keep], value[keep]
 
     def _inlet(self, w: Wire, quality: Sequence[int], t1: int) -> float:
         if w.coolant_inlet < 0:
@@ -315,6 +344,22 @@ class Inputs:
             if (first or Quality.GOOD in (now, before)) and not (first and now == Quality.GOOD):
                 notices.append(self._notice(t1, i, now))
         self._told = self._quality.copy()
+        return notices + self._signs(t1)
+
+    def _signs(self, t1: int) -> list[Notice]:
+        """Tell which currents have begun or ceased to have the wrong sign."""
+        now = {i for (i, _), meter in self._meters.items() if meter.reversed}
+        notices = [
+            Notice(
+                t1,
+                Level.WARNING if i in now else Level.NOTICE,
+                "current_sign",
+                f"{WRONG_SIGN if i in now else RIGHT_SIGN} ({self._channels[i].signal})",
+                self._names[i][0],
+            )
+            for i in sorted(now ^ self._reversed)
+        ]
+        self._reversed = now
         return notices
 
     def _notice(self, t1: int, i: int, now: Quality) -> Notice:
@@ -322,7 +367,11 @@ class Inputs:
         what = c.quantity.replace("_", " ") + (f" of cell {cell}" if cell is not None else "")
         if now == Quality.GOOD:
             return Notice(t1, Level.NOTICE, "sensor", f"{what} is good again ({c.signal})", string, cell)
-        return Notice(t1, Level.WARNING, "sensor", f"{what} is not used: {REASONS[now]} ({c.signal})", string, cell)
+        why = REASONS[now]
+        if c.quantity == "current" and now == Quality.STUCK:
+            stands = next(m.stands_at for (current, _), m in self._meters.items() if current == i)
+            why = CURRENT_STANDS.format(stands)
+        return Notice(t1, Level.WARNING, "sensor", f"{what} is not used: {why} ({c.signal})", string, cell)
 
     def faults(self) -> list[tuple[str, Channel, Quality]]:
         """List inputs once received and not good now: the string that first names each, its channel, its quality."""
@@ -342,6 +391,8 @@ class Inputs:
         """Drop what a gap has made worthless: the current held, the slope of the inlet."""
         for current in self._currents.values():
             current.forget()
+        for meter in self._meters.values():
+            meter.forget()
         self._cells.forget()
         for inlet in self._inlets.values():
             inlet.forget()

@@ -86,6 +86,9 @@ def default_rule(
         Number of the string.
     """
     lower, upper = PLAUSIBLE[quantity]
+    if quantity == "current":
+        low_end, high_end = _ends(info, scale, offset)
+        lower, upper = max(lower, low_end), min(upper, high_end)
     stale_after_ns = 5_000_000_000
     if info is not None and info.cycle_ns is not None:
         stale_after_ns = max(FASTEST_CYCLES * info.cycle_ns, 1_000_000_000)
@@ -123,3 +126,16 @@ def _rails(info: SignalInfo | None, scale: float, offset: float) -> tuple[float,
     low, high = info.raw_limits
     ends = sorted(scale * (raw * info.scale + info.offset) + offset for raw in (low + 0.5, high - 0.5))
     return ends[0], ends[1]
+
+
+def _ends(info: SignalInfo | None, scale: float, offset: float) -> tuple[float, float]:
+    """Give the ends of what a current's signal can say, half a step inwards: there a sensor has run out of range.
+
+    Zero is no such end: it is what an unsigned current says at rest.
+    """
+    if info is None or info.is_float:
+        return -math.inf, math.inf
+    raw = max(info.raw_limits[0], info.raw_valid[0]), min(info.raw_limits[1], info.raw_valid[1])
+    least, most = sorted(scale * (info.scale * limit + info.offset) + offset for limit in raw)
+    half = 0.5 * abs(scale) * info.resolution
+    return (-math.inf if abs(least) < half else least + half), (math.inf if abs(most) < half else most - half)

@@ -1,0 +1,129 @@
+"""Is the current sensor to be believed? What the voltage of the same string says of it.
+
+Current is what heats, and its sensor has no peers to be compared with. But the terminal voltage answers every step of
+the true current at once: V = OCV − R·I. Two faults show in it that no range finds:
+
+* A current that *stands* at one value while the voltage goes up and down. The sensor is stuck, saturated below the end
+  of its signal, or clips at zero what flows the other way. Relaxation after a load moves the voltage too, but one way
+  only: so both ways count, and the lesser of them decides. The value is then refused wherever it turns up, until
+  readings on both sides of it show that it is no end of the sensor's range.
+* A current that rises *with* the voltage has the wrong sign.
+
+Judged once per tick by the means over it, so that frames of current and voltage need not be in step.
+"""
+
+from math import nan, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Ammeter"]
+
+MOVED = 0.002
+"""Share of the voltage that counts as a move: the answer to a quarter of the one-hour current, of any cell."""
+MOVED_STEPS = 2.5
+"""The same in steps of the voltage's resolution: the last digit may flicker."""
+STANDS = 4
+"""Moves each way until the current is refused: some ten seconds of driving."""
+MOST = 12
+"""Beyond so many nothing more is learnt, and a mended sensor would wait too long."""
+FORGIVE = 0.05
+"""Taken off at each tick in which the current moves with the voltage, as it should."""
+MEMORY = 60
+"""Ticks with moves over which the sign is judged."""
+ENOUGH = 10
+REVERSED, RIGHT = 0.7, 0.3
+"""Correlation of the steps of voltage and current above which the sign is wrong, and below which it is right again."""
+
+
+class Ammeter:
+    """Judge of one current by one voltage.
+
+    Parameters
+    ----------
+    resolution : float
+        Smallest step of the voltage, V; 0 where it is not known.
+
+    Attributes
+    ----------
+    stands_at : float
+        Value that is refused, A; NaN while there is none.
+    reversed : bool
+        The current has the wrong sign.
+
+    Examples
+    --------
+    >>> meter = Ammeter(0.1)
+    >>> for V in (400, 404, 398, 403, 397, 404, 398, 403, 397):
+    ...     meter.update(np.array([20.0, 20.0]), np.array([V, V + 0.1]))
+    >>> meter.stands_at
+    20.0
+    """
+
+    def __init__(self, resolution: float = 0.0) -> None:
+        self._step = MOVED_STEPS * resolution
+        self.stands_at = nan
+        self.reversed = False
+        self._suspect = nan
+        self._up = self._down = 0.0
+        self._below = self._above = False  # readings on that side of the suspect value
+        self._I = self._V = nan
+        self._stood = False
+        self._II = self._IV = self._VV = 0.0
+        self._moves = 0
+
+    def update(self, I: NDArray[np.float64], V: NDArray[np.float64]) -> None:  # noqa: E741
+        """Take the accepted samples of one tick, A (discharge positive) and V; either may be empty."""
+        if not len(I):
+            self.forget()
+            return
+        low, high = float(I.min()), float(I.max())
+        self._acquit(low, high)
+        mean_I = float(I.mean())
+        mean_V = float(V.mean()) if len(V) else nan
+        dI, dV = mean_I - self._I, mean_V - self._V
+        stands = low == high
+        if abs(dV) > max(MOVED * abs(mean_V), self._step):  # false where one is not known
+            if stands and self._stood and dI == 0.0:
+                self._suspicious(low, dV)
+            elif not stands or dI != 0.0:
+                self._up, self._down = max(0.0, self._up - FORGIVE), max(0.0, self._down - FORGIVE)
+                self._follow_sign(dI, dV)
+        if min(self._up, self._down) >= STANDS:
+            self.stands_at = self._suspect
+        elif min(self._up, self._down) < 1.0:
+            self.stands_at = nan
+        self._I, self._V, self._stood = mean_I, mean_V, stands
+
+    def forget(self) -> None:
+        """Begin anew with steps: what was measured before a gap is no neighbour of what comes after it."""
+        self._I = self._V = nan
+        self._stood = False
+
+    def _acquit(self, low: float, high: float) -> None:
+        """Clear a value that has readings on both sides: it is no end of a range."""
+        self._below |= low < self._suspect
+        self._above |= high > self._suspect
+        if self._below and self._above:
+            self._up = self._down = 0.0
+
+    def _suspicious(self, value: float, dV: float) -> None:
+        if value != self._suspect:
+            if self.stands_at == self.stands_at and min(self._up, self._down) >= 1.0:
+                return  # one fault at a time: the value refused has to be acquitted first
+            self._suspect, self._up, self._down = value, 0.0, 0.0
+        # a sensor that stands again is stuck again, whatever it showed before
+        self._below = self._above = False
+        if dV > 0:
+            self._up = min(MOST, self._up + 1.0)
+        else:
+            self._down = min(MOST, self._down + 1.0)
+
+    def _follow_sign(self, dI: float, dV: float) -> None:
+        keep = 1.0 - 1.0 / MEMORY
+        self._II, self._IV, self._VV = keep * self._II + dI * dI, keep * self._IV + dI * dV, keep * self._VV + dV * dV
+        self._moves += 1
+        spread = sqrt(self._II * self._VV)
+        if self._moves >= ENOUGH and spread > 0.0:
+            together = self._IV / spread
+            self.reversed = together > (RIGHT if self.reversed else REVERSED)
