@@ -36,6 +36,10 @@ class Counters:
     """Not sent because a newer value was due."""
     overflow: int = 0
     """Not sent because the queue was full."""
+    limited: int = 0
+    """Not sent because its identifier had been sent too often."""
+    impostors: int = 0
+    """Frames with identifiers of our node that somebody else sent: refused."""
     outages: int = 0
     clock_steps: int = 0
 

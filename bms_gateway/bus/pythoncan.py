@@ -12,6 +12,7 @@ import numpy as np
 
 from bms_gateway.bus.canframe import from_wire
 from bms_gateway.bus.clock import BusClock
+from bms_gateway.bus.impostor import Impostors
 from bms_gateway.bus.message import to_batch, to_message
 from bms_gateway.bus.pace import BURST, RATE, Pacer
 from bms_gateway.bus.port import Counters, Link
@@ -74,8 +75,9 @@ class PythonCanPort:
         self.link = Link.UP
         self._clock = clock or BusClock()
         self._pacer = Pacer(own or {}, self.counters, rate=rate, burst=burst)
+        self._impostors = Impostors(channel, own or (), self.counters)
         # by ourselves: with filters set, python-can's recv(0) says "nothing there" at the first frame it turns away
-        self._wanted = None if wanted is None else np.array(sorted(set(wanted)), np.uint32)
+        self._wanted = None if wanted is None else np.array(sorted({*wanted, *(own or ())}), np.uint32)
         self._delay_s = self._retry_at = self._down_at = 0.0
         self._shift_s: float | None = None
         self._refused = False
@@ -113,7 +115,8 @@ class PythonCanPort:
         time_ns = self._clock.to_bus(batch.time_ns)
         keep = slice(None) if self._wanted is None else np.isin(batch.can_id, self._wanted)
         self.counters.received += len(batch)
-        return FrameBatch(time_ns[keep], batch.can_id[keep], batch.length[keep], batch.data[keep])
+        wanted = FrameBatch(time_ns[keep], batch.can_id[keep], batch.length[keep], batch.data[keep])
+        return self._impostors.refuse(wanted)
 
     def send(self, frames: FrameBatch) -> None:
         """Queue frames of our node.

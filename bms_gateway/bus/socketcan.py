@@ -20,6 +20,7 @@ from typing import Final, Self
 from bms_gateway.bus.canframe import BUS_OFF, ERROR_MASK, RESTARTED, to_batch
 from bms_gateway.bus.clock import BusClock
 from bms_gateway.bus.filters import join_filters
+from bms_gateway.bus.impostor import Impostors
 from bms_gateway.bus.pace import BURST, RATE, Pacer
 from bms_gateway.bus.port import Counters, Link
 from bms_gateway.bus.receiver import DEPTH, Receiver
@@ -91,6 +92,7 @@ class SocketCanPort:
         self.link = Link.UP
         self._clock = clock or BusClock()
         self._pacer = Pacer(own or {}, self.counters, rate=rate, burst=burst)
+        self._impostors = Impostors(channel, own or (), self.counters)
         self._delay_s = 0.0
         self._retry_at = self._down_at = 0.0
         self._last_drops = 0
@@ -98,7 +100,8 @@ class SocketCanPort:
         self._sock.setblocking(False)
         self._receiver = Receiver(self._sock)
         self.receive_buffer = self._ask_buffer(receive_buffer)
-        pairs = [(0, 0)] if wanted is None else join_filters(wanted)
+        # our own too: frames of ours that somebody else sends must be seen
+        pairs = [(0, 0)] if wanted is None else join_filters({*wanted, *(own or ())})
         self._filters = b"".join(struct.pack("=II", *pair) for pair in pairs)
         if sock is None:
             self._sock.setsockopt(socket.SOL_CAN_RAW, CAN_RAW_ERR_FILTER, ERROR_MASK)
@@ -145,7 +148,7 @@ class SocketCanPort:
             self._note_errors(errors, len(batch))
             if got.drops is not None:
                 self._note_drops(got.drops)
-            parts.append(batch)
+            parts.append(self._impostors.refuse(batch))
             if len(got.rows) < DEPTH:
                 break  # the call ended because nothing was left
         return parts[0] if len(parts) == 1 else FrameBatch.concat(parts)

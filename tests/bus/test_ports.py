@@ -1,6 +1,7 @@
 """The port above a datagram socket pair, the in-process bus, python-can's virtual bus, replay: no CAN needed."""
 
 import itertools
+import logging
 import socket
 import subprocess
 import sys
@@ -111,11 +112,12 @@ def test_only_ids_of_our_own_node_are_sent(pair):
     assert theirs.recv(100)[:4] == (0x11 | EXTENDED).to_bytes(4, sys.byteorder)
 
 
-def test_a_full_queue_waits_and_what_got_too_old_is_dropped(pair):
-    port, theirs = pair
+def test_a_full_queue_waits_and_what_got_too_old_is_dropped():
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    port = SocketCanPort.over(ours, own=dict.fromkeys(range(8), SECOND) | {0x10: SECOND})
     sent_before = 0
     while port.counters.sent < 5_000:
-        port.send(make(*[(port.now_ns(), 0x10, b"x")] * 8))
+        port.send(make(*[(port.now_ns(), k, b"x") for k in range(8)]))
         if port.pump() is not None and port.counters.sent == sent_before:
             break
         sent_before = port.counters.sent
@@ -132,6 +134,31 @@ def test_a_full_queue_waits_and_what_got_too_old_is_dropped(pair):
     assert b"old" not in arrived
     assert arrived[-1] == b"new"
     assert port.counters.stale >= 1
+    port.close()
+    theirs.close()
+
+
+def test_frames_of_our_node_from_somebody_else_are_refused_counted_and_told(pair, caplog):
+    port, theirs = pair
+    for wire in to_wire(make((0, 0x10, b"a"), (0, 0x11, b"b"), (0, 0x11 | EXTENDED, b"c"), (0, 0x10, b"d"))):
+        theirs.send(wire)
+    with caplog.at_level(logging.WARNING):
+        assert [(c, p) for _, c, p in rows(port.drain())] == [(0x11, b"b")]
+        assert len(port.drain()) == 0
+    assert port.counters.impostors == 3
+    (told,) = caplog.records
+    assert told.code == "impostor"
+    assert "socketpair: somebody else sends frames of this node (0x10, 3 of them now" in told.getMessage()
+
+
+def test_who_sends_nothing_has_no_impostors():
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    port = SocketCanPort.over(ours)
+    theirs.send(to_wire(make((0, 0x10, b"a")))[0])
+    assert len(port.drain()) == 1
+    assert port.counters.impostors == 0
+    port.close()
+    theirs.close()
 
 
 def test_memory_bus_delivers_to_all_others_and_never_to_the_sender():
@@ -150,12 +177,13 @@ def test_memory_bus_delivers_to_all_others_and_never_to_the_sender():
 def test_python_can_interfaces_serve_as_ports():
     port = PythonCanPort("virtual", "test", own={0x10: SECOND}, wanted=[5, 6 | EXTENDED])
     with can.Bus(interface="virtual", channel="test") as other:
-        for can_id, extended in ((5, False), (5, True), (6, False), (6, True)):
+        for can_id, extended in ((5, False), (5, True), (6, False), (6, True), (0x10, False)):
             other.send(can.Message(arbitration_id=can_id, is_extended_id=extended, data=b"ab"))
         other.send(can.Message(arbitration_id=5, is_extended_id=False, is_remote_frame=True))
         got = port.drain()
         assert got.can_id.tolist() == [5, 6 | EXTENDED]
-        assert np.all(abs(got.time_ns - time.time_ns()) < SECOND)
+        assert np.all(abs(got.time_ns - time.time_ns()) < 60 * SECOND)
+        assert port.counters.impostors == 1
         port.send(make((port.now_ns(), 0x10, b"z")))
         assert port.pump() is None
         message = other.recv(1)

@@ -5,12 +5,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bms_gateway.bus.canframe import from_wire
 from bms_gateway.bus.clock import STEP_NS, BusClock
 from bms_gateway.bus.filters import LIMIT, join_filters
-from bms_gateway.bus.pace import QUEUE, Pacer
+from bms_gateway.bus.pace import BURST, ID_BURST, ID_SHARE, QUEUE, RATE, REST_NS, Pacer
 from bms_gateway.bus.port import Counters
 from bms_gateway.errors import UsageError
 from bms_gateway.frames.batch import EXTENDED
+from bms_gateway.frames.own import MAX_CELLS
 from tests.bus.frames import ids, make
 
 SECOND = 1_000_000_000
@@ -59,8 +61,8 @@ def send_until(pacer, start, stop, step=MS):
 
 def test_pacer_keeps_to_the_rate_and_the_burst():
     counters = Counters()
-    pacer = Pacer({1: 10 * SECOND}, counters, rate=1_000, burst=8)
-    pacer.offer(make(*[(0, 1, bytes([k])) for k in range(200)]))
+    pacer = Pacer(dict.fromkeys(range(200), 10 * SECOND), counters, rate=1_000, burst=8)
+    pacer.offer(make(*[(0, k, bytes([k])) for k in range(200)]))
     sent = send_until(pacer, 0, SECOND)
     assert [w[8] for _, w in sent] == list(range(200))
     times = np.array([t for t, _ in sent])
@@ -88,6 +90,65 @@ def test_pacers_queue_is_bounded_and_keeps_the_newest():
     pacer.offer(make(*[(0, 1, k.to_bytes(4, "big")) for k in range(QUEUE + 7)]))
     assert (len(pacer), counters.overflow) == (QUEUE, 7)
     assert int.from_bytes(pacer.head(0)[8:12], "big") == 7
+
+
+CYCLE = 2 * SECOND
+OURS = {0x10: CYCLE, 0x11: CYCLE, 0x12 | EXTENDED: CYCLE}
+OFFERS = st.lists(
+    st.tuples(st.integers(0, 300 * MS), st.sampled_from(sorted(OURS)), st.integers(1, 120)), min_size=1, max_size=25
+)
+
+
+@settings(max_examples=100, deadline=None)
+@given(OFFERS, st.sampled_from([1, 7, 20]))
+def test_whatever_is_queued_the_bus_gets_no_more_than_the_limits_of_all_and_of_each_id(offers, step_ms):
+    counters = Counters()
+    pacer = Pacer(OURS, counters)
+    sent, now, offered = [], 0, 0
+    for wait, can_id, count in offers:
+        until = now + wait
+        sent += send_until(pacer, now, until, step_ms * MS)
+        now = until
+        pacer.offer(make(*[(now, can_id, bytes([k])) for k in range(count)]))
+        offered += count
+    sent += send_until(pacer, now, now + 5 * SECOND, step_ms * MS)
+    assert len(pacer) == 0
+    assert counters.sent == len(sent)
+    assert counters.sent + counters.stale + counters.overflow + counters.limited == offered
+    times = np.array([t for t, _ in sent])
+    senders = np.array([from_wire(w)[0] for _, w in sent])
+    assert set(senders.tolist()) <= set(OURS)
+    at_once = max(BURST, REST_NS * RATE // SECOND)  # REST_NS gathers in a pause
+    assert most_in(times, SECOND // 10) <= RATE // 10 + at_once + 1
+    for can_id in OURS:
+        mine = times[senders == can_id]
+        assert most_in(mine, SECOND) <= RATE / ID_SHARE + ID_BURST * BURST + 1
+
+
+def most_in(times, window):
+    """Most of the times that fall in any window of that length."""
+    return max((np.count_nonzero((times >= t) & (times < t + window)) for t in times), default=0)
+
+
+def test_one_id_that_runs_wild_does_not_keep_the_others_from_being_sent():
+    counters = Counters()
+    pacer = Pacer({1: SECOND, 2: SECOND}, counters)
+    told = []
+    for tick in range(10):
+        pacer.offer(make(*[(tick * SECOND, 1, b"w")] * 500, (tick * SECOND, 2, bytes([tick]))))
+        told += [w[8] for _, w in send_until(pacer, tick * SECOND, (tick + 1) * SECOND) if from_wire(w)[0] == 2]
+    assert told == list(range(10))
+    assert counters.sent <= 10 + 10 * RATE / ID_SHARE + ID_BURST * BURST
+    assert counters.limited + counters.sent == 5_010
+
+
+def test_the_largest_string_fits_its_cycle():
+    counters = Counters()
+    pacer = Pacer({1: SECOND}, counters)
+    for tick in range(20):
+        pacer.offer(make(*[(tick * SECOND, 1, bytes([k])) for k in range(MAX_CELLS)]))
+        assert len(send_until(pacer, tick * SECOND, (tick + 1) * SECOND)) == MAX_CELLS
+    assert (counters.limited, counters.stale) == (0, 0)
 
 
 class Clocks:

@@ -281,6 +281,16 @@ def test_can_fd_frames_are_received_where_the_interface_has_them(vcan):
     assert [(c, p) for _, c, p in rows(port.drain())] == [(0x55, bytes(range(48))), (0x56, b"ab")]
 
 
+def test_frames_of_our_node_from_somebody_else_are_seen_but_not_our_own(vcan, other):
+    port, listener = ports(vcan, own=OWN, wanted=[0x100]), ports(vcan)
+    port.send(make((port.now_ns(), 0x10, b"ours")))
+    port.pump()
+    other.send(make((0, 0x10, b"theirs"), (0, 0x100, b"a")))
+    assert port.drain().can_id.tolist() == [0x100]
+    assert port.counters.impostors == 1
+    assert len(listener.drain()) == 3
+
+
 def test_replay_has_the_timing_of_the_log_without_drift(vcan, other):
     rng = np.random.default_rng(7)
     stamps = 1_700_000_000 * SECOND + np.cumsum(rng.integers(0, 4_000, 2_000)) * 1_000

@@ -1,0 +1,53 @@
+"""Frames that carry identifiers of our node and that we did not send.
+
+CAN has no sender's address: whoever sends an identifier is believed by all. Two gateways on one bus, or somebody who
+wants to be taken for us, can therefore only be noticed by us, who know what we sent. Nothing can stop them; so their
+frames are refused, counted and told.
+"""
+
+import logging
+from collections.abc import Iterable
+
+import numpy as np
+
+from bms_gateway.bus.port import Counters
+from bms_gateway.frames.batch import FrameBatch
+
+log = logging.getLogger(__name__)
+
+
+class Impostors:
+    """Takes such frames out of what a port receives; the port must not hear itself.
+
+    Parameters
+    ----------
+    channel : str
+        For the warning.
+    own : iterable of int
+        Identifiers of our node; none for one that only listens.
+    counters : Counters
+        `impostors` is counted here.
+    """
+
+    def __init__(self, channel: str, own: Iterable[int], counters: Counters) -> None:
+        self._channel, self._counters = channel, counters
+        self._own = np.array(sorted(set(own)), np.uint32)
+
+    def refuse(self, frames: FrameBatch) -> FrameBatch:
+        """Give the frames without them."""
+        theirs = np.isin(frames.can_id, self._own) if len(self._own) else np.empty(0, np.bool_)
+        if not theirs.any():
+            return frames
+        count = int(np.count_nonzero(theirs))
+        self._counters.impostors += count
+        log.warning(
+            "%s: somebody else sends frames of this node (0x%X, %d of them now, %d in all): refused; "
+            "is a second gateway on the bus?",
+            self._channel,
+            int(frames.can_id[theirs][0]) & 0x1FFF_FFFF,
+            count,
+            self._counters.impostors,
+            extra={"code": "impostor"},
+        )
+        keep = ~theirs
+        return FrameBatch(frames.time_ns[keep], frames.can_id[keep], frames.length[keep], frames.data[keep])
