@@ -40,6 +40,8 @@ class Settings:
         are fitted from nominal too.
     restarts : int
         How many of the best.
+    far : float
+        Log-evidence behind the best from which, give or take ten times what the best gained by it, that is not tried.
     proof, sure : float
         Log-likelihood that a further effect must gain on the held-out readings, at log-odds `sure`; half a unit less
         for each that it has more, for a small effect's share of a third of the record is within chance.
@@ -61,6 +63,7 @@ class Settings:
     relief: float = 0.7
     strong: float = 8.0
     restarts: int = 3
+    far: float = 300.0
     proof: float = 3.0
     sure: float = 10.0
     form: float = 0.01

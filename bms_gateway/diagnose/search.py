@@ -219,13 +219,28 @@ def _round(
     if biased and structure(fits[0][1]).z > s.strong:
         fits[0] = (fits[0][0], converged(fits[0][1]))
     if strained(current) or (biased and structure(fits[0][1]).z > s.strong):
-        for i in range(min(s.restarts, len(fits))):
-            c, fit = fits[i]
-            other = refit_from_nominal(fit, current, give_up=fits[0][1].cost + 60.0)
-            if other.log_evidence > fit.log_evidence:
-                fits[i] = (c, other)
+        _restart(fits, current, s)
         fits.sort(key=lambda x: -posterior(*x))
     return judge(current, baseline, fits, offered, s, number)
+
+
+def _restart(fits: list[tuple[Candidate, MapFit]], current: MapFit, s: Settings) -> None:
+    """Fit the best, which stand first, from nominal too, and keep what is better.
+
+    Where the first then explains everything, others far behind are left as they are: what biased its start biased
+    theirs, and a restart brings them nearer, not past it.
+    """
+    first, gained, whole = fits[0][1], 0.0, False
+    for i in range(min(s.restarts, len(fits))):
+        c, fit = fits[i]
+        if whole and first.log_evidence - fit.log_evidence > s.far + 10.0 * gained:
+            continue
+        other = refit_from_nominal(fit, current, give_up=fits[0][1].cost + 60.0)
+        if other.log_evidence > fit.log_evidence:
+            fits[i] = (c, other)
+        if i == 0:
+            gained = fits[0][1].log_evidence - first.log_evidence
+            whole = structure(fits[0][1]).z <= s.strong
 
 
 def strained(fit: MapFit) -> bool:

@@ -322,12 +322,14 @@ def fitted(problem: Problem) -> MapFit:
 
 def annealed(problem: Problem, theta: Floats) -> MapFit:
     """Lead a start far off into the valley: a rough fit, the data trusted more and more."""
-    nu, guess = np.zeros(len(problem.nuisances)), None
+    nu, guess, linear = None, None, None
     fit: MapFit | None = None
     for trust in ANNEALING:
         prediction = problem.predict(theta, guess, nu)
         problem.renew(prediction, theta, nu)
-        linear = nuisance_columns(problem, theta, prediction, nu=nu)
+        if fit is not None:  # at first what is off is far more than tolerances can make
+            nu = np.zeros(len(problem.nuisances))
+            linear = nuisance_columns(problem, theta, prediction, nu=nu)
         fit = map_fit(
             problem, theta, linear=linear, nu=nu, guess=prediction.X, iterations=4, trust=trust, least_gain=1.0
         )
