@@ -49,6 +49,7 @@ REASONS = {
     Quality.CRC: "the check sum of its frame is wrong",
     Quality.NEVER: "not yet seen to move",
 }
+UNKNOWN_MUX = "unknown_multiplexer"
 CURRENT_STANDS = "it stands at {:g} A while the voltage goes up and down: stuck, saturated or clipped"
 WRONG_SIGN = "current and voltage rise together: the sign of the current is wrong (scale = -1 in its entry turns it)"
 RIGHT_SIGN = "current and voltage move against each other again, as they should"
@@ -195,6 +196,7 @@ class Inputs:
         self._mine = [slice(first, end) for first, end in pairwise(ends)]
         self._active = False
         self.rejected: dict[str, int] = {}
+        self._strange_ns = np.empty(0, np.int64)  # frames of ticks to come whose multiplexer the DBC does not know
 
     def _wire(self, string: StringPlan, index: dict[tuple[str, float, float], int], groups: list[int]) -> Wire:
         at: dict[str, int] = {}
@@ -247,6 +249,8 @@ class Inputs:
         """Decode all inputs of the next frames; alive counters are followed, so each frame must come once, in order."""
         s = decode(self._table, frames)
         flag = self._counters.update(s)
+        if len(s.unknown):
+            self._strange_ns = np.concatenate([self._strange_ns, frames.time_ns[s.unknown]])
         value = s.value * self._scale[s.signal] + self._offset[s.signal]
         return Samples(frames.time_ns[s.frame], s.signal, value, flag)
 
@@ -264,6 +268,9 @@ class Inputs:
         for code in rejected.nonzero()[0].tolist():
             reason = Quality(code).name.lower()
             self.rejected[reason] = self.rejected.get(reason, 0) + int(rejected[code])
+        if strange := int(np.searchsorted(self._strange_ns, t1)):
+            self.rejected[UNKNOWN_MUX] = self.rejected.get(UNKNOWN_MUX, 0) + strange
+            self._strange_ns = self._strange_ns[strange:]
         self._quality = g.channel_quality
         means, cells = self._integrate(samples, g.quality == GOOD, t0, t1)
         quality = [*g.channel_quality.tolist(), ESTIMATED]  # one more for index −1: a channel that does not exist

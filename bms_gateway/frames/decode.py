@@ -60,6 +60,8 @@ class Samples:
         `Quality`: GOOD, OUT_OF_RANGE, NOT_AVAILABLE, ERROR or CRC.
     protected : Protected
         Counter and check sum per frame, for the guard.
+    unknown : ndarray of intp (u,)
+        Frames, ascending, whose multiplexer shows a value that the DBC does not know.
     """
 
     frame: Index
@@ -67,6 +69,7 @@ class Samples:
     value: NDArray[np.float64]
     flag: NDArray[np.uint8]
     protected: Protected
+    unknown: Index
 
     def __len__(self) -> int:
         return len(self.frame)
@@ -75,7 +78,8 @@ class Samples:
 def decode(table: SignalTable, batch: FrameBatch) -> Samples:
     """Decode all wanted signals of a batch.
 
-    Frames of other identifiers and of multiplexer values without a wanted signal give no sample. Over-long frames are
+    Frames of other identifiers and of multiplexer values without a wanted signal give no sample; values that the DBC
+    does not know are told. Over-long frames are
     read like those of the right length. Nothing that a frame contains raises.
 
     Parameters
@@ -97,10 +101,11 @@ def decode(table: SignalTable, batch: FrameBatch) -> Samples:
     row = np.arange(len(hit))
     length = batch.length.take(hit)
     words = words_of(batch.data, hit, table.places.words, table.places.stride)
+    unknown: list[Index] = []
     if table.several:
-        row, node = _through_multiplexers(table, row, node, words, length)
+        row, node = _through_multiplexers(table, row, node, words, length, unknown)
     elif len(table.switch_list):
-        _follow_multiplexers(table, node, words, length)
+        _follow_multiplexers(table, node, words, length, unknown)
     protected = _protection(table, words, length, hit, row, node) if table.any_protected and len(row) else _UNPROTECTED
     count = table.count.take(node)
     at = row.repeat(count)
@@ -126,10 +131,13 @@ def decode(table: SignalTable, batch: FrameBatch) -> Samples:
         broken = np.zeros(len(batch), np.bool_)
         broken[protected.frame[~protected.crc_ok]] = True
         flag[broken.take(frame)] = Quality.CRC
-    return Samples(frame, table.signal.take(place), value, flag, protected)
+    strange = np.unique(hit.take(np.concatenate(unknown))) if unknown else _NO_FRAMES
+    return Samples(frame, table.signal.take(place), value, flag, protected, strange)
 
 
-def _follow_multiplexers(table: SignalTable, node: Index, words: NDArray[np.uint64], length: NDArray[np.uint8]) -> None:
+def _follow_multiplexers(
+    table: SignalTable, node: Index, words: NDArray[np.uint64], length: NDArray[np.uint8], unknown: list[Index]
+) -> None:
     """Replace the node of each frame by the innermost one that its multiplexers select."""
     switch = table.switch_of.take(node)
     row = (switch >= 0).nonzero()[0]
@@ -138,6 +146,7 @@ def _follow_multiplexers(table: SignalTable, node: Index, words: NDArray[np.uint
         key = table.switches.raw(words, row, switch)
         key |= table.switch_key.take(switch)
         hit, inner = table.find(key)
+        _note_unknown(table, row, switch, key, hit, length, unknown)
         row, switch = row.take(hit), switch.take(hit)
         # a frame too short for its multiplexer tells nothing of what is in it
         held = (table.switches.needs.take(switch) <= length.take(row)).nonzero()[0]
@@ -150,7 +159,12 @@ def _follow_multiplexers(table: SignalTable, node: Index, words: NDArray[np.uint
 
 
 def _through_multiplexers(
-    table: SignalTable, row: Index, node: Index, words: NDArray[np.uint64], length: NDArray[np.uint8]
+    table: SignalTable,
+    row: Index,
+    node: Index,
+    words: NDArray[np.uint64],
+    length: NDArray[np.uint8],
+    unknown: list[Index],
 ) -> tuple[Index, Index]:
     """Follow independent multiplexers level by level to all nodes present in each frame, in frame order."""
     rows, nodes = [row], [node]
@@ -164,6 +178,7 @@ def _through_multiplexers(
         key = table.switches.raw(words, at, switch)
         key |= table.switch_key.take(switch)
         hit, node = table.find(key)
+        _note_unknown(table, at, switch, key, hit, length, unknown)
         row, switch = at.take(hit), switch.take(hit)
         # a frame too short for its multiplexer tells nothing of what is in it
         held = table.switches.needs.take(switch) <= length.take(row)
@@ -181,6 +196,24 @@ def _through_multiplexers(
     row, node = np.concatenate(rows), np.concatenate(nodes)
     order = np.argsort(row, kind="stable")
     return row.take(order), node.take(order)
+
+
+def _note_unknown(
+    table: SignalTable,
+    row: Index,
+    switch: Index,
+    key: NDArray[np.uint64],
+    hit: Index,
+    length: NDArray[np.uint8],
+    unknown: list[Index],
+) -> None:
+    """Keep the rows whose multiplexer value led nowhere and is none of the DBC."""
+    if len(hit) == len(row):
+        return
+    held = table.switches.needs.take(switch) <= length.take(row)
+    strange = (held & ~np.isin(key, table.declared)).nonzero()[0]
+    if len(strange):
+        unknown.append(row.take(strange))
 
 
 def _to_float(table: SignalTable, bits: NDArray[np.uint64], place: Index) -> NDArray[np.float64]:
@@ -233,4 +266,5 @@ def _protection(
     return Protected(hit.take(row), node, counter, ok)
 
 
+_NO_FRAMES = np.empty(0, np.intp)
 _UNPROTECTED = Protected(np.empty(0, np.intp), np.empty(0, np.intp), np.empty(0, np.uint8), np.empty(0, np.bool_))

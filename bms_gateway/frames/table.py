@@ -46,6 +46,8 @@ class SignalTable:
         Some message has independent multiplexers: its frames have several nodes, and none repeats another's signals.
     switches : BitFields (W,)
         Multiplexers; switch w has the key prefix w + 1.
+    declared : ndarray of uint64
+        Sorted keys of all values of these multiplexers that the DBC knows, wanted or not.
     node_needs : ndarray of int64 (K,)
         Bytes that a frame needs for all signals of the node.
     protected, id_crc : ndarray (K,)
@@ -64,6 +66,7 @@ class SignalTable:
     several: bool
     places: BitFields
     switches: BitFields
+    declared: NDArray[np.uint64]
     signal: Index
     scale: NDArray[np.float64]
     offset: NDArray[np.float64]
@@ -134,6 +137,7 @@ class SignalTable:
             several=several,
             places=places,
             switches=BitFields.build([s.place for s in tree.switch_infos], words, big_endian=big),
+            declared=np.array(sorted(tree.declared()), np.uint64),
             signal=np.array(listed, np.intp),
             scale=np.array([i.scale for i in infos], np.float64),
             # x + (-0.0) is x for every x: the identity stays one, down to the sign of zero
@@ -203,6 +207,18 @@ class _Tree:
             nodes = [self._node(w + 1, v, info) for v in reachable]
         for node in nodes:
             node.signals.append(number)
+
+    def declared(self) -> set[int]:
+        """Keys of every value that the DBC states of the multiplexers in use."""
+        return {
+            (w + 1) << 32 | value
+            for w, info in enumerate(self.switch_infos)
+            for signal in self.messages[info.message].signals.values()
+            for step in signal.mux
+            if step.signal == info.name
+            for value in step.values
+            if value >= 0
+        }
 
     def inherit(self) -> None:
         """Let every inner node carry the signals of the outer ones, outermost first."""

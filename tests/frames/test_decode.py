@@ -48,6 +48,7 @@ def test_every_message_decodes_as_cantools_does(path: Path) -> None:
         assert message_name == expected[f][0].name
         assert name not in got[f]
         got[f][name] = float(v)
+    assert samples.unknown.tolist() == [f for f, (_, theirs) in enumerate(expected) if theirs is None]
     for (message, theirs), ours, (_, payload) in zip(expected, got, frames, strict=True):
         if theirs is None:
             continue  # an unknown multiplexer value: what is outside the multiplexer is still decoded
