@@ -32,6 +32,7 @@ def run(args: argparse.Namespace) -> int:
     import logging
 
     from bms_gateway.config.load import load_config
+    from bms_gateway.service.beside import accompany
     from bms_gateway.service.journal import start_logging
     from bms_gateway.service.live import Gateway
     from bms_gateway.store import StateStore
@@ -47,10 +48,11 @@ def run(args: argparse.Namespace) -> int:
 
     def reload() -> "Engine":
         nonlocal engine
-        engine = reloaded(args.config, engine, log)
+        engine = reloaded(args.config, engine, log, loaded)
         return engine
 
-    gateway = Gateway(engine, port, save=_saver(store, log) if store else None, reload=reload)
+    gateway = Gateway(engine, port, save=_saver(store) if store else None, reload=reload)
+    accompany(gateway, loaded, lambda: engine)
     log.info("listening on %s: %d strings", loaded.config.bus.channel, len(loaded.plan.strings))
     try:
         asyncio.run(gateway.run(seconds=args.seconds))
@@ -85,8 +87,16 @@ def engine_of(loaded: "LoadedConfig", state: "Mapping[str, Any] | None", log: An
     return engine
 
 
-def reloaded(config: Path, running: "Engine", log: Any) -> "Engine":
+def reloaded(config: Path, running: "Engine", log: Any, started: "LoadedConfig | None" = None) -> "Engine":
     """Engine of the config as it is now, going on from the running one.
+
+    Parameters
+    ----------
+    config : Path
+    running : Engine
+    log : Logger
+    started : LoadedConfig, optional
+        What the service was started with; what runs beside the engine must be the same.
 
     Raises
     ------
@@ -95,21 +105,24 @@ def reloaded(config: Path, running: "Engine", log: Any) -> "Engine":
     """
     from bms_gateway.config.load import load_config
     from bms_gateway.errors import ConfigError
+    from bms_gateway.service.beside import same_beside
 
     loaded = load_config(config)
+    if started is not None:
+        same_beside(started, loaded)
     engine = engine_of(loaded, running.snapshot(), log)
     if engine.can_ids.tolist() != running.can_ids.tolist() or engine.sends != running.sends:
         raise ConfigError(f"{config}: reads or sends other identifiers than before: restart the service")
     return engine
 
 
-def _saver(store: "StateStore", log: Any) -> "Callable[[Mapping[str, object]], None]":
+def _saver(store: "StateStore") -> "Callable[[Mapping[str, object]], None]":
     import time
 
     def save(state: "Mapping[str, object]") -> None:
         problem = store.save(state, wall_ns=time.time_ns())
         if problem is not None:
-            log.warning("%s", problem, extra={"code": "store"})
+            raise problem  # the gateway tells it, counts it and goes on
 
     return save
 

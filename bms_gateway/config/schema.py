@@ -1,6 +1,7 @@
 """The gateway's config file as pydantic values: keys, types, ranges and defaults; nothing is read or resolved here."""
 
 import re
+from ipaddress import ip_address
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
@@ -187,6 +188,53 @@ class EngineSection(Section):
     silent_after_s: float = Field(default=60.0, ge=2.0, le=86_400.0)
 
 
+class Metrics(Section):
+    """`[metrics]`: where Prometheus may ask; loopback unless another address is named, `"off"` for nowhere."""
+
+    listen: str = "127.0.0.1:9105"
+
+    @field_validator("listen")
+    @classmethod
+    def _address(cls, text: str) -> str:
+        if text != "off":
+            host, _, port = text.rpartition(":")
+            try:
+                ip_address(host.removeprefix("[").removesuffix("]"))
+                sound = port.isascii() and port.isdigit() and 1 <= int(port) <= 65_535
+            except ValueError:
+                sound = False
+            if not sound:
+                raise ValueError(f'{text!r}: expected a numeric address and a port, as "127.0.0.1:9105", or "off"')
+        return text
+
+    @property
+    def address(self) -> tuple[str, int] | None:
+        """Host and port; None when off."""
+        if self.listen == "off":
+            return None
+        host, _, port = self.listen.rpartition(":")
+        return host.removeprefix("[").removesuffix("]"), int(port)
+
+
+class Alerting(Section):
+    """`[alerts]`: when something wrong becomes an alert, and the limit of the cores.
+
+    Attributes
+    ----------
+    grace_s : float
+        After a start and after each pause of the bus nothing is raised for so long.
+    hold_s, clear_s : float
+        So long something must be wrong, and right again.
+    core_max_C : float or None
+        Core temperature from which on there is an alarm.
+    """
+
+    grace_s: float = Field(default=10.0, ge=1.0, le=600.0)
+    hold_s: float = Field(default=3.0, ge=0.0, le=600.0)
+    clear_s: float = Field(default=10.0, ge=0.0, le=3600.0)
+    core_max_C: float | None = Field(default=None, gt=-40.0, le=200.0)
+
+
 class GatewayConfig(Section):
     """The whole file."""
 
@@ -197,6 +245,8 @@ class GatewayConfig(Section):
     observer: Observer = Observer()
     cells: Cells = Cells()
     engine: EngineSection = EngineSection()
+    metrics: Metrics = Metrics()
+    alerts: Alerting = Alerting()
 
     @model_validator(mode="before")
     @classmethod

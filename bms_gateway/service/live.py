@@ -12,18 +12,19 @@ stamped before the deadline is ever behind the timer, and the same traffic read 
 import asyncio
 import logging
 import signal
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Coroutine, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
 from typing import Any, Final, Protocol
 
 from bms_gateway.bus.port import Link, Port
-from bms_gateway.engine.events import Event, Level, Notice, SendFrames, StartJob
+from bms_gateway.engine.events import Estimated, Event, Level, Notice, SendFrames, StartJob
 from bms_gateway.errors import GatewayError
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.service.journal import NOTICE
 from bms_gateway.service.notify import notify, reloading, watchdog_s
+from bms_gateway.service.tally import Tally
 
 log = logging.getLogger(__name__)
 
@@ -33,6 +34,9 @@ OVERDUE_NS: Final = 2_000_000_000  # two ticks: a deadline older than this means
 SAVE_S: Final = 60.0  # what a power cut may cost; an estimate moves little in a minute
 FEEDS: Final = 3  # per watchdog interval: one may be late
 STATUS_S: Final = 10.0  # what `systemctl status` shows may be so old
+LOOK_S: Final = 0.5  # while the bus is not there at a start
+PATIENCE_S: Final = 30  # by which systemd's time limit for a start is then put off, again and again
+END_S: Final = 2.0  # what runs beside gets so long to say goodbye
 ROUNDING_S: Final = 0.0002  # two clocks are in play: rather a little later than once too early
 SYSLOG_LEVELS: Final = {Level.WARNING: logging.WARNING, Level.NOTICE: NOTICE, Level.INFO: logging.INFO}
 
@@ -58,6 +62,10 @@ class LiveEngine(Protocol):
         """Give the next event, or None."""
         ...
 
+    def awaits(self, job_id: int) -> bool:
+        """Whether the result of a job is still of use."""
+        ...
+
     def finish(self, job_id: int, result: object) -> None:
         """Take the result of a job."""
         ...
@@ -65,6 +73,11 @@ class LiveEngine(Protocol):
     def snapshot(self) -> Mapping[str, object]:
         """State to go on from; nothing in it changes any more when the engine goes on."""
         ...
+
+
+def place(event: Notice) -> dict[str, object]:
+    """Give what a notice is about, as attributes of its line."""
+    return {"code": event.code, "string": event.string, "cell": event.cell}
 
 
 class Gateway:
@@ -82,8 +95,19 @@ class Gateway:
     watch : callable, optional
         Gets every event in order, jobs left out: for a record of what is sent, or a live table.
 
+    Attributes
+    ----------
+    tally : Tally
+    beside : dict of str to callable
+        What runs in the same loop until the end, by name: coroutine functions, added before `run`. One that fails is
+        told, counted and left off: estimates do not depend on who looks at them.
+    summary : callable
+        One line for systemd's status, before the counts of frames.
+
     Notes
     -----
+    READY is told once the bus is open; until then systemd sees what is waited for.
+
     The watchdog is fed only when all three move: the receiving side (drained since the last time, or asleep on a
     silent bus), the estimator (no deadline is overdue) and the sender (nothing waits, or it was its turn in time).
     """
@@ -100,6 +124,12 @@ class Gateway:
         self.engine = engine
         self.port = port
         self._save, self._reload, self._watch = save, reload, watch
+        self.tally = Tally()
+        self.beside: dict[str, Callable[[], Coroutine[Any, Any, None]]] = {}
+        self.summary: Callable[[], str] = lambda: ""
+        self._tasks: list[asyncio.Task[None]] = []
+        self._ready = False
+        self._told_ns = 0
         self._worker = ThreadPoolExecutor(1, "worker")
         self._drained = False
         self._asleep = False
@@ -134,8 +164,9 @@ class Gateway:
             self._every(watchdog / FEEDS, self._feed)
         if self._save is not None:
             self._every(SAVE_S, partial(self._save_aside, self._save))
-        notify("READY=1", self._status())
-        self._every(STATUS_S, lambda: notify(self._status()))
+        self._tell_ready()
+        self._every(STATUS_S, self._tell_status)
+        self._start_beside()
         with suppress(TimeoutError):
             await asyncio.wait_for(self._stop.wait(), seconds)
         notify("STOPPING=1", "STATUS=saving state")
@@ -146,7 +177,8 @@ class Gateway:
             try:
                 self._save(self.engine.snapshot())
             except (GatewayError, OSError) as error:
-                log.error("state not saved: %s", error)  # noqa: TRY400 (one line for a person, no traceback)
+                log.error("%s", error)  # noqa: TRY400 (one line for a person, no traceback)
+        await self._end_beside()
 
     # frames in, deadlines
 
@@ -211,8 +243,14 @@ class Gateway:
                 self.port.send(event.batch)
                 sent = True
             elif isinstance(event, Notice):
+                self.tally.notices[event.code] = self.tally.notices.get(event.code, 0) + 1
+                self.tally.wakes += event.code == "awake"
                 where = "" if event.string is None else f" [{event.string}]"
-                log.log(SYSLOG_LEVELS[event.level], "%s%s", event.text, where, extra={"code": event.code})
+                log.log(SYSLOG_LEVELS[event.level], "%s%s", event.text, where, extra=place(event))
+            if isinstance(event, SendFrames | Estimated) and event.time_ns > self._told_ns:
+                self._told_ns = event.time_ns
+                self.tally.ticks += 1
+                self.tally.lateness.note(max(0, self.port.now_ns() - event.time_ns) * 1e-9)
             if self._watch is not None:
                 self._watch(event)
         if sent and self._pump_timer is None:
@@ -223,11 +261,13 @@ class Gateway:
         self._pump_timer = None if wait is None else self._loop.call_later(wait, self._pump)
 
     def _start(self, event: StartJob) -> None:
+        self.tally.jobs += 1
         future = self._loop.run_in_executor(self._worker, event.job.run)
         future.add_done_callback(partial(self._finish, self.engine, event.job_id))
 
     def _finish(self, engine: LiveEngine, job_id: int, done: "asyncio.Future[object]") -> None:
         if not done.cancelled():
+            self.tally.jobs_late += not engine.awaits(job_id)
             engine.finish(job_id, done.result())
 
     # systemd, state, end
@@ -251,29 +291,75 @@ class Gateway:
             log.error("stalled: receiving %s, estimating %s, sending %s", receiving, estimating, sending)
         self._drained = False
 
+    def _tell_ready(self) -> None:
+        """READY once the bus is open; before that ask for patience and say what is missing, and look again."""
+        if self._ready or self._stop.is_set():
+            return
+        if self.port.link in (Link.DOWN, Link.ABSENT):
+            notify(f"EXTEND_TIMEOUT_USEC={PATIENCE_S * 1_000_000}", f"STATUS=waiting: bus {self.port.link.value}")
+            self._loop.call_later(LOOK_S, self._tell_ready)
+            return
+        self._ready = True
+        notify("READY=1", self._status())
+
+    def _tell_status(self) -> None:
+        if self._ready:
+            notify(self._status())
+
     def _status(self) -> str:
         c = self.port.counters
-        return f"STATUS=bus {self.port.link.value}; {c.received} frames in, {c.sent} out, {c.dropped} lost"
+        summary = f"{text}; " if (text := self.summary()) else ""
+        return f"STATUS={summary}bus {self.port.link.value}; {c.received} frames in, {c.sent} out, {c.dropped} lost"
+
+    # what runs beside
+
+    def _start_beside(self) -> None:
+        for name, part in self.beside.items():
+            task = self._loop.create_task(part(), name=name)
+            task.add_done_callback(self._on_part_ended)
+            self._tasks.append(task)
+
+    async def _end_beside(self) -> None:
+        for task in self._tasks:
+            task.cancel()
+        if self._tasks:
+            await asyncio.wait(self._tasks, timeout=END_S)
+
+    def _on_part_ended(self, task: "asyncio.Task[None]") -> None:
+        if not task.cancelled() and (error := task.exception()) is not None:
+            name = task.get_name()
+            self.tally.failed_parts[name] = f"{type(error).__name__}: {error}"
+            log.error("%s has failed and is off until a restart; estimates go on", name, exc_info=error)
 
     def _save_aside(self, save: Callable[[Mapping[str, object]], None]) -> None:
         self._loop.run_in_executor(self._worker, save, self.engine.snapshot()).add_done_callback(self._on_saved)
 
     def _on_saved(self, done: "asyncio.Future[None]") -> None:
-        if not done.cancelled() and (error := done.exception()) is not None:
-            if not isinstance(error, (GatewayError, OSError)):
-                raise error
-            log.warning("state not saved: %s", error, extra={"code": "save"})
+        if done.cancelled():
+            return
+        error = done.exception()
+        self.tally.save_problem = "" if error is None else str(error)
+        if error is None:
+            self.tally.saves += 1
+        elif isinstance(error, (GatewayError, OSError)):
+            self.tally.saves_failed += 1
+            log.warning("%s", error, extra={"code": "save"})
+        else:
+            raise error
 
     def _on_reload(self, reload: Callable[[], LiveEngine]) -> None:
         reloading()
         try:
             self.engine = reload()
         except GatewayError as error:
+            self.tally.reloads_refused += 1
             log.error("not reloaded, going on as before: %s", error)  # noqa: TRY400 (as above)
         else:
+            self.tally.reloads += 1
             log.info("reloaded")
             self._arm()
-        notify("READY=1", self._status())
+        if self._ready:
+            notify("READY=1", self._status())
 
     def _on_bug(self, _: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         """End the service on any exception in the loop: better restarted than half alive."""

@@ -34,7 +34,7 @@ class TickEngine:
         self.last = 0
         self.silent, self.idle = silent, 0
         self.pending, self.ticks, self.late, self.results, self.calls = [], [], [], {}, []
-        self.queue = deque()
+        self.queue, self.overdue = deque(), set()
 
     def receive(self, frames, *, now_ns):
         assert frames.time_ns.max() <= now_ns
@@ -78,6 +78,9 @@ class TickEngine:
 
     def next_output(self):
         return self.queue.popleft() if self.queue else None
+
+    def awaits(self, job_id):
+        return job_id not in self.overdue
 
     def finish(self, job_id, result):
         self.results[job_id] = result

@@ -262,7 +262,7 @@ def test_state_is_saved_now_and_then_and_a_full_disk_does_no_harm(bus, monkeypat
     assert len(saved) >= 4
     assert all(name.startswith("worker") for name in saved[:-1])
     assert saved[-1] == "MainThread"
-    assert "state not saved: disk full" in caplog.text
+    assert "disk full" in caplog.text
 
 
 def test_reload_takes_a_new_engine_and_keeps_the_old_one_on_a_wrong_config(bus, caplog):

@@ -1,0 +1,60 @@
+"""Puts together what runs beside the gateway: alerts always, metrics and MQTT where the config wants them.
+
+What the config does not want is not even imported.
+"""
+
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
+
+from bms_gateway.config.load import LoadedConfig
+from bms_gateway.errors import ConfigError
+from bms_gateway.service.alerts import Alerts
+from bms_gateway.service.live import Gateway
+from bms_gateway.service.watch import Watch
+
+if TYPE_CHECKING:
+    from bms_gateway.engine import Engine
+    from bms_gateway.service.exposition import Family
+
+
+def accompany(gateway: Gateway, loaded: LoadedConfig, engine: "Callable[[], Engine]") -> Watch:
+    """Add to a gateway, before it runs, what its config asks for.
+
+    Parameters
+    ----------
+    gateway : Gateway
+    loaded : LoadedConfig
+    engine : callable
+        Gives the engine of now.
+
+    Returns
+    -------
+    Watch
+    """
+    config = loaded.config
+    alerts = Alerts(grace_s=config.alerts.grace_s, hold_s=config.alerts.hold_s, clear_s=config.alerts.clear_s)
+    watch = Watch(gateway, engine, channel=config.bus.channel, alerts=alerts, core_max_C=config.alerts.core_max_C)
+    gateway.beside["alerts"] = watch.run
+    gateway.summary = lambda: watch.alerts.line
+    more: list[Callable[[], Iterator[Family]]] = []
+    if (address := config.metrics.address) is not None:
+        from bms_gateway.service.exposition import CONTENT_TYPE
+        from bms_gateway.service.http import MetricsServer
+        from bms_gateway.service.metrics import Page
+
+        server = MetricsServer(*address, Page(gateway, engine, watch, more), CONTENT_TYPE)
+        gateway.beside["metrics"] = server.run
+    return watch
+
+
+def same_beside(running: LoadedConfig, wanted: LoadedConfig) -> None:
+    """Check that a config that is about to be taken wants the same beside the gateway as the running one.
+
+    Raises
+    ------
+    ConfigError
+        It needs a restart.
+    """
+    for section in ("metrics", "alerts"):
+        if getattr(wanted.config, section) != getattr(running.config, section):
+            raise ConfigError(f"{wanted.path}: [{section}] has changed: restart the service")

@@ -1,0 +1,208 @@
+"""What the gateway tells Prometheus: every metric by name, read off the present state when a page is asked for.
+
+Labels are few and bounded: strings by the config, reasons, classes, codes and flags by the program. There is no label
+for cells; the hottest one is a value. What is not known (a core without estimate, a growth without baseline) is left
+out, so that no rule takes it for zero.
+"""
+
+import os
+import platform
+import resource
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Final, Protocol
+
+import numpy as np
+
+from bms_gateway import __version__
+from bms_gateway.bus.canframe import ERROR_CLASSES
+from bms_gateway.bus.port import Link
+from bms_gateway.frames.quality import Quality
+from bms_gateway.service.alerts import Severity
+from bms_gateway.service.exposition import Family, Sample, page
+from bms_gateway.service.live import Gateway
+from bms_gateway.service.watch import Watch, WatchedEngine, WatchedString
+
+PREFIX: Final = "bms_gateway_"
+REASONS: Final = [q.name.lower() for q in Quality if q not in (Quality.GOOD, Quality.ESTIMATED, Quality.NEVER)]
+FLAGS: Final = {"resistance_growth": 3, "model_mismatch": 2}
+"""Flags of a string and their highest levels: watch, warning, alarm; suspected, confirmed."""
+
+
+class MeasuredEngine(WatchedEngine, Protocol):
+    """What the page needs of the engine beyond what is watched."""
+
+    @property
+    def rejected(self) -> dict[str, int]:
+        """Samples turned away, by reason."""
+        ...
+
+
+class Page:
+    """The page of one gateway.
+
+    Parameters
+    ----------
+    gateway : Gateway
+    engine : callable
+        Gives the engine of now.
+    watch : Watch
+    more : callables, optional
+        Families of what runs beside.
+    """
+
+    def __init__(
+        self,
+        gateway: Gateway,
+        engine: Callable[[], MeasuredEngine],
+        watch: Watch,
+        more: Sequence[Callable[[], Iterator[Family]]] = (),
+    ) -> None:
+        self._gateway, self._engine, self._watch = gateway, engine, watch
+        self._more = more
+        self._started_s = time.time()
+
+    def __call__(self) -> bytes:
+        """Make it as text."""
+        return page(self.families())
+
+    def families(self) -> Iterator[Family]:
+        """Give all metrics, in the order of the page."""
+        engine = self._engine()
+        yield from self._process()
+        yield from self._bus()
+        yield from self._shell(engine)
+        yield from _strings(engine)
+        yield from self._alerts()
+        for part in self._more:
+            yield from part()
+
+    def _process(self) -> Iterator[Family]:
+        usage = resource.getrusage(resource.RUSAGE_SELF)
+        version = {"version": __version__, "python": platform.python_version()}
+        yield Family(f"{PREFIX}build_info", "gauge", "Version that runs; always 1.", (("", version, 1.0),))
+        yield _gauge("uptime_seconds", "Time since the start.", time.time() - self._started_s)
+        yield Family("process_start_time_seconds", "gauge", "Start, seconds since 1970.", (("", {}, self._started_s),))
+        cpu = usage.ru_utime + usage.ru_stime
+        yield Family("process_cpu_seconds_total", "counter", "Processor time used.", (("", {}, cpu),))
+        resident = Family("process_resident_memory_bytes", "gauge", "Memory held.", (("", {}, _resident_bytes()),))
+        yield resident
+
+    def _bus(self) -> Iterator[Family]:
+        c, link = self._gateway.port.counters, self._gateway.port.link
+        yield _counter("frames_received_total", "Frames taken from the bus.", c.received)
+        yield _counter("frames_sent_total", "Frames put on the bus.", c.sent)
+        yield _counter("frames_lost_total", "Frames lost in the kernel, read too late.", c.dropped)
+        unsent = {"stale": c.stale, "overflow": c.overflow, "limited": c.limited}
+        yield _counter("frames_unsent_total", "Own frames not sent, by reason.", unsent, "reason")
+        ignored = {"remote": c.remote, "malformed": c.malformed}
+        yield _counter("frames_ignored_total", "Frames that carry no data, by reason.", ignored, "reason")
+        yield _counter("impostors_total", "Frames with identifiers of this node from somebody else.", c.impostors)
+        errors = dict.fromkeys(ERROR_CLASSES.values(), 0) | c.errors
+        yield _counter("bus_errors_total", "Error frames by class.", errors, "class")
+        yield _gauge("bus_up", "1 while the bus can be read and written.", float(link is Link.UP))
+        states = {state.value: float(link is state) for state in Link}
+        yield _gauge("bus_state", "1 for the state in which the link is.", states, "state")
+        yield _counter("bus_outages_total", "Times the interface went down, away, or bus-off.", c.outages)
+        yield _counter("clock_steps_total", "Times the wall clock was set.", c.clock_steps)
+
+    def _shell(self, engine: MeasuredEngine) -> Iterator[Family]:
+        t = self._gateway.tally
+        yield _counter("frames_used_total", "Frames that carried an input.", engine.frames)
+        rejected = dict.fromkeys(REASONS, 0) | engine.rejected
+        yield _counter("samples_rejected_total", "Samples turned away, by reason.", rejected, "reason")
+        awake = engine.next_deadline() is not None
+        yield _gauge("awake", "1 while the bus talks and the estimators tick.", float(awake))
+        yield _counter("wakes_total", "Pauses of the bus that ended.", t.wakes)
+        yield _counter("ticks_total", "Ticks of the estimators.", t.ticks)
+        bounds = [*map(str, t.lateness.bounds), "+Inf"]
+        counts = t.lateness.cumulative()
+        samples: list[Sample] = [("_bucket", {"le": b}, n) for b, n in zip(bounds, counts, strict=True)]
+        samples += [("_sum", {}, t.lateness.total), ("_count", {}, counts[-1])]
+        late = "From the end of a tick in bus time to its output."
+        yield Family(f"{PREFIX}tick_lateness_seconds", "histogram", late, tuple(samples))
+        yield _counter("jobs_total", "Identifications handed to the worker.", t.jobs)
+        yield _counter("jobs_late_total", "Identifications that came after their time.", t.jobs_late)
+        yield _counter("state_saves_total", "Snapshots saved.", t.saves)
+        yield _counter("state_save_failures_total", "Snapshots that could not be saved.", t.saves_failed)
+        reloads = {"taken": t.reloads, "refused": t.reloads_refused}
+        yield _counter("reloads_total", "Configurations read again, by result.", reloads, "result")
+        yield _counter("notices_total", "Things told, by code.", t.notices, "code")
+
+    def _alerts(self) -> Iterator[Family]:
+        raised = self._watch.alerts.raised
+        state = self._watch.alerts.severity
+        yield _gauge("state", "0 OK, 1 warning, 2 alarm.", float(state))
+        severities = [s for s in Severity if s]
+        numbers = {s.name.lower(): float(sum(c.severity is s for c in raised)) for s in severities}
+        yield _gauge("alerts", "Alerts now, by severity.", numbers, "severity")
+        places: dict[tuple[str, str], Severity] = {}
+        for c in raised:
+            key = (c.name, c.string or "")
+            places[key] = max(places.get(key, c.severity), c.severity)
+        samples = tuple(("", {"alert": n, "string": s}, float(level)) for (n, s), level in places.items())
+        yield Family(f"{PREFIX}alert", "gauge", "Alert now: 1 warning, 2 alarm; absent when over.", samples)
+
+
+def _strings(engine: MeasuredEngine) -> Iterator[Family]:
+    strings = engine.strings
+    hottest = [(s, int(np.nanargmax(s.core))) for s in strings if not np.isnan(s.core).all()]
+    yield _of_strings("core_max_celsius", "Hottest core.", {s.plan.name: float(s.core[k]) for s, k in hottest})
+    sd = {s.plan.name: float(s.core_sd[k]) for s, k in hottest}
+    yield _of_strings("core_max_sd_kelvin", "Standard deviation of the hottest core.", sd)
+    yield _of_strings(
+        "core_max_cell", "Cell with the hottest core, from 1.", {s.plan.name: k + 1.0 for s, k in hottest}
+    )
+    coldest = {s.plan.name: float(np.nanmin(s.core)) for s, _ in hottest}
+    yield _of_strings("core_min_celsius", "Coldest core.", coldest)
+    qualities = [
+        ("", {"string": s.plan.name, "quality": q.name.lower()}, float((s.quality == q).sum()))
+        for s in strings
+        for q in Quality
+    ]
+    yield Family(f"{PREFIX}cells", "gauge", "Cells by the quality of their estimate.", tuple(qualities))
+    faults = {s.plan.name: 0.0 for s in strings}
+    for name, _, _ in engine.faults:
+        faults[name] += 1.0
+    yield _of_strings("inputs_faulty", "Inputs received but not usable now.", faults)
+    growth = {s.plan.name: s.ageing.growth for s in strings}
+    yield _of_strings("resistance_growth_ratio", "Growth of R_e since commissioning, 0.1 is +10 %.", growth)
+    growth_sd = {s.plan.name: s.ageing.growth_sd for s in strings}
+    yield _of_strings("resistance_growth_sd_ratio", "Standard deviation of the growth.", growth_sd)
+    excess = {s.plan.name: s.mismatch.excess**0.5 for s in strings}
+    yield _of_strings("innovation_ratio", "Innovations over their band, rms of ten minutes; 1 is right.", excess)
+    flags = [
+        ("", {"string": s.plan.name, "flag": flag}, float(level)) for s in strings for flag, level in _levels(s).items()
+    ]
+    levels = "Level of a flag, 0 none: growth 1 watch, 2 warning, 3 alarm; mismatch 1 suspected, 2 confirmed."
+    yield Family(f"{PREFIX}flag_level", "gauge", levels, tuple(flags))
+
+
+def _levels(s: WatchedString) -> dict[str, int]:
+    return dict(zip(FLAGS, (s.ageing.flag.level, s.mismatch.flag.level), strict=True))
+
+
+def _gauge(name: str, text: str, value: float | Mapping[str, float], label: str = "") -> Family:
+    return Family(PREFIX + name, "gauge", text, _samples(value, label))
+
+
+def _counter(name: str, text: str, value: float | Mapping[str, float], label: str = "") -> Family:
+    return Family(PREFIX + name, "counter", text, _samples(value, label))
+
+
+def _of_strings(name: str, text: str, values: Mapping[str, float]) -> Family:
+    return Family(PREFIX + name, "gauge", text, _samples(values, "string"))
+
+
+def _samples(value: float | Mapping[str, float], label: str) -> tuple[Sample, ...]:
+    if isinstance(value, Mapping):
+        return tuple(("", {label: key}, float(v)) for key, v in value.items())
+    return (("", {}, float(value)),)
+
+
+def _resident_bytes() -> float:
+    try:
+        return float(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGESIZE")
+    except (OSError, IndexError, ValueError):
+        return float("nan")  # left out of the page, as all that is not known

@@ -1,0 +1,66 @@
+"""What the shell counts of itself, for the metrics: plain numbers, no time and no lock, one thread writes them."""
+
+from bisect import bisect_left
+from dataclasses import dataclass, field
+from typing import Final
+
+LATENESS_S: Final = (0.005, 0.01, 0.02, 0.05, 0.1, 0.5, 1.0, 5.0)
+"""Bounds of the histogram of lateness: from what is always met (settling, a drain) to what a watchdog ends."""
+
+
+@dataclass(slots=True)
+class Histogram:
+    """Counts per interval between bounds, as Prometheus keeps them.
+
+    Examples
+    --------
+    >>> h = Histogram((0.1, 1.0))
+    >>> for x in (0.1, 0.5, 7.0):
+    ...     h.note(x)
+    >>> h.cumulative(), h.total
+    ([1, 2, 3], 7.6)
+    """
+
+    bounds: tuple[float, ...]
+    total: float = 0.0
+    _counts: list[int] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self._counts = [0] * (len(self.bounds) + 1)
+
+    def note(self, value: float) -> None:
+        """Count one value."""
+        self._counts[bisect_left(self.bounds, value)] += 1
+        self.total += value
+
+    def cumulative(self) -> list[int]:
+        """Count the values up to each bound, and all."""
+        found, running = [], 0
+        for count in self._counts:
+            running += count
+            found.append(running)
+        return found
+
+
+@dataclass(slots=True)
+class Tally:
+    """Counts since the start."""
+
+    ticks: int = 0
+    lateness: Histogram = field(default_factory=lambda: Histogram(LATENESS_S))
+    """From the end of a tick in bus time to the moment at which its output leaves the engine, s."""
+    wakes: int = 0
+    """Pauses of the bus that are over."""
+    notices: dict[str, int] = field(default_factory=dict)
+    """By code."""
+    jobs: int = 0
+    jobs_late: int = 0
+    """Results that came after their time, when the engine had computed them itself."""
+    saves: int = 0
+    saves_failed: int = 0
+    save_problem: str = ""
+    """Why the latest attempt to save the state failed; empty when it did not."""
+    reloads: int = 0
+    reloads_refused: int = 0
+    failed_parts: dict[str, str] = field(default_factory=dict)
+    """What ran beside the gateway and has ended by a bug of its own, with the reason."""
