@@ -15,6 +15,7 @@ import pytest
 
 from bms_gateway.bus.canframe import from_wire
 from bms_gateway.bus.memory import MemoryBus
+from bms_gateway.bus.port import Link
 from bms_gateway.bus.socketcan import SocketCanPort
 from bms_gateway.engine.events import SendFrames
 from bms_gateway.errors import ConfigError, StateError
@@ -95,8 +96,7 @@ async def traffic(bus, rate=1_000, duration=10.0):
         k = 0
         while not stop.is_set() and k < rate * duration:
             due = begun + k / rate
-            if due > time.monotonic():
-                time.sleep(due - time.monotonic())
+            time.sleep(max(0.0, due - time.monotonic()))
             try:
                 bus.theirs.send(FRAME)
             except BlockingIOError:
@@ -326,14 +326,16 @@ def systemd(tmp_path, monkeypatch):
 
 def test_systemd_hears_ready_watchdog_and_stopping(bus, systemd):
     begun, lines = time.monotonic(), []
+    gateway = Gateway(TickEngine(), bus.port)
+    gateway.summary = lambda: "OK"
     run(
-        Gateway(TickEngine(), bus.port),
+        gateway,
         traffic(bus),
         until=lambda: lines.extend(systemd.lines()) or lines.count("WATCHDOG=1") >= 6,
     )
     lines += systemd.lines()
     assert lines[0] == "READY=1"
-    assert lines[1].startswith("STATUS=bus up")
+    assert lines[1].startswith("STATUS=OK; bus up")
     assert 6 <= lines.count("WATCHDOG=1") <= 1 + (time.monotonic() - begun) * live.FEEDS / 0.3
     assert "STOPPING=1" in lines
 
@@ -347,7 +349,23 @@ def test_the_watchdog_is_fed_on_a_silent_bus(bus, systemd):
     assert lines.count("WATCHDOG=1") >= 4
 
 
-def test_the_watchdog_is_not_fed_when_the_estimator_stands_still(bus, systemd, monkeypatch):
+def fed_while_stalled(gateway, systemd, caplog, *tasks):
+    """Lines to systemd in the time in which the gateway found itself stalled five times."""
+    told = []
+
+    async def stalled():
+        await come(lambda: "stalled" in caplog.text)
+        systemd.lines()
+        before = caplog.text.count("stalled")
+        await come(lambda: caplog.text.count("stalled") >= before + 5)
+        told.extend([caplog.text.count("stalled") - before, *systemd.lines()])
+
+    run(gateway, *tasks, stalled(), until=lambda: told)
+    assert told[0] >= 5
+    return told
+
+
+def test_the_watchdog_is_not_fed_when_the_estimator_stands_still(bus, systemd, monkeypatch, caplog):
     monkeypatch.setattr(live, "OVERDUE_NS", 200_000_000)
     engine = TickEngine()
     engine.handle_timer = lambda *, now_ns: None
@@ -355,27 +373,34 @@ def test_the_watchdog_is_not_fed_when_the_estimator_stands_still(bus, systemd, m
     engine.receive = lambda frames, *, now_ns: setattr(engine, "deadline", int(frames.time_ns[0]))
 
     async def one():
-        await asyncio.sleep(0.5)
-        systemd.lines()
         bus.theirs.send(FRAME)
-        await asyncio.sleep(0.35)
-        systemd.lines()
 
-    run(Gateway(engine, bus.port), one(), seconds=1.8)
-    assert "WATCHDOG=1" not in systemd.lines()
+    assert "WATCHDOG=1" not in fed_while_stalled(Gateway(engine, bus.port), systemd, caplog, one())
 
 
-def test_the_watchdog_is_not_fed_when_receiving_stands_still(bus, systemd):
-    engine = TickEngine(silent=0)
-    gateway = Gateway(engine, bus.port)
+def test_the_watchdog_is_not_fed_when_receiving_stands_still(bus, systemd, caplog):
+    gateway = Gateway(TickEngine(silent=0), bus.port)
     gateway._on_drain = lambda: None  # the drain is lost, nothing waits for frames
+    assert "WATCHDOG=1" not in fed_while_stalled(gateway, systemd, caplog)
 
-    async def later():
-        await asyncio.sleep(0.25)
-        systemd.lines()
 
-    run(gateway, later(), seconds=1.0)
-    assert "WATCHDOG=1" not in systemd.lines()
+def test_systemd_hears_ready_only_when_the_bus_is_open_and_what_is_waited_for_before(bus, systemd, monkeypatch):
+    monkeypatch.setattr(live, "LOOK_S", 0.02)
+    bus.port.link = Link.ABSENT
+    bus.port.pump = lambda: 1.0
+    before, after = [], []
+
+    async def come_up():
+        await come(lambda: before.extend(systemd.lines()) or before.count("STATUS=waiting: bus absent") >= 3)
+        os.kill(os.getpid(), signal.SIGHUP)
+        await asyncio.sleep(0)
+        bus.port.link = Link.UP
+
+    gateway = Gateway(TickEngine(), bus.port, reload=TickEngine)
+    run(gateway, come_up(), until=lambda: after.extend(systemd.lines()) or "READY=1" in after)
+    assert "READY=1" not in before
+    assert "EXTEND_TIMEOUT_USEC=30000000" in before
+    assert after[after.index("READY=1") + 1].startswith("STATUS=bus up")
 
 
 def test_ports_that_cannot_be_waited_for_are_polled():

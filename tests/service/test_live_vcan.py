@@ -19,6 +19,7 @@ from tests.service.test_live import come, run
 pytestmark = pytest.mark.vcan
 
 CYCLE_NS = 200_000_000
+OUTAGE_S = 3.0  # a frame kept over it would be so late; no machine that is only slow is
 
 
 @pytest.fixture
@@ -58,11 +59,11 @@ def test_the_service_outlives_its_interface_and_sends_no_old_frames_afterwards(v
         await send_one(vcan)
         await listen()
         await ip("ip link set vcan0 down")
-        await asyncio.sleep(1.0)
+        await asyncio.sleep(OUTAGE_S)
         await ip("ip link set vcan0 up")
         await listen()
         await ip("ip link del vcan0")
-        await asyncio.sleep(1.0)
+        await asyncio.sleep(OUTAGE_S)
         await ip("ip link add vcan0 type vcan; ip link set vcan0 up")
         await listen()
         await send_one(vcan)
@@ -82,7 +83,7 @@ def test_the_service_outlives_its_interface_and_sends_no_old_frames_afterwards(v
     assert received == 2
     assert all(len(frames) >= 4 for frames in heard)
     lateness = [arrived - due for frames in heard for arrived, due in frames]
-    assert max(lateness) < 4 * CYCLE_NS  # the outages lasted five and more
+    assert max(lateness) < OUTAGE_S * 1e9
     assert np.all(np.diff([d for d, _ in engine.ticks]) == TICK_NS)
     told = [r.getMessage() for r in caplog.records if r.name.endswith("socketcan")]
     assert len(told) <= 5, told  # two outages, told and ended; the buffer's size
