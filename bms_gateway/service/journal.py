@@ -1,11 +1,16 @@
 """Lines for people and journald: one per thing that happens, with its weight, never a flood.
 
-Under systemd every line begins with its syslog level (``<4>…``), which journald takes off again. Lines of the same
-origin (logger and code) are let through a few times per minute; the rest are counted and told of in one line.
+Under systemd a line goes to journald by its own protocol, with fields to filter by: ``journalctl BMS_STRING=string_2``,
+``BMS_CODE=alert-sensor``, ``BMS_CELL=7`` beside the usual PRIORITY and CODE_FILE. Where that socket does not take it,
+the line goes to standard error with its syslog level in front (``<4>…``), which journald takes off again.
+
+Lines of the same origin (logger and code) are let through a few times per minute; the rest are counted and told of in
+one line. A journald that is busy costs a line, which is counted, and never a frame.
 """
 
 import logging
 import os
+import socket
 import sys
 import time
 from collections.abc import Callable
@@ -14,6 +19,9 @@ from typing import Final
 FREE: Final = 5  # lines of one kind per WINDOW_S: enough for five strings to tell the same
 WINDOW_S: Final = 60.0
 NOTICE: Final = 25  # between INFO and WARNING, as syslog has it
+JOURNAL: Final = "/run/systemd/journal/socket"
+MOST_BYTES: Final = 16_384  # of a message: a traceback fits, a datagram holds it
+IDENTIFIER: Final = "bms-gateway"
 
 _SYSLOG = {logging.DEBUG: 7, logging.INFO: 6, NOTICE: 5, logging.WARNING: 4, logging.ERROR: 3, logging.CRITICAL: 2}
 
@@ -21,17 +29,23 @@ _SYSLOG = {logging.DEBUG: 7, logging.INFO: 6, NOTICE: 5, logging.WARNING: 4, log
 class Throttle(logging.Filter):
     """Lets `FREE` lines of a kind through per `WINDOW_S`; the first line after that tells how many were held back.
 
-    The kind is the attribute `code` of the record where there is one, else the place in the code.
+    The kind is the attribute `kind` or `code` of the record where there is one, else the place in the code.
+
+    Attributes
+    ----------
+    held : int
+        Lines held back so far.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__()
         self._clock = clock
         self._since: dict[str, tuple[float, int]] = {}
+        self.held = 0
 
     def filter(self, record: logging.LogRecord) -> bool:
         """Decide on one line."""
-        kind = getattr(record, "code", None) or f"{record.pathname}:{record.lineno}"
+        kind = getattr(record, "kind", None) or getattr(record, "code", None) or f"{record.pathname}:{record.lineno}"
         now = self._clock()
         since, count = self._since.get(kind, (now, 0))
         if now - since >= WINDOW_S:
@@ -40,6 +54,7 @@ class Throttle(logging.Filter):
                 record.args = None
             since, count = now, 0
         self._since[kind] = (since, count + 1)
+        self.held += count >= FREE
         return count < FREE
 
 
@@ -53,13 +68,105 @@ class _Lines(logging.Formatter):
         return f"<{_SYSLOG.get(record.levelno, 6)}>{text}" if self._journal else text
 
 
-def start_logging(level: int = logging.INFO) -> None:
-    """Send the package's lines to standard error, in journald's form where that is what it leads to."""
+class JournalHandler(logging.Handler):
+    """Sends records to journald's socket.
+
+    Parameters
+    ----------
+    path : str
+        The socket.
+    otherwise : logging.Handler
+        Takes what the socket does not: it is not there, or the line is too long for it.
+
+    Attributes
+    ----------
+    lost : int
+        Lines that journald was too busy to take.
+    """
+
+    def __init__(self, path: str, otherwise: logging.Handler) -> None:
+        super().__init__()
+        self._path, self._otherwise = path, otherwise
+        self._sock = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
+        self._sock.setblocking(False)
+        self._plain = logging.Formatter("%(message)s")
+        self.lost = 0
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Send one line with its fields."""
+        try:
+            self._sock.sendto(self._entry(record), self._path)
+        except BlockingIOError:
+            self.lost += 1
+        except OSError:  # journald is being restarted, or the text is too long: standard error leads there too
+            self._otherwise.handle(record)
+
+    def close(self) -> None:
+        """Let go of the socket."""
+        self._sock.close()
+        super().close()
+
+    def _entry(self, record: logging.LogRecord) -> bytes:
+        fields = {
+            "MESSAGE": self._plain.format(record)[:MOST_BYTES],
+            "PRIORITY": _SYSLOG.get(record.levelno, 6),
+            "SYSLOG_IDENTIFIER": IDENTIFIER,
+            "LOGGER": record.name,
+            "CODE_FILE": record.pathname,
+            "CODE_LINE": record.lineno,
+            "CODE_FUNC": record.funcName,
+            "BMS_CODE": getattr(record, "code", None),
+            "BMS_STRING": getattr(record, "string", None),
+            "BMS_CELL": getattr(record, "cell", None),
+        }
+        return b"".join(_field(name, str(value)) for name, value in fields.items() if value is not None)
+
+
+def _field(name: str, value: str) -> bytes:
+    r"""One field of an entry; a value of several lines goes by its length.
+
+    Examples
+    --------
+    >>> _field("A", "b"), _field("A", "b\nc")
+    (b'A=b\n', b'A\n\x03\x00\x00\x00\x00\x00\x00\x00b\nc\n')
+    """
+    data = value.encode("utf-8", "backslashreplace")
+    if b"\n" not in data:
+        return b"%s=%s\n" % (name.encode(), data)
+    return b"%s\n%s%s\n" % (name.encode(), len(data).to_bytes(8, "little"), data)
+
+
+def leads_to_journal() -> bool:
+    """Whether standard error is the stream that systemd connected to journald, by its device and inode."""
+    try:
+        stat = os.fstat(sys.stderr.fileno())
+    except (OSError, ValueError, AttributeError):  # closed, or replaced by something without a descriptor
+        return False
+    return os.environ.get("JOURNAL_STREAM", "") == f"{stat.st_dev}:{stat.st_ino}"
+
+
+def start_logging(level: int = logging.INFO, *, journal: str = JOURNAL) -> logging.Handler:
+    """Send the package's lines to journald where standard error leads there, else to standard error.
+
+    Parameters
+    ----------
+    level : int
+    journal : str
+        Journald's socket.
+
+    Returns
+    -------
+    logging.Handler
+    """
     logging.addLevelName(NOTICE, "NOTICE")
-    handler = logging.StreamHandler(sys.stderr)
+    to_journal = leads_to_journal()
+    handler: logging.Handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(_Lines(journal=to_journal))
+    if to_journal:
+        handler = JournalHandler(journal, handler)
     handler.addFilter(Throttle())
-    handler.setFormatter(_Lines(journal="JOURNAL_STREAM" in os.environ))
     package = logging.getLogger("bms_gateway")
     package.handlers[:] = [handler]
     package.setLevel(level)
     package.propagate = False
+    return handler

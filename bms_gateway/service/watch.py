@@ -206,7 +206,8 @@ class Watch:
     def _tell(self, change: Change) -> None:
         c = change.condition
         level = {Severity.WARNING: logging.WARNING, Severity.ALARM: logging.CRITICAL}[c.severity]
-        extra = {"code": f"alert-{c.name}", "string": c.string, "cell": c.cell}
+        code = f"alert-{c.name}"
+        extra = {"code": code, "kind": f"{code} {c.string}", "string": c.string, "cell": c.cell}
         where = "" if c.string is None else f" [{c.string}]"
         if change.raised:
             log.log(level, "%s: %s%s", c.severity.name, c.text, where, extra=extra)

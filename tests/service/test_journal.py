@@ -29,23 +29,111 @@ def test_a_flood_of_one_kind_is_cut_told_of_once_and_leaves_others_alone():
     assert quiet.getMessage() == "a"
 
 
-@pytest.mark.parametrize(("journal", "expected"), [(True, "<5>core of cell 3 is hot\n"), (False, "NOTICE  core of")])
-def test_lines_carry_their_weight_for_journald_and_are_readable_elsewhere(journal, expected, monkeypatch, capsys):
-    if journal:
-        monkeypatch.setenv("JOURNAL_STREAM", "1:2")
-    else:
-        monkeypatch.delenv("JOURNAL_STREAM", raising=False)
-    package = logging.getLogger("bms_gateway")
-    before = package.handlers[:], package.level, package.propagate
+@pytest.fixture
+def package():
+    """The package's logger, as it was before."""
+    logger = logging.getLogger("bms_gateway")
+    before = logger.handlers[:], logger.level, logger.propagate
+    yield logger
+    for handler in logger.handlers:
+        if handler not in before[0]:
+            handler.close()
+    logger.handlers[:], logger.propagate = before[0], before[2]
+    logger.setLevel(before[1])
+
+
+def to_journal(monkeypatch):
+    """Make standard error look as systemd leaves it."""
+    stat = os.fstat(2)
+    monkeypatch.setenv("JOURNAL_STREAM", f"{stat.st_dev}:{stat.st_ino}")
+
+
+class Journald:
+    """The other end of the native protocol, as its description has it."""
+
+    def __init__(self, path):
+        self.sock = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self.sock.bind(str(path))
+        self.sock.settimeout(30)
+
+    def entry(self):
+        data, fields = self.sock.recv(1 << 20), {}
+        while data:
+            line, data = data.split(b"\n", 1)
+            name, equals, value = line.partition(b"=")
+            if not equals:
+                size = int.from_bytes(data[:8], "little")
+                value, data = data[8 : 8 + size], data[9 + size :]
+            fields[name.decode()] = value.decode()
+        return fields
+
+
+@pytest.fixture
+def journald(tmp_path, monkeypatch, capfd):
+    to_journal(monkeypatch)
+    journald = Journald(tmp_path / "journal")
+    yield journald
+    journald.sock.close()
+
+
+def test_lines_go_to_journald_with_fields_to_filter_by(package, journald, tmp_path, capfd):
+    start_logging(journal=str(tmp_path / "journal"))
+    log = logging.getLogger("bms_gateway.engine")
+    log.log(NOTICE, "core of cell %d is hot", 3, extra={"code": "core", "string": "string_2", "cell": 3})
+    log.debug("unseen")
+    first = journald.entry()
+    assert (
+        first.items()
+        >= {
+            "MESSAGE": "core of cell 3 is hot",
+            "PRIORITY": "5",
+            "SYSLOG_IDENTIFIER": "bms-gateway",
+            "LOGGER": "bms_gateway.engine",
+            "CODE_FILE": __file__,
+            "CODE_FUNC": "test_lines_go_to_journald_with_fields_to_filter_by",
+            "BMS_CODE": "core",
+            "BMS_STRING": "string_2",
+            "BMS_CELL": "3",
+        }.items()
+    )
+    log.warning("no string, no cell\nand =two= lines \udcff")
+    second = journald.entry()
+    assert second["MESSAGE"] == "no string, no cell\nand =two= lines \\udcff"
+    assert not {"BMS_STRING", "BMS_CELL", "BMS_CODE"} & set(second)
     try:
-        start_logging()
-        logging.getLogger("bms_gateway.engine").log(NOTICE, "core of cell %d is hot", 3)
-        logging.getLogger("bms_gateway.engine").debug("unseen")
-    finally:
-        package.handlers[:], package.propagate = before[0], before[2]
-        package.setLevel(before[1])
-    err = capsys.readouterr().err
-    assert expected in err
+        raise ZeroDivisionError("deep")
+    except ZeroDivisionError:
+        log.exception("a bug")
+    assert "ZeroDivisionError: deep" in journald.entry()["MESSAGE"]
+    assert capfd.readouterr().err == ""
+
+
+def test_a_busy_journald_costs_lines_that_are_counted_and_no_time(package, journald, tmp_path):
+    handler = start_logging(journal=str(tmp_path / "journal"))
+    handler.filters.clear()
+    for k in range(2_000):  # nobody reads: the socket's queue fills
+        logging.getLogger("bms_gateway.engine").warning("line %d", k)
+    assert handler.lost > 0
+    assert journald.entry()["MESSAGE"] == "line 0"
+
+
+def test_without_its_socket_lines_reach_journald_by_standard_error(package, tmp_path, monkeypatch, capfd):
+    to_journal(monkeypatch)
+    start_logging(journal=str(tmp_path / "absent"))
+    logging.getLogger("bms_gateway.engine").log(NOTICE, "core of cell %d is hot", 3)
+    assert capfd.readouterr().err == "<5>core of cell 3 is hot\n"
+
+
+@pytest.mark.parametrize("stream", [None, "1:2"])
+def test_elsewhere_lines_are_readable_even_below_a_service_of_another(package, stream, monkeypatch, capfd):
+    monkeypatch.delenv("JOURNAL_STREAM", raising=False)
+    if stream:  # inherited from a service whose standard error is not ours
+        monkeypatch.setenv("JOURNAL_STREAM", stream)
+    start_logging()
+    logging.getLogger("bms_gateway.engine").log(NOTICE, "core of cell %d is hot", 3)
+    logging.getLogger("bms_gateway.engine").debug("unseen")
+    err = capfd.readouterr().err
+    assert "NOTICE  core of cell 3 is hot\n" in err
     assert err.count("\n") == 1
 
 
