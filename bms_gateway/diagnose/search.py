@@ -21,6 +21,10 @@ from bms_gateway.thermal import StringModel
 from bms_gateway.thermal.effects import effect_named
 
 Progress = Callable[[float, str], None]
+EXPLAINED = 1.05
+"""Cost per reading of a fit that leaves nothing to be explained."""
+OUTCLASSED = 0.25
+"""Share of what the best fit gains that another may still lack after its second step, to be fitted to its end."""
 STRAINED = 3.0
 """sd of a tolerance: one in four hundred, and what a missing effect is put down to."""
 
@@ -135,7 +139,9 @@ def search(
     return found
 
 
-def refit(parent: MapFit, gain: Gain, *, iterations: int = 8, give_up: float = np.inf) -> MapFit:
+def refit(
+    parent: MapFit, gain: Gain, *, iterations: int = 8, give_up: float = np.inf, outclassed: float = np.inf
+) -> MapFit:
     """Fit a model with one effect more, from the optimum without it."""
     problem = Problem(gain.candidate.put_into(parent.problem.model, gain.values), parent.problem.records)
     theta = np.concatenate([parent.theta, problem.begin[len(parent.theta) :]])
@@ -152,6 +158,7 @@ def refit(parent: MapFit, gain: Gain, *, iterations: int = 8, give_up: float = n
         J=parent.J,
         iterations=iterations,
         give_up=give_up,
+        outclassed=outclassed,
     )
 
 
@@ -204,7 +211,10 @@ def _round(
     best = np.inf
     for i, g in enumerate(chosen):
         tell(0.15 + 0.8 * (number + 0.1 + 0.8 * i / len(chosen)) / s.effects, f"refitting with {g.candidate.key}")
-        fit = refit(current, g, give_up=best + 60.0)
+        # beside one that explains everything, another that does not soon come near it is no rival
+        explained = best < EXPLAINED * current.readings < current.cost
+        outclassed = best + OUTCLASSED * (current.cost - best) if explained else np.inf
+        fit = refit(current, g, give_up=best + 60.0, outclassed=outclassed)
         best = min(best, fit.cost)
         fits.append((g.candidate, fit))
     if not fits:

@@ -39,6 +39,8 @@ VANISHING = 0.8
 """Share of its size by which a step may take an effect away: gone, its other numbers could not bring it back."""
 ROUNDING = 1e-12
 """Of a precision scaled to a unit diagonal: combinations known worse than this are lost in rounding."""
+FORETOLD = 0.8
+"""Share of the gain that a step's columns promised from which they are used once more."""
 GAIN = 0.05
 """Cost: a step that gains less ends the fit; a twentieth of what one standard deviation of a number is worth."""
 
@@ -205,6 +207,7 @@ def map_fit(
     J: Floats | None = None,
     iterations: int = ITERATIONS,
     give_up: float = np.inf,
+    outclassed: float = np.inf,
     noise: Whitening | None = None,
     least_gain: float = GAIN,
     refinements: int = 1,
@@ -227,6 +230,8 @@ def map_fit(
     iterations : int
     give_up : float
         Stop as soon as the cost is unlikely to fall below: the fit is then only good for ranking.
+    outclassed : float
+        Stop after the second step where it leaves the cost above this.
     noise : Whitening, optional
         Takes the place of the records' own noise.
     least_gain : float
@@ -263,17 +268,20 @@ def map_fit(
     prediction = problem.predict(z[:P], guess, z[P:])
     cost, r = judge(z, prediction)
     columns, H = _columns(problem, z, prediction, J, refinements), np.eye(len(z))
-    damping, settled, steep = DAMPING, False, 1.0
+    weighed, damping, steep, kept = none, DAMPING, 1.0, False
     for iteration in range(iterations):
-        if iteration:
-            columns = problem.jacobian(z[:P], prediction, problem.coordinates, refinements, z[P:])
-        steep = 1.0 if noise is not None else curvature((y - prediction.y)[used], sigma0[used], step[used])
         with np.errstate(over="ignore", invalid="ignore"):  # of columns that ran away; seen and told below
-            weighed = _weighed(problem, noise, columns)
             pull = np.where(used, trust * r, 0.0)
-            H, slope = _normal(weighed, linear, sd, trust * steep, pull)
+            if kept:
+                slope = np.concatenate([pull @ weighed, pull @ linear.weighed])
+            else:
+                if iteration:
+                    columns = problem.jacobian(z[:P], prediction, problem.coordinates, refinements, z[P:])
+                steep = 1.0 if noise is not None else curvature((y - prediction.y)[used], sigma0[used], step[used])
+                weighed = _weighed(problem, noise, columns)
+                H, slope = _normal(weighed, linear, sd, trust * steep, pull)
             gradient = slope - (z - prior) / sd**2
-        before = cost
+        before, promised = cost, 0.0
         if not (np.isfinite(H).all() and np.isfinite(gradient).all()):
             cost, H = np.inf, np.eye(len(z))  # a trajectory that runs away tells no direction: the fit is none
             break
@@ -283,14 +291,18 @@ def map_fit(
             trial = problem.predict(new[:P], prediction.X, new[P:])
             trial_cost, trial_r = judge(new, trial)
             if np.isfinite(trial_cost) and trial_cost < cost:
+                promised = float((new - z) @ (2.0 * gradient - H @ (new - z)))
                 z, prediction, cost, r = new, trial, trial_cost, trial_r
                 damping = max(0.1 * damping, DAMPING)
                 break
             damping *= 30.0
         gain = before - cost
-        settled = gain < least_gain or (iteration > 0 and cost > give_up and gain < 0.3 * (cost - give_up))
-        if settled:
+        slow = cost > give_up and gain < 0.3 * (cost - give_up)
+        settled = gain < least_gain or (iteration > 0 and slow)
+        if (settled and not kept) or (iteration > 0 and cost > outclassed):
             break
+        # columns that foretold the gain will do for another step, but not to end on
+        kept = not settled and gain > FORETOLD * promised
     log_evidence = -0.5 * cost - 0.5 * float(np.linalg.slogdet(H)[1]) - float(np.sum(np.log(sd)))
     return MapFit(problem, z[:P], z[P:], linear, columns, H, prediction, r, cost, log_evidence, noise, steep)
 
