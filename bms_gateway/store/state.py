@@ -14,8 +14,13 @@ Saving writes ``state.new``, syncs it, renames ``state`` to ``state.previous`` a
 the directory. At every moment, also between the two renames, one complete generation has its name, so that a cut of
 power costs at most the snapshot in progress. What cannot be trusted is renamed to ``state.<reason>`` and never read
 again; the reasons are few, so the directory does not fill.
+
+One process at a time: `lock` locks the directory itself, which leaves no file behind, needs no right to write and ends
+with the process, however that ends.
 """
 
+import errno
+import fcntl
 import hashlib
 import json
 import os
@@ -25,11 +30,13 @@ from pathlib import Path
 from typing import Any
 
 from bms_gateway.errors import StateError
+from bms_gateway.store.files import make_directory, read_file, sync_directory, write_fresh
 
 VERSION = 1
 MAGIC = b"bms-gateway-state"
 # A snapshot of 8 strings takes some 100 kB: anything near this is not ours and must not be read into memory.
 MAX_BYTES = 64 << 20
+MAX_HEAD = 256
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +89,45 @@ class StateStore:
         self._state = directory / "state"
         self._previous = directory / "state.previous"
         self._new = directory / "state.new"
+        self._locked: int | None = None
+
+    def lock(self) -> StateError | None:
+        """Claim the directory for this process until it ends or calls `unlock`.
+
+        Returns
+        -------
+        StateError or None
+            Why it could not be locked for another reason than somebody else's lock: a value, because the service goes
+            on without.
+
+        Raises
+        ------
+        StateError
+            Another process has it: two that save in turn would each start from the other's state.
+        """
+        try:
+            make_directory(self.directory)
+            handle = os.open(self.directory, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        except OSError as e:
+            return StateError(f"{self.directory}: no state can be kept there: {e.strerror}; estimates go on without it")
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as e:
+            os.close(handle)
+            if e.errno in (errno.EWOULDBLOCK, errno.EACCES):
+                raise StateError(
+                    f"{self.directory}: another bms-gateway keeps its state there: stop it, or give this one a [store] "
+                    "path of its own"
+                ) from None
+            return StateError(f"{self.directory}: cannot be locked against a second process: {e.strerror}")
+        self._locked = handle
+        return None
+
+    def unlock(self) -> None:
+        """Let another process have the directory."""
+        if self._locked is not None:
+            os.close(self._locked)
+            self._locked = None
 
     def save(self, state: Mapping[str, Any], *, wall_ns: int) -> StateError | None:
         """Write a snapshot; the generation before it stays.
@@ -100,18 +146,17 @@ class StateStore:
             What was stored before is intact then.
         """
         body = json.dumps({"saved_ns": wall_ns, "state": dict(state)}, separators=(",", ":")).encode()
+        if len(body) > MAX_BYTES:
+            return StateError(f"{self.directory}: the state is not saved: {len(body)} bytes, at most {MAX_BYTES}")
         digest = hashlib.sha256(body).hexdigest()
         head = b"%s %d %s %d\n" % (MAGIC, VERSION, digest.encode(), len(body))
         try:
-            self.directory.mkdir(parents=True, exist_ok=True)
-            with self._new.open("wb") as f:
-                f.write(head + body)
-                f.flush()
-                os.fsync(f.fileno())
+            make_directory(self.directory)
+            write_fresh(self._new, head + body)
             if self._is_sound(self._state):
                 self._state.replace(self._previous)
             self._new.replace(self._state)
-            self._sync_directory()
+            sync_directory(self.directory)
         except OSError as e:
             return StateError(f"{self.directory}: the state cannot be saved: {e.strerror}; estimates go on without it")
         return None
@@ -155,26 +200,24 @@ class StateStore:
             return False
         return True
 
-    def _sync_directory(self) -> None:
-        handle = os.open(self.directory, os.O_RDONLY | os.O_DIRECTORY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
-
 
 def _read(path: Path) -> dict[str, Any]:
     """Read a snapshot file; `_RejectedError` where it is not wholly ours."""
-    with path.open("rb") as f:
-        size, digest = _head(f.readline(256).split())
-        body = f.read(MAX_BYTES + 1)
+    start = read_file(path, MAX_HEAD)
+    if start is None:
+        raise _RejectedError("foreign", "it is not a file")
+    head = start.split(b"\n", 1)[0]
+    size, digest = _head(head.split())
+    body = (read_file(path, len(head) + 1 + size + 1) or b"")[len(head) + 1 :]
     if len(body) != size:
-        raise _RejectedError("corrupt", f"{len(body)} of {size} bytes are there")
+        raise _RejectedError(
+            "corrupt", f"{len(body)} of {size} bytes are there" if len(body) < size else "it is too long"
+        )
     if hashlib.sha256(body).hexdigest().encode() != digest:
         raise _RejectedError("corrupt", "its check sum does not match")
     try:
         content = json.loads(body)
-    except ValueError:
+    except (ValueError, RecursionError):
         content = None
     if not (isinstance(content, dict) and isinstance(content.get("state"), dict)):
         raise _RejectedError("foreign", "its content is not a state")
@@ -193,4 +236,6 @@ def _head(words: list[bytes]) -> tuple[int, bytes]:
         raise _RejectedError("too-new", f"it has format {int(words[1])}, this version knows {VERSION}")
     if len(words) != 4 or not (words[1].isdigit() and words[3].isdigit()):
         raise _RejectedError("corrupt", "its first line is damaged")
+    if int(words[3]) > MAX_BYTES:
+        raise _RejectedError("corrupt", f"it claims {int(words[3])} bytes, a state has at most {MAX_BYTES}")
     return int(words[3]), words[2]

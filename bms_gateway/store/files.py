@@ -1,0 +1,99 @@
+"""The few ways in which this room touches the disk, each call a system call whose effect a power cut may divide.
+
+`os.open`, `os.write`, `os.fsync` and the renames of `pathlib` are called one by one on purpose: what is replayed in the
+crash tests is the list of these calls, with nothing that buffers in between.
+"""
+
+import os
+from pathlib import Path
+from stat import S_ISREG
+
+_APPEND = os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
+_FRESH = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
+_READ = os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK  # a pipe that lies in the place of a file must not stop us
+_MODE = 0o640  # not for everybody: where and how a vehicle is driven can be read from it
+_CHUNK = 1 << 20
+
+
+def make_directory(directory: Path) -> None:
+    """Make a directory and those above it, each known to the disk when this returns.
+
+    Raises
+    ------
+    OSError
+    """
+    missing = [d for d in (directory, *directory.parents) if not d.exists()]
+    for d in reversed(missing):
+        d.mkdir(exist_ok=True)
+        sync_directory(d.parent)
+
+
+def write_fresh(path: Path, content: bytes) -> None:
+    """Write a file that was not there; its content, though not yet its name, is on the disk when this returns.
+
+    Raises
+    ------
+    OSError
+    """
+    path.unlink(missing_ok=True)
+    _write(os.open(path, _FRESH, _MODE), content)
+
+
+def append(path: Path, content: bytes) -> None:
+    """Add to the end of a file, made where it is missing; on the disk when this returns.
+
+    Raises
+    ------
+    OSError
+        A part may have been written: whoever reads must be able to tell.
+    """
+    _write(os.open(path, _APPEND, _MODE), content)
+
+
+def sync_directory(directory: Path) -> None:
+    """Let the names in a directory reach the disk.
+
+    Raises
+    ------
+    OSError
+    """
+    handle = os.open(directory, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def read_file(path: Path, most: int) -> bytes | None:
+    """Read a file up to its first `most` bytes.
+
+    Returns
+    -------
+    bytes or None
+        None: what lies there is no file.
+
+    Raises
+    ------
+    OSError
+    """
+    handle = os.open(path, _READ)
+    try:
+        if not S_ISREG(os.fstat(handle).st_mode):
+            return None
+        parts = []
+        while most > 0 and (part := os.read(handle, min(most, _CHUNK))):
+            parts.append(part)
+            most -= len(part)
+        return b"".join(parts)
+    finally:
+        os.close(handle)
+
+
+def _write(handle: int, content: bytes) -> None:
+    try:
+        left = memoryview(content)
+        while left:
+            left = left[os.write(handle, left) :]
+        os.fsync(handle)
+    finally:
+        os.close(handle)
