@@ -36,6 +36,7 @@ def accompany(gateway: Gateway, loaded: LoadedConfig, engine: "Callable[[], Engi
     watch = Watch(gateway, engine, channel=config.bus.channel, alerts=alerts, core_max_C=config.alerts.core_max_C)
     gateway.beside["alerts"] = watch.run
     gateway.summary = lambda: watch.alerts.line
+    watch.listeners.append(lambda _: gateway.tell_status())
     more: list[Callable[[], Iterator[Family]]] = []
     if (address := config.metrics.address) is not None:
         from bms_gateway.service.exposition import CONTENT_TYPE

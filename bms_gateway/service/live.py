@@ -165,7 +165,7 @@ class Gateway:
         if self._save is not None:
             self._every(SAVE_S, partial(self._save_aside, self._save))
         self._tell_ready()
-        self._every(STATUS_S, self._tell_status)
+        self._every(STATUS_S, self.tell_status)
         self._start_beside()
         with suppress(TimeoutError):
             await asyncio.wait_for(self._stop.wait(), seconds)
@@ -302,7 +302,8 @@ class Gateway:
         self._ready = True
         notify("READY=1", self._status())
 
-    def _tell_status(self) -> None:
+    def tell_status(self) -> None:
+        """Give systemd the line of now: who looks at it when something happens should see it."""
         if self._ready:
             notify(self._status())
 
