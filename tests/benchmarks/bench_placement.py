@@ -1,16 +1,18 @@
 """Placement of 4 sensors on 12 cells, all 495 sets: `python -m tests.benchmarks.bench_placement [--json]`.
 
 The product against a plain loop of scipy's `solve_discrete_are`, in turn in one run, with the two answers compared.
-Beside it a long string, which dense Riccati solutions cannot be asked for.
+Beside it a long string, which dense Riccati solutions cannot be asked for, and the two commands with their start.
 """
 
 import itertools
 import json
 import os
+import subprocess
 import sys
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+import statistics
 import time
 
 import numpy as np
@@ -18,10 +20,11 @@ import scipy.linalg
 
 from bms_gateway.sensors import PlacementProblem, Steady, paper_string
 from bms_gateway.thermal import Disturbance, continuous, gathered_noise
-from tests.benchmarks.rounds import alternate, ratio
+from tests.benchmarks.rounds import ROUNDS, alternate, ratio
 
 SETS = list(itertools.combinations(range(1, 13), 4))
 LONG, FEW = 200, 5
+COMMANDS = ("observability --cells 12 --sensors 3,6,9,12 --json -", "place --cells 12 --sensors 4 --json -")
 
 
 def plain() -> np.ndarray:
@@ -55,8 +58,17 @@ def main() -> None:
     long_s = time.process_time() - start
     print(f"{FEW} of {LONG} cells: {long_s:.1f} s CPU, worst core {found.best[0].worst_sd:.3f} K")
     print(f"  evenly {found.even.worst_sd:.3f} K, no sensor {found.nothing.worst_sd:.3f} K")
+    answers = {}
+    for command in COMMANDS:
+        took = []
+        for _ in range(ROUNDS):
+            start = time.perf_counter()
+            subprocess.run([sys.executable, "-m", "bms_gateway", *command.split()], check=True, capture_output=True)
+            took.append(time.perf_counter() - start)
+        answers[command] = statistics.median(took)
+        print(f"{command}: {answers[command]:.2f} s from start to answer ({min(took):.2f} to {max(took):.2f})")
     if "--json" in sys.argv:
-        seconds = {name: t.median for name, t in times.items()}
+        seconds = {name: t.median for name, t in times.items()} | answers
         print(json.dumps({"exhaustive_s": seconds, "largest_difference": difference, "long_s": long_s}))
 
 

@@ -3,7 +3,6 @@
 import json
 import subprocess
 import sys
-import time
 
 import pytest
 
@@ -130,14 +129,8 @@ def test_a_model_that_lacks_what_a_condition_needs_is_told(tmp_path, capsys):
 @pytest.mark.parametrize(
     "words", [["observability", "--cells", "12", "--sensors", "3,6,9,12"], ["place", "--cells", "12", "--sensors", "4"]]
 )
-def test_an_answer_costs_less_than_two_seconds_with_the_start(words):
-    """In processor time, which others on the machine do not change."""
-    before = time.clock_gettime(time.CLOCK_MONOTONIC)
-    code = "import sys, time; from bms_gateway.cli.main import main; status = main(sys.argv[1:])\n"
-    code += "print(time.process_time(), file=sys.stderr); sys.exit(status)"
+def test_the_whole_program_answers_with_json_alone_on_its_output(words):
     done = subprocess.run(
-        [sys.executable, "-c", code, *words, "--json", "-"], capture_output=True, text=True, check=True, timeout=60
+        [sys.executable, "-m", "bms_gateway", *words, "--json", "-"], capture_output=True, text=True, check=True
     )
     assert json.loads(done.stdout)
-    assert float(done.stderr.split()[-1]) < 2.0
-    assert time.clock_gettime(time.CLOCK_MONOTONIC) - before < 20.0
