@@ -1,0 +1,153 @@
+"""`workbench`: a local page on which a model is held against measurements, and a live page of the pack."""
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bms_gateway.cli.main import Parser
+from bms_gateway.cli.output import say
+from bms_gateway.errors import UsageError
+
+if TYPE_CHECKING:
+    from bms_gateway.config.load import LoadedConfig
+    from bms_gateway.engine import Engine
+    from bms_gateway.workbench.server import Server, Site
+    from bms_gateway.workbench.sources import Listening
+
+EXAMPLE = """\
+  bms-gateway workbench bench.csv --model string_1.toml
+  bms-gateway workbench drive.log.gz --model string_1.toml --config gateway.toml --string string_1
+  bms-gateway workbench --live vcan0 --config gateway.toml
+  bms-gateway workbench --live drive.log.gz --config gateway.toml
+
+the page works without internet; it is at http://127.0.0.1:8420/ until the program is stopped (Ctrl-C)
+"""
+
+
+def arguments(parser: Parser) -> None:
+    """Declare the options."""
+    parser.option("table", nargs="*", metavar="TABLE", help="tables, and logs with --config; one record each")
+    parser.option("--model", metavar="M", help="string model (TOML)")
+    parser.option("--config", metavar="C", help="gateway config: which signals of a log or a bus carry what")
+    parser.option("--string", metavar="NAME", help="string that a log is read for, where the config has several")
+    parser.option(
+        "--columns", metavar="NAME=COLUMN", action="append", default=[], help="a table's own name of a column"
+    )
+    parser.option(
+        "--live", metavar="CHANNEL", help="show the pack on this CAN interface, listen only; or play this log"
+    )
+    parser.option("--bitrate", type=float, default=500e3, metavar="B", help="of the bus, for its load (default 500000)")
+    parser.option("--host", default="127.0.0.1", metavar="H", help="address to serve on (default: this machine only)")
+    parser.option("--port", type=int, default=8420, metavar="P", help="port to serve on (default 8420; 0: any)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Serve until stopped."""
+    from bms_gateway.workbench.server import Server, Site, plotly_file
+
+    plotly_file()
+    if args.bitrate <= 0:
+        raise UsageError(f"workbench: --bitrate {args.bitrate:g}: must be above 0")
+    given = _given(args)
+    site = Site(given=given)
+    if args.live is not None:
+        return _live(args, site)
+    server = Server(site, args.host, args.port)
+    site.warm()
+    _tell(server)
+    try:
+        server.serve_forever()
+    finally:
+        site.close()
+        server.server_close()
+    return 0
+
+
+def _given(args: argparse.Namespace) -> dict[str, Any] | None:
+    if not args.table:
+        if args.model:
+            raise UsageError("workbench: --model goes with a TABLE; without one, choose both on the page")
+        return None
+    if not args.model:
+        raise UsageError("workbench: --model is needed with a TABLE (TOML, as for compare)")
+    for name in (*args.table, args.model, *([args.config] if args.config else [])):
+        if not Path(name).is_file():
+            raise UsageError(f"workbench: {name}: no such file")
+    return {
+        "tables": list(args.table),
+        "model": args.model,
+        "config": args.config or "",
+        "string": args.string or "",
+        "columns": list(args.columns),
+    }
+
+
+def _tell(server: "Server") -> None:
+    say(f"workbench at {server.url} (stop with Ctrl-C)")
+
+
+def _live(args: argparse.Namespace, site: "Site") -> int:
+    from bms_gateway.config.load import load_config
+    from bms_gateway.engine import Engine
+    from bms_gateway.workbench.server import Server
+    from bms_gateway.workbench.sources import Playback
+    from bms_gateway.workbench.watch import Watch
+
+    if not args.config:
+        raise UsageError("workbench: --live needs --config: it says which signals carry what")
+    loaded = load_config(Path(args.config))
+    engine = Engine(replace(loaded.plan, transmit=False), loaded.database)
+    log = Path(args.live)
+    if log.is_file():
+        playback = Playback([log])
+        watch = Watch(engine, "log", log.name, args.bitrate, playback.traffic)
+        site.watch = watch
+        server = Server(site, args.host, args.port)
+        playback.start(engine, watch)
+        _tell(server)
+        try:
+            server.serve_forever()
+        finally:
+            site.close()
+            server.server_close()
+        return 0
+    return _on_the_bus(args, site, loaded, engine)
+
+
+def _on_the_bus(args: argparse.Namespace, site: "Site", loaded: "LoadedConfig", engine: "Engine") -> int:
+    """Serve from threads, and run the gateway's own loop in this one."""
+    import asyncio
+    import threading
+
+    from bms_gateway.service.live import Gateway
+    from bms_gateway.workbench.server import Server
+    from bms_gateway.workbench.watch import Watch
+
+    port = _listening(loaded, args.live)
+    site.watch = watch = Watch(engine, "live", args.live, args.bitrate, port.traffic)
+    try:
+        server = Server(site, args.host, args.port)
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        _tell(server)
+        asyncio.run(Gateway(engine, port, watch=watch.take).run())
+        site.close()
+        server.shutdown()
+        server.server_close()
+    finally:
+        port.close()
+    return 0
+
+
+def _listening(loaded: "LoadedConfig", channel: str) -> "Listening":
+    """Open the interface for all frames, since all of them load the bus; none may be sent."""
+    from bms_gateway.workbench.sources import Listening
+
+    bus = loaded.config.bus
+    if bus.interface == "socketcan":
+        from bms_gateway.bus.socketcan import SocketCanPort
+
+        return Listening(SocketCanPort(channel, own={}, receive_buffer=bus.receive_buffer))
+    from bms_gateway.bus.pythoncan import PythonCanPort
+
+    return Listening(PythonCanPort(bus.interface, channel, own={}))

@@ -1,0 +1,190 @@
+"""What one tab of the browser works on: records read once, and what was last made of them.
+
+Every answer follows from the request alone: files, model and words. What is kept here only saves work, so a worker
+that was ended in the middle of something can be replaced by a fresh one.
+"""
+
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from bms_gateway.config.model_file import format_model, parse_model, read_model
+from bms_gateway.diagnose.adding import Addition, add_effects, check_signals, wanted
+from bms_gateway.diagnose.calibrate import fitted_model
+from bms_gateway.diagnose.compare import Comparison, compare
+from bms_gateway.diagnose.latent import latent
+from bms_gateway.diagnose.prepare import measured
+from bms_gateway.diagnose.record import Record
+from bms_gateway.errors import UsageError
+from bms_gateway.records.read import read_measurements
+from bms_gateway.report.add_text import AddReport
+from bms_gateway.report.added import added_report, heading
+from bms_gateway.report.diagnosis_text import Told
+from bms_gateway.report.examine import card_of, examine, experiment_of, findings_and_notes, long_enough, sound
+from bms_gateway.report.html import Aside, write_addition, write_comparison, write_diagnosis
+from bms_gateway.report.table import parse_columns
+from bms_gateway.thermal import StringModel
+from bms_gateway.workbench import documents, pictures
+
+Tell = Callable[[float, str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Files:
+    """What is opened: as a command line names it."""
+
+    tables: tuple[str, ...]
+    model: str
+    config: str = ""
+    string: str = ""
+    columns: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, request: Mapping[str, Any]) -> "Files":
+        """Take them from a request."""
+        return cls(
+            tuple(request["tables"]),
+            request["model"],
+            request.get("config") or "",
+            request.get("string") or "",
+            tuple(request.get("columns") or ()),
+        )
+
+
+@dataclass(slots=True)
+class _Made:
+    """What was last made of one model: for the report, which shows the same."""
+
+    model: str = ""
+    comparison: Comparison | None = None
+    told: Told | None = None
+    addition: tuple[Addition, AddReport] | None = None
+
+
+class Bench:
+    """See the module's text."""
+
+    def __init__(self) -> None:
+        self._files: Files | None = None
+        self._filed: StringModel | None = None
+        self._records: list[Record] = []
+        self._made = _Made()
+
+    def answer(self, request: Mapping[str, Any], tell: Tell) -> documents.Document:
+        """Do what a request asks.
+
+        Parameters
+        ----------
+        request : mapping
+            `do`, the files, and what else the task takes.
+        tell : callable
+            Told the share of the work done and what is being done.
+
+        Raises
+        ------
+        GatewayError
+            One line for the page.
+        """
+        files = Files.of(request["files"])
+        if request["do"] == "open":
+            return self._open(files)
+        if files != self._files:
+            self._read(files)
+        text = request["text"]
+        match request["do"]:
+            case "compare":
+                return self._compare(text)
+            case "diagnose":
+                return self._diagnose(text, tell)
+            case "add":
+                return self._add(text, request["words"], bool(request.get("force")), tell)
+            case "report":
+                return self._report(text, request.get("command", ""), tell)
+        raise UsageError(f"no such task: {request['do']}")
+
+    def _read(self, files: Files) -> None:
+        self._files = None
+        model = read_model(Path(files.model))
+        self._records = read_measurements(
+            [Path(t) for t in files.tables],
+            model=model,
+            config=Path(files.config) if files.config else None,
+            string=files.string or None,
+            columns=parse_columns(files.columns),
+        )
+        self._files, self._filed, self._made = files, model, _Made()
+
+    def _open(self, files: Files) -> documents.Document:
+        self._read(files)
+        assert self._filed is not None  # noqa: S101 - read just now
+        findings, notes = findings_and_notes(self._filed, self._records)
+        document = documents.opened(self._filed, self._records, findings, notes)
+        document["text"] = Path(files.model).read_text(encoding="utf-8")
+        document["figures"] = pictures.readings([measured(r, self._filed) for r in self._records])
+        return document
+
+    def _model(self, text: str) -> StringModel:
+        if self._made.model != text:
+            self._made = _Made(text)
+        return parse_model(text)
+
+    def _comparison(self, text: str) -> Comparison:
+        model = self._model(text)
+        if self._made.comparison is None:
+            findings, _ = findings_and_notes(model, self._records)
+            long_enough(findings)
+            self._made.comparison = compare(model, self._records)
+        return self._made.comparison
+
+    def _compare(self, text: str) -> documents.Document:
+        c = self._comparison(text)
+        return {**documents.compared(c), "figures": pictures.compared(c)}
+
+    def _diagnose(self, text: str, tell: Tell) -> documents.Document:
+        model = self._model(text)
+        told = self._made.told = examine(model, self._records, tell)
+        document, curves = documents.diagnosed(told)
+        return {**document, "curves": curves}
+
+    def _add(self, text: str, words: list[str], force: bool, tell: Tell) -> documents.Document:
+        model = self._model(text)
+        wants = [wanted(word, model) for word in words]
+        findings, notes = findings_and_notes(model, self._records)
+        sound(findings)
+        check_signals(wants, self._records)
+        addition = add_effects(model, self._records, wants, tell)
+        report = added_report(addition, self._records, findings, notes, out="the model on this page", force=force)
+        document = documents.added(report, addition, words)
+        if report.written:
+            top = "".join(f"# {line}\n" for line in heading(report, words).splitlines())
+            document["text"] = top + format_model(fitted_model(addition.after, model, doubt=addition.doubt))
+            self._made = _Made(document["text"], addition=(addition, report))
+        return document
+
+    def _report(self, text: str, command: str, tell: Tell) -> documents.Document:
+        """Write the page that the commands write with --html: of the last diagnosis, addition or comparison."""
+        tell(0.1, "writing the report")
+        comparison = self._comparison(text)
+        made = self._made
+        with tempfile.NamedTemporaryFile(suffix=".html", prefix="bms-gateway-", delete=False) as file:
+            path = Path(file.name)
+        if made.told is not None:
+            d = made.told.diagnosis
+            write_diagnosis(
+                path,
+                made.told,
+                comparison=comparison if d else None,
+                latent=latent(d.search.baseline) if d else None,
+                experiment=experiment_of(d) if d else None,
+                card=card_of(d.search.baseline) if d else None,
+                command=command,
+            )
+        elif made.addition is not None:
+            addition, report = made.addition
+            write_addition(path, report, addition, command)
+        else:
+            findings, notes = findings_and_notes(parse_model(text), self._records)
+            write_comparison(path, comparison, Aside(comparison.sources, findings, notes, command))
+        return {"path": str(path)}

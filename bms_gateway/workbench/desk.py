@@ -1,0 +1,284 @@
+"""State of one tab: what is open, the models from the filed one to the newest, what runs; it never computes.
+
+Everything the page shows is in `state`; whoever waits for a change waits on `version`. Two tabs are two desks.
+"""
+
+import tempfile
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from bms_gateway.errors import UsageError
+from bms_gateway.workbench.commands import command_lines, config_lines
+from bms_gateway.workbench.process import Worker
+
+Document = dict[str, Any]
+TITLES = {
+    "open": "reading the files",
+    "compare": "holding the model against the readings",
+    "diagnose": "looking for the missing effect",
+    "add": "adding and refitting",
+    "report": "writing the report",
+}
+GONE = "the computing process ended unexpectedly (the terminal says why); a fresh one is ready, please try again"
+REPORT_S = 600.0
+
+
+@dataclass(slots=True)
+class Frame:
+    """One model on the way, and what was made of it.
+
+    Attributes
+    ----------
+    text : str
+        Model file.
+    label : str
+        On the staircase.
+    words : list of str
+        Effects added to the frame before, as `add` takes them.
+    stair : dict
+        Errors, K.
+    """
+
+    text: str
+    label: str
+    words: list[str] = field(default_factory=list)
+    forced: bool = False
+    stair: Document | None = None
+    told: Document | None = None
+    compared: Document | None = None
+    figures: dict[str, Document] = field(default_factory=dict)
+    diagnosed: Document | None = None
+    curves: dict[str, Document] = field(default_factory=dict)
+
+
+class Desk:
+    """See the module's text.
+
+    Parameters
+    ----------
+    name : str
+        By which the tab calls it.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.changed = threading.Condition()
+        self.version = 0
+        self._folder = tempfile.TemporaryDirectory(prefix="bms-gateway-workbench-")
+        self.files: Document | None = None
+        self._opened: Document | None = None
+        self._frames: list[Frame] = []
+        self._job: Document | None = None
+        self._request: Document = {}
+        self._refusal: Document | None = None
+        self._error = ""
+        self._report: Path | None = None
+        self._closed = False
+        self._worker = Worker(self._hear)
+
+    @property
+    def folder(self) -> Path:
+        """Where its uploads lie."""
+        return Path(self._folder.name)
+
+    def close(self) -> None:
+        """End its process, and throw its uploads away."""
+        with self.changed:
+            self._closed = True
+            worker = self._worker
+            self._told()
+        worker.end()
+        self._folder.cleanup()
+
+    # what the page asks for
+
+    def open(self, files: Document) -> None:
+        """Read files anew; what is on the desk stays until they are read."""
+        if not files["tables"]:
+            raise UsageError("open: choose a table or a log first")
+        if not files["model"]:
+            raise UsageError("open: choose a model file first (TOML, as for compare --model)")
+        self._start("open", {"files": files})
+
+    def compare(self) -> None:
+        """Hold the newest model against the readings."""
+        self._start("compare", {"files": self.files, "text": self._top.text})
+
+    def diagnose(self) -> None:
+        """Ask what the newest model lacks."""
+        self._start("diagnose", {"files": self.files, "text": self._top.text})
+
+    def add(self, words: list[str], *, force: bool = False) -> None:
+        """Add effects to the newest model."""
+        if not words:
+            raise UsageError("add: name an effect of the catalogue")
+        self._start("add", {"files": self.files, "text": self._top.text, "words": words, "force": force})
+
+    def undo(self) -> None:
+        """Go back to the model before the last addition; a refused one is put away."""
+        with self.changed:
+            self._refuse_if_busy()
+            if self._refusal is None and len(self._frames) < 2:
+                raise UsageError("undo: nothing has been added")
+            if self._refusal is None:
+                self._frames.pop()
+            self._refusal, self._error = None, ""
+            self._told()
+
+    def cancel(self) -> None:
+        """End what runs."""
+        with self.changed:
+            if self._job is None:
+                return
+            self._job, self._error = None, ""
+            worker, self._worker = self._worker, Worker(self._hear)
+            self._told()
+        worker.end()
+
+    def report(self) -> Path:
+        """Write the report of what the page shows, and wait for it.
+
+        Raises
+        ------
+        UsageError
+            It cannot be written.
+        """
+        lines = command_lines(self.files or {}, self._way())
+        self._start("report", {"files": self.files, "text": self._top.text, "command": lines[-1]})
+        with self.changed:
+            self.changed.wait_for(lambda: self._job is None, REPORT_S)
+            path, self._report = self._report, None
+            if path is None:
+                raise UsageError(self._error or "the report was not written: it was cancelled")
+        return path
+
+    def model(self) -> str:
+        """Newest model file."""
+        with self.changed:
+            return self._top.text
+
+    def figure(self, name: str) -> Document | None:
+        """Figure of the newest model, or of the readings alone."""
+        with self.changed:
+            own = self._frames[-1].figures if self._frames else {}
+            return own.get(name) or (self._opened or {}).get("figures", {}).get(name)
+
+    def curves(self, name: str) -> Document | None:
+        """Curves of an effect of the last diagnosis."""
+        with self.changed:
+            frame = self._diagnosed()
+            return frame.curves.get(name) if frame else None
+
+    def state(self) -> Document:
+        """All that the page shows, figures and curves by name only."""
+        with self.changed:
+            top = self._frames[-1] if self._frames else None
+            opened = {k: v for k, v in (self._opened or {}).items() if k not in ("figures", "text")} or None
+            seen = self._diagnosed()
+            shown = [*(top.figures if top else {}), *((self._opened or {}).get("figures", {}))]
+            return {
+                "version": self.version,
+                "files": self.files,
+                "opened": opened,
+                "stairs": [
+                    {"label": f.label, "words": f.words, "forced": f.forced, "stair": f.stair, "told": f.told}
+                    for f in self._frames
+                ],
+                "compared": top.compared if top else None,
+                "figures": list(dict.fromkeys(shown)),
+                "diagnosed": seen.diagnosed if seen else None,
+                "diagnosed_of": seen.label if seen and seen is not top else None,
+                "refusal": self._refusal,
+                "job": self._job,
+                "error": self._error,
+                "commands": command_lines(self.files, self._way()) if self.files else [],
+                "config": config_lines(self.files, len(self._way())) if self.files else "",
+            }
+
+    # inside
+
+    @property
+    def _top(self) -> Frame:
+        if not self._frames:
+            raise UsageError("open a table and a model first")
+        return self._frames[-1]
+
+    def _way(self) -> list[tuple[list[str], bool]]:
+        return [(f.words, f.forced) for f in self._frames[1:]]
+
+    def _diagnosed(self) -> Frame | None:
+        """Newest model that was diagnosed: its ranking stays in sight while effects are added one by one."""
+        return next((f for f in reversed(self._frames) if f.diagnosed is not None), None)
+
+    def _refuse_if_busy(self) -> None:
+        if self._job is not None:
+            raise UsageError(f"still {self._job['title']}: wait for it or cancel it")
+
+    def _start(self, kind: str, request: Document) -> None:
+        with self.changed:
+            self._refuse_if_busy()
+            if self._closed:
+                raise UsageError("this tab was open too long ago: reload the page")
+            if not self._worker.alive:
+                self._worker = Worker(self._hear)
+            self._job = {"kind": kind, "title": TITLES[kind], "share": 0.0, "text": ""}
+            self._error = ""
+            self._request = {"do": kind, **request}
+            self._worker.ask(self._request)
+            self._told()
+
+    def _hear(self, worker: Worker, answer: Document | None) -> None:
+        with self.changed:
+            if worker is not self._worker or self._closed:
+                return  # of a process that was put away
+            if answer is None:
+                self._worker = Worker(self._hear)
+                if self._job is not None:
+                    self._job, self._error = None, GONE
+            elif self._job is None:
+                return
+            elif "error" in answer:
+                self._job, self._error = None, answer["error"]
+            elif "done" in answer:
+                self._job = None
+                self._take(self._request, answer["done"])
+            else:
+                self._job = {**self._job, "share": answer["share"], "text": answer["text"]}
+            self._told()
+
+    def _take(self, request: Mapping[str, Any], done: Document) -> None:
+        match request["do"]:
+            case "open":
+                self.files, self._opened, self._refusal = request["files"], done, None
+                self._frames = [Frame(done["text"], "the model as filed")]
+                self.compare()
+            case "compare":
+                top = self._top
+                top.figures = done.pop("figures")
+                top.compared = done
+            case "diagnose":
+                self._top.curves = done.pop("curves")
+                self._top.diagnosed = done
+            case "add":
+                self._added(done)
+            case "report":
+                self._report = Path(done["path"])
+
+    def _added(self, done: Document) -> None:
+        text = done.pop("text", None)
+        if text is None:
+            self._refusal = done
+            return
+        self._refusal = None
+        if len(self._frames) == 1:  # measured by the same yardstick as what is added to it
+            self._frames[0].stair = done["before"]
+        frame = Frame(text, f"+ {done['names']}", done["words"], done["forced"], done["after"], done)
+        self._frames.append(frame)
+        self.compare()
+
+    def _told(self) -> None:
+        self.version += 1
+        self.changed.notify_all()

@@ -1,0 +1,218 @@
+"""What the page is told of each step, as plain documents; numbers and sentences are those of the reports."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from bms_gateway.diagnose.adding import Addition
+from bms_gateway.diagnose.adding_bench import all_used, fit_with
+from bms_gateway.diagnose.calibrate import seen_on
+from bms_gateway.diagnose.checks import Finding
+from bms_gateway.diagnose.compare import Comparison, Variant
+from bms_gateway.diagnose.diagnosis import Diagnosis
+from bms_gateway.diagnose.record import Record
+from bms_gateway.diagnose.standing import Standing
+from bms_gateway.identify.map_fit import MapFit
+from bms_gateway.report.add_text import AddReport, headline
+from bms_gateway.report.diagnosis_text import Told, finite, number_lines, reach
+from bms_gateway.report.html import VERDICTS
+from bms_gateway.report.html_evidence import summary
+from bms_gateway.report.html_ranking import GROUPS, NAMED_AT
+from bms_gateway.report.html_series import BAND_SD, Shown
+from bms_gateway.report.html_tables import errors_table, heat_map, parameters_table, thermocouples_table
+from bms_gateway.thermal import StringModel
+from bms_gateway.thermal.effects import catalogue, effect_named
+from bms_gateway.workbench.pictures import NAMES, preview
+
+Document = dict[str, Any]
+WEIGHTS = {"stop": "cannot be used", "warn": "look at this first", "note": "good to know"}
+
+
+def opened(
+    model: StringModel,
+    records: Sequence[Record],
+    findings: Sequence[tuple[str, Finding]],
+    notes: Sequence[tuple[str, str]],
+) -> Document:
+    """Tell what was opened, and what the direct checks found."""
+    order = list(WEIGHTS)
+    checks = sorted(findings, key=lambda f: order.index(f[1].severity))
+    return {
+        "cells": model.cells,
+        "condition": model.condition,
+        "sensors": list(model.sensors),
+        "effects": [e.key for e in model.effects],
+        "catalogue": [{"name": e.name, "title": e.title} for e in catalogue().values()],
+        "records": [
+            {
+                "source": r.source,
+                "minutes": float(r.instants[-1] - r.instants[0]) / 60.0,
+                "readings": len(r.y),
+                "cells": list(r.cells),
+                "core": len(r.core.y) > 0,
+            }
+            for r in records
+        ],
+        "checks": [
+            {"record": s, "severity": f.severity, "weight": WEIGHTS[f.severity], "sentence": f.sentence}
+            for s, f in checks
+        ],
+        "notes": [{"record": s, "note": text} for s, text in notes],
+    }
+
+
+def compared(c: Comparison) -> Document:
+    """Tell where a model fails: as filed, and refitted within what it declares itself."""
+    variants = {name: _variant(name, v) for name, v in zip(NAMES, (c.filed, c.refitted), strict=True)}
+    models = [_shown(name, v) for name, v in zip(NAMES, (c.filed, c.refitted), strict=True)]
+    return {
+        "variants": variants,
+        "errors": errors_table(models),
+        "parameters": parameters_table(c.refitted.fit),
+        "thermocouples": thermocouples_table(models, c.refitted.core_checks),
+    }
+
+
+def _shown(name: str, v: Variant) -> Shown:
+    return Shown(name, v.fit, v.sensors, v.cores)
+
+
+def _variant(name: str, v: Variant) -> Document:
+    shown = _shown(name, v)
+    half = np.max(np.stack([BAND_SD * b.total_K.max(axis=0) for b in v.cores]), axis=0)
+    hottest = np.max(np.stack([b.T_c.max(axis=0) for b in v.cores]), axis=0)
+    sensors = {s.cell: s for s in v.sensors}
+    cells = []
+    for k in range(1, v.fit.problem.model.cells + 1):
+        s = sensors.get(k)
+        cells.append(
+            {
+                "cell": k,
+                "error_K": finite(s.trained.rmse_K) if s else None,
+                "held_K": finite(s.held.rmse_K) if s else None,
+                "floor_K": finite(s.trained.floor_K) if s else None,
+                "ratio": finite(s.trained.ratio) if s else None,
+                "core_C": finite(float(hottest[k - 1])),
+                "core_95_K": finite(float(half[k - 1])),
+            }
+        )
+    return {
+        "findings": list(v.findings),
+        "cards": summary([shown]),
+        "regimes": heat_map([shown]),
+        "cells": cells,
+        "core_measured": [{"cell": x.cell, "error_K": finite(x.rmse_K)} for x in v.core_checks],
+    }
+
+
+def stair(trained_K: float, held_K: float, floor_K: float, core_K: float) -> Document:
+    """Give one step of the staircase: errors and half width of the least certain core, K."""
+    return {
+        "trained_K": finite(trained_K),
+        "held_K": finite(held_K),
+        "floor_K": finite(floor_K),
+        "core_K": finite(core_K),
+    }
+
+
+def diagnosed(told: Told) -> tuple[Document, dict[str, Document]]:
+    """Tell a diagnosis; beside it the curves of each effect, by its name."""
+    d = told.diagnosis
+    verdict = d.verdict if d else "insufficient_data"
+    remains = bool(d and d.unknown_remains and d.selected)
+    top = max(max((r.evidence for r in told.ranking if np.isfinite(r.evidence)), default=0.0), 10.0)
+    fits = _fits(d, told.ranking) if d else {}
+    document = {
+        "verdict": verdict,
+        "tag": VERDICTS[verdict] + (", and something unknown remains" if remains else ""),
+        "sentence": told.sentence,
+        "selected": [s.candidate.key for s in d.selected] if d else [],
+        "needs": reach(NAMED_AT, top),
+        "groups": GROUPS,
+        "error": "error" if d and d.decided_by_second else "held-out error",
+        "ranking": [_standing(r, top, r.name in fits) for r in told.ranking],
+        "absorbed": list(told.absorbed),
+        "card": list(told.card),
+        "next": told.next_experiment,
+    }
+    return document, {name: preview(fit) for name, fit in fits.items()}
+
+
+def _standing(r: Standing, top: float, drawn: bool) -> Document:
+    return {
+        "name": r.name,
+        "effects": [_effect(key) for key in r.effects],
+        "role": r.role,
+        "evidence": finite(r.evidence),
+        "reach": reach(r.evidence, top),
+        "share": finite(r.share),
+        "error_K": finite(r.error_K),
+        "without_K": finite(r.without_K),
+        "numbers": number_lines(r.parameters),
+        "tied": list(r.tied_with),
+        "refused": r.refused,
+        "drawn": drawn,
+    }
+
+
+def _effect(key: str) -> Document:
+    name, _, _ = key.partition(":")
+    e = effect_named(name)
+    return {
+        "key": key,
+        "title": e.title,
+        "equation": e.equation,
+        "signature": e.signature,
+        "needs": e.needs,
+        "confused_with": list(e.confused_with),
+        "parameters": [f"{p.name}: {p.description}{f', {p.unit}' if p.unit != '1' else ''}" for p in e.parameters],
+    }
+
+
+def _fits(d: Diagnosis, ranking: Sequence[Standing]) -> dict[str, MapFit]:
+    """Find the fit behind each line of a ranking, where the search kept one."""
+    ready = d.search.baseline.problem.records
+    chosen = [s.candidate.key for s in d.selected]
+    last: Mapping[str, MapFit] = {t.candidate.key: t.fit for t in d.search.rounds[-1]} if d.search.rounds else {}
+    first: Mapping[str, MapFit] = {t.candidate.key: t.fit for t in d.search.rounds[0]} if d.search.rounds else {}
+    found: dict[str, MapFit] = {}
+    for r in ranking:
+        fit: MapFit | None
+        if d.second is not None and d.decided_by_second:
+            keys = chosen if r.role == "named" else [*chosen, *r.effects] if r.role == "next" else list(r.effects)
+            fit = fit_with(d.second, keys)
+            fit = None if fit is None else seen_on(fit, all_used(ready))
+        elif r.role == "named":
+            fit = d.search.final
+        else:
+            fit = (last if r.role == "next" else first).get(r.name)
+        if fit is not None:
+            found[r.name] = fit
+    return found
+
+
+def added(report: AddReport, addition: Addition, words: Sequence[str]) -> Document:
+    """Tell what an addition did to the errors, or why it may not stay."""
+    floor = report.before.errors.noise_floor_K
+    steps = [
+        stair(side.errors.train_rmse_K, held, floor, float(side.core_K.max()))
+        for side, held in zip((report.before, report.after), report.held_K, strict=True)
+    ]
+    return {
+        "words": list(words),
+        "names": report.names,
+        "kept": report.written,
+        "forced": report.forced,
+        "refused": report.refused,
+        "remark": report.remark,
+        "headline": headline(report),
+        "before": steps[0],
+        "after": steps[1],
+        "tail": report.tail_K is not None,
+        "parameters": parameters_table(addition.after),
+        "core_measured": [
+            {"cell": b.cell, "before_K": finite(b.rmse_K), "after_K": finite(a.rmse_K)}
+            for b, a in zip(report.before.checks, report.after.checks, strict=True)
+        ],
+    }

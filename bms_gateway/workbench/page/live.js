@@ -1,0 +1,151 @@
+// The live pack: cells coloured by their core, what is flagged in words, sensors, bus; or a log that is played.
+import { $, el, post, attempt, complain } from "./util.js";
+
+// Cividis, told apart with any common colour blindness, dark to light as the core gets hotter.
+const SCALE = [[0, 34, 78], [53, 69, 108], [102, 105, 112], [148, 142, 119], [200, 184, 102], [254, 232, 56]];
+const SVG = "http://www.w3.org/2000/svg";
+let about = null;
+let view = "";
+let rows = [];
+let source = null;
+let sliding = false;
+export let pictures = 0;
+
+const clock = (s) => `${Math.floor(s / 3600)}:${String(Math.floor(s / 60) % 60).padStart(2, "0")}:${String(Math.floor(s % 60)).padStart(2, "0")}`;
+const degrees = (x) => (x === null ? "–" : `${x.toFixed(1)}`);
+const steer = (wish) => attempt(() => post("watch", { view, ...wish }))();
+
+export function prepare(known) {
+  about = known;
+  view = sessionStorage.getItem("view") || about.view;
+  sessionStorage.setItem("view", view);
+  $("tab-live").hidden = false;
+  const log = about.kind === "log";
+  const controls = el("div", { id: "live-head" },
+    el("h2", {}, log ? `Playing ${about.title}` : `Live on ${about.title}`),
+    el("button", { type: "button", id: "play", onclick: () => steer({ play: $("play").textContent === "Play" }) }, "Pause"),
+    el("span", {}, el("label", { for: "speed" }, "Speed "), el("select", { id: "speed", onchange: (e) => steer({ speed: Number(e.target.value) }) },
+      ...about.speeds.map((s) => el("option", { value: s }, `${s}×`)))),
+    el("label", { for: "time" }, "Time"),
+    el("input", { type: "range", id: "time", min: 0, max: 1, step: 1, value: 0,
+      onpointerdown: () => { sliding = true; }, onpointerup: () => { sliding = false; },
+      oninput: (e) => { $("at").textContent = clock(Number(e.target.value)); steer({ seek: Number(e.target.value) }); } }),
+    el("output", { id: "at", for: "time" }, "0:00:00"),
+    log ? "" : el("button", { type: "button", id: "follow", onclick: () => steer({ follow: true }) }, "Now"));
+  const facts = el("dl", { id: "live-bus" }, ...["hottest", "bus", "refused", "model"].map((id) =>
+    el("div", { class: "card" }, el("dt", { id: `${id}-title` }, ""), el("dd", { class: "value words", id: `${id}-value` }, "–"), el("dd", { id: `${id}-line` }, ""))));
+  rows = about.strings.map((s) => string(s));
+  $("panel-live").append(controls, el("p", { id: "live-state", role: "status", class: "muted" }, "Waiting for frames…"), facts,
+    el("p", { class: "muted" }, "Core, °C, ± 95 % half width, K; coolant flows from left to right. ",
+      el("span", { class: "scale", id: "scale" }), " ", el("span", { id: "scale-ends" }), " · dashed: no sensor of its own · double frame: its sensor is not used · ring: hottest"),
+    ...rows.map((r) => r.node), el("h3", {}, "What happened"), el("ul", { id: "notices" }));
+  $("scale").style.background = `linear-gradient(to right, ${SCALE.map((c) => `rgb(${c})`).join(",")})`;
+}
+
+function string(s) {
+  const cells = Array.from({ length: s.cells }, (_, k) => {
+    const parts = { core: document.createTextNode("–"), half: document.createTextNode("") };
+    const node = el("div", { class: "live-cell" }, el("b", {}, parts.core), el("span", {}, parts.half));
+    return { node, ...parts, k, last: "" };
+  });
+  const hottest = el("p", {}), resistance = el("p", {}), words = el("p", {}), trend = document.createElementNS(SVG, "svg");
+  trend.setAttribute("width", 240); trend.setAttribute("height", 34); trend.setAttribute("role", "img");
+  const node = el("div", { class: "live-string" }, el("div", {}, el("b", {}, s.name), hottest), el("div", { class: "live-cells", role: "group", "aria-label": `cells of ${s.name}` }, ...cells.map((c) => c.node)),
+    el("div", { class: "live-facts" }, resistance, trend, words));
+  return { node, cells, hottest, resistance, trend, words, sensors: new Set(s.sensors), trended: "" };
+}
+
+// Listens while the page is looked at; a hidden page costs nothing.
+export function listen(on) {
+  if (!about || Boolean(source) === on) return;
+  if (!on) { source.close(); source = null; return; }
+  source = new EventSource(`/api/watch?${new URLSearchParams({ view })}`);
+  source.onmessage = (e) => { complainOnce(false); picture(JSON.parse(e.data)); };
+  source.onerror = () => complainOnce(true);
+}
+let gone = false;
+function complainOnce(now) {
+  if (now !== gone) complain(now ? "the workbench does not answer: is the program still running?" : "");
+  gone = now;
+}
+
+const put = (node, text) => { if (node.textContent !== text) node.textContent = text; };
+
+function picture(p) {
+  pictures += 1;
+  $("panel-live").dataset.pictures = pictures;
+  put($("live-state"), p.problem || (p.ticks ? (about.kind === "log" && !p.whole ? "Still reading the log." : p.ticks && about.kind === "live" && p.bus.link !== "up" ? `The interface is ${p.bus.link}.` : "") : `Waiting for frames; the interface is ${p.link}.`));
+  if (!p.ticks) return;
+  if (!sliding) { $("time").max = p.last; $("time").value = p.at; put($("at"), `${clock(p.at)} of ${clock(p.last)}`); }
+  $("time").setAttribute("aria-valuetext", clock(p.at));
+  put($("play"), p.playing ? "Pause" : "Play");
+  if (document.activeElement !== $("speed")) $("speed").value = p.speed;
+  if ($("follow")) $("follow").disabled = p.following;
+  const all = p.strings.flatMap((s) => s.core).filter((x) => x !== null);
+  const low = all.length ? Math.floor(Math.min(...all)) : 0, high = all.length ? Math.max(Math.ceil(Math.max(...all)), low + 2) : 1;
+  put($("scale-ends"), `${low} … ${high} °C`);
+  let hot = null;
+  p.strings.forEach((s, i) => {
+    row(rows[i], s, low, high);
+    if (s.hottest !== null && (hot === null || s.core[s.hottest] > hot.core)) hot = { string: about.strings[i].name, cell: s.hottest + 1, core: s.core[s.hottest], half: s.half[s.hottest] };
+  });
+  card("hottest", "Hottest core", hot ? `${hot.core.toFixed(1)} ± ${hot.half.toFixed(1)} °C` : "not available", hot ? `${hot.string}, cell ${hot.cell}` : "");
+  const b = p.bus;
+  card("bus", "Bus load", b.load === null ? "–" : `${b.load.toFixed(1)} % of ${about.bitrate / 1000} kbit/s`, `${b.per_s ?? "–"} frames/s, ${b.received} in all, ${b.dropped} lost; stuff bits not counted`);
+  const refused = Object.entries(b.refused).filter(([, n]) => n);
+  card("refused", "Samples not used", String(refused.reduce((a, [, n]) => a + n, 0)), refused.map(([why, n]) => `${why}: ${n}`).join(", ") || "all are used");
+  const worst = p.strings.reduce((a, s, i) => (s.mismatch !== null && (a === null || s.mismatch > a.m) ? { m: s.mismatch, name: about.strings[i].name } : a), null);
+  card("model", "Model mismatch", worst ? `${worst.m.toFixed(2)} × its band` : "–", worst ? `${worst.name}; 1 is as it should be, from 2 on suspected` : "");
+  const list = p.notices.map((n) => `${clock(Math.max(n.at, 0))} ${n.string ? `[${n.string}] ` : ""}${n.text}`);
+  if ($("notices").dataset.said !== list.join("|")) {
+    $("notices").dataset.said = list.join("|");
+    $("notices").replaceChildren(...list.map((t) => el("li", {}, t)));
+  }
+}
+
+function card(id, title, value, line) {
+  put($(`${id}-title`), title); put($(`${id}-value`), value); put($(`${id}-line`), line);
+}
+
+function row(r, s, low, high) {
+  for (const c of r.cells) {
+    const core = s.core[c.k], half = s.half[c.k], q = s.quality[c.k];
+    const now = `${core}|${half}|${q}|${s.hottest === c.k}|${low}|${high}`;
+    if (c.last === now) continue;
+    c.last = now;
+    put(c.core, degrees(core)); put(c.half, half === null ? "" : `± ${half.toFixed(1)}`);
+    const share = core === null ? null : (core - low) / (high - low);
+    const [red, green, blue] = share === null ? [255, 255, 255] : mixed(share);
+    c.node.style.background = `rgb(${red},${green},${blue})`;
+    c.node.style.color = 0.3 * red + 0.59 * green + 0.11 * blue > 128 ? "#000" : "#fff";
+    const word = about.words[q];
+    c.node.className = `live-cell ${word === "estimated" ? "estimated" : word === "good" ? "" : "bad"}${s.hottest === c.k ? " hottest" : ""}`;
+    c.node.title = `cell ${c.k + 1}: ${word} (${about.why[q] ?? ""}); surface ${degrees(s.surface[c.k])} °C`;
+  }
+  put(r.hottest, s.hottest === null ? "no core known" : `hottest: cell ${s.hottest + 1}, ${degrees(s.core[s.hottest])} °C`);
+  put(r.resistance, s.R_e ? `R_e ${s.R_e[0].toFixed(2)} ± ${s.R_e[1].toFixed(2)} mΩ, ${s.R_e[2]}${s.growth === null ? "" : `; ${s.growth > 0 ? "+" : ""}${s.growth.toFixed(1)} % since commissioning`}` : "");
+  const bad = s.quality.map((q, k) => [k + 1, about.words[q]]).filter(([k, w]) => r.sensors.has(k) && w !== "good").map(([k, w]) => `sensor ${k} ${w}`);
+  put(r.words, [s.flags.length ? s.words || s.flags.join(", ") : "no flag raised", ...bad].join("; "));
+  r.words.className = s.flags.length || bad.length ? "alarm" : "";
+  const told = JSON.stringify(s.trend);
+  if (told !== r.trended) { r.trended = told; trend(r.trend, s.trend); }
+}
+
+function mixed(share) {
+  const at = Math.min(Math.max(share, 0), 1) * (SCALE.length - 1), i = Math.min(Math.floor(at), SCALE.length - 2);
+  return SCALE[i].map((c, j) => Math.round(c + (SCALE[i + 1][j] - c) * (at - i)));
+}
+
+function trend(svg, points) {
+  svg.replaceChildren();
+  const usable = points.filter(([, R, sd]) => R !== null && sd !== null);
+  svg.setAttribute("aria-label", usable.length ? `trend of R_e, from ${usable[0][1].toFixed(2)} to ${usable.at(-1)[1].toFixed(2)} milliohm` : "no trend of R_e yet");
+  if (usable.length < 2) return;
+  const t0 = usable[0][0], t1 = usable.at(-1)[0];
+  const low = Math.min(...usable.map(([, R, sd]) => R - sd)), high = Math.max(...usable.map(([, R, sd]) => R + sd));
+  const x = (t) => 2 + (236 * (t - t0)) / (t1 - t0 || 1), y = (R) => 32 - (30 * (R - low)) / (high - low || 1);
+  const shape = (tag, more) => { const n = document.createElementNS(SVG, tag); for (const [k, v] of Object.entries(more)) n.setAttribute(k, v); svg.append(n); };
+  const edge = (sign) => usable.map(([t, R, sd]) => `${x(t)},${y(R + sign * sd)}`);
+  shape("polygon", { points: [...edge(1), ...edge(-1).reverse()].join(" "), fill: "var(--after)", "fill-opacity": 0.2 });
+  shape("polyline", { points: usable.map(([t, R]) => `${x(t)},${y(R)}`).join(" "), fill: "none", stroke: "var(--after)", "stroke-width": 2 });
+}

@@ -1,0 +1,138 @@
+// Starts the page: finds this tab's desk, listens for changes, steps and keys.
+import { $, get, post, ui, keep, attempt, complain } from "./util.js";
+import * as plots from "./plots.js";
+import * as road from "./road.js";
+import * as live from "./live.js";
+
+const STEPS = ["open", "compare", "diagnose", "add", "take", "live"];
+let version = -1;
+let busy = null;
+let fetching = false;
+let stale = false;
+
+function step(name, focus = false) {
+  if (name === "live" && $("tab-live").hidden) name = "open";
+  if (name !== ui.tab) { scrollTo(0, 0); $("panels").scrollTop = 0; }
+  keep({ tab: name });
+  for (const s of STEPS) {
+    const on = s === name;
+    $(`tab-${s}`).setAttribute("aria-selected", String(on));
+    $(`tab-${s}`).tabIndex = on ? 0 : -1;
+    $(`panel-${s}`).hidden = !on;
+    if (on && focus) $(`tab-${s}`).focus();
+  }
+  document.querySelector("main").hidden = name === "live";
+  live.listen(name === "live" && !document.hidden);
+  plots.preview(null);
+  if (name !== "live") dispatchEvent(new Event("resize"));
+}
+
+async function refresh() {
+  if (fetching) { stale = true; return; }
+  fetching = true;
+  try {
+    do {
+      stale = false;
+      const state = await get("state");
+      const fresh = version !== state.version;
+      version = state.version;
+      job(state.job);
+      complain(state.error);
+      road.show(state);
+      await plots.show(state, fresh);
+      document.body.dataset.version = version;
+      document.body.dataset.busy = state.job ? state.job.kind : "";
+    } while (stale);
+  } catch (e) { complain(e.message); } finally { fetching = false; }
+}
+
+function job(j) {
+  $("job").hidden = !j;
+  if (!j) return;
+  if ($("job-title").textContent !== j.title) $("job-title").textContent = j.title;
+  if (j.share > 0) $("job-share").value = j.share; else $("job-share").removeAttribute("value");
+  $("job-text").textContent = j.text;
+}
+
+function heard(news) {
+  const kind = news.job?.kind ?? "";
+  // progress alone changes the bar; everything else is fetched
+  if (busy === kind && kind && news.job.share > 0) { job(news.job); return; }
+  busy = kind;
+  refresh();
+}
+
+let source = null;
+function listen() {
+  source?.close();
+  source = new EventSource(`/api/events?${new URLSearchParams({ desk: ui.desk })}`);
+  let lost = false;
+  source.onmessage = (e) => {
+    if (lost) { lost = false; complain(""); }
+    heard(JSON.parse(e.data));
+  };
+  source.onerror = () => {
+    if (source.readyState === EventSource.CLOSED) { claim().then(listen, (e) => complain(e.message)); return; }
+    lost = true;
+    complain("the workbench does not answer: is the program still running?");
+  };
+}
+
+// This tab's desk; a fresh one where there is none, or the program was started anew.
+async function claim() {
+  if (ui.desk) {
+    try { await get("state"); return; } catch { /* a fresh one, below */ }
+  }
+  keep({ desk: (await post("desk")).desk });
+}
+
+function keys(e) {
+  if (e.ctrlKey || e.metaKey || e.altKey) return;
+  const typing = e.target.closest("input:not([type=radio]), textarea, select");
+  if (e.key === "Escape") { if (road.busy()) road.work("cancel"); complain(""); return; }
+  if (typing) return;
+  if (e.target.role === "tab" && ["ArrowLeft", "ArrowRight"].includes(e.key)) {
+    const there = STEPS.filter((s) => !$(`tab-${s}`).hidden);
+    const i = there.indexOf(ui.tab) + (e.key === "ArrowRight" ? 1 : -1);
+    step(there[(i + there.length) % there.length], true);
+  } else if (e.key >= "1" && e.key <= "6") step(STEPS[Number(e.key) - 1], true);
+  else if (e.key === "ArrowLeft" && !e.target.closest("[role=radio], [type=radio]")) plots.pick(ui.cell - 1);
+  else if (e.key === "ArrowRight" && !e.target.closest("[role=radio], [type=radio]")) plots.pick(ui.cell + 1);
+  else if (e.key === "d" && !road.busy()) { step("diagnose"); road.diagnose(); }
+  else if (e.key === "u" && !road.busy()) { step("add"); road.undo(); }
+  else if (e.key === "t") theme();
+  else return;
+  e.preventDefault();
+}
+
+function theme() {
+  const to = plots.dark() ? "light" : "dark";
+  document.documentElement.dataset.theme = to;
+  localStorage.setItem("theme", to);
+  $("theme").textContent = to === "dark" ? "Light" : "Dark";
+  plots.redraw();
+}
+
+async function start() {
+  $("theme").textContent = plots.dark() ? "Light" : "Dark";
+  $("theme").addEventListener("click", theme);
+  $("keys").addEventListener("click", () => {
+    $("key-list").hidden = !$("key-list").hidden;
+    $("keys").setAttribute("aria-expanded", String(!$("key-list").hidden));
+  });
+  $("dismiss").addEventListener("click", () => complain(""));
+  $("cancel").addEventListener("click", () => road.work("cancel"));
+  for (const s of STEPS) $(`tab-${s}`).addEventListener("click", () => step(s));
+  addEventListener("tab", (e) => step(e.detail));
+  addEventListener("keydown", keys);
+  document.addEventListener("visibilitychange", () => live.listen(ui.tab === "live" && !document.hidden));
+  road.prepare();
+  const [site] = await Promise.all([get("site"), claim()]);
+  if (site.watch) live.prepare(site.watch);
+  const given = sessionStorage.getItem("seen");
+  sessionStorage.setItem("seen", "1");
+  step(site.watch && !given ? "live" : ui.tab);
+  listen();
+}
+
+attempt(start)();

@@ -1,0 +1,280 @@
+// The panels of the road: open, compare, diagnose, add, take away.
+import { $, el, get, post, upload, attempt, ui, keep, K, complain } from "./util.js";
+import { preview } from "./plots.js";
+
+let state = null;
+export const busy = () => Boolean(state?.job);
+export const work = (what, body) => attempt(() => post(what, body))();
+export const diagnose = () => work("diagnose");
+export const undo = () => work("undo");
+
+const words = (text) => text.split("\n").map((t) => t.trim()).filter(Boolean);
+const fold = (id, title, ...inside) =>
+  el("details", { id, open: ui.open.includes(id), ontoggle: (e) => {
+    const rest = ui.open.filter((x) => x !== id);
+    keep({ open: e.target.open ? [...rest, id] : rest });
+  } }, el("summary", {}, title), ...inside);
+const scroll = (name, html) => el("div", { class: "scroll", tabindex: "0", role: "group", "aria-label": name, html });
+
+export function prepare() {
+  $("open-form").addEventListener("submit", attempt(async (e) => {
+    e.preventDefault();
+    await post("open", { tables: words($("tables").value), model: $("model").value.trim(), config: $("config").value.trim(),
+      string: $("string").value.trim(), columns: $("columns").value.trim() ? [$("columns").value.trim()] : [] });
+  }));
+  for (const field of ["tables", "model", "config"]) {
+    $(`${field}-file`).addEventListener("change", attempt(async (e) => {
+      await take([...e.target.files], field);
+      e.target.value = "";
+    }));
+  }
+  addEventListener("dragover", (e) => e.preventDefault());
+  addEventListener("drop", attempt(async (e) => { e.preventDefault(); await take([...e.dataTransfer.files]); }));
+  addEventListener("variant", () => state && compare());
+}
+
+// Uploads files into the field that they were chosen for, or by their kind where they were dropped.
+async function take(files, field = null) {
+  for (const file of files) {
+    const { name } = await upload(file);
+    const to = field ?? (name.endsWith(".toml") ? "model" : /\.(dbc|kcd|arxml)$/.test(name) ? null : "tables");
+    if (to === "tables") $(to).value = [...words($(to).value), name].join("\n");
+    else if (to === "model" || (to === "config" && name.endsWith(".toml"))) $(to).value = name;
+  }
+}
+
+const short = (path) => path.split(/[\\/]/).pop();
+
+export function show(next) {
+  const first = state?.files !== next.files && JSON.stringify(state?.files) !== JSON.stringify(next.files);
+  state = next;
+  if (first && state.files) {
+    $("tables").value = state.files.tables.join("\n");
+    for (const field of ["model", "config", "string"]) $(field).value = state.files[field];
+    $("columns").value = state.files.columns.join(",");
+    $("more").open = Boolean(state.files.config || state.files.columns.length);
+  }
+  const top = state.stairs.at(-1);
+  $("what").textContent = state.opened ? `${state.opened.records.map((r) => short(r.source)).join(", ")} · ${short(state.files.model)}${state.stairs.slice(1).map((s) => ` ${s.label}`).join("")}` : "";
+  $("what").title = $("what").textContent;
+  document.title = top ? `${state.stairs.length > 1 ? top.label : "Workbench"} · bms-gateway` : "Workbench · bms-gateway";
+  const focused = document.activeElement?.id;
+  opened(); compare(); verdict(); adding(); away();
+  for (const b of document.querySelectorAll("[data-work]")) b.disabled = busy() || b.dataset.off === "1";
+  if (focused && document.activeElement?.id !== focused) $(focused)?.focus({ preventScroll: true });
+}
+
+function opened() {
+  const o = state.opened;
+  $("opened").replaceChildren();
+  if (!o) return;
+  const several = o.records.length > 1;
+  const by = (x) => (several ? `${short(x.record)}: ` : "");
+  $("opened").append(
+    el("h3", {}, "Records"),
+    el("ul", {}, ...o.records.map((r) => el("li", {}, `${short(r.source)}: ${r.minutes.toFixed(0)} min, ${r.readings} readings of cell${r.cells.length > 1 ? "s" : ""} ${r.cells.join(", ")}${r.core ? "; a thermocouple in a core, used to judge only" : ""}`))),
+    el("h3", {}, "Direct checks"),
+    o.checks.length
+      ? el("ul", { class: "checks" }, ...o.checks.map((c) => el("li", { class: c.severity }, el("b", {}, `${c.weight}: `), by(c) + c.sentence)))
+      : el("p", { class: "muted" }, "Nothing to complain about: signs, gaps, stuck sensors, soak and spans look right."),
+    o.notes.length ? fold("notes", "How the data were read", el("ul", {}, ...o.notes.map((n) => el("li", {}, by(n) + n.note)))) : "",
+  );
+}
+
+const none = (text) => [el("p", { class: "muted" }, text)];
+const NOTHING = "Open a table and a model first.";
+
+function compare() {
+  const c = state.compared;
+  const box = $("panel-compare");
+  box.replaceChildren(el("h2", {}, "Compare"));
+  if (!c) {
+    box.append(...none(state.opened ? "Not yet held against the model." : NOTHING));
+    if (state.opened) box.append(el("button", { class: "main", type: "button", id: "compare", "data-work": true, onclick: () => work("compare") }, "Compare"));
+    return;
+  }
+  const names = ui.variant === "both" ? ["as filed", "refitted"] : [ui.variant];
+  for (const name of names) {
+    const v = c.variants[name];
+    box.append(el("h3", {}, name === "as filed" ? "The model as filed" : "Refitted to these data, within what the model declares"),
+      el("ul", { class: "found" }, ...v.findings.map((f) => el("li", {}, f))),
+      el("div", { html: v.cards }));
+    if (v.core_measured.length) box.append(el("p", {}, ...v.core_measured.map((m) => `Thermocouple in the core of cell ${m.cell}, never fitted to: ${K(m.error_K)} off. `)));
+  }
+  box.append(fold("errors", "Errors by sensor", scroll("errors by sensor", c.errors)),
+    fold("parameters", "Parameters, refitted", scroll("parameters", c.parameters)));
+  if (c.thermocouples) box.append(fold("thermocouples", "Thermocouples in cores", scroll("thermocouples in cores", c.thermocouples)));
+}
+
+function verdict() {
+  const d = state.diagnosed;
+  const box = $("panel-diagnose");
+  const button = el("button", { class: d ? "" : "main", type: "button", id: "diagnose", "data-work": true, "data-off": state.opened ? null : "1", onclick: diagnose },
+    d ? "Ask again" : "What is missing?");
+  box.replaceChildren(el("h2", {}, "Diagnose"));
+  if (!d) { box.append(...none(state.opened ? "Searches the catalogue of effects for what explains the error; none is assumed." : NOTHING), button); return; }
+  box.append(el("p", {}, el("span", { class: `tag ${d.verdict}` }, d.tag)), el("p", { class: "verdict" }, d.sentence));
+  if (state.diagnosed_of) box.append(el("p", { class: "muted" }, `Found for “${state.diagnosed_of}”, before what has been added since.`));
+  const together = d.selected.filter((k) => !inModel(k));
+  if (together.length > 1) box.append(el("p", {}, el("button", { type: "button", class: "main", id: "add-all", "data-work": true, onclick: () => add(together) }, `Add ${together.join(" and ")} at once`)));
+  const list = el("ul", { class: "effects" });
+  let before = null;
+  for (const [i, r] of d.ranking.entries()) {
+    if (r.role !== before) list.append(el("li", {}, el("h3", {}, d.groups[r.role] ?? "Weighed")));
+    before = r.role;
+    list.append(effect(r, i, d));
+  }
+  if (d.ranking.length) box.append(el("p", { class: "muted" }, "Evidence as log-odds; dashed: what an effect needs, 20 to 1. Pointing at one draws its curve."), list);
+  if (d.next) box.append(el("h3", {}, "What to measure next"), el("p", { id: "next" }, d.next));
+  if (d.card.length) box.append(fold("card", "What these data could show at all", el("ul", {}, ...d.card.map((t) => el("li", {}, t)))));
+  if (d.absorbed.length) box.append(fold("absorbed", "What a parameter absorbs", el("ul", {}, ...d.absorbed.map((t) => el("li", {}, t)))));
+  box.append(button);
+}
+
+const inModel = (key) => state.stairs.slice(1).some((s) => s.words.some((w) => w === key || w === key.split(":")[0])) || state.opened?.effects.includes(key);
+
+function effect(r, i, d) {
+  const id = `effect-${i}`;
+  const open = ui.open.includes(id);
+  const odds = r.evidence === null ? "–" : Math.abs(r.evidence) >= 1000 ? r.evidence.toExponential(1).replace("e+", "e") : r.evidence.toFixed(1);
+  const point = () => { if (r.drawn) preview(r.name); };
+  const leave = () => preview(null);
+  const button = el("button", { type: "button", id, "aria-expanded": String(open), onmouseenter: point, onmouseleave: leave, onfocus: point, onblur: leave,
+    "aria-label": `${r.name}, log-odds ${odds}${r.refused ? `, refused: ${r.refused}` : ""}`,
+    onclick: () => {
+      const rest = ui.open.filter((x) => x !== id);
+      keep({ open: ui.open.includes(id) ? rest : [...rest, id] });
+      verdict();
+      for (const b of document.querySelectorAll("[data-work]")) b.disabled = busy() || b.dataset.off === "1";
+      $(id)?.focus({ preventScroll: true });
+    } },
+    el("span", { class: "name" }, r.name),
+    el("span", { class: "track" }, el("span", { class: "fill", style: `width:${100 * r.reach}%` }), el("span", { class: "need", style: `left:${100 * d.needs}%` })),
+    el("span", { class: "odds" }, odds));
+  const item = el("li", { class: `effect ${r.role}${r.refused ? " refused" : ""}` }, button);
+  if (open) item.append(told(r, d));
+  return item;
+}
+
+function told(r, d) {
+  const list = el("dl", {});
+  const say = (term, text) => { if (text) list.append(el("dt", {}, term), el("dd", {}, text)); };
+  say("Why not", r.refused);
+  say(d.error, r.error_K === null ? "" : `${K(r.error_K)}${r.without_K === null ? "" : `; without it ${K(r.without_K)}`}`);
+  say("Probability", r.share === null ? "" : `${(100 * r.share).toFixed(0)} %`);
+  say("Its numbers", r.numbers.join("; "));
+  say("These data cannot tell it from", r.tied.join(", "));
+  for (const e of r.effects) {
+    list.append(el("dt", {}, e.title), el("dd", {}, el("pre", {}, e.equation)));
+    say("How it shows", e.signature);
+    say("Parameters", e.parameters.join("; "));
+    say("Needs", e.needs);
+    say("Looks like", e.confused_with.join(", "));
+  }
+  const keys = r.effects.map((e) => e.key).filter((k) => !inModel(k));
+  const button = keys.length ? el("button", { type: "button", id: `add-${r.name}`, "data-work": true, onclick: () => add(keys) }, `Add ${keys.join(" and ")}`) : el("span", { class: "muted" }, "in the model");
+  return el("div", { class: "told" }, list, button);
+}
+
+export function add(keys, force = false) {
+  dispatchEvent(new CustomEvent("tab", { detail: "add" }));
+  return work("add", { words: keys, force });
+}
+
+const KINDS = [["trained_K", "error where fitted"], ["held_K", "error held out"], ["core_K", "core, 95 % half width"]];
+let heights = {};
+
+function stairs() {
+  const r = state.refusal;
+  const steps = state.stairs.map((s, i) => (i === 0 && r && !s.stair ? { ...s, stair: r.before } : s));
+  if (r) steps.push({ label: `${r.names} (not added)`, tried: true, stair: r.after });
+  const box = el("div", { class: "stairs" });
+  for (const [kind, title] of KINDS) {
+    const values = steps.map((s) => s.stair?.[kind] ?? null);
+    if (values.every((v) => v === null)) continue;
+    const floor = kind === "core_K" ? null : steps[0].stair?.floor_K;
+    const top = Math.max(...values.filter((v) => v !== null), floor ?? 0) || 1;
+    const bars = el("div", { class: "bars", role: "img", "aria-label": `${title}: ${values.map((v, i) => `${steps[i].label} ${K(v)}`).join(", ")}${floor ? `; noise ${K(floor)}` : ""}` });
+    values.forEach((v, i) => {
+      const key = `${kind}-${i}`;
+      const to = v === null ? 0 : (100 * v) / top;
+      const from = heights[key] ?? heights[`${kind}-${i - 1}`] ?? to;
+      const fill = el("i", { style: `height:${from}%` });
+      const bar = el("span", { class: `bar${steps[i].forced ? " forced" : ""}${steps[i].tried ? " tried" : ""}`, style: `--h:${from}%`, title: steps[i].label }, fill, el("b", {}, v === null ? "–" : K(v, 2)));
+      requestAnimationFrame(() => requestAnimationFrame(() => { fill.style.height = `${to}%`; bar.style.setProperty("--h", `${to}%`); }));
+      heights[key] = to;
+      bars.append(bar);
+    });
+    if (floor) bars.append(el("span", { class: "floor", style: `bottom:${(100 * floor) / top}%`, title: `noise alone: ${K(floor)}` }));
+    box.append(el("figure", {}, el("figcaption", {}, `${title[0].toUpperCase()}${title.slice(1)}, K${floor ? "; dotted: noise alone" : ""}`), bars));
+  }
+  for (const key of Object.keys(heights)) if (Number(key.split("-")[1]) >= steps.length) delete heights[key];
+  return box;
+}
+
+function adding() {
+  const box = $("panel-add");
+  const chosen = $("effect-name")?.value;
+  box.replaceChildren(el("h2", {}, "Add"));
+  if (!state.stairs.length) { box.append(...none(NOTHING)); return; }
+  if (state.stairs.length > 1 || state.refusal) box.append(stairs());
+  else box.append(el("p", { class: "muted" }, "Nothing is added yet. What an addition does to the errors, where fitted and where held out, and to what is not known of the core, is drawn here."));
+  const way = el("ol", { class: "way" });
+  for (const s of state.stairs) {
+    const item = el("li", {}, s.label, s.forced ? el("b", { class: "alarm" }, " by force") : "");
+    if (s.told) {
+      item.append(el("br"), s.told.headline);
+      if (s.forced) item.append(el("br"), el("span", { class: "alarm" }, `Though: ${s.told.refused}.`));
+      if (s.told.remark) item.append(el("br"), el("span", { class: "muted" }, s.told.remark));
+      for (const m of s.told.core_measured) item.append(el("br"), `Thermocouple in the core of cell ${m.cell}, never fitted to: ${K(m.before_K)} → ${K(m.after_K)} off.`);
+    }
+    way.append(item);
+  }
+  box.append(way);
+  const r = state.refusal;
+  if (r) {
+    box.append(el("div", { class: "told", id: "refusal" }, el("p", {}, el("span", { class: "tag refused" }, "Not added")), el("p", {}, `${r.names}: ${r.refused}.`),
+      el("p", { class: "muted" }, r.headline),
+      el("button", { type: "button", id: "force", "data-work": true, onclick: () => add(r.words, true) }, "Add it all the same, marked as forced")));
+  }
+  const found = state.diagnosed?.ranking.flatMap((x) => x.effects.map((e) => e.key)) ?? [];
+  const catalogue = state.opened?.catalogue ?? [];
+  const offered = [...new Set([...found, ...catalogue.map((e) => e.name)])].filter((k) => !inModel(k));
+  box.append(el("label", { for: "effect-name" }, "An effect of the catalogue; EFFECT:CELL where it sits on one cell"),
+    el("div", { class: "row" }, el("input", { id: "effect-name", list: "effect-names", value: chosen ?? "", autocomplete: "off", spellcheck: "false",
+      onkeydown: (e) => { if (e.key === "Enter") chosenOne(); } }),
+      el("button", { type: "button", id: "add", class: "main", "data-work": true, onclick: chosenOne }, "Add")),
+    el("datalist", { id: "effect-names" }, ...offered.map((k) => el("option", { value: k }))),
+    el("p", {}, el("button", { type: "button", id: "undo", "data-work": true, "data-off": r || state.stairs.length > 1 ? null : "1", onclick: undo }, r ? "Put the refused one away" : "Undo the last addition")));
+  const last = state.stairs.at(-1).told;
+  if (last) box.append(fold("numbers", "Numbers of the newest model", scroll("numbers", last.parameters)));
+}
+
+function chosenOne() {
+  const keys = $("effect-name").value.trim().split(/[\s,]+/).filter(Boolean);
+  if (!keys.length) { complain("name an effect of the catalogue, such as entropic_heat"); return; }
+  add(keys);
+}
+
+function away() {
+  const box = $("panel-take");
+  box.replaceChildren(el("h2", {}, "Take away"));
+  if (!state.stairs.length) { box.append(...none(NOTHING)); return; }
+  const name = state.config.match(/model = "(.*)"/)?.[1] ?? "model.toml";
+  const url = (what) => `/api/take?${new URLSearchParams({ desk: ui.desk, what, name })}`;
+  box.append(
+    el("p", {}, el("a", { href: url("model"), id: "take-model", download: name }, `Model file: ${name}`)),
+    el("p", {}, el("button", { type: "button", id: "take-report", "data-work": true, onclick: attempt(report) }, "HTML report of what is shown")),
+    el("h3", {}, "The same by commands"), el("pre", { id: "commands" }, state.commands.join("\n")),
+    el("button", { type: "button", onclick: attempt(async () => navigator.clipboard.writeText(state.commands.join("\n"))) }, "Copy"),
+    el("h3", {}, "In the gateway's config"), el("pre", { id: "config-lines" }, state.config),
+    el("p", { class: "muted" }, "Put the model file beside the config; run and analyze then estimate with it."));
+}
+
+async function report() {
+  const response = await fetch(`/api/take?${new URLSearchParams({ desk: ui.desk, what: "report" })}`);
+  if (!response.ok) throw new Error((await response.json()).error);
+  const link = el("a", { href: URL.createObjectURL(await response.blob()), download: "report.html" });
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 60000);
+}

@@ -1,0 +1,70 @@
+// Small things that all parts of the page use.
+export const $ = (id) => document.getElementById(id);
+
+export function el(tag, attributes = {}, ...children) {
+  const node = document.createElement(tag);
+  for (const [name, value] of Object.entries(attributes)) {
+    if (value === null || value === undefined || value === false) continue;
+    if (name.startsWith("on")) node.addEventListener(name.slice(2), value);
+    else if (name === "style") node.style.cssText = value;
+    else if (name === "html") node.innerHTML = value; // only for HTML that the server made of escaped text
+    else node.setAttribute(name, value === true ? "" : value);
+  }
+  node.append(...children.filter((c) => c !== null && c !== undefined && c !== false));
+  return node;
+}
+
+// What a reload keeps, of this tab alone.
+const KEPT = "workbench";
+export const ui = Object.assign(
+  { desk: "", tab: "open", record: 0, cell: 0, variant: "refitted", open: [] },
+  JSON.parse(sessionStorage.getItem(KEPT) || "{}"),
+);
+export const keep = (change = {}) => {
+  Object.assign(ui, change);
+  sessionStorage.setItem(KEPT, JSON.stringify(ui));
+};
+
+export function complain(text) {
+  $("error").hidden = !text;
+  if ($("error-text").textContent !== (text || "")) $("error-text").textContent = text || "";
+}
+
+async function answered(response) {
+  let document = null;
+  try { document = await response.json(); } catch { /* told below */ }
+  if (response.ok && document) return document;
+  throw new Error(document?.error || `the workbench answered ${response.status}`);
+}
+
+async function asked(url, how) {
+  let response;
+  try { response = await fetch(url, how); } catch {
+    throw new Error("the workbench does not answer: is the program still running?");
+  }
+  return answered(response);
+}
+
+export const get = (what, query = {}) => asked(`/api/${what}?${new URLSearchParams({ desk: ui.desk, ...query })}`);
+export const post = (what, body = {}) =>
+  asked(`/api/${what}?${new URLSearchParams({ desk: ui.desk })}`, {
+    method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body),
+  });
+export const upload = (file) =>
+  asked(`/api/upload?${new URLSearchParams({ desk: ui.desk, name: file.name })}`, {
+    method: "POST", headers: { "Content-Type": "application/octet-stream" }, body: file,
+  });
+
+// Runs what a person asked for; what goes wrong becomes one line on the page.
+export const attempt = (work) => async (...words) => {
+  try {
+    complain("");
+    await work(...words);
+  } catch (e) { complain(e.message); }
+};
+
+export const K = (x, digits = 3) => (x === null || x === undefined ? "–" : x === 0 ? "0 K" : `${amount(x, digits)} K`);
+export function amount(x, digits = 3) {
+  const size = Math.floor(Math.log10(Math.abs(x)));
+  return x.toFixed(Math.min(Math.max(digits - 1 - size, 0), 6));
+}

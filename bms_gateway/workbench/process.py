@@ -1,0 +1,68 @@
+"""A worker process as its owner sees it: one request at a time, answers by a callback, ended at once when told."""
+
+import json
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+START = (
+    "import sys; sys.path.append(sys.argv[1]); "
+    "from bms_gateway.workbench.worker import main; main()"
+)  # found wherever this package was found, and nothing of the user's folder is
+PACKAGE = str(Path(__file__).resolve().parents[2])
+PATIENCE_S = 5.0
+"""For a killed process to be gone; the kernel takes no longer."""
+
+
+class Worker:
+    """A process that computes.
+
+    Parameters
+    ----------
+    hear : callable
+        Gets each answer, in a thread of this object, and None once the process is gone.
+    """
+
+    def __init__(self, hear: "Callable[[Worker, dict[str, Any] | None], None]") -> None:
+        self._hear = hear
+        self._process = subprocess.Popen(  # noqa: S603 - our own interpreter with our own words
+            [sys.executable, "-c", START, PACKAGE], stdin=subprocess.PIPE, stdout=subprocess.PIPE, encoding="utf-8"
+        )
+        self._thread = threading.Thread(target=self._listen, daemon=True)
+        self._thread.start()
+
+    @property
+    def alive(self) -> bool:
+        """Whether requests can be sent."""
+        return self._process.poll() is None
+
+    def ask(self, request: Mapping[str, Any]) -> None:
+        """Send a request; a process that has gone is told by its end."""
+        assert self._process.stdin is not None  # noqa: S101 - opened above
+        with suppress(BrokenPipeError, ValueError):
+            self._process.stdin.write(json.dumps(request) + "\n")
+            self._process.stdin.flush()
+
+    def end(self) -> None:
+        """End it now, whatever it does."""
+        self._process.kill()
+        if threading.current_thread() is not self._thread:
+            self._thread.join(PATIENCE_S)
+        with suppress(BrokenPipeError):
+            if self._process.stdin is not None:
+                self._process.stdin.close()
+
+    def _listen(self) -> None:
+        out = self._process.stdout
+        assert out is not None  # noqa: S101 - opened above
+        with out:
+            for line in out:
+                # what a killed process left unfinished is no answer
+                if line.endswith("\n"):
+                    self._hear(self, json.loads(line))
+        self._process.wait()
+        self._hear(self, None)

@@ -1,0 +1,444 @@
+"""The page's server: files of the page, state as JSON, changes as server-sent events. One thread per request.
+
+The standard library's server does it: a page for one person on one machine needs no framework, starts at once, and
+brings nothing that would have to be trusted.
+"""
+
+import json
+import secrets
+import sys
+import threading
+from collections import OrderedDict
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib.resources import files
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Final
+from urllib.parse import parse_qs, unquote, urlsplit
+
+from bms_gateway.errors import GatewayError, MissingExtraError, UsageError
+from bms_gateway.workbench.desk import Desk
+from bms_gateway.workbench.doors import HEADERS, LOOPBACK, names, refusal
+
+if TYPE_CHECKING:  # the engine: only the live page needs it
+    from bms_gateway.workbench.watch import Watch
+
+MOST_DESKS: Final = 6
+"""Tabs that are kept; each has a process of a hundred megabytes. The one unused for longest goes."""
+WARM_S: Final = 8.0
+"""After a tab has opened, the process of the next one is started."""
+LARGEST_JSON: Final = 64 * 1024
+LARGEST_UPLOAD: Final = 256 * 1024**2
+PER_DESK: Final = 1024**3
+"""Bytes of uploads that one tab may keep."""
+CHUNK: Final = 1 << 20
+PING_S: Final = 10.0
+"""An event stream says that it lives; so a browser that has gone is noticed."""
+IDLE_S: Final = 120.0
+"""A connection that sends nothing for so long is closed."""
+TYPES = {
+    ".html": "text/html; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".svg": "image/svg+xml",
+}
+
+
+@dataclass(slots=True)
+class Site:
+    """What the page serves.
+
+    Attributes
+    ----------
+    given : dict or None
+        Files of the command line; every new tab opens them.
+    watch : Watch or None
+        The live pack, or a log that is played.
+    local : bool
+        Bound to this machine only: then the page may open files by their path.
+    """
+
+    given: dict[str, Any] | None = None
+    watch: "Watch | None" = None
+    local: bool = True
+    desks: "OrderedDict[str, Desk]" = field(default_factory=OrderedDict)
+    lock: threading.Lock = field(default_factory=threading.Lock)
+    spare: Desk | None = None
+    closing: bool = False
+
+    def warm(self) -> None:
+        """Have a desk ready whose process has loaded what it needs, for the next tab."""
+        with self.lock:
+            if self.spare is None and not self.closing:
+                self.spare = Desk(secrets.token_urlsafe(12))
+
+    def new_desk(self) -> Desk:
+        """Open a desk for a tab; the files of the command line are opened on it."""
+        with self.lock:
+            desk, self.spare = self.spare or Desk(secrets.token_urlsafe(12)), None
+            self.desks[desk.name] = desk
+            old = [self.desks.popitem(last=False)[1] for _ in range(len(self.desks) - MOST_DESKS)]
+        for one in old:
+            one.close()
+        if self.given is not None:
+            desk.open(self.given)
+        later = threading.Timer(WARM_S, self.warm)  # not now: it would take the processor from this tab
+        later.daemon = True
+        later.start()
+        return desk
+
+    def desk(self, name: str) -> Desk:
+        """Find a tab's desk.
+
+        Raises
+        ------
+        UsageError
+        """
+        with self.lock:
+            if name not in self.desks:
+                raise UsageError("this tab is not known (any more): reload the page")
+            self.desks.move_to_end(name)
+            return self.desks[name]
+
+    def close(self) -> None:
+        """End every process and stream."""
+        with self.lock:
+            self.closing = True
+            all_of_them = [*self.desks.values(), *([self.spare] if self.spare else [])]
+            self.desks.clear()
+            self.spare = None
+        for desk in all_of_them:
+            desk.close()
+
+
+class Server(ThreadingHTTPServer):
+    """Serves one site.
+
+    Raises
+    ------
+    UsageError
+        The address cannot be used.
+    """
+
+    daemon_threads = True
+
+    def __init__(self, site: Site, host: str, port: int) -> None:
+        try:
+            super().__init__((host, port), Handler)
+        except (OSError, OverflowError) as e:
+            reason = getattr(e, "strerror", None) or e
+            raise UsageError(f"workbench: --host {host} --port {port}: cannot be used: {reason}") from None
+        self.site = site
+        site.local = host in LOOPBACK
+        self.known = names(host, self.server_address[1])
+        self.url = f"http://{'127.0.0.1' if not site.local else host}:{self.server_address[1]}/"
+
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Say nothing of a browser that closes its connection; everything else is a bug, and is printed."""
+        if not isinstance(sys.exception(), ConnectionError):
+            super().handle_error(request, client_address)
+
+
+def plotly_file() -> Path:
+    """Find plotly's script in its package.
+
+    Raises
+    ------
+    MissingExtraError
+    """
+    spec = find_spec("plotly")  # not imported: its script is all that is needed
+    for place in (spec.submodule_search_locations or []) if spec else []:
+        path = Path(place) / "package_data" / "plotly.min.js"
+        if path.is_file():
+            return path
+    raise MissingExtraError("workbench", "workbench")
+
+
+class Handler(BaseHTTPRequestHandler):
+    """Answers one connection."""
+
+    server: Server
+    protocol_version = "HTTP/1.1"
+    timeout = IDLE_S
+    server_version = "bms-gateway"
+    sys_version = ""
+    GETS: ClassVar = {"state": "_state", "figure": "_figure", "curves": "_curves", "events": "_events", "take": "_take"}
+
+    def log_message(self, format: str, *args: Any) -> None:  # noqa: A002 - the base class calls it so
+        """Keep the terminal clean."""
+
+    def do_GET(self) -> None:
+        """Serve the page, or a part of the state."""
+        self._guarded(self._get)
+
+    def do_POST(self) -> None:
+        """Do what the page asks for."""
+        self._guarded(self._post)
+
+    def _guarded(self, answer: Any) -> None:
+        headers = {k.lower(): v for k, v in self.headers.items()}
+        why_not = refusal(self.command, headers, self.server.known)
+        if why_not:
+            self._json({"error": why_not}, HTTPStatus.FORBIDDEN)
+            self.close_connection = True
+            return
+        try:
+            answer()
+        except GatewayError as e:
+            self._json({"error": " ".join(str(e).split())}, HTTPStatus.BAD_REQUEST)
+        except (BrokenPipeError, ConnectionResetError, TimeoutError):
+            self.close_connection = True  # the browser has gone
+
+    # what is read
+
+    def _get(self) -> None:
+        url = urlsplit(self.path)
+        self._query = {k: v[0] for k, v in parse_qs(url.query).items()}
+        path = unquote(url.path)
+        if path == "/":
+            self._asset("page.html")
+        elif path == "/plotly.js":
+            self._bytes(plotly_file().read_bytes(), TYPES[".js"], cached=True)
+        elif path.startswith("/page/"):
+            self._asset(path.removeprefix("/page/"))
+        elif path == "/api/site":
+            site = self.server.site
+            self._json({"watch": site.watch.about() if site.watch else None, "local": site.local})
+        elif path == "/api/watch":
+            self._watch()
+        elif path.removeprefix("/api/") in self.GETS:
+            getattr(self, self.GETS[path.removeprefix("/api/")])()
+        else:
+            self._json({"error": f"there is nothing at {path}"}, HTTPStatus.NOT_FOUND)
+
+    def _desk(self) -> Desk:
+        return self.server.site.desk(self._query.get("desk", ""))
+
+    def _asset(self, name: str) -> None:
+        folder = files("bms_gateway.workbench").joinpath("page")
+        known = {p.name: p for p in folder.iterdir()}
+        if name not in known or Path(name).suffix not in TYPES:
+            self._json({"error": f"there is nothing at {name}"}, HTTPStatus.NOT_FOUND)
+            return
+        self._bytes(known[name].read_bytes(), TYPES[Path(name).suffix])
+
+    def _state(self) -> None:
+        self._json(self._desk().state())
+
+    def _figure(self) -> None:
+        self._json({"figure": self._desk().figure(self._query.get("name", ""))})
+
+    def _curves(self) -> None:
+        self._json({"curves": self._desk().curves(self._query.get("name", ""))})
+
+    def _take(self) -> None:
+        desk = self._desk()
+        if self._query.get("what") == "report":
+            path = desk.report()
+            try:
+                self._bytes(path.read_bytes(), TYPES[".html"], name="report.html")
+            finally:
+                path.unlink(missing_ok=True)
+        else:
+            name = Path(self._query.get("name", "model.toml")).name
+            self._bytes(desk.model().encode(), "application/toml", name=name)
+
+    # streams
+
+    def _events(self) -> None:
+        desk = self._desk()
+        self._stream(self._changes(desk))
+
+    def _changes(self, desk: Desk) -> Iterator[str]:
+        seen = -1
+        while not self.server.site.closing:
+            with desk.changed:
+                if desk.version == seen:
+                    desk.changed.wait(PING_S)
+                news = desk.version != seen
+                seen = desk.version
+                state = desk.state() if news else {}
+            few = {k: state[k] for k in ("version", "job", "error")} if news else None
+            yield json.dumps(few) if few else ""
+
+    def _watch(self) -> None:
+        watch = self.server.site.watch
+        if watch is None:
+            raise UsageError("nothing is live here: start with --live CHANNEL --config C")
+        self._stream(watch.stream(self._query.get("view", "")))
+
+    def _stream(self, parts: Iterator[str]) -> None:
+        self.send_response(HTTPStatus.OK)
+        self.send_header("Content-Type", "text/event-stream")
+        self.send_header("Cache-Control", "no-store")
+        self.send_header("Connection", "close")
+        self._safe_headers()
+        self.end_headers()
+        self.close_connection = True
+        for part in parts:
+            self.wfile.write(f"data: {part}\n\n".encode() if part else b": alive\n\n")
+            self.wfile.flush()
+            if self.server.site.closing:
+                return
+
+    # what is asked for
+
+    def _post(self) -> None:
+        url = urlsplit(self.path)
+        self._query = {k: v[0] for k, v in parse_qs(url.query).items()}
+        if url.path == "/api/upload":
+            self._upload()
+            return
+        body = self._body()
+        site = self.server.site
+        if url.path == "/api/desk":
+            self._json({"desk": site.new_desk().name})
+            return
+        if url.path == "/api/watch":
+            if site.watch is None:
+                raise UsageError("nothing is live here")
+            site.watch.steer(str(body.get("view", "")), body)
+            self._json({})
+            return
+        self._work(self._desk(), url.path.removeprefix("/api/"), body)
+        self._json({})
+
+    def _work(self, desk: Desk, what: str, body: dict[str, Any]) -> None:
+        match what:
+            case "open":
+                desk.open(self._wanted_files(desk, body))
+            case "compare":
+                desk.compare()
+            case "diagnose":
+                desk.diagnose()
+            case "add":
+                words = body.get("words")
+                if not isinstance(words, list) or not all(isinstance(w, str) for w in words):
+                    raise UsageError("add: words must be a list of effects")
+                desk.add(words, force=body.get("force") is True)
+            case "undo":
+                desk.undo()
+            case "cancel":
+                desk.cancel()
+            case _:
+                raise UsageError(f"the page cannot ask for '{what}'")
+
+    def _wanted_files(self, desk: Desk, body: dict[str, Any]) -> dict[str, Any]:
+        """Take files by name: uploaded ones, those of the command line, and by path on this machine only."""
+
+        def one(name: object) -> str:
+            if not isinstance(name, str):
+                raise UsageError("open: a file's name must be text")
+            uploaded = desk.folder / safe_name(name)
+            if name and uploaded.is_file():
+                return str(uploaded)
+            given = self.server.site.given or {}
+            if not name or name in (*given.get("tables", ()), given.get("model"), given.get("config")):
+                return name
+            if not self.server.site.local:
+                raise UsageError(f"open: {name}: upload it; paths are taken only on the machine itself")
+            return name
+
+        tables, columns = body.get("tables"), body.get("columns") or []
+        if (
+            not isinstance(tables, list)
+            or not isinstance(columns, list)
+            or not all(isinstance(c, str) for c in columns)
+        ):
+            raise UsageError("open: tables and columns must be lists")
+        return {
+            "tables": [one(t) for t in tables],
+            "model": one(body.get("model") or ""),
+            "config": one(body.get("config") or ""),
+            "string": str(body.get("string") or ""),
+            "columns": columns,
+        }
+
+    def _body(self) -> dict[str, Any]:
+        length = self._length(LARGEST_JSON)
+        try:
+            document = json.loads(self.rfile.read(length) or b"{}")
+        except ValueError:
+            raise UsageError("the request is no JSON") from None
+        if not isinstance(document, dict):
+            raise UsageError("the request must be a JSON object")
+        return document
+
+    def _length(self, most: int) -> int:
+        text = self.headers.get("Content-Length", "")
+        if not text.isdecimal() or int(text) > most:
+            self.close_connection = True  # what follows is not read
+            raise UsageError(f"too large: at most {most / 1024**2:g} MiB are taken at once")
+        return int(text)
+
+    def _upload(self) -> None:
+        left = self._length(LARGEST_UPLOAD)
+        desk = self._desk()
+        name = safe_name(self._query.get("name", ""))
+        if not name:
+            raise UsageError("upload: the file has no name")
+        kept = sum(p.stat().st_size for p in desk.folder.iterdir() if p.name != name)
+        if kept + left > PER_DESK:
+            self.close_connection = True
+            raise UsageError(f"{name}: this tab holds {kept / 1024**2:.0f} MiB already: reload the page to start anew")
+        beside = desk.folder / f".{secrets.token_hex(8)}"
+        with beside.open("wb") as out:
+            while left:
+                part = self.rfile.read(min(left, CHUNK))
+                if not part:
+                    break
+                out.write(part)
+                left -= len(part)
+        if left:
+            beside.unlink()
+            raise UsageError(f"{name}: the upload broke off")
+        beside.replace(desk.folder / name)
+        self._json({"name": name})
+
+    # answers
+
+    def _json(self, document: Any, status: HTTPStatus = HTTPStatus.OK) -> None:
+        text = json.dumps(document, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
+        with suppress(BrokenPipeError, ConnectionResetError):
+            self._bytes(text.encode(), "application/json", status=status)
+
+    def _bytes(
+        self,
+        body: bytes,
+        kind: str,
+        *,
+        status: HTTPStatus = HTTPStatus.OK,
+        name: str = "",
+        cached: bool = False,
+    ) -> None:
+        self.send_response(status)
+        self.send_header("Content-Type", kind)
+        self.send_header("Content-Length", str(len(body)))
+        self.send_header("Cache-Control", "max-age=86400" if cached else "no-store")
+        if name:
+            plain = safe_name(name).encode("ascii", "ignore").decode()
+            self.send_header("Content-Disposition", f'attachment; filename="{plain or "file"}"')
+        self._safe_headers()
+        self.end_headers()
+        self.wfile.write(body)
+
+    def _safe_headers(self) -> None:
+        for header, value in HEADERS.items():
+            self.send_header(header, value)
+
+
+def safe_name(name: str) -> str:
+    """Give the last part of a file's name, without what could lead elsewhere.
+
+    Examples
+    --------
+    >>> safe_name("../../etc/passwd"), safe_name("drive 1.log.gz"), safe_name("..")
+    ('passwd', 'drive 1.log.gz', '')
+    """
+    last = name.replace("\\", "/").rpartition("/")[2]
+    return "".join(c for c in last if c.isalnum() or c in "._- +()").strip().lstrip(".")[:120]

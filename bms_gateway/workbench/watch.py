@@ -1,0 +1,319 @@
+"""What the engine says of a pack, tick by tick, and any number of tabs that look at it, each at its own moment.
+
+The same for a live bus and for a log that is played: the engine runs ahead as fast as it gets frames, every tick is
+kept, and a tab looks at one tick. So going back, pausing and playing at another speed change nothing of the estimates.
+"""
+
+import json
+import secrets
+import threading
+import time
+from bisect import bisect_right
+from collections import OrderedDict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from math import isfinite
+from typing import Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bms_gateway.engine import Engine, Estimated, Event, Notice
+from bms_gateway.engine.inputs import REASONS
+from bms_gateway.errors import UsageError
+from bms_gateway.frames.quality import Quality
+
+PERIOD_S: Final = 0.4
+"""Between two pictures: two and a half a second. Cells change slower; more would only cost."""
+MOST_TICKS: Final = 20_000
+"""Kept: five and a half hours of seconds; 20 MiB with sixty cells. Beyond, a log keeps every second one, a live bus the
+newest."""
+MOST_NOTICES: Final = 400
+SHOWN_NOTICES: Final = 8
+TREND: Final = 48
+"""Points of the trend of R_e: as many as its little figure has room for."""
+MOST_VIEWS: Final = 16
+SPEEDS: Final = (1, 2, 5, 10, 20, 50, 100)
+BEHIND_NS: Final = 3_000_000_000
+"""A tab that is nearer to the newest tick than this follows it."""
+WORDS: Final = {int(q): q.name.lower().replace("_", " ") for q in Quality}
+WHY: Final = {int(q): text for q, text in REASONS.items()} | {
+    int(Quality.GOOD): "measured, and used",
+    int(Quality.ESTIMATED): "no sensor of its own: from the model and its neighbours",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class _Tick:
+    """All cells of all strings at one tick, string after string; and per string what goes with it."""
+
+    time_ns: int
+    cells: NDArray[np.float32]
+    quality: NDArray[np.uint8]
+    strings: tuple[dict[str, Any], ...]
+    bus: dict[str, Any]
+
+
+@dataclass(slots=True)
+class _View:
+    """Where a tab looks: `at_ns` is None while it follows the newest tick."""
+
+    at_ns: float | None
+    playing: bool = True
+    speed: float = 1.0
+    moved: float = field(default_factory=time.monotonic)
+
+
+class Watch:
+    """See the module's text.
+
+    Parameters
+    ----------
+    engine : Engine
+        That listens only.
+    kind : {"live", "log"}
+    title : str
+        Of the bus or the log.
+    bitrate : float
+        Of the bus, bit/s.
+    bus : callable
+        Gives received, dropped, bits and the state of the link so far.
+    """
+
+    def __init__(
+        self,
+        engine: Engine,
+        kind: Literal["live", "log"],
+        title: str,
+        bitrate: float,
+        bus: Callable[[], dict[str, Any]],
+    ) -> None:
+        self.kind, self.title, self.bitrate = kind, title, bitrate
+        self._engine, self._bus = engine, bus
+        self._lock = threading.Lock()
+        self._ticks: list[_Tick] = []
+        self._times: list[int] = []
+        self._every, self._skipped = 1, 0
+        self._notices: list[Notice] = []
+        self._trend: dict[str, list[tuple[int, float, float]]] = {s.plan.name: [] for s in engine.strings}
+        self._part: dict[str, Estimated] = {}
+        self._views: OrderedDict[str, _View] = OrderedDict()
+        self._before: tuple[int, int, int] | None = None
+        self.problem = ""
+        """Why there will be no more ticks, as one line; empty while there may be."""
+        self.whole = False
+        """Whether a log has been read to its end."""
+
+    def about(self) -> dict[str, Any]:
+        """Tell what does not change."""
+        return {
+            "kind": self.kind,
+            "title": self.title,
+            "bitrate": self.bitrate,
+            "speeds": list(SPEEDS),
+            "view": secrets.token_urlsafe(9),
+            "words": {str(k): w for k, w in WORDS.items()},
+            "why": {str(k): w for k, w in WHY.items()},
+            "strings": [
+                {"name": s.plan.name, "cells": s.plan.model.cells, "sensors": list(s.plan.model.sensors)}
+                for s in self._engine.strings
+            ],
+        }
+
+    # written by whoever drives the engine
+
+    def take(self, event: Event) -> None:
+        """Take the engine's next event; a tick is kept once all strings have theirs."""
+        if isinstance(event, Notice):
+            with self._lock:
+                self._notices = [*self._notices[-MOST_NOTICES + 1 :], event]
+        elif isinstance(event, Estimated):
+            self._part[event.string] = event
+            if len(self._part) == len(self._engine.strings):
+                self._keep(event.time_ns)
+
+    def _keep(self, time_ns: int) -> None:
+        parts = [self._part[s.plan.name] for s in self._engine.strings]
+        self._part = {}
+        cells = np.concatenate([np.stack([p.core, p.core_sd, p.surface]) for p in parts], axis=1).astype(np.float32)
+        strings = []
+        for s in self._engine.strings:
+            R_e = next((e for e in s.estimates if e.name == "R_e"), None)
+            strings.append(
+                {
+                    "R_e": None if R_e is None else [_n(1e3 * R_e.value, 4), _n(1e3 * R_e.sd, 4), R_e.status],
+                    "growth": _n(100.0 * s.ageing.growth, 2),
+                    "mismatch": _n(s.mismatch.excess**0.5, 3) if s.mismatch.excess >= 0.0 else None,
+                    "flags": list(s.flags),
+                }
+            )
+            trend = self._trend[s.plan.name]
+            if R_e is not None and (not trend or trend[-1][1:] != (R_e.value, R_e.sd)):
+                trend.append((time_ns, R_e.value, R_e.sd))
+        tick = _Tick(time_ns, cells, np.concatenate([p.quality for p in parts]), tuple(strings), self._traffic(time_ns))
+        with self._lock:
+            self._skipped += 1
+            if self._skipped < self._every:
+                return
+            self._skipped = 0
+            self._ticks.append(tick)
+            self._times.append(time_ns)
+            if len(self._ticks) > MOST_TICKS:
+                if self.kind == "log":
+                    self._every *= 2
+                    self._ticks, self._times = self._ticks[::2], self._times[::2]
+                else:
+                    self._ticks, self._times = self._ticks[-MOST_TICKS // 2 :], self._times[-MOST_TICKS // 2 :]
+
+    def _traffic(self, time_ns: int) -> dict[str, Any]:
+        now = self._bus()
+        received, bits = int(now["received"]), int(now["bits"])
+        found = {"received": received, "dropped": now["dropped"], "link": now["link"], "per_s": None, "load": None}
+        if self._before is not None and time_ns > self._before[0]:
+            seconds = (time_ns - self._before[0]) * 1e-9
+            found["per_s"] = round((received - self._before[1]) / seconds, 1)
+            found["load"] = round(100.0 * (bits - self._before[2]) / seconds / self.bitrate, 2)
+        self._before = (time_ns, received, bits)
+        found["refused"] = dict(self._engine.rejected)
+        return found
+
+    # read by tabs
+
+    def steer(self, name: str, wish: Mapping[str, Any]) -> None:
+        """Move a tab: `seek` to a time in s since the first tick, `play`, `speed`, `follow` the newest.
+
+        Raises
+        ------
+        UsageError
+        """
+        with self._lock:
+            view = self._view(name)
+            self._move(view)
+            if "speed" in wish:
+                if wish["speed"] not in SPEEDS:
+                    raise UsageError(f"speed: valid are {', '.join(map(str, SPEEDS))}")
+                view.speed = float(wish["speed"])
+            if "play" in wish:
+                view.playing = bool(wish["play"])
+                if view.at_ns is None and self._times:
+                    view.at_ns = float(self._times[-1])
+            if "seek" in wish:
+                to = wish["seek"]
+                if isinstance(to, bool) or not isinstance(to, int | float) or not isfinite(to):
+                    raise UsageError("seek: a time in s is needed")
+                if self._times:
+                    view.at_ns = float(np.clip(self._times[0] + to * 1e9, self._times[0], self._times[-1]))
+            if wish.get("follow"):
+                view.at_ns, view.playing = None, True
+
+    def stream(self, name: str) -> Iterator[str]:
+        """Give pictures as JSON, `PERIOD_S` apart; an empty text where nothing has changed."""
+        last: dict[str, Any] | None = None
+        while True:
+            with self._lock:
+                view = self._view(name)
+                self._move(view)
+                picture = self._picture(view)
+            yield json.dumps(picture, separators=(",", ":"), allow_nan=False) if picture != last else ""
+            last = picture
+            time.sleep(PERIOD_S)
+
+    def _view(self, name: str) -> _View:
+        if name not in self._views:
+            first = float(self._times[0]) if self._times and self.kind == "log" else 0.0
+            self._views[name] = _View(first if self.kind == "log" else None)
+            if len(self._views) > MOST_VIEWS:
+                self._views.popitem(last=False)
+        self._views.move_to_end(name)
+        return self._views[name]
+
+    def _move(self, view: _View) -> None:
+        """Let a tab's moment go on with the clock of the wall, at its speed."""
+        now = time.monotonic()
+        passed, view.moved = now - view.moved, now
+        if view.at_ns is None or not self._times:
+            return
+        view.at_ns = max(view.at_ns, float(self._times[0]))
+        if view.playing:
+            view.at_ns = min(view.at_ns + passed * view.speed * 1e9, float(self._times[-1]))
+            if self.kind == "live" and view.speed >= 1 and self._times[-1] - view.at_ns < BEHIND_NS and passed > 0:
+                view.at_ns = None if view.speed > 1 else view.at_ns
+
+    def _picture(self, view: _View) -> dict[str, Any]:
+        if not self._times:
+            return {"ticks": 0, "problem": self.problem, "link": self._bus()["link"]}
+        at = self._times[-1] if view.at_ns is None else int(view.at_ns)
+        tick = self._ticks[max(bisect_right(self._times, at) - 1, 0)]
+        first = self._times[0]
+        return {
+            "ticks": len(self._times),
+            "problem": self.problem,
+            "at": round((tick.time_ns - first) * 1e-9, 3),
+            "last": round((self._times[-1] - first) * 1e-9, 3),
+            "stamp_ns": tick.time_ns,
+            "whole": self.whole,
+            "following": view.at_ns is None,
+            "playing": view.playing,
+            "speed": view.speed,
+            "strings": self._strings(tick),
+            "bus": tick.bus,
+            "notices": self._told(tick.time_ns, first),
+        }
+
+    def _strings(self, tick: _Tick) -> list[dict[str, Any]]:
+        found, first = [], 0
+        for s, known in zip(self._engine.strings, tick.strings, strict=True):
+            n = s.plan.model.cells
+            core, sd, surface = tick.cells[:, first : first + n]
+            quality = tick.quality[first : first + n]
+            first += n
+            there = np.isfinite(core)
+            hottest = int(np.nanargmax(core)) if there.any() else None
+            trend = [
+                [round(t * 1e-9, 1), _n(1e3 * R, 4), _n(1e3 * e, 4)]
+                for t, R, e in self._trend[s.plan.name]
+                if t <= tick.time_ns
+            ]
+            words = next((x.text for x in reversed(self._notices) if _of(x, s.plan.name, tick.time_ns)), "")
+            found.append(
+                {
+                    **known,
+                    "core": [_n(x, 2) for x in core.tolist()],
+                    "half": [_n(1.96 * x, 2) for x in sd.tolist()],
+                    "surface": [_n(x, 2) for x in surface.tolist()],
+                    "quality": quality.tolist(),
+                    "hottest": hottest,
+                    "trend": trend[-TREND:],
+                    "words": words if known["flags"] else "",
+                }
+            )
+        return found
+
+    def _told(self, until_ns: int, first_ns: int) -> list[dict[str, Any]]:
+        seen = [n for n in self._notices if n.time_ns <= until_ns][-SHOWN_NOTICES:]
+        return [
+            {"at": round((n.time_ns - first_ns) * 1e-9, 1), "level": int(n.level), "text": n.text, "string": n.string}
+            for n in reversed(seen)
+        ]
+
+
+def _of(n: Notice, string: str, until_ns: int) -> bool:
+    return n.string == string and n.code in ("ageing", "mismatch") and n.time_ns <= until_ns
+
+
+def _n(x: float, digits: int) -> float | None:
+    """Round for the page; None where there is no number."""
+    return round(float(x), digits) if isfinite(x) else None
+
+
+def bits_on_wire(can_id: Sequence[int] | NDArray[np.uint32], length: NDArray[np.uint8], extended: int) -> int:
+    """Count the bits of classic frames, stuff bits left out (they add up to a fifth, depending on the data).
+
+    Examples
+    --------
+    >>> bits_on_wire(np.array([0x100], np.uint32), np.array([8], np.uint8), 0x8000_0000)
+    111
+    """
+    ids = np.asarray(can_id)
+    frame = np.where((ids & extended) != 0, 67, 47)  # start to interframe space, without data
+    return int(frame.sum() + 8 * length.astype(np.int64).sum())

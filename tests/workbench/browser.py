@@ -1,0 +1,189 @@
+"""A real browser for the tests: Debian's chromium by its driver, spoken to in W3C WebDriver, with nothing in between."""
+
+import base64
+import json
+import os
+import shutil
+import socket
+import subprocess
+import time
+import urllib.error
+import urllib.request
+from contextlib import suppress
+from pathlib import Path
+
+CHROMIUM = next((p for p in map(shutil.which, ("chromium", "chromium-browser", "google-chrome")) if p), None)
+DRIVER = next((p for p in map(shutil.which, ("chromedriver", "/usr/lib/chromium/chromedriver")) if p), None)
+PATIENCE_S = 60.0
+"""For what comes within a second on an idle machine; CI's guest is slow and loaded."""
+ELEMENT = "element-6066-11e4-a52e-4f735466cecf"
+KEYS = {"Escape": "\ue00c", "Enter": "\ue007", "Tab": "\ue004", "Left": "\ue012", "Right": "\ue014"}
+
+
+def why_none() -> str:
+    """Why no browser can be driven here; empty where one can."""
+    if CHROMIUM is None:
+        return "no chromium here: apt-get install chromium"
+    return "" if DRIVER else "no chromedriver here: apt-get install chromium-driver"
+
+
+def come(condition, what, patience_s=PATIENCE_S):
+    """Wait until a condition holds, and give what it gave."""
+    end = time.monotonic() + patience_s
+    while not (found := condition()):
+        if time.monotonic() > end:
+            raise AssertionError(f"did not come within {patience_s:g} s: {what() if callable(what) else what}")
+        time.sleep(0.05)
+    return found
+
+
+class Driver:
+    """The driver's process; windows are opened on it."""
+
+    def __init__(self, folder: Path) -> None:
+        with socket.socket() as s:
+            s.bind(("127.0.0.1", 0))
+            self.port = s.getsockname()[1]
+        self.log = (folder / "chromedriver.log").open("w")
+        environment = {**os.environ, "HOME": str(folder), "XDG_CONFIG_HOME": str(folder), "XDG_CACHE_HOME": str(folder)}
+        self.process = subprocess.Popen(
+            [DRIVER, f"--port={self.port}"], stdout=self.log, stderr=self.log, env=environment
+        )
+        self.folder = folder
+        self.windows: list[Window] = []
+        come(lambda: self._ready(), "the driver of the browser")
+
+    def _ready(self) -> bool:
+        with suppress(OSError):
+            return self.call("GET", "/status")["ready"]
+        return False
+
+    def call(self, method, path, body=None):
+        request = urllib.request.Request(
+            f"http://127.0.0.1:{self.port}{path}",
+            None if body is None else json.dumps(body).encode(),
+            {"Content-Type": "application/json"},
+            method=method,
+        )
+        try:
+            with urllib.request.urlopen(request, timeout=300) as response:
+                return json.load(response)["value"]
+        except urllib.error.HTTPError as e:
+            with e:
+                told = json.load(e)["value"]
+            raise AssertionError(f"{told['error']}: {told['message'].splitlines()[0]}") from None
+
+    def window(self, url, size=(1280, 720), dark=False) -> "Window":
+        arguments = [
+            "--headless=new",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--disable-dev-shm-usage",
+            "--no-first-run",
+            "--force-prefers-reduced-motion",
+            f"--window-size={size[0]},{size[1]}",
+            *(["--force-dark-mode"] if dark else []),
+        ]
+        options = {"binary": CHROMIUM, "args": arguments, "prefs": {"download.default_directory": str(self.folder)}}
+        capabilities = {"alwaysMatch": {"goog:chromeOptions": options, "goog:loggingPrefs": {"browser": "ALL"}}}
+        session = self.call("POST", "/session", {"capabilities": capabilities})["sessionId"]
+        window = Window(self, session)
+        self.windows.append(window)
+        # the page itself is to be so large, not the window around it
+        window.cdp("Emulation.setDeviceMetricsOverride", width=size[0], height=size[1], deviceScaleFactor=1, mobile=False)
+        window.go(url)
+        return window
+
+    def close(self) -> None:
+        for window in self.windows:
+            window.close()
+        self.process.terminate()
+        self.process.wait(30)
+        self.log.close()
+
+
+class Window:
+    """One browser with one tab, or more."""
+
+    def __init__(self, driver: Driver, session: str) -> None:
+        self.driver, self.session = driver, session
+
+    def _call(self, method, path, body=None):
+        return self.driver.call(method, f"/session/{self.session}{path}", body)
+
+    def cdp(self, command, **parameters):
+        return self._call("POST", "/goog/cdp/execute", {"cmd": command, "params": parameters})
+
+    def go(self, url) -> None:
+        self._call("POST", "/url", {"url": url})
+
+    def reload(self) -> None:
+        self._call("POST", "/refresh", {})
+
+    def run(self, script, *args):
+        """Run a script; what it returns, a promise's value too."""
+        return self._call("POST", "/execute/sync", {"script": script, "args": list(args)})
+
+    def _element(self, css):
+        found = self._call("POST", "/element", {"using": "css selector", "value": css})
+        return found[ELEMENT]
+
+    def there(self, css) -> bool:
+        """Whether something matches and can be seen."""
+        return self.run(
+            "const e = document.querySelector(arguments[0]);"
+            "return Boolean(e && e.getClientRects().length && getComputedStyle(e).visibility !== 'hidden');",
+            css,
+        )
+
+    def click(self, css) -> None:
+        come(lambda: self.there(css), lambda: f"{css} to click on; error line: {self.text('#error')!r}")
+        self.run("document.querySelector(arguments[0]).scrollIntoView({block: 'center'})", css)
+        self._call("POST", f"/element/{self._element(css)}/click", {})
+
+    def type(self, css, text) -> None:
+        element = self._element(css)
+        self._call("POST", f"/element/{element}/clear", {})
+        self._call("POST", f"/element/{element}/value", {"text": text})
+
+    def upload(self, css, path) -> None:
+        self._call("POST", f"/element/{self._element(css)}/value", {"text": str(path)})
+
+    def press(self, key) -> None:
+        """Press a key wherever the focus is."""
+        value = KEYS.get(key, key)
+        actions = [{"type": "keyDown", "value": value}, {"type": "keyUp", "value": value}]
+        self._call("POST", "/actions", {"actions": [{"type": "key", "id": "keys", "actions": actions}]})
+
+    def point(self, css) -> None:
+        """Move the pointer onto something."""
+        self.run("document.querySelector(arguments[0]).scrollIntoView({block: 'center'})", css)
+        move = {"type": "pointerMove", "duration": 0, "origin": {ELEMENT: self._element(css)}, "x": 0, "y": 0}
+        self._call("POST", "/actions", {"actions": [{"type": "pointer", "id": "mouse", "actions": [move]}]})
+
+    def text(self, css) -> str:
+        return self.run("return document.querySelector(arguments[0])?.innerText ?? ''", css)
+
+    def wait(self, script, *args, patience_s=PATIENCE_S):
+        """Wait until a script gives something true."""
+        return come(
+            lambda: self.run(script, *args), lambda: f"{script}; error line: {self.text('#error')!r}", patience_s
+        )
+
+    def idle(self, patience_s=PATIENCE_S) -> None:
+        """Wait until nothing runs and the page shows what came of it."""
+        self.wait(
+            "return document.body.dataset.busy === '' && document.querySelector('#job').hidden", patience_s=patience_s
+        )
+
+    def complaints(self) -> list[str]:
+        """What the browser's console holds against the page."""
+        found = self._call("POST", "/se/log", {"type": "browser"})
+        return [e["message"] for e in found if e["level"] == "SEVERE"]
+
+    def picture(self, path) -> None:
+        Path(path).write_bytes(base64.b64decode(self._call("GET", "/screenshot")))
+
+    def close(self) -> None:
+        with suppress(AssertionError, OSError):
+            self._call("DELETE", "")
