@@ -2,11 +2,12 @@
 
 from bms_gateway.engine.drive import drain, drive
 from bms_gateway.engine.engine import Engine
-from bms_gateway.engine.events import Estimated, Event, Job, Level, Notice, Parameters, SendFrames, StartJob
+from bms_gateway.engine.events import Decoded, Estimated, Event, Job, Level, Notice, Parameters, SendFrames, StartJob
 from bms_gateway.engine.plan import Channel, Plan, StringPlan
 
 __all__ = [
     "Channel",
+    "Decoded",
     "Engine",
     "Estimated",
     "Event",

@@ -24,8 +24,8 @@ import numpy as np
 from bms_gateway.engine.broadcast import Broadcast, Counts, State
 from bms_gateway.engine.clock import Clock
 from bms_gateway.engine.estimate import Estimators, StringEstimator
-from bms_gateway.engine.events import Event, Job, Level, Notice, SendFrames, StartJob
-from bms_gateway.engine.inputs import Inputs, Reading, Samples
+from bms_gateway.engine.events import Decoded, Event, Job, Level, Notice, SendFrames, StartJob
+from bms_gateway.engine.inputs import Inputs, Reading, Samples, Wire
 from bms_gateway.engine.plan import Channel, Plan
 from bms_gateway.errors import StateError
 from bms_gateway.frames.batch import FrameBatch
@@ -63,6 +63,8 @@ class Engine:
         Wanted frames so far.
     dropped : int
         Frames lost before they reached us; whoever reads the bus sets it.
+    recording : bool
+        Whether each tick's samples are wanted as `Decoded` events, for a record of recent signals.
 
     Raises
     ------
@@ -88,6 +90,17 @@ class Engine:
         self._told = Counts(0, 0, 0, 0.0)
         self.frames = 0
         self.dropped = 0
+        self.recording = False
+
+    @property
+    def plan(self) -> Plan:
+        """What it was made from."""
+        return self._plan
+
+    @property
+    def wires(self) -> list[Wire]:
+        """Which inputs each string has, in the order of the plan; `Decoded` speaks of them by their index."""
+        return self._inputs.wires
 
     @property
     def can_ids(self) -> np.ndarray[tuple[int], np.dtype[np.uint32]]:
@@ -223,6 +236,9 @@ class Engine:
         t0 = t1 - self._plan.tick_ns
         self._take_results(t1)
         readings = self._inputs.update(samples, t0, t1)
+        if self.recording:
+            taken, good = self._inputs.good
+            self._queue.append(Decoded(t1, taken.time_ns[good], taken.input[good], taken.value[good]))
         self._queue.extend(self._inputs.changes(t1))
         if (faults := self._clock.faults()) != self._clock_told:
             self._clock_told = faults

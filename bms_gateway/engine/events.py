@@ -103,4 +103,24 @@ class Notice:
     cell: int | None = None
 
 
-Event = SendFrames | StartJob | Estimated | Parameters | Notice
+@dataclass(frozen=True, slots=True)
+class Decoded:
+    """Samples of one tick that the guard let pass; said only where `engine.recording` asks for it.
+
+    Attributes
+    ----------
+    sample_ns : ndarray of int64 (K,)
+        Bus time of each.
+    input : ndarray of intp (K,)
+        Index, as the `engine.wires` have it.
+    value : ndarray (K,)
+        SI, °C.
+    """
+
+    time_ns: int
+    sample_ns: NDArray[np.int64]
+    input: NDArray[np.intp]
+    value: Floats
+
+
+Event = SendFrames | StartJob | Estimated | Parameters | Notice | Decoded

@@ -34,6 +34,8 @@ GOOD, ESTIMATED = int(Quality.GOOD), int(Quality.ESTIMATED)
 USED = frozenset({"current", "voltage", "coolant_inlet", "coolant_flow", "surface"})
 USED_BY_EFFECTS = USED | {"soc"}
 USED_BY_CELLS = USED | {"cell_voltage"}
+RECORDED = frozenset({"soc"})
+"""Decoded and guarded in any case, for the record of recent signals; nobody is told of what nothing is made of."""
 ACTIVE_A = 1.0  # mean current of a tick above which a sensor that never moves is suspicious
 
 REASONS = {
@@ -96,6 +98,12 @@ class Samples:
         return Samples(self.time_ns.take(at), self.input.take(at), self.value.take(at), self.flag.take(at))
 
 
+_NOTHING = (
+    Samples(np.empty(0, np.int64), np.empty(0, np.intp), np.empty(0), np.empty(0, np.uint8)),
+    np.empty(0, np.bool_),
+)
+
+
 @dataclass(frozen=True, slots=True)
 class Reading:
     """One string at one tick.
@@ -152,10 +160,13 @@ class Inputs:
         Identifiers that carry an input, ascending: the kernel's filter and ours.
     rejected : dict of str to int
         Samples turned away so far, by reason.
+    good : tuple of Samples and ndarray of bool
+        Samples of the newest tick, and which of them the guard let pass.
     """
 
     def __init__(self, plan: Plan, database: Database) -> None:
         self._channels: list[Channel] = []
+        self._spare: set[int] = set()
         self._names: list[tuple[str, int | None]] = []
         groups: list[int] = []
         index: dict[tuple[str, float, float], int] = {}
@@ -195,6 +206,7 @@ class Inputs:
         ends = accumulate((len(w.surface) for w in self.wires), initial=0)
         self._mine = [slice(first, end) for first, end in pairwise(ends)]
         self._active = False
+        self.good = _NOTHING
         self.rejected: dict[str, int] = {}
         self._strange_ns = np.empty(0, np.int64)  # frames of ticks to come whose multiplexer the DBC does not know
 
@@ -207,10 +219,11 @@ class Inputs:
             if c.signal is None:
                 constants[c.quantity] = nan if c.constant is None else c.constant
                 continue
-            if c.quantity not in used:
+            if c.quantity not in used | RECORDED:
                 continue
             known = len(index)
             i = index.setdefault((c.signal, c.scale, c.offset), known)
+            (self._spare.discard if c.quantity in used else self._spare.add)(i)
             if i == known:
                 self._channels.append(c)
                 self._names.append((string.name, c.cell))
@@ -272,7 +285,8 @@ class Inputs:
             self.rejected[UNKNOWN_MUX] = self.rejected.get(UNKNOWN_MUX, 0) + strange
             self._strange_ns = self._strange_ns[strange:]
         self._quality = g.channel_quality
-        means, cells = self._integrate(samples, g.quality == GOOD, t0, t1)
+        self.good = samples, g.quality == GOOD
+        means, cells = self._integrate(*self.good, t0, t1)
         quality = [*g.channel_quality.tolist(), ESTIMATED]  # one more for index −1: a channel that does not exist
         there = self._surface >= 0
         seen = g.time_ns.take(self._surface)
@@ -346,6 +360,8 @@ class Inputs:
         """Tell which inputs have begun or ceased to be good since the last call."""
         notices = []
         for i in np.flatnonzero(self._quality != self._told).tolist():
+            if i in self._spare:
+                continue
             now, before = Quality(int(self._quality[i])), Quality(int(self._told[i]))
             first = before == Quality.NEVER
             if (first or Quality.GOOD in (now, before)) and not (first and now == Quality.GOOD):
@@ -382,14 +398,14 @@ class Inputs:
 
     def faults(self) -> list[tuple[str, Channel, Quality]]:
         """List inputs once received and not good now: the string that first names each, its channel, its quality."""
-        bad = np.flatnonzero((self._quality != GOOD) & (self._quality != Quality.NEVER)).tolist()
-        return [(self._names[i][0], self._channels[i], Quality(int(self._quality[i]))) for i in bad]
+        bad = set(np.flatnonzero((self._quality != GOOD) & (self._quality != Quality.NEVER)).tolist()) - self._spare
+        return [(self._names[i][0], self._channels[i], Quality(int(self._quality[i]))) for i in sorted(bad)]
 
     def unheard(self) -> dict[str, str]:
         """Tell of which inputs no sample ever came, by string, as text."""
         missing: dict[str, list[str]] = {}
         for i in np.flatnonzero(~self._heard).tolist():
-            if self._channels[i].quantity == "cell_voltage":
+            if self._channels[i].quantity == "cell_voltage" or i in self._spare:
                 continue  # our own DBC always has them; few buses carry them
             missing.setdefault(self._names[i][0], []).append(self._channels[i].signal or "")
         return {name: ", ".join(signals) for name, signals in missing.items()}
