@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from bms_gateway.config.credential import SECRET_KEYS, check_secret, credential
 from bms_gateway.config.model_file import read_model
 from bms_gateway.config.schema import GatewayConfig, Signals, Source, String
 from bms_gateway.config.toml import nearest_file, read_toml, validate
@@ -86,7 +87,7 @@ def load_config(path: Path) -> LoadedConfig:
         cells=config.cells.settings,
     )
     models = [path.parent / s.model for s in config.string]
-    files = tuple(dict.fromkeys([path, *map(Path, databases), *models]))
+    files = tuple(dict.fromkeys([path, *map(Path, databases), *models, *mqtt_files(path, config).values()]))
     return LoadedConfig(path, config, plan, database, _store(path, config), files)
 
 
@@ -271,6 +272,24 @@ def _file(config: Path, name: str, key: str) -> Path:
     if not file.is_file():
         raise ConfigError(f"{config}: {key}: {str(file)!r} is no plain file")
     return file
+
+
+def mqtt_files(path: Path, config: GatewayConfig) -> dict[str, Path]:
+    """Find the files of `[mqtt]`, by key.
+
+    Raises
+    ------
+    ConfigError
+        One is missing, or holds a secret and is open to others.
+    """
+    m = config.mqtt
+    if m is None:
+        return {}
+    named = {"password_file": m.password_file, "ca_file": m.ca_file, "cert_file": m.cert_file, "key_file": m.key_file}
+    files = {key: credential(_file, path, name, f"mqtt.{key}") for key, name in named.items() if name is not None}
+    for key in sorted(SECRET_KEYS & files.keys()):
+        check_secret(files[key], f"{path}: mqtt.{key}")
+    return files
 
 
 def _dbc_text(file: Path) -> str:

@@ -12,6 +12,7 @@ from bms_gateway.thermal import Disturbance
 
 NAME = re.compile(r"[A-Za-z0-9_.-]+")
 """Names of strings go into CSV columns, metrics and file names."""
+LOOPBACK = ("localhost", "127.0.0.1", "::1")
 IFNAMSIZ = 15  # most bytes of a network interface's name in Linux
 
 
@@ -235,6 +236,57 @@ class Alerting(Section):
     core_max_C: float | None = Field(default=None, gt=-40.0, le=200.0)
 
 
+TOPIC = re.compile(r"[^\x00-\x20+#$/][^\x00-\x20+#]*")
+"""Of MQTT: no wildcards, no blanks, and not below the broker's own `$SYS`."""
+
+
+class Mqtt(Section):
+    """`[mqtt]`: a broker that gets status, alerts and estimates. Without the table there is no MQTT.
+
+    Attributes
+    ----------
+    topic : str
+        What every topic begins with; one of its own for each gateway of a broker.
+    password_file, ca_file, cert_file, key_file : str, optional
+        Relative to the config. Of password and key only the owner may know.
+    interval_s : float
+        Between two summaries of the estimates.
+    spool : int
+        Messages of each kind that wait in memory while the broker is not reached.
+    """
+
+    host: str = Field(min_length=1, max_length=255)
+    port: int | None = Field(default=None, ge=1, le=65_535)
+    topic: str = Field(default="bms-gateway", max_length=200)
+    username: str | None = Field(default=None, min_length=1)
+    password_file: str | None = Field(default=None, min_length=1)
+    tls: bool = False
+    ca_file: str | None = Field(default=None, min_length=1)
+    cert_file: str | None = Field(default=None, min_length=1)
+    key_file: str | None = Field(default=None, min_length=1)
+    interval_s: float = Field(default=10.0, ge=1.0, le=86_400.0)
+    spool: int = Field(default=1000, ge=10, le=100_000)
+
+    @field_validator("topic")
+    @classmethod
+    def _plain_topic(cls, topic: str) -> str:
+        if not TOPIC.fullmatch(topic) or topic.endswith("/"):
+            raise ValueError(f"{topic!r}: no '+', '#' or blank, no '/' at the ends, no '$' in front")
+        return topic
+
+    @model_validator(mode="after")
+    def _goes_together(self) -> "Mqtt":
+        if self.password_file is not None and self.username is None:
+            raise ValueError("password_file needs username")
+        if (self.cert_file is None) != (self.key_file is None):
+            raise ValueError("cert_file and key_file go together")
+        if not self.tls and (self.ca_file or self.cert_file):
+            raise ValueError("ca_file and cert_file need tls = true")
+        if self.password_file is not None and not self.tls and self.host not in LOOPBACK:
+            raise ValueError("password_file needs tls = true: the password would cross the network readable")
+        return self
+
+
 class GatewayConfig(Section):
     """The whole file."""
 
@@ -247,6 +299,7 @@ class GatewayConfig(Section):
     engine: EngineSection = EngineSection()
     metrics: Metrics = Metrics()
     alerts: Alerting = Alerting()
+    mqtt: Mqtt | None = None
 
     @model_validator(mode="before")
     @classmethod

@@ -4,12 +4,14 @@ What the config does not want is not even imported.
 """
 
 from collections.abc import Callable, Iterator
+from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
-from bms_gateway.config.load import LoadedConfig
-from bms_gateway.errors import ConfigError
+from bms_gateway.config.load import LoadedConfig, mqtt_files
+from bms_gateway.errors import ConfigError, MissingExtraError
 from bms_gateway.service.alerts import Alerts
 from bms_gateway.service.live import Gateway
+from bms_gateway.service.summary import estimates, status
 from bms_gateway.service.watch import Watch
 
 if TYPE_CHECKING:
@@ -45,6 +47,20 @@ def accompany(gateway: Gateway, loaded: LoadedConfig, engine: "Callable[[], Engi
 
         server = MetricsServer(*address, Page(gateway, engine, watch, more), CONTENT_TYPE)
         gateway.beside["metrics"] = server.run
+    if config.mqtt is not None:
+        if find_spec("aiomqtt") is None:
+            raise MissingExtraError(f"{loaded.path}: [mqtt]", "mqtt")
+        from bms_gateway.service.mqtt import Publisher
+
+        publisher = Publisher(
+            config.mqtt,
+            mqtt_files(loaded.path, config),
+            status=lambda: status(gateway, watch, engine()),
+            estimates=lambda: estimates(gateway, watch, engine()),
+        )
+        watch.listeners.append(publisher.on_change)
+        gateway.beside["mqtt"] = publisher.run
+        more.append(publisher.families)
     return watch
 
 
@@ -56,6 +72,6 @@ def same_beside(running: LoadedConfig, wanted: LoadedConfig) -> None:
     ConfigError
         It needs a restart.
     """
-    for section in ("metrics", "alerts"):
+    for section in ("metrics", "alerts", "mqtt"):
         if getattr(wanted.config, section) != getattr(running.config, section):
             raise ConfigError(f"{wanted.path}: [{section}] has changed: restart the service")

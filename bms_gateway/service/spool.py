@@ -1,0 +1,79 @@
+"""What could not be sent yet: bounded, the oldest goes first, and what goes is counted.
+
+Kept in memory and not on disk. What matters after a restart is not lost with it: an alert that still holds is raised
+anew, the status line is made from the present, journald has what was told, and the drive is in the vehicle's own
+recordings. A spool on disk would write to the vehicle's flash the more the longer it is out of reach, and could fill
+the disk that the state needs. Alerts and estimates have a queue each, so that a night of estimates never pushes out an
+alert.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Final, Literal
+
+Kind = Literal["alert", "estimate"]
+KINDS: Final[tuple[Kind, ...]] = ("alert", "estimate")  # in the order in which they are sent
+MOST_BYTES: Final = 4 << 20  # of one kind; a thousand messages of eight strings have 1 MiB
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """One message for a broker."""
+
+    topic: str
+    payload: bytes
+
+
+class Spool:
+    """Queues of messages.
+
+    Parameters
+    ----------
+    limit : int
+        Messages of each kind.
+
+    Attributes
+    ----------
+    dropped : dict of str to int
+        Messages given up, by kind.
+
+    Examples
+    --------
+    >>> spool = Spool(2)
+    >>> for k in range(3):
+    ...     spool.put("estimate", Message("t", b"%d" % k))
+    >>> spool.put("alert", Message("t", b"a"))
+    >>> kind, first = spool.head()
+    >>> kind, first.payload, spool.waiting("estimate"), spool.dropped["estimate"]
+    ('alert', b'a', 2, 1)
+    """
+
+    def __init__(self, limit: int) -> None:
+        self._limit = limit
+        self._queues: dict[Kind, deque[Message]] = {kind: deque() for kind in KINDS}
+        self._bytes = dict.fromkeys(KINDS, 0)
+        self.dropped: dict[Kind, int] = dict.fromkeys(KINDS, 0)
+
+    def put(self, kind: Kind, message: Message) -> None:
+        """Add a message; the oldest of its kind give way."""
+        queue = self._queues[kind]
+        queue.append(message)
+        self._bytes[kind] += len(message.payload)
+        while len(queue) > self._limit or (self._bytes[kind] > MOST_BYTES and queue):
+            self._bytes[kind] -= len(queue.popleft().payload)
+            self.dropped[kind] += 1
+
+    def head(self) -> tuple[Kind, Message] | None:
+        """Give the next to send: alerts before estimates, old before new; it stays until `sent`."""
+        return next(((kind, queue[0]) for kind, queue in self._queues.items() if queue), None)
+
+    def sent(self, kind: Kind, message: Message) -> None:
+        """Take out a message that was given by `head`; while it was being sent it may have given way already."""
+        queue = self._queues[kind]
+        if queue and queue[0] is message:
+            queue.popleft()
+            self._bytes[kind] -= len(message.payload)
+
+    def waiting(self, kind: Kind) -> int:
+        """Messages of a kind that are not sent yet."""
+        return len(self._queues[kind])
