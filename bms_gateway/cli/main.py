@@ -28,6 +28,7 @@ COMMANDS = {
     "compare": "model against measurement: where, when and in which regime it fails",
     "diagnose": "which physical effect the model lacks",
     "add": "add an effect to a model, refit it, show the error before and after",
+    "workbench": "a local page: compare, diagnose, add and watch the error fall; and the live pack",
     "effects": "the catalogue of physical effects that a model may lack: equation, parameters, needs, look-alikes",
     "reproduce": "the paper's figures and tables beside ours, with its errata; explains the method",
     "observability": "what surface sensors tell of the cores: exact rank, the paper's rank, uncertainty of each core",

@@ -101,7 +101,7 @@ class Bench:
             case "add":
                 return self._add(text, request["words"], bool(request.get("force")), tell)
             case "report":
-                return self._report(text, request.get("command", ""), tell)
+                return self._report(text, request["kind"], request["command"], tell)
         raise UsageError(f"no such task: {request['do']}")
 
     def _read(self, files: Files) -> None:
@@ -163,14 +163,15 @@ class Bench:
             self._made = _Made(document["text"], addition=(addition, report))
         return document
 
-    def _report(self, text: str, command: str, tell: Tell) -> documents.Document:
+    def _report(self, text: str, kind: str, command: str, tell: Tell) -> documents.Document:
         """Write the page that the commands write with --html: of the last diagnosis, addition or comparison."""
         tell(0.1, "writing the report")
         comparison = self._comparison(text)
         made = self._made
         with tempfile.NamedTemporaryFile(suffix=".html", prefix="bms-gateway-", delete=False) as file:
             path = Path(file.name)
-        if made.told is not None:
+        if kind == "diagnose":
+            made.told = made.told or examine(self._model(text), self._records, tell)
             d = made.told.diagnosis
             write_diagnosis(
                 path,
@@ -181,7 +182,7 @@ class Bench:
                 card=card_of(d.search.baseline) if d else None,
                 command=command,
             )
-        elif made.addition is not None:
+        elif kind == "add" and made.addition is not None:
             addition, report = made.addition
             write_addition(path, report, addition, command)
         else:

@@ -2,6 +2,7 @@
 
 import shlex
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,15 +20,24 @@ def model_name(model: str, step: int) -> str:
     return model if step == 0 else f"{Path(model).stem}_with_{step}.toml"
 
 
-def command_lines(files: Mapping[str, Any], way: Sequence[tuple[Sequence[str], bool]]) -> list[str]:
+@dataclass(frozen=True, slots=True)
+class Leg:
+    """One model of the way: effects added to the one before, whether by force, whether it was diagnosed."""
+
+    words: Sequence[str] = ()
+    forced: bool = False
+    diagnosed: bool = False
+
+
+def command_lines(files: Mapping[str, Any], way: Sequence[Leg]) -> list[str]:
     """Write what was done as commands.
 
     Parameters
     ----------
     files : mapping
         What is open, by path.
-    way : sequence of (words, forced)
-        Additions in their order.
+    way : sequence of Leg
+        The model as filed, and what was made of it.
 
     Returns
     -------
@@ -40,17 +50,19 @@ def command_lines(files: Mapping[str, Any], way: Sequence[tuple[Sequence[str], b
         if files.get(option):
             more += [f"--{option}", files[option]]
     data = [x for t in tables for x in ("--data", t)]
-    lines = [
-        [PROGRAM, "compare", *tables, "--model", model, *more],
-        [PROGRAM, "diagnose", *tables, "--model", model, *more],
-    ]
-    for i, (words, forced) in enumerate(way):
-        before, after = model_name(model, i), model_name(model, i + 1)
-        force = ["--force"] if forced else []
-        lines.append([PROGRAM, "add", *words, "--model", before, *data, *more, "--out", after, *force])
-    if way:
-        lines.append([PROGRAM, "compare", *tables, "--model", model_name(model, len(way)), *more])
-    lines[-1] += ["--html", "report.html"]
+    lines = []
+    for i, leg in enumerate(way):
+        name = model_name(model, i)
+        if i == 0:
+            lines.append([PROGRAM, "compare", *tables, "--model", name, *more])
+        else:
+            force = ["--force"] if leg.forced else []
+            before = model_name(model, i - 1)
+            lines.append([PROGRAM, "add", *leg.words, "--model", before, *data, *more, "--out", name, *force])
+        if leg.diagnosed:
+            lines.append([PROGRAM, "diagnose", *tables, "--model", name, *more])
+    if lines:
+        lines[-1] += ["--html", "report.html"]
     return [shlex.join(words) for words in lines]
 
 

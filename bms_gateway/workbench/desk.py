@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from bms_gateway.errors import UsageError
-from bms_gateway.workbench.commands import command_lines, config_lines
+from bms_gateway.workbench.commands import Leg, command_lines, config_lines
 from bms_gateway.workbench.process import Worker
 
 Document = dict[str, Any]
@@ -146,8 +146,10 @@ class Desk:
         UsageError
             It cannot be written.
         """
-        lines = command_lines(self.files or {}, self._way())
-        self._start("report", {"files": self.files, "text": self._top.text, "command": lines[-1]})
+        top = self._top
+        kind = "diagnose" if top.diagnosed else "add" if top.told else "compare"
+        command = command_lines(self.files or {}, self._way())[-1]
+        self._start("report", {"files": self.files, "text": top.text, "kind": kind, "command": command})
         with self.changed:
             self.changed.wait_for(lambda: self._job is None, REPORT_S)
             path, self._report = self._report, None
@@ -195,7 +197,7 @@ class Desk:
                 "job": self._job,
                 "error": self._error,
                 "commands": command_lines(self.files, self._way()) if self.files else [],
-                "config": config_lines(self.files, len(self._way())) if self.files else "",
+                "config": config_lines(self.files, len(self._frames) - 1) if self.files else "",
             }
 
     # inside
@@ -206,8 +208,8 @@ class Desk:
             raise UsageError("open a table and a model first")
         return self._frames[-1]
 
-    def _way(self) -> list[tuple[list[str], bool]]:
-        return [(f.words, f.forced) for f in self._frames[1:]]
+    def _way(self) -> list[Leg]:
+        return [Leg(f.words, f.forced, f.diagnosed is not None) for f in self._frames]
 
     def _diagnosed(self) -> Frame | None:
         """Newest model that was diagnosed: its ranking stays in sight while effects are added one by one."""

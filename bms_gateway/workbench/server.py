@@ -137,7 +137,6 @@ class Server(ThreadingHTTPServer):
         self.known = names(host, self.server_address[1])
         self.url = f"http://{'127.0.0.1' if not site.local else host}:{self.server_address[1]}/"
 
-
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Say nothing of a browser that closes its connection; everything else is a bug, and is printed."""
         if not isinstance(sys.exception(), ConnectionError):

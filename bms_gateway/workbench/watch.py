@@ -99,6 +99,7 @@ class Watch:
         self._part: dict[str, Estimated] = {}
         self._views: OrderedDict[str, _View] = OrderedDict()
         self._before: tuple[int, int, int] | None = None
+        self._kept = time.monotonic()
         self.problem = ""
         """Why there will be no more ticks, as one line; empty while there may be."""
         self.whole = False
@@ -152,6 +153,7 @@ class Watch:
                 trend.append((time_ns, R_e.value, R_e.sd))
         tick = _Tick(time_ns, cells, np.concatenate([p.quality for p in parts]), tuple(strings), self._traffic(time_ns))
         with self._lock:
+            self._kept = time.monotonic()
             self._skipped += 1
             if self._skipped < self._every:
                 return
@@ -248,7 +250,7 @@ class Watch:
         return {
             "ticks": len(self._times),
             "problem": self.problem,
-            "at": round((tick.time_ns - first) * 1e-9, 3),
+            "at": round((at - first) * 1e-9 + (self._age_s() if view.at_ns is None else 0.0), 2),
             "last": round((self._times[-1] - first) * 1e-9, 3),
             "stamp_ns": tick.time_ns,
             "whole": self.whole,
@@ -259,6 +261,10 @@ class Watch:
             "bus": tick.bus,
             "notices": self._told(tick.time_ns, first),
         }
+
+    def _age_s(self) -> float:
+        """Time since the newest tick came, s: of a live bus that has gone silent it grows."""
+        return 0.0 if self.whole else time.monotonic() - self._kept
 
     def _strings(self, tick: _Tick) -> list[dict[str, Any]]:
         found, first = [], 0

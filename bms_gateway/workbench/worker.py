@@ -9,7 +9,6 @@ import os
 import sys
 from typing import Any, TextIO
 
-
 NICE = 5
 """The page, which a person looks at, comes first."""
 

@@ -1,4 +1,4 @@
-"""A real browser for the tests: Debian's chromium by its driver, spoken to in W3C WebDriver, with nothing in between."""
+"""A real browser for the tests: chromium by its driver, spoken to in W3C WebDriver, with nothing in between."""
 
 import base64
 import json
@@ -90,7 +90,9 @@ class Driver:
         window = Window(self, session)
         self.windows.append(window)
         # the page itself is to be so large, not the window around it
-        window.cdp("Emulation.setDeviceMetricsOverride", width=size[0], height=size[1], deviceScaleFactor=1, mobile=False)
+        window.cdp(
+            "Emulation.setDeviceMetricsOverride", width=size[0], height=size[1], deviceScaleFactor=1, mobile=False
+        )
         window.go(url)
         return window
 

@@ -74,9 +74,9 @@ const put = (node, text) => { if (node.textContent !== text) node.textContent = 
 function picture(p) {
   pictures += 1;
   $("panel-live").dataset.pictures = pictures;
-  put($("live-state"), p.problem || (p.ticks ? (about.kind === "log" && !p.whole ? "Still reading the log." : p.ticks && about.kind === "live" && p.bus.link !== "up" ? `The interface is ${p.bus.link}.` : "") : `Waiting for frames; the interface is ${p.link}.`));
+  put($("live-state"), p.problem || (p.ticks ? (about.kind === "log" && !p.whole ? "Still reading the log." : about.kind === "live" && p.following && p.at - p.last > 3 ? `Nothing new for ${Math.round(p.at - p.last)} s.` : p.ticks && about.kind === "live" && p.bus.link !== "up" ? `The interface is ${p.bus.link}.` : "") : `Waiting for frames; the interface is ${p.link}.`));
   if (!p.ticks) return;
-  if (!sliding) { $("time").max = p.last; $("time").value = p.at; put($("at"), `${clock(p.at)} of ${clock(p.last)}`); }
+  if (!sliding) { $("time").max = Math.max(p.last, p.at); $("time").value = p.at; put($("at"), `${clock(p.at)} of ${clock(p.last)}`); }
   $("time").setAttribute("aria-valuetext", clock(p.at));
   put($("play"), p.playing ? "Pause" : "Play");
   if (document.activeElement !== $("speed")) $("speed").value = p.speed;
