@@ -13,7 +13,7 @@ from bms_gateway.engine.events import Estimated, Event, Job, Level, Notice, Para
 from bms_gateway.engine.inputs import Reading, Wire, identifies_cells
 from bms_gateway.engine.plan import Plan, StringPlan
 from bms_gateway.frames.quality import Quality
-from bms_gateway.health import Ageing, Mismatch
+from bms_gateway.health import Ageing, Change, HealthResult, Mismatch, StringHealth
 from bms_gateway.identify import (
     Estimate,
     FixedIdentifier,
@@ -24,7 +24,7 @@ from bms_gateway.identify import (
     build,
     string_parameters,
 )
-from bms_gateway.identify.cell_kept import numbers_kept
+from bms_gateway.identify.cell_kept import baseline_of, numbers_kept
 from bms_gateway.identify.cell_live import CellIdentifier, CellResult
 from bms_gateway.identify.cell_resistance import CellNumbers
 from bms_gateway.identify.cells_in_words import sentence
@@ -51,6 +51,16 @@ CELL_V = (2.0, 4.6)  # V: lithium-ion, empty to full; a string's voltage shared 
 CAPACITY_AH = 8.0  # where the model file does not say; the voltage's slope needs its order of magnitude only
 
 
+FLAG_NAMES = {
+    "ageing": ("", "R_e_watch", "R_e_warning", "R_e_alarm"),
+    "cooling": ("", "cooling_warning", "cooling_alarm"),
+    "thermocouple": ("", "thermocouple_warning", "thermocouple_alarm"),
+    "current": ("", "current_suspected", "current_confirmed"),
+    "mismatch": ("", "mismatch_suspected", "mismatch_confirmed"),
+}
+"""Names of raised flags by their word and level."""
+
+
 @dataclass(slots=True)
 class StringEstimator:
     """What belongs to one string alone; the observer is shared by its group.
@@ -64,6 +74,8 @@ class StringEstimator:
         Parameters of the string.
     effects : tuple of Estimate
         Numbers of its model's effects, `key.parameter`.
+    health : StringHealth
+        With `ageing` and `mismatch`, which are what is asked for most.
     kept : CellNumbers or None
         What a commissioning run left in its model.
     """
@@ -76,13 +88,17 @@ class StringEstimator:
     core_sd: Floats
     surface: Floats
     quality: NDArray[np.uint8]
-    ageing: Ageing = field(default_factory=Ageing)
-    mismatch: Mismatch = field(default_factory=Mismatch)
+    health: StringHealth
+    ageing: Ageing = field(init=False)
+    mismatch: Mismatch = field(init=False)
     estimates: tuple[Estimate, ...] = ()
     effects: tuple[Estimate, ...] = ()
     electrical: VoltageHeat | None = None
     cells: CellIdentifier | None = None
     kept: CellNumbers | None = None
+
+    def __post_init__(self) -> None:
+        self.ageing, self.mismatch = self.health.ageing, self.health.mismatch
 
     @classmethod
     def of(cls, plan: StringPlan, wire: Wire, whole: Plan) -> "StringEstimator":
@@ -103,6 +119,11 @@ class StringEstimator:
             nothing,
             nothing,
             np.full(n, NEVER),
+            StringHealth(
+                plan.model,
+                thermal=not plan.model.effects or not isinstance(identifier, FixedIdentifier),
+                known=plan.model.before is not None or plan.identify == "off",
+            ),
             cells=cells,
             kept=numbers_kept(plan.model),
         )
@@ -112,9 +133,17 @@ class StringEstimator:
     @property
     def flags(self) -> tuple[str, ...]:
         """Raised flags by name, as in the summary of an analysis."""
-        growth = ("", "R_e_watch", "R_e_warning", "R_e_alarm")[self.ageing.flag.level]
-        mismatch = ("", "mismatch_suspected", "mismatch_confirmed")[self.mismatch.flag.level]
-        return tuple(flag for flag in (growth, mismatch) if flag)
+        raised = (
+            FLAG_NAMES[c.code][c.level] + (f":{c.cell}" if c.cell is not None else "") for c in self.health.conditions()
+        )
+        return tuple(raised)
+
+    def resistance(self) -> float:
+        """Electrical resistance of a mean cell, Ω, where its voltage tells it well; else NaN."""
+        if self.electrical is None:
+            return nan
+        R, sd = self.electrical.resistance, self.electrical.resistance_sd
+        return R / self.plan.model.cells if R > 0.0 and sd < GOOD_SD * R else nan
 
     def heat(self, reading: Reading, dt: float) -> float:
         """Mean heat of one cell from current and voltage, W; NaN while the open-circuit voltage is not known."""
@@ -132,7 +161,7 @@ class StringEstimator:
             return found
         n = self.plan.model.cells
         R, sd = self.electrical.resistance / n, self.electrical.resistance_sd / n
-        sound = R > 0.0 and sd < GOOD_SD * R
+        sound = self.resistance() == R
         electrical = Estimate("R_e", R, sd, KINDS["R_e"].unit, IDENTIFIED if sound else LEARNING)
         return tuple(electrical if e.name == "R_e" else e for e in found)
 
@@ -249,12 +278,17 @@ class Estimators:
                 of_cells = s.cells.add(tick, r.cells, r.means.I, s.flow_ratio(r), s.identifier.posterior)
                 if of_cells is not None:
                     result.jobs.append((i, of_cells))
+            flow, electrical = s.flow_ratio(r), s.resistance()
+            health = s.health.add(tick, r.means.I, r.soc, flow, electrical)
+            if health is not None:
+                result.jobs.append((i, health))
             job = s.identifier.add(tick)
             if job is not None:
                 result.jobs.append((i, job))
             elif s.plan.identify == "rls" and not s.plan.model.effects and t1 % ADOPT_NS == 0:
                 self._adopt(group, j)
                 result.events.append(Parameters(t1, s.plan.name, (*s.estimates, *s.effects)))
+                result.events += _commissioned(s, t1)
 
     @staticmethod
     def _observe(
@@ -296,17 +330,15 @@ class Estimators:
     def accept(self, string: int, job_result: object, now: int) -> list[Event]:
         """Take the result of a string's job into use."""
         s = self.strings[string]
+        if isinstance(job_result, HealthResult):
+            return [_told(change, s.plan.name, now) for change in s.health.accept(job_result, now)]
         if isinstance(job_result, CellResult) and s.cells is not None:
             return self._accept_cells(string, s.cells, job_result, now)
         s.identifier.accept(job_result)
         group = next(g for g in self._groups if string in g.members)
         self._adopt(group, group.members.index(string))
         events: list[Event] = [Parameters(now, s.plan.name, (*s.estimates, *s.effects))]
-        R_e = next(e for e in s.estimates if e.name == "R_e")
-        if R_e.status == IDENTIFIED and s.ageing.update(R_e.value, R_e.sd):
-            level = Level.WARNING if s.ageing.flag.level else Level.NOTICE
-            events.append(Notice(now, level, "ageing", s.ageing.sentence(), s.plan.name))
-        return events
+        return [*events, *_commissioned(s, now)]
 
     def _accept_cells(self, string: int, cells: CellIdentifier, result: CellResult, now: int) -> list[Event]:
         s = self.strings[string]
@@ -318,6 +350,12 @@ class Estimators:
         events.append(Notice(now, Level.INFO, "cells", sentence(result.fit), s.plan.name))
         if cells.warning and cells.warning != told:
             events.append(Notice(now, Level.WARNING, "skew", cells.warning, s.plan.name))
+        if result.over and cells.numbers() is not None:
+            base = baseline_of(s.plan.model)
+            at = result.fit.layout.at("R_e")
+            ln = None if base is None else base.mean[at] - base.mean[at].mean()
+            found = s.health.fitted(np.log(result.fit.R_e), result.fit.rel_sd, ln)
+            events += [_told(change, s.plan.name, now) for change in found]
         return events
 
     def pass_time(self, gap_s: float) -> None:
@@ -326,6 +364,7 @@ class Estimators:
         for group in self._groups:
             group.observer.propagate(gap_s)
         for s in self.strings:
+            s.mismatch.resume()
             if s.voltage is not None:
                 s.voltage.reset()
 
@@ -335,7 +374,7 @@ class Estimators:
             s.plan.name: {
                 "plan": _fingerprint(s.plan),
                 "identifier": s.identifier.snapshot(),
-                "ageing": s.ageing.snapshot(),
+                "health": s.health.snapshot(),
                 "cells": None if s.cells is None else s.cells.snapshot(),
             }
             for s in self.strings
@@ -357,7 +396,8 @@ class Estimators:
             if stored is None or stored["plan"] != _fingerprint(s.plan):
                 continue
             s.identifier.restore(stored["identifier"])
-            s.ageing.restore(stored["ageing"])
+            if "health" in stored:  # states of before health had a memory of its own have none
+                s.health.restore(stored["health"])
             if s.cells is not None and stored.get("cells") is not None:
                 s.cells.restore(stored["cells"])
             s.estimates = s.known()
@@ -382,6 +422,23 @@ class Estimators:
 
     def _names(self, group: Group) -> list[str]:
         return [self.strings[i].plan.name for i in group.members]
+
+
+def _told(change: Change, string: str, now: int) -> Notice:
+    """Tell of a flag that has moved."""
+    level = Level.WARNING if change.level else Level.NOTICE
+    return Notice(now, level, change.code, change.text, string, change.cell)
+
+
+def _commissioned(s: StringEstimator, now: int) -> list[Event]:
+    """Let the health take the identifier's numbers for the baseline once they are known."""
+    R_e = next(e for e in s.estimates if e.name == "R_e")
+    p = s.identifier.posterior()
+    if not s.health.offer(p.names, p.mean, p.cov, R_e.value, R_e.status == IDENTIFIED):
+        return []
+    s.health.history.note(now, "commissioned from the first drives")
+    text = "commissioned: from now on growth of R_e is followed against the parameters identified so far"
+    return [Notice(now, Level.INFO, "ageing", text, s.plan.name)]
 
 
 def _with_effects(s: StringEstimator, dt: float, disturbance: Disturbance) -> "EffectObserver":

@@ -1,7 +1,20 @@
-"""What an estimate means: resistance growth, model mismatch."""
+"""What the estimates mean: resistance growth, and what else could look like it; model mismatch."""
 
-from bms_gateway.health.ageing import Ageing
+from bms_gateway.health.ageing import Ageing, History
+from bms_gateway.health.cells import CellGrowth
 from bms_gateway.health.flag import Flag, Thresholds
 from bms_gateway.health.mismatch import Mismatch
+from bms_gateway.health.string_health import Change, HealthJob, HealthResult, StringHealth
 
-__all__ = ["Ageing", "Flag", "Mismatch", "Thresholds"]
+__all__ = [
+    "Ageing",
+    "CellGrowth",
+    "Change",
+    "Flag",
+    "HealthJob",
+    "HealthResult",
+    "History",
+    "Mismatch",
+    "StringHealth",
+    "Thresholds",
+]

@@ -1,93 +1,135 @@
-"""Growth of the internal resistance against the baseline taken at commissioning.
+"""Growth of the internal resistance since commissioning, as a flag with its reason, and what it was over the years.
 
-The first windows in which R_e is identified make the baseline (their precision-weighted mean of ln R_e); it is kept for
-the life of the string and stored with the state. Thresholds are 10, 20 and 30 %: with one window's sd of a few per cent
-a 5 % threshold raises false alarms.
+Thresholds are 10, 20 and 30 %: at the few per cent that a year of weather leaves, 5 % would raise false alarms.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from math import exp, log, nan, sqrt
+from math import nan
+from typing import Any
 
+from bms_gateway.errors import StateError
 from bms_gateway.health.flag import Flag, Thresholds
 
-BASELINE_WINDOWS = 3
-# Falls lie 3 or 4 points below the rises, so that window-to-window scatter does not toggle the flag.
-GROWTH = Thresholds(rise=(0.10, 0.20, 0.30), fall=(0.07, 0.16, 0.26), hold=2)
+# Falls lie 3 or 4 points below the rises, so that scatter from window to window does not toggle the flag.
+GROWTH = Thresholds(rise=(0.10, 0.20, 0.30), fall=(0.07, 0.16, 0.26), hold=3)
+KNOWN_SD = 0.05  # growth known no better than this raises no flag: half of the first threshold
+HISTORY = 500  # rows: a year and more day by day, then every second day of what is older, and so on
+DAY_NS = 86_400_000_000_000
+
+DO = (
+    "below the limits again",
+    "watch: plan an inspection",
+    "warning: have the string inspected soon",
+    "alarm: have the string inspected before the next drive",
+)
 
 
 @dataclass(slots=True)
 class Ageing:
-    """Resistance growth of one string.
+    """Resistance growth of a string or of one of its cells.
 
     Attributes
     ----------
     flag : Flag
         0 none, 1 watch (10 %), 2 warning (20 %), 3 alarm (30 %).
     growth, growth_sd : float
-        Share (0.1 is +10 %) and its sd; NaN before the baseline is complete.
+        Share (0.1 is +10 %) and its sd; NaN before anything is known.
     """
 
     flag: Flag = field(default_factory=lambda: Flag(GROWTH))
     growth: float = nan
     growth_sd: float = nan
-    _weight: float = 0.0
-    _weighted_ln: float = 0.0
-    _windows: int = 0
 
     @property
     def commissioned(self) -> bool:
-        """Whether the baseline is complete."""
-        return self._windows >= BASELINE_WINDOWS
+        """Whether growth is known well enough to be judged."""
+        return self.growth_sd <= KNOWN_SD
 
-    @property
-    def baseline(self) -> float:
-        """R_e at commissioning, Ω; NaN before the first window."""
-        return exp(self._weighted_ln / self._weight) if self._weight else nan
-
-    def update(self, R_e: float, sd: float) -> bool:
-        """Take one window's identified resistance.
-
-        Parameters
-        ----------
-        R_e, sd : float
-            Ω, both positive.
+    def update(self, growth: float, sd: float) -> bool:
+        """Take what is known of the growth after one more window.
 
         Returns
         -------
         bool
             Whether the flag's level changed.
         """
-        rel = sd / R_e
-        if not self.commissioned:
-            self._weight += 1.0 / rel**2
-            self._weighted_ln += log(R_e) / rel**2
-            self._windows += 1
-            return False
-        self.growth = R_e / self.baseline - 1.0
-        self.growth_sd = (1.0 + self.growth) * sqrt(rel**2 + 1.0 / self._weight)
-        return self.flag.update(self.growth)
+        self.growth, self.growth_sd = growth, sd
+        return self.flag.update(growth if self.commissioned else nan)
 
-    def sentence(self) -> str:
-        """Say what the flag means and what to do."""
-        of = f"resistance growth {100 * self.growth:+.0f} ± {100 * self.growth_sd:.0f} % since commissioning"
-        what = (
-            "below the limits again",
-            "watch: plan an inspection",
-            "warning: have the string inspected soon",
-            "alarm: have the string inspected before the next drive",
-        )
-        return f"{of}: {what[self.flag.level]}"
+    def sentence(self, of: str = "", doubt: str = "") -> str:
+        """Say what the flag means and what to do; `of` names the cell, `doubt` what could also be the cause."""
+        grown = f"{100 * self.growth:+.0f} ± {100 * self.growth_sd:.0f} %"
+        what = f"resistance growth{of} {grown} since commissioning"
+        return f"{what}: {DO[self.flag.level]}{doubt if self.flag.level else ''}"
 
-    def snapshot(self) -> dict[str, float]:
-        """State as plain numbers."""
+    def reset(self) -> None:
+        """Begin anew: cells were replaced."""
+        self.flag, self.growth, self.growth_sd = Flag(GROWTH), nan, nan
+
+    def snapshot(self) -> dict[str, Any]:
+        """State as plain values."""
+        known = self.growth == self.growth
         return {
-            "weight": self._weight,
-            "weighted_ln": self._weighted_ln,
-            "windows": self._windows,
             "level": self.flag.level,
+            "growth": self.growth if known else None,
+            "sd": self.growth_sd if known else None,
         }
 
-    def restore(self, state: dict[str, float]) -> None:
+    def restore(self, state: Mapping[str, Any]) -> None:
         """Take up a stored state."""
-        self._weight, self._weighted_ln = float(state["weight"]), float(state["weighted_ln"])
-        self._windows, self.flag.level = int(state["windows"]), int(state["level"])
+        self.flag.level = stored_level(state["level"], 3)
+        known = state["growth"] is not None
+        self.growth, self.growth_sd = (float(state["growth"]), float(state["sd"])) if known else (nan, nan)
+
+
+def stored_level(value: object, most: int) -> int:
+    """Level of a flag from a stored state.
+
+    Raises
+    ------
+    StateError
+        It is no level.
+    """
+    if not isinstance(value, int) or not 0 <= value <= most:
+        raise StateError(f"health: the stored state is damaged: {value!r} is no level of a flag")
+    return value
+
+
+@dataclass(slots=True)
+class History:
+    """What R_e was: one row a day, the older half thinned out when it grows too long; and what was done to it.
+
+    Attributes
+    ----------
+    rows : list of (int, float, float, float, float)
+        Bus time ns, R_e at 25 °C Ω, growth, its sd, growth of R_u; the newest last.
+    events : list of (int, str)
+        Bus time ns and what was done, in words: commissioning, resets of the baseline with their reason.
+    """
+
+    rows: list[tuple[int, float, float, float, float]] = field(default_factory=list)
+    events: list[tuple[int, str]] = field(default_factory=list)
+
+    def add(self, row: tuple[int, float, float, float, float]) -> None:
+        """Put in the newest row; it takes the place of one of the same day."""
+        if self.rows and self.rows[-1][0] // DAY_NS == row[0] // DAY_NS:
+            self.rows.pop()
+        self.rows.append(row)
+        if len(self.rows) > HISTORY:
+            half = len(self.rows) // 2
+            self.rows = self.rows[:half:2] + self.rows[half:]
+
+    def note(self, time_ns: int, text: str) -> None:
+        """Put in what was done; the oldest go when there are too many."""
+        self.events = [*self.events, (time_ns, text)][-HISTORY // 5 :]
+
+    def snapshot(self) -> dict[str, Any]:
+        """State as plain values."""
+        return {"rows": [list(row) for row in self.rows], "events": [list(e) for e in self.events]}
+
+    def restore(self, state: Mapping[str, Sequence[Sequence[Any]]]) -> None:
+        """Take up a stored state."""
+        rows = [(int(t), float(R), float(g), float(s), float(u)) for t, R, g, s, u in state["rows"]]
+        self.rows = rows[-HISTORY:]
+        self.events = [(int(t), str(text)) for t, text in state["events"]][-HISTORY // 5 :]

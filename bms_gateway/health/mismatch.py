@@ -6,6 +6,8 @@ from math import isfinite, nan
 from bms_gateway.health.flag import Flag, Thresholds
 from bms_gateway.thermal import Floats
 
+GRACE_S = 120.0
+"""After a start or a pause the observer finds the state first: what it is surprised by then says nothing."""
 WINDOW_S = 600.0  # ten minutes: longer than a burst of noise, shorter than a drive
 # Mean square of innovations in units of their own variance: 1 when all is well. Model error is slow, so it stays close
 # to 1 for long; 4 means that the surfaces are off by twice the band, minute after minute: suspected; 9 confirmed.
@@ -25,6 +27,7 @@ class Mismatch:
 
     flag: Flag = field(default_factory=lambda: Flag(EXCESS))
     excess: float = nan
+    _grace: float = GRACE_S
 
     def update(self, normalised: Floats, dt: float) -> bool:
         """Take one tick's innovations.
@@ -42,6 +45,9 @@ class Mismatch:
             Whether the flag's level changed.
         """
         # a string has a few sensors: plain numbers are faster than arrays
+        if self._grace > 0.0:
+            self._grace -= dt
+            return False
         squares = [value * value for value in normalised.tolist() if isfinite(value)]
         if not squares:
             return False
@@ -51,11 +57,16 @@ class Mismatch:
         self.excess += (now - self.excess) * min(1.0, dt / WINDOW_S)
         return self.flag.update(self.excess)
 
+    def resume(self) -> None:
+        """Begin anew after a pause; a raised flag stays until the readings speak against it."""
+        self._grace, self.excess = GRACE_S, nan
+
     def sentence(self) -> str:
         """Say what the flag means and what to do."""
         if self.flag.level:
             return (
                 f"the model does not explain the surfaces (innovations {self.excess**0.5:.1f} times their band over "
-                "ten minutes): compare this record with the model before trusting the cores"
+                "ten minutes): a physical effect is missing or a sensor errs; bms-gateway export --last 2h --out "
+                "recent.csv, then bms-gateway diagnose recent.csv --model the string's model file"
             )
         return "the model explains the surfaces again"

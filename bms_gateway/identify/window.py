@@ -25,8 +25,11 @@ from bms_gateway.identify.contract import (
 from bms_gateway.identify.evidence import Evidence, departures
 from bms_gateway.identify.lumped import R_E, R_U, fold_distance, fold_gradient, lumped_jacobian
 from bms_gateway.identify.posterior_fit import MODEL_SD, WALK_S, Fit, Root, Window, fit_window
-from bms_gateway.thermal import KINDS, Floats, StringModel
+from bms_gateway.thermal import KINDS, Floats, Prior, StringModel
 
+GROWN, CLOGGED = 0.3, 0.2
+"""ln: how far R_e and R_u may have gone since a fit that the model file carries. A cell's R_e grows by a third in its
+life, or doubles; filters clog. Held to the fit's own sd they would be followed late, or never."""
 HOLD_CURRENT_S = 10.0  # a lost current is bridged so long: it cannot hide a drive
 GAP_S = 10.0  # a longer tick is a gap: the bus slept, and a straight line through it would be made up
 HOLD_INLET_S = 60.0  # the inlet moves slowly
@@ -99,9 +102,9 @@ class WindowIdentifier:
 
     def __init__(self, model: StringModel, settings: Settings | None = None) -> None:
         # plain dicts: a job must pickle, and read-only views of mappings do not
-        self._model = replace(model, priors=dict(model.priors), tolerances=dict(model.tolerances))
+        self._model = replace(model, priors=_since(model), tolerances=dict(model.tolerances))
         self._settings = settings or Settings()
-        self._names, self._prior_mean, self._prior_sd = log_prior(model)
+        self._names, self._prior_mean, self._prior_sd = log_prior(self._model)
         p = len(self._names)
         self._evidence = Evidence.none(p, departures(model))
         self._mean, self._cov = self._prior_mean.copy(), np.diag(self._prior_sd**2)
@@ -274,3 +277,13 @@ class WindowIdentifier:
         self._windows, self._from_voltage = int(state["windows"]), bool(state["from_voltage"])
         self._pending = False
         self._clear()
+
+
+def _since(model: StringModel) -> dict[str, Prior]:
+    """What is known of a string today: what was fitted once, and what it may have become since."""
+    priors = dict(model.priors)
+    if model.before is not None:
+        for name, more in (("R_e", GROWN), ("R_u", CLOGGED)):
+            p = priors[name]
+            priors[name] = p if p.fixed else replace(p, rel_sd=float(np.hypot(p.rel_sd, more)))
+    return priors

@@ -1,0 +1,223 @@
+"""What else than age moves the resistance that a window finds, each with its own flag, sentence and advice."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import exp, nan
+from typing import Any
+
+import numpy as np
+
+from bms_gateway.health.ageing import stored_level
+from bms_gateway.health.flag import Flag, Thresholds
+from bms_gateway.health.trend import CONFIRM, J, Trend, U
+from bms_gateway.thermal import Floats
+
+COOLING = Thresholds(rise=(0.25, 0.50), fall=(0.15, 0.35), hold=2)
+"""Growth of R_u: a clogged filter adds 20 to 40 %, a stopped fan doubles it."""
+DRIFT = Thresholds(rise=(1.0, 2.0), fall=(0.6, 1.4), hold=2)
+"""K since commissioning; thermocouples of class 1 are good for 1.5 K for ever, and drift by tenths."""
+CURRENT = Thresholds(rise=(1.0, 2.0), fall=(0.5, 1.5), hold=1)
+"""Degrees of suspicion, made in `CurrentWatch`."""
+SIGNIFICANT = 3.0  # sd: a change less sure than this raises no flag
+ALIKE = 0.6  # smallest over largest drift from which all sensors are said to drift alike: then it is the inlet's
+JUMPED = 0.06  # ln: a jump of R_e of this size is one
+OFF_VOLTAGE = 0.06  # ln: thermal over electrical resistance, moved so far: the current's scale is wrong
+WITNESS_WINDOWS = 5  # that make what the ratio was at commissioning
+FOLLOW = 0.3  # share of a new window in the ratio's running mean
+RAIL = (0.03, 20)  # share and number of ticks at exactly the greatest current: a sensor that ends there
+
+
+@dataclass(slots=True)
+class Cooling:
+    """Thermal resistance to the coolant, against commissioning."""
+
+    flag: Flag = field(default_factory=lambda: Flag(COOLING))
+    growth: float = nan
+    growth_sd: float = nan
+
+    def update(self, trend: Trend) -> bool:
+        """Look at the trend; whether the level changed."""
+        mean, sd = trend.of(U)
+        self.growth, self.growth_sd = exp(mean) - 1.0, exp(mean) * sd
+        return self.flag.update(self.growth if mean > SIGNIFICANT * sd or mean <= 0.0 else 0.0)
+
+    def restore(self, trend: Trend, level: object) -> None:
+        """Take up a stored level beside the stored trend."""
+        self.update(trend)
+        self.flag = Flag(COOLING, stored_level(level, 2))
+
+    def sentence(self, flow_known: bool) -> str:
+        """Say what the flag means and what to do."""
+        if not self.flag.level:
+            return "cooling is as at commissioning again"
+        why = "" if flow_known else " (the bus does not tell the coolant's flow: less of it looks the same)"
+        grown = f"{100 * self.growth:+.0f} ± {100 * self.growth_sd:.0f} %"
+        return (
+            f"heat leaves the cells less well than at commissioning (R_u {grown}){why}: "
+            "check fan or pump, filter and ducts; this is no ageing of the cells"
+        )
+
+
+@dataclass(slots=True)
+class Drift:
+    """Offsets of the thermocouples against the inlet's sensor, since commissioning.
+
+    Attributes
+    ----------
+    cells : tuple of int
+        1-based cells with a thermocouple.
+    kelvin, sd : ndarray (m,)
+    """
+
+    cells: tuple[int, ...]
+    flag: Flag = field(default_factory=lambda: Flag(DRIFT))
+    kelvin: Floats = field(default_factory=lambda: np.empty(0))
+    sd: Floats = field(default_factory=lambda: np.empty(0))
+
+    def update(self, trend: Trend) -> bool:
+        """Look at the trend; whether the level changed."""
+        self.kelvin = trend.x[trend.drifts].copy()
+        self.sd = np.sqrt(np.diag(trend.P)[trend.drifts])
+        sure = np.abs(self.kelvin) > SIGNIFICANT * self.sd
+        return self.flag.update(float(np.abs(self.kelvin[sure]).max(initial=0.0)))
+
+    def restore(self, trend: Trend, level: object) -> None:
+        """Take up a stored level beside the stored trend."""
+        self.update(trend)
+        self.flag = Flag(DRIFT, stored_level(level, 2))
+
+    @property
+    def worst(self) -> int:
+        """Cell whose thermocouple has moved most; 0 where all have alike (the inlet's), or nothing is flagged."""
+        if not self.flag.level:
+            return 0
+        size = np.abs(self.kelvin)
+        alike = len(size) > 1 and size.min() > ALIKE * size.max() and len(set(np.sign(self.kelvin).tolist())) == 1
+        return 0 if alike else self.cells[int(size.argmax())]
+
+    def sentence(self) -> str:
+        """Say what the flag means and what to do."""
+        if not self.flag.level:
+            return "thermocouples agree with the inlet's as at commissioning again"
+        k = self.worst
+        if k == 0:
+            moved = float(np.mean(self.kelvin))
+            return (
+                f"all thermocouples read {moved:+.1f} K against the coolant inlet's since commissioning: "
+                "check the inlet's sensor first; this is no ageing of the cells"
+            )
+        moved = float(self.kelvin[self.cells.index(k)])
+        other = "" if len(self.cells) > 1 else " or the inlet's sensor"
+        return (
+            f"the thermocouple of cell {k}{other} has drifted by {moved:+.1f} K since commissioning: "
+            "check its seat, or replace it; this is no ageing of the cells"
+        )
+
+
+@dataclass(slots=True)
+class CurrentWatch:
+    """Whether the current can be believed: heat against its square, and against the voltage where that is heard.
+
+    With a current that reads g times the true one, heat gives R/g² and voltage gives R/g: age moves both alike, and
+    their ratio by nothing.
+    """
+
+    flag: Flag = field(default_factory=lambda: Flag(CURRENT))
+    ratio: float = nan
+    _base: float = 0.0
+    _windows: int = 0
+    _off: int = 0
+    _jump: float = 0.0
+    _shape: str = ""
+    _shaped: int = 0
+
+    @property
+    def heard(self) -> bool:
+        """Whether voltage is a witness."""
+        return self._windows >= WITNESS_WINDOWS
+
+    @property
+    def scale(self) -> float:
+        """Logarithm of thermal over electrical resistance against commissioning; 0 while not known."""
+        return self.ratio - self._base if self.heard else 0.0
+
+    @property
+    def wrong_scale(self) -> bool:
+        """Whether the voltage says that the current's scale is wrong."""
+        return self._off >= CONFIRM
+
+    def listen(self, ln_ratio: float) -> None:
+        """Take one window's ln of thermal over electrical resistance; NaN where there was no voltage."""
+        if ln_ratio != ln_ratio:
+            return
+        if not self.heard:
+            self._windows += 1
+            self._base += (ln_ratio - self._base) / self._windows
+            self.ratio = self._base
+            return
+        self._off = self._off + 1 if abs(ln_ratio - self._base) > OFF_VOLTAGE else 0
+        self.ratio += FOLLOW * (ln_ratio - self.ratio)
+
+    def doubted(self, shape: str) -> bool:
+        """Take a window whose current had a suspicious `shape` and contradicts the heat, or none (empty)."""
+        self._shaped = min(self._shaped + 1, 2 * CONFIRM) if shape else max(self._shaped - 1, 0)
+        self._shape = shape or self._shape
+        return bool(shape)
+
+    def update(self, trend: Trend) -> bool:
+        """Look at the trend; whether the level changed."""
+        self._jump, sd = trend.of(J)
+        jumped = abs(self._jump) > max(JUMPED, SIGNIFICANT * sd)
+        certain = self.wrong_scale or self._shaped >= CONFIRM
+        return self.flag.update(2.0 if certain else 1.0 if jumped and not self.heard else 0.0)
+
+    def sentence(self) -> str:
+        """Say what the flag means and what to do."""
+        if not self.flag.level:
+            return "the current agrees with the heat again"
+        if self._shaped:
+            return f"the current sensor {self._shape} and the heat contradicts it: check its range, wiring and supply"
+        if self.wrong_scale:
+            return (
+                f"the current sensor reads about {100 * (exp(-self.scale) - 1):+.0f} % off: heat and voltage contradict"
+                " it; check its scale; growth of R_e is held until then"
+            )
+        return (
+            f"R_e has moved by {100 * (exp(self._jump) - 1):+.0f} % within a few drives, which no ageing does: either "
+            "the current sensor's scale is wrong or a joint has come loose; no voltage is heard that could tell: "
+            "compare the current with a clamp, then check joints and busbars"
+        )
+
+    def snapshot(self) -> dict[str, Any]:
+        """State as plain values."""
+        return {
+            "level": self.flag.level,
+            "ratio": self.ratio if self.heard else self._base,
+            "base": self._base,
+            "windows": self._windows,
+            "off": self._off,
+            "jump": self._jump,
+            "shape": self._shape,
+            "shaped": self._shaped,
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Take up a stored state."""
+        self.flag = Flag(CURRENT, stored_level(state["level"], 2))
+        self.ratio, self._base, self._jump = (float(state[key]) for key in ("ratio", "base", "jump"))
+        self._windows, self._off, self._shaped = (int(state[key]) for key in ("windows", "off", "shaped"))
+        self._shape = str(state["shape"])
+
+
+def current_shape(current: Floats) -> str:
+    """Tell what is suspicious in the ticks' mean currents (K,), A, as the rest of a sentence; empty for nothing."""
+    size = np.abs(current[np.isfinite(current)])
+    if not len(size):
+        return ""
+    most = float(size.max())
+    if most > 0.0 and float(np.ptp(current[np.isfinite(current)])) < 1e-6 * most:
+        return f"stands at {current[np.isfinite(current)][0]:.1f} A"
+    rail = int((size > (1.0 - 1e-6) * most).sum())
+    if most > 0.0 and rail > max(RAIL[1], RAIL[0] * len(size)):
+        return f"never reads beyond {most:.1f} A, which it reads {100 * rail / len(size):.0f} % of the time,"
+    return ""

@@ -1,0 +1,305 @@
+"""Health of one string: what its windows say, judged against commissioning, cause by cause."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from math import exp, log, nan
+from typing import Any
+
+import numpy as np
+
+from bms_gateway.errors import StateError
+from bms_gateway.health.ageing import Ageing, History
+from bms_gateway.health.causes import Cooling, CurrentWatch, Drift, current_shape
+from bms_gateway.health.cells import CellGrowth
+from bms_gateway.health.collect import WINDOW_S, Collector
+from bms_gateway.health.mismatch import Mismatch
+from bms_gateway.health.trend import B_PRIOR, SHAPE_SD, UNKNOWN, G, J, L, Prior, Trend
+from bms_gateway.health.window_fit import DriveWindow, Observed, fit_window
+from bms_gateway.identify import Tick
+from bms_gateway.identify.window import GROWN
+from bms_gateway.thermal import Floats, StringModel, StringParameters
+
+SHARP = 0.05  # ln: a commissioned R_e at 25 °C known so well is a baseline
+ELSEWHERE = 0.25  # ln: a fitted R_e without its temperature: ten kelvin of a lithium-ion cell
+LEAST_RISE = 1.0  # K: a window whose heat warms the surface by less says nothing
+IDENTIFIED_WINDOWS = 3  # of the identifier, before its numbers are frozen as commissioned
+
+
+@dataclass(frozen=True, slots=True)
+class HealthJob:
+    """One window's fit, complete in itself."""
+
+    parameters: StringParameters
+    window: DriveWindow
+    sensed: tuple[int, ...]
+    guess: Floats
+    B: float
+    shape: str
+    electrical: float
+
+    def run(self) -> "HealthResult":
+        """Fit; the same job gives the same result to the last bit."""
+        seen = fit_window(self.parameters, self.window, self.sensed, self.guess, self.B)
+        ratio = nan
+        if self.electrical > 0.0:  # both at the window's own temperature
+            R_e = float(np.exp(np.mean(np.log(self.parameters.R_e))))
+            ratio = log(R_e / self.electrical) + float(seen.mean[0]) + seen.B * seen.warmth
+        share = len(self.window.square) * self.window.dt / WINDOW_S
+        return HealthResult(seen, share, self.shape, ratio)
+
+
+@dataclass(frozen=True, slots=True)
+class HealthResult:
+    """What a job found; `ratio` is ln of thermal over electrical resistance, NaN without voltage."""
+
+    seen: Observed
+    share: float
+    shape: str
+    ratio: float
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """A flag whose level has changed: its word, its level now, its sentence, and the cell that it is of."""
+
+    code: str
+    level: int
+    text: str
+    cell: int | None = None
+
+
+class StringHealth:
+    """See the module's text.
+
+    Parameters
+    ----------
+    model : StringModel
+    thermal : bool
+        Whether windows may speak: two nodes and a heat that goes with the current's square are what they know.
+    known : bool
+        Whether the model's numbers are the commissioned ones: they were fitted, or nothing identifies them.
+    """
+
+    def __init__(self, model: StringModel, *, thermal: bool = True, known: bool = False) -> None:
+        self.model = model
+        self.ageing, self.cooling, self.drift = Ageing(), Cooling(), Drift(model.sensors)
+        self.current, self.mismatch, self.history = CurrentWatch(), Mismatch(), History()
+        self.cells: CellGrowth | None = None
+        self.collector = Collector()
+        self.trend: Trend | None = None
+        self.flow_known = False
+        self._thermal = thermal and bool(model.sensors)
+        self._frozen: dict[str, float] = {}
+        self._pending = False
+        self._identified = 0
+        if known and self._thermal:
+            self._freeze({}, self._filed())
+
+    @property
+    def commissioned(self) -> bool:
+        """Whether there is a baseline, or one in the making."""
+        return self.trend is not None
+
+    def _filed(self) -> Prior:
+        """Take what the model file says of the string as commissioned."""
+        m = self.model
+        R_e, B, B_sd = m.priors["R_e"].rel_sd, *B_PRIOR
+        effect = next((e for e in m.effects if e.name == "resistance_temperature"), None)
+        if effect is not None:  # the current that windows are given has it already
+            B, B_sd = 0.0, max(float(effect.sd.get("B", 0.0)), 100.0)
+        level = float(np.hypot(R_e, 0.0 if effect is not None else ELSEWHERE))
+        shape = tuple(max(0.02, m.priors[s].rel_sd) for s in ("R_c", "C_c", "C_s"))
+        sharp = m.before is not None and level <= SHARP
+        return Prior(level if m.before is not None else UNKNOWN, GROWN if sharp else 0.0, B, B_sd, shape)
+
+    def _freeze(self, numbers: Mapping[str, float], prior: Prior) -> None:
+        """Take numbers, ln over the model's, as commissioned."""
+        self._frozen = dict(numbers)
+        self.trend = Trend(len(self.model.sensors), prior)
+
+    def offer(self, names: tuple[str, ...], mean: Floats, cov: Floats, R_e: float, identified: bool) -> bool:
+        """Look at what the identifier knows; commission the string once it has known R_e for some windows.
+
+        Returns
+        -------
+        bool
+            Whether the string has just been commissioned.
+        """
+        if self.commissioned or not self._thermal:
+            return False
+        self._identified = self._identified + 1 if identified else 0
+        if self._identified < IDENTIFIED_WINDOWS:
+            return False
+        typical = {s: float(np.mean(np.log(self.model.priors[s].value))) for s in names}
+        numbers = {s: float(x) - typical[s] for s, x in zip(names, mean, strict=True)}
+        numbers["R_e"] = log(R_e) - typical["R_e"]
+        sd = dict(zip(names, np.sqrt(np.diag(cov)).tolist(), strict=True))
+        shape = tuple(max(SHAPE_SD, sd[s]) for s in ("R_c", "C_c", "C_s"))
+        self._freeze(numbers, Prior(shape_sd=shape))
+        return True
+
+    @property
+    def parameters(self) -> StringParameters:
+        """Numbers of the string as commissioned."""
+        return self.model.parameters({s: self.model.priors[s].value * np.exp(x) for s, x in self._frozen.items()})
+
+    def add(self, tick: Tick, current: float, soc: float, flow: float, electrical: float) -> HealthJob | None:
+        """Take in one tick; a job where a window is over.
+
+        Parameters
+        ----------
+        tick : Tick
+        current, soc, flow : float
+            Mean A; 0…1; over nominal. NaN where unknown.
+        electrical : float
+            Resistance of a mean cell from its voltage, Ω; NaN where not heard.
+        """
+        if self.trend is None:
+            return None
+        self.flow_known = self.flow_known or flow > 0.0
+        drive = self.collector.add(tick, current, soc, flow)
+        if drive is None or self._pending:
+            return None
+        p, w = self.parameters, drive.window
+        if float(np.mean(p.R_u) * np.mean(p.R_e) * w.square.mean()) < LEAST_RISE:
+            return None
+        self._pending = True
+        guess = self.trend.expected(w.flow, w.soc, 0.0)
+        sensed = tuple(k - 1 for k in self.model.sensors)
+        return HealthJob(p, w, sensed, guess, self.trend.exponent, current_shape(drive.current), electrical)
+
+    def accept(self, result: HealthResult, now: int) -> list[Change]:
+        """Take back a job's result; the flags that it has moved."""
+        assert self.trend is not None  # noqa: S101 - a job came from it
+        self._pending = False
+        moved = []
+        doubted = self.current.doubted(result.shape if self.trend.surprising(result.seen) else "")
+        if not doubted:
+            self.current.listen(result.ratio)
+            self.trend.update(result.seen, result.share, believe=not self.current.wrong_scale)
+        if self.current.update(self.trend):
+            moved.append(Change("current", self.current.flag.level, self.current.sentence()))
+        if doubted:  # such a window says nothing else
+            return moved
+        if self.cooling.update(self.trend):
+            moved.append(Change("cooling", self.cooling.flag.level, self.cooling.sentence(self.flow_known)))
+        if self.drift.update(self.trend):
+            moved.append(Change("thermocouple", self.drift.flag.level, self.drift.sentence(), self.drift.worst or None))
+        growth, sd = self._growth()
+        if self.ageing.update(growth, sd):
+            moved.append(Change("ageing", self.ageing.flag.level, self.ageing.sentence(doubt=self.doubt)))
+        if self.ageing.commissioned:
+            R_25 = float(np.exp(np.mean(np.log(self.parameters.R_e)) + self.trend.x[L])) * (1.0 + growth)
+            self.history.add((now, R_25, growth, sd, self.cooling.growth))
+            moved += self._judge_cells()
+        return moved
+
+    def _growth(self) -> tuple[float, float]:
+        """Growth of R_e and its sd; a jump that the voltage has seen too is one of the cells."""
+        assert self.trend is not None  # noqa: S101
+        real = self.current.heard and not self.current.wrong_scale
+        at = [G, J] if real else [G]
+        mean = float(self.trend.x[at].sum())
+        sd = float(np.sqrt(max(self.trend.P[np.ix_(at, at)].sum(), 0.0)))
+        return exp(mean) - 1.0, exp(mean) * sd
+
+    @property
+    def doubt(self) -> str:
+        """What could look like growth too."""
+        if self.current.heard:
+            return ""
+        return " (a current sensor that has come to read low looks the same: no voltage is heard that could tell)"
+
+    def fitted(self, ln_R_e: Floats, sd: Floats, base: Floats | None) -> list[Change]:
+        """Take a fit of single cells, ln R_e (n,) and sd; `base`: the same as commissioned, over their mean."""
+        if self.cells is None:
+            self.cells = CellGrowth(len(ln_R_e), base)
+        self.cells.fitted(ln_R_e, sd)
+        return self._judge_cells()
+
+    def _judge_cells(self) -> list[Change]:
+        if self.cells is None or not self.ageing.commissioned:
+            return []
+        found = self.cells.update(self.ageing.growth, self.ageing.growth_sd)
+        of = [(k, self.cells.ageing[k]) for k in found]
+        return [Change("ageing", a.flag.level, a.sentence(f" of cell {k + 1}", self.doubt), k + 1) for k, a in of]
+
+    def conditions(self) -> Iterator[Change]:
+        """Every raised flag, worst cause first."""
+        if level := self.current.flag.level:
+            yield Change("current", level, self.current.sentence())
+        if level := self.ageing.flag.level:
+            yield Change("ageing", level, self.ageing.sentence(doubt=self.doubt))
+        for k, a in enumerate(self.cells.ageing if self.cells is not None else ()):
+            if a.flag.level:
+                yield Change("ageing", a.flag.level, a.sentence(f" of cell {k + 1}", self.doubt), k + 1)
+        if level := self.cooling.flag.level:
+            yield Change("cooling", level, self.cooling.sentence(self.flow_known))
+        if level := self.drift.flag.level:
+            yield Change("thermocouple", level, self.drift.sentence(), self.drift.worst or None)
+        if level := self.mismatch.flag.level:
+            yield Change("mismatch", level, self.mismatch.sentence())
+
+    def reset(self, cell: int | None, reason: str, now: int) -> str:
+        """Make a new baseline: cells were replaced. Returns what was done, in words.
+
+        Parameters
+        ----------
+        cell : int or None
+            1-based; None for the whole string.
+        reason : str
+        now : int
+            ns.
+        """
+        if cell is None:
+            if self.trend is not None:
+                self.trend.reset()
+            self.ageing.reset()
+            self.cells = None
+        elif self.cells is not None:
+            self.cells.reset(cell - 1)
+        what = "baseline" if cell is None else f"baseline of cell {cell}"
+        self.history.note(now, f"{what} reset: {reason}")
+        return f"{what} of R_e is made anew by the next drives ({reason})"
+
+    def snapshot(self) -> dict[str, Any]:
+        """State as JSON-able values; the window under way is not kept."""
+        return {
+            "frozen": self._frozen,
+            "identified": self._identified,
+            "trend": None if self.trend is None else self.trend.snapshot(),
+            "ageing": self.ageing.snapshot(),
+            "cooling": self.cooling.flag.level,
+            "drift": self.drift.flag.level,
+            "current": self.current.snapshot(),
+            "mismatch": self.mismatch.flag.level,
+            "cells": None if self.cells is None else self.cells.snapshot(),
+            "flow_known": self.flow_known,
+            "history": self.history.snapshot(),
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Take up a stored state.
+
+        Raises
+        ------
+        StateError
+            It is another string's, or damaged.
+        """
+        frozen = {str(s): float(x) for s, x in state["frozen"].items()}
+        if not set(frozen) <= set(self.model.priors) or not np.isfinite(list(frozen.values())).all():
+            raise StateError("health: the stored state is of another string; starting anew")
+        self._identified = int(state["identified"])
+        if state["trend"] is not None:
+            self._freeze(frozen, Prior())
+            assert self.trend is not None  # noqa: S101 - just made
+            self.trend.restore(state["trend"])
+            self.cooling.restore(self.trend, state["cooling"])
+            self.drift.restore(self.trend, state["drift"])
+        self.ageing.restore(state["ageing"])
+        self.current.restore(state["current"])
+        if state["cells"] is not None:
+            self.cells = CellGrowth(self.model.cells)
+            self.cells.restore(state["cells"])
+        self.flow_known = bool(state["flow_known"])
+        self.history.restore(state["history"])

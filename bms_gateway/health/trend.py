@@ -1,0 +1,271 @@
+r"""From windows to what has changed: one Kalman filter over everything that a window can speak of.
+
+.. math::
+    \ln R_e &= \ell + G + J + (B - B_0)\,w + s\,(\tfrac12 - SOC) \\
+    \ln R_u &= u + U - n \ln(\text{flow}) \\
+    b_k &= o_k + D_k, \qquad \ln R_c, \ln C_c, \ln C_s = c_1, c_2, c_3
+
+ℓ, u, o and c are as commissioned and never move; G (growth), U (cooling) and D (drift of thermocouple k) walk away from
+zero since then, so that the baseline is refined by every early window and stays what it was. B, s and n are constants
+of the cell, learnt on the way: temperature and charge come back, growth does not.
+
+What can happen overnight and what cannot tells the rest apart. A fan stops, a thermocouple comes loose: U and D may
+jump. A cell does not age by several per cent in an hour: where a window's R_e contradicts the trend and neither cooling
+nor offsets explain it, it is left out; when `CONFIRM` windows in a row say so, J takes up the jump, which is a fault of
+the current's scale or of a joint, and G goes on as before.
+
+Beyond Lin et al., who identify once.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+import numpy as np
+
+from bms_gateway.errors import StateError
+from bms_gateway.health.window_fit import FIRST_OFFSET, Observed
+from bms_gateway.thermal import Floats
+
+PER = 1000.0  # K: unit of B in the filter
+B_PRIOR = (2500.0, 1200.0)
+"""K: exponent of a lithium-ion cell's resistance where the model says nothing; data sheets and records: 1500…4000."""
+SOC_SD = 0.3  # of s: R_e at empty against full, in the range that a vehicle uses
+FLOW_POWER = (0.6, 0.3)  # of n: tube banks 0.63, a still gap 0
+OFFSET_SD = 1.0  # K: a thermocouple against the inlet's, as installed
+SHAPE_SD = 0.05  # ln R_c, ln C_c, ln C_s: what a commissioning leaves
+UNKNOWN = 1.0  # ln: a level that only the windows tell
+RATE_SD, RATE_WALK = 1e-3, 3e-5
+"""ln per window: growth goes on as it has gone, 0.1 % a drive is a cell that wears out in a year; it is at rest only if
+the windows say so. Without a rate, a growing R_e would be followed late, and its start be taken for the baseline."""
+WALK = {"growth": 0.001, "cooling": 0.01, "drift": 0.02}
+"""Steps in a window, ln and K; filters clog within weeks."""
+FLOORS, FLOOR_K = (0.02, 0.03, 0.02, 0.02, 0.02), 0.1
+"""What a window errs beyond its own sd: profile, uneven warmth, a model of two nodes."""
+OPENED = {"jump": 0.3, "cooling": 0.4, "drift": 2.0}  # what may have happened since the last window
+SURPRISE = 3.7  # sd: one in ten thousand windows that are as they should be
+CONFIRM = 3  # surprising windows in a row before a jump of R_e is believed
+UNREST_SHARE, RESTLESS = 0.1, 0.25
+"""Weight of the newest window in the share of unusual ones, and the share from which R_e is held: a thermocouple that
+hangs loose moves with the load and makes every window another surprise."""
+LEFT_OUT = 1e2  # variance that takes a reading out
+L, G, RATE, J, B, S, U0, U, N, R_C, C_C, C_S = range(12)
+FIXED = C_S + 1
+# states; then o_1…o_m, D_1…D_m
+
+
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """What is known of a string before the first window.
+
+    Attributes
+    ----------
+    level_sd : float
+        Of ln R_e at 25 °C as commissioned; `UNKNOWN` where the first windows make the baseline.
+    grown_sd : float
+        Of the growth since then (`GROWN` where the model file carries the baseline); 0 where it is made now.
+    B, B_sd : float
+        K.
+    shape_sd : tuple of float
+        Of ln R_c, ln C_c, ln C_s.
+    """
+
+    level_sd: float = UNKNOWN
+    grown_sd: float = 0.0
+    B: float = B_PRIOR[0]
+    B_sd: float = B_PRIOR[1]
+    shape_sd: tuple[float, ...] = (SHAPE_SD, SHAPE_SD, SHAPE_SD)
+
+
+class Kind(Enum):
+    """What a window took to be explained."""
+
+    USUAL = "as the trend expects"
+    OPENED = "cooling or thermocouples have changed"
+    JUMP = "R_e has jumped"
+    STRANGE = "nothing that the filter knows"
+
+
+class Trend:
+    """See the module's text.
+
+    Parameters
+    ----------
+    sensors : int
+        Thermocouples m.
+    prior : Prior
+    """
+
+    def __init__(self, sensors: int, prior: Prior | None = None) -> None:
+        self.m = sensors
+        prior = prior or Prior()
+        size = FIXED + 2 * sensors
+        self.x = np.zeros(size)
+        self.x[B], self.x[N] = prior.B / PER, FLOW_POWER[0]
+        sd = np.zeros(size)
+        sd[[L, G, B, S, U0, N]] = prior.level_sd, prior.grown_sd, prior.B_sd / PER, SOC_SD, UNKNOWN, FLOW_POWER[1]
+        sd[RATE] = RATE_SD
+        sd[R_C:FIXED] = prior.shape_sd
+        sd[FIXED : FIXED + sensors] = OFFSET_SD
+        self.P = np.diag(sd**2)
+        self.windows = 0
+        self.surprises = 0
+        self.unrest = 0.0
+
+    @property
+    def drifts(self) -> slice:
+        """Where D_1…D_m are."""
+        return slice(FIXED + self.m, FIXED + 2 * self.m)
+
+    @property
+    def exponent(self) -> float:
+        """B as known now, K."""
+        return float(self.x[B]) * PER
+
+    def expected(self, flow: float, soc: float, warmth: float) -> Floats:
+        """Predict the next window's `Observed.mean` (5 + m,), referred with `exponent`."""
+        return np.asarray(self._matrix(flow, soc, warmth) @ self.x - self._known(warmth, self.exponent))
+
+    def _matrix(self, flow: float, soc: float, warmth: float) -> Floats:
+        H = np.zeros((FIRST_OFFSET + self.m, len(self.x)))
+        H[0, [L, G, J]] = 1.0
+        H[0, B] = warmth * PER
+        H[0, S] = 0.5 - soc if soc == soc else 0.0
+        H[1, [U0, U]] = 1.0
+        H[1, N] = -np.log(flow) if flow > 0.0 else 0.0
+        k = np.arange(self.m)
+        H[[2, 3, 4], [R_C, C_C, C_S]] = 1.0
+        H[FIRST_OFFSET + k, FIXED + k] = H[FIRST_OFFSET + k, FIXED + self.m + k] = 1.0
+        return H
+
+    def _known(self, warmth: float, exponent: float) -> Floats:
+        """Part of the prediction that the window has already taken off."""
+        out = np.zeros(FIRST_OFFSET + self.m)
+        out[0] = warmth * exponent
+        return out
+
+    def update(self, seen: Observed, share: float = 1.0, *, believe: bool = True) -> Kind:
+        """Take one window.
+
+        Parameters
+        ----------
+        seen : Observed
+        share : float
+            Its length in units of a full window: walks go by time driven.
+        believe : bool
+            False: its R_e is left out, for the current is known to be wrong.
+
+        Returns
+        -------
+        Kind
+            What it took to explain it.
+        """
+        H = self._matrix(seen.flow, seen.soc, seen.warmth)
+        z = seen.mean + self._known(seen.warmth, seen.B)
+        floors = np.array([*FLOORS, *[FLOOR_K] * self.m])
+        R = seen.cov + np.diag(floors**2)
+        P = self.P.copy()
+        if self.windows:
+            F = np.eye(len(self.x))
+            F[G, RATE] = share
+            self.x, P = F @ self.x, F @ P @ F.T
+            P[G, G] += WALK["growth"] ** 2 * share
+            P[RATE, RATE] += RATE_WALK**2 * share
+            P[U, U] += WALK["cooling"] ** 2 * share
+            P[self.drifts, self.drifts] += np.eye(self.m) * WALK["drift"] ** 2 * share
+        self.windows += 1
+        P, kind = self._explained(P, H, z, R)
+        self.unrest += UNREST_SHARE * (float(kind is not Kind.USUAL) - self.unrest)
+        self.surprises = self.surprises + 1 if kind is Kind.JUMP else 0
+        if kind is Kind.STRANGE:
+            self.P = P
+            return kind
+        if not believe or self.restless or 0 < self.surprises < CONFIRM:
+            R[0, 0] += LEFT_OUT
+        if self.surprises >= CONFIRM:
+            P[J, J] += OPENED["jump"] ** 2
+        S_ = H @ P @ H.T + R
+        gain = np.linalg.solve(S_, H @ P).T
+        self.x = self.x + gain @ (z - H @ self.x)
+        keep = np.eye(len(self.x)) - gain @ H
+        P = keep @ P @ keep.T + gain @ R @ gain.T
+        self.P = 0.5 * (P + P.T)
+        return kind
+
+    @property
+    def restless(self) -> bool:
+        """Whether so many windows lately had to be explained by something new that growth must not be read off them."""
+        return self.unrest > RESTLESS
+
+    def _explained(self, P: Floats, H: Floats, z: Floats, R: Floats) -> tuple[Floats, Kind]:
+        """Find what must have changed since the last window, and the covariance that allows for it."""
+        if not self._surprise(P, H, z, R):
+            return P, Kind.USUAL
+        opened = self._opened(P)
+        if not self._surprise(opened, H, z, R):
+            return opened, Kind.OPENED
+        jumped = opened.copy()
+        jumped[J, J] += OPENED["jump"] ** 2
+        return (P, Kind.STRANGE) if self._surprise(jumped, H, z, R) else (opened, Kind.JUMP)
+
+    def surprising(self, seen: Observed) -> bool:
+        """Whether a window contradicts the trend as it stands."""
+        H = self._matrix(seen.flow, seen.soc, seen.warmth)
+        R = seen.cov + np.diag(np.array([*FLOORS, *[FLOOR_K] * self.m]) ** 2)
+        return self._surprise(self.P, H, seen.mean + self._known(seen.warmth, seen.B), R)
+
+    def _surprise(self, P: Floats, H: Floats, z: Floats, R: Floats) -> bool:
+        """Whether a window lies farther from the trend than chance puts it (Wilson and Hilferty's normal χ²)."""
+        nu = z - H @ self.x
+        q = len(nu)
+        square = float(nu @ np.linalg.solve(H @ P @ H.T + R, nu))
+        return bool((square / q) ** (1 / 3) > 1.0 - 2.0 / (9.0 * q) + SURPRISE * np.sqrt(2.0 / (9.0 * q)))
+
+    def _opened(self, P: Floats) -> Floats:
+        """Let cooling and thermocouples have changed since the last window: each by itself, and all of them alike."""
+        P = P.copy()
+        P[U, U] += OPENED["cooling"] ** 2
+        P[self.drifts, self.drifts] += OPENED["drift"] ** 2 * (np.eye(self.m) + 1.0)
+        return P
+
+    def of(self, state: int) -> tuple[float, float]:
+        """Mean and sd of one state."""
+        return float(self.x[state]), float(np.sqrt(max(self.P[state, state], 0.0)))
+
+    def reset(self, level_sd: float = UNKNOWN) -> None:
+        """Make a new baseline of R_e from the next windows; what else is known stays."""
+        for state, sd in ((L, level_sd), (G, 0.0), (J, 0.0)):
+            self.P[state, :] = self.P[:, state] = 0.0
+            self.P[state, state] = sd**2
+        self.x[[G, J]] = 0.0
+        self.surprises = 0
+
+    def snapshot(self) -> dict[str, Any]:
+        """State as JSON-able values."""
+        return {
+            "x": self.x.tolist(),
+            "P": self.P.tolist(),
+            "windows": self.windows,
+            "surprises": self.surprises,
+            "unrest": self.unrest,
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Take up a stored state.
+
+        Raises
+        ------
+        StateError
+            It is another string's, or not finite.
+        """
+        x, P = (np.array(state[key], dtype=np.float64) for key in ("x", "P"))
+        sound = x.shape == self.x.shape and P.shape == self.P.shape and np.isfinite(x).all() and np.isfinite(P).all()
+        if not sound or np.linalg.eigvalsh(P)[0] < -1e-9:
+            raise StateError("health: the stored state is damaged or of another string; starting anew")
+        self.x, self.P = x, P
+        self.windows, self.surprises, self.unrest = (
+            int(state["windows"]),
+            int(state["surprises"]),
+            float(state["unrest"]),
+        )

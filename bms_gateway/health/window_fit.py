@@ -1,0 +1,270 @@
+r"""What one window of driving says of a commissioned string, apart from every other window.
+
+Common to the cells are R_e, R_u and what R_c, C_c and C_s depart from their commissioned values; every thermocouple has
+an offset b against the inlet's. Start temperatures, the gain of the inlet's swing and a slow discrepancy are
+marginalised. Windows share nothing, so that what their sequence shows (`trend`) is no echo.
+
+R_e is referred to 25 °C on the way: the current's square is weighted by
+
+.. math:: \exp\bigl(B (1/T_c - 1/298.15\,\mathrm{K})\bigr)
+
+with T_c from the measured surfaces and the current through the core's own low pass. What an error of B leaves is
+linear in `Observed.warmth`, which the trend learns from.
+
+For Lin et al., Eq 1 and 16-18.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.signal import lfilter
+
+from bms_gateway.identify.discrepancy import SIZES, Whitener, white_sd
+from bms_gateway.identify.response import Inputs, Response, respond
+from bms_gateway.thermal import Floats, StringParameters, coolant_path
+
+KELVIN, REFERENCE_K = 273.15, 298.15
+STEP = 1e-4  # of a logarithm, for its slope
+SHAPE = ("R_u", "R_c", "C_c", "C_s")  # numbers that the surface follows in a curved way; R_e it follows linearly
+FIRST_OFFSET = 1 + len(SHAPE)
+ROUNDS = 4  # the third and fourth move the start, and with it how warm the core was
+TAU_S = 150.0  # of the slow discrepancy: faster than the core, slower than the casing
+FLOOR = 0.2  # K·√s, white: a two-node cell is not believed better
+INLET_SD, SWING_SD = 0.1, 0.5  # K, and at most: how unlike the inlet's reading and what the cells feel are as it moves
+START_SD = ((5.0, 6.0, 1.0), (4.0, 4.0, 1.0))
+# K: surfaces and cores where the window begins: all alike, from end to end of the string, each by itself
+WIDE, WIDE_OFFSET = (1.0, 1.0, 0.3, 0.3, 0.3), 3.0
+# ln of R_e and `SHAPE`, K: pull towards the trend's own guess, so that a window that says nothing moves nothing
+FARTHEST = 0.7  # of a logarithm in one round: a factor of two
+
+
+@dataclass(frozen=True, slots=True)
+class DriveWindow:
+    """K ticks of one string.
+
+    Attributes
+    ----------
+    square : ndarray (K,)
+        Mean I², A²; for a model with effects the one that makes the same heat by R_e.
+    inlet : ndarray (K + 1,)
+        °C at the instants.
+    surface, age : ndarray (K, n)
+        °C with NaN for none; s.
+    dt : float
+        s.
+    soc : float
+        Mean state of charge; NaN where unknown.
+    flow : float
+        Mean coolant flow over nominal; NaN where unknown.
+    """
+
+    square: Floats
+    inlet: Floats
+    surface: Floats
+    age: Floats
+    dt: float
+    soc: float = float("nan")
+    flow: float = float("nan")
+
+
+@dataclass(frozen=True, slots=True)
+class Observed:
+    """What the window says.
+
+    Attributes
+    ----------
+    mean : ndarray (5 + m,)
+        ln of R_e at 25 °C, R_u, R_c, C_c, C_s over the commissioned ones; offsets b, K.
+    cov : ndarray (5 + m, 5 + m)
+    B : float
+        K: the exponent that R_e was referred with.
+    warmth : float
+        Heat-weighted mean of 1/T_c − 1/298.15 K, 1/K: d ln R_e / dB is its negative.
+    core : float
+        Heat-weighted mean core temperature, °C.
+    soc, flow : float
+        As of the window.
+    rms : float
+        Of the residual, K.
+    slow : float
+        Size of the slow discrepancy that explains the readings best, K.
+    """
+
+    mean: Floats
+    cov: Floats
+    B: float
+    warmth: float
+    core: float
+    soc: float
+    flow: float
+    rms: float
+    slow: float
+
+
+def core_temperature(p: StringParameters, w: DriveWindow, heat: Floats, start: float) -> Floats:
+    """Mean core of the ticks (K,), °C, from measured surfaces, the heat of a mean cell (K,), W, and where it began."""
+    count = np.isfinite(w.surface).sum(axis=1)
+    read = np.flatnonzero(count)
+    mean = np.nansum(w.surface[read], axis=1) / count[read]
+    surface = np.interp(np.arange(len(heat)), read, mean)
+    R_c, C_c = float(np.mean(p.R_c)), float(np.mean(p.C_c))
+    a = float(np.exp(-w.dt / (R_c * C_c)))
+    core, _ = lfilter([1.0 - a], [1.0, -a], surface + R_c * heat, zi=[a * start])
+    return np.asarray(core, dtype=np.float64)
+
+
+def fit_window(p: StringParameters, w: DriveWindow, sensed: Sequence[int], guess: Floats, B: float) -> Observed:
+    """Fit one window.
+
+    Parameters
+    ----------
+    p : StringParameters
+        As commissioned, at nominal flow.
+    w : DriveWindow
+        With at least one reading.
+    sensed : sequence of int
+        0-based cells with a thermocouple (m of them).
+    guess : ndarray (5 + m,)
+        What the trend expects, as of `Observed.mean`.
+    B : float
+        K.
+
+    Returns
+    -------
+    Observed
+    """
+    if w.flow > 0.0:
+        p = p.with_flow_ratio(w.flow)
+    if np.isfinite(p.C_f) and p.coolant == "bulk":
+        p = replace(p, coolant="ntu")  # exists at every R_u; the difference is one of level, which cancels in growth
+    y = w.surface[:, list(sensed)]
+    valid = np.isfinite(y)
+    late = np.clip(np.nan_to_num(w.age[:, list(sensed)]) / w.dt, 0.0, 1.0)[:, :, None]
+    theta, m, n = guess.copy(), len(sensed), p.cells
+    wide = np.array([*WIDE, *[WIDE_OFFSET] * m]) ** -2
+    swing = (float(np.std(w.inlet)) / INLET_SD) ** 2 + SWING_SD**-2
+    start_info = _start_info(n)
+    early = y[: max(1, round(10.0 / w.dt))]
+    seen = early[np.isfinite(early)]
+    s0 = np.zeros(2 * n)
+    s0[:n] = seen.mean() if seen.size else w.inlet[0]
+    xi = np.concatenate([[0.0], s0])
+    slow, square = 0.12, w.square
+    exponent, core, r, H = square, square, y, np.eye(1)
+    for k in range(ROUNDS):
+        sets = [_at(p, theta), *(_at(p, theta + STEP * e) for e in np.eye(len(theta))[:FIRST_OFFSET])]
+        maps = [_start_map(s, w.inlet[0]) for s in sets]
+        starts = np.array([E @ xi[1:] + c for E, c in maps])
+        exponent, shapes, core = _warmth(sets, w, square, B, starts[:, 0::2].mean(axis=1))
+        square = w.square * np.exp(B * exponent)
+        now = Inputs(
+            square, np.zeros(len(square)), w.inlet, w.dt, shapes, np.zeros(shapes.shape[1]), 1.0 + float(xi[0])
+        )
+        R = respond([sets[0], *sets[2:]], now, np.concatenate([starts[:1], starts[2:]]), list(sensed))
+        f = _read(R.surface.transpose(1, 2, 0), late)
+        columns = _columns(R, f, maps[0][0], late, m)
+        r = np.where(valid, y - f[:, :, 0] - theta[FIRST_OFFSET:], np.nan)
+        white = white_sd(r, FLOOR / float(np.sqrt(w.dt)))
+        whitener, slow = _whitener(valid, r, columns, white, w.dt, final=k == ROUNDS - 1, before=slow)
+        both = whitener(np.concatenate([columns, r[:, :, None]], axis=2)).reshape(-1, columns.shape[2] + 1)
+        M = both.T @ both
+        H, g = M[:-1, :-1].copy(), M[:-1, -1].copy()
+        q = len(theta)
+        H[np.arange(q), np.arange(q)] += wide
+        g[:q] += wide * (guess - theta)
+        H[q, q] += swing
+        g[q] -= swing * xi[0]
+        H[q + 1 :, q + 1 :] += start_info
+        g[q + 1 :] += start_info @ (s0 - xi[1:])
+        step = np.linalg.solve(H, g)
+        step[:FIRST_OFFSET] = np.clip(step[:FIRST_OFFSET], -FARTHEST, FARTHEST)
+        theta, xi = theta + step[:q], xi + step[q:]
+    q = len(theta)
+    info = H[:q, :q] - H[:q, q:] @ np.linalg.solve(H[q:, q:], H[q:, :q])
+    cov = np.linalg.inv(info)
+    weight = w.square / max(float(w.square.sum()), 1e-9)
+    return Observed(
+        theta, 0.5 * (cov + cov.T), B, float(weight @ exponent), float(weight @ core), w.soc, w.flow,
+        float(np.sqrt(np.nanmean(r**2))), slow,
+    )  # fmt: skip
+
+
+def _at(p: StringParameters, theta: Floats) -> StringParameters:
+    scaled = {name: getattr(p, name) * np.exp(x) for name, x in zip(("R_e", *SHAPE), theta[:FIRST_OFFSET], strict=True)}
+    return replace(p, **scaled)
+
+
+def _read(Y: Floats, late: Floats) -> Floats:
+    """Surfaces (K + 1, m, …) at the readings' own times (K, m, …)."""
+    return np.asarray((1.0 - late) * Y[1:] + late * Y[:-1], dtype=np.float64)
+
+
+def _columns(R: Response, f: Floats, E: Floats, late: Floats, m: int) -> Floats:
+    """Slopes of the readings (K, m, 5 + m + 1 + 2n) by θ, the inlet's swing and the start."""
+    by_input = _read(R.surface_by_input, late)
+    by_theta = by_input[:, :, :FIRST_OFFSET].copy()  # by R_e itself, and by how warm the core is taken to be
+    by_theta[:, :, 1:] += (f[:, :, 1:] - f[:, :, :1]) / STEP
+    offsets = np.broadcast_to(np.eye(m), (len(f), m, m))
+    start = _read(R.surface_by_start, late) @ E + by_input[:, :, FIRST_OFFSET, None] * E[0::2].mean(axis=0)
+    return np.concatenate([by_theta, offsets, by_input[:, :, FIRST_OFFSET + 1 :], start], axis=2)
+
+
+def _warmth(
+    sets: Sequence[StringParameters], w: DriveWindow, square: Floats, B: float, starts: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """1/T_c − 1/298.15 K (K,); slopes of the heat's logarithm (K, 6) by θ and by the core's start; T_c (K,)."""
+    found, exponent, core = [], square, square
+    for p, start in (*zip(sets, starts, strict=True), (sets[0], starts[0] + STEP)):
+        now = square
+        for _ in range(2):  # the core's warmth moves the heat that warms it, by little
+            core = core_temperature(p, w, now * float(np.mean(p.R_e)), float(start))
+            exponent = 1.0 / (core + KELVIN) - 1.0 / REFERENCE_K
+            now = w.square * np.exp(B * exponent)
+        found.append((exponent, core))
+    slopes = np.array([B * (e - found[0][0]) / STEP for e, _ in found[1:]]).T
+    slopes[:, 0] += 1.0
+    return found[0][0], slopes, found[0][1]
+
+
+def _whitener(
+    valid: np.ndarray, r: Floats, columns: Floats, white: float, dt: float, *, final: bool, before: float
+) -> tuple[Whitener, float]:
+    """Noise under which the residual, freed of what the numbers can still take up, is likeliest."""
+    if not final:
+        return Whitener.of(valid, white, before, TAU_S, dt), before
+    best, chosen, size = np.inf, None, before
+    both = np.concatenate([columns, r[:, :, None]], axis=2)
+    for slow in SIZES:
+        W = Whitener.of(valid, white, slow, TAU_S, dt)
+        A = W(both).reshape(-1, both.shape[2])
+        M = A.T @ A
+        H = M[:-1, :-1] + 1e-6 * np.diag(np.diag(M)[:-1] + 1.0)
+        score = 0.5 * (M[-1, -1] - M[:-1, -1] @ np.linalg.solve(H, M[:-1, -1])) + 0.5 * W.log_det
+        score += 0.5 * float(np.linalg.slogdet(H)[1])
+        if score < best:
+            best, chosen, size = score, W, slow
+    assert chosen is not None  # noqa: S101 - the first of the sizes is better than infinity
+    return chosen, size
+
+
+def _start_info(n: int) -> Floats:
+    """Information on (T_s, e) at the start (2n, 2n)."""
+    along, out = np.linspace(-1.0, 1.0, n), np.zeros((2 * n, 2 * n))
+    for part, (common, ends, own) in zip((slice(0, n), slice(n, 2 * n)), START_SD, strict=True):
+        P = common**2 + ends**2 * np.outer(along, along) + own**2 * np.eye(n)
+        out[part, part] = np.linalg.inv(P)
+    return out
+
+
+def _start_map(p: StringParameters, inlet: float) -> tuple[Floats, Floats]:
+    """X = E (T_s, e) + c: cores from what leaves the casings, T_c = T_s + (R_c/R_u)(T_s − T_f + e)."""
+    n = p.cells
+    M, m = coolant_path(p)
+    over = (p.R_c / p.R_u)[:, None]
+    E, c = np.zeros((2 * n, 2 * n)), np.zeros(2 * n)
+    E[1::2, :n] = np.eye(n)
+    E[0::2, :n] = np.eye(n) + over * (np.eye(n) - M)
+    E[0::2, n:] = over * np.eye(n)
+    c[0::2] = -over[:, 0] * m * inlet
+    return E, c
