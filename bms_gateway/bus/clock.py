@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 STEP_NS = 10_000_000  # reading two clocks is off by far less; a smaller step does no harm to a thermal estimate
+LATE_NS = 2_000_000_000  # an adapter may hold frames back; beyond it, its clock is wrong
 SLEW = 1_000  # the kernel slews by at most 500 ppm; twice that, as a divisor
 SPLIT_NS = 1_000_000  # two readings further apart had something between them and are taken again
 
@@ -38,6 +39,8 @@ class BusClock:
         Wall-clock steps met.
     last_step_ns : int
         Size of the latest, positive when the clock was set forward.
+    misdated : int
+        Stamps that could not be true, and were replaced by the time of their arrival.
 
     Examples
     --------
@@ -53,6 +56,7 @@ class BusClock:
         self.offset_ns = 0
         self.steps = 0
         self.last_step_ns = 0
+        self.misdated = 0
         self._steady_at, wall_now = self._read()
         self._delta = wall_now - self._steady_at
         self._mapped_offset = 0
@@ -90,7 +94,8 @@ class BusClock:
         -------
         ndarray of int64 (N,)
             Bus time. After a step the frames stamped before it keep the old offset: it is the one that puts them
-            between the last call and now.
+            between the last call and now. A stamp after now, or long before the last call, cannot be that of a frame
+            that arrived between: it becomes now.
         """
         now = self.now_ns()
         time_ns = stamps + self.offset_ns if self.offset_ns else stamps
@@ -99,5 +104,9 @@ class BusClock:
             fits = (before >= self._mapped_at - STEP_NS) & (before <= now + STEP_NS)
             time_ns = np.where(fits, before, time_ns)
             self._mapped_offset = self.offset_ns
+        wrong = (time_ns > now + STEP_NS) | (time_ns < self._mapped_at - LATE_NS)
+        if wrong.any():
+            self.misdated += int(np.count_nonzero(wrong))
+            time_ns = np.where(wrong, now, time_ns)
         self._mapped_at = now
         return time_ns

@@ -42,6 +42,8 @@ class Counters:
     """Frames with identifiers of our node that somebody else sent: refused."""
     outages: int = 0
     clock_steps: int = 0
+    misdated: int = 0
+    """Frames whose stamp could not be true: the time of their arrival was taken."""
 
     def note_error(self, name: str = "other") -> None:
         """Count an error frame of a class."""

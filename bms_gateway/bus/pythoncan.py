@@ -113,6 +113,7 @@ class PythonCanPort:
             self._shift_s = off if abs(off) > AHEAD_S else 0.0
         batch = to_batch(messages, self.counters, self._shift_s)
         time_ns = self._clock.to_bus(batch.time_ns)
+        self.counters.misdated = self._clock.misdated
         keep = slice(None) if self._wanted is None else np.isin(batch.can_id, self._wanted)
         self.counters.received += len(batch)
         wanted = FrameBatch(time_ns[keep], batch.can_id[keep], batch.length[keep], batch.data[keep])

@@ -145,6 +145,7 @@ class SocketCanPort:
             if not time_ns.all():
                 time_ns[time_ns == 0] = self._clock.now_ns() - self._clock.offset_ns
             batch, errors = to_batch(got.rows, got.sizes, self._clock.to_bus(time_ns), self.counters)
+            self.counters.misdated = self._clock.misdated
             self._note_errors(errors, len(batch))
             if got.drops is not None:
                 self._note_drops(got.drops)

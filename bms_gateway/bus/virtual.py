@@ -79,8 +79,10 @@ class VirtualPack:
         self.parameters = tuple(_truth(s, rng, scatter, common) for s in plan.strings)
         self._start = tuple(self._start_state(s, rng) for s in plan.strings)
 
-    def segments(self, duration_s: float) -> Iterator[tuple[Segment, ...]]:
-        """Simulate from 0 to `duration_s`, some minutes at a time.
+    def segments(
+        self, duration_s: float, *, rest_s: tuple[float, float] | None = None
+    ) -> Iterator[tuple[Segment, ...]]:
+        """Simulate from 0 to `duration_s`, some minutes at a time; between the ends of `rest_s` no current flows.
 
         Yields
         ------
@@ -96,6 +98,8 @@ class VirtualPack:
             k = np.arange(first, last + 1)
             time: Floats = k.astype(np.float64) * STEP_S
             current = self._cycle[k % len(self._cycle)]
+            if rest_s is not None:
+                current = np.where((time >= rest_s[0]) & (time < rest_s[1]), 0.0, current)
             out = []
             for i, (string, p) in enumerate(zip(self.plan.strings, self.parameters, strict=True)):
                 inlet = self._inlet(string, time)

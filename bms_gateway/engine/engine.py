@@ -128,6 +128,11 @@ class Engine:
         return self._clock.faults()
 
     @property
+    def clock_counts(self) -> dict[str, int]:
+        """What was wrong with the stamps so far, counted: reordered frames, clocks set back, absurd stamps."""
+        return {"reordered": self._clock.reordered, "set_back": self._clock.set_back, "absurd": self._clock.absurd}
+
+    @property
     def unheard(self) -> dict[str, str]:
         """Inputs never received, by string, for people."""
         return self._inputs.unheard()

@@ -51,8 +51,8 @@ REASONS = {
     Quality.CRC: "the check sum of its frame is wrong",
     Quality.NEVER: "not yet seen to move",
 }
-UNKNOWN_MUX = "unknown_multiplexer"
-CURRENT_STANDS = "it stands at {:g} A while the voltage goes up and down: stuck, saturated or clipped"
+UNKNOWN_MUX, REPEATED = "unknown_multiplexer", "repeated"
+CURRENT_STANDS = "it stands at {} A while the voltage moves: stuck, saturated or clipped"
 WRONG_SIGN = "current and voltage rise together: the sign of the current is wrong (scale = -1 in its entry turns it)"
 RIGHT_SIGN = "current and voltage move against each other again, as they should"
 
@@ -90,6 +90,10 @@ class Samples:
     def between(self, start: int, stop: int) -> "Samples":
         """Take samples start…stop − 1."""
         return Samples(self.time_ns[start:stop], self.input[start:stop], self.value[start:stop], self.flag[start:stop])
+
+    def where(self, chosen: NDArray[np.bool_]) -> "Samples":
+        """Take the chosen samples."""
+        return Samples(self.time_ns[chosen], self.input[chosen], self.value[chosen], self.flag[chosen])
 
     def sorted_by_input(self, chosen: NDArray[np.bool_]) -> "Samples":
         """Take the chosen samples input by input, each in the order of the bus."""
@@ -208,7 +212,8 @@ class Inputs:
         self._active = False
         self.good = _NOTHING
         self.rejected: dict[str, int] = {}
-        self._strange_ns = np.empty(0, np.int64)  # frames of ticks to come whose multiplexer the DBC does not know
+        # stamps of frames of ticks to come that give no sample, by reason
+        self._passed_over = {UNKNOWN_MUX: np.empty(0, np.int64), REPEATED: np.empty(0, np.int64)}
 
     def _wire(self, string: StringPlan, index: dict[tuple[str, float, float], int], groups: list[int]) -> Wire:
         at: dict[str, int] = {}
@@ -261,11 +266,13 @@ class Inputs:
     def decode(self, frames: FrameBatch) -> Samples:
         """Decode all inputs of the next frames; alive counters are followed, so each frame must come once, in order."""
         s = decode(self._table, frames)
-        flag = self._counters.update(s)
-        if len(s.unknown):
-            self._strange_ns = np.concatenate([self._strange_ns, frames.time_ns[s.unknown]])
+        flag, repeated = self._counters.follow(s)
+        for reason, which in ((UNKNOWN_MUX, s.unknown), (REPEATED, repeated)):
+            if len(which):
+                self._passed_over[reason] = np.concatenate([self._passed_over[reason], frames.time_ns[which]])
         value = s.value * self._scale[s.signal] + self._offset[s.signal]
-        return Samples(frames.time_ns[s.frame], s.signal, value, flag)
+        samples = Samples(frames.time_ns[s.frame], s.signal, value, flag)
+        return samples if not len(repeated) else samples.where(~np.isin(s.frame, repeated))
 
     def update(self, samples: Samples, t0: int, t1: int) -> list[Reading]:
         """Take the samples of one tick [t0, t1).
@@ -281,9 +288,10 @@ class Inputs:
         for code in rejected.nonzero()[0].tolist():
             reason = Quality(code).name.lower()
             self.rejected[reason] = self.rejected.get(reason, 0) + int(rejected[code])
-        if strange := int(np.searchsorted(self._strange_ns, t1)):
-            self.rejected[UNKNOWN_MUX] = self.rejected.get(UNKNOWN_MUX, 0) + strange
-            self._strange_ns = self._strange_ns[strange:]
+        for reason, stamps in self._passed_over.items():
+            if count := int(np.searchsorted(stamps, t1)):
+                self.rejected[reason] = self.rejected.get(reason, 0) + count
+                self._passed_over[reason] = stamps[count:]
         self._quality = g.channel_quality
         self.good = samples, g.quality == GOOD
         means, cells = self._integrate(*self.good, t0, t1)
@@ -337,13 +345,13 @@ class Inputs:
     def _credible(self, i: int, meter: Ammeter, run: Run) -> Run:
         """Turn away the value at which a current stands though the voltage moves."""
         time_ns, value = run
-        keep = value != meter.stands_at
-        if keep.all():
+        if not meter.stands_at or not len(value):
             return run
+        # what is between its ends is still read, but the sensor counts as failed until it has shown that it is not
+        self._quality[i] = Quality.STUCK
+        keep = ~np.isin(value, meter.stands_at)
         reason = Quality.STUCK.name.lower()
         self.rejected[reason] = self.rejected.get(reason, 0) + int(np.count_nonzero(~keep))
-        if not keep[-1]:
-            self._quality[i] = Quality.STUCK
         return time_ns[keep], value[keep]
 
     def _inlet(self, w: Wire, quality: Sequence[int], t1: int) -> float:
@@ -393,7 +401,7 @@ class Inputs:
         why = REASONS[now]
         if c.quantity == "current" and now == Quality.STUCK:
             stands = next(m.stands_at for (current, _), m in self._meters.items() if current == i)
-            why = CURRENT_STANDS.format(stands)
+            why = CURRENT_STANDS.format(" and ".join(f"{amps:g}" for amps in stands))
         return Notice(t1, Level.WARNING, "sensor", f"{what} is not used: {why} ({c.signal})", string, cell)
 
     def faults(self) -> list[tuple[str, Channel, Quality]]:

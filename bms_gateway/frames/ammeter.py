@@ -3,10 +3,11 @@
 Current is what heats, and its sensor has no peers to be compared with. But the terminal voltage answers every step of
 the true current at once: V = OCV − R·I. Two faults show in it that no range finds:
 
-* A current that *stands* at one value while the voltage goes up and down. The sensor is stuck, saturated below the end
-  of its signal, or clips at zero what flows the other way. Relaxation after a load moves the voltage too, but one way
-  only: so both ways count, and the lesser of them decides. The value is then refused wherever it turns up, until
-  readings on both sides of it show that it is no end of the sensor's range.
+* A current that *stands* at one value while the voltage moves. The sensor is stuck, saturated below the end of its
+  signal, or clips at zero what flows the other way. Relaxation after a load moves the voltage too, but one way only,
+  and by less than the load did. So it counts when the voltage goes both ways, and when it goes further one way than the
+  steps before can explain. The value is then refused wherever it turns up, until readings on both sides of it show that
+  it is no end of the sensor's range.
 * A current that rises *with* the voltage has the wrong sign.
 
 Judged once per tick by the means over it, so that frames of current and voltage need not be in step.
@@ -25,10 +26,18 @@ MOVED_STEPS = 2.5
 """The same in steps of the voltage's resolution: the last digit may flicker."""
 STANDS = 4
 """Moves each way until the current is refused: some ten seconds of driving."""
+BEYOND = 8
+"""Moves one way, beyond what relaxation explains, until the current is refused."""
+RELAXES = 0.5
+"""Of a step of the voltage with the load, so much may come in the seconds after it."""
+RECENT = 0.9
+"""How much of an earlier step of the current is still relaxing, per tick with a step."""
 MOST = 12
 """Beyond so many nothing more is learnt, and a mended sensor would wait too long."""
-FORGIVE = 0.05
+FORGIVE = 0.01
 """Taken off at each tick in which the current moves with the voltage, as it should."""
+RELEASED = 0.25
+"""Share of what it takes to refuse a value below which it is believed again."""
 MEMORY = 60
 """Ticks with moves over which the sign is judged."""
 ENOUGH = 10
@@ -46,8 +55,6 @@ class Ammeter:
 
     Attributes
     ----------
-    stands_at : float
-        Value that is refused, A; NaN while there is none.
     reversed : bool
         The current has the wrong sign.
 
@@ -57,20 +64,23 @@ class Ammeter:
     >>> for V in (400, 404, 398, 403, 397, 404, 398, 403, 397):
     ...     meter.update(np.array([20.0, 20.0]), np.array([V, V + 0.1]))
     >>> meter.stands_at
-    20.0
+    (20.0,)
     """
 
     def __init__(self, resolution: float = 0.0) -> None:
         self._step = MOVED_STEPS * resolution
-        self.stands_at = nan
         self.reversed = False
-        self._suspect = nan
-        self._up = self._down = 0.0
-        self._below = self._above = False  # readings on that side of the suspect value
+        self._suspects = _Suspect(), _Suspect()  # a sensor has two ends: one value from zero up, one below
         self._I = self._V = nan
         self._stood = False
         self._II = self._IV = self._VV = 0.0
         self._moves = 0
+        self._step_A = self._run_V = 0.0  # largest step of late; way of the voltage while the current stands
+
+    @property
+    def stands_at(self) -> tuple[float, ...]:
+        """Values that are refused, A."""
+        return tuple(s.value for s in self._suspects if s.refused)
 
     def update(self, I: NDArray[np.float64], V: NDArray[np.float64]) -> None:  # noqa: E741
         """Take the accepted samples of one tick, A (discharge positive) and V; either may be empty."""
@@ -78,21 +88,25 @@ class Ammeter:
             self.forget()
             return
         low, high = float(I.min()), float(I.max())
-        self._acquit(low, high)
+        for suspect in self._suspects:
+            suspect.acquit(low, high)
         mean_I = float(I.mean())
         mean_V = float(V.mean()) if len(V) else nan
         dI, dV = mean_I - self._I, mean_V - self._V
         stands = low == high
         if abs(dV) > max(MOVED * abs(mean_V), self._step):  # false where one is not known
             if stands and self._stood and dI == 0.0:
-                self._suspicious(low, dV)
-            elif not stands or dI != 0.0:
-                self._up, self._down = max(0.0, self._up - FORGIVE), max(0.0, self._down - FORGIVE)
+                self._run_V += dV
+                explained = -RELAXES * self._IV * self._step_A  # R = −IV/II; without steps seen, nothing is beyond
+                beyond = self._moves >= ENOUGH and explained > 0.0 and abs(self._run_V) * self._II > explained
+                self._suspects[low < 0.0].accuse(low, dV, beyond)
+            elif dI != 0.0:
+                for suspect in self._suspects:
+                    suspect.forgive()
                 self._follow_sign(dI, dV)
-        if min(self._up, self._down) >= STANDS:
-            self.stands_at = self._suspect
-        elif min(self._up, self._down) < 1.0:
-            self.stands_at = nan
+        if dI != 0.0:
+            self._run_V = 0.0
+            self._step_A = max(abs(dI), RECENT * self._step_A) if dI == dI else 0.0
         self._I, self._V, self._stood = mean_I, mean_V, stands
 
     def forget(self) -> None:
@@ -100,30 +114,52 @@ class Ammeter:
         self._I = self._V = nan
         self._stood = False
 
-    def _acquit(self, low: float, high: float) -> None:
-        """Clear a value that has readings on both sides: it is no end of a range."""
-        self._below |= low < self._suspect
-        self._above |= high > self._suspect
-        if self._below and self._above:
-            self._up = self._down = 0.0
+    def _follow_sign(self, dI: float, dV: float) -> None:
+        keep = 1.0 - 1.0 / MEMORY
+        self._II, self._IV, self._VV = keep * self._II + dI * dI, keep * self._IV + dI * dV, keep * self._VV + dV * dV
+        self._moves += 1
+        if self._moves >= ENOUGH:
+            together = self._IV / sqrt(self._II * self._VV)
+            self.reversed = together > (RIGHT if self.reversed else REVERSED)
 
-    def _suspicious(self, value: float, dV: float) -> None:
-        if value != self._suspect:
-            if self.stands_at == self.stands_at and min(self._up, self._down) >= 1.0:
+
+class _Suspect:
+    """A value at which the current was seen to stand while the voltage moved."""
+
+    def __init__(self) -> None:
+        self.value = nan
+        self.refused = False
+        self._up = self._down = self._beyond = 0.0
+        self._below = self._above = False  # readings on that side of the value
+
+    def accuse(self, value: float, dV: float, beyond: bool) -> None:
+        """Count a move of the voltage while the current stood at `value`, and whether relaxation explains it."""
+        if value != self.value:
+            if self.refused:
                 return  # one fault at a time: the value refused has to be acquitted first
-            self._suspect, self._up, self._down = value, 0.0, 0.0
+            self.value, self._up, self._down, self._beyond = value, 0.0, 0.0, 0.0
         # a sensor that stands again is stuck again, whatever it showed before
         self._below = self._above = False
         if dV > 0:
             self._up = min(MOST, self._up + 1.0)
         else:
             self._down = min(MOST, self._down + 1.0)
+        self._beyond = min(MOST, self._beyond + beyond)
+        self._decide()
 
-    def _follow_sign(self, dI: float, dV: float) -> None:
-        keep = 1.0 - 1.0 / MEMORY
-        self._II, self._IV, self._VV = keep * self._II + dI * dI, keep * self._IV + dI * dV, keep * self._VV + dV * dV
-        self._moves += 1
-        spread = sqrt(self._II * self._VV)
-        if self._moves >= ENOUGH and spread > 0.0:
-            together = self._IV / spread
-            self.reversed = together > (RIGHT if self.reversed else REVERSED)
+    def acquit(self, low: float, high: float) -> None:
+        """Clear a value that has readings on both sides: it is no end of a range."""
+        self._below |= low < self.value
+        self._above |= high > self.value
+        if self._below and self._above:
+            self._up = self._down = self._beyond = 0.0
+            self._decide()
+
+    def forgive(self) -> None:
+        """Take off a little for a current that moves with the voltage."""
+        self._up, self._down, self._beyond = (max(0.0, x - FORGIVE) for x in (self._up, self._down, self._beyond))
+        self._decide()
+
+    def _decide(self) -> None:
+        doubt = max(min(self._up, self._down) / STANDS, self._beyond / BEYOND)
+        self.refused = doubt >= 1.0 or (self.refused and doubt >= RELEASED)

@@ -15,7 +15,8 @@ class CounterGuard:
     """Alive counters of protected messages: one per message and multiplexer value.
 
     A step of 1…`MAX_DELTA` is a frame in sequence, perhaps after lost ones; none is a repetition and a larger one a
-    wrong sequence. Both are rejected, and the sequence goes on from there.
+    wrong sequence. Both are rejected, and the sequence goes on from there. A repetition says nothing of the sensor (two
+    paths to one bus, a sender that tries again): whoever judges sensors leaves it out.
 
     Parameters
     ----------
@@ -33,14 +34,18 @@ class CounterGuard:
         self._followed = table.switch_of < 0
 
     def update(self, samples: Samples) -> NDArray[np.uint8]:
-        """Quality of the samples of one batch, COUNTER where the frame was out of sequence.
+        """Quality of the samples of one batch, COUNTER where the frame was repeated or out of sequence.
 
         Batches must come in the order of the bus; how they were cut does not matter.
         """
+        return self.follow(samples)[0]
+
+    def follow(self, samples: Samples) -> tuple[NDArray[np.uint8], NDArray[np.intp]]:
+        """Do as `update`, and tell the frames that only repeat the one before, ascending."""
         p = samples.protected
         whole = np.flatnonzero(p.crc_ok & self._followed[p.node])
         if not len(whole):
-            return samples.flag
+            return samples.flag, _NONE
         order = whole[np.argsort(p.node[whole], kind="stable")]
         node, counter = p.node[order], p.counter[order].astype(np.int64)
         fresh = np.ones(len(order), np.bool_)
@@ -53,8 +58,11 @@ class CounterGuard:
         delta = (counter - before) % COUNTER_STATES
         wrong = (before >= 0) & ((delta == 0) | (delta > MAX_DELTA))
         if not wrong.any():
-            return samples.flag
+            return samples.flag, _NONE
         flag = samples.flag.copy()
         bad_frame = p.frame[order[wrong]]
         flag[np.isin(samples.frame, bad_frame) & (flag == Quality.GOOD)] = Quality.COUNTER
-        return flag
+        return flag, np.sort(p.frame[order[wrong & (delta == 0)]])
+
+
+_NONE = np.empty(0, np.intp)

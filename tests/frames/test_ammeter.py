@@ -27,7 +27,7 @@ def run(shown: np.ndarray, V: np.ndarray, meter: Ammeter | None = None) -> tuple
     refused, turned = [], []
     for i, v in zip(shown, V, strict=True):
         meter.update(i, v)
-        refused.append(meter.stands_at)
+        refused.append(meter.stands_at[0] if meter.stands_at else np.nan)
         turned.append(meter.reversed)
     return np.array(refused), np.array(turned)
 
@@ -63,6 +63,14 @@ def test_a_clipped_sensor_is_refused_at_its_end_only_until_it_passes_it(low, hig
     assert (refused[150:300] == end).all()
     assert set(refused[~np.isnan(refused)]) == {end}
     assert np.isnan(refused[320:]).all()
+
+
+def test_a_sensor_saturated_at_both_ends_is_refused_at_both():
+    true = drive(400, 4)
+    level = np.repeat(np.where(np.arange(80) % 2, -1.0, 1.0), 5)[:, None] * (60.0 + np.abs(true))
+    meter = Ammeter(0.1)
+    run(np.clip(level, -50.0, 50.0), volts(level), meter)
+    assert meter.stands_at == (50.0, -50.0)
 
 
 def test_relaxation_of_the_voltage_after_loads_of_one_direction_accuses_nobody():
@@ -108,24 +116,24 @@ def test_without_voltage_or_current_nothing_is_judged_and_a_gap_is_no_step():
     for k in range(50):
         meter.update(np.full(2, 20.0), none)
         meter.update(none, np.full(2, OCV + 5.0 * (-1) ** k))
-    assert np.isnan(meter.stands_at)
+    assert meter.stands_at == ()
     meter = Ammeter(0.1)
     for k in range(50):
         meter.update(np.full(2, 20.0), np.full(2, OCV + 5.0 * (-1) ** k))
         meter.forget()
-    assert np.isnan(meter.stands_at)
+    assert meter.stands_at == ()
 
 
 def test_the_value_refused_is_the_one_that_was_seen_standing():
     meter = Ammeter(0.1)
     for k in range(2 * STANDS):
-        assert np.isnan(meter.stands_at)
+        assert meter.stands_at == ()
         meter.update(np.full(3, 20.0), np.full(3, OCV + 5.0 * (-1) ** k))
     meter.update(np.full(3, 20.0), np.full(3, OCV + 5.0))
-    assert meter.stands_at == 20.0
+    assert meter.stands_at == (20.0,)
     for k in range(4):  # another value that stands has to wait for the first to be acquitted
         meter.update(np.full(3, 30.0), np.full(3, OCV + 5.0 * (-1) ** k))
-    assert meter.stands_at == 20.0
+    assert meter.stands_at == (20.0,)
 
 
 DBC = (

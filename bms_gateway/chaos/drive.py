@@ -1,0 +1,117 @@
+"""A simulated pack whose sensors can be broken: its traffic and the truth, second by second."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from bms_gateway.bus.traffic import SECOND, Key, Series, Traffic
+from bms_gateway.bus.virtual import SENSOR_NOISE_K, VirtualPack
+from bms_gateway.engine.plan import Plan
+from bms_gateway.frames.batch import FrameBatch
+from bms_gateway.frames.database import Database
+from bms_gateway.thermal import Floats
+
+Change = Callable[[Floats, Floats], Floats]
+CYCLE = "us06"  # a current that moves as on the road: under one that stands for minutes a stuck sensor is no fault
+NOISY = ("surface", "coolant_inlet")
+
+
+@dataclass(frozen=True, slots=True)
+class Sensed(Series):
+    """What a sensor shows of a series: with noise, and with its fault while that lasts.
+
+    Attributes
+    ----------
+    noise : ndarray, drawn anew by `rng` for every reading.
+    change : callable or None
+    start_s, end_s : float
+        Of the fault.
+    """
+
+    noise: float = 0.0
+    rng: np.random.Generator | None = None
+    change: Change | None = None
+    start_s: float = 0.0
+    end_s: float = 0.0
+
+    def at(self, t: Floats) -> Floats:
+        """Read at the instants `t` (N,)."""
+        value = Series.at(self, t)
+        if self.rng is not None:
+            value = value + self.noise * self.rng.standard_normal(len(t))
+        if self.change is None:
+            return value
+        return np.where((t >= self.start_s) & (t < self.end_s), self.change(t, value), value)
+
+
+@dataclass(frozen=True, slots=True)
+class Second:
+    """Frames of one second of bench time, stamped with it from 0 on, and the true cores at its end."""
+
+    frames: FrameBatch
+    truth: Floats
+
+
+class Drive:
+    """The pack of a plan on the road.
+
+    Parameters
+    ----------
+    plan : Plan
+    database : Database
+    seed : int
+    changes : mapping of (quantity, cell) to callable, optional
+        Faults of the sensors of the first string.
+    fault_s : (float, float)
+        When they begin and end.
+    parked : bool
+        No current flows between.
+    cycle : str
+        Of `thermal.cycles.CYCLES`.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        database: Database,
+        seed: int = 0,
+        *,
+        changes: Mapping[Key, Change] | None = None,
+        fault_s: tuple[float, float] = (0.0, 0.0),
+        parked: bool = False,
+        cycle: str = CYCLE,
+    ) -> None:
+        self._pack = VirtualPack(plan, seed, cycle=cycle)
+        self._traffic = Traffic(plan, database)
+        self._changes, self._fault_s, self._parked = dict(changes or {}), fault_s, parked
+        self._rng = np.random.default_rng([seed, 0xC4])
+
+    def seconds(self, count: int) -> Iterator[Second]:
+        """Give so many seconds."""
+        rest = self._fault_s if self._parked else None
+        for segments in self._pack.segments(count, rest_s=rest):
+            t = segments[0].time_s
+            feeds = [
+                {key: self._sensed(index, key, series) for key, series in s.series.items()}
+                for index, s in enumerate(segments)
+            ]
+            start, stop = int(t[0]) * SECOND, int(t[-1]) * SECOND
+            frames = self._traffic.between(feeds, start, stop)
+            edges = np.searchsorted(frames.time_ns, np.arange(start, stop + SECOND, SECOND)).tolist()
+            truth = np.concatenate([s.core_C for s in segments], axis=1)
+            for k in range(len(t) - 1):
+                yield Second(frames[edges[k] : edges[k + 1]], truth[k + 1])
+
+    def _sensed(self, string: int, key: Key, series: Series) -> Sensed:
+        noise = SENSOR_NOISE_K if key[0] in NOISY else 0.0
+        change = self._changes.get(key) if string == 0 else None
+        return Sensed(
+            series.time_s,
+            series.value,
+            series.hole_s,
+            noise,
+            self._rng if noise else None,
+            change,
+            *self._fault_s,
+        )

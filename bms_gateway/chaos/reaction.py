@@ -1,0 +1,146 @@
+"""What a gateway is expected to do about a fault, as something that can be looked for in a record."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+from bms_gateway.chaos.record import Record, Seen
+from bms_gateway.engine.broadcast import State
+from bms_gateway.frames.quality import Quality
+
+
+class Reaction(Protocol):
+    """Found in a record or not."""
+
+    @property
+    def text(self) -> str:
+        """The expectation in a few words."""
+        ...
+
+    def first_s(self, record: Record) -> float | None:
+        """Bench time at which it is first seen after the fault began; None if never."""
+        ...
+
+
+def _first(record: Record, holds: Callable[[Seen], bool]) -> float | None:
+    return next((s.time_s for s in record.since() if holds(s)), None)
+
+
+@dataclass(frozen=True, slots=True)
+class Marked:
+    """Some cell is sent with one of these qualities, which none had before."""
+
+    qualities: frozenset[Quality]
+
+    @classmethod
+    def of(cls, *qualities: Quality) -> "Marked":
+        """Any of them will do."""
+        return cls(frozenset(qualities))
+
+    @property
+    def text(self) -> str:
+        """As the config's user reads it in `estimates.csv`."""
+        return "marked " + " or ".join(sorted(q.name.lower() for q in self.qualities))
+
+    def first_s(self, record: Record) -> float | None:
+        """See `Reaction`."""
+        wanted = {int(q) for q in self.qualities}
+        before = record.before().quality
+        changed = lambda s: any(  # noqa: E731
+            q in wanted and q != b for q, b in zip(s.quality.tolist(), before.tolist(), strict=True)
+        )
+        return _first(record, changed)
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """A line for people with this code, and this word in it."""
+
+    code: str
+    word: str = ""
+
+    @property
+    def text(self) -> str:
+        """Code and word."""
+        return f"told ({self.code}{': …' + self.word + '…' if self.word else ''})"
+
+    def first_s(self, record: Record) -> float | None:
+        """See `Reaction`."""
+        found = (x for x in record.lines if x.time_s > record.start_s and x.code == self.code and self.word in x.text)
+        return next((x.time_s for x in found), None)
+
+
+@dataclass(frozen=True, slots=True)
+class Counted:
+    """One of these counters goes up."""
+
+    names: tuple[str, ...]
+
+    @classmethod
+    def of(cls, *names: str) -> "Counted":
+        """Any of them will do."""
+        return cls(names)
+
+    @property
+    def text(self) -> str:
+        """Names of the counters."""
+        return "counted as " + " or ".join(self.names)
+
+    def first_s(self, record: Record) -> float | None:
+        """See `Reaction`."""
+        before = record.before().counts
+        return _first(record, lambda s: any(s.counts.get(n, 0) > before.get(n, 0) for n in self.names))
+
+
+@dataclass(frozen=True, slots=True)
+class InState:
+    """The status frame says this state."""
+
+    state: State
+
+    @property
+    def text(self) -> str:
+        """The state's name."""
+        return f"state {self.state.name.lower()}"
+
+    def first_s(self, record: Record) -> float | None:
+        """See `Reaction`."""
+        return _first(record, lambda s: s.state == self.state)
+
+
+@dataclass(frozen=True, slots=True)
+class Quiet:
+    """Nothing at all is sent for so many seconds."""
+
+    seconds: int
+
+    @property
+    def text(self) -> str:
+        """How long."""
+        return f"sends nothing for {self.seconds} s"
+
+    def first_s(self, record: Record) -> float | None:
+        """See `Reaction`."""
+        run = 0
+        for s in record.since():
+            run = run + 1 if s.frames == 0 else 0
+            if run >= self.seconds:
+                return s.time_s
+        return None
+
+
+@dataclass(frozen=True, slots=True)
+class Unmoved:
+    """No quality changes while the fault lasts: it does not reach the estimates."""
+
+    @property
+    def text(self) -> str:
+        """In two words."""
+        return "estimates untouched"
+
+    def first_s(self, record: Record) -> float | None:
+        """See `Reaction`."""
+        before = record.before().quality.tolist()
+        during = [s for s in record.since() if s.time_s <= record.end_s]
+        untouched = bool(during) and all(s.quality.tolist() == before for s in during)
+        return record.end_s if untouched else None

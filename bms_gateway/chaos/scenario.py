@@ -1,0 +1,163 @@
+"""A fault as a small object, and the judgement of what came of it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bms_gateway.bus.traffic import Key
+from bms_gateway.chaos.drive import CYCLE
+from bms_gateway.chaos.reaction import Reaction
+from bms_gateway.chaos.record import Record, Seen
+from bms_gateway.frames.batch import FrameBatch
+from bms_gateway.thermal import Floats
+
+Kind = Literal["sensor", "frame", "time", "bus"]
+STEADY = 5  # seconds in a row that must be sound before a fault counts as recovered from
+
+
+@dataclass(frozen=True, slots=True)
+class Injection:
+    """What is done to the traffic of a simulated pack while the fault lasts.
+
+    Attributes
+    ----------
+    values : mapping of (quantity, cell) to callable
+        Sensors of the first string: what they show for what is true, ``(time_s, value) -> value``.
+    frames : callable, optional
+        Frames of a tenth of a second as they are put on the bus, ``(frames, rng) -> frames``.
+    stamps : callable, optional
+        Stamps that the frames get, ns of the wall clock, ``(stamps, rng) -> stamps``.
+    wall_s : float
+        The wall clock is set by so much when the fault begins.
+    epoch_s : float
+        What the wall clock shows when the bench starts, s since 1970.
+    parked : bool
+        The vehicle rests: no current, and no traffic.
+    cycle : str
+        What is driven, of `thermal.cycles.CYCLES`.
+    restart : bool
+        The gateway is stopped when the fault begins, with its state kept, and started when it ends.
+    """
+
+    values: dict[Key, Callable[[Floats, Floats], Floats]] = field(default_factory=dict)
+    frames: Callable[[FrameBatch, np.random.Generator], FrameBatch] | None = None
+    stamps: Callable[[NDArray[np.int64], np.random.Generator], NDArray[np.int64]] | None = None
+    wall_s: float = 0.0
+    epoch_s: float = 1_700_000_000.0
+    parked: bool = False
+    restart: bool = False
+    cycle: str = CYCLE
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """One fault and what is expected.
+
+    Attributes
+    ----------
+    name : str
+        As `--scenario` takes it.
+    kind : Kind
+    fault : str
+        What happens, for people.
+    expected : tuple of Reaction
+        All of them must be seen.
+    lasts_s : float
+        How long it lasts.
+    recovers_s : float
+        How long the gateway may take after it.
+    injection : Injection
+    misleads : bool
+        Until it is noticed it cannot be known, and cores may be off; afterwards their band must hold again.
+    unfit : str
+        Why it cannot be tried with this config or on this bus; empty where it can.
+    """
+
+    name: str
+    kind: Kind
+    fault: str
+    expected: tuple[Reaction, ...]
+    lasts_s: float
+    recovers_s: float
+    injection: Injection = field(default_factory=Injection)
+    unfit: str = ""
+    misleads: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What came of a scenario.
+
+    Attributes
+    ----------
+    scenario : Scenario
+    reacted_s : tuple of float or None
+        Seconds from the fault to each expected reaction.
+    in_band : bool
+        No core was sent outside its band, from the fault to the end; not asked where the fault misleads.
+    recovered_s : float or None
+        Seconds from the end of the fault until all was as before it.
+    """
+
+    scenario: Scenario
+    reacted_s: tuple[float | None, ...] = ()
+    in_band: bool = True
+    recovered_s: float | None = None
+
+    @property
+    def tried(self) -> bool:
+        """Whether it was run at all."""
+        return not self.scenario.unfit
+
+    @property
+    def holds(self) -> bool:
+        """Whether all was as expected; what cannot be tried does not count against it."""
+        if not self.tried:
+            return True
+        late = self.recovered_s is None or self.recovered_s > self.scenario.recovers_s
+        return self.in_band and not late and None not in self.reacted_s
+
+    @property
+    def seen(self) -> str:
+        """What was seen, for people."""
+        if not self.tried:
+            return f"not tried: {self.scenario.unfit}"
+        parts = [
+            f"{r.text} " + ("NOT SEEN" if s is None else f"after {s:.1f} s")
+            for r, s in zip(self.scenario.expected, self.reacted_s, strict=True)
+        ]
+        parts += [] if self.in_band else ["a core was sent OUTSIDE ITS BAND"]
+        return "; ".join(parts)
+
+
+def judge(scenario: Scenario, record: Record) -> Outcome:
+    """Hold a record against what was expected."""
+    found = [r.first_s(record) for r in scenario.expected]
+    reacted = tuple(None if s is None else max(0.0, s - record.start_s) for s in found)
+    in_band = scenario.misleads or all(s.in_band for s in record.since())
+    return Outcome(scenario, reacted, in_band, recovered_s(record))
+
+
+def is_sound(now: Seen, before: Seen) -> bool:
+    """Whether a second is as good as the last one before the fault."""
+    same = now.state == before.state and bool((now.quality == before.quality).all())
+    return same and now.in_band and bool((np.isfinite(now.error) == np.isfinite(before.error)).all())
+
+
+def recovered_s(record: Record) -> float | None:
+    """Seconds from the end of the fault to the first of `STEADY` sound seconds; None if there are none."""
+    before = record.before()
+    run = 0
+    after = [s for s in record.seen if s.time_s > record.end_s]
+    for s in after:
+        run = run + 1 if is_sound(s, before) else 0
+        if run == STEADY:
+            lasting = [x.time_s for x in after if x.time_s <= s.time_s][-STEADY:]
+            # a second of the bench ends up to a second after what it shows
+            step = min((b - a for a, b in pairwise(lasting)), default=1.0)
+            return max(0.0, lasting[0] - record.end_s - step)
+    return None

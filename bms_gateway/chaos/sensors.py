@@ -1,0 +1,151 @@
+"""Broken sensors of the first string: thermocouples, current, coolant inlet."""
+
+import numpy as np
+
+from bms_gateway.chaos.drive import Change
+from bms_gateway.chaos.facts import Facts
+from bms_gateway.chaos.reaction import Counted, InState, Marked, Reaction, Told
+from bms_gateway.chaos.scenario import Injection, Scenario
+from bms_gateway.engine.broadcast import State
+from bms_gateway.frames.quality import Quality
+from bms_gateway.thermal import Floats
+
+FAR = 1e5  # beyond what any signal can carry: it leaves as the end of its range, or as not available
+SLOW_S = 90.0  # a thermocouple that has come off its cell and hangs in the air beside it
+NOISY_K = 6.0
+FROZEN = np.nan
+
+Q = Quality
+BROKEN_WIRE = Marked.of(Q.OPEN, Q.OUT_OF_RANGE, Q.NOT_AVAILABLE, Q.ERROR)
+SHORT_CIRCUIT = Marked.of(Q.SHORT, Q.OUT_OF_RANGE, Q.NOT_AVAILABLE, Q.ERROR)
+NO_VOLTAGE = "without a voltage on the bus nothing contradicts a current"
+
+
+def sensor_scenarios(facts: Facts) -> list[Scenario]:
+    """All of them for this config."""
+    return [*_thermocouples(facts), *_currents(facts), _inlet(facts)]
+
+
+def _thermocouples(facts: Facts) -> list[Scenario]:
+    cell = facts.sensed
+    unfit = facts.lacks("surface")
+
+    def one(
+        name: str, fault: str, expected: tuple[Reaction, ...], lasts_s: float, recovers_s: float, change: Change
+    ) -> Scenario:
+        injection = Injection(values={("surface", cell): change})
+        fault = f"cell {cell}: {fault}"
+        return Scenario(f"thermocouple-{name}", "sensor", fault, expected, lasts_s, recovers_s, injection, unfit)
+
+    told = Told("sensor", "is not used")
+    return [
+        one("open", "wire broken, reads its upper end", (BROKEN_WIRE, told), 60, 60, lambda _t, v: v * 0 + FAR),
+        one("short", "shorted, reads its lower end", (SHORT_CIRCUIT, told), 60, 60, lambda _t, v: v * 0 - FAR),
+        one(
+            "stuck",
+            "keeps its last value",
+            (Marked.of(Q.STUCK), Counted.of("stuck")),
+            400,
+            120,
+            Frozen(),
+        ),
+        one(
+            "noisy",
+            f"loose contact, noise of {NOISY_K:g} K",
+            (Marked.of(Q.JUMPY), Counted.of("jumpy")),
+            60,
+            300,
+            Noisy(facts.seed),
+        ),
+        Scenario(
+            "thermocouple-slow",
+            "sensor",
+            f"cell {cell}: off its cell, follows within {SLOW_S:g} s",
+            (Told("mismatch"),),
+            1500,
+            900,
+            # long loads show it, while under many short ones all surfaces move little
+            Injection(values={("surface", cell): Slow()}, cycle="urban-assault"),
+            unfit,
+            misleads=True,
+        ),
+    ]
+
+
+class Frozen:
+    """Shows what it showed first."""
+
+    def __init__(self) -> None:
+        self._kept = FROZEN
+
+    def __call__(self, _t: Floats, value: Floats) -> Floats:
+        """Show readings."""
+        if self._kept != self._kept:
+            self._kept = float(value[0])
+        return np.full(len(value), self._kept)
+
+
+class Noisy:
+    """Adds white noise."""
+
+    def __init__(self, seed: int) -> None:
+        self._rng = np.random.default_rng([seed, 0x15E])
+
+    def __call__(self, _t: Floats, value: Floats) -> Floats:
+        """Show readings."""
+        return value + NOISY_K * self._rng.standard_normal(len(value))
+
+
+class Slow:
+    """Follows with a lag."""
+
+    def __init__(self) -> None:
+        self._shown, self._t = FROZEN, 0.0
+
+    def __call__(self, t: Floats, value: Floats) -> Floats:
+        """Show readings."""
+        out = np.empty(len(value))
+        for i, (now, v) in enumerate(zip(t.tolist(), value.tolist(), strict=True)):
+            if self._shown != self._shown:
+                self._shown, self._t = v, now
+            self._shown += (v - self._shown) * -np.expm1(-max(0.0, now - self._t) / SLOW_S)
+            self._t = max(now, self._t)
+            out[i] = self._shown
+        return out
+
+
+def _currents(facts: Facts) -> list[Scenario]:
+    unfit = facts.lacks("current")
+    needs_voltage = unfit or (NO_VOLTAGE if facts.lacks("voltage") else "")
+    limit = 0.3 * facts.peak_A
+    stands: tuple[Reaction, ...] = (Counted.of("stuck"), Told("sensor", "while the voltage moves"))
+
+    def one(name: str, fault: str, expected: tuple[Reaction, ...], change: Change, why: str) -> Scenario:
+        injection = Injection(values={("current", None): change})
+        # a current that reads too little heats too little until it is found out
+        misleads = expected is stands
+        return Scenario(f"current-{name}", "sensor", fault, expected, 300, 300, injection, why, misleads)
+
+    saturated = f"current sensor ends at ±{limit:.0f} A"
+    gone = Counted.of("out_of_range", "not_available", "error"), InState(State.DEGRADED)
+    return [
+        one("stuck", "current keeps its last value", stands, Frozen(), needs_voltage),
+        one("clipped", "current never below 0", stands, lambda _t, v: np.maximum(v, 0.0), needs_voltage),
+        one("saturated", saturated, stands, lambda _t, v: np.clip(v, -limit, limit), needs_voltage),
+        one("end-of-range", "current at the end of its signal", gone, lambda _t, v: v * 0 + FAR, unfit),
+        one("sign", "current with the wrong sign", (Told("current_sign"),), lambda _t, v: -v, needs_voltage),
+    ]
+
+
+def _inlet(facts: Facts) -> Scenario:
+    injection = Injection(values={("coolant_inlet", None): lambda _t, v: np.full(len(v), np.nan)})
+    return Scenario(
+        "inlet-missing",
+        "sensor",
+        "coolant inlet is not measured",
+        (Told("sensor", "coolant inlet is not used"),),
+        120,
+        120,
+        injection,
+        facts.lacks("coolant_inlet"),
+    )

@@ -1,0 +1,266 @@
+"""The bench for what breaks in sensors, frames and clocks: bus time goes in steps, as fast as the machine allows.
+
+Every tenth of a second of bus time the pack's frames are put on the bus, the gateway's port is drained into the engine,
+and what the engine says is sent and read back by a bystander. The bus is an interface or lies in this process; port,
+clock of the bus, engine and frames are those of the service. What counts in real time (outages of the
+interface, queues) is tried by the live bench instead.
+"""
+
+import json
+from collections.abc import Callable, Mapping
+from typing import Protocol
+
+import numpy as np
+
+from bms_gateway.bus.clock import BusClock
+from bms_gateway.bus.memory import MemoryBus
+from bms_gateway.bus.replay import SocketCanSender
+from bms_gateway.bus.socketcan import SocketCanPort
+from bms_gateway.bus.traffic import SECOND
+from bms_gateway.chaos.drive import Drive, Second
+from bms_gateway.chaos.record import Bystander, Line, Record
+from bms_gateway.chaos.scenario import STEADY, Outcome, Scenario, is_sound, judge
+from bms_gateway.engine import Engine, Notice, Plan, SendFrames, drain
+from bms_gateway.frames.batch import FrameBatch
+from bms_gateway.frames.database import Database
+
+WARM_S = 90  # until the sensors are believed and the unknown start is forgotten
+SLICE_NS = SECOND // 10
+SETTLE_NS = 2_000_000  # as the service waits with a deadline
+LONG_S = 180  # of a longer rest only so much is gone through step by step: then the engine sleeps
+
+
+class Bus(Protocol):
+    """The three parties: who sends the pack's frames, the gateway's port, who listens to the gateway."""
+
+    def put(self, frames: FrameBatch) -> None:
+        """Send frames of the vehicle."""
+        ...
+
+    def take(self) -> FrameBatch:
+        """Give what the gateway's port has received."""
+        ...
+
+    def answer(self, frames: FrameBatch) -> None:
+        """Send frames of the gateway, through its port."""
+        ...
+
+    def overhear(self) -> FrameBatch:
+        """Give what a bystander has received."""
+        ...
+
+    def close(self) -> None:
+        """Leave."""
+        ...
+
+
+class MemoryWires:
+    """A bus inside this process."""
+
+    def __init__(self) -> None:
+        bus = MemoryBus()
+        self._vehicle, self._gateway, self._bystander = bus.port(), bus.port(), bus.port()
+
+    def put(self, frames: FrameBatch) -> None:
+        """See `Bus`."""
+        self._vehicle.send(frames)
+        self._bystander.drain()
+
+    def take(self) -> FrameBatch:
+        """See `Bus`."""
+        return self._gateway.drain()
+
+    def answer(self, frames: FrameBatch) -> None:
+        """See `Bus`."""
+        self._gateway.send(frames)
+
+    def overhear(self) -> FrameBatch:
+        """See `Bus`."""
+        return self._bystander.drain()
+
+    def close(self) -> None:
+        """See `Bus`."""
+
+
+class InterfaceWires:
+    """A SocketCAN interface, with the port of the service.
+
+    Parameters
+    ----------
+    channel : str
+    engine : Engine
+        Its identifiers set the filters and what may be sent.
+    """
+
+    def __init__(self, channel: str, engine: Engine) -> None:
+        self._vehicle = SocketCanSender(channel)
+        # bus time goes faster than the clock here, so the rate may too
+        self._gateway = SocketCanPort(channel, wanted=engine.can_ids.tolist(), own=engine.sends, rate=1e6)
+        self._bystander = SocketCanPort(channel, wanted=engine.sends)
+
+    def put(self, frames: FrameBatch) -> None:
+        """See `Bus`."""
+        self._vehicle.send(frames)
+
+    def take(self) -> FrameBatch:
+        """See `Bus`."""
+        return self._gateway.drain()
+
+    def answer(self, frames: FrameBatch) -> None:
+        """See `Bus`."""
+        now = np.full(len(frames), self._gateway.now_ns(), np.int64)
+        self._gateway.send(FrameBatch(now, frames.can_id, frames.length, frames.data))
+        while self._gateway.pump() is not None:
+            pass
+
+    def overhear(self) -> FrameBatch:
+        """See `Bus`."""
+        return self._bystander.drain()
+
+    def close(self) -> None:
+        """See `Bus`."""
+        for end in (self._vehicle, self._gateway, self._bystander):
+            end.close()
+
+
+class SteppedBench:
+    """Runs scenarios in steps of bus time.
+
+    Parameters
+    ----------
+    plan, database
+        Of the gateway's config.
+    channel : str or None
+        Interface; None: a bus in this process.
+    seed : int
+        Of the simulated pack.
+    """
+
+    def __init__(self, plan: Plan, database: Database, channel: str | None = None, seed: int = 0) -> None:
+        self._plan, self._database, self._channel, self._seed = plan, database, channel, seed
+
+    def run(self, scenario: Scenario) -> Outcome:
+        """Run one scenario from a fresh start to its recovery."""
+        return judge(scenario, self.record(scenario))
+
+    def record(self, scenario: Scenario) -> Record:
+        """Run one scenario and give all that was seen."""
+        injection = scenario.injection
+        record = Record(WARM_S, WARM_S + scenario.lasts_s)
+        seconds = int(record.end_s + scenario.recovers_s + STEADY)
+        drive = Drive(
+            self._plan,
+            self._database,
+            self._seed,
+            changes=injection.values,
+            fault_s=(record.start_s, record.end_s),
+            parked=injection.parked,
+            cycle=injection.cycle,
+        )
+        engine = Engine(self._plan, self._database)
+        bus: Bus = MemoryWires() if self._channel is None else InterfaceWires(self._channel, engine)
+        run = _Run(scenario, record, engine, bus, Bystander(self._plan, self._database), self._seed)
+        run.fresh = lambda: Engine(self._plan, self._database)
+        try:
+            for k, second in enumerate(drive.seconds(seconds)):
+                run.second(k, second)
+                if run.recovered:
+                    break
+        finally:
+            bus.close()
+        return record
+
+
+class _Run:
+    """State of one run."""
+
+    def __init__(
+        self, scenario: Scenario, record: Record, engine: Engine, bus: Bus, bystander: Bystander, seed: int
+    ) -> None:
+        self.scenario, self.record, self.bus, self.bystander = scenario, record, bus, bystander
+        self.engine: Engine | None = engine
+        self.fresh: Callable[[], Engine] = lambda: engine
+        self._kept: Mapping[str, object] | None = None
+        self._rng = np.random.default_rng([seed, 0xFA])
+        self._steady_ns = 0
+        self._wall_off_ns = round(scenario.injection.epoch_s * 1e9)
+        self._clock = BusClock(lambda: self._steady_ns + self._wall_off_ns, lambda: self._steady_ns)
+        self._sound = 0
+        self._stepped = False
+
+    @property
+    def recovered(self) -> bool:
+        """Whether all is as before the fault, for long enough."""
+        return self._sound >= STEADY
+
+    def second(self, k: int, second: Second) -> None:
+        """Go through bench time k…k + 1 s."""
+        injection, record = self.scenario.injection, self.record
+        during = record.start_s <= k < record.end_s
+        if during and not self._stepped:
+            self._wall_off_ns += round(injection.wall_s * 1e9)
+            self._stepped = True
+        if injection.restart:
+            self._restart(during)
+        if during and injection.parked:
+            if k - record.start_s > LONG_S and k < record.end_s - 1:
+                return  # asleep: nothing happens, and the clocks go on by themselves
+            self._quiet(k)
+        else:
+            self._slices(k, second.frames, during)
+        seen = self.bystander.close_second(k + 1.0, second.truth, self._counts())
+        record.seen.append(seen)
+        if k >= record.end_s:
+            self._sound = self._sound + 1 if is_sound(seen, record.before()) else 0
+
+    def _slices(self, k: int, frames: FrameBatch, during: bool) -> None:
+        injection = self.scenario.injection
+        edges = np.searchsorted(frames.time_ns, k * SECOND + SLICE_NS * np.arange(11)).tolist()
+        for i in range(10):
+            part = frames[edges[i] : edges[i + 1]]
+            if during and injection.frames is not None:
+                part = injection.frames(part, self._rng)
+            if len(part):
+                self.bus.put(part)
+            self._step(k * SECOND + (i + 1) * SLICE_NS, during)
+
+    def _quiet(self, k: int) -> None:
+        self._step((k + 1) * SECOND, during=True)
+
+    def _step(self, steady_ns: int, during: bool) -> None:
+        """Let time go on to `steady_ns` and the gateway do what is due."""
+        before, self._steady_ns = self._steady_ns, steady_ns
+        arrived = self.bus.take()
+        if self.engine is None:
+            return
+        now = self._clock.now_ns()
+        if len(arrived):
+            span = min(steady_ns - before, SLICE_NS)
+            wall = steady_ns + self._wall_off_ns - span + span * np.arange(1, len(arrived) + 1) // (len(arrived) + 1)
+            if during and self.scenario.injection.stamps is not None:
+                wall = self.scenario.injection.stamps(wall, self._rng)
+            time_ns = self._clock.to_bus(wall)
+            self.engine.receive(FrameBatch(time_ns, arrived.can_id, arrived.length, arrived.data), now_ns=now)
+        self.engine.handle_timer(now_ns=now - SETTLE_NS)
+        for event in drain(self.engine):
+            if isinstance(event, SendFrames):
+                self.bus.answer(event.batch)
+            elif isinstance(event, Notice):
+                self.record.lines.append(Line(steady_ns / SECOND, event.code, event.text))
+        self.bystander.take(self.bus.overhear())
+
+    def _restart(self, during: bool) -> None:
+        if during and self.engine is not None:
+            # through text, as the store keeps it
+            self._kept = json.loads(json.dumps(self.engine.snapshot()))
+            self.engine = None
+        elif not during and self.engine is None and self._kept is not None:
+            self.engine = self.fresh()
+            self.engine.restore(self._kept)
+            self._clock = BusClock(lambda: self._steady_ns + self._wall_off_ns, lambda: self._steady_ns)
+
+    def _counts(self) -> dict[str, int]:
+        counts = {"clock_steps": self._clock.steps, "misdated": self._clock.misdated}
+        if self.engine is not None:
+            counts |= self.engine.rejected | self.engine.clock_counts
+        return counts
