@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import lfilter
+import scipy.linalg
 
 from bms_gateway.identify.discrepancy import SIZES, Whitener, white_sd
 from bms_gateway.identify.response import Inputs, Response, respond
@@ -110,8 +110,11 @@ def core_temperature(p: StringParameters, w: DriveWindow, heat: Floats, start: f
     surface = np.interp(np.arange(len(heat)), read, mean)
     R_c, C_c = float(np.mean(p.R_c)), float(np.mean(p.C_c))
     a = float(np.exp(-w.dt / (R_c * C_c)))
-    core, _ = lfilter([1.0 - a], [1.0, -a], surface + R_c * heat, zi=[a * start])
-    return np.asarray(core, dtype=np.float64)
+    # a first-order lag as a bidiagonal system: scipy.signal would treble the time to start
+    drive = (1.0 - a) * (surface + R_c * heat)
+    drive[0] += a * start
+    lag = np.vstack([np.ones(len(drive)), np.full(len(drive), -a)])
+    return np.asarray(scipy.linalg.solve_banded((1, 0), lag, drive, check_finite=False), dtype=np.float64)
 
 
 def fit_window(p: StringParameters, w: DriveWindow, sensed: Sequence[int], guess: Floats, B: float) -> Observed:
