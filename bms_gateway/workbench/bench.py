@@ -5,6 +5,7 @@ that was ended in the middle of something can be replaced by a fresh one.
 """
 
 import tempfile
+from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +29,8 @@ from bms_gateway.report.table import parse_columns
 from bms_gateway.thermal import StringModel
 from bms_gateway.workbench import documents, pictures
 
+MOST_MADE = 4
+"""Models of which it is remembered what was made of them: fits take tens of megabytes."""
 Tell = Callable[[float, str], None]
 
 
@@ -55,9 +58,8 @@ class Files:
 
 @dataclass(slots=True)
 class _Made:
-    """What was last made of one model: for the report, which shows the same."""
+    """What was made of one model: for the report, which shows the same."""
 
-    model: str = ""
     comparison: Comparison | None = None
     told: Told | None = None
     addition: tuple[Addition, AddReport] | None = None
@@ -70,7 +72,7 @@ class Bench:
         self._files: Files | None = None
         self._filed: StringModel | None = None
         self._records: list[Record] = []
-        self._made = _Made()
+        self._made: OrderedDict[str, _Made] = OrderedDict()
 
     def answer(self, request: Mapping[str, Any], tell: Tell) -> documents.Document:
         """Do what a request asks.
@@ -114,7 +116,8 @@ class Bench:
             string=files.string or None,
             columns=parse_columns(files.columns),
         )
-        self._files, self._filed, self._made = files, model, _Made()
+        self._files, self._filed = files, model
+        self._made.clear()
 
     def _open(self, files: Files) -> documents.Document:
         self._read(files)
@@ -125,31 +128,33 @@ class Bench:
         document["figures"] = pictures.readings([measured(r, self._filed) for r in self._records])
         return document
 
-    def _model(self, text: str) -> StringModel:
-        if self._made.model != text:
-            self._made = _Made(text)
-        return parse_model(text)
+    def _of(self, text: str) -> _Made:
+        """What was made of this model; of more than `MOST_MADE` the one unused for longest is forgotten."""
+        made = self._made.setdefault(text, _Made())
+        self._made.move_to_end(text)
+        if len(self._made) > MOST_MADE:
+            self._made.popitem(last=False)
+        return made
 
     def _comparison(self, text: str) -> Comparison:
-        model = self._model(text)
-        if self._made.comparison is None:
+        made, model = self._of(text), parse_model(text)
+        if made.comparison is None:
             findings, _ = findings_and_notes(model, self._records)
             long_enough(findings)
-            self._made.comparison = compare(model, self._records)
-        return self._made.comparison
+            made.comparison = compare(model, self._records)
+        return made.comparison
 
     def _compare(self, text: str) -> documents.Document:
         c = self._comparison(text)
         return {**documents.compared(c), "figures": pictures.compared(c)}
 
     def _diagnose(self, text: str, tell: Tell) -> documents.Document:
-        model = self._model(text)
-        told = self._made.told = examine(model, self._records, tell)
+        told = self._of(text).told = examine(parse_model(text), self._records, tell)
         document, curves = documents.diagnosed(told)
         return {**document, "curves": curves}
 
     def _add(self, text: str, words: list[str], force: bool, tell: Tell) -> documents.Document:
-        model = self._model(text)
+        model = parse_model(text)
         wants = [wanted(word, model) for word in words]
         findings, notes = findings_and_notes(model, self._records)
         sound(findings)
@@ -160,18 +165,18 @@ class Bench:
         if report.written:
             top = "".join(f"# {line}\n" for line in heading(report, words).splitlines())
             document["text"] = top + format_model(fitted_model(addition.after, model, doubt=addition.doubt))
-            self._made = _Made(document["text"], addition=(addition, report))
+            self._of(document["text"]).addition = addition, report
         return document
 
     def _report(self, text: str, kind: str, command: str, tell: Tell) -> documents.Document:
         """Write the page that the commands write with --html: of the last diagnosis, addition or comparison."""
         tell(0.1, "writing the report")
         comparison = self._comparison(text)
-        made = self._made
+        made = self._of(text)
         with tempfile.NamedTemporaryFile(suffix=".html", prefix="bms-gateway-", delete=False) as file:
             path = Path(file.name)
         if kind == "diagnose":
-            made.told = made.told or examine(self._model(text), self._records, tell)
+            made.told = made.told or examine(parse_model(text), self._records, tell)
             d = made.told.diagnosis
             write_diagnosis(
                 path,
@@ -187,5 +192,7 @@ class Bench:
             write_addition(path, report, addition, command)
         else:
             findings, notes = findings_and_notes(parse_model(text), self._records)
-            write_comparison(path, comparison, Aside(comparison.sources, findings, notes, command))
+            # an addition of a process that was ended since is shown by what it left: its model against the readings
+            how = command if kind == "compare" else ""
+            write_comparison(path, comparison, Aside(comparison.sources, findings, notes, how))
         return {"path": str(path)}

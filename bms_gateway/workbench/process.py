@@ -52,9 +52,6 @@ class Worker:
         self._process.kill()
         if threading.current_thread() is not self._thread:
             self._thread.join(PATIENCE_S)
-        with suppress(BrokenPipeError):
-            if self._process.stdin is not None:
-                self._process.stdin.close()
 
     def _listen(self) -> None:
         out = self._process.stdout
@@ -65,4 +62,7 @@ class Worker:
                 if line.endswith("\n"):
                     self._hear(self, json.loads(line))
         self._process.wait()
+        with suppress(OSError):  # a request that it never read
+            if self._process.stdin is not None:
+                self._process.stdin.close()
         self._hear(self, None)

@@ -1,0 +1,212 @@
+"""The way from files to a better model, step by step, as the page asks for it; no browser, the real worker."""
+
+import shlex
+import time
+
+import pytest
+
+from bms_gateway.cli.main import main
+from bms_gateway.config.model_file import parse_model, read_model
+from bms_gateway.errors import UsageError
+from bms_gateway.workbench.commands import Leg, command_lines, config_lines
+from bms_gateway.workbench.desk import GONE, Desk
+from tests.workbench.browser import come
+from tests.workbench.packs import pack as make_pack
+
+PATIENCE_S = 300.0
+
+
+@pytest.fixture(scope="module")
+def pack(tmp_path_factory):
+    return make_pack(tmp_path_factory.mktemp("pack"))
+
+
+@pytest.fixture(scope="module")
+def desk():
+    desk = Desk("test")
+    yield desk
+    desk.close()
+
+
+def files(pack, table=None):
+    return {"tables": [str(table or pack.hidden)], "model": str(pack.model), "config": "", "string": "", "columns": []}
+
+
+def done(desk):
+    """State once nothing runs any more."""
+    come(lambda: desk.state()["job"] is None, lambda: desk.state()["job"], PATIENCE_S)
+    return desk.state()
+
+
+@pytest.fixture(scope="module")
+def opened(desk, pack):
+    desk.open(files(pack))
+    return done(desk)
+
+
+@pytest.fixture(scope="module")
+def diagnosed(desk, opened):
+    desk.diagnose()
+    return done(desk)
+
+
+@pytest.fixture(scope="module")
+def added(desk, diagnosed):
+    desk.add(["entropic_heat"])
+    return done(desk)
+
+
+def test_opening_compares_too(opened):
+    assert opened["error"] == ""
+    assert opened["opened"]["sensors"] == [1, 3]
+    cells = opened["compared"]["variants"]["refitted"]["cells"]
+    assert [c["error_K"] is None for c in cells] == [False, True, False]
+    assert {"surface-0-1", "surface-0-3", "drive-0", "core-0-2"} <= set(opened["figures"])
+
+
+def test_a_figure_has_both_models_with_their_bands(desk, opened):
+    data = desk.figure("surface-0-1")["data"]
+    for name in ("as filed", "refitted"):
+        mine = [d for d in data if d.get("legendgroup") == name]
+        low, high = (d["y"] for d in mine if d["line"].get("width") == 0)
+        assert all(a < b for a, b in zip(low, high, strict=True) if a is not None)
+        assert any(d.get("yaxis") == "y2" for d in mine)
+    assert desk.figure("surface-0-2") is None
+
+
+def test_the_hidden_effect_is_named_and_drawn(desk, diagnosed):
+    d = diagnosed["diagnosed"]
+    assert d["verdict"] == "missing_effect"
+    assert d["selected"] == ["entropic_heat"]
+    first = d["ranking"][0]
+    assert first["role"] == "named"
+    assert first["reach"] > d["needs"]
+    assert first["effects"][0]["equation"]
+    curve = desk.curves("entropic_heat")["surface-0-1"]
+    assert len(curve["x"]) == len(curve["y"]) > 50
+    left = [abs(x) for x in curve["residual"] if x is not None]
+    assert max(left) < 0.1  # of a sensor's noise of 0.05 K, averaged over minutes
+
+
+def test_the_error_falls_on_held_out_blocks(added):
+    before, after = (s["stair"] for s in added["stairs"])
+    assert after["held_K"] < 1.2 * after["floor_K"] < 0.5 * before["held_K"]
+    assert after["core_K"] < before["core_K"]
+    assert added["compared"] is not None
+
+
+def test_the_ranking_stays_in_sight_after_an_addition(added):
+    assert added["diagnosed"]["selected"] == ["entropic_heat"]
+    assert added["diagnosed_of"] == "the model as filed"
+
+
+def test_what_the_gates_refuse_says_why_and_can_be_forced_and_undone(desk, added):
+    desk.add(["current_offset"])
+    refused = done(desk)
+    assert len(refused["stairs"]) == 2
+    assert refused["refusal"]["refused"]
+    desk.add(["current_offset"], force=True)
+    forced = done(desk)
+    assert [s["forced"] for s in forced["stairs"]] == [False, False, True]
+    assert "--force" in forced["commands"][-1]
+    assert "by force" in desk.model()
+    desk.undo()
+    back = done(desk)
+    assert [s["label"] for s in back["stairs"]] == ["the model as filed", "+ entropic_heat"]
+    assert back["compared"] == added["compared"]
+
+
+def test_the_commands_do_the_same(desk, added, pack, monkeypatch, tmp_path, capsys):
+    """The last line of the page, typed, gives the page's model and a report."""
+    monkeypatch.chdir(tmp_path)
+    *_, line = added["commands"]
+    words = shlex.split(line)
+    assert words[:3] == ["bms-gateway", "add", "entropic_heat"]
+    assert main(words[1:]) == 0
+    capsys.readouterr()
+    assert (tmp_path / "report.html").stat().st_size > 1e6
+    out = read_model(tmp_path / words[words.index("--out") + 1])
+    assert repr(out) == repr(parse_model(desk.model()))
+
+
+def test_the_report_is_that_of_the_command(desk, added):
+    path = desk.report()
+    text = path.read_text()
+    path.unlink()
+    assert "bms-gateway add entropic_heat" in text
+    assert "Model with an effect added" in text
+
+
+def test_files_that_cannot_be_read_leave_all_as_it_was(desk, added, tmp_path):
+    bad = tmp_path / "bad.csv"
+    bad.write_bytes(b"\x00\xff rubbish")
+    before = desk.state()
+    desk.open({**before["files"], "tables": [str(bad)]})
+    after = done(desk)
+    assert "bad.csv" in after["error"]
+    assert "\n" not in after["error"]
+    assert after["stairs"] == before["stairs"]
+
+
+def test_one_thing_at_a_time_and_cancel_ends_it_at_once(desk, added):
+    desk.diagnose()
+    with pytest.raises(UsageError, match="still looking for the missing effect"):
+        desk.undo()
+    desk.cancel()
+    state = desk.state()
+    assert state["job"] is None
+    assert state["error"] == ""
+    desk.compare()  # by a fresh process, which reads the files anew
+    assert done(desk)["error"] == ""
+
+
+def test_a_process_that_dies_is_told_and_replaced(pack):
+    desk = Desk("dying")
+    try:
+        desk.open(files(pack))
+        desk._worker._process.kill()
+        state = done(desk)
+        assert state["error"] == GONE
+        desk.open(files(pack))
+        assert done(desk)["error"] == ""
+        assert done(desk)["compared"]
+    finally:
+        desk.close()
+    assert not desk.folder.exists()
+
+
+def test_progress_moves(pack):
+    desk = Desk("progress")
+    seen = []
+    try:
+        desk.open(files(pack))
+        done(desk)
+        desk.diagnose()
+        while (job := desk.state()["job"]) is not None:
+            seen.append((job["share"], job["text"]))
+            time.sleep(0.02)
+    finally:
+        desk.close()
+    shares = [share for share, _ in seen]
+    assert shares == sorted(shares)
+    assert len(set(shares)) > 2
+    assert any("refitting with" in text for _, text in seen)
+
+
+def test_command_lines_quote_what_a_shell_would_cut():
+    given = {
+        "tables": ["a b.csv", "c.csv"],
+        "model": "m.toml",
+        "columns": ["current_A=-I A"],
+        "config": "",
+        "string": "",
+    }
+    way = [Leg(diagnosed=True), Leg(["entropic_heat", "cell_cooling:3"])]
+    lines = [shlex.split(line) for line in command_lines(given, way)]
+    assert [line[1] for line in lines] == ["compare", "diagnose", "add"]
+    assert lines[2][2:4] == ["entropic_heat", "cell_cooling:3"]
+    assert lines[2].count("--data") == 2
+    assert "a b.csv" in lines[2]
+    assert "current_A=-I A" in lines[0]
+    assert lines[2][lines[2].index("--out") + 1] == "m_with_1.toml"
+    assert 'model = "m_with_1.toml"' in config_lines(given, 1)
