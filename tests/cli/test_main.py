@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -12,6 +13,8 @@ from bms_gateway.cli import main as program
 from bms_gateway.cli.main import COMMANDS, main
 from bms_gateway.errors import MissingExtraError
 from tests.config.files import OWN, write
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -125,6 +128,23 @@ def test_help_and_errors_need_nothing_heavy():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+def test_the_service_starts_without_what_only_other_commands_need():
+    """One import of scipy.signal in a room below once trebled the time to READY."""
+    code = (
+        "import logging, sys; from pathlib import Path; from bms_gateway.cli.run import engine_of; "
+        "from bms_gateway.config.load import load_config; import bms_gateway.bus.socketcan, bms_gateway.service.live; "
+        "engine_of(load_config(Path('deploy/example/gateway.toml')), None, logging.getLogger()); "
+        "print(*{'.'.join(m.split('.')[:2]) for m in sys.modules if m.startswith(('scipy.', 'bms_gateway.'))}, "
+        "*{m.split('.')[0] for m in sys.modules})"
+    )
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    loaded = set(out.stdout.split())
+    needless = {"scipy.signal", "scipy.optimize", "scipy.stats", "scipy.interpolate", "scipy.sparse", "scipy.special"}
+    needless |= {f"bms_gateway.{room}" for room in ("diagnose", "reproduce", "report", "sensors", "workbench", "chaos")}
+    needless |= {"matplotlib", "plotly", "pandas", "pyarrow", "asammdf", "rich", "aiomqtt", "dask", "hypothesis"}
+    assert not loaded & needless
 
 
 def test_linear_algebra_runs_on_one_thread_unless_told_otherwise():
