@@ -95,7 +95,7 @@ class BusClock:
         ndarray of int64 (N,)
             Bus time. After a step the frames stamped before it keep the old offset: it is the one that puts them
             between the last call and now. A stamp after now, or long before the last call, cannot be that of a frame
-            that arrived between: it becomes now.
+            that arrived between: it becomes that of its neighbour in the batch, or now.
         """
         now = self.now_ns()
         time_ns = stamps + self.offset_ns if self.offset_ns else stamps
@@ -107,6 +107,9 @@ class BusClock:
         wrong = (time_ns > now + STEP_NS) | (time_ns < self._mapped_at - LATE_NS)
         if wrong.any():
             self.misdated += int(np.count_nonzero(wrong))
-            time_ns = np.where(wrong, now, time_ns)
+            # that of the frame before it, or else of the one after it, or else now
+            good = np.flatnonzero(~wrong)
+            near = np.append(time_ns[good], now)[np.maximum(np.cumsum(~wrong) - 1, 0)]
+            time_ns = np.where(wrong, near, time_ns)
         self._mapped_at = now
         return time_ns

@@ -175,7 +175,7 @@ class SocketCanPort:
         now_ns = self.now_ns()
         while (wire := self._pacer.head(now_ns)) is not None:
             try:
-                self._sock.send(wire)
+                self.put(wire)
             except OSError as error:
                 if error.errno in _FULL:
                     return FULL_S
@@ -183,6 +183,16 @@ class SocketCanPort:
                 return self._delay_s
             self._pacer.done()
         return PACE_S if len(self._pacer) else None
+
+    def put(self, wire: bytes) -> None:
+        """Hand one frame to the kernel, past queue and limits: `pump` decides when.
+
+        Raises
+        ------
+        OSError
+            As of the socket.
+        """
+        self._sock.send(wire)
 
     def close(self) -> None:
         """Close the socket."""

@@ -1,0 +1,87 @@
+"""All scenarios by name, and who runs each."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+from bms_gateway.chaos.bus_faults import BusScenario, bus_scenarios
+from bms_gateway.chaos.facts import Facts
+from bms_gateway.chaos.live import RealTimeBench
+from bms_gateway.chaos.scenario import Outcome, Scenario
+from bms_gateway.chaos.sensors import sensor_scenarios
+from bms_gateway.chaos.stepped import SteppedBench
+from bms_gateway.chaos.time_faults import time_scenarios
+from bms_gateway.chaos.traffic_faults import frame_scenarios
+from bms_gateway.engine.plan import Plan
+from bms_gateway.errors import UsageError, did_you_mean
+from bms_gateway.frames.database import Database
+
+ORDER = ("bus", "frame", "sensor", "time")
+
+
+class Chaos:
+    """Every scenario that fits a config and a bus.
+
+    Parameters
+    ----------
+    plan, database
+        Of the gateway's config.
+    channel : str or None
+        Interface; None: inside this process, without what needs a kernel.
+    seed : int
+        Of the simulated pack.
+
+    Attributes
+    ----------
+    scenarios : mapping of name to Scenario
+        In the order in which they are run; those that do not fit say so in `unfit`.
+    """
+
+    def __init__(self, plan: Plan, database: Database, channel: str | None = None, seed: int = 0) -> None:
+        self._plan, self._database, self._channel, self._seed = plan, database, channel, seed
+        facts = Facts.of(plan, database, seed)
+        self._bus: Mapping[str, BusScenario] = {s.scenario.name: s for s in bus_scenarios(channel)}
+        stepped = [*frame_scenarios(facts), *sensor_scenarios(facts), *time_scenarios()]
+        found = [*(s.scenario for s in self._bus.values()), *stepped]
+        self.scenarios: Mapping[str, Scenario] = {s.name: s for s in sorted(found, key=lambda s: ORDER.index(s.kind))}
+        self._live: RealTimeBench | None = None
+
+    def choose(self, names: Sequence[str]) -> list[str]:
+        """Check names; none means all.
+
+        Raises
+        ------
+        UsageError
+            There is no such scenario.
+        """
+        for name in names:
+            if name not in self.scenarios:
+                valid = ", ".join(self.scenarios)
+                near = did_you_mean(name, self.scenarios) or f"; valid: {valid}"
+                raise UsageError(f"chaos: --scenario {name}: no such scenario{near}")
+        return list(dict.fromkeys(names)) or list(self.scenarios)
+
+    def run(self, name: str) -> Outcome:
+        """Run one scenario.
+
+        Raises
+        ------
+        BusError
+            The interface cannot be used.
+        """
+        scenario = self.scenarios[name]
+        if scenario.unfit:
+            return Outcome(scenario)
+        if scenario.kind != "bus":
+            return SteppedBench(self._plan, self._database, self._channel, self._seed).run(scenario)
+        if self._live is None:
+            self._live = RealTimeBench(self._plan, self._database, self._channel, self._seed)
+        of_bus = self._bus[name]
+        return self._live.run(scenario, of_bus.fault, small_buffer=of_bus.small_buffer)
+
+    def run_all(self, names: Sequence[str], each: Callable[[Outcome], None] | None = None) -> list[Outcome]:
+        """Run some, telling of each as it ends."""
+        outcomes = []
+        for name in names:
+            outcomes.append(self.run(name))
+            if each is not None:
+                each(outcomes[-1])
+        return outcomes
