@@ -32,6 +32,7 @@ def run(args: argparse.Namespace) -> int:
     import logging
 
     from bms_gateway.config.load import load_config
+    from bms_gateway.service.baseline import BaselineRequests
     from bms_gateway.service.beside import accompany
     from bms_gateway.service.journal import start_logging
     from bms_gateway.service.live import Gateway
@@ -53,6 +54,8 @@ def run(args: argparse.Namespace) -> int:
 
     gateway = Gateway(engine, port, save=_saver(store) if store else None, reload=reload)
     accompany(gateway, loaded, lambda: engine)
+    if loaded.store:
+        gateway.beside["baseline"] = BaselineRequests(loaded.store, lambda: engine).run
     log.info("listening on %s: %d strings", loaded.config.bus.channel, len(loaded.plan.strings))
     try:
         asyncio.run(gateway.run(seconds=args.seconds))

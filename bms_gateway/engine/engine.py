@@ -27,7 +27,7 @@ from bms_gateway.engine.estimate import Estimators, StringEstimator
 from bms_gateway.engine.events import Decoded, Event, Job, Level, Notice, SendFrames, StartJob
 from bms_gateway.engine.inputs import Inputs, Reading, Samples, Wire
 from bms_gateway.engine.plan import Channel, Plan
-from bms_gateway.errors import StateError
+from bms_gateway.errors import ConfigError, StateError, did_you_mean
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.database import Database
 from bms_gateway.frames.quality import Quality
@@ -292,6 +292,40 @@ class Engine:
         )
         self._told = Counts(self.frames, rejected, self.dropped, 0.0)
         return counts
+
+    def reset_baseline(self, string: str, cell: int | None, reason: str, *, time_ns: int) -> bool:
+        """Measure growth of R_e anew from now on: cells were replaced.
+
+        Parameters
+        ----------
+        string : str
+        cell : int or None
+            1-based; None for the whole string.
+        reason : str
+            Kept in the history.
+        time_ns : int
+            Wall clock when it was asked for.
+
+        Returns
+        -------
+        bool
+            False where this very wish has been carried out before.
+
+        Raises
+        ------
+        ConfigError
+            There is no such string or cell.
+        """
+        found = next((s for s in self._estimators.strings if s.plan.name == string), None)
+        if found is None:
+            names = [s.plan.name for s in self._estimators.strings]
+            raise ConfigError(f"there is no string '{string}'{did_you_mean(string, names)}")
+        if cell is not None and not 1 <= cell <= found.plan.model.cells:
+            raise ConfigError(f"there is no cell {cell} in {string}; valid: 1 to {found.plan.model.cells}")
+        done = found.health.reset(cell, reason, time_ns)
+        if done:
+            self._queue.append(Notice(self._tick_end or time_ns, Level.NOTICE, "baseline", done, string, cell))
+        return bool(done)
 
     def snapshot(self) -> dict[str, Any]:
         """State as JSON-able values: what `restore` needs to go on after a stop, however long."""

@@ -119,11 +119,7 @@ class StringEstimator:
             nothing,
             nothing,
             np.full(n, NEVER),
-            StringHealth(
-                plan.model,
-                thermal=not plan.model.effects or not isinstance(identifier, FixedIdentifier),
-                known=plan.model.before is not None or plan.identify == "off",
-            ),
+            health_of(plan, identifier),
             cells=cells,
             kept=numbers_kept(plan.model),
         )
@@ -422,6 +418,16 @@ class Estimators:
 
     def _names(self, group: Group) -> list[str]:
         return [self.strings[i].plan.name for i in group.members]
+
+
+def health_of(plan: StringPlan, identifier: Identifier | None = None) -> StringHealth:
+    """Build the health of a string, knowing nothing yet but its model."""
+    method = build(plan.identify, plan.model) if identifier is None else identifier
+    return StringHealth(
+        plan.model,
+        thermal=not plan.model.effects or not isinstance(method, FixedIdentifier),
+        known=plan.model.before is not None or plan.identify == "off",
+    )
 
 
 def _told(change: Change, string: str, now: int) -> Notice:

@@ -16,9 +16,11 @@ from bms_gateway.health.mismatch import Mismatch
 from bms_gateway.health.trend import B_PRIOR, SHAPE_SD, UNKNOWN, G, J, L, Prior, Trend
 from bms_gateway.health.window_fit import DriveWindow, Observed, fit_window
 from bms_gateway.identify import Tick
-from bms_gateway.identify.window import GROWN
 from bms_gateway.thermal import Floats, StringModel, StringParameters
 
+GROWN = 0.3
+"""ln: how far R_e may have grown since the commissioning that the model file carries: a third in a life is usual, a
+doubling possible. Only where the trend begins; the windows decide."""
 SHARP = 0.05  # ln: a commissioned R_e at 25 °C known so well is a baseline
 ELSEWHERE = 0.25  # ln: a fitted R_e without its temperature: ten kelvin of a lithium-ion cell
 LEAST_RISE = 1.0  # K: a window whose heat warms the surface by less says nothing
@@ -139,6 +141,13 @@ class StringHealth:
         return True
 
     @property
+    def baseline(self) -> float:
+        """R_e at 25 °C as commissioned, mean of the cells, Ω; NaN before there is one."""
+        if self.trend is None:
+            return nan
+        return float(np.exp(np.mean(np.log(self.parameters.R_e)) + self.trend.x[L]))
+
+    @property
     def parameters(self) -> StringParameters:
         """Numbers of the string as commissioned."""
         return self.model.parameters({s: self.model.priors[s].value * np.exp(x) for s, x in self._frozen.items()})
@@ -189,8 +198,7 @@ class StringHealth:
         if self.ageing.update(growth, sd):
             moved.append(Change("ageing", self.ageing.flag.level, self.ageing.sentence(doubt=self.doubt)))
         if self.ageing.commissioned:
-            R_25 = float(np.exp(np.mean(np.log(self.parameters.R_e)) + self.trend.x[L])) * (1.0 + growth)
-            self.history.add((now, R_25, growth, sd, self.cooling.growth))
+            self.history.add((now, self.baseline * (1.0 + growth), growth, sd, self.cooling.growth))
             moved += self._judge_cells()
         return moved
 
@@ -241,7 +249,7 @@ class StringHealth:
             yield Change("mismatch", level, self.mismatch.sentence())
 
     def reset(self, cell: int | None, reason: str, now: int) -> str:
-        """Make a new baseline: cells were replaced. Returns what was done, in words.
+        """Make a new baseline: cells were replaced. Returns what was done, in words; nothing where it was done before.
 
         Parameters
         ----------
@@ -249,8 +257,10 @@ class StringHealth:
             1-based; None for the whole string.
         reason : str
         now : int
-            ns.
+            ns; with the reason it names the wish.
         """
+        if (now, self._note(cell, reason)) in self.history.events:
+            return ""
         if cell is None:
             if self.trend is not None:
                 self.trend.reset()
@@ -258,9 +268,14 @@ class StringHealth:
             self.cells = None
         elif self.cells is not None:
             self.cells.reset(cell - 1)
-        what = "baseline" if cell is None else f"baseline of cell {cell}"
-        self.history.note(now, f"{what} reset: {reason}")
-        return f"{what} of R_e is made anew by the next drives ({reason})"
+        self.history.note(now, self._note(cell, reason))
+        if cell is not None and self.cells is None:
+            return f"{self._note(cell, reason)}: noted; the cells of this string are not told apart on the road"
+        return f"{self._note(cell, reason)}: made anew by the next drives"
+
+    @staticmethod
+    def _note(cell: int | None, reason: str) -> str:
+        return f"baseline{'' if cell is None else f' of cell {cell}'} of R_e reset: {reason}"
 
     def snapshot(self) -> dict[str, Any]:
         """State as JSON-able values; the window under way is not kept."""

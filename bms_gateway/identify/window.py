@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from bms_gateway.errors import StateError
+from bms_gateway.identify.cell_kept import GROWN
 from bms_gateway.identify.contract import (
     IDENTIFIED,
     LEARNING,
@@ -27,9 +28,9 @@ from bms_gateway.identify.lumped import R_E, R_U, fold_distance, fold_gradient, 
 from bms_gateway.identify.posterior_fit import MODEL_SD, WALK_S, Fit, Root, Window, fit_window
 from bms_gateway.thermal import KINDS, Floats, Prior, StringModel
 
-GROWN, CLOGGED = 0.3, 0.2
-"""ln: how far R_e and R_u may have gone since a fit that the model file carries. A cell's R_e grows by a third in its
-life, or doubles; filters clog. Held to the fit's own sd they would be followed late, or never."""
+CLOGGED = 0.05
+"""ln: how far R_u may have gone since a fit that the model file carries, as `GROWN` for R_e. Held to the fit's own sd
+they would be followed late, or never; with much more the two of them trade places in a window's noise."""
 HOLD_CURRENT_S = 10.0  # a lost current is bridged so long: it cannot hide a drive
 GAP_S = 10.0  # a longer tick is a gap: the bus slept, and a straight line through it would be made up
 HOLD_INLET_S = 60.0  # the inlet moves slowly
@@ -280,10 +281,10 @@ class WindowIdentifier:
 
 
 def _since(model: StringModel) -> dict[str, Prior]:
-    """What is known of a string today: what was fitted once, and what it may have become since."""
+    """Tell what is known of a string today: what was fitted once, and what it may have become since."""
     priors = dict(model.priors)
     if model.before is not None:
         for name, more in (("R_e", GROWN), ("R_u", CLOGGED)):
             p = priors[name]
-            priors[name] = p if p.fixed else replace(p, rel_sd=float(np.hypot(p.rel_sd, more)))
+            priors[name] = p if p.fixed else replace(p, rel_sd=max(p.rel_sd, more))
     return priors

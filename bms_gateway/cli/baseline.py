@@ -1,0 +1,138 @@
+"""`baseline`: what growth of R_e is measured against; made anew after a cell was replaced."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bms_gateway.cli.main import Parser
+from bms_gateway.errors import ConfigError, UsageError, did_you_mean
+
+if TYPE_CHECKING:
+    from bms_gateway.config.load import LoadedConfig
+    from bms_gateway.engine.plan import StringPlan
+    from bms_gateway.health import Ageing, StringHealth
+
+DEFAULT_CONFIG = Path("/etc/bms-gateway/gateway.toml")
+EXAMPLE = """
+  bms-gateway baseline --show
+  bms-gateway baseline --reset string_1:3 --reason "cell 3 replaced, order 4711"
+  bms-gateway baseline --reset string_1 --reason "new module"
+"""
+
+
+def arguments(parser: Parser) -> None:
+    """Declare the command's words."""
+    parser.option("--reset", metavar="STRING[:CELL]", help="make the baseline of a string, or of one cell, anew")
+    parser.option("--reason", metavar="TEXT", help="why; kept in the history")
+    parser.option("--show", action="store_true", help="list baseline, growth and history of every string")
+    parser.option(
+        "--config", type=Path, default=DEFAULT_CONFIG, help=f"the gateway's config (default {DEFAULT_CONFIG})"
+    )
+    parser.option("--json", metavar="FILE", help="with --show: write it as JSON; - is standard output")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Ask the service for a new baseline, or show what there is."""
+    from bms_gateway.config.load import load_config
+
+    if args.show == (args.reset is not None):
+        raise UsageError("baseline: give either --show or --reset STRING[:CELL] --reason TEXT")
+    if args.reset is not None and not (args.reason and args.reason.strip()):
+        raise UsageError("baseline: --reset needs --reason TEXT: who services the vehicle next wants to know why")
+    loaded = load_config(args.config)
+    if loaded.store is None:
+        raise ConfigError(f"{args.config}: [store] has no path: nothing is kept, so there is no baseline")
+    return _show(args, loaded) if args.show else _reset(args, loaded, loaded.store)
+
+
+def _target(word: str, loaded: "LoadedConfig") -> "tuple[StringPlan, int | None]":
+    """Find the string and cell that a word means."""
+    name, colon, cell = word.partition(":")
+    strings = {s.name: s for s in loaded.plan.strings}
+    if name not in strings:
+        raise UsageError(f"baseline: there is no string '{name}'{did_you_mean(name, list(strings))}")
+    n = strings[name].model.cells
+    if not colon:
+        return strings[name], None
+    if not cell.isdigit() or not 1 <= int(cell) <= n:
+        raise UsageError(f"baseline: '{cell}' is no cell of {name}; valid: 1 to {n}")
+    return strings[name], int(cell)
+
+
+def _reset(args: argparse.Namespace, loaded: "LoadedConfig", store: Path) -> int:
+    import time
+
+    from bms_gateway.store.requests import BaselineReset, ask
+
+    string, cell = _target(args.reset, loaded)
+    reason = " ".join(args.reason.split())[:200]
+    ask(store, BaselineReset(string.name, cell, reason, time.time_ns()))
+    what = string.name if cell is None else f"cell {cell} of {string.name}"
+    print(f"asked for a new baseline of {what}: a running service takes it up in seconds, a stopped one when it starts")
+    return 0
+
+
+def _show(args: argparse.Namespace, loaded: "LoadedConfig") -> int:
+    from bms_gateway.cli.output import say, write_json
+
+    assert loaded.store is not None  # noqa: S101 - asked before
+    found = {s.name: _health(s, loaded.store) for s in loaded.plan.strings}
+    if args.json:
+        write_json(args.json, {name: _document(health) for name, health in found.items()})
+    for name, health in found.items():
+        say("\n".join(_lines(name, health)), args.json)
+    return 0
+
+
+def _health(string: "StringPlan", store: Path) -> "StringHealth":
+    """Health as stored; as new where nothing is."""
+    from bms_gateway.engine.estimate import health_of
+    from bms_gateway.store import StateStore
+
+    health = health_of(string)
+    state = StateStore(store).load().state or {}
+    kept = state.get("estimators", {}).get("strings", {}).get(string.name, {}).get("health")
+    if kept is not None:
+        health.restore(kept)
+    return health
+
+
+def _document(h: "StringHealth") -> dict[str, object]:
+    """Say what is shown for machines."""
+    cells = {} if h.cells is None else {str(k): _growth(a) for k, a in enumerate(h.cells.ageing, start=1)}
+    return {
+        "commissioned": h.commissioned,
+        "baseline_mohm": 1e3 * h.baseline if h.commissioned else None,
+        "growth_pct": _growth(h.ageing),
+        "cells_growth_pct": cells,
+        "flags": [{"code": c.code, "level": c.level, "text": c.text, "cell": c.cell} for c in h.conditions()],
+        "history": [
+            {"time_ns": t, "R_e_mohm": 1e3 * R, "growth_pct": 100 * g, "sd_pct": 100 * sd} for t, R, g, sd, _ in
+            h.history.rows
+        ],
+        "events": [{"time_ns": t, "text": text} for t, text in h.history.events],
+    }  # fmt: skip
+
+
+def _growth(ageing: "Ageing") -> float | None:
+    return round(100.0 * ageing.growth, 3) if ageing.growth == ageing.growth else None
+
+
+def _lines(name: str, h: "StringHealth") -> list[str]:
+    """Say what is shown for people."""
+    from datetime import UTC, datetime
+
+    def day(t: int) -> str:
+        return datetime.fromtimestamp(t * 1e-9, UTC).strftime("%Y-%m-%d")
+
+    if not h.commissioned:
+        return [f"{name}: no baseline yet: R_e has not been identified for long enough"]
+    lines = [f"{name}: baseline R_e {1e3 * h.baseline:.3f} mOhm at 25 °C; {h.ageing.sentence()}"]
+    for k, a in enumerate(h.cells.ageing if h.cells is not None else (), start=1):
+        if a.growth == a.growth:
+            lines.append(f"  cell {k}: {100 * a.growth:+.1f} ± {100 * a.growth_sd:.1f} %")
+    lines += [f"  {day(t)}  {text}" for t, text in h.history.events]
+    step = max(1, len(h.history.rows) // 12)
+    for t, R, g, sd, _ in h.history.rows[::-step][::-1]:
+        lines.append(f"  {day(t)}  R_e {1e3 * R:.3f} mOhm  {100 * g:+.1f} ± {100 * sd:.1f} %")
+    return lines

@@ -1,0 +1,96 @@
+"""`baseline`: asks for a new one, shows what there is, and refuses in one line."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from bms_gateway.cli.main import main
+from bms_gateway.config import load_config, shipped
+from bms_gateway.engine import Engine
+from bms_gateway.store import StateStore
+from bms_gateway.store.requests import asked
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> Path:
+    (tmp_path / "string.toml").write_text(shipped("deploy/example/string.toml").read_text())
+    path = tmp_path / "gateway.toml"
+    text = '[bus]\ninterface = "socketcan"\nchannel = "vcan0"\n[[string]]\nname = "string_1"\nmodel = "string.toml"\n'
+    path.write_text(f'{text}[store]\npath = "{tmp_path / "state"}"\n')
+    (tmp_path / "state").mkdir()
+    return path
+
+
+def call(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, str, str]:
+    status = main(["baseline", *map(str, words)])
+    out = capsys.readouterr()
+    return status, out.out, out.err
+
+
+def test_a_reset_is_asked_for_with_its_reason(config: Path, capsys) -> None:
+    words = ("--reset", "string_1:2", "--reason", " cell 2  replaced\n", "--config", config)
+    status, out, _ = call(capsys, *words)
+    assert status == 0
+    assert "cell 2 of string_1" in out
+    ((_, wish),) = asked(config.parent / "state")
+    assert wish is not None
+    assert (wish.string, wish.cell, wish.reason) == ("string_1", 2, "cell 2 replaced")
+    assert call(capsys, "--reset", "string_1", "--reason", "x", "--config", config)[0] == 0
+    assert len(list(asked(config.parent / "state"))) == 2
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ((), "either --show or --reset"),
+        (("--show", "--reset", "string_1"), "either --show or --reset"),
+        (("--reset", "string_1"), "--reason TEXT"),
+        (("--reset", "string_1", "--reason", " "), "--reason TEXT"),
+        (("--reset", "sting_1", "--reason", "x"), "did you mean 'string_1'"),
+        (("--reset", "string_1:99", "--reason", "x"), "no cell of string_1; valid: 1 to"),
+        (("--reset", "string_1:", "--reason", "x"), "no cell of string_1"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_in_one_line(config: Path, capsys, words: tuple[str, ...], told: str) -> None:
+    status, out, err = call(capsys, *words, "--config", config)
+    assert (status, out) == (2, "")
+    assert told in err
+    assert err.count("\n") == 1
+
+
+def test_without_a_place_for_state_there_is_no_baseline(config: Path, capsys) -> None:
+    config.write_text(config.read_text().split("[store]")[0] + '[store]\npath = ""\n')
+    status, _, err = call(capsys, "--show", "--config", config)
+    assert status == 2
+    assert err.count("\n") == 1
+
+
+def test_what_is_stored_is_shown(config: Path, capsys) -> None:
+    assert "no baseline yet" in call(capsys, "--show", "--config", config)[1]
+    loaded = load_config(config)
+    engine = Engine(loaded.plan, loaded.database)
+    h = engine.strings[0].health
+    names, n = tuple(loaded.plan.strings[0].model.priors), loaded.plan.strings[0].model.cells
+    mean = [float(p.value) for p in loaded.plan.strings[0].model.priors.values()]
+    import numpy as np
+
+    for _ in range(3):
+        h.offer(names, np.log(mean), 1e-4 * np.eye(len(names)), mean[names.index("R_e")], True)
+    h.ageing.update(0.123, 0.01)
+    h.fitted(np.zeros(n), np.full(n, 0.01), np.zeros(n))
+    h.history.add((1_700_000_000_000_000_000, 3.9e-3, 0.123, 0.01, 0.0))
+    engine.reset_baseline("string_1", 1, "cell 1 replaced", time_ns=1_700_000_000_000_000_000)
+    assert StateStore(config.parent / "state").save(engine.snapshot(), wall_ns=1) is None
+    status, out, _ = call(capsys, "--show", "--config", config)
+    assert status == 0
+    assert "string_1: baseline R_e" in out
+    assert "cell 2: +12.3 ±" in out
+    assert "2023-11-14  baseline of cell 1 of R_e reset: cell 1 replaced" in out
+    assert "2023-11-14  R_e 3.900 mOhm  +12.3 ± 1.0 %" in out
+    told = json.loads(call(capsys, "--show", "--json", "-", "--config", config)[1])["string_1"]
+    assert told["growth_pct"] == 12.3
+    assert told["history"][0]["R_e_mohm"] == pytest.approx(3.9)
+    assert told["cells_growth_pct"]["2"] == pytest.approx(12.3, abs=0.1)
+    assert told["cells_growth_pct"]["1"] is None
+    assert told["events"][0]["text"].endswith("cell 1 replaced")
