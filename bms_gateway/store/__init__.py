@@ -1,4 +1,4 @@
-"""The engine's state on disk, across restarts and power cuts."""
+"""What the gateway keeps on disk, across restarts and power cuts: its state, and the recent decoded signals."""
 
 from bms_gateway.store.state import Loaded, StateStore
 

@@ -1,0 +1,306 @@
+"""A ring of the recent decoded signals on disk: what `export` makes tables of.
+
+Samples gather in memory and are written once a minute or so, as one block at the end of the newest *segment*: few
+writes, all appended, as flash likes it. When the ring is full its oldest segment goes. A cut of power costs the minute
+in memory, and a block cut in two is dropped by its check sum. Every block stands for itself: it says which string has
+which columns, so a reader needs no config, and damage costs the blocks that it hit and no other.
+
+A block::
+
+    "bmsrec1", line feed: 8 bytes
+    size         4 bytes, little-endian, of what is packed
+    check sum    4 bytes, CRC-32 of the size and what is packed
+    packed       zlib: one line of JSON, then for each input in turn its times (µs since the one before, uint32) and
+                 its values (float32), both with their bytes sorted by weight, which packs to a third
+
+float32 holds every raw value of a signal of 24 bits.
+"""
+
+import json
+import re
+import struct
+import zlib
+from collections import deque
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bms_gateway.engine.engine import Engine
+from bms_gateway.engine.events import Decoded
+from bms_gateway.errors import StateError
+from bms_gateway.store.files import append, make_directory, read_file, sync_directory
+from bms_gateway.thermal import Floats
+
+MAGIC = b"bmsrec1\n"
+_HEAD = struct.Struct("<8sII")
+_SIZE = struct.Struct("<I")
+MAX_PACKED = 8 << 20
+MAX_BLOCK = 64 << 20  # unpacked; a block of `MOST_SAMPLES` takes a twentieth
+MOST_SAMPLES = 200_000
+LONGEST_NS = 1_800_000_000_000  # µs since a block's start fit into 32 bits
+SEGMENTS = 16  # what goes when the ring is full is this share of it
+SEGMENT_BYTES = (64 << 10, 4 << 20)  # a reader holds one in memory
+_NAME = re.compile(r"recent-(\d{8,})")
+
+Layout = Mapping[str, Mapping[str, int | float]]
+"""Columns of each string, by the names that tables have: the input that fills it (int), or its constant (float)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """Samples of about a minute.
+
+    Attributes
+    ----------
+    layout : Layout
+    samples : mapping of input to (time_us, value)
+        Times in µs since 1970, not decreasing.
+    place : tuple of int
+        Number of its segment and where it begins there: the order in which blocks were written.
+    """
+
+    layout: Layout
+    samples: Mapping[int, tuple[NDArray[np.int64], Floats]]
+    place: tuple[int, int] = (0, 0)
+
+    @property
+    def first_us(self) -> int:
+        """Time of the oldest sample."""
+        return min(int(t[0]) for t, _ in self.samples.values())
+
+    @property
+    def last_us(self) -> int:
+        """Time of the newest sample."""
+        return max(int(t[-1]) for t, _ in self.samples.values())
+
+
+def layout_of(engine: Engine) -> Layout:
+    """Say which input of an engine fills which column of a string's table."""
+    found: dict[str, dict[str, int | float]] = {}
+    for string, wire in zip(engine.plan.strings, engine.wires, strict=True):
+        single = {
+            "current_A": wire.current,
+            "coolant_inlet_C": wire.coolant_inlet,
+            "voltage_V": wire.voltage,
+            "soc": wire.soc,
+            "coolant_flow_m3_s": wire.coolant_flow,
+        }
+        cells = {f"surface_{k}_C": i for k, i in enumerate(wire.surface.tolist(), 1)}
+        cells |= {f"cell_voltage_{k}_V": i for k, i in enumerate(wire.cell_voltage.tolist(), 1)}
+        columns: dict[str, int | float] = {name: i for name, i in (single | cells).items() if i >= 0}
+        for name, quantity in (
+            ("coolant_inlet_C", "coolant_inlet"),
+            ("soc", "soc"),
+            ("coolant_flow_m3_s", "coolant_flow"),
+        ):
+            if name not in columns and quantity in wire.constants:
+                columns[name] = float(wire.constants[quantity])
+        found[string.name] = columns
+    return found
+
+
+class Recent:
+    """Writer of the ring; one thread may `add` while another does `flush`.
+
+    Parameters
+    ----------
+    directory : Path
+        Made on the first write.
+    megabytes : float
+        What the ring may take on the disk, in 10⁶ bytes.
+    """
+
+    def __init__(self, directory: Path, megabytes: float) -> None:
+        self.directory = directory
+        self.limit = int(megabytes * 1e6)
+        low, high = SEGMENT_BYTES
+        self._segment = min(max(self.limit // SEGMENTS, low), high)
+        self._waiting: deque[tuple[Decoded, Layout]] = deque()
+        self._engine: Engine | None = None
+        self._layout: Layout = {}
+
+    def add(self, event: Decoded, engine: Engine) -> None:
+        """Take in the samples of a tick; nothing is written."""
+        if engine is not self._engine:
+            self._engine, self._layout = engine, layout_of(engine)
+        if len(event.sample_ns):
+            self._waiting.append((event, self._layout))
+
+    def flush(self) -> StateError | None:
+        """Write what was added.
+
+        Returns
+        -------
+        StateError or None
+            None: it is on the disk. Else why not: a value, because the service goes on; those samples are lost, what
+            was written before is not.
+        """
+        try:
+            while block := self._take():
+                self._write(packed(*block))
+        except OSError as e:
+            self._waiting.clear()
+            return StateError(f"{self.directory}: recent signals cannot be kept: {e.strerror}")
+        return None
+
+    def _take(self) -> tuple[Layout, list[Decoded]] | None:
+        """Take waiting ticks that fit into one block: of one layout, not too many, not too long."""
+        events: list[Decoded] = []
+        layout: Layout = {}
+        count = 0
+        while self._waiting and count < MOST_SAMPLES:
+            event, its = self._waiting[0]
+            if events and (its is not layout or not 0 <= event.time_ns - events[0].time_ns <= LONGEST_NS):
+                break
+            events.append(event)
+            layout = its
+            count += len(event.sample_ns)
+            self._waiting.popleft()
+        return (layout, events) if events else None
+
+    def _write(self, block: bytes) -> None:
+        make_directory(self.directory)
+        segments = _segments(self.directory)
+        sizes = [path.stat().st_size for path in segments]
+        while segments and sum(sizes) + len(block) > self.limit:
+            segments.pop(0).unlink(missing_ok=True)
+            sizes.pop(0)
+        if segments and sizes[-1] + len(block) <= self._segment:
+            append(segments[-1], block)
+            return
+        last = _number(segments[-1]) if segments else 0
+        append(self.directory / f"recent-{last + 1:08d}", block)
+        sync_directory(self.directory)
+
+
+def packed(layout: Layout, events: list[Decoded]) -> bytes:
+    """Pack ticks of one layout into a block."""
+    time = np.concatenate([e.sample_ns for e in events]) // 1000
+    which = np.concatenate([e.input for e in events])
+    value = np.concatenate([e.value for e in events]).astype(np.float32)
+    order = np.lexsort((time, which))
+    time, which, value = time[order], which[order], value[order]
+    start = int(time.min())
+    inputs, first, counts = np.unique(which, return_index=True, return_counts=True)
+    step = np.diff(time, prepend=start)
+    step[first] = time[first] - start
+    line = {
+        "start_us": start,
+        "inputs": inputs.tolist(),
+        "counts": counts.tolist(),
+        "strings": layout,
+    }
+    body = json.dumps(line, separators=(",", ":")).encode() + b"\n" + _sorted(step.astype("<u4")) + _sorted(value)
+    content = zlib.compress(body, 6)
+    size = len(content)
+    return _HEAD.pack(MAGIC, size, zlib.crc32(content, zlib.crc32(_SIZE.pack(size)))) + content
+
+
+def read_recent(directory: Path, problems: list[StateError]) -> Iterator[Block]:
+    """Read the ring from the oldest block to the newest; it may be written meanwhile.
+
+    Parameters
+    ----------
+    directory : Path
+    problems : list of StateError
+        Gets a line for each segment of which something could not be used. A block cut off at the end is no problem:
+        it is being written, or power failed.
+
+    Yields
+    ------
+    Block
+    """
+    for path in _segments(directory):
+        try:
+            raw = read_file(path, SEGMENT_BYTES[1] + MAX_PACKED)
+        except FileNotFoundError:
+            continue  # the ring went on meanwhile
+        except OSError as e:
+            problems.append(StateError(f"{path}: cannot be read: {e.strerror}; left out"))
+            continue
+        if raw is None:
+            problems.append(StateError(f"{path}: is no file; left out"))
+            continue
+        yield from _blocks(path, raw, problems)
+
+
+def _blocks(path: Path, raw: bytes, problems: list[StateError]) -> Iterator[Block]:
+    at = damaged = 0
+    while at < len(raw):
+        block, end = _block(raw, at)
+        if block is not None:
+            yield replace(block, place=(_number(path), at))
+            at = end
+            continue
+        further = raw.find(MAGIC, at + 1)
+        if further < 0:
+            if not raw.startswith(MAGIC[: len(raw) - at], at) or end <= len(raw):
+                damaged += len(raw) - at
+            break
+        damaged += further - at
+        at = further
+    if damaged:
+        problems.append(
+            StateError(f"{path}: {damaged} of {len(raw)} bytes are damaged or not of this program; left out")
+        )
+
+
+def _block(raw: bytes, at: int) -> tuple[Block | None, int]:
+    """Unpack the block at a place; None where there is no sound one, and where it ends or would end."""
+    if len(raw) - at < _HEAD.size:
+        return None, at + _HEAD.size
+    magic, size, check = _HEAD.unpack_from(raw, at)
+    begin, end = at + _HEAD.size, at + _HEAD.size + size
+    if magic != MAGIC or end > len(raw) or size > MAX_PACKED:
+        return None, end
+    content = memoryview(raw)[begin:end]
+    if zlib.crc32(content, zlib.crc32(_SIZE.pack(size))) != check:
+        return None, end
+    try:
+        unpack = zlib.decompressobj()
+        line, _, body = unpack.decompress(content, MAX_BLOCK).partition(b"\n")
+        return _unpacked(json.loads(line), body), end
+    except (zlib.error, ValueError, TypeError, KeyError, AttributeError, RecursionError, OverflowError):
+        return None, end
+
+
+def _unpacked(line: Any, body: bytes) -> Block:
+    counts = np.array(line["counts"], np.int64)
+    N = int(counts.sum())
+    if len(body) != 8 * N or not N or (counts <= 0).any() or len(counts) != len(line["inputs"]):
+        raise ValueError("not as long as it says")
+    step, value = _unsorted(body[: 4 * N], "<u4"), _unsorted(body[4 * N :], "<f4")
+    samples, at = {}, 0
+    for i, n in zip(line["inputs"], counts.tolist(), strict=True):
+        time = int(line["start_us"]) + np.cumsum(step[at : at + n], dtype=np.int64)
+        samples[int(i)] = time, value[at : at + n].astype(np.float64)
+        at += n
+    layout = {str(name): dict(columns) for name, columns in line["strings"].items()}
+    return Block(layout, samples)
+
+
+def _sorted(a: NDArray[Any]) -> bytes:
+    """Bytes of numbers, those of the same weight together."""
+    return a.view(np.uint8).reshape(-1, a.itemsize).T.tobytes()
+
+
+def _unsorted(raw: bytes, kind: str) -> NDArray[Any]:
+    size = np.dtype(kind).itemsize
+    return np.frombuffer(np.frombuffer(raw, np.uint8).reshape(size, -1).T.tobytes(), kind)
+
+
+def _number(path: Path) -> int:
+    return int(path.name.removeprefix("recent-"))
+
+
+def _segments(directory: Path) -> list[Path]:
+    """Segments from the oldest to the newest."""
+    try:
+        found = [(int(m[1]), path) for path in directory.iterdir() if (m := _NAME.fullmatch(path.name))]
+    except (FileNotFoundError, NotADirectoryError):
+        return []
+    return [path for _, path in sorted(found)]

@@ -1,0 +1,235 @@
+"""The record of recent signals: exact, bounded, and whatever happens to its files no garbage and no lost block."""
+
+import errno
+import os
+import random
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from bms_gateway.errors import DataError, StateError
+from bms_gateway.store.recent import Recent, read_recent
+from bms_gateway.store.rows import excerpt
+from tests.store.disk import Recorder, build
+from tests.store.ring import recorded
+
+FRESH = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=80)
+
+
+def samples(folder, problems=None):
+    """All samples of the ring as (input, time_us, value)."""
+    found = []
+    for block in read_recent(folder, [] if problems is None else problems):
+        for i, (time, value) in block.samples.items():
+            found += zip([i] * len(time), time.tolist(), value.tolist(), strict=True)
+    return found
+
+
+@pytest.fixture(scope="module")
+def ring(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("ring") / "recent"
+    return folder, recorded(folder)
+
+
+def test_every_sample_comes_back_with_its_time_and_value(ring):
+    folder, events = ring
+    wanted = [
+        (i, t // 1000, float(np.float32(v)))
+        for e in events
+        for i, t, v in zip(e.input.tolist(), e.sample_ns.tolist(), e.value.tolist(), strict=True)
+    ]
+    assert len(wanted) > 5000
+    assert sorted(samples(folder)) == sorted(wanted)
+
+
+def test_nothing_is_written_before_the_flush_and_then_in_one_call(tmp_path):
+    recorder = Recorder(tmp_path)
+    with recorder.watching():
+        recorded(tmp_path / "recent", seconds=61, every=1000)
+    assert recorder.calls.count("write") == 1
+
+
+def test_the_ring_stays_within_its_room_and_keeps_the_newest(tmp_path):
+    folder = tmp_path / "recent"
+    events = []
+    for k in range(6):
+        events = recorded(folder, seconds=300, every=2, megabytes=0.2, shift_ns=k * 300 * 10**9, seed=k)
+        assert sum(p.stat().st_size for p in folder.iterdir()) <= 200_000
+    found = list(read_recent(folder, []))
+    assert found[-1].last_us == int(events[-1].sample_ns.max()) // 1000
+    times = [b.first_us for b in found]
+    assert times == sorted(times)
+    assert len(found) > 10
+    assert found[0].place[0] > 1  # the oldest segments went
+
+
+@FRESH
+@given(st.data())
+def test_damage_costs_the_blocks_that_it_hits_and_no_other(tmp_path_factory, ring, data):
+    folder, _ = ring
+    (segment,) = folder.iterdir()
+    raw = bytearray(segment.read_bytes())
+    blocks = list(read_recent(folder, []))
+    starts = [b.place[1] for b in blocks] + [len(raw)]
+    at = data.draw(st.integers(0, len(raw) - 1))
+    length = data.draw(st.integers(1, 300))
+    kind = data.draw(st.sampled_from(["flip", "zero", "delete", "insert", "cut", "splice"]))
+    end = min(at + length, len(raw))
+    if kind == "flip":
+        raw[at] ^= data.draw(st.integers(1, 255))
+        end = at + 1
+    elif kind == "zero":
+        raw[at:end] = bytes(end - at)
+    elif kind == "delete":
+        del raw[at:end]
+    elif kind == "insert":
+        raw[at:at] = data.draw(st.binary(min_size=1, max_size=300))
+        end = at + 1
+    elif kind == "splice":
+        raw[at:end] = raw[: end - at]
+    else:
+        del raw[at:]
+        end = starts[-1]
+    spoilt = tmp_path_factory.mktemp("spoilt")
+    (spoilt / segment.name).write_bytes(raw)
+    problems: list[StateError] = []
+    got = list(read_recent(spoilt, problems))
+    whole = [b for b, a, z in zip(blocks, starts, starts[1:], strict=False) if z <= at or a >= end]
+    kept = [b.first_us for b in got]
+    assert [t for t in kept if t in {b.first_us for b in blocks}] == kept
+    assert set(kept) >= {b.first_us for b in whole}
+    assert all("\n" not in str(p) for p in problems)
+
+
+@FRESH
+@given(st.binary(max_size=300), st.sampled_from([b"", b"bmsrec1\n", b"bmsrec1\n\x05\0\0\0"]))
+def test_any_bytes_are_left_out_in_silence_or_with_a_line(tmp_path_factory, tail, lead):
+    folder = tmp_path_factory.mktemp("any")
+    (folder / "recent-00000001").write_bytes(lead + tail)
+    problems: list[StateError] = []
+    assert list(read_recent(folder, problems)) == []
+    assert len(problems) <= 1
+
+
+def test_files_of_others_and_torn_tails(tmp_path, ring):
+    (segment,) = ring[0].iterdir()
+    raw = segment.read_bytes()
+    folder = tmp_path / "recent"
+    folder.mkdir()
+    (folder / "recent-00000001").write_bytes(raw[:-5])  # power failed
+    (folder / "recent-00000002").write_bytes(b"SQLite format 3\0" * 10)
+    (folder / "recent-00000003").mkdir()
+    (folder / "notes.txt").write_text("not of the ring")
+    (folder / "recent-00000004").write_bytes(raw)
+    problems: list[StateError] = []
+    n = len(list(read_recent(ring[0], [])))
+    assert len(list(read_recent(folder, problems))) == 2 * n - 1
+    assert len(problems) == 2
+    assert "recent-00000002: 160 of 160 bytes" in str(problems[0])
+    assert "recent-00000003: is no file" in str(problems[1])
+
+
+def test_a_torn_tail_is_written_on_after(tmp_path):
+    folder = tmp_path / "recent"
+    recorded(folder, seconds=130, strings=1)
+    (segment,) = folder.iterdir()
+    segment.write_bytes(segment.read_bytes()[:-7])
+    before = len(list(read_recent(folder, [])))
+    recorded(folder, seconds=65, strings=1, shift_ns=500 * 10**9)
+    assert len(list(folder.iterdir())) == 1
+    problems: list[StateError] = []
+    assert len(list(read_recent(folder, problems))) > before
+    assert "damaged" in str(problems[0])
+
+
+def test_every_cut_leaves_all_blocks_that_were_said_to_be_written(tmp_path):
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    recorder = Recorder(disk)
+    rng = random.Random(1)
+    with recorder.watching():
+        events = recorded(disk / "recent", seconds=240, every=60, strings=1)
+    wanted = sorted((t // 1000) for e in events for t in e.sample_ns.tolist())
+    done, points = 0, 0
+    calls = [c for c, _ in recorder.after]
+    flushed = [k for k, c in enumerate(calls) if c == "fsync"]
+    for k, (_, state) in enumerate(recorder.after):
+        # a block is safe once its file, and at the first one its name, is synced
+        done = sum(1 for f in flushed if f <= k) - 2 if k >= flushed[2] else 0
+        for cut in state.states(sector=512):
+            points += 1
+            folder = tmp_path / f"cut{points}"
+            build(cut, folder)
+            problems: list[StateError] = []
+            blocks = list(read_recent(folder / "recent", problems))
+            assert len(blocks) >= done
+            got = [t for b in blocks for time, _ in b.samples.values() for t in time.tolist()]
+            assert set(got) <= set(wanted)
+            if rng.random() < 0.02:  # and it is written on after any of them
+                before = len(blocks)
+                recorded(folder / "recent", seconds=61, strings=1, shift_ns=900 * 10**9)
+                assert len(list(read_recent(folder / "recent", []))) > before
+    print(f"{points} crash points")
+    assert points > 50
+
+
+@pytest.mark.parametrize("code", [errno.ENOSPC, errno.EIO, errno.EROFS])
+def test_a_disk_that_refuses_costs_what_was_to_be_written_and_nothing_else(tmp_path, monkeypatch, code):
+    folder = tmp_path / "recent"
+    events = recorded(folder, seconds=130, strings=1)
+    before = samples(folder)
+    real = os.write
+
+    def write(handle, data):
+        if len(data) > 100:
+            return real(handle, memoryview(data)[:100])
+        raise OSError(code, os.strerror(code))
+
+    with monkeypatch.context() as m:
+        m.setattr(os, "write", write)
+        ring = Recent(folder, 1.0)
+        ring.add(events[-1], Stub())
+        problem = ring.flush()
+    assert os.strerror(code) in str(problem)
+    assert ring.flush() is None
+    assert samples(folder) == before
+
+
+class Stub:
+    """An engine without strings."""
+
+    wires: tuple = ()
+
+    class plan:
+        strings: tuple = ()
+
+
+def test_an_excerpt_counts_from_the_newest_sample(ring):
+    folder, events = ring
+    found = excerpt(folder, 60.0)
+    rows = list(found.rows("string_1"))
+    last = max(int(e.sample_ns.max()) for e in events) // 1000
+    times = [float(r[0]) for r in rows]
+    assert times[0] >= last * 1e-6 - 60.0
+    assert times[0] < last * 1e-6 - 59.0
+    assert times == sorted(set(times))
+    assert found.columns["string_1"][:2] == ["current_A", "coolant_inlet_C"]
+
+
+def test_after_the_clock_went_back_only_what_came_later_is_one_table(tmp_path):
+    folder = tmp_path / "recent"
+    recorded(folder, seconds=130)
+    later = recorded(folder, seconds=130, shift_ns=-1000 * 10**9)
+    found = excerpt(folder, 7200.0)
+    assert found.turned_back
+    times = [float(r[0]) for r in found.rows("string_2")]
+    assert times == sorted(set(times))
+    assert times[-1] < max(int(e.sample_ns.max()) for e in later) * 1e-9 + 1e-3
+    assert times[0] >= min(int(e.sample_ns.min()) for e in later if len(e.sample_ns)) * 1e-9 - 1e-3
+
+
+def test_an_empty_ring_is_one_line(tmp_path):
+    with pytest.raises(DataError, match="no recent signals are recorded there"):
+        excerpt(tmp_path / "nowhere", 60.0)
