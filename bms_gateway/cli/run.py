@@ -12,8 +12,9 @@ if TYPE_CHECKING:
 
     from bms_gateway.bus.port import Port
     from bms_gateway.config.load import LoadedConfig
-    from bms_gateway.engine import Engine
+    from bms_gateway.engine import Engine, Event
     from bms_gateway.store import StateStore
+    from bms_gateway.store.recent import Recent
 
 EXAMPLE = """
   bms-gateway run /etc/bms-gateway/gateway.toml
@@ -32,6 +33,7 @@ def run(args: argparse.Namespace) -> int:
     import logging
 
     from bms_gateway.config.load import load_config
+    from bms_gateway.engine import Decoded
     from bms_gateway.service.baseline import BaselineRequests
     from bms_gateway.service.beside import accompany
     from bms_gateway.service.journal import start_logging
@@ -44,15 +46,25 @@ def run(args: argparse.Namespace) -> int:
     log = logging.getLogger("bms_gateway.run")
     loaded = load_config(args.config)
     store = StateStore(loaded.store) if loaded.store else None
+    if store is not None and (problem := store.lock()) is not None:
+        log.warning("%s", problem)
+    recent = _recent(loaded)
     engine = engine_of(loaded, _stored(store, log), log)
+    engine.recording = recent is not None
     port = _port(loaded, engine)
 
     def reload() -> "Engine":
         nonlocal engine
         engine = reloaded(args.config, engine, log, loaded)
+        engine.recording = recent is not None
         return engine
 
-    gateway = Gateway(engine, port, save=_saver(store) if store else None, reload=reload)
+    def watch(event: "Event") -> None:
+        if isinstance(event, Decoded) and recent is not None:
+            recent.add(event, engine)
+
+    save = _saver(store, recent) if store else None
+    gateway = Gateway(engine, port, save=save, reload=reload, watch=watch if recent else None)
     accompany(gateway, loaded, lambda: engine)
     if loaded.store:
         gateway.beside["baseline"] = BaselineRequests(loaded.store, lambda: engine).run
@@ -119,13 +131,25 @@ def reloaded(config: Path, running: "Engine", log: Any, started: "LoadedConfig |
     return engine
 
 
-def _saver(store: "StateStore") -> "Callable[[Mapping[str, object]], None]":
+def _recent(loaded: "LoadedConfig") -> "Recent | None":
+    """Ring of the recent signals; None where no state is kept, or no room is given to it."""
+    from bms_gateway.store.recent import Recent
+
+    if loaded.store is None or not loaded.config.store.recent_MB:
+        return None
+    return Recent(loaded.store / "recent", loaded.config.store.recent_MB)
+
+
+def _saver(store: "StateStore", recent: "Recent | None" = None) -> "Callable[[Mapping[str, object]], None]":
     import time
 
     def save(state: "Mapping[str, object]") -> None:
-        problem = store.save(state, wall_ns=time.time_ns())
-        if problem is not None:
-            raise problem  # the gateway tells it, counts it and goes on
+        problems = [store.save(state, wall_ns=time.time_ns())]  # first, should the room be short
+        if recent is not None:
+            problems.append(recent.flush())
+        for problem in problems:
+            if problem is not None:
+                raise problem  # the gateway tells it, counts it and goes on
 
     return save
 

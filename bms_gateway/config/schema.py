@@ -122,9 +122,16 @@ class Identify(Section):
 
 
 class Store(Section):
-    """`[store]`: without a path systemd's StateDirectory is used, and without that nothing is stored."""
+    """`[store]`: without a path systemd's StateDirectory is used, and without that nothing is stored.
+
+    Attributes
+    ----------
+    recent_MB : float
+        What the record of recent signals may take, 10⁶ bytes; 0 keeps none.
+    """
 
     path: str | None = Field(default=None, min_length=1)
+    recent_MB: float = Field(default=64.0, ge=0.0, le=100_000.0)
 
 
 _UNKNOWN = Disturbance()
