@@ -129,7 +129,7 @@ class Bench:
         return document
 
     def _of(self, text: str) -> _Made:
-        """What was made of this model; of more than `MOST_MADE` the one unused for longest is forgotten."""
+        """Give what was made of this model; of more than `MOST_MADE` the one unused for longest is forgotten."""
         made = self._made.setdefault(text, _Made())
         self._made.move_to_end(text)
         if len(self._made) > MOST_MADE:

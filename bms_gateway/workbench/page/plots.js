@@ -60,7 +60,7 @@ async function draw(place) {
   layout.uirevision = `${ui.record}`;
   const data = [...figure.data.filter(wanted), ...laidOver(place)];
   node.style.height = `${layout.height}px`;
-  node.setAttribute("role", "img");
+  node.setAttribute("role", "group");
   node.setAttribute("aria-label", { surface: `Surface temperature of cell ${ui.cell}, measured and modelled, over time; below it the residual`,
     drive: "What drove the string: current, coolant inlet and what else is known, over time",
     core: `Core temperature of cell ${ui.cell} over time with its 95 percent band` }[place]);

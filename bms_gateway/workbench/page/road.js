@@ -212,9 +212,12 @@ function stairs() {
   return box;
 }
 
+// One and the same, however often the panel is drawn anew: what is being typed into it stays.
+const field = el("input", { id: "effect-name", list: "effect-names", autocomplete: "off", spellcheck: "false",
+  onkeydown: (e) => { if (e.key === "Enter") chosenOne(); } });
+
 function adding() {
   const box = $("panel-add");
-  const chosen = $("effect-name")?.value;
   box.replaceChildren(el("h2", {}, "Add"));
   if (!state.stairs.length) { box.append(...none(NOTHING)); return; }
   if (state.stairs.length > 1 || state.refusal) box.append(stairs());
@@ -241,8 +244,7 @@ function adding() {
   const catalogue = state.opened?.catalogue ?? [];
   const offered = [...new Set([...found, ...catalogue.map((e) => e.name)])].filter((k) => !inModel(k));
   box.append(el("label", { for: "effect-name" }, "An effect of the catalogue; EFFECT:CELL where it sits on one cell"),
-    el("div", { class: "row" }, el("input", { id: "effect-name", list: "effect-names", value: chosen ?? "", autocomplete: "off", spellcheck: "false",
-      onkeydown: (e) => { if (e.key === "Enter") chosenOne(); } }),
+    el("div", { class: "row" }, field,
       el("button", { type: "button", id: "add", class: "main", "data-work": true, onclick: chosenOne }, "Add")),
     el("datalist", { id: "effect-names" }, ...offered.map((k) => el("option", { value: k }))),
     el("p", {}, el("button", { type: "button", id: "undo", "data-work": true, "data-off": r || state.stairs.length > 1 ? null : "1", onclick: undo }, r ? "Put the refused one away" : "Undo the last addition")));
@@ -251,7 +253,7 @@ function adding() {
 }
 
 function chosenOne() {
-  const keys = $("effect-name").value.trim().split(/[\s,]+/).filter(Boolean);
+  const keys = field.value.trim().split(/[\s,]+/).filter(Boolean);
   if (!keys.length) { complain("name an effect of the catalogue, such as entropic_heat"); return; }
   add(keys);
 }

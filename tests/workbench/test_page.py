@@ -1,0 +1,241 @@
+"""The page in a real browser: the road on a record with a hidden effect, bad files, cancelling, two tabs, habits."""
+
+import json
+import os
+import subprocess
+import sys
+import zipfile
+
+import pytest
+
+from bms_gateway.config.model_file import read_model
+from tests.workbench.browser import come
+from tests.workbench.conftest import served
+from tests.workbench.packs import pack as make_pack
+
+pytestmark = pytest.mark.slow  # a browser, and fits
+FIT_S = 300.0
+AXE = "axe-playwright-python==0.1.8"
+"""Ships axe-core's script; nothing else of it is used."""
+
+
+@pytest.fixture(scope="module")
+def pack(tmp_path_factory):
+    return make_pack(tmp_path_factory.mktemp("pack"))
+
+
+@pytest.fixture(scope="module")
+def url(pack):
+    with served(pack.folder, *pack.words) as url:
+        yield url
+
+
+@pytest.fixture(scope="module")
+def axe(tmp_path_factory):
+    """Text of axe-core, fetched anew: foreign code is not kept here."""
+    folder = tmp_path_factory.mktemp("axe")
+    command = [sys.executable, "-m", "pip", "download", "-q", "--no-deps", "-d", str(folder), AXE]
+    found = subprocess.run(command, capture_output=True, text=True, check=False)
+    wheel = next(folder.glob("*.whl"), None)
+    if wheel is None:
+        why = f"axe-core cannot be fetched: {found.stderr.strip().splitlines()[-1:]}"
+        (pytest.fail if os.environ.get("CI") == "true" else pytest.skip)(why)
+    with zipfile.ZipFile(wheel) as z:
+        return z.read("axe_playwright_python/axe.min.js").decode()
+
+
+def seen_compared(page):
+    page.wait("return document.querySelector('#cell-1')?.innerText.includes('K')", patience_s=FIT_S)
+    page.wait("return Number(document.querySelector('#plot-core').dataset.traces) > 0", patience_s=FIT_S)
+
+
+def faults(page, axe):
+    """Serious faults by axe: rule and place."""
+    page.run(axe + "; window.axe = axe;")
+    return page.run(
+        "const cb = await axe.run(document, {resultTypes: ['violations']});"
+        "return cb.violations.filter(v => ['serious', 'critical'].includes(v.impact))"
+        ".flatMap(v => v.nodes.map(n => v.id + ' ' + n.target.join(' ') + ': ' + n.failureSummary));"
+    )
+
+
+def test_the_road_from_a_table_to_a_better_model(window, url, axe, pack, tmp_path):
+    page = window(url)
+    page.wait("return document.documentElement.dataset.firstPicture")
+    assert "Records" in page.text("#panel-open")
+    seen_compared(page)
+
+    page.click("#tab-compare")
+    assert "held-out" in page.text("#panel-compare")
+    assert page.there("#regimes table.heat td")
+    assert "no sensor" in page.text("#cell-2")
+    page.click("#cell-3")
+    page.wait("return document.querySelector('#plot-surface').dataset.name === 'surface-0-3'")
+    assert faults(page, axe) == []
+
+    # zooming one figure zooms the others of the record
+    page.run("Plotly.relayout(document.querySelector('#plot-surface'), {'xaxis.range': [5, 10]})")
+    page.wait(
+        "return ['drive', 'core'].every(p => {"
+        "const r = document.querySelector('#plot-' + p).layout.xaxis.range; return r[0] === 5 && r[1] === 10; })"
+    )
+
+    page.click("#tab-diagnose")
+    page.click("#diagnose")
+    page.wait("return document.querySelector('#panel-diagnose .verdict')", patience_s=FIT_S)
+    assert page.text("#panel-diagnose .verdict").startswith("Missing: entropic_heat")
+    before = int(page.run("return document.querySelector('#plot-surface').dataset.traces"))
+    page.point("#effect-0")
+    page.wait("return Number(document.querySelector('#plot-surface').dataset.traces) === arguments[0] + 2", before)
+    page.point("h1")
+    page.wait("return Number(document.querySelector('#plot-surface').dataset.traces) === arguments[0]", before)
+    page.click("#effect-0")
+    assert "dU/dT" in page.text(".told pre")
+    assert faults(page, axe) == []
+
+    page.click(".told button")
+    page.wait("return document.querySelectorAll('#panel-add .way li').length === 2", patience_s=FIT_S)
+    seen_compared(page)
+    assert "by force" not in page.text("#panel-add")
+    held = page.run("return document.querySelectorAll('.bars')[1].getAttribute('aria-label')")
+    first, second = (float(part.split()[-2]) for part in held.split(": ")[1].split(";")[0].split(", "))
+    assert second < 0.5 * first
+    assert faults(page, axe) == []
+
+    page.click("#tab-take")
+    assert "bms-gateway add entropic_heat" in page.text("#commands")
+    assert faults(page, axe) == []
+    model = page.run("return fetch(document.querySelector('#take-model').href).then(r => r.text())")
+    (tmp_path / "taken.toml").write_text(model)
+    assert [e.key for e in read_model(tmp_path / "taken.toml").effects] == ["entropic_heat"]
+    assert "pack_with_1.toml" in page.text("#config-lines")
+
+    # a reload keeps all of it
+    page.reload()
+    page.wait("return document.querySelectorAll('#panel-add .way li').length === 2")
+    assert page.there("#panel-take")
+    page.click("#tab-add")
+    page.click("#undo")
+    page.wait("return document.querySelectorAll('#panel-add .way li').length === 1")
+    assert page.complaints() == []
+
+
+def test_refused_by_the_gates_says_why_and_is_forced_only_when_told(window, url):
+    page = window(url)
+    seen_compared(page)
+    page.click("#tab-add")
+    page.type("#effect-name", "entropic_hat")
+    page.click("#add")
+    page.wait("return document.querySelector('#error').innerText.includes(\"did you mean 'entropic_heat'?\")")
+    page.type("#effect-name", "coolant_delay")
+    page.press("Enter")
+    page.wait("return document.querySelector('#refusal')", patience_s=FIT_S)
+    assert "Not added" in page.text("#refusal")
+    page.click("#force")
+    page.wait("return document.querySelectorAll('#panel-add .way li').length === 2", patience_s=FIT_S)
+    assert "by force" in page.text("#panel-add")
+
+
+def test_cancel_ends_the_search_and_the_page_goes_on(window, url):
+    page = window(url)
+    seen_compared(page)
+    page.press("d")  # by key
+    page.wait("return !document.querySelector('#job').hidden && document.querySelector('#job-text').innerText")
+    page.press("Escape")
+    page.idle()
+    assert page.text("#panel-diagnose .verdict") == ""
+    assert page.there("#diagnose")
+    page.press("2")
+    assert page.there("#panel-compare")
+
+
+def test_two_tabs_are_two_desks(window, url, pack):
+    one, two = window(url), window(url)
+    seen_compared(one)
+    seen_compared(two)
+    two.click("#tab-open")
+    two.type("#tables", str(pack.clean))
+    two.click("#open")
+    two.wait("return document.querySelector('#what').innerText.includes('clean.csv')", patience_s=FIT_S)
+    seen_compared(two)
+    assert "hidden.csv" in one.text("#what")
+    assert one.run("return sessionStorage.workbench") != two.run("return sessionStorage.workbench")
+
+
+def test_bad_files_are_one_line_and_good_ones_can_be_uploaded(window, driver, tmp_path, pack):
+    with served(tmp_path) as url:
+        page = window(url)
+        page.wait("return document.querySelector('#panel-open').getClientRects().length")
+        page.click("#open")
+        come(lambda: "choose a table" in page.text("#error"), lambda: page.text("#error"))
+        bad = tmp_path / "bad.csv"
+        for content, word in (
+            (b"\x00\x01\x02", "bad.csv"),
+            (b"time_s,current_A\n0,1\n1,2\n", "coolant_inlet_C"),
+            (b"", "bad.csv"),
+        ):
+            bad.write_bytes(content)
+            page.run("document.querySelector('#tables').value = ''")
+            page.upload("#tables-file", bad)
+            page.wait("return document.querySelector('#tables').value.includes('bad.csv')")
+            page.upload("#model-file", pack.model)
+            page.wait("return document.querySelector('#model').value === 'pack.toml'")
+            page.click("#open")
+            come(lambda word=word: word in page.text("#error-text"), lambda: page.text("#error"))
+            assert "\n" not in page.text("#error-text")
+            page.click("#dismiss")
+        page.run("document.querySelector('#tables').value = ''")
+        page.upload("#tables-file", pack.hidden)
+        page.wait("return document.querySelector('#tables').value.includes('hidden.csv')")
+        page.click("#open")
+        seen_compared(page)
+
+
+@pytest.mark.parametrize("size", [(1280, 720), (800, 700)])
+def test_habits(window, url, axe, size):
+    """Nothing is wider than the window, in dark all is as legible, keys reach all, nothing comes from elsewhere."""
+    page = window(url, size)
+    seen_compared(page)
+    page.click("#theme")
+    assert page.run("return document.documentElement.dataset.theme") == "dark"
+    for step in ("open", "compare", "diagnose", "add", "take"):
+        page.click(f"#tab-{step}")
+        assert page.run("return document.documentElement.scrollWidth - innerWidth") <= 0, step
+        assert faults(page, axe) == [], step
+    page.press("2")
+    reached = set()
+    for _ in range(60):
+        page.press("Tab")
+        reached.add(page.run("return document.activeElement.id || document.activeElement.className"))
+    assert {"cell-1", "cell-2", "variant-refitted", "theme", "keys", "tab-compare"} <= reached
+    page.click("#cell-1")
+    page.press("Right")
+    page.wait("return document.querySelector('#cell-2').getAttribute('aria-pressed') === 'true'")
+    origins = page.run("return [...new Set(performance.getEntriesByType('resource').map(r => new URL(r.name).origin))]")
+    assert json.dumps(origins) == json.dumps([url.rstrip("/")])
+
+
+def test_the_live_page_plays_a_log(window, tmp_path, axe):
+    from bms_gateway.config import shipped
+
+    config = shipped("deploy/example/gateway.toml")
+    command = [sys.executable, "-m", "bms_gateway", "simulate", "--config", config, "--out", tmp_path / "drive.log"]
+    subprocess.run([*command, "--duration", "300"], check=True, capture_output=True)
+    with served(tmp_path, "--live", tmp_path / "drive.log", "--config", config) as url:
+        page = window(url)
+        page.wait("return document.querySelectorAll('.live-cell').length === 60")
+        page.wait("return document.querySelector('#hottest-value').innerText.includes('°C')")
+        page.wait("return !document.querySelector('#live-state').innerText")
+        page.run("const s = document.querySelector('#speed'); s.value = '100'; s.dispatchEvent(new Event('change'));")
+        page.wait("return Number(document.querySelector('#time').value) > 200")
+        page.click("#play")
+        page.wait("return document.querySelector('#play').innerText === 'Play'")
+        page.run("const t = document.querySelector('#time'); t.value = '42'; t.dispatchEvent(new Event('input'));")
+        page.wait("return document.querySelector('#at').innerText.startsWith('0:00:42 of')")
+        assert "no flag raised" in page.text("#panel-live")
+        assert page.run("return document.documentElement.scrollWidth - innerWidth") <= 0
+        assert faults(page, axe) == []
+        page.click("#theme")
+        assert faults(page, axe) == []
+        page.click("#theme")
+        assert page.complaints() == []
