@@ -52,6 +52,7 @@ VALUE_TABLES: dict[str, dict[int, str]] = {
         15: "not available",
     },
     "Degradation": {0: "none", 1: "watch", 2: "warning", 3: "alarm", 14: "error", 15: "not available"},
+    "Fault": {0: "none", 1: "warning", 2: "alarm", 14: "error", 15: "not available"},
     "Mismatch": {0: "none", 1: "suspected", 2: "confirmed", 14: "error", 15: "not available"},
     "GatewayState": {
         0: "starting",
@@ -258,6 +259,43 @@ def outputs(k: int) -> Iterator[Message]:
     )
 
 
+def flags(k: int) -> Iterator[Message]:
+    """Make what the gateway tells of the causes of trouble in string k, and of the ageing of its cells."""
+    yield Message(
+        f"string_{k}_flags",
+        0xA0 + k,
+        GATEWAY,
+        1000,
+        f"Flags of string {k}: what is wrong, cause by cause.",
+        [
+            *protection(),
+            enumeration("ageing_flag", 12, "Degradation", "Growth of the internal resistance since commissioning."),
+            enumeration("cooling_flag", 16, "Fault", "Heat leaves the cells less well than at commissioning."),
+            enumeration("thermocouple_flag", 20, "Fault", "A thermocouple or the inlet's sensor has drifted."),
+            enumeration("current_flag", 24, "Mismatch", "Heat or voltage contradict the current."),
+            enumeration(
+                "mismatch_flag", 28, "Mismatch", "Whether the model misses a physical effect or a sensor errs."
+            ),
+            Signal(
+                *("thermocouple_cell", 32, 8, 1, 0, 0, 250, "1"),
+                "Cell whose thermocouple has drifted, from 1; 0 where all have alike, as by the inlet's sensor.",
+            ),
+            Signal("R_u_growth", 40, 16, 0.01, -100, -100, 500, "%", "Growth of R_u since commissioning."),
+        ],
+    )
+    growth = Message(
+        f"string_{k}_growth", 0xB0 + k, GATEWAY, 10000, f"Ageing of the single cells of string {k}, one cell per frame."
+    )
+    growth.signals += [*protection(), selector(16, 8, CELLS, "Number of the cell, from 1.", first=1)]
+    for c in range(1, CELLS + 1):
+        growth.signals += [
+            enumeration(f"flag_{c:02d}", 12, "Degradation", f"Growth of R_e of cell {c} since commissioning.", c),
+            Signal(f"growth_{c:02d}", 24, 16, 0.01, -100, -100, 500, "%", f"Growth of R_e of cell {c}.", mux=c),
+            Signal(f"growth_sd_{c:02d}", 40, 16, 0.01, 0, 0, 600, "%", "Standard deviation of the growth.", mux=c),
+        ]
+    yield growth
+
+
 def status() -> Iterator[Message]:
     """Make what the gateway tells of itself."""
     yield Message(
@@ -291,12 +329,13 @@ def status() -> Iterator[Message]:
 
 
 def messages() -> list[Message]:
-    """All messages: inputs, then outputs."""
+    """All messages: inputs, then outputs; what has come later, last."""
     strings = range(1, STRINGS + 1)
     return [
         *(m for k in strings for m in inputs(k)),
         *(m for k in strings for m in outputs(k)),
         *status(),
+        *(m for k in strings for m in flags(k)),
     ]
 
 

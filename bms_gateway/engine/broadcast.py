@@ -20,6 +20,8 @@ from bms_gateway.frames.own import (
     GATEWAY_STATUS,
     PARAMETER_MUX,
     core_message,
+    flags_message,
+    growth_message,
     health_message,
     parameters_message,
     summary_message,
@@ -57,6 +59,11 @@ Content = tuple[float | Floats | NDArray[np.uint8], ...]
 CORE = ("core_01", "core_sd_01", "surface_01", "quality_01")  # in the columns of all other cells too
 SUMMARY = ("hottest_core", "hottest_cell", "hottest_sd", "hottest_quality", "coldest_core")
 HEALTH = ("R_e_flag", "R_e_growth", "R_e_growth_sd", "innovation", "mismatch_flag")
+FLAGS = (
+    *("ageing_flag", "cooling_flag", "thermocouple_flag", "current_flag", "mismatch_flag"),
+    *("thermocouple_cell", "R_u_growth"),
+)
+GROWTH = ("flag_01", "growth_01", "growth_sd_01")  # in the columns of all other cells too
 STATUS = ("state", "frame_rate", "rejected_samples", "dropped_frames")
 INFO = ("version_major", "version_minor", "version_patch", "uptime")
 
@@ -86,7 +93,7 @@ class Broadcast:
     """
 
     def __init__(self, plan: Plan, database: Database) -> None:
-        parts = (core_message, summary_message, parameters_message, health_message)
+        parts = (core_message, summary_message, parameters_message, health_message, flags_message, growth_message)
         names = [part(s.number) for s in plan.strings for part in parts]
         names += [GATEWAY_STATUS, GATEWAY_INFO]
         self._encoder = Encoder(database, names)
@@ -111,6 +118,8 @@ class Broadcast:
                 for name, mux in PARAMETER_MUX.items()
             ),
             (self._part(health_message(number), HEALTH), _health),
+            (self._part(flags_message(number), FLAGS), _flags),
+            (self._part(growth_message(number), GROWTH, [(k,) for k in range(1, cells + 1)]), _growth),
         ]
 
     def encode(self, t1: int, estimators: Estimators, state: State, counts: Counts) -> FrameBatch:
@@ -169,6 +178,30 @@ def _health(s: StringEstimator) -> Content:
         100.0 * s.ageing.growth_sd,
         s.mismatch.excess**0.5,
         s.mismatch.flag.level,
+    )
+
+
+def _flags(s: StringEstimator) -> Content:
+    h, known = s.health, s.health.commissioned
+    return (
+        h.ageing.flag.level if h.ageing.commissioned else nan,
+        h.cooling.flag.level if known else nan,
+        h.drift.flag.level if known else nan,
+        h.current.flag.level if known else nan,
+        h.mismatch.flag.level,
+        h.drift.worst if h.drift.flag.level else nan,
+        100.0 * h.cooling.growth,
+    )
+
+
+def _growth(s: StringEstimator) -> Content:
+    if s.health.cells is None:
+        return nan, nan, nan
+    cells = s.health.cells.ageing
+    return (
+        np.array([a.flag.level if a.commissioned else nan for a in cells]),
+        100.0 * np.array([a.growth for a in cells]),
+        100.0 * np.array([a.growth_sd for a in cells]),
     )
 
 

@@ -10,6 +10,8 @@ __all__ = [
     "OWN_DBC",
     "PARAMETER_MUX",
     "core_message",
+    "flags_message",
+    "growth_message",
     "health_message",
     "input_messages",
     "own_signal",
@@ -96,6 +98,16 @@ def parameters_message(string_number: int) -> str:
 def health_message(string_number: int) -> str:
     """Message with R_e_flag, R_e_growth, R_e_growth_sd, innovation, mismatch_flag."""
     return f"string_{string_number}_health"
+
+
+def flags_message(string_number: int) -> str:
+    """Message with ageing_flag, cooling_flag, thermocouple_flag and …_cell, current_flag, mismatch_flag, R_u_growth."""
+    return f"string_{string_number}_flags"
+
+
+def growth_message(string_number: int) -> str:
+    """Message of the ageing of single cells: multiplexer = cell, signals flag_CC, growth_CC, growth_sd_CC."""
+    return f"string_{string_number}_growth"
 
 
 def _check_string(number: int) -> None:

@@ -18,6 +18,8 @@ from bms_gateway.frames.own import (
     MAX_STRINGS,
     PARAMETER_MUX,
     core_message,
+    flags_message,
+    growth_message,
     health_message,
     input_messages,
     own_signal,
@@ -110,7 +112,7 @@ def test_everything_is_commented_with_unit_and_cycle_time() -> None:
 
 
 def test_cycle_times_are_those_promised() -> None:
-    promised = {"electrical": 100, "parameters": 10000, "health": 10000, "gateway_info": 10000}
+    promised = {"electrical": 100, "parameters": 10000, "health": 10000, "growth": 10000, "gateway_info": 10000}
     for m in MESSAGES:
         kind = m.name if m.name.startswith("gateway") else m.name.split("_", 2)[2]
         assert m.cycle_time == promised.get(kind, 1000)
@@ -215,6 +217,7 @@ def test_output_names_are_those_in_the_file() -> None:
     named = {GATEWAY_STATUS, GATEWAY_INFO}
     for k in range(1, MAX_STRINGS + 1):
         named |= {core_message(k), summary_message(k), parameters_message(k), health_message(k)}
+        named |= {flags_message(k), growth_message(k)}
         for c in range(1, MAX_CELLS + 1):
             for part in ("core", "core_sd", "surface", "quality"):
                 assert database.resolve(f"{core_message(k)}.{part}_{c:02d}").mux[0].values == (c,)
