@@ -6,12 +6,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bms_gateway.cli.main import Parser
-from bms_gateway.errors import DataError, UsageError
+from bms_gateway.errors import UsageError
 
 if TYPE_CHECKING:
     from bms_gateway.bus.logfile import LogNotes
     from bms_gateway.engine import Engine
     from bms_gateway.frames.batch import FrameBatch
+    from bms_gateway.records.span import Span
     from bms_gateway.report.csv_out import ResultFolder
 
 EXAMPLE = """
@@ -33,6 +34,7 @@ def run(args: argparse.Namespace) -> int:
     from bms_gateway.cli.output import distinct, writable, write_json
     from bms_gateway.config.load import load_config
     from bms_gateway.engine import Engine
+    from bms_gateway.records.span import Span, expect_estimates
     from bms_gateway.report.csv_out import FILES, ResultFolder
 
     if not args.out:
@@ -43,11 +45,11 @@ def run(args: argparse.Namespace) -> int:
     distinct({"--json": args.json} | {f"--out {file}": out / file for file in FILES}, [*loaded.files, *args.log])
     engine = Engine(loaded.plan, loaded.database)
     notes = [LogNotes() for _ in args.log]
-    span = _Span()
+    span = Span()
     with ResultFolder(out, {s.name: s.model.cells for s in loaded.plan.strings}) as folder:
         batches = _batches(args.log, notes, span)
         write_log(folder.place("broadcast.log"), _sent(engine, batches, folder), loaded.config.bus.channel)
-        _expect_estimates(args, engine, span)
+        expect_estimates(args.log, args.config, engine, span)
         _conclude(engine, folder)
         broken = sum(n.broken for n in notes)
         summary = folder.write_summary(
@@ -62,38 +64,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _expect_estimates(args: argparse.Namespace, engine: "Engine", span: "_Span") -> None:
-    """Refuse logs from which nothing was estimated: an empty result looks too much like a good one."""
-    logs = ", ".join(str(log) for log in args.log)
-    if not span.frames:
-        raise DataError(f"{logs}: no data frames")
-    if not engine.frames:
-        wanted = ", ".join(f"{can_id & 0x1FFF_FFFF:X}" for can_id in engine.can_ids[:3].tolist())
-        raise DataError(
-            f"{logs}: none of the {span.frames} frames carries a signal of {args.config}, or they span less than a "
-            f"second; expected identifiers {wanted}{', …' if len(engine.can_ids) > 3 else ''}"
-        )
-
-
-class _Span:
-    """How many frames the logs held and how long they last."""
-
-    def __init__(self) -> None:
-        self.frames = 0
-        self.first: int | None = None
-        self.last = 0
-
-    @property
-    def seconds(self) -> float:
-        return 0.0 if self.first is None else round((self.last - self.first) * 1e-9, 6)
-
-    def note(self, batch: "FrameBatch") -> None:
-        self.frames += len(batch)
-        self.first = int(batch.time_ns[0]) if self.first is None else self.first
-        self.last = max(self.last, int(batch.time_ns[-1]))
-
-
-def _batches(logs: list[Path], notes: "list[LogNotes]", span: _Span) -> "Iterator[FrameBatch]":
+def _batches(logs: list[Path], notes: "list[LogNotes]", span: "Span") -> "Iterator[FrameBatch]":
     from bms_gateway.bus.logfile import read_log
     from bms_gateway.report.progress import progress
 

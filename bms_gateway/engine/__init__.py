@@ -2,7 +2,19 @@
 
 from bms_gateway.engine.drive import drain, drive
 from bms_gateway.engine.engine import Engine
-from bms_gateway.engine.events import Decoded, Estimated, Event, Job, Level, Notice, Parameters, SendFrames, StartJob
+from bms_gateway.engine.events import (
+    Decoded,
+    Estimated,
+    Event,
+    Job,
+    Judged,
+    Judgement,
+    Level,
+    Notice,
+    Parameters,
+    SendFrames,
+    StartJob,
+)
 from bms_gateway.engine.plan import Channel, Plan, StringPlan
 
 __all__ = [
@@ -12,6 +24,8 @@ __all__ = [
     "Estimated",
     "Event",
     "Job",
+    "Judged",
+    "Judgement",
     "Level",
     "Notice",
     "Parameters",

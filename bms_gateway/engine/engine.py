@@ -26,6 +26,7 @@ from bms_gateway.engine.clock import Clock
 from bms_gateway.engine.estimate import Estimators, StringEstimator
 from bms_gateway.engine.events import Decoded, Event, Job, Level, Notice, SendFrames, StartJob
 from bms_gateway.engine.inputs import Inputs, Reading, Samples, Wire
+from bms_gateway.engine.judge import judged
 from bms_gateway.engine.plan import Channel, Plan
 from bms_gateway.errors import ConfigError, StateError, did_you_mean
 from bms_gateway.frames.batch import FrameBatch
@@ -65,6 +66,8 @@ class Engine:
         Frames lost before they reached us; whoever reads the bus sets it.
     recording : bool
         Whether each tick's samples are wanted as `Decoded` events, for a record of recent signals.
+    judging : bool
+        Whether each tick's errors of the models are wanted as `Judged` events.
 
     Raises
     ------
@@ -91,6 +94,7 @@ class Engine:
         self.frames = 0
         self.dropped = 0
         self.recording = False
+        self.judging = False
 
     @property
     def plan(self) -> Plan:
@@ -253,6 +257,8 @@ class Engine:
                 self._queue.append(Notice(t1, Level.WARNING, "unheard", f"not received so far: {missing}", name))
         tick = self._estimators.step(readings, t1)
         self._queue.extend(tick.events)
+        if self.judging:
+            self._queue.append(judged(t1, self.frames, self.rejected, self.strings, readings))
         for string, job in tick.jobs:
             due = t1 + JOB_DUE_TICKS * self._plan.tick_ns
             self._jobs[self._next_job] = _Running(string, due, job)

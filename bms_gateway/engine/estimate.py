@@ -70,6 +70,8 @@ class StringEstimator:
     core, core_sd, surface : ndarray (n,)
         Newest estimate, °C, K, °C; NaN where not available.
     quality : ndarray of uint8 (n,)
+    innovation, innovation_sd : ndarray (n,)
+        Of the newest tick, K; NaN for cells without a reading.
     estimates : tuple of Estimate
         Parameters of the string.
     effects : tuple of Estimate
@@ -91,6 +93,8 @@ class StringEstimator:
     health: StringHealth
     ageing: Ageing = field(init=False)
     mismatch: Mismatch = field(init=False)
+    innovation: Floats = field(init=False)
+    innovation_sd: Floats = field(init=False)
     estimates: tuple[Estimate, ...] = ()
     effects: tuple[Estimate, ...] = ()
     electrical: VoltageHeat | None = None
@@ -99,6 +103,7 @@ class StringEstimator:
 
     def __post_init__(self) -> None:
         self.ageing, self.mismatch = self.health.ageing, self.health.mismatch
+        self.innovation = self.innovation_sd = np.full(self.plan.model.cells, np.nan)
 
     @classmethod
     def of(cls, plan: StringPlan, wire: Wire, whole: Plan) -> "StringEstimator":
@@ -260,6 +265,7 @@ class Estimators:
         normalised = e.innovation / e.innovation_sd
         for j, (i, s, r, result) in enumerate(zip(group.members, strings, readings, results, strict=True)):
             s.core, s.core_sd, s.surface, s.quality = core[j], core_sd[j], surface[j], quality[j]
+            s.innovation, s.innovation_sd = e.innovation[j], e.innovation_sd[j]
             name = s.plan.name
             result.events.append(Estimated(t1, name, s.core, s.core_sd, s.surface, s.quality))
             if s.mismatch.update(normalised[j], self._dt):

@@ -4,6 +4,7 @@ What goes in: `FrameBatch` (frames) and the bus time. What comes out, in one ord
 drivers that feed the same frames get the same events in the same order, however the frames were cut into batches.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Protocol
@@ -123,4 +124,55 @@ class Decoded:
     value: Floats
 
 
-Event = SendFrames | StartJob | Estimated | Parameters | Notice | Decoded
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """How the model of one string did at one tick, and what the string was doing.
+
+    Attributes
+    ----------
+    innovation, innovation_sd : ndarray (n,), K
+        Reading less prediction and what it should be; NaN for cells without a reading.
+    current, square : float
+        Means of I and I² over the tick, A, A²; NaN where unknown.
+    inlet, flow : float
+        Coolant at the tick, °C and over nominal; NaN where unknown.
+    growth, growth_sd : float
+        Of R_e since commissioning, a share; NaN before anything is known.
+    excess : float
+        Mean square of the normalised innovation over ten minutes; 1 when all is well, NaN at first.
+    flags : tuple of str
+        Raised ones by name.
+    """
+
+    string: str
+    innovation: Floats
+    innovation_sd: Floats
+    current: float
+    square: float
+    inlet: float
+    flow: float
+    growth: float
+    growth_sd: float
+    excess: float
+    flags: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """All strings at one tick, in the order of the plan; said only where `engine.judging` asks for it.
+
+    Attributes
+    ----------
+    frames : int
+        Wanted frames so far.
+    rejected : mapping
+        Samples turned away so far, by reason.
+    """
+
+    time_ns: int
+    frames: int
+    rejected: Mapping[str, int]
+    strings: tuple[Judgement, ...]
+
+
+Event = SendFrames | StartJob | Estimated | Parameters | Notice | Decoded | Judged
