@@ -22,12 +22,12 @@ from bms_gateway.frames.quality import Quality
 from bms_gateway.service.alerts import Severity
 from bms_gateway.service.exposition import Family, Sample, page
 from bms_gateway.service.live import Gateway
-from bms_gateway.service.watch import Watch, WatchedEngine, WatchedString
+from bms_gateway.service.watch import Watch, WatchedEngine
 
 PREFIX: Final = "bms_gateway_"
 REASONS: Final = [q.name.lower() for q in Quality if q not in (Quality.GOOD, Quality.ESTIMATED, Quality.NEVER)]
-FLAGS: Final = {"resistance_growth": 3, "model_mismatch": 2}
-"""Flags of a string and their highest levels: watch, warning, alarm; suspected, confirmed."""
+FLAGS: Final = ("ageing", "cooling", "current", "mismatch", "thermocouple")
+"""Flags of a string, as `StringHealth.conditions` calls them."""
 
 
 class MeasuredEngine(WatchedEngine, Protocol):
@@ -166,21 +166,22 @@ def _strings(engine: MeasuredEngine) -> Iterator[Family]:
     for name, _, _ in engine.faults:
         faults[name] += 1.0
     yield _of_strings("inputs_faulty", "Inputs received but not usable now.", faults)
-    growth = {s.plan.name: s.ageing.growth for s in strings}
+    health = {s.plan.name: s.health for s in strings}
+    growth = {name: h.ageing.growth for name, h in health.items()}
     yield _of_strings("resistance_growth_ratio", "Growth of R_e since commissioning, 0.1 is +10 %.", growth)
-    growth_sd = {s.plan.name: s.ageing.growth_sd for s in strings}
+    growth_sd = {name: h.ageing.growth_sd for name, h in health.items()}
     yield _of_strings("resistance_growth_sd_ratio", "Standard deviation of the growth.", growth_sd)
-    excess = {s.plan.name: s.mismatch.excess**0.5 for s in strings}
+    cooling = {name: h.cooling.growth for name, h in health.items()}
+    yield _of_strings("cooling_growth_ratio", "Growth of R_u since commissioning: cooling that got worse.", cooling)
+    excess = {name: h.mismatch.excess**0.5 for name, h in health.items()}
     yield _of_strings("innovation_ratio", "Innovations over their band, rms of ten minutes; 1 is right.", excess)
-    flags = [
-        ("", {"string": s.plan.name, "flag": flag}, float(level)) for s in strings for flag, level in _levels(s).items()
-    ]
-    levels = "Level of a flag, 0 none: growth 1 watch, 2 warning, 3 alarm; mismatch 1 suspected, 2 confirmed."
-    yield Family(f"{PREFIX}flag_level", "gauge", levels, tuple(flags))
-
-
-def _levels(s: WatchedString) -> dict[str, int]:
-    return dict(zip(FLAGS, (s.ageing.flag.level, s.mismatch.flag.level), strict=True))
+    levels: dict[tuple[str, str], int] = {(name, flag): 0 for name in health for flag in FLAGS}
+    for name, h in health.items():
+        for raised in h.conditions():
+            levels[name, raised.code] = max(levels.get((name, raised.code), 0), raised.level)
+    flags = [("", {"string": name, "flag": flag}, float(level)) for (name, flag), level in levels.items()]
+    text = "Level of a flag, 0 none; ageing 1 watch, 2 warning, 3 alarm; others 1 suspected, 2 confirmed."
+    yield Family(f"{PREFIX}flag_level", "gauge", text, tuple(flags))
 
 
 def _gauge(name: str, text: str, value: float | Mapping[str, float], label: str = "") -> Family:

@@ -46,10 +46,9 @@ def _of_string(s: WatchedString, k: int | None) -> dict[str, Any]:
         "core_max_sd_K": None if k is None else round(float(s.core_sd[k]), 2),
         "core_max_cell": None if k is None else k + 1,
         "core_min_C": None if k is None else round(float(np.nanmin(s.core)), 2),
-        "resistance_growth": _known(s.ageing.growth),
-        "resistance_growth_sd": _known(s.ageing.growth_sd),
-        "growth_level": s.ageing.flag.level,
-        "mismatch_level": s.mismatch.flag.level,
+        "resistance_growth": _known(s.health.ageing.growth),
+        "resistance_growth_sd": _known(s.health.ageing.growth_sd),
+        "flags": {flag.code: flag.level for flag in s.health.conditions() if flag.cell is None},
     }
 
 

@@ -18,7 +18,7 @@ from bms_gateway.bus.port import Link
 from bms_gateway.engine.inputs import REASONS
 from bms_gateway.engine.plan import Channel
 from bms_gateway.frames.quality import Quality
-from bms_gateway.health import Ageing, Mismatch
+from bms_gateway.health import StringHealth
 from bms_gateway.service.alerts import Alerts, Change, Condition, Severity
 from bms_gateway.service.journal import NOTICE
 from bms_gateway.service.live import Gateway
@@ -48,8 +48,8 @@ BUS: Final = {
     Link.ABSENT: "there is no such interface: check the adapter and its driver",
     Link.BUS_OFF: "the controller is bus-off: check bit rate, termination and wiring",
 }
-GROWTH: Final = {1: Severity.WARNING, 2: Severity.WARNING, 3: Severity.ALARM}
-MISMATCH: Final = {1: Severity.WARNING, 2: Severity.ALARM}
+WATCH: Final = ("ageing",)
+"""Flags whose levels are watch, warning, alarm; those of the others are warning (suspected), alarm (confirmed)."""
 
 
 class WatchedPlan(Protocol):
@@ -72,8 +72,7 @@ class WatchedString(Protocol):
     core: NDArray[np.float64]
     core_sd: NDArray[np.float64]
     quality: NDArray[np.uint8]
-    ageing: Ageing
-    mismatch: Mismatch
+    health: StringHealth
 
 
 class WatchedEngine(Protocol):
@@ -182,10 +181,10 @@ class Watch:
     def _strings(self, engine: WatchedEngine) -> Iterator[Condition]:
         for s in engine.strings:
             name = s.plan.name
-            if level := s.ageing.flag.level:
-                yield Condition("ageing", GROWTH[level], s.ageing.sentence(), name, settled=True)
-            if level := s.mismatch.flag.level:
-                yield Condition("mismatch", MISMATCH[level], s.mismatch.sentence(), name, settled=True)
+            for flag in s.health.conditions():
+                grave = flag.level >= (3 if flag.code in WATCH else 2)
+                severity = Severity.ALARM if grave else Severity.WARNING
+                yield Condition(flag.code, severity, flag.text, name, flag.cell, settled=True)
             if self.core_max_C is not None:
                 yield from self._too_hot(name, s, self.core_max_C)
 
