@@ -37,6 +37,7 @@ JOB_DUE_TICKS = 30  # far beyond what a window takes on a slow core, far below w
 UNHEARD_TICKS = 10  # no message of a battery comes less often than that
 UNKNOWN_GAP_S = 86_400.0  # parked for a time that nobody knows: after a day any string is at rest
 SNAPSHOT_VERSION = 1
+LATEST_NS = 9_000_000_000_000_000_000  # the year 2255: stamps and periods added to them fit into 64 bits
 
 
 @dataclass(slots=True)
@@ -350,7 +351,9 @@ class Engine:
         try:
             left = self._estimators.restore(state["estimators"])
             self._tick_end = None if state["tick_end_ns"] is None else int(state["tick_end_ns"])
-        except (KeyError, TypeError, ValueError, LookupError) as e:
+        except (TypeError, ValueError, LookupError, AttributeError, ArithmeticError, ConfigError) as e:
             raise StateError(f"stored state does not fit this program: {type(e).__name__} {e}") from None
+        if self._tick_end is not None and not 0 <= self._tick_end < LATEST_NS:
+            raise StateError(f"stored state: its time, {self._tick_end * 1e-9:.4g} s since 1970, is none of a clock")
         for text in left:
             self._queue.append(Notice(self._tick_end or 0, Level.NOTICE, "state", text))

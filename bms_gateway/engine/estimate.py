@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from bms_gateway.engine.events import Estimated, Event, Job, Level, Notice, Parameters
 from bms_gateway.engine.inputs import Reading, Wire, identifies_cells
 from bms_gateway.engine.plan import Plan, StringPlan
+from bms_gateway.engine.plausible import check_covariance, check_parameters, check_temperatures
 from bms_gateway.frames.quality import Quality
 from bms_gateway.health import Ageing, Change, HealthResult, Mismatch, StringHealth
 from bms_gateway.identify import (
@@ -398,6 +399,7 @@ class Estimators:
             if stored is None or stored["plan"] != _fingerprint(s.plan):
                 continue
             s.identifier.restore(stored["identifier"])
+            check_parameters(s.plan.name, s.identifier.posterior())
             if "health" in stored:  # states of before health had a memory of its own have none
                 s.health.restore(stored["health"])
             if s.cells is not None and stored.get("cells") is not None:
@@ -410,6 +412,9 @@ class Estimators:
             names = self._names(g)
             if tuple(names) in observers and same.issuperset(names):
                 g.observer.restore(observers[tuple(names)])
+                for name, P in zip(names, g.observer.covariances, strict=True):
+                    check_covariance(name, "temperatures", P)
+                check_temperatures(names, g.observer.estimate())
                 continue
             cold.update(names)
             for j, name in enumerate(names):

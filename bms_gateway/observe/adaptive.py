@@ -137,6 +137,11 @@ class AdaptiveObserver:
         return tuple(self._parameters)
 
     @property
+    def covariances(self) -> Floats:
+        """Of the temperatures and offsets of each string (S, 2n + 2, 2n + 2), parameters taken for true."""
+        return self._state.P
+
+    @property
     def share(self) -> Floats:
         """Heat of each cell (S, n) over the mean of its string: unlike cells share a string's heat by their R_e."""
         return self._share

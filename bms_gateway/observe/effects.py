@@ -112,6 +112,11 @@ class EffectObserver:
         return (self._v.string,)
 
     @property
+    def covariances(self) -> Floats:
+        """Of the string's temperatures, the effects' states and the offsets (1, M, M), its numbers taken for true."""
+        return self._belief.P[None]
+
+    @property
     def effect_numbers(self) -> list[EffectNumber]:
         """Numbers of the effects in force."""
         return effect_numbers(self._model, self._v, self._uncertain, self._cov)
