@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
     if store is not None and (problem := store.lock()) is not None:
         log.warning("%s", problem)
     recent = _recent(loaded)
-    engine = engine_of(loaded, _stored(store, log), log)
+    engine = started(loaded, store, log)
     engine.recording = recent is not None
     port = _port(loaded, engine)
 
@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
         if isinstance(event, Decoded) and recent is not None:
             recent.add(event, engine)
 
-    save = _saver(store, recent) if store else None
+    save = saver(store, recent) if store else None
     gateway = Gateway(engine, port, save=save, reload=reload, watch=watch if recent else None)
     accompany(gateway, loaded, lambda: engine)
     if loaded.store:
@@ -73,17 +73,31 @@ def run(args: argparse.Namespace) -> int:
         asyncio.run(gateway.run(seconds=args.seconds))
     finally:
         port.close()
+        if store is not None:
+            store.unlock()
     return 0
 
 
-def _stored(store: "StateStore | None", log: Any) -> "Mapping[str, Any] | None":
-    """Newest stored state that can be trusted, and a line on each that could not."""
+def started(loaded: "LoadedConfig", store: "StateStore | None", log: Any) -> "Engine":
+    """Engine with the newest stored state that can be trusted and used, and a line on each that could not."""
+    from bms_gateway.engine import Engine
+
+    engine = Engine(loaded.plan, loaded.database)
     if store is None:
-        return None
-    found = store.load()
+        return engine
+
+    def use(state: "Mapping[str, Any]") -> None:
+        nonlocal engine
+        fresh = Engine(loaded.plan, loaded.database)  # one that refuses may be half filled
+        fresh.restore(state)
+        engine = fresh
+
+    found = store.load(use)
     for problem in found.problems:
         log.warning("%s", problem)
-    return found.state
+    if found.problems and found.state is None:
+        log.warning("%s: no stored state can be used: starting from the model files", store.directory)
+    return engine
 
 
 def engine_of(loaded: "LoadedConfig", state: "Mapping[str, Any] | None", log: Any) -> "Engine":
@@ -140,11 +154,12 @@ def _recent(loaded: "LoadedConfig") -> "Recent | None":
     return Recent(loaded.store / "recent", loaded.config.store.recent_MB)
 
 
-def _saver(store: "StateStore", recent: "Recent | None" = None) -> "Callable[[Mapping[str, object]], None]":
+def saver(store: "StateStore", recent: "Recent | None" = None) -> "Callable[[Mapping[str, object]], None]":
+    """What the gateway saves with: the state first, should the room be short, then the recent signals."""
     import time
 
     def save(state: "Mapping[str, object]") -> None:
-        problems = [store.save(state, wall_ns=time.time_ns())]  # first, should the room be short
+        problems = [store.save(state, wall_ns=time.time_ns())]
         if recent is not None:
             problems.append(recent.flush())
         for problem in problems:

@@ -24,7 +24,7 @@ import fcntl
 import hashlib
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -161,8 +161,14 @@ class StateStore:
             return StateError(f"{self.directory}: the state cannot be saved: {e.strerror}; estimates go on without it")
         return None
 
-    def load(self) -> Loaded:
+    def load(self, use: Callable[[dict[str, Any]], None] | None = None) -> Loaded:
         """Read the newest snapshot that can be trusted; set the others aside.
+
+        Parameters
+        ----------
+        use : callable, optional
+            Takes the snapshot up. A `StateError` from it says that this one is of no use: it is set aside like a
+            damaged one, as ``state.refused``, and the generation before is tried.
 
         Returns
         -------
@@ -173,7 +179,12 @@ class StateStore:
         for path in (self._state, self._previous):
             try:
                 content = _read(path)
+                if use is not None:
+                    use(content["state"])
             except FileNotFoundError:
+                continue
+            except StateError as e:
+                problems.append(self._set_aside(path, _RejectedError("refused", str(e))))
                 continue
             except OSError as e:
                 problems.append(StateError(f"{path}: the stored state cannot be read: {e.strerror}"))

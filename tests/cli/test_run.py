@@ -1,16 +1,21 @@
 """`run`: what a reload takes over and what it refuses."""
 
+import errno
+import json
 import logging
+import os
 
 import numpy as np
 import pytest
 
 from bms_gateway.bus.logfile import read_log
 from bms_gateway.cli.main import main
-from bms_gateway.cli.run import engine_of, reloaded
+from bms_gateway.cli.run import engine_of, reloaded, saver, started
 from bms_gateway.config import load_config, shipped
-from bms_gateway.engine import Estimated, drive
-from bms_gateway.errors import ConfigError
+from bms_gateway.engine import Decoded, Estimated, drive
+from bms_gateway.errors import ConfigError, StateError
+from bms_gateway.store import StateStore
+from bms_gateway.store.recent import Recent
 
 LOG = logging.getLogger("test")
 
@@ -67,3 +72,62 @@ def test_a_state_that_does_not_fit_gives_a_fresh_engine_and_a_line(running, capl
 def test_a_time_to_run_that_is_none_is_refused(running, capsys, seconds):
     assert main(["run", str(running[0]), "--seconds", seconds]) == 2
     assert "--seconds" in capsys.readouterr().err
+
+
+def test_a_start_takes_the_newest_state_that_is_possible(running, tmp_path, caplog):
+    config, engine, _ = running
+    store, loaded = StateStore(tmp_path / "lib"), load_config(config)
+    good = json.loads(json.dumps(engine.snapshot()))
+    bad = json.loads(json.dumps(good))
+    bad["estimators"]["observers"][0]["state"]["state"]["x"][0][0] = 5000.0
+    for n, state in enumerate((good, bad)):
+        assert store.save(state, wall_ns=n) is None
+    with caplog.at_level(logging.WARNING):
+        begun = started(loaded, store, LOG)
+    assert "5000 °C" in caplog.text
+    assert "state.refused" in caplog.text
+    assert begun.snapshot()["tick_end_ns"] == good["tick_end_ns"]
+    assert str(begun.snapshot()["estimators"]) == str(good["estimators"])
+    store.save(bad, wall_ns=3)
+    (tmp_path / "lib" / "state.previous").unlink(missing_ok=True)
+    with caplog.at_level(logging.WARNING):
+        begun = started(loaded, store, LOG)
+    assert "starting from the model files" in caplog.text
+    assert begun.snapshot()["tick_end_ns"] is None
+
+
+@pytest.mark.parametrize("code", [errno.ENOSPC, errno.EROFS, errno.EIO])
+def test_estimates_go_on_where_nothing_can_be_written(running, tmp_path, monkeypatch, code):
+    """Every write is refused, save after save: each is told in one line, and estimates are the same to the bit."""
+    config, _, _ = running
+    loaded = load_config(config)
+    log = tmp_path / "drive.log"
+    outcomes = []
+    for refused in (False, True):
+        engine = started(loaded, None, LOG)
+        engine.recording = True
+        store = StateStore(tmp_path / f"lib{refused}")
+        recent = Recent(store.directory / "recent", 1.0)
+        save = saver(store, recent)
+        lines, estimates = [], []
+        with monkeypatch.context() as m:
+            if refused:
+
+                def write(handle, data, code=code):
+                    raise OSError(code, os.strerror(code))
+
+                m.setattr(os, "write", write)
+            for event in drive(engine, read_log(log)):
+                if isinstance(event, Decoded):
+                    recent.add(event, engine)
+                    try:
+                        save(engine.snapshot())
+                    except StateError as e:
+                        lines.append(str(e))
+                elif isinstance(event, Estimated):
+                    estimates.append(event.core.tobytes())
+        outcomes.append(estimates)
+        assert len(lines) == (29 if refused else 0)
+        assert all("estimates go on" in x and "\n" not in x for x in lines)
+        assert (store.load().state is None) == refused
+    assert outcomes[0] == outcomes[1]

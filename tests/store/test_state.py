@@ -166,3 +166,19 @@ def test_a_spoilt_file_does_not_push_out_the_good_previous_one(tmp_path):
 def test_the_file_is_readable_by_people(tmp_path):
     StateStore(tmp_path).save({"R_e": 0.0035}, wall_ns=1)
     assert json.loads((tmp_path / "state").read_text().split("\n", 1)[1]) == {"saved_ns": 1, "state": {"R_e": 0.0035}}
+
+
+def test_what_the_engine_refuses_is_set_aside_and_the_generation_before_is_tried(tmp_path):
+    store = two_generations(tmp_path)
+    used = []
+
+    def use(state):
+        if state["generation"] == 2:
+            raise StateError("its core is 5000 °C")
+        used.append(state["generation"])
+
+    found = store.load(use)
+    assert (found.state["generation"], used) == (1, [1])
+    assert "5000 °C; set aside as state.refused" in str(found.problems[0])
+    assert (tmp_path / "state.refused").exists()
+    assert store.load().problems == ()
