@@ -66,6 +66,10 @@ class LogNotes:
         """Count an error frame."""
         self.errors += 1
 
+    def note_impossible(self) -> None:
+        """Count a record that cannot be a frame."""
+        self.note_broken(self.frames + self.broken + 1, "identifier, length or time stamp that no frame has")
+
     def note_broken(self, number: int, text: str) -> None:
         """Count a broken record and keep the first ones."""
         self.broken += 1

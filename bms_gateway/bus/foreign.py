@@ -35,6 +35,7 @@ BROKEN: Final = (
     zlib.error,
 )
 """What python-can's readers raise on bad records, next to its own."""
+LONGEST_LINE: Final = 1 << 16  # characters; the longest record of a text format has some hundred
 GIVE_UP: Final = 1_000  # broken records in a row: this is another kind of file
 
 
@@ -56,8 +57,14 @@ class _Lines:
         if self._blank:
             self._blank = False
             return "\n"
-        line = next(self._file)
+        line = self._file.readline(LONGEST_LINE)
+        if not line:
+            raise StopIteration
         self.number += 1
+        if len(line) == LONGEST_LINE and not line.endswith("\n"):
+            while (rest := self._file.readline(LONGEST_LINE)) and not rest.endswith("\n"):
+                pass  # however long it is, only a piece of it is in memory
+            raise ValueError(f"a line of over {LONGEST_LINE >> 10} KiB")
         return line
 
     def close(self) -> None:
@@ -153,4 +160,8 @@ def _reader(kind: str) -> tuple[Any, ...]:
     if kind == ".asc":
         # with the date of the header, so that records of one day can be put in order
         return (partial(can.ASCReader, relative_timestamp=False),)
-    return ({".blf": can.BLFReader, ".csv": can.CSVReader, ".trc": can.TRCReader}[kind],)
+    if kind == ".blf":
+        from bms_gateway.bus.blf import BoundedBlf
+
+        return (BoundedBlf,)
+    return ({".csv": can.CSVReader, ".trc": can.TRCReader}[kind],)

@@ -1,10 +1,13 @@
 """Between python-can's messages and batches."""
 
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Final, Protocol
 
 import numpy as np
 
+from bms_gateway.bus.candump import LATEST_S
 from bms_gateway.frames.batch import EXTENDED, FrameBatch
+
+LONGEST: Final = 64  # bytes of a CAN FD frame
 
 if TYPE_CHECKING:
     import can
@@ -19,6 +22,10 @@ class Tally(Protocol):
         """Count an error frame."""
         ...
 
+    def note_impossible(self) -> None:
+        """Count what cannot be a frame."""
+        ...
+
 
 def to_batch(messages: "list[can.Message]", tally: Tally, shift_s: float = 0.0) -> FrameBatch:
     """Turn messages into a batch; remote and error frames are counted and left out.
@@ -27,7 +34,7 @@ def to_batch(messages: "list[can.Message]", tally: Tally, shift_s: float = 0.0) 
     ----------
     messages : list of can.Message
     tally : Tally
-        Counts what is left out.
+        Counts what is left out; so is what no bus carries.
     shift_s : float
         Added to the stamps.
 
@@ -41,6 +48,10 @@ def to_batch(messages: "list[can.Message]", tally: Tally, shift_s: float = 0.0) 
         tally.remote += sum(m.is_remote_frame and not m.is_error_frame for m in messages)
         for _ in range(sum(m.is_error_frame for m in messages)):
             tally.note_error()
+    possible = [m for m in kept if _is_possible(m, shift_s)]
+    for _ in range(len(kept) - len(possible)):
+        tally.note_impossible()
+    kept = possible
     payloads = [bytes(m.data) for m in kept]
     width = 64 if any(len(p) > 8 for p in payloads) else 8
     data = np.frombuffer(b"".join(p.ljust(width, b"\0") for p in payloads), np.uint8).reshape(-1, width)
@@ -51,6 +62,13 @@ def to_batch(messages: "list[can.Message]", tally: Tally, shift_s: float = 0.0) 
         np.array([len(p) for p in payloads], np.uint8),
         data.copy(),
     )
+
+
+def _is_possible(m: "can.Message", shift_s: float) -> bool:
+    """Whether a bus can have carried it: readers hand on what a damaged file says."""
+    in_time = -LATEST_S < m.timestamp + shift_s < LATEST_S  # false for NaN
+    most = 0x1FFF_FFFF if m.is_extended_id else 0x7FF
+    return in_time and 0 <= m.arbitration_id <= most and len(m.data) <= LONGEST
 
 
 def to_message(can_id: int, payload: bytes) -> "can.Message":

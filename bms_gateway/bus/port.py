@@ -31,7 +31,7 @@ class Counters:
     errors: dict[str, int] = field(default_factory=dict)
     """Error frames by class; one frame may be of several."""
     malformed: int = 0
-    """Datagrams that are no CAN frame."""
+    """Datagrams that are no CAN frame, and frames that no bus carries."""
     stale: int = 0
     """Not sent because a newer value was due."""
     overflow: int = 0
@@ -44,6 +44,10 @@ class Counters:
     clock_steps: int = 0
     misdated: int = 0
     """Frames whose stamp could not be true: the time of their arrival was taken."""
+
+    def note_impossible(self) -> None:
+        """Count what cannot be a frame."""
+        self.malformed += 1
 
     def note_error(self, name: str = "other") -> None:
         """Count an error frame of a class."""

@@ -1,0 +1,67 @@
+"""Vector's BLF through python-can's reader, with bounds on what a damaged or hostile file can make it hold.
+
+A container of a few kilobytes may unpack to gigabytes, and the header of one object may claim that it goes on through
+all containers that follow. Both end in a broken record here.
+"""
+
+import zlib
+from collections.abc import Generator, Iterator
+from typing import BinaryIO, Final
+
+import can
+from can.io import blf
+
+MOST: Final = 16 << 20  # bytes of one container or object; writers make containers of 128 KiB
+
+
+class BoundedBlf(blf.BLFReader):
+    """python-can's reader with containers and objects of up to `MOST` bytes."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        super().__init__(_Bounded(file))  # type: ignore[arg-type]
+
+    def __iter__(self) -> Generator[can.Message, None, None]:
+        """Messages of the containers from here on."""
+        while head := self.file.read(blf.OBJ_HEADER_BASE_STRUCT.size):
+            signature, _, _, size, kind = blf.OBJ_HEADER_BASE_STRUCT.unpack(head)
+            if signature != b"LOBJ":
+                raise blf.BLFParseError("not an object of a BLF")
+            packed = self.file.read(size - blf.OBJ_HEADER_BASE_STRUCT.size)
+            self.file.read(size % 4)  # padding
+            if kind == blf.LOG_CONTAINER:
+                yield from self._parse_container(_unpacked(packed))
+
+    def _parse_container(self, data: bytes) -> Iterator[can.Message]:
+        yield from super()._parse_container(data)
+        if len(self._tail) > MOST:
+            self._tail = b""
+            raise blf.BLFParseError(f"an object of over {MOST >> 20} MiB")
+
+
+class _Bounded:
+    """A file from which nothing huge is read at once, whatever a header claims."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+
+    def read(self, size: int) -> bytes:
+        if not 0 <= size <= MOST:
+            raise blf.BLFParseError(f"a record of {size >> 20} MiB")
+        return self._file.read(size)
+
+    def close(self) -> None:
+        self._file.close()
+
+
+def _unpacked(packed: bytes) -> bytes:
+    method, _ = blf.LOG_CONTAINER_STRUCT.unpack_from(packed)
+    data = packed[blf.LOG_CONTAINER_STRUCT.size :]
+    if method == blf.NO_COMPRESSION:
+        return data
+    if method != blf.ZLIB_DEFLATE:
+        raise blf.BLFParseError(f"a container packed by method {method}")
+    unpack = zlib.decompressobj()
+    data = unpack.decompress(data, MOST)
+    if unpack.unconsumed_tail:
+        raise blf.BLFParseError(f"a container of over {MOST >> 20} MiB")
+    return data
