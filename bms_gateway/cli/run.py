@@ -155,7 +155,7 @@ def _recent(loaded: "LoadedConfig") -> "Recent | None":
 
 
 def saver(store: "StateStore", recent: "Recent | None" = None) -> "Callable[[Mapping[str, object]], None]":
-    """What the gateway saves with: the state first, should the room be short, then the recent signals."""
+    """Make what the gateway saves with: the state first, should the room be short, then the recent signals."""
     import time
 
     def save(state: "Mapping[str, object]") -> None:
