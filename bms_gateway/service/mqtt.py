@@ -6,9 +6,12 @@ Below the topic of the gateway::
     alert       one JSON object when an alert is raised, changes or is over
     estimates   one JSON object every interval: hottest and coldest core, growth and flags of each string
 
-Everything is sent once it is acknowledged (QoS 1), one message at a time, so that nothing piles up inside the client;
-what waits, waits in the spool. Connecting, with names to look up and certificates to check, is done in threads that
-nobody waits for; a broker that is slow, silent, or refuses is tried again with growing pauses. No frame waits for it.
+Every message is acknowledged (QoS 1) before the next goes out, so that nothing piles up inside the client; what waits,
+waits in the spool. A broker that is slow, silent, or refuses is tried again with growing pauses.
+
+The client lives in a thread with a loop of its own. The gateway's loop ends the service at any exception, as a bug; of
+a client that meets a vanished socket now and then that would be too strict, and no frame should ever wait for it. What
+is told is made in the gateway's loop, where the engine is, and handed over as text.
 """
 
 import asyncio
@@ -102,9 +105,11 @@ class Publisher:
         self._settings, self._files = settings, files
         self._status, self._estimates = status, estimates
         self._tls = _tls(settings, files)
-        self._wake = asyncio.Event()
+        self._wake = asyncio.Event()  # of the client's loop, as all below
+        self._client_loop: asyncio.AbstractEventLoop | None = None
+        self._client_task: asyncio.Task[None] | None = None
         self._delay_s = 0.0
-        self._due_s = float("-inf")
+        self._line = ""
         self._told: str | None = None
         self.spool = Spool(settings.spool)
         self.connected = False
@@ -123,35 +128,65 @@ class Publisher:
             "text": c.text,
         }
         self._put("alert", found)
-        self._wake.set()
 
     async def run(self) -> None:
-        """Connect, publish, connect again, until cancelled."""
-        asyncio.get_running_loop().set_default_executor(Threads())
-        clock = asyncio.ensure_future(self._gather())
-        try:
-            while True:
-                try:
-                    async with self._client() as client:
-                        self._on_connected()
-                        await self._publish_all(client)
-                except (aiomqtt.MqttError, ConfigError, OSError) as error:
-                    self._on_failed(error)
-                await asyncio.sleep(self._delay_s)
-        finally:
-            clock.cancel()
+        """Gather and have it sent, until cancelled.
 
-    async def _gather(self) -> None:
-        """Queue a summary every interval, connected or not."""
-        while True:
-            await asyncio.sleep(self._settings.interval_s)
-            self._put("estimate", {"time": round(time.time(), 3), **self._estimates()})
-            self._wake.set()
+        Raises
+        ------
+        Exception
+            What has ended the client's thread: a bug.
+        """
+        here, ended = asyncio.get_running_loop(), asyncio.Event()
+        failures: list[BaseException] = []
+
+        def work() -> None:
+            try:
+                asyncio.run(self._live())
+            except asyncio.CancelledError:
+                pass
+            except BaseException as error:  # noqa: BLE001 — raised below, in the loop that must know
+                failures.append(error)
+            with suppress(RuntimeError):  # nobody waits any more
+                here.call_soon_threadsafe(ended.set)
+
+        self._line = self._status()
+        Thread(target=work, name="mqtt", daemon=True).start()
+        try:
+            while not await _within(ended, self._settings.interval_s):
+                self._put("estimate", {"time": round(time.time(), 3), **self._estimates()})
+        finally:
+            if self._client_loop is not None and self._client_task is not None:
+                with suppress(RuntimeError):
+                    self._client_loop.call_soon_threadsafe(self._client_task.cancel)
+            await _within(ended, 1.5 * FAREWELL_S)
+        raise failures[0] if failures else RuntimeError("the client has ended")
 
     def _put(self, kind: Any, found: dict[str, Any]) -> None:
         text = json.dumps(found, ensure_ascii=False, allow_nan=False)
         topic = "alert" if kind == "alert" else "estimates"
         self.spool.put(kind, Message(f"{self._settings.topic}/{topic}", text.encode()))
+        self._line = self._status()
+        if self._client_loop is not None:
+            with suppress(RuntimeError):
+                self._client_loop.call_soon_threadsafe(self._wake.set)
+
+    # in the client's thread
+
+    async def _live(self) -> None:
+        """Connect, publish, connect again, until cancelled."""
+        loop = asyncio.get_running_loop()
+        loop.set_default_executor(Threads())
+        loop.set_exception_handler(lambda _, context: log.debug("MQTT: in the client: %s", context["message"]))
+        self._client_loop, self._client_task = loop, asyncio.current_task()
+        while True:
+            try:
+                async with self._client() as client:
+                    self._on_connected()
+                    await self._publish_all(client)
+            except (aiomqtt.MqttError, ConfigError, OSError) as error:
+                self._on_failed(error)
+            await asyncio.sleep(self._delay_s)
 
     def _client(self) -> aiomqtt.Client:
         s = self._settings
@@ -210,7 +245,7 @@ class Publisher:
             self.connected = False
 
     async def _tell_status(self, client: aiomqtt.Client, line: str | None = None) -> None:
-        line = line or self._status()
+        line = line or self._line
         if line != self._told:
             await self._publish(client, Message(f"{self._settings.topic}/status", line.encode()), retain=True)
             self._told = line
@@ -232,6 +267,13 @@ class Publisher:
 
 def _one(name: str, kind: Literal["gauge", "counter"], text: str, value: float) -> Family:
     return Family(f"bms_gateway_mqtt_{name}", kind, text, (("", {}, float(value)),))
+
+
+async def _within(event: asyncio.Event, seconds: float) -> bool:
+    """Wait for an event; whether it came."""
+    with suppress(TimeoutError):
+        await asyncio.wait_for(event.wait(), seconds)
+    return event.is_set()
 
 
 async def _until_gone(client: aiomqtt.Client) -> None:

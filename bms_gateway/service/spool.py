@@ -9,6 +9,7 @@ alert.
 
 from collections import deque
 from dataclasses import dataclass
+from threading import Lock
 from typing import Final, Literal
 
 Kind = Literal["alert", "estimate"]
@@ -25,7 +26,7 @@ class Message:
 
 
 class Spool:
-    """Queues of messages.
+    """Queues of messages, filled by one thread and emptied by another.
 
     Parameters
     ----------
@@ -52,27 +53,31 @@ class Spool:
         self._limit = limit
         self._queues: dict[Kind, deque[Message]] = {kind: deque() for kind in KINDS}
         self._bytes = dict.fromkeys(KINDS, 0)
+        self._lock = Lock()
         self.dropped: dict[Kind, int] = dict.fromkeys(KINDS, 0)
 
     def put(self, kind: Kind, message: Message) -> None:
         """Add a message; the oldest of its kind give way."""
-        queue = self._queues[kind]
-        queue.append(message)
-        self._bytes[kind] += len(message.payload)
-        while len(queue) > self._limit or (self._bytes[kind] > MOST_BYTES and queue):
-            self._bytes[kind] -= len(queue.popleft().payload)
-            self.dropped[kind] += 1
+        with self._lock:
+            queue = self._queues[kind]
+            queue.append(message)
+            self._bytes[kind] += len(message.payload)
+            while len(queue) > self._limit or (self._bytes[kind] > MOST_BYTES and queue):
+                self._bytes[kind] -= len(queue.popleft().payload)
+                self.dropped[kind] += 1
 
     def head(self) -> tuple[Kind, Message] | None:
         """Give the next to send: alerts before estimates, old before new; it stays until `sent`."""
-        return next(((kind, queue[0]) for kind, queue in self._queues.items() if queue), None)
+        with self._lock:
+            return next(((kind, queue[0]) for kind, queue in self._queues.items() if queue), None)
 
     def sent(self, kind: Kind, message: Message) -> None:
         """Take out a message that was given by `head`; while it was being sent it may have given way already."""
-        queue = self._queues[kind]
-        if queue and queue[0] is message:
-            queue.popleft()
-            self._bytes[kind] -= len(message.payload)
+        with self._lock:
+            queue = self._queues[kind]
+            if queue and queue[0] is message:
+                queue.popleft()
+                self._bytes[kind] -= len(message.payload)
 
     def waiting(self, kind: Kind) -> int:
         """Messages of a kind that are not sent yet."""
