@@ -126,6 +126,7 @@ async function start() {
   addEventListener("tab", (e) => step(e.detail));
   addEventListener("keydown", keys);
   document.addEventListener("visibilitychange", () => live.listen(ui.tab === "live" && !document.hidden));
+  new ResizeObserver(() => document.documentElement.style.setProperty("--top", `${$("top").offsetHeight}px`)).observe($("top"));
   road.prepare();
   const [site] = await Promise.all([get("site"), claim()]);
   if (site.watch) live.prepare(site.watch);

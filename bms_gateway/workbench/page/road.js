@@ -46,6 +46,7 @@ async function take(files, field = null) {
 const short = (path) => path.split(/[\\/]/).pop();
 
 export function show(next) {
+  if (state && next.stairs.length > state.stairs.length) field.value = "";
   const first = state?.files !== next.files && JSON.stringify(state?.files) !== JSON.stringify(next.files);
   state = next;
   if (first && state.files) {
