@@ -21,7 +21,8 @@ CURRENT = Thresholds(rise=(1.0, 2.0), fall=(0.5, 1.5), hold=1)
 SIGNIFICANT = 3.0  # sd: a change less sure than this raises no flag
 ALIKE = 0.6  # smallest over largest drift from which all sensors are said to drift alike: then it is the inlet's
 JUMPED = 0.06  # ln: a jump of R_e of this size is one
-OFF_VOLTAGE = 0.06  # ln: thermal over electrical resistance, moved so far: the current's scale is wrong
+OFF_VOLTAGE = Thresholds(rise=(0.05,), fall=(0.03,), hold=CONFIRM)
+"""Thermal over electrical resistance, ln, moved so far since commissioning: the current's scale is wrong."""
 WITNESS_WINDOWS = 5  # that make what the ratio was at commissioning
 FOLLOW = 0.3  # share of a new window in the ratio's running mean
 RAIL = (0.03, 20)  # share and number of ticks at exactly the greatest current: a sensor that ends there
@@ -126,7 +127,8 @@ class CurrentWatch:
     ratio: float = nan
     _base: float = 0.0
     _windows: int = 0
-    _off: int = 0
+    _off: Flag = field(default_factory=lambda: Flag(OFF_VOLTAGE))
+    _newest: float = 0.0
     _jump: float = 0.0
     _shape: str = ""
     _shaped: int = 0
@@ -144,10 +146,16 @@ class CurrentWatch:
     @property
     def wrong_scale(self) -> bool:
         """Whether the voltage says that the current's scale is wrong."""
-        return self._off >= CONFIRM
+        return self._off.level > 0
+
+    @property
+    def believed(self) -> bool:
+        """Whether the newest window's R_e may count as the cells': a scale is wrong before that is certain."""
+        return not self.wrong_scale and abs(self._newest) <= OFF_VOLTAGE.rise[0]
 
     def listen(self, ln_ratio: float) -> None:
         """Take one window's ln of thermal over electrical resistance; NaN where there was no voltage."""
+        self._newest = 0.0
         if ln_ratio != ln_ratio:
             return
         if not self.heard:
@@ -155,8 +163,9 @@ class CurrentWatch:
             self._base += (ln_ratio - self._base) / self._windows
             self.ratio = self._base
             return
-        self._off = self._off + 1 if abs(ln_ratio - self._base) > OFF_VOLTAGE else 0
+        self._newest = ln_ratio - self._base
         self.ratio += FOLLOW * (ln_ratio - self.ratio)
+        self._off.update(abs(self.scale))
 
     def doubted(self, shape: str) -> bool:
         """Take a window whose current had a suspicious `shape` and contradicts the heat, or none (empty)."""
@@ -195,7 +204,7 @@ class CurrentWatch:
             "ratio": self.ratio if self.heard else self._base,
             "base": self._base,
             "windows": self._windows,
-            "off": self._off,
+            "off": self._off.level,
             "jump": self._jump,
             "shape": self._shape,
             "shaped": self._shaped,
@@ -205,7 +214,8 @@ class CurrentWatch:
         """Take up a stored state."""
         self.flag = Flag(CURRENT, stored_level(state["level"], 2))
         self.ratio, self._base, self._jump = (float(state[key]) for key in ("ratio", "base", "jump"))
-        self._windows, self._off, self._shaped = (int(state[key]) for key in ("windows", "off", "shaped"))
+        self._windows, self._shaped = int(state["windows"]), int(state["shaped"])
+        self._off = Flag(OFF_VOLTAGE, stored_level(state["off"], 1))
         self._shape = str(state["shape"])
 
 

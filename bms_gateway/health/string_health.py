@@ -185,7 +185,7 @@ class StringHealth:
         doubted = self.current.doubted(result.shape if self.trend.surprising(result.seen) else "")
         if not doubted:
             self.current.listen(result.ratio)
-            self.trend.update(result.seen, result.share, believe=not self.current.wrong_scale)
+            self.trend.update(result.seen, result.share, believe=self.current.believed)
         if self.current.update(self.trend):
             moved.append(Change("current", self.current.flag.level, self.current.sentence()))
         if doubted:  # such a window says nothing else

@@ -87,6 +87,9 @@ class Kind(Enum):
     STRANGE = "nothing that the filter knows"
 
 
+UNREST = {Kind.USUAL: 0.0, Kind.OPENED: 1.0, Kind.JUMP: 0.5, Kind.STRANGE: 1.0}
+
+
 class Trend:
     """See the module's text.
 
@@ -176,14 +179,14 @@ class Trend:
             P[self.drifts, self.drifts] += np.eye(self.m) * WALK["drift"] ** 2 * share
         self.windows += 1
         P, kind = self._explained(P, H, z, R)
-        self.unrest += UNREST_SHARE * (float(kind is not Kind.USUAL) - self.unrest)
+        self.unrest += UNREST_SHARE * (UNREST[kind] - self.unrest)
         self.surprises = self.surprises + 1 if kind is Kind.JUMP else 0
         if kind is Kind.STRANGE:
             self.P = P
             return kind
         if not believe or self.restless or 0 < self.surprises < CONFIRM:
             R[0, 0] += LEFT_OUT
-        if self.surprises >= CONFIRM:
+        elif self.surprises >= CONFIRM:
             P[J, J] += OPENED["jump"] ** 2
         S_ = H @ P @ H.T + R
         gain = np.linalg.solve(S_, H @ P).T
@@ -235,10 +238,10 @@ class Trend:
 
     def reset(self, level_sd: float = UNKNOWN) -> None:
         """Make a new baseline of R_e from the next windows; what else is known stays."""
-        for state, sd in ((L, level_sd), (G, 0.0), (J, 0.0)):
+        for state, sd in ((L, level_sd), (G, 0.0), (RATE, RATE_SD), (J, 0.0)):
             self.P[state, :] = self.P[:, state] = 0.0
             self.P[state, state] = sd**2
-        self.x[[G, J]] = 0.0
+        self.x[[G, RATE, J]] = 0.0
         self.surprises = 0
 
     def snapshot(self) -> dict[str, Any]:

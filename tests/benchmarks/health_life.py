@@ -51,7 +51,7 @@ def drives_of(life, first, last):
         )
         I = d.current * r.uniform(0.75, 1.25)  # noqa: E741
         flow = float(r.choice([0.6, 0.8, 1.0, 1.0, 1.2]))
-        name, since, size = life.fault if k >= life.fault[1] else ("", 0, 0.0)
+        name, _, size = life.fault if k >= life.fault[1] else ("", 0, 0.0)
         cells = np.random.default_rng([life.seed, 5]).normal(0, 0.02, CELLS)
         t = terms(
             CELLS,

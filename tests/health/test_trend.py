@@ -1,0 +1,141 @@
+"""The filter over windows: growth follows the truth, weather and noise do not pass for it, jumps are put where they
+belong."""
+
+import json
+
+import numpy as np
+import pytest
+
+from bms_gateway.errors import StateError
+from bms_gateway.health.trend import CONFIRM, B, G, J, Kind, L, Prior, Trend, U
+from tests.health.observed import observed
+
+
+def driven(trend: Trend, windows: int, seed: int = 1, growth=lambda k: 0.0, **more) -> list[Kind]:
+    rng = np.random.default_rng(seed)
+    return [
+        trend.update(
+            observed(rng, growth=np.log1p(growth(k)), core=rng.uniform(5, 45), flow=rng.choice([0.7, 1.0]), **more)
+        )
+        for k in range(windows)
+    ]
+
+
+@pytest.mark.parametrize("true_B", [1500.0, 3500.0])
+def test_growth_is_followed_through_all_weathers_and_the_exponent_is_learnt(true_B: float) -> None:
+    trend = Trend(2)
+    driven(trend, 300, growth=lambda k: 0.001 * k, B=true_B)
+    growth, sd = trend.of(G)
+    assert np.expm1(growth) == pytest.approx(0.30, abs=0.03)
+    assert sd < 0.02
+    assert trend.exponent == pytest.approx(true_B, abs=150)
+
+
+def test_without_growth_there_is_none() -> None:
+    trend = Trend(2)
+    kinds = driven(trend, 300)
+    assert abs(trend.of(G)[0]) < 0.02
+    assert kinds.count(Kind.USUAL) > 290
+
+
+def test_one_window_that_is_far_off_moves_nothing() -> None:
+    trend = Trend(2)
+    driven(trend, 60)
+    before = trend.of(G)[0]
+    assert trend.update(observed(growth=0.6)) in (Kind.JUMP, Kind.STRANGE)
+    assert trend.of(G)[0] == pytest.approx(before, abs=0.005)
+
+
+def test_a_jump_of_R_e_is_no_growth() -> None:
+    trend = Trend(2)
+    driven(trend, 60)
+    before = trend.of(G)[0]
+    kinds = driven(trend, CONFIRM, seed=2, level=0.3)
+    assert kinds == [Kind.JUMP] * CONFIRM
+    assert trend.of(J)[0] == pytest.approx(0.3, abs=0.08)
+    driven(trend, 60, seed=3, level=0.3)
+    assert trend.of(J)[0] == pytest.approx(0.3, abs=0.05)
+    assert trend.of(G)[0] == pytest.approx(before, abs=0.05)
+
+
+def test_a_fan_that_stops_and_a_thermocouple_that_moves_are_taken_up_at_once() -> None:
+    for more, at, value in (({"cooling": 0.6}, U, 0.6), ({"drift": (3.0, 0.0)}, None, 3.0)):
+        trend = Trend(2)
+        driven(trend, 60)
+        before = trend.of(G)[0]
+        kinds = driven(trend, 2, seed=2, **more)
+        assert kinds[0] is Kind.OPENED
+        found = trend.of(U)[0] if at == U else trend.x[trend.drifts][0]
+        assert found == pytest.approx(value, rel=0.2)
+        assert abs(trend.of(G)[0] - before) < 0.02
+
+
+def test_what_nothing_explains_is_passed_over_and_growth_is_held() -> None:
+    trend = Trend(2)
+    driven(trend, 60)
+    before = trend.x.copy()
+    odd = observed()
+    odd.mean[2:5] = (1.0, -1.0, 1.0)
+    assert trend.update(odd) is Kind.STRANGE
+    assert trend.x[L] == pytest.approx(before[L])
+    for _ in range(5):
+        trend.update(odd)
+    assert trend.restless
+    driven(trend, 5, growth=lambda k: 0.05)
+    assert trend.of(G)[0] == pytest.approx(before[G], abs=0.01)
+    driven(trend, 60)
+    assert not trend.restless
+
+
+def test_a_window_whose_current_is_wrong_leaves_growth_alone() -> None:
+    trend = Trend(2)
+    driven(trend, 60)
+    before = trend.of(G)[0]
+    for _ in range(20):
+        trend.update(observed(growth=0.05), believe=False)
+    assert trend.of(G)[0] == pytest.approx(before, abs=0.02)  # at the rate of before
+
+
+def test_a_commissioned_level_makes_growth_known_from_the_first_windows() -> None:
+    trend = Trend(2, Prior(level_sd=0.02, grown_sd=0.3, B=2500.0, B_sd=100.0))
+    driven(trend, 6, growth=lambda k: 0.2)
+    growth, sd = trend.of(G)
+    assert np.expm1(growth) == pytest.approx(0.2, abs=0.06)
+    assert sd < 0.04
+
+
+def test_a_reset_begins_again_from_what_is_there() -> None:
+    trend = Trend(2)
+    driven(trend, 100, growth=lambda k: 0.25)
+    exponent = trend.of(B)
+    trend.reset()
+    assert trend.of(G) == (0.0, 0.0)
+    assert trend.of(B) == exponent
+    driven(trend, 40, growth=lambda k: 0.25)
+    assert abs(trend.of(G)[0]) < 0.02
+
+
+def test_charge_and_flow_that_nobody_knows_are_no_fault() -> None:
+    trend = Trend(2)
+    for _ in range(10):
+        trend.update(observed(soc=float("nan"), flow=1.0))
+    expected = trend.expected(float("nan"), float("nan"), 0.0)
+    assert np.isfinite(expected).all()
+    assert expected == pytest.approx(np.zeros(7), abs=0.05)
+    assert not trend.surprising(observed())
+    assert trend.surprising(observed(growth=1.0))
+
+
+def test_the_state_survives_a_restart_and_a_foreign_one_is_refused() -> None:
+    one, two = Trend(2), Trend(2)
+    driven(one, 30)
+    two.restore(json.loads(json.dumps(one.snapshot(), allow_nan=False)))
+    for trend in (one, two):
+        driven(trend, 5, seed=4)
+    assert one.snapshot() == two.snapshot()
+    state = one.snapshot()
+    for damage in ({"x": [0.0]}, {"P": (-np.eye(len(one.x))).tolist()}, {"x": [float("nan")] * len(one.x)}):
+        with pytest.raises(StateError, match="starting anew"):
+            Trend(2).restore(state | damage)
+    with pytest.raises(StateError, match="another string"):
+        Trend(3).restore(state)

@@ -1,0 +1,68 @@
+"""One window against the independent integrator: R_e at 25 °C, R_u and offsets are inside their bands."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bms_gateway.health.trend import Trend
+from bms_gateway.health.window_fit import fit_window
+from bms_gateway.thermal import StringParameters
+from tests.benchmarks.health_life import CELLS, SENSORS, SOC_SLOPE, Life, drives_of
+from tests.truth.pack import NOMINAL
+
+SENSED = tuple(k - 1 for k in SENSORS)
+STRING = StringParameters.of(CELLS, **NOMINAL, coolant="ntu")
+GUESS = Trend(len(SENSED)).expected(1.0, 0.5, 0.0)
+
+
+def observed(life: Life, drives: int, B: float = 2500.0) -> list:
+    return [fit_window(STRING, w, SENSED, GUESS, B) for w in drives_of(life, 0, drives)]
+
+
+def test_resistances_are_found_within_their_bands() -> None:
+    """C_c and R_c of the truth are 4 and 5 % off; charge is taken off by what is known of it here."""
+    seen = observed(Life(5), 16)
+    off = np.array(
+        [
+            [o.mean[0] - SOC_SLOPE * (0.5 - o.soc), o.mean[1] + 0.5 * np.log(o.flow), o.mean[2] - np.log(0.95)]
+            for o in seen
+        ]
+    )
+    sd = np.array([np.sqrt(np.diag(o.cov))[:3] for o in seen])
+    assert (np.abs(off) < 3.0 * np.hypot(sd, 0.03)).mean() > 0.95
+    assert np.abs(off.mean(axis=0)).max() < 0.06
+
+
+def test_growth_is_in_R_e_and_in_nothing_else() -> None:
+    pairs = zip(observed(Life(6), 6), observed(Life(6, fault=("joint", 0, 0.2)), 6), strict=True)
+    moved = np.array([b.mean - a.mean for a, b in pairs])
+    assert moved[:, 0].mean() == pytest.approx(np.log(1.2), abs=0.03)
+    assert np.abs(moved[:, 1:5].mean(axis=0)).max() < 0.06
+
+
+def test_an_offset_of_a_thermocouple_is_in_its_own_place() -> None:
+    pairs = zip(observed(Life(7), 4), observed(Life(7, fault=("thermocouple", -60, 2.0)), 4), strict=True)
+    moved = np.array([b.mean - a.mean for a, b in pairs])
+    assert moved[:, 5].mean() - moved[:, 6].mean() == pytest.approx(2.0, abs=0.3)
+    assert np.abs(moved[:, 0]).mean() < 0.1
+
+
+def test_readings_that_lack_and_a_bulk_coolant_are_no_matter() -> None:
+    w = next(drives_of(Life(8, flow_known=False), 0, 1))
+    whole = fit_window(STRING, w, SENSED, GUESS, 2500.0)
+    surface = w.surface.copy()
+    surface[100:300] = np.nan
+    surface[:30] = np.nan
+    gaps = fit_window(replace(STRING, coolant="bulk"), replace(w, surface=surface), SENSED, GUESS, 2500.0)
+    assert gaps.mean[:2] == pytest.approx(whole.mean[:2], abs=0.1)
+    assert np.linalg.eigvalsh(gaps.cov)[0] > 0.0
+
+
+def test_a_window_without_heat_says_nothing() -> None:
+    w = next(drives_of(Life(9), 0, 1))
+    still = replace(w, square=np.zeros_like(w.square), surface=np.where(np.isnan(w.surface), np.nan, 20.0),
+                    inlet=np.full_like(w.inlet, 20.0))  # fmt: skip
+    seen = fit_window(STRING, still, SENSED, GUESS, 2500.0)
+    assert seen.mean[0] == pytest.approx(GUESS[0], abs=0.05)
+    assert np.sqrt(seen.cov[0, 0]) > 0.5
