@@ -1,8 +1,9 @@
 """Prometheus' text format, version 0.0.4: the little of it that a page of gauges and counters takes.
 
-Written here and not taken from prometheus_client, which costs 80 ms at the start of a small computer and 10 MiB for
-its HTTP server and registry, keeps values a second time, and would have to be fed on the way of the frames. Here a page
-is made from the present state when somebody asks for it, and nothing is done when nobody does.
+Written here and not taken from prometheus_client, which costs three times as much at a start (19 ms and 1.3 MiB against
+6 ms and 0.3 MiB for all of this), keeps every value a second time, would have to be fed on the way of the frames, and
+serves its page by threads without a bound. Here a page is made from the present state when somebody asks for it, and
+nothing is done when nobody does.
 """
 
 from collections.abc import Iterator, Mapping

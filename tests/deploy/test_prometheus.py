@@ -14,11 +14,12 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from bms_gateway.config.schema import Metrics, Mqtt
 from bms_gateway.service.alerts import Condition, Severity
-from bms_gateway.service.metrics import Page
+from bms_gateway.service.metrics import FLAGS, Page
 from bms_gateway.service.mqtt import Publisher
 from tests.service.pack import Pack
 
 DEPLOY = Path(__file__).resolve().parents[2] / "deploy"
+PACKAGE = DEPLOY.parent / "bms_gateway"
 RULES = DEPLOY / "prometheus" / "rules.yml"
 SCRAPE = DEPLOY / "prometheus" / "scrape.yml"
 DASHBOARD = DEPLOY / "grafana" / "bms-gateway.json"
@@ -33,6 +34,7 @@ def exported():
     """Name of each sample that the gateway can export, with the values of its labels; MQTT and an alert among them."""
     pack = Pack(12)
     pack.drive(6)
+    pack.gateway.tally.notices["sensor"] = 1
     pack.watch.alerts.update(1e12, [Condition("sensor", Severity.WARNING, "x", "string_1", settled=True)])
     for s in pack.engine.strings:
         s.health.ageing.growth, s.health.ageing.growth_sd, s.health.cooling.growth = 0.1, 0.02, 0.1
@@ -155,6 +157,21 @@ def test_legends_name_labels_that_are_there_and_panels_do_not_overlap(exported):
             )
             assert set(re.findall(r"{{(\w+)}}", target["legendFormat"])) <= labels | ADDED, panel["title"]
     assert len({p["id"] for p in dashboard()["panels"]}) == len(dashboard()["panels"])
+
+
+def test_the_readme_tells_of_every_metric_and_alert_and_of_no_other(exported):
+    text = (DEPLOY.parent / "README.md").read_text()
+    table = text.split("<!-- metrics -->")[1].split("<!-- /metrics -->")[0]
+    rows = [[cell.strip() for cell in line.split(" | ")] for line in table.strip().splitlines()[2:]]
+    names = {f"bms_gateway_{n}" for row in rows for n in re.findall(r"`(\w+)`", row[0])}
+    labels = {n for row in rows for n in re.findall(r"`(\w+)`", row[1])}
+    known = {re.sub("_(bucket|sum|count)$", "", n) for n in exported if n.startswith("bms_gateway_")}
+    assert names == known
+    assert labels == {label for n in exported if n.startswith("bms") for label in exported[n]}
+    alerts = set(re.findall(r"^\| `(\w+)` \| (?:warning|alarm)", text, re.M))
+    written = "".join((PACKAGE / "service" / "watch.py").read_text().split())
+    found = set(re.findall(r'Condition\("(\w+)"', written)) | set(FLAGS)
+    assert alerts == found
 
 
 def test_the_scrape_config_asks_where_the_gateway_listens():
