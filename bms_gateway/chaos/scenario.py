@@ -101,12 +101,15 @@ class Outcome:
         No core was sent outside its band, from the fault to the end; not asked where the fault misleads.
     recovered_s : float or None
         Seconds from the end of the fault until all was as before it.
+    sound_before : bool
+        The cores were right before anything was broken: else nothing that follows means anything.
     """
 
     scenario: Scenario
     reacted_s: tuple[float | None, ...] = ()
     in_band: bool = True
     recovered_s: float | None = None
+    sound_before: bool = True
 
     @property
     def tried(self) -> bool:
@@ -119,13 +122,18 @@ class Outcome:
         if not self.tried:
             return True
         late = self.recovered_s is None or self.recovered_s > self.scenario.recovers_s
-        return self.in_band and not late and None not in self.reacted_s
+        return self.sound_before and self.in_band and not late and None not in self.reacted_s
 
     @property
     def seen(self) -> str:
         """What was seen, for people."""
         if not self.tried:
             return f"not tried: {self.scenario.unfit}"
+        if not self.sound_before:
+            return (
+                "cores were wrong BEFORE THE FAULT: can the signals of this config carry the simulated pack "
+                "(ranges, scale, flow)?"
+            )
         parts = [
             f"{r.text} " + ("NOT SEEN" if s is None else f"after {s:.1f} s")
             for r, s in zip(self.scenario.expected, self.reacted_s, strict=True)
@@ -139,7 +147,7 @@ def judge(scenario: Scenario, record: Record) -> Outcome:
     found = [r.first_s(record) for r in scenario.expected]
     reacted = tuple(None if s is None else max(0.0, s - record.start_s) for s in found)
     in_band = scenario.misleads or all(s.in_band for s in record.since())
-    return Outcome(scenario, reacted, in_band, recovered_s(record))
+    return Outcome(scenario, reacted, in_band, recovered_s(record), record.before().in_band)
 
 
 def is_sound(now: Seen, before: Seen) -> bool:

@@ -1,0 +1,95 @@
+"""The command: its table, its JSON, its status, what it refuses; and all of it on a real vcan0."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from bms_gateway.cli.main import main
+from tests.chaos.bench import config
+
+
+def test_it_prints_what_was_expected_and_seen_and_writes_it_as_json(tmp_path, capsys):
+    words = ["chaos", "--config", str(config(tmp_path)), "--on", "memory", "--scenario", "crc", "--scenario", "down-up"]
+    assert main([*words, "--json", str(tmp_path / "a.json")]) == 0
+    out = capsys.readouterr().out
+    assert "held     crc " in out
+    assert "counted as crc after" in out
+    assert "skipped  down-up" in out
+    assert "1 faults tried, 1 held, 0 failed; 1 skipped" in out
+    crc, down = json.loads((tmp_path / "a.json").read_text())["scenarios"]
+    assert (down["name"], crc["name"]) == ("down-up", "crc") or (crc["name"], down["name"]) == ("crc", "down-up")
+    assert crc["holds"] is True
+    assert crc["recovered_s"] < crc["recovers_within_s"]
+    assert down["skipped"] == "needs an interface: --on vcan0"
+
+
+def test_status_is_1_when_one_does_not_hold_and_when_nothing_could_be_tried(tmp_path, monkeypatch, capsys):
+    words = ["chaos", "--config", str(config(tmp_path)), "--on", "memory", "--scenario"]
+    assert main([*words, "down-up"]) == 1
+    monkeypatch.setattr("bms_gateway.engine.inputs.Inputs.changes", lambda self, t1: [])
+    assert main([*words, "wrong-dlc"]) == 1
+    assert "1 failed: wrong-dlc" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (["--scenario", "parked-hour"], "did you mean 'parked-hours'"),
+        (["--seed", "-1"], "--seed -1: must not be negative"),
+        (["--on", "vcan9"], "cannot send on vcan9"),
+    ],
+)
+def test_wrong_words_are_told_in_one_line(tmp_path, capsys, words, line):
+    assert main(["chaos", "--config", str(config(tmp_path)), "--on", "memory", *words]) == 2
+    err = capsys.readouterr().err
+    assert line in err
+    assert err.count("\n") == 1
+
+
+def test_a_gateway_that_only_listens_cannot_be_watched(tmp_path, capsys):
+    file = config(tmp_path)
+    file.write_text(file.read_text().replace('channel = "vcan0"', 'channel = "vcan0"\ntransmit = false'))
+    assert main(["chaos", "--config", str(file), "--on", "memory"]) == 2
+    assert "bus.transmit is false" in capsys.readouterr().err
+
+
+def test_the_list_names_all_and_runs_none(tmp_path, capsys):
+    assert main(["chaos", "--config", str(config(tmp_path)), "--on", "memory", "--list"]) == 0
+    out = capsys.readouterr().out
+    assert "thermocouple-slow" in out
+    assert "down-up" in out
+    assert "not here: needs an interface" in out
+
+
+@pytest.mark.vcan
+def test_every_fault_on_a_real_interface(tmp_path):
+    words = ["chaos", "--config", str(config(tmp_path)), "--on", "vcan0", "--json", str(tmp_path / "a.json")]
+    done = subprocess.run([sys.executable, "-m", "bms_gateway", *words], capture_output=True, text=True)
+    print(done.stdout)
+    assert done.returncode == 0, done.stdout + done.stderr
+    outcomes = json.loads((tmp_path / "a.json").read_text())["scenarios"]
+    assert len(outcomes) >= 36
+    assert [o["name"] for o in outcomes if o["skipped"]] == []
+
+
+@pytest.mark.vcan
+def test_a_bus_with_a_battery_on_it_is_refused(tmp_path, capsys):
+    file = config(tmp_path)
+    assert main(["simulate", "--config", str(file), "--out", str(tmp_path / "a.log"), "--duration", "60"]) == 0
+    with subprocess.Popen(
+        [sys.executable, "-m", "bms_gateway", "replay", str(tmp_path / "a.log"), "--to", "vcan0"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+    ) as vehicle:
+        try:
+            for _ in range(30):  # the replay takes its time to start on a slow machine
+                status = main(["chaos", "--config", str(file), "--on", "vcan0", "--scenario", "down-up", "--list"])
+                status = main(["chaos", "--config", str(file), "--on", "vcan0", "--scenario", "crc"])
+                if status == 2 or vehicle.poll() is not None:
+                    break
+        finally:
+            vehicle.kill()
+    assert status == 2
+    assert "a battery is on this bus" in capsys.readouterr().err
