@@ -36,7 +36,7 @@ def frame_scenarios(facts: Facts) -> list[Scenario]:
         one(
             "wrong-dlc",
             "thermocouple frames come with one byte",
-            (Counted.of("error", "crc"), Told("sensor", "is not used")),
+            (Counted.of("error", "crc", "unknown_multiplexer"), Told("sensor", "is not used")),
             lambda f, _rng: _cut(f, np.isin(f.can_id, ids), 1),
             unfit,
         ),

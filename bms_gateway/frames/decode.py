@@ -61,7 +61,7 @@ class Samples:
     protected : Protected
         Counter and check sum per frame, for the guard.
     unknown : ndarray of intp (u,)
-        Frames, ascending, whose multiplexer shows a value that the DBC does not know.
+        Frames, ascending, whose multiplexer shows a value that the DBC does not know, or is not in them at all.
     """
 
     frame: Index
@@ -207,11 +207,11 @@ def _note_unknown(
     length: NDArray[np.uint8],
     unknown: list[Index],
 ) -> None:
-    """Keep the rows whose multiplexer value led nowhere and is none of the DBC."""
-    if len(hit) == len(row):
+    """Keep the rows that are too short for their multiplexer, or whose value led nowhere and is none of the DBC."""
+    short = table.switches.needs.take(switch) > length.take(row)
+    if len(hit) == len(row) and not short.any():
         return
-    held = table.switches.needs.take(switch) <= length.take(row)
-    strange = (held & ~np.isin(key, table.declared)).nonzero()[0]
+    strange = (short | ~np.isin(key, table.declared)).nonzero()[0]
     if len(strange):
         unknown.append(row.take(strange))
 

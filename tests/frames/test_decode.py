@@ -55,3 +55,21 @@ def test_every_message_decodes_as_cantools_does(path: Path) -> None:
         assert set(ours) == set(theirs), (message.name, payload.hex())
         for name, value in theirs.items():
             assert same(ours[name], value), (message.name, name, payload.hex(), ours[name], value)
+
+
+def test_a_frame_too_short_for_its_multiplexer_is_told_and_gives_nothing_of_what_it_selects() -> None:
+    text = (
+        'VERSION ""\nBS_:\nBU_: A\nBO_ 1 M: 8 A\n SG_ mux M : 8|8@1+ (1,0) [0|0] "" A\n'
+        ' SG_ head : 0|8@1+ (1,0) [0|0] "" A\n SG_ one m1 : 16|8@1+ (1,0) [0|0] "" A\n'
+        ' SG_ two m2 : 16|8@1+ (1,0) [0|0] "" A\n'
+    )
+    table = Database.load({"a.dbc": text}).compile(["M.head", "M.one"])
+    samples = decode(table, batch_of([(1, b"\x07"), (1, b"\x07\x01\x05"), (1, b"\x07\x02\x05"), (1, b"\x07\x03\x05")]))
+    assert samples.unknown.tolist() == [0, 3]
+    assert list(zip(samples.frame.tolist(), samples.value.tolist(), strict=True)) == [
+        (0, 7.0),
+        (1, 7.0),
+        (1, 5.0),
+        (2, 7.0),
+        (3, 7.0),
+    ]
