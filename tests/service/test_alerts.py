@@ -1,6 +1,6 @@
 """Alerts neither come too early nor flap, and one line tells the state."""
 
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bms_gateway.service.alerts import Alerts, Condition, Severity
@@ -56,6 +56,7 @@ def test_an_alert_that_becomes_an_alarm_is_told_again_and_comes_first():
     assert [c.raised for c in alerts.update(2.0, [plug(Severity.ALARM)])] == [False]
 
 
+@settings(deadline=None)
 @given(st.lists(st.sampled_from([(), ("a",), ("b",), ("a", "b")]), max_size=200), st.integers(0, 5), st.integers(0, 5))
 def test_every_raise_is_followed_by_its_end_before_the_next(steps, hold, clear):
     alerts, up = Alerts(grace_s=0.0, hold_s=hold, clear_s=clear), set()

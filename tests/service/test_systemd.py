@@ -19,6 +19,8 @@ from pathlib import Path
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
+from tests.service.broker import make_broker
+
 pytestmark = [pytest.mark.systemd, pytest.mark.slow]
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -298,6 +300,95 @@ def test_a_config_that_is_wrong_is_told_in_one_line_and_tried_again(installed):
         CONFIG.write_text(before)
         subprocess.run(["systemctl", "stop", UNIT], check=False)
         subprocess.run(["systemctl", "reset-failed", UNIT], check=False)
+
+
+def test_the_broker_is_told_with_a_password_that_only_systemd_can_read(installed, tmp_path):
+    before, password = CONFIG.read_text(), CONFIG.with_name("mqtt-password")
+    words = tmp_path / "passwords"
+    words.touch(0o600)
+    sh("mosquitto_passwd", "-b", words, "car", "word")
+    broker = make_broker(tmp_path)
+    broker.stop()
+    broker.configure("allow_anonymous false", f"password_file {words}")
+    broker.start()
+
+    def retained():
+        listen = [
+            "mosquitto_sub",
+            "-p",
+            str(broker.port),
+            "-u",
+            "car",
+            "-P",
+            "word",
+            "-t",
+            "car/status",
+            "-C",
+            "1",
+            "-W",
+            "5",
+        ]
+        return subprocess.run(listen, capture_output=True, text=True, check=False).stdout.strip()
+
+    try:
+        table = f'[mqtt]\nhost = "127.0.0.1"\nport = {broker.port}\ntopic = "car"\nusername = "car"'
+        CONFIG.write_text(f'{before}\n{table}\npassword_file = "mqtt-password"\n')
+        password.write_text("word\n")
+        password.chmod(0o644)
+        drop_in("test", "TimeoutStartSec=90s")
+        subprocess.run(["systemctl", "start", UNIT], check=False, capture_output=True)
+        until(
+            lambda: "'/etc/bms-gateway/mqtt-password' is open to others (mode 0644): chmod 600" in journal(), "refusal"
+        )
+        subprocess.run(["systemctl", "stop", UNIT], check=False)
+        password.chmod(0o600)
+        drop_in("test", "TimeoutStartSec=90s", f"LoadCredential=mqtt-password:{password}")
+        sh("systemctl", "start", UNIT)
+        until(lambda: retained().startswith("OK"), "the status line at the broker")
+        os.kill(int(prop("MainPID")), 9)
+        until(lambda: retained().startswith("OFFLINE") or int(prop("NRestarts")) > 0, "the last will")
+        until(lambda: retained().startswith("OK"), "the status line after the restart")
+        sh("systemctl", "stop", UNIT)
+        until(lambda: retained() == "STOPPED", "the end at the broker")
+        assert "word" not in journal().replace("mqtt-password", "")
+    finally:
+        subprocess.run(["systemctl", "stop", UNIT], check=False)
+        subprocess.run(["systemctl", "reset-failed", UNIT], check=False)
+        CONFIG.write_text(before)
+        password.unlink(missing_ok=True)
+        drop_in("test", None)
+        broker.stop()
+
+
+def test_networkd_understands_the_interface_file(installed):
+    folder = Path("/etc/systemd/network")
+    folder.mkdir(exist_ok=True)
+    text = (ROOT / "deploy" / "can0.network").read_text()
+    (folder / "can0.network").write_text(text)
+    (folder / "can1.network").write_text(text.replace("can0", "can1").replace("RestartSec", "RestartSeconds"))
+    runtime = Path("/run/systemd/netif")
+    for name in ("links", "leases", "lldp"):
+        (runtime / name).mkdir(parents=True, exist_ok=True)
+    sh("chown", "-R", "systemd-network", runtime)
+    environment = {**os.environ, "SYSTEMD_LOG_LEVEL": "debug", "SYSTEMD_LOG_TARGET": "console"}
+    daemon = subprocess.Popen(
+        ["/lib/systemd/systemd-networkd"], env=environment, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True
+    )
+    told = []
+    try:
+        for line in daemon.stderr:
+            told.append(line.strip())
+            if "Enumeration completed" in line:
+                break
+    finally:
+        daemon.kill()
+        daemon.wait()
+        daemon.stderr.close()
+    complaints = [line for line in told if "/etc/systemd/network/can" in line]
+    assert complaints == [
+        "/etc/systemd/network/can1.network:8: Unknown key 'RestartSeconds' in section [CAN], ignoring."
+    ], told[-20:]
+    assert {"BitRate=500K", "RestartSec=100ms", "PacketLimit=128"} <= set(text.splitlines())
 
 
 def test_uninstall_keeps_config_and_state_unless_purged(installed):

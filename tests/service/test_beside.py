@@ -1,0 +1,60 @@
+"""What runs beside the gateway follows the config, and a reload that would change it is refused."""
+
+import pytest
+
+from bms_gateway.bus.memory import MemoryBus
+from bms_gateway.config import load_config, shipped
+from bms_gateway.engine import Engine
+from bms_gateway.errors import ConfigError, MissingExtraError
+from bms_gateway.service import beside
+from bms_gateway.service.beside import accompany, same_beside
+from bms_gateway.service.live import Gateway
+
+BROKER = '[mqtt]\nhost = "localhost"'
+
+
+@pytest.fixture
+def loaded(tmp_path):
+    """Loads the example config with more at its end."""
+    (tmp_path / "string.toml").write_text(shipped("deploy/example/string.toml").read_text())
+    example = shipped("deploy/example/gateway.toml").read_text()
+
+    def load(more=""):
+        (tmp_path / "gateway.toml").write_text(f"{example}\n{more}\n")
+        return load_config(tmp_path / "gateway.toml")
+
+    return load
+
+
+def parts(config):
+    engine = Engine(config.plan, config.database)
+    gateway = Gateway(engine, MemoryBus().port())
+    watch = accompany(gateway, config, lambda: engine)
+    return gateway, watch
+
+
+def test_alerts_always_run_metrics_unless_off_and_mqtt_where_there_is_a_broker(loaded):
+    assert list(parts(loaded())[0].beside) == ["alerts", "metrics"]
+    assert list(parts(loaded('[metrics]\nlisten = "off"'))[0].beside) == ["alerts"]
+    assert list(parts(loaded(BROKER))[0].beside) == ["alerts", "metrics", "mqtt"]
+
+
+def test_the_settings_of_alerts_are_those_of_the_config(loaded):
+    gateway, watch = parts(loaded("[alerts]\ngrace_s = 20.0\nhold_s = 1.0\nclear_s = 2.0\ncore_max_C = 55.0"))
+    assert (watch.alerts.grace_s, watch.alerts.hold_s, watch.alerts.clear_s, watch.core_max_C) == (20.0, 1.0, 2.0, 55.0)
+    assert gateway.summary() == "OK"
+
+
+def test_mqtt_without_its_extra_is_one_line_with_the_command(loaded, monkeypatch):
+    monkeypatch.setattr(beside, "find_spec", lambda name: None)
+    with pytest.raises(MissingExtraError, match=r"gateway.toml: \[mqtt\] needs .* pip install 'bms-gateway\[mqtt\]'"):
+        parts(loaded(BROKER))
+
+
+@pytest.mark.parametrize("more", ['[metrics]\nlisten = "off"', "[alerts]\ngrace_s = 20.0", BROKER])
+def test_a_reload_that_needs_another_neighbour_needs_a_restart(loaded, more):
+    running = loaded()
+    same_beside(running, loaded("[observer]\nheat_cell_W = 0.3"))
+    section = more.split("]")[0] + "]"
+    with pytest.raises(ConfigError, match=rf"\{section[:-1]}\] has changed: restart the service"):
+        same_beside(running, loaded(more))
