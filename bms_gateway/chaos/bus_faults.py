@@ -49,7 +49,7 @@ def bus_scenarios(channel: str | None) -> list[BusScenario]:
         one(
             "bus-off",
             f"the controller goes bus-off for {AWAY_S:g} s",
-            (Counted.of("error_bus-off"), Counted.of("outages"), Told("bus", "bus-off"), Told("bus", "is back")),
+            (Counted.of("error_bus-off"), Counted.of("outages"), Told("bus", "bus-off"), Told("bus", "is back after")),
             _bus_off,
             virtual,
         ),
@@ -68,14 +68,14 @@ def bus_scenarios(channel: str | None) -> list[BusScenario]:
         one(
             "down-up",
             f"the interface is switched off for {AWAY_S:g} s",
-            (Counted.of("outages"), Told("bus", "is down"), Told("bus", "is back")),
+            (Counted.of("outages"), Told("bus", "is down"), Told("bus", "is back after")),
             _down_up,
             rights,
         ),
         one(
             "removed",
             f"the interface is removed, and made again after {AWAY_S:g} s",
-            (Counted.of("outages"), Told("bus", "is absent"), Told("bus", "is back")),
+            (Counted.of("outages"), Told("bus", "is absent"), Told("bus", "is back after")),
             _removed,
             removable,
         ),
