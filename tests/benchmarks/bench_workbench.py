@@ -1,0 +1,139 @@
+"""Workbench: time to the first picture of an hour of twelve cells, and what the live page of sixty cells costs.
+
+`python -m tests.benchmarks.bench_workbench`. The browser is real; the live bus is a socket pair under the real port,
+fed by another process, in its own time.
+"""
+
+import asyncio
+import json
+import os
+import re
+import socket
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from bms_gateway.bus.canframe import to_wire
+from bms_gateway.bus.socketcan import SocketCanPort
+from bms_gateway.config import load_config, shipped
+from bms_gateway.engine import Engine
+from bms_gateway.service.live import Gateway
+from bms_gateway.workbench.server import Server, Site
+from bms_gateway.workbench.sources import Listening
+from bms_gateway.workbench.watch import Watch
+from tests.truth.hidden import Scenario, make_logs
+from tests.workbench.browser import Driver, why_none
+from tests.workbench.test_live_vcan import traffic
+
+ROUNDS = 7
+LIVE_S = 30.0
+
+
+def first_pictures(folder: Path) -> list[float]:
+    """Time from opening the page to its first picture, s, on a page opened before and one that was not."""
+    scenario = Scenario(
+        {"resistance_temperature": ("strong", None)}, cells=12, sensors=tuple(range(1, 13)), seconds=3600
+    )
+    (log,) = make_logs([scenario])
+    log.write_csv(folder / "hour.csv")
+    (folder / "pack.toml").write_text(log.model)
+    words = [sys.executable, "-m", "bms_gateway", "workbench", "--port", "0", folder / "hour.csv", "--model"]
+    driver = Driver(folder)
+    found = []
+    try:
+        for _ in range(ROUNDS):
+            page = driver.window("about:blank")
+            process = subprocess.Popen([*words, folder / "pack.toml"], stdout=subprocess.PIPE, text=True)
+            url = re.search(r"http://\S+", process.stdout.readline())[0]
+            time.sleep(2.0)  # a person types the address or follows the link
+            page.go(url)
+            page.wait("return document.documentElement.dataset.firstPicture")
+            found.append(int(page.run("return document.documentElement.dataset.firstPicture")) / 1e3)
+            driver.windows.pop().close()
+            process.terminate()
+            process.wait()
+            process.stdout.close()
+    finally:
+        driver.close()
+    return found
+
+
+def feed(sock: socket.socket, seconds: float) -> None:
+    """Send a pack's traffic with its own timing."""
+    frames = traffic(seconds + 5.0)
+    began, first = time.monotonic_ns(), int(frames.time_ns[0])
+    for k in range(len(frames)):
+        wait = int(frames.time_ns[k]) - first - (time.monotonic_ns() - began)
+        if wait > 0:
+            time.sleep(wait * 1e-9)
+        sock.send(to_wire(frames[k : k + 1])[0])
+
+
+def live(watched: bool) -> tuple[float, float]:
+    """Share of a core that the program takes, %, and pictures a second, with a page open or not."""
+    loaded = load_config(shipped("deploy/example/gateway.toml"))
+    engine = Engine(replace(loaded.plan, transmit=False), loaded.database)
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    pid = os.fork()
+    if pid == 0:
+        feed(theirs, LIVE_S)
+        os._exit(0)
+    port = Listening(SocketCanPort.over(ours))
+    watch = Watch(engine, "live", "pair", 500e3, port.traffic)
+    server = Server(Site(watch=watch), "127.0.0.1", 0)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    reader = None
+    if watched:  # in a process of its own: reading is the browser's work
+        command = [sys.executable, "-c", READER, urlsplit(server.url).netloc, str(LIVE_S - 2.0)]
+        reader = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    before = time.process_time()
+    asyncio.run(Gateway(engine, port, watch=watch.take).run(seconds=LIVE_S))
+    used = time.process_time() - before
+    server.site.close()
+    server.shutdown()
+    server.server_close()
+    os.kill(pid, 9)
+    os.waitpid(pid, 0)
+    seen = float(reader.communicate()[0]) if reader else 0.0
+    return 100.0 * used / LIVE_S, seen
+
+
+READER = """
+import http.client, sys, time
+c = http.client.HTTPConnection(sys.argv[1], timeout=60)
+c.request("GET", "/api/watch?view=bench")
+r, n, end, began = c.getresponse(), 0, time.monotonic() + float(sys.argv[2]), time.monotonic()
+while time.monotonic() < end:
+    n += r.readline().startswith(b"data:")
+print(n / (time.monotonic() - began))
+"""
+
+
+def main() -> None:
+    """Print both."""
+    result: dict[str, object] = {}
+    bare, _ = live(False)
+    with_page, pictures = live(True)
+    print(
+        f"live, 60 cells: {bare:.1f} % of a core without a page, {with_page:.1f} % with one; {pictures:.2f} pictures/s"
+    )
+    result["live"] = {"bare_pct": bare, "with_page_pct": with_page, "pictures_per_s": pictures}
+    if why := why_none():
+        print(f"first picture: {why}")
+    else:
+        with tempfile.TemporaryDirectory() as folder:
+            found = first_pictures(Path(folder))
+        middle = statistics.median(found)
+        print(f"first picture, 1 h of 12 cells: median {middle:.2f} s, {min(found):.2f} to {max(found):.2f} s")
+        result["first_picture_s"] = found
+    print(json.dumps(result))
+
+
+if __name__ == "__main__":
+    main()
