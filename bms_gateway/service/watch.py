@@ -258,8 +258,8 @@ def _unknown(engine: WatchedEngine) -> Iterator[Condition]:
         yield Condition("unheard", Severity.WARNING, text, string)
     for s in engine.strings:
         if np.isnan(s.core).all():
-            text = "no core temperature is known: see the string's other alerts and its model file"
-            yield Condition("estimate", Severity.ALARM, text, s.plan.name)
+            text = "no core temperature is known to 12 K: see the string's other alerts and its model file"
+            yield Condition("estimate", Severity.WARNING, text, s.plan.name)
 
 
 def _cells(cells: Sequence[int]) -> str:
