@@ -45,8 +45,17 @@ def opened(desk, pack):
 
 
 @pytest.fixture(scope="module")
-def diagnosed(desk, opened):
+def progress():
+    """Shares and words told while the diagnosis ran."""
+    return []
+
+
+@pytest.fixture(scope="module")
+def diagnosed(desk, opened, progress):
     desk.diagnose()
+    while (job := desk.state()["job"]) is not None:
+        progress.append((job["share"], job["text"]))
+        time.sleep(0.01)
     return done(desk)
 
 
@@ -175,22 +184,25 @@ def test_a_process_that_dies_is_told_and_replaced(pack):
     assert not desk.folder.exists()
 
 
-def test_progress_moves(pack):
-    desk = Desk("progress")
-    seen = []
-    try:
-        desk.open(files(pack))
-        done(desk)
-        desk.diagnose()
-        while (job := desk.state()["job"]) is not None:
-            seen.append((job["share"], job["text"]))
-            time.sleep(0.02)
-    finally:
-        desk.close()
-    shares = [share for share, _ in seen]
+def test_progress_moves(diagnosed, progress):
+    shares = [share for share, _ in progress]
     assert shares == sorted(shares)
     assert len(set(shares)) > 2
-    assert any("refitting with" in text for _, text in seen)
+    assert any("refitting with" in text for _, text in progress)
+
+
+@pytest.mark.slow
+def test_a_log_with_its_config_and_a_table_are_two_records(desk, added, pack, tmp_path, capsys):
+    config, log = tmp_path / "gateway.toml", tmp_path / "drive.log"
+    config.write_text(f'[bus]\nchannel = "vcan0"\n[[string]]\nname = "one"\nmodel = "{pack.model}"\n')
+    assert main(["encode", str(pack.hidden), "--config", str(config), "--out", str(log)]) == 0
+    capsys.readouterr()
+    desk.open({**files(pack), "tables": [str(log), str(pack.clean)], "config": str(config)})
+    state = done(desk)
+    assert state["error"] == ""
+    assert [r["cells"] for r in state["opened"]["records"]] == [[1, 3], [1, 3]]
+    assert {"surface-0-1", "surface-1-1", "core-1-2"} <= set(state["figures"])
+    assert all("--config" in line for line in state["commands"])
 
 
 def test_command_lines_quote_what_a_shell_would_cut():
