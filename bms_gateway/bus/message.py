@@ -8,6 +8,7 @@ from bms_gateway.bus.candump import LATEST_S
 from bms_gateway.frames.batch import EXTENDED, FrameBatch
 
 LONGEST: Final = 64  # bytes of a CAN FD frame
+MOST_ID: Final = 0x1FFF_FFFF  # of standard frames too: some writers leave out the mark of extended ones
 
 if TYPE_CHECKING:
     import can
@@ -67,8 +68,7 @@ def to_batch(messages: "list[can.Message]", tally: Tally, shift_s: float = 0.0) 
 def _is_possible(m: "can.Message", shift_s: float) -> bool:
     """Whether a bus can have carried it: readers hand on what a damaged file says."""
     in_time = -LATEST_S < m.timestamp + shift_s < LATEST_S  # false for NaN
-    most = 0x1FFF_FFFF if m.is_extended_id else 0x7FF
-    return in_time and 0 <= m.arbitration_id <= most and len(m.data) <= LONGEST
+    return in_time and 0 <= m.arbitration_id <= MOST_ID and len(m.data) <= LONGEST
 
 
 def to_message(can_id: int, payload: bytes) -> "can.Message":
