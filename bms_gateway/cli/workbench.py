@@ -12,7 +12,8 @@ from bms_gateway.errors import UsageError
 if TYPE_CHECKING:
     from bms_gateway.config.load import LoadedConfig
     from bms_gateway.engine import Engine
-    from bms_gateway.workbench.server import Server, Site
+    from bms_gateway.workbench.server import Server
+    from bms_gateway.workbench.site import Site
     from bms_gateway.workbench.sources import Listening
 
 EXAMPLE = """\
@@ -44,7 +45,8 @@ def arguments(parser: Parser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Serve until stopped."""
-    from bms_gateway.workbench.server import Server, Site, plotly_file
+    from bms_gateway.workbench.server import Server, plotly_file
+    from bms_gateway.workbench.site import Site
 
     plotly_file()
     if args.bitrate <= 0:

@@ -22,7 +22,7 @@ TITLES = {
     "add": "adding and refitting",
     "report": "writing the report",
 }
-GONE = "the computing process ended unexpectedly (the terminal says why); a fresh one is ready, please try again"
+GONE = "the computing process ended unexpectedly (the terminal says why); try again, a fresh one is started"
 REPORT_S = 600.0
 
 
@@ -236,10 +236,11 @@ class Desk:
         with self.changed:
             if worker is not self._worker or self._closed:
                 return  # of a process that was put away
-            if answer is None:
-                self._worker = Worker(self._hear)
+            if answer is None:  # the next task starts another: not now, it might end the same way at once
                 if self._job is not None:
                     self._job, self._error = None, GONE
+                else:
+                    return
             elif self._job is None:
                 return
             elif "error" in answer:

@@ -5,37 +5,24 @@ brings nothing that would have to be trusted.
 """
 
 import json
-import secrets
 import sys
-import threading
-from collections import OrderedDict
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Final
+from typing import Any, ClassVar, Final
 from urllib.parse import parse_qs, unquote, urlsplit
 
 from bms_gateway.errors import GatewayError, MissingExtraError, UsageError
 from bms_gateway.workbench.desk import Desk
 from bms_gateway.workbench.doors import HEADERS, LOOPBACK, names, refusal
+from bms_gateway.workbench.site import Site, receive, safe_name, wanted_files
 
-if TYPE_CHECKING:  # the engine: only the live page needs it
-    from bms_gateway.workbench.watch import Watch
-
-MOST_DESKS: Final = 6
-"""Tabs that are kept; each has a process of a hundred megabytes. The one unused for longest goes."""
-WARM_S: Final = 8.0
-"""After a tab has opened, the process of the next one is started."""
 LARGEST_JSON: Final = 64 * 1024
 LARGEST_UPLOAD: Final = 256 * 1024**2
-PER_DESK: Final = 1024**3
-"""Bytes of uploads that one tab may keep."""
-CHUNK: Final = 1 << 20
 PING_S: Final = 10.0
 """An event stream says that it lives; so a browser that has gone is noticed."""
 IDLE_S: Final = 120.0
@@ -46,73 +33,6 @@ TYPES = {
     ".js": "text/javascript; charset=utf-8",
     ".svg": "image/svg+xml",
 }
-
-
-@dataclass(slots=True)
-class Site:
-    """What the page serves.
-
-    Attributes
-    ----------
-    given : dict or None
-        Files of the command line; every new tab opens them.
-    watch : Watch or None
-        The live pack, or a log that is played.
-    local : bool
-        Bound to this machine only: then the page may open files by their path.
-    """
-
-    given: dict[str, Any] | None = None
-    watch: "Watch | None" = None
-    local: bool = True
-    desks: "OrderedDict[str, Desk]" = field(default_factory=OrderedDict)
-    lock: threading.Lock = field(default_factory=threading.Lock)
-    spare: Desk | None = None
-    closing: bool = False
-
-    def warm(self) -> None:
-        """Have a desk ready whose process has loaded what it needs, for the next tab."""
-        with self.lock:
-            if self.spare is None and not self.closing:
-                self.spare = Desk(secrets.token_urlsafe(12))
-
-    def new_desk(self) -> Desk:
-        """Open a desk for a tab; the files of the command line are opened on it."""
-        with self.lock:
-            desk, self.spare = self.spare or Desk(secrets.token_urlsafe(12)), None
-            self.desks[desk.name] = desk
-            old = [self.desks.popitem(last=False)[1] for _ in range(len(self.desks) - MOST_DESKS)]
-        for one in old:
-            one.close()
-        if self.given is not None:
-            desk.open(self.given)
-        later = threading.Timer(WARM_S, self.warm)  # not now: it would take the processor from this tab
-        later.daemon = True
-        later.start()
-        return desk
-
-    def desk(self, name: str) -> Desk:
-        """Find a tab's desk.
-
-        Raises
-        ------
-        UsageError
-        """
-        with self.lock:
-            if name not in self.desks:
-                raise UsageError("this tab is not known (any more): reload the page")
-            self.desks.move_to_end(name)
-            return self.desks[name]
-
-    def close(self) -> None:
-        """End every process and stream."""
-        with self.lock:
-            self.closing = True
-            all_of_them = [*self.desks.values(), *([self.spare] if self.spare else [])]
-            self.desks.clear()
-            self.spare = None
-        for desk in all_of_them:
-            desk.close()
 
 
 class Server(ThreadingHTTPServer):
@@ -310,7 +230,7 @@ class Handler(BaseHTTPRequestHandler):
     def _work(self, desk: Desk, what: str, body: dict[str, Any]) -> None:
         match what:
             case "open":
-                desk.open(self._wanted_files(desk, body))
+                desk.open(wanted_files(self.server.site, desk, body))
             case "compare":
                 desk.compare()
             case "diagnose":
@@ -326,37 +246,6 @@ class Handler(BaseHTTPRequestHandler):
                 desk.cancel()
             case _:
                 raise UsageError(f"the page cannot ask for '{what}'")
-
-    def _wanted_files(self, desk: Desk, body: dict[str, Any]) -> dict[str, Any]:
-        """Take files by name: uploaded ones, those of the command line, and by path on this machine only."""
-
-        def one(name: object) -> str:
-            if not isinstance(name, str):
-                raise UsageError("open: a file's name must be text")
-            uploaded = desk.folder / safe_name(name)
-            if name and uploaded.is_file():
-                return str(uploaded)
-            given = self.server.site.given or {}
-            if not name or name in (*given.get("tables", ()), given.get("model"), given.get("config")):
-                return name
-            if not self.server.site.local:
-                raise UsageError(f"open: {name}: upload it; paths are taken only on the machine itself")
-            return name
-
-        tables, columns = body.get("tables"), body.get("columns") or []
-        if (
-            not isinstance(tables, list)
-            or not isinstance(columns, list)
-            or not all(isinstance(c, str) for c in columns)
-        ):
-            raise UsageError("open: tables and columns must be lists")
-        return {
-            "tables": [one(t) for t in tables],
-            "model": one(body.get("model") or ""),
-            "config": one(body.get("config") or ""),
-            "string": str(body.get("string") or ""),
-            "columns": columns,
-        }
 
     def _body(self) -> dict[str, Any]:
         length = self._length(LARGEST_JSON)
@@ -381,22 +270,11 @@ class Handler(BaseHTTPRequestHandler):
         name = safe_name(self._query.get("name", ""))
         if not name:
             raise UsageError("upload: the file has no name")
-        kept = sum(p.stat().st_size for p in desk.folder.iterdir() if p.name != name)
-        if kept + left > PER_DESK:
-            self.close_connection = True
-            raise UsageError(f"{name}: this tab holds {kept / 1024**2:.0f} MiB already: reload the page to start anew")
-        beside = desk.folder / f".{secrets.token_hex(8)}"
-        with beside.open("wb") as out:
-            while left:
-                part = self.rfile.read(min(left, CHUNK))
-                if not part:
-                    break
-                out.write(part)
-                left -= len(part)
-        if left:
-            beside.unlink()
-            raise UsageError(f"{name}: the upload broke off")
-        beside.replace(desk.folder / name)
+        try:
+            receive(self.rfile, left, desk.folder, name)
+        except UsageError:
+            self.close_connection = True  # what follows is not read
+            raise
         self._json({"name": name})
 
     # answers
@@ -429,15 +307,3 @@ class Handler(BaseHTTPRequestHandler):
     def _safe_headers(self) -> None:
         for header, value in HEADERS.items():
             self.send_header(header, value)
-
-
-def safe_name(name: str) -> str:
-    """Give the last part of a file's name, without what could lead elsewhere.
-
-    Examples
-    --------
-    >>> safe_name("../../etc/passwd"), safe_name("drive 1.log.gz"), safe_name("..")
-    ('passwd', 'drive 1.log.gz', '')
-    """
-    last = name.replace("\\", "/").rpartition("/")[2]
-    return "".join(c for c in last if c.isalnum() or c in "._- +()").strip().lstrip(".")[:120]

@@ -12,8 +12,10 @@ from hypothesis import strategies as st
 
 from bms_gateway.errors import UsageError
 from bms_gateway.workbench import server as served
+from bms_gateway.workbench import site as sites
 from bms_gateway.workbench.doors import names, refusal
-from bms_gateway.workbench.server import Server, Site, safe_name
+from bms_gateway.workbench.server import Server
+from bms_gateway.workbench.site import Site, safe_name
 
 JSON = {"Content-Type": "application/json"}
 
@@ -100,7 +102,7 @@ def test_uploads_are_bounded_and_stay_in_their_folder(server, desk, monkeypatch)
     status, body, _ = ask(server, "POST", f"/api/upload?desk={desk}&name=b.csv", b"x" * 11, **kind)
     assert status == 400
     assert b"too large" in body
-    monkeypatch.setattr(served, "PER_DESK", 12)
+    monkeypatch.setattr(sites, "PER_DESK", 12)
     status, body, _ = ask(server, "POST", f"/api/upload?desk={desk}&name=c.csv", b"x" * 10, **kind)
     assert status == 400
     assert [p.name for p in folder.iterdir()] == ["evil.csv"]
@@ -155,7 +157,7 @@ def test_paths_are_taken_on_the_machine_itself_only(tmp_path):
 
 
 def test_more_tabs_than_are_kept_end_the_oldest(monkeypatch):
-    monkeypatch.setattr(served, "MOST_DESKS", 1)
+    monkeypatch.setattr(sites, "MOST_DESKS", 1)
     site = Site()
     first = site.new_desk()
     second = site.new_desk()

@@ -1,0 +1,157 @@
+"""What is served to all tabs: their desks, the files of the command line, uploads, the live pack."""
+
+import secrets
+import threading
+from collections import OrderedDict
+from dataclasses import dataclass, field
+from io import BufferedIOBase
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from bms_gateway.errors import UsageError
+from bms_gateway.workbench.desk import Desk
+
+if TYPE_CHECKING:  # the engine: only the live page needs it
+    from bms_gateway.workbench.watch import Watch
+
+MOST_DESKS: Final = 6
+"""Tabs that are kept; each has a process of a hundred megabytes. The one unused for longest goes."""
+WARM_S: Final = 8.0
+"""After a tab has opened, the process of the next one is started."""
+PER_DESK: Final = 1024**3
+"""Bytes of uploads that one tab may keep."""
+CHUNK: Final = 1 << 20
+
+
+@dataclass(slots=True)
+class Site:
+    """What the page serves.
+
+    Attributes
+    ----------
+    given : dict or None
+        Files of the command line; every new tab opens them.
+    watch : Watch or None
+        The live pack, or a log that is played.
+    local : bool
+        Bound to this machine only: then the page may open files by their path.
+    """
+
+    given: dict[str, Any] | None = None
+    watch: "Watch | None" = None
+    local: bool = True
+    desks: "OrderedDict[str, Desk]" = field(default_factory=OrderedDict)
+    lock: threading.Lock = field(default_factory=threading.Lock)
+    spare: Desk | None = None
+    closing: bool = False
+
+    def warm(self) -> None:
+        """Have a desk ready whose process has loaded what it needs, for the next tab."""
+        with self.lock:
+            if self.spare is None and not self.closing:
+                self.spare = Desk(secrets.token_urlsafe(12))
+
+    def new_desk(self) -> Desk:
+        """Open a desk for a tab; the files of the command line are opened on it."""
+        with self.lock:
+            desk, self.spare = self.spare or Desk(secrets.token_urlsafe(12)), None
+            self.desks[desk.name] = desk
+            old = [self.desks.popitem(last=False)[1] for _ in range(len(self.desks) - MOST_DESKS)]
+        for one in old:
+            one.close()
+        if self.given is not None:
+            desk.open(self.given)
+        later = threading.Timer(WARM_S, self.warm)  # not now: it would take the processor from this tab
+        later.daemon = True
+        later.start()
+        return desk
+
+    def desk(self, name: str) -> Desk:
+        """Find a tab's desk.
+
+        Raises
+        ------
+        UsageError
+        """
+        with self.lock:
+            if name not in self.desks:
+                raise UsageError("this tab is not known (any more): reload the page")
+            self.desks.move_to_end(name)
+            return self.desks[name]
+
+    def close(self) -> None:
+        """End every process and stream."""
+        with self.lock:
+            self.closing = True
+            all_of_them = [*self.desks.values(), *([self.spare] if self.spare else [])]
+            self.desks.clear()
+            self.spare = None
+        for desk in all_of_them:
+            desk.close()
+
+
+def wanted_files(site: Site, desk: Desk, body: dict[str, Any]) -> dict[str, Any]:
+    """Take files by name: uploaded ones, those of the command line, and by path on this machine only.
+
+    Raises
+    ------
+    UsageError
+    """
+
+    def one(name: object) -> str:
+        if not isinstance(name, str):
+            raise UsageError("open: a file's name must be text")
+        uploaded = desk.folder / safe_name(name)
+        if name and uploaded.is_file():
+            return str(uploaded)
+        given = site.given or {}
+        if not name or name in (*given.get("tables", ()), given.get("model"), given.get("config")):
+            return name
+        if not site.local:
+            raise UsageError(f"open: {name}: upload it; paths are taken only on the machine itself")
+        return name
+
+    tables, columns = body.get("tables"), body.get("columns") or []
+    if not isinstance(tables, list) or not isinstance(columns, list) or not all(isinstance(c, str) for c in columns):
+        raise UsageError("open: tables and columns must be lists")
+    return {
+        "tables": [one(t) for t in tables],
+        "model": one(body.get("model") or ""),
+        "config": one(body.get("config") or ""),
+        "string": str(body.get("string") or ""),
+        "columns": columns,
+    }
+
+
+def receive(source: BufferedIOBase, left: int, folder: Path, name: str) -> None:
+    """Take an upload of `left` bytes into a tab's folder; the file is there as a whole or not at all.
+
+    Raises
+    ------
+    UsageError
+        The tab holds too much, or the upload broke off.
+    """
+    kept = sum(p.stat().st_size for p in folder.iterdir() if p.name != name)
+    if kept + left > PER_DESK:
+        raise UsageError(f"{name}: this tab holds {kept / 1024**2:.0f} MiB already: reload the page to start anew")
+    beside = folder / f".{secrets.token_hex(8)}"
+    with beside.open("wb") as out:
+        while left and (part := source.read(min(left, CHUNK))):
+            out.write(part)
+            left -= len(part)
+    if left:
+        beside.unlink()
+        raise UsageError(f"{name}: the upload broke off")
+    beside.replace(folder / name)
+
+
+def safe_name(name: str) -> str:
+    """Give the last part of a file's name, without what could lead elsewhere.
+
+    Examples
+    --------
+    >>> safe_name("../../etc/passwd"), safe_name("drive 1.log.gz"), safe_name("..")
+    ('passwd', 'drive 1.log.gz', '')
+    """
+    last = name.replace("\\", "/").rpartition("/")[2]
+    return "".join(c for c in last if c.isalnum() or c in "._- +()").strip().lstrip(".")[:120]
