@@ -1,0 +1,134 @@
+"""Corners of the tables that no DBC at hand goes into: layouts, limits and names that cannot be."""
+
+import numpy as np
+import pytest
+
+from bms_gateway.errors import ConfigError
+from bms_gateway.frames.counter import CounterGuard
+from bms_gateway.frames.database import Database
+from bms_gateway.frames.decode import decode
+from bms_gateway.frames.encode import Encoder
+from bms_gateway.frames.own import MAX_CELLS, MAX_STRINGS, input_messages, own_signal
+from bms_gateway.frames.quality import Quality
+from bms_gateway.frames.rules import default_rule
+from tests.frames.payloads import OWN, batch_of, text_of
+
+HEAD = 'VERSION ""\nBS_:\nBU_: A\n'
+
+
+def database(*lines: str, length: int = 8) -> Database:
+    return Database.load({"a.dbc": HEAD + f"BO_ 1 M: {length} A\n" + "".join(f" SG_ {x} A\n" for x in lines)})
+
+
+def frame(db: Database, **values: float) -> tuple[Encoder, np.ndarray]:
+    encoder = Encoder(db, ["M"])
+    row = np.full((1, encoder.width), np.nan)
+    for name, value in values.items():
+        row[0, encoder.column(0, name)] = value
+    return encoder, encoder.encode(np.zeros(1, np.intp), row)[2]
+
+
+def test_a_multiplexer_wider_than_32_bits_is_refused() -> None:
+    db = database('mux M : 0|33@1+ (1,0) [0|0] ""', 'a m1 : 40|8@1+ (1,0) [0|0] ""')
+    with pytest.raises(ConfigError, match=r"a.dbc: multiplexer M.mux is wider than 32 bits"):
+        db.compile(["M.a"])
+
+
+def test_a_signal_of_scale_0_is_neither_read_nor_sent() -> None:
+    db = database('a : 0|8@1+ (0,5) [0|0] ""')
+    assert db.message("M").signals["a"].raw_valid == (0.0, 255.0)
+    for use in (lambda: db.compile(["M.a"]), lambda: Encoder(db, ["M"])):
+        with pytest.raises(ConfigError, match=r"signal M.a has the scale 0"):
+            use()
+
+
+def test_an_inlet_may_jump_further_than_a_cell_and_need_not_move() -> None:
+    rule = default_rule("coolant_inlet", None)
+    assert (rule.jump, rule.needs_proof, rule.stuck_after_s) == (10.0, False, np.inf)
+    assert rule.stale_after_ns == 10_000_000_000
+
+
+@pytest.mark.parametrize("cell", [None, 0, MAX_CELLS + 1])
+def test_our_dbc_has_no_room_for_more_cells_or_strings(cell) -> None:
+    with pytest.raises(ConfigError, match=f"signals for cells 1 to {MAX_CELLS}"):
+        own_signal(1, "surface", cell)
+    with pytest.raises(ConfigError, match=f"has strings 1 to {MAX_STRINGS}"):
+        input_messages(MAX_STRINGS + 1)
+    with pytest.raises(ConfigError, match="string number 0"):
+        own_signal(0, "current")
+
+
+@pytest.mark.parametrize(
+    ("place", "values"),
+    [
+        ("60|12@1+", (0, 1, 0xABC, 0xFFF)),
+        ("60|12@1-", (-2048, -1, 5, 2047)),
+        ("59|12@0+", (0, 1, 0xABC, 0xFFF)),
+        ("32|40@1+", (0, 1, (1 << 40) - 1)),
+    ],
+)
+def test_signals_across_words_are_written_and_read_alike(place, values) -> None:
+    db = database(f'a : {place} (1,0) [0|0] ""', length=16)
+    table = db.compile(["M.a"])
+    for value in values:
+        _, data = frame(db, a=value)
+        assert decode(table, batch_of([(1, data[0].tobytes())])).value.tolist() == [value]
+
+
+def test_more_layouts_than_anybody_sends_are_refused() -> None:
+    signals, steps = [], []
+    for k in range(13):
+        signals.append(
+            f' SG_ m{k} M : {4 * k}|1@1+ (1,0) [0|0] "" A\n SG_ a{k} m1 : {4 * k + 1}|1@1+ (1,0) [0|0] "" A\n'
+        )
+        steps.append(f"SG_MUL_VAL_ 1 a{k} m{k} 0-1;\n")
+    db = Database.load({"a.dbc": HEAD + "BO_ 1 M: 8 A\n" + "".join(signals) + "\n" + "".join(steps)})
+    with pytest.raises(ConfigError, match="message M has over 4096 multiplexer combinations"):
+        Encoder(db, ["M"])
+
+
+def test_a_big_endian_multiplexer_is_written_where_it_is_read() -> None:
+    db = database('mux M : 7|12@0+ (1,0) [0|0] ""', 'a m2748 : 23|8@0+ (1,0) [0|0] ""')
+    encoder, data = frame(db, a=7)
+    assert encoder.row("M", 0xABC) == 0
+    assert data[0, :3].tolist() == [0xAB, 0xC0, 7]
+    assert decode(db.compile(["M.a"]), batch_of([(1, data[0].tobytes())])).value.tolist() == [7.0]
+
+
+def test_a_declared_range_that_holds_no_raw_value_does_not_stop_sending() -> None:
+    db = database('a : 0|8@1+ (10,0) [3|7] ""')
+    _, data = frame(db, a=120)
+    assert data[0, 0] == 12
+
+
+def test_a_signal_named_without_its_message_is_told_with_it() -> None:
+    with pytest.raises(ConfigError, match=r"did you mean 'M.a'"):
+        database('a : 0|8@1+ (1,0) [0|0] ""').resolve("a")
+
+
+def test_where_all_check_sums_are_wrong_no_counter_is_followed() -> None:
+    db = Database.load({OWN.name: text_of(OWN)})
+    table = db.compile(["string_1_electrical.current"])
+    can_id = db.message("string_1_electrical").can_id
+    samples = decode(table, batch_of([(can_id, bytes(8)), (can_id, b"\x01" * 8)]))
+    guard = CounterGuard(table)
+    flag, repeated = guard.follow(samples)
+    assert flag.tolist() == [Quality.CRC, Quality.CRC]
+    assert repeated.tolist() == []
+    assert (guard.last == -1).all()
+
+
+EXTENDED_MUX = HEAD + (
+    "BO_ 1 M: 8 A\n"
+    ' SG_ s0 M : 0|8@1+ (1,0) [0|0] "" A\n SG_ s1 m0M : 8|8@1+ (1,0) [0|0] "" A\n'
+    ' SG_ a m1 : 16|8@1+ (1,0) [0|0] "" A\n SG_ b m5 : 24|8@1+ (1,0) [0|0] "" A\n SG_ c m6 : 32|8@1+ (1,0) [0|0] "" A\n'
+    "\nSG_MUL_VAL_ 1 s1 s0 0-0;\nSG_MUL_VAL_ 1 a s0 1-1;\nSG_MUL_VAL_ 1 b s1 5-5;\nSG_MUL_VAL_ 1 c s1 6-6;\n"
+)
+
+
+def test_nested_multiplexers_are_followed_as_far_as_the_frame_reaches() -> None:
+    table = Database.load({"a.dbc": EXTENDED_MUX}).compile(["M.a", "M.b"])
+    frames = [b"\x01\0\x0b", b"\0\x05\0\x0c", b"\0\x06\0\0\x0d", b"\0\x07", b"\0", b"\x02"]
+    samples = decode(table, batch_of([(1, f) for f in frames]))
+    assert list(zip(samples.frame.tolist(), samples.value.tolist(), strict=True)) == [(0, 11.0), (1, 12.0)]
+    assert samples.unknown.tolist() == [3, 4, 5]
