@@ -343,7 +343,8 @@ def test_the_broker_is_told_with_a_password_that_only_systemd_can_read(installed
         subprocess.run(["systemctl", "stop", UNIT], check=False)
         password.chmod(0o600)
         drop_in("test", "TimeoutStartSec=90s", f"LoadCredential=mqtt-password:{password}")
-        sh("systemctl", "start", UNIT)
+        started = subprocess.run(["systemctl", "start", UNIT], check=False)
+        assert started.returncode == 0, journal()[-3000:]
         until(lambda: retained().startswith("OK"), "the status line at the broker")
         os.kill(int(prop("MainPID")), 9)
         until(lambda: retained().startswith("OFFLINE") or int(prop("NRestarts")) > 0, "the last will")
