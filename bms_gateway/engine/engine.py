@@ -34,6 +34,7 @@ from bms_gateway.frames.database import Database
 from bms_gateway.frames.quality import Quality
 
 JOB_DUE_TICKS = 30  # far beyond what a window takes on a slow core, far below what a window spans
+GRACE_TICKS = 10  # after a start or a pause: what no sensor has said yet is no fault of it; a fault lasts longer
 UNHEARD_TICKS = 10  # no message of a battery comes less often than that
 UNKNOWN_GAP_S = 86_400.0  # parked for a time that nobody knows: after a day any string is at rest
 SNAPSHOT_VERSION = 1
@@ -91,6 +92,7 @@ class Engine:
         self._next_job = 1
         self._clock_told = ""
         self._started = 0
+        self._woken = 0  # start of the first tick since the bus was silent
         self._told = Counts(0, 0, 0, 0.0)
         self.frames = 0
         self.dropped = 0
@@ -230,6 +232,7 @@ class Engine:
         start = first_ns // tick * tick
         self._deadline, self._heard = start + tick, first_ns
         self._started = self._started or start
+        self._woken = start
         if self._tick_end is not None and start != self._tick_end:
             gap_s = (start - self._tick_end) * 1e-9
             if gap_s < 0.0:  # the clock ran backwards while we were off, as one without a battery does
@@ -249,7 +252,8 @@ class Engine:
         if self.recording:
             taken, good = self._inputs.good
             self._queue.append(Decoded(t1, taken.time_ns[good], taken.input[good], taken.value[good]))
-        self._queue.extend(self._inputs.changes(t1))
+        if t1 - self._woken >= GRACE_TICKS * self._plan.tick_ns:
+            self._queue.extend(self._inputs.changes(t1))
         if (faults := self._clock.faults()) != self._clock_told:
             self._clock_told = faults
             self._queue.append(Notice(t1, Level.WARNING, "clock", f"time stamps: {faults}"))

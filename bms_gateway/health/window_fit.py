@@ -102,14 +102,18 @@ class Observed:
     slow: float
 
 
-def core_temperature(p: StringParameters, w: DriveWindow, heat: Floats, start: float) -> Floats:
-    """Mean core of the ticks (K,), °C, from measured surfaces, the heat of a mean cell (K,), W, and where it began."""
+def mean_surface(w: DriveWindow) -> Floats:
+    """Mean measured surface of the ticks (K,), °C, on straight lines where nothing was read."""
     count = np.isfinite(w.surface).sum(axis=1)
     read = np.flatnonzero(count)
     mean = np.nansum(w.surface[read], axis=1) / count[read]
-    surface = np.interp(np.arange(len(heat)), read, mean)
+    return np.asarray(np.interp(np.arange(len(count)), read, mean), dtype=np.float64)
+
+
+def core_temperature(p: StringParameters, surface: Floats, heat: Floats, start: float, dt: float) -> Floats:
+    """Mean core of the ticks (K,), °C, from mean surfaces, the heat of a mean cell (K,), W, and where it began."""
     R_c, C_c = float(np.mean(p.R_c)), float(np.mean(p.C_c))
-    a = float(np.exp(-w.dt / (R_c * C_c)))
+    a = float(np.exp(-dt / (R_c * C_c)))
     # a first-order lag as a bidiagonal system: scipy.signal would treble the time to start
     drive = (1.0 - a) * (surface + R_c * heat)
     drive[0] += a * start
@@ -217,11 +221,12 @@ def _warmth(
     sets: Sequence[StringParameters], w: DriveWindow, square: Floats, B: float, starts: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """1/T_c − 1/298.15 K (K,); slopes of the heat's logarithm (K, 6) by θ and by the core's start; T_c (K,)."""
+    surface = mean_surface(w)
     found, exponent, core = [], square, square
     for p, start in (*zip(sets, starts, strict=True), (sets[0], starts[0] + STEP)):
         now = square
         for _ in range(2):  # the core's warmth moves the heat that warms it, by little
-            core = core_temperature(p, w, now * float(np.mean(p.R_e)), float(start))
+            core = core_temperature(p, surface, now * float(np.mean(p.R_e)), float(start), w.dt)
             exponent = 1.0 / (core + KELVIN) - 1.0 / REFERENCE_K
             now = w.square * np.exp(B * exponent)
         found.append((exponent, core))

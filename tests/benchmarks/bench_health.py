@@ -8,7 +8,7 @@ some twenty seconds a life. A life has a year's weather (0 to 40 °C) with R_e f
 exponent that is not told (1500, 2500 or 3500 K by seed), charge from 10 to 95 % with R_e depending on it, four cycles
 of varying strength, coolant flow 0.6 to 1.2 of nominal with R_u following it, a start up to 8 K warmer than the
 coolant, cells that differ by 2 %, C_c 4 % and R_c 5 % off what the model says, readings with 0.05 to 0.1 K of noise in
-steps of 0.1 K and up to a second old, 0.3 A of noise on the current.
+steps of 0.1 K and up to a second old, 0.3 A of noise on the current. Ticks have four seconds: the work is a quarter.
 """
 
 import argparse
@@ -54,8 +54,8 @@ def lived(life: Life, drives: int, *, voltage: bool = False) -> tuple[StringHeal
     health, told, growth = StringHealth(model(), known=True), [], []
     rng = np.random.default_rng([life.seed, 8])
     for first in range(0, drives, BLOCK):
-        for k, w in enumerate(drives_of(life, first, min(first + BLOCK, drives)), start=first):
-            shape = current_shape(np.sqrt(w.square))
+        for k, (w, current) in enumerate(drives_of(life, first, min(first + BLOCK, drives)), start=first):
+            shape = current_shape(current)
             guess = health.trend.expected(w.flow, w.soc, 0.0)
             sensed = tuple(c - 1 for c in SENSORS)
             electrical = float("nan")

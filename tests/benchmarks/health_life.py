@@ -9,6 +9,8 @@ from tests.truth.drives import make_drive
 from tests.truth.pack import NOMINAL, integrate, terms
 
 CELLS, SENSORS = 3, (1, 3)
+TICK_S = 4
+"""Seconds of a tick: a quarter of the work, and readings are means of four."""
 SOC_SLOPE = 0.08
 """R_e at empty over full, −0.5: a lithium-ion cell between 10 and 90 %."""
 CYCLES = ("urban", "us06", "udds", "mixed")
@@ -37,7 +39,7 @@ def weather(rng, k, per_year=400):
 
 
 def drives_of(life, first, last):
-    """Windows of drives first…last − 1, in order; their truth is one loop of the integrator."""
+    """(window, current once a second) of drives first…last − 1, in order; their truth is one loop of the integrator."""
     rng = [np.random.default_rng([life.seed, 31, k]) for k in range(first, last)]
     seconds = 1260
     logs, made, flows = [], [], []
@@ -99,4 +101,13 @@ def _measured(life, k, rng, d, t, flow, trace):
         I = np.clip(I, -size, size)  # noqa: E741
     if name == "stuck":
         I = np.full(K, size)  # noqa: E741
-    return DriveWindow(I**2, inlet, y, age, 1.0, float(t.soc[:K].mean()), flow if life.flow_known else float("nan"))
+    square, y, age = ((I**2).reshape(-1, TICK_S).mean(axis=1), *(_ticks(x) for x in (y, age)))
+    age = age + np.where(np.isnan(y), 0.0, (TICK_S - 1) / 2)
+    known = flow if life.flow_known else float("nan")
+    window = DriveWindow(square, inlet[::TICK_S], y, age, float(TICK_S), float(t.soc[:K].mean()), known)
+    return window, I
+
+
+def _ticks(x):
+    """Means over ticks of readings once a second."""
+    return x.reshape(-1, TICK_S, x.shape[1]).mean(axis=1)

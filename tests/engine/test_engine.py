@@ -246,3 +246,16 @@ def test_the_recursive_method_tells_its_parameters_once_a_minute() -> None:
     assert told[0] == 1  # what is known at the start
     assert all(t % 60 == 40 for t in told[1:])  # whole minutes of bus time
     assert len(told) == 4
+
+
+def test_no_sensor_is_blamed_in_the_first_seconds_after_a_start_and_after_a_pause() -> None:
+    """One that is dead from the beginning is told after the grace time, once."""
+    frames = traffic(40)
+    message = database().message(own_signal(1, "surface", 1).split(".")[0])
+    dead = (frames.can_id == message.can_id) & (frames.time_ns > (EPOCH_S + 3) * S)
+    rest = FrameBatch(frames.time_ns[~dead], frames.can_id[~dead], frames.length[~dead], frames.data[~dead])
+    again = FrameBatch(rest.time_ns + 7200 * S, rest.can_id, rest.length, rest.data)
+    told = [n for n in drive(engine(), [rest, again]) if isinstance(n, Notice) and n.level == 4]
+    seconds = {n.time_ns // S - EPOCH_S for n in told}
+    assert any(10 <= t < 40 for t in seconds)
+    assert not any(t < 10 or 7200 <= t < 7210 for t in seconds)

@@ -235,3 +235,24 @@ def test_the_state_survives_a_restart() -> None:
         StringHealth(model()).restore(state | {"cells": state["cells"] | {"base": [0.0]}})
     assert life.health.trend.x[L] == pytest.approx(0.0, abs=0.1)
     assert Kind.USUAL.value
+
+
+def test_every_raised_flag_is_a_condition_that_says_what_to_do() -> None:
+    life = Life()
+    life.drive(5)
+    h = life.health
+    assert list(h.conditions()) == []
+    for flag, level in ((h.current, 1), (h.ageing, 3), (h.cooling, 2), (h.drift, 1), (h.mismatch, 1)):
+        flag.flag.level = level
+    found = list(h.conditions())
+    assert [(c.code, c.level) for c in found] == [
+        ("current", 1), ("ageing", 3), ("cooling", 2), ("thermocouple", 1), ("mismatch", 1)
+    ]  # fmt: skip
+    for c in found:
+        assert any(word in c.text for word in ("check", "inspect", "compare", "diagnose")), c.text
+
+
+def test_a_string_without_a_baseline_can_be_reset() -> None:
+    h = StringHealth(model())
+    assert "made anew" in h.reset(None, "new pack", 1)
+    assert not h.commissioned

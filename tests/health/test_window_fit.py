@@ -17,7 +17,7 @@ GUESS = Trend(len(SENSED)).expected(1.0, 0.5, 0.0)
 
 
 def observed(life: Life, drives: int, B: float = 2500.0) -> list:
-    return [fit_window(STRING, w, SENSED, GUESS, B) for w in drives_of(life, 0, drives)]
+    return [fit_window(STRING, w, SENSED, GUESS, B) for w, _ in drives_of(life, 0, drives)]
 
 
 def test_resistances_are_found_within_their_bands() -> None:
@@ -49,20 +49,35 @@ def test_an_offset_of_a_thermocouple_is_in_its_own_place() -> None:
 
 
 def test_readings_that_lack_and_a_bulk_coolant_are_no_matter() -> None:
-    w = next(drives_of(Life(8, flow_known=False), 0, 1))
+    w, _ = next(drives_of(Life(8, flow_known=False), 0, 1))
     whole = fit_window(STRING, w, SENSED, GUESS, 2500.0)
     surface = w.surface.copy()
-    surface[100:300] = np.nan
-    surface[:30] = np.nan
+    surface[25:75] = np.nan
+    surface[:8] = np.nan
     gaps = fit_window(replace(STRING, coolant="bulk"), replace(w, surface=surface), SENSED, GUESS, 2500.0)
     assert gaps.mean[:2] == pytest.approx(whole.mean[:2], abs=0.1)
     assert np.linalg.eigvalsh(gaps.cov)[0] > 0.0
 
 
 def test_a_window_without_heat_says_nothing() -> None:
-    w = next(drives_of(Life(9), 0, 1))
+    w, _ = next(drives_of(Life(9), 0, 1))
     still = replace(w, square=np.zeros_like(w.square), surface=np.where(np.isnan(w.surface), np.nan, 20.0),
                     inlet=np.full_like(w.inlet, 20.0))  # fmt: skip
     seen = fit_window(STRING, still, SENSED, GUESS, 2500.0)
     assert seen.mean[0] == pytest.approx(GUESS[0], abs=0.05)
     assert np.sqrt(seen.cov[0, 0]) > 0.5
+
+
+@pytest.mark.slow
+def test_a_life_is_flagged_in_time_and_one_without_growth_is_not() -> None:
+    """The benchmark in small: one life up to the first threshold, with a year's weather."""
+    from tests.benchmarks.bench_health import IN_TIME, first_at, lived
+
+    _, told, growth = lived(Life(41, 0.30 / 400), 160)
+    found = first_at(told, "ageing", 1)
+    assert found is not None
+    assert abs(found - 0.10 * 400 / 0.30) <= IN_TIME
+    assert {c.code for _, c in told} == {"ageing"}
+    assert np.abs(growth - 0.30 / 400 * np.arange(160))[40:].max() < 0.04
+    _, told, _ = lived(Life(41), 120)
+    assert told == []
