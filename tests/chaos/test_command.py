@@ -6,8 +6,10 @@ import sys
 
 import pytest
 
+from bms_gateway.chaos.catalogue import Chaos
 from bms_gateway.cli.main import main
-from tests.chaos.bench import config
+from bms_gateway.config import load_config
+from tests.chaos.bench import LONG, config
 
 
 def test_it_prints_what_was_expected_and_seen_and_writes_it_as_json(tmp_path, capsys):
@@ -65,12 +67,16 @@ def test_the_list_names_all_and_runs_none(tmp_path, capsys):
 
 @pytest.mark.vcan
 def test_every_fault_on_a_real_interface(tmp_path):
+    loaded = load_config(config(tmp_path))
+    # what takes many minutes of driving is tried inside the process (`test_scenarios`)
+    names = [name for name in Chaos(loaded.plan, loaded.database, "vcan0").scenarios if name not in LONG]
     words = ["chaos", "--config", str(config(tmp_path)), "--on", "vcan0", "--json", str(tmp_path / "a.json")]
+    words += [word for name in names for word in ("--scenario", name)]
     done = subprocess.run([sys.executable, "-m", "bms_gateway", *words], capture_output=True, text=True)
     print(done.stdout)
     assert done.returncode == 0, done.stdout + done.stderr
     outcomes = json.loads((tmp_path / "a.json").read_text())["scenarios"]
-    assert len(outcomes) >= 36
+    assert len(outcomes) >= 28
     assert [o["name"] for o in outcomes if o["skipped"]] == []
 
 
@@ -84,9 +90,9 @@ def test_a_bus_with_a_battery_on_it_is_refused(tmp_path, capsys):
         stderr=subprocess.STDOUT,
     ) as vehicle:
         try:
+            status = 0
             for _ in range(30):  # the replay takes its time to start on a slow machine
-                status = main(["chaos", "--config", str(file), "--on", "vcan0", "--scenario", "down-up", "--list"])
-                status = main(["chaos", "--config", str(file), "--on", "vcan0", "--scenario", "crc"])
+                status = main(["chaos", "--config", str(file), "--on", "vcan0", "--scenario", "full-load"])
                 if status == 2 or vehicle.poll() is not None:
                     break
         finally:

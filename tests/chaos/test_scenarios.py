@@ -8,14 +8,12 @@ from bms_gateway.chaos.catalogue import Chaos
 from bms_gateway.config import load_config
 from bms_gateway.engine.inputs import Inputs
 from bms_gateway.errors import UsageError
-from tests.chaos.bench import config
+from tests.chaos.bench import LONG, config
 from tests.config.files import MAPPED, write
 
 WITHOUT_FLOW = MAPPED.replace('coolant_flow = "Pack.Flow"\n', "")
 NEEDS_KERNEL = {"down-up", "removed", "burst"}
 REAL_TIME = {"bus-off", "transmit-queue-full", "impostor", "full-load"}
-LONG = {"thermocouple-slow", "thermocouple-stuck", "thermocouple-noisy"}
-LONG |= {f"current-{kind}" for kind in ("stuck", "clipped", "saturated", "sign", "end-of-range")}
 # what a vehicle has to survive, by the name of the scenario that shows it
 ASKED = {
     *("bus-off", "down-up", "removed", "transmit-queue-full", "full-load", "burst", "wrong-dlc"),

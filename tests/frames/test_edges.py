@@ -132,3 +132,23 @@ def test_nested_multiplexers_are_followed_as_far_as_the_frame_reaches() -> None:
     samples = decode(table, batch_of([(1, f) for f in frames]))
     assert list(zip(samples.frame.tolist(), samples.value.tolist(), strict=True)) == [(0, 11.0), (1, 12.0)]
     assert samples.unknown.tolist() == [3, 4, 5]
+
+
+def test_independent_multiplexers_are_followed_side_by_side() -> None:
+    text = HEAD + (
+        "BO_ 1 M: 8 A\n"
+        ' SG_ s0 M : 0|8@1+ (1,0) [0|0] "" A\n SG_ s1 M : 8|8@1+ (1,0) [0|0] "" A\n'
+        ' SG_ a m1 : 16|8@1+ (1,0) [0|0] "" A\n SG_ b m2 : 24|8@1+ (1,0) [0|0] "" A\n'
+        "\nSG_MUL_VAL_ 1 a s0 1-1;\nSG_MUL_VAL_ 1 b s1 2-2;\n"
+    )
+    table = Database.load({"a.dbc": text}).compile(["M.a", "M.b"])
+    assert table.several
+    for frames, expected in (
+        ([b"\x01\x02\x0b\x0c"], [(0, 11.0), (0, 12.0)]),
+        ([b"\x01\x02\x0b\x0c", b"\x01"], [(0, 11.0), (0, 12.0), (1, np.nan)]),
+        ([b"\x09\x09\0\0"], []),
+        ([b"\x01\x09\x0b\0"], [(0, 11.0)]),
+    ):
+        samples = decode(table, batch_of([(1, f) for f in frames]))
+        got = list(zip(samples.frame.tolist(), samples.value.tolist(), strict=True))
+        np.testing.assert_array_equal(np.array(got), np.array(expected))
