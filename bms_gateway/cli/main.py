@@ -21,6 +21,7 @@ COMMANDS = {
     "run": "the service: CAN in, estimates out",
     "check": "validate a config: DBC, signals, models, observability of each string",
     "analyze": "logged traffic through the same engine, as fast as possible",
+    "fleet": "many logs: a row per vehicle-day and string, and what the vehicles have in common",
     "replay": "put logged traffic on a bus with its own timing",
     "encode": "bench data as CAN frames by the DBC, so that it can be replayed",
     "export": "the gateway's recent decoded signals as a table, for compare and diagnose",

@@ -1,0 +1,37 @@
+"""Keys that say whether a log has been analysed already: the same log, the same config, the same program."""
+
+from collections.abc import Iterable
+from hashlib import sha256
+from pathlib import Path
+
+from bms_gateway import __version__
+
+FORMAT = 1
+"""Raised whenever rows come to mean something else."""
+
+
+def config_key(files: Iterable[Path]) -> str:
+    """Sum up the content of a config and of all that it names, the program's version too."""
+    h = sha256(f"{__version__} {FORMAT}".encode())
+    for file in files:
+        content = file.read_bytes()
+        h.update(f"\n{file.name} {len(content)}\n".encode())
+        h.update(content)
+    return h.hexdigest()[:16]
+
+
+def place_key(log: Path) -> str:
+    """Name a log by where it lies."""
+    return sha256(str(log.resolve()).encode()).hexdigest()[:16]
+
+
+def content_key(log: Path, config: str, vehicle: str) -> str:
+    """Sum up a log's size and time of change, the config's key and the vehicle's name.
+
+    Raises
+    ------
+    OSError
+        There is no such log, or it cannot be looked at.
+    """
+    s = log.stat()
+    return sha256(f"{s.st_size} {s.st_mtime_ns} {config} {vehicle}".encode()).hexdigest()[:16]
