@@ -35,6 +35,14 @@ STEADY_FIRST = 3  # seconds that must look alike before anything is broken
 SLICE_S = 0.02
 SMALL_BUFFER = 64 << 10  # of the gateway's socket, where a burst is to overflow it
 DRIVE_S = 300
+FOREIGN_ID = 0x7E5
+MOST_BEHIND_S = 0.1  # a machine too slow for the load asked for gets what it can
+
+
+def foreign_frames(count: int) -> FrameBatch:
+    """Make frames that concern nobody here."""
+    ids, data = np.full(count, FOREIGN_ID, np.uint32), np.full((count, 8), 0x55, np.uint8)
+    return FrameBatch(np.zeros(count, np.int64), ids, np.full(count, 8, np.uint8), data)
 
 
 class RefusingPort(SocketCanPort):
@@ -170,17 +178,17 @@ class RealTimeBench:
         self._plan, self._database, self._channel = plan, database, channel
         self._seconds = [s.frames for s in Drive(plan, database, seed).seconds(DRIVE_S)]
 
-    def run(self, scenario: Scenario, fault: Fault, *, small_buffer: bool = False) -> Outcome:
-        """Run one scenario from a fresh start to its recovery.
+    def run(self, scenario: Scenario, fault: Fault, *, small_buffer: bool = False, load: int = 0) -> Outcome:
+        """Run one scenario from a fresh start to its recovery; `load` frames/s of others fill the bus meanwhile.
 
         Raises
         ------
         BusError
             The interface cannot be used, or does not carry the traffic at all.
         """
-        return judge(scenario, asyncio.run(self._run(scenario, fault, small_buffer=small_buffer)))
+        return judge(scenario, asyncio.run(self._run(scenario, fault, small_buffer=small_buffer, load=load)))
 
-    async def _run(self, scenario: Scenario, fault: Fault, *, small_buffer: bool) -> Record:
+    async def _run(self, scenario: Scenario, fault: Fault, *, small_buffer: bool, load: int) -> Record:
         engine = Engine(self._plan, self._database)
         own, wanted = engine.sends, tuple(engine.can_ids.tolist())
         buffer = SMALL_BUFFER if small_buffer else RECEIVE_BUFFER
@@ -196,6 +204,7 @@ class RealTimeBench:
         vehicle = _Vehicle(self._channel, pair)
         bench = LiveBench(self._channel, port, tuple(own), wanted, vehicle.raw, vehicle.send)
         run = _LiveRun(scenario, bench, ears, vehicle, Bystander(self._plan, self._database), self._seconds)
+        run.load = load
         gateway = Gateway(engine, port, watch=run.watch)
         run.engine = engine
         try:
@@ -228,6 +237,7 @@ class _LiveRun:
         self.vehicle, self.bystander, self.seconds = vehicle, bystander, seconds
         self.record = Record(np.inf, np.inf)
         self.engine: Engine | None = None
+        self.load = 0
         self._begun = time.monotonic()
         self._sent_s = 0.0
         self._cells = len(bystander.cells)
@@ -286,6 +296,8 @@ class _LiveRun:
         now, self._sent_s = self._sent_s, self.now_s
         if self.bench.hushed:
             return
+        if others := round(self.load * min(self._sent_s - now, MOST_BEHIND_S)):
+            self.vehicle.send(foreign_frames(others))
         whole = range(int(now), int(self._sent_s) + 1)
         for k in whole:
             frames = self.seconds[k % len(self.seconds)]
