@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from urllib.parse import quote, urlsplit
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bms_gateway.errors import UsageError
@@ -75,6 +75,7 @@ def test_another_site_can_neither_read_nor_start_anything(server, desk):
     assert ask(server, "POST", f"/api/cancel?desk={desk}", "{}", **JSON, Origin=f"http://127.0.0.1:{port}")[0] == 200
 
 
+@settings(deadline=None)
 @given(st.text(max_size=40))
 def test_only_our_own_names_pass(host):
     known = names("127.0.0.1", 8420)
@@ -108,6 +109,7 @@ def test_uploads_are_bounded_and_stay_in_their_folder(server, desk, monkeypatch)
     assert [p.name for p in folder.iterdir()] == ["evil.csv"]
 
 
+@settings(deadline=None)
 @given(st.text(max_size=60))
 def test_a_safe_name_is_one_part_and_not_hidden(name):
     safe = safe_name(name)
