@@ -1,9 +1,9 @@
 """Soak: `python -m tests.benchmarks.soak files [--hours 24]` and `… soak vcan [--minutes 20]` (root, a real vcan0).
 
 `files`: simulated hours of five strings amid a full 1 Mbit/s bus of other frames through the engine, as `analyze`
-does it; the memory of the process must not grow after the first tenth. `vcan`: real minutes at full load on vcan0 through the
-service's own loop, with a fault of the bus every 30 s; memory flat, nothing dropped but what was injected, every fault
-recovered from. Status 1 where that does not hold.
+does it; the memory of the process must not grow after the first tenth. `vcan`: real minutes at full load on vcan0
+through the service's own loop, with a fault of the bus every 30 s; memory flat, every fault recovered from. Status 1
+where that does not hold.
 """
 
 import argparse
@@ -94,9 +94,9 @@ def files(hours: float) -> int:
     growth = max(flat) - flat[0] if flat else 0.0
     rate = frames / took
     print(
-        f"{hours:g} simulated hours, {frames} frames, {ticks} estimates of strings in {took:.0f} s: {rate:.0f} frames/s "
-        f"with the making of the traffic, {rate / FULL_LOAD:.0f} times real time; memory grew by {growth:.1f} MiB after "
-        f"the first tenth; rejected {dict(sorted(engine.rejected.items()))}"
+        f"{hours:g} simulated hours, {frames} frames, {ticks} estimates of strings in {took:.0f} s: "
+        f"{rate:.0f} frames/s with the making of the traffic, {rate / FULL_LOAD:.0f} times real time; "
+        f"memory grew by {growth:.1f} MiB after the first tenth; rejected {dict(sorted(engine.rejected.items()))}"
     )
     return 0 if growth <= GROWTH_MIB else 1
 
