@@ -45,6 +45,9 @@ FLOORS, FLOOR_K = (0.02, 0.03, 0.02, 0.02, 0.02), 0.1
 """What a window errs beyond its own sd: profile, uneven warmth, a model of two nodes."""
 OPENED = {"jump": 0.3, "cooling": 0.4, "drift": 2.0}  # what may have happened since the last window
 SURPRISE = 3.7  # sd: one in ten thousand windows that are as they should be
+SETTLING, DOUBTED = 10, 4.0
+"""Windows that make the baseline: one that surprises is taken with so many times its variance. Nothing can have changed
+since a commissioning that is under way, and what is opened then leaves it open what the baseline was."""
 CONFIRM = 3  # surprising windows in a row before a jump of R_e is believed
 UNREST_SHARE, RESTLESS = 0.1, 0.25
 """Weight of the newest window in the share of unusual ones, and the share from which R_e is held: a thermocouple that
@@ -178,7 +181,11 @@ class Trend:
             P[U, U] += WALK["cooling"] ** 2 * share
             P[self.drifts, self.drifts] += np.eye(self.m) * WALK["drift"] ** 2 * share
         self.windows += 1
-        P, kind = self._explained(P, H, z, R)
+        kind = Kind.USUAL
+        if self.windows > SETTLING:
+            P, kind = self._explained(P, H, z, R)
+        elif self._surprise(P, H, z, R):
+            R = DOUBTED * R
         self.unrest += UNREST_SHARE * (UNREST[kind] - self.unrest)
         self.surprises = self.surprises + 1 if kind is Kind.JUMP else 0
         if kind is Kind.STRANGE:
