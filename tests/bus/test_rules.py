@@ -130,6 +130,25 @@ def most_in(times, window):
     return max((np.count_nonzero((times >= t) & (times < t + window)) for t in times), default=0)
 
 
+def test_a_slow_pacer_gathers_no_more_than_its_burst_in_a_pause():
+    pacer = Pacer(dict.fromkeys(range(40), 60 * SECOND), Counters(), rate=100, burst=5)
+    pacer.offer(make(*[(0, k, b"") for k in range(5)]))
+    assert len(send_until(pacer, 0, MS)) == 5
+    pacer.offer(make(*[(0, k, b"") for k in range(5, 40)]))
+    assert len(send_until(pacer, 10 * SECOND, 10 * SECOND + MS)) == 5
+    assert len(send_until(pacer, 10 * SECOND + MS, 10 * SECOND + 100 * MS)) == 9
+
+
+def test_one_id_gets_so_many_frames_at_once_and_not_one_more():
+    counters = Counters()
+    pacer = Pacer({1: SECOND}, counters, rate=1e6)
+    pacer.offer(make(*[(0, 1, b"")] * (ID_BURST * BURST + 3)))
+    assert len(send_until(pacer, 0, 1, 1)) + len(send_until(pacer, 1, 20, 1)) <= ID_BURST * BURST
+    send_until(pacer, 20, 100_000, 1_000)
+    assert counters.sent + counters.limited == ID_BURST * BURST + 3
+    assert counters.sent >= ID_BURST * BURST
+
+
 def test_one_id_that_runs_wild_does_not_keep_the_others_from_being_sent():
     counters = Counters()
     pacer = Pacer({1: SECOND, 2: SECOND}, counters)
