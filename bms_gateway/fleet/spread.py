@@ -112,7 +112,7 @@ def on_cluster(tasks: Sequence[Task], address: str) -> Iterator[Numbered]:
         this = uuid4().hex  # a name that was used before would get what it was used for
         numbers = {f"bms-gateway-{this}-{i}": i for i in range(len(tasks))}
         futures = client.map(analyse, tasks, key=list(numbers))
-        for future in as_completed(futures):  # type: ignore[no-untyped-call]
+        for future in as_completed(futures, loop=client.loop):  # type: ignore[no-untyped-call]
             wrong = future.exception()
             yield numbers[future.key], future.result() if wrong is None else failed(wrong)
 
