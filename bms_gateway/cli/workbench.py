@@ -1,6 +1,8 @@
 """`workbench`: a local page on which a model is held against measurements, and a live page of the pack."""
 
 import argparse
+import signal
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -49,6 +51,7 @@ def run(args: argparse.Namespace) -> int:
     from bms_gateway.workbench.site import Site
 
     plotly_file()
+    signal.signal(signal.SIGTERM, _stop)  # as Ctrl-C: uploads and processes are to go too
     if args.bitrate <= 0:
         raise UsageError(f"workbench: --bitrate {args.bitrate:g}: must be above 0")
     given = _given(args)
@@ -64,6 +67,10 @@ def run(args: argparse.Namespace) -> int:
         site.close()
         server.server_close()
     return 0
+
+
+def _stop(_number: int, _frame: object) -> None:
+    sys.exit(0)
 
 
 def _given(args: argparse.Namespace) -> dict[str, Any] | None:
@@ -114,6 +121,8 @@ def _live(args: argparse.Namespace, site: "Site") -> int:
             site.close()
             server.server_close()
         return 0
+    if log.suffix or len(log.parts) > 1:
+        raise UsageError(f"workbench: --live {args.live}: no such log (a CAN interface is named as vcan0)")
     return _on_the_bus(args, site, loaded, engine)
 
 

@@ -10,6 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bms_gateway.cli.main import main
+from bms_gateway.config import shipped
 from bms_gateway.errors import UsageError
 from bms_gateway.workbench import server as served
 from bms_gateway.workbench import site as sites
@@ -176,3 +178,23 @@ def test_an_address_in_use_is_one_line(server):
 
 def test_the_address_told_is_the_one_that_answers(server):
     assert urlsplit(server.url).netloc in server.known
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--live", "can0"], "--live needs --config"),
+        (["x.csv"], "--model is needed"),
+        (["x.csv", "--model", "m.toml"], "x.csv: no such file"),
+        (["--model", "m.toml"], "--model goes with a TABLE"),
+        (["--bitrate", "0"], "--bitrate 0: must be above 0"),
+        (["--live", "drive.lgo", "--config", "CONFIG"], "drive.lgo: no such log"),
+    ],
+)
+def test_bad_words_are_one_line(words, told, capsys, monkeypatch):
+    monkeypatch.setattr("signal.signal", lambda *_: None)  # of the tests' own process
+    words = [str(shipped("deploy/example/gateway.toml")) if w == "CONFIG" else w for w in words]
+    assert main(["workbench", *words]) == 2
+    err = capsys.readouterr().err
+    assert told in err
+    assert err.count("\n") == 1
