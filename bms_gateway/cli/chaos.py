@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from bms_gateway.config.load import LoadedConfig
 
 EXAMPLE = """\
-  sudo bms-gateway chaos --config gateway.toml --on vcan0
   bms-gateway chaos --config gateway.toml --on memory --scenario thermocouple-open --scenario parked-hours
+  sudo bms-gateway chaos --config gateway.toml --on vcan0
 """
 MEMORY = "memory"
 LISTEN_S = 1.5  # a battery or a gateway that is on the bus says something every second
