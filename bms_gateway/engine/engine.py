@@ -36,7 +36,8 @@ from bms_gateway.frames.quality import Quality
 JOB_DUE_TICKS = 30  # far beyond what a window takes on a slow core, far below what a window spans
 GRACE_TICKS = 10  # after a start or a pause: what no sensor has said yet is no fault of it; a fault lasts longer
 UNHEARD_TICKS = 10  # no message of a battery comes less often than that
-UNKNOWN_GAP_S = 86_400.0  # parked for a time that nobody knows: after a day any string is at rest
+AT_ONCE_NS = 2_000_000_000  # a reload takes less, a restart more: nothing happens unseen in between
+CLOCK_SET_NS = 1_577_836_800_000_000_000  # 2020: an older stamp is of a clock that starts in 1970 and was not set yet
 SNAPSHOT_VERSION = 1
 LATEST_NS = 9_000_000_000_000_000_000  # the year 2255: stamps and periods added to them fit into 64 bits
 
@@ -97,6 +98,7 @@ class Engine:
         self.frames = 0
         self.dropped = 0
         self.recording = False
+        self._stored = False  # the state is that of another run, and no frame has come since
         self.judging = False
 
     @property
@@ -234,14 +236,17 @@ class Engine:
         self._started = self._started or start
         self._woken = start
         if self._tick_end is not None and start != self._tick_end:
-            gap_s = (start - self._tick_end) * 1e-9
-            if gap_s < 0.0:  # the clock ran backwards while we were off, as one without a battery does
-                gap_s = UNKNOWN_GAP_S
+            gap_ns: int | None = start - self._tick_end
+            unseen = self._stored and not 0 <= start - self._tick_end <= AT_ONCE_NS
+            if start < self._tick_end or (unseen and min(start, self._tick_end) < CLOCK_SET_NS):
+                gap_ns = None
+            how_long = "a time that the clock does not tell" if gap_ns is None else f"{gap_ns * 1e-9:.0f} s"
             self._queue.append(
-                Notice(start, Level.INFO, "awake", f"frames again after {gap_s:.0f} s: state carried over the gap")
+                Notice(start, Level.INFO, "awake", f"frames again after {how_long}: state carried over the gap")
             )
             self._inputs.forget()
-            self._estimators.pass_time(gap_s)
+            self._estimators.pass_time(None if gap_ns is None else gap_ns * 1e-9, unseen=unseen)
+        self._stored = False
         self._tick_end = start
 
     def _tick(self, samples: Samples, t1: int) -> None:
@@ -359,5 +364,6 @@ class Engine:
             raise StateError(f"stored state does not fit this program: {type(e).__name__} {e}") from None
         if self._tick_end is not None and not 0 <= self._tick_end < LATEST_NS:
             raise StateError(f"stored state: its time, {self._tick_end * 1e-9:.4g} s since 1970, is none of a clock")
+        self._stored = self._tick_end is not None
         for text in left:
             self._queue.append(Notice(self._tick_end or 0, Level.NOTICE, "state", text))

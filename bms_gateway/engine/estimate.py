@@ -33,6 +33,7 @@ from bms_gateway.identify.contract import FIXED_AT_COMMISSIONING, FIXED_OFFLINE,
 from bms_gateway.observe import AdaptiveObserver, Measured
 from bms_gateway.observe import Estimate as States
 from bms_gateway.observe.measured import SOC_UNKNOWN
+from bms_gateway.observe.unseen import RESTED_S
 from bms_gateway.thermal import KINDS, Disturbance, Floats
 
 if TYPE_CHECKING:
@@ -361,11 +362,14 @@ class Estimators:
             events += [_told(change, s.plan.name, now) for change in found]
         return events
 
-    def pass_time(self, gap_s: float) -> None:
-        """Carry everything over a time without frames."""
-        self._gap_s = gap_s
+    def pass_time(self, gap_s: float | None, *, unseen: bool = False) -> None:
+        """Carry all over a time without frames (None: of unknown length); `unseen`: we were off, current may flow."""
+        self._gap_s = RESTED_S if gap_s is None else gap_s
         for group in self._groups:
-            group.observer.propagate(gap_s)
+            if gap_s is None:
+                group.observer.propagate_unknown()
+            else:
+                group.observer.propagate(gap_s, unseen=unseen)
         for s in self.strings:
             s.mismatch.resume()
             if s.voltage is not None:

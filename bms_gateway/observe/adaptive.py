@@ -23,6 +23,7 @@ from bms_gateway.observe.model import OFFSETS, Bools, Ints, stack, start_covaria
 from bms_gateway.observe.sensitivity import PARAMETERS, Flows, carried, corrected
 from bms_gateway.observe.spread import root, scatter
 from bms_gateway.observe.stored import like, plain
+from bms_gateway.observe.unseen import JUST_LEFT_S, RESTED_S, either, opened
 from bms_gateway.thermal import Disturbance, Floats, Start, StringModel, StringParameters
 
 FLOW_GRID = 0.03
@@ -254,7 +255,7 @@ class AdaptiveObserver:
             self._own, self._owned = self._own.copy(), True
             self._own[s] = tolerated if own is None else own
 
-    def propagate(self, gap_s: float, inlet: Floats | None = None) -> Estimate:
+    def propagate(self, gap_s: float, inlet: Floats | None = None, *, unseen: bool = False) -> Estimate:
         """Carry all strings over a time without frames: a silent bus, or parked since the state was stored.
 
         Parameters
@@ -263,12 +264,18 @@ class AdaptiveObserver:
             > 0.
         inlet : ndarray (S,), optional
             Coolant inlet after it, °C; NaN or None takes the last one.
+        unseen : bool
+            Whether current may have flowed, because we were off and not the bus (see `unseen`).
 
         Returns
         -------
         Estimate
             No heat in the meantime; bands grow towards those of a rested string whose inlet nobody saw.
         """
+        if unseen:
+            state = self._kalman.caught_up(self._state, np.arange(self._strings))
+            x, P = opened(state.x, state.P, self._usual.mean(axis=1), self._kalman.model.disturbance)
+            self._state = replace(state, x=x, P=P)
         in_force = [self._in_force(s) for s in range(self._strings)]
         d = self._kalman.model.disturbance
         gap = stack(in_force, gap_s, d)
@@ -284,9 +291,19 @@ class AdaptiveObserver:
             )
             J[:, :, j] += (up - down) / (2.0 * PROBE)
         self._J = J
-        self._state = self._kalman.propagate(self._state, gap, self._inlet, inlet1)
+        self._state = self._kalman.propagate(self._state, gap, self._inlet, inlet1, unseen=unseen)
         self._inlet, self._usual, self._unread = inlet1.copy(), still, self._unread + gap_s
         return self.estimate()
+
+    def propagate_unknown(self) -> None:
+        """Carry all strings over a time of which nobody knows how long it was: a clock that is not to be believed."""
+        state, J, inlet, usual, unread = self._state, self._J, self._inlet, self._usual, self._unread
+        self.propagate(RESTED_S)
+        rested, J_rested = self._state, self._J
+        self._state, self._J, self._inlet, self._usual, self._unread = state, J, inlet, usual, unread
+        self.propagate(JUST_LEFT_S, unseen=True)
+        x, P = either(self._state.x, self._state.P, rested.x, rested.P)
+        self._state, self._J = replace(self._state, x=x, P=P), (self._J + J_rested) / 2.0
 
     def snapshot(self) -> dict[str, Any]:
         """Return all that a restart needs, as numbers, lists and None for NaN."""

@@ -24,6 +24,7 @@ from bms_gateway.observe.spread import root, scatter
 from bms_gateway.observe.stored import like, plain
 from bms_gateway.observe.tangent import ROW, Tangent, disturbed, drive_of, jacobian
 from bms_gateway.observe.uncertain import EffectNumber, effect_numbers, log_change, uncertain
+from bms_gateway.observe.unseen import JUST_LEFT_S, RESTED_S, either, opened
 from bms_gateway.thermal import Disturbance, Floats, Start, StringModel, StringParameters
 from bms_gateway.thermal.physics import Memory, Numbers, Physics
 
@@ -193,7 +194,7 @@ class EffectObserver:
         self._cov, self._root = cov, root(cov)
         self._tangent = None
 
-    def propagate(self, gap_s: float, inlet: Floats | None = None) -> Estimate:
+    def propagate(self, gap_s: float, inlet: Floats | None = None, *, unseen: bool = False) -> Estimate:
         """Carry the string over a time without frames: a silent bus, or parked since the state was stored.
 
         Parameters
@@ -202,6 +203,8 @@ class EffectObserver:
             > 0.
         inlet : ndarray (1,), optional
             Coolant inlet after it, °C; NaN or None takes the last one.
+        unseen : bool
+            Whether current may have flowed, because we were off and not the bus (see `unseen`).
 
         Returns
         -------
@@ -210,6 +213,9 @@ class EffectObserver:
         """
         if not self._available:
             return self.estimate()
+        if unseen:
+            b, usual = self._belief, float(self._usual[1] * np.mean(self._v.string.R_e))
+            self._belief = Belief(*opened(b.z, b.P, usual, self._disturbance), b.J)
         first = self._inlet
         last = float(inlet[0]) if inlet is not None and isfinite(inlet[0]) else first
         row = self._row.copy()
@@ -225,13 +231,23 @@ class EffectObserver:
             done, grown = done + h, grown * GROWTH
         self._inlet, self._usual, self._row = last, np.zeros(3), row
         self._unread = self._unread + gap_s
-        self._known = np.array([False, True])
+        self._known = np.array([False, not unseen])
         self._rows, self._states = self._rows[:0], self._states[:0]
         self._tangent = None
         instant = row.copy()
         instant[ROW.index("T_in")] = last
         self._seen = self._readings(self._belief.z, instant, self._memory(row, self._dt)[0])
         return self.estimate()
+
+    def propagate_unknown(self) -> None:
+        """Carry the string over a time of which nobody knows how long it was; effects' memories are those of rest."""
+        was, inlet, usual, row = self._belief, self._inlet, self._usual, self._row
+        self.propagate(JUST_LEFT_S, unseen=True)
+        a = self._belief
+        self._belief, self._inlet, self._usual, self._row = was, inlet, usual, row
+        self.propagate(RESTED_S)
+        b, self._known = self._belief, np.array([False, False])
+        self._belief = Belief(*either(a.z, a.P, b.z, b.P), (a.J + b.J) / 2.0)
 
     def snapshot(self) -> dict[str, Any]:
         """Return all that a restart needs, as numbers, lists and None for NaN."""
@@ -458,11 +474,9 @@ class EffectObserver:
         n, b = self._model.cells, self._belief
         spread = b.J[: 2 * n] @ self._root
         var = np.diag(b.P)[: 2 * n] + np.einsum("mp,mp->m", spread, spread) + self._between_cells()
-        sd = np.where(self._available, np.sqrt(np.maximum(var, 0.0)), np.inf)
-        x = np.where(self._available, b.z[: 2 * n], nan)
-        return Estimate(
-            x[None, 0::2], sd[None, 0::2], x[None, 1::2], sd[None, 1::2], r, r_sd, self._available.reshape(1)
-        )
+        sd = np.where(self._available, np.sqrt(np.maximum(var, 0.0)), np.inf)[None]
+        x = np.where(self._available, b.z[: 2 * n], nan)[None]
+        return Estimate(x[:, 0::2], sd[:, 0::2], x[:, 1::2], sd[:, 1::2], r, r_sd, self._available.reshape(1))
 
     def _between_cells(self) -> Floats:
         """Variance (2n,) that cells add by being unlike, as `AdaptiveObserver` states it."""

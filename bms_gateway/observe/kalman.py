@@ -271,8 +271,10 @@ class Kalman:
         )
         return replace(state, P=_put(state.P, live, P), K=_put(state.K, live, K), S=_put(state.S, live, S))
 
-    def propagate(self, state: KalmanState, gap: StackedModel, inlet0: Floats, inlet1: Floats) -> KalmanState:
-        """Carry the state over a gap with no heat and no readings, in one exact step.
+    def propagate(
+        self, state: KalmanState, gap: StackedModel, inlet0: Floats, inlet1: Floats, *, unseen: bool = False
+    ) -> KalmanState:
+        """Carry the state over a gap with no heat but the state's own and no readings, in one exact step.
 
         Parameters
         ----------
@@ -282,6 +284,8 @@ class Kalman:
         inlet0, inlet1 : ndarray (S,), °C
             Inlet before and after; a straight line between them, from which it may have strayed unseen up to
             `Disturbance.inlet_unknown`.
+        unseen : bool
+            Whether current may have flowed.
 
         Returns
         -------
@@ -291,11 +295,11 @@ class Kalman:
         strings, n = len(state.x), self.model.cells
         state = self.caught_up(state, np.arange(strings))
         x = gap.advance(state.x, np.zeros((strings, n)), inlet0, inlet1)
-        unseen = np.tile([False, True], (strings, 1))
-        Q = gap.noise(np.arange(strings), unseen)
+        Q = gap.noise(np.arange(strings), np.tile([False, True], (strings, 1)))
         P = np.matmul(np.matmul(gap.A, state.P), gap.A.swapaxes(1, 2)) + Q
         fresh = self.init(x, (P + P.swapaxes(1, 2)) / 2.0)
-        fresh.pattern[:, -1] = 0
+        if not unseen:
+            fresh.pattern[:, -1] = 0
         return replace(fresh, held=np.ones(strings, np.int64))
 
 
