@@ -49,6 +49,11 @@ class Settings:
         Error of what effects move, a share of it, and how long it lasts: the lumped form of a strong one is no better.
     left_open : float, K
         What the readings may be off because the current is not known between its rows.
+    white : float
+        z of the structure up to which a residual counts as white.
+    near, ways : float, int
+        Share of the first effect's log-odds from which another is tried in its place where structure is left, and how
+        many are.
     ahead : float
         Log-odds from which an effect that fails the gates is kept on trial for one round.
     """
@@ -69,6 +74,9 @@ class Settings:
     form: float = 0.01
     memory: float = 300.0
     left_open: float = 0.0
+    white: float = 6.0
+    near: float = 0.95
+    ways: int = 2
     ahead: float = 15.0
 
     def odds(self, number: int) -> float:

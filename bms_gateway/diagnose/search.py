@@ -111,8 +111,24 @@ def search(
     y = stacked(baseline.problem)[0]
     surfaces = (float(np.quantile(y, 0.002)), float(np.quantile(y, 0.998)))
     offered = candidates(model, records[0].drive, surfaces)
-    on_trial = False
-    for number in range(s.effects):
+    _climb(found, offered, s, tell)
+    for rival in _rivals(found, s):
+        tell(0.9, f"beginning with {rival.candidate.key}")
+        other = Search(baseline, _settled(rival.fit, baseline, s), gains=found.gains, rounds=found.rounds[:1])
+        other.chosen.append(_chosen(rival, found.rounds[0]))
+        _climb(other, offered, s, tell)
+        if structure(other.final).z <= s.white and _posterior(other, offered) > _posterior(found, offered) + s.ahead:
+            other.left_open, other.hopeless, found = found.left_open, found.hopeless, other
+            break
+    found.orphan = not found.chosen and any(t.log_odds > s.ahead for r in found.rounds for t in r)
+    tell(1.0, "done")
+    return found
+
+
+def _climb(found: Search, offered: Sequence[Candidate], s: Settings, tell: Progress) -> None:
+    """Add effects one by one as long as evidence and held-out readings let one in."""
+    baseline, on_trial = found.baseline, False
+    for number in range(len(found.chosen), s.effects):
         current = found.final
         tell(0.15 + 0.8 * number / s.effects, "screening the catalogue")
         there = {c.candidate.key for c in found.chosen}
@@ -134,9 +150,24 @@ def search(
             _exchange(found, offered, s)
     if on_trial and not _redeemed(found):
         found.chosen, found.final = [], baseline
-    found.orphan = not found.chosen and any(t.log_odds > s.ahead for r in found.rounds for t in r)
-    tell(1.0, "done")
-    return found
+
+
+def _rivals(found: Search, s: Settings) -> list[Trial]:
+    """Other first effects that explained nearly as much, where what was found leaves structure.
+
+    With two effects hidden the one that mimics both best comes first, and with it in the model neither of them is
+    worth much more: the way up leads over the other.
+    """
+    if not found.chosen or structure(found.final).z <= s.white:
+        return []
+    there = {c.candidate.name for c in found.chosen}
+    near = [t for t in found.rounds[0] if t.candidate.name not in there]
+    near = [t for t in near if t.log_odds > s.near * found.rounds[0][0].log_odds]
+    return list({t.candidate.name: t for t in reversed(near)}.values())[::-1][: s.ways]
+
+
+def _posterior(found: Search, offered: Sequence[Candidate]) -> float:
+    return found.final.log_evidence + sum(prior_odds(c.candidate, offered) for c in found.chosen)
 
 
 def refit(

@@ -12,7 +12,7 @@ Levenberg's damping and an active set at the bounds. The log evidence is the Lap
 In place of the least squares of Lin et al., Eq 3-10, where a model has effects that Eq 1 lacks.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -231,7 +231,7 @@ def map_fit(
     give_up : float
         Stop as soon as the cost is unlikely to fall below: the fit is then only good for ranking.
     outclassed : float
-        Stop after the second step where it leaves the cost above this.
+        Stop after the second step where even what a next one promises would leave the cost above this.
     noise : Whitening, optional
         Takes the place of the records' own noise.
     least_gain : float
@@ -267,16 +267,16 @@ def map_fit(
 
     prediction = problem.predict(z[:P], guess, z[P:])
     cost, r = judge(z, prediction)
-    columns, H = _columns(problem, z, prediction, J, refinements), np.eye(len(z))
-    weighed, damping, steep, kept = none, DAMPING, 1.0, False
+    columns, weighed, H = none, np.zeros((len(y), P)), np.eye(len(z))
+    damping, steep, kept = DAMPING, 1.0, False
     for iteration in range(iterations):
         with np.errstate(over="ignore", invalid="ignore"):  # of columns that ran away; seen and told below
             pull = np.where(used, trust * r, 0.0)
-            if kept:
-                slope = np.concatenate([pull @ weighed, pull @ linear.weighed])
-            else:
-                if iteration:
-                    columns = problem.jacobian(z[:P], prediction, problem.coordinates, refinements, z[P:])
+            slope = np.concatenate([pull @ weighed, pull @ linear.weighed])
+            if iteration > 1 and cost - _promise(H, slope - (z - prior) / sd**2) > outclassed:
+                break
+            if not kept:
+                columns = _columns(problem, z, prediction, None if iteration else J, refinements)
                 steep = 1.0 if noise is not None else curvature((y - prediction.y)[used], sigma0[used], step[used])
                 weighed = _weighed(problem, noise, columns)
                 H, slope = _normal(weighed, linear, sd, trust * steep, pull)
@@ -285,21 +285,18 @@ def map_fit(
         if not (np.isfinite(H).all() and np.isfinite(gradient).all()):
             cost, H = np.inf, np.eye(len(z))  # a trajectory that runs away tells no direction: the fit is none
             break
-        for _ in range(TRIES):
-            step_z = _step(H, gradient, z, lower, upper, damping)
-            new = np.clip(z + step_z * _within_reach(problem, z, step_z), lower, upper)
+        for new, damped in _steps(problem, H, gradient, z, lower, upper, damping):
             trial = problem.predict(new[:P], prediction.X, new[P:])
             trial_cost, trial_r = judge(new, trial)
             if np.isfinite(trial_cost) and trial_cost < cost:
                 promised = float((new - z) @ (2.0 * gradient - H @ (new - z)))
                 z, prediction, cost, r = new, trial, trial_cost, trial_r
-                damping = max(0.1 * damping, DAMPING)
+                damping = max(0.1 * damped, DAMPING)
                 break
-            damping *= 30.0
         gain = before - cost
         slow = cost > give_up and gain < 0.3 * (cost - give_up)
         settled = gain < least_gain or (iteration > 0 and slow)
-        if (settled and not kept) or (iteration > 0 and cost > outclassed):
+        if settled and not kept:
             break
         # columns that foretold the gain will do for another step, but not to end on
         kept = not settled and gain > FORETOLD * promised
@@ -366,6 +363,22 @@ def _normal(J: Floats, linear: Linear, sd: Floats, trust: float, pull: Floats) -
     H = trust * np.block([[own[:P], cross[:P]], [cross[:P].T, linear.gram]])
     H[np.diag_indices_from(H)] += 1.0 / sd**2
     return np.asarray(H, dtype=np.float64), np.concatenate([own[P], cross[P]])
+
+
+def _promise(H: Floats, gradient: Floats) -> float:
+    """Cost that an undamped step would gain if all were linear; infinite where nothing can be foretold."""
+    gain = float(gradient @ solved(H, gradient[:, None])[:, 0]) if np.isfinite(gradient).all() else np.inf
+    return gain if np.isfinite(gain) else np.inf
+
+
+def _steps(
+    problem: Problem, H: Floats, gradient: Floats, z: Floats, lower: Floats, upper: Floats, damping: float
+) -> Iterator[tuple[Floats, float]]:
+    """Ever shorter steps, each with its damping."""
+    for _ in range(TRIES):
+        step = _step(H, gradient, z, lower, upper, damping)
+        yield np.clip(z + step * _within_reach(problem, z, step), lower, upper), damping
+        damping *= 30.0
 
 
 def _within_reach(problem: Problem, z: Floats, step: Floats) -> float:
