@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import exp, nan
+from math import exp, inf, nan, sqrt
 from typing import Any
 
 import numpy as np
@@ -23,8 +23,8 @@ ALIKE = 0.6  # smallest over largest drift from which all sensors are said to dr
 JUMPED = 0.06  # ln: a jump of R_e of this size is one
 OFF_VOLTAGE = Thresholds(rise=(0.05,), fall=(0.03,), hold=CONFIRM)
 """Thermal over electrical resistance, ln, moved so far since commissioning: the current's scale is wrong."""
-WITNESS_WINDOWS = 5  # that make what the ratio was at commissioning
-FOLLOW = 0.3  # share of a new window in the ratio's running mean
+WITNESS_SD = 0.012  # ln: the ratio at commissioning is known when its mean is so sure
+RATIO_FLOOR, RATIO_WALK = 0.04, 0.005  # ln: what a window's ratio errs beyond its own sd; its step in a window
 RAIL = (0.03, 20)  # share and number of ticks at exactly the greatest current: a sensor that ends there
 
 
@@ -126,7 +126,8 @@ class CurrentWatch:
     flag: Flag = field(default_factory=lambda: Flag(CURRENT))
     ratio: float = nan
     _base: float = 0.0
-    _windows: int = 0
+    _base_var: float = inf
+    _var: float = 0.0
     _off: Flag = field(default_factory=lambda: Flag(OFF_VOLTAGE))
     _newest: float = 0.0
     _jump: float = 0.0
@@ -136,7 +137,7 @@ class CurrentWatch:
     @property
     def heard(self) -> bool:
         """Whether voltage is a witness."""
-        return self._windows >= WITNESS_WINDOWS
+        return self._base_var <= WITNESS_SD**2
 
     @property
     def scale(self) -> float:
@@ -151,21 +152,26 @@ class CurrentWatch:
     @property
     def believed(self) -> bool:
         """Whether the newest window's R_e may count as the cells': a scale is wrong before that is certain."""
-        return not self.wrong_scale and abs(self._newest) <= OFF_VOLTAGE.rise[0]
+        return not self.wrong_scale and self._newest <= 1.0
 
-    def listen(self, ln_ratio: float) -> None:
-        """Take one window's ln of thermal over electrical resistance; NaN where there was no voltage."""
+    def listen(self, ln_ratio: float, sd: float) -> None:
+        """Take one window's ln of thermal over electrical resistance, and its sd; NaN where there was no voltage."""
         self._newest = 0.0
         if ln_ratio != ln_ratio:
             return
+        R = sd**2 + RATIO_FLOOR**2
         if not self.heard:
-            self._windows += 1
-            self._base += (ln_ratio - self._base) / self._windows
-            self.ratio = self._base
+            gain = 1.0 if self._base_var == inf else self._base_var / (self._base_var + R)
+            self._base += gain * (ln_ratio - self._base)
+            self._base_var = gain * R
+            self.ratio, self._var = self._base, 0.0
             return
-        self._newest = ln_ratio - self._base
-        self.ratio += FOLLOW * (ln_ratio - self.ratio)
-        self._off.update(abs(self.scale))
+        self._newest = abs(ln_ratio - self._base) / (SIGNIFICANT * sqrt(R + self._base_var))
+        P = self._var + RATIO_WALK**2
+        gain = P / (P + R)
+        self.ratio, self._var = self.ratio + gain * (ln_ratio - self.ratio), gain * R
+        sure = abs(self.scale) > SIGNIFICANT * sqrt(self._var + self._base_var)
+        self._off.update(abs(self.scale) if sure else 0.0)
 
     def doubted(self, shape: str) -> bool:
         """Take a window whose current had a suspicious `shape` and contradicts the heat, or none (empty)."""
@@ -203,7 +209,8 @@ class CurrentWatch:
             "level": self.flag.level,
             "ratio": self.ratio if self.heard else self._base,
             "base": self._base,
-            "windows": self._windows,
+            "base_var": self._base_var if self._base_var < inf else None,
+            "var": self._var,
             "off": self._off.level,
             "jump": self._jump,
             "shape": self._shape,
@@ -214,7 +221,8 @@ class CurrentWatch:
         """Take up a stored state."""
         self.flag = Flag(CURRENT, stored_level(state["level"], 2))
         self.ratio, self._base, self._jump = (float(state[key]) for key in ("ratio", "base", "jump"))
-        self._windows, self._shaped = int(state["windows"]), int(state["shaped"])
+        self._base_var = inf if state["base_var"] is None else float(state["base_var"])
+        self._var, self._shaped = float(state["var"]), int(state["shaped"])
         self._off = Flag(OFF_VOLTAGE, stored_level(state["off"], 1))
         self._shape = str(state["shape"])
 

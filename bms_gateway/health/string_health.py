@@ -184,7 +184,7 @@ class StringHealth:
         moved = []
         doubted = self.current.doubted(result.shape if self.trend.surprising(result.seen) else "")
         if not doubted:
-            self.current.listen(result.ratio)
+            self.current.listen(result.ratio, float(np.sqrt(result.seen.cov[0, 0])))
             self.trend.update(result.seen, result.share, believe=self.current.believed)
         if self.current.update(self.trend):
             moved.append(Change("current", self.current.flag.level, self.current.sentence()))
