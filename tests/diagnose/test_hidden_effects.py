@@ -11,7 +11,7 @@ from tests.benchmarks.diagnosis_scores import missed, names, visible
 from tests.diagnose.hidden_record import record_of
 from tests.truth.hidden import Scenario, make_logs
 from tests.truth.sizes import SIZES
-from tests.truth.suites import SENSORS, controls, one_cell, suited
+from tests.truth.suites import SENSORS, controls, one_cell, pairs, suited
 
 SEED = 6_100_000
 """Packs that nothing was tuned on."""
@@ -128,3 +128,14 @@ def test_noise_taken_for_too_small_under_coarse_steps_is_nothing_unknown():
     (scenario,) = (s for s in controls(9400) if s.seed == 94_002_050)
     record, model = record_of(make_logs([scenario])[0])
     assert diagnose(model, [record]).verdict == "adequate"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("base", "seed"), [(9600, 96_005_008), (9600, 96_005_004)])
+def test_two_effects_are_found_beside_others_that_come_near_them(base, seed):
+    """The way to both leads over a first effect that explains a little less; a rival once ended after two steps."""
+    (scenario,) = (s for s in pairs(base) if s.seed == seed)
+    record, model = record_of(make_logs([scenario])[0])
+    found = diagnose(model, [record])
+    assert sorted(s.candidate.name for s in found.selected) == sorted(scenario.effects), found.sentence
+    assert not found.unknown_remains
