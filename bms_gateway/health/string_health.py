@@ -215,7 +215,7 @@ class StringHealth:
     def doubt(self) -> str:
         """What could look like growth too."""
         if self.current.heard:
-            return ""
+            return " (the voltage does not contradict the current so far; a scale some per cent off takes long to show)"
         return " (a current sensor that has come to read low looks the same: no voltage is heard that could tell)"
 
     def fitted(self, ln_R_e: Floats, sd: Floats, base: Floats | None) -> list[Change]:
