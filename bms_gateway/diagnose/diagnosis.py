@@ -25,7 +25,7 @@ from bms_gateway.diagnose.core_band import core_moved
 from bms_gateway.diagnose.judge import Settings, Trial
 from bms_gateway.diagnose.prepare import measured
 from bms_gateway.diagnose.record import Record
-from bms_gateway.diagnose.residuals import Structure, noise_floor, rmse, scale, structure, within
+from bms_gateway.diagnose.residuals import Structure, noise_floor, rmse, scale, structure, surely, within
 from bms_gateway.diagnose.search import Progress, Search, search
 from bms_gateway.diagnose.second import SecondSearch, needs_second, second_search
 from bms_gateway.identify.map_fit import MapFit, stacked
@@ -43,6 +43,8 @@ CHANCE = 1.5
 """What rows too coarse leave open counts so often: one record's share of it is a draw of few."""
 HELD_RATIO = 1.2
 """Held-out residual over the noise, from which the model does not hold there."""
+COARSE_SDS = 2.0
+"""Of the held-out residual that coarse steps leave to a few readings: so many it must be above that."""
 EXPLAINED, EXPLAINED_HELD = 0.95, 0.5
 """Share of the structure's power, of the held-out excess, that an effect must take away to be named as the cause: a
 right name leaves less, unless the noise hides it all the same."""
@@ -207,7 +209,8 @@ def judged(found: Search) -> Diagnosis:
     # noise well below the steps is hardly known: what trained readings leave white is noise, however much it is
     white = coarse and final.structure.z <= LEAST_Z
     usual = max(1.0, scale(found.final, stacked(found.final.problem)[4])) if white else 1.0
-    fails_held = scale(found.final, held) > float(np.hypot(HELD_RATIO * usual, open_in_sd))
+    seen = surely(found.final, held, COARSE_SDS) if coarse else scale(found.final, held)
+    fails_held = seen > float(np.hypot(HELD_RATIO * usual, open_in_sd))
     explained = 1.0 - max(final.structure.power, 0.0) / max(base.structure.power, 1e-9)
     before, after = (max(rmse(f, held) ** 2 - floor, 0.0) for f in (found.baseline, found.final))
     explained_held = 1.0 - after / max(before, 1e-9)

@@ -95,6 +95,18 @@ def scale(fit: MapFit, rows: np.ndarray) -> float:
     return float(np.sqrt(np.mean(fit.r[rows] ** 2) / fit.steep)) if rows.any() else float("nan")
 
 
+def surely(fit: MapFit, rows: np.ndarray, sds: float) -> float:
+    """Give `scale` less so many standard deviations of its square.
+
+    With steps far above the noise few readings stand near enough to the edge of their level to tell anything, and the
+    mean of the squares hangs on them.
+    """
+    squares = fit.r[rows] ** 2 / fit.steep
+    if not len(squares):
+        return float("nan")
+    return float(np.sqrt(max(np.mean(squares) - sds * np.std(squares) / np.sqrt(len(squares)), 0.0)))
+
+
 def within(fit: MapFit) -> np.ndarray:
     """Held-out readings (M,) whose inputs lie within the range that was trained; all held-out ones if few do."""
     parts = []
