@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.acceptance.drives import EPOCH_S
-from tests.acceptance.restarts import driven, frames, gateway, parked, restart, states_at
+from tests.acceptance.restarts import CELLS, driven, frames, gateway, parked, restart, states_at
 
 pytestmark = pytest.mark.slow
 GAPS = (5, 30, 120, 600)
@@ -39,11 +39,15 @@ def told(name, results):
     sent = [sum(r.sent(tick) for r in results) for tick in (0, 1)]
     all_in = sum(r.outside(1) == 0 for r in results)
     sd = float(np.nanmedian(np.concatenate([r.sd[1].ravel() for r in results])))
+    worst = max(float(np.nanmax(np.abs(r.error[1] / r.sd[1]))) for r in results)
     share = 100.0 * (1.0 - outside[1] / cores)
     print(f"{name}: {len(results)} restarts, {cores} cores; first tick: {sent[0]} sent, {outside[0]} outside 2 sd")
     print(f"one tick later: {sent[1]} sent, {share:.1f} % inside 2 sd ({all_in} restarts wholly), median {sd:.2f} K")
+    print(f"at worst {worst:.1f} sd")
     assert sent[1] == cores
-    assert outside[1] <= 0.05 * cores
+    # the cores of a string err together: of fifteen strings one may be out, and by chance a second
+    assert outside[1] <= max(0.05 * cores, 2 * CELLS)
+    assert worst < 4.0
     assert outside[0] <= 0.07 * max(sent[0], 1)
     assert sd < 3.0
 
