@@ -1,6 +1,6 @@
 """The installed service under a real systemd with a real vcan0.
 
-Run by ``CANVM_MODE=systemd CANVM_REQUIRED=1 tests/canvm/canvm -t 600 python -m pytest -m systemd``. What is done here
+Run by ``CANVM_MODE=systemd CANVM_REQUIRED=1 tests/canvm/canvm -t 1500 python -m pytest -m systemd``. What is done here
 is what a user does: build the wheel, `deploy/install.sh`, edit the config, `systemctl start`. Only two things differ,
 because the guest has no network and its Python may lie where `ProtectHome` hides it: the interpreter is mounted below
 /opt, and the packages that the gateway needs are lent by the present environment.
