@@ -3,6 +3,7 @@
 import argparse
 import os
 from dataclasses import asdict
+from heapq import heappop, heappush
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +11,8 @@ from bms_gateway.cli.main import Parser
 from bms_gateway.errors import UsageError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
     from bms_gateway.fleet.atlas import Atlas
     from bms_gateway.fleet.day import Row
     from bms_gateway.fleet.run import Run
@@ -66,15 +69,16 @@ def run(args: argparse.Namespace) -> int:
     with progress("logs", len(logs)) as advance:
         done = fleet.run_fleet(logs, loaded, out, jobs=jobs, scheduler=args.scheduler, advance=advance)
     models = {s.name: str(args.config.parent / s.model) for s in loaded.config.string}
-    atlas = draw_atlas(done.rows(), str(args.config), models)
+    seen = _Seen()
+    atlas = draw_atlas(seen.passing(done.rows()), str(args.config), models)
     try:
         columns.write_rows(out / fleet.ATLAS_FILE, _positions(atlas), columns.ATLAS)
     except OSError as e:
         raise UsageError(f"--out {out}: cannot be written: {e.strerror}") from None
-    summary = _summary(done, atlas)
+    summary = _summary(done, seen, atlas)
     if args.json:
         write_json(args.json, summary)
-    say(_text(done, atlas, out), args.json)
+    say(_text(done, seen, atlas, out), args.json)
     if done.bad:
         rest = f"; all of them: column error of {out / fleet.FLEET}" if len(done.bad) > 1 else ""
         note(f"{len(done.bad)} of {len(logs)} logs could not be used: {done.bad[0][1]}{rest}")
@@ -102,28 +106,44 @@ def _positions(atlas: "Atlas") -> list["Row"]:
     return [asdict(p) | {"finding": kinds.get((p.string, p.cell, p.regime))} for p in atlas.positions]
 
 
-def _summary(done: "Run", atlas: "Atlas") -> dict[str, Any]:
-    rows, vehicles = 0, set()
-    for row in done.rows():
-        rows += 1
-        vehicles.add(row["vehicle"])
+class _Seen:
+    """What is counted of rows that pass by, which are too many to be kept: their number, vehicles, the hottest."""
+
+    def __init__(self) -> None:
+        self.rows = 0
+        self.vehicles: set[str] = set()
+        self._hottest: list[tuple[float, int, Row]] = []
+
+    def passing(self, rows: "Iterable[Row]") -> "Iterator[Row]":
+        for row in rows:
+            self.rows += 1
+            self.vehicles.add(row["vehicle"])
+            if row["worst_core_C"] is not None:
+                heappush(self._hottest, (row["worst_core_C"], -self.rows, row))
+                if len(self._hottest) > MOST_SHOWN:
+                    heappop(self._hottest)
+            yield row
+
+    def hottest(self) -> "list[Row]":
+        return [row for _, _, row in sorted(self._hottest, key=lambda h: (-h[0], -h[1]))]
+
+
+def _summary(done: "Run", seen: _Seen, atlas: "Atlas") -> dict[str, Any]:
     return {
         "logs": len(done.parts) + len(done.bad),
         "analysed": done.analysed,
         "skipped": done.skipped,
         "bad": [{"log": log, "error": why} for log, why in done.bad],
-        "vehicles": len(vehicles),
-        "rows": rows,
+        "vehicles": len(seen.vehicles),
+        "rows": seen.rows,
         "atlas": {"positions": _positions(atlas), "findings": [asdict(f) for f in atlas.findings]},
     }
 
 
-def _text(done: "Run", atlas: "Atlas", out: Path) -> str:
+def _text(done: "Run", seen: _Seen, atlas: "Atlas", out: Path) -> str:
     from bms_gateway.fleet.atlas import FEWEST_VEHICLES
     from bms_gateway.report.show import number, text_table
 
-    rows = list(done.rows())
-    hottest = sorted(rows, key=lambda r: -(r["worst_core_C"] or float("-inf")))[:MOST_SHOWN]
     table = [
         [
             r["vehicle"],
@@ -135,20 +155,19 @@ def _text(done: "Run", atlas: "Atlas", out: Path) -> str:
             number(r["mismatch"]),
             ", ".join(r["flags"]) or "none",
         ]
-        for r in hottest
-        if r["worst_core_C"] is not None
+        for r in seen.hottest()
     ]
     lines = []
     if table:
         head = ["vehicle", "day", "string", "hottest core °C", "R_e mΩ", "growth %", "mismatch", "flags"]
         lines += [text_table(head, table), ""]
-        if len(rows) > len(table):
-            lines[-1] = f"the {len(table)} hottest of {len(rows)} rows\n"
-    vehicles = len({r["vehicle"] for r in rows})
+        if seen.rows > len(table):
+            lines[-1] = f"the {len(table)} hottest of {seen.rows} rows\n"
+    vehicles = len(seen.vehicles)
     lines += [f.sentence for f in atlas.findings[: 2 * MOST_SHOWN]]
     if vehicles < FEWEST_VEHICLES:
         lines.append(f"atlas: {vehicles} vehicles; from {FEWEST_VEHICLES} on it tells the model's errors from defects")
     elif not atlas.findings:
         lines.append(f"atlas: nothing that {vehicles} vehicles have in common, and none that stands out")
     did = f"{done.analysed} logs analysed, {done.skipped} done before, {len(done.bad)} not usable"
-    return "\n".join([*lines, f"{did}; {len(rows)} rows in {out / 'fleet.parquet'}"])
+    return "\n".join([*lines, f"{did}; {seen.rows} rows in {out / 'fleet.parquet'}"])
