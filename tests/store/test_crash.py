@@ -92,7 +92,7 @@ def generation(folder):
     return found["generation"]
 
 
-@pytest.mark.parametrize("load_first", [True, False], ids=["loaded", "unread"])
+@pytest.mark.parametrize("load_first", [True, pytest.param(False, marks=pytest.mark.slow)], ids=["loaded", "unread"])
 @pytest.mark.parametrize("start", STARTS)
 def test_every_cut_leaves_the_old_or_the_new_generation(tmp_path, start, load_first):
     before = start(tmp_path / "disk") if start is not first_start else (tmp_path / "disk").mkdir()
