@@ -60,6 +60,10 @@ def run(args: argparse.Namespace) -> int:
         return _live(args, site)
     server = Server(site, args.host, args.port)
     site.warm()
+    return _serve(site, server)
+
+
+def _serve(site: "Site", server: "Server") -> int:
     _tell(server)
     try:
         server.serve_forever()
@@ -114,13 +118,7 @@ def _live(args: argparse.Namespace, site: "Site") -> int:
         site.watch = watch
         server = Server(site, args.host, args.port)
         playback.start(engine, watch)
-        _tell(server)
-        try:
-            server.serve_forever()
-        finally:
-            site.close()
-            server.server_close()
-        return 0
+        return _serve(site, server)
     if log.suffix or len(log.parts) > 1:
         raise UsageError(f"workbench: --live {args.live}: no such log (a CAN interface is named as vcan0)")
     return _on_the_bus(args, site, loaded, engine)

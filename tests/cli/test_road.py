@@ -3,7 +3,6 @@
 import contextlib
 import io
 import json
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,8 @@ import pytest
 
 from bms_gateway.cli.main import COMMANDS, main
 from bms_gateway.config.model_file import format_model, parse_model, read_model
-from tests.truth.hidden import Scenario, make_logs
+from tests.truth.packs import Pack
+from tests.truth.packs import pack as packed
 
 KEYS = [
     "verdict",
@@ -27,26 +27,9 @@ KEYS = [
 RANKED = ["effect", "cell", "heldout_rmse_K", "evidence", "parameters", "tied_with"]
 
 
-@dataclass(frozen=True)
-class Pack:
-    """Files of one pack: a log with an effect hidden, one without, the nominal model; and the true parameters."""
-
-    folder: Path
-    hidden: Path
-    clean: Path
-    model: Path
-    truth: dict
-
-
 @pytest.fixture(scope="module")
 def pack(tmp_path_factory) -> Pack:
-    folder = tmp_path_factory.mktemp("road")
-    common = {"seed": 21, "seconds": 2400, "cells": 3, "sensors": (1, 2, 3), "noise": 0.05}
-    hidden, clean = make_logs([Scenario(effects={"entropic_heat": ("strong", None)}, **common), Scenario(**common)])
-    hidden.write_csv(folder / "hidden.csv")
-    clean.write_csv(folder / "clean.csv")
-    (folder / "pack.toml").write_text(clean.model)
-    return Pack(folder, folder / "hidden.csv", folder / "clean.csv", folder / "pack.toml", clean.pack)
+    return packed(tmp_path_factory.mktemp("road"), seconds=2400, sensors=(1, 2, 3))
 
 
 def call(*words) -> tuple[int, str, str]:

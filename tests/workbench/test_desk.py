@@ -10,8 +10,8 @@ from bms_gateway.config.model_file import parse_model, read_model
 from bms_gateway.errors import UsageError
 from bms_gateway.workbench.commands import Leg, command_lines, config_lines
 from bms_gateway.workbench.desk import GONE, Desk
+from tests.truth.packs import pack as make_pack
 from tests.workbench.browser import come
-from tests.workbench.packs import pack as make_pack
 
 PATIENCE_S = 300.0
 

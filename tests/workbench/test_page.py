@@ -9,9 +9,9 @@ import zipfile
 import pytest
 
 from bms_gateway.config.model_file import read_model
+from tests.truth.packs import pack as make_pack
 from tests.workbench.browser import come
 from tests.workbench.conftest import served
-from tests.workbench.packs import pack as make_pack
 
 pytestmark = pytest.mark.slow  # a browser, and fits
 FIT_S = 300.0

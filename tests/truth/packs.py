@@ -8,12 +8,13 @@ from tests.truth.hidden import Scenario, make_logs
 
 @dataclass(frozen=True)
 class Pack:
-    """Folder, table with an effect hidden, table without, nominal model."""
+    """Folder, table with an effect hidden, table without, nominal model, and the true parameters."""
 
     folder: Path
     hidden: Path
     clean: Path
     model: Path
+    truth: dict
 
     @property
     def words(self) -> tuple[str, ...]:
@@ -26,4 +27,4 @@ def pack(folder: Path, effect="entropic_heat", **changes) -> Pack:
     hidden.write_csv(folder / "hidden.csv")
     clean.write_csv(folder / "clean.csv")
     (folder / "pack.toml").write_text(clean.model)
-    return Pack(folder, folder / "hidden.csv", folder / "clean.csv", folder / "pack.toml")
+    return Pack(folder, folder / "hidden.csv", folder / "clean.csv", folder / "pack.toml", clean.pack)
