@@ -10,6 +10,7 @@ import pytest
 
 from bms_gateway.cli.main import COMMANDS, main
 from bms_gateway.config.model_file import format_model, parse_model, read_model
+from tests.truth.hidden import Scenario, make_logs
 from tests.truth.packs import Pack
 from tests.truth.packs import pack as packed
 
