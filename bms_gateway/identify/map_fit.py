@@ -267,20 +267,21 @@ def map_fit(
 
     prediction = problem.predict(z[:P], guess, z[P:])
     cost, r = judge(z, prediction)
-    columns, weighed, H = none, np.zeros((len(y), P)), np.eye(len(z))
+    columns, weighed, H, slope = none, none, np.eye(len(z)), np.zeros(len(z))
     damping, steep, kept = DAMPING, 1.0, False
     for iteration in range(iterations):
         with np.errstate(over="ignore", invalid="ignore"):  # of columns that ran away; seen and told below
             pull = np.where(used, trust * r, 0.0)
-            slope = np.concatenate([pull @ weighed, pull @ linear.weighed])
-            if iteration > 1 and cost - _promise(H, slope - (z - prior) / sd**2) > outclassed:
-                break
-            if not kept:
+            if kept:
+                slope = np.concatenate([pull @ weighed, pull @ linear.weighed])
+            else:
                 columns = _columns(problem, z, prediction, None if iteration else J, refinements)
                 steep = 1.0 if noise is not None else curvature((y - prediction.y)[used], sigma0[used], step[used])
                 weighed = _weighed(problem, noise, columns)
                 H, slope = _normal(weighed, linear, sd, trust * steep, pull)
             gradient = slope - (z - prior) / sd**2
+        if iteration > 1 and cost - _promise(H, gradient) > outclassed:
+            break
         before, promised = cost, 0.0
         if not (np.isfinite(H).all() and np.isfinite(gradient).all()):
             cost, H = np.inf, np.eye(len(z))  # a trajectory that runs away tells no direction: the fit is none
@@ -294,7 +295,7 @@ def map_fit(
                 damping = max(0.1 * damped, DAMPING)
                 break
         gain = before - cost
-        slow = cost > give_up and gain < 0.3 * (cost - give_up)
+        slow = cost > give_up and max(gain, promised) < 0.3 * (cost - give_up)
         settled = gain < least_gain or (iteration > 0 and slow)
         if settled and not kept:
             break

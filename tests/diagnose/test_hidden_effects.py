@@ -11,7 +11,7 @@ from tests.benchmarks.diagnosis_scores import missed, names, visible
 from tests.diagnose.hidden_record import record_of
 from tests.truth.hidden import Scenario, make_logs
 from tests.truth.sizes import SIZES
-from tests.truth.suites import SENSORS, controls, one_cell, pairs, suited
+from tests.truth.suites import SENSORS, controls, one_cell, pairs, singles, suited
 
 SEED = 6_100_000
 """Packs that nothing was tuned on."""
@@ -141,3 +141,13 @@ def test_two_effects_are_found_beside_others_that_come_near_them(base, seed):
     found = diagnose(model, [record])
     assert sorted(s.candidate.name for s in found.selected) == sorted(scenario.effects), found.sentence
     assert not found.unknown_remains
+
+
+@pytest.mark.slow
+def test_a_rival_that_comes_late_is_told_as_tied():
+    """Its third step gained little of what it promised, and it was given up with half of the way to go."""
+    (scenario,) = (s for s in singles(9700) if s.seed == 97_000_138)
+    record, model = record_of(make_logs([scenario])[0])
+    found = diagnose(model, [record])
+    named = {found.selected[0].candidate.name, *found.selected[0].tied_with}
+    assert {"neighbour_heat", "thermocouple_offset"} <= named, found.sentence
