@@ -24,7 +24,7 @@ Progress = Callable[[float, str], None]
 EXPLAINED = 1.05
 """Cost per reading of a fit that leaves nothing to be explained."""
 OUTCLASSED = 0.25
-"""Share of what the best fit gains that another may still lack after its second step, to be fitted to its end."""
+"""Share of what the best fit gains that another may lack after what its next step promises, to be fitted to its end."""
 STRAINED = 3.0
 """sd of a tolerance: one in four hundred, and what a missing effect is put down to."""
 

@@ -231,7 +231,7 @@ def map_fit(
     give_up : float
         Stop as soon as the cost is unlikely to fall below: the fit is then only good for ranking.
     outclassed : float
-        Stop after the second step where even what a next one promises would leave the cost above this.
+        Stop where even what the second step, or a later one, promises would leave the cost above this.
     noise : Whitening, optional
         Takes the place of the records' own noise.
     least_gain : float
@@ -280,7 +280,7 @@ def map_fit(
                 weighed = _weighed(problem, noise, columns)
                 H, slope = _normal(weighed, linear, sd, trust * steep, pull)
             gradient = slope - (z - prior) / sd**2
-        if iteration > 1 and cost - _promise(H, gradient) > outclassed:
+        if iteration and cost - _promise(H, gradient) > outclassed:
             break
         before, promised = cost, 0.0
         if not (np.isfinite(H).all() and np.isfinite(gradient).all()):
