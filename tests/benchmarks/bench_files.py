@@ -34,14 +34,13 @@ SIMULATED_S, CROWDED_S = 1800, 60
 FULL_BUS = 8_500  # frames/s of 8 bytes on 1 Mbit/s
 HOURS = (1, 10)
 
-# VmHWM, not getrusage's ru_maxrss: that one also remembers what the process was before it became this program
 ANALYZE = """
-import re, sys, time
+import sys, time
 from bms_gateway.cli.main import main
+from tests.memory import peak_mib
 begun = time.monotonic()
 code = main(["analyze", sys.argv[1], "--config", sys.argv[2], "--out", sys.argv[3]])
-peak = int(re.search(r"VmHWM:\\s*(\\d+)", open("/proc/self/status").read())[1])
-print(f"\\n{code} {peak / 1024} {time.monotonic() - begun}")
+print(f"\\n{code} {peak_mib()} {time.monotonic() - begun}")
 """
 
 

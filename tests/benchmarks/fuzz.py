@@ -8,7 +8,6 @@ the process has grown beyond `BOUND_MIB`; the input that did it is kept as a fil
 import argparse
 import logging
 import random
-import resource
 import signal
 import sys
 import tempfile
@@ -19,6 +18,7 @@ from pathlib import Path
 
 from tests.fuzz.mutate import apply, random_edits
 from tests.fuzz.targets import survives, targets
+from tests.memory import peak_mib
 
 HANG_S = 60  # a loaded machine takes seconds for what takes a millisecond
 BOUND_MIB = 1_500
@@ -62,10 +62,10 @@ def main() -> int:
                     signal.alarm(0)
                 run[kind] += 1
                 slowest[kind] = max(slowest[kind], round(1e3 * (time.monotonic() - begun)))
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss >> 10
+    peak = peak_mib()
     for kind in found:
         print(f"{kind:12} {run[kind]:8} executions, {taken[kind]:8} taken, slowest {slowest[kind]:6} ms")
-    print(f"{run.total()} executions in {args.minutes:g} min, none raised what is not ours; peak memory {peak} MiB")
+    print(f"{run.total()} executions in {args.minutes:g} min, none raised what is not ours; peak memory {peak:.0f} MiB")
     return 0 if peak <= BOUND_MIB else 1
 
 
