@@ -15,10 +15,14 @@ let over = null; // effect whose curves are shown
 let drawing = 0;
 let range = null; // zoomed time, of the record
 
-// The page works while the plots' script is still loading.
-const plotly = new Promise((done) => {
-  if (window.Plotly) done();
-  else $("plotly").addEventListener("load", done);
+// The plots' script runs for a second, in which nothing else is drawn: it comes after the first picture, or while idle.
+let loading = null;
+const plotly = () => (loading ??= new Promise((done, failed) => {
+  document.head.append(el("script", { src: "/plotly.js", onload: done, onerror: () => { loading = null; failed(new Error("the plots' script did not come: reload the page")); } }));
+}));
+const painted = () => new Promise((done) => {
+  if (document.hidden) done();
+  else requestAnimationFrame(() => setTimeout(done));
 });
 
 export const dark = () => document.documentElement.dataset.theme === "dark";
@@ -65,12 +69,18 @@ async function draw(place) {
     drive: "What drove the string: current, coolant inlet and what else is known, over time",
     core: `Core temperature of cell ${ui.cell} over time with its 95 percent band` }[place]);
   if (!window.Plotly) {
-    if (place === "surface" && sketch(node, figure)) seen();
-    await plotly;
+    if (place === "surface" && sketch(node, figure)) {
+      await painted();
+      seen();
+    }
+    await plotly();
   }
   if (node.firstElementChild?.tagName === "svg") node.replaceChildren();
   await Plotly.react(node, data, layout, CONFIG);
-  if (place === "surface") seen();
+  if (place === "surface") {
+    seen();
+    document.documentElement.dataset.firstPlot ??= Math.round(performance.now());
+  }
   node.dataset.traces = data.length;
   node.dataset.name = spec.name;
   if (!node.dataset.linked) {
@@ -102,7 +112,10 @@ export async function show(next, fresh) {
   const opened = state.opened;
   $("nothing").hidden = Boolean(opened);
   $("shown").hidden = !opened;
-  if (!opened) return;
+  if (!opened) {
+    if (!state.job) plotly();
+    return;
+  }
   if (fresh) curves = new Map();
   if (!opened.records[ui.record]) keep({ record: 0 });
   const record = opened.records[ui.record];
