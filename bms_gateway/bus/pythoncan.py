@@ -101,7 +101,7 @@ class PythonCanPort:
             try:
                 message = self._bus.recv(0)
             except (self._failure, OSError) as error:
-                self._failed(error)
+                self._failed(self._bus, error)
                 break
             if message is None:
                 break
@@ -174,14 +174,13 @@ class PythonCanPort:
         except (can.CanError, OSError, ValueError, TypeError) as error:  # TypeError: it wants options that we have not
             raise BusError(f"{self.interface} {self.channel} cannot be opened: {error}") from None
 
-    def _failed(self, error: Exception) -> None:
+    def _failed(self, bus: "can.BusABC", error: Exception) -> None:
         self.counters.outages += 1
         self._down_at = time.monotonic()
         self.link = Link.ABSENT
         log.warning("%s %s failed (%s): trying again until it is back", self.interface, self.channel, error)
-        if self._bus is not None:
-            self._bus.shutdown()
-            self._bus = None
+        bus.shutdown()
+        self._bus = None
         self._grow_delay()
 
     def _grow_delay(self) -> float:

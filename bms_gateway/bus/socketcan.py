@@ -235,7 +235,8 @@ class SocketCanPort:
             self._failed(error)
             return False
         if not back:
-            self._grow_delay()
+            if bound:  # else binding has failed, and the delay has grown with that
+                self._grow_delay()
             return False
         log.warning("%s is back after %.1f s", self.channel, time.monotonic() - self._down_at)
         self.link = Link.UP
