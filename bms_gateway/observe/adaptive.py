@@ -18,8 +18,9 @@ from typing import Any
 import numpy as np
 
 from bms_gateway.errors import StateError
-from bms_gateway.observe.kalman import EVERY, Kalman, KalmanState
+from bms_gateway.observe.kalman import Kalman, KalmanState
 from bms_gateway.observe.model import OFFSETS, Bools, Ints, stack, start_covariance
+from bms_gateway.observe.pace import EVERY
 from bms_gateway.observe.sensitivity import PARAMETERS, Flows, carried, corrected
 from bms_gateway.observe.spread import root, scatter
 from bms_gateway.observe.stored import like, plain

@@ -15,7 +15,7 @@ that P stays symmetric.
 The gain and the covariance do not depend on the readings, only on which there are. While the same ones keep coming
 (same lag to a fifth of a step), what still changes does so the slower the longer they have. After `EVERY` steps the
 covariance is therefore brought up to date in strides, exactly (`strides`), which grow with the time since the last
-change; in between, gain and covariance are those of the last one, late by 1/32 of that time at most. A variance that
+change and with calm (`pace`); in between, gain and covariance are those of the last one, late by 1/32 of that time at most. A variance that
 grows from nothing in proportion to time is thus stated 3 % too small and its band 1.5 %, others by less; what shrinks
 stays too wide by as little.
 """
@@ -25,18 +25,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from bms_gateway.observe.model import OFFSETS, Bools, Ints, StackedModel
-from bms_gateway.observe.open_loop import predicted_surface
+from bms_gateway.observe.pace import LAG_HOLD, LAG_STEPS, Calm, due, stilled
 from bms_gateway.observe.strides import Ladder, Stride
 from bms_gateway.thermal import Floats
 
-EVERY = 256
-"""Steps after a change that are all computed; before, strides would hardly be cheaper."""
-SHARE = 64
-"""Strides are powers of two, from this share of the time since the last change to twice as much."""
-LAG_STEPS = 4
-"""The covariance sees lags in quarters of a step: jitter of the bus then does not make another filter."""
-LAG_HOLD = 0.2
-"""A quarter is kept until the lag is further from it than this: more than half a quarter, so that it cannot flap."""
 NONE = -1
 """Lag quarter of a reading that is missing."""
 
@@ -57,7 +49,7 @@ class KalmanState:
     pattern : ndarray of int (S, m + 2)
         Lag quarter of each sensor or `NONE`; then the same for inlet and current, 0 where measured.
     held : ndarray of int (S,)
-        Steps for which the pattern has held.
+        Steps for which the pattern has held; strides in which nothing moved count twice.
     since : ndarray of int (S,)
         Steps with this pattern that `P` has not made yet.
     """
@@ -79,12 +71,15 @@ class Predicted:
     ----------
     before : KalmanState
         One step ago.
+    u : ndarray (S, M + n + 2)
+        Its mean with the inputs of the step, as `StackedModel.inputs` has them.
     x : ndarray (S, M)
     known : ndarray of bool (S, 2)
         Whether inlet and current were measured.
     """
 
     before: KalmanState
+    u: Floats
     x: Floats
     known: Bools
 
@@ -123,8 +118,10 @@ class Kalman:
         Whether the covariance may go in strides; False gives the reference.
     ladder : Ladder
         What strides have cost already; no part of the state.
-    row : ndarray of int (S, 1)
-        Numbers of the strings: `y[row, sensors]` are the readings.
+    cell, surface : ndarray of int (S, m)
+        Places of the sensed cells among (S, n) values in one row, and of their surfaces among (S, M) states.
+    calm : Calm
+        What the newest step was like; no part of the state.
 
     References
     ----------
@@ -136,10 +133,15 @@ class Kalman:
     fitted: Bools
     strides: bool = True
     ladder: Ladder = field(init=False, repr=False, compare=False)
-    row: Ints = field(init=False, repr=False, compare=False)
+    cell: Ints = field(init=False, repr=False, compare=False)
+    surface: Ints = field(init=False, repr=False, compare=False)
+    calm: Calm = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "row", np.arange(self.model.strings)[:, None])
+        row = np.arange(self.model.strings)[:, None]
+        object.__setattr__(self, "cell", row * self.model.cells + self.sensors)
+        object.__setattr__(self, "surface", row * self.model.states + 2 * self.sensors + 1)
+        object.__setattr__(self, "calm", Calm())
         ladder = Ladder(self.model.strings, self.model.states, self.sensors.shape[1] + OFFSETS)
         object.__setattr__(self, "ladder", ladder)
 
@@ -188,7 +190,8 @@ class Kalman:
         if back.any():
             d = self.model.disturbance
             state = _restarted(self.caught_up(state, np.flatnonzero(back.any(axis=1))), back, (d.inlet, d.heat_common))
-        return Predicted(state, self.model.advance(state.x, heat, inlet0, inlet1), known)
+        u = self.model.inputs(state.x, heat, inlet0, inlet1)
+        return Predicted(state, u, self.model.moved(u), known)
 
     def update(self, predicted: Predicted, y: Floats, age: Floats) -> tuple[KalmanState, Innovation]:
         """Take the readings in; with none at all the covariance still advances.
@@ -206,26 +209,40 @@ class Kalman:
         KalmanState, Innovation
         """
         before = predicted.before
-        reading = y[self.row, self.sensors]
+        reading = y.take(self.cell)
         there = np.isfinite(reading) & self.fitted
         lag = np.where(there, self.lag(age), 0.0)
-        pattern = self._pattern(before.pattern, there, lag, predicted.known)
+        if self.calm.goes_on(before.held, before.since, there, predicted.known, lag):
+            state = replace(before, held=before.held + 1, since=before.since + 1)
+            self.calm.passed(state.held, state.since)
+        else:
+            state = self._changed(before, there, lag, predicted.known)
+        now = predicted.x.take(self.surface)
+        r = reading - (now + lag * (before.x.take(self.surface) - now))
+        x = predicted.x + np.matmul(state.K, np.where(there, r, 0.0)[:, :, None])[:, :, 0]
+        state = KalmanState(x, state.P, state.K, state.S, state.pattern, state.held, state.since)
+        return state, Innovation(np.where(there, r, np.nan), np.where(there, np.sqrt(state.S), np.nan), lag)
+
+    def _changed(self, before: KalmanState, there: Bools, lag: Floats, known: Bools) -> KalmanState:
+        """Take a step whose readings may be others than before, or which a stride is due in; the mean stays behind."""
+        pattern = self._pattern(before.pattern, there, lag, known)
         same = (pattern == before.pattern).all(axis=1)
         held = np.where(same, before.held + 1, 1)
-        due = self._due(held, before.since)
-        since = np.where(due, 0, before.since + 1)
-        state = KalmanState(predicted.x, before.P, before.K, before.S, pattern, held, since)
-        if due.any():
-            state = self._covariance(before, state, np.flatnonzero(due))
-        r = reading - predicted_surface(predicted.x, before.x, self.sensors, lag)
-        x = predicted.x + np.matmul(state.K, np.where(there, r, 0.0)[:, :, None])[:, :, 0]
-        state = KalmanState(x, state.P, state.K, state.S, pattern, held, since)
-        value, sd = np.where(there, (r, np.sqrt(state.S)), np.nan)
-        return state, Innovation(value, sd, lag)
+        now = due(held, before.since) if self.strides else np.ones(len(held), np.bool_)
+        since = np.where(now, 0, before.since + 1)
+        state = KalmanState(before.x, before.P, before.K, before.S, pattern, held, since)
+        if now.any():
+            live = np.flatnonzero(now)
+            state = self._covariance(before, state, live)
+            stride = live[same[live] & (before.since[live] > 0)]
+            state = replace(state, held=_put(held, stride, stilled(held[stride], before.P[stride], state.P[stride])))
+        if self.strides:
+            self.calm.begin(state.held, since, there, known, pattern)
+        return state
 
     def lag(self, age: Floats) -> Floats:
         """Ages (S, n) s of the sensed cells as shares of the step, (S, m), 0…1; an unknown age counts as none."""
-        return np.fmin(np.fmax(age[self.row, self.sensors] / self.model.dt, 0.0), 1.0)
+        return np.fmin(np.fmax(age.take(self.cell) / self.model.dt, 0.0), 1.0)
 
     @staticmethod
     def _pattern(old: Ints, there: Bools, lag: Floats, known: Bools) -> Ints:
@@ -236,13 +253,6 @@ class Kalman:
         np.copyto(new[:, :-OFFSETS], quarter, where=there)
         np.copyto(new[:, -OFFSETS:], 0, where=known)
         return new
-
-    def _due(self, held: Ints, since: Ints) -> Bools:
-        """Whether the covariance takes this step: after a change at once, later when a stride is full."""
-        if not self.strides:
-            return np.ones(len(held), np.bool_)
-        full = (since & (since - 1) == 0) & (SHARE * since >= held)
-        return np.asarray((held <= EVERY) | full, dtype=np.bool_)
 
     def caught_up(self, state: KalmanState, at: Ints) -> KalmanState:
         """Let the covariances of the strings `at` make the steps that they have not made yet."""

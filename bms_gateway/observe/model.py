@@ -99,7 +99,15 @@ class StackedModel:
         -------
         ndarray (S, M)
         """
-        u = np.concatenate((x, heat, inlet0[:, None], inlet1[:, None]), axis=1)
+        return self.moved(self.inputs(x, heat, inlet0, inlet1))
+
+    @staticmethod
+    def inputs(x: Floats, heat: Floats, inlet0: Floats, inlet1: Floats) -> Floats:
+        """Put state and inputs of a step side by side: (S, M + n + 2), as `G` wants them."""
+        return np.concatenate((x, heat, inlet0[:, None], inlet1[:, None]), axis=1)
+
+    def moved(self, u: Floats) -> Floats:
+        """State (S, M) at the end of a step with state and inputs `u`."""
         return np.asarray(np.matmul(self.G, u[:, :, None])[:, :, 0], dtype=np.float64)
 
     def noise(self, at: Ints, known: Bools) -> Floats:
