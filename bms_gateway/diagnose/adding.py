@@ -4,7 +4,7 @@ What `diagnose` finds, and what it cannot tell from that, may be added. Anything
 not: an effect that lowers the error of a surface can still take the core the wrong way.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -134,6 +134,7 @@ def add_effects(
     records: Sequence[Record],
     wants: Sequence[Wanted],
     progress: Progress | None = None,
+    ask: Callable[..., Diagnosis] = diagnose,
 ) -> Addition:
     """Add effects to a model, refit it, and judge.
 
@@ -145,13 +146,15 @@ def add_effects(
         Judged together.
     progress : callable, optional
         Told the share of the work done and what is being done.
+    ask : callable, optional
+        Diagnoses as `diagnose` does: who has asked the same already, need not ask again.
 
     Returns
     -------
     Addition
         Fitted from what was known before any data.
     """
-    d = diagnose(model.unfitted, records, progress=progress)
+    d = ask(model.unfitted, records, progress=progress)
     if d.second is not None and (model.cells == 1 or not d.selected):
         found = _on_bench(d, d.second, wants)
         if found is not None:

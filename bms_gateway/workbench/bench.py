@@ -6,7 +6,7 @@ that was ended in the middle of something can be replaced by a fresh one.
 
 import tempfile
 from collections import OrderedDict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from bms_gateway.config.model_file import format_model, parse_model, read_model
 from bms_gateway.diagnose.adding import Addition, add_effects, check_signals, wanted
 from bms_gateway.diagnose.calibrate import fitted_model
 from bms_gateway.diagnose.compare import Comparison, compare
+from bms_gateway.diagnose.diagnosis import Diagnosis, diagnose
 from bms_gateway.diagnose.latent import latent
 from bms_gateway.diagnose.prepare import measured
 from bms_gateway.diagnose.record import Record
@@ -28,6 +29,7 @@ from bms_gateway.report.html import Aside, write_addition, write_comparison, wri
 from bms_gateway.report.table import parse_columns
 from bms_gateway.thermal import StringModel
 from bms_gateway.workbench import documents, pictures
+from bms_gateway.workbench.approach import Show, approach
 
 MOST_MADE = 4
 """Models of which it is remembered what was made of them: fits take tens of megabytes."""
@@ -74,7 +76,7 @@ class Bench:
         self._records: list[Record] = []
         self._made: OrderedDict[str, _Made] = OrderedDict()
 
-    def answer(self, request: Mapping[str, Any], tell: Tell) -> documents.Document:
+    def answer(self, request: Mapping[str, Any], tell: Tell, show: Show) -> documents.Document:
         """Do what a request asks.
 
         Parameters
@@ -83,6 +85,8 @@ class Bench:
             `do`, the files, and what else the task takes.
         tell : callable
             Told the share of the work done and what is being done.
+        show : callable
+            Told how far an addition has come.
 
         Raises
         ------
@@ -101,7 +105,7 @@ class Bench:
             case "diagnose":
                 return self._diagnose(text, tell)
             case "add":
-                return self._add(text, request["words"], bool(request.get("force")), tell)
+                return self._add(text, request["words"], bool(request.get("force")), tell, show)
             case "report":
                 return self._report(text, request["kind"], request["command"], tell)
         raise UsageError(f"no such task: {request['do']}")
@@ -153,13 +157,22 @@ class Bench:
         document, curves = documents.diagnosed(told)
         return {**document, "curves": curves}
 
-    def _add(self, text: str, words: list[str], force: bool, tell: Tell) -> documents.Document:
+    def _add(self, text: str, words: list[str], force: bool, tell: Tell, show: Show) -> documents.Document:
         model = parse_model(text)
         wants = [wanted(word, model) for word in words]
         findings, notes = findings_and_notes(model, self._records)
         sound(findings)
         check_signals(wants, self._records)
-        addition = add_effects(model, self._records, wants, tell)
+        known = self._known(model)
+        tell(0.0, "fitting step by step")
+        names = " + ".join(w.key for w in wants)
+        approach(model, self._records, wants, known, lambda trial: show({"names": names, **trial}))
+
+        def ask(unfitted: StringModel, records: Sequence[Record], progress: Tell | None = None) -> Diagnosis:
+            return known or diagnose(unfitted, records, progress=progress)
+
+        tell(0.1, "asking what else explains it")
+        addition = add_effects(model, self._records, wants, lambda share, what: tell(0.1 + 0.9 * share, what), ask)
         report = added_report(addition, self._records, findings, notes, out="the model on this page", force=force)
         document = documents.added(report, addition, words)
         if report.written:
@@ -167,6 +180,12 @@ class Bench:
             document["text"] = top + format_model(fitted_model(addition.after, model, doubt=addition.doubt))
             self._of(document["text"]).addition = addition, report
         return document
+
+    def _known(self, model: StringModel) -> Diagnosis | None:
+        """Give the diagnosis of a model from which every fit of it starts, where it was asked for already."""
+        start = repr(model.unfitted)
+        told = (m.told for text, m in self._made.items() if m.told and repr(parse_model(text).unfitted) == start)
+        return next((t.diagnosis for t in told if t.diagnosis), None)
 
     def _report(self, text: str, kind: str, command: str, tell: Tell) -> documents.Document:
         """Write the page that the commands write with --html: of the last diagnosis, addition or comparison."""

@@ -248,8 +248,8 @@ class Desk:
             elif "done" in answer:
                 self._job = None
                 self._take(self._request, answer["done"])
-            else:
-                self._job = {**self._job, "share": answer["share"], "text": answer["text"]}
+            else:  # how far it is, in words or in errors
+                self._job = {**self._job, **answer}
             self._told()
 
     def _take(self, request: Mapping[str, Any], done: Document) -> None:

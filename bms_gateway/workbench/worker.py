@@ -1,7 +1,7 @@
 """The process that computes for one tab: requests as lines of JSON on standard input, answers on standard output.
 
-An answer is `{"share", "text"}` while it works, then `{"done": {...}}` or `{"error": "one line"}`. It ends with its
-input, or when nobody reads what it says.
+An answer is `{"share", "text"}` or, of an addition, `{"trial": {...}}` while it works, then `{"done": {...}}` or
+`{"error": "one line"}`. It ends with its input, or when nobody reads what it says.
 """
 
 import json
@@ -28,10 +28,13 @@ def main() -> None:
     def tell(share: float, text: str) -> None:
         _say(answers, {"share": round(share, 4), "text": text})
 
+    def show(trial: dict[str, Any]) -> None:
+        _say(answers, {"trial": trial})
+
     try:
         for line in sys.stdin:
             try:
-                done = bench.answer(json.loads(line), tell)
+                done = bench.answer(json.loads(line), tell, show)
             except GatewayError as e:
                 _say(answers, {"error": " ".join(str(e).split())})
             else:

@@ -60,8 +60,19 @@ def diagnosed(desk, opened, progress):
 
 
 @pytest.fixture(scope="module")
-def added(desk, diagnosed):
+def trials():
+    """Errors told while the addition was being fitted."""
+    return []
+
+
+@pytest.fixture(scope="module")
+def added(desk, diagnosed, trials):
     desk.add(["entropic_heat"])
+    with desk.changed:
+        while (job := desk.state()["job"]) is not None and job["kind"] == "add":
+            if job.get("trial") not in [None, *trials[-1:]]:
+                trials.append(job["trial"])
+            desk.changed.wait(1.0)
     return done(desk)
 
 
@@ -102,6 +113,17 @@ def test_the_error_falls_on_held_out_blocks(added):
     assert after["held_K"] < 1.2 * after["floor_K"] < 0.5 * before["held_K"]
     assert after["core_K"] < before["core_K"]
     assert added["compared"] is not None
+
+
+def test_the_errors_fall_while_it_is_fitted(added, trials):
+    """From the model without, as the stairs have it, to what is kept; each step seen lower than the one before."""
+    before, after = (s["stair"] for s in added["stairs"])
+    held = [t["after"]["held_K"] for t in trials]
+    assert len(trials) > 2
+    assert all(t["before"] == before for t in trials)
+    assert trials[0]["after"] == before
+    assert held == sorted(held, reverse=True)
+    assert held[-1] == pytest.approx(after["held_K"], rel=0.02)
 
 
 def test_the_ranking_stays_in_sight_after_an_addition(added):

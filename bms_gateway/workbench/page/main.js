@@ -57,7 +57,7 @@ function job(j) {
 function heard(news) {
   const kind = news.job?.kind ?? "";
   // progress alone changes the bar; everything else is fetched
-  if (busy === kind && kind && news.job.share > 0) { job(news.job); return; }
+  if (busy === kind && kind && news.job.share > 0) { job(news.job); road.trial(news.job.trial); return; }
   busy = kind;
   refresh();
 }

@@ -183,34 +183,61 @@ export function add(keys, force = false) {
 }
 
 const KINDS = [["trained_K", "error where fitted"], ["held_K", "error held out"], ["core_K", "core, 95 % half width"]];
-let heights = {};
 
-function stairs() {
-  const r = state.refusal;
-  const steps = state.stairs.map((s, i) => (i === 0 && r && !s.stair ? { ...s, stair: r.before } : s));
-  if (r) steps.push({ label: `${r.names} (not added)`, tried: true, stair: r.after });
-  const box = el("div", { class: "stairs" });
-  for (const [kind, title] of KINDS) {
-    const values = steps.map((s) => s.stair?.[kind] ?? null);
-    if (values.every((v) => v === null)) continue;
-    const floor = kind === "core_K" ? null : steps[0].stair?.floor_K;
-    const top = Math.max(...values.filter((v) => v !== null), floor ?? 0) || 1;
-    const bars = el("div", { class: "bars", role: "img", "aria-label": `${title}: ${values.map((v, i) => `${steps[i].label} ${K(v)}`).join(", ")}${floor ? `; noise ${K(floor)}` : ""}` });
-    values.forEach((v, i) => {
-      const key = `${kind}-${i}`;
-      const to = v === null ? 0 : (100 * v) / top;
-      const from = heights[key] ?? heights[`${kind}-${i - 1}`] ?? to;
-      const fill = el("i", { style: `height:${from}%` });
-      const bar = el("span", { class: `bar${steps[i].forced ? " forced" : ""}${steps[i].tried ? " tried" : ""}`, style: `--h:${from}%`, title: steps[i].label }, fill, el("b", {}, v === null ? "–" : K(v, 2)));
-      requestAnimationFrame(() => requestAnimationFrame(() => { fill.style.height = `${to}%`; bar.style.setProperty("--h", `${to}%`); }));
-      heights[key] = to;
-      bars.append(bar);
+// The models so far, and behind them the one that is being fitted or was refused.
+function steps() {
+  const r = state.refusal ?? state.job?.trial;
+  const all = state.stairs.map((s, i) => (i === 0 && r && !s.stair ? { ...s, stair: r.before } : s));
+  if (state.job?.trial) all.push({ label: `+ ${r.names}, being fitted`, kind: "fitting", stair: state.job.trial.after });
+  else if (r) all.push({ label: `${r.names} (not added)`, kind: "tried", stair: r.after });
+  return all;
+}
+
+// One and the same too: its bars move to where they are to be from wherever they are.
+const stairs = el("div", { class: "stairs" });
+const underStairs = el("div", {});
+
+function climb() {
+  const all = steps();
+  const kinds = KINDS.filter(([kind]) => all.some((s) => s.stair?.[kind] > 0));
+  const shape = JSON.stringify([kinds, all.length]);
+  if (stairs.dataset.shape !== shape) { raise(kinds, all.length); stairs.dataset.shape = shape; }
+  for (const [i, [kind, title]] of kinds.entries()) {
+    const values = all.map((s) => s.stair?.[kind] ?? null);
+    const floor = kind === "core_K" ? null : all[0].stair?.floor_K;
+    const top = Math.max(...values, floor ?? 0) || 1;
+    const [caption, bars] = stairs.children[i].children;
+    caption.textContent = `${title[0].toUpperCase()}${title.slice(1)}, K${floor ? "; dotted: noise alone" : ""}`;
+    bars.setAttribute("aria-label", `${title}: ${values.map((v, j) => `${all[j].label} ${K(v)}`).join(", ")}${floor ? `; noise ${K(floor)}` : ""}`);
+    values.forEach((v, j) => {
+      const bar = bars.children[j];
+      bar.className = `bar ${all[j].kind ?? (all[j].forced ? "forced" : "")}`;
+      bar.title = all[j].label;
+      bar.lastChild.textContent = v === null ? "–" : K(v, 2);
+      bar.style.setProperty("--h", `${v === null ? 0 : (100 * v) / top}%`);
     });
-    if (floor) bars.append(el("span", { class: "floor", style: `bottom:${(100 * floor) / top}%`, title: `noise alone: ${K(floor)}` }));
-    box.append(el("figure", {}, el("figcaption", {}, `${title[0].toUpperCase()}${title.slice(1)}, K${floor ? "; dotted: noise alone" : ""}`), bars));
+    bars.lastChild.style.bottom = `${(100 * (floor ?? 0)) / top}%`;
+    bars.lastChild.title = floor ? `noise alone: ${K(floor)}` : "";
+    bars.lastChild.hidden = !floor;
   }
-  for (const key of Object.keys(heights)) if (Number(key.split("-")[1]) >= steps.length) delete heights[key];
-  return box;
+}
+
+// As many bars as there are models; those that stood before begin where they stood, a new one as high as its neighbour.
+function raise(kinds, count) {
+  const stood = [...stairs.children].map((f) => [...f.querySelectorAll(".bar")].map((bar) => bar.style.getPropertyValue("--h")));
+  stairs.replaceChildren(...kinds.map((_, i) => {
+    const bars = Array.from({ length: count }, (_, j) =>
+      el("span", { class: "bar", style: `--h:${stood[i]?.[Math.min(j, stood[i].length - 1)] ?? "0%"}` }, el("i", {}), el("b", {})));
+    return el("figure", {}, el("figcaption", {}), el("div", { class: "bars", role: "img" }, ...bars, el("span", { class: "floor" })));
+  }));
+  stairs.getBoundingClientRect(); // from here on changes move
+}
+
+export function trial(found) {
+  if (!state || !found) return;
+  state.job = { ...state.job, trial: found };
+  if (stairs.hidden) adding();
+  else climb();
 }
 
 // One and the same, however often the panel is drawn anew: what is being typed into it stays.
@@ -218,10 +245,13 @@ const field = el("input", { id: "effect-name", list: "effect-names", autocomplet
   onkeydown: (e) => { if (e.key === "Enter") chosenOne(); } });
 
 function adding() {
-  const box = $("panel-add");
-  box.replaceChildren(el("h2", {}, "Add"));
+  // the stairs stay in their place: what is taken out and put back does not move
+  if (!stairs.isConnected) $("panel-add").replaceChildren(el("h2", {}, "Add"), stairs, underStairs);
+  const box = underStairs;
+  box.replaceChildren();
+  stairs.hidden = !(state.stairs.length > 1 || state.refusal || state.job?.trial);
   if (!state.stairs.length) { box.append(...none(NOTHING)); return; }
-  if (state.stairs.length > 1 || state.refusal) box.append(stairs());
+  if (!stairs.hidden) climb();
   else box.append(el("p", { class: "muted" }, "Nothing is added yet. What an addition does to the errors, where fitted and where held out, and to what is not known of the core, is drawn here."));
   const way = el("ol", { class: "way" });
   for (const s of state.stairs) {

@@ -1,0 +1,88 @@
+"""An addition while it is being fitted: the errors after every step of Gauss and Newton, for the eye.
+
+By the search's own functions, from the search's own baseline, one effect at its most promising place; what is kept in
+the end, and whether it may be, is `add_effects`' to say.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from bms_gateway.diagnose.adding import Wanted, core_half_widths
+from bms_gateway.diagnose.candidates import candidates
+from bms_gateway.diagnose.diagnosis import Diagnosis, errors
+from bms_gateway.diagnose.prepare import measured
+from bms_gateway.diagnose.record import Record
+from bms_gateway.diagnose.screen import screen
+from bms_gateway.diagnose.search import refit
+from bms_gateway.identify.map_fit import MapFit, fitted, refreshed, stacked
+from bms_gateway.identify.problem import Problem
+from bms_gateway.thermal import StringModel
+from bms_gateway.workbench.documents import stair
+
+STEPS = 10
+"""Of one effect; three to five bring it to its optimum."""
+SEEN = 0.01
+"""Of the cost: a step that gains less moves no bar by a pixel, and is not shown."""
+SETTLED = 1.0
+"""Cost, that is twice the log of the likelihood: a step that gains less was the last."""
+Show = Callable[[dict[str, Any]], None]
+
+
+def approach(
+    model: StringModel,
+    records: Sequence[Record],
+    wants: Sequence[Wanted],
+    known: Diagnosis | None,
+    show: Show,
+) -> None:
+    """Show how the errors fall while effects are fitted.
+
+    Parameters
+    ----------
+    model : StringModel
+    records : sequence of Record
+    wants : sequence of Wanted
+        Led in one after the other.
+    known : Diagnosis or None
+        Of the same model and records, where there is one: spares the fit without the effects.
+    show : callable
+        Gets the errors `before` and so far, `after`, as `stair` gives them.
+    """
+    start = model.unfitted
+    base = known.search.baseline if known else fitted(Problem(start, [measured(r, start) for r in records]))
+    before = _stair(base)
+    show({"before": before, "after": before})
+    fit, shown = base, base.cost
+    for w in wants:
+        for step in _steps(fit, w):
+            fit = step
+            if step.cost < shown - SEEN * abs(shown):
+                shown = step.cost
+                show({"before": before, "after": _stair(step)})
+
+
+def _steps(parent: MapFit, w: Wanted) -> Iterator[MapFit]:
+    """Give the fits on the way to the optimum with an effect more; none where it cannot show in these records."""
+    y = stacked(parent.problem)[0]
+    surfaces = float(np.quantile(y, 0.05)), float(np.quantile(y, 0.95))
+    offered = candidates(parent.problem.model, parent.problem.records[0].drive, surfaces)
+    ways = [c for c in offered if w.meets(c)]
+    if not ways:
+        return
+    fit = refit(parent, screen(parent, ways)[0], iterations=1)
+    for _ in range(STEPS):
+        if not np.isfinite(fit.cost):
+            return
+        yield fit
+        before, fit = fit.cost, refreshed(fit, iterations=1)
+        if before - fit.cost < SETTLED:
+            break
+    if np.isfinite(fit.cost):
+        yield fit
+
+
+def _stair(fit: MapFit) -> dict[str, Any]:
+    e = errors(fit)
+    return stair(e.train_rmse_K, e.heldout_rmse_K, e.noise_floor_K, float(core_half_widths(fit).max()))
