@@ -173,7 +173,7 @@ class StringHealth:
         if float(np.mean(p.R_u) * np.mean(p.R_e) * w.square.mean()) < LEAST_RISE:
             return None
         self._pending = True
-        guess = self.trend.expected(w.flow, w.soc, 0.0)
+        guess = self.trend.expected(w.flow, w.soc)
         sensed = tuple(k - 1 for k in self.model.sensors)
         return HealthJob(p, w, sensed, guess, self.trend.exponent, current_shape(drive.current), electrical)
 

@@ -129,14 +129,14 @@ class Trend:
         """B as known now, K."""
         return float(self.x[B]) * PER
 
-    def expected(self, flow: float, soc: float, warmth: float) -> Floats:
+    def expected(self, flow: float, soc: float) -> Floats:
         """Predict the next window's `Observed.mean` (5 + m,), referred with `exponent`."""
-        return np.asarray(self._matrix(flow, soc, warmth) @ self.x - self._known(warmth, self.exponent))
+        return np.asarray(self._matrix(flow, soc, np.zeros(FIRST_OFFSET + self.m)) @ self.x)
 
-    def _matrix(self, flow: float, soc: float, warmth: float) -> Floats:
+    def _matrix(self, flow: float, soc: float, by_B: Floats) -> Floats:
         H = np.zeros((FIRST_OFFSET + self.m, len(self.x)))
+        H[:, B] = -by_B * PER  # of a window referred with no exponent at all
         H[0, [L, G, J]] = 1.0
-        H[0, B] = warmth * PER
         H[0, S] = 0.5 - soc if soc == soc else 0.0
         H[1, [U0, U]] = 1.0
         H[1, N] = -np.log(flow) if flow > 0.0 else 0.0
@@ -144,12 +144,6 @@ class Trend:
         H[[2, 3, 4], [R_C, C_C, C_S]] = 1.0
         H[FIRST_OFFSET + k, FIXED + k] = H[FIRST_OFFSET + k, FIXED + self.m + k] = 1.0
         return H
-
-    def _known(self, warmth: float, exponent: float) -> Floats:
-        """Part of the prediction that the window has already taken off."""
-        out = np.zeros(FIRST_OFFSET + self.m)
-        out[0] = warmth * exponent
-        return out
 
     def update(self, seen: Observed, share: float = 1.0, *, believe: bool = True) -> Kind:
         """Take one window.
@@ -167,8 +161,8 @@ class Trend:
         Kind
             What it took to explain it.
         """
-        H = self._matrix(seen.flow, seen.soc, seen.warmth)
-        z = seen.mean + self._known(seen.warmth, seen.B)
+        H = self._matrix(seen.flow, seen.soc, seen.by_B)
+        z = seen.mean - seen.by_B * seen.B
         floors = np.array([*FLOORS, *[FLOOR_K] * self.m])
         R = seen.cov + np.diag(floors**2)
         P = self.P.copy()
@@ -221,9 +215,9 @@ class Trend:
 
     def surprising(self, seen: Observed) -> bool:
         """Whether a window contradicts the trend as it stands."""
-        H = self._matrix(seen.flow, seen.soc, seen.warmth)
+        H = self._matrix(seen.flow, seen.soc, seen.by_B)
         R = seen.cov + np.diag(np.array([*FLOORS, *[FLOOR_K] * self.m]) ** 2)
-        return self._surprise(self.P, H, seen.mean + self._known(seen.warmth, seen.B), R)
+        return self._surprise(self.P, H, seen.mean - seen.by_B * seen.B, R)
 
     def _surprise(self, P: Floats, H: Floats, z: Floats, R: Floats) -> bool:
         """Whether a window lies farther from the trend than chance puts it (Wilson and Hilferty's normal χ²)."""

@@ -8,8 +8,9 @@ R_e is referred to 25 °C on the way: the current's square is weighted by
 
 .. math:: \exp\bigl(B (1/T_c - 1/298.15\,\mathrm{K})\bigr)
 
-with T_c from the measured surfaces and the current through the core's own low pass. What an error of B leaves is
-linear in `Observed.warmth`, which the trend learns from.
+with T_c from the measured surfaces and the current through the core's own low pass. An error of B moves everything that
+the window finds, offsets by tenths of a kelvin: heat that fades as the core warms looks like another time constant or
+another level. `Observed.by_B` says by how much, and the trend learns B from it.
 
 For Lin et al., Eq 1 and 16-18.
 """
@@ -25,7 +26,7 @@ from bms_gateway.identify.response import Inputs, Response, respond
 from bms_gateway.thermal import Floats, StringParameters, coolant_path
 
 KELVIN, REFERENCE_K = 273.15, 298.15
-STEP = 1e-4  # of a logarithm, for its slope
+STEP, STEP_B = 1e-4, 1.0  # of a logarithm or K, and of B, for slopes
 SHAPE = ("R_u", "R_c", "C_c", "C_s")  # numbers that the surface follows in a curved way; R_e it follows linearly
 FIRST_OFFSET = 1 + len(SHAPE)
 ROUNDS = 4  # the third and fourth move the start, and with it how warm the core was
@@ -79,8 +80,10 @@ class Observed:
     cov : ndarray (5 + m, 5 + m)
     B : float
         K: the exponent that R_e was referred with.
+    by_B : ndarray (5 + m,)
+        d mean / dB.
     warmth : float
-        Heat-weighted mean of 1/T_c − 1/298.15 K, 1/K: d ln R_e / dB is its negative.
+        Heat-weighted mean of 1/T_c − 1/298.15 K, 1/K.
     core : float
         Heat-weighted mean core temperature, °C.
     soc, flow : float
@@ -94,6 +97,7 @@ class Observed:
     mean: Floats
     cov: Floats
     B: float
+    by_B: Floats
     warmth: float
     core: float
     soc: float
@@ -158,7 +162,7 @@ def fit_window(p: StringParameters, w: DriveWindow, sensed: Sequence[int], guess
     s0[:n] = seen.mean() if seen.size else w.inlet[0]
     xi = np.concatenate([[0.0], s0])
     slow, square = 0.12, w.square
-    exponent, core, r, H = square, square, y, np.eye(1)
+    exponent, core, r, H, g_B = square, square, y, np.eye(1), square
     for k in range(ROUNDS):
         sets = [_at(p, theta), *(_at(p, theta + STEP * e) for e in np.eye(len(theta))[:FIRST_OFFSET])]
         maps = [_start_map(s, w.inlet[0]) for s in sets]
@@ -174,9 +178,10 @@ def fit_window(p: StringParameters, w: DriveWindow, sensed: Sequence[int], guess
         r = np.where(valid, y - f[:, :, 0] - theta[FIRST_OFFSET:], np.nan)
         white = white_sd(r, FLOOR / float(np.sqrt(w.dt)))
         whitener, slow = _whitener(valid, r, columns, white, w.dt, final=k == ROUNDS - 1, before=slow)
-        both = whitener(np.concatenate([columns, r[:, :, None]], axis=2)).reshape(-1, columns.shape[2] + 1)
+        by_B = _read(R.surface_by_input[:, :, -2:-1], late)
+        both = whitener(np.concatenate([columns, by_B, r[:, :, None]], axis=2)).reshape(-1, columns.shape[2] + 2)
         M = both.T @ both
-        H, g = M[:-1, :-1].copy(), M[:-1, -1].copy()
+        H, g, g_B = M[:-2, :-2].copy(), M[:-2, -1].copy(), M[:-2, -2]
         q = len(theta)
         H[np.arange(q), np.arange(q)] += wide
         g[:q] += wide * (guess - theta)
@@ -190,9 +195,10 @@ def fit_window(p: StringParameters, w: DriveWindow, sensed: Sequence[int], guess
     q = len(theta)
     info = H[:q, :q] - H[:q, q:] @ np.linalg.solve(H[q:, q:], H[q:, :q])
     cov = np.linalg.inv(info)
+    moved = -np.linalg.solve(H, g_B)[:q]
     weight = w.square / max(float(w.square.sum()), 1e-9)
     return Observed(
-        theta, 0.5 * (cov + cov.T), B, float(weight @ exponent), float(weight @ core), w.soc, w.flow,
+        theta, 0.5 * (cov + cov.T), B, moved, float(weight @ exponent), float(weight @ core), w.soc, w.flow,
         float(np.sqrt(np.nanmean(r**2))), slow,
     )  # fmt: skip
 
@@ -214,25 +220,27 @@ def _columns(R: Response, f: Floats, E: Floats, late: Floats, m: int) -> Floats:
     by_theta[:, :, 1:] += (f[:, :, 1:] - f[:, :, :1]) / STEP
     offsets = np.broadcast_to(np.eye(m), (len(f), m, m))
     start = _read(R.surface_by_start, late) @ E + by_input[:, :, FIRST_OFFSET, None] * E[0::2].mean(axis=0)
-    return np.concatenate([by_theta, offsets, by_input[:, :, FIRST_OFFSET + 1 :], start], axis=2)
+    return np.concatenate([by_theta, offsets, by_input[:, :, -1:], start], axis=2)
 
 
 def _warmth(
     sets: Sequence[StringParameters], w: DriveWindow, square: Floats, B: float, starts: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """1/T_c − 1/298.15 K (K,); slopes of the heat's logarithm (K, 6) by θ and by the core's start; T_c (K,)."""
+    """1/T_c − 1/298.15 K (K,); slopes of the heat's logarithm (K, 7) by θ, the core's start and B; T_c (K,)."""
     surface = mean_surface(w)
-    found, exponent, core = [], square, square
-    for p, start in (*zip(sets, starts, strict=True), (sets[0], starts[0] + STEP)):
+    cases = [(p, start, B, STEP) for p, start in zip(sets, starts, strict=True)]
+    cases += [(sets[0], starts[0] + STEP, B, STEP), (sets[0], starts[0], B + STEP_B, STEP_B)]
+    found, slopes, exponent, core = [], [], square, square
+    for p, start, at, step in cases:
         now = square
         for _ in range(2):  # the core's warmth moves the heat that warms it, by little
             core = core_temperature(p, surface, now * float(np.mean(p.R_e)), float(start), w.dt)
             exponent = 1.0 / (core + KELVIN) - 1.0 / REFERENCE_K
-            now = w.square * np.exp(B * exponent)
+            now = w.square * np.exp(at * exponent)
         found.append((exponent, core))
-    slopes = np.array([B * (e - found[0][0]) / STEP for e, _ in found[1:]]).T
-    slopes[:, 0] += 1.0
-    return found[0][0], slopes, found[0][1]
+        slopes.append((at * exponent - B * found[0][0]) / step)
+    slopes[1] = slopes[1] + 1.0
+    return found[0][0], np.array(slopes[1:]).T, found[0][1]
 
 
 def _whitener(

@@ -20,14 +20,12 @@ CYCLES = ("urban", "us06", "udds", "mixed")
 class Life:
     """What differs between the vehicles of the benchmark.
 
-    growth : relative growth of R_e per drive. exponent : K. inlet_offset : K, of the inlet's sensor.
-    faults : (name, first drive, size).
+    growth : relative growth of R_e per drive. exponent : K. fault : (name, first drive, size).
     """
 
     seed: int
     growth: float = 0.0
     exponent: float = 2500.0
-    inlet_offset: float = 0.0
     fault: tuple[str, int, float] = ("", 0, 0.0)
     flow_known: bool = True
 
@@ -93,7 +91,7 @@ def _measured(life, k, rng, d, t, flow, trace):
         surface[:, 0] += size * (surface[:, 0] - d.inlet[1 : K + 1])
     y[:, at] = np.round((surface + rng.normal(0, sd, (K, 2))) / 0.1) * 0.1
     age[:, at] = late
-    inlet = np.round((d.inlet[: K + 1] + life.inlet_offset + rng.normal(0, 0.05, K + 1)) / 0.1) * 0.1
+    inlet = np.round((d.inlet[: K + 1] + (size if name == "inlet" else 0.0) + rng.normal(0, 0.05, K + 1)) / 0.1) * 0.1
     I = d.current[:K] + rng.normal(0, 0.3, K)  # noqa: E741
     if name == "gain":
         I = I * (1.0 + size)  # noqa: E741

@@ -18,4 +18,5 @@ def observed(rng=None, *, growth=0.0, cooling=0.0, drift=(0.0, 0.0), B=2500.0, j
     sd = scale * np.array([*SD, *[0.1] * len(drift)])
     if rng is not None:
         mean = mean + rng.normal(0.0, sd)
-    return Observed(mean, np.diag(sd**2), job_B, warmth, core, soc, flow, 0.1, 0.02)
+    by_B = np.array([-warmth, *np.zeros(len(mean) - 1)])
+    return Observed(mean, np.diag(sd**2), job_B, by_B, warmth, core, soc, flow, 0.1, 0.02)

@@ -2,6 +2,7 @@
 belong."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -29,6 +30,17 @@ def test_growth_is_followed_through_all_weathers_and_the_exponent_is_learnt(true
     assert np.expm1(growth) == pytest.approx(0.30, abs=0.03)
     assert sd < 0.02
     assert trend.exponent == pytest.approx(true_B, abs=150)
+
+
+def test_offsets_that_only_the_exponent_moves_are_no_drift_and_teach_it() -> None:
+    """A window referred with an exponent 1000 K too low finds offsets that are not there."""
+    rng, trend = np.random.default_rng(1), Trend(2)
+    for _ in range(40):
+        seen = observed(rng, core=30.0)
+        by_B = np.array([0.08, 0.05, -0.03, 0.1, 0.0, -0.6, -0.6]) * rng.uniform(0.2, 1.5) / 1000.0
+        assert trend.update(replace(seen, mean=seen.mean - 1000.0 * by_B, by_B=by_B)) is Kind.USUAL
+    assert trend.exponent == pytest.approx(3500.0, abs=200.0)
+    assert np.abs(trend.x[trend.drifts]).max() < 0.15
 
 
 def test_without_growth_there_is_none() -> None:
@@ -119,7 +131,7 @@ def test_charge_and_flow_that_nobody_knows_are_no_fault() -> None:
     trend = Trend(2)
     for _ in range(10):
         trend.update(observed(soc=float("nan"), flow=1.0))
-    expected = trend.expected(float("nan"), float("nan"), 0.0)
+    expected = trend.expected(float("nan"), float("nan"))
     assert np.isfinite(expected).all()
     assert expected == pytest.approx(np.zeros(7), abs=0.05)
     assert not trend.surprising(observed())
