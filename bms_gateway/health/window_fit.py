@@ -195,7 +195,7 @@ def fit_window(p: StringParameters, w: DriveWindow, sensed: Sequence[int], guess
     q = len(theta)
     info = H[:q, :q] - H[:q, q:] @ np.linalg.solve(H[q:, q:], H[q:, :q])
     cov = np.linalg.inv(info)
-    moved = -np.linalg.solve(H, g_B)[:q]
+    moved = np.asarray(-np.linalg.solve(H, g_B)[:q], dtype=np.float64)
     weight = w.square / max(float(w.square.sum()), 1e-9)
     return Observed(
         theta, 0.5 * (cov + cov.T), B, moved, float(weight @ exponent), float(weight @ core), w.soc, w.flow,

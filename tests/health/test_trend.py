@@ -29,7 +29,7 @@ def test_growth_is_followed_through_all_weathers_and_the_exponent_is_learnt(true
     growth, sd = trend.of(G)
     assert np.expm1(growth) == pytest.approx(0.30, abs=0.03)
     assert sd < 0.02
-    assert trend.exponent == pytest.approx(true_B, abs=150)
+    assert trend.exponent == pytest.approx(true_B, abs=50)
 
 
 def test_offsets_that_only_the_exponent_moves_are_no_drift_and_teach_it() -> None:
@@ -58,16 +58,18 @@ def test_one_window_that_is_far_off_moves_nothing() -> None:
     assert trend.of(G)[0] == pytest.approx(before, abs=0.005)
 
 
-def test_a_jump_of_R_e_is_no_growth() -> None:
+@pytest.mark.parametrize("seed", range(1, 13))
+def test_a_jump_of_R_e_is_no_growth(seed: int) -> None:
+    """Sixty quiet windows move G by 0.012 rms and 0.030 at most (sixty seeds), with a jump by 0.015 and 0.031."""
     trend = Trend(2)
-    driven(trend, 60)
+    driven(trend, 60, seed=seed)
     before = trend.of(G)[0]
-    kinds = driven(trend, CONFIRM, seed=2, level=0.3)
+    kinds = driven(trend, CONFIRM, seed=seed + 100, level=0.3)
     assert kinds == [Kind.JUMP] * CONFIRM
-    assert trend.of(J)[0] == pytest.approx(0.3, abs=0.08)
-    driven(trend, 60, seed=3, level=0.3)
-    assert trend.of(J)[0] == pytest.approx(0.3, abs=0.05)
-    assert trend.of(G)[0] == pytest.approx(before, abs=0.05)
+    assert trend.of(J)[0] == pytest.approx(0.3, abs=0.07)
+    driven(trend, 60, seed=seed + 200, level=0.3)
+    assert trend.of(J)[0] == pytest.approx(0.3, abs=0.04)
+    assert trend.of(G)[0] == pytest.approx(before, abs=0.035)
 
 
 def test_a_fan_that_stops_and_a_thermocouple_that_moves_are_taken_up_at_once() -> None:
@@ -108,12 +110,14 @@ def test_a_window_whose_current_is_wrong_leaves_growth_alone() -> None:
     assert trend.of(G)[0] == pytest.approx(before, abs=0.02)  # at the rate of before
 
 
-def test_a_commissioned_level_makes_growth_known_from_the_first_windows() -> None:
+@pytest.mark.parametrize("seed", range(1, 13))
+def test_a_commissioned_level_makes_growth_known_from_the_first_windows(seed: int) -> None:
+    """0.031 at most over forty seeds; the level's own 0.02 is in none of them."""
     trend = Trend(2, Prior(level_sd=0.02, grown_sd=0.3, B=2500.0, B_sd=100.0))
-    driven(trend, 6, growth=lambda k: 0.2)
+    driven(trend, 6, seed=seed, growth=lambda k: 0.2)
     growth, sd = trend.of(G)
-    assert np.expm1(growth) == pytest.approx(0.2, abs=0.06)
-    assert sd < 0.04
+    assert np.expm1(growth) == pytest.approx(0.2, abs=0.04)
+    assert sd < 0.03
 
 
 def test_a_reset_begins_again_from_what_is_there() -> None:
@@ -125,6 +129,20 @@ def test_a_reset_begins_again_from_what_is_there() -> None:
     assert trend.of(B) == exponent
     driven(trend, 40, growth=lambda k: 0.25)
     assert abs(trend.of(G)[0]) < 0.02
+
+
+def test_a_new_baseline_is_as_sure_as_it_says() -> None:
+    """Forty windows tell growth since a reset to 0.018: 0.013 rms over sixty seeds, and 0.034 at most."""
+    found = []
+    for seed in range(1, 13):
+        trend = Trend(2)
+        driven(trend, 20, seed=seed, growth=lambda k: 0.25)
+        trend.reset()
+        driven(trend, 40, seed=seed + 100, growth=lambda k: 0.25)
+        found.append(trend.of(G))
+    mean, sd = np.array(found).T
+    assert np.abs(mean / sd).max() < 2.5
+    assert np.sqrt(np.mean(mean**2)) < 0.02
 
 
 def test_charge_and_flow_that_nobody_knows_are_no_fault() -> None:
