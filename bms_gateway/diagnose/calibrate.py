@@ -10,7 +10,7 @@ from bms_gateway.diagnose.model_error import Bench, ModelError, averaged
 from bms_gateway.diagnose.model_error import fit as fit_with_error
 from bms_gateway.diagnose.prepare import measured
 from bms_gateway.diagnose.record import Record, in_held_out
-from bms_gateway.diagnose.residuals import structure
+from bms_gateway.diagnose.residuals import LEAST_Z, structure
 from bms_gateway.identify.coordinates import OWN, Measured
 from bms_gateway.identify.likelihood import generalised
 from bms_gateway.identify.map_fit import ITERATIONS, MapFit, fitted, stacked
@@ -18,7 +18,7 @@ from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal import KINDS, AddedEffect, Floats, Prior, StringModel
 from bms_gateway.thermal.effects import EffectParameter, effect_named
 
-LEAST_STRUCTURE, LEAST_Z = 0.18, 6.0
+LEAST_STRUCTURE = 0.18
 """Structured error in units of the noise, and its z, above which a model does not explain the readings."""
 UNTOLD, WEAK = 0.9, 0.5
 """Posterior over prior sd, from which a number is not identifiable, or only weakly."""

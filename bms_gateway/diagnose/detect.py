@@ -179,7 +179,7 @@ class Projection:
         self._factor = scipy.linalg.cho_factor(fit.H)
 
     def gram(self, columns: Floats) -> Floats:
-        """Inner products (p, p) of what is left of the columns (M, p), K per unit, in units of the noise."""
+        """Inner products (p, p) of what is left of the columns (M', p), K per unit, in units of the noise."""
         J = self._fit.weighed(columns)
         cross = self._base.T @ J
         S = J.T @ J - cross.T @ scipy.linalg.cho_solve(self._factor, cross)

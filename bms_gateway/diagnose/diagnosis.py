@@ -25,7 +25,18 @@ from bms_gateway.diagnose.core_band import core_moved
 from bms_gateway.diagnose.judge import Settings, Trial
 from bms_gateway.diagnose.prepare import measured
 from bms_gateway.diagnose.record import Record
-from bms_gateway.diagnose.residuals import Structure, noise_floor, rmse, scale, structure, surely, within
+from bms_gateway.diagnose.residuals import (
+    LEAST_Z,
+    Structure,
+    noise_floor,
+    noise_hardly_known,
+    rmse,
+    scale,
+    structure,
+    surely,
+    usual_scale,
+    within,
+)
 from bms_gateway.diagnose.search import Progress, Search, search
 from bms_gateway.diagnose.second import SecondSearch, needs_second, second_search
 from bms_gateway.identify.map_fit import MapFit, stacked
@@ -37,7 +48,6 @@ LEAST_STRUCTURE = 0.18
 """Structured error, in units of the sensors' noise, that counts as something left over …"""
 COARSE_STRUCTURE = 0.6
 """… and where the resolution is so coarse that rounding itself leaves structure."""
-LEAST_Z = 6.0
 ROWS_OPEN = " The rows of the current lie so far apart that {:.2g} K may be theirs."
 CHANCE = 1.5
 """What rows too coarse leave open counts so often: one record's share of it is a draw of few."""
@@ -202,13 +212,11 @@ def judged(found: Search) -> Diagnosis:
     base, final = errors(found.baseline), errors(found.final)
     held = within(found.final)
     floor = float(np.mean(stacked(found.final.problem)[1][held] ** 2))
-    coarse = any(bool(np.any(m.step > 3.0 * m.sigma0)) for m in found.final.problem.records)
+    coarse = noise_hardly_known(found.final)
     open_in_sd = CHANCE * found.left_open / float(np.sqrt(floor))
     least = float(np.hypot(COARSE_STRUCTURE if coarse else LEAST_STRUCTURE, open_in_sd))
     structured = final.structure.z > LEAST_Z and final.structure.size > least
-    # noise well below the steps is hardly known: what trained readings leave white is noise, however much it is
-    white = coarse and final.structure.z <= LEAST_Z
-    usual = max(1.0, scale(found.final, stacked(found.final.problem)[4])) if white else 1.0
+    usual = usual_scale(found.final, final.structure.z)
     seen = surely(found.final, held, COARSE_SDS) if coarse else scale(found.final, held)
     fails_held = seen > float(np.hypot(HELD_RATIO * usual, open_in_sd))
     explained = 1.0 - max(final.structure.power, 0.0) / max(base.structure.power, 1e-9)

@@ -144,7 +144,7 @@ def _deconvolved(fit: MapFit, node: Node) -> tuple[list[Heat], float]:
     """Heat at each sensed cell of each record, and the log evidence of its explaining the readings."""
     y, sigma, _, _, _ = stacked(fit.problem)
     weight = 1.0 / sigma
-    B = np.concatenate([fit.J, fit.linear.J], axis=1) * weight[:, None]
+    B = fit.problem.spread(np.concatenate([fit.J, fit.linear.J], axis=1)) * weight[:, None]
     sd = np.concatenate([[c.sd for c in fit.problem.coordinates], fit.linear.sd])
     away = np.concatenate([fit.theta - [c.prior for c in fit.problem.coordinates], fit.nu])
     places, blocks = [], []
@@ -252,8 +252,8 @@ def _follows(fit: MapFit, node: Node, heats: Sequence[Heat]) -> list[Follow]:
         [_response(fit, r, node, np.stack([t[n][2] for n in names], axis=2)) for r, t in enumerate(tables)]
     )
     used = stacked(fit.problem)[4]
-    r = np.where(used, fit.r, 0.0)
-    J, base = fit.weighed(columns), fit.weighed(np.concatenate([fit.J, fit.linear.J], axis=1))
+    r = fit.gathered(np.where(used, fit.r, 0.0))
+    J, base = fit.weighed(fit.problem.averaged(columns)), fit.weighed(np.concatenate([fit.J, fit.linear.J], axis=1))
     prior, sd = (np.array([getattr(c, k) for c in fit.problem.coordinates]) for k in ("prior", "sd"))
     rest = base.T @ r - np.concatenate([(fit.theta - prior) / sd**2, fit.nu / fit.linear.sd**2])
     cross = base.T @ J

@@ -12,7 +12,7 @@ import numpy as np
 
 from bms_gateway.diagnose.discrepancy import START, Discrepancy, Noise
 from bms_gateway.identify.coordinates import Belief, Measured
-from bms_gateway.identify.map_fit import GAIN, Linear, MapFit, map_fit
+from bms_gateway.identify.map_fit import GAIN, Linear, MapFit, map_fit, weighed
 from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal import Floats
 from bms_gateway.thermal.drive import Drive
@@ -172,7 +172,7 @@ def fit(
         sd = np.array([c.sd for c in problem.nuisances])
         if parent is None:
             prediction = problem.predict(theta, guess)
-            columns = problem.jacobian(theta, prediction, problem.nuisances, 0)
+            columns = problem.columns(theta, prediction, problem.nuisances, 0)
             nu, J, guess = None, None, prediction.X
         else:
             columns, nu, J = parent.map.linear.J, parent.map.nu, parent.map.J
@@ -183,7 +183,7 @@ def fit(
             found = map_fit(
                 problem,
                 theta,
-                linear=Linear.of(columns, sd, noise(columns)),
+                linear=Linear.of(columns, sd, weighed(problem, noise, columns)),
                 nu=nu,
                 guess=guess,
                 J=J,

@@ -1,7 +1,7 @@
 """What a fit leaves over: how much, how much of it is structure, and what it does where nothing was fitted."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,6 +16,10 @@ LONGEST = 400
 """Samples over which the inflation of a sum's variance is gathered."""
 REGIME = {"soc": 0.01, "T_in": 0.5, "flow": 0.03}
 """How far outside the trained range a held-out reading may lie before it counts as extrapolation."""
+COARSE = 3.0
+"""Standard deviations of the noise in a step from which on it is hardly known."""
+LEAST_Z = 6.0
+"""Structure below this is none."""
 ENOUGH = 50
 """Readings inside the trained range; with fewer all held-out readings count."""
 
@@ -31,7 +35,7 @@ class Structure:
     z : float
         It over its standard deviation for a white residual.
     inflation : float
-        By how much a sum over the residual varies more than a white one: tempers evidence.
+        By how much a sum over the residual varies more than a white one of the noise's size: tempers evidence.
     """
 
     power: float
@@ -45,8 +49,24 @@ class Structure:
 
 
 def structure(fit: MapFit, held: bool = False) -> Structure:
-    """Find the structure in a fit's residual, on the readings used or on those held out."""
-    return structure_of(_series(fit, held))
+    """Find the structure in a fit's residual, on the readings used or on those held out.
+
+    Where the noise is hardly known its variance is taken from the residual, as long as that is white.
+    """
+    found = structure_of(_series(fit, held))
+    return replace(found, inflation=found.inflation * usual_scale(fit, found.z) ** 2)
+
+
+def noise_hardly_known(fit: MapFit) -> bool:
+    """Whether steps far above the noise leave little to tell it from."""
+    return any(bool(np.any(m.step > COARSE * m.sigma0)) for m in fit.problem.records)
+
+
+def usual_scale(fit: MapFit, z: float) -> float:
+    """Tell how much more noise than thought there is: what trained readings leave white, under coarse steps; else 1."""
+    if z > LEAST_Z or not noise_hardly_known(fit):
+        return 1.0
+    return max(1.0, scale(fit, stacked(fit.problem)[4]))
 
 
 def structure_of(series: Sequence[Floats]) -> Structure:

@@ -37,8 +37,8 @@ class Gain:
         cannot speak of.
     values : mapping of parameter to float, SI
         Where its strength would end: the start of a fit.
-    columns : ndarray (M, p)
-        Response of the readings to its strengths, K per unit.
+    columns : ndarray (M', p)
+        Response of the readings at the fit's places to its strengths, K per unit.
     """
 
     candidate: Candidate
@@ -54,7 +54,7 @@ def screen(fit: MapFit, candidates: Sequence[Candidate]) -> list[Gain]:
     base = fit.weighed(np.concatenate([fit.J, fit.linear.J], axis=1)) * steep
     free = fit.free  # what stands on a bound cannot make way for a candidate
     base = base[:, free]
-    r = np.where(used, fit.r, 0.0) / steep
+    r = fit.gathered(np.where(used, fit.r, 0.0)) / steep
     prior = np.array([c.prior for c in fit.problem.coordinates])
     sd = np.array([c.sd for c in fit.problem.coordinates])
     pull = np.concatenate([(fit.theta - prior) / sd**2, fit.nu / fit.linear.sd**2])
@@ -65,6 +65,7 @@ def screen(fit: MapFit, candidates: Sequence[Candidate]) -> list[Gain]:
     if not scored:
         return found
     columns = np.stack([responses.column(c, p) for c in scored for p in c.strengths], axis=1)
+    columns = fit.problem.averaged(columns)
     J = fit.weighed(columns) * steep
     cross = base.T @ J
     absorbed = solved(fit.H[np.ix_(free, free)], cross)

@@ -318,14 +318,24 @@ def _exchange(found: Search, offered: Sequence[Candidate], s: Settings) -> None:
         fits = [(g.candidate, refit(less, g)) for g in seen.values()]
         if not fits:
             continue
-        best, fit = max(fits, key=lambda x: x[1].log_evidence + prior_odds(x[0], offered))
+
+        def posterior(x: tuple[Candidate, MapFit]) -> float:
+            return x[1].log_evidence + prior_odds(x[0], offered)
+
+        fits.sort(key=posterior, reverse=True)
+        # which of those that are near is the best, a few steps cannot tell
+        near = [posterior(x) > posterior(fits[0]) - s.far for x in fits[: s.restarts]]
+        fits = [(c, converged(fit)) if ok else (c, fit) for (c, fit), ok in zip(fits, near, strict=False)] + fits[
+            len(near) :
+        ]
+        best, fit = max(fits, key=posterior)
         won = fit.log_evidence + prior_odds(best, offered)
         won -= found.final.log_evidence + prior_odds(old.candidate, offered)
         if won > s.first_odds * inflation and best.key != old.candidate.key:
             trials = judge(less, found.baseline, sorted(fits, key=lambda x: -x[1].log_evidence), offered, s, 1)
             trial = next(t for t in trials if t.candidate is best)
             found.chosen = [*keep, _chosen(trial, trials)]
-            found.final = converged(fit)
+            found.final = fit
 
 
 def without(fit: MapFit, key: str) -> MapFit:

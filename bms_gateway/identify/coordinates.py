@@ -113,6 +113,8 @@ class Coordinate:
         Its lower bound is where the effect vanishes and its other numbers mean nothing: a fit comes near by shares.
     only_start : bool
         It moves the start, or what is read, and no balance.
+    sudden : bool
+        It acts within single intervals, where inputs step: its column cannot be taken in longer ones.
     """
 
     name: str
@@ -128,6 +130,7 @@ class Coordinate:
     reach: float = np.inf
     vanishing: bool = False
     only_start: bool = False
+    sudden: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -290,7 +293,7 @@ def _lateness(r: int, m: Measured, tail: str) -> list[Coordinate]:
             d.late[signal] += z
 
         if np.ptp(getattr(m.drive, signal)) > 0.0:
-            found.append(_nuisance(f"{signal}_late{tail}", sd, late, r))
+            found.append(replace(_nuisance(f"{signal}_late{tail}", sd, late, r), sudden=True))
     return found
 
 

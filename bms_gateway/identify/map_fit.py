@@ -62,9 +62,10 @@ class Linear:
 
     Attributes
     ----------
-    J : ndarray (M, Q), K per unit
+    J : ndarray (M', Q), K per unit
+        At the records' places.
     sd : ndarray (Q,)
-    weighed : ndarray (M, Q)
+    weighed : ndarray (M', Q)
         `J` in units of the noise, zero where a reading is held out.
     gram : ndarray (Q, Q)
         Its products: taken once, for many fits share them.
@@ -90,8 +91,8 @@ class MapFit:
     problem : Problem
     theta, nu : ndarray (P,), (Q,)
     linear : Linear
-    J : ndarray (M, P), K per unit
-        At the optimum, all readings.
+    J : ndarray (M', P), K per unit
+        At the optimum and the records' places.
     H : ndarray (P + Q, P + Q)
         Precision of [θ, ν]: half the cost's Hessian.
     prediction : Prediction
@@ -132,8 +133,12 @@ class MapFit:
         return sum(int(np.count_nonzero(m.used)) for m in self.problem.records)
 
     def weighed(self, columns: Floats) -> Floats:
-        """Columns (M, P) in units of the noise, zero where a reading is held out."""
-        return _weighed(self.problem, self.noise, columns)
+        """Columns (M', P) in units of the noise, zero where a reading is held out."""
+        return weighed(self.problem, self.noise, columns)
+
+    def gathered(self, r: Floats) -> Floats:
+        """Residuals (M,) as weighed columns see them, zero where a reading is held out."""
+        return gathered(self.problem, self.noise, r)
 
     @property
     def free(self) -> np.ndarray:
@@ -186,15 +191,21 @@ def nuisance_columns(
     """
     sd = np.array([c.sd for c in problem.nuisances])
     refinements = 1 if problem.model.effects or any(np.ptp(m.drive.flow) > 0.0 for m in problem.records) else 0
-    J = problem.jacobian(theta, prediction, problem.nuisances, refinements, nu)
-    return Linear.of(J, sd, _weighed(problem, noise, J))
+    J = problem.columns(theta, prediction, problem.nuisances, refinements, nu)
+    return Linear.of(J, sd, weighed(problem, noise, J))
 
 
-def _weighed(problem: Problem, noise: Whitening | None, columns: Floats) -> Floats:
+def weighed(problem: Problem, noise: Whitening | None, columns: Floats) -> Floats:
+    """Columns at the places in units of the noise, zero where held out; at all readings if it has a memory."""
     if noise is not None:
-        return noise(columns)
-    weight = np.concatenate([np.where(m.used, 1.0 / m.sigma, 0.0) for m in problem.records])
+        return noise(problem.spread(columns))
+    weight = np.concatenate([np.where(p.at.used, np.sqrt(p.count) / p.at.sigma, 0.0) for p in problem.places])
     return np.asarray(columns * weight[:, None])
+
+
+def gathered(problem: Problem, noise: Whitening | None, r: Floats) -> Floats:
+    """Residuals (M,) in units of the noise, as `weighed` columns see them."""
+    return r if noise is not None else problem.gathered(r)
 
 
 def map_fit(
@@ -225,7 +236,7 @@ def map_fit(
     nu : ndarray (Q,), optional
     guess : sequence of ndarray, optional
         Trajectories near the start's, one per record.
-    J : ndarray (M, P'), optional
+    J : ndarray (M', P'), optional
         Columns of the first P' coordinates near the start: spares taking them in the first iteration.
     iterations : int
     give_up : float
@@ -246,8 +257,8 @@ def map_fit(
     MapFit
     """
     y, _, sigma0, step, used = stacked(problem)
-    none = np.zeros((len(y), 0))
-    linear = linear or Linear.of(none, np.zeros(0), none)
+    none = np.zeros((sum(len(p.first) for p in problem.places), 0))
+    linear = linear or Linear.of(none, np.zeros(0), weighed(problem, noise, none))
     lower, upper, prior, sd = (
         np.array([getattr(c, k) for c in problem.coordinates]) for k in ("lower", "upper", "prior", "sd")
     )
@@ -267,18 +278,18 @@ def map_fit(
 
     prediction = problem.predict(z[:P], guess, z[P:])
     cost, r = judge(z, prediction)
-    columns, weighed, H, slope = none, none, np.eye(len(z)), np.zeros(len(z))
+    columns, own, H, slope = none, none, np.eye(len(z)), np.zeros(len(z))
     damping, steep, kept = DAMPING, 1.0, False
     for iteration in range(iterations):
         with np.errstate(over="ignore", invalid="ignore"):  # of columns that ran away; seen and told below
-            pull = np.where(used, trust * r, 0.0)
+            pull = gathered(problem, noise, np.where(used, trust * r, 0.0))
             if kept:
-                slope = np.concatenate([pull @ weighed, pull @ linear.weighed])
+                slope = np.concatenate([pull @ own, pull @ linear.weighed])
             else:
                 columns = _columns(problem, z, prediction, None if iteration else J, refinements)
                 steep = 1.0 if noise is not None else curvature((y - prediction.y)[used], sigma0[used], step[used])
-                weighed = _weighed(problem, noise, columns)
-                H, slope = _normal(weighed, linear, sd, trust * steep, pull)
+                own = weighed(problem, noise, columns)
+                H, slope = _normal(own, linear, sd, trust * steep, pull)
             gradient = slope - (z - prior) / sd**2
         if iteration and cost - _promise(H, gradient) > outclassed:
             break
@@ -351,7 +362,7 @@ def annealed(problem: Problem, theta: Floats) -> MapFit:
 def _columns(problem: Problem, z: Floats, prediction: Prediction, J: Floats | None, refinements: int) -> Floats:
     P = len(problem.coordinates)
     new = problem.coordinates if J is None else problem.coordinates[J.shape[1] :]
-    columns = problem.jacobian(z[:P], prediction, new, refinements, z[P:])
+    columns = problem.columns(z[:P], prediction, new, refinements, z[P:])
     return columns if J is None else np.concatenate([J, columns], axis=1)
 
 

@@ -4,7 +4,7 @@ The string is that of Lin et al., Eq 16-18, with effects that the paper lacks.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from bms_gateway.identify.coordinates import (
     parameters,
     starts,
 )
+from bms_gateway.identify.places import Places, places
 from bms_gateway.thermal import CELL_SYMBOLS, KINDS, Floats, StringModel, StringParameters
 from bms_gateway.thermal.drive import Drive
 from bms_gateway.thermal.effects import effect_named
@@ -67,6 +68,7 @@ class Problem:
     physics: Physics = field(init=False)
     coordinates: tuple[Coordinate, ...] = field(init=False)
     nuisances: tuple[Coordinate, ...] = field(init=False)
+    _places: tuple[Places, ...] | None = field(init=False, default=None)
     _recursion: list[Recursion | None] = field(init=False)
     _alters_readings: bool = field(init=False)
     _nominal: StringParameters = field(init=False)
@@ -92,6 +94,31 @@ class Problem:
         """Where a fit starts."""
         return np.array([c.begin for c in self.coordinates])
 
+    @property
+    def places(self) -> tuple[Places, ...]:
+        """Where the records' columns are taken in a fit."""
+        if self._places is None:
+            self._places = tuple(places(m) for m in self.records)
+        return self._places
+
+    def gathered(self, r: Floats) -> Floats:
+        """Residuals (M,) in units of the noise as the columns at the places see them (M',)."""
+        return np.concatenate([p.gathered(x) for p, x in zip(self.places, self._by_record(r), strict=True)])
+
+    def averaged(self, columns: Floats) -> Floats:
+        """Take means at the places (M', P) of columns at the readings (M, P)."""
+        return np.concatenate([p.averaged(x) for p, x in zip(self.places, self._by_record(columns), strict=True)])
+
+    def spread(self, columns: Floats) -> Floats:
+        """Give every reading (M, P) the column of its place (M', P)."""
+        edges = np.cumsum([0, *(len(p.first) for p in self.places)])
+        return np.asarray(
+            columns[np.concatenate([p.place + first for p, first in zip(self.places, edges, strict=False)])]
+        )
+
+    def _by_record(self, x: Floats) -> list[Floats]:
+        return np.split(x, np.cumsum([len(m.y) for m in self.records])[:-1])
+
     def index(self, name: str) -> int:
         """Position of a coordinate."""
         return [c.name for c in self.coordinates].index(name)
@@ -113,7 +140,7 @@ class Problem:
         ys, Xs, settled = [], [], True
         for r, m in enumerate(self.records):
             v, starts = self.numbers(r, theta, nu)
-            memory = self._memory(r, v)
+            memory = self._memory(m.drive, r, v)
             about = np.mean(np.stack(starts), axis=0) if guess is None else guess[r].mean(axis=0)
             recursion = self._recursion[r]
             if recursion is None:
@@ -132,7 +159,7 @@ class Problem:
         """Take the reference of the recursions anew, about a trajectory; before a fit, not within one."""
         for r, m in enumerate(self.records):
             v, _ = self.numbers(r, theta, nu)
-            memory = self._memory(r, v)
+            memory = self._memory(m.drive, r, v)
             self._recursion[r] = reference(self.physics, m.drive, v, memory, prediction.X[r].mean(axis=0))
 
     def jacobian(
@@ -144,21 +171,54 @@ class Problem:
         nu: Floats | None = None,
     ) -> Floats:
         """Return the derivative (M, P) of the readings with respect to coordinates or nuisances, °C per unit."""
-        J = np.zeros((len(coordinates), sum(len(m.y) for m in self.records)))
+        return self._moving(self.records, theta, prediction, coordinates, refinements, nu)
+
+    def columns(
+        self,
+        theta: Floats,
+        prediction: Prediction,
+        coordinates: Sequence[Coordinate],
+        refinements: int = 1,
+        nu: Floats | None = None,
+    ) -> Floats:
+        """Return the same (M', P) at the records' `places`, which will do to find a way down."""
+        at = [p.at for p in self.places]
+        there = replace(prediction, X=tuple(X[p.rows] for p, X in zip(self.places, prediction.X, strict=True)))
+        slow = [c for c in coordinates if not c.sudden]
+        J = self._moving(at, theta, there, slow, refinements, nu)
+        if len(slow) == len(coordinates):
+            return J
+        sudden = [c for c in coordinates if c.sudden]
+        exact = self.averaged(self.jacobian(theta, prediction, sudden, refinements, nu))
+        order = np.argsort([c.sudden for c in coordinates], kind="stable")
+        return np.asarray(np.concatenate([J, exact], axis=1)[:, np.argsort(order)])
+
+    def _moving(
+        self,
+        records: Sequence[Measured],
+        theta: Floats,
+        prediction: Prediction,
+        coordinates: Sequence[Coordinate],
+        refinements: int,
+        nu: Floats | None,
+    ) -> Floats:
+        J = np.zeros((len(coordinates), sum(len(m.y) for m in records)))
         last = 0
-        for r, m in enumerate(self.records):
+        for r, m in enumerate(records):
             own = slice(last, last + len(m.y))
             last = own.stop
             mine = [j for j, c in enumerate(coordinates) if c.record in (None, r)]
             v, starts = self.numbers(r, theta, nu)
-            memory = self._memory(r, v)
+            memory = self._memory(m.drive, r, v)
             X = prediction.X[r]
             recursion = self._recursion[r]
             if recursion is None:
                 recursion = self._recursion[r] = reference(self.physics, m.drive, v, memory, X.mean(axis=0))
+            if recursion.dt != m.drive.dt:
+                recursion = recursion.with_steps(m.drive.dt, m.drive.N)
             for first in range(0, len(mine), 16):  # few columns at a time stay in the cache
                 some = mine[first : first + 16]
-                variations = [self._variation(r, theta, nu, coordinates[j], memory, starts) for j in some]
+                variations = [self._variation(m.drive, r, theta, nu, coordinates[j], memory, starts) for j in some]
                 S = sensitivities(self.physics, m.drive, v, memory, X, m.spans, recursion, variations, refinements)
                 for j, signals in zip(some, self._moved(m, v, memory, X, S, variations), strict=True):
                     _at(m, signals, J[j, own])
@@ -192,6 +252,7 @@ class Problem:
 
     def _variation(
         self,
+        u: Drive,
         r: int,
         theta: Floats,
         nu: Floats | None,
@@ -209,17 +270,17 @@ class Problem:
             elif other.record in (None, r) and (value or other.effect is not None):
                 other.put(draft, float(value))
         new, moved = self._close(r, draft)
-        m = memory if c.effect is None else self._memory(r, new)
+        m = memory if c.effect is None else self._memory(u, r, new)
         start = tuple((b - a) / step for a, b in zip(starts, moved, strict=True))
         return Variation(new, m, step, start, c.only_start)
 
-    def _memory(self, r: int, v: Numbers) -> Mapping[str, Floats]:
-        """Effects' memories of a record's inputs; a fit comes back to the same numbers of an effect again and again."""
-        key = (r, *((name, *v.effects[name].values()) for name in self.physics.remembering))
+    def _memory(self, u: Drive, r: int, v: Numbers) -> Mapping[str, Floats]:
+        """Effects' memories of the inputs of record `r`; a fit comes back to the same numbers of an effect again."""
+        key = (r, u.dt, *((name, *v.effects[name].values()) for name in self.physics.remembering))
         if key not in self._memories:
             if len(self._memories) >= MEMORIES:
                 self._memories.clear()
-            self._memories[key] = self.physics.memory(self.records[r].drive, v)[0]
+            self._memories[key] = self.physics.memory(u, v)[0]
         return self._memories[key]
 
     def _draft(self, r: int) -> Draft:

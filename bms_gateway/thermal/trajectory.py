@@ -21,6 +21,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bms_gateway.thermal.drive import Drive
 from bms_gateway.thermal.parameters import Floats
@@ -57,6 +58,7 @@ class Recursion:
 
     def __init__(self, A: Floats, dt: float, steps: int) -> None:
         self.A, self.dt = A, dt
+        self._longer: Recursion | None = None
         self.Phi, phi = exponentials(A * dt)
         self.Gamma = phi * dt
         self.block = max(1, int(np.sqrt(steps)))
@@ -66,6 +68,12 @@ class Recursion:
                 powers.append(self.Phi @ powers[-1])
         self._whole = powers.pop()
         self._ends = np.concatenate(powers[::-1], axis=1)
+
+    def with_steps(self, dt: float, steps: int) -> "Recursion":
+        """Return the same with steps of another length; the last one asked for is kept."""
+        if self._longer is None or self._longer.dt != dt:
+            self._longer = Recursion(self.A, dt, steps)
+        return self._longer
 
     def run(self, x0: Floats, w: Floats) -> Floats:
         """Run from `x0` (D, P) under `w` (N, D, P): states (N + 1, D, P), the start first.
@@ -196,6 +204,28 @@ def average(u: Drive) -> Drive:
 def at_instants(u: Drive) -> Drive:
     """Return the inputs at the N + 1 instants between and around the intervals: means of the neighbours."""
     return _map(u, _between)
+
+
+def every_second(u: Drive, spans: Sequence[Span]) -> tuple[Drive, tuple[Span, ...], NDArray[np.intp]]:
+    """Join the intervals of each span two by two; an odd last one is left out.
+
+    Returns
+    -------
+    u : Drive
+        Means over the pairs.
+    spans : tuple of Span
+    rows : ndarray of int
+        Rows of a trajectory under the old drive at the instants of the new one.
+    """
+    pairs, new, rows, row, last = [], [], [], 0, 0
+    for s in spans:
+        half = len(s) // 2
+        pairs.append(s.first + 2 * np.arange(half))
+        rows.append(row + 2 * np.arange(half + 1))
+        new.append(Span(last, last + half))
+        row, last = row + len(s) + 1, last + half
+    k = np.concatenate(pairs)
+    return replace(_map(u, lambda x: 0.5 * (x[k] + x[k + 1])), dt=2.0 * u.dt), tuple(new), np.concatenate(rows)
 
 
 def reference(physics: Physics, u: Drive, v: Numbers, memory: Memory, X: Floats) -> Recursion:

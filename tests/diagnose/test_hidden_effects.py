@@ -9,7 +9,7 @@ from bms_gateway.diagnose.diagnosis import diagnose
 from tests.benchmarks.diagnosis_case import examine
 from tests.benchmarks.diagnosis_scores import missed, names, visible
 from tests.diagnose.hidden_record import record_of
-from tests.truth.hidden import Scenario, make_logs
+from tests.truth.hidden import Scenario, make_log, make_logs
 from tests.truth.sizes import SIZES
 from tests.truth.suites import SENSORS, controls, one_cell, pairs, singles, suited
 
@@ -151,3 +151,18 @@ def test_a_rival_that_comes_late_is_told_as_tied():
     found = diagnose(model, [record])
     named = {found.selected[0].candidate.name, *found.selected[0].tied_with}
     assert {"neighbour_heat", "thermocouple_offset"} <= named, found.sentence
+
+
+@pytest.mark.slow
+def test_what_takes_the_place_of_an_earlier_effect_is_the_best_at_its_end():
+    """After eight steps voltage_heat led in its place by 155 in evidence; at their ends it was 15 behind."""
+    log = make_log(
+        Scenario(
+            effects={"entropic_heat": ("medium", None), "ambient_loss": ("medium", None)},
+            cells=12, sensors=tuple(range(1, 13)), noise=0.1, cycle="urban", inlet="steps", flow="steps", seed=4711,
+            columns=("flow", "soc", "voltage"),
+        )
+    )  # fmt: skip
+    record, model = record_of(log)
+    found = diagnose(model, [record])
+    assert sorted(s.candidate.name for s in found.selected) == ["ambient_loss", "entropic_heat"], found.sentence

@@ -75,7 +75,7 @@ def test_the_gain_is_that_of_the_joint_linear_problem(key):
     away = np.concatenate([(fit.theta - [x.prior for x in coordinates]), fit.nu]) / prior_sd
     own = np.array([AMPLITUDE_SD if p.log else p.sd for p in c.strengths])
     left = fit.problem.records[0].y - fit.y
-    base = np.concatenate([fit.J, fit.linear.J], axis=1)
+    base = fit.problem.spread(np.concatenate([fit.J, fit.linear.J], axis=1))
 
     def least(J, sd, pulled):
         """Smallest sum of squares over steps from where the fit stands."""
@@ -85,7 +85,7 @@ def test_the_gain_is_that_of_the_joint_linear_problem(key):
         return float(np.sum((A @ x - b) ** 2))
 
     without = least(base, prior_sd, away)
-    joint = np.concatenate([base, g.columns], axis=1)
+    joint = np.concatenate([base, fit.problem.spread(g.columns)], axis=1)
     with_it = least(joint, np.concatenate([prior_sd, own]), np.concatenate([away, np.zeros(len(own))]))
     assert g.gain == pytest.approx(without - with_it, rel=0.02, abs=0.02)
 
