@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 EXAMPLE = """\
   bms-gateway workbench bench.csv --model string_1.toml
   bms-gateway workbench drive.log.gz --model string_1.toml --config gateway.toml --string string_1
+  bms-gateway workbench --recent 2h --config gateway.toml --string string_1 --model string_1.toml
   bms-gateway workbench --live vcan0 --config gateway.toml
   bms-gateway workbench --live drive.log.gz --config gateway.toml
 
@@ -37,6 +38,8 @@ def arguments(parser: Parser) -> None:
     parser.option(
         "--columns", metavar="NAME=COLUMN", action="append", default=[], help="a table's own name of a column"
     )
+    parser.option("--recent", metavar="SPAN", help="the running gateway's recent signals, as export: 90s, 30min, 2h")
+    parser.option("--store", metavar="DIR", help="its state directory (default: as --config says)")
     parser.option(
         "--live", metavar="CHANNEL", help="show the pack on this CAN interface, listen only; or play this log"
     )
@@ -78,12 +81,14 @@ def _stop(_number: int, _frame: object) -> None:
 
 
 def _given(args: argparse.Namespace) -> dict[str, Any] | None:
-    if not args.table:
+    if args.store is not None and args.recent is None:
+        raise UsageError("workbench: --store goes with --recent: how much of what was recorded there")
+    if not args.table and args.recent is None:
         if args.model:
-            raise UsageError("workbench: --model goes with a TABLE; without one, choose both on the page")
+            raise UsageError("workbench: --model goes with a TABLE or --recent; else choose both on the page")
         return None
     if not args.model:
-        raise UsageError("workbench: --model is needed with a TABLE (TOML, as for compare)")
+        raise UsageError("workbench: --model is needed with a TABLE or --recent (TOML, as for compare)")
     for name in (*args.table, args.model, *([args.config] if args.config else [])):
         if not Path(name).is_file():
             raise UsageError(f"workbench: {name}: no such file")
@@ -93,7 +98,19 @@ def _given(args: argparse.Namespace) -> dict[str, Any] | None:
         "config": args.config or "",
         "string": args.string or "",
         "columns": list(args.columns),
+        "recent": _recent(args),
     }
+
+
+def _recent(args: argparse.Namespace) -> dict[str, str] | None:
+    if args.recent is None:
+        return None
+    from bms_gateway.records.recent import given_span, state_directory
+
+    given_span(args.recent, "workbench: --recent")
+    config, store = (Path(x) if x else None for x in (args.config, args.store))
+    state_directory(config, store, "workbench")
+    return {"last": args.recent, "store": args.store or ""}
 
 
 def _tell(server: "Server") -> None:

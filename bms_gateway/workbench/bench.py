@@ -8,6 +8,7 @@ import tempfile
 from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from bms_gateway.diagnose.prepare import measured
 from bms_gateway.diagnose.record import Record
 from bms_gateway.errors import UsageError
 from bms_gateway.records.read import read_measurements
+from bms_gateway.records.recent import given_span, state_directory, write_recent
 from bms_gateway.report.add_text import AddReport
 from bms_gateway.report.added import added_report, heading
 from bms_gateway.report.diagnosis_text import Told
@@ -95,7 +97,7 @@ class Bench:
         """
         files = Files.of(request["files"])
         if request["do"] == "open":
-            return self._open(files)
+            return self._open(request["files"], Path(request["folder"]), tell)
         if files != self._files:
             self._read(files)
         text = request["text"]
@@ -123,14 +125,16 @@ class Bench:
         self._files, self._filed = files, model
         self._made.clear()
 
-    def _open(self, files: Files) -> documents.Document:
-        self._read(files)
+    def _open(self, named: Mapping[str, Any], folder: Path, tell: Tell) -> documents.Document:
+        files, told = _taken(named, folder, tell)
+        self._read(Files.of(files))
         assert self._filed is not None  # noqa: S101 - read just now
         findings, notes = findings_and_notes(self._filed, self._records)
+        notes += tuple((files["tables"][-1], text) for text in told)
         document = documents.opened(self._filed, self._records, findings, notes)
-        document["text"] = Path(files.model).read_text(encoding="utf-8")
+        document["text"] = Path(files["model"]).read_text(encoding="utf-8")
         document["figures"] = pictures.readings([measured(r, self._filed) for r in self._records])
-        return document
+        return {**document, "files": files}
 
     def _of(self, text: str) -> _Made:
         """Give what was made of this model; of more than `MOST_MADE` the one unused for longest is forgotten."""
@@ -215,3 +219,18 @@ class Bench:
             how = command if kind == "compare" else ""
             write_comparison(path, comparison, Aside(comparison.sources, findings, notes, how))
         return {"path": str(path)}
+
+
+def _taken(files: Mapping[str, Any], folder: Path, tell: Tell) -> tuple[dict[str, Any], list[str]]:
+    """Write what is wanted of the gateway's recent signals as one more table, which stays as it is; and notes on it."""
+    recent, said = files.get("recent"), list[str]()
+    if not recent or recent.get("table"):
+        return dict(files), said
+    tell(0.05, "taking the gateway's recent signals")
+    seconds = given_span(recent["last"], "recent window")
+    config, store = (Path(x) if x else None for x in (files.get("config"), recent.get("store")))
+    names = ("recent.csv" if k == 1 else f"recent_{k}.csv" for k in count(1))
+    out = next(path for name in names if not (path := folder / name).exists())
+    directory = state_directory(config, store, "recent window")
+    write_recent(out, directory, seconds, files.get("string") or None, "recent window", said.append)
+    return {**files, "tables": [*files["tables"], str(out)], "recent": {**recent, "table": str(out)}}, said

@@ -50,7 +50,7 @@ def command_lines(files: Mapping[str, Any], way: Sequence[Leg]) -> list[str]:
         if files.get(option):
             more += [f"--{option}", files[option]]
     data = [x for t in tables for x in ("--data", t)]
-    lines = []
+    lines = [_export(files)] if files.get("recent") else []
     for i, leg in enumerate(way):
         name = model_name(model, i)
         if i == 0:
@@ -61,9 +61,18 @@ def command_lines(files: Mapping[str, Any], way: Sequence[Leg]) -> list[str]:
             lines.append([PROGRAM, "add", *leg.words, "--model", before, *data, *more, "--out", name, *force])
         if leg.diagnosed:
             lines.append([PROGRAM, "diagnose", *tables, "--model", name, *more])
-    if lines:
+    if way:
         lines[-1] += ["--html", "report.html"]
     return [shlex.join(words) for words in lines]
+
+
+def _export(files: Mapping[str, Any]) -> list[str]:
+    recent = files["recent"]
+    place = ["--store", str(recent["store"])] if recent["store"] else []
+    if not place and files.get("config"):
+        place = ["--config", str(files["config"])]
+    string = ["--string", str(files["string"])] if files.get("string") else []
+    return [PROGRAM, "export", "--last", str(recent["last"]), "--out", str(recent["table"]), *place, *string]
 
 
 def config_lines(files: Mapping[str, Any], steps: int) -> str:

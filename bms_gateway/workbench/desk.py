@@ -97,11 +97,14 @@ class Desk:
 
     def open(self, files: Document) -> None:
         """Read files anew; what is on the desk stays until they are read."""
-        if not files["tables"]:
-            raise UsageError("open: choose a table or a log first")
+        if not files["tables"] and not files.get("recent"):
+            raise UsageError("open: choose a table or a log first, or the gateway's recent window")
         if not files["model"]:
             raise UsageError("open: choose a model file first (TOML, as for compare --model)")
-        self._start("open", {"files": files})
+        before = (self.files or {}).get("recent")
+        if not files.get("recent") and before and before["table"] in files["tables"]:
+            files = {**files, "recent": before}  # still the one that was taken
+        self._start("open", {"files": files, "folder": str(self.folder)})
 
     def compare(self) -> None:
         """Hold the newest model against the readings."""
@@ -148,7 +151,7 @@ class Desk:
         """
         top = self._top
         kind = "diagnose" if top.diagnosed else "add" if top.told else "compare"
-        command = command_lines(self.files or {}, self._way())[-1]
+        command = command_lines(self._named() or {}, self._way())[-1]
         self._start("report", {"files": self.files, "text": top.text, "kind": kind, "command": command})
         with self.changed:
             self.changed.wait_for(lambda: self._job is None, REPORT_S)
@@ -177,13 +180,13 @@ class Desk:
     def state(self) -> Document:
         """All that the page shows, figures and curves by name only."""
         with self.changed:
-            top = self._frames[-1] if self._frames else None
+            top, files = (self._frames[-1] if self._frames else None), self._named()
             opened = {k: v for k, v in (self._opened or {}).items() if k not in ("figures", "text")} or None
             seen = self._diagnosed()
             shown = [*(top.figures if top else {}), *((self._opened or {}).get("figures", {}))]
             return {
                 "version": self.version,
-                "files": self.files,
+                "files": files,
                 "opened": opened,
                 "stairs": [
                     {"label": f.label, "words": f.words, "forced": f.forced, "stair": f.stair, "told": f.told}
@@ -196,8 +199,8 @@ class Desk:
                 "refusal": self._refusal,
                 "job": self._job,
                 "error": self._error,
-                "commands": command_lines(self.files, self._way()) if self.files else [],
-                "config": config_lines(self.files, len(self._frames) - 1) if self.files else "",
+                "commands": command_lines(files, self._way()) if files else [],
+                "config": config_lines(files, len(self._frames) - 1) if files else "",
             }
 
     # inside
@@ -207,6 +210,20 @@ class Desk:
         if not self._frames:
             raise UsageError("open a table and a model first")
         return self._frames[-1]
+
+    def _named(self) -> Document | None:
+        """Files as a person knows them: what lies in this tab's folder by its name alone."""
+
+        def plain(x: Any) -> Any:
+            if isinstance(x, str):
+                return x.removeprefix(f"{self.folder}/")
+            return [plain(y) for y in x] if isinstance(x, list) else x
+
+        if self.files is None:
+            return None
+        recent = self.files.get("recent")
+        named = {k: plain(v) for k, v in self.files.items()}
+        return {**named, "recent": {k: plain(v) for k, v in recent.items()} if recent else None}
 
     def _way(self) -> list[Leg]:
         return [Leg(f.words, f.forced, f.diagnosed is not None) for f in self._frames]
@@ -255,7 +272,7 @@ class Desk:
     def _take(self, request: Mapping[str, Any], done: Document) -> None:
         match request["do"]:
             case "open":
-                self.files, self._opened, self._refusal = request["files"], done, None
+                self.files, self._opened, self._refusal = done.pop("files"), done, None
                 self._frames = [Frame(done["text"], "the model as filed")]
                 self.compare()
             case "compare":

@@ -102,7 +102,7 @@ def wanted_files(site: Site, desk: Desk, body: dict[str, Any]) -> dict[str, Any]
         if not isinstance(name, str):
             raise UsageError("open: a file's name must be text")
         uploaded = desk.folder / safe_name(name)
-        if name and uploaded.is_file():
+        if name and name == uploaded.name and uploaded.is_file():
             return str(uploaded)
         given = site.given or {}
         if not name or name in (*given.get("tables", ()), given.get("model"), given.get("config")):
@@ -114,13 +114,28 @@ def wanted_files(site: Site, desk: Desk, body: dict[str, Any]) -> dict[str, Any]
     tables, columns = body.get("tables"), body.get("columns") or []
     if not isinstance(tables, list) or not isinstance(columns, list) or not all(isinstance(c, str) for c in columns):
         raise UsageError("open: tables and columns must be lists")
+    config = one(body.get("config") or "")
     return {
         "tables": [one(t) for t in tables],
         "model": one(body.get("model") or ""),
-        "config": one(body.get("config") or ""),
+        "config": config,
+        "recent": _recent(site, body, config),
         "string": str(body.get("string") or ""),
         "columns": columns,
     }
+
+
+def _recent(site: Site, body: dict[str, Any], config: str) -> dict[str, str] | None:
+    """Take what is asked for of the gateway's recent signals; from afar only from where the command line says."""
+    last, store = body.get("recent") or "", body.get("store") or ""
+    if not isinstance(last, str) or not isinstance(store, str):
+        raise UsageError("open: the recent window and the state directory must be text")
+    if not last:
+        return None
+    given = site.given or {}
+    if not site.local and (store, config) != ((given.get("recent") or {}).get("store"), given.get("config")):
+        raise UsageError("open: the gateway's recent window is opened only on the machine itself")
+    return {"last": last, "store": store}
 
 
 def receive(source: BufferedIOBase, left: int, folder: Path, name: str) -> None:

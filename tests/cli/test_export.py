@@ -3,7 +3,6 @@
 import csv
 import json
 import os
-import re
 import shutil
 import signal
 import socket
@@ -18,38 +17,18 @@ import pytest
 from bms_gateway.bus.logfile import read_log
 from bms_gateway.cli.export import given_span
 from bms_gateway.cli.main import main
-from bms_gateway.config import load_config, own_dbc_text, shipped
-from bms_gateway.engine import Decoded, Engine, drive
+from bms_gateway.config import own_dbc_text, shipped
 from bms_gateway.errors import UsageError
 from bms_gateway.report.table import read_table
-from bms_gateway.store.recent import Recent
+from tests.store.ring import drove
 
 SECONDS = 900
 
 
 @pytest.fixture(scope="module")
 def gateway(tmp_path_factory):
-    """Config with two strings, a simulated drive as a log, and the ring that the service keeps of it."""
     folder = tmp_path_factory.mktemp("export")
-    text = shipped("deploy/example/gateway.toml").read_text()
-    text = text[: text.index('[[string]]\nname = "string_3"')] + '\n[store]\npath = "lib"\n'
-    (folder / "gateway.toml").write_text(text)
-    model = shipped("deploy/example/string.toml").read_text()
-    (folder / "string.toml").write_text(re.sub(r"cells = 12", "cells = 4", model).replace("[1, 12]", "[1, 4]"))
-    config, log = folder / "gateway.toml", folder / "drive.log"
-    assert main(["simulate", "--config", str(config), "--out", str(log), "--duration", str(SECONDS)]) == 0
-    loaded = load_config(config)
-    engine = Engine(loaded.plan, loaded.database)
-    engine.recording = True
-    ring = Recent(loaded.store / "recent", 8.0)
-    ticks = 0
-    for event in drive(engine, read_log(log)):
-        if isinstance(event, Decoded):
-            ring.add(event, engine)
-            ticks += 1
-            if ticks % 60 == 0:
-                assert ring.flush() is None
-    assert ring.flush() is None
+    drove(folder, SECONDS)
     return folder
 
 

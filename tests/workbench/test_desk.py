@@ -10,6 +10,7 @@ from bms_gateway.config.model_file import parse_model, read_model
 from bms_gateway.errors import UsageError
 from bms_gateway.workbench.commands import Leg, command_lines, config_lines
 from bms_gateway.workbench.desk import GONE, Desk
+from tests.store.ring import drove
 from tests.truth.packs import pack as make_pack
 from tests.workbench.browser import come
 
@@ -225,6 +226,68 @@ def test_a_log_with_its_config_and_a_table_are_two_records(desk, added, pack, tm
     assert [r["cells"] for r in state["opened"]["records"]] == [[1, 3], [1, 3]]
     assert {"surface-0-1", "surface-1-1", "core-1-2"} <= set(state["figures"])
     assert all("--config" in line for line in state["commands"])
+
+
+@pytest.fixture(scope="module")
+def gateway(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("gateway")
+    drove(folder, 130)
+    return folder
+
+
+def of_gateway(gateway, **recent):
+    common = {"tables": [], "config": str(gateway / "gateway.toml"), "string": "string_1", "columns": []}
+    return {**common, "model": str(gateway / "string.toml"), "recent": {"last": "100s", "store": "", **recent}}
+
+
+@pytest.fixture(scope="module")
+def recent(desk, gateway):
+    desk.open(of_gateway(gateway))
+    return done(desk)
+
+
+def test_the_gateways_recent_window_is_the_table_that_export_writes(
+    desk, recent, gateway, monkeypatch, tmp_path, capsys
+):
+    assert recent["files"]["tables"] == ["recent.csv"]
+    assert recent["opened"]["records"][0]["minutes"] == pytest.approx(100 / 60, abs=0.05)
+    monkeypatch.chdir(tmp_path)
+    words = shlex.split(recent["commands"][0])
+    assert words[:2] == ["bms-gateway", "export"]
+    assert main(words[1:]) == 0
+    capsys.readouterr()
+    assert (tmp_path / "recent.csv").read_bytes() == (desk.folder / "recent.csv").read_bytes()
+    assert "recent.csv" in recent["commands"][1]
+
+
+def test_a_window_once_taken_stays_while_the_gateway_goes_on(desk, recent, gateway):
+    """Opened again with another file it is the same table; asked for anew it is a new one."""
+    taken = desk.folder / "recent.csv"
+    before = taken.read_bytes()
+    desk.open({**of_gateway(gateway), "tables": [str(taken)], "recent": None})
+    assert done(desk)["commands"] == recent["commands"]
+    desk.open(of_gateway(gateway, last="60s"))
+    assert done(desk)["files"]["tables"] == ["recent_2.csv"]
+    assert taken.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("asked", "says"),
+    [
+        ({"last": "2 hours"}, "did you mean 2h"),
+        ({"store": "/nowhere"}, "no such directory"),
+        ({"string": "string_9"}, "did you mean"),
+        ({"string": ""}, "--string is needed"),
+    ],
+)
+def test_a_window_that_cannot_be_taken_is_one_line(desk, recent, gateway, asked, says):
+    before = desk.state()["files"]
+    window = {k: v for k, v in asked.items() if k != "string"}
+    desk.open({**of_gateway(gateway, **window), **{k: v for k, v in asked.items() if k == "string"}})
+    after = done(desk)
+    assert says in after["error"]
+    assert "\n" not in after["error"]
+    assert after["files"] == before
 
 
 def test_command_lines_quote_what_a_shell_would_cut():

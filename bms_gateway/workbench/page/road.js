@@ -20,7 +20,7 @@ export function prepare() {
   $("open-form").addEventListener("submit", attempt(async (e) => {
     e.preventDefault();
     await post("open", { tables: words($("tables").value), model: $("model").value.trim(), config: $("config").value.trim(),
-      string: $("string").value.trim(), columns: $("columns").value.trim() ? [$("columns").value.trim()] : [] });
+      string: $("string").value.trim(), recent: $("recent").value.trim(), store: $("store").value.trim(), columns: $("columns").value.trim() ? [$("columns").value.trim()] : [] });
   }));
   for (const field of ["tables", "model", "config"]) {
     $(`${field}-file`).addEventListener("change", attempt(async (e) => {
@@ -52,8 +52,10 @@ export function show(next) {
   if (first && state.files) {
     $("tables").value = state.files.tables.join("\n");
     for (const field of ["model", "config", "string"]) $(field).value = state.files[field];
+    $("recent").value = ""; // taken: it is a table now
+    $("store").value = state.files.recent?.store ?? "";
     $("columns").value = state.files.columns.join(",");
-    $("more").open = Boolean(state.files.config || state.files.columns.length);
+    $("more").open = Boolean(state.files.config || state.files.columns.length || state.files.recent?.store);
   }
   const top = state.stairs.at(-1);
   $("what").textContent = state.opened ? `${state.opened.records.map((r) => short(r.source)).join(", ")} · ${short(state.files.model)}${state.stairs.slice(1).map((s) => ` ${s.label}`).join("")}` : "";
