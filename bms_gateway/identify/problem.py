@@ -142,13 +142,11 @@ class Problem:
             v, starts = self.numbers(r, theta, nu)
             memory = self._memory(m.drive, r, v)
             about = np.mean(np.stack(starts), axis=0) if guess is None else guess[r].mean(axis=0)
-            recursion = self._recursion[r]
-            if recursion is None:
-                recursion = self._recursion[r] = reference(self.physics, m.drive, v, memory, about)
+            recursion = self._recursion[r] or self._refer(r, v, about)
             start = None if guess is None else guess[r]
             X, ok = simulate(self.physics, m.drive, v, memory, starts, m.spans, recursion, start, halve=False)
             if not ok:  # these numbers are far from those of the reference
-                recursion = self._recursion[r] = reference(self.physics, m.drive, v, memory, about)
+                recursion = self._refer(r, v, about)
                 X, ok = simulate(self.physics, m.drive, v, memory, starts, m.spans, recursion, start)
             ys.append(signals_at(m, self.physics, v, memory, X))
             Xs.append(X)
@@ -157,10 +155,14 @@ class Problem:
 
     def renew(self, prediction: Prediction, theta: Floats, nu: Floats | None = None) -> None:
         """Take the reference of the recursions anew, about a trajectory; before a fit, not within one."""
-        for r, m in enumerate(self.records):
-            v, _ = self.numbers(r, theta, nu)
-            memory = self._memory(m.drive, r, v)
-            self._recursion[r] = reference(self.physics, m.drive, v, memory, prediction.X[r].mean(axis=0))
+        for r in range(len(self.records)):
+            self._refer(r, self.numbers(r, theta, nu)[0], prediction.X[r].mean(axis=0))
+
+    def _refer(self, r: int, v: Numbers, about: Floats) -> Recursion:
+        """Take the recursion of record `r` about a state (D,)."""
+        u = self.records[r].drive
+        recursion = self._recursion[r] = reference(self.physics, u, v, self._memory(u, r, v), about)
+        return recursion
 
     def jacobian(
         self,
@@ -169,39 +171,13 @@ class Problem:
         coordinates: Sequence[Coordinate],
         refinements: int = 1,
         nu: Floats | None = None,
+        records: Sequence[Measured] | None = None,
     ) -> Floats:
-        """Return the derivative (M, P) of the readings with respect to coordinates or nuisances, °C per unit."""
-        return self._moving(self.records, theta, prediction, coordinates, refinements, nu)
+        """Return the derivative (M, P) of the readings with respect to coordinates or nuisances, °C per unit.
 
-    def columns(
-        self,
-        theta: Floats,
-        prediction: Prediction,
-        coordinates: Sequence[Coordinate],
-        refinements: int = 1,
-        nu: Floats | None = None,
-    ) -> Floats:
-        """Return the same (M', P) at the records' `places`, which will do to find a way down."""
-        at = [p.at for p in self.places]
-        there = replace(prediction, X=tuple(X[p.rows] for p, X in zip(self.places, prediction.X, strict=True)))
-        slow = [c for c in coordinates if not c.sudden]
-        J = self._moving(at, theta, there, slow, refinements, nu)
-        if len(slow) == len(coordinates):
-            return J
-        sudden = [c for c in coordinates if c.sudden]
-        exact = self.averaged(self.jacobian(theta, prediction, sudden, refinements, nu))
-        order = np.argsort([c.sudden for c in coordinates], kind="stable")
-        return np.asarray(np.concatenate([J, exact], axis=1)[:, np.argsort(order)])
-
-    def _moving(
-        self,
-        records: Sequence[Measured],
-        theta: Floats,
-        prediction: Prediction,
-        coordinates: Sequence[Coordinate],
-        refinements: int,
-        nu: Floats | None,
-    ) -> Floats:
+        `records` are the same ones read elsewhere or in longer intervals, which `prediction` then has too.
+        """
+        records = self.records if records is None else records
         J = np.zeros((len(coordinates), sum(len(m.y) for m in records)))
         last = 0
         for r, m in enumerate(records):
@@ -211,9 +187,7 @@ class Problem:
             v, starts = self.numbers(r, theta, nu)
             memory = self._memory(m.drive, r, v)
             X = prediction.X[r]
-            recursion = self._recursion[r]
-            if recursion is None:
-                recursion = self._recursion[r] = reference(self.physics, m.drive, v, memory, X.mean(axis=0))
+            recursion = self._recursion[r] or self._refer(r, v, X.mean(axis=0))
             if recursion.dt != m.drive.dt:
                 recursion = recursion.with_steps(m.drive.dt, m.drive.N)
             for first in range(0, len(mine), 16):  # few columns at a time stay in the cache
@@ -223,6 +197,25 @@ class Problem:
                 for j, signals in zip(some, self._moved(m, v, memory, X, S, variations), strict=True):
                     _at(m, signals, J[j, own])
         return J.T
+
+    def columns(
+        self,
+        theta: Floats,
+        prediction: Prediction,
+        coordinates: Sequence[Coordinate],
+        refinements: int = 1,
+        nu: Floats | None = None,
+    ) -> Floats:
+        """Return `jacobian` (M', P) at the records' `places`, which will do to find a way down."""
+        at = [p.at for p in self.places]
+        there = replace(prediction, X=tuple(X[p.rows] for p, X in zip(self.places, prediction.X, strict=True)))
+        slow = [c for c in coordinates if not c.sudden]
+        J = self.jacobian(theta, there, slow, refinements, nu, at)
+        for j, c in enumerate(coordinates):
+            if c.sudden:
+                exact = self.averaged(self.jacobian(theta, prediction, [c], refinements, nu))
+                J = np.concatenate([J[:, :j], exact, J[:, j:]], axis=1)
+        return J
 
     def _moved(
         self,
