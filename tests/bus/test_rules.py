@@ -161,6 +161,50 @@ def test_one_id_that_runs_wild_does_not_keep_the_others_from_being_sent():
     assert counters.limited + counters.sent == 5_010
 
 
+def test_the_limits_are_those_that_are_promised():
+    """1,000 frames/s and 8 at once; of one identifier a sixteenth, and 32 at once; 4,096 waiting."""
+    counters = Counters()
+    pacer = Pacer(dict.fromkeys(range(5000), 100 * SECOND), counters)
+    pacer.offer(make(*[(0, k, b"") for k in range(5_000)]))
+    assert (len(pacer), counters.overflow) == (4_096, 904)
+    assert len(send_until(pacer, 0, 1)) == 8
+    assert len(send_until(pacer, MS, SECOND + MS)) == 1_000
+    assert len(send_until(pacer, 2 * SECOND, 2 * SECOND + 1)) == 10  # ten milliseconds' worth after a pause
+
+    pacer = Pacer({1: SECOND}, counters)
+    for k in range(100):
+        pacer.offer(make(*[(k * SECOND // 10, 1, b"")] * 20))
+        send_until(pacer, k * SECOND // 10, (k + 1) * SECOND // 10)
+    assert counters.sent - 1_018 == 32 + 618  # 62.5 per second until the last of them came, at 9.9 s
+
+
+@pytest.mark.parametrize("start", [0, 100 * SECOND])
+def test_one_id_gets_32_frames_at_one_instant(start):
+    counters = Counters()
+    pacer = Pacer({1: SECOND}, counters, rate=1e6)
+    assert pacer.head(start) is None
+    now = start + REST_NS
+    pacer.offer(make(*[(now, 1, b"")] * 40))
+    while pacer.head(now) is not None:
+        pacer.done()
+    assert (counters.sent, counters.limited) == (32, 8)
+
+
+def test_a_frame_waits_to_the_end_of_its_cycle_and_no_longer():
+    for late, stale in ((0, 0), (1, 1)):
+        counters = Counters()
+        pacer = Pacer({1: SECOND}, counters)
+        pacer.offer(make((5, 1, b"")))
+        assert (pacer.head(SECOND + 5 + late) is None) == bool(stale)
+        assert counters.stale == stale
+
+
+def test_a_token_is_there_after_exactly_its_time():
+    pacer = Pacer(dict.fromkeys(range(4), 9 * SECOND), Counters(), rate=1, burst=1)
+    pacer.offer(make(*[(0, k, b"") for k in range(4)]))
+    assert [now for now, _ in send_until(pacer, 0, 5 * SECOND, SECOND // 2)] == [0, SECOND, 2 * SECOND, 3 * SECOND]
+
+
 def test_the_largest_string_fits_its_cycle():
     counters = Counters()
     pacer = Pacer({1: SECOND}, counters)

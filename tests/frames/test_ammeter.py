@@ -124,6 +124,21 @@ def test_without_voltage_or_current_nothing_is_judged_and_a_gap_is_no_step():
     assert meter.stands_at == ()
 
 
+def test_a_current_that_moves_within_a_tick_to_the_same_mean_is_neither_accused_nor_forgiven():
+    meter = Ammeter(0.1)
+    for k in range(50):
+        meter.update(np.array([20.0 - k, 20.0 + k]), np.full(2, OCV + 5.0 * (-1) ** k))
+        assert meter.stands_at == ()
+    for k in range(50):
+        meter.update(np.full(2, 20.0), np.full(2, OCV + 5.0 * (-1) ** k))
+    assert meter.stands_at == (20.0,)
+    for k in range(500):
+        meter.update(np.array([20.0, 20.0 + k % 2]) - 0.5 * (k % 2), np.full(2, OCV + 5.0 * (-1) ** k))
+        if k == 0:
+            refused = meter.stands_at
+    assert refused == (20.0,)
+
+
 def test_the_value_refused_is_the_one_that_was_seen_standing():
     meter = Ammeter(0.1)
     for k in range(2 * STANDS):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from bms_gateway.errors import ConfigError
+from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.counter import CounterGuard
 from bms_gateway.frames.database import Database
 from bms_gateway.frames.decode import decode
@@ -102,8 +103,12 @@ def test_a_declared_range_that_holds_no_raw_value_does_not_stop_sending() -> Non
 
 
 def test_a_signal_named_without_its_message_is_told_with_it() -> None:
+    db = database('a : 0|8@1+ (1,0) [0|0] ""')
     with pytest.raises(ConfigError, match=r"did you mean 'M.a'"):
-        database('a : 0|8@1+ (1,0) [0|0] ""').resolve("a")
+        db.resolve("a")
+    own = Database.load({OWN.name: text_of(OWN)})
+    with pytest.raises(ConfigError, match=r"not of the form Message.Signal; did you mean 'gateway_status'"):
+        own.resolve("gateway_stats")
 
 
 def test_where_all_check_sums_are_wrong_no_counter_is_followed() -> None:
@@ -152,3 +157,70 @@ def test_independent_multiplexers_are_followed_side_by_side() -> None:
         samples = decode(table, batch_of([(1, f) for f in frames]))
         got = list(zip(samples.frame.tolist(), samples.value.tolist(), strict=True))
         np.testing.assert_array_equal(np.array(got), np.array(expected))
+
+
+INDEPENDENT = (
+    "BO_ 1 M: 8 A\n"
+    ' SG_ s0 M : 16|8@1+ (1,0) [0|0] "" A\n SG_ s1 M : 24|8@1+ (1,0) [0|0] "" A\n'
+    ' SG_ a m0 : 32|8@1+ (1,0) [0|0] "" A\n SG_ b m0 : 40|8@1+ (1,0) [0|0] "" A\n SG_ c m1 : 48|8@1+ (1,0) [0|0] "" A\n'
+)
+SELECTED = "\nSG_MUL_VAL_ 1 a s0 0-0;\nSG_MUL_VAL_ 1 b s1 0-0;\nSG_MUL_VAL_ 1 c s1 1-1;\n"
+
+
+def test_a_frame_too_short_for_one_of_its_multiplexers_is_told_and_the_other_followed() -> None:
+    """Bytes that are not there are zero, which is a value that selects something."""
+    table = Database.load({"a.dbc": HEAD + INDEPENDENT + SELECTED}).compile(["M.a", "M.b"])
+    samples = decode(table, batch_of([(1, bytes((0, 0, 0, 0, 7, 8))), (1, bytes(3))]))
+    assert samples.unknown.tolist() == [1]
+    assert samples.frame.tolist() == [0, 0, 1]
+    np.testing.assert_array_equal(samples.value, [7.0, 8.0, np.nan])
+    assert samples.flag.tolist() == [Quality.GOOD, Quality.GOOD, Quality.ERROR]
+
+
+def test_a_multiplexer_value_that_the_dbc_knows_is_not_strange_though_nobody_wants_it() -> None:
+    for signals in (["M.b"], ["M.a", "M.b"]):
+        table = Database.load({"a.dbc": HEAD + INDEPENDENT + SELECTED}).compile(signals)
+        samples = decode(table, batch_of([(1, bytes((0, 0, 1, 1, 7, 8, 9)))]))
+        assert samples.unknown.tolist() == ([0] if "M.a" in signals else [])
+        samples = decode(table, batch_of([(1, bytes((0, 0, 0, 1, 7, 8, 9)))]))
+        assert samples.unknown.tolist() == []
+        assert samples.value.tolist() == ([7.0] if "M.a" in signals else [])
+
+
+def test_frames_with_independent_multiplexers_are_checked_once_each() -> None:
+    plain = 'BO_ 2 N: 8 A\n SG_ d : 16|8@1+ (1,0) [0|0] "" A\n'
+    protection = (
+        'BA_DEF_ BO_ "E2EProfile" ENUM "None","AUTOSAR_P01_1A";\nBA_DEF_ BO_ "E2EDataID" INT 0 65535;\n'
+        'BA_DEF_DEF_ "E2EProfile" "None";\nBA_DEF_DEF_ "E2EDataID" 0;\n'
+        'BA_ "E2EProfile" BO_ 1 1;\nBA_ "E2EDataID" BO_ 1 4660;\n'
+    )
+    db = Database.load({"a.dbc": HEAD + INDEPENDENT + plain + protection + SELECTED})
+    table = db.compile(["M.a", "M.b", "N.d"])
+    assert table.several
+    encoder = Encoder(db, ["M", "N"])
+    rows = np.array([encoder.row("M", 0, 0), encoder.row("N"), encoder.row("M", 0, 0), encoder.row("M", 0, 1)])
+    values = np.full((4, encoder.width), 5.0)
+    can_id, length, data = encoder.encode(rows, values)
+    data[2, 4] ^= 1
+    samples = decode(table, FrameBatch(np.arange(4), can_id, length, data))
+    p = samples.protected
+    assert (p.frame.tolist(), p.crc_ok.tolist()) == ([0, 2, 3], [True, False, True])
+    assert p.counter.tolist() == [0, 1, 0]
+    assert list(zip(samples.frame.tolist(), samples.flag.tolist(), strict=True)) == [
+        *((0, Quality.GOOD), (0, Quality.GOOD), (1, Quality.GOOD)),
+        *((2, Quality.CRC), (2, Quality.CRC), (3, Quality.GOOD)),
+    ]
+
+
+def test_joined_batches_keep_their_frames_in_order_and_are_as_wide_as_the_widest() -> None:
+    one, two = batch_of([(1, b"a"), (2, b"bc")]), batch_of([(3, bytes(range(12)))])
+    none = FrameBatch.empty()
+    assert len(FrameBatch.concat([])) == len(FrameBatch.concat([none, none])) == 0
+    assert FrameBatch.concat([none, one, none]) is one
+    assert FrameBatch.concat([one, one]).data.shape == (4, 8)
+    both = FrameBatch.concat([one, none, two])
+    assert both.can_id.tolist() == [1, 2, 3]
+    assert both.length.tolist() == [1, 2, 12]
+    assert both.time_ns.tolist() == [*one.time_ns, *two.time_ns]
+    assert [bytes(d[:n]) for d, n in zip(both.data, both.length, strict=True)] == [b"a", b"bc", bytes(range(12))]
+    assert both[1:].can_id.tolist() == [2, 3]

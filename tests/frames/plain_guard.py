@@ -1,0 +1,161 @@
+"""The rules of the guard as they are told in words, one sample of one channel after the other: an oracle for tests."""
+
+import math
+from dataclasses import dataclass, field
+
+from bms_gateway.frames.quality import Quality
+from bms_gateway.frames.rules import Rule
+
+
+@dataclass
+class Channel:
+    """What is remembered of one channel."""
+
+    rule: Rule
+    value: float = math.nan
+    value_ns: int = 0
+    last: Quality = Quality.NEVER
+    received_ns: int | None = None
+    # the latest usable sample, accepted or not
+    previous: float = math.nan
+    previous_ns: int = 0
+    # trust
+    cause: Quality = Quality.NEVER
+    calm: int = 0
+    needed: int = 1
+    strikes: int = 0
+    proven: bool = False
+    # the value it stays at, for how many samples, how firmly, and since when
+    anchor: float = math.nan
+    held: int = 0
+    firm: int = 0
+    since: float = 0.0
+    # the value it stayed at longest, and when it was last seen there
+    home: float = math.nan
+    home_held: int = 0
+    home_seen: float = 0.0
+    # active time
+    clock: float = 0.0
+    peers_move: bool = False
+    seen: bool = False
+    changed: bool = False
+    stepped_finely: bool = False
+    rejected: dict[Quality, int] = field(default_factory=dict)
+
+    @property
+    def kind(self) -> tuple[str, int]:
+        return self.rule.quantity, self.rule.group
+
+
+class PlainGuard:
+    """Channels and what they know of each other."""
+
+    def __init__(self, rules: list[Rule]) -> None:
+        self.channels = [Channel(r) for r in rules]
+        self.end_ns: int | None = None
+        self.fine: set[tuple[str, int]] = set()
+
+    def update(self, samples: list[tuple[int, int, float, Quality]], t1_ns: int, active: list[bool]) -> list[Quality]:
+        """Judge (time, channel, value, flag) of one interval, in order."""
+        for c in self.channels:
+            c.seen = c.changed = c.stepped_finely = False
+            c.rejected = {}
+        told = []
+        for time_ns, number, value, flag in samples:
+            c = self.channels[number]
+            quality = self.judge(c, time_ns, value, flag)
+            told.append(quality)
+            c.last, c.received_ns = quality, time_ns
+            if quality == Quality.GOOD:
+                c.value, c.value_ns = value, time_ns
+            else:
+                c.rejected[quality] = c.rejected.get(quality, 0) + 1
+        self.fine |= {c.kind for c in self.channels if c.stepped_finely}
+        self.pass_time(t1_ns, active)
+        return told
+
+    def quality_at(self, number: int, t1_ns: int) -> Quality:
+        c = self.channels[number]
+        late = c.received_ns is not None and t1_ns - c.received_ns > c.rule.stale_after_ns
+        return Quality.STALE if late else c.last
+
+    def pass_time(self, t1_ns: int, active: list[bool]) -> None:
+        step = 0.0 if self.end_ns is None else min(max((t1_ns - self.end_ns) * 1e-9, 0.0), 10.0)
+        self.end_ns = t1_ns
+        remembering = [c for c in self.channels if c.rule.remembers]
+        for c, on in zip(self.channels, active, strict=True):
+            others = [o for o in remembering if o is not c and o.kind == c.kind]
+            seen = [o for o in others if o.seen]
+            if seen:
+                c.peers_move = 2 * sum(o.changed for o in seen) >= len(seen)
+            if on and (c.peers_move or not others):
+                c.clock += step
+
+    def judge(self, c: Channel, time_ns: int, value: float, flag: Quality) -> Quality:
+        rule = c.rule
+        quality = by_itself(rule, value, flag)
+        if not rule.remembers:
+            return quality
+        usable = quality == Quality.GOOD
+        known = not math.isnan(c.previous)
+        step = abs(value - c.previous)
+        seconds = max(time_ns - c.previous_ns, 0) * 1e-9
+        jumped = usable and known and step > rule.jump + rule.jump_rate * seconds
+        if usable:
+            c.seen = True
+            c.changed |= step > 0
+            c.stepped_finely |= 0 < step < 0.0505
+        moved, returned = self.follow(c, value, usable)
+        is_fine = c.kind in self.fine
+        limit = rule.stuck_after_s if is_fine else max(rule.stuck_after_s, 1800.0)
+        stands = c.clock - c.since > (15.0 if c.proven else 1.0) * limit
+        stuck = usable and not jumped and (stands or (returned and rule.needs_proof and is_fine))
+        if usable:
+            c.previous, c.previous_ns = value, time_ns
+        if jumped or stuck or not usable:
+            c.calm = 0
+            c.cause = Quality.STUCK if stuck else Quality.JUMPY if jumped else quality
+            if jumped:
+                c.strikes = min(c.strikes + 1, 6)
+                c.needed = 3 * 2**c.strikes
+            else:
+                c.needed = max(c.needed, 3)
+            if usable:
+                c.proven = False
+            return c.cause
+        c.calm += 1
+        c.proven |= moved and known
+        if c.calm >= 300:
+            c.strikes, c.needed = 0, 3
+        if c.calm >= c.needed and (c.proven or not rule.needs_proof):
+            c.cause = Quality.GOOD
+        return c.cause
+
+    def follow(self, c: Channel, value: float, usable: bool) -> tuple[bool, bool]:
+        """Whether the anchor has moved, and whether the channel has come home."""
+        same, moved = value == c.anchor, False
+        if usable:
+            c.firm = min(c.firm + 1, 3) if same else c.firm - 1
+            c.held += 1
+            moved = c.firm <= 0
+            if moved:
+                c.anchor, c.firm, c.held, c.since = value, 1, 1, c.clock
+        at_home = usable and same and c.anchor == c.home and c.firm >= 2
+        longest = c.held > c.home_held
+        returned = at_home and not longest and (c.clock > c.home_seen or c.cause == Quality.STUCK)
+        if longest or c.clock - c.home_seen > 300.0:
+            c.home, c.home_held, c.home_seen = c.anchor, c.held, c.clock
+        elif at_home:
+            c.home_seen = c.clock
+        return moved, returned
+
+
+def by_itself(rule: Rule, value: float, flag: Quality) -> Quality:
+    """What range and rails say."""
+    if flag not in (Quality.GOOD, Quality.OUT_OF_RANGE):
+        return flag
+    if value <= rule.low_rail:
+        return Quality.SHORT
+    if value >= rule.high_rail:
+        return Quality.OPEN
+    return flag if rule.lower <= value <= rule.upper else Quality.OUT_OF_RANGE

@@ -1,0 +1,202 @@
+"""The guard judges whole batches as the rules in words judge one sample after the other, whatever sensors do."""
+
+import numpy as np
+import pytest
+
+from bms_gateway.frames.guard import Guard
+from bms_gateway.frames.quality import Quality
+from bms_gateway.frames.rules import Rule
+from tests.frames.plain_guard import PlainGuard
+
+S = 1_000_000_000
+FINE = Rule("surface", 0, -40.0, 150.0, -50.0, 200.0, 5 * S, 2.5, 0.25, 4.0, needs_proof=True)
+INLET = Rule("coolant_inlet", 0, -40.0, 120.0, -60.0, 210.0, 10 * S, 10.0, 1.0)
+COARSE = Rule("surface", 1, -40.0, 150.0, -50.0, 200.0, 5 * S, 2.5, 0.25, 4.0)
+CURRENT = Rule("current", 0, -500.0, 500.0, stale_after_ns=2 * S)
+RULES = (FINE, FINE, INLET, FINE, CURRENT, COARSE, COARSE, FINE)
+ALONE = (CURRENT, FINE)
+STEP = 1 / 64
+Sample = tuple[int, int, float, Quality]
+COARSE_STEP = 1 / 16  # over a twentieth of a kelvin: no proof that the signal is fine
+
+
+class Sensor:
+    """Walks, stands, jumps, breaks, and comes back to where it stood, for a while each."""
+
+    WAYS = ("walk", "walk", "walk", "stand", "stand", "flicker", "park", "jumpy", "rails", "flagged", "edge")
+
+    def __init__(self, rng: np.random.Generator, step: float) -> None:
+        self.rng, self.step = rng, step
+        self.at = self.parked = 25.0
+        self.way, self.left = "walk", 0
+
+    def next(self) -> tuple[float, Quality]:
+        rng = self.rng
+        if self.left == 0:
+            self.way = self.WAYS[rng.integers(len(self.WAYS))]
+            self.left = int(rng.choice([3, 10, 40, 400 if self.way in ("walk", "stand") else 60]))
+            if self.way == "park" and rng.random() < 0.5:
+                self.parked = self.at
+        self.left -= 1
+        flag = Quality.GOOD
+        value = self.at
+        if self.way == "walk":
+            value = self.at + self.step * float(rng.integers(-2, 3))
+        elif self.way == "flicker":
+            value = self.at + self.step * float(rng.random() < 0.3)
+        elif self.way == "park":
+            return (self.parked if rng.random() < 0.9 else self.parked - 1.5), flag
+        elif self.way == "jumpy":
+            value = self.at + float(rng.choice([0.0, 0.0, 0.0, 2.5, 2.75, -2.75, 3.0, -6.0, 9.5, 10.25, 12.0]))
+        elif self.way == "rails":
+            return float(
+                rng.choice([-40.0, -50.0, -50.5, -60.0, 120.0, 150.0, 150.5, 200.0, 210.0, np.nan, self.at])
+            ), flag
+        elif self.way == "flagged":
+            flag = Quality(rng.choice([Quality.GOOD, Quality.CRC, Quality.NOT_AVAILABLE, Quality.OUT_OF_RANGE]))
+        elif self.way == "edge":
+            return float(rng.choice([-40.0, 150.0])), flag
+        self.at = float(np.clip(value, -40.0, 150.0))
+        return self.at, flag
+
+
+class Both:
+    """The guard and the rules in words, given the same samples."""
+
+    def __init__(self, rules: tuple[Rule, ...]) -> None:
+        self.rules = rules
+        self.guard, self.plain = Guard(rules), PlainGuard(list(rules))
+
+    def judge(self, samples: list[Sample], t1_ns: int, active: bool | list[bool]) -> list[Quality]:
+        on = [active] * len(self.rules) if isinstance(active, bool) else active
+        told = self.guard.update(
+            np.array([s[0] for s in samples], np.int64),
+            np.array([s[1] for s in samples], np.intp),
+            np.array([s[2] for s in samples], np.float64),
+            np.array([s[3] for s in samples], np.uint8),
+            t1_ns,
+            active if isinstance(active, bool) else np.array(active),
+        )
+        expected = self.plain.update(samples, t1_ns, on)
+        channels = self.plain.channels
+        assert told.quality.tolist() == expected
+        np.testing.assert_array_equal(told.value, [c.value for c in channels])
+        assert told.time_ns.tolist() == [c.value_ns for c in channels]
+        assert told.channel_quality.tolist() == [self.plain.quality_at(c, t1_ns) for c in range(len(channels))]
+        assert told.rejected.tolist() == [[c.rejected.get(q, 0) for q in range(16)] for c in channels]
+        return expected
+
+    def restart(self) -> None:
+        state = self.guard.snapshot()
+        self.guard = Guard(self.rules)
+        self.guard.restore(state)
+
+
+def compare(rules: tuple[Rule, ...], steps: tuple[float, ...], seed: int, intervals: int, restart: bool) -> set[int]:
+    """Drive both guards with the same faults; qualities met."""
+    rng = np.random.default_rng(seed)
+    sensors = [Sensor(rng, s) for s in steps]
+    both = Both(rules)
+    both.judge([], 0, active=True)
+    now, active, met = 0, True, set[int]()
+    silent = {c for c in range(len(rules)) if rng.random() < 0.5}
+    for k in range(intervals):
+        length = S * int(rng.choice([1, 1, 1, 1, 2, 9, 10, 11, 30])) // int(rng.choice([1, 1, 1, 2]))
+        if rng.random() < 0.02:
+            active = not active
+        if k > 10 and rng.random() < 0.02:
+            silent = {c for c in range(len(rules)) if rng.random() < 0.3}
+        several = 3 if rng.random() < 0.1 else 1
+        samples = [
+            (now + int(rng.integers(0, 4)) * (length // 4), c, *sensors[c].next())
+            for _ in range(several)
+            for c in rng.permutation(len(rules)).tolist()
+            if c not in silent and rng.random() < 0.95
+        ]
+        now += length
+        met |= set(both.judge(samples, now, active if k % 2 else [active and bool(rng.random() < 0.9) for _ in rules]))
+        if restart and k % 97 == 0:
+            both.restart()
+    return met
+
+
+def told_of(rules: tuple[Rule, ...], series: np.ndarray, step_s: int = 1) -> np.ndarray:
+    """What becomes of one sample per channel and interval of `series` (T, C), under current."""
+    both = Both(rules)
+    end = step_s * S
+    return np.array(
+        [
+            both.judge([(k * end, c, float(v), Quality.GOOD) for c, v in enumerate(row)], (k + 1) * end, active=True)
+            for k, row in enumerate(series)
+        ]
+    )
+
+
+EVERY = {
+    *(Quality.GOOD, Quality.OUT_OF_RANGE, Quality.NOT_AVAILABLE, Quality.STUCK, Quality.OPEN, Quality.SHORT),
+    *(Quality.JUMPY, Quality.CRC, Quality.NEVER),
+}
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_string_with_an_inlet_and_a_coarse_string_beside_it(seed):
+    steps = (STEP, STEP, STEP, STEP, 40.0, COARSE_STEP, COARSE_STEP, STEP)
+    assert compare(RULES, steps, seed, 600, restart=seed % 2 == 0) == EVERY
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_sensor_without_peers(seed):
+    assert compare(ALONE, (40.0, STEP), seed, 1_200, restart=False) >= {Quality.GOOD, Quality.STUCK, Quality.NEVER}
+
+
+def test_no_channel_that_remembers():
+    compare((CURRENT, CURRENT), (40.0, 300.0), 0, 100, restart=True)
+
+
+def wobble(n: int) -> np.ndarray:
+    """Moves at every sample, finely, and stands nowhere."""
+    return 25.0 + STEP * (np.arange(n) % 7) + STEP * np.arange(n)
+
+
+def test_a_jump_is_forgiven_after_300_calm_samples_and_not_before():
+    rule = Rule("surface", jump=2.5)
+    for calm, wait in ((299, 12), (300, 6), (301, 6)):
+        series = wobble(calm + 40)
+        series[10:] += 5.0
+        series[10 + calm + 1 :] += 5.0
+        told = told_of((rule,), series[:, None])[:, 0]
+        assert np.count_nonzero(told[: 10 + calm + 1] == Quality.JUMPY) == 6
+        assert np.count_nonzero(told[10 + calm + 1 :] == Quality.JUMPY) == wait
+    for calm, wait in ((299, 6), (300, 3)):  # nor does another fault then cost what the jump did
+        series = wobble(calm + 40)
+        series[10:] += 5.0
+        series[10 + calm + 1] = 500.0
+        told = told_of((Rule("surface", upper=400.0, jump=2.5),), series[:, None])[:, 0]
+        assert np.count_nonzero(told == Quality.OUT_OF_RANGE) == wait
+
+
+@pytest.mark.parametrize("away", range(294, 304))
+def test_a_home_is_remembered_for_300_s(away):
+    stay, back = np.full(40, 24.5), np.full(6, 24.5)
+    told = told_of((FINE,), np.concatenate([wobble(20), stay, 24.5 + wobble(away) - 24.0, back])[:, None])[:, 0]
+    assert (told[-2:] == Quality.STUCK).all() == (away < 302)  # two samples pass until it has left
+
+
+@pytest.mark.parametrize("second", range(2, 14))
+def test_of_two_places_the_first_is_home_until_the_second_was_held_longer(second):
+    stay, other = np.full(8, 24.5), np.full(second, 24.5 + STEP)
+    gone = 24.5 + 2 * STEP + wobble(5) - 25.0
+    told_of((FINE,), np.concatenate([wobble(20), stay, other, gone, np.full(5, 24.5)])[:, None])
+
+
+def test_one_that_never_moved_stands_too_long_after_4_s_and_one_that_has_after_60():
+    parked, frozen = np.full(100, 24.5), np.r_[wobble(20), np.full(80, 27.0)]
+    told = told_of((FINE, FINE), np.stack([parked, wobble(100)], axis=1))[:, 0]
+    assert told.tolist().index(Quality.STUCK) == 6  # current flowed from the second interval on; after more than 4 s
+    told = told_of((FINE, FINE), np.stack([frozen, wobble(100)], axis=1))[:, 0]
+    assert told.tolist().index(Quality.STUCK) == 20 + 61
+
+
+def test_a_coarse_one_stands_too_long_after_half_an_hour():
+    told = told_of((COARSE,), np.full((190, 1), 24.0), step_s=10)[:, 0]
+    assert told.tolist().index(Quality.STUCK) == 182
