@@ -20,6 +20,7 @@ import importlib.machinery
 import importlib.util
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -246,12 +247,15 @@ def survives(module: str, tree: ast.Module, tests: list[str], patience_s: float)
 
 
 def judge(
-    module: str, limit: int | None, reached: dict[int, list[str]], took: dict[str, float]
+    module: str, limit: int | None, again: str | None, reached: dict[int, list[str]], took: dict[str, float]
 ) -> tuple[int, int, int]:
     """Mutants killed, equivalent, and tried in all."""
     source = Path(module).read_text()
     every = mutants(source)
     chosen = every if limit is None else every[:: max(1, len(every) // limit)]
+    if again is not None:
+        told = set(re.findall(rf"^  (?:survived|never run)  {re.escape(module)}:\d+ (.*)$", again, re.M))
+        chosen = [m for m in every if m.name in told]
     known = EQUIVALENT.get(module, {})
     for name in sorted(set(known) - {m.name for m in every}):
         print(f"  no such mutant any more: {module} {name}", flush=True)
