@@ -33,7 +33,6 @@ from bms_gateway.diagnose.residuals import (
     rmse,
     scale,
     structure,
-    surely,
     usual_scale,
     within,
 )
@@ -217,7 +216,7 @@ def judged(found: Search) -> Diagnosis:
     least = float(np.hypot(COARSE_STRUCTURE if coarse else LEAST_STRUCTURE, open_in_sd))
     structured = final.structure.z > LEAST_Z and final.structure.size > least
     usual = usual_scale(found.final, final.structure.z)
-    seen = surely(found.final, held, COARSE_SDS) if coarse else scale(found.final, held)
+    seen = scale(found.final, held, COARSE_SDS if coarse else 0.0)
     fails_held = seen > float(np.hypot(HELD_RATIO * usual, open_in_sd))
     explained = 1.0 - max(final.structure.power, 0.0) / max(base.structure.power, 1e-9)
     before, after = (max(rmse(f, held) ** 2 - floor, 0.0) for f in (found.baseline, found.final))

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bms_gateway.identify.coordinates import Measured
-from bms_gateway.identify.likelihood import generalised
+from bms_gateway.identify.likelihood import expected_squares, generalised
 from bms_gateway.identify.map_fit import MapFit, stacked
 from bms_gateway.thermal import Floats
 
@@ -107,24 +107,23 @@ def log_density(fit: MapFit, rows: np.ndarray) -> float:
     return -0.5 * float(np.sum(generalised(y - fit.y, sigma0, step)[1][rows]))
 
 
-def scale(fit: MapFit, rows: np.ndarray) -> float:
+def scale(fit: MapFit, rows: np.ndarray, sds: float = 0.0) -> float:
     """Root mean square of the generalised residual over what a model that is right leaves: 1 for it.
 
-    The variance of a score is its information: more than one where the steps are coarse against the noise.
+    Parameters
+    ----------
+    fit : MapFit
+    rows : ndarray of bool (M,)
+    sds : float
+        So many standard deviations of its square are taken off: with steps far above the noise few readings stand near
+        enough to the edge of their level to tell anything, and the mean of the squares hangs on them.
     """
-    return float(np.sqrt(np.mean(fit.r[rows] ** 2) / fit.steep)) if rows.any() else float("nan")
-
-
-def surely(fit: MapFit, rows: np.ndarray, sds: float) -> float:
-    """Give `scale` less so many standard deviations of its square.
-
-    With steps far above the noise few readings stand near enough to the edge of their level to tell anything, and the
-    mean of the squares hangs on them.
-    """
-    squares = fit.r[rows] ** 2 / fit.steep
-    if not len(squares):
+    if not rows.any():
         return float("nan")
-    return float(np.sqrt(max(np.mean(squares) - sds * np.std(squares) / np.sqrt(len(squares)), 0.0)))
+    y, _, sigma0, step, _ = stacked(fit.problem)
+    mean, variance = expected_squares((y - fit.y)[rows], sigma0[rows], step[rows])
+    chance = sds * float(np.sqrt(np.sum(variance)))
+    return float(np.sqrt(max(np.sum(fit.r[rows] ** 2) - chance, 0.0) / np.sum(mean)))
 
 
 def within(fit: MapFit) -> np.ndarray:

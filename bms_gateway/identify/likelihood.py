@@ -18,6 +18,8 @@ SQRT_2PI = float(np.sqrt(2.0 * np.pi))
 _LOG_SQRT_2PI = float(np.log(SQRT_2PI))
 FINE = 0.2
 """Steps of so little noise round nothing away."""
+LEVELS = 5
+"""Of a step above the noise, to either side: farther no reading falls."""
 FAR = 25.0
 """sd: beyond it the two tails of the interval cannot be told apart in floating point; the nearer edge counts."""
 
@@ -78,3 +80,31 @@ def curvature(u: Floats, sigma0: Floats, step: Floats) -> float:
     h = 0.1 * sigma0
     slope = (generalised(u + h, sigma0, step)[0] - generalised(u - h, sigma0, step)[0]) / (2.0 * h) * sigma
     return float(np.mean(slope))
+
+
+def expected_squares(u: Floats, sigma0: Floats, step: Floats) -> tuple[Floats, Floats]:
+    r"""Mean and variance (M,) of the squared generalised residual if the model is right, reading by reading.
+
+    .. math:: E[r^2] = \sum_k p_k \, r(u_k)^2, \qquad p_k = \Phi((u_k + q/2)/σ_0) - \Phi((u_k - q/2)/σ_0)
+
+    over the levels :math:`u_k` that the reading may fall on. It is the information of the reading: a model near the
+    edge of a level has many standard deviations of it, one in the middle none.
+
+    Parameters
+    ----------
+    u, sigma0, step : ndarray (M,), K
+        As for `generalised`.
+    """
+    mean, square = np.ones(len(u)), np.full(len(u), 3.0)
+    coarse = step > sigma0
+    if coarse.any():
+        q, s = step[coarse], sigma0[coarse]
+        nearest = u[coarse] - q * np.round(u[coarse] / q)
+        mean[coarse] = square[coarse] = 0.0
+        for k in range(-LEVELS, LEVELS + 1):
+            at = nearest + k * q
+            p = ndtr((0.5 * q - np.abs(at)) / s) - ndtr((-0.5 * q - np.abs(at)) / s)
+            squared = generalised(at, s, q)[0] ** 2
+            mean[coarse] += p * squared
+            square[coarse] += p * squared**2
+    return mean, square - mean**2

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from bms_gateway.identify.likelihood import curvature, generalised
+from bms_gateway.identify.likelihood import curvature, expected_squares, generalised
 
 
 @pytest.mark.parametrize(("sigma0", "step"), [(0.1, 0.5), (0.1, 0.1), (0.05, 0.2)])
@@ -48,3 +48,19 @@ def test_a_right_model_leaves_scores_whose_variance_is_the_curvature(sigma0, ste
     r = generalised(y - true, s, q)[0]
     assert abs(r.mean()) < 0.03
     assert np.mean(r**2) == pytest.approx(curvature(y - true, s, q), rel=0.05)
+
+
+@pytest.mark.parametrize(("sigma0", "step"), [(0.05, 0.5), (0.1, 0.25), (0.1, 0.12), (0.2, 0.1), (0.1, 0.0)])
+@pytest.mark.parametrize("place", [0.0, 0.3, 0.5])
+def test_the_expected_square_is_what_many_readings_of_one_temperature_leave(sigma0, step, place):
+    """Near the edge of a level (half a step beside it) readings tell much, in its middle nothing."""
+    true, n = 25.0 + place * step, 400_000
+    y = true + sigma0 * np.random.default_rng(3).normal(size=n)
+    y = step * np.round(y / step) if step else y
+    s, q = np.full(n, sigma0), np.full(n, step)
+    squares = generalised(y - true, s, q)[0] ** 2
+    # whichever of the levels a reading fell on tells the same of them all
+    mean, variance = expected_squares((y - true)[:50], s[:50], q[:50])
+    fine = step <= sigma0  # taken for Gaussian, which they are to a tenth
+    assert mean == pytest.approx(np.mean(squares), rel=0.1 if fine else 0.02, abs=0.02 * (not fine))
+    assert variance == pytest.approx(np.var(squares), rel=0.25 if fine else 0.05, abs=0.1 * (not fine))

@@ -22,7 +22,7 @@ from tests.truth.pack import CAPACITY_AH, NOMINAL, NOMINAL_FLOW, integrate, term
 from tests.truth.sizes import AFTER_A_CELL, LOCATED, ON_A_SENSOR, SIZES
 from tests.truth.strange import STRANGE, STRANGE_SENSING, UNKNOWN
 
-FINAL_SEED = 9900
+FINAL_SEED = 10000
 ABSORBED = ("current_gain", "uniform_R_e", "uniform_R_c")
 """What a free parameter of the model absorbs: nothing is missing, and a product of parameters is what can be known."""
 ABSORBED_SIZES = {"weak": 0.05, "medium": 0.12, "strong": 0.25}
