@@ -64,8 +64,7 @@ def screen(fit: MapFit, candidates: Sequence[Candidate]) -> list[Gain]:
     found = [Gain(c, np.inf, c.begin, fit.J[:, :0]) for c in candidates if not c.strengths]
     if not scored:
         return found
-    columns = np.stack([responses.column(c, p) for c in scored for p in c.strengths], axis=1)
-    columns = fit.problem.averaged(columns)
+    columns = np.stack([fit.problem.averaged(responses.column(c, p)) for c in scored for p in c.strengths], axis=1)
     J = fit.weighed(columns) * steep
     cross = base.T @ J
     absorbed = solved(fit.H[np.ix_(free, free)], cross)
