@@ -12,6 +12,7 @@ EQUIVALENT: dict[str, dict[str, str]] = {
     },
     "bms_gateway/frames/guard.py": {
         "Guard.__init__: 1  ->  2": NONE_FOR_NONE,
+        "Guard.__init__: 1  ->  2  #2": "an array of two for one number: the second is never read",
         "Guard.__init__: 1  ->  2  #3": NONE_FOR_NONE,
         "Guard.__init__: 1  ->  2  #4": NONE_FOR_NONE,
         "Guard.__init__: 1  ->  2  #5": MORE_BINS,

@@ -120,9 +120,14 @@ def compare(rules: tuple[Rule, ...], steps: tuple[float, ...], seed: int, interv
     return met
 
 
-def told_of(rules: tuple[Rule, ...], series: np.ndarray, step_s: int = 1) -> np.ndarray:
-    """What becomes of one sample per channel and interval of `series` (T, C), under current."""
+def told_of(rules: tuple[Rule, ...], series: np.ndarray, step_s: int = 1, *, begun: bool = False) -> np.ndarray:
+    """What becomes of one sample per channel and interval of `series` (T, C), under current.
+
+    Where it has `begun` an interval without samples ended at bus time 0, so that the first one has a length.
+    """
     both = Both(rules)
+    if begun:
+        both.judge([], 0, active=True)
     end = step_s * S
     return np.array(
         [
@@ -198,5 +203,6 @@ def test_one_that_never_moved_stands_too_long_after_4_s_and_one_that_has_after_6
 
 
 def test_a_coarse_one_stands_too_long_after_half_an_hour():
-    told = told_of((COARSE,), np.full((190, 1), 24.0), step_s=10)[:, 0]
-    assert told.tolist().index(Quality.STUCK) == 182
+    for begun, first in ((False, 182), (True, 181)):
+        told = told_of((COARSE,), np.full((190, 1), 24.0), step_s=10, begun=begun)[:, 0]
+        assert told.tolist().index(Quality.STUCK) == first
