@@ -199,7 +199,7 @@ def _on_bench(d: Diagnosis, second: SecondSearch, wants: Sequence[Wanted]) -> Ad
         remark.strip(),
         (seen_on(second.baseline, ready), seen_on(after, ready)),
         core_before_and_after(second, after),
-        second.tail if after is second.best else None,
+        (second.tail[0], second.predicted(keys)),
         doubt(second),
     )
 

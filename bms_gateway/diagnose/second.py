@@ -133,6 +133,7 @@ class SecondSearch:
         Not refused, the chosen one first.
     alone : tuple of MapFit
         The chosen model fitted to each record alone, where the records disagree.
+    settings : SecondSettings
     """
 
     baseline: MapFit
@@ -150,6 +151,14 @@ class SecondSearch:
     records: Sequence[Measured]
     hypotheses: tuple[Hypothesis, ...]
     alone: tuple[MapFit, ...]
+    settings: SecondSettings
+
+    def predicted(self, keys: Sequence[str]) -> float:
+        """RMSE in the last part, K, by these effects fitted to the first: those chosen, or of one of `hypotheses`."""
+        if sorted(keys) == sorted(c.candidate.key for c in self.chosen):
+            return self.tail[1]
+        h = next(h for h in self.hypotheses if sorted(keys) == sorted(c.key for c in h.effects))
+        return _tail(Bench(h.fit.map.problem.records, self.settings.error), h.fit, self.settings)
 
     def cores(self) -> tuple[Cores, ...]:
         """Cores of every record with their standard deviation, at the instants of the records as given."""
@@ -259,6 +268,7 @@ def second_search(
         records=records,
         hypotheses=accepted,
         alone=alone,
+        settings=s,
     )
 
 

@@ -171,7 +171,7 @@ def _errors(r: AddReport, several: bool) -> str:
         for b, a in zip(r.before.channels, r.after.channels, strict=True)
     ]
     b, a = r.before.errors, r.after.errors
-    total = _numbers(b.train_rmse_K, a.train_rmse_K, b.heldout_rmse_K, a.heldout_rmse_K, b.noise_floor_K)
+    total = _numbers(b.train_rmse_K, a.train_rmse_K, *r.held_K, b.noise_floor_K)
     rows.append([*([""] if several else []), "all", *total])
     headers = ["error K", "fitted before", "after", "held-out before", "after", "noise"]
     return text_table((["table"] if several else []) + headers, rows, left=2 if several else 1)

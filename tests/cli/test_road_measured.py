@@ -29,8 +29,10 @@ def test_effects_added_by_the_surface_bring_the_core_down(tmp_path):
     models[0].write_text(MODEL)
     told("fit", table, "--model", models[0], "--out", models[1], "--columns", COLUMNS)
     words = ("--data", table, "--columns", COLUMNS)
-    told("add", "resistance_temperature", "--model", models[0], "--out", models[2], *words)
+    first = told("add", "resistance_temperature", "--model", models[0], "--out", models[2], *words)
     last = told("add", "entropic_heat", "--model", models[2], "--out", models[3], *words)
+    assert first["after"]["heldout_rmse_K"] < first["before"]["heldout_rmse_K"]
+    assert last["before"]["heldout_rmse_K"] == pytest.approx(first["after"]["heldout_rmse_K"], rel=0.05)
     assert last["after"]["heldout_rmse_K"] < 0.5 * last["before"]["heldout_rmse_K"]
     before, after = (
         told("compare", table, "--model", m, "--columns", COLUMNS)["filed"]["core_measured"][0]["rmse_K"]
