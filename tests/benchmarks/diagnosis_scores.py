@@ -109,6 +109,9 @@ def _ratio(o, v, key, most):
     return rmse <= most * o["floor"]
 
 
+LONG = 12
+"""Cells of the strings whose time has a goal."""
+
 SCORES = (
     Score("one effect, 5-12 cells, medium and strong: named first", 0.95, _sized("medium", "strong"), _first),
     Score("one effect, 5 cells, weak: named first", None, _sized("weak"), _first),
@@ -174,7 +177,10 @@ def table(outcomes):
         ("right verdicts: core error after / before, median", "<=0.33", _core_ratio),
         ("parameters inside their own 95 % interval", ">=90 %", _inside),
         ("core error after, median K", "", _core_after),
-        ("one diagnosis, median / 95 % s", "", _seconds),
+        ("one diagnosis, median / 95 % s of CPU", "", _seconds),
+        ("12 cells, nothing or one effect: the same", "<=3", lambda some, who: _seconds(filter(_long, some), who)),
+        ("two effects: the same", "<=10", lambda some, who: _seconds(filter(_pair, some), who)),
+        ("CPU of it, ours / prototype on the same log, median", "", _against_peer),
     ):
         cells = [of(outcomes, who) for who in (("ours", "peer") if peer else ("ours",))]
         lines.append(f"{text:60}{goal:>8}" + "".join(f"{c:>20}" for c in cells))
@@ -216,6 +222,20 @@ def _inside(outcomes, who):
 def _seconds(outcomes, who):
     seconds = [o[who]["seconds"] for o in outcomes if o[who]]
     return f"{np.median(seconds):.1f} / {np.quantile(seconds, 0.95):.1f}" if seconds else "-"
+
+
+def _long(o):
+    return o["cells"] == LONG and o["suite"] in ("singles", "controls")
+
+
+def _pair(o):
+    return o["suite"] == "pairs"
+
+
+def _against_peer(outcomes, who):
+    """Ratio to the prototype, which compiles its simulation once before the first log."""
+    both = [o["ours"]["seconds"] / o["peer"]["seconds"] for o in outcomes if o["peer"]]
+    return f"{np.median(both):.2f}" if both and who == "ours" else "-"
 
 
 def by_effect(outcomes):
