@@ -1,0 +1,293 @@
+"""What the engine tells beside its estimates: faults of sensors and of time, counts, and what was asked for."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bms_gateway.engine import Channel, Engine, Estimated, Notice, Plan, SendFrames, drain, drive
+from bms_gateway.engine.events import Decoded, Judged, Level
+from bms_gateway.errors import ConfigError
+from bms_gateway.frames.batch import FrameBatch
+from bms_gateway.frames.encode import Encoder
+from bms_gateway.frames.own import own_signal
+from bms_gateway.frames.quality import Quality
+from tests.engine.packs import EPOCH_S, SENSORS, database, plan
+from tests.frames.payloads import OWN, parsed
+
+S = 1_000_000_000
+MESSAGES = ("string_1_electrical", "string_1_coolant", "string_1_surface")
+Course = Callable[[float], float]
+
+
+def with_channels(*more: Channel, without: tuple[str, ...] = (), strings: int = 1) -> Plan:
+    made = []
+    for s in plan(strings).strings:
+        kept = tuple(c for c in s.channels if c.quantity not in without)
+        made.append(replace(s, channels=(*kept, *more)))
+    return Plan(tuple(made))
+
+
+VOLTAGE = Channel("voltage", None, own_signal(1, "voltage"))
+
+
+def drawn(t: float) -> float:
+    """A current that moves every second, both ways."""
+    return 40.0 + 60.0 * np.sin(2.1 * np.floor(t) ** 2)
+
+
+def volts(t: float) -> float:
+    return 300.0 - 0.1 * drawn(t)
+
+
+def warm(t: float) -> float:
+    return 25.0 + 0.03 * t
+
+
+def said(
+    seconds: int, current: Course = drawn, voltage: Course = volts, surface: Course = warm, start: int = 0
+) -> FrameBatch:
+    """One string's frames: current and voltage ten times a second, the rest once."""
+    encoder = Encoder(database(), MESSAGES)
+    times, rows, values = [], [], []
+
+    def put(t: float, row: int, **content: float) -> None:
+        line = np.full(encoder.width, np.nan)
+        for name, value in content.items():
+            line[encoder.column(row, name)] = value
+        times.append(round((EPOCH_S + start + t) * 10) * (S // 10))
+        rows.append(row)
+        values.append(line)
+
+    for k in range(10 * seconds):
+        t = k / 10
+        put(t, encoder.row("string_1_electrical"), current=current(t), voltage=voltage(t))
+        if k % 10 == 5:
+            put(t, encoder.row("string_1_coolant"), coolant_inlet=20.0 + 0.02 * t, coolant_flow=1e-4, soc=0.5)
+            put(t, encoder.row("string_1_surface", 0), surface_01=surface(t))
+            put(t, encoder.row("string_1_surface", 1), surface_04=surface(t) + 0.5)
+    can_id, length, data = encoder.encode(np.array(rows), np.array(values))
+    return FrameBatch(np.array(times, np.int64), can_id, length, data)
+
+
+def notices(events: list, code: str) -> list[tuple[int, Level, str]]:
+    return [(e.time_ns // S - EPOCH_S, e.level, e.text) for e in events if isinstance(e, Notice) and e.code == code]
+
+
+def states(events: list) -> dict[int, int]:
+    """State that the status frame says, by second."""
+    message = parsed(OWN).get_message_by_name("gateway_status")
+    found = {}
+    for e in events:
+        if isinstance(e, SendFrames):
+            for can_id, data in zip(e.batch.can_id.tolist(), e.batch.data, strict=True):
+                if can_id & 0x1FFF_FFFF == message.frame_id:
+                    found[e.time_ns // S - EPOCH_S] = message.decode(bytes(data), decode_choices=False)["state"]
+    return found
+
+
+STARTING, RUNNING, DEGRADED, SILENT = range(4)
+
+
+def test_a_current_that_stands_while_the_voltage_moves_is_refused_told_and_believed_again() -> None:
+    frames = said(90, current=lambda t: 20.0 if 20 <= t < 60 else drawn(t))
+    engine = Engine(with_channels(VOLTAGE), database())
+    events = list(drive(engine, [frames]))
+    assert engine.faults == []
+    bad, good = notices(events, "sensor")
+    signal = own_signal(1, "current")
+    assert bad[1:] == (
+        Level.WARNING,
+        f"current is not used: it stands at 20 A while the voltage moves: stuck, saturated or clipped ({signal})",
+    )
+    assert good[1:] == (Level.NOTICE, f"current is good again ({signal})")
+    assert 20 < bad[0] < 60 <= good[0] < 75
+    assert engine.rejected["stuck"] % 10 == 0
+    assert engine.rejected["stuck"] >= 10 * (60 - bad[0])
+    state = states(events)
+    assert (state[1], state[bad[0] - 1], state[bad[0]], state[good[0]]) == (STARTING, RUNNING, DEGRADED, RUNNING)
+
+
+def test_while_it_is_refused_it_is_among_the_faults() -> None:
+    engine = Engine(with_channels(VOLTAGE), database())
+    list(drive(engine, [said(50, current=lambda t: 20.0 if t >= 20 else drawn(t))]))
+    assert [(name, c.quantity, q) for name, c, q in engine.faults] == [("string_1", "current", Quality.STUCK)]
+
+
+def test_a_current_of_the_wrong_sign_is_told_and_taken_back() -> None:
+    engine = Engine(with_channels(VOLTAGE), database())
+    events = list(drive(engine, [said(200, current=lambda t: -drawn(t) if t < 60 else drawn(t))]))
+    wrong, right = notices(events, "current_sign")
+    assert wrong[1] == Level.WARNING
+    assert wrong[2].startswith("current and voltage rise together: the sign of the current is wrong")
+    assert right[1] == Level.NOTICE
+    assert "move against each other again" in right[2]
+    assert own_signal(1, "current") in wrong[2]
+    assert wrong[0] <= 15
+    assert right[0] > 60
+
+
+def test_what_was_asked_for_is_told_at_every_tick_and_nothing_else() -> None:
+    frames = said(8)
+    plain = list(drive(Engine(with_channels(VOLTAGE), database()), [frames]))
+    assert not [e for e in plain if isinstance(e, Decoded | Judged)]
+    engine = Engine(with_channels(VOLTAGE), database())
+    engine.recording = engine.judging = True
+    events = list(drive(engine, [frames]))
+    decoded, judged = ([e for e in events if isinstance(e, kind)] for kind in (Decoded, Judged))
+    ticks = [e.time_ns for e in events if isinstance(e, Estimated)]
+    assert [e.time_ns for e in decoded] == [e.time_ns for e in judged] == ticks
+    wire = engine.wires[0]
+    amps = np.concatenate([e.value[e.input == wire.current] for e in decoded])
+    assert amps == pytest.approx([drawn(k / 10) for k in range(10 * len(ticks))], abs=6e-4)
+    stamps = np.concatenate([e.sample_ns for e in decoded])
+    assert stamps.min() == EPOCH_S * S
+    last = judged[-1]
+    (one,) = last.strings
+    squares = [drawn(k / 10) ** 2 for k in range(10 * len(ticks) - 10, 10 * len(ticks))]
+    assert one.string == "string_1"
+    assert one.square == pytest.approx(np.mean(squares), rel=1e-4)
+    assert one.current == pytest.approx(drawn(len(ticks) - 1), rel=1e-4)
+    assert one.inlet == pytest.approx(20.0 + 0.02 * len(ticks), abs=0.02)
+    assert np.isfinite(one.innovation).tolist() == [k in SENSORS for k in range(1, 5)]
+    assert one.flags == ()
+    assert last.frames == 13 * len(ticks)
+
+
+def test_repeated_frames_and_unknown_multiplexer_values_are_counted_at_their_tick() -> None:
+    frames = said(6)
+    first = np.flatnonzero(frames.can_id == frames.can_id[0])[7]
+    order = np.sort(np.append(np.arange(len(frames)), [first, first]))
+    twice = FrameBatch(frames.time_ns[order], frames.can_id[order], frames.length[order], frames.data[order])
+    surfaces = np.flatnonzero(twice.can_id == database().message("string_1_surface").can_id)
+    twice.length[surfaces[2]] = 1
+    engine = Engine(with_channels(VOLTAGE), database())
+    list(drive(engine, [twice]))
+    assert engine.rejected["repeated"] == 2
+    assert engine.rejected["unknown_multiplexer"] == 1
+
+
+def test_constants_stand_in_for_what_the_bus_does_not_carry() -> None:
+    cold, hot = (
+        Engine(with_channels(Channel("coolant_inlet", None, None, C), without=("coolant_inlet",)), database())
+        for C in (10.0, 30.0)
+    )
+    for engine in (cold, hot):
+        engine.judging = True
+    told = [[e for e in drive(engine, [said(8)]) if isinstance(e, Judged)] for engine in (cold, hot)]
+    assert {e.strings[0].inlet for e in told[0]} == {10.0}
+    assert {e.strings[0].inlet for e in told[1]} == {30.0}
+    unknown = Channel("coolant_inlet", None, None, None)
+    engine = Engine(with_channels(unknown, without=("coolant_inlet",)), database())
+    engine.judging = True
+    assert all(np.isnan(e.strings[0].inlet) for e in drive(engine, [said(3)]) if isinstance(e, Judged))
+
+
+def test_a_pack_current_that_strings_share_is_one_input() -> None:
+    one = with_channels()
+    second = replace(one.strings[0], name="string_2", number=2)
+    engine = Engine(Plan((one.strings[0], second)), database())
+    assert engine.wires[0].current == engine.wires[1].current
+    told = [e for e in drive(engine, [said(8)]) if isinstance(e, Estimated)]
+    for a, b in zip(told[::2], told[1::2], strict=True):
+        np.testing.assert_array_equal(a.core, b.core)
+
+
+def test_a_scale_and_an_offset_mend_a_signal() -> None:
+    mended = Channel("coolant_inlet", None, own_signal(1, "coolant_inlet"), scale=2.0, offset=-5.0)
+    engine = Engine(with_channels(mended, without=("coolant_inlet",)), database())
+    engine.judging = True
+    last = [e for e in drive(engine, [said(12)]) if isinstance(e, Judged)][-1]
+    seconds = last.time_ns // S - EPOCH_S
+    assert last.strings[0].inlet == pytest.approx(2.0 * (20.0 + 0.02 * seconds) - 5.0, abs=0.03)
+
+
+def test_inputs_that_never_come_are_told_once_after_ten_seconds() -> None:
+    frames = said(30)
+    surface = database().message("string_1_surface").can_id
+    keep = frames.can_id != surface
+    some = FrameBatch(frames.time_ns[keep], frames.can_id[keep], frames.length[keep], frames.data[keep])
+    soc = Channel("soc", None, own_signal(2, "soc"))  # decoded for the record alone: nobody is told
+    engine = Engine(with_channels(soc), database())
+    events = list(drive(engine, [some]))
+    missing = ", ".join(own_signal(1, "surface", k) for k in SENSORS)
+    assert notices(events, "unheard") == [(10, Level.WARNING, f"not received so far: {missing}")]
+    assert engine.unheard == {"string_1": missing}
+    assert engine.faults == []
+    assert set(states(events).values()) == {STARTING}
+
+
+def test_stamps_that_step_back_are_told_and_counted_and_time_goes_on() -> None:
+    frames = said(10)
+    back = frames.time_ns - np.where(np.arange(len(frames)) >= 65, 3600 * S, 0)
+    engine = Engine(with_channels(), database())
+    events = list(drive(engine, [FrameBatch(back, frames.can_id, frames.length, frames.data)]))
+    ((_, level, text),) = notices(events, "clock")
+    assert (level, text) == (Level.WARNING, "time stamps: clock set back 1×")
+    assert engine.clock_faults == "clock set back 1×"
+    assert engine.clock_counts == {"reordered": 0, "set_back": 1, "absurd": 0}
+    assert 9.0 <= engine.duration_s <= 10.0
+
+
+def test_what_an_engine_is_can_be_asked_before_the_first_frame() -> None:
+    the_plan = with_channels(VOLTAGE)
+    engine = Engine(the_plan, database())
+    assert engine.plan is the_plan
+    assert engine.duration_s == 0.0
+    assert engine.next_deadline() is None
+    assert set(engine.can_ids.tolist()) == {database().message(m).can_id for m in MESSAGES}
+    assert set(engine.sends) == {
+        m.can_id
+        for m in database().messages.values()
+        if m.name.startswith("gateway_")
+        or m.name in {f"string_1_{p}" for p in ("core", "summary", "parameters", "health", "flags", "growth")}
+    }
+    assert set(engine.sends.values()) <= {S, 10 * S}
+
+
+def test_one_that_only_listens_sends_nothing() -> None:
+    engine = Engine(replace(with_channels(), transmit=False), database())
+    assert engine.sends == {}
+    events = list(drive(engine, [said(5)]))
+    assert [e for e in events if isinstance(e, Estimated)]
+    assert not [e for e in events if isinstance(e, SendFrames)]
+
+
+def test_results_of_jobs_that_nobody_waits_for_are_passed_over() -> None:
+    engine = Engine(with_channels(), database())
+    assert not engine.awaits(1)
+    engine.finish(1, object())
+    assert engine.next_output() is None
+
+
+def test_a_baseline_is_reset_for_strings_and_cells_that_there_are_and_once_for_each_wish() -> None:
+    engine = Engine(with_channels(), database())
+    with pytest.raises(ConfigError, match="there is no string 'string_9'; did you mean 'string_1'"):
+        engine.reset_baseline("string_9", None, "new", time_ns=1)
+    for cell in (0, 5):
+        with pytest.raises(ConfigError, match=rf"there is no cell {cell} in string_1; valid: 1 to 4"):
+            engine.reset_baseline("string_1", cell, "new", time_ns=1)
+    for cell, when in ((None, 5), (1, 6), (4, 7)):
+        done = engine.reset_baseline("string_1", cell, "cells replaced", time_ns=when)
+        told = [e for e in drain(engine) if isinstance(e, Notice)]
+        assert [(e.code, e.level, e.string, e.cell, e.time_ns) for e in told] == (
+            [("baseline", Level.NOTICE, "string_1", cell, when)] if done else []
+        )
+        assert not engine.reset_baseline("string_1", cell, "cells replaced", time_ns=when)
+        assert not list(drain(engine))
+
+
+def test_frames_stamped_after_now_are_taken_as_now_and_those_before_a_fired_timer_as_of_the_open_tick() -> None:
+    frames = said(3)
+    engine = Engine(with_channels(), database())
+    now = int(frames.time_ns[5])
+    engine.receive(frames[:10], now_ns=now)
+    deadline = (EPOCH_S + 1) * S
+    engine.handle_timer(now_ns=deadline)
+    assert engine.frames == 10
+    list(drain(engine))
+    engine.receive(frames[10:13], now_ns=deadline + 5)
+    engine.handle_timer(now_ns=deadline + S)
+    assert engine.frames == 13
+    assert {e.time_ns for e in drain(engine)} == {deadline + S}
