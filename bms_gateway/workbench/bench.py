@@ -51,13 +51,10 @@ class Files:
     @classmethod
     def of(cls, request: Mapping[str, Any]) -> "Files":
         """Take them from a request."""
-        return cls(
-            tuple(request["tables"]),
-            request["model"],
-            request.get("config") or "",
-            request.get("string") or "",
-            tuple(request.get("columns") or ()),
-        )
+        config, string = request.get("config") or "", request.get("string") or ""
+        if request.get("recent") and not config:
+            string = ""  # it said what to take of the gateway's signals
+        return cls(tuple(request["tables"]), request["model"], config, string, tuple(request.get("columns") or ()))
 
 
 @dataclass(slots=True)
@@ -168,7 +165,7 @@ class Bench:
         sound(findings)
         check_signals(wants, self._records)
         known = self._known(model)
-        tell(0.0, "fitting step by step")
+        tell(0.02, "fitting step by step")
         names = " + ".join(w.key for w in wants)
         approach(model, self._records, wants, known, lambda trial: show({"names": names, **trial}))
 

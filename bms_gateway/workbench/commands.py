@@ -47,7 +47,7 @@ def command_lines(files: Mapping[str, Any], way: Sequence[Leg]) -> list[str]:
     tables, model = [str(t) for t in files["tables"]], str(files["model"])
     more = [x for c in files.get("columns") or () for x in ("--columns", c)]
     for option in ("config", "string"):
-        if files.get(option):
+        if files.get(option) and (files.get("config") or not files.get("recent")):
             more += [f"--{option}", files[option]]
     data = [x for t in tables for x in ("--data", t)]
     lines = [_export(files)] if files.get("recent") else []

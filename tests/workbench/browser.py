@@ -146,7 +146,7 @@ class Window:
     def type(self, css, text) -> None:
         element = self._element(css)
         self._call("POST", f"/element/{element}/clear", {})
-        self._call("POST", f"/element/{element}/value", {"text": text})
+        self._call("POST", f"/element/{element}/value", {"text": str(text)})
 
     def upload(self, css, path) -> None:
         self._call("POST", f"/element/{self._element(css)}/value", {"text": str(path)})

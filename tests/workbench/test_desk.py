@@ -271,6 +271,14 @@ def test_a_window_once_taken_stays_while_the_gateway_goes_on(desk, recent, gatew
     assert taken.read_bytes() == before
 
 
+def test_a_state_directory_alone_says_where_to_look(desk, recent, gateway):
+    desk.open({**of_gateway(gateway, store=str(gateway / "lib")), "config": ""})
+    lines = done(desk)["commands"]
+    assert lines[0].endswith("--string string_1")
+    assert "--string" not in lines[1]
+    assert (desk.folder / desk.state()["files"]["tables"][0]).read_bytes() == (desk.folder / "recent.csv").read_bytes()
+
+
 @pytest.mark.parametrize(
     ("asked", "says"),
     [

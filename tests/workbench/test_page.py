@@ -9,6 +9,7 @@ import zipfile
 import pytest
 
 from bms_gateway.config.model_file import read_model
+from tests.store.ring import drove
 from tests.truth.packs import pack as make_pack
 from tests.workbench.browser import come
 from tests.workbench.conftest import served
@@ -49,6 +50,15 @@ def seen_compared(page):
     page.wait("return Number(document.querySelector('#plot-core').dataset.traces) > 0", patience_s=FIT_S)
 
 
+WATCH_BARS = """
+window.seen = [];
+new MutationObserver(() => {
+  const bar = document.querySelectorAll('#panel-add .bar.fitting b')[1];
+  if (bar && seen.at(-1) !== Number(bar.textContent)) seen.push(Number(bar.textContent));
+}).observe(document.querySelector('#panel-add'), {subtree: true, childList: true, characterData: true});
+"""
+
+
 def faults(page, axe):
     """Serious faults by axe: rule and place."""
     page.run(axe + "; window.axe = axe;")
@@ -61,7 +71,9 @@ def faults(page, axe):
 
 def test_the_road_from_a_table_to_a_better_model(window, url, axe, pack, tmp_path):
     page = window(url)
-    page.wait("return document.documentElement.dataset.firstPicture")
+    page.wait("return document.documentElement.dataset.firstPlot")
+    first, plot = (int(page.run(f"return document.documentElement.dataset.{x}")) for x in ("firstPicture", "firstPlot"))
+    assert first <= plot  # what was measured is seen before the plots' script has been run
     assert "Records" in page.text("#panel-open")
     seen_compared(page)
 
@@ -93,13 +105,18 @@ def test_the_road_from_a_table_to_a_better_model(window, url, axe, pack, tmp_pat
     assert "dU/dT" in page.text(".told pre")
     assert faults(page, axe) == []
 
+    page.run(WATCH_BARS)
     page.click(".told button")
     page.wait("return document.querySelectorAll('#panel-add .way li').length === 2", patience_s=FIT_S)
+    fell = page.run("return window.seen")  # the held-out error, as the bar had it while the fit went on
+    assert len(fell) > 1
+    assert fell == sorted(fell, reverse=True)
     seen_compared(page)
     assert "by force" not in page.text("#panel-add")
     held = page.run("return document.querySelectorAll('.bars')[1].getAttribute('aria-label')")
     first, second = (float(part.split()[-2]) for part in held.split(": ")[1].split(";")[0].split(", "))
     assert second < 0.5 * first
+    assert fell[-1] == pytest.approx(second, rel=0.1)
     assert faults(page, axe) == []
 
     page.click("#tab-take")
@@ -214,6 +231,26 @@ def test_habits(window, url, axe):
     page.wait("return document.querySelector('#cell-2').getAttribute('aria-pressed') === 'true'")
     origins = page.run("return [...new Set(performance.getEntriesByType('resource').map(r => new URL(r.name).origin))]")
     assert json.dumps(origins) == json.dumps([url.rstrip("/")])
+
+
+def test_the_gateways_recent_window_is_opened_from_the_page(window, tmp_path):
+    drove(tmp_path, 130)
+    with served(tmp_path) as url:
+        page = window(url)
+        page.wait("return document.querySelector('#panel-open').getClientRects().length")
+        page.type("#model", tmp_path / "string.toml")
+        page.type("#recent", "2 hours")
+        page.click("#more summary")
+        page.type("#store", tmp_path / "lib")
+        page.type("#string", "string_1")
+        page.click("#open")
+        come(lambda: "did you mean 2h" in page.text("#error-text"), lambda: page.text("#error"))
+        page.type("#recent", "100s")
+        page.click("#open")
+        page.wait("return document.querySelector('#tables').value === 'recent.csv'")
+        page.wait("return document.documentElement.dataset.firstPlot")
+        page.click("#tab-take")
+        assert "bms-gateway export --last 100s --out recent.csv" in page.text("#commands")
 
 
 def test_the_live_page_plays_a_log(window, tmp_path, axe):

@@ -97,6 +97,7 @@ function picture(p) {
   const worst = p.strings.reduce((a, s, i) => (s.mismatch !== null && (a === null || s.mismatch > a.m) ? { m: s.mismatch, name: about.strings[i].name } : a), null);
   card("model", "Model mismatch", worst ? `${worst.m.toFixed(2)} × its band` : "–", worst ? `${worst.name}; 1 is as it should be, from 2 on suspected` : "");
   const list = p.notices.map((n) => `${clock(Math.max(n.at, 0))} ${n.string ? `[${n.string}] ` : ""}${n.text}`);
+  if (!list.length) list.push("Nothing so far.");
   if ($("notices").dataset.said !== list.join("|")) {
     $("notices").dataset.said = list.join("|");
     $("notices").replaceChildren(...list.map((t) => el("li", {}, t)));

@@ -62,7 +62,9 @@ async function draw(place) {
   const layout = structuredClone(figure.layout);
   layout.xaxis.range = range ?? layout.xaxis.range;
   layout.uirevision = `${ui.record}`;
-  const data = [...figure.data.filter(wanted), ...laidOver(place)];
+  // what was measured lies on top: a model that fits would hide it
+  const measured = figure.data.filter((t) => t.name === "measured" && !t.yaxis);
+  const data = [...figure.data.filter((t) => wanted(t) && !measured.includes(t)), ...laidOver(place), ...measured.map((t) => ({ ...t, legendrank: 1 }))];
   node.style.height = `${layout.height}px`;
   node.setAttribute("role", "group");
   node.setAttribute("aria-label", { surface: `Surface temperature of cell ${ui.cell}, measured and modelled, over time; below it the residual`,

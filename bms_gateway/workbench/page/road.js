@@ -215,7 +215,7 @@ function climb() {
       const bar = bars.children[j];
       bar.className = `bar ${all[j].kind ?? (all[j].forced ? "forced" : "")}`;
       bar.title = all[j].label;
-      bar.lastChild.textContent = v === null ? "–" : K(v, 2);
+      bar.lastChild.textContent = v === null ? "–" : K(v, 2).replace(" K", "");
       bar.style.setProperty("--h", `${v === null ? 0 : (100 * v) / top}%`);
     });
     bars.lastChild.style.bottom = `${(100 * (floor ?? 0)) / top}%`;
