@@ -200,7 +200,8 @@ def sound_run(modules: list[str], tests: list[str]) -> tuple[dict[str, dict[int,
     from coverage import CoverageData
 
     durations = Durations()
-    where = [f"--cov={m.removesuffix('.py').replace('/', '.')}" for m in modules]
+    # by folder: to find a module by its name coverage would import its package, and numpy cannot be imported twice
+    where = [f"--cov={folder}" for folder in sorted({str(Path(m).parent) for m in modules})]
     with tempfile.TemporaryDirectory() as folder:
         os.environ["COVERAGE_FILE"] = f"{folder}/reached"
         if pytest.main([*PYTEST, *where, "--cov-context=test", "--cov-report=", *tests], [durations]):

@@ -1,5 +1,6 @@
 """What the engine tells beside its estimates: faults of sensors and of time, counts, and what was asked for."""
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -13,6 +14,7 @@ from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.encode import Encoder
 from bms_gateway.frames.own import own_signal
 from bms_gateway.frames.quality import Quality
+from bms_gateway.thermal import AddedEffect
 from tests.engine.packs import EPOCH_S, SENSORS, database, plan
 from tests.frames.payloads import OWN, parsed
 
@@ -291,3 +293,120 @@ def test_frames_stamped_after_now_are_taken_as_now_and_those_before_a_fired_time
     engine.handle_timer(now_ns=deadline + S)
     assert engine.frames == 13
     assert {e.time_ns for e in drain(engine)} == {deadline + S}
+
+
+def test_a_string_is_not_served_by_a_channel_of_one_cell() -> None:
+    engine = Engine(with_channels(replace(VOLTAGE, cell=2)), database())
+    assert engine.wires[0].voltage == -1
+
+
+def test_nobody_is_told_of_what_is_only_recorded() -> None:
+    frames = said(30)
+    coolant = np.flatnonzero(frames.can_id == database().message("string_1_coolant").can_id)
+    frames.data[coolant[20:], 3] ^= 0xFF  # from the 21st second on the check sum is wrong
+    told = {}
+    for wanted in ((), (Channel("soc", None, own_signal(1, "soc")),)):
+        engine = Engine(with_channels(*wanted), database())
+        events = notices(list(drive(engine, [frames])), "sensor")
+        told[len(wanted)] = events, [c.quantity for _, c, _ in engine.faults]
+    assert told[0] == told[1]
+    assert told[0][1] == ["coolant_inlet"]
+    assert [text.split(" is ")[0] for _, _, text in told[0][0]] == ["coolant inlet"]
+
+
+def test_ticks_on_which_nothing_is_due_send_nothing() -> None:
+    engine = Engine(replace(with_channels(), tick_ns=S // 2), database())
+    sent = [e for e in drive(engine, [said(5)]) if isinstance(e, SendFrames)]
+    for e in sent:
+        assert bool(len(e.batch)) == (e.time_ns % S == 0)
+        assert (e.batch.time_ns == e.time_ns).all()
+    assert len(sent) == 9
+
+
+def test_a_parameter_that_nobody_knows_leaves_as_not_available() -> None:
+    engine = Engine(with_channels(), database())
+    message = parsed(OWN).get_message_by_name("string_1_parameters")
+    engine.strings[0].estimates = tuple(e for e in engine.strings[0].estimates if e.name != "R_c")
+    content = {}
+    for e in drive(engine, [said(12)]):
+        if isinstance(e, SendFrames):
+            for can_id, data in zip(e.batch.can_id.tolist(), e.batch.data, strict=True):
+                if can_id & 0x1FFF_FFFF == message.frame_id:
+                    content |= message.decode(bytes(data), decode_choices=False, scaling=False)
+    ones = {name: (1 << message.get_signal_by_name(name).length) - 1 for name in content}
+    assert {name for name in ("R_e", "R_e_sd", "R_c", "R_c_sd", "R_u") if content[name] == ones[name]} == {
+        "R_c",
+        "R_c_sd",
+    }
+
+
+def test_after_a_silence_all_goes_on_whatever_was_held_before() -> None:
+    """What stopped is told as old, not as standing, and as good again."""
+    frames = [said(20), FrameBatch.empty(), said(30, start=900)]
+    events = list(drive(Engine(with_channels(VOLTAGE), database()), frames))
+    assert [n[2] for n in notices(events, "silent")] == [
+        "no wanted frame for 60 s: waiting for the bus, sending nothing"
+    ]
+    ((when, _, text),) = notices(events, "awake")
+    assert (when, text) == (900, "frames again after 820 s: state carried over the gap")
+    told = [text for _, _, text in notices(events, "sensor")]
+    assert len(told) == 10
+    assert all("nothing new is received" in text for text in told[:5])
+    assert all("is good again" in text for text in told[5:])
+    after = [e for e in events if isinstance(e, Estimated)][-1]
+    assert np.isfinite(after.core).all()
+
+
+def stored(the_plan: Plan, seconds: int = 20) -> dict:
+    engine = Engine(the_plan, database())
+    list(drive(engine, [said(seconds)]))
+    return json.loads(json.dumps(engine.snapshot()))
+
+
+def test_a_clock_that_was_set_back_while_we_were_off_tells_nothing_of_the_time_that_passed() -> None:
+    engine = Engine(with_channels(), database())
+    engine.restore(stored(with_channels()))
+    events = list(drive(engine, [said(15, start=-3600)]))
+    ((_, level, text),) = notices(events, "awake")
+    assert level == Level.INFO
+    assert text == "frames again after a time that the clock does not tell: state carried over the gap"
+    assert [e for e in events if isinstance(e, Estimated)][-1].time_ns // S - EPOCH_S == -3600 + 14
+
+
+FALLING = AddedEffect("resistance_temperature", None, {"B": 3000.0}, {"B": 300.0})
+
+
+@pytest.mark.parametrize("effects", [(), (FALLING,)])
+def test_parameters_outlive_temperatures_that_do_not_belong(effects: tuple[AddedEffect, ...]) -> None:
+    one = with_channels().strings[0]
+    the_plan = Plan((replace(one, model=replace(one.model, effects=effects)),))
+    state = stored(the_plan)
+    known = [e["strings"] for e in state["estimators"]["observers"]]
+    assert known == [["string_1"]]
+    identifier = state["estimators"]["strings"]["string_1"]["identifier"]
+    if "mean" in identifier:
+        identifier["mean"][identifier["names"].index("R_e")] += 0.1
+    state["estimators"]["observers"][0]["strings"] = ["string_7"]
+    del state["estimators"]["strings"]["string_1"]["health"]  # as of before it had a memory of its own
+    engine = Engine(the_plan, database())
+    before = {e.name: e.value for e in engine.strings[0].estimates}
+    engine.restore(state)
+    assert [e.text for e in drain(engine) if isinstance(e, Notice)] == ["string_1: temperatures start anew"]
+    after = {e.name: e.value for e in engine.strings[0].estimates}
+    assert after["R_e"] == pytest.approx(before["R_e"] * np.exp(0.1 if "mean" in identifier else 0.0))
+
+
+def test_a_voltage_that_is_the_mean_of_the_cells_does_as_well_as_their_sum() -> None:
+    one = with_channels(VOLTAGE).strings[0]
+    the_plan = Plan((replace(one, model=replace(one.model, effects=(FALLING,))),))
+    sums, means = (
+        [
+            e.core
+            for e in drive(
+                Engine(the_plan, database()), [said(12, voltage=lambda t, n=n: n * round(3.3 - 1e-3 * drawn(t), 4))]
+            )
+            if isinstance(e, Estimated)
+        ]
+        for n in (4, 1)
+    )
+    np.testing.assert_allclose(sums, means, atol=1e-6)
