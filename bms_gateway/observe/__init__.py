@@ -4,7 +4,8 @@ The observer of strings with effects is in `observe.effects`: it brings the cata
 effects need not load.
 """
 
-from bms_gateway.observe.adaptive import AdaptiveObserver, Estimate
+from bms_gateway.observe.adaptive import AdaptiveObserver
+from bms_gateway.observe.estimate import Estimate
 from bms_gateway.observe.kalman import Innovation, Kalman, KalmanState, Predicted
 from bms_gateway.observe.luenberger import Luenberger
 from bms_gateway.observe.measured import Measured

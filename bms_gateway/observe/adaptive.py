@@ -12,17 +12,20 @@ step on.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
 
 from bms_gateway.errors import StateError
-from bms_gateway.observe.kalman import Kalman, KalmanState
-from bms_gateway.observe.model import OFFSETS, Bools, Ints, stack, start_covariance
+from bms_gateway.observe.bands import Bands, Levers
+from bms_gateway.observe.blocks import BLOCK, Blocks, chosen
+from bms_gateway.observe.estimate import Estimate
+from bms_gateway.observe.kalman import Innovation, Kalman, KalmanState, Predicted
+from bms_gateway.observe.model import OFFSETS, Bools, Ints, scaled, stack, start_covariance, usable
 from bms_gateway.observe.pace import EVERY
 from bms_gateway.observe.sensitivity import PARAMETERS, Flows, carried, corrected
-from bms_gateway.observe.spread import root, scatter
+from bms_gateway.observe.spread import prior_covariance, root
 from bms_gateway.observe.stored import like, plain
 from bms_gateway.observe.unseen import JUST_LEFT_S, RESTED_S, either, opened
 from bms_gateway.thermal import Disturbance, Floats, Start, StringModel, StringParameters
@@ -35,30 +38,6 @@ READ_WITHIN = 60.0
 """s for which a reading stands for its surface: thermocouples that take turns, and many fast time constants (9 s)."""
 PROBE = 1e-4
 """Relative step of the finite differences over a gap: far above rounding, far below curvature."""
-
-
-@dataclass(frozen=True, slots=True)
-class Estimate:
-    """Temperatures of S strings of n cells at one instant.
-
-    Attributes
-    ----------
-    core, surface : ndarray (S, n), °C
-        NaN where nothing is known yet.
-    core_sd, surface_sd : ndarray (S, n), K
-        Standard deviations, parameters included; infinite where nothing is known yet.
-    innovation, innovation_sd : ndarray (S, n), K
-        Reading less prediction and what it should be, parameters included; NaN for cells without a reading.
-    available : ndarray of bool (S,)
-    """
-
-    core: Floats
-    core_sd: Floats
-    surface: Floats
-    surface_sd: Floats
-    innovation: Floats
-    innovation_sd: Floats
-    available: Bools
 
 
 class AdaptiveObserver:
@@ -116,22 +95,25 @@ class AdaptiveObserver:
         self._kalman = Kalman(stack(in_force, dt, disturbance), sensors, fitted)
         self._flows = Flows.of(in_force)
         self._rebuild_heat()
-        self._scatter = np.stack([scatter(m) for m in models], axis=1)[:, :, None]
-        self._own = _as_tolerated(self._scatter, self._cells)
-        self._owned = False
-        self._read = fitted, np.nonzero(fitted)[0], sensors[fitted]
+        self._bands = Bands(models, sensors, fitted)
+        self._everywhere = np.arange(self._strings)
         self._starts = np.stack(
             [start_covariance(self._cells, start, disturbance, inlet_known=known) for known in (False, True)]
         )
         M = 2 * self._cells + OFFSETS
         self._state = self._kalman.init(np.zeros((self._strings, M)), np.repeat(self._starts[:1], self._strings, 0))
-        self._J = np.zeros((self._strings, M, len(PARAMETERS)))
-        self._cov = np.stack([_prior_covariance(m, heat_rel_sd) for m in models])
+        self._blocks = Blocks(self._strings, self._cells, widest)
+        self._left = 0  # steps that may wait before the next block is full
+        self._share_of_usual = -float(np.expm1(-self._dt / disturbance.correlation))
+        self._cov = np.stack([prior_covariance(m, heat_rel_sd) for m in models])
         self._root = np.stack([root(c) for c in self._cov])
         self._unread = np.full(sensors.shape, np.inf)
         self._inlet = np.zeros(self._strings)
         self._usual = np.zeros((self._strings, self._cells))
         self._available = np.zeros(self._strings, np.bool_)
+        self._resting = b""  # which readings the bands rest on; nothing: to be found out
+        self._everyone = self._fresh = False  # every string is available; every sensor was read in the newest step
+        self._reading_sd = np.full((self._strings, self._cells), np.nan)
 
     @property
     def parameters(self) -> tuple[StringParameters, ...]:
@@ -149,7 +131,7 @@ class AdaptiveObserver:
         return self._share
 
     def step(
-        self, I2: Floats, heat: Floats, inlet: Floats, y: Floats, age: Floats, flow_ratio: Floats | None = None
+        self, I2: Floats, heat: Floats | None, inlet: Floats, y: Floats, age: Floats, flow_ratio: Floats | None = None
     ) -> Estimate:
         """Advance one step and take the readings in.
 
@@ -158,7 +140,7 @@ class AdaptiveObserver:
         I2 : ndarray (S,), A²
             Mean square of the current over the step; NaN where it is not known.
         heat : ndarray (S, n), W
-            Mean heat where it is known otherwise, as from the voltage; NaN for I²R_e.
+            Mean heat where it is known otherwise, as from the voltage; NaN, or None altogether, for I²R_e.
         inlet : ndarray (S,), °C
             Coolant inlet now; NaN where missing: the last one is held.
         y, age : ndarray (S, n), °C, s
@@ -179,22 +161,53 @@ class AdaptiveObserver:
         inlet1 = np.where(known[:, 0], inlet, self._inlet)
         was_known = self._state.pattern[:, -OFFSETS] >= 0
         inlet0 = np.where(was_known, self._inlet, inlet1)  # no ramp from a value that was only held
-        predicted = self._kalman.predict(self._state, electric + given, inlet0, inlet1, known)
+        predicted = self._kalman.predict(
+            self._state, electric if given is None else electric + given, inlet0, inlet1, known
+        )
         state, innovation = self._kalman.update(predicted, y, age)
-        before = predicted.before
-        forcing = self._flows.forcing((before.x + predicted.x) / 2.0, electric, given, (inlet0 + inlet1) / 2.0)
-        model, sensors = self._kalman.model, self._kalman.sensors
-        J = carried(self._J, model.A, forcing, self._dt)
-        self._J, seen = corrected(J, self._J, state.K, sensors, innovation.lag)
         self._state, self._inlet = state, inlet1
-        self._unread = np.where(np.isfinite(innovation.value), 0.0, self._unread + self._dt)
-        more = _squares(np.matmul(seen, self._root))
-        return self._estimate(innovation.value, np.sqrt(np.square(innovation.sd) + more))
+        if self._left > 0 and state.K is predicted.before.K:
+            self._left -= 1
+            self._blocks.wait(predicted, given)
+            if not self._fresh:
+                self._unread = np.where(np.isfinite(innovation.value), 0.0, self._unread + self._dt)
+        else:
+            self._feel(predicted, innovation, electric, given, (inlet0 + inlet1) / 2.0)
+        sd = self._bands.told(self._levers(), None if self._everyone else self._available)
+        return self._estimate(sd, self._bands.on_cells(innovation.value), self._reading_sd)
+
+    def _feel(
+        self, step: Predicted, innovation: Innovation, electric: Floats, given: Floats | None, inlet: Floats
+    ) -> None:
+        """Take a step with the sensitivities that do not wait any longer, and look at their strings' bands anew."""
+        there = np.isfinite(innovation.value)
+        self._unread = np.where(there, 0.0, self._unread + self._dt)
+        self._fresh = bool((self._unread == 0.0).all())
+        blocks, state, kalman = self._blocks, self._state, self._kalman
+        moved = state.since == 0
+        at = np.flatnonzero(moved | (blocks.waiting >= BLOCK))
+        J = blocks.J[:0]
+        if len(at):
+            J0 = blocks.caught_up(at, self._flows, kalman, step.before)
+            middle = (chosen(step.before.x, at) + chosen(step.x, at)) / 2.0
+            heat = np.zeros((len(at), self._cells)) if given is None else chosen(given, at)
+            forcing = self._flows.of_strings(at).forcing(middle, chosen(electric, at), heat, chosen(inlet, at))
+            J = carried(J0, chosen(kalman.model.A, at), forcing, self._dt)
+            J, seen = corrected(J, J0, chosen(state.K, at), chosen(kalman.sensors, at), chosen(innovation.lag, at))
+            self._bands.know(at, state.P, J, self._root, seen)
+        blocks.wait(step, given)
+        blocks.put(at, J)
+        blocks.forget(np.flatnonzero(moved), state)
+        self._left = BLOCK - int(blocks.waiting.max())
+        self._reading_sd = self._bands.of_readings(innovation.sd)
 
     def estimate(self) -> Estimate:
         """Tell where the strings are now, with no innovation; nothing changes."""
-        none = np.full(self._kalman.sensors.shape, np.nan)
-        return self._estimate(none, none)
+        every = self._everywhere
+        J = self._blocks.caught_up(every, self._flows, self._kalman, self._state)
+        sd = self._bands.now(self._state.P, J, self._root, self._levers(), self._available)
+        nothing = np.full((self._strings, self._cells), np.nan)
+        return self._estimate(sd, nothing, nothing)
 
     def set_parameters(
         self,
@@ -234,11 +247,12 @@ class AdaptiveObserver:
             if np.isfinite(a).all():
                 ln = np.log(b / a)
                 moved[j], apart[name] = float(np.mean(ln)), ln - np.mean(ln)
+        one = np.array([s])
         rise, over, gap = (lever[s] for lever in self._levers())
         self._parameters[s] = new
-        self._exchange(np.array([s]))
+        self._exchange(one)
         x = self._state.x.copy()
-        x[s] += self._J[s] @ moved
+        x[s] += self._blocks.J[s] @ moved
         if self._available[s]:  # a cell's rise goes with its own heat and resistances
             both = apart["R_e"] * rise + apart["R_u"] * over
             x[s, 0:-OFFSETS:2] += both + apart["R_c"] * gap
@@ -251,10 +265,7 @@ class AdaptiveObserver:
         cov[np.ix_(at, at)] = covariance
         self._cov, self._root = self._cov.copy(), self._root.copy()
         self._cov[s], self._root[s] = cov, root(cov)
-        if own is not None or self._owned:
-            tolerated = _as_tolerated(self._scatter, self._cells)[s]
-            self._own, self._owned = self._own.copy(), True
-            self._own[s] = tolerated if own is None else own
+        self._bands.differ(s, own)
 
     def propagate(self, gap_s: float, inlet: Floats | None = None, *, unseen: bool = False) -> Estimate:
         """Carry all strings over a time without frames: a silent bus, or parked since the state was stored.
@@ -273,8 +284,9 @@ class AdaptiveObserver:
         Estimate
             No heat in the meantime; bands grow towards those of a rested string whose inlet nobody saw.
         """
+        self._catch_up(self._everywhere)
         if unseen:
-            state = self._kalman.caught_up(self._state, np.arange(self._strings))
+            state = self._kalman.caught_up(self._state, self._everywhere)
             x, P = opened(state.x, state.P, self._usual.mean(axis=1), self._kalman.model.disturbance)
             self._state = replace(state, x=x, P=P)
         in_force = [self._in_force(s) for s in range(self._strings)]
@@ -282,37 +294,44 @@ class AdaptiveObserver:
         gap = stack(in_force, gap_s, d)
         inlet1 = self._inlet if inlet is None else np.where(np.isfinite(inlet), inlet, self._inlet)
         still = np.zeros((self._strings, self._cells))
-        J = np.matmul(gap.A, self._J)
+        J = np.matmul(gap.A, self._blocks.J)
         for j, name in enumerate(PARAMETERS[:-1]):
             up, down = (
-                stack([_usable(_scaled(p, name, f)) for p in in_force], gap_s, d).advance(
+                stack([usable(scaled(p, name, f)) for p in in_force], gap_s, d).advance(
                     self._state.x, still, self._inlet, inlet1
                 )
                 for f in (np.exp(PROBE), np.exp(-PROBE))
             )
             J[:, :, j] += (up - down) / (2.0 * PROBE)
-        self._J = J
+        self._blocks.put(self._everywhere, J)
         self._state = self._kalman.propagate(self._state, gap, self._inlet, inlet1, unseen=unseen)
         self._inlet, self._usual, self._unread = inlet1.copy(), still, self._unread + gap_s
+        self._fresh = False
         return self.estimate()
 
     def propagate_unknown(self) -> None:
         """Carry all strings over a time of which nobody knows how long it was: a clock that is not to be believed."""
-        state, J, inlet, usual, unread = self._state, self._J, self._inlet, self._usual, self._unread
+        self._catch_up(self._everywhere)
+        state, inlet, usual, unread = self._state, self._inlet, self._usual, self._unread
+        J = self._blocks.J.copy()
         self.propagate(RESTED_S)
-        rested, J_rested = self._state, self._J
-        self._state, self._J, self._inlet, self._usual, self._unread = state, J, inlet, usual, unread
+        rested, J_rested = self._state, self._blocks.J.copy()
+        self._state, self._inlet, self._usual, self._unread = state, inlet, usual, unread
+        self._blocks.put(self._everywhere, J)
         self.propagate(JUST_LEFT_S, unseen=True)
         x, P = either(self._state.x, self._state.P, rested.x, rested.P)
-        self._state, self._J = replace(self._state, x=x, P=P), (self._J + J_rested) / 2.0
+        self._state = replace(self._state, x=x, P=P)
+        self._blocks.put(self._everywhere, (self._blocks.J + J_rested) / 2.0)
 
     def snapshot(self) -> dict[str, Any]:
         """Return all that a restart needs, as numbers, lists and None for NaN."""
         own = {name: plain(getattr(self, f"_{name}")) for name in _KEPT}
+        own["J"] = plain(self._blocks.caught_up(self._everywhere, self._flows, self._kalman, self._state))
+        block = self._blocks.snapshot() | self._bands.snapshot()
         state = {f.name: plain(getattr(self._state, f.name)) for f in fields(KalmanState)}
         values = [{k: plain(np.asarray(getattr(p, k))) for k in PARAMETERS[:-1]} for p in self._parameters]
-        cells = plain(self._own) if self._owned else None
-        return {"own": own, "state": state, "parameters": values, "cells": cells}
+        cells = plain(self._bands.own) if self._bands.owned else None
+        return {"own": own, "state": state, "parameters": values, "cells": cells, "block": block}
 
     def restore(self, snapshot: Mapping[str, Any]) -> None:
         """Go on from `snapshot` as if never stopped, bit for bit.
@@ -327,26 +346,43 @@ class AdaptiveObserver:
             state = KalmanState(
                 **{f.name: like(snapshot["state"][f.name], getattr(self._state, f.name)) for f in fields(KalmanState)}
             )
+            J = like(snapshot["own"]["J"], self._blocks.J)
+            blocks = Blocks(self._strings, self._cells, self._unread.shape[1])
+            block = snapshot.get("block")  # states of before sensitivities went in blocks have none that waits
+            if block is None:
+                blocks.put(self._everywhere, J)
+            else:
+                blocks.restore(block)
             cells = snapshot.get("cells")
-            owned = self._own if cells is None else like(cells, self._own)
+            owned = self._bands.own if cells is None else like(cells, self._bands.own)
+            bands = Bands(self._models, self._kalman.sensors, self._kalman.fitted)
+            if block is not None:
+                bands.restore(block, state.P, blocks.J, np.stack([root(c) for c in own["cov"]]))
             parameters = [
                 model.parameters({k: like(v[k], np.asarray(getattr(p, k))) for k in model.priors})
                 for model, p, v in zip(self._models, self._parameters, snapshot["parameters"], strict=True)
             ]
         except (KeyError, TypeError, ValueError) as e:
             raise StateError(f"observer state: not of these strings ({type(e).__name__}: {e})") from e
-        numbers = (state.x, state.P, state.K, own["J"], own["cov"], own["inlet"], owned)
+        numbers = (state.x, state.P, state.K, J, own["cov"], own["inlet"], owned)
         if not all(np.isfinite(a).all() for a in numbers):
             raise StateError("observer state: holds values that are not numbers")
         for name, value in own.items():
             setattr(self, f"_{name}", value)
         self._parameters, self._state = parameters, state
-        self._own, self._owned = owned, cells is not None
         self._root = np.stack([root(c) for c in self._cov])
-        self._exchange(np.arange(self._strings), restored=True)
+        bands.own, bands.owned = owned, cells is not None
+        self._blocks, self._bands = blocks, bands
+        self._everyone, self._fresh = bool(self._available.all()), False
+        self._exchange(self._everywhere, restored=True)
+        if block is None:
+            seen = np.zeros((*self._unread.shape, len(PARAMETERS)))
+            bands.know(self._everywhere, state.P, J, self._root, seen)
 
     def _begin(self, inlet: Floats, y: Floats) -> None:
         """Start the strings of which something is heard for the first time."""
+        if self._everyone:
+            return
         heard: Bools = np.isfinite(y)
         new = np.flatnonzero(~self._available & (heard.any(axis=1) | np.isfinite(inlet)))
         if not len(new):
@@ -360,23 +396,31 @@ class AdaptiveObserver:
         held, pattern, since = self._state.held.copy(), self._state.pattern.copy(), self._state.since.copy()
         held[new], pattern[new], since[new] = 0, -1, 0
         self._state = replace(self._state, x=x, P=P, held=held, pattern=pattern, since=since)
-        self._J, self._inlet, self._available = self._J.copy(), self._inlet.copy(), self._available.copy()
-        self._J[new] = 0.0
+        self._inlet, self._available = self._inlet.copy(), self._available.copy()
+        self._blocks.put(new, np.zeros_like(self._blocks.J[new]))
         self._inlet[new] = np.where(known, inlet[new], level)
         self._available[new] = True
+        self._everyone, self._left = bool(self._available.all()), 0
 
-    def _heat(self, I2: Floats, heat: Floats) -> tuple[Floats, Floats, Bools]:
+    def _heat(self, I2: Floats, heat: Floats | None) -> tuple[Floats, Floats | None, Bools]:
         """Heat from I²R_e, heat given, and whether either was there; else the usual heat of the last minutes."""
-        measured: Bools = np.isfinite(heat)
-        electric = np.where(measured, 0.0, I2[:, None] * self._R_e)
+        electric = I2[:, None] * self._R_e
+        given = None
+        if heat is not None and (measured := np.isfinite(heat)).any():
+            electric, given = np.where(measured, 0.0, electric), np.where(measured, heat, 0.0)
         known = np.asarray(np.isfinite(electric).all(axis=1), dtype=np.bool_)
-        electric = np.where(np.isfinite(electric), electric, self._usual)
-        given = np.where(measured, heat, 0.0)
-        share = -np.expm1(-self._dt / self._kalman.model.disturbance.correlation)
-        self._usual = self._usual + share * np.where(known[:, None], electric + given - self._usual, 0.0)
+        every = bool(known.all())
+        if not every:
+            electric = np.where(np.isfinite(electric), electric, self._usual)
+        unusual = (electric if given is None else electric + given) - self._usual
+        self._usual = self._usual + self._share_of_usual * (
+            unusual if every else np.where(known[:, None], unusual, 0.0)
+        )
         return electric, given, known
 
     def _follow_flow(self, ratio: Floats) -> None:
+        if np.isnan(ratio).all():
+            return
         fine = np.where(np.isfinite(ratio), np.clip(ratio, *FLOW_LIMITS), 1.0)
         grid = np.log(fine) / FLOW_GRID
         moved = np.isfinite(ratio) & (np.abs(grid - self._level) > 0.75)
@@ -386,15 +430,18 @@ class AdaptiveObserver:
 
     def _in_force(self, s: int) -> StringParameters:
         p = self._parameters[s]
-        return _usable(p.with_flow_ratio(float(np.exp(FLOW_GRID * self._level[s])))) if self._level[s] else p
+        return usable(p.with_flow_ratio(float(np.exp(FLOW_GRID * self._level[s])))) if self._level[s] else p
 
     def _exchange(self, at: Ints, *, restored: bool = False) -> None:
         """Rebuild the matrices of the strings `at`, whose parameters or flow have changed."""
+        self._left, self._resting = 0, b""
         if not restored:
+            self._catch_up(at)
             state = self._kalman.caught_up(self._state, at)
             held = state.held.copy()
             held[at] = np.minimum(held[at], EVERY - 1)  # a little change: the next step is computed, then short strides
             self._state = replace(state, held=held)
+        self._blocks.forget(at)
         in_force = [self._in_force(int(s)) for s in at]
         self._kalman = self._kalman.exchanged(at, stack(in_force, self._dt, self._kalman.model.disturbance))
         self._flows = self._flows.exchanged(at, Flows.of(in_force))
@@ -404,70 +451,25 @@ class AdaptiveObserver:
         self._R_e = np.stack([p.R_e for p in self._parameters])
         self._share: Floats = np.asarray(self._R_e / self._R_e.mean(axis=1, keepdims=True), dtype=np.float64)
 
-    def _estimate(self, innovation: Floats, innovation_sd: Floats) -> Estimate:
-        N = 2 * self._cells
-        there = self._available[:, None]
-        x = np.where(there, self._state.x[:, :N], np.nan)
-        var = np.einsum("sii->si", self._state.P)[:, :N] + _squares(np.matmul(self._J[:, :N], self._root))
-        var += self._between_cells()
-        sd = np.where(there, np.sqrt(var), np.inf)
-        r, r_sd = np.full((2, self._strings, self._cells), np.nan)
-        fitted, row, at = self._read
-        r[row, at], r_sd[row, at] = innovation[fitted], innovation_sd[fitted]
-        return Estimate(x[:, 0::2], sd[:, 0::2], x[:, 1::2], sd[:, 1::2], r, r_sd, self._available)
+    def _catch_up(self, at: Ints) -> None:
+        """Let the sensitivities of the strings `at` make the steps that wait."""
+        self._left = 0
+        self._blocks.put(at, self._blocks.caught_up(at, self._flows, self._kalman, self._state))
 
-    def _between_cells(self) -> Floats:
-        """Variance (S, 2n) that cells add by being unlike: a surface that is read stands for itself."""
-        rise, over, gap = self._levers()
-        heat, cooling, inside, offset = self._scatter
-        if self._owned:
-            heat, cooling, inside = (self._own[:, :, a, a] for a in range(3))
-        var = np.empty((len(rise), 2 * self._cells))
-        var[:, 0::2] = heat * rise**2 + cooling * over**2 + inside * gap**2 + offset
-        var[:, 1::2] = (heat + cooling) * over**2 + offset
-        if self._owned:
-            of_heat, of_gap, of_film = self._own[:, :, 0, 1], self._own[:, :, 0, 2], self._own[:, :, 1, 2]
-            var[:, 0::2] += 2.0 * (of_heat * rise * over + of_gap * rise * gap + of_film * over * gap)
-            var[:, 1::2] += 2.0 * of_heat * over**2
-        return var
+    def _estimate(self, bands: tuple[Floats, Floats], innovation: Floats, innovation_sd: Floats) -> Estimate:
+        x = self._state.x[:, : 2 * self._cells]
+        if not self._everyone:
+            x = np.where(self._available[:, None], x, np.nan)
+        return Estimate(x[:, 0::2], bands[0], x[:, 1::2], bands[1], innovation, innovation_sd, self._available)
 
-    def _levers(self) -> tuple[Floats, Floats, Floats]:
-        """Temperatures (S, n) that a cell's own R_e, R_u, R_c stand behind: core over base, surface over it, gap."""
-        x, N = self._state.x, 2 * self._cells
-        T_c, T_s = x[:, 0:N:2], x[:, 1:N:2]
-        base = self._flows.coolant(x, self._inlet)
-        row, col = (self._unread <= READ_WITHIN).nonzero()
-        at = self._kalman.sensors[row, col]
-        base[row, at] = T_s[row, at]
-        return T_c - base, T_s - base, T_c - T_s
+    def _levers(self) -> Levers:
+        """Tell what cells' own numbers stand behind; what surfaces rest on is found anew where that has changed."""
+        read = self._unread <= READ_WITHIN
+        if self._resting != read.tobytes():
+            self._bands.rest_on(self._flows, self._kalman.sensors, read)
+            self._resting = read.tobytes()
+        return self._bands.levers(self._state.x, self._inlet)
 
 
-_KEPT = ("J", "cov", "inlet", "usual", "unread", "level", "available")
+_KEPT = ("cov", "inlet", "usual", "unread", "level", "available")
 """Attributes beside the filter's state and the parameters that a snapshot holds."""
-
-
-def _as_tolerated(scattered: Floats, cells: int) -> Floats:
-    """Covariance (S, n, 3, 3) of each cell's ln R_e, ln R_u, ln R_c by the models' tolerances: uncorrelated."""
-    own = np.zeros((scattered.shape[1], cells, 3, 3))
-    at = np.arange(3)
-    own[:, :, at, at] = scattered[:3].transpose(1, 2, 0)
-    return own
-
-
-def _prior_covariance(model: StringModel, heat_rel_sd: float) -> Floats:
-    sd = [model.priors[k].rel_sd if k in model.priors else 0.0 for k in PARAMETERS[:-1]]
-    return np.diag(np.square([*sd, heat_rel_sd]))
-
-
-def _squares(a: Floats) -> Floats:
-    """Sum the squares over the last axis, which is short: a reduction there would be slow."""
-    return np.asarray(np.einsum("smp,smp->sm", a, a), dtype=np.float64)
-
-
-def _scaled(p: StringParameters, symbol: str, factor: float) -> StringParameters:
-    return replace(p, **{symbol: getattr(p, symbol) * factor})
-
-
-def _usable(p: StringParameters) -> StringParameters:
-    """Take the exact exchange where the flow is too low for the bulk node, which would overshoot there."""
-    return replace(p, coolant="ntu") if p.coolant == "bulk" and bool(np.any(p.R_u * p.C_f <= 1.0)) else p

@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 
 from bms_gateway.errors import StateError
-from bms_gateway.observe.adaptive import FLOW_LIMITS, READ_WITHIN, Estimate
+from bms_gateway.observe.adaptive import FLOW_LIMITS, READ_WITHIN
 from bms_gateway.observe.consider import Belief, conditioned
+from bms_gateway.observe.estimate import Estimate
 from bms_gateway.observe.measured import SOC_UNKNOWN, Measured
 from bms_gateway.observe.model import OFFSETS, Bools, start_covariance
 from bms_gateway.observe.spread import root, scatter
@@ -93,9 +94,8 @@ class EffectObserver:
         self._effective = nan, 0.0
         self._unread = np.full(len(self._sensors), np.inf)
         self._known = np.ones(OFFSETS, np.bool_)
-        self._available = np.array(False)
+        self._available, self._usual = np.array(False), np.zeros(3)
         self._inlet, self._soc, self._flow, self._hours = nan, float(soc), 1.0, 0.0
-        self._usual = np.zeros(3)
         self._row = np.full(len(ROW), nan)
         self._carry: dict[str, Floats] = {}
         # inputs and states since the sensitivities were last forced, and the memories at that time

@@ -15,9 +15,9 @@ that P stays symmetric.
 The gain and the covariance do not depend on the readings, only on which there are. While the same ones keep coming
 (same lag to a fifth of a step), what still changes does so the slower the longer they have. After `EVERY` steps the
 covariance is therefore brought up to date in strides, exactly (`strides`), which grow with the time since the last
-change and with calm (`pace`); in between, gain and covariance are those of the last one, late by 1/32 of that time at most. A variance that
-grows from nothing in proportion to time is thus stated 3 % too small and its band 1.5 %, others by less; what shrinks
-stays too wide by as little.
+change and with calm (`pace`); in between, gain and covariance are those of the last one, late by 1/32 of that time at
+most. A variance that grows from nothing in proportion to time is thus stated 3 % too small and its band 1.5 %, others
+by less; what shrinks stays too wide by as little.
 """
 
 from dataclasses import dataclass, field, replace
@@ -186,10 +186,11 @@ class Kalman:
         """
         if known is None:
             known = np.ones((len(state.x), OFFSETS), np.bool_)
-        back = known & (state.pattern[:, -OFFSETS:] == NONE) & (state.held > 0)[:, None]
-        if back.any():
-            d = self.model.disturbance
-            state = _restarted(self.caught_up(state, np.flatnonzero(back.any(axis=1))), back, (d.inlet, d.heat_common))
+        if not self.calm.knew(state.held, known):
+            back = known & (state.pattern[:, -OFFSETS:] == NONE) & (state.held > 0)[:, None]
+            if back.any():
+                sd = self.model.disturbance.inlet, self.model.disturbance.heat_common
+                state = _restarted(self.caught_up(state, np.flatnonzero(back.any(axis=1))), back, sd)
         u = self.model.inputs(state.x, heat, inlet0, inlet1)
         return Predicted(state, u, self.model.moved(u), known)
 
@@ -212,16 +213,19 @@ class Kalman:
         reading = y.take(self.cell)
         there = np.isfinite(reading) & self.fitted
         lag = np.where(there, self.lag(age), 0.0)
-        if self.calm.goes_on(before.held, before.since, there, predicted.known, lag):
-            state = replace(before, held=before.held + 1, since=before.since + 1)
-            self.calm.passed(state.held, state.since)
+        calm = self.calm
+        if calm.goes_on(before.held, before.since, there, predicted.known, lag):
+            state, held, since = before, before.held + 1, before.since + 1
+            calm.passed(held, since)
         else:
             state = self._changed(before, there, lag, predicted.known)
+            held, since, calm.sd = state.held, state.since, np.where(there, np.sqrt(state.S), np.nan)
+        assert calm.sd is not None  # noqa: S101 - set with every change
         now = predicted.x.take(self.surface)
         r = reading - (now + lag * (before.x.take(self.surface) - now))
         x = predicted.x + np.matmul(state.K, np.where(there, r, 0.0)[:, :, None])[:, :, 0]
-        state = KalmanState(x, state.P, state.K, state.S, state.pattern, state.held, state.since)
-        return state, Innovation(np.where(there, r, np.nan), np.where(there, np.sqrt(state.S), np.nan), lag)
+        state = KalmanState(x, state.P, state.K, state.S, state.pattern, held, since)
+        return state, Innovation(np.where(there, r, np.nan), calm.sd, lag)
 
     def _changed(self, before: KalmanState, there: Bools, lag: Floats, known: Bools) -> KalmanState:
         """Take a step whose readings may be others than before, or which a stride is due in; the mean stays behind."""

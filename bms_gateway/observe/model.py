@@ -13,7 +13,7 @@ that have none: with independent noise per cell they stay as slow as an open loo
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -222,3 +222,13 @@ def start_covariance(cells: int, start: Start, disturbance: Disturbance, *, inle
     P[_INLET, _INLET] = (disturbance.inlet if inlet_known else disturbance.inlet_unknown) ** 2
     P[_HEAT, _HEAT] = disturbance.heat_common**2
     return P
+
+
+def scaled(p: StringParameters, symbol: str, factor: float) -> StringParameters:
+    """Multiply one number of a string."""
+    return replace(p, **{symbol: getattr(p, symbol) * factor})
+
+
+def usable(p: StringParameters) -> StringParameters:
+    """Take the exact exchange where the flow is too low for the bulk node, which would overshoot there."""
+    return replace(p, coolant="ntu") if p.coolant == "bulk" and bool(np.any(p.R_u * p.C_f <= 1.0)) else p

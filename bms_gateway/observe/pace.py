@@ -18,9 +18,9 @@ EVERY = 256
 """Steps after a change that are all computed; before, strides would hardly be cheaper."""
 SHARE = 64
 """Strides are powers of two, from this share of the time since the last change to twice as much."""
-STILL = 0.002
-"""Share that no variance has moved by over a stride, from which that stride counts twice: what the next one may do to a
-band is then a tenth of what growing strides alone would."""
+STILL, SETTLED = 0.01, 1024
+"""Share that no variance has moved by over a stride, from which that stride counts twice, and the steps since a change
+from which that is believed: the next stride then moves a band by a per cent, as growing strides alone would."""
 LONGEST = 2**40
 """Steps that the time since a change may come to by counting twice."""
 LAG_STEPS = 4
@@ -44,7 +44,7 @@ def due(held: Ints, since: Ints) -> Bools:
 
 
 def steps_left(held: Ints, since: Ints) -> Ints:
-    """Steps (S,) after which the next one is `due`, if nothing changes.
+    """Count the steps (S,) after which the next one is `due`, if nothing changes.
 
     Examples
     --------
@@ -67,7 +67,7 @@ def stilled(held: Ints, before: Floats, after: Floats) -> Ints:
         Covariances at the beginning and the end of a stride.
     """
     old, new = np.einsum("sii->si", before), np.einsum("sii->si", after)
-    still = (np.abs(new - old) <= STILL * old).all(axis=1) & (held > EVERY)
+    still = (np.abs(new - old) <= STILL * old).all(axis=1) & (held >= SETTLED)
     return np.where(still, np.minimum(2 * held, LONGEST), held)
 
 
@@ -83,6 +83,7 @@ class Calm:
     there: bytes = b""
     known: bytes = b""
     w: Floats | None = None
+    sd: Floats | None = None
     left: int = 0
 
     def goes_on(self, held: Ints, since: Ints, there: Bools, known: Bools, lag: Floats) -> bool:
@@ -93,15 +94,20 @@ class Calm:
             and self.since is since
             and self.there == there.tobytes()
             and self.known == known.tobytes()
+            and self.w is not None
             and (not lag.size or float(np.abs(lag - self.w).max()) <= LAG_HOLD)
         )
+
+    def knew(self, held: Ints, known: Bools) -> bool:
+        """Whether the noted step, if these are its counts, had the same inputs measured: none of them is back."""
+        return self.held is held and self.known == known.tobytes()
 
     def passed(self, held: Ints, since: Ints) -> None:
         """Note one more of the same, which led to these counts."""
         self.held, self.since, self.left = held, since, self.left - 1
 
     def begin(self, held: Ints, since: Ints, there: Bools, known: Bools, pattern: Ints) -> None:
-        """Note a step of another kind, which led to these counts and this pattern."""
+        """Note a step of another kind, which led to these counts and this pattern; `sd` is then to be set."""
         self.held, self.since, self.there, self.known = held, since, there.tobytes(), known.tobytes()
         self.w = np.where(there, pattern[:, :-OFFSETS], 0) / LAG_STEPS
         self.left = int(steps_left(held, since).min())

@@ -113,6 +113,12 @@ class Flows:
         core[:, :, 7] = given / self.C_c
         return F
 
+    def of_strings(self, at: Ints) -> "Flows":
+        """Take the strings `at`, ascending and each once."""
+        if len(at) == len(self.g_cc):
+            return self
+        return Flows(*(getattr(self, f.name)[at] for f in fields(self)))
+
     def exchanged(self, at: Ints, part: "Flows") -> "Flows":
         """Exchange the strings `at` for those of `part`."""
 

@@ -5,6 +5,7 @@ Beyond Lin et al., whose observer holds its parameters for exact.
 
 import numpy as np
 
+from bms_gateway.observe.sensitivity import PARAMETERS
 from bms_gateway.thermal import Floats, StringModel
 
 
@@ -21,3 +22,46 @@ def root(covariance: Floats) -> Floats:
     """Find F with F Fᵀ = covariance; by eigenvalues, because fixed parameters make it singular."""
     values, vectors = np.linalg.eigh((covariance + covariance.T) / 2.0)
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)), dtype=np.float64)
+
+
+def as_tolerated(scattered: Floats, cells: int) -> Floats:
+    """Covariance (S, n, 3, 3) of each cell's ln R_e, ln R_u, ln R_c by the models' tolerances: uncorrelated."""
+    own = np.zeros((scattered.shape[1], cells, 3, 3))
+    at = np.arange(3)
+    own[:, :, at, at] = scattered[:3].transpose(1, 2, 0)
+    return own
+
+
+def prior_covariance(model: StringModel, heat_rel_sd: float) -> Floats:
+    """Covariance of the logarithms of `PARAMETERS` before anything is identified."""
+    sd = [model.priors[k].rel_sd if k in model.priors else 0.0 for k in PARAMETERS[:-1]]
+    return np.diag(np.square([*sd, heat_rel_sd]))
+
+
+def between_cells(rise: Floats, over: Floats, gap: Floats, scattered: Floats, own: Floats | None) -> Floats:
+    """Variance that cells add by being unlike, in the steady proportions.
+
+    Parameters
+    ----------
+    rise, over, gap : ndarray (s, n), K
+        Temperatures that a cell's own R_e, R_u and R_c stand behind.
+    scattered : ndarray (4, s, 1)
+        As `scatter` has it, by the models' tolerances.
+    own : ndarray (s, n, 3, 3) or None
+        Covariance of each cell's ln R_e, ln R_u, ln R_c where it is known better.
+
+    Returns
+    -------
+    ndarray (s, 2n), K²
+    """
+    heat, cooling, inside, offset = scattered
+    if own is not None:
+        heat, cooling, inside = (own[:, :, a, a] for a in range(3))
+    var = np.empty((len(rise), 2 * rise.shape[1]))
+    var[:, 0::2] = heat * rise**2 + cooling * over**2 + inside * gap**2 + offset
+    var[:, 1::2] = (heat + cooling) * over**2 + offset
+    if own is not None:
+        of_heat, of_gap, of_film = own[:, :, 0, 1], own[:, :, 0, 2], own[:, :, 1, 2]
+        var[:, 0::2] += 2.0 * (of_heat * rise * over + of_gap * rise * gap + of_film * over * gap)
+        var[:, 1::2] += 2.0 * of_heat * over**2
+    return var
