@@ -86,7 +86,7 @@ def _show(args: argparse.Namespace, loaded: "LoadedConfig") -> int:
 
 def _health(string: "StringPlan", store: Path) -> "StringHealth":
     """Health as stored; as new where nothing is."""
-    from bms_gateway.engine.estimate import health_of
+    from bms_gateway.engine.string import health_of
     from bms_gateway.store import StateStore
 
     health = health_of(string)

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway import __version__
-from bms_gateway.engine.estimate import Estimators, StringEstimator
+from bms_gateway.engine.estimate import Estimators
 from bms_gateway.engine.plan import Plan
+from bms_gateway.engine.string import StringEstimator
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.database import Database
 from bms_gateway.frames.encode import Encoder

@@ -2,9 +2,9 @@
 
 from collections.abc import Mapping, Sequence
 
-from bms_gateway.engine.estimate import StringEstimator
 from bms_gateway.engine.events import Judged, Judgement
 from bms_gateway.engine.inputs import Reading
+from bms_gateway.engine.string import StringEstimator
 
 
 def judged(

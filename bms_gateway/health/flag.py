@@ -52,6 +52,9 @@ class Flag:
         """
         if value != value:
             return False
+        if not self.level and value < self.thresholds.rise[0]:  # nothing to tell, as nearly always
+            self._count = 0
+            return False
         wanted = sum(value >= r for r in self.thresholds.rise)
         if wanted < self.level:
             wanted = max(wanted, sum(value >= f for f in self.thresholds.fall[: self.level]))

@@ -45,13 +45,16 @@ class Mismatch:
             Whether the flag's level changed.
         """
         # a string has a few sensors: plain numbers are faster than arrays
+        squares = [value * value for value in normalised.tolist() if isfinite(value)]
+        return self.take(sum(squares) / len(squares) if squares else nan, dt)
+
+    def take(self, now: float, dt: float) -> bool:
+        """Take the mean square of one tick's normalised innovations, NaN where there was no reading; see `update`."""
         if self._grace > 0.0:
             self._grace -= dt
             return False
-        squares = [value * value for value in normalised.tolist() if isfinite(value)]
-        if not squares:
+        if now != now:
             return False
-        now = sum(squares) / len(squares)
         if self.excess != self.excess:
             self.excess = now
         self.excess += (now - self.excess) * min(1.0, dt / WINDOW_S)

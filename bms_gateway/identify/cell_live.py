@@ -9,6 +9,7 @@ Beyond Lin et al., whose last section leaves the parameters of single cells open
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import inf, isnan, log
 from typing import Any
 
 import numpy as np
@@ -126,7 +127,7 @@ class CellIdentifier:
         self._dt = 1.0
         self._held = (0.0, 0.0)
         self._flow = 1.0
-        self._fitted_s = 0.0
+        self._fitted_s, self._next_s = 0.0, MILESTONES_S[0]
         self._heard = False
         self._sums.reset()
 
@@ -154,12 +155,12 @@ class CellIdentifier:
         job = None
         self._since += min(tick.dt, GAP_S)
         ratio = flow_ratio if flow_ratio > 0.0 else self._flow
-        moved = bool(self._square) and abs(np.log(ratio / self._flow)) > FLOW_MOVED
+        moved = bool(self._square) and ratio != self._flow and abs(log(ratio / self._flow)) > FLOW_MOVED
         if tick.dt > GAP_S or moved or (self._square and abs(tick.dt - self._dt) > 1e-6):
             job = self._close(common)
         blind, still = self._held
-        blind = blind + tick.dt if np.isnan(tick.mean_square_current) else 0.0
-        still = still + tick.dt if np.isnan(tick.inlet) else 0.0
+        blind = blind + tick.dt if isnan(tick.mean_square_current) else 0.0
+        still = still + tick.dt if isnan(tick.inlet) else 0.0
         if blind > HOLD_CURRENT_S or still > HOLD_INLET_S:
             return job or self._close(common)
         if not self._inlet:
@@ -178,10 +179,11 @@ class CellIdentifier:
         if not self._heard and seconds >= MILESTONES_S[0] / 2.0:
             self._clear()  # no voltages on this bus: nothing is kept for a fit that will not be
             return job
-        if any(self._fitted_s < m <= seconds for m in MILESTONES_S):
+        if seconds >= self._next_s:
             over = seconds >= MILESTONES_S[-1]
             job = self._job(common, over) or job
             self._fitted_s = seconds
+            self._next_s = min((m for m in MILESTONES_S if m > seconds), default=inf)
             if over:
                 self._clear()
         return job

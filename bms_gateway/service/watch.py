@@ -62,7 +62,7 @@ class WatchedPlan(Protocol):
 
 
 class WatchedString(Protocol):
-    """What is looked at of a string; `engine.estimate.StringEstimator` has it."""
+    """What is looked at of a string; `engine.string.StringEstimator` has it."""
 
     @property
     def plan(self) -> WatchedPlan:

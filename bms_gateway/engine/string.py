@@ -1,0 +1,186 @@
+"""What belongs to one string alone: its numbers of the newest tick, its identifiers, its health."""
+
+from dataclasses import dataclass, field
+from math import nan
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bms_gateway.engine.events import Job
+from bms_gateway.engine.inputs import Reading, Wire, identifies_cells
+from bms_gateway.engine.plan import Plan, StringPlan
+from bms_gateway.frames.quality import Quality
+from bms_gateway.health import Ageing, Mismatch, StringHealth
+from bms_gateway.identify import Estimate, FixedIdentifier, Identifier, Tick, VoltageHeat, VoltageTracker, build
+from bms_gateway.identify.cell_kept import numbers_kept
+from bms_gateway.identify.cell_live import CellIdentifier
+from bms_gateway.identify.cell_resistance import CellNumbers
+from bms_gateway.identify.contract import FIXED_AT_COMMISSIONING, IDENTIFIED, LEARNING
+from bms_gateway.observe import Measured
+from bms_gateway.thermal import KINDS, Floats
+
+GOOD_SD = 0.1  # relative; an electrical resistance known worse than this is still being learnt
+CELL_V = (2.0, 4.6)  # V: lithium-ion, empty to full; a string's voltage shared out is not below
+CAPACITY_AH = 8.0  # where the model file does not say; the voltage's slope needs its order of magnitude only
+
+FLAG_NAMES = {
+    "ageing": ("", "R_e_watch", "R_e_warning", "R_e_alarm"),
+    "cooling": ("", "cooling_warning", "cooling_alarm"),
+    "thermocouple": ("", "thermocouple_warning", "thermocouple_alarm"),
+    "current": ("", "current_suspected", "current_confirmed"),
+    "mismatch": ("", "mismatch_suspected", "mismatch_confirmed"),
+}
+"""Names of raised flags by their word and level."""
+
+
+@dataclass(slots=True)
+class StringEstimator:
+    """What belongs to one string alone; the observer is shared by its group.
+
+    Attributes
+    ----------
+    core, core_sd, surface : ndarray (n,)
+        Newest estimate, °C, K, °C; NaN where not available.
+    quality : ndarray of uint8 (n,)
+    innovation, innovation_sd : ndarray (n,)
+        Of the newest tick, K; NaN for cells without a reading.
+    estimates : tuple of Estimate
+        Parameters of the string.
+    effects : tuple of Estimate
+        Numbers of its model's effects, `key.parameter`.
+    health : StringHealth
+        With `ageing` and `mismatch`, which are what is asked for most.
+    kept : CellNumbers or None
+        What a commissioning run left in its model.
+    """
+
+    plan: StringPlan
+    wire: Wire
+    identifier: Identifier
+    voltage: VoltageTracker | None
+    core: Floats
+    core_sd: Floats
+    surface: Floats
+    quality: NDArray[np.uint8]
+    health: StringHealth
+    ageing: Ageing = field(init=False)
+    mismatch: Mismatch = field(init=False)
+    innovation: Floats = field(init=False)
+    innovation_sd: Floats = field(init=False)
+    estimates: tuple[Estimate, ...] = ()
+    effects: tuple[Estimate, ...] = ()
+    electrical: VoltageHeat | None = None
+    cells: CellIdentifier | None = None
+    kept: CellNumbers | None = None
+
+    def __post_init__(self) -> None:
+        self.ageing, self.mismatch = self.health.ageing, self.health.mismatch
+        self.innovation = self.innovation_sd = np.full(self.plan.model.cells, np.nan)
+
+    @classmethod
+    def of(cls, plan: StringPlan, wire: Wire, whole: Plan) -> "StringEstimator":
+        """Build from the plan, knowing nothing yet."""
+        identifier = build(plan.identify, plan.model)
+        n = plan.model.cells
+        nothing = np.full(n, np.nan)
+        cells = CellIdentifier(plan.model, whole.disturbance, whole.cells) if hears_cells(plan, wire) else None
+        own = cls(
+            plan,
+            wire,
+            identifier,
+            # a model with effects says itself where the heat comes from
+            VoltageTracker(plan.model.capacity_Ah or CAPACITY_AH, n)
+            if wire.voltage >= 0 and not plan.model.effects
+            else None,
+            nothing,
+            nothing,
+            nothing,
+            np.full(n, np.uint8(Quality.NEVER)),
+            health_of(plan, identifier),
+            cells=cells,
+            kept=numbers_kept(plan.model),
+        )
+        own.estimates = own.known()
+        return own
+
+    @property
+    def flags(self) -> tuple[str, ...]:
+        """Raised flags by name, as in the summary of an analysis."""
+        raised = (
+            FLAG_NAMES[c.code][c.level] + (f":{c.cell}" if c.cell is not None else "") for c in self.health.conditions()
+        )
+        return tuple(raised)
+
+    def resistance(self) -> float:
+        """Electrical resistance of a mean cell, Ω, where its voltage tells it well; else NaN."""
+        if self.electrical is None:
+            return nan
+        R, sd = self.electrical.resistance, self.electrical.resistance_sd
+        return R / self.plan.model.cells if R > 0.0 and sd < GOOD_SD * R else nan
+
+    def heat(self, reading: Reading, dt: float) -> float:
+        """Mean heat of one cell from current and voltage, W; NaN while the open-circuit voltage is not known."""
+        if self.voltage is None:
+            return nan
+        m = reading.means
+        self.electrical = self.voltage.update(m.I, m.V, m.IV, dt)
+        return self.electrical.heat / self.plan.model.cells
+
+    def known(self) -> tuple[Estimate, ...]:
+        """Parameters as the identifiers have them; R_e from the voltage where that makes the heat."""
+        common = self.identifier.estimates()
+        found = common + ((self.cells.estimates() if self.cells is not None else ()) or self._as_kept(common))
+        if self.electrical is None or self.electrical.heat != self.electrical.heat:
+            return found
+        n = self.plan.model.cells
+        R, sd = self.electrical.resistance / n, self.electrical.resistance_sd / n
+        sound = self.resistance() == R
+        electrical = Estimate("R_e", R, sd, KINDS["R_e"].unit, IDENTIFIED if sound else LEARNING)
+        return tuple(electrical if e.name == "R_e" else e for e in found)
+
+    def _as_kept(self, common: tuple[Estimate, ...]) -> tuple[Estimate, ...]:
+        """R_e of each cell as told apart at commissioning: all go with what is common to them."""
+        if self.kept is None:
+            return ()
+        now, R = next(e for e in common if e.name == "R_e"), np.asarray(self.kept.values["R_e"])
+        value = now.value * R / np.exp(np.mean(np.log(R)))
+        sd = value * np.hypot(now.sd / now.value, np.sqrt(self.kept.own[:, 0, 0]))
+        unit = KINDS["R_e"].unit
+        each = enumerate(zip(value.tolist(), sd.tolist(), strict=True), start=1)
+        return tuple(Estimate(f"R_e_{k}", x, spread, unit, FIXED_AT_COMMISSIONING) for k, (x, spread) in each)
+
+    def flow_ratio(self, reading: Reading) -> float:
+        """Coolant flow over the model's nominal flow; NaN where either is unknown."""
+        nominal = self.plan.model.flow
+        return reading.flow / nominal if nominal else float("nan")
+
+    def learn(self, tick: Tick, reading: Reading, flow: float) -> list[Job]:
+        """Let everything that identifies take in a tick; what it wants computed."""
+        jobs: list[Job | None] = [self.identifier.add(tick)]
+        if self.health.commissioned:
+            jobs.insert(0, self.health.add(tick, reading.means.I, reading.soc, flow, self.resistance()))
+        if self.cells is not None:
+            jobs.insert(0, self.cells.add(tick, reading.cells, reading.means.I, flow, self.identifier.posterior))
+        return [job for job in jobs if job is not None]
+
+    def measured(self, reading: Reading) -> Measured:
+        """Gather what the observer of a string with effects takes in at a tick."""
+        m, n = reading.means, self.plan.model.cells
+        if n > 1 and m.V / n < CELL_V[0] <= m.V <= CELL_V[1]:
+            n = 1  # the mean of the cells' voltages, as offline
+        return Measured(m.I, m.I2, m.I_abs, reading.inlet, self.flow_ratio(reading), reading.soc, m.V / n, m.IV / n)
+
+
+def health_of(plan: StringPlan, identifier: Identifier | None = None) -> StringHealth:
+    """Build the health of a string, knowing nothing yet but its model."""
+    method = build(plan.identify, plan.model) if identifier is None else identifier
+    return StringHealth(
+        plan.model,
+        thermal=not plan.model.effects or not isinstance(method, FixedIdentifier),
+        known=plan.model.before is not None or plan.identify == "off",
+    )
+
+
+def hears_cells(plan: StringPlan, wire: Wire) -> bool:
+    """Whether enough cells' voltages may come to tell the cells apart; whether they do is seen on the way."""
+    return identifies_cells(plan) and 2 * int((wire.cell_voltage >= 0).sum()) >= plan.model.cells
