@@ -1,12 +1,14 @@
 """Mutants that no test can kill, by module: what is changed, and why nothing can be seen of it."""
 
 NONE_FOR_NONE = "any negative number stands for none"
+STRICT = "a strict zip of what is of one length"
+ONE_BY_ONE = "one by one gives the same, only slower"
 MORE_BINS = "one empty bin more than there are groups, never looked up"
 
 EQUIVALENT: dict[str, dict[str, str]] = {
     "bms_gateway/bus/pace.py": {
         ": 10000000  ->  10000001": "a nanosecond of a bucket of ten milliseconds: no token more",
-        "Pacer.offer: True  ->  False": "strict zip of three columns of one batch: they are of one length",
+        "Pacer.offer: True  ->  False": STRICT,
         "Pacer.head: now_ns > self._at_ns  ->  now_ns >= self._at_ns": "at one instant nothing is added either way",
         "Pacer.done: 0  ->  1": "a nanosecond, at bus time 0 alone: what is done was given by `head`",
     },
@@ -32,5 +34,28 @@ EQUIVALENT: dict[str, dict[str, str]] = {
             "the samples of a channel still go into rounds in their order; rounds are more, some of them empty"
         ),
         "_rounds: 1  ->  2  #4": "one empty round more",
+    },
+    "bms_gateway/engine/clock.py": {
+        "Clock.straighten: steps.min() >= 0  ->  steps.min() > 0": ONE_BY_ONE,
+        "Clock.straighten: 0  ->  1  #3": ONE_BY_ONE,
+        "Clock.straighten: steps.max() <= AHEAD_NS  ->  steps.max() < AHEAD_NS": ONE_BY_ONE,
+        "Clock._one_by_one: raw[0] + self.shift_ns  ->  raw[0] - self.shift_ns": "the shift is 0 before any frame",
+        "Clock._one_by_one: 1  ->  2  #2": "the slice ends at the end of the batch",
+        "Clock._one_by_one: break  ->  continue": "at the last frame of the batch",
+    },
+    "bms_gateway/engine/current.py": {
+        "Current: 0  ->  1": "time of a sample that there is not: its value is NaN, and is asked first",
+        "Current: 0  ->  1  #2": "time of a sample that there is not: its value is NaN whatever its age",
+        "Current.update: 0.0  ->  1.0  #4": "a value of the weight 0; any number but NaN does",
+        "Current.update: 0.0  ->  1.0  #6": "a voltage of the weight 0; any number but NaN does",
+    },
+    "bms_gateway/engine/line.py": {
+        "Line.update: True  ->  False": STRICT,
+        "Line.at: p[0] - t - mean_x  ->  p[0] - t + mean_x  #2": "times what sums to zero over the readings",
+        "Line.at: p[1] - mean_y  ->  p[1] + mean_y": "times what sums to zero over the readings",
+    },
+    "bms_gateway/engine/plausible.py": {
+        "check_covariance: 0.0  ->  1.0  #3": "a positive one beside it makes the least no less negative",
+        "check_parameters: True  ->  False": STRICT,
     },
 }

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from bms_gateway.bus import pythoncan, socketcan
-from bms_gateway.bus.canframe import ERROR_MASK, ROW, to_wire
+from bms_gateway.bus.canframe import ROW, to_wire
 from bms_gateway.bus.clock import BusClock
 from bms_gateway.bus.port import Link
 from bms_gateway.bus.pythoncan import PythonCanPort
@@ -27,6 +27,7 @@ from tests.bus.frames import make, rows
 SECOND = 1_000_000_000
 OWN = {0x10: SECOND, 0x11: SECOND}
 START = 1_700_000_000
+SO_RCVBUFFORCE, CAN_RAW_ERR_FILTER, SIOCGIFFLAGS = 33, 2, 0x8913  # asm-generic/socket.h, linux/can/raw.h, sockios.h
 LATE_S = 1e-6  # whoever sleeps wakes up late
 
 
@@ -61,9 +62,9 @@ class Interface(socket.socket):
     def setsockopt(self, level, option, value):
         if level == socket.SOL_CAN_RAW:
             self.options[option] = value
-        elif option == socketcan.SO_RCVBUFFORCE and not self.privileged:
+        elif option == SO_RCVBUFFORCE and not self.privileged:
             raise PermissionError(errno.EPERM, "not permitted")
-        elif option in (socketcan.SO_RCVBUFFORCE, socket.SO_RCVBUF):
+        elif option in (SO_RCVBUFFORCE, socket.SO_RCVBUF):
             self.options[option] = value
         else:
             super().setsockopt(level, option, value)
@@ -85,7 +86,7 @@ class Interface(socket.socket):
         return super().send(wire)
 
     def flags(self, sock, request, ifreq):
-        assert (sock, request) == (self, socketcan.SIOCGIFFLAGS)
+        assert (sock, request) == (self, SIOCGIFFLAGS)
         name, _ = struct.unpack("16sH14x", ifreq)
         assert name.rstrip(b"\0") == b"can7"
         if not self.there:
@@ -135,10 +136,12 @@ def test_a_port_binds_its_interface_with_filters_for_what_it_wants_and_for_its_o
     filters = interface.options[socket.CAN_RAW_FILTER]
     bases = {base for base, _ in struct.iter_unpack("=II", filters)}
     assert bases == {0x123, 0x5 | EXTENDED, 0x10, 0x11}
-    assert interface.options[socketcan.CAN_RAW_ERR_FILTER] == ERROR_MASK
+    assert interface.options[CAN_RAW_ERR_FILTER] == 0x1FF
     assert interface.options[socket.CAN_RAW_RECV_OWN_MSGS] == 0
     assert interface.options[socket.CAN_RAW_FD_FRAMES] == 1
     assert port.fileno() == interface.fileno()
+    assert not interface.getblocking()
+    assert interface.options[SO_RCVBUFFORCE] == 4_194_304
 
 
 def test_a_port_that_wants_all_has_the_filter_that_passes_all(interface, time):
@@ -148,7 +151,7 @@ def test_a_port_that_wants_all_has_the_filter_that_passes_all(interface, time):
 
 def test_the_receive_buffer_is_what_the_system_grants(interface, time, caplog):
     assert opened(time, receive_buffer=4 << 20).receive_buffer == 4 << 20
-    assert interface.options[socketcan.SO_RCVBUFFORCE] == 4 << 20
+    assert interface.options[SO_RCVBUFFORCE] == 4 << 20
     assert not caplog.records
     interface.privileged, interface.buffer = False, 2 * (208 << 10)
     with caplog.at_level(logging.INFO):

@@ -75,10 +75,20 @@ def test_a_voltage_is_held_for_a_second_and_a_half_and_then_unknown() -> None:
 
 def test_half_of_a_tick_must_have_a_voltage_too() -> None:
     steady = dict.fromkeys(range(0, 1000, 100), 10.0)
-    for at_ms, known in ((500, True), (501, False)):
-        (m,) = run((steady, {at_ms: 3.0}))
-        assert (pytest.approx(3.0) == m.V) == known
-        assert pytest.approx(10.0) == m.I
+    ((half,), (less,)) = run((steady, {500: 3.0})), run((steady, {501: 3.0}))
+    assert pytest.approx((3.0, 30.0, 10.0)) == (half.V, half.IV, half.I)
+    assert pytest.approx(10.0) == less.I
+    assert np.isnan([less.V, less.IV]).all()
+
+
+@pytest.mark.parametrize(("late_ns", "known"), [(0, True), (1, False)])
+def test_a_voltage_of_a_second_and_a_half_ago_is_the_oldest_that_counts(late_ns: int, known: bool) -> None:
+    line, none = Current(), np.empty(0, np.int64)
+    line.update(np.array([900 * MS]), np.array([10.0]), np.array([600 * MS]), np.array([3.0]), 0, S)
+    line.update(np.array([1_900 * MS]), np.array([10.0]), none, np.empty(0), S, 2 * S)
+    m = line.update(np.array([2_100 * MS + late_ns]), np.array([10.0]), none, np.empty(0), 2 * S, 3 * S)
+    assert pytest.approx(10.0) == m.I
+    assert bool(np.isfinite(m.V)) == known
 
 
 def test_a_gap_forgets_both() -> None:
