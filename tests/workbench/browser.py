@@ -16,6 +16,8 @@ CHROMIUM = next((p for p in map(shutil.which, ("chromium", "chromium-browser", "
 DRIVER = next((p for p in map(shutil.which, ("chromedriver", "/usr/lib/chromium/chromedriver")) if p), None)
 PATIENCE_S = 60.0
 """For what comes within a second on an idle machine; CI's guest is slow and loaded."""
+TIMEOUTS_MS = {"script": 240_000, "pageLoad": 240_000}
+"""The plots' script alone holds a starved page for longer than the driver's own half minute."""
 ELEMENT = "element-6066-11e4-a52e-4f735466cecf"
 KEYS = {"Escape": "\ue00c", "Enter": "\ue007", "Tab": "\ue004", "Left": "\ue012", "Right": "\ue014"}
 
@@ -85,7 +87,8 @@ class Driver:
             *(["--force-dark-mode"] if dark else []),
         ]
         options = {"binary": CHROMIUM, "args": arguments, "prefs": {"download.default_directory": str(self.folder)}}
-        capabilities = {"alwaysMatch": {"goog:chromeOptions": options, "goog:loggingPrefs": {"browser": "ALL"}}}
+        match = {"goog:chromeOptions": options, "goog:loggingPrefs": {"browser": "ALL"}, "timeouts": TIMEOUTS_MS}
+        capabilities = {"alwaysMatch": match}
         session = self.call("POST", "/session", {"capabilities": capabilities})["sessionId"]
         window = Window(self, session)
         self.windows.append(window)
