@@ -150,7 +150,8 @@ def test_a_port_that_wants_all_has_the_filter_that_passes_all(interface, time):
 
 
 def test_the_receive_buffer_is_what_the_system_grants(interface, time, caplog):
-    assert opened(time, receive_buffer=4 << 20).receive_buffer == 4 << 20
+    with caplog.at_level(logging.INFO):
+        assert opened(time, receive_buffer=4 << 20).receive_buffer == 4 << 20
     assert interface.options[SO_RCVBUFFORCE] == 4 << 20
     assert not caplog.records
     interface.privileged, interface.buffer = False, 2 * (208 << 10)
@@ -204,12 +205,15 @@ def test_an_interface_that_is_switched_off_is_waited_for_and_the_delay_begins_an
     assert (port.link, port.counters.outages) == (Link.DOWN, 2)
 
 
-def test_an_interface_that_goes_away_while_it_is_down_is_told_apart(interface, time):
+def test_an_interface_that_goes_away_while_it_is_down_is_told_apart(interface, time, caplog):
     interface.up = False
     port = opened(time)
     interface.there = False
-    time.pass_s(1.0)
-    assert port.pump() == pytest.approx(0.2)
+    with caplog.at_level(logging.DEBUG):
+        for delay in (0.2, 0.4):
+            time.pass_s(1.0)
+            assert port.pump() == pytest.approx(delay)
+    assert [r.getMessage() for r in caplog.records[1:]] == ["can7 is absent"]  # the first one warned
     assert (port.link, port.counters.outages) == (Link.ABSENT, 1)
     interface.there, interface.bound = True, ""  # made anew: bound to nothing, still off
     time.pass_s(1.0)
@@ -318,6 +322,12 @@ def test_another_failure_of_reading_ends_the_drain(interface, time, monkeypatch)
     assert port.drain().can_id.tolist() == [2]
 
 
+def test_what_two_system_calls_gave_comes_in_one_drain(interface, time, monkeypatch):
+    script = Script(received(time, *[1] * DEPTH), received(time, 2, 3))
+    monkeypatch.setattr(socketcan, "Receiver", lambda _: script)
+    assert opened(time).drain().can_id.tolist() == [1] * DEPTH + [2, 3]
+
+
 def test_a_drain_ends_though_senders_go_on(interface, time, monkeypatch):
     script = Script(*(received(time, *[1] * DEPTH) for _ in range(socketcan.DRAIN_MOST // DEPTH + 1)))
     monkeypatch.setattr(socketcan, "Receiver", lambda _: script)
@@ -331,6 +341,8 @@ def test_frames_that_the_kernel_did_not_stamp_get_the_time_of_their_arrival(inte
     monkeypatch.setattr(socketcan, "Receiver", lambda _: script)
     port = opened(time)
     time.pass_s(0.25)
+    time.wall_off_ns += 3600 * SECOND
+    port.now_ns()
     assert port.drain().time_ns.tolist() == [port.now_ns()] * 2
     assert port.counters.misdated == 0
 
@@ -360,6 +372,7 @@ def test_a_bus_off_controller_that_goes_away_counts_as_one_more_outage(interface
     bus.send(struct.pack("=IB3x8x", 0x2000_0040, 8))
     port.drain()
     assert (port.link, port.counters.outages) == (Link.BUS_OFF, 1)
+    assert [r.getMessage() for r in caplog.records] == ["can7: controller is bus-off"]
     assert port.pump() is None  # the controller restarts by itself: nothing to bind
     time.pass_s(1.5)
     bus.send(to_wire(make((0, 0x123, b"")))[0])
@@ -375,6 +388,8 @@ def test_a_bus_off_controller_that_goes_away_counts_as_one_more_outage(interface
     port.send(make((port.now_ns(), 0x10, b"")))
     port.pump()
     assert (port.link, port.counters.outages) == (Link.ABSENT, 3)
+    port.close()
+    assert interface.fileno() == -1
 
 
 def test_a_system_without_socketcan_is_told_in_one_line(monkeypatch):
