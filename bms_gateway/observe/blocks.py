@@ -1,12 +1,13 @@
-r"""Sensitivities in blocks: while gain and matrices stand still, J runs sixteen steps at once.
+r"""Sensitivities in blocks: while gain and matrices stand still, J runs many steps at once.
 
 With one gain K, one lag w and the forcing of the steps' mean, a step of `sensitivity` is J⁺ = E J + V F with
 
 .. math::
     E = (I - (1-w) K C) A - w K C, \qquad V = \tfrac{\Delta t}{2} (I - (1-w) K C)(A + I)
 
-and 2^k steps are one of the same form: E ← E², V ← (E + I) V. Steps wait, their means gathered, until `BLOCK` of them
-are there or something changes. What J feels late is a sixteenth of a minute's change of load, in a band.
+and many steps are one of the same form: after n of them m more make E ← E_m E_n, V ← V_m + E_m V_n. Steps wait, their
+means gathered, until `BLOCK` of them are there or something changes; the next one is then made by itself. A band is as
+late as the steps that wait.
 
 Beyond Lin et al., whose observer holds its parameters for exact.
 """
@@ -23,9 +24,10 @@ from bms_gateway.observe.sensitivity import PARAMETERS, Flows, carried, correcte
 from bms_gateway.observe.stored import like, plain
 from bms_gateway.thermal import Floats
 
-DOUBLINGS = 4
-BLOCK = 2**DOUBLINGS
-"""Steps that may wait: far fewer than the time constants of a core, and enough to make them cheap."""
+DOUBLINGS = 3
+BLOCK = 2 ** (DOUBLINGS + 1) - 1
+"""Steps that may wait: far fewer than the time constants of a core, and enough to make them cheap. With the one that
+is made by itself they are a power of two, as strides of the covariance are: where these end, none waits."""
 
 
 class Blocks:
@@ -178,6 +180,8 @@ def _doubled(at: Ints, kalman: Kalman, state: KalmanState, gain: Floats) -> tupl
     V = (kalman.model.dt / 2.0) * (A + eye - np.matmul(late, (A + eye)[row, surface]))
     for k in range(surface.shape[1]):
         E[row[:, 0], :, surface[:, k]] -= K[:, :, k] * w[:, :, k]
-    for _ in range(DOUBLINGS):
+    one, V_one = E, V
+    for _ in range(DOUBLINGS):  # 1, 3, 7, 15 steps: as many again, and one more
         E, V = np.matmul(E, E), V + np.matmul(E, V)
+        E, V = np.matmul(one, E), V_one + np.matmul(one, V)
     return E, V

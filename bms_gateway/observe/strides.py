@@ -136,6 +136,8 @@ class Ladder:
             self._level[low] += 1
 
     def _of(self, at: Ints) -> Stride:
+        if len(at) == len(self._level):  # all, in their order: no copies
+            return self._made
         return Stride(self._made.E[at], self._made.G[at], self._made.N[at])
 
     def _put(self, at: Ints, stride: Stride) -> None:

@@ -127,7 +127,7 @@ def test_the_next_stride_is_told_as_it_comes() -> None:
 
 
 def test_a_block_is_its_steps_one_by_one() -> None:
-    """Sixteen steps of constant forcing at once, and by `carried` and `corrected`."""
+    """Steps of constant forcing at once, and by `carried` and `corrected`."""
     n, d = 4, drive(4, 8)
     o = AdaptiveObserver([model(n, (1, n), rel_sd=SPREAD)], 1.0)
     follow(o, d, stop=300)
