@@ -58,4 +58,18 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "check_covariance: 0.0  ->  1.0  #3": "a positive one beside it makes the least no less negative",
         "check_parameters: True  ->  False": STRICT,
     },
+    "bms_gateway/bus/socketcan.py": {
+        "SocketCanPort.__init__: self._retry_at = self._down_at = 0.0  ->  pass": "set by every failure, read after one",
+        "SocketCanPort.__init__: 0.0  ->  1.0  #2": "set by every failure, read after one",
+        "SocketCanPort.now_ns: 1000000000.0  ->  1000000001.0": "a step of an hour is told with three more digits",
+        "SocketCanPort.drain: 0  ->  1": "what is taken comes in whole calls, of which the limit holds 64",
+        "SocketCanPort.pump: wait > 0  ->  wait >= 0": "at that very instant: the caller comes again at once",
+        "SocketCanPort._is_up: 0  ->  1": "the kernel writes the flags there, whatever they were",
+    },
+    "bms_gateway/bus/pythoncan.py": {
+        ": if TYPE_CHECKING:  ->  if not TYPE_CHECKING:": "an import for annotations, which are not evaluated",
+        "PythonCanPort.drain: break  ->  continue": "a failure takes the bus away, which ends the loop",
+        "PythonCanPort.drain: abs(off) > AHEAD_S  ->  abs(off) >= AHEAD_S": "an hour to the last bit of a float",
+        "PythonCanPort.pump: wait > 0  ->  wait >= 0": "at that very instant: the caller comes again at once",
+    },
 }

@@ -8,13 +8,17 @@ import numpy as np
 import pytest
 
 from bms_gateway.engine import Channel, Engine, Estimated, Notice, Plan, SendFrames, drain, drive
+from bms_gateway.engine.estimate import Estimators
 from bms_gateway.engine.events import Decoded, Judged, Level
+from bms_gateway.engine.inputs import Inputs
 from bms_gateway.errors import ConfigError
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.encode import Encoder
 from bms_gateway.frames.own import own_signal
 from bms_gateway.frames.quality import Quality
-from bms_gateway.thermal import AddedEffect
+from bms_gateway.health.string_health import Change, HealthResult, StringHealth
+from bms_gateway.identify.cell_prior import Layout
+from bms_gateway.thermal import AddedEffect, Commissioning, Prior
 from tests.engine.packs import EPOCH_S, SENSORS, database, plan
 from tests.frames.payloads import OWN, parsed
 
@@ -410,3 +414,66 @@ def test_a_voltage_that_is_the_mean_of_the_cells_does_as_well_as_their_sum() -> 
         for n in (4, 1)
     )
     np.testing.assert_allclose(sums, means, atol=1e-6)
+
+
+def test_surfaces_that_the_model_cannot_explain_are_told() -> None:
+    engine = Engine(Plan((replace(plan(1, rel_sd=0.01).strings[0]),)), database())
+    events = list(drive(engine, [said(200, surface=lambda t: warm(t) + 1.2 * (-1) ** int(t))]))
+    ((when, level, text),) = notices(events, "mismatch")
+    assert level == Level.WARNING
+    assert text.startswith("the model does not explain the surfaces")
+    assert when > 120  # not in the first two minutes, in which the observer finds the state
+
+
+def test_what_the_health_of_a_string_finds_is_told_with_its_weight(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = [Change("cooling", 1, "cools worse"), Change("ageing", 0, "as it was", 3)]
+    monkeypatch.setattr(StringHealth, "accept", lambda *_: found)
+    estimators = Estimators(with_channels(), Inputs(with_channels(), database()).wires)
+    told = estimators.accept(0, HealthResult(None, 0.0, "", 0.0), 7)
+    assert told == [
+        Notice(7, Level.WARNING, "cooling", "cools worse", "string_1", None),
+        Notice(7, Level.NOTICE, "ageing", "as it was", "string_1", 3),
+    ]
+
+
+def test_commissioning_from_the_first_drives_is_told_and_kept_in_the_history(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(StringHealth, "offer", lambda *_: True)
+    by_rls = Plan((replace(with_channels().strings[0], identify="rls"),))
+    engine = Engine(by_rls, database())
+    ((when, level, text),) = notices(list(drive(engine, [said(45)])), "ageing")
+    assert (when, level) == (40, Level.INFO)  # with the first whole minute of bus time
+    assert text.startswith("commissioned: from now on growth of R_e is followed")
+    assert "commissioned from the first drives" in json.dumps(engine.snapshot())
+
+
+def commissioned(error: float) -> Plan:
+    """Four cells told apart by a fit, each number with the same error of its own."""
+    one = with_channels().strings[0]
+    R_e = 3.5e-3 * np.array([0.9, 1.0, 1.2, 1.05])
+    model = replace(one.model, priors=one.model.priors | {"R_e": Prior(R_e, 0.3)})
+    labels = Layout.of(model).labels
+    n = len(labels)
+    told = Commissioning(labels, np.full(n, error), np.eye(n), np.full(4, np.nan))
+    return Plan((replace(one, model=replace(model, commissioning=told)),))
+
+
+def test_cells_told_apart_at_commissioning_keep_their_ratio() -> None:
+    engine = Engine(commissioned(0.05), database())
+    cells = {e.name: e for e in engine.strings[0].estimates if e.name.startswith("R_e_")}
+    R = np.array([cells[f"R_e_{k}"].value for k in range(1, 5)])
+    assert R / R[0] == pytest.approx(np.array([0.9, 1.0, 1.2, 1.05]) / 0.9)
+    common = next(e.value for e in engine.strings[0].estimates if e.name == "R_e")
+    assert np.exp(np.mean(np.log(R))) == pytest.approx(common)
+    assert all(e.sd > 0.0 and "commissioning" in e.status for e in cells.values())
+    alike = Engine(with_channels(), database())
+    ours, theirs = ([e.core for e in drive(x, [said(20)]) if isinstance(e, Estimated)][-1] for x in (engine, alike))
+    assert ours[2] - ours[1] > theirs[2] - theirs[1] + 0.1  # the one of the highest resistance
+
+
+def test_a_state_of_another_commissioning_is_not_used() -> None:
+    state = stored(commissioned(0.05))
+    for error, same in ((0.05, True), (0.06, False)):
+        engine = Engine(commissioned(error), database())
+        engine.restore(state)
+        told = [e.text for e in drain(engine) if isinstance(e, Notice)]
+        assert told == ([] if same else ["string_1: new or changed, starts from its model file"])
