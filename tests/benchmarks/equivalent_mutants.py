@@ -2,7 +2,7 @@
 
 NONE_FOR_NONE = "any negative number stands for none"
 STRICT = "a strict zip of what is of one length"
-ONE_BY_ONE = "one by one gives the same, only slower"
+ONE_BY_ONE = "what odd frames go through gives the same for all, only slower"
 MORE_BINS = "one empty bin more than there are groups, never looked up"
 
 EQUIVALENT: dict[str, dict[str, str]] = {
@@ -71,5 +71,19 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "PythonCanPort.drain: break  ->  continue": "a failure takes the bus away, which ends the loop",
         "PythonCanPort.drain: abs(off) > AHEAD_S  ->  abs(off) >= AHEAD_S": "an hour to the last bit of a float",
         "PythonCanPort.pump: wait > 0  ->  wait >= 0": "at that very instant: the caller comes again at once",
+    },
+    "bms_gateway/bus/canframe.py": {
+        ": 64  ->  65  #3": "a column more than any frame has",
+        "to_batch: length.max() <= 8  ->  length.max() < 8": ONE_BY_ONE,
+        "to_batch: int(np.bitwise_or.reduce(can_id)) & _NO_DATA  ->  "
+        "int(np.bitwise_or.reduce(can_id)) | _NO_DATA": ONE_BY_ONE,
+        "to_batch: 0  ->  1": ONE_BY_ONE,
+        "to_batch: 64  ->  65  #2": "a column more than any frame has",
+        "to_batch: length.min() < columns  ->  length.min() <= columns": "full frames keep all their bytes either way",
+    },
+    "bms_gateway/bus/message.py": {
+        ": if TYPE_CHECKING:  ->  if not TYPE_CHECKING:": "an import for annotations, which are not evaluated",
+        "to_batch: len(kept) < len(messages)  ->  len(kept) <= len(messages)": "nothing is counted where all are kept",
+        "to_batch: 1  ->  2": "numpy finds the length of an axis for any negative number",
     },
 }
