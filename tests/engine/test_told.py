@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bms_gateway.engine import Channel, Engine, Estimated, Notice, Plan, SendFrames, drain, drive
+from bms_gateway.engine import Channel, Engine, Estimated, Notice, Parameters, Plan, SendFrames, drain, drive
 from bms_gateway.engine.estimate import Estimators
 from bms_gateway.engine.events import Decoded, Judged, Level
 from bms_gateway.engine.inputs import Inputs
@@ -477,3 +477,15 @@ def test_a_state_of_another_commissioning_is_not_used() -> None:
         engine.restore(state)
         told = [e.text for e in drain(engine) if isinstance(e, Notice)]
         assert told == ([] if same else ["string_1: new or changed, starts from its model file"])
+
+
+def test_the_resistance_that_the_voltage_shows_is_told_where_it_makes_the_heat() -> None:
+    """Beside a string without a voltage, which keeps to its own."""
+    with_voltage, without = with_channels(VOLTAGE).strings[0], plan(2).strings[1]
+    both = Plan(tuple(replace(s, identify="rls") for s in (with_voltage, without)))
+    frames = said(165, voltage=lambda t: 13.2 - 4 * 5e-3 * drawn(t))
+    told = [e for e in drive(Engine(both, database()), [frames]) if isinstance(e, Parameters)]
+    last = {e.string: {p.name: p for p in e.estimates} for e in told}
+    assert last["string_1"]["R_e"].value == pytest.approx(5e-3, rel=0.05)
+    assert last["string_1"]["R_e"].status in ("identified", "learning")
+    assert last["string_2"]["R_e"].value == pytest.approx(3.5e-3, rel=0.05)
