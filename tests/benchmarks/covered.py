@@ -20,7 +20,7 @@ ROOMS = {
     "frames": (["bms_gateway.frames"], ["tests/frames"]),
     "sender": (
         [f"bms_gateway.bus.{name}" for name in SENDER],
-        ["tests/bus/test_outages.py", "tests/bus/test_ports.py", "tests/bus/test_rules.py"],
+        [f"tests/bus/test_{name}.py" for name in ("outages", "adapter", "ports", "rules", "wire")],
     ),
     "engine": (["bms_gateway.engine"], ["tests/engine"]),
     "health": (["bms_gateway.health"], ["tests/health"]),

@@ -100,3 +100,11 @@ def test_a_voltage_may_be_the_first_input_and_a_current_without_voltages_stops_n
     assert first is None
     assert (second.I[0], second.V[0]) == (30.0, 3.3)
     assert np.isnan(second.I[1])
+
+
+@pytest.mark.parametrize(("late_ns", "known"), [(0, True), (1, False)])
+def test_a_current_of_a_second_and_a_half_ago_is_the_oldest_that_counts(late_ns: int, known: bool) -> None:
+    pairing = CellVoltages([(0, np.array([1]))])
+    time, value = np.array([7, 7 + 1_500_000_000 + late_ns], np.int64), np.array([30.0, 3.3])
+    (means,) = pairing.update(time, value, np.array([0, 1, 2]), {0: (time[:1], value[:1])})
+    assert (means is not None) == known

@@ -206,3 +206,18 @@ def test_a_coarse_one_stands_too_long_after_half_an_hour():
     for begun, first in ((False, 182), (True, 181)):
         told = told_of((COARSE,), np.full((190, 1), 24.0), step_s=10, begun=begun)[:, 0]
         assert told.tolist().index(Quality.STUCK) == first
+
+
+@pytest.mark.parametrize(
+    ("flag", "value", "becomes"),
+    [
+        (Quality.CRC, 200.0, Quality.CRC),
+        (Quality.NOT_AVAILABLE, -50.0, Quality.NOT_AVAILABLE),
+        (Quality.ERROR, 160.0, Quality.ERROR),
+        (Quality.OUT_OF_RANGE, 200.0, Quality.OPEN),
+        (Quality.OUT_OF_RANGE, -50.0, Quality.SHORT),
+        (Quality.OUT_OF_RANGE, 25.0, Quality.OUT_OF_RANGE),
+    ],
+)
+def test_a_rail_says_more_than_a_range_but_nothing_of_a_frame_that_is_not_believed(flag, value, becomes):
+    assert Both((FINE,)).judge([(0, 0, value, flag)], S, active=True) == [becomes]
