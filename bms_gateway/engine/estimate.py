@@ -127,7 +127,8 @@ class Estimators:
                 level = Level.WARNING if s.mismatch.flag.level else Level.NOTICE
                 told.append(Notice(t1, level, "mismatch", s.mismatch.sentence(), name))
             tick = Tick(t1, since, I2[j], heat[j], inlet[j], r.y, r.age)
-            jobs += [(i, job) for job in s.learn(tick, r, flow[j])]
+            if wanted := s.learn(tick, r, flow[j]):
+                jobs += [(i, job) for job in wanted]
             if adopts and s.plan.identify == "rls" and not s.plan.model.effects:
                 self._adopt(group, j)
                 told.append(Parameters(t1, name, (*s.estimates, *s.effects)))

@@ -156,6 +156,9 @@ class StringEstimator:
 
     def learn(self, tick: Tick, reading: Reading, flow: float) -> list[Job]:
         """Let everything that identifies take in a tick; what it wants computed."""
+        if self.cells is None and self.health.trend is None:
+            job = self.identifier.add(tick)
+            return [] if job is None else [job]
         jobs: list[Job | None] = [self.identifier.add(tick)]
         if self.health.commissioned:
             jobs.insert(0, self.health.add(tick, reading.means.I, reading.soc, flow, self.resistance()))

@@ -7,6 +7,7 @@ little of R_e (as much as the last window saw it walk) and R_u, so that ageing a
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from math import nan
 from typing import Any
 
 import numpy as np
@@ -119,7 +120,12 @@ class WindowIdentifier:
         self._clear()
 
     def _clear(self) -> None:
-        self._ticks: list[Tick] = []
+        # numbers and arrays, not ticks: a million objects would keep the garbage collector busy
+        self._dt = 0.0
+        self._square: list[float] = []
+        self._heat: list[float] = []
+        self._surface: list[Floats] = []
+        self._age: list[Floats] = []
         self._inlet: list[float] = []
         self._joined = False  # the window begins where a fitted one ended
         self._held = (0.0, 0.0)  # seconds without current, without inlet
@@ -133,7 +139,7 @@ class WindowIdentifier:
             A job when a window is full, or when a gap ends one that is long enough.
         """
         job = None
-        if tick.dt > GAP_S or (self._ticks and abs(tick.dt - self._ticks[-1].dt) > 1e-6):
+        if tick.dt > GAP_S or (self._square and abs(tick.dt - self._dt) > 1e-6):
             job = self._close()
         blind, still = self._held
         # plain numbers, many times a second: comparing them with themselves tells NaN far faster than numpy does
@@ -149,37 +155,35 @@ class WindowIdentifier:
             self._inlet = [inlet]  # the first tick gives the instant from which the window runs
             return job
         if no_heat:
-            last = self._ticks[-1] if self._ticks else None
-            tick = replace(tick, mean_square_current=last.mean_square_current if last else 0.0,
-                           heat=last.heat if last else np.nan)  # fmt: skip
-        self._held = (blind, still)
-        self._ticks.append(tick)
+            square, heat = (self._square[-1], self._heat[-1]) if self._square else (0.0, nan)
+        self._held, self._dt = (blind, still), tick.dt
+        self._square.append(square)
+        self._heat.append(heat)
+        self._surface.append(tick.surface)
+        self._age.append(tick.age)
         self._inlet.append(self._inlet[-1] if no_inlet else inlet)
-        if len(self._ticks) * tick.dt >= self._settings.window_s - 1e-6:
+        if len(self._square) * tick.dt >= self._settings.window_s - 1e-6:
             return self._close(full=True)
         return job
 
     def _close(self, full: bool = False) -> WindowJob | None:
         """End the window; a job if it is long enough and warm enough and none is under way."""
-        ticks, inlet, joined = self._ticks, np.array(self._inlet), self._joined
+        square, heat, inlet = np.array(self._square), np.array(self._heat), np.array(self._inlet)
+        surface, age, dt, joined = self._surface, self._age, self._dt, self._joined
         self._clear()
-        if not ticks or len(ticks) * ticks[0].dt < self._settings.shortest_s or self._pending:
+        if not len(square) or len(square) * dt < self._settings.shortest_s or self._pending:
             return None
-        heat = np.array([t.heat for t in ticks])
-        square = np.array([t.mean_square_current for t in ticks])
         measured = np.isfinite(heat)
         square = np.where(measured, 0.0, np.nan_to_num(square))
         heat = np.where(measured, heat, 0.0)
         R_e, R_u = np.exp(self._guess[[R_E, R_U]])
         if R_u * float(np.mean(square * R_e + np.abs(heat))) < self._settings.least_rise:
             return None
-        window = Window(
-            square, heat, inlet, np.array([t.surface for t in ticks]), np.array([t.age for t in ticks]), ticks[0].dt
-        )
+        window = Window(square, heat, inlet, np.array(surface), np.array(age), dt)
         self._from_voltage = bool(measured.mean() > 0.5)
         evidence = self._evidence
         if self._windows:
-            part = np.sqrt(len(ticks) * ticks[0].dt / WALK_S)
+            part = np.sqrt(len(square) * dt / WALK_S)
             steps = np.array([max(self._walk, 0.01), self._settings.cooling_drift]) * part
             along = np.zeros((len(evidence.grad), 2))
             along[: len(self._names)] = lumped_jacobian(self._guess, self._model.has_conduction)[:, [R_E, R_U]]
