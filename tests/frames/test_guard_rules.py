@@ -221,3 +221,34 @@ def test_a_coarse_one_stands_too_long_after_half_an_hour():
 )
 def test_a_rail_says_more_than_a_range_but_nothing_of_a_frame_that_is_not_believed(flag, value, becomes):
     assert Both((FINE,)).judge([(0, 0, value, flag)], S, active=True) == [becomes]
+
+
+def test_one_that_was_stuck_and_has_moved_since_may_come_home_at_rest():
+    both = Both((FINE,))
+    driven = [*wobble(20), *np.full(70, 26.0), *(26.0 + wobble(20) - 24.5)]
+    parked = [*np.full(120, 28.0), *(28.0 + wobble(5) - 24.5), *np.full(4, 28.0)]
+    told = [
+        both.judge([(k * S, 0, float(v), Quality.GOOD)], (k + 1) * S, active=k < len(driven))[0]
+        for k, v in enumerate([*driven, *parked])
+    ]
+    assert Quality.STUCK in told[:90]
+    assert set(told[-60:]) == {Quality.GOOD}
+
+
+def test_a_dip_from_home_is_no_return_to_it():
+    """Neither is a sample that cannot be used."""
+    for dip in (28.0 + STEP, 500.0):
+        both = Both((FINE,))
+        at_home = np.full(30, 28.0)
+        series = [
+            *wobble(20),
+            *at_home,
+            *(28.0 + wobble(6) - 24.5),
+            *np.full(4, 28.0),
+            dip,
+            *np.full(3, 28.0),
+            dip,
+            dip,
+        ]
+        for k, v in enumerate([*series, *(28.5 + wobble(20) - 25.0), *np.full(6, 28.0), dip, *np.full(3, 28.0)]):
+            both.judge([(k * S, 0, float(v), Quality.GOOD)], (k + 1) * S, active=k % 3 == 0)
