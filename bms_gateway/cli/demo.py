@@ -20,7 +20,7 @@ from bms_gateway.errors import BusError, UsageError
 if TYPE_CHECKING:
     from bms_gateway.bus.traffic import Traffic
     from bms_gateway.bus.virtual import Segment, VirtualPack
-    from bms_gateway.engine import Engine, Estimated, Event
+    from bms_gateway.engine import Cells, Engine, Event
     from bms_gateway.frames.batch import FrameBatch
     from bms_gateway.thermal import Floats
 
@@ -162,13 +162,14 @@ def _take(
             send(event.batch)
         elif isinstance(event, Estimated):
             t = pack_time(event.time_ns)
-            true = _at(truth[event.string], t)
-            if true is None:
-                continue
-            tables.append(_table(event, true))
-            if t >= score.since_s:
-                score.errors.append(event.core - true)
-                score.sds.append(event.core_sd)
+            for cells in event.strings():
+                true = _at(truth[cells.string], t)
+                if true is None:
+                    continue
+                tables.append(_table(cells, true))
+                if t >= score.since_s:
+                    score.errors.append(cells.core - true)
+                    score.sds.append(cells.core_sd)
     if tables:
         draw("\n\n".join(tables))
 
@@ -182,10 +183,10 @@ def _at(truth: "Floats", t: float) -> "Floats | None":
     return between
 
 
-def _table(event: "Estimated", true: "Floats") -> str:
+def _table(cells: "Cells", true: "Floats") -> str:
     from bms_gateway.report.show import cells_table
 
-    return cells_table(event.string, event.core, event.core_sd, event.surface, event.quality.tolist(), true)
+    return cells_table(cells.string, cells.core, cells.core_sd, cells.surface, cells.quality.tolist(), true)
 
 
 def _drive_live(

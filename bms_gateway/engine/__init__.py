@@ -3,6 +3,7 @@
 from bms_gateway.engine.drive import drain, drive
 from bms_gateway.engine.engine import Engine
 from bms_gateway.engine.events import (
+    Cells,
     Decoded,
     Estimated,
     Event,
@@ -16,8 +17,10 @@ from bms_gateway.engine.events import (
     StartJob,
 )
 from bms_gateway.engine.plan import Channel, Plan, StringPlan
+from bms_gateway.engine.readings import Layout
 
 __all__ = [
+    "Cells",
     "Channel",
     "Decoded",
     "Engine",
@@ -26,6 +29,7 @@ __all__ = [
     "Job",
     "Judged",
     "Judgement",
+    "Layout",
     "Level",
     "Notice",
     "Parameters",

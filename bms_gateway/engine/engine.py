@@ -25,9 +25,10 @@ from bms_gateway.engine.broadcast import Broadcast, Counts, State
 from bms_gateway.engine.clock import Clock
 from bms_gateway.engine.estimate import Estimators
 from bms_gateway.engine.events import Decoded, Event, Job, Level, Notice, SendFrames, StartJob
-from bms_gateway.engine.inputs import Inputs, Reading, Samples, Wire
+from bms_gateway.engine.inputs import Inputs, Samples, Wire
 from bms_gateway.engine.judge import judged
 from bms_gateway.engine.plan import Channel, Plan
+from bms_gateway.engine.readings import Readings
 from bms_gateway.engine.string import StringEstimator
 from bms_gateway.errors import ConfigError, StateError, did_you_mean
 from bms_gateway.frames.batch import FrameBatch
@@ -40,6 +41,7 @@ UNHEARD_TICKS = 10  # no message of a battery comes less often than that
 AT_ONCE_NS = 2_000_000_000  # a reload takes less, a restart more: nothing happens unseen in between
 CLOCK_SET_NS = 1_577_836_800_000_000_000  # 2020: an older stamp is of a clock that starts in 1970 and was not set yet
 SNAPSHOT_VERSION = 1
+GOOD = np.uint8(Quality.GOOD)  # of numpy's own type, which it compares faster
 LATEST_NS = 9_000_000_000_000_000_000  # the year 2255: stamps and periods added to them fit into 64 bits
 
 
@@ -292,11 +294,11 @@ class Engine:
             result = running.job.run() if running.result is None else running.result
             self._queue.extend(self._estimators.accept(running.string, result, now))
 
-    def _state(self, readings: list[Reading]) -> State:
+    def _state(self, readings: Readings) -> State:
         """Tell what the status frame says of us: degraded while a string lacks its current or all of its surfaces."""
-        if not any(np.isfinite(s.core).any() for s in self._estimators.strings):
+        if not np.isfinite(self._estimators.newest.core).any():
             return State.STARTING
-        sound = all(r.current_quality == Quality.GOOD and Quality.GOOD in r.quality.tolist() for r in readings)
+        sound = (readings.current_quality == GOOD).all() and readings.seen(GOOD).all()
         return State.RUNNING if sound else State.DEGRADED
 
     def _counts(self, t1: int) -> Counts:

@@ -3,23 +3,25 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from hashlib import sha256
+from math import nan
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bms_gateway.engine.backlog import GroupTick
 from bms_gateway.engine.events import Estimated, Event, Job, Level, Notice, Parameters
-from bms_gateway.engine.group import Group, mean_squares, quality_of
-from bms_gateway.engine.inputs import Reading, Wire
+from bms_gateway.engine.group import Group, mean_squares
+from bms_gateway.engine.inputs import Wire
 from bms_gateway.engine.plan import Plan, StringPlan
 from bms_gateway.engine.plausible import check_covariance, check_parameters, check_temperatures
-from bms_gateway.engine.string import StringEstimator
+from bms_gateway.engine.readings import Layout, Readings
+from bms_gateway.engine.string import Newest, StringEstimator
 from bms_gateway.frames.quality import Quality
-from bms_gateway.health import Change, HealthResult
+from bms_gateway.health import Change, HealthResult, Mismatch, Mismatches
 from bms_gateway.identify import (
     Estimate,
     FixedIdentifier,
-    Tick,
     string_parameters,
 )
 from bms_gateway.identify.cell_kept import baseline_of
@@ -27,10 +29,9 @@ from bms_gateway.identify.cell_live import CellIdentifier, CellResult
 from bms_gateway.identify.cells_in_words import sentence
 from bms_gateway.identify.contract import FIXED_OFFLINE, IDENTIFIED
 from bms_gateway.observe import AdaptiveObserver
-from bms_gateway.observe import Estimate as States
 from bms_gateway.observe.measured import SOC_UNKNOWN
 from bms_gateway.observe.unseen import RESTED_S
-from bms_gateway.thermal import Disturbance
+from bms_gateway.thermal import Disturbance, Floats
 
 if TYPE_CHECKING:
     from bms_gateway.observe.effects import EffectObserver
@@ -65,15 +66,21 @@ class Estimators:
         self._dt = plan.tick_ns * 1e-9
         self._introduced = False  # what is known at the start has been told
         self._gap_s = 0.0  # since the last tick, beyond its period
-        self.strings = [StringEstimator.of(p, w, plan) for p, w in zip(plan.strings, wires, strict=True)]
+        self._layout = Layout.of([p.name for p in plan.strings], [p.model.cells for p in plan.strings])
+        self._mismatches = Mismatches(len(plan.strings))
+        self.newest = Newest.nothing(sum(p.model.cells for p in plan.strings))
+        self.strings = [
+            StringEstimator.of(p, w, plan, self.newest, mine, Mismatch(self._mismatches, i))
+            for i, (p, w, mine) in enumerate(zip(plan.strings, wires, self._layout.parts, strict=True))
+        ]
         plain = [i for i, s in enumerate(self.strings) if not s.plan.model.effects]
         lengths = sorted({self.strings[i].plan.model.cells for i in plain})
-        self._groups = []
+        self._groups: list[Group] = []
         for n in lengths:
             members = [i for i in plain if self.strings[i].plan.model.cells == n]
             models = [self.strings[i].plan.model for i in members]
             observer = AdaptiveObserver(models, self._dt, plan.disturbance)
-            self._groups.append(Group.of(self.strings, members, observer))
+            self._groups.append(Group.of(self.strings, members, observer, self._dt))
             for j, i in enumerate(members):
                 kept = self.strings[i].kept
                 if kept is not None:
@@ -83,80 +90,80 @@ class Estimators:
                 own = _with_effects(s, self._dt, plan.disturbance)
                 numbers = own.effect_numbers
                 s.effects = tuple(Estimate(x.name, x.value, x.sd, x.unit, FIXED_OFFLINE) for x in numbers)
-                self._groups.append(Group.of(self.strings, [i], own))
+                self._groups.append(Group.of(self.strings, [i], own, self._dt))
 
-    def step(self, readings: Sequence[Reading], t1: int) -> TickResult:
+    def step(self, readings: Readings, t1: int) -> TickResult:
         """Advance all strings by one tick that ends at `t1`, ns."""
-        events: list[list[Event]] = [[] for _ in self.strings]
+        newest = self.newest
+        newest.renew()
+        surprise = np.empty(len(self.strings))
+        told: dict[int, list[Event]] = {}
         jobs: list[tuple[int, Job]] = []
         if not self._introduced:
             self._introduced = True
-            for s, told in zip(self.strings, events, strict=True):
-                told.append(Parameters(t1, s.plan.name, (*s.estimates, *s.effects)))
+            for i, s in enumerate(self.strings):
+                told[i] = [Parameters(t1, s.plan.name, (*s.estimates, *s.effects))]
         for group in self._groups:
-            self._step_group(group, [readings[i] for i in group.members], t1, events, jobs)
+            surprise[group.rows] = self._step_group(group, readings, t1, jobs)
+        for i in self._mismatches.take(surprise, self._dt):
+            s = self.strings[i]
+            level = Level.WARNING if s.mismatch.flag.level else Level.NOTICE
+            told.setdefault(i, []).append(Notice(t1, level, "mismatch", s.mismatch.sentence(), s.plan.name))
+        if t1 % ADOPT_NS == 0:
+            for group in self._groups:
+                for j in group.adopts:
+                    self._adopt(group, j)
+                    s = group.strings[j]
+                    events = told.setdefault(group.members[j], [])
+                    events.append(Parameters(t1, s.plan.name, (*s.estimates, *s.effects)))
+                    events += _commissioned(s, t1)
         self._gap_s = 0.0
+        all_cells = Estimated(t1, self._layout, newest.core, newest.core_sd, newest.surface, newest.quality)
         # told in the order of the plan, however the strings were grouped
-        return TickResult([e for told in events for e in told], sorted(jobs, key=itemgetter(0)))
+        in_order = [e for i in sorted(told) for e in told[i]]
+        return TickResult([all_cells, *in_order], sorted(jobs, key=itemgetter(0)))
 
-    def _step_group(
-        self, group: Group, readings: list[Reading], t1: int, events: list[list[Event]], jobs: list[tuple[int, Job]]
-    ) -> None:
-        dt, n = self._dt, group.cells
-        strings = [self.strings[i] for i in group.members]
-        flow = [s.flow_ratio(r) for s, r in zip(strings, readings, strict=True)] if group.flow else group.unknown
-        heat = [s.heat(r, dt) for s, r in zip(strings, readings, strict=True)] if group.voltage else group.unknown
-        e = self._observe(group, strings, readings, heat, flow)
-        core, core_sd, surface, quality = e.core, e.core_sd, e.surface, quality_of(readings, n)
+    def _step_group(self, group: Group, readings: Readings, t1: int, jobs: list[tuple[int, Job]]) -> Floats:
+        """Advance a group; how surprised each of its strings was. What it wants computed joins `jobs`."""
+        dt, newest, flat = self._dt, self.newest, group.flat
+        I, square, V, IV, _ = readings.means[:, group.rows]  # noqa: E741
+        inlet, y, age = readings.inlet[group.rows], group.by_cell(readings.y), group.by_cell(readings.age)
+        flow = group.unknown if group.nominal_flow is None else readings.flow[group.rows] / group.nominal_flow
+        heat = group.unknown
+        if group.voltage:
+            of_each = zip(group.strings, I.tolist(), V.tolist(), IV.tolist(), strict=True)
+            heat = np.array([s.heat(i, v, iv, dt) for s, i, v, iv in of_each])
+        observer = group.observer
+        if isinstance(observer, AdaptiveObserver):
+            given = heat[:, None] * observer.share if group.voltage else None
+            e = observer.step(square, given, inlet, y, age, None if group.nominal_flow is None else flow)
+        else:
+            e = observer.step(group.strings[0].measured(readings[group.members[0]]), y[0], age[0])
+            effective, shift = observer.effective
+            square, inlet = np.where(np.isnan(square), nan, effective), inlet + shift
+        core, core_sd, surface, quality = e.core, e.core_sd, e.surface, group.quality(readings)
         usable = core_sd <= AVAILABLE_SD_K
         if not usable.all():
             core, core_sd, surface = (np.where(usable, x, np.nan) for x in (core, core_sd, surface))
             quality = np.where(usable, quality, NOT_AVAILABLE)
-        surprise = mean_squares(e.innovation, e.innovation_sd)
-        I2, inlet = [r.means.I2 for r in readings], [r.inlet for r in readings]
-        if not isinstance(group.observer, AdaptiveObserver):
-            effective, shift = group.observer.effective
-            I2, inlet = [effective if x == x else x for x in I2], [x + shift for x in inlet]
-        since, adopts = dt + self._gap_s, t1 % ADOPT_NS == 0
-        for j, (i, s, r) in enumerate(zip(group.members, strings, readings, strict=True)):
-            s.core, s.core_sd, s.surface, s.quality = core[j], core_sd[j], surface[j], quality[j]
-            s.innovation, s.innovation_sd = e.innovation[j], e.innovation_sd[j]
-            told, name = events[i], s.plan.name
-            told.append(Estimated(t1, name, s.core, s.core_sd, s.surface, s.quality))
-            if s.mismatch.take(surprise[j], dt):
-                level = Level.WARNING if s.mismatch.flag.level else Level.NOTICE
-                told.append(Notice(t1, level, "mismatch", s.mismatch.sentence(), name))
-            tick = Tick(t1, since, I2[j], heat[j], inlet[j], r.y, r.age)
-            if wanted := s.learn(tick, r, flow[j]):
-                jobs += [(i, job) for job in wanted]
-            if adopts and s.plan.identify == "rls" and not s.plan.model.effects:
-                self._adopt(group, j)
-                told.append(Parameters(t1, name, (*s.estimates, *s.effects)))
-                told += _commissioned(s, t1)
-
-    @staticmethod
-    def _observe(
-        group: Group,
-        strings: Sequence[StringEstimator],
-        readings: Sequence[Reading],
-        heat: Sequence[float],
-        flow: Sequence[float],
-    ) -> States:
-        observer, shape = group.observer, (len(strings), group.cells)
-        if not isinstance(observer, AdaptiveObserver):
-            return observer.step(strings[0].measured(readings[0]), readings[0].y, readings[0].age)
-        return observer.step(
-            np.array([r.means.I2 for r in readings]),
-            np.array(heat)[:, None] * observer.share if group.voltage else None,
-            np.array([r.inlet for r in readings]),
-            np.concatenate([r.y for r in readings]).reshape(shape),
-            np.concatenate([r.age for r in readings]).reshape(shape),
-            np.array(flow) if group.flow else None,
-        )
+        for row, values in (
+            (newest.core, core),
+            (newest.core_sd, core_sd),
+            (newest.surface, surface),
+            (newest.quality, quality),
+            (newest.innovation, e.innovation),
+            (newest.innovation_sd, e.innovation_sd),
+        ):
+            row[flat] = values.ravel()
+        cells = [readings.cells[i] for i in group.members] if readings.cells else ()
+        soc, since = readings.soc[group.rows], dt + self._gap_s
+        tick = GroupTick(t1, since, square, heat, inlet, flow, I, soc, y, age, cells)
+        jobs += [(group.members[j], job) for j, job in group.backlog.add(tick)]
+        return mean_squares(e.innovation, e.innovation_sd)
 
     def _adopt(self, group: Group, j: int) -> None:
         """Give the observer what the identifier knows now."""
-        s = self.strings[group.members[j]]
+        s = group.strings[j]
         cells = s.cells.numbers() if s.cells is not None else None
         if cells is not None and isinstance(group.observer, AdaptiveObserver):
             group.observer.set_parameters(j, cells.values, cells.names, cells.common, cells.own)
@@ -175,13 +182,14 @@ class Estimators:
     def accept(self, string: int, job_result: object, now: int) -> list[Event]:
         """Take the result of a string's job into use."""
         s = self.strings[string]
+        group, j = self._place(string)
+        group.backlog.catch_up(j)  # what has waited belongs to what was known until now
         if isinstance(job_result, HealthResult):
             return [_told(change, s.plan.name, now) for change in s.health.accept(job_result, now)]
         if isinstance(job_result, CellResult) and s.cells is not None:
             return self._accept_cells(string, s.cells, job_result, now)
         s.identifier.accept(job_result)
-        group = next(g for g in self._groups if string in g.members)
-        self._adopt(group, group.members.index(string))
+        self._adopt(group, j)
         events: list[Event] = [Parameters(now, s.plan.name, (*s.estimates, *s.effects))]
         return [*events, *_commissioned(s, now)]
 
@@ -189,8 +197,7 @@ class Estimators:
         s = self.strings[string]
         told = cells.warning
         cells.accept(result)
-        group = next(g for g in self._groups if string in g.members)
-        self._adopt(group, group.members.index(string))
+        self._adopt(*self._place(string))
         events: list[Event] = [Parameters(now, s.plan.name, s.estimates)]
         events.append(Notice(now, Level.INFO, "cells", sentence(result.fit), s.plan.name))
         if cells.warning and cells.warning != told:
@@ -272,8 +279,13 @@ class Estimators:
             if s.plan.name in cold
         ]
 
+    def _place(self, string: int) -> tuple[Group, int]:
+        """Find a string's group, and its place there."""
+        group = next(g for g in self._groups if string in g.members)
+        return group, group.members.index(string)
+
     def _names(self, group: Group) -> list[str]:
-        return [self.strings[i].plan.name for i in group.members]
+        return [s.plan.name for s in group.strings]
 
 
 def _told(change: Change, string: str, now: int) -> Notice:

@@ -4,7 +4,7 @@ What goes in: `FrameBatch` (frames) and the bus time. What comes out, in one ord
 drivers that feed the same frames get the same events in the same order, however the frames were cut into batches.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Protocol
@@ -12,6 +12,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from bms_gateway.engine.readings import Layout
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.identify import Estimate
 from bms_gateway.thermal import Floats
@@ -55,16 +56,8 @@ class StartJob:
 
 
 @dataclass(frozen=True, slots=True)
-class Estimated:
-    """All cells of one string at one tick.
-
-    Attributes
-    ----------
-    core, core_sd, surface : ndarray (n,)
-        °C, K, °C; NaN where not available.
-    quality : ndarray of uint8 (n,)
-        `Quality` of each estimate.
-    """
+class Cells:
+    """Cells of one string at one tick; see `Estimated`."""
 
     time_ns: int
     string: str
@@ -72,6 +65,33 @@ class Estimated:
     core_sd: Floats
     surface: Floats
     quality: NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True)
+class Estimated:
+    """All N cells of all strings at one tick, string after string in the order of the plan.
+
+    Attributes
+    ----------
+    layout : Layout
+        Names of the strings, and which of the cells are theirs.
+    core, core_sd, surface : ndarray (N,)
+        °C, K, °C; NaN where not available.
+    quality : ndarray of uint8 (N,)
+        `Quality` of each estimate.
+    """
+
+    time_ns: int
+    layout: Layout
+    core: Floats
+    core_sd: Floats
+    surface: Floats
+    quality: NDArray[np.uint8]
+
+    def strings(self) -> Iterator[Cells]:
+        """Take them one by one."""
+        for name, mine in zip(self.layout.names, self.layout.parts, strict=True):
+            yield Cells(self.time_ns, name, self.core[mine], self.core_sd[mine], self.surface[mine], self.quality[mine])
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,13 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import nan
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bms_gateway.engine.inputs import Reading
+from bms_gateway.engine.backlog import Backlog
+from bms_gateway.engine.readings import Readings
 from bms_gateway.engine.string import StringEstimator
 from bms_gateway.frames.quality import Quality
 from bms_gateway.observe import AdaptiveObserver
@@ -19,21 +20,40 @@ if TYPE_CHECKING:
 
 # of numpy's own type, which it compares much faster than members of an enumeration
 GOOD, STALE, ESTIMATED, NEVER = (np.uint8(q) for q in (Quality.GOOD, Quality.STALE, Quality.ESTIMATED, Quality.NEVER))
+At = slice | NDArray[np.intp]
 
 
 @dataclass(slots=True)
 class Group:
-    """Strings with equal numbers of cells and the observer that stacks them, or one string with effects and its own."""
+    """Strings with equal numbers of cells and the observer that stacks them, or one string with effects and its own.
+
+    Attributes
+    ----------
+    members : list of int
+        Numbers of its strings in the plan.
+    rows, flat : slice or ndarray of int
+        Where its strings and their cells stand among all.
+    nominal_flow : ndarray (S,) or None
+        m³/s, NaN where not known; None where none of them knows the flow of its coolant.
+    voltage : bool
+        Whether the heat of any of them may come from its voltage.
+    adopts : list of int
+        Which of them have a recursive method, whose numbers the observer takes over once in a while.
+    unknown : ndarray (S,)
+        NaN for each: a quantity that none of them has.
+    """
 
     members: list[int]
+    strings: list[StringEstimator]
     observer: "AdaptiveObserver | EffectObserver"
     cells: int
-    flow: bool
-    """Whether any of them knows the flow of its coolant."""
+    rows: At
+    flat: At
+    nominal_flow: Floats | None
     voltage: bool
-    """Whether the heat of any of them may come from its voltage."""
-    unknown: list[float]
-    """NaN for each: a quantity that none of them has."""
+    adopts: list[int]
+    unknown: Floats
+    backlog: Backlog
 
     @classmethod
     def of(
@@ -41,26 +61,52 @@ class Group:
         strings: Sequence[StringEstimator],
         members: list[int],
         observer: "AdaptiveObserver | EffectObserver",
+        dt: float,
     ) -> "Group":
-        """Group the strings numbered `members`."""
+        """Group the strings numbered `members`, which tick every `dt` seconds."""
         mine = [strings[i] for i in members]
-        flow, voltage = any(s.plan.model.flow for s in mine), any(s.voltage is not None for s in mine)
-        return cls(members, observer, mine[0].plan.model.cells, flow, voltage, [nan] * len(mine))
+        flow = np.array([s.plan.model.flow or np.nan for s in mine])
+        return cls(
+            members,
+            mine,
+            observer,
+            mine[0].plan.model.cells,
+            _at(members),
+            _at([k for s in mine for k in range(s.mine.start, s.mine.stop)]),
+            None if np.isnan(flow).all() else flow,
+            any(s.voltage is not None for s in mine),
+            [j for j, s in enumerate(mine) if s.plan.identify == "rls" and not s.plan.model.effects],
+            np.full(len(mine), np.nan),
+            Backlog(mine, dt),
+        )
+
+    def by_cell(self, row: Floats) -> Floats:
+        """Take its cells out of those of all (N,), as (S, n)."""
+        return row[self.flat].reshape(len(self.members), self.cells)
+
+    def quality(self, readings: Readings) -> NDArray[np.uint8]:
+        """Quality (S, n) of its strings' estimates: the own sensor's, and nowhere better than that of the current."""
+        own = readings.quality[self.flat].reshape(len(self.members), self.cells)
+        own = np.where(own == NEVER, ESTIMATED, own)
+        current = readings.current_quality[self.rows]
+        if (current == GOOD).all():
+            return own
+        current = np.where(current == NEVER, STALE, current)
+        worse = ((own == GOOD) | (own == ESTIMATED)) & (current != GOOD)[:, None]
+        return np.where(worse, current[:, None], own)
 
 
-def mean_squares(innovation: Floats, sd: Floats) -> list[float]:
+def _at(places: list[int]) -> At:
+    """Address places among many: by a slice where they follow each other, which copies nothing."""
+    if all(b - a == 1 for a, b in pairwise(places)):
+        return slice(places[0], places[-1] + 1)
+    return np.array(places, np.intp)
+
+
+def mean_squares(innovation: Floats, sd: Floats) -> Floats:
     """Mean over each string's readings of the innovation's square in units of its variance; NaN without a reading."""
     squares = np.square(innovation / sd)
     there = np.isfinite(squares)
     count = there.sum(axis=1)
-    mean = np.where(there, squares, 0.0).sum(axis=1) / np.maximum(count, 1)
-    return [float(x) if k else nan for x, k in zip(mean.tolist(), count.tolist(), strict=True)]
-
-
-def quality_of(readings: Sequence[Reading], cells: int) -> NDArray[np.uint8]:
-    """Quality (S, n) of strings' estimates: the own sensor's, and nowhere better than that of the current."""
-    own = np.concatenate([r.quality for r in readings]).reshape(-1, cells)
-    own = np.where(own == NEVER, ESTIMATED, own)
-    current = np.array([STALE if r.current_quality == NEVER else r.current_quality for r in readings], np.uint8)
-    worse = ((own == GOOD) | (own == ESTIMATED)) & (current != GOOD)[:, None]
-    return np.where(worse, current[:, None], own)
+    total = np.where(there, squares, 0.0).sum(axis=1)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)

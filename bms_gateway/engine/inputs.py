@@ -4,9 +4,8 @@ An *input* is one signal of the bus with its scale and offset; strings share inp
 wiring from strings to inputs is worked out once, so that a tick is a few numpy passes however many cells there are.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import accumulate, pairwise
 from math import nan
 
 import numpy as np
@@ -17,6 +16,7 @@ from bms_gateway.engine.current import Current, Means
 from bms_gateway.engine.events import Level, Notice
 from bms_gateway.engine.line import Line
 from bms_gateway.engine.plan import Channel, Plan, StringPlan
+from bms_gateway.engine.readings import Layout, Readings
 from bms_gateway.frames.ammeter import Ammeter
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.counter import CounterGuard
@@ -108,43 +108,12 @@ _NOTHING = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Reading:
-    """One string at one tick.
-
-    Attributes
-    ----------
-    means : Means
-        Of current and voltage over the tick.
-    current_quality : int
-    inlet : float
-        Coolant inlet at the tick, °C; NaN where unknown.
-    flow : float
-        m³/s; NaN where unknown.
-    soc : float
-        State of charge, 0…1; NaN where unknown, and for strings whose model has no effects.
-    y, age : ndarray (n,)
-        Surface readings, °C, NaN where none is new and good; seconds between reading and tick.
-    quality : ndarray of uint8 (n,)
-        Of the surface sensors; `Quality.ESTIMATED` for cells without one.
-    cells : PairMeans or None
-        Voltages of the cells with the current at their instants; None where there were none.
-    """
-
-    means: Means
-    current_quality: int
-    inlet: float
-    flow: float
-    soc: float
-    y: Floats
-    age: Floats
-    quality: NDArray[np.uint8]
-    cells: PairMeans | None = None
-
-
 def identifies_cells(string: StringPlan) -> bool:
     """Whether the string's cells are told apart by their voltages."""
     return string.identify == "window" and string.model.cells > 1 and not string.model.effects
+
+
+_NO_CURRENT = Means()
 
 
 class Inputs:
@@ -207,8 +176,19 @@ class Inputs:
         self._number = np.arange(len(signals) + 1)
         # the surfaces of all strings in one row, and which of them are each string's
         self._surface = np.concatenate([w.surface for w in self.wires])
-        ends = accumulate((len(w.surface) for w in self.wires), initial=0)
-        self._mine = [slice(first, end) for first, end in pairwise(ends)]
+        self._sensed = self._surface >= 0
+        names, cells = [s.name for s in plan.strings], [s.model.cells for s in plan.strings]
+        self._parts = Layout.of(names, cells).parts
+        # where each string's quantities stand, and what stands for them where the bus does not carry them
+        self._current_of = np.array([w.current for w in self.wires], np.intp)
+        pairs = list(self._currents)
+        self._means_of = np.array([pairs.index((w.current, w.voltage)) if w.current >= 0 else -1 for w in self.wires])
+        self._inlet_of = np.array([w.coolant_inlet for w in self.wires], np.intp)
+        self._flow_of = np.array([w.coolant_flow for w in self.wires], np.intp)
+        self._soc_of = np.array([w.soc for w in self.wires], np.intp)
+        self._inlet_else, self._flow_else = (
+            np.array([w.constants.get(name, nan) for w in self.wires]) for name in ("coolant_inlet", "coolant_flow")
+        )
         self._active = False
         self.good = _NOTHING
         self.rejected: dict[str, int] = {}
@@ -274,14 +254,8 @@ class Inputs:
         samples = Samples(frames.time_ns[s.frame], s.signal, value, flag)
         return samples if not len(repeated) else samples.where(~np.isin(s.frame, repeated))
 
-    def update(self, samples: Samples, t0: int, t1: int) -> list[Reading]:
-        """Take the samples of one tick [t0, t1).
-
-        Returns
-        -------
-        list of Reading
-            One per string of the plan, in its order.
-        """
+    def update(self, samples: Samples, t0: int, t1: int) -> Readings:
+        """Take the samples of one tick [t0, t1); what they say of the strings, in the order of the plan."""
         self._heard[samples.input] = True
         g = self._guard.update(samples.time_ns, samples.input, samples.value, samples.flag, t1, self._active)
         rejected = g.rejected.sum(axis=0)
@@ -295,30 +269,32 @@ class Inputs:
         self._quality = g.channel_quality
         self.good = samples, g.quality == GOOD
         means, cells = self._integrate(*self.good, t0, t1)
-        quality = [*g.channel_quality.tolist(), ESTIMATED]  # one more for index −1: a channel that does not exist
-        there = self._surface >= 0
         seen = g.time_ns.take(self._surface)
-        y = np.where(there & (seen >= t0) & (seen > 0), g.value.take(self._surface), nan)
-        age = np.where(np.isfinite(y), (t1 - seen) * 1e-9, 0.0)
-        surface_quality = np.where(there, g.channel_quality.take(self._surface), np.uint8(ESTIMATED))
-        return [
-            Reading(
-                means.get((w.current, w.voltage), Means()),
-                quality[w.current],
-                self._inlet(w, quality, t1),
-                self._flow(w, quality, g.value),
-                float(g.value[w.soc]) if w.soc >= 0 and quality[w.soc] == GOOD else nan,
-                y[mine],
-                age[mine],
-                surface_quality[mine],
-                pairs,
-            )
-            for w, mine, pairs in zip(self.wires, self._mine, cells, strict=True)
-        ]
+        y = np.where(self._sensed & (seen >= t0) & (seen > 0), g.value.take(self._surface), nan)
+        # one more at the end, for index −1: a channel that does not exist
+        quality = np.append(g.channel_quality, np.uint8(ESTIMATED))
+        known = np.append(np.where(g.channel_quality == GOOD, g.value, nan), nan)
+        inlet = np.full(len(known), nan)
+        for i, line in self._inlets.items():
+            if quality[i] == GOOD:
+                inlet[i] = line.at(t1)
+        flow = known.take(self._flow_of)
+        return Readings(
+            np.array([(m.I, m.I2, m.V, m.IV, m.I_abs) for m in (*means, _NO_CURRENT)]).T.take(self._means_of, axis=1),
+            quality.take(self._current_of),
+            np.where(self._inlet_of < 0, self._inlet_else, inlet.take(self._inlet_of)),
+            np.where(np.isnan(flow), self._flow_else, flow),
+            known.take(self._soc_of),
+            y,
+            np.where(np.isfinite(y), (t1 - seen) * 1e-9, 0.0),
+            quality.take(self._surface),
+            self._parts,
+            cells,
+        )
 
     def _integrate(
         self, samples: Samples, good: NDArray[np.bool_], t0: int, t1: int
-    ) -> tuple[dict[tuple[int, int], Means], list[PairMeans | None]]:
+    ) -> tuple[list[Means], list[PairMeans | None]]:
         """Take the good samples of currents, voltages and inlets; a current that strings share is integrated once."""
         s = samples.sorted_by_input(good & self._followed.take(samples.input))
         edges = s.input.searchsorted(self._number)
@@ -335,10 +311,10 @@ class Inputs:
             currents[i] = self._credible(i, meter, currents[i])
             if meter.reversed:
                 volts[u] = of(-1)  # heat from I²R_e has no sign, that from the voltage has
-        means = {(i, u): line.update(*currents[i], *volts[u], t0, t1) for (i, u), line in self._currents.items()}
+        means = [line.update(*currents[i], *volts[u], t0, t1) for (i, u), line in self._currents.items()]
         for i, inlet in self._inlets.items():
             inlet.update(*of(i))
-        self._active = any(m.I2 > ACTIVE_A**2 for m in means.values())
+        self._active = any(m.I2 > ACTIVE_A**2 for m in means)
         cells = self._cells.update(s.time_ns, s.value, edges, currents)
         return means, cells
 
@@ -353,16 +329,6 @@ class Inputs:
         reason = Quality.STUCK.name.lower()
         self.rejected[reason] = self.rejected.get(reason, 0) + int(np.count_nonzero(~keep))
         return time_ns[keep], value[keep]
-
-    def _inlet(self, w: Wire, quality: Sequence[int], t1: int) -> float:
-        if w.coolant_inlet < 0:
-            return w.constants.get("coolant_inlet", nan)
-        return self._inlets[w.coolant_inlet].at(t1) if quality[w.coolant_inlet] == GOOD else nan
-
-    @staticmethod
-    def _flow(w: Wire, quality: Sequence[int], value: Floats) -> float:
-        known = w.coolant_flow >= 0 and quality[w.coolant_flow] == GOOD
-        return float(value[w.coolant_flow]) if known else w.constants.get("coolant_flow", nan)
 
     def changes(self, t1: int) -> list[Notice]:
         """Tell which inputs have begun or ceased to be good since the last call."""

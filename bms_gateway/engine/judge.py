@@ -3,12 +3,12 @@
 from collections.abc import Mapping, Sequence
 
 from bms_gateway.engine.events import Judged, Judgement
-from bms_gateway.engine.inputs import Reading
+from bms_gateway.engine.readings import Reading, Readings
 from bms_gateway.engine.string import StringEstimator
 
 
 def judged(
-    t1: int, frames: int, rejected: Mapping[str, int], strings: Sequence[StringEstimator], readings: Sequence[Reading]
+    t1: int, frames: int, rejected: Mapping[str, int], strings: Sequence[StringEstimator], readings: Readings
 ) -> Judged:
     """Gather the errors of the tick that ends at `t1`, ns.
 
@@ -18,10 +18,10 @@ def judged(
     frames : int
     rejected : mapping of str to int
         Counts so far.
-    strings, readings : sequence
-        In the order of the plan.
+    strings : sequence of StringEstimator
+    readings : Readings
     """
-    return Judged(t1, frames, dict(rejected), tuple(_one(s, r) for s, r in zip(strings, readings, strict=True)))
+    return Judged(t1, frames, dict(rejected), tuple(_one(s, readings[i]) for i, s in enumerate(strings)))
 
 
 def _one(s: StringEstimator, reading: Reading) -> Judgement:
@@ -32,7 +32,7 @@ def _one(s: StringEstimator, reading: Reading) -> Judgement:
         reading.means.I,
         reading.means.I2,
         reading.inlet,
-        s.flow_ratio(reading),
+        s.flow_ratio(reading.flow),
         s.ageing.growth,
         s.ageing.growth_sd,
         s.mismatch.excess,

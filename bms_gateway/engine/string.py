@@ -7,15 +7,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.engine.events import Job
-from bms_gateway.engine.inputs import Reading, Wire, identifies_cells
+from bms_gateway.engine.inputs import Wire, identifies_cells
 from bms_gateway.engine.plan import Plan, StringPlan
+from bms_gateway.engine.readings import Reading
 from bms_gateway.frames.quality import Quality
 from bms_gateway.health import Ageing, Mismatch, StringHealth
-from bms_gateway.identify import Estimate, FixedIdentifier, Identifier, Tick, VoltageHeat, VoltageTracker, build
+from bms_gateway.identify import (
+    Estimate,
+    FixedIdentifier,
+    Identifier,
+    PairMeans,
+    Tick,
+    Ticks,
+    VoltageHeat,
+    VoltageTracker,
+    WindowIdentifier,
+    build,
+)
 from bms_gateway.identify.cell_kept import numbers_kept
 from bms_gateway.identify.cell_live import CellIdentifier
 from bms_gateway.identify.cell_resistance import CellNumbers
 from bms_gateway.identify.contract import FIXED_AT_COMMISSIONING, IDENTIFIED, LEARNING
+from bms_gateway.identify.ticks import ENDLESS
 from bms_gateway.observe import Measured
 from bms_gateway.thermal import KINDS, Floats
 
@@ -34,16 +47,46 @@ FLAG_NAMES = {
 
 
 @dataclass(slots=True)
+class Newest:
+    """All N cells at the newest tick, string after string in the order of the plan.
+
+    Attributes
+    ----------
+    core, core_sd, surface : ndarray (N,)
+        °C, K, °C; NaN where not available.
+    quality : ndarray of uint8 (N,)
+    innovation, innovation_sd : ndarray (N,)
+        K; NaN for cells without a reading.
+    """
+
+    core: Floats
+    core_sd: Floats
+    surface: Floats
+    quality: NDArray[np.uint8]
+    innovation: Floats
+    innovation_sd: Floats
+
+    @classmethod
+    def nothing(cls, cells: int) -> "Newest":
+        """Know nothing yet of so many cells."""
+        core, core_sd, surface, innovation, innovation_sd = np.full((5, cells), np.nan)
+        return cls(core, core_sd, surface, np.full(cells, np.uint8(Quality.NEVER)), innovation, innovation_sd)
+
+    def renew(self) -> None:
+        """Make room for another tick's numbers; whoever has kept the last one's keeps them as they were."""
+        rows = np.empty((5, len(self.core)))
+        self.core, self.core_sd, self.surface, self.innovation, self.innovation_sd = rows
+        self.quality = np.empty_like(self.quality)
+
+
+@dataclass(slots=True)
 class StringEstimator:
     """What belongs to one string alone; the observer is shared by its group.
 
     Attributes
     ----------
-    core, core_sd, surface : ndarray (n,)
-        Newest estimate, °C, K, °C; NaN where not available.
-    quality : ndarray of uint8 (n,)
-    innovation, innovation_sd : ndarray (n,)
-        Of the newest tick, K; NaN for cells without a reading.
+    newest : Newest
+        Of all strings, and `mine`: which of the cells are this one's.
     estimates : tuple of Estimate
         Parameters of the string.
     effects : tuple of Estimate
@@ -58,15 +101,11 @@ class StringEstimator:
     wire: Wire
     identifier: Identifier
     voltage: VoltageTracker | None
-    core: Floats
-    core_sd: Floats
-    surface: Floats
-    quality: NDArray[np.uint8]
+    newest: Newest
+    mine: slice
     health: StringHealth
     ageing: Ageing = field(init=False)
     mismatch: Mismatch = field(init=False)
-    innovation: Floats = field(init=False)
-    innovation_sd: Floats = field(init=False)
     estimates: tuple[Estimate, ...] = ()
     effects: tuple[Estimate, ...] = ()
     electrical: VoltageHeat | None = None
@@ -75,14 +114,44 @@ class StringEstimator:
 
     def __post_init__(self) -> None:
         self.ageing, self.mismatch = self.health.ageing, self.health.mismatch
-        self.innovation = self.innovation_sd = np.full(self.plan.model.cells, np.nan)
+
+    @property
+    def core(self) -> Floats:
+        """Newest estimate (n,), °C; NaN where not available."""
+        return self.newest.core[self.mine]
+
+    @property
+    def core_sd(self) -> Floats:
+        """Its standard deviation (n,), K."""
+        return self.newest.core_sd[self.mine]
+
+    @property
+    def surface(self) -> Floats:
+        """Newest estimate of the surfaces (n,), °C."""
+        return self.newest.surface[self.mine]
+
+    @property
+    def quality(self) -> NDArray[np.uint8]:
+        """`Quality` (n,) of these."""
+        return self.newest.quality[self.mine]
+
+    @property
+    def innovation(self) -> Floats:
+        """Of the newest tick (n,), K; NaN for cells without a reading."""
+        return self.newest.innovation[self.mine]
+
+    @property
+    def innovation_sd(self) -> Floats:
+        """What it should be (n,), K."""
+        return self.newest.innovation_sd[self.mine]
 
     @classmethod
-    def of(cls, plan: StringPlan, wire: Wire, whole: Plan) -> "StringEstimator":
+    def of(
+        cls, plan: StringPlan, wire: Wire, whole: Plan, newest: Newest, mine: slice, mismatch: Mismatch
+    ) -> "StringEstimator":
         """Build from the plan, knowing nothing yet."""
         identifier = build(plan.identify, plan.model)
         n = plan.model.cells
-        nothing = np.full(n, np.nan)
         cells = CellIdentifier(plan.model, whole.disturbance, whole.cells) if hears_cells(plan, wire) else None
         own = cls(
             plan,
@@ -92,11 +161,9 @@ class StringEstimator:
             VoltageTracker(plan.model.capacity_Ah or CAPACITY_AH, n)
             if wire.voltage >= 0 and not plan.model.effects
             else None,
-            nothing,
-            nothing,
-            nothing,
-            np.full(n, np.uint8(Quality.NEVER)),
-            health_of(plan, identifier),
+            newest,
+            mine,
+            health_of(plan, identifier, mismatch),
             cells=cells,
             kept=numbers_kept(plan.model),
         )
@@ -118,12 +185,11 @@ class StringEstimator:
         R, sd = self.electrical.resistance, self.electrical.resistance_sd
         return R / self.plan.model.cells if R > 0.0 and sd < GOOD_SD * R else nan
 
-    def heat(self, reading: Reading, dt: float) -> float:
-        """Mean heat of one cell from current and voltage, W; NaN while the open-circuit voltage is not known."""
+    def heat(self, current: float, voltage: float, power: float, dt: float) -> float:
+        """Mean heat of one cell from the tick's means, W; NaN while the open-circuit voltage is not known."""
         if self.voltage is None:
             return nan
-        m = reading.means
-        self.electrical = self.voltage.update(m.I, m.V, m.IV, dt)
+        self.electrical = self.voltage.update(current, voltage, power, dt)
         return self.electrical.heat / self.plan.model.cells
 
     def known(self) -> tuple[Estimate, ...]:
@@ -149,38 +215,64 @@ class StringEstimator:
         each = enumerate(zip(value.tolist(), sd.tolist(), strict=True), start=1)
         return tuple(Estimate(f"R_e_{k}", x, spread, unit, FIXED_AT_COMMISSIONING) for k, (x, spread) in each)
 
-    def flow_ratio(self, reading: Reading) -> float:
-        """Coolant flow over the model's nominal flow; NaN where either is unknown."""
+    def flow_ratio(self, flow: float) -> float:
+        """Coolant flow, m³/s, over the model's nominal flow; NaN where either is unknown."""
         nominal = self.plan.model.flow
-        return reading.flow / nominal if nominal else float("nan")
+        return flow / nominal if nominal else nan
 
-    def learn(self, tick: Tick, reading: Reading, flow: float) -> list[Job]:
-        """Let everything that identifies take in a tick; what it wants computed."""
-        if self.cells is None and self.health.trend is None:
-            job = self.identifier.add(tick)
-            return [] if job is None else [job]
+    def learn(self, tick: Tick, current: float, soc: float, flow: float, pairs: PairMeans | None) -> list[Job]:
+        """Let everything that identifies take in a tick; what it wants computed.
+
+        Parameters
+        ----------
+        tick : Tick
+        current, soc, flow : float
+            Mean A; 0…1; over nominal. NaN where unknown.
+        pairs : PairMeans or None
+            Of its cells' voltages.
+        """
         jobs: list[Job | None] = [self.identifier.add(tick)]
         if self.health.commissioned:
-            jobs.insert(0, self.health.add(tick, reading.means.I, reading.soc, flow, self.resistance()))
+            jobs.insert(0, self.health.add(tick, current, soc, flow, self.resistance()))
         if self.cells is not None:
-            jobs.insert(0, self.cells.add(tick, reading.cells, reading.means.I, flow, self.identifier.posterior))
+            jobs.insert(0, self.cells.add(tick, pairs, current, flow, self.identifier.posterior))
         return [job for job in jobs if job is not None]
+
+    def patience(self, dt: float) -> int:
+        """Tell how many regular ticks may wait before `learn` must have one; then `take` brings what has waited."""
+        if self.cells is not None:
+            return 0
+        if isinstance(self.identifier, WindowIdentifier):
+            own = self.identifier.patience(dt)
+        else:
+            own = ENDLESS if isinstance(self.identifier, FixedIdentifier) else 0
+        return min(own, self.health.collector.patience(dt)) if self.health.commissioned else own
+
+    def take(self, ticks: Ticks) -> None:
+        """Let everything that identifies take in regular ticks that have waited."""
+        if isinstance(self.identifier, WindowIdentifier):
+            self.identifier.take(ticks)
+        if self.health.commissioned:
+            self.health.collector.take(ticks)
 
     def measured(self, reading: Reading) -> Measured:
         """Gather what the observer of a string with effects takes in at a tick."""
         m, n = reading.means, self.plan.model.cells
         if n > 1 and m.V / n < CELL_V[0] <= m.V <= CELL_V[1]:
             n = 1  # the mean of the cells' voltages, as offline
-        return Measured(m.I, m.I2, m.I_abs, reading.inlet, self.flow_ratio(reading), reading.soc, m.V / n, m.IV / n)
+        return Measured(
+            m.I, m.I2, m.I_abs, reading.inlet, self.flow_ratio(reading.flow), reading.soc, m.V / n, m.IV / n
+        )
 
 
-def health_of(plan: StringPlan, identifier: Identifier | None = None) -> StringHealth:
+def health_of(plan: StringPlan, identifier: Identifier | None = None, mismatch: Mismatch | None = None) -> StringHealth:
     """Build the health of a string, knowing nothing yet but its model."""
     method = build(plan.identify, plan.model) if identifier is None else identifier
     return StringHealth(
         plan.model,
         thermal=not plan.model.effects or not isinstance(method, FixedIdentifier),
         known=plan.model.before is not None or plan.identify == "off",
+        mismatch=mismatch,
     )
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from bms_gateway.engine import Estimated, Event, Judged, Judgement, Parameters, Plan, StringPlan
+from bms_gateway.engine import Cells, Estimated, Event, Judged, Judgement, Parameters, Plan, StringPlan
 from bms_gateway.fleet.residual import REGIMES, CellResidual, Residuals
 from bms_gateway.identify import Estimate
 from bms_gateway.thermal import Floats
@@ -35,7 +35,7 @@ class _String:
         self.excess = nan
         self.flags: set[str] = set()
 
-    def estimated(self, e: Estimated) -> None:
+    def estimated(self, e: Cells) -> None:
         hottest = float(np.fmax.reduce(e.core))
         if hottest == hottest and not hottest <= self.core:
             k = int(np.nanargmax(e.core))
@@ -109,7 +109,8 @@ class Days:
         if isinstance(event, Parameters):
             self._strings[event.string].estimates = {e.name: e for e in event.estimates}
         elif isinstance(event, Estimated):
-            self._strings[event.string].estimated(event)
+            for cells in event.strings():
+                self._strings[cells.string].estimated(cells)
         else:
             self._seconds += self._tick_s
             self._frames, self._rejected = event.frames, event.rejected

@@ -3,7 +3,7 @@
 from bms_gateway.health.ageing import Ageing, History
 from bms_gateway.health.cells import CellGrowth
 from bms_gateway.health.flag import Flag, Thresholds
-from bms_gateway.health.mismatch import Mismatch
+from bms_gateway.health.mismatch import Mismatch, Mismatches
 from bms_gateway.health.string_health import Change, HealthJob, HealthResult, StringHealth
 
 __all__ = [
@@ -15,6 +15,7 @@ __all__ = [
     "HealthResult",
     "History",
     "Mismatch",
+    "Mismatches",
     "StringHealth",
     "Thresholds",
 ]

@@ -6,7 +6,8 @@ from math import isfinite, log, nan
 import numpy as np
 
 from bms_gateway.health.window_fit import DriveWindow
-from bms_gateway.identify import Tick
+from bms_gateway.identify import Tick, Ticks
+from bms_gateway.identify.ticks import before_full
 from bms_gateway.thermal import Floats
 
 WINDOW_S, SHORTEST_S = 1200.0, 600.0  # two slow time constants of a cell; one
@@ -72,13 +73,32 @@ class Collector:
         self._square.append(self._last(self._square) if blind else tick.mean_square_current)
         self._current.append(self._last(self._current) if blind else current)
         self._inlet.append(self._inlet[-1] if still else tick.inlet)
-        self._surface.append(tick.surface)
-        self._age.append(tick.age)
+        self._surface.append(tick.surface[None])
+        self._age.append(tick.age[None])
         if isfinite(soc):
             self._soc = self._soc[0] + soc, self._soc[1] + 1
         if flow > 0.0:
             self._flow = self._flow[0] + log(flow), self._flow[1] + 1
         return self._close() if len(self._square) * tick.dt >= WINDOW_S - 1e-6 else drive
+
+    def patience(self, dt: float) -> int:
+        """Tell how many regular ticks `take` may bring before one must come by `add`: none of them ends a window."""
+        if not self._inlet or (self._square and abs(self._dt - dt) > 1e-6):
+            return 0
+        return before_full(WINDOW_S, len(self._square), dt)
+
+    def take(self, ticks: Ticks) -> None:
+        """Take in regular ticks of unknown flow, no more than `patience` says; the same as adding them one by one."""
+        self._held, self._dt = (0.0, 0.0), ticks.dt
+        self._square += ticks.square.tolist()
+        self._current += ticks.current.tolist()
+        self._inlet += ticks.inlet.tolist()
+        self._surface.append(ticks.surface)
+        self._age.append(ticks.age)
+        total, count = self._soc
+        for soc in ticks.soc[np.isfinite(ticks.soc)].tolist():  # in the order in which `add` would sum them
+            total, count = total + soc, count + 1
+        self._soc = total, count
 
     def _moved(self, flow: float) -> bool:
         total, count = self._flow
@@ -90,14 +110,13 @@ class Collector:
 
     def _close(self) -> Drive | None:
         """End the window; None where it is too short or nothing was read."""
-        seconds, surface = len(self._square) * self._dt, np.array(self._surface)
-        drive = None
-        if seconds >= SHORTEST_S and np.isfinite(surface).any():
+        seconds, drive = len(self._square) * self._dt, None
+        if seconds >= SHORTEST_S and np.isfinite(surface := np.concatenate(self._surface)).any():
             window = DriveWindow(
                 np.array(self._square),
                 np.array(self._inlet),
                 surface,
-                np.array(self._age),
+                np.concatenate(self._age),
                 self._dt,
                 self._soc[0] / self._soc[1] if self._soc[1] else nan,
                 float(np.exp(self._flow[0] / self._flow[1])) if self._flow[1] else nan,

@@ -31,6 +31,11 @@ class Flag:
     _wanted: int = 0
     _count: int = 0
 
+    @property
+    def stirred(self) -> bool:
+        """Whether it is raised, or has begun to count."""
+        return self.level > 0 or self._count > 0
+
     def update(self, value: float) -> bool:
         """Take one observation.
 

@@ -1,7 +1,12 @@
-"""Does the model still explain the surfaces? The size of the innovations against what the observer expects of them."""
+"""Does the model still explain the surfaces? The size of the innovations against what the observer expects of them.
+
+All strings are judged at once, a second apart; only a flag that is raised, or may be soon, is looked at by itself.
+"""
 
 from dataclasses import dataclass, field
-from math import isfinite, nan
+from math import nan
+
+import numpy as np
 
 from bms_gateway.health.flag import Flag, Thresholds
 from bms_gateway.thermal import Floats
@@ -14,55 +19,79 @@ WINDOW_S = 600.0  # ten minutes: longer than a burst of noise, shorter than a dr
 EXCESS = Thresholds(rise=(4.0, 9.0), fall=(2.0, 6.0), hold=60)
 
 
-@dataclass(slots=True)
-class Mismatch:
-    """Model mismatch of one string.
+class Mismatches:
+    """Model mismatch of S strings side by side.
+
+    Parameters
+    ----------
+    strings : int
 
     Attributes
     ----------
-    flag : Flag
-    excess : float
+    excess : ndarray (S,)
         Sliding mean of the squared normalised innovation; NaN before the first reading.
+    flags : list of Flag
     """
 
-    flag: Flag = field(default_factory=lambda: Flag(EXCESS))
-    excess: float = nan
-    _grace: float = GRACE_S
+    def __init__(self, strings: int) -> None:
+        self.excess = np.full(strings, nan)
+        self.flags = [Flag(EXCESS) for _ in range(strings)]
+        self._grace = np.full(strings, GRACE_S)
+        self._stirred: set[int] = set()  # whose flag is raised or about to be
 
-    def update(self, normalised: Floats, dt: float) -> bool:
-        """Take one tick's innovations.
+    def take(self, now: Floats, dt: float) -> list[int]:
+        """Take the mean squares (S,) of one tick's normalised innovations.
 
         Parameters
         ----------
-        normalised : ndarray
-            Innovations over their standard deviations; NaN where there was no reading.
+        now : ndarray (S,)
+            NaN where there was no reading.
         dt : float
             Seconds since the last tick.
 
         Returns
         -------
-        bool
-            Whether the flag's level changed.
+        list of int
+            Strings whose flag's level changed.
         """
-        # a string has a few sensors: plain numbers are faster than arrays
-        squares = [value * value for value in normalised.tolist() if isfinite(value)]
-        return self.take(sum(squares) / len(squares) if squares else nan, dt)
+        waiting = self._grace > 0.0
+        if waiting.any():
+            now = np.where(waiting, nan, now)
+            self._grace[waiting] -= dt
+        known = now == now
+        first = known & (self.excess != self.excess)
+        self.excess = np.where(first, now, self.excess)
+        self.excess = np.where(known, self.excess + (now - self.excess) * min(1.0, dt / WINDOW_S), self.excess)
+        looked_at = self._stirred.union((self.excess >= EXCESS.rise[0]).nonzero()[0].tolist())
+        changed = [k for k in sorted(looked_at) if known[k] and self.flags[k].update(float(self.excess[k]))]
+        self._stirred = {k for k in looked_at if self.flags[k].stirred}
+        return changed
 
-    def take(self, now: float, dt: float) -> bool:
-        """Take the mean square of one tick's normalised innovations, NaN where there was no reading; see `update`."""
-        if self._grace > 0.0:
-            self._grace -= dt
-            return False
-        if now != now:
-            return False
-        if self.excess != self.excess:
-            self.excess = now
-        self.excess += (now - self.excess) * min(1.0, dt / WINDOW_S)
-        return self.flag.update(self.excess)
+    def resume(self, k: int) -> None:
+        """Begin string `k` anew after a pause; a raised flag stays until the readings speak against it."""
+        self._grace[k], self.excess[k] = GRACE_S, nan
+
+
+@dataclass(frozen=True, slots=True)
+class Mismatch:
+    """Model mismatch of string `k` of many, or of one by itself."""
+
+    of: Mismatches = field(default_factory=lambda: Mismatches(1))
+    k: int = 0
+
+    @property
+    def flag(self) -> Flag:
+        """Only readings move its level."""
+        return self.of.flags[self.k]
+
+    @property
+    def excess(self) -> float:
+        """Sliding mean of the squared normalised innovation; NaN before the first reading."""
+        return float(self.of.excess[self.k])
 
     def resume(self) -> None:
         """Begin anew after a pause; a raised flag stays until the readings speak against it."""
-        self._grace, self.excess = GRACE_S, nan
+        self.of.resume(self.k)
 
     def sentence(self) -> str:
         """Say what the flag means and what to do."""

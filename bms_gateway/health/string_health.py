@@ -80,12 +80,16 @@ class StringHealth:
         Whether windows may speak: two nodes and a heat that goes with the current's square are what they know.
     known : bool
         Whether the model's numbers are the commissioned ones: they were fitted, or nothing identifies them.
+    mismatch : Mismatch, optional
+        One of many that are judged side by side.
     """
 
-    def __init__(self, model: StringModel, *, thermal: bool = True, known: bool = False) -> None:
+    def __init__(
+        self, model: StringModel, *, thermal: bool = True, known: bool = False, mismatch: Mismatch | None = None
+    ) -> None:
         self.model = model
         self.ageing, self.cooling, self.drift = Ageing(), Cooling(), Drift(model.sensors)
-        self.current, self.mismatch, self.history = CurrentWatch(), Mismatch(), History()
+        self.current, self.mismatch, self.history = CurrentWatch(), mismatch or Mismatch(), History()
         self.cells: CellGrowth | None = None
         self.collector = Collector()
         self.trend: Trend | None = None

@@ -13,6 +13,7 @@ from bms_gateway.identify.contract import (
 from bms_gateway.identify.electrical import PairMeans
 from bms_gateway.identify.fixed import FixedIdentifier
 from bms_gateway.identify.recursive import RecursiveIdentifier
+from bms_gateway.identify.ticks import Ticks
 from bms_gateway.identify.voltage import VoltageHeat, VoltageTracker
 from bms_gateway.identify.window import Settings, WindowIdentifier
 from bms_gateway.thermal import StringModel
@@ -28,6 +29,7 @@ __all__ = [
     "Result",
     "Settings",
     "Tick",
+    "Ticks",
     "VoltageHeat",
     "VoltageTracker",
     "WindowIdentifier",

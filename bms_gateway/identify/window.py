@@ -27,6 +27,7 @@ from bms_gateway.identify.contract import (
 from bms_gateway.identify.evidence import Evidence, departures
 from bms_gateway.identify.lumped import R_E, R_U, fold_distance, fold_gradient, lumped_jacobian
 from bms_gateway.identify.posterior_fit import MODEL_SD, WALK_S, Fit, Root, Window, fit_window
+from bms_gateway.identify.ticks import Ticks, before_full
 from bms_gateway.thermal import KINDS, Floats, Prior, StringModel
 
 CLOGGED = 0.05
@@ -120,7 +121,7 @@ class WindowIdentifier:
         self._clear()
 
     def _clear(self) -> None:
-        # numbers and arrays, not ticks: a million objects would keep the garbage collector busy
+        # numbers and arrays of some ticks each, not ticks: a million objects would keep the garbage collector busy
         self._dt = 0.0
         self._square: list[float] = []
         self._heat: list[float] = []
@@ -159,12 +160,27 @@ class WindowIdentifier:
         self._held, self._dt = (blind, still), tick.dt
         self._square.append(square)
         self._heat.append(heat)
-        self._surface.append(tick.surface)
-        self._age.append(tick.age)
+        self._surface.append(tick.surface[None])
+        self._age.append(tick.age[None])
         self._inlet.append(self._inlet[-1] if no_inlet else inlet)
         if len(self._square) * tick.dt >= self._settings.window_s - 1e-6:
             return self._close(full=True)
         return job
+
+    def patience(self, dt: float) -> int:
+        """Tell how many regular ticks `take` may bring before one must come by `add`: none of them ends a window."""
+        if not self._inlet or (self._square and abs(self._dt - dt) > 1e-6):
+            return 0
+        return before_full(self._settings.window_s, len(self._square), dt)
+
+    def take(self, ticks: Ticks) -> None:
+        """Take in regular ticks, no more than `patience` says; the same as adding them one by one."""
+        self._held, self._dt = (0.0, 0.0), ticks.dt
+        self._square += ticks.square.tolist()
+        self._heat += ticks.heat.tolist()
+        self._inlet += ticks.inlet.tolist()
+        self._surface.append(ticks.surface)
+        self._age.append(ticks.age)
 
     def _close(self, full: bool = False) -> WindowJob | None:
         """End the window; a job if it is long enough and warm enough and none is under way."""
@@ -179,7 +195,7 @@ class WindowIdentifier:
         R_e, R_u = np.exp(self._guess[[R_E, R_U]])
         if R_u * float(np.mean(square * R_e + np.abs(heat))) < self._settings.least_rise:
             return None
-        window = Window(square, heat, inlet, np.array(surface), np.array(age), dt)
+        window = Window(square, heat, inlet, np.concatenate(surface), np.concatenate(age), dt)
         self._from_voltage = bool(measured.mean() > 0.5)
         evidence = self._evidence
         if self._windows:

@@ -12,7 +12,7 @@ from typing import Any, Self, TextIO
 
 import numpy as np
 
-from bms_gateway.engine.events import Estimated, Event, Notice, Parameters
+from bms_gateway.engine.events import Cells, Estimated, Event, Notice, Parameters
 from bms_gateway.errors import UsageError
 from bms_gateway.frames.quality import Quality
 from bms_gateway.identify import Estimate
@@ -98,7 +98,8 @@ class ResultFolder:
     def write(self, event: Event) -> None:
         """Write one event; frames to send and jobs are none of this folder's business."""
         if isinstance(event, Estimated):
-            self._write_estimates(event)
+            for cells in event.strings():
+                self._write_estimates(cells)
         elif isinstance(event, Parameters):
             self._write_parameters(event)
         elif isinstance(event, Notice):
@@ -138,7 +139,7 @@ class ResultFolder:
     def _open(self, name: str) -> TextIO:
         return self.place(name).open("w", encoding="utf-8", newline="\n")
 
-    def _write_estimates(self, e: Estimated) -> None:
+    def _write_estimates(self, e: Cells) -> None:
         n = len(e.core)
         if e.string not in self._rows:
             self._rows[e.string] = ("%.3f,%.3f,%.3f\n" * n, [f",{e.string},{k + 1}," for k in range(n)])

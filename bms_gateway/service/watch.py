@@ -69,9 +69,21 @@ class WatchedString(Protocol):
         """The plan, for its name."""
         ...
 
-    core: NDArray[np.float64]
-    core_sd: NDArray[np.float64]
-    quality: NDArray[np.uint8]
+    @property
+    def core(self) -> NDArray[np.float64]:
+        """Newest estimate, °C."""
+        ...
+
+    @property
+    def core_sd(self) -> NDArray[np.float64]:
+        """Its standard deviation, K."""
+        ...
+
+    @property
+    def quality(self) -> NDArray[np.uint8]:
+        """`Quality` of both."""
+        ...
+
     health: StringHealth
 
 

@@ -96,7 +96,6 @@ class Watch:
         self._every, self._skipped = 1, 0
         self._notices: list[Notice] = []
         self._trend: dict[str, list[tuple[int, float, float]]] = {s.plan.name: [] for s in engine.strings}
-        self._part: dict[str, Estimated] = {}
         self._views: OrderedDict[str, _View] = OrderedDict()
         self._before: tuple[int, int, int] | None = None
         self._kept = time.monotonic()
@@ -124,19 +123,16 @@ class Watch:
     # written by whoever drives the engine
 
     def take(self, event: Event) -> None:
-        """Take the engine's next event; a tick is kept once all strings have theirs."""
+        """Take the engine's next event."""
         if isinstance(event, Notice):
             with self._lock:
                 self._notices = [*self._notices[-MOST_NOTICES + 1 :], event]
         elif isinstance(event, Estimated):
-            self._part[event.string] = event
-            if len(self._part) == len(self._engine.strings):
-                self._keep(event.time_ns)
+            self._keep(event)
 
-    def _keep(self, time_ns: int) -> None:
-        parts = [self._part[s.plan.name] for s in self._engine.strings]
-        self._part = {}
-        cells = np.concatenate([np.stack([p.core, p.core_sd, p.surface]) for p in parts], axis=1).astype(np.float32)
+    def _keep(self, told: Estimated) -> None:
+        time_ns = told.time_ns
+        cells = np.stack([told.core, told.core_sd, told.surface]).astype(np.float32)
         strings = []
         for s in self._engine.strings:
             R_e = next((e for e in s.estimates if e.name == "R_e"), None)
@@ -151,7 +147,7 @@ class Watch:
             trend = self._trend[s.plan.name]
             if R_e is not None and (not trend or trend[-1][1:] != (R_e.value, R_e.sd)):
                 trend.append((time_ns, R_e.value, R_e.sd))
-        tick = _Tick(time_ns, cells, np.concatenate([p.quality for p in parts]), tuple(strings), self._traffic(time_ns))
+        tick = _Tick(time_ns, cells, told.quality, tuple(strings), self._traffic(time_ns))
         with self._lock:
             self._kept = time.monotonic()
             self._skipped += 1

@@ -81,7 +81,7 @@ def restart(loaded, drives, frames, state, at_s, *, clock_s=0) -> Restart:
     for e in drive(engine, [moved]):
         if isinstance(e, Estimated):
             k = e.time_ns // SECOND - EPOCH_S - clock_s
-            seen.setdefault(k, []).append((e.core - drives[int(e.string[-1]) - 1][2][k], e.core_sd))
+            seen[k] = [(s.core - drives[int(s.string[-1]) - 1][2][k], s.core_sd) for s in e.strings()]
     ticks = [seen[at_s + 1], seen[at_s + 2]]
     error, sd = (tuple(np.array([x[i] for x in tick]) for tick in ticks) for i in (0, 1))
     return Restart(error, sd)

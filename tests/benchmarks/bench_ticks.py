@@ -27,10 +27,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from bms_gateway.engine.current import Means
 from bms_gateway.engine.estimate import Estimators
-from bms_gateway.engine.inputs import Reading, Wire
+from bms_gateway.engine.inputs import Wire
 from bms_gateway.engine.plan import Plan, StringPlan
+from bms_gateway.engine.readings import Layout, Readings
 from bms_gateway.frames.quality import Quality
 from bms_gateway.observe import AdaptiveObserver, stack
 from bms_gateway.thermal import Disturbance, Floats, Prior, StringModel
@@ -60,6 +60,7 @@ class Pack:
         self.noise = rng.normal(0.0, 0.1, (64, strings, len(SENSED)))
         self.age = np.full((strings, CELLS), 0.3)
         self.inlet = np.full(strings, 25.0)
+        self.layout = Layout.of([f"string_{k + 1}" for k in range(strings)], [CELLS] * strings)
 
     def surfaces(self, k: int) -> Floats:
         y = np.full((len(self.models), CELLS), np.nan)
@@ -70,14 +71,22 @@ class Pack:
     def square(k: int) -> float:
         return 3600.0 if k // 30 % 2 else 400.0
 
-    def readings(self, k: int) -> list[Reading]:
-        means, none = Means(60.0, self.square(k), I_abs=60.0), float("nan")
-        quality = np.full(CELLS, Quality.NEVER, np.uint8)
-        quality[list(SENSED)] = Quality.GOOD
-        return [
-            Reading(means, int(Quality.GOOD), 25.0, none, none, y, age, quality)
-            for y, age in zip(self.surfaces(k), self.age, strict=True)
-        ]
+    def readings(self, k: int) -> Readings:
+        S = len(self.models)
+        none = np.full(S, np.nan)
+        quality = np.full((S, CELLS), Quality.NEVER, np.uint8)
+        quality[:, SENSED] = Quality.GOOD
+        return Readings(
+            np.array([np.full(S, 60.0), np.full(S, self.square(k)), none, none, np.full(S, 60.0)]),
+            np.full(S, np.uint8(Quality.GOOD)),
+            self.inlet,
+            none,
+            none,
+            self.surfaces(k).ravel(),
+            self.age.ravel(),
+            quality.ravel(),
+            self.layout.parts,
+        )
 
 
 def observers(pack: Pack) -> Callable[[int], Callable[[], object]]:

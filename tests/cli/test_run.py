@@ -28,7 +28,8 @@ def running(tmp_path):
     config, log = tmp_path / "gateway.toml", tmp_path / "drive.log"
     assert main(["simulate", "--config", str(config), "--out", str(log), "--duration", "30"]) == 0
     engine = engine_of(load_config(config), None, LOG)
-    last = [e for e in drive(engine, read_log(log)) if isinstance(e, Estimated)][-5:]
+    *_, newest = (e for e in drive(engine, read_log(log)) if isinstance(e, Estimated))
+    last = list(newest.strings())
     return config, engine, last
 
 

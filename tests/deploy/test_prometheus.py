@@ -38,7 +38,7 @@ def exported():
     pack.watch.alerts.update(1e12, [Condition("sensor", Severity.WARNING, "x", "string_1", settled=True)])
     for s in pack.engine.strings:
         s.health.ageing.growth, s.health.ageing.growth_sd, s.health.cooling.growth = 0.1, 0.02, 0.1
-        s.health.mismatch.excess = 1.0
+        s.health.mismatch.of.excess[:] = 1.0
     publisher = Publisher(Mqtt(host="localhost"), {}, status=str, estimates=dict)
     page = Page(pack.gateway, lambda: pack.engine, pack.watch, [publisher.families])
     found = {"up": {}}

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bms_gateway.engine import Channel, Engine, Estimated, Notice, Parameters, Plan, drain, drive
+from bms_gateway.engine import Cells, Channel, Engine, Estimated, Notice, Parameters, Plan, drain, drive
 from bms_gateway.engine.broadcast import STATUS_CODES
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.own import own_signal
@@ -33,8 +33,8 @@ def engine(*effects: AddedEffect) -> Engine:
     return Engine(with_effects(*(effects or (FALLING, SLOW, LATE))), database())
 
 
-def estimates(events: list, string: str = "string_1") -> list[Estimated]:
-    return [e for e in events if isinstance(e, Estimated) and e.string == string]
+def estimates(events: list, string: str = "string_1") -> list[Cells]:
+    return [s for e in events if isinstance(e, Estimated) for s in e.strings() if s.string == string]
 
 
 FRAMES = traffic(75)

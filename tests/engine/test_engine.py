@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bms_gateway.bus.virtual import VirtualPack
-from bms_gateway.engine import Engine, Estimated, Notice, Parameters, SendFrames, StartJob, drain, drive
+from bms_gateway.engine import Cells, Engine, Estimated, Notice, Parameters, SendFrames, StartJob, drain, drive
 from bms_gateway.errors import StateError
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.own import own_signal
@@ -25,8 +25,8 @@ def engine(strings: int = 2) -> Engine:
     return Engine(plan(strings), database())
 
 
-def estimates(events: list, string: str = "string_1") -> list[Estimated]:
-    return [e for e in events if isinstance(e, Estimated) and e.string == string]
+def estimates(events: list, string: str = "string_1") -> list[Cells]:
+    return [s for e in events if isinstance(e, Estimated) for s in e.strings() if s.string == string]
 
 
 FRAMES = traffic(45)

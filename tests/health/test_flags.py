@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bms_gateway.engine.group import mean_squares
 from bms_gateway.errors import StateError
-from bms_gateway.health import Ageing, Flag, History, Mismatch, Thresholds
+from bms_gateway.health import Ageing, Flag, History, Mismatch, Mismatches, Thresholds
 from bms_gateway.health.mismatch import GRACE_S
 
 
@@ -93,10 +94,12 @@ def test_the_history_keeps_one_row_a_day_and_stays_small() -> None:
 
 def test_mismatch_rises_when_innovations_outgrow_their_band_and_not_on_white_noise() -> None:
     rng = np.random.default_rng(1)
-    good, bad = Mismatch(), Mismatch()
+    both = Mismatches(2)
+    good, bad = Mismatch(both, 0), Mismatch(both, 1)
+    changes = []
     for _ in range(3000):
-        good.update(rng.normal(0, 1, 2), 1.0)
-        bad.update(rng.normal(3, 1, 2), 1.0)
+        changes += both.take(mean_squares(rng.normal([[0.0], [3.0]], 1, (2, 2)), np.ones((2, 2))), 1.0)
+    assert changes == [1]
     assert good.flag.level == 0
     assert good.excess == pytest.approx(1.0, abs=0.2)
     assert bad.flag.level == 2
@@ -104,7 +107,8 @@ def test_mismatch_rises_when_innovations_outgrow_their_band_and_not_on_white_noi
     assert "bms-gateway export --last 2h --out recent.csv" in bad.sentence()
     assert "bms-gateway diagnose recent.csv --model" in bad.sentence()
     for _ in range(4000):
-        bad.update(rng.normal(0, 1, 2), 1.0)
+        changes += both.take(mean_squares(rng.normal(0, 1, (2, 2)), np.ones((2, 2))), 1.0)
+    assert changes == [1, 1, 1]
     assert bad.flag.level == 0
     assert bad.sentence() == "the model explains the surfaces again"
 
@@ -113,11 +117,11 @@ def test_innovations_of_the_first_seconds_say_nothing_after_a_start_and_after_a_
     m = Mismatch()
     for _ in range(2):
         for _ in range(int(GRACE_S)):
-            assert not m.update(np.array([50.0, nan]), 1.0)
+            assert not m.of.take(np.array([2500.0]), 1.0)
         assert m.excess != m.excess
         for _ in range(200):
-            m.update(np.array([nan, nan]), 1.0)
-            m.update(np.array([1.0, nan]), 1.0)
+            m.of.take(np.array([nan]), 1.0)
+            m.of.take(np.array([1.0]), 1.0)
         assert m.flag.level == 0
         assert m.excess == pytest.approx(1.0)
         m.resume()

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from bms_gateway.engine.events import Estimated, Level, Notice, Parameters, SendFrames
+from bms_gateway.engine.readings import Layout
 from bms_gateway.errors import UsageError
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.quality import Quality
@@ -19,7 +20,7 @@ S = 1_000_000_000
 
 def estimated(t, core, quality=(0, 11)):
     core = np.array(core, float)
-    return Estimated(t, "string_1", core, np.full(2, 0.5), core - 5.0, np.array(quality, np.uint8))
+    return Estimated(t, Layout.of(["string_1"], [2]), core, np.full(2, 0.5), core - 5.0, np.array(quality, np.uint8))
 
 
 def test_numbers_of_effects_are_written_in_their_own_units(tmp_path):

@@ -67,7 +67,7 @@ def watch(loaded, log):
 def said(loaded, log):
     """What the engine says of the log as `analyze` runs it."""
     events = drive(Engine(loaded.plan, loaded.database), read_log(log))
-    return [e for e in events if isinstance(e, Estimated)]
+    return [s for e in events if isinstance(e, Estimated) for s in e.strings()]
 
 
 def test_each_picture_is_what_the_engine_said_at_that_tick(watch, said):

@@ -1,0 +1,143 @@
+"""Ticks that identification has not taken in yet, of all strings of a group.
+
+What gathers windows looks at a tick only when something is unusual about it or when it may end a window; until then a
+regular tick is as good in a minute as now. So regular ticks stand here in columns, and a string takes its own out of
+them in one go: when its patience is over, when its current or inlet is missing, or when somebody asks. What it has then
+is to the last bit what it would have had tick by tick.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bms_gateway.engine.events import Job
+from bms_gateway.engine.string import StringEstimator
+from bms_gateway.identify import PairMeans, Tick, Ticks
+from bms_gateway.identify.ticks import ENDLESS
+from bms_gateway.thermal import Floats
+
+BLOCK = 60
+"""Ticks that are put together to one block of columns: few objects, and no second copy of a long backlog."""
+
+
+@dataclass(frozen=True, slots=True)
+class GroupTick:
+    """One tick of S strings of n cells; see `Tick` and `Reading` for the quantities, (S,) or (S, n).
+
+    Attributes
+    ----------
+    flow : ndarray (S,)
+        Over nominal; NaN where unknown.
+    cells : sequence of PairMeans or None
+        By string, or empty.
+    """
+
+    time_ns: int
+    dt: float
+    square: Floats
+    heat: Floats
+    inlet: Floats
+    flow: Floats
+    current: Floats
+    soc: Floats
+    surface: Floats
+    age: Floats
+    cells: Sequence[PairMeans | None]
+
+    def of(self, j: int) -> Tick:
+        """Take string `j` out."""
+        square, heat, inlet = float(self.square[j]), float(self.heat[j]), float(self.inlet[j])
+        return Tick(self.time_ns, self.dt, square, heat, inlet, self.surface[j], self.age[j])
+
+
+@dataclass(frozen=True, slots=True)
+class _Block:
+    """Ticks number `first` to `end` − 1, a column per quantity of `Ticks`, stacked along the first axis."""
+
+    first: int
+    end: int
+    columns: tuple[Floats, ...]
+
+
+class Backlog:
+    """See the module's text.
+
+    Parameters
+    ----------
+    strings : sequence of StringEstimator
+    dt : float, s
+        Period of regular ticks.
+    """
+
+    def __init__(self, strings: Sequence[StringEstimator], dt: float) -> None:
+        self._strings, self._dt = strings, dt
+        self._now = 0  # number of the next tick
+        self._taken = np.zeros(len(strings), np.int64)  # number of the first tick that each has not taken in yet
+        self._due = np.zeros(len(strings), np.int64)  # number of the tick that each must see when it comes
+        self._next = 0  # the first of these
+        self._blocks: list[_Block] = []
+        self._single: list[GroupTick] = []  # the newest, not in a block yet
+
+    def add(self, tick: GroupTick) -> list[tuple[int, Job]]:
+        """Take in a tick.
+
+        Returns
+        -------
+        list of (int, Job)
+            What strings want computed, by their index in the group.
+        """
+        unusual = np.isnan(tick.square) | np.isnan(tick.inlet) | ~np.isnan(tick.flow)
+        if tick.dt != self._dt:
+            unusual[:] = True
+        jobs: list[tuple[int, Job]] = []
+        now = self._now
+        if now >= self._next or unusual.any():
+            for j in np.flatnonzero((unusual & (self._taken < ENDLESS)) | (self._due <= now)).tolist():
+                self._bring(j)
+                s, pairs = self._strings[j], tick.cells[j] if tick.cells else None
+                found = s.learn(tick.of(j), float(tick.current[j]), float(tick.soc[j]), float(tick.flow[j]), pairs)
+                jobs += [(j, job) for job in found]
+                patience = s.patience(self._dt)
+                self._taken[j] = now + 1 if patience < ENDLESS else ENDLESS
+                self._due[j] = min(now + 1 + patience, ENDLESS)
+            self._next = int(self._due.min())
+            self._forget()
+        self._now += 1
+        if self._taken.min() <= now:
+            self._single.append(tick)
+            if len(self._single) >= BLOCK:
+                self._stack()
+        return jobs
+
+    def catch_up(self, j: int) -> None:
+        """Let string `j` take in all that waits for it, and see the next tick itself: something about it changes."""
+        self._bring(j)
+        self._due[j] = self._next = self._now
+
+    def _bring(self, j: int) -> None:
+        """Hand string `j` the regular ticks that wait for it."""
+        since = int(self._taken[j])
+        if since >= self._now:
+            return
+        self._stack()
+        for b in self._blocks:
+            if b.end > since:
+                self._strings[j].take(Ticks(self._dt, *(c[max(0, since - b.first) :, j] for c in b.columns)))
+        self._taken[j] = self._now
+
+    def _stack(self) -> None:
+        if not self._single:
+            return
+        columns = zip(
+            *((t.square, t.heat, t.inlet, t.current, t.soc, t.surface, t.age) for t in self._single), strict=True
+        )
+        self._blocks.append(_Block(self._now - len(self._single), self._now, tuple(np.stack(c) for c in columns)))
+        self._single = []
+
+    def _forget(self) -> None:
+        """Drop what everybody has."""
+        least = int(self._taken.min())
+        self._blocks = [b for b in self._blocks if b.end > least]
+        if least >= self._now:
+            self._single = []

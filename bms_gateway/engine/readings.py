@@ -1,0 +1,123 @@
+"""What the estimators take in at a tick: all strings side by side, and one of them where only one is asked for.
+
+Strings are many and a tick comes every second, so what is measured stands in one array per quantity; a string's own
+row is made into an object only for those who work string by string.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import accumulate, pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bms_gateway.engine.current import Means
+from bms_gateway.identify import PairMeans
+from bms_gateway.thermal import Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """One string at one tick.
+
+    Attributes
+    ----------
+    means : Means
+        Of current and voltage over the tick.
+    current_quality : int
+    inlet : float
+        Coolant inlet at the tick, °C; NaN where unknown.
+    flow : float
+        m³/s; NaN where unknown.
+    soc : float
+        State of charge, 0…1; NaN where unknown, and for strings whose model has no effects.
+    y, age : ndarray (n,)
+        Surface readings, °C, NaN where none is new and good; seconds between reading and tick.
+    quality : ndarray of uint8 (n,)
+        Of the surface sensors; `Quality.ESTIMATED` for cells without one.
+    cells : PairMeans or None
+        Voltages of the cells with the current at their instants; None where there were none.
+    """
+
+    means: Means
+    current_quality: int
+    inlet: float
+    flow: float
+    soc: float
+    y: Floats
+    age: Floats
+    quality: NDArray[np.uint8]
+    cells: PairMeans | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Where each string's cells stand in one row that holds the cells of all.
+
+    Attributes
+    ----------
+    names : tuple of str
+    parts : tuple of slice
+        In the order of the plan.
+    """
+
+    names: tuple[str, ...]
+    parts: tuple[slice, ...]
+
+    @classmethod
+    def of(cls, names: Sequence[str], cells: Sequence[int]) -> "Layout":
+        """Lay out strings of so many cells each."""
+        ends = accumulate(cells, initial=0)
+        return cls(tuple(names), tuple(slice(first, end) for first, end in pairwise(ends)))
+
+
+@dataclass(frozen=True, slots=True)
+class Readings:
+    """All S strings of N cells at one tick; the quantities are those of `Reading`.
+
+    Attributes
+    ----------
+    means : ndarray (5, S)
+        Of I, I², V, I·V and |I|: the fields of `Means` in their order.
+    current_quality : ndarray of uint8 (S,)
+    inlet, flow, soc : ndarray (S,)
+    y, age : ndarray (N,)
+    quality : ndarray of uint8 (N,)
+    parts : tuple of slice
+        Each string's of the N cells.
+    cells : list of PairMeans or None
+        By string; empty where no string hears its cells' voltages.
+    """
+
+    means: Floats
+    current_quality: NDArray[np.uint8]
+    inlet: Floats
+    flow: Floats
+    soc: Floats
+    y: Floats
+    age: Floats
+    quality: NDArray[np.uint8]
+    parts: tuple[slice, ...]
+    cells: list[PairMeans | None] = field(default_factory=list)
+
+    def seen(self, quality: np.uint8) -> NDArray[np.bool_]:
+        """Tell which strings (S,) have a surface of such a quality."""
+        found = np.logical_or.reduceat(self.quality == quality, [part.start for part in self.parts])
+        return np.asarray(found, dtype=np.bool_)
+
+    def __len__(self) -> int:
+        return len(self.parts)
+
+    def __getitem__(self, i: int) -> Reading:
+        mine = self.parts[i]
+        return Reading(
+            Means(*self.means[:, i].tolist()),
+            int(self.current_quality[i]),
+            float(self.inlet[i]),
+            float(self.flow[i]),
+            float(self.soc[i]),
+            self.y[mine],
+            self.age[mine],
+            self.quality[mine],
+            self.cells[i] if self.cells else None,
+        )
