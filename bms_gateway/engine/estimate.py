@@ -125,7 +125,7 @@ class Estimators:
 
     def _step_group(self, group: Group, readings: Readings, t1: int, jobs: list[tuple[int, Job]]) -> Floats:
         """Advance a group; how surprised each of its strings was. What it wants computed joins `jobs`."""
-        dt, newest, flat = self._dt, self.newest, group.flat
+        dt, newest = self._dt, self.newest
         I, square, V, IV, _ = readings.means[:, group.rows]  # noqa: E741
         inlet, y, age = readings.inlet[group.rows], group.by_cell(readings.y), group.by_cell(readings.age)
         flow = group.unknown if group.nominal_flow is None else readings.flow[group.rows] / group.nominal_flow
@@ -154,7 +154,7 @@ class Estimators:
             (newest.innovation, e.innovation),
             (newest.innovation_sd, e.innovation_sd),
         ):
-            row[flat] = values.ravel()
+            group.put(row, values)
         cells = [readings.cells[i] for i in group.members] if readings.cells else ()
         soc, since = readings.soc[group.rows], dt + self._gap_s
         tick = GroupTick(t1, since, square, heat, inlet, flow, I, soc, y, age, cells)

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,10 +84,18 @@ class Group:
         """Take its cells out of those of all (N,), as (S, n)."""
         return row[self.flat].reshape(len(self.members), self.cells)
 
+    def put(self, row: NDArray[Any], values: NDArray[Any]) -> None:
+        """Give `values` (S, n) of its cells their places in a row of all (N,)."""
+        if isinstance(self.flat, slice):
+            row[self.flat].reshape(values.shape)[...] = values
+        else:
+            row[self.flat] = values.ravel()
+
     def quality(self, readings: Readings) -> NDArray[np.uint8]:
         """Quality (S, n) of its strings' estimates: the own sensor's, and nowhere better than that of the current."""
         own = readings.quality[self.flat].reshape(len(self.members), self.cells)
-        own = np.where(own == NEVER, ESTIMATED, own)
+        if (never := own == NEVER).any():
+            own = np.where(never, ESTIMATED, own)
         current = readings.current_quality[self.rows]
         if (current == GOOD).all():
             return own
@@ -105,8 +113,9 @@ def _at(places: list[int]) -> At:
 
 def mean_squares(innovation: Floats, sd: Floats) -> Floats:
     """Mean over each string's readings of the innovation's square in units of its variance; NaN without a reading."""
-    squares = np.square(innovation / sd)
-    there = np.isfinite(squares)
-    count = there.sum(axis=1)
-    total = np.where(there, squares, 0.0).sum(axis=1)
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+    z = innovation / sd
+    there = np.isfinite(z)
+    z[~there] = 0.0
+    count = np.count_nonzero(there, axis=1)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.einsum("sn,sn->s", z, z) / count, dtype=np.float64)

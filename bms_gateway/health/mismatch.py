@@ -37,6 +37,7 @@ class Mismatches:
         self.excess = np.full(strings, nan)
         self.flags = [Flag(EXCESS) for _ in range(strings)]
         self._grace = np.full(strings, GRACE_S)
+        self._waits = True
         self._stirred: set[int] = set()  # whose flag is raised or about to be
 
     def take(self, now: Floats, dt: float) -> list[int]:
@@ -54,14 +55,17 @@ class Mismatches:
         list of int
             Strings whose flag's level changed.
         """
-        waiting = self._grace > 0.0
-        if waiting.any():
+        if self._waits:
+            waiting = self._grace > 0.0
             now = np.where(waiting, nan, now)
             self._grace[waiting] -= dt
+            self._waits = bool(waiting.any())
         known = now == now
-        first = known & (self.excess != self.excess)
-        self.excess = np.where(first, now, self.excess)
-        self.excess = np.where(known, self.excess + (now - self.excess) * min(1.0, dt / WINDOW_S), self.excess)
+        fresh = self.excess != self.excess
+        if fresh.any():
+            self.excess = np.where(known & fresh, now, self.excess)
+        moved = (now - self.excess) * min(1.0, dt / WINDOW_S)
+        self.excess = self.excess + (moved if known.all() else np.where(known, moved, 0.0))
         looked_at = self._stirred.union((self.excess >= EXCESS.rise[0]).nonzero()[0].tolist())
         changed = [k for k in sorted(looked_at) if known[k] and self.flags[k].update(float(self.excess[k]))]
         self._stirred = {k for k in looked_at if self.flags[k].stirred}
@@ -69,7 +73,7 @@ class Mismatches:
 
     def resume(self, k: int) -> None:
         """Begin string `k` anew after a pause; a raised flag stays until the readings speak against it."""
-        self._grace[k], self.excess[k] = GRACE_S, nan
+        self._grace[k], self.excess[k], self._waits = GRACE_S, nan, True
 
 
 @dataclass(frozen=True, slots=True)
