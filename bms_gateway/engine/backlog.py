@@ -8,6 +8,8 @@ is to the last bit what it would have had tick by tick.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import nan
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,20 +17,20 @@ from bms_gateway.engine.events import Job
 from bms_gateway.engine.string import StringEstimator
 from bms_gateway.identify import PairMeans, Tick, Ticks
 from bms_gateway.identify.ticks import ENDLESS
+from bms_gateway.observe.model import Bools
 from bms_gateway.thermal import Floats
 
 BLOCK = 60
 """Ticks that are put together to one block of columns: few objects, and no second copy of a long backlog."""
 
 
-@dataclass(frozen=True, slots=True)
-class GroupTick:
+class GroupTick(NamedTuple):
     """One tick of S strings of n cells; see `Tick` and `Reading` for the quantities, (S,) or (S, n).
 
     Attributes
     ----------
-    flow : ndarray (S,)
-        Over nominal; NaN where unknown.
+    flow : ndarray (S,) or None
+        Over nominal; NaN where unknown, None where nobody knows it.
     cells : sequence of PairMeans or None
         By string, or empty.
     """
@@ -38,7 +40,7 @@ class GroupTick:
     square: Floats
     heat: Floats
     inlet: Floats
-    flow: Floats
+    flow: Floats | None
     current: Floats
     soc: Floats
     surface: Floats
@@ -75,7 +77,7 @@ class Backlog:
         self._now = 0  # number of the next tick
         self._taken = np.zeros(len(strings), np.int64)  # number of the first tick that each has not taken in yet
         self._due = np.zeros(len(strings), np.int64)  # number of the tick that each must see when it comes
-        self._next = 0  # the first of these
+        self._next = self._least = 0  # the first of these, and of those
         self._blocks: list[_Block] = []
         self._single: list[GroupTick] = []  # the newest, not in a block yet
 
@@ -87,16 +89,19 @@ class Backlog:
         list of (int, Job)
             What strings want computed, by their index in the group.
         """
-        unusual = np.isnan(tick.square) | np.isnan(tick.inlet) | ~np.isnan(tick.flow)
+        usual: Bools = np.isfinite(tick.square + tick.inlet)
+        if tick.flow is not None:
+            usual &= np.isnan(tick.flow)
         if tick.dt != self._dt:
-            unusual[:] = True
+            usual[:] = False
         jobs: list[tuple[int, Job]] = []
         now = self._now
-        if now >= self._next or unusual.any():
-            for j in np.flatnonzero((unusual & (self._taken < ENDLESS)) | (self._due <= now)).tolist():
+        if now >= self._next or not usual.all():
+            for j in np.flatnonzero((~usual & (self._taken < ENDLESS)) | (self._due <= now)).tolist():
                 self._bring(j)
                 s, pairs = self._strings[j], tick.cells[j] if tick.cells else None
-                found = s.learn(tick.of(j), float(tick.current[j]), float(tick.soc[j]), float(tick.flow[j]), pairs)
+                flow = nan if tick.flow is None else float(tick.flow[j])
+                found = s.learn(tick.of(j), float(tick.current[j]), float(tick.soc[j]), flow, pairs)
                 jobs += [(j, job) for job in found]
                 patience = s.patience(self._dt)
                 self._taken[j] = now + 1 if patience < ENDLESS else ENDLESS
@@ -104,7 +109,7 @@ class Backlog:
             self._next = int(self._due.min())
             self._forget()
         self._now += 1
-        if self._taken.min() <= now:
+        if self._least <= now:
             self._single.append(tick)
             if len(self._single) >= BLOCK:
                 self._stack()
@@ -137,7 +142,7 @@ class Backlog:
 
     def _forget(self) -> None:
         """Drop what everybody has."""
-        least = int(self._taken.min())
-        self._blocks = [b for b in self._blocks if b.end > least]
-        if least >= self._now:
+        self._least = int(self._taken.min())
+        self._blocks = [b for b in self._blocks if b.end > self._least]
+        if self._least >= self._now:
             self._single = []

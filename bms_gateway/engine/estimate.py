@@ -128,7 +128,7 @@ class Estimators:
         dt, newest = self._dt, self.newest
         I, square, V, IV, _ = readings.means[:, group.rows]  # noqa: E741
         inlet, y, age = readings.inlet[group.rows], group.by_cell(readings.y), group.by_cell(readings.age)
-        flow = group.unknown if group.nominal_flow is None else readings.flow[group.rows] / group.nominal_flow
+        flow = None if group.nominal_flow is None else readings.flow[group.rows] / group.nominal_flow
         heat = group.unknown
         if group.voltage:
             of_each = zip(group.strings, I.tolist(), V.tolist(), IV.tolist(), strict=True)
@@ -136,7 +136,7 @@ class Estimators:
         observer = group.observer
         if isinstance(observer, AdaptiveObserver):
             given = heat[:, None] * observer.share if group.voltage else None
-            e = observer.step(square, given, inlet, y, age, None if group.nominal_flow is None else flow)
+            e = observer.step(square, given, inlet, y, age, flow)
         else:
             e = observer.step(group.strings[0].measured(readings[group.members[0]]), y[0], age[0])
             effective, shift = observer.effective

@@ -117,5 +117,4 @@ def mean_squares(innovation: Floats, sd: Floats) -> Floats:
     there = np.isfinite(z)
     z[~there] = 0.0
     count = np.count_nonzero(there, axis=1)
-    with np.errstate(invalid="ignore"):
-        return np.asarray(np.einsum("sn,sn->s", z, z) / count, dtype=np.float64)
+    return np.asarray(np.einsum("sn,sn->s", z, z) / np.where(count, count, np.nan), dtype=np.float64)

@@ -60,12 +60,14 @@ class Mismatches:
             now = np.where(waiting, nan, now)
             self._grace[waiting] -= dt
             self._waits = bool(waiting.any())
+        share = min(1.0, dt / WINDOW_S)
+        excess = self.excess + (now - self.excess) * share
+        if not self._stirred and excess.max() < EXCESS.rise[0]:  # all known, and nothing to tell: as nearly always
+            self.excess = excess
+            return []
         known = now == now
-        fresh = self.excess != self.excess
-        if fresh.any():
-            self.excess = np.where(known & fresh, now, self.excess)
-        moved = (now - self.excess) * min(1.0, dt / WINDOW_S)
-        self.excess = self.excess + (moved if known.all() else np.where(known, moved, 0.0))
+        start = np.where(known & (self.excess != self.excess), now, self.excess)
+        self.excess = np.where(known, start + (now - start) * share, start)
         looked_at = self._stirred.union((self.excess >= EXCESS.rise[0]).nonzero()[0].tolist())
         changed = [k for k in sorted(looked_at) if known[k] and self.flags[k].update(float(self.excess[k]))]
         self._stirred = {k for k in looked_at if self.flags[k].stirred}

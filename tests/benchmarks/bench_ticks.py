@@ -38,7 +38,7 @@ from bms_gateway.thermal import Disturbance, Floats, Prior, StringModel
 CELLS, SENSED = 12, (0, 11)
 SIZES = (60, 1_000, 10_000)
 GOALS_US = {60: 60.0, 1_000: 120.0, 10_000: 800.0}
-SETTLE = 1200  # ticks: twenty minutes of a drive
+SETTLE = 3600  # ticks: an hour of a drive; in the first one covariances still take strides that grow with it
 TICKS, ROUNDS = 102, 7  # six blocks of sensitivities
 EPOCH_NS, SECOND = 1_700_000_000_000_000_000, 1_000_000_000
 
