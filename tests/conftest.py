@@ -34,6 +34,13 @@ def why_no_systemd() -> str | None:
     return why_no_vcan()
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Keep a file's tests on one worker, for its fixtures, and all that share the one vcan0 on one."""
+    for item in items:
+        shared = item.get_closest_marker("vcan") or item.get_closest_marker("systemd")
+        item.add_marker(pytest.mark.xdist_group("vcan0" if shared else str(item.path)))
+
+
 def pytest_runtest_setup(item: pytest.Item) -> None:
     for marker, why_not in (("vcan", why_no_vcan), ("systemd", why_no_systemd)):
         if item.get_closest_marker(marker) and (why := why_not()) is not None:
