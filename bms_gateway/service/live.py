@@ -20,7 +20,7 @@ from functools import partial
 from typing import Any, Final, Protocol
 
 from bms_gateway.bus.port import Link, Port
-from bms_gateway.engine.events import Estimated, Event, Level, Notice, SendFrames, StartJob
+from bms_gateway.engine.events import Estimated, Event, Job, Level, Notice, SendFrames, StartJob
 from bms_gateway.errors import GatewayError
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.service.journal import NOTICE
@@ -81,6 +81,11 @@ def place(event: Notice) -> dict[str, object]:
     return {"code": event.code, "string": event.string, "cell": event.cell}
 
 
+def run_here(job: Job) -> object:
+    """Run a job in the calling thread."""
+    return job.run()
+
+
 class Gateway:
     """Engine and port, joined by an event loop.
 
@@ -95,6 +100,8 @@ class Gateway:
         Called on SIGHUP; gives the engine to go on with. A `GatewayError` is told and keeps the present one.
     watch : callable, optional
         Gets every event in order, jobs left out: for a record of what is sent, or a live table.
+    run_job : callable
+        Called in the worker thread; gives a job's result. `aside.run_aside` keeps its calculation out of this process.
 
     Attributes
     ----------
@@ -121,10 +128,11 @@ class Gateway:
         save: Callable[[Mapping[str, object]], None] | None = None,
         reload: Callable[[], LiveEngine] | None = None,
         watch: Callable[[Event], None] | None = None,
+        run_job: Callable[[Job], object] = run_here,
     ) -> None:
         self.engine = engine
         self.port = port
-        self._save, self._reload, self._watch = save, reload, watch
+        self._save, self._reload, self._watch, self._run_job = save, reload, watch, run_job
         self.tally = Tally()
         self.beside: dict[str, Callable[[], Coroutine[Any, Any, None]]] = {}
         self.summary: Callable[[], str] = lambda: ""
@@ -264,7 +272,7 @@ class Gateway:
 
     def _start(self, event: StartJob) -> None:
         self.tally.jobs += 1
-        future = self._loop.run_in_executor(self._worker, event.job.run)
+        future = self._loop.run_in_executor(self._worker, self._run_job, event.job)
         future.add_done_callback(partial(self._finish, self.engine, event.job_id))
 
     def _finish(self, engine: LiveEngine, job_id: int, done: "asyncio.Future[object]") -> None:
