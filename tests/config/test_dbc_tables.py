@@ -4,7 +4,6 @@ import os
 import runpy
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,11 +11,10 @@ import pytest
 from bms_gateway.config import dbc, own_dbc_text
 from bms_gateway.config.dbc import read_dbc
 from bms_gateway.errors import ConfigError
-from bms_gateway.frames.database import Database
 from bms_gateway.frames.dbc import parse
 from bms_gateway.frames.own import OWN_DBC
-from bms_gateway.frames.packed import pack, unpack
-from tests.frames.payloads import OWN, ROOT, all_dbc, text_of
+from tests.frames.payloads import OWN, ROOT, text_of
+from tests.frames.test_packed import same
 
 TEXT = (
     'VERSION ""\nBS_:\nBU_: A\nBO_ 291 M: 8 A\n SG_ m M : 0|4@1+ (1,0) [0|0] "" A\n'
@@ -42,22 +40,6 @@ def parsed(monkeypatch):
 
     monkeypatch.setattr(dbc, "parse", told)
     return names
-
-
-def same(found, truth) -> bool:
-    """Alike to the order of signals, of labels, and to the bit."""
-    return repr(found) == repr(truth) and found == truth
-
-
-@pytest.mark.parametrize("path", all_dbc(), ids=lambda p: p.name)
-def test_a_table_gives_back_what_was_parsed(path: Path) -> None:
-    truth = parse(path.name, text_of(path))
-    found = unpack(path.name, pack(truth))
-    assert same(found, truth)
-    paths = [s.path for m in truth for s in m.signals.values() if s.scale]
-    tables = [Database(messages).compile(paths) for messages in (found, truth)]
-    for name in ("keys", "first", "count", "scale", "offset", "low", "high", "na_from", "label_keys", "declared"):
-        np.testing.assert_array_equal(*(getattr(t, name) for t in tables))
 
 
 def test_the_table_that_is_shipped_is_of_the_dbc_that_is_shipped() -> None:
