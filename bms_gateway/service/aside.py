@@ -20,7 +20,7 @@ from bms_gateway.engine.events import Job
 
 log = logging.getLogger(__name__)
 
-NICE: Final = 10  # the loop has the processor when it wants it
+NICE: Final = 5  # the loop goes first; and beside a busy program a fit still ends long before it is due
 CHILD: Final = (sys.executable, "-P", "-m", "bms_gateway.service.aside")  # nothing from where it happens to run
 
 

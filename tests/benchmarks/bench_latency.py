@@ -104,10 +104,9 @@ async def peer(place, seconds, jobs):
     """python-can's Notifier, cantools, one frame a second; the fits in a thread."""
     import can
 
-    bus, db, estimator = python_can(place), database(), engine()
+    db, estimator = database(), engine()
     own = min(estimator.sends)
-    wanted = sorted(set(estimator.can_ids.tolist()))
-    bus.set_filters([{"can_id": i, "can_mask": 0x7FF} for i in wanted])
+    bus = python_can(place, sorted(set(estimator.can_ids.tolist())))
     known = {m.frame_id: m for m in db.messages}
     second, fits, end = 0, 0, threading.Event()
 

@@ -143,9 +143,7 @@ async def notifier(place, db, wanted=None):
     """python-can's Notifier on the event loop, cantools in the listener."""
     import can
 
-    bus = python_can(place)
-    if wanted is not None:
-        bus.set_filters([{"can_id": i, "can_mask": 0x7FF} for i in wanted])
+    bus = python_can(place, wanted)
     known = {m.frame_id: m for m in db.messages}
     count = 0
 

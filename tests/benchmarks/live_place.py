@@ -182,13 +182,16 @@ def _pair_bus(sock):
     return PairBus()
 
 
-def python_can(place):
+def python_can(place, wanted=None):
     """python-can's own SocketCAN bus, or one above the socket pair that parses as it does: `capture_message` is its."""
     import can
 
+    filters = None if wanted is None else [{"can_id": i, "can_mask": 0x7FF} for i in wanted]
     if place.channel is None:
-        return _pair_bus(place.ours)
-    return can.Bus(interface="socketcan", channel=place.channel)
+        bus = _pair_bus(place.ours)
+        bus.set_filters(filters)
+        return bus
+    return can.Bus(interface="socketcan", channel=place.channel, can_filters=filters)
 
 
 def our_port(place, **options):
