@@ -1,7 +1,8 @@
 """Write `bms_gateway.dbc`: the messages that the gateway reads by default and those that it sends.
 
 Eight strings of up to 18 cells give about a thousand signals, too many to keep right by hand. Run
-``python dbc/generate.py`` after a change here; a test fails while the file is out of date. Standard library only.
+``python dbc/generate.py`` after a change here, then ``python dbc/tabulate.py``; tests fail while a file is out of date.
+Standard library only.
 
 Layout rules: little-endian; every message has eight bytes; AUTOSAR E2E profile 1 variant 1A takes byte 0 (CRC) and the
 low half of byte 1 (counter); raw values from 0xFE in the top byte on are J1939's error and not-available ranges.

@@ -15,7 +15,7 @@ if [ -d /run/systemd/system ] && [ -e /etc/systemd/system/bms-gateway.service ];
 fi
 rm -f /etc/systemd/system/bms-gateway.service /etc/sysctl.d/60-bms-gateway.conf
 if [ -d /run/systemd/system ]; then systemctl daemon-reload; fi
-rm -rf /opt/bms-gateway
+rm -rf /opt/bms-gateway /var/cache/bms-gateway /var/cache/private/bms-gateway
 if [ "${1:-}" = --purge ]; then
   rm -rf /etc/bms-gateway /var/lib/bms-gateway /var/lib/private/bms-gateway
 else

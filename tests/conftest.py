@@ -6,10 +6,15 @@ the guest of `tests/canvm`) a missing `vcan0` is a failure: tests that are never
 
 import os
 import socket
+import tempfile
 from functools import cache
 from pathlib import Path
 
 import pytest
+
+# tables of parsed DBC files are kept for this run alone, here and in what tests start
+_tables = tempfile.TemporaryDirectory(prefix="bms-gateway-tables-")
+os.environ["CACHE_DIRECTORY"] = _tables.name
 
 
 def required() -> bool:

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from bms_gateway.bus.port import Counters, Link
+from bms_gateway.bus.port import GATHER_S, Counters, Link
 from bms_gateway.frames.batch import FrameBatch
 
 
@@ -60,6 +60,8 @@ class MemoryBus:
 
 class MemoryPort:
     """One node of a `MemoryBus`, as a `Port`."""
+
+    gather_s = GATHER_S
 
     def __init__(self, bus: MemoryBus) -> None:
         self._bus = bus

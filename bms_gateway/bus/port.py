@@ -2,9 +2,12 @@
 
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Protocol
+from typing import Final, Protocol
 
 from bms_gateway.frames.batch import FrameBatch
+
+GATHER_S: Final = 0.01
+"""How long frames may gather where nothing is known of the room for them."""
 
 
 class Link(Enum):
@@ -59,6 +62,11 @@ class Port(Protocol):
 
     counters: Counters
     link: Link
+
+    @property
+    def gather_s(self) -> float:
+        """How long frames may wait in it, s, with room to spare on a full bus."""
+        ...
 
     def fileno(self) -> int:
         """Descriptor that becomes readable with the first frame, or −1: then it must be polled."""

@@ -15,7 +15,7 @@ from bms_gateway.bus.clock import BusClock
 from bms_gateway.bus.impostor import Impostors
 from bms_gateway.bus.message import to_batch, to_message
 from bms_gateway.bus.pace import BURST, RATE, Pacer
-from bms_gateway.bus.port import Counters, Link
+from bms_gateway.bus.port import GATHER_S, Counters, Link
 from bms_gateway.errors import BusError, UsageError, did_you_mean
 from bms_gateway.frames.batch import FrameBatch
 
@@ -53,6 +53,8 @@ class PythonCanPort:
     BusError
         The interface cannot be opened.
     """
+
+    gather_s = GATHER_S
 
     def __init__(
         self,

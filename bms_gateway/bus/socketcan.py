@@ -1,9 +1,10 @@
 """Our own raw SocketCAN port: drained on a timer, stamped by the kernel, alive through every outage of the interface.
 
-At 8,500 frames/s it is the wake-ups that cost, not the bytes: the service drains the socket every 10 ms, and one drain
-is a few system calls and a few array operations (`receiver`). The socket lives as long as the port. When the interface
-goes away the kernel unbinds it (ENODEV, once) and it is bound again by name, with growing delays; when the interface is
-switched off (ENETDOWN, once) it goes on by itself afterwards.
+At 8,500 frames/s it is the wake-ups that cost, not the bytes: the service drains the socket every 50 ms, if there is
+the room in the kernel's buffer, and one drain is a system call or two and a few array operations (`receiver`). The
+kernel has stamped each frame long before, so the wait changes no figure. The socket lives as long as the port. When the
+interface goes away the kernel unbinds it (ENODEV, once) and it is bound again by name, with growing delays; when the
+interface is switched off (ENETDOWN, once) it goes on by itself afterwards.
 
 The same code runs above one end of a datagram socket pair, for hosts without CAN.
 """
@@ -22,7 +23,7 @@ from bms_gateway.bus.clock import BusClock
 from bms_gateway.bus.filters import join_filters
 from bms_gateway.bus.impostor import Impostors
 from bms_gateway.bus.pace import BURST, RATE, Pacer
-from bms_gateway.bus.port import Counters, Link
+from bms_gateway.bus.port import GATHER_S, Counters, Link
 from bms_gateway.bus.receiver import DEPTH, Receiver
 from bms_gateway.errors import BusError
 from bms_gateway.frames.batch import FrameBatch
@@ -33,7 +34,11 @@ RETRY_FIRST_S: Final = 0.1  # `ip link set down; … up` takes about this long
 RETRY_MOST_S: Final = 2.0  # after a USB adapter is plugged in again nobody should wait longer
 FULL_S: Final = 0.01  # a full transmit queue of ten frames empties in 1–3 ms at 500 kbit/s; leave others some room
 PACE_S: Final = 0.01  # rhythm of the token bucket: ten tokens per wake-up
-RECEIVE_BUFFER: Final = 4 << 20  # half a second of a full 1 Mbit/s bus, should the machine be busy elsewhere
+RECEIVE_BUFFER: Final = 4 << 20  # a second of a full 1 Mbit/s bus, should the machine be busy elsewhere
+FRAME_ROOM: Final = 1_024  # bytes that the kernel charges for a frame: 896 on vcan
+FULL_BUS: Final = 8_500  # frames/s of 8 bytes at 1 Mbit/s
+SPARE: Final = 4  # so many times longer than frames gather may a reader be kept from reading before any is lost
+GATHER_MOST_S: Final = 0.05  # twenty wake-ups a second cost less than the frames; what comes at once to read takes 1 ms
 DRAIN_MOST: Final = 32_768  # above what any allowed receive buffer holds, so a drain ends though senders go on
 SO_RCVBUFFORCE: Final = 33
 CAN_RAW_ERR_FILTER: Final = 2
@@ -68,6 +73,8 @@ class SocketCanPort:
     link : Link
     receive_buffer : int
         Bytes got.
+    gather_s : float
+        How long frames may wait in it, s: a quarter of the time in which a full bus fills it, within limits.
 
     Raises
     ------
@@ -100,6 +107,8 @@ class SocketCanPort:
         self._sock.setblocking(False)
         self._receiver = Receiver(self._sock)
         self.receive_buffer = self._ask_buffer(receive_buffer)
+        filled_s = 2 * self.receive_buffer / FRAME_ROOM / FULL_BUS  # the kernel gives twice what it is asked for
+        self.gather_s = min(max(filled_s / SPARE, GATHER_S), GATHER_MOST_S)
         # our own too: frames of ours that somebody else sends must be seen
         pairs = [(0, 0)] if wanted is None else join_filters({*wanted, *(own or ())})
         self._filters = b"".join(struct.pack("=II", *pair) for pair in pairs)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bms_gateway.bus.traffic import SECOND, Key, Series, Traffic
-from bms_gateway.bus.virtual import SENSOR_NOISE_K, VirtualPack
+from bms_gateway.bus.virtual import SEGMENT_S, SENSOR_NOISE_K, VirtualPack
 from bms_gateway.engine.plan import Plan
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.database import Database
@@ -87,8 +87,8 @@ class Drive:
         self._changes, self._fault_s, self._parked = dict(changes or {}), fault_s, parked
         self._rng = np.random.default_rng([seed, 0xC4])
 
-    def seconds(self, count: int) -> Iterator[Second]:
-        """Give so many seconds."""
+    def seconds(self, count: int, at_once: int = SEGMENT_S) -> Iterator[Second]:
+        """Give so many seconds, whose frames are made so many at a time: few of them where the bus is full."""
         rest = self._fault_s if self._parked else None
         for segments in self._pack.segments(count, rest_s=rest):
             t = segments[0].time_s
@@ -96,12 +96,14 @@ class Drive:
                 {key: self._sensed(index, key, series) for key, series in s.series.items()}
                 for index, s in enumerate(segments)
             ]
-            start, stop = int(t[0]) * SECOND, int(t[-1]) * SECOND
-            frames = self._traffic.between(feeds, start, stop)
-            edges = np.searchsorted(frames.time_ns, np.arange(start, stop + SECOND, SECOND)).tolist()
             truth = np.concatenate([s.core_C for s in segments], axis=1)
-            for k in range(len(t) - 1):
-                yield Second(frames[edges[k] : edges[k + 1]], truth[k + 1])
+            for k in range(0, len(t) - 1, at_once):
+                whole = np.arange(k, min(k + at_once, len(t) - 1) + 1)
+                edges_ns = (int(t[0]) + whole) * SECOND
+                frames = self._traffic.between(feeds, int(edges_ns[0]), int(edges_ns[-1]))
+                edges = np.searchsorted(frames.time_ns, edges_ns).tolist()
+                for j, a, b in zip(whole[1:].tolist(), edges, edges[1:], strict=False):
+                    yield Second(frames[a:b], truth[j])
 
     def _sensed(self, string: int, key: Key, series: Series) -> Sensed:
         noise = SENSOR_NOISE_K if key[0] in NOISY else 0.0

@@ -82,7 +82,7 @@ class LiveBench:
     own: tuple[int, ...]
     wanted: tuple[int, ...]
     raw: Callable[[bytes], None]
-    send_all: Callable[[FrameBatch], None]
+    send_all: Callable[[FrameBatch], object]
     hushed: bool = False
     """The pack says nothing."""
 
@@ -103,26 +103,37 @@ class LiveBench:
 Fault = Callable[[LiveBench], Awaitable[None]]
 
 
-class _Vehicle:
-    """Sends the pack's frames when they are due; an interface that is away costs what was due."""
+class Vehicle:
+    """Sends the pack's frames when they are due; an interface that is away costs what was due.
 
-    def __init__(self, channel: str | None, pair: socket.socket | None) -> None:
+    Parameters
+    ----------
+    channel : str or None
+    pair : socket.socket, optional
+        In place of the interface.
+    """
+
+    def __init__(self, channel: str | None, pair: socket.socket | None = None) -> None:
         self._channel, self._pair = channel, pair
         self._sender: SocketCanSender | None = None
 
-    def send(self, frames: FrameBatch) -> None:
+    def send(self, frames: FrameBatch) -> bool:
+        """Send all; False: the interface is away, and how many went nobody knows."""
         if self._pair is not None:
             for wire in to_wire(frames):
                 self.raw(wire)
-            return
+            return True
         try:
             if self._sender is None:
                 self._sender = SocketCanSender(self._channel or "")
             self._sender.send(frames)
         except BusError:
             self.close()
+            return False
+        return True
 
     def raw(self, wire: bytes) -> None:
+        """Put one frame as the kernel lays it out on the bus."""
         if self._pair is not None:
             with suppress(BlockingIOError):  # nobody reads: as on a bus, it is lost
                 self._pair.send(wire)
@@ -132,6 +143,7 @@ class _Vehicle:
             sock.send(wire)
 
     def close(self) -> None:
+        """Leave the bus."""
         if self._sender is not None:
             self._sender.close()
         self._sender = None
@@ -201,7 +213,7 @@ class RealTimeBench:
         else:
             port = RefusingPort(self._channel, wanted=wanted, own=own, receive_buffer=buffer)
             ears = SocketCanPort(self._channel, wanted=own)
-        vehicle = _Vehicle(self._channel, pair)
+        vehicle = Vehicle(self._channel, pair)
         bench = LiveBench(self._channel, port, tuple(own), wanted, vehicle.raw, vehicle.send)
         run = _LiveRun(scenario, bench, ears, vehicle, Bystander(self._plan, self._database), self._seconds)
         run.load = load
@@ -229,7 +241,7 @@ class _LiveRun:
         scenario: Scenario,
         bench: LiveBench,
         ears: SocketCanPort,
-        vehicle: _Vehicle,
+        vehicle: Vehicle,
         bystander: Bystander,
         seconds: list[FrameBatch],
     ) -> None:

@@ -34,6 +34,7 @@ def run(args: argparse.Namespace) -> int:
 
     from bms_gateway.config.load import load_config
     from bms_gateway.engine import Decoded
+    from bms_gateway.service.aside import run_aside
     from bms_gateway.service.baseline import BaselineRequests
     from bms_gateway.service.beside import accompany
     from bms_gateway.service.journal import start_logging
@@ -64,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
             recent.add(event, engine)
 
     save = saver(store, recent) if store else None
-    gateway = Gateway(engine, port, save=save, reload=reload, watch=watch if recent else None)
+    gateway = Gateway(engine, port, save=save, reload=reload, watch=watch if recent else None, run_job=run_aside)
     accompany(gateway, loaded, lambda: engine)
     if loaded.store:
         gateway.beside["baseline"] = BaselineRequests(loaded.store, lambda: engine).run

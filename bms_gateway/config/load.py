@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bms_gateway.config.credential import SECRET_KEYS, check_secret, credential
+from bms_gateway.config.dbc import dbc_text, own_dbc_text, read_dbc
 from bms_gateway.config.model_file import read_model
 from bms_gateway.config.schema import GatewayConfig, Signals, Source, String
 from bms_gateway.config.toml import nearest_file, read_toml, validate
@@ -73,9 +74,8 @@ def load_config(path: Path) -> LoadedConfig:
     databases = {}
     for i, name in enumerate(config.bus.dbc, 1):
         file = _file(path, name, f"bus.dbc[{i}]")
-        databases[str(file)] = _dbc_text(file)
-    own = own_dbc_text()
-    database = Database.load({**databases, OWN_DBC: own})
+        databases[str(file)] = dbc_text(file)
+    database = Database.load({**databases, OWN_DBC: own_dbc_text()}, read_dbc)
     _known_interface(where, config.bus.interface)
     _limits(where, config)
     strings = tuple(_string(path, config, i, s, database) for i, s in enumerate(config.string, 1))
@@ -89,32 +89,6 @@ def load_config(path: Path) -> LoadedConfig:
     models = [path.parent / s.model for s in config.string]
     files = tuple(dict.fromkeys([path, *map(Path, databases), *models, *mqtt_files(path, config).values()]))
     return LoadedConfig(path, config, plan, database, _store(path, config), files)
-
-
-def own_dbc_text() -> str:
-    """Text of our DBC: from the checkout, or from the installed wheel.
-
-    Raises
-    ------
-    ConfigError
-        Neither is there: the installation is incomplete.
-    """
-    return shipped(f"dbc/{OWN_DBC}").read_text(encoding="utf-8")
-
-
-def shipped(name: str) -> Path:
-    """Find a file that comes with the package, by its path in the checkout.
-
-    Raises
-    ------
-    ConfigError
-        It is neither in the checkout nor in the installed wheel: the installation is incomplete.
-    """
-    package = Path(__file__).resolve().parents[1]
-    for place in (package / "shipped" / name, package.parent / name):
-        if place.is_file():
-            return place
-    raise ConfigError(f"{name}: not found beside the package; install bms-gateway again")
 
 
 def _string(path: Path, config: GatewayConfig, number: int, string: String, database: Database) -> StringPlan:
@@ -290,18 +264,6 @@ def mqtt_files(path: Path, config: GatewayConfig) -> dict[str, Path]:
     for key in sorted(SECRET_KEYS & files.keys()):
         check_secret(files[key], f"{path}: mqtt.{key}")
     return files
-
-
-def _dbc_text(file: Path) -> str:
-    """DBC files carry no encoding: UTF-8 where it fits, else the one that the tools on Windows write."""
-    try:
-        raw = file.read_bytes()
-    except OSError as e:
-        raise ConfigError(f"{file}: cannot be read: {e.strerror}") from None
-    try:
-        return raw.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return raw.decode("cp1252", errors="replace")
 
 
 def _store(path: Path, config: GatewayConfig) -> Path | None:

@@ -17,9 +17,9 @@ For Lin et al., Eq 1 and 16-18.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import accumulate, islice
 
 import numpy as np
-import scipy.linalg
 
 from bms_gateway.identify.discrepancy import SIZES, Whitener, white_sd
 from bms_gateway.identify.response import Inputs, Response, respond
@@ -118,11 +118,10 @@ def core_temperature(p: StringParameters, surface: Floats, heat: Floats, start: 
     """Mean core of the ticks (K,), °C, from mean surfaces, the heat of a mean cell (K,), W, and where it began."""
     R_c, C_c = float(np.mean(p.R_c)), float(np.mean(p.C_c))
     a = float(np.exp(-dt / (R_c * C_c)))
-    # a first-order lag as a bidiagonal system: scipy.signal would treble the time to start
-    drive = (1.0 - a) * (surface + R_c * heat)
-    drive[0] += a * start
-    lag = np.vstack([np.ones(len(drive)), np.full(len(drive), -a)])
-    return np.asarray(scipy.linalg.solve_banded((1, 0), lag, drive, check_finite=False), dtype=np.float64)
+    # plain floats: a first-order lag of scipy's would cost the service more at its start than all else it loads
+    drive = ((1.0 - a) * (surface + R_c * heat)).tolist()
+    core = accumulate(drive, lambda before, fed: a * before + fed, initial=start)
+    return np.fromiter(islice(core, 1, None), np.float64, len(drive))
 
 
 def fit_window(p: StringParameters, w: DriveWindow, sensed: Sequence[int], guess: Floats, B: float) -> Observed:

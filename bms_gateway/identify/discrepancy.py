@@ -13,7 +13,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
 from bms_gateway.thermal import Floats
@@ -86,11 +85,10 @@ class Whitener:
     def __call__(self, columns: Floats) -> Floats:
         """Innovations (K, m, c) of `columns` (K, m, c); zero where there was no reading."""
         out = np.where(self.weight[:, :, None] > 0.0, columns, 0.0)
-        band = np.ones((2, len(out)))  # of the recursion as a system of equations: one solve, not a thousand steps
-        for j in range(columns.shape[1]):
-            band[1] = -self.keep[:, j]
-            fed = np.zeros(out[:, j].shape)
-            fed[1:] = self.put[:-1, j, None] * out[:-1, j]
-            out[:, j] -= scipy.linalg.solve_banded((1, 0), band, fed, overwrite_b=True, check_finite=False)
+        fed, d = self.put[:, :, None] * out, np.zeros(out.shape[1:])
+        for e, keep, put in zip(out, self.keep[:, :, None], fed, strict=True):  # all columns in each step
+            e -= d
+            d *= keep
+            d += put
         out *= self.weight[:, :, None]
         return out

@@ -16,9 +16,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 
 from bms_gateway.thermal import Floats
+from bms_gateway.thermal.exponential import exponential
 
 LAMBDA = 0.05
 """1/s: both poles of the filter, between the cell's own 0.0018 and 0.11."""
@@ -47,7 +47,7 @@ class Filter:
         F[:2, :2] = [[0.0, 1.0], [-(pole**2), -2.0 * pole]]
         F[1, 2] = 1.0
         F[2, 3] = 1.0 / dt
-        E = scipy.linalg.expm(F * dt)
+        E = exponential(F * dt)
         self._A, self._held, self._slope = E[:2, :2], E[:2, 2], E[:2, 3]
 
     def start(self, T_s: float, T_f: float) -> None:

@@ -354,5 +354,6 @@ def _condition(
     S[:, m, m] = np.where(there, S[:, m, m] + sd**2, 1.0)
     L = np.linalg.cholesky(S)
     W = np.linalg.solve(L, U)
-    K = np.linalg.solve(L.swapaxes(1, 2), W).swapaxes(1, 2)
+    # in the order in memory that a restored state has, too: a product's last bits depend on it
+    K = np.ascontiguousarray(np.linalg.solve(L.swapaxes(1, 2), W).swapaxes(1, 2))
     return P - np.matmul(W.swapaxes(1, 2), W), K, S[:, m, m]

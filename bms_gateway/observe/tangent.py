@@ -13,11 +13,11 @@ rest with any (M. Hochbruck, A. Ostermann, Exponential integrators, Acta Numeric
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import scipy.linalg
 
 from bms_gateway.observe.model import OFFSETS
 from bms_gateway.thermal import Disturbance, Floats, gathered_noise
 from bms_gateway.thermal.drive import Drive
+from bms_gateway.thermal.exponential import exponential
 from bms_gateway.thermal.physics import Memory, Numbers, Physics
 
 PROBE = 0.05
@@ -110,7 +110,7 @@ class Tangent:
         M = len(j.A)
         F = np.zeros((2 * M, 2 * M))
         F[:M, :M], F[:M, M:] = j.A * dt, np.eye(M) * dt
-        E = scipy.linalg.expm(F)
+        E = exponential(F)
         return cls(E[:M, :M].copy(), E[:M, M:].copy(), j, disturbance, dt)
 
     @property

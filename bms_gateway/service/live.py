@@ -1,8 +1,9 @@
 """The thin shell around the engine: an event loop, a clock, signals, systemd. It decides nothing about batteries.
 
 How it spends its time: asleep until the first frame comes (or, on ports that cannot be waited for, polling); then it
-lets frames gather and drains the port every `DRAIN_S` while traffic flows. A full bus costs about a hundred wake-ups a
-second, a silent one none. One timer serves the engine's next deadline.
+lets frames gather, as long as the port has room for, and drains it, while traffic flows. A full bus costs some twenty
+wake-ups a second, a silent one none. One timer serves the engine's next deadline: it drains the port too, so that how
+long frames gather adds nothing to the time from a deadline to what is sent for it.
 
 Why a deadline waits a little: a frame stamped just before the deadline may reach the socket just after it. So the
 timer is handled only once bus time is `SETTLE_NS` past the deadline, and after a drain that began then; thus no frame
@@ -19,7 +20,7 @@ from functools import partial
 from typing import Any, Final, Protocol
 
 from bms_gateway.bus.port import Link, Port
-from bms_gateway.engine.events import Estimated, Event, Level, Notice, SendFrames, StartJob
+from bms_gateway.engine.events import Estimated, Event, Job, Level, Notice, SendFrames, StartJob
 from bms_gateway.errors import GatewayError
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.service.journal import NOTICE
@@ -28,7 +29,7 @@ from bms_gateway.service.tally import Tally
 
 log = logging.getLogger(__name__)
 
-DRAIN_S: Final = 0.01  # the latency allowed; longer saves little more
+DRAIN_S: Final = 0.01  # after a silence the first frame has no deadline yet: it waits so long for others at the most
 SETTLE_NS: Final = 2_000_000  # from the kernel's stamp to the socket it takes some µs, on a loaded machine up to 1 ms
 OVERDUE_NS: Final = 2_000_000_000  # two ticks: a deadline older than this means that the engine does not move
 SAVE_S: Final = 60.0  # what a power cut may cost; an estimate moves little in a minute
@@ -80,6 +81,11 @@ def place(event: Notice) -> dict[str, object]:
     return {"code": event.code, "string": event.string, "cell": event.cell}
 
 
+def run_here(job: Job) -> object:
+    """Run a job in the calling thread."""
+    return job.run()
+
+
 class Gateway:
     """Engine and port, joined by an event loop.
 
@@ -94,6 +100,8 @@ class Gateway:
         Called on SIGHUP; gives the engine to go on with. A `GatewayError` is told and keeps the present one.
     watch : callable, optional
         Gets every event in order, jobs left out: for a record of what is sent, or a live table.
+    run_job : callable
+        Called in the worker thread; gives a job's result. `aside.run_aside` keeps its calculation out of this process.
 
     Attributes
     ----------
@@ -120,10 +128,11 @@ class Gateway:
         save: Callable[[Mapping[str, object]], None] | None = None,
         reload: Callable[[], LiveEngine] | None = None,
         watch: Callable[[Event], None] | None = None,
+        run_job: Callable[[Job], object] = run_here,
     ) -> None:
         self.engine = engine
         self.port = port
-        self._save, self._reload, self._watch = save, reload, watch
+        self._save, self._reload, self._watch, self._run_job = save, reload, watch, run_job
         self.tally = Tally()
         self.beside: dict[str, Callable[[], Coroutine[Any, Any, None]]] = {}
         self.summary: Callable[[], str] = lambda: ""
@@ -169,6 +178,7 @@ class Gateway:
         self._start_beside()
         with suppress(TimeoutError):
             await asyncio.wait_for(self._stop.wait(), seconds)
+        self._stop.set()  # the time may be over: a drain that is still due must find it so
         notify("STOPPING=1", "STATUS=saving state")
         self._let_go()
         if self._failure is not None:
@@ -193,7 +203,7 @@ class Gateway:
         if self._stop.is_set():
             return
         if self._step() or fileno < 0:
-            self._loop.call_later(DRAIN_S, self._on_drain)
+            self._loop.call_later(self.port.gather_s, self._on_drain)
         else:
             self._asleep = True
             self._loop.add_reader(fileno, self._on_readable)
@@ -262,7 +272,7 @@ class Gateway:
 
     def _start(self, event: StartJob) -> None:
         self.tally.jobs += 1
-        future = self._loop.run_in_executor(self._worker, event.job.run)
+        future = self._loop.run_in_executor(self._worker, self._run_job, event.job)
         future.add_done_callback(partial(self._finish, self.engine, event.job_id))
 
     def _finish(self, engine: LiveEngine, job_id: int, done: "asyncio.Future[object]") -> None:

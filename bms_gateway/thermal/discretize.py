@@ -8,8 +8,8 @@ everything (zero-order) costs 8 % of R_e, R_c and R_u; this pairing stays below 
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 
+from bms_gateway.thermal.exponential import exponential
 from bms_gateway.thermal.parameters import Floats
 from bms_gateway.thermal.string import ContinuousString
 
@@ -78,6 +78,6 @@ def discretize(s: ContinuousString, dt: float) -> DiscreteString:
     F[:N, N : N + n] = s.B_q * dt
     F[:N, N + n] = s.B_f * dt
     F[N + n, N + n + 1] = 1.0  # T_f grows linearly by (T_f⁺ − T_f) over the unit of scaled time
-    E = scipy.linalg.expm(F)
+    E = exponential(F)
     slope = E[:N, N + n + 1]
     return DiscreteString(E[:N, :N], E[:N, N : N + n], E[:N, N + n] - slope, slope.copy(), float(dt))

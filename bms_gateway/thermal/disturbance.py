@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 
+from bms_gateway.thermal.exponential import exponential
 from bms_gateway.thermal.parameters import Floats
 
 
@@ -113,7 +113,7 @@ def gathered_noise(A: Floats, W: Floats, dt: float) -> tuple[Floats, Floats]:
     doublings = max(0, int(np.ceil(np.log2(max(norm, 1.0)))))
     F = np.zeros((2 * M, 2 * M))
     F[:M, :M], F[:M, M:], F[M:, M:] = -A, W, A.T
-    E = scipy.linalg.expm(F * (dt / 2**doublings))
+    E = exponential(F * (dt / 2**doublings))
     Phi = E[M:, M:].T
     Q = Phi @ E[:M, M:]
     for _ in range(doublings):

@@ -37,6 +37,11 @@ class Listening:
         c = self._port.counters
         return {"received": c.received, "dropped": c.dropped, "bits": self.bits, "link": self._port.link.value}
 
+    @property
+    def gather_s(self) -> float:
+        """As of the port."""
+        return self._port.gather_s
+
     def fileno(self) -> int:
         """Descriptor of the port."""
         return self._port.fileno()

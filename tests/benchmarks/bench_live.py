@@ -1,53 +1,38 @@
-"""What a live bus costs: our port, drained every 10 ms, against python-can's Notifier with cantools.
+"""What a live bus costs: our port and the whole gateway against python-can's Notifier with cantools.
 
-``python -m tests.benchmarks.bench_live [--json FILE]`` on a host without CAN: both above a datagram socket pair
+``python -m tests.benchmarks.bench_live [--json FILE]`` on a host without CAN: all above a datagram socket pair
 (python-can through a bus of a few lines that parses as its own SocketCAN bus does). Under ``tests/canvm/canvm``, and
-wherever there is a vcan0: both on that, python-can with its own SocketCAN bus. A process of its own sends 8,500
-frames/s, evenly; each round runs every peer for three seconds on the same traffic; CPU time is that of the receiving
-process alone. Kernel time stamps on; every signal is decoded, ours once a second as the engine does.
+wherever there is a vcan0: all on that, python-can with its own SocketCAN bus. A process of its own sends 8,500
+frames/s, evenly; each round runs every peer for three seconds; CPU time is that of the receiving process alone. Kernel
+time stamps on. Three kinds of traffic:
+
+* one frame of each message in turn; every signal is decoded, ours once a second as the engine does;
+* the example pack's (60 cells) a hundred times as fast: the gateway uses every frame, estimates and sends;
+* the same pack at its own pace among others' frames, which filters keep away from both where there is a vcan0.
+
+Here python-can decodes all it gets, but estimates nothing.
 """
 
 import argparse
 import asyncio
 import json
 import os
-import resource
-import socket
 import statistics
-import struct
-import subprocess
-import sys
+import tempfile
 import time
-from contextlib import contextmanager
 from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+from tests.benchmarks.bench_files import EXAMPLE, crowd, simulate
+from tests.benchmarks.live_place import CAN, Place, cpu, long_queues, our_port, python_can
 
 RATE = 8_500
 SECONDS = 3.05  # three ticks
 ROUNDS = 7
-DBC = Path(__file__).resolve().parents[2] / "dbc" / "bms_gateway.dbc"
-CAN = struct.Struct("=IB3x8s")
-
-SENDER = """
-import socket, sys, time
-fd, channel, rate = int(sys.argv[1]), sys.argv[2], float(sys.argv[3])
-frames = [bytes.fromhex(w) for w in sys.stdin.readline().split()]
-if fd >= 0:
-    sock = socket.socket(fileno=fd)
-else:
-    sock = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
-    sock.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, b"")
-    sock.bind((channel,))
-begun, k = time.monotonic(), 0
-while True:
-    due = int((time.monotonic() - begun) * rate)
-    while k < due:
-        try:
-            sock.send(frames[k % len(frames)])
-        except OSError:
-            pass  # the receiver is behind: a bus would not wait either
-        k += 1
-    time.sleep(1 / rate)
-"""
+LOG_S = 60
+DBC = EXAMPLE.parents[2] / "dbc" / "bms_gateway.dbc"
+PEER = "Notifier + cantools"
 
 
 def database():
@@ -73,48 +58,37 @@ def traffic(db):
                 number[at // 8] = number[at // 8] & ~(1 << at % 8) | (value >> bit & 1) << at % 8
             payload = bytes(number)
         wire.append(CAN.pack(m.frame_id | (0x80000000 if m.is_extended_frame else 0), len(payload), payload))
-    return wire
+    return b"".join(wire)
 
 
-class Place:
-    """Where frames come from: vcan0, or a socket pair."""
-
-    def __init__(self, channel, wire):
-        self.channel, self.wire = channel, wire
-
-    def start(self):
-        self.ours = theirs = None
-        if self.channel is None:
-            self.ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
-        fd = theirs.fileno() if theirs else -1
-        self.process = subprocess.Popen(
-            [sys.executable, "-c", SENDER, str(fd), self.channel or "-", str(RATE)],
-            stdin=subprocess.PIPE,
-            pass_fds=[fd] if theirs else [],
-            text=True,
-        )
-        self.process.stdin.write(" ".join(w.hex() for w in self.wire) + "\n")
-        self.process.stdin.flush()
-        if theirs:
-            theirs.close()
-
-    def stop(self):
-        self.process.kill()
-        self.process.wait()
-        self.process.stdin.close()
-
-
-def cpu():
-    used = resource.getrusage(resource.RUSAGE_SELF)
-    return used.ru_utime + used.ru_stime
-
-
-async def ours(place, decode):
-    """Our port as the service uses it: drained by a timer, all signals decoded at the tick, once a second."""
-    from bms_gateway.bus.socketcan import SocketCanPort
+def frame_file(log, to):
+    """Write the frames of a log as a frame file; gives their identifiers."""
+    from bms_gateway.bus.canframe import to_wire
+    from bms_gateway.bus.logfile import read_log
     from bms_gateway.frames.batch import FrameBatch
 
-    port = SocketCanPort.over(place.ours) if place.channel is None else SocketCanPort(place.channel)
+    frames = FrameBatch.concat(list(read_log(log)))
+    to.write_bytes(b"".join(to_wire(frames)))
+    return frames.can_id
+
+
+def write_traffic(folder):
+    """Write the frame files of the three kinds of traffic."""
+    kinds = {name: folder / f"{name}.frames" for name in ("messages", "pack", "crowded")}
+    kinds["messages"].write_bytes(traffic(database()))
+    quiet, log = folder / "pack.log", folder / "crowded.log"
+    simulate(quiet, LOG_S)
+    crowd(quiet, log)
+    frame_file(quiet, kinds["pack"])
+    frame_file(log, kinds["crowded"])
+    return kinds
+
+
+async def port(place, decode):
+    """Our port as the service uses it: drained by a timer, all signals decoded at the tick, once a second."""
+    from bms_gateway.frames.batch import FrameBatch
+
+    port = our_port(place)
     loop = asyncio.get_running_loop()
     pending, count, tick = [], 0, time.monotonic() + 1.0
 
@@ -127,21 +101,49 @@ async def ours(place, decode):
             if decode is not None:
                 decode(FrameBatch.concat(pending))
             pending.clear()
-        loop.call_later(0.01, drain)
+        loop.call_later(port.gather_s, drain)
 
     start = cpu()
-    loop.call_later(0.01, drain)
+    loop.call_later(port.gather_s, drain)
     await asyncio.sleep(SECONDS)
     used = cpu() - start
     port.close()
     return used, count
 
 
-async def theirs(place, db):
+def engine():
+    """Engine of the example pack."""
+    from bms_gateway.config import load_config
+    from bms_gateway.engine import Engine
+
+    loaded = load_config(EXAMPLE)
+    return Engine(loaded.plan, loaded.database)
+
+
+def passed(received, *, crowded):
+    """Frames on the bus: filters keep most of a crowded one's from who counts."""
+    return RATE * SECONDS if crowded else received
+
+
+async def gateway(place, *, crowded=False):
+    """The service's own loop with the engine behind it: filters, estimates, frames out."""
+    from bms_gateway.service.live import Gateway
+
+    estimator = engine()
+    port = our_port(place, wanted=estimator.can_ids.tolist(), own=estimator.sends)
+    port.drain()  # what came while the engine was made
+    start, before = cpu(), port.counters.received
+    await Gateway(estimator, port).run(seconds=SECONDS)
+    used, received = cpu() - start, port.counters.received - before
+    port.close()
+    return used, passed(received, crowded=crowded)
+
+
+async def notifier(place, db, wanted=None):
     """python-can's Notifier on the event loop, cantools in the listener."""
     import can
 
-    bus = _pair_bus(place.ours) if place.channel is None else can.Bus(interface="socketcan", channel=place.channel)
+    bus = python_can(place, wanted)
     known = {m.frame_id: m for m in db.messages}
     count = 0
 
@@ -150,56 +152,18 @@ async def theirs(place, db):
         count += 1
         known[message.arbitration_id].decode(message.data, decode_choices=False)
 
-    notifier = can.Notifier(bus, [listen], loop=asyncio.get_running_loop())
+    listening = can.Notifier(bus, [listen], loop=asyncio.get_running_loop())
     start = cpu()
     await asyncio.sleep(SECONDS)
     used = cpu() - start
-    notifier.stop()
+    listening.stop()
     bus.shutdown()
-    return used, count
+    return used, passed(count, crowded=wanted is not None)
 
 
-def _pair_bus(sock):
-    """python-can above one end of a socket pair: `capture_message` is its own."""
-    import can
-    from can.interfaces.socketcan.socketcan import capture_message
-
-    class PairBus(can.BusABC):
-        def __init__(self):
-            self.socket = sock
-            sock.setsockopt(socket.SOL_SOCKET, 29 + 6, 1)  # SO_TIMESTAMPNS
-            super().__init__(channel="pair")
-
-        def fileno(self):
-            return self.socket.fileno()
-
-        def _recv_internal(self, timeout):
-            import select
-
-            ready, _, _ = select.select([self.socket], [], [], timeout)
-            return (capture_message(_NoName(self.socket)) if ready else None), True
-
-        def send(self, msg, timeout=None):
-            raise RuntimeError("this bus only listens")
-
-        def shutdown(self):
-            super().shutdown()
-            self.socket.close()
-
-    class _NoName:
-        """A socket pair names no channel: python-can wants one."""
-
-        def __init__(self, inner):
-            self._inner = inner
-
-        def recvmsg(self, *sizes):
-            data, ancillary, flags, _ = self._inner.recvmsg(*sizes)
-            return data, ancillary, flags, ("pair",)
-
-        def __getattr__(self, name):
-            return getattr(self._inner, name)
-
-    return PairBus()
+def sends(name):
+    """Whether that peer puts frames on the bus."""
+    return name.startswith("whole gateway")
 
 
 def table_decoder(db):
@@ -215,59 +179,52 @@ def table_decoder(db):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--rounds", type=int, default=ROUNDS)
     args = parser.parse_args()
-    with long_queues():
-        measure(args.json)
+    with long_queues(), tempfile.TemporaryDirectory() as folder:
+        measure(write_traffic(Path(folder)), args.rounds, args.json)
 
 
-@contextmanager
-def long_queues():
-    """Let socket pairs queue a drain's worth of frames, where we may; the default of ten holds the sender back."""
-    queue = Path("/proc/sys/net/unix/max_dgram_qlen")
-    if not os.access(queue, os.W_OK):
-        yield
-        return
-    before = queue.read_text()
-    queue.write_text("1000")
-    try:
-        yield
-    finally:
-        queue.write_text(before)
-
-
-def measure(json_file):
-    channel = "vcan0" if Path("/sys/class/net/vcan0").exists() else None
+def measure(kinds, rounds, json_file):
     db = database()
-    place = Place(channel, traffic(db))
     table = table_decoder(db)
+    ours = engine()
+    wanted = sorted(set(ours.can_ids.tolist()))
     peers = {
-        "port alone": lambda: ours(place, None),
-        "Notifier + cantools": lambda: theirs(place, db),
-        "port + table decode": lambda: ours(place, table),
+        "port alone": ("messages", lambda p: port(p, None)),
+        PEER: ("messages", lambda p: notifier(p, db)),
+        "port + table decode": ("messages", lambda p: port(p, table)),
+        f"{PEER}, pack": ("pack", lambda p: notifier(p, db)),
+        "whole gateway, pack": ("pack", gateway),
+        f"{PEER}, crowded": ("crowded", lambda p: notifier(p, db, wanted)),
+        "whole gateway, crowded": ("crowded", lambda p: gateway(p, crowded=True)),
     }
     results = {name: [] for name in peers}
-    for _ in range(ROUNDS):
-        for name, run in peers.items():
-            place.start()
-            used, count = asyncio.run(run())
+    for _ in range(rounds):
+        for name, (kind, run) in peers.items():
+            # what nobody reads is in the way of what follows it
+            place = Place(kinds[kind], RATE, hear=ours.sends if sends(name) else None)
+            used, count = asyncio.run(run(place))
             place.stop()
             results[name].append((used / count * 1e6, used / SECONDS * 100, count / SECONDS))
-    print(f"on {channel or 'a socket pair'}, {ROUNDS} alternating rounds of {SECONDS:.0f} s at {RATE} frames/s")
-    print(f"{'':22}{'µs CPU/frame':>26}{'% of a core':>14}{'frames/s':>10}")
+    where = place.channel or "socketpair"
+    print(f"on {where}, {rounds} alternating rounds of {SECONDS:.0f} s at {RATE} frames/s")
+    print(f"{'':30}{'µs CPU/frame':>26}{'% of a core (min…max)':>26}{'frames/s':>10}")
     for name, rows in results.items():
-        cost, core, rate = zip(*rows, strict=True)
-        spread = f"{statistics.median(cost):.2f} ({min(cost):.2f}…{max(cost):.2f})"
-        print(f"{name:22}{spread:>26}{statistics.median(core):14.2f}{statistics.median(rate):10.0f}")
-    peer = [r[0] for r in results["Notifier + cantools"]]
+        *figures, rate = zip(*rows, strict=True)
+        spreads = [f"{statistics.median(f):.2f} ({min(f):.2f}…{max(f):.2f})" for f in figures]
+        print(f"{name:30}{spreads[0]:>26}{spreads[1]:>26}{statistics.median(rate):10.0f}")
     ratios = {}
     for name, rows in results.items():
-        if name != "Notifier + cantools":
-            ratio = sorted(p / r[0] for p, r in zip(peer, rows, strict=True))
-            ratios[name] = ratio
-            middle = statistics.median(ratio)
-            print(f"Notifier + cantools / {name}: {middle:.1f} (min {ratio[0]:.1f}, max {ratio[-1]:.1f})")
+        if name.startswith(PEER):
+            continue
+        kind = peers[name][0]
+        peer = PEER if kind == "messages" else f"{PEER}, {kind}"
+        ratio = sorted(p[0] / r[0] for p, r in zip(results[peer], rows, strict=True))
+        ratios[name] = ratio
+        print(f"{peer} / {name}: {statistics.median(ratio):.1f} (min {ratio[0]:.1f}, max {ratio[-1]:.1f})")
     if json_file:
-        json_file.write_text(json.dumps({"place": channel or "socketpair", "rounds": results, "ratios": ratios}))
+        json_file.write_text(json.dumps({"place": where, "rounds": results, "ratios": ratios}))
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bms_gateway.health.trend import Trend
-from bms_gateway.health.window_fit import fit_window
+from bms_gateway.health.window_fit import core_temperature, fit_window
 from bms_gateway.thermal import StringParameters
 from tests.benchmarks.health_life import CELLS, SENSORS, SOC_SLOPE, Life, drives_of
 from tests.truth.pack import NOMINAL
@@ -93,3 +93,15 @@ def test_a_life_is_flagged_in_time_and_one_without_growth_is_not() -> None:
     assert np.abs(growth - 0.30 / 400 * np.arange(160))[40:].max() < 0.04
     _, told, _ = lived(Life(41), 120)
     assert told == []
+
+
+def test_the_core_follows_its_surface_and_heat_by_its_own_time_constant() -> None:
+    p = StringParameters.of(2, **NOMINAL)
+    rng = np.random.default_rng(1)
+    surface, heat = 25.0 + rng.normal(size=300).cumsum() * 0.1, rng.uniform(0.0, 20.0, 300)
+    got = core_temperature(p, surface, heat, 31.0, 1.0)
+    tau, T = float(p.R_c[0] * p.C_c[0]), 31.0
+    for k in range(300):  # surface and heat are held over the step
+        rest = surface[k] + float(p.R_c[0]) * heat[k]
+        T = rest + (T - rest) * np.exp(-1.0 / tau)
+        assert got[k] == pytest.approx(T, abs=1e-9)

@@ -19,6 +19,7 @@ from bms_gateway.bus.port import Link
 from bms_gateway.bus.socketcan import SocketCanPort
 from bms_gateway.engine.events import SendFrames
 from bms_gateway.errors import ConfigError, StateError
+from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.service import live
 from bms_gateway.service.live import DRAIN_S, SETTLE_NS, Gateway
 from tests.bus.frames import make
@@ -158,6 +159,24 @@ def test_a_silent_bus_costs_no_drains_and_a_full_one_a_hundred_a_second(bus):
     assert sum(n for _, n in engine.ticks) + len(engine.pending) >= len(drains)
 
 
+def test_frames_gather_as_long_as_the_port_has_room_and_no_deadline_waits_for_them(bus, monkeypatch):
+    engine = TickEngine()
+    drains = []
+    drain = bus.port.drain
+    bus.port.drain = lambda: drains.append(time.monotonic()) or drain()
+    monkeypatch.setattr(bus.port, "gather_s", 7 * TICK_NS / 1e9)
+    begun = time.monotonic()
+    run(Gateway(engine, bus.port), traffic(bus, rate=20), until=lambda: len(engine.ticks) >= 10)
+    elapsed = time.monotonic() - begun
+    assert engine.late == []
+    assert np.all(np.diff([d for d, _ in engine.ticks]) == TICK_NS)
+    assert len(engine.ticks) >= 10  # each at its timer: gathered frames alone would close seven at once
+    timers = [now for what, now in engine.calls if what == "timer"]
+    assert len(timers) >= 9
+    # one drain for each timer, and some that frames or the start gave cause for
+    assert len(drains) <= len(engine.ticks) + elapsed / bus.port.gather_s + 4
+
+
 def test_the_engine_is_told_what_the_port_has_lost(bus):
     engine = TickEngine()
     bus.port.counters.dropped = 7
@@ -181,6 +200,27 @@ def test_the_bus_falls_asleep_and_wakes(bus):
     )
     assert sum(n for _, n in engine.ticks) == 2
     assert engine.deadline is None
+
+
+def test_after_its_time_is_over_the_gateway_leaves_the_port_alone(bus, monkeypatch):
+    """A drain that was still due would find a closed socket."""
+    monkeypatch.setattr(bus.port, "gather_s", 0.05)
+
+    async def beyond():
+        await Gateway(TickEngine(), bus.port).run(seconds=0.3)
+        drains = []
+        bus.port.drain = lambda: drains.append(1) or FrameBatch.empty()
+        await asyncio.sleep(0.2)
+        return drains
+
+    async def both():
+        sending = asyncio.ensure_future(traffic(bus, rate=200, duration=1.0))
+        drains = await beyond()
+        sending.cancel()
+        await asyncio.wait([sending])
+        return drains
+
+    assert asyncio.run(both()) == []
 
 
 def test_every_event_is_seen_in_order_and_what_is_seen_is_what_is_sent(bus):

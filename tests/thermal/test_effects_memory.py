@@ -11,6 +11,7 @@ from scipy.linalg import expm
 from scipy.signal import lfilter
 
 from bms_gateway.thermal.effects import effect_named
+from bms_gateway.thermal.effects.laws import FEW, lag
 from bms_gateway.thermal.physics import Physics
 from tests.thermal.balances import VALUES, drive, model
 from tests.thermal.test_effects import FIELDS
@@ -109,6 +110,21 @@ def smoothed(x, tau):
     """First-order lag of a finely sampled series; tau in samples."""
     kept = np.exp(-1 / tau)
     return lfilter([1 - kept], [1, -kept], x, zi=[kept * x[0]])[0]
+
+
+@pytest.mark.parametrize("tau", [0.0, 0.3, 50.0, 1e4])
+def test_a_lag_stepped_through_is_the_filter_of_it_bit_for_bit(tau):
+    x = np.random.default_rng(3).normal(size=4 * FEW) * 50.0
+    kept = np.exp(-0.7 / tau) if tau else 0.0
+    whole, mean = lag(x, 0.7, tau, 21.5)
+    assert whole[1:].tolist() == lfilter([1 - kept], [1, -kept], x, zi=[kept * 21.5])[0].tolist()
+    y, parts = 21.5, []
+    for part in np.split(x, [1, 2, 12, 12 + FEW, 12 + 2 * FEW]):
+        at, of = lag(part, 0.7, tau, y)
+        y = float(at[-1])
+        parts.append((at[1:], of))
+    assert np.concatenate([at for at, _ in parts]).tolist() == whole[1:].tolist()
+    assert np.concatenate([of for _, of in parts]).tolist() == mean.tolist()
 
 
 @pytest.mark.parametrize("tau", [0.4, 6.0, 30.0, 120.0])

@@ -11,6 +11,9 @@ REFERENCE = 298.15
 """K: where temperature-dependent numbers are stated."""
 COLDEST = 100.0
 """K: no cell is colder; a trial of a fit that goes there must still find numbers."""
+FEW = 64
+"""Intervals that are stepped through in plain floats: as fast as a filter of scipy's, which the live gateway, that goes
+interval by interval, then need not load."""
 LEAST_FACTOR = 0.05
 """A resistance never falls below this share of itself: a fit that tries more must meet no sign change."""
 
@@ -69,9 +72,15 @@ def lag(x: Floats, dt: float, tau: float, before: float) -> tuple[Floats, Floats
     -----
     Interval by interval the same numbers come out as for all at once, bit for bit.
     """
-    from scipy.signal import lfilter  # takes longer to load than all else here: only who has a lag pays
-
     kept = float(np.exp(-dt / tau)) if tau > 0.0 else 0.0
-    end, _ = lfilter([1.0 - kept], [1.0, -kept], x, zi=np.array([kept * before]))
-    y = np.concatenate([[before], end])
+    if len(x) <= FEW:
+        y = np.empty(len(x) + 1)
+        y[0] = before
+        for k, fed in enumerate(((1.0 - kept) * x).tolist()):
+            y[k + 1] = before = fed + kept * before
+    else:
+        from scipy.signal import lfilter  # takes longer to load than all else here: only who has a long record pays
+
+        end, _ = lfilter([1.0 - kept], [1.0, -kept], x, zi=np.array([kept * before]))
+        y = np.concatenate([[before], end])
     return y, x + (y[:-1] - x) * (tau / dt * (1.0 - kept))

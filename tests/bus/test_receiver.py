@@ -1,0 +1,108 @@
+"""Reading in bulk gives what reading one by one gives, to the nanosecond; and how long frames may gather."""
+
+import socket
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bms_gateway.bus.canframe import ROW, to_wire
+from bms_gateway.bus.impostor import Impostors
+from bms_gateway.bus.port import GATHER_S, Counters
+from bms_gateway.bus.receiver import DEPTH, Receiver
+from bms_gateway.bus.socketcan import FRAME_ROOM, FULL_BUS, GATHER_MOST_S, SPARE, SocketCanPort
+from bms_gateway.frames.batch import FrameBatch
+from tests.bus.frames import ids, make, rows
+
+SO_PEEK_OFF = 42  # successive peeks walk the queue
+STAMP = struct.Struct("@qq")
+QUEUE = 10  # what a socket pair holds where nobody has raised the system's limit
+
+
+@pytest.fixture
+def pair():
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    yield ours, theirs
+    ours.close()
+    theirs.close()
+
+
+def one_by_one(sock, count):
+    """Data and stamp of each datagram in the queue, which stay there, as plain `recvmsg` tells them."""
+    sock.setsockopt(socket.SOL_SOCKET, SO_PEEK_OFF, 0)
+    found = []
+    for _ in range(count):
+        data, told, *_ = sock.recvmsg(100, 100, socket.MSG_PEEK)
+        ((_, _, stamp),) = told
+        seconds, nanoseconds = STAMP.unpack(stamp)
+        found.append((data, seconds * 1_000_000_000 + nanoseconds))
+    return found
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.lists(st.binary(min_size=1, max_size=ROW.itemsize), min_size=1, max_size=QUEUE), max_size=4))
+def test_in_bulk_or_one_by_one_the_same_bytes_sizes_and_stamps(calls):
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    receiver = Receiver(ours)
+    for datagrams in calls:
+        for datagram in datagrams:
+            theirs.send(datagram)
+        expected = one_by_one(ours, len(datagrams))
+        got = receiver.take()
+        assert [d for d, _ in expected] == datagrams
+        assert got.sizes.tolist() == list(map(len, datagrams))
+        assert [row.tobytes()[:size] for row, size in zip(got.rows, got.sizes, strict=True)] == datagrams
+        assert got.wall_ns.tolist() == [stamp // 1_000 * 1_000 for _, stamp in expected]
+        assert got.drops is None
+    assert receiver.take() is None
+    ours.close()
+    theirs.close()
+
+
+@given(size=st.integers(4_096, 16 << 20))
+@settings(max_examples=30, deadline=None)
+def test_frames_gather_no_longer_than_a_quarter_of_what_the_buffer_holds_of_a_full_bus(size):
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    port = SocketCanPort.over(ours, receive_buffer=size)
+    assert GATHER_S <= port.gather_s <= GATHER_MOST_S
+    if port.gather_s > GATHER_S:
+        charged = SPARE * port.gather_s * FULL_BUS * FRAME_ROOM
+        assert charged <= ours.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) + 2
+    assert port.gather_s * FULL_BUS < DEPTH  # one call is enough
+    port.close()
+    theirs.close()
+
+
+@given(st.lists(st.tuples(ids, st.binary(max_size=8)), max_size=12), st.sets(ids, max_size=6), st.data())
+def test_frames_of_our_identifiers_are_refused_and_no_others(frames, own, data):
+    for at in data.draw(st.lists(st.integers(0, max(len(frames) - 1, 0)), max_size=4)):
+        if frames and own:
+            frames[at] = (data.draw(st.sampled_from(sorted(own))), frames[at][1])
+    counters = Counters()
+    batch = make(*[(0, c, p) for c, p in frames]) if frames else FrameBatch.empty()
+    kept = Impostors("can0", own, counters).refuse(batch)
+    assert [(c, p) for _, c, p in rows(kept)] == [(c, p) for c, p in frames if c not in own]
+    assert counters.impostors == len(frames) - len(kept)
+
+
+def test_however_frames_are_cut_into_drains_they_are_the_same(pair):
+    ours, theirs = pair
+    port = SocketCanPort.over(ours)
+    rng = np.random.default_rng(3)
+    sent = [(0, int(rng.integers(1, 0x7FF)), rng.bytes(int(rng.integers(0, 9)))) for _ in range(200)]
+    wire, got, stamps = to_wire(make(*sent)), [], []
+    at = 0
+    while at < len(wire):
+        many = int(rng.integers(1, QUEUE + 1))
+        for one in wire[at : at + many]:
+            theirs.send(one)
+        stamps += [s // 1_000 * 1_000 for _, s in one_by_one(ours, len(wire[at : at + many]))]
+        got.append(port.drain())
+        at += many
+    whole = FrameBatch.concat(got)
+    assert [(c, p) for _, c, p in rows(whole)] == [(c, p) for _, c, p in sent]
+    assert whole.time_ns.tolist() == stamps
+    assert port.counters.received == len(sent)
+    port.close()
