@@ -24,3 +24,10 @@ def test_every_room_has_something_in_it() -> None:
 
 def test_nothing_lies_beside_the_agreed_top_level() -> None:
     assert {p.name for p in ROOT.iterdir() if not p.name.startswith(".")} <= TOP
+
+
+def test_what_libraries_do_well_is_left_to_them() -> None:
+    """Config files are checked by pydantic, logs and DBC files read by python-can and cantools: none of it is ours."""
+    for library, file in (("pydantic", "config/schema.py"), ("cantools", "frames/dbc.py"), ("can", "bus/pythoncan.py")):
+        text = (PACKAGE / file).read_text(encoding="utf-8")
+        assert f"import {library}" in text or f"from {library}" in text, f"{file} does without {library}"
