@@ -271,7 +271,7 @@ class Engine:
         tick = self._estimators.step(readings, t1)
         self._queue.extend(tick.events)
         if self.judging:
-            self._queue.append(judged(t1, self.frames, self.rejected, self.strings, readings))
+            self._queue.append(judged(t1, self.frames, self.rejected, self._estimators, readings))
         for string, job in tick.jobs:
             due = t1 + JOB_DUE_TICKS * self._plan.tick_ns
             self._jobs[self._next_job] = _Running(string, due, job)

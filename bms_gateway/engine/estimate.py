@@ -11,7 +11,7 @@ import numpy as np
 
 from bms_gateway.engine.backlog import GroupTick
 from bms_gateway.engine.events import Estimated, Event, Job, Level, Notice, Parameters
-from bms_gateway.engine.group import Group, mean_squares
+from bms_gateway.engine.group import Group
 from bms_gateway.engine.inputs import Wire
 from bms_gateway.engine.plan import Plan, StringPlan
 from bms_gateway.engine.plausible import check_covariance, check_parameters, check_temperatures
@@ -151,15 +151,23 @@ class Estimators:
             (newest.core_sd, core_sd),
             (newest.surface, surface),
             (newest.quality, quality),
-            (newest.innovation, e.innovation),
-            (newest.innovation_sd, e.innovation_sd),
         ):
             group.put(row, values)
         cells = [readings.cells[i] for i in group.members] if readings.cells else ()
         soc, since = readings.soc[group.rows], dt + self._gap_s
         tick = GroupTick(t1, since, square, heat, inlet, flow, I, soc, y, age, cells)
         jobs += [(group.members[j], job) for j, job in group.backlog.add(tick)]
-        return mean_squares(e.innovation, e.innovation_sd)
+        group.errors = e.errors
+        return e.errors.mean_square()
+
+    def errors(self) -> tuple[Floats, Floats]:
+        """Tell what readings of all cells (N,) were off at the newest tick, and should be, K; NaN where unread."""
+        value, sd = np.full((2, len(self.newest.core)), nan)
+        for group in self._groups:
+            if group.errors is not None:
+                group.put(value, group.errors.on_cells(group.errors.value))
+                group.put(sd, group.errors.on_cells(group.errors.sd))
+        return value, sd
 
     def _adopt(self, group: Group, j: int) -> None:
         """Give the observer what the identifier knows now."""

@@ -12,7 +12,7 @@ from bms_gateway.engine.backlog import Backlog
 from bms_gateway.engine.readings import Readings
 from bms_gateway.engine.string import StringEstimator
 from bms_gateway.frames.quality import Quality
-from bms_gateway.observe import AdaptiveObserver
+from bms_gateway.observe import AdaptiveObserver, Errors
 from bms_gateway.thermal import Floats
 
 if TYPE_CHECKING:
@@ -41,6 +41,8 @@ class Group:
         Which of them have a recursive method, whose numbers the observer takes over once in a while.
     unknown : ndarray (S,)
         NaN for each: a quantity that none of them has.
+    errors : Errors or None
+        Of the newest tick's readings.
     """
 
     members: list[int]
@@ -54,6 +56,7 @@ class Group:
     adopts: list[int]
     unknown: Floats
     backlog: Backlog
+    errors: Errors | None = None
 
     @classmethod
     def of(
@@ -109,12 +112,3 @@ def _at(places: list[int]) -> At:
     if all(b - a == 1 for a, b in pairwise(places)):
         return slice(places[0], places[-1] + 1)
     return np.array(places, np.intp)
-
-
-def mean_squares(innovation: Floats, sd: Floats) -> Floats:
-    """Mean over each string's readings of the innovation's square in units of its variance; NaN without a reading."""
-    z = innovation / sd
-    there = np.isfinite(z)
-    z[~there] = 0.0
-    count = np.count_nonzero(there, axis=1)
-    return np.asarray(np.einsum("sn,sn->s", z, z) / np.where(count, count, np.nan), dtype=np.float64)

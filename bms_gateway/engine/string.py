@@ -55,27 +55,22 @@ class Newest:
     core, core_sd, surface : ndarray (N,)
         °C, K, °C; NaN where not available.
     quality : ndarray of uint8 (N,)
-    innovation, innovation_sd : ndarray (N,)
-        K; NaN for cells without a reading.
     """
 
     core: Floats
     core_sd: Floats
     surface: Floats
     quality: NDArray[np.uint8]
-    innovation: Floats
-    innovation_sd: Floats
 
     @classmethod
     def nothing(cls, cells: int) -> "Newest":
         """Know nothing yet of so many cells."""
-        core, core_sd, surface, innovation, innovation_sd = np.full((5, cells), np.nan)
-        return cls(core, core_sd, surface, np.full(cells, np.uint8(Quality.NEVER)), innovation, innovation_sd)
+        core, core_sd, surface = np.full((3, cells), np.nan)
+        return cls(core, core_sd, surface, np.full(cells, np.uint8(Quality.NEVER)))
 
     def renew(self) -> None:
         """Make room for another tick's numbers; whoever has kept the last one's keeps them as they were."""
-        rows = np.empty((5, len(self.core)))
-        self.core, self.core_sd, self.surface, self.innovation, self.innovation_sd = rows
+        self.core, self.core_sd, self.surface = np.empty((3, len(self.core)))
         self.quality = np.empty_like(self.quality)
 
 
@@ -134,16 +129,6 @@ class StringEstimator:
     def quality(self) -> NDArray[np.uint8]:
         """`Quality` (n,) of these."""
         return self.newest.quality[self.mine]
-
-    @property
-    def innovation(self) -> Floats:
-        """Of the newest tick (n,), K; NaN for cells without a reading."""
-        return self.newest.innovation[self.mine]
-
-    @property
-    def innovation_sd(self) -> Floats:
-        """What it should be (n,), K."""
-        return self.newest.innovation_sd[self.mine]
 
     @classmethod
     def of(

@@ -5,7 +5,7 @@ effects need not load.
 """
 
 from bms_gateway.observe.adaptive import AdaptiveObserver
-from bms_gateway.observe.estimate import Estimate
+from bms_gateway.observe.estimate import Errors, Estimate
 from bms_gateway.observe.kalman import Innovation, Kalman, KalmanState, Predicted
 from bms_gateway.observe.luenberger import Luenberger
 from bms_gateway.observe.measured import Measured
@@ -18,6 +18,7 @@ __all__ = [
     "PARAMETERS",
     "AdaptiveObserver",
     "Disturbance",
+    "Errors",
     "Estimate",
     "Innovation",
     "Kalman",

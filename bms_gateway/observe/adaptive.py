@@ -20,7 +20,7 @@ import numpy as np
 from bms_gateway.errors import StateError
 from bms_gateway.observe.bands import Bands, Levers
 from bms_gateway.observe.blocks import BLOCK, Blocks, chosen
-from bms_gateway.observe.estimate import Estimate
+from bms_gateway.observe.estimate import Errors, Estimate
 from bms_gateway.observe.kalman import Innovation, Kalman, KalmanState, Predicted
 from bms_gateway.observe.model import OFFSETS, Bools, Ints, scaled, stack, start_covariance, usable
 from bms_gateway.observe.pace import EVERY
@@ -97,6 +97,7 @@ class AdaptiveObserver:
         self._rebuild_heat()
         self._bands = Bands(models, sensors, fitted)
         self._everywhere = np.arange(self._strings)
+        self._all_known = np.ones((self._strings, OFFSETS), np.bool_)
         self._starts = np.stack(
             [start_covariance(self._cells, start, disturbance, inlet_known=known) for known in (False, True)]
         )
@@ -112,8 +113,9 @@ class AdaptiveObserver:
         self._usual = np.zeros((self._strings, self._cells))
         self._available = np.zeros(self._strings, np.bool_)
         self._resting = b""  # which readings the bands rest on; nothing: to be found out
+        self._rested = False  # they rest on those of all sensors
         self._everyone = self._fresh = False  # every string is available; every sensor was read in the newest step
-        self._reading_sd = np.full((self._strings, self._cells), np.nan)
+        self._reading_sd = np.full(sensors.shape, np.nan)
 
     @property
     def parameters(self) -> tuple[StringParameters, ...]:
@@ -156,9 +158,10 @@ class AdaptiveObserver:
             self._follow_flow(flow_ratio)
         self._begin(inlet, y)
         electric, given, known_heat = self._heat(I2, heat)
-        known = np.empty((self._strings, OFFSETS), np.bool_)
-        known[:, 0], known[:, 1] = np.isfinite(inlet), known_heat
-        inlet1 = np.where(known[:, 0], inlet, self._inlet)
+        known = self._all_known
+        if not (known_heat.all() and np.isfinite(inlet).all()):
+            known = np.column_stack((np.isfinite(inlet), known_heat))
+        inlet1 = inlet.copy() if known is self._all_known else np.where(known[:, 0], inlet, self._inlet)
         was_known = self._state.pattern[:, -OFFSETS] >= 0
         inlet0 = np.where(was_known, self._inlet, inlet1)  # no ramp from a value that was only held
         predicted = self._kalman.predict(
@@ -174,7 +177,7 @@ class AdaptiveObserver:
         else:
             self._feel(predicted, innovation, electric, given, (inlet0 + inlet1) / 2.0)
         sd = self._bands.told(self._levers(), None if self._everyone else self._available)
-        return self._estimate(sd, self._bands.on_cells(innovation.value), self._reading_sd)
+        return self._estimate(sd, innovation.value, self._reading_sd)
 
     def _feel(
         self, step: Predicted, innovation: Innovation, electric: Floats, given: Floats | None, inlet: Floats
@@ -206,7 +209,7 @@ class AdaptiveObserver:
         every = self._everywhere
         J = self._blocks.caught_up(every, self._flows, self._kalman, self._state)
         sd = self._bands.now(self._state.P, J, self._root, self._levers(), self._available)
-        nothing = np.full((self._strings, self._cells), np.nan)
+        nothing = np.full(self._unread.shape, np.nan)
         return self._estimate(sd, nothing, nothing)
 
     def set_parameters(
@@ -405,10 +408,10 @@ class AdaptiveObserver:
     def _heat(self, I2: Floats, heat: Floats | None) -> tuple[Floats, Floats | None, Bools]:
         """Heat from I²R_e, heat given, and whether either was there; else the usual heat of the last minutes."""
         electric = I2[:, None] * self._R_e
-        given = None
+        given, known = None, np.asarray(np.isfinite(I2), dtype=np.bool_)
         if heat is not None and (measured := np.isfinite(heat)).any():
             electric, given = np.where(measured, 0.0, electric), np.where(measured, heat, 0.0)
-        known = np.asarray(np.isfinite(electric).all(axis=1), dtype=np.bool_)
+            known = np.asarray(np.isfinite(electric).all(axis=1), dtype=np.bool_)
         every = bool(known.all())
         if not every:
             electric = np.where(np.isfinite(electric), electric, self._usual)
@@ -434,7 +437,7 @@ class AdaptiveObserver:
 
     def _exchange(self, at: Ints, *, restored: bool = False) -> None:
         """Rebuild the matrices of the strings `at`, whose parameters or flow have changed."""
-        self._left, self._resting = 0, b""
+        self._left, self._resting, self._rested = 0, b"", False
         if not restored:
             self._catch_up(at)
             state = self._kalman.caught_up(self._state, at)
@@ -460,14 +463,17 @@ class AdaptiveObserver:
         x = self._state.x[:, : 2 * self._cells]
         if not self._everyone:
             x = np.where(self._available[:, None], x, np.nan)
-        return Estimate(x[:, 0::2], bands[0], x[:, 1::2], bands[1], innovation, innovation_sd, self._available)
+        errors = Errors(innovation, innovation_sd, self._bands.on_cells)
+        return Estimate(x[:, 0::2], bands[0], x[:, 1::2], bands[1], errors, self._available)
 
     def _levers(self) -> Levers:
         """Tell what cells' own numbers stand behind; what surfaces rest on is found anew where that has changed."""
-        read = self._unread <= READ_WITHIN
-        if self._resting != read.tobytes():
-            self._bands.rest_on(self._flows, self._kalman.sensors, read)
-            self._resting = read.tobytes()
+        if not (self._fresh and self._rested):
+            read = self._unread <= READ_WITHIN
+            self._rested = bool(read.all())
+            if self._resting != read.tobytes():
+                self._bands.rest_on(self._flows, self._kalman.sensors, read)
+                self._resting = read.tobytes()
         return self._bands.levers(self._state.x, self._inlet)
 
 

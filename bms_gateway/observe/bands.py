@@ -18,8 +18,8 @@ from bms_gateway.observe.spread import as_tolerated, between_cells, scatter
 from bms_gateway.observe.stored import like, plain
 from bms_gateway.thermal import Floats, StringModel
 
-Levers = tuple[Floats, Floats, Floats]
-"""Temperatures (S, n) that a cell's own R_e, R_u, R_c stand behind: core over base, surface over it, gap."""
+Levers = Floats
+"""Temperatures (3, S, n) that a cell's own R_e, R_u, R_c stand behind: core over base, surface over it, gap."""
 
 
 class Bands:
@@ -43,9 +43,11 @@ class Bands:
 
     def __init__(self, models: Sequence[StringModel], sensors: Ints, fitted: Bools) -> None:
         S, n = len(models), models[0].cells
-        self._scatter = np.stack([scatter(m) for m in models], axis=1)[:, :, None]
-        self.own, self.owned = as_tolerated(self._scatter, n), False
-        self._still, self._more = np.zeros((S, 2 * n)), np.zeros(sensors.shape)
+        scattered = np.stack([scatter(m) for m in models], axis=1)
+        self._tolerated, self._offset = scattered[:3], scattered[3][:, None]
+        self.own, self.owned = as_tolerated(self._tolerated, n), False
+        # of cores and surfaces: what the filter leaves open, what numbers add, and what thermocouples are off
+        self._still, self._more = (np.zeros((S, n)), np.zeros((S, n))), np.zeros(sensors.shape)
         self._over: tuple[Floats, Floats] | None = None
         self._places = (np.arange(S)[:, None] * n + sensors)[fitted]
         self._fitted = None if fitted.all() else fitted
@@ -54,13 +56,14 @@ class Bands:
     def differ(self, s: int, own: Floats | None) -> None:
         """Take what the cells of string `s` differ by; None for its tolerances."""
         if own is not None or self.owned:
-            tolerated = as_tolerated(self._scatter, self._shape[1])[s]
+            tolerated = as_tolerated(self._tolerated, self._shape[1])[s]
             self.own, self.owned = self.own.copy(), True
             self.own[s] = tolerated if own is None else own
 
     def know(self, at: Ints, P: Floats, J: Floats, root: Floats, seen: Floats) -> None:
         """Take what the filter leaves open in the strings `at`, and the sensitivities of states and readings."""
-        self._still[at] = self._known(at, P, J, root)
+        for still, var in zip(self._still, self._known(at, P, J, root), strict=True):
+            still[at] = var
         self._more[at] = _squares(np.matmul(seen, chosen(root, at)))
 
     def rest_on(self, flows: Flows, sensors: Ints, read: Bools) -> None:
@@ -81,20 +84,23 @@ class Bands:
         N, (M, m) = 2 * self._shape[1], self._over
         T_c, T_s = x[:, 0:N:2], x[:, 1:N:2]
         over = np.matmul(M, T_s[:, :, None])[:, :, 0] - m * (inlet + x[:, -2])[:, None]
-        gap = T_c - T_s
-        return gap + over, over, gap
+        levers = np.empty((3, *over.shape))
+        levers[1] = over
+        np.subtract(T_c, T_s, out=levers[2])
+        np.add(levers[2], over, out=levers[0])
+        return levers
 
     def told(self, levers: Levers, available: Bools | None) -> tuple[Floats, Floats]:
         """Tell the standard deviations (S, n) of cores and surfaces; infinite where strings are not `available`."""
-        return self._halves(self._still + self._unlike(levers), available)
+        return self._sds(self._still, levers, available)
 
     def now(self, P: Floats, J: Floats, root: Floats, levers: Levers, available: Bools) -> tuple[Floats, Floats]:
         """Tell them for other covariances and sensitivities, of all strings; nothing changes."""
-        return self._halves(self._known(np.arange(self._shape[0]), P, J, root) + self._unlike(levers), available)
+        return self._sds(self._known(np.arange(self._shape[0]), P, J, root), levers, available)
 
     def of_readings(self, sd: Floats) -> Floats:
-        """Widen what readings (S, m) scatter by with the numbers known, and give it to their cells (S, n)."""
-        return self.on_cells(np.sqrt(np.square(sd) + self._more))
+        """Widen what readings (S, m) scatter by with the numbers known."""
+        return np.asarray(np.sqrt(np.square(sd) + self._more), dtype=np.float64)
 
     def on_cells(self, values: Floats) -> Floats:
         """Give values (S, m) of the sensors to their cells (S, n); NaN for cells without one."""
@@ -117,20 +123,17 @@ class Bands:
         self._more = like(snapshot["more"], self._more)
         self._still = self._known(np.arange(self._shape[0]), P, J, root)
 
-    def _known(self, at: Ints, P: Floats, J: Floats, root: Floats) -> Floats:
-        N = self._still.shape[1]
-        var = chosen(np.einsum("sii->si", P), at)[:, :N]
-        return np.asarray(var + _squares(np.matmul(J[:, :N], chosen(root, at))))
+    def _known(self, at: Ints, P: Floats, J: Floats, root: Floats) -> tuple[Floats, Floats]:
+        N, offset = 2 * self._shape[1], chosen(self._offset, at)
+        var = chosen(np.einsum("sii->si", P), at)[:, :N] + _squares(np.matmul(J[:, :N], chosen(root, at)))
+        return var[:, 0::2] + offset, var[:, 1::2] + offset
 
-    def _unlike(self, levers: Levers) -> Floats:
-        return between_cells(*levers, self._scatter, self.own if self.owned else None)
-
-    @staticmethod
-    def _halves(var: Floats, available: Bools | None) -> tuple[Floats, Floats]:
-        sd = np.sqrt(var)
-        if available is not None:
-            sd = np.where(available[:, None], sd, np.inf)
-        return sd[:, 0::2], sd[:, 1::2]
+    def _sds(self, still: tuple[Floats, Floats], levers: Levers, available: Bools | None) -> tuple[Floats, Floats]:
+        core, surface = between_cells(levers, self._tolerated, self.own if self.owned else None)
+        core, surface = np.sqrt(core + still[0]), np.sqrt(surface + still[1])
+        if available is None:
+            return core, surface
+        return np.where(available[:, None], core, np.inf), np.where(available[:, None], surface, np.inf)
 
 
 def _squares(a: Floats) -> Floats:

@@ -18,7 +18,7 @@ import numpy as np
 from bms_gateway.errors import StateError
 from bms_gateway.observe.adaptive import FLOW_LIMITS, READ_WITHIN
 from bms_gateway.observe.consider import Belief, conditioned
-from bms_gateway.observe.estimate import Estimate
+from bms_gateway.observe.estimate import Errors, Estimate
 from bms_gateway.observe.measured import SOC_UNKNOWN, Measured
 from bms_gateway.observe.model import OFFSETS, Bools, start_covariance
 from bms_gateway.observe.spread import root, scatter
@@ -476,7 +476,8 @@ class EffectObserver:
         var = np.diag(b.P)[: 2 * n] + np.einsum("mp,mp->m", spread, spread) + self._between_cells()
         sd = np.where(self._available, np.sqrt(np.maximum(var, 0.0)), np.inf)[None]
         x = np.where(self._available, b.z[: 2 * n], nan)[None]
-        return Estimate(x[:, 0::2], sd[:, 0::2], x[:, 1::2], sd[:, 1::2], r, r_sd, self._available.reshape(1))
+        errors = Errors(r, r_sd, np.copy)
+        return Estimate(x[:, 0::2], sd[:, 0::2], x[:, 1::2], sd[:, 1::2], errors, self._available.reshape(1))
 
     def _between_cells(self) -> Floats:
         """Variance (2n,) that cells add by being unlike, as `AdaptiveObserver` states it."""

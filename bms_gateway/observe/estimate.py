@@ -3,10 +3,40 @@
 The states of Lin et al., Eq 11 and 18, with bands that the paper does not give.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+
+import numpy as np
 
 from bms_gateway.observe.model import Bools
 from bms_gateway.thermal import Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Errors:
+    """Of what S strings were predicted to read on m sensors each.
+
+    Attributes
+    ----------
+    value, sd : ndarray (S, m), K
+        Reading less prediction, NaN without a reading; what it should be, parameters included.
+    on_cells : callable
+        Gives values (S, m) of the sensors to their cells (S, n); NaN for cells without one.
+    """
+
+    value: Floats
+    sd: Floats
+    on_cells: Callable[[Floats], Floats]
+
+    def mean_square(self) -> Floats:
+        """Mean (S,) over each string's readings of the square in units of its variance; NaN without a reading."""
+        z = self.value / self.sd
+        there = z == z
+        if there.all():
+            return np.asarray(np.einsum("sm,sm->s", z, z) / z.shape[1], dtype=np.float64)
+        z = np.where(there, z, 0.0)
+        count = np.count_nonzero(there, axis=1)
+        return np.asarray(np.einsum("sm,sm->s", z, z) / np.where(count, count, np.nan), dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,8 +49,8 @@ class Estimate:
         NaN where nothing is known yet.
     core_sd, surface_sd : ndarray (S, n), K
         Standard deviations, parameters included; infinite where nothing is known yet.
-    innovation, innovation_sd : ndarray (S, n), K
-        Reading less prediction and what it should be, parameters included; NaN for cells without a reading.
+    errors : Errors
+        Of the step's readings.
     available : ndarray of bool (S,)
     """
 
@@ -28,6 +58,15 @@ class Estimate:
     core_sd: Floats
     surface: Floats
     surface_sd: Floats
-    innovation: Floats
-    innovation_sd: Floats
+    errors: Errors
     available: Bools
+
+    @property
+    def innovation(self) -> Floats:
+        """Reading less prediction (S, n), K; NaN for cells without a reading."""
+        return self.errors.on_cells(self.errors.value)
+
+    @property
+    def innovation_sd(self) -> Floats:
+        """What it should be (S, n), K, parameters included."""
+        return self.errors.on_cells(self.errors.sd)

@@ -24,11 +24,11 @@ def root(covariance: Floats) -> Floats:
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)), dtype=np.float64)
 
 
-def as_tolerated(scattered: Floats, cells: int) -> Floats:
-    """Covariance (S, n, 3, 3) of each cell's ln R_e, ln R_u, ln R_c by the models' tolerances: uncorrelated."""
-    own = np.zeros((scattered.shape[1], cells, 3, 3))
+def as_tolerated(tolerated: Floats, cells: int) -> Floats:
+    """Covariance (S, n, 3, 3) of each cell's ln R_e, ln R_u, ln R_c by variances (3, S): uncorrelated."""
+    own = np.zeros((tolerated.shape[1], cells, 3, 3))
     at = np.arange(3)
-    own[:, :, at, at] = scattered[:3].transpose(1, 2, 0)
+    own[:, :, at, at] = tolerated.T[:, None]
     return own
 
 
@@ -38,30 +38,31 @@ def prior_covariance(model: StringModel, heat_rel_sd: float) -> Floats:
     return np.diag(np.square([*sd, heat_rel_sd]))
 
 
-def between_cells(rise: Floats, over: Floats, gap: Floats, scattered: Floats, own: Floats | None) -> Floats:
+def between_cells(levers: Floats, tolerated: Floats, own: Floats | None) -> tuple[Floats, Floats]:
     """Variance that cells add by being unlike, in the steady proportions.
 
     Parameters
     ----------
-    rise, over, gap : ndarray (s, n), K
-        Temperatures that a cell's own R_e, R_u and R_c stand behind.
-    scattered : ndarray (4, s, 1)
-        As `scatter` has it, by the models' tolerances.
+    levers : ndarray (3, s, n), K
+        Temperatures that a cell's own R_e, R_u and R_c stand behind: of its core over its base (rise), of its surface
+        over it (over), between core and surface (gap).
+    tolerated : ndarray (3, s)
+        Variances of ln R_e, ln R_u, ln R_c by the models' tolerances.
     own : ndarray (s, n, 3, 3) or None
         Covariance of each cell's ln R_e, ln R_u, ln R_c where it is known better.
 
     Returns
     -------
-    ndarray (s, 2n), K²
+    ndarray (s, n), ndarray (s, n), K²
+        Of cores and of surfaces.
     """
-    heat, cooling, inside, offset = scattered
-    if own is not None:
-        heat, cooling, inside = (own[:, :, a, a] for a in range(3))
-    var = np.empty((len(rise), 2 * rise.shape[1]))
-    var[:, 0::2] = heat * rise**2 + cooling * over**2 + inside * gap**2 + offset
-    var[:, 1::2] = (heat + cooling) * over**2 + offset
-    if own is not None:
-        of_heat, of_gap, of_film = own[:, :, 0, 1], own[:, :, 0, 2], own[:, :, 1, 2]
-        var[:, 0::2] += 2.0 * (of_heat * rise * over + of_gap * rise * gap + of_film * over * gap)
-        var[:, 1::2] += 2.0 * of_heat * over**2
-    return var
+    squares = np.square(levers)
+    if own is None:
+        heat, cooling, _ = tolerated
+        return np.einsum("ksn,ks->sn", squares, tolerated), squares[1] * (heat + cooling)[:, None]
+    heat, cooling, inside = (own[:, :, a, a] for a in range(3))
+    of_heat, of_gap, of_film = own[:, :, 0, 1], own[:, :, 0, 2], own[:, :, 1, 2]
+    rise, over, gap = levers
+    core = heat * squares[0] + cooling * squares[1] + inside * squares[2]
+    core += 2.0 * (of_heat * rise * over + of_gap * rise * gap + of_film * over * gap)
+    return core, (heat + cooling + 2.0 * of_heat) * squares[1]
