@@ -131,9 +131,8 @@ class Drift:
         """Take up a stored level beside the stored trend; states of earlier versions have no `contact`."""
         if contact is not None:
             self.loose, self.strange = np.array(contact["loose"], dtype=np.float64), float(contact["strange"])
-            self._told = None if contact["told"] is None else int(contact["told"])
-            told_of = -1 if self._told is None else self._told
-            if self.loose.shape != (len(self.cells),) or not -1 <= told_of <= len(self.cells):
+            self._told = None if contact["told"] is None else stored_level(contact["told"], len(self.cells))
+            if self.loose.shape != (len(self.cells),) or not np.isfinite([*self.loose, self.strange]).all():
                 raise StateError("health: the stored state is damaged or of another string; starting anew")
         self.update(trend)
         self.flag = Flag(DRIFT, stored_level(level, 2))
