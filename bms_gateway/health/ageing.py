@@ -46,8 +46,8 @@ class Ageing:
         """Whether growth is known well enough to be judged."""
         return self.growth_sd <= KNOWN_SD
 
-    def update(self, growth: float, sd: float) -> bool:
-        """Take what is known of the growth after one more window.
+    def update(self, growth: float, sd: float, *, judge: bool = True) -> bool:
+        """Take what is known of the growth after one more window; the flag stays as it is where it is not to `judge`.
 
         Returns
         -------
@@ -55,7 +55,7 @@ class Ageing:
             Whether the flag's level changed.
         """
         self.growth, self.growth_sd = growth, sd
-        return self.flag.update(growth if self.commissioned else nan)
+        return self.flag.update(growth if self.commissioned and judge else nan)
 
     def sentence(self, of: str = "", doubt: str = "") -> str:
         """Say what the flag means and what to do; `of` names the cell, `doubt` what could also be the cause."""

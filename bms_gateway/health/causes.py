@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from bms_gateway.errors import StateError
 from bms_gateway.health.ageing import stored_level
 from bms_gateway.health.flag import Flag, Thresholds
-from bms_gateway.health.trend import CONFIRM, J, Trend, U
+from bms_gateway.health.trend import CONFIRM, J, Kind, Trend, U
 from bms_gateway.thermal import Floats
 
 COOLING = Thresholds(rise=(0.25, 0.50), fall=(0.15, 0.35), hold=2)
@@ -20,6 +21,13 @@ CURRENT = Thresholds(rise=(1.0, 2.0), fall=(0.5, 1.5), hold=1)
 """Degrees of suspicion, made in `CurrentWatch`."""
 SIGNIFICANT = 3.0  # sd: a change less sure than this raises no flag
 ALIKE = 0.6  # smallest over largest drift from which all sensors are said to drift alike: then it is the inlet's
+INLET, INLET_SURE = 0.3, 4.0
+"""K by which all have drifted alike, and sd: two thermocouples never do by themselves, so this may be less than a drift
+of one; the offset of the inlet's sensor is in every cell's level, which no R_e, R_u or flow moves without the load."""
+PASSED, BACK = 0.5, 0.25
+"""Share of the latest windows that one thermocouple, or nothing, explains: it is told from the first to the second."""
+NEWEST = 0.2  # weight of the newest window in that share: told after four, and a thermocouple put right after eight
+TOLD = 1.5  # what stands for it in `DRIFT`: the first level
 JUMPED = 0.06  # ln: a jump of R_e of this size is one
 OFF_VOLTAGE = Thresholds(rise=(0.05,), fall=(0.03,), hold=CONFIRM)
 """Thermal over electrical resistance, ln, moved so far since commissioning: the current's scale is wrong."""
@@ -61,46 +69,90 @@ class Cooling:
 
 @dataclass(slots=True)
 class Drift:
-    """Offsets of the thermocouples against the inlet's sensor, since commissioning.
+    """Offsets of the thermocouples against the inlet's sensor since commissioning, and whether they follow their cells.
 
     Attributes
     ----------
     cells : tuple of int
         1-based cells with a thermocouple.
     kelvin, sd : ndarray (m,)
+    loose : ndarray (m,)
+        Share of the latest windows that are usual only where this thermocouple is left out.
+    strange : float
+        Share of those that nothing explains.
     """
 
     cells: tuple[int, ...]
     flag: Flag = field(default_factory=lambda: Flag(DRIFT))
     kelvin: Floats = field(default_factory=lambda: np.empty(0))
     sd: Floats = field(default_factory=lambda: np.empty(0))
+    common: float = 0.0
+    loose: Floats = field(init=False)
+    strange: float = 0.0
+    _told: int | None = None
+
+    def __post_init__(self) -> None:
+        self.loose = np.zeros(len(self.cells))
+
+    def took(self, kind: Kind, left_out: int | None) -> None:
+        """Take what the trend made of a window."""
+        self.loose += NEWEST * ((np.arange(len(self.cells)) == left_out) - self.loose)
+        self.strange += NEWEST * ((kind is Kind.STRANGE) - self.strange)
+        shares = np.append(self.loose, self.strange + self.loose.sum())
+        if self._told is not None and shares[self._told] < BACK:
+            self._told = None
+        if self.loose.max() >= PASSED:
+            self._told = int(self.loose.argmax())
+        elif self._told is None and shares[-1] >= PASSED:
+            self._told = len(self.cells)
 
     def update(self, trend: Trend) -> bool:
         """Look at the trend; whether the level changed."""
         self.kelvin = trend.x[trend.drifts].copy()
-        self.sd = np.sqrt(np.diag(trend.P)[trend.drifts])
+        P = trend.P[trend.drifts, trend.drifts]
+        self.sd = np.sqrt(np.diag(P))
         sure = np.abs(self.kelvin) > SIGNIFICANT * self.sd
-        return self.flag.update(float(np.abs(self.kelvin[sure]).max(initial=0.0)))
+        worst = float(np.abs(self.kelvin[sure]).max(initial=0.0))
+        self.common = float(self.kelvin.mean()) if self._alike else 0.0
+        if abs(self.common) > INLET_SURE * float(np.sqrt(P.mean())):
+            worst = max(worst, min(abs(self.common) / INLET, TOLD))
+        return self.flag.update(worst if self._told is None else max(worst, TOLD))
 
-    def restore(self, trend: Trend, level: object) -> None:
-        """Take up a stored level beside the stored trend."""
+    @property
+    def _alike(self) -> bool:
+        size = np.abs(self.kelvin)
+        return len(size) > 1 and size.min() > ALIKE * size.max() and len(set(np.sign(self.kelvin).tolist())) == 1
+
+    def contact(self) -> dict[str, Any]:
+        """State beside the trend and the level, as plain values."""
+        return {"loose": self.loose.tolist(), "strange": self.strange, "told": self._told}
+
+    def restore(self, trend: Trend, level: object, contact: Mapping[str, Any] | None) -> None:
+        """Take up a stored level beside the stored trend; states of earlier versions have no `contact`."""
+        if contact is not None:
+            self.loose, self.strange = np.array(contact["loose"], dtype=np.float64), float(contact["strange"])
+            self._told = None if contact["told"] is None else stored_level(contact["told"], len(self.cells))
+            if self.loose.shape != (len(self.cells),) or not np.isfinite([*self.loose, self.strange]).all():
+                raise StateError("health: the stored state is damaged or of another string; starting anew")
         self.update(trend)
         self.flag = Flag(DRIFT, stored_level(level, 2))
 
     @property
     def worst(self) -> int:
-        """Cell whose thermocouple has moved most; 0 where all have alike (the inlet's), or nothing is flagged."""
+        """Cell whose thermocouple is most likely at fault; 0 where it is the inlet's, no single one, or none."""
         if not self.flag.level:
             return 0
-        size = np.abs(self.kelvin)
-        alike = len(size) > 1 and size.min() > ALIKE * size.max() and len(set(np.sign(self.kelvin).tolist())) == 1
-        return 0 if alike else self.cells[int(size.argmax())]
+        if self._told is not None:
+            return self.cells[self._told] if self._told < len(self.cells) else 0
+        return 0 if self._alike else self.cells[int(np.abs(self.kelvin).argmax())]
 
     def sentence(self) -> str:
         """Say what the flag means and what to do."""
         if not self.flag.level:
             return "thermocouples agree with the inlet's as at commissioning again"
         k = self.worst
+        if self._told is not None:
+            return self._passed_over(k)
         if k == 0:
             moved = float(np.mean(self.kelvin))
             return (
@@ -112,6 +164,21 @@ class Drift:
         return (
             f"the thermocouple of cell {k}{other} has drifted by {moved:+.1f} K since commissioning: "
             "check its seat, or replace it; this is no ageing of the cells"
+        )
+
+    def _passed_over(self, k: int) -> str:
+        if k:
+            return (
+                f"the thermocouple of cell {k} no longer follows its cell: drives fit all that is known only without "
+                "it, so most likely it has come loose; it is left out of the growth of R_e until then: fasten or "
+                "replace it; this is no ageing of the cells"
+            )
+        who = f"the thermocouple of cell {self.cells[0]}" if len(self.cells) == 1 else "a thermocouple"
+        return (
+            "most drives lately contradict what is known of the string, and neither R_e, cooling nor one offset "
+            f"explains them: growth of R_e is held; most likely {who} or the inlet's sensor does not touch what it "
+            "measures: check their seats, then the current sensor; if they are sound, bms-gateway export --last 2h "
+            "--out recent.csv and bms-gateway diagnose recent.csv"
         )
 
 

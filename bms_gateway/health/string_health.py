@@ -1,7 +1,7 @@
 """Health of one string: what its windows say, judged against commissioning, cause by cause."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from math import exp, log, nan
 from typing import Any
 
@@ -14,7 +14,7 @@ from bms_gateway.health.cells import CellGrowth
 from bms_gateway.health.collect import WINDOW_S, Collector
 from bms_gateway.health.mismatch import Mismatch
 from bms_gateway.health.trend import B_PRIOR, SHAPE_SD, UNKNOWN, G, J, L, Prior, Trend
-from bms_gateway.health.window_fit import DriveWindow, Observed, fit_window
+from bms_gateway.health.window_fit import FIRST_OFFSET, DriveWindow, Observed, at_mean_charge, fit_window
 from bms_gateway.identify import Tick
 from bms_gateway.thermal import Floats, StringModel, StringParameters
 
@@ -38,6 +38,7 @@ class HealthJob:
     B: float
     shape: str
     electrical: float
+    doubtful: bool = False
 
     def run(self) -> "HealthResult":
         """Fit; the same job gives the same result to the last bit."""
@@ -47,17 +48,33 @@ class HealthJob:
             R_e = float(np.exp(np.mean(np.log(self.parameters.R_e))))
             ratio = log(R_e / self.electrical) + float(seen.mean[0]) + seen.B * seen.warmth
         share = len(self.window.square) * self.window.dt / WINDOW_S
-        return HealthResult(seen, share, self.shape, ratio)
+        return HealthResult(seen, share, self.shape, ratio, self._without() if self.doubtful else {})
+
+    def _without(self) -> dict[int, Observed]:
+        """Fit the window without each of the thermocouples, where others were heard."""
+        found = {}
+        for k, cell in enumerate(self.sensed):
+            surface = self.window.surface.copy()
+            surface[:, cell] = np.nan
+            if np.isfinite(surface).any():
+                others, guess = tuple(c for c in self.sensed if c != cell), np.delete(self.guess, FIRST_OFFSET + k)
+                window = replace(self.window, surface=surface)
+                found[k] = fit_window(self.parameters, window, others, guess, self.B)
+        return found
 
 
 @dataclass(frozen=True, slots=True)
 class HealthResult:
-    """What a job found; `ratio` is ln of thermal over electrical resistance, NaN without voltage."""
+    """What a job found; `ratio` is ln of thermal over electrical resistance, NaN without voltage.
+
+    `without` is the same window with the k-th thermocouple left out, where there was doubt.
+    """
 
     seen: Observed
     share: float
     shape: str
     ratio: float
+    without: dict[int, Observed] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,13 +190,30 @@ class StringHealth:
         drive = self.collector.add(tick, current, soc, flow)
         if drive is None or self._pending:
             return None
-        p, w = self.parameters, drive.window
-        if float(np.mean(p.R_u) * np.mean(p.R_e) * w.square.mean()) < LEAST_RISE:
+        p = self.parameters
+        if float(np.mean(p.R_u) * np.mean(p.R_e) * drive.window.square.mean()) < LEAST_RISE:
             return None
         self._pending = True
-        guess = self.trend.expected(w.flow, w.soc)
+        return self.job(drive.window, drive.current, electrical)
+
+    def job(self, w: DriveWindow, current: Floats, electrical: float = nan) -> HealthJob:
+        """Fit of one window as the trend now expects it.
+
+        Parameters
+        ----------
+        w : DriveWindow
+        current : ndarray (K·j,)
+            A, of each tick or of j equal parts of it.
+        electrical : float
+            As of `add`.
+        """
+        assert self.trend is not None  # noqa: S101 - there are no windows before there is a baseline
+        guess, capacity = self.trend.expected(w.flow, w.soc), self.model.capacity_Ah
+        if capacity is not None:
+            w = at_mean_charge(w, current, capacity, self.trend.charge_slope)
         sensed = tuple(k - 1 for k in self.model.sensors)
-        return HealthJob(p, w, sensed, guess, self.trend.exponent, current_shape(drive.current), electrical)
+        shape, doubtful = current_shape(current), self.trend.doubtful
+        return HealthJob(self.parameters, w, sensed, guess, self.trend.exponent, shape, electrical, doubtful)
 
     def accept(self, result: HealthResult, now: int) -> list[Change]:
         """Take back a job's result; the flags that it has moved."""
@@ -189,7 +223,8 @@ class StringHealth:
         doubted = self.current.doubted(result.shape if self.trend.surprising(result.seen) else "")
         if not doubted:
             self.current.listen(result.ratio, float(np.sqrt(result.seen.cov[0, 0])))
-            self.trend.update(result.seen, result.share, believe=self.current.believed)
+            kind = self.trend.update(result.seen, result.share, believe=self.current.believed, without=result.without)
+            self.drift.took(kind, self.trend.left_out)
         if self.current.update(self.trend):
             moved.append(Change("current", self.current.flag.level, self.current.sentence()))
         if doubted:  # such a window says nothing else
@@ -199,7 +234,7 @@ class StringHealth:
         if self.drift.update(self.trend):
             moved.append(Change("thermocouple", self.drift.flag.level, self.drift.sentence(), self.drift.worst or None))
         growth, sd = self._growth()
-        if self.ageing.update(growth, sd):
+        if self.ageing.update(growth, sd, judge=not self.trend.restless):
             moved.append(Change("ageing", self.ageing.flag.level, self.ageing.sentence(doubt=self.doubt)))
         if self.ageing.commissioned:
             self.history.add((now, self.baseline * (1.0 + growth), growth, sd, self.cooling.growth))
@@ -290,6 +325,7 @@ class StringHealth:
             "ageing": self.ageing.snapshot(),
             "cooling": self.cooling.flag.level,
             "drift": self.drift.flag.level,
+            "contact": self.drift.contact(),
             "current": self.current.snapshot(),
             "mismatch": self.mismatch.flag.level,
             "cells": None if self.cells is None else self.cells.snapshot(),
@@ -314,7 +350,7 @@ class StringHealth:
             assert self.trend is not None  # noqa: S101 - just made
             self.trend.restore(state["trend"])
             self.cooling.restore(self.trend, state["cooling"])
-            self.drift.restore(self.trend, state["drift"])
+            self.drift.restore(self.trend, state["drift"], state.get("contact"))
         self.ageing.restore(state["ageing"])
         self.current.restore(state["current"])
         if state["cells"] is not None:

@@ -20,6 +20,7 @@ Beyond Lin et al., who identify once.
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -52,7 +53,14 @@ CONFIRM = 3  # surprising windows in a row before a jump of R_e is believed
 UNREST_SHARE, RESTLESS = 0.1, 0.25
 """Weight of the newest window in the share of unusual ones, and the share from which R_e is held: a thermocouple that
 hangs loose moves with the load and makes every window another surprise."""
+DOUBTFUL = 0.02  # share of unusual windows from which each thermocouple is left out in turn: one in forty suffices
+CLEARER = 2.0
+"""sd by which a jump of R_e, or leaving one thermocouple out, must explain a window better than changes of cooling and
+offsets do: these explain a little of everything."""
 LEFT_OUT = 1e2  # variance that takes a reading out
+LINEAR = 300.0
+"""K: B so unsure bends what a window finds, which is told to first order; the first windows must not fix the baseline
+before it is known."""
 L, G, RATE, J, B, S, U0, U, N, R_C, C_C, C_S = range(12)
 FIXED = C_S + 1
 # states; then o_1…o_m, D_1…D_m
@@ -86,11 +94,12 @@ class Kind(Enum):
 
     USUAL = "as the trend expects"
     OPENED = "cooling or thermocouples have changed"
+    LOOSE = "one thermocouple, without which it is usual"
     JUMP = "R_e has jumped"
     STRANGE = "nothing that the filter knows"
 
 
-UNREST = {Kind.USUAL: 0.0, Kind.OPENED: 1.0, Kind.JUMP: 0.5, Kind.STRANGE: 1.0}
+UNREST = {Kind.USUAL: 0.0, Kind.OPENED: 1.0, Kind.LOOSE: 0.2, Kind.JUMP: 0.5, Kind.STRANGE: 1.0}
 
 
 class Trend:
@@ -101,6 +110,11 @@ class Trend:
     sensors : int
         Thermocouples m.
     prior : Prior
+
+    Attributes
+    ----------
+    left_out : int or None
+        Which of the m the newest window was taken without; None where with all.
     """
 
     def __init__(self, sensors: int, prior: Prior | None = None) -> None:
@@ -118,6 +132,7 @@ class Trend:
         self.windows = 0
         self.surprises = 0
         self.unrest = 0.0
+        self.left_out: int | None = None
 
     @property
     def drifts(self) -> slice:
@@ -129,13 +144,17 @@ class Trend:
         """B as known now, K."""
         return float(self.x[B]) * PER
 
+    @property
+    def charge_slope(self) -> float:
+        """Slope s of ln R_e over what is missing in charge, as known now."""
+        return float(self.x[S])
+
     def expected(self, flow: float, soc: float) -> Floats:
         """Predict the next window's `Observed.mean` (5 + m,), referred with `exponent`."""
-        return np.asarray(self._matrix(flow, soc, np.zeros(FIRST_OFFSET + self.m)) @ self.x)
+        return np.asarray(self._matrix(flow, soc) @ self.x)
 
-    def _matrix(self, flow: float, soc: float, by_B: Floats) -> Floats:
+    def _matrix(self, flow: float, soc: float) -> Floats:
         H = np.zeros((FIRST_OFFSET + self.m, len(self.x)))
-        H[:, B] = -by_B * PER  # of a window referred with no exponent at all
         H[0, [L, G, J]] = 1.0
         H[0, S] = 0.5 - soc if soc == soc else 0.0
         H[1, [U0, U]] = 1.0
@@ -145,7 +164,23 @@ class Trend:
         H[FIRST_OFFSET + k, FIXED + k] = H[FIRST_OFFSET + k, FIXED + self.m + k] = 1.0
         return H
 
-    def update(self, seen: Observed, share: float = 1.0, *, believe: bool = True) -> Kind:
+    def _said(self, seen: Observed, left_out: int | None = None) -> tuple[Floats, Floats, Floats]:
+        """H, z and R of a window, as of one referred with no exponent at all; `left_out`: without this thermocouple."""
+        H, floors = self._matrix(seen.flow, seen.soc), np.array([*FLOORS, *[FLOOR_K] * self.m])
+        if left_out is not None:
+            H, floors = np.delete(H, FIRST_OFFSET + left_out, axis=0), np.delete(floors, FIRST_OFFSET + left_out)
+        H[:, B] = -seen.by_B * PER
+        bent = 1.0 + float(self.P[B, B]) * (PER / LINEAR) ** 2
+        return H, seen.mean - seen.by_B * seen.B, bent * (seen.cov + np.diag(floors**2))
+
+    def update(
+        self,
+        seen: Observed,
+        share: float = 1.0,
+        *,
+        believe: bool = True,
+        without: Mapping[int, Observed] = MappingProxyType({}),
+    ) -> Kind:
         """Take one window.
 
         Parameters
@@ -155,16 +190,15 @@ class Trend:
             Its length in units of a full window: walks go by time driven.
         believe : bool
             False: its R_e is left out, for the current is known to be wrong.
+        without : mapping
+            What the same window says with the k-th of the thermocouples left out.
 
         Returns
         -------
         Kind
             What it took to explain it.
         """
-        H = self._matrix(seen.flow, seen.soc, seen.by_B)
-        z = seen.mean - seen.by_B * seen.B
-        floors = np.array([*FLOORS, *[FLOOR_K] * self.m])
-        R = seen.cov + np.diag(floors**2)
+        H, z, R = self._said(seen)
         P = self.P.copy()
         if self.windows:
             F = np.eye(len(self.x))
@@ -175,10 +209,12 @@ class Trend:
             P[U, U] += WALK["cooling"] ** 2 * share
             P[self.drifts, self.drifts] += np.eye(self.m) * WALK["drift"] ** 2 * share
         self.windows += 1
-        kind = Kind.USUAL
+        kind, before, self.left_out = Kind.USUAL, self.left_out, None
         if self.windows > SETTLING:
-            P, kind = self._explained(P, H, z, R)
-        elif self._surprise(P, H, z, R):
+            P, kind = self._explained(P, seen, without, before)
+            if self.left_out is not None:
+                H, z, R = self._said(without[self.left_out], self.left_out)
+        elif self._score(P, H, z, R) > SURPRISE:
             R = DOUBTED * R
         self.unrest += UNREST_SHARE * (UNREST[kind] - self.unrest)
         self.surprises = self.surprises + 1 if kind is Kind.JUMP else 0
@@ -198,33 +234,54 @@ class Trend:
         return kind
 
     @property
+    def doubtful(self) -> bool:
+        """Whether a window lately was unusual: then each thermocouple is asked whether it is it."""
+        return self.unrest > DOUBTFUL
+
+    @property
     def restless(self) -> bool:
         """Whether so many windows lately had to be explained by something new that growth must not be read off them."""
         return self.unrest > RESTLESS
 
-    def _explained(self, P: Floats, H: Floats, z: Floats, R: Floats) -> tuple[Floats, Kind]:
-        """Find what must have changed since the last window, and the covariance that allows for it."""
-        if not self._surprise(P, H, z, R):
+    def _explained(
+        self, P: Floats, seen: Observed, without: Mapping[int, Observed], before: int | None
+    ) -> tuple[Floats, Kind]:
+        """Find what must have changed since the last window, and the covariance that allows for it.
+
+        A thermocouple that has lost its contact reads less the hotter its cell is, as no offset explains; and a change
+        of cooling that would explain it comes and goes with the load. Without it the window is as ever. The one that
+        was left out `before` is believed again where it explains a window as well as the others do.
+        """
+        said = self._said(seen)
+        whole = self._score(P, *said)
+        scores = {k: self._score(P, *self._said(other, k)) for k, other in without.items()}
+        known = before is not None and before in scores and scores[before] + CLEARER < whole
+        if whole <= SURPRISE and not known:
             return P, Kind.USUAL
         opened = self._opened(P)
-        if not self._surprise(opened, H, z, R):
-            return opened, Kind.OPENED
         jumped = opened.copy()
         jumped[J, J] += OPENED["jump"] ** 2
-        return (P, Kind.STRANGE) if self._surprise(jumped, H, z, R) else (opened, Kind.JUMP)
+        changed, jump = self._score(opened, *said), self._score(jumped, *said)
+        usual = [k for k, score in scores.items() if score <= SURPRISE]
+        if known and before in usual:
+            usual = [before]
+        if len(usual) == 1 and (known or scores[usual[0]] + CLEARER < min(changed, jump)):
+            self.left_out = usual[0]
+            return P, Kind.LOOSE
+        if min(changed, jump) > SURPRISE:
+            return P, Kind.STRANGE
+        return opened, Kind.JUMP if jump + CLEARER < changed or changed > SURPRISE else Kind.OPENED
 
     def surprising(self, seen: Observed) -> bool:
         """Whether a window contradicts the trend as it stands."""
-        H = self._matrix(seen.flow, seen.soc, seen.by_B)
-        R = seen.cov + np.diag(np.array([*FLOORS, *[FLOOR_K] * self.m]) ** 2)
-        return self._surprise(self.P, H, seen.mean - seen.by_B * seen.B, R)
+        return self._score(self.P, *self._said(seen)) > SURPRISE
 
-    def _surprise(self, P: Floats, H: Floats, z: Floats, R: Floats) -> bool:
-        """Whether a window lies farther from the trend than chance puts it (Wilson and Hilferty's normal χ²)."""
+    def _score(self, P: Floats, H: Floats, z: Floats, R: Floats) -> float:
+        """How much farther from the trend a window lies than chance puts it, sd (Wilson and Hilferty's normal χ²)."""
         nu = z - H @ self.x
         q = len(nu)
         square = float(nu @ np.linalg.solve(H @ P @ H.T + R, nu))
-        return bool((square / q) ** (1 / 3) > 1.0 - 2.0 / (9.0 * q) + SURPRISE * np.sqrt(2.0 / (9.0 * q)))
+        return float(((square / q) ** (1 / 3) - 1.0 + 2.0 / (9.0 * q)) / np.sqrt(2.0 / (9.0 * q)))
 
     def _opened(self, P: Floats) -> Floats:
         """Let cooling and thermocouples have changed since the last window: each by itself, and all of them alike."""

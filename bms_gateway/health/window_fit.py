@@ -15,9 +15,9 @@ another level. `Observed.by_B` says by how much, and the trend learns B from it.
 For Lin et al., Eq 1 and 16-18.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import accumulate, islice
 
 import numpy as np
 
@@ -26,10 +26,15 @@ from bms_gateway.identify.response import Inputs, Response, respond
 from bms_gateway.thermal import Floats, StringParameters, coolant_path
 
 KELVIN, REFERENCE_K = 273.15, 298.15
+COLDEST = -60.0  # °C: no cell that drives is colder; a start that is still sought may be
 STEP, STEP_B = 1e-4, 1.0  # of a logarithm or K, and of B, for slopes
 SHAPE = ("R_u", "R_c", "C_c", "C_s")  # numbers that the surface follows in a curved way; R_e it follows linearly
 FIRST_OFFSET = 1 + len(SHAPE)
-ROUNDS = 4  # the third and fourth move the start, and with it how warm the core was
+ROUNDS = 12  # at most; the third and fourth move the start, and with it how warm the core was
+SETTLED = 0.05  # squared length of a step, in sd of what it moves: less changes nothing that a window says
+UNLIKE_SD = 0.03
+"""Relative: R_e of the last cell along the coolant over the middle one's, as built and as warm as it is. Nothing but
+how surfaces differ along the string tells heat from resistance to it: a few per cent of R_e pass for many of both."""
 TAU_S = 150.0  # of the slow discrepancy: faster than the core, slower than the casing
 FLOOR = 0.2  # K·√s, white: a two-node cell is not believed better
 INLET_SD, SWING_SD = 0.1, 0.5  # K, and at most: how unlike the inlet's reading and what the cells feel are as it moves
@@ -114,14 +119,46 @@ def mean_surface(w: DriveWindow) -> Floats:
     return np.asarray(np.interp(np.arange(len(count)), read, mean), dtype=np.float64)
 
 
-def core_temperature(p: StringParameters, surface: Floats, heat: Floats, start: float, dt: float) -> Floats:
-    """Mean core of the ticks (K,), °C, from mean surfaces, the heat of a mean cell (K,), W, and where it began."""
+def at_mean_charge(w: DriveWindow, current: Floats, capacity_Ah: float, slope: float) -> DriveWindow:
+    """Give a window the heat that it would make at one charge: R_e moves with it from tick to tick too.
+
+    A drive that empties the cells raises R_e as it warms them, which would pass for a smaller exponent.
+
+    Parameters
+    ----------
+    w : DriveWindow
+    current : ndarray (K·j,)
+        A, of each tick or of j equal parts of it.
+    capacity_Ah : float
+    slope : float
+        Of ln R_e over what is missing in charge.
+
+    Returns
+    -------
+    DriveWindow
+    """
+    moved = -np.cumsum(current.reshape(len(w.square), -1).mean(axis=1)) * w.dt / (3600.0 * capacity_Ah)
+    return replace(w, square=w.square * np.exp(slope * (moved.mean() - moved)))
+
+
+def core_temperature(p: StringParameters, surface: Floats, square: Floats, B: float, start: float, dt: float) -> Floats:
+    """Mean core of the ticks (K,), °C, from mean surfaces, the current's square, A², and where it began.
+
+    Its warmth moves the heat that warms it, within a tick of some seconds already: each tick's heat is that of its
+    middle, from where the tick before ended.
+    """
     R_c, C_c = float(np.mean(p.R_c)), float(np.mean(p.C_c))
-    a = float(np.exp(-dt / (R_c * C_c)))
-    # plain floats: a first-order lag of scipy's would cost the service more at its start than all else it loads
-    drive = ((1.0 - a) * (surface + R_c * heat)).tolist()
-    core = accumulate(drive, lambda before, fed: a * before + fed, initial=start)
-    return np.fromiter(islice(core, 1, None), np.float64, len(drive))
+    a = math.exp(-dt / (R_c * C_c))
+    fed, heat = ((1.0 - a) * surface).tolist(), ((1.0 - a) * R_c * float(np.mean(p.R_e)) * square).tolist()
+    core, T = [], start
+    for s, h in zip(fed, heat, strict=True):
+        warm = max(T, COLDEST) + KELVIN
+        q = h * math.exp(B * (1.0 / warm - 1.0 / REFERENCE_K))
+        cold = a * T + s
+        after = cold + q / (1.0 + 0.5 * B / warm**2 * (cold + q - T))
+        core.append(0.5 * (T + after))
+        T = after
+    return np.array(core)
 
 
 def fit_window(p: StringParameters, w: DriveWindow, sensed: Sequence[int], guess: Floats, B: float) -> Observed:
@@ -153,30 +190,35 @@ def fit_window(p: StringParameters, w: DriveWindow, sensed: Sequence[int], guess
     late = np.clip(np.nan_to_num(w.age[:, list(sensed)]) / w.dt, 0.0, 1.0)[:, :, None]
     theta, m, n = guess.copy(), len(sensed), p.cells
     wide = np.array([*WIDE, *[WIDE_OFFSET] * m]) ** -2
-    swing = (float(np.std(w.inlet)) / INLET_SD) ** 2 + SWING_SD**-2
+    swing = np.array([(float(np.std(w.inlet)) / INLET_SD) ** 2 + SWING_SD**-2, UNLIKE_SD**-2])
     start_info = _start_info(n)
     early = y[: max(1, round(10.0 / w.dt))]
     seen = early[np.isfinite(early)]
     s0 = np.zeros(2 * n)
     s0[:n] = seen.mean() if seen.size else w.inlet[0]
-    xi = np.concatenate([[0.0], s0])
-    slow, square = 0.12, w.square
+    xi = np.concatenate([[0.0, 0.0], s0])
+    slow, square, searched, near = 0.12, w.square, False, False
     exponent, core, r, H, g_B = square, square, y, np.eye(1), square
+    along = np.linspace(-1.0, 1.0, n)
     for k in range(ROUNDS):
-        sets = [_at(p, theta), *(_at(p, theta + STEP * e) for e in np.eye(len(theta))[:FIRST_OFFSET])]
+        own = replace(p, R_e=p.R_e * np.exp(xi[1] * along))
+        sets = [_at(own, theta), *(_at(own, theta + STEP * e) for e in np.eye(len(theta))[:FIRST_OFFSET])]
         maps = [_start_map(s, w.inlet[0]) for s in sets]
-        starts = np.array([E @ xi[1:] + c for E, c in maps])
-        exponent, shapes, core = _warmth(sets, w, square, B, starts[:, 0::2].mean(axis=1))
+        starts = np.array([E @ xi[2:] + c for E, c in maps])
+        exponent, shapes, core = _warmth(sets, w, B, starts[:, 0::2].mean(axis=1))
         square = w.square * np.exp(B * exponent)
         now = Inputs(
             square, np.zeros(len(square)), w.inlet, w.dt, shapes, np.zeros(shapes.shape[1]), 1.0 + float(xi[0])
         )
-        R = respond([sets[0], *sets[2:]], now, np.concatenate([starts[:1], starts[2:]]), list(sensed))
+        unlike = replace(sets[0], R_e=sets[0].R_e * np.exp(STEP * along))
+        R = respond([sets[0], *sets[2:], unlike], now, starts[[0, 2, 3, 4, 5, 0]], list(sensed))
         f = _read(R.surface.transpose(1, 2, 0), late)
         columns = _columns(R, f, maps[0][0], late, m)
         r = np.where(valid, y - f[:, :, 0] - theta[FIRST_OFFSET:], np.nan)
         white = white_sd(r, FLOOR / float(np.sqrt(w.dt)))
-        whitener, slow = _whitener(valid, r, columns, white, w.dt, final=k == ROUNDS - 1, before=slow)
+        final = not searched and (near or k >= ROUNDS - 3)
+        whitener, slow = _whitener(valid, r, columns, white, w.dt, final=final, before=slow)
+        searched = searched or final
         by_B = _read(R.surface_by_input[:, :, -2:-1], late)
         both = whitener(np.concatenate([columns, by_B, r[:, :, None]], axis=2)).reshape(-1, columns.shape[2] + 2)
         M = both.T @ both
@@ -184,13 +226,16 @@ def fit_window(p: StringParameters, w: DriveWindow, sensed: Sequence[int], guess
         q = len(theta)
         H[np.arange(q), np.arange(q)] += wide
         g[:q] += wide * (guess - theta)
-        H[q, q] += swing
-        g[q] -= swing * xi[0]
-        H[q + 1 :, q + 1 :] += start_info
-        g[q + 1 :] += start_info @ (s0 - xi[1:])
+        H[[q, q + 1], [q, q + 1]] += swing
+        g[q : q + 2] -= swing * xi[:2]
+        H[q + 2 :, q + 2 :] += start_info
+        g[q + 2 :] += start_info @ (s0 - xi[2:])
         step = np.linalg.solve(H, g)
         step[:FIRST_OFFSET] = np.clip(step[:FIRST_OFFSET], -FARTHEST, FARTHEST)
         theta, xi = theta + step[:q], xi + step[q:]
+        near = float(step @ H @ step) < SETTLED
+        if near and searched:
+            break
     q = len(theta)
     info = H[:q, :q] - H[:q, q:] @ np.linalg.solve(H[q:, q:], H[q:, :q])
     cov = np.linalg.inv(info)
@@ -213,33 +258,29 @@ def _read(Y: Floats, late: Floats) -> Floats:
 
 
 def _columns(R: Response, f: Floats, E: Floats, late: Floats, m: int) -> Floats:
-    """Slopes of the readings (K, m, 5 + m + 1 + 2n) by θ, the inlet's swing and the start."""
+    """Slopes of the readings (K, m, 5 + m + 2 + 2n) by θ, the inlet's swing, how unlike the cells are and the start."""
     by_input = _read(R.surface_by_input, late)
     by_theta = by_input[:, :, :FIRST_OFFSET].copy()  # by R_e itself, and by how warm the core is taken to be
-    by_theta[:, :, 1:] += (f[:, :, 1:] - f[:, :, :1]) / STEP
+    moved = (f[:, :, 1:] - f[:, :, :1]) / STEP
+    by_theta[:, :, 1:] += moved[:, :, :-1]
     offsets = np.broadcast_to(np.eye(m), (len(f), m, m))
     start = _read(R.surface_by_start, late) @ E + by_input[:, :, FIRST_OFFSET, None] * E[0::2].mean(axis=0)
-    return np.concatenate([by_theta, offsets, by_input[:, :, -1:], start], axis=2)
+    return np.concatenate([by_theta, offsets, by_input[:, :, -1:], moved[:, :, -1:], start], axis=2)
 
 
 def _warmth(
-    sets: Sequence[StringParameters], w: DriveWindow, square: Floats, B: float, starts: Floats
+    sets: Sequence[StringParameters], w: DriveWindow, B: float, starts: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """1/T_c − 1/298.15 K (K,); slopes of the heat's logarithm (K, 7) by θ, the core's start and B; T_c (K,)."""
     surface = mean_surface(w)
     cases = [(p, start, B, STEP) for p, start in zip(sets, starts, strict=True)]
     cases += [(sets[0], starts[0] + STEP, B, STEP), (sets[0], starts[0], B + STEP_B, STEP_B)]
-    found, slopes, exponent, core = [], [], square, square
-    for p, start, at, step in cases:
-        now = square
-        for _ in range(2):  # the core's warmth moves the heat that warms it, by little
-            core = core_temperature(p, surface, now * float(np.mean(p.R_e)), float(start), w.dt)
-            exponent = 1.0 / (core + KELVIN) - 1.0 / REFERENCE_K
-            now = w.square * np.exp(at * exponent)
-        found.append((exponent, core))
-        slopes.append((at * exponent - B * found[0][0]) / step)
-    slopes[1] = slopes[1] + 1.0
-    return found[0][0], np.array(slopes[1:]).T, found[0][1]
+    cores = [core_temperature(p, surface, w.square, at, float(start), w.dt) for p, start, at, _ in cases]
+    exponents = [1.0 / (np.maximum(core, COLDEST) + KELVIN) - 1.0 / REFERENCE_K for core in cores]
+    moved = [(at * e - B * exponents[0]) / step for e, (_, _, at, step) in zip(exponents, cases, strict=True)]
+    slopes = np.array(moved[1:])
+    slopes[0] += 1.0
+    return exponents[0], slopes.T, cores[0]
 
 
 def _whitener(

@@ -21,8 +21,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from bms_gateway.health import HealthJob, StringHealth
-from bms_gateway.health.causes import current_shape
+from bms_gateway.health import StringHealth
 from bms_gateway.thermal import Prior, StringModel
 from tests.benchmarks.health_life import CELLS, SENSORS, Life, drives_of
 from tests.truth.pack import NOMINAL
@@ -64,14 +63,12 @@ def lived(
     """Health at the end, flags as they moved (drive, change), growth after each drive."""
     health, told, growth = StringHealth(model(), known=True), [], []
     rng = np.random.default_rng([life.seed, 8])
-    sensed = tuple(c - 1 for c in SENSORS)
     for k, (w, current) in enumerate(_whole(life, drives)):
         w = replace(w, inlet=w.inlet + inlet_offset)  # a whole number of the sensor's steps
-        guess = health.trend.expected(w.flow, w.soc)
         electrical = float("nan")
         if voltage:
             electrical = _electrical(life, k, w) * float(np.exp(rng.normal(0.0, 0.02)))
-        job = HealthJob(health.parameters, w, sensed, guess, health.trend.exponent, current_shape(current), electrical)
+        job = health.job(w, current, electrical)
         told += [(k, change) for change in health.accept(job.run(), k * DAY_NS)]
         growth.append(health.ageing.growth)
     return health, told, np.array(growth)

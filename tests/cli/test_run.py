@@ -1,6 +1,8 @@
 """`run`: what a reload takes over and what it refuses."""
 
+import asyncio
 import errno
+import gc
 import json
 import logging
 import os
@@ -132,3 +134,25 @@ def test_estimates_go_on_where_nothing_can_be_written(running, tmp_path, monkeyp
         assert all("estimates go on" in x and "\n" not in x for x in lines)
         assert (store.load().state is None) == refused
     assert outcomes[0] == outcomes[1]
+
+
+def test_what_a_start_made_is_not_looked_through_for_garbage_while_frames_come(tmp_path, monkeypatch):
+    for name in ("gateway.toml", "string.toml"):
+        (tmp_path / name).write_text(shipped(f"deploy/example/{name}").read_text())
+    config = tmp_path / "gateway.toml"
+    text = config.read_text().replace('interface = "socketcan"', 'interface = "virtual"')
+    config.write_text(text + '\n[metrics]\nlisten = "off"\n')
+    seen, served = [], asyncio.run
+
+    def run(work):
+        seen.append((gc.isenabled(), gc.get_freeze_count() > 0))
+        return served(work)
+
+    monkeypatch.setattr(asyncio, "run", run)
+    monkeypatch.setenv("STATE_DIRECTORY", "")
+    assert main(["run", str(config), "--seconds", "0.2"]) == 0
+    assert seen == [(True, True)]
+    assert (gc.isenabled(), gc.get_freeze_count()) == (True, 0)
+    config.write_text("bus = 5\n")
+    assert main(["run", str(config)]) == 2
+    assert (gc.isenabled(), gc.get_freeze_count()) == (True, 0)

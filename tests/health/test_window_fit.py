@@ -96,12 +96,17 @@ def test_a_life_is_flagged_in_time_and_one_without_growth_is_not() -> None:
 
 
 def test_the_core_follows_its_surface_and_heat_by_its_own_time_constant() -> None:
+    """Against steps of a fiftieth of a tick; a heat that fades as the core warms is that of the tick's middle."""
     p = StringParameters.of(2, **NOMINAL)
     rng = np.random.default_rng(1)
-    surface, heat = 25.0 + rng.normal(size=300).cumsum() * 0.1, rng.uniform(0.0, 20.0, 300)
-    got = core_temperature(p, surface, heat, 31.0, 1.0)
-    tau, T = float(p.R_c[0] * p.C_c[0]), 31.0
-    for k in range(300):  # surface and heat are held over the step
-        rest = surface[k] + float(p.R_c[0]) * heat[k]
-        T = rest + (T - rest) * np.exp(-1.0 / tau)
-        assert got[k] == pytest.approx(T, abs=1e-9)
+    surface, square = 5.0 + rng.normal(size=300).cumsum() * 0.1, 6000.0 * rng.uniform(0.0, 2.0, 300)
+    for B, start in ((0.0, 31.0), (3500.0, 5.0)):
+        got = core_temperature(p, surface, square, B, start, 4.0)
+        tau, T, fine = float(p.R_c[0] * p.C_c[0]), start, []
+        for k in range(300):  # surface and current are held over the step
+            begun = T
+            for _ in range(50):
+                heat = float(p.R_e[0]) * square[k] * np.exp(B * (1.0 / (T + 273.15) - 1.0 / 298.15))
+                T += (surface[k] + float(p.R_c[0]) * heat - T) * -np.expm1(-0.08 / tau)
+            fine.append(0.5 * (begun + T))
+        assert got == pytest.approx(np.array(fine), abs=0.03 if B else 1e-6)

@@ -9,6 +9,7 @@ because the guest has no network and its Python may lie where `ProtectHome` hide
 import asyncio
 import json
 import os
+import pickle
 import shutil
 import subprocess
 import sys
@@ -22,6 +23,7 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 from tests.service.broker import make_broker
+from tests.service.test_aside import windows
 
 pytestmark = [pytest.mark.systemd, pytest.mark.slow]
 
@@ -387,6 +389,31 @@ def test_networkd_understands_the_interface_file(installed):
         "/etc/systemd/network/can1.network:8: Unknown key 'RestartSeconds' in section [CAN], ignoring."
     ], told[-20:]
     assert {"BitRate=500K", "RestartSec=100ms", "PacketLimit=128"} <= set(text.splitlines())
+
+
+ASIDE = """
+import pickle
+from pathlib import Path
+from bms_gateway.service.aside import run_aside
+print("found:", type(run_aside(pickle.loads(Path("/etc/bms-gateway/job").read_bytes()))).__name__)
+"""
+
+
+def test_a_window_is_fitted_in_a_process_of_its_own_under_all_the_units_restrictions(installed):
+    job = windows()[0]
+    (CONFIG.parent / "job").write_bytes(pickle.dumps(job))
+    (CONFIG.parent / "job").chmod(0o644)
+    (CONFIG.parent / "aside.py").write_text(ASIDE)
+    python = "/opt/bms-gateway/venv/bin/python"
+    run = ("Type=oneshot", "Restart=no", "WatchdogSec=0", "ExecStart=", f"ExecStart={python} /etc/bms-gateway/aside.py")
+    drop_in("aside", *run)
+    try:
+        subprocess.run(["systemctl", "start", UNIT], check=False)
+        assert f"found: {type(job.run()).__name__}" in journal()
+        assert "could not be made" not in journal()
+    finally:
+        drop_in("aside", None)
+        subprocess.run(["systemctl", "reset-failed", UNIT], check=False)
 
 
 def test_uninstall_keeps_config_and_state_unless_purged(installed):
