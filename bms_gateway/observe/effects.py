@@ -476,8 +476,8 @@ class EffectObserver:
         var = np.diag(b.P)[: 2 * n] + np.einsum("mp,mp->m", spread, spread) + self._between_cells()
         sd = np.where(self._available, np.sqrt(np.maximum(var, 0.0)), np.inf)[None]
         x = np.where(self._available, b.z[: 2 * n], nan)[None]
-        errors = Errors(r, r_sd, np.copy)
-        return Estimate(x[:, 0::2], sd[:, 0::2], x[:, 1::2], sd[:, 1::2], errors, self._available.reshape(1))
+        e = Errors(r, r_sd, np.copy)
+        return Estimate(x[:, 0::2], sd[:, 0::2], x[:, 1::2], sd[:, 1::2], e, self._available.reshape(1))
 
     def _between_cells(self) -> Floats:
         """Variance (2n,) that cells add by being unlike, as `AdaptiveObserver` states it."""
