@@ -27,7 +27,7 @@ class Gatherer:
     patient: bool
     idle: bool = False
     identifier: WindowIdentifier = field(
-        default_factory=lambda: WindowIdentifier(MODEL, Settings(window_s=60.0, shortest_s=15.0, least_rise=0.0))
+        default_factory=lambda: WindowIdentifier(MODEL, Settings(window_s=150.0, shortest_s=15.0, least_rise=0.0))
     )
     collector: Collector = field(default_factory=Collector)
     found: list = field(default_factory=list)
@@ -83,7 +83,7 @@ def ticks(seed: int, count: int, holes: float) -> list[GroupTick]:
 
 @pytest.fixture(autouse=True)
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(collect, "WINDOW_S", 70.0)
+    monkeypatch.setattr(collect, "WINDOW_S", 170.0)
     monkeypatch.setattr(collect, "SHORTEST_S", 20.0)
 
 
@@ -130,7 +130,7 @@ def test_a_backlog_holds_no_more_than_the_window_that_is_under_way() -> None:
     for tick in ticks(2, 2000, 0.01):
         backlog.add(tick)
         kept = sum(b.end - b.first for b in backlog._blocks) + len(backlog._single)
-        assert kept <= 60 + BLOCK
+        assert kept <= 150 + BLOCK
 
 
 def test_every_string_hears_its_own_cells_or_none() -> None:
