@@ -6,6 +6,7 @@ called `NAME:CELL`.
 
 import re
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -14,7 +15,9 @@ from bms_gateway.config.toml import Section
 from bms_gateway.config.units import effect_units
 from bms_gateway.errors import ConfigError, did_you_mean
 from bms_gateway.thermal import KINDS, AddedEffect, Floats
-from bms_gateway.thermal.effects import Effect, EffectParameter, effect_named
+
+if TYPE_CHECKING:
+    from bms_gateway.thermal.effects import Effect, EffectParameter
 
 Correlated = tuple[tuple[str, ...], Floats]
 ROUNDING = 1e-6
@@ -63,7 +66,7 @@ def read_effects(
         Names the key, the fault and what to write.
     """
     try:
-        catalogued = [effect_named(key.partition(":")[0]) for key in listed]
+        catalogued = [_catalogued(key.partition(":")[0]) for key in listed]
     except ConfigError as e:
         raise ConfigError(f"effects: {e}") from None
     for key in tables:
@@ -86,11 +89,12 @@ def read_effects(
     return tuple(effects)
 
 
-def example(effect: Effect, key: str) -> str:
+def example(effect: "Effect", key: str) -> str:
     """Table that an effect needs, in one line.
 
     Examples
     --------
+    >>> from bms_gateway.thermal.effects import effect_named
     >>> print(example(effect_named("resistance_temperature"), "resistance_temperature"))
     [effect.resistance_temperature] with B = { value = 500, unit = "K", sd = 2000 }
     """
@@ -104,7 +108,7 @@ def example(effect: Effect, key: str) -> str:
     return f"[effect.{_toml_key(key)}] with {' and '.join(place + numbers)}"
 
 
-def optional(effect: Effect, p: EffectParameter) -> bool:
+def optional(effect: "Effect", p: "EffectParameter") -> bool:
     """Whether a number may be left out, and then stands where it does nothing."""
     return p.neutral is not None and p is not effect.parameters[0]
 
@@ -115,7 +119,7 @@ def write_effects(effects: Sequence[AddedEffect]) -> tuple[str, list[str]]:
     keys = [e.name if names.count(e.name) == 1 else e.key for e in effects]
     lines = []
     for key, e in zip(keys, effects, strict=True):
-        effect = effect_named(e.name)
+        effect = _catalogued(e.name)
         lines += ["", f"[effect.{_toml_key(key)}]  # {effect.equation}"]
         if e.cell is not None and key == e.name:
             lines.append(f"cell = {e.cell}")
@@ -183,7 +187,13 @@ def shown(si: Floats, unit: str, units: Mapping[str, float]) -> tuple[list[str],
     return [repr(float(x)) for x in si], next(u for u, f in units.items() if f == 1.0)
 
 
-def _effect(effect: Effect, key: str, table: EffectTable, cells: int, sensors: tuple[int, ...]) -> AddedEffect:
+def _catalogued(name: str) -> "Effect":
+    from bms_gateway.thermal.effects import effect_named  # the whole catalogue, which most models do without
+
+    return effect_named(name)
+
+
+def _effect(effect: "Effect", key: str, table: EffectTable, cells: int, sensors: tuple[int, ...]) -> AddedEffect:
     if cells < effect.least_cells:
         raise ConfigError(f": needs at least {effect.least_cells} cells; this model has {cells}")
     names = [p.name for p in effect.parameters]
@@ -202,7 +212,7 @@ def _effect(effect: Effect, key: str, table: EffectTable, cells: int, sensors: t
     return AddedEffect(effect.name, _cell(effect, key, table, cells, sensors), values, sd)
 
 
-def _cell(effect: Effect, key: str, table: EffectTable, cells: int, sensors: tuple[int, ...]) -> int | None:
+def _cell(effect: "Effect", key: str, table: EffectTable, cells: int, sensors: tuple[int, ...]) -> int | None:
     _, colon, named = key.partition(":")
     if effect.place == "string":
         if colon or table.cell is not None:
@@ -224,7 +234,7 @@ def _cell(effect: Effect, key: str, table: EffectTable, cells: int, sensors: tup
     return cell
 
 
-def _number(p: EffectParameter, given: EffectNumber) -> tuple[float, float]:
+def _number(p: "EffectParameter", given: EffectNumber) -> tuple[float, float]:
     units = effect_units(p.unit, p.to_si)
     unit = given.unit if given.unit is not None else "1"
     if unit not in units:
@@ -247,7 +257,7 @@ def _number(p: EffectParameter, given: EffectNumber) -> tuple[float, float]:
     return x, 0.0 if spread is None else spread if p.log else spread * factor
 
 
-def _number_line(p: EffectParameter, value: float, sd: float) -> str:
+def _number_line(p: "EffectParameter", value: float, sd: float) -> str:
     units = effect_units(p.unit, p.to_si)
     text, unit = shown(np.array([value] if p.log or sd == 0.0 else [value, sd]), p.unit, units)
     known = "fixed = true" if sd == 0.0 else f"rel_sd = {float(sd)!r}" if p.log else f"sd = {text[1]}"

@@ -105,9 +105,6 @@ class Readings:
         found = np.logical_or.reduceat(self.quality == quality, [part.start for part in self.parts])
         return np.asarray(found, dtype=np.bool_)
 
-    def __len__(self) -> int:
-        return len(self.parts)
-
     def __getitem__(self, i: int) -> Reading:
         mine = self.parts[i]
         return Reading(

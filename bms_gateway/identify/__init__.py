@@ -12,7 +12,6 @@ from bms_gateway.identify.contract import (
 )
 from bms_gateway.identify.electrical import PairMeans
 from bms_gateway.identify.fixed import FixedIdentifier
-from bms_gateway.identify.recursive import RecursiveIdentifier
 from bms_gateway.identify.ticks import Ticks
 from bms_gateway.identify.voltage import VoltageHeat, VoltageTracker
 from bms_gateway.identify.window import Settings, WindowIdentifier
@@ -25,7 +24,6 @@ __all__ = [
     "Job",
     "PairMeans",
     "Posterior",
-    "RecursiveIdentifier",
     "Result",
     "Settings",
     "Tick",
@@ -67,6 +65,8 @@ def build(method: str, model: StringModel, settings: Settings | None = None) -> 
     if method == "window":
         return WindowIdentifier(model, settings)
     if method == "rls":
+        from bms_gateway.identify.recursive import RecursiveIdentifier  # few strings ask for it
+
         return RecursiveIdentifier(model)
     if method == "off":
         return FixedIdentifier(model)

@@ -1,16 +1,14 @@
 """From readings to states: open loop, Luenberger, Kalman and the adaptive observer, all with init, predict, update.
 
 The observer of strings with effects is in `observe.effects`: it brings the catalogue along, which a gateway without
-effects need not load.
+effects need not load; nor need it `observe.open_loop` and `observe.luenberger`, which are there for comparison.
 """
 
 from bms_gateway.observe.adaptive import AdaptiveObserver
 from bms_gateway.observe.estimate import Errors, Estimate
 from bms_gateway.observe.kalman import Innovation, Kalman, KalmanState, Predicted
-from bms_gateway.observe.luenberger import Luenberger
 from bms_gateway.observe.measured import Measured
 from bms_gateway.observe.model import StackedModel, stack, start_covariance
-from bms_gateway.observe.open_loop import MeanState, OpenLoop
 from bms_gateway.observe.sensitivity import PARAMETERS
 from bms_gateway.thermal import Disturbance, Start
 
@@ -23,10 +21,7 @@ __all__ = [
     "Innovation",
     "Kalman",
     "KalmanState",
-    "Luenberger",
-    "MeanState",
     "Measured",
-    "OpenLoop",
     "Predicted",
     "StackedModel",
     "Start",

@@ -4,8 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bms_gateway.identify import RecursiveIdentifier
-from bms_gateway.observe import Disturbance, Kalman, Luenberger, stack
+from bms_gateway.identify.recursive import RecursiveIdentifier
+from bms_gateway.observe import Disturbance, Kalman, stack
+from bms_gateway.observe.luenberger import Luenberger
 from bms_gateway.reproduce.result import Curve, Figure, Panel, Row, Section, agreeing, kept, several, span
 from bms_gateway.reproduce.setting import EQ_14, INLET, Size, cell, drive, run, settled, start_model, ticks
 from bms_gateway.thermal import Floats, StringParameters

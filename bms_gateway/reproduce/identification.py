@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from bms_gateway.identify import RecursiveIdentifier
 from bms_gateway.identify.batch import solve
 from bms_gateway.identify.lumped import alias
+from bms_gateway.identify.recursive import RecursiveIdentifier
 from bms_gateway.identify.regression import roots
 from bms_gateway.reproduce.result import Curve, Figure, Panel, Row, Section, agreeing, disproved, kept, several, span
 from bms_gateway.reproduce.setting import (

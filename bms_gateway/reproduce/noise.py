@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bms_gateway.identify import Estimate, RecursiveIdentifier, Settings, WindowIdentifier
+from bms_gateway.identify import Estimate, Settings, WindowIdentifier
+from bms_gateway.identify.recursive import RecursiveIdentifier
 from bms_gateway.reproduce.result import Curve, Figure, Panel, Row, Section, kept
 from bms_gateway.reproduce.setting import (
     INLET,

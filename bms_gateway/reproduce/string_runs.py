@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from bms_gateway.observe import Disturbance, Kalman, OpenLoop, Start, stack, start_covariance
+from bms_gateway.observe import Disturbance, Kalman, Start, stack, start_covariance
+from bms_gateway.observe.open_loop import OpenLoop
 from bms_gateway.reproduce.result import Curve, Figure, Panel, Row, Section, agreeing, kept, several
 from bms_gateway.reproduce.setting import INLET, R_CC, Size, drive, run, settled, string
 from bms_gateway.thermal import Floats, exchange

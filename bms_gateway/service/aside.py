@@ -38,7 +38,7 @@ def run_aside(job: Job) -> object:
     Returns
     -------
     object
-        As of ``job.run()``.
+        As of ``job.run()``; None if the child was told to end, as systemd tells all of a service that stops.
     """
     try:
         # a session of its own: an interrupt from the keyboard is for the service
@@ -46,6 +46,8 @@ def run_aside(job: Job) -> object:
             CHILD, input=pickle.dumps(job), stdout=subprocess.PIPE, check=True, start_new_session=True
         )
     except (OSError, subprocess.CalledProcessError) as error:
+        if isinstance(error, subprocess.CalledProcessError) and error.returncode == -signal.SIGTERM:
+            return None
         log.warning("a fit could not be made in a process of its own (%s): it is made in this one", error)
         return job.run()
     result: object = pickle.loads(done.stdout)  # noqa: S301 (written by our own child)
@@ -59,7 +61,6 @@ def work(given: BinaryIO, out: BinaryIO) -> None:
 
 
 if __name__ == "__main__":
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)  # systemd tells all of a service; this ends by itself, soon
     with suppress(PermissionError):  # the hardened unit allows no change of priority: its processor share must do
         os.nice(NICE)
     work(sys.stdin.buffer, sys.stdout.buffer)

@@ -179,9 +179,10 @@ class Changed(importlib.abc.MetaPathFinder, importlib.machinery.SourceFileLoader
 PYTEST = ["-x", "-q", "-pno:cacheprovider", "--hypothesis-seed=0", "-m", "not slow and not vcan and not systemd"]
 BRIEF = [
     "--assert=plain",
-    *(f"-pno:{p}" for p in ("cov", "xdist", "unraisableexception", "threadexception", "junitxml")),
+    *(f"-pno:{p}" for p in ("cov", "unraisableexception", "threadexception", "junitxml")),
 ]
-"""For the children: what makes failures readable or reports them is left out, two thirds of a start."""
+"""For the children: what makes failures readable or reports them is left out, two thirds of a start; but the marks of
+xdist are those of `conftest`."""
 
 
 class Durations:

@@ -1,6 +1,7 @@
 """What waits in a backlog comes to its string as if it had come tick by tick."""
 
 from dataclasses import dataclass, field
+from math import nan
 
 import numpy as np
 import pytest
@@ -26,13 +27,16 @@ class Gatherer:
     patient: bool
     idle: bool = False
     identifier: WindowIdentifier = field(
-        default_factory=lambda: WindowIdentifier(MODEL, Settings(window_s=60.0, shortest_s=15.0, least_rise=0.0))
+        default_factory=lambda: WindowIdentifier(MODEL, Settings(window_s=150.0, shortest_s=15.0, least_rise=0.0))
     )
     collector: Collector = field(default_factory=Collector)
     found: list = field(default_factory=list)
     waited: int = 0
+    heard: list = field(default_factory=list)
 
     def learn(self, tick: Tick, current: float, soc: float, flow: float, pairs: object) -> list:
+        self.heard.append(pairs)
+        before = len(self.found)
         job = self.identifier.add(tick)
         if job is not None:
             w = job.window
@@ -43,7 +47,7 @@ class Gatherer:
             w = drive.window
             self.found.append((tick.time_ns, [a.tolist() for a in (w.square, w.inlet, w.surface, w.age)], w.dt, w.soc))
             self.found.append(drive.current.tolist())
-        return []
+        return self.found[before:]
 
     def patience(self, dt: float) -> int:
         if self.idle:
@@ -79,7 +83,7 @@ def ticks(seed: int, count: int, holes: float) -> list[GroupTick]:
 
 @pytest.fixture(autouse=True)
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(collect, "WINDOW_S", 70.0)
+    monkeypatch.setattr(collect, "WINDOW_S", 170.0)
     monkeypatch.setattr(collect, "SHORTEST_S", 20.0)
 
 
@@ -87,14 +91,17 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
 @given(seed=st.integers(0, 10**6), holes=st.sampled_from([0.0, 0.002, 0.02, 0.2]), asked=st.integers(1, 400))
 def test_what_has_waited_is_what_would_have_come_tick_by_tick(seed: int, holes: float, asked: int) -> None:
     at_once, later = ([Gatherer(patient) for _ in range(STRINGS)] for patient in (False, True))
-    backlogs = [Backlog(strings, 1.0) for strings in (at_once, later)]
+    backlog = Backlog(later, 1.0)
     for k, tick in enumerate(ticks(seed, 3 * BLOCK + 220, holes)):
         if k == asked:
-            backlogs[1].catch_up(1)
-        for backlog in backlogs:
-            backlog.add(tick)
+            backlog.catch_up(1)
+        wanted = []
+        for j, s in enumerate(at_once):
+            own = Tick(k, tick.dt, tick.square[j], nan, tick.inlet[j], tick.surface[j], tick.age[j])
+            wanted += [(j, job) for job in s.learn(own, tick.current[j], tick.soc[j], tick.flow[j], None)]
+        assert backlog.add(tick) == wanted
     for j in range(STRINGS):
-        backlogs[1].catch_up(j)
+        backlog.catch_up(j)
     for a, b in zip(at_once, later, strict=True):
         assert a.found == b.found
         for mine, theirs in ((a.identifier, b.identifier), (a.collector, b.collector)):
@@ -114,6 +121,7 @@ def test_nothing_is_kept_for_strings_that_take_nothing() -> None:
     assert not backlog._blocks
     assert not backlog._single
     assert all(not s.waited for s in strings)
+    assert all(len(s.heard) == 1 for s in strings)
 
 
 def test_a_backlog_holds_no_more_than_the_window_that_is_under_way() -> None:
@@ -122,4 +130,46 @@ def test_a_backlog_holds_no_more_than_the_window_that_is_under_way() -> None:
     for tick in ticks(2, 2000, 0.01):
         backlog.add(tick)
         kept = sum(b.end - b.first for b in backlog._blocks) + len(backlog._single)
-        assert kept <= 60 + BLOCK
+        assert kept <= 150 + BLOCK
+
+
+def test_every_string_hears_its_own_cells_or_none() -> None:
+    strings = [Gatherer(False) for _ in range(STRINGS)]
+    backlog = Backlog(strings, 1.0)
+    first, second = ticks(3, 2, 0.0)
+    backlog.add(first)
+    backlog.add(second._replace(cells=["one", None, "three"]))
+    assert [s.heard for s in strings] == [[None, "one"], [None, None], [None, "three"]]
+
+
+def test_the_heat_of_each_string_comes_to_it() -> None:
+    """Where nothing of a group knows its flow."""
+    strings = [Gatherer(True) for _ in range(STRINGS)]
+    backlog = Backlog(strings, 1.0)
+    for tick in ticks(4, 30, 0.0):
+        backlog.add(tick._replace(heat=np.array([1.0, 2.0, 3.0]) + tick.time_ns, flow=None))
+    for j, s in enumerate(strings):
+        backlog.catch_up(j)
+        assert s.waited >= 20
+        assert s.identifier._heat == [1.0 + j + k for k in range(1, 30)]  # the first tick begins the window
+
+
+def test_a_string_that_was_caught_up_sees_the_next_tick_itself() -> None:
+    strings = [Gatherer(True) for _ in range(STRINGS)]
+    backlog = Backlog(strings, 1.0)
+    for k, tick in enumerate(ticks(5, 12, 0.0)):
+        if k == 8:
+            backlog.catch_up(2)
+            assert [s.waited for s in strings] == [0, 0, 7]
+        backlog.add(tick)
+    assert [len(s.heard) for s in strings] == [1, 1, 2]
+
+
+def test_a_string_without_a_current_stirs_no_other() -> None:
+    strings = [Gatherer(True) for _ in range(STRINGS)]
+    backlog = Backlog(strings, 1.0)
+    for k, tick in enumerate(ticks(6, 10, 0.0)):
+        missing = np.where((np.arange(STRINGS) == 1) & (k >= 5), np.nan, tick.square)
+        backlog.add(tick._replace(square=missing))
+    assert [len(s.heard) for s in strings] == [1, 6, 1]
+    assert [s.waited for s in strings] == [0, 4, 0]

@@ -58,6 +58,31 @@ def test_one_window_that_is_far_off_moves_nothing() -> None:
     assert trend.of(G)[0] == pytest.approx(before, abs=0.005)
 
 
+@pytest.mark.parametrize("seed", range(1, 5))
+def test_a_first_window_that_was_bent_by_a_wrong_exponent_makes_no_baseline(seed: int) -> None:
+    """A hard drive, B off by 1000 K and told to first order only: taken as it came, G was 0.06 for a hundred drives."""
+    trend, rng = Trend(2), np.random.default_rng(seed)
+    bent = observed(rng)
+    bent.mean[[0, 1, 4]] += (-0.28, 0.2, -0.3)
+    trend.update(bent)
+    driven(trend, 40, seed=seed + 100)
+    assert abs(trend.of(G)[0]) < 0.04
+
+
+@pytest.mark.parametrize("seed", range(1, 5))
+def test_a_window_that_surprises_while_the_baseline_is_made_moves_it_little(seed: int) -> None:
+    trend, rng = Trend(2), np.random.default_rng(seed)
+    driven(trend, 5, seed=seed)
+    odd = observed(rng)
+    odd.mean[:5] += (0.3, -0.3, 0.5, -0.5, 0.5)
+    assert trend.surprising(odd)
+    level = trend.of(L)[0]
+    assert trend.update(odd) is Kind.USUAL
+    assert abs(trend.of(L)[0] - level) < 0.06
+    driven(trend, 40, seed=seed + 100)
+    assert abs(trend.of(G)[0]) < 0.04
+
+
 @pytest.mark.parametrize("seed", range(1, 13))
 def test_a_jump_of_R_e_is_no_growth(seed: int) -> None:
     """Sixty quiet windows move G by 0.012 rms and 0.030 at most (sixty seeds), with a jump by 0.015 and 0.031."""

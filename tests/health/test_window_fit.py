@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bms_gateway.health import window_fit
 from bms_gateway.health.trend import Trend
-from bms_gateway.health.window_fit import core_temperature, fit_window
+from bms_gateway.health.window_fit import at_mean_charge, core_temperature, fit_window
 from bms_gateway.thermal import StringParameters
 from tests.benchmarks.health_life import CELLS, SENSORS, SOC_SLOPE, Life, drives_of
 from tests.truth.pack import NOMINAL
@@ -32,6 +33,49 @@ def test_resistances_are_found_within_their_bands() -> None:
     sd = np.array([np.sqrt(np.diag(o.cov))[:3] for o in seen])
     assert (np.abs(off) < 3.0 * np.hypot(sd, 0.03)).mean() > 0.95
     assert np.abs(off.mean(axis=0)).max() < 0.06
+
+
+def test_cells_that_are_unlike_pass_for_no_other_scale_of_heat() -> None:
+    """The last cell has 5 % less R_e than the first two: taken for alike, R_e was found 10 % low, R_u 10 % high.
+
+    Heat, and resistance to it, are told apart by nothing but how surfaces differ along the string.
+    """
+    seen = observed(Life(8, exponent=3500.0), 16, 3500.0)
+    off = np.array([[o.mean[0] - SOC_SLOPE * (0.5 - o.soc), o.mean[1] + 0.5 * np.log(o.flow)] for o in seen])
+    weight = np.array([1.0 / (np.diag(o.cov)[:2] + 0.03**2) for o in seen])
+    assert np.abs((weight * off).sum(axis=0) / weight.sum(axis=0)).max() < 0.06
+
+
+def test_a_cold_hard_drive_is_fitted_to_its_end(monkeypatch) -> None:
+    """There R_e falls by a third as the core warms, and a fit that went to and fro was off by ten of its own sd."""
+    windows = [w for w, _ in drives_of(Life(8, exponent=3500.0), 340, 350)]
+    usual = [fit_window(STRING, w, SENSED, GUESS, 3500.0) for w in windows]
+    monkeypatch.setattr(window_fit, "ROUNDS", 40)
+    monkeypatch.setattr(window_fit, "SETTLED", 1e-8)
+    for w, o in zip(windows, usual, strict=True):
+        longer = fit_window(STRING, w, SENSED, GUESS, 3500.0)
+        assert np.abs((o.mean - longer.mean) / np.sqrt(np.diag(o.cov))).max() < 0.1
+        assert o.rms < 0.09  # the readings' noise is 0.1 K at most, means of four
+
+
+def test_a_fit_that_is_cut_short_still_says_what_noise_it_saw(monkeypatch) -> None:
+    w, _ = next(drives_of(Life(7), 0, 1))
+    whole = fit_window(STRING, w, SENSED, GUESS, 2500.0)
+    monkeypatch.setattr(window_fit, "ROUNDS", 3)
+    short = fit_window(STRING, w, SENSED, GUESS, 2500.0)
+    assert short.slow == whole.slow
+    assert np.abs((short.mean - whole.mean) / np.sqrt(np.diag(whole.cov))).max() < 1.0
+
+
+def test_a_drive_that_empties_the_cells_is_given_the_heat_of_one_charge() -> None:
+    w, _ = next(drives_of(Life(7), 0, 1))
+    K = len(w.square)
+    current = np.repeat(np.linspace(2.0, 22.0, K), 4)  # in quarters of a tick, as a finer bus has it
+    level = at_mean_charge(w, current, 8.0, 0.5)
+    drawn = np.cumsum(current[::4]) * w.dt / 3600.0 / 8.0
+    assert np.log(level.square / w.square) == pytest.approx(0.5 * (drawn - drawn.mean()), abs=1e-12)
+    assert level.square[0] < w.square[0]  # full at first: less R_e than at the mean
+    assert level.soc == w.soc
 
 
 def test_growth_is_in_R_e_and_in_nothing_else() -> None:

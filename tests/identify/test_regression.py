@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from bms_gateway.identify import RecursiveIdentifier, batch
+from bms_gateway.identify import batch
+from bms_gateway.identify.recursive import RecursiveIdentifier
 from bms_gateway.identify.regression import choose_root, roots, with_moving_inlet
 from tests.identify.drive import drive, measured, model, ticks
 from tests.truth.cycle import repeated

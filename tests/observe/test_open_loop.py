@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from bms_gateway.observe import Disturbance, Luenberger, OpenLoop, stack
+from bms_gateway.observe import Disturbance, stack
+from bms_gateway.observe.luenberger import Luenberger
+from bms_gateway.observe.open_loop import OpenLoop
 from bms_gateway.thermal import StringParameters
 from tests.truth.cycle import repeated
 from tests.truth.string import C_F, TABLE_1, TruthString, rk4

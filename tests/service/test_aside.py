@@ -4,6 +4,7 @@ import io
 import logging
 import os
 import pickle
+import signal
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass
@@ -39,10 +40,11 @@ class Wrong:
 @dataclass(frozen=True)
 class DiesInAChild:
     parent: int
+    by: int = signal.SIGKILL
 
     def run(self):
         if os.getpid() != self.parent:
-            os._exit(9)
+            os.kill(os.getpid(), self.by)
         return "here"
 
 
@@ -70,6 +72,13 @@ def test_a_child_that_dies_leaves_the_job_to_the_thread_and_a_warning(path, capl
     with caplog.at_level(logging.WARNING):
         assert run_aside(DiesInAChild(os.getpid())) == "here"
     assert "could not be made in a process of its own" in caplog.text
+
+
+def test_a_child_that_is_told_to_end_ends_and_nobody_does_its_work_now(path, caplog):
+    """Else a service that stops would first finish what nobody waits for."""
+    with caplog.at_level(logging.WARNING):
+        assert run_aside(DiesInAChild(os.getpid(), signal.SIGTERM)) is None
+    assert caplog.text == ""
 
 
 def test_without_room_for_a_process_the_thread_does_it(monkeypatch, caplog):

@@ -1,0 +1,239 @@
+"""Strings in groups against each by itself: an observer, a voltage and an identifier of its own, fed by hand."""
+
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from bms_gateway.engine import Notice, Parameters, Plan, StringPlan
+from bms_gateway.engine.estimate import Estimators, TickResult
+from bms_gateway.engine.inputs import Wire
+from bms_gateway.engine.readings import Layout, Readings
+from bms_gateway.frames.quality import Quality
+from bms_gateway.health import mismatch
+from bms_gateway.health.mismatch import Mismatches
+from bms_gateway.identify import Tick, VoltageTracker, WindowIdentifier, build, string_parameters
+from bms_gateway.observe import AdaptiveObserver, Measured
+from bms_gateway.observe.effects import EffectObserver
+from bms_gateway.thermal import AddedEffect, Disturbance, Prior, StringModel
+
+S = 1_000_000_000
+START = 1_700_000_020 * S  # twenty seconds before a whole minute
+VALUES = {"C_c": 268.0, "C_s": 18.8, "R_e": 3.5e-3, "R_c": 1.266, "R_u": 0.79, "R_cc": 4.0, "C_f": 11.33}
+FALLING = AddedEffect("resistance_temperature", None, {"B": 3000.0}, {"B": 300.0})
+LATE = AddedEffect("coolant_delay", None, {"tau": 20.0}, {"tau": 4.0})
+
+
+def string(number: int, cells: int, identify: str, flow: float | None, *effects: AddedEffect) -> StringPlan:
+    priors = {k: Prior(v * (1.0 + 0.02 * number), 0.1) for k, v in VALUES.items()}
+    if cells == 1:
+        del priors["R_cc"], priors["C_f"]
+    kind = "full" if cells > 1 else "single"
+    capacity = 9.0 if number == 4 else None
+    model = StringModel(cells, (1, cells) if cells > 1 else (1,), kind, priors, flow=flow, effects=effects)
+    return StringPlan(f"string_{number}", number, replace(model, capacity_Ah=capacity), (), identify)
+
+
+PLAN = Plan(
+    (
+        string(1, 4, "window", None),
+        string(2, 3, "rls", 1e-4),
+        string(3, 4, "off", 2e-4),
+        string(4, 3, "window", 1e-4, FALLING),
+        string(5, 3, "rls", None),
+        string(6, 4, "rls", 1.5e-4),
+        string(7, 2, "off", None, LATE),
+    ),
+    disturbance=Disturbance(heat_cell=0.3),
+)
+VOLTAGE = {"string_1", "string_4", "string_5"}
+WIRES = [
+    Wire(0, 1 if s.name in VOLTAGE else -1, 2, 3, 4, np.zeros(s.model.cells, int), np.full(s.model.cells, -1), {})
+    for s in PLAN.strings
+]
+LAYOUT = Layout.of([s.name for s in PLAN.strings], [s.model.cells for s in PLAN.strings])
+N = sum(s.model.cells for s in PLAN.strings)
+NO, NAN = Quality.NEVER, float("nan")
+
+
+def readings(seed: int, count: int) -> list[Readings]:
+    """Ticks on which anything may be missing, of strings that each have their own of everything."""
+    rng = np.random.default_rng(seed)
+    many, found = len(PLAN.strings), []
+    sensed = np.concatenate([[k in (0, s.model.cells - 1) for k in range(s.model.cells)] for s in PLAN.strings])
+    noise = np.repeat([2.5, 0.05, 2.5, 2.5, 0.05, 2.5, 0.05], [s.model.cells for s in PLAN.strings])
+    for k in range(count):
+        I = rng.uniform(-60, 100, many)  # noqa: E741
+        V = rng.uniform(3.2, 3.4, many) * [s.model.cells for s in PLAN.strings] - 0.01 * I
+        means = np.array([I, I * I + 25.0, V, I * V, np.abs(I) + 1.0])
+        means[:, (rng.random(many) < 0.05) & (k > 5)] = NAN
+        flow = np.where(rng.random(many) < 0.3, NAN, rng.uniform(0.5e-4, 2e-4, many))
+        found.append(
+            Readings(
+                means,
+                rng.choice(np.array([Quality.GOOD] * 5 + [Quality.STALE, NO], np.uint8), many)
+                if k % 3
+                else np.full(many, Quality.GOOD, np.uint8),
+                np.where(rng.random(many) < 0.05, NAN, rng.uniform(20, 22, many)),
+                flow,
+                np.where(rng.random(many) < 0.5, NAN, rng.uniform(0.4, 0.6, many)),
+                np.where(sensed & (rng.random(N) < 0.9) & (k > 1), 25 + 0.02 * k + rng.normal(0, noise), NAN),
+                rng.uniform(0, 1, N),
+                rng.choice(np.array([Quality.GOOD, Quality.ESTIMATED, Quality.STUCK, NO], np.uint8), N)
+                if k % 5
+                else np.full(N, Quality.GOOD, np.uint8),
+                LAYOUT.parts,
+            )
+        )
+    return found
+
+
+@dataclass
+class Alone:
+    """One string by hand, from what the classes that it is made of say of themselves."""
+
+    plan: StringPlan
+    mismatch: Mismatches = field(default_factory=lambda: Mismatches(1))
+    given: list[tuple] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        model = self.plan.model
+        if model.effects:
+            self.observer = EffectObserver(model, 1.0, PLAN.disturbance)
+        else:
+            self.observer = AdaptiveObserver([model], 1.0, PLAN.disturbance)
+        self.voltage = VoltageTracker(8.0, model.cells) if self.plan.name in VOLTAGE and not model.effects else None
+        self.identifier = build(self.plan.identify, model)
+
+    def step(self, r: Readings, i: int, t: int) -> tuple[np.ndarray, ...]:
+        model, mine = self.plan.model, LAYOUT.parts[i]
+        n = model.cells
+        I, I2, V, IV, I_abs = r.means[:, i].tolist()  # noqa: E741
+        inlet, y, age = float(r.inlet[i]), r.y[mine], r.age[mine]
+        flow = float(r.flow[i]) / model.flow if model.flow else NAN
+        heat = NAN if self.voltage is None else self.voltage.update(I, V, IV, 1.0).heat / n
+        square, shift = I2, 0.0
+        if model.effects:
+            measured = Measured(I, I2, I_abs, inlet, flow, float(r.soc[i]), V / n, IV / n)
+            e = self.observer.step(measured, y, age)
+            effective, shift = self.observer.effective
+            square = NAN if np.isnan(I2) else effective
+        else:
+            e = self.observer.step(
+                np.array([I2]), np.full((1, n), heat), np.array([inlet]), y[None], age[None], np.array([flow])
+            )
+        tick = Tick(t, 1.0, square, heat, inlet + shift, y, age)
+        self.given.append((tick, I, float(r.soc[i]), flow))
+        if self.plan.identify == "rls":
+            self.identifier.add(tick)
+            if t % (60 * S) == 0:
+                p = self.identifier.posterior()
+                numbers = string_parameters(model, p.names, p.mean)
+                self.observer.set_parameters(0, {name: getattr(numbers, name) for name in p.names}, p.names, p.cov)
+        z = (e.innovation / e.innovation_sd)[np.isfinite(e.innovation)]
+        self.mismatch.take(np.array([np.mean(z**2) if len(z) else NAN]), 1.0)
+        known = e.core_sd[0] <= 12.0
+        row = (np.where(known, x[0], NAN) for x in (e.core, e.core_sd, e.surface))
+        return *row, self.quality(r, i, known), e.innovation[0], e.innovation_sd[0]
+
+    def quality(self, r: Readings, i: int, known: np.ndarray) -> np.ndarray:
+        current, found = Quality(int(r.current_quality[i])), []
+        for own, sound in zip(r.quality[LAYOUT.parts[i]].tolist(), known.tolist(), strict=True):
+            said = Quality.ESTIMATED if own == NO else Quality(own)
+            if said in (Quality.GOOD, Quality.ESTIMATED) and current != Quality.GOOD:
+                said = Quality.STALE if current == NO else current
+            found.append(said if sound else Quality.NOT_AVAILABLE)
+        return np.array(found)
+
+
+def driven(estimators: Estimators, ticks: list[Readings], first: int = 1) -> list[TickResult]:
+    return [estimators.step(r, START + k * S) for k, r in enumerate(ticks, first)]
+
+
+@pytest.fixture(scope="module")
+def together() -> tuple[Estimators, list[TickResult], list[tuple], list[Alone]]:
+    """Estimates of all, and of each by itself, over a minute and a half; what each was given to learn from."""
+    with pytest.MonkeyPatch.context() as patch:  # or flags would need three minutes
+        patch.setattr(mismatch, "GRACE_S", 10.0)
+        patch.setattr(mismatch, "EXCESS", replace(mismatch.EXCESS, hold=5))
+        estimators, alone = Estimators(PLAN, WIRES), [Alone(s) for s in PLAN.strings]
+    told, rows = [], []
+    for k, r in enumerate(readings(1, 85), 1):
+        told.append(estimators.step(r, START + k * S))
+        new = estimators.newest
+        got = (new.core, new.core_sd, new.surface, new.quality, new.innovation, new.innovation_sd)
+        own = [a.step(r, i, START + k * S) for i, a in enumerate(alone)]
+        rows.append((got, [np.concatenate(x) for x in zip(*own, strict=True)]))
+    return estimators, told, rows, alone
+
+
+def test_every_string_is_estimated_as_if_it_were_alone(together) -> None:
+    _, told, rows, _ = together
+    for result, (got, expected) in zip(told, rows, strict=True):
+        for a, b in zip(got, expected, strict=True):
+            np.testing.assert_allclose(a, b, rtol=1e-6, atol=1e-6)
+        e = result.events[0]
+        for a, b in zip((e.core, e.core_sd, e.surface, e.quality), got, strict=False):
+            np.testing.assert_array_equal(a, b)
+    core, quality = (np.array([got[k] for got, _ in rows]) for k in (0, 3))
+    assert np.isfinite(core[10:]).mean() > 0.8
+    assert set(quality.ravel().tolist()) == {
+        *(Quality.GOOD, Quality.ESTIMATED, Quality.STUCK, Quality.STALE, Quality.NOT_AVAILABLE)
+    }
+
+
+def test_what_was_told_of_a_tick_stays_as_it_was(together) -> None:
+    _, told, rows, _ = together
+    cores = [result.events[0].core for result in told]
+    assert not any(a is b or np.shares_memory(a, b) for a, b in pairwise(cores))
+    assert all(result.events[0].core is got[0] for result, (got, _) in zip(told, rows, strict=True))
+
+
+def test_every_string_is_surprised_as_if_it_were_alone(together) -> None:
+    estimators, told, _, alone = together
+    excess = [s.mismatch.excess for s in estimators.strings]
+    assert excess == pytest.approx([float(a.mismatch.excess[0]) for a in alone], rel=1e-6)
+    levels = [s.mismatch.flag.level for s in estimators.strings]
+    assert levels == [a.mismatch.flags[0].level for a in alone]
+    assert any(levels)
+    assert not all(levels)
+    notices = [e for result in told for e in result.events if isinstance(e, Notice)]
+    assert {e.string for e in notices} == {
+        s.plan.name for s, level in zip(estimators.strings, levels, strict=True) if level
+    }
+
+
+def test_every_string_learns_from_its_own_ticks(together) -> None:
+    estimators, _, _, alone = together
+    for i, (s, a) in enumerate(zip(estimators.strings, alone, strict=True)):
+        if a.plan.identify == "rls":
+            ours, theirs = s.identifier.posterior(), a.identifier.posterior()
+            np.testing.assert_allclose(ours.mean, theirs.mean, rtol=1e-6)
+            np.testing.assert_allclose(ours.cov, theirs.cov, rtol=1e-4)
+        if isinstance(s.identifier, WindowIdentifier):
+            group, j = estimators._place(i)
+            group.backlog.catch_up(j)
+            for tick, *_ in a.given:
+                a.identifier.add(tick)
+            for name in ("_square", "_inlet", "_dt"):
+                np.testing.assert_allclose(getattr(s.identifier, name), getattr(a.identifier, name), rtol=1e-6)
+            assert len(s.identifier._square) > 5
+
+
+def test_parameters_are_told_at_the_start_and_those_of_the_recursive_method_every_whole_minute(together) -> None:
+    estimators, told, _, alone = together
+    said = [[(e.string, e) for e in result.events if isinstance(e, Parameters)] for result in told]
+    names = [s.name for s in PLAN.strings]
+    assert [name for name, _ in said[0]] == names
+    for k, events in enumerate(said[1:], 2):
+        recursive = ["string_2", "string_5", "string_6"] if k in (20, 80) else []
+        assert [name for name, _ in events] == recursive
+    for (_, e), s, a in zip(said[0], estimators.strings, alone, strict=True):
+        effects = {x.name for x in e.estimates if "." in x.name}
+        assert effects == {x.name for x in getattr(a.observer, "effect_numbers", [])} == {x.name for x in s.effects}
+    last = dict(said[79])
+    for name in ("string_2", "string_5", "string_6"):
+        s = estimators.strings[names.index(name)]
+        assert last[name].time_ns == START + 80 * S
+        assert last[name].estimates == s.estimates
