@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bms_gateway.health.collect import Collector, Drive
+from bms_gateway.health.collect import WINDOW_S, Collector, Drive
+from bms_gateway.identify import Ticks
 from tests.health.test_string_health import tick
 
 NAN = float("nan")
@@ -73,3 +74,40 @@ def test_a_window_without_a_reading_is_none() -> None:
     c = Collector()
     blind = replace(tick(), surface=np.full(3, NAN))
     assert [c.add(blind, 60.0, 0.5, 1.0) for _ in range(1300)] == [None] * 1300
+
+
+@pytest.mark.parametrize("part", [1, 7, 400])
+def test_regular_ticks_taken_together_make_the_window_that_they_make_one_by_one(part: int) -> None:
+    rng = np.random.default_rng(1)
+    K, one, many = 1210, Collector(), Collector()
+    square, current, inlet = rng.uniform(0, 6000, K), rng.normal(0, 60, K), rng.normal(20, 1, K)
+    soc = np.where(rng.random(K) < 0.1, NAN, rng.uniform(0.2, 0.9, K))
+    surface, age = rng.normal(25, 1, (K, 3)), rng.uniform(0, 1, (K, 3))
+    ticks = [
+        replace(tick(square=float(square[k]), inlet=float(inlet[k])), surface=surface[k], age=age[k]) for k in range(K)
+    ]
+    (whole,) = [d for k, t in enumerate(ticks) if (d := one.add(t, float(current[k]), float(soc[k]), NAN)) is not None]
+    assert many.patience(1.0) == 0  # the instant from which a window runs comes by itself
+    found, k = [], 0
+    while k < K:
+        if n := min(part, many.patience(1.0), K - k):
+            at = slice(k, k + n)
+            many.take(Ticks(1.0, square[at], square[at], inlet[at], current[at], soc[at], surface[at], age[at]))
+            k += n
+            continue
+        drive = many.add(ticks[k], float(current[k]), float(soc[k]), NAN)
+        found += [drive] if drive is not None else []
+        k += 1
+    (together,) = found
+    for name in ("square", "inlet", "surface", "age"):
+        assert np.array_equal(getattr(together.window, name), getattr(whole.window, name)), name
+    assert np.array_equal(together.current, whole.current)
+    assert together.window.soc == whole.window.soc
+    assert len(whole.current) * whole.window.dt == WINDOW_S
+
+
+def test_no_tick_is_taken_together_with_those_of_another_length() -> None:
+    c = Collector()
+    fed(c, 5)
+    assert c.patience(1.0) > 1000
+    assert c.patience(2.0) == 0

@@ -9,7 +9,8 @@ import pytest
 from bms_gateway.errors import StateError
 from bms_gateway.health import HealthJob, StringHealth
 from bms_gateway.health.causes import current_shape
-from bms_gateway.health.trend import Kind, L
+from bms_gateway.health.trend import Kind, L, S
+from bms_gateway.health.window_fit import DriveWindow
 from bms_gateway.identify import Tick
 from bms_gateway.thermal import AddedEffect
 from tests.health.strings import Life, model
@@ -207,6 +208,34 @@ def test_a_full_window_becomes_a_job_and_a_cool_one_does_not() -> None:
     cool = StringHealth(model(), known=True)
     assert not any(cool.add(tick(square=1.0), 1.0, 0.5, 1.0, np.nan) for _ in range(1300))
     assert replace(job, electrical=float("nan")).run().ratio != result.ratio
+
+
+def test_a_drive_in_doubt_is_fitted_without_each_thermocouple_where_others_were_heard() -> None:
+    h, rng = StringHealth(model(), known=True), np.random.default_rng(3)
+    surface = np.full((300, 3), np.nan)
+    surface[:, [0, 2]] = 25.0 + rng.normal(0, 0.1, (300, 2))
+    w = DriveWindow(np.full(300, 3600.0), np.full(301, 20.0), surface, np.zeros((300, 3)), 4.0, 0.5, 1.0)
+    job = h.job(w, np.full(300, 60.0))
+    assert job.run().without == {}
+    assert not job.doubtful
+    asked = replace(job, doubtful=True).run()
+    assert set(asked.without) == {0, 1}
+    assert [len(o.mean) for o in (asked.seen, *asked.without.values())] == [7, 6, 6]
+    alone = replace(w, surface=np.where(np.arange(3) == 2, surface, np.nan))
+    assert set(replace(job, window=alone, doubtful=True).run().without) == {0}  # without the other nothing is left
+    h.trend.unrest = 0.1
+    assert h.job(w, np.full(300, 60.0)).doubtful
+
+
+def test_heat_is_levelled_to_one_charge_where_the_capacity_is_known() -> None:
+    h, full = StringHealth(model(), known=True), StringHealth(replace(model(), capacity_Ah=8.0), known=True)
+    w = DriveWindow(np.full(300, 3600.0), np.full(301, 20.0), np.full((300, 3), 25.0), np.zeros((300, 3)), 4.0, 0.5)
+    for health in (h, full):
+        health.trend.x[S] = 0.5
+    assert (h.job(w, np.full(300, 10.0)).window.square == 3600.0).all()
+    levelled = full.job(w, np.full(300, 10.0)).window.square
+    assert (np.diff(levelled) > 0.0).all()
+    assert levelled[-1] / levelled[0] == pytest.approx(np.exp(0.5 * 10.0 * 299 * 4.0 / 3600.0 / 8.0))
 
 
 def test_a_window_is_not_begun_while_another_is_under_way() -> None:

@@ -62,6 +62,7 @@ def test_a_fit_that_is_cut_short_still_says_what_noise_it_saw(monkeypatch) -> No
     w, _ = next(drives_of(Life(7), 0, 1))
     whole = fit_window(STRING, w, SENSED, GUESS, 2500.0)
     monkeypatch.setattr(window_fit, "ROUNDS", 3)
+    monkeypatch.setattr(window_fit, "SETTLED", 0.0)
     short = fit_window(STRING, w, SENSED, GUESS, 2500.0)
     assert short.slow == whole.slow
     assert np.abs((short.mean - whole.mean) / np.sqrt(np.diag(whole.cov))).max() < 1.0
@@ -137,6 +138,27 @@ def test_a_life_is_flagged_in_time_and_one_without_growth_is_not() -> None:
     assert np.abs(growth - 0.30 / 400 * np.arange(160))[40:].max() < 0.04
     _, told, _ = lived(Life(41), 120)
     assert told == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("fault", "size", "cell", "told"),
+    [
+        ("loose", -0.3, 1, "no longer follows its cell"),
+        ("inlet", 0.5, None, "check the inlet's sensor first"),
+        ("inlet", -0.5, None, "check the inlet's sensor first"),
+    ],
+)
+def test_a_loose_thermocouple_and_a_moved_inlet_sensor_are_told_in_a_life(fault, size, cell, told) -> None:
+    from tests.benchmarks.bench_health import lived
+
+    health, changes, _ = lived(Life(43, fault=(fault, 40, size)), 70)
+    assert {c.code for _, c in changes} == {"thermocouple"}
+    drive, first = changes[0]
+    assert 40 <= drive <= 60
+    assert first.cell == cell
+    assert told in first.text
+    assert abs(health.ageing.growth) < 0.06
 
 
 def test_the_core_follows_its_surface_and_heat_by_its_own_time_constant() -> None:
