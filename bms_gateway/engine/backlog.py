@@ -144,5 +144,3 @@ class Backlog:
         """Drop what everybody has."""
         self._least = int(self._taken.min())
         self._blocks = [b for b in self._blocks if b.end > self._least]
-        if self._least >= self._now:
-            self._single = []

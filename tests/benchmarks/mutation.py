@@ -27,7 +27,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
@@ -212,8 +212,15 @@ def sound_run(modules: list[str], tests: list[str]) -> tuple[dict[str, dict[int,
         reached = {}
         for module in modules:
             by_line = data.contexts_by_lineno(str(Path(module).resolve()))
-            reached[module] = {n: sorted({c.split("|")[0] for c in found} - {""}) for n, found in by_line.items()}
+            reached[module] = {n: _tests_of(found, durations.of) for n, found in by_line.items()}
     return reached, durations.of
+
+
+def _tests_of(contexts: list[str], known: Iterable[str]) -> list[str]:
+    """Tests that may notice a change: those that reached the line, and all of a file whose shared setup did."""
+    found = {c.split("|")[0] for c in contexts} - {""}
+    files = tuple({c.split("::")[0] + "::" for c in contexts if c.endswith("|setup")})
+    return sorted(found | ({test for test in known if test.startswith(files)} if files else set()))
 
 
 def survives(module: str, tree: ast.Module, tests: list[str], patience_s: float) -> bool:

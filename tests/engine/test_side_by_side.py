@@ -47,7 +47,7 @@ PLAN = Plan(
     ),
     disturbance=Disturbance(heat_cell=0.3),
 )
-VOLTAGE = {"string_1", "string_4", "string_5"}
+VOLTAGE = {"string_1", "string_2", "string_4", "string_5"}  # one of three in its group, all of the two in theirs
 WIRES = [
     Wire(0, 1 if s.name in VOLTAGE else -1, 2, 3, 4, np.zeros(s.model.cells, int), np.full(s.model.cells, -1), {})
     for s in PLAN.strings
@@ -158,11 +158,12 @@ def together() -> tuple[Estimators, list[TickResult], list[tuple], list[Alone]]:
         patch.setattr(mismatch, "GRACE_S", 10.0)
         patch.setattr(mismatch, "EXCESS", replace(mismatch.EXCESS, hold=5))
         estimators, alone = Estimators(PLAN, WIRES), [Alone(s) for s in PLAN.strings]
+    assert all(np.isnan(row).all() and row.shape == (N,) for row in estimators.errors())  # nothing read, nothing off
     told, rows = [], []
     for k, r in enumerate(readings(1, 85), 1):
         told.append(estimators.step(r, START + k * S))
         new = estimators.newest
-        got = (new.core, new.core_sd, new.surface, new.quality, new.innovation, new.innovation_sd)
+        got = (new.core, new.core_sd, new.surface, new.quality, *estimators.errors())
         own = [a.step(r, i, START + k * S) for i, a in enumerate(alone)]
         rows.append((got, [np.concatenate(x) for x in zip(*own, strict=True)]))
     return estimators, told, rows, alone
