@@ -118,7 +118,10 @@ async def peer(place, seconds, jobs):
 
     def listen(message):
         nonlocal second
-        known[message.arbitration_id].decode(message.data, decode_choices=False)
+        found = known.get(message.arbitration_id)
+        if found is None:
+            return  # its socket is bound before its filters are set: some others come in between
+        found.decode(message.data, decode_choices=False)
         if int(message.timestamp) != second:
             second = int(message.timestamp)
             bus.send(can.Message(arbitration_id=own, data=bytes(8), is_extended_id=False))

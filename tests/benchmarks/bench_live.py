@@ -150,7 +150,9 @@ async def notifier(place, db, wanted=None):
     def listen(message):
         nonlocal count
         count += 1
-        known[message.arbitration_id].decode(message.data, decode_choices=False)
+        found = known.get(message.arbitration_id)
+        if found is not None:  # its socket is bound before its filters are set: some others come in between
+            found.decode(message.data, decode_choices=False)
 
     listening = can.Notifier(bus, [listen], loop=asyncio.get_running_loop())
     start = cpu()
