@@ -1,0 +1,267 @@
+"""What the inputs say of strings at a tick, against what was put on the bus: wiring, means, lines, ages, constants."""
+
+from dataclasses import replace
+from math import isnan, nan
+
+import numpy as np
+import pytest
+
+from bms_gateway.engine import Channel, Plan, StringPlan
+from bms_gateway.engine.inputs import Inputs
+from bms_gateway.engine.readings import Readings
+from bms_gateway.frames.batch import FrameBatch
+from bms_gateway.frames.encode import Encoder
+from bms_gateway.frames.own import own_signal
+from bms_gateway.frames.quality import Quality
+from bms_gateway.thermal import AddedEffect
+from tests.engine.packs import EPOCH_S, database, plan
+
+S = 1_000_000_000
+START = EPOCH_S * S
+FALLING = AddedEffect("resistance_temperature", None, {"B": 3000.0}, {"B": 300.0})
+
+
+def strings() -> Plan:
+    """One with everything on the bus; one that shares its current and has constants; one with effects; one blind."""
+    model = plan(1).strings[0].model
+    first = StringPlan(
+        "string_1",
+        1,
+        model,
+        (
+            Channel("current", None, own_signal(1, "current")),
+            Channel("voltage", None, own_signal(1, "voltage")),
+            Channel("coolant_inlet", None, own_signal(1, "coolant_inlet")),
+            Channel("coolant_flow", None, own_signal(1, "coolant_flow"), 3e-4),
+            Channel("surface", 1, own_signal(1, "surface", 1)),
+            Channel("surface", 4, own_signal(1, "surface", 4)),
+        ),
+    )
+    second = StringPlan(
+        "string_2",
+        2,
+        replace(model, sensors=(2,)),
+        (
+            Channel("current", None, own_signal(1, "current")),
+            Channel("coolant_inlet", None, None, 18.5),
+            Channel("coolant_flow", None, None, 2e-4),
+            Channel("surface", 2, own_signal(2, "surface", 2), scale=2.0, offset=-20.0),
+        ),
+    )
+    third = StringPlan(
+        "string_3",
+        3,
+        replace(model, sensors=(3,), effects=(FALLING,)),
+        (
+            Channel("current", None, own_signal(1, "current"), scale=-0.5),
+            Channel("coolant_inlet", None, own_signal(1, "coolant_inlet")),
+            Channel("soc", None, own_signal(3, "soc")),
+            Channel("surface", 3, own_signal(3, "surface", 3)),
+        ),
+    )
+    blind = StringPlan("string_4", 4, model, (Channel("coolant_inlet", None, None, None),), "off")
+    return Plan((first, second, third, blind))
+
+
+def amps(t: float) -> float:
+    return round(30.0 + 25.0 * float(np.sin(1.7 * t)), 1)
+
+
+def volts(t: float) -> float:
+    return round(13.3 - 4e-3 * amps(t), 2)
+
+
+Put = list[tuple[float, str, str, int | None, float]]
+
+
+def put(seconds: int, *, current=amps, silent: float = 1e9) -> Put:
+    """(time, message, signal, multiplexer, value); the flow and a surface cease at `silent`."""
+    found: Put = []
+    for k in range(10 * seconds):
+        t = k / 10
+        found.append((t, "string_1_electrical", "current", None, current(t)))
+        found.append((t, "string_1_electrical", "voltage", None, volts(t)))
+        if k % 10 == 3:
+            found.append((t, "string_1_coolant", "coolant_inlet", None, 20.0 + 0.1 * t))
+            if t < silent:
+                found.append((t, "string_1_coolant", "coolant_flow", None, 1e-4))
+                found.append((t, "string_3_coolant", "soc", None, 0.5))
+        if k % 10 == 6:
+            found.append((t, "string_1_surface", "surface_01", 0, 25.0 + 0.1 * t))
+            if t < silent:
+                found.append((t, "string_2_surface", "surface_02", 0, 24.0 + 0.1 * t))
+        if k % 10 == 8:
+            found.append((t, "string_1_surface", "surface_04", 1, 26.0 + 0.1 * t))
+            found.append((t, "string_3_surface", "surface_03", 0, 27.0 + 0.1 * t))
+    return found
+
+
+def frames(content: Put) -> FrameBatch:
+    encoder = Encoder(database(), sorted({message for _, message, *_ in content}))
+    lines: dict[tuple[float, int], np.ndarray] = {}
+    for t, message, signal, mux, value in content:
+        row = encoder.row(message) if mux is None else encoder.row(message, mux)
+        line = lines.setdefault((t, row), np.full(encoder.width, np.nan))
+        line[encoder.column(row, signal)] = value
+    rows = np.array([row for _, row in lines])
+    can_id, length, data = encoder.encode(rows, np.array(list(lines.values())))
+    return FrameBatch(np.array([START + round(t * 10) * (S // 10) for t, _ in lines], np.int64), can_id, length, data)
+
+
+def ticks(inputs: Inputs, content: Put, count: int, first: int = 0) -> list[Readings]:
+    samples, found = inputs.decode(inputs.wanted(frames(content))), []
+    for k in range(first, first + count):
+        a, b = np.searchsorted(samples.time_ns, [START + k * S, START + (k + 1) * S])
+        found.append(inputs.update(samples.between(a, b), START + k * S, START + (k + 1) * S))
+    return found
+
+
+def told(inputs: Inputs, seconds: int = 20, **how: object) -> Readings:
+    return ticks(inputs, put(seconds, **how), seconds)[-1]
+
+
+def test_means_of_the_current_come_to_every_string_that_shares_it() -> None:
+    r = told(Inputs(strings(), database()))
+    t = [19 + k / 10 for k in range(10)]
+    I, V = np.array([amps(x) for x in t]), np.array([volts(x) for x in t])  # noqa: E741
+    mean = [np.mean(x) for x in (I, I * I, V, I * V, np.abs(I))]
+    assert r.means[:, 0] == pytest.approx(mean, rel=1e-3)
+    assert r.means[:, 1] == pytest.approx([mean[0], mean[1], nan, nan, mean[4]], rel=1e-3, nan_ok=True)
+    assert r.means[:, 2] == pytest.approx([-mean[0] / 2, mean[1] / 4, nan, nan, mean[4] / 2], rel=1e-3, nan_ok=True)
+    assert np.isnan(r.means[:, 3]).all()
+    assert r.current_quality.tolist() == [Quality.GOOD] * 3 + [Quality.ESTIMATED]
+
+
+def test_coolant_and_charge_come_from_the_bus_or_are_constants() -> None:
+    r = told(Inputs(strings(), database()))
+    assert r.inlet == pytest.approx([22.0, 18.5, 22.0, nan], abs=0.02, nan_ok=True)  # the line, at the tick's end
+    assert r.flow == pytest.approx([1e-4, 2e-4, nan, nan], rel=0.01, nan_ok=True)
+    assert r.soc == pytest.approx([nan, nan, 0.5, nan], abs=0.01, nan_ok=True)
+
+
+def test_a_constant_does_for_a_flow_that_is_no_longer_heard_and_for_nothing_else() -> None:
+    one = strings().strings[0]
+    both = (*one.channels[:3], Channel("coolant_flow", None, None, 3e-4), one.channels[3], *one.channels[4:])
+    last = ticks(Inputs(Plan((replace(one, channels=both),)), database()), put(90, silent=20.0), 90)
+    assert last[15].flow == pytest.approx([1e-4], rel=0.01)
+    assert last[-1].flow == pytest.approx([3e-4])
+    assert isnan(told(Inputs(strings(), database()), 90, silent=20.0).soc[2])
+
+
+def test_a_surface_counts_in_the_tick_in_which_it_came() -> None:
+    r = told(Inputs(strings(), database()))
+    y = [26.96, nan, nan, 27.98, nan, 2 * 25.96 - 20, nan, nan, nan, nan, 28.98, nan, *[nan] * 4]
+    assert r.y == pytest.approx(y, abs=0.02, nan_ok=True)
+    age = np.zeros(16)
+    age[[0, 3, 5, 10]] = 0.4, 0.2, 0.4, 0.2
+    assert r.age == pytest.approx(age)
+    sound = np.full(16, Quality.ESTIMATED)
+    sound[[0, 3, 5, 10]] = Quality.GOOD
+    assert r.quality.tolist() == sound.tolist()
+    assert [(p.start, p.stop) for p in r.parts] == [(0, 4), (4, 8), (8, 12), (12, 16)]
+    later = told(Inputs(strings(), database()), 90, silent=20.0)
+    assert later.y[0] == pytest.approx(25.0 + 8.96, abs=0.02)
+    assert isnan(later.y[5])
+    assert later.age[5] == 0.0
+    assert later.quality[5] == Quality.STALE
+
+
+def test_one_string_is_taken_out_of_all() -> None:
+    r = told(Inputs(strings(), database()))
+    one = r[2]
+    assert (one.means.I, one.means.I2, one.means.I_abs) == tuple(r.means[[0, 1, 4], 2])
+    assert (one.current_quality, one.inlet, one.soc) == (Quality.GOOD, r.inlet[2], r.soc[2])
+    assert isnan(one.flow)
+    assert one.y.tolist()[2] == r.y[10]
+    assert one.age.tolist()[2] == r.age[10]
+    assert one.quality.tolist() == r.quality[8:12].tolist()
+    assert one.cells is None
+    assert r[1].flow == 2e-4
+    pairs = replace(r, cells=["a", "b", "c", None])
+    assert [pairs[i].cells for i in range(4)] == ["a", "b", "c", None]
+
+
+def test_strings_with_a_sensor_of_a_quality_are_told() -> None:
+    r = told(Inputs(strings(), database()))
+    assert r.seen(np.uint8(Quality.GOOD)).tolist() == [True, True, True, False]
+    later = told(Inputs(strings(), database()), 90, silent=20.0)
+    assert later.seen(np.uint8(Quality.GOOD)).tolist() == [True, False, True, False]
+    assert later.seen(np.uint8(Quality.STALE)).tolist() == [False, True, False, False]
+
+
+def test_wires_say_where_each_quantity_stands_and_the_same_signal_stands_once() -> None:
+    inputs = Inputs(strings(), database())
+    one, two, three, blind = inputs.wires
+    assert one.current == two.current != three.current >= 0  # another scale is another input
+    assert one.coolant_inlet == three.coolant_inlet >= 0
+    assert (one.voltage >= 0, two.voltage, three.voltage) == (True, -1, -1)
+    assert (one.soc, two.soc, three.soc >= 0) == (-1, -1, True)
+    assert (two.coolant_inlet, two.coolant_flow, two.constants) == (
+        -1,
+        -1,
+        {"coolant_inlet": 18.5, "coolant_flow": 2e-4},
+    )
+    assert [np.flatnonzero(w.surface >= 0).tolist() for w in inputs.wires] == [[0, 3], [1], [2], []]
+    assert (blind.current, blind.coolant_inlet, list(blind.constants)) == (-1, -1, ["coolant_inlet"])
+    assert isnan(blind.constants["coolant_inlet"])
+    every = [one.current, one.voltage, one.coolant_inlet, one.coolant_flow, three.current, three.soc]
+    every += [i for w in inputs.wires for i in w.surface.tolist() if i >= 0]
+    assert sorted(every) == list(range(10))
+    assert np.isin(frames(put(1)).can_id, inputs.can_ids).all()
+
+
+def test_frames_that_carry_no_input_are_left_out_and_others_not_even_copied() -> None:
+    inputs, some = Inputs(strings(), database()), frames(put(2))
+    assert inputs.wanted(some) is some
+    strange = some.can_id.copy()
+    strange[[0, 5]] = 1, 0xFFFF_FFFF
+    rest = inputs.wanted(FrameBatch(some.time_ns, strange, some.length, some.data))
+    keep = np.setdiff1d(np.arange(len(some)), [0, 5])
+    for name in ("time_ns", "can_id", "length", "data"):
+        np.testing.assert_array_equal(getattr(rest, name), getattr(some, name)[keep])
+
+
+@pytest.mark.parametrize(("flows", "active"), [(0.0, False), (1.0, False), (-1.1, True), (nan, False)])
+def test_sensors_are_suspected_while_more_than_an_ampere_flows(flows: float, active: bool) -> None:
+    inputs = Inputs(strings(), database())
+    told(inputs, 3, current=lambda _: flows)
+    assert inputs._active == active
+
+
+def test_what_the_guard_let_pass_is_kept_beside_all_that_came() -> None:
+    inputs = Inputs(strings(), database())
+    taken, good = inputs.good
+    assert len(taken.time_ns) == len(good) == 0
+    content = put(20)
+    wild = [(t, m, s, x, 140.0 if s == "surface_01" and t == 19.6 else v) for t, m, s, x, v in content]
+    ticks(inputs, wild, 20)
+    taken, good = inputs.good
+    wire = inputs.wires[0].surface[0]
+    assert taken.value[(taken.input == wire)].tolist() == pytest.approx([140.0])
+    assert not good[taken.input == wire].any()
+    assert good[taken.input != wire].all()
+    assert inputs.rejected == {"jumpy": 1, "never": 4}  # the first of each surface, which had not yet moved
+
+
+def test_inputs_that_never_came_are_told_by_the_string_that_first_names_them() -> None:
+    inputs = Inputs(strings(), database())
+    ticks(inputs, [x for x in put(2) if x[1] != "string_1_electrical" and not x[1].startswith("string_3")], 2)
+    assert inputs.unheard() == {
+        "string_1": f"{own_signal(1, 'current')}, {own_signal(1, 'voltage')}",
+        "string_3": f"{own_signal(1, 'current')}, {own_signal(3, 'soc')}, {own_signal(3, 'surface', 3)}",
+    }
+
+
+def test_after_a_gap_nothing_of_before_is_held() -> None:
+    inputs = Inputs(strings(), database())
+    ticks(inputs, put(20), 20)
+    inputs.forget()
+    content = [(t, *x) for t, *x in put(22) if t >= 20.7]
+    (r,) = ticks(inputs, content, 1, 20)
+    assert np.isnan(r.means[:2]).all()  # three tenths of a second are too little
+    assert isnan(r.inlet[0])  # no line goes on
+    kept = Inputs(strings(), database())
+    ticks(kept, put(20), 20)
+    (r,) = ticks(kept, content, 1, 20)
+    assert np.isfinite(r.means[:2, 0]).all()
+    assert np.isfinite(r.inlet[0])
