@@ -27,6 +27,7 @@ from bms_gateway.thermal import Floats, StringParameters, coolant_path
 
 KELVIN, REFERENCE_K = 273.15, 298.15
 COLDEST = -60.0  # °C: no cell that drives is colder; a start that is still sought may be
+STRIDE_S = 4.0
 STEP, STEP_B = 1e-4, 1.0  # of a logarithm or K, and of B, for slopes
 SHAPE = ("R_u", "R_c", "C_c", "C_s")  # numbers that the surface follows in a curved way; R_e it follows linearly
 FIRST_OFFSET = 1 + len(SHAPE)
@@ -144,21 +145,25 @@ def at_mean_charge(w: DriveWindow, current: Floats, capacity_Ah: float, slope: f
 def core_temperature(p: StringParameters, surface: Floats, square: Floats, B: float, start: float, dt: float) -> Floats:
     """Mean core of the ticks (K,), °C, from mean surfaces, the current's square, A², and where it began.
 
-    Its warmth moves the heat that warms it, within a tick of some seconds already: each tick's heat is that of its
-    middle, from where the tick before ended.
+    Its warmth moves the heat that warms it, within a tick of some seconds already: each step's heat is that of its
+    middle, from where the step before ended. Shorter ticks share a step of `STRIDE_S`, a hundredth of the core's own
+    time; the last step counts as a whole one.
     """
+    first = np.arange(0, len(surface), max(1, round(STRIDE_S / dt)))
+    count = np.diff(np.append(first, len(surface)))
     R_c, C_c = float(np.mean(p.R_c)), float(np.mean(p.C_c))
-    a = math.exp(-dt / (R_c * C_c))
-    fed, heat = ((1.0 - a) * surface).tolist(), ((1.0 - a) * R_c * float(np.mean(p.R_e)) * square).tolist()
+    a = math.exp(-dt * float(count[0]) / (R_c * C_c))
+    fed = ((1.0 - a) * np.add.reduceat(surface, first) / count).tolist()
+    heat = ((1.0 - a) * R_c * float(np.mean(p.R_e)) * np.add.reduceat(square, first) / count).tolist()
     core, T = [], start
     for s, h in zip(fed, heat, strict=True):
-        warm = max(T, COLDEST) + KELVIN
+        warm = (T if T > COLDEST else COLDEST) + KELVIN
         q = h * math.exp(B * (1.0 / warm - 1.0 / REFERENCE_K))
         cold = a * T + s
         after = cold + q / (1.0 + 0.5 * B / warm**2 * (cold + q - T))
         core.append(0.5 * (T + after))
         T = after
-    return np.array(core)
+    return np.repeat(core, count)
 
 
 def fit_window(p: StringParameters, w: DriveWindow, sensed: Sequence[int], guess: Floats, B: float) -> Observed:

@@ -161,18 +161,28 @@ def test_a_loose_thermocouple_and_a_moved_inlet_sensor_are_told_in_a_life(fault,
     assert abs(health.ageing.growth) < 0.06
 
 
-def test_the_core_follows_its_surface_and_heat_by_its_own_time_constant() -> None:
-    """Against steps of a fiftieth of a tick; a heat that fades as the core warms is that of the tick's middle."""
+@pytest.mark.parametrize(("B", "start", "tolerance"), [(0.0, 31.0, 1e-6), (3500.0, 5.0, 0.03)])
+@pytest.mark.parametrize("ticks", [1, 4])
+def test_the_core_follows_its_surface_and_heat_by_its_own_time_constant(B, start, tolerance, ticks) -> None:
+    """Against steps of 0.08 s; a heat that fades as the core warms is that of the step's middle."""
     p = StringParameters.of(2, **NOMINAL)
     rng = np.random.default_rng(1)
     surface, square = 5.0 + rng.normal(size=300).cumsum() * 0.1, 6000.0 * rng.uniform(0.0, 2.0, 300)
-    for B, start in ((0.0, 31.0), (3500.0, 5.0)):
-        got = core_temperature(p, surface, square, B, start, 4.0)
-        tau, T, fine = float(p.R_c[0] * p.C_c[0]), start, []
-        for k in range(300):  # surface and current are held over the step
-            begun = T
-            for _ in range(50):
-                heat = float(p.R_e[0]) * square[k] * np.exp(B * (1.0 / (T + 273.15) - 1.0 / 298.15))
-                T += (surface[k] + float(p.R_c[0]) * heat - T) * -np.expm1(-0.08 / tau)
-            fine.append(0.5 * (begun + T))
-        assert got == pytest.approx(np.array(fine), abs=0.03 if B else 1e-6)
+    spread = 1.0 + np.resize([0.5, -0.5] if ticks > 1 else [0.0], 300 * ticks)  # within a step
+    got = core_temperature(p, np.repeat(surface, ticks), np.repeat(square, ticks) * spread, B, start, 4.0 / ticks)
+    tau, T, fine = float(p.R_c[0] * p.C_c[0]), start, []
+    for k in range(300):  # surface and current are held over the step
+        begun = T
+        for _ in range(50):
+            heat = float(p.R_e[0]) * square[k] * np.exp(B * (1.0 / (T + 273.15) - 1.0 / 298.15))
+            T += (surface[k] + float(p.R_c[0]) * heat - T) * -np.expm1(-0.08 / tau)
+        fine.append(0.5 * (begun + T))
+    assert got == pytest.approx(np.repeat(fine, ticks), abs=tolerance)
+
+
+def test_ticks_that_fill_no_last_step_and_starts_beyond_belief_are_borne() -> None:
+    p, K = StringParameters.of(1, **NOMINAL), 1201
+    got = core_temperature(p, np.full(K, 20.0), np.full(K, 3600.0), 3500.0, -300.0, 1.0)
+    assert got.shape == (K,)
+    assert np.isfinite(got).all()
+    assert abs(got[-1] - got[-2]) < 0.2
