@@ -41,9 +41,10 @@ def run_aside(job: Job) -> object:
         As of ``job.run()``; None if the child was told to end, as systemd tells all of a service that stops.
     """
     try:
-        # a session of its own: an interrupt from the keyboard is for the service
+        # a group of its own: an interrupt from the keyboard is for the service. No session of its own: Linux may share
+        # the processor out by sessions, and then priorities count only within one.
         done = subprocess.run(  # noqa: S603 (our own module)
-            CHILD, input=pickle.dumps(job), stdout=subprocess.PIPE, check=True, start_new_session=True
+            CHILD, input=pickle.dumps(job), stdout=subprocess.PIPE, check=True, process_group=0
         )
     except (OSError, subprocess.CalledProcessError) as error:
         if isinstance(error, subprocess.CalledProcessError) and error.returncode == -signal.SIGTERM:
