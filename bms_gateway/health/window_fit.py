@@ -204,7 +204,7 @@ def fit_window(p: StringParameters, w: DriveWindow, sensed: Sequence[int], guess
     xi = np.concatenate([[0.0, 0.0], s0])
     slow, square, searched, near = 0.12, w.square, False, False
     exponent, core, r, H, g_B = square, square, y, np.eye(1), square
-    along = np.linspace(-1.0, 1.0, n)
+    along = np.linspace(-1.0, 1.0, n) if n > 1 else np.zeros(1)
     for k in range(ROUNDS):
         own = replace(p, R_e=p.R_e * np.exp(xi[1] * along))
         sets = [_at(own, theta), *(_at(own, theta + STEP * e) for e in np.eye(len(theta))[:FIRST_OFFSET])]

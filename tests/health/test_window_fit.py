@@ -46,6 +46,18 @@ def test_cells_that_are_unlike_pass_for_no_other_scale_of_heat() -> None:
     assert np.abs((weight * off).sum(axis=0) / weight.sum(axis=0)).max() < 0.06
 
 
+def test_a_cell_alone_is_unlike_no_other(monkeypatch) -> None:
+    w, _ = next(drives_of(Life(7), 0, 1))
+    alone = replace(w, surface=w.surface[:, :1], age=w.age[:, :1])
+    one = StringParameters.of(1, **{k: v for k, v in NOMINAL.items() if k not in ("R_cc", "C_f")})
+    guess = Trend(1).expected(1.0, 0.5)
+    seen = fit_window(one, alone, (0,), guess, 2500.0)
+    monkeypatch.setattr(window_fit, "UNLIKE_SD", 1e-6)
+    same = fit_window(one, alone, (0,), guess, 2500.0)
+    assert same.mean == pytest.approx(seen.mean, abs=1e-9)
+    assert same.cov == pytest.approx(seen.cov, rel=1e-6)
+
+
 def test_a_cold_hard_drive_is_fitted_to_its_end(monkeypatch) -> None:
     """There R_e falls by a third as the core warms, and a fit that went to and fro was off by ten of its own sd."""
     windows = [w for w, _ in drives_of(Life(8, exponent=3500.0), 340, 350)]
