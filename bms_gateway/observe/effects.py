@@ -19,6 +19,7 @@ from bms_gateway.errors import StateError
 from bms_gateway.observe.adaptive import FLOW_LIMITS, READ_WITHIN
 from bms_gateway.observe.consider import Belief, conditioned
 from bms_gateway.observe.estimate import Errors, Estimate
+from bms_gateway.observe.gap import found_again, heated, phases, steps, unseen_heat
 from bms_gateway.observe.measured import SOC_UNKNOWN, Measured
 from bms_gateway.observe.model import OFFSETS, Bools, start_covariance
 from bms_gateway.observe.spread import root, scatter
@@ -38,9 +39,6 @@ DRIFT_HOURS = 4.0
 """Drifts are learnt on records of some hours. What they come to by then is held: nothing tells how they go on."""
 COLDEST, HOTTEST = -100.0, 400.0
 """°C: a model that runs away is held there, and goes on being corrected by the readings."""
-FIRST_STEP_S, GROWTH, LAST_STEP_S = 5.0, 1.5, 20.0
-"""First step over a gap and how each next one grows, for a string at rest moves ever more slowly; the last one is short
-again, that surfaces and their sensitivities are those of the end."""
 REST_SD = 0.1
 """K: an effect's own states at the start, about their balance with core and surface."""
 
@@ -144,7 +142,7 @@ class EffectObserver:
         if not self._available and not self._begin(m, y):
             return self.estimate()
         known = np.array([isfinite(m.inlet), isfinite(m.I) and isfinite(m.I2) and isfinite(m.I_abs)])
-        before = self._restarted(known & ~self._known)
+        before = self._restarted(m.inlet, known & ~self._known)
         row = self._inputs(m, known)
         memory = self._remember(row)
         now, tangent = self._predict(before, row, memory, known)
@@ -213,22 +211,19 @@ class EffectObserver:
         """
         if not self._available:
             return self.estimate()
+        usual = float(self._usual[1] * np.mean(self._v.string.R_e))
         if unseen:
-            b, usual = self._belief, float(self._usual[1] * np.mean(self._v.string.R_e))
+            b = self._belief
             self._belief = Belief(*opened(b.z, b.P, usual, self._disturbance), b.J)
         first = self._inlet
         last = float(inlet[0]) if inlet is not None and isfinite(inlet[0]) else first
         row = self._row.copy()
         row[[ROW.index(k) for k in ("I", "I2", "I_abs", "IV")]] = 0.0
-        done, grown = 0.0, FIRST_STEP_S
-        while done < gap_s:
-            left = gap_s - done
-            h = left if left < 2.0 * LAST_STEP_S else min(grown, left - LAST_STEP_S)
+        for done, h in steps(gap_s):
             self._hours = min(self._hours + h / 3600.0, DRIFT_HOURS)
             row[ROW.index("T_in")] = first + (last - first) * (done + h / 2.0) / gap_s
             row[ROW.index("hours")] = self._hours
-            self._rest(row, h)
-            done, grown = done + h, grown * GROWTH
+            self._rest(row, h, phases(done + h / 2.0, usual, self._disturbance) if unseen else 0.0)
         self._inlet, self._usual, self._row = last, np.zeros(3), row
         self._unread = self._unread + gap_s
         self._known = np.array([False, not unseen])
@@ -320,18 +315,17 @@ class EffectObserver:
         self._rows, self._states = self._rows[:0], self._states[:0]
         return True
 
-    def _restarted(self, back: Bools) -> Belief:
-        """Let the offset of what is measured again start anew: it belongs to the new measurement."""
+    def _restarted(self, inlet: float, back: Bools) -> Belief:
+        """Take in an inlet that is measured again; the offset of heat starts anew, as it belongs to its measurement."""
         b = self._belief
-        if not back.any():
-            return b
-        z, P, J = b.z.copy(), b.P.copy(), b.J.copy()
-        for which, sd in enumerate((self._disturbance.inlet, self._disturbance.heat_common)):
-            if back[which]:
-                at = which - OFFSETS
-                z[at], P[at, :], P[:, at], J[at] = 0.0, 0.0, 0.0, 0.0
-                P[at, at] = sd**2
-        return Belief(z, P, J)
+        if back[0]:
+            b = found_again(b, -OFFSETS, inlet - self._inlet, self._cov, self._disturbance.inlet)
+        if back[1]:
+            z, P, J = b.z.copy(), b.P.copy(), b.J.copy()
+            z[-1], P[-1, :], P[:, -1], J[-1] = 0.0, 0.0, 0.0, 0.0
+            P[-1, -1] = self._disturbance.heat_common**2
+            b = Belief(z, P, J)
+        return b
 
     def _inputs(self, m: Measured, known: Bools) -> Floats:
         """Means of the step as a row, with what is missing filled in; flow, charge and time run on."""
@@ -457,16 +451,20 @@ class EffectObserver:
             F[:-OFFSETS, k] = np.nan_to_num(slope, posinf=0.0, neginf=0.0)
         return F
 
-    def _rest(self, row: Floats, h: float) -> None:
-        """Carry the string over `h` seconds of rest."""
+    def _rest(self, row: Floats, h: float, phases: float) -> None:
+        """Carry the string over `h` seconds of rest, or of heat of which only the intensity `phases` is known, W²s."""
         self._carries[""] = self._carry
         memory, self._carry = self._memory(row, h)
         b, u = self._belief, drive_of(row[None], h)
         j = jacobian(self._physics, b.z[:-OFFSETS], b.z[-OFFSETS:], u, self._v, memory, self._disturbance.correlation)
+        rate = np.nan_to_num(self._rates(b.z, row, memory, h))
+        if phases:
+            equal, j = j.A[:, -1], heated(j, self._physics, b.z, u, self._v, memory)
+            rate += (j.A[:, -1] - equal) * b.z[-1]
         t = Tangent.of(j, h, self._disturbance)
-        z = b.z + t.Gamma @ np.nan_to_num(self._rates(b.z, row, memory, h))
+        z = b.z + t.Gamma @ rate
         z[:-OFFSETS] = np.clip(z[:-OFFSETS], COLDEST, HOTTEST)
-        P = t.Phi @ b.P @ t.Phi.T + t.noise(False, True)
+        P = t.Phi @ b.P @ t.Phi.T + t.noise(False, True) + (unseen_heat(j, phases, h) if phases else 0.0)
         F = self._forcing(row[None], (b.z + z)[None] / 2.0, h)
         self._belief = Belief(z, (P + P.T) / 2.0, t.Phi @ b.J + t.Gamma @ F)
 
