@@ -3,6 +3,9 @@
 NONE_FOR_NONE = "any negative number stands for none"
 STRICT = "a strict zip of what is of one length"
 ONE_BY_ONE = "what odd frames go through gives the same for all, only slower"
+ANNOTATIONS = "an import for annotations, which are not evaluated"
+SOONER = "a string takes its ticks in before it must: only slower"
+BLOCKS = "ticks are put together when a string takes them, if not before"
 MORE_BINS = "one empty bin more than there are groups, never looked up"
 
 EQUIVALENT: dict[str, dict[str, str]] = {
@@ -49,6 +52,25 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "Current.update: 0.0  ->  1.0  #4": "a value of the weight 0; any number but NaN does",
         "Current.update: 0.0  ->  1.0  #6": "a voltage of the weight 0; any number but NaN does",
     },
+    "bms_gateway/engine/backlog.py": {
+        ": 60  ->  61": "the size of a block, which is seen in memory and time alone",
+        "Backlog.__init__: 0  ->  1": "numbers of ticks may begin anywhere: all strings see the first tick",
+        "Backlog.add: tick.square + tick.inlet  ->  tick.square - tick.inlet": (
+            "whether both are finite: a difference tells as well as a sum"
+        ),
+        "Backlog.add: now + 1  ->  now - 1  #2": SOONER,
+        "Backlog.add: self._next = int(self._due.min())  ->  pass": SOONER,
+        "Backlog.add: if len(self._single) >= BLOCK:  ->  if not len(self._single) >= BLOCK:": BLOCKS,
+        "Backlog.add: len(self._single) >= BLOCK  ->  len(self._single) > BLOCK": BLOCKS,
+        "Backlog.add: self._stack()  ->  pass": BLOCKS,
+        "Backlog._bring: since >= self._now  ->  since > self._now": "no block ends later: nothing is handed over",
+        "Backlog._bring: b.end > since  ->  b.end >= since": "of a block that ends there no tick is left",
+        "Backlog._stack: True  ->  False": STRICT,
+        "Backlog._forget: b.end > self._least  ->  b.end >= self._least": "one block is kept longer, and not read",
+    },
+    "bms_gateway/engine/group.py": {
+        ": if TYPE_CHECKING:  ->  if not TYPE_CHECKING:": ANNOTATIONS,
+    },
     "bms_gateway/engine/line.py": {
         "Line.update: True  ->  False": STRICT,
         "Line.at: p[0] - t - mean_x  ->  p[0] - t + mean_x  #2": "times what sums to zero over the readings",
@@ -67,7 +89,7 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "SocketCanPort._is_up: 0  ->  1": "the kernel writes the flags there, whatever they were",
     },
     "bms_gateway/bus/pythoncan.py": {
-        ": if TYPE_CHECKING:  ->  if not TYPE_CHECKING:": "an import for annotations, which are not evaluated",
+        ": if TYPE_CHECKING:  ->  if not TYPE_CHECKING:": ANNOTATIONS,
         "PythonCanPort.drain: break  ->  continue": "a failure takes the bus away, which ends the loop",
         "PythonCanPort.drain: abs(off) > AHEAD_S  ->  abs(off) >= AHEAD_S": "an hour to the last bit of a float",
         "PythonCanPort.pump: wait > 0  ->  wait >= 0": "at that very instant: the caller comes again at once",
@@ -82,7 +104,7 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "to_batch: length.min() < columns  ->  length.min() <= columns": "full frames keep all their bytes either way",
     },
     "bms_gateway/bus/message.py": {
-        ": if TYPE_CHECKING:  ->  if not TYPE_CHECKING:": "an import for annotations, which are not evaluated",
+        ": if TYPE_CHECKING:  ->  if not TYPE_CHECKING:": ANNOTATIONS,
         "to_batch: len(kept) < len(messages)  ->  len(kept) <= len(messages)": "nothing is counted where all are kept",
         "to_batch: 1  ->  2": "numpy finds the length of an axis for any negative number",
     },
