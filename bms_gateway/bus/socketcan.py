@@ -1,6 +1,6 @@
 """Our own raw SocketCAN port: drained on a timer, stamped by the kernel, alive through every outage of the interface.
 
-At 8,500 frames/s it is the wake-ups that cost, not the bytes: the service drains the socket every 50 ms, if there is
+At 8,500 frames/s it is the wake-ups that cost, not the bytes: the service drains the socket every 100 ms, if there is
 the room in the kernel's buffer, and one drain is a system call or two and a few array operations (`receiver`). The
 kernel has stamped each frame long before, so the wait changes no figure. The socket lives as long as the port. When the
 interface goes away the kernel unbinds it (ENODEV, once) and it is bound again by name, with growing delays; when the
@@ -38,7 +38,7 @@ RECEIVE_BUFFER: Final = 4 << 20  # a second of a full 1 Mbit/s bus, should the m
 FRAME_ROOM: Final = 1_024  # bytes that the kernel charges for a frame: 896 on vcan
 FULL_BUS: Final = 8_500  # frames/s of 8 bytes at 1 Mbit/s
 SPARE: Final = 4  # so many times longer than frames gather may a reader be kept from reading before any is lost
-GATHER_MOST_S: Final = 0.05  # twenty wake-ups a second cost less than the frames; what comes at once to read takes 1 ms
+GATHER_MOST_S: Final = 0.1  # ten wake-ups a second cost far less than the frames; longer saves little more
 DRAIN_MOST: Final = 32_768  # above what any allowed receive buffer holds, so a drain ends though senders go on
 SO_RCVBUFFORCE: Final = 33
 CAN_RAW_ERR_FILTER: Final = 2

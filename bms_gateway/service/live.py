@@ -1,9 +1,10 @@
 """The thin shell around the engine: an event loop, a clock, signals, systemd. It decides nothing about batteries.
 
 How it spends its time: asleep until the first frame comes (or, on ports that cannot be waited for, polling); then it
-lets frames gather, as long as the port has room for, and drains it, while traffic flows. A full bus costs some twenty
-wake-ups a second, a silent one none. One timer serves the engine's next deadline: it drains the port too, so that how
-long frames gather adds nothing to the time from a deadline to what is sent for it.
+lets frames gather, as long as the port has room for, and drains it, while traffic flows. A full bus costs some ten
+wake-ups a second, a silent one none. One timer serves the engine's next deadline: it drains the port too, and the last
+drain before it comes shortly before it, so that how long frames gather adds nothing to the time from a deadline to what
+is sent for it.
 
 Why a deadline waits a little: a frame stamped just before the deadline may reach the socket just after it. So the
 timer is handled only once bus time is `SETTLE_NS` past the deadline, and after a drain that began then; thus no frame
@@ -29,7 +30,7 @@ from bms_gateway.service.tally import Tally
 
 log = logging.getLogger(__name__)
 
-DRAIN_S: Final = 0.01  # after a silence the first frame has no deadline yet: it waits so long for others at the most
+DRAIN_S: Final = 0.01  # what is read at a deadline gathered no longer; nor do others beside the first after a silence
 SETTLE_NS: Final = 2_000_000  # from the kernel's stamp to the socket it takes some µs, on a loaded machine up to 1 ms
 OVERDUE_NS: Final = 2_000_000_000  # two ticks: a deadline older than this means that the engine does not move
 SAVE_S: Final = 60.0  # what a power cut may cost; an estimate moves little in a minute
@@ -79,6 +80,24 @@ class LiveEngine(Protocol):
 def place(event: Notice) -> dict[str, object]:
     """Give what a notice is about, as attributes of its line."""
     return {"code": event.code, "string": event.string, "cell": event.cell}
+
+
+def pause(gather_s: float, left_s: float | None) -> float:
+    """How long frames gather from now, s.
+
+    Parameters
+    ----------
+    gather_s : float
+        As long as the port has room for.
+    left_s : float or None
+        Until the next deadline: a drain falls `DRAIN_S` before it, if that is sooner.
+
+    Examples
+    --------
+    >>> pause(0.1, None), pause(0.1, 0.5), round(pause(0.1, 0.07), 3), pause(0.1, 0.009)
+    (0.1, 0.1, 0.06, 0.1)
+    """
+    return gather_s if left_s is None or left_s <= DRAIN_S else min(gather_s, left_s - DRAIN_S)
 
 
 def run_here(job: Job) -> object:
@@ -203,7 +222,9 @@ class Gateway:
         if self._stop.is_set():
             return
         if self._step() or fileno < 0:
-            self._loop.call_later(self.port.gather_s, self._on_drain)
+            due = self.engine.next_deadline()
+            left_s = None if due is None else (due - self.port.now_ns()) / 1e9
+            self._loop.call_later(pause(self.port.gather_s, left_s), self._on_drain)
         else:
             self._asleep = True
             self._loop.add_reader(fileno, self._on_readable)

@@ -12,6 +12,8 @@ import time
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from bms_gateway.bus.canframe import from_wire
 from bms_gateway.bus.memory import MemoryBus
@@ -21,7 +23,7 @@ from bms_gateway.engine.events import SendFrames
 from bms_gateway.errors import ConfigError, StateError
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.service import live
-from bms_gateway.service.live import DRAIN_S, SETTLE_NS, Gateway
+from bms_gateway.service.live import DRAIN_S, SETTLE_NS, Gateway, pause
 from tests.bus.frames import make
 from tests.service.engine import OWN_ID, TICK_NS, TickEngine
 
@@ -173,8 +175,18 @@ def test_frames_gather_as_long_as_the_port_has_room_and_no_deadline_waits_for_th
     assert len(engine.ticks) >= 10  # each at its timer: gathered frames alone would close seven at once
     timers = [now for what, now in engine.calls if what == "timer"]
     assert len(timers) >= 9
-    # one drain for each timer, and some that frames or the start gave cause for
-    assert len(drains) <= len(engine.ticks) + elapsed / bus.port.gather_s + 4
+    # one drain for each timer, two for each time that frames gather, and some that the start gave cause for
+    assert len(drains) <= len(engine.ticks) + 2 * elapsed / bus.port.gather_s + 4
+
+
+@given(gather_s=st.floats(0.0, 1.0), left_s=st.none() | st.floats(-1.0, 2.0))
+def test_frames_gather_no_longer_than_there_is_room_nor_into_the_last_moments_before_a_deadline(gather_s, left_s):
+    wait = pause(gather_s, left_s)
+    assert 0.0 <= wait <= gather_s
+    if left_s is not None and left_s > DRAIN_S:
+        assert left_s - wait >= DRAIN_S - 1e-12
+    if wait < gather_s:
+        assert left_s - wait == pytest.approx(DRAIN_S)
 
 
 def test_the_engine_is_told_what_the_port_has_lost(bus):
