@@ -130,21 +130,46 @@ def test_help_and_errors_need_nothing_heavy():
     assert done.returncode == 0, done.stderr
 
 
+STARTED = (
+    "import logging, sys; bare = set(sys.modules); from pathlib import Path; "
+    "from bms_gateway.cli.run import engine_of; from bms_gateway.config.load import load_config; import bms_gateway.bus.socketcan, bms_gateway.service.live; "
+    "import bms_gateway.service.aside, bms_gateway.service.beside, bms_gateway.service.baseline, bms_gateway.store; "
+    "engine_of(load_config(Path('deploy/example/gateway.toml')), None, logging.getLogger()); "
+    "print(*set(sys.modules) - bare)"
+)
+
+
+def loaded_by(code: str) -> set[str]:
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    return set(out.stdout.split())
+
+
 def test_the_service_starts_without_what_only_other_commands_need():
     """One import of scipy.signal in a room below once trebled the time to READY."""
+    loaded = loaded_by(STARTED)
+    tops = {m.split(".")[0] for m in loaded}
+    checks = {"pydantic", "pydantic_core", "annotated_types", "typing_extensions", "typing_inspection"}
+    assert tops - sys.stdlib_module_names - {m for m in tops if "sysconfig" in m} <= {"numpy", "bms_gateway"} | checks
+    rooms = {m.split(".")[1] for m in loaded if m.startswith("bms_gateway.")}
+    assert rooms == {
+        *("errors", "thermal", "frames", "identify", "observe", "health"),
+        *("engine", "bus", "config", "store", "service", "cli"),
+    }
+    needless = {f"thermal.{m}" for m in ("effects", "physics", "trajectory", "cycles")}
+    needless |= {f"identify.{m}" for m in ("recursive", "regression", "batch", "map_fit", "problem", "likelihood")}
+    needless |= {f"observe.{m}" for m in ("effects", "tangent", "open_loop", "luenberger")}
+    needless |= {"bus.pythoncan", "bus.candump", "bus.logfile", "bus.traffic", "service.mqtt"}
+    assert not loaded & {f"bms_gateway.{m}" for m in needless}
+
+
+def test_fits_and_effects_of_the_service_need_no_scipy():
+    """It would take 27 MiB, in the service or in each process of a fit."""
     code = (
-        "import logging, sys; from pathlib import Path; from bms_gateway.cli.run import engine_of; "
-        "from bms_gateway.config.load import load_config; import bms_gateway.bus.socketcan, bms_gateway.service.live; "
-        "engine_of(load_config(Path('deploy/example/gateway.toml')), None, logging.getLogger()); "
-        "print(*{'.'.join(m.split('.')[:2]) for m in sys.modules if m.startswith(('scipy.', 'bms_gateway.'))}, "
-        "*{m.split('.')[0] for m in sys.modules})"
+        "import sys, bms_gateway.identify.posterior_fit, bms_gateway.identify.cell_resistance, "
+        "bms_gateway.identify.recursive, bms_gateway.health.window_fit, bms_gateway.observe.effects; "
+        "print(*sys.modules)"
     )
-    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
-    loaded = set(out.stdout.split())
-    needless = {"scipy.signal", "scipy.optimize", "scipy.stats", "scipy.interpolate", "scipy.sparse", "scipy.special"}
-    needless |= {f"bms_gateway.{room}" for room in ("diagnose", "reproduce", "report", "sensors", "workbench", "chaos")}
-    needless |= {"matplotlib", "plotly", "pandas", "pyarrow", "asammdf", "rich", "aiomqtt", "dask", "hypothesis"}
-    assert not loaded & needless
+    assert not {m.split(".")[0] for m in loaded_by(code)} & {"scipy", "cantools", "can"}
 
 
 def test_linear_algebra_runs_on_one_thread_unless_told_otherwise():
