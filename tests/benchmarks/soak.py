@@ -133,6 +133,9 @@ def main() -> int:
     parser.add_argument("part", choices=("files", "vcan"))
     parser.add_argument("--hours", type=float, default=24.0)
     parser.add_argument("--minutes", type=float, default=20.0)
+    parser.add_argument(
+        "--settle", type=float, default=22.0, help="minutes before those of vcan0 (default: %(default)g)"
+    )
     parser.add_argument("--rate", type=float, default=BUSY, metavar="FRAMES/S", help="of vcan0 (default: %(default)g)")
     parser.add_argument("--json", type=Path)
     args = parser.parse_args()
@@ -140,7 +143,7 @@ def main() -> int:
         parser.error(f"--hours {args.hours:g}: at least {SHORTEST_H:g}, the first hour only fills the windows")
     if args.part == "files":
         return files(args.hours, args.json)
-    return vcan(args.minutes, args.rate, args.json)
+    return vcan(args.minutes, args.settle, args.rate, args.json)
 
 
 if __name__ == "__main__":

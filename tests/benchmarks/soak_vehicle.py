@@ -23,12 +23,14 @@ from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.database import Database
 
 SLICE_S = 0.01
-MOST_LATE_S = 0.5  # what a machine that is too slow has not sent by then it does not send: it gets what it can carry
+MOST_LATE_S = 0.3
+"""A machine that gives the vehicle no time for longer makes the drive pause: what was due by then would come
+faster than a bus carries, and without it alive counters would jump, which is a fault that nobody injected."""
 NOTHING = -1
 
 
 class Told(ctypes.Structure):
-    """What both processes see: the first four are written by the one that breaks things, the others by the vehicle."""
+    """What both processes see: the first three are written by the one that breaks things."""
 
     _fields_ = (
         ("fault", ctypes.c_int),
@@ -37,8 +39,8 @@ class Told(ctypes.Structure):
         ("begun_s", ctypes.c_double),
         ("sent", ctypes.c_int64),
         ("unsent", ctypes.c_int64),
-        ("late", ctypes.c_int64),
-        ("worst_late_s", ctypes.c_double),
+        ("pauses", ctypes.c_int64),
+        ("paused_s", ctypes.c_double),
     )
 
 
@@ -58,8 +60,8 @@ class FullBus:
     Attributes
     ----------
     told : Told
-        `sent` frames; `unsent` while the interface was away or the pack said nothing; `late` ones, not sent because
-        this machine is too slow.
+        `sent` frames; `unsent` while the interface was away or the pack said nothing; times and seconds by which the
+        drive `paused` because this machine is too slow.
     truth : ndarray (seconds + 1, cells of all strings)
         Cores, °C, at whole seconds since the beginning; NaN where not driven yet.
     """
@@ -84,6 +86,7 @@ class FullBus:
 
     @property
     def now_s(self) -> float:
+        """Time of the drive, s: real time less its pauses."""
         return time.monotonic() - self.told.begun_s
 
     def start(self) -> None:
@@ -107,13 +110,15 @@ class FullBus:
             frames, at = made.frames, 0
             while at < len(frames) and not told.over:
                 now = self.now_s
-                first, end = np.searchsorted(frames.time_ns, [round((now - MOST_LATE_S) * SECOND), round(now * SECOND)])
-                told.late += max(0, int(first) - at)
-                at = max(at, int(first))
+                late = now - int(frames.time_ns[at]) / SECOND
+                if late > MOST_LATE_S:
+                    told.pauses, told.paused_s = told.pauses + 1, told.paused_s + late
+                    told.begun_s += late
+                    continue
+                end = int(np.searchsorted(frames.time_ns, round(now * SECOND)))
                 if end > at:
-                    told.worst_late_s = max(told.worst_late_s, now - int(frames.time_ns[at]) / SECOND)
-                    self._send(vehicle, frames[at : int(end)], rng)
-                    at = int(end)
+                    self._send(vehicle, frames[at:end], rng)
+                    at = end
                 time.sleep(SLICE_S)
             if told.over:
                 break
