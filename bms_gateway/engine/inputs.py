@@ -270,7 +270,7 @@ class Inputs:
         self.good = samples, g.quality == GOOD
         means, cells = self._integrate(*self.good, t0, t1)
         seen = g.time_ns.take(self._surface)
-        y = np.where(self._sensed & (seen >= t0) & (seen > 0), g.value.take(self._surface), nan)
+        y = np.where(self._sensed & (seen >= t0), g.value.take(self._surface), nan)
         # one more at the end, for index −1: a channel that does not exist
         quality = np.append(g.channel_quality, np.uint8(ESTIMATED))
         known = np.append(np.where(g.channel_quality == GOOD, g.value, nan), nan)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bms_gateway.engine import Channel, Plan, StringPlan
-from bms_gateway.engine.inputs import Inputs
+from bms_gateway.engine.inputs import Inputs, identifies_cells
 from bms_gateway.engine.readings import Readings
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.encode import Encoder
@@ -231,7 +231,7 @@ def test_sensors_are_suspected_while_more_than_an_ampere_flows(flows: float, act
 def test_what_the_guard_let_pass_is_kept_beside_all_that_came() -> None:
     inputs = Inputs(strings(), database())
     taken, good = inputs.good
-    assert len(taken.time_ns) == len(good) == 0
+    assert [len(x) for x in (taken.time_ns, taken.input, taken.value, taken.flag, good)] == [0] * 5
     content = put(20)
     wild = [(t, m, s, x, 140.0 if s == "surface_01" and t == 19.6 else v) for t, m, s, x, v in content]
     ticks(inputs, wild, 20)
@@ -265,3 +265,73 @@ def test_after_a_gap_nothing_of_before_is_held() -> None:
     (r,) = ticks(kept, content, 1, 20)
     assert np.isfinite(r.means[:2, 0]).all()
     assert np.isfinite(r.inlet[0])
+
+
+def with_first(quantity: str) -> Plan:
+    """The first string alone, one of its channels named before all others."""
+    one = strings().strings[0]
+    ordered = sorted(one.channels, key=lambda c: c.quantity != quantity)
+    return Plan((replace(one, channels=tuple(ordered)),))
+
+
+@pytest.mark.parametrize("quantity", ["current", "voltage", "coolant_inlet", "coolant_flow", "surface"])
+def test_the_order_in_which_channels_are_named_makes_no_difference(quantity: str) -> None:
+    inputs, usual = Inputs(with_first(quantity), database()), Inputs(with_first("current"), database())
+    got, expected = told(inputs), told(usual)
+    for name in ("means", "current_quality", "inlet", "flow", "soc", "y", "age", "quality"):
+        np.testing.assert_array_equal(getattr(got, name), getattr(expected, name))
+    assert np.isfinite(got.means).all()
+
+
+@pytest.mark.parametrize("quantity", ["current", "voltage"])
+def test_a_voltage_that_rises_with_the_current_makes_no_heat(quantity: str) -> None:
+    inputs = Inputs(with_first(quantity), database())
+    r = told(inputs, 60, current=lambda t: -amps(t))
+    assert np.isnan(r.means[[2, 3]]).all()
+    assert np.isfinite(r.means[[0, 1, 4]]).all()
+
+
+def test_cells_are_identified_by_the_windowed_method_where_there_are_several_and_no_effects() -> None:
+    one = strings().strings[0]
+    assert identifies_cells(one)
+    assert not identifies_cells(replace(one, identify="rls"))
+    assert not identifies_cells(replace(one, identify="off"))
+    assert not identifies_cells(replace(one, model=replace(one.model, effects=(FALLING,))))
+    priors = {k: p for k, p in one.model.priors.items() if k not in ("R_cc", "C_f")}
+    single = replace(one.model, cells=1, sensors=(1,), condition="single", priors=priors)
+    assert not identifies_cells(replace(one, model=single))
+
+
+def hearing(identify: str) -> Inputs:
+    """The first string with the voltages of its second and third cell, named before its surfaces."""
+    one = strings().strings[0]
+    cells = tuple(Channel("cell_voltage", k, own_signal(1, "cell_voltage", k)) for k in (2, 3))
+    return Inputs(
+        Plan((replace(one, channels=(*one.channels[:4], *cells, *one.channels[4:]), identify=identify),)), database()
+    )
+
+
+def test_voltages_of_cells_meet_the_current_of_their_instants() -> None:
+    inputs = hearing("window")
+    (wire,) = inputs.wires
+    assert np.flatnonzero(wire.cell_voltage >= 0).tolist() == [1, 2]
+    assert np.flatnonzero(wire.surface >= 0).tolist() == [0, 3]
+    content = put(3)
+    message, where = (
+        own_signal(1, "cell_voltage", 2).split(".")[0],
+        database().resolve(own_signal(1, "cell_voltage", 2)),
+    )
+    names = {k: own_signal(1, "cell_voltage", k).split(".")[1] for k in (2, 3)}
+    assert where.can_id in inputs.can_ids.tolist()
+    content += [(2.5, message, names[2], 0, 3.31), (2.5, message, names[3], 0, 3.35)]
+    (pairs,) = ticks(inputs, sorted(content, key=lambda x: x[0]), 3)[-1].cells
+    assert pytest.approx([nan, 3.31, 3.35, nan], abs=1e-3, nan_ok=True) == pairs.V
+    assert pytest.approx([nan, amps(2.5), amps(2.5), nan], abs=0.01, nan_ok=True) == pairs.I
+
+
+def test_voltages_of_cells_that_nobody_asks_for_are_passed_over() -> None:
+    inputs = hearing("rls")
+    (wire,) = inputs.wires
+    assert (wire.cell_voltage == -1).all()
+    assert np.flatnonzero(wire.surface >= 0).tolist() == [0, 3]
+    assert database().resolve(own_signal(1, "cell_voltage", 2)).can_id not in inputs.can_ids.tolist()
