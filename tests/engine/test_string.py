@@ -275,3 +275,29 @@ def test_an_infinite_spread_is_no_knowledge_of_a_resistance() -> None:
     s = string("off", 1)
     s.electrical = VoltageHeat(6.0, 0.1, 12.0, 0.1, 0.02, inf)
     assert isnan(s.resistance())
+
+
+def test_cells_as_commissioned_go_with_what_is_common_to_them() -> None:
+    s = string()
+    R = np.array([3e-3, 4e-3, 5e-3, 6e-3])
+    own = np.zeros((4, 3, 3))
+    own[:, 0, 0], own[:, 0, 1], own[:, 1, 0], own[:, 1, 1] = np.array([0.01, 0.02, 0.03, 0.04]) ** 2, 5.0, 6.0, 7.0
+    s.kept = SimpleNamespace(values={"R_e": R}, own=own)
+    common = (Estimate("R_c", 9.0, 1.0, "K/W", "learning"), Estimate("R_e", 7e-3, 0.7e-3, "mOhm", "learning"))
+    s.identifier = SimpleNamespace(estimates=lambda: common)
+    told = s.known()
+    assert told[:2] == common
+    ratio = R / np.prod(R) ** 0.25
+    for k, e in enumerate(told[2:]):
+        assert (e.name, e.unit) == (f"R_e_{k + 1}", "mOhm")
+        assert e.status.startswith("fixed: ")
+        assert e.value == pytest.approx(7e-3 * ratio[k])
+        assert e.sd == pytest.approx(7e-3 * ratio[k] * np.hypot(0.1, 0.01 * (k + 1)))
+    assert len(told) == 6
+
+
+def test_what_a_model_says_is_known_from_the_beginning() -> None:
+    s = string()
+    assert s.estimates == s.known() == s.identifier.estimates()
+    assert s.effects == ()
+    assert (s.ageing, s.mismatch) == (s.health.ageing, s.health.mismatch)
