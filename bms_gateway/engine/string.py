@@ -243,7 +243,7 @@ class StringEstimator:
     def measured(self, reading: Reading) -> Measured:
         """Gather what the observer of a string with effects takes in at a tick."""
         m, n = reading.means, self.plan.model.cells
-        if n > 1 and m.V / n < CELL_V[0] <= m.V <= CELL_V[1]:
+        if m.V / n < CELL_V[0] <= m.V <= CELL_V[1]:
             n = 1  # the mean of the cells' voltages, as offline
         return Measured(
             m.I, m.I2, m.I_abs, reading.inlet, self.flow_ratio(reading.flow), reading.soc, m.V / n, m.IV / n

@@ -219,12 +219,17 @@ def test_a_voltage_between_those_of_one_cell_is_the_mean_of_the_cells(volts: flo
     assert pytest.approx((volts / cells, 10.0 * volts / cells), nan_ok=True) == (m.V, m.IV)
 
 
-def test_a_single_cells_voltage_is_its_own_however_low() -> None:
-    one = string("off", 1)
-    model = SimpleNamespace(cells=1, flow=None)
-    s = SimpleNamespace(plan=SimpleNamespace(model=model), flow_ratio=one.flow_ratio)
-    reading = Reading(Means(V=1.5, IV=15.0), 0, 25.0, nan, nan, np.zeros(1), np.zeros(1), np.zeros(1, np.uint8))
-    assert StringEstimator.measured(s, reading).V == 1.5
+@pytest.mark.parametrize(
+    ("cells", "volts", "of_one"),
+    [(1, 1.5, 1.5), (1, 2.0, 2.0), (1, 3.3, 3.3), (2, 3.99, 3.99), (2, 4.0, 2.0), (2, 4.6, 2.3), (2, 1.9, 0.95)],
+)
+def test_a_voltage_that_two_cells_may_have_is_shared_by_them(cells: int, volts: float, of_one: float) -> None:
+    model = SimpleNamespace(cells=cells, flow=None)
+    s = SimpleNamespace(plan=SimpleNamespace(model=model), flow_ratio=string("off", 1).flow_ratio)
+    nothing = np.zeros(cells)
+    reading = Reading(Means(V=volts, IV=10.0 * volts), 0, 25.0, nan, nan, nothing, nothing, nothing.astype(np.uint8))
+    m = StringEstimator.measured(s, reading)
+    assert (of_one, 10.0 * of_one) == (m.V, m.IV)
 
 
 @pytest.mark.parametrize(("voltages", "enough"), [(0, False), (1, False), (2, True), (4, True)])
@@ -232,6 +237,8 @@ def test_cells_are_told_apart_where_half_of_them_are_wired(voltages: int, enough
     one: StringPlan = plan(1).strings[0]
     assert hears_cells(one, wire(-1, voltages)) == enough
     assert not hears_cells(replace(one, identify="rls"), wire(-1, 4))
+    five = replace(one, model=replace(one.model, cells=5))
+    assert hears_cells(five, wire(-1, voltages)) == (voltages >= 3)
     assert (string("window", -1, voltages).cells is not None) == enough
 
 
