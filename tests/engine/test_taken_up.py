@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from math import nan
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -247,3 +248,55 @@ def test_a_state_belongs_to_every_number_of_the_model_and_to_the_method() -> Non
 def test_a_single_string_of_its_own_length_is_a_group() -> None:
     three = Plan(tuple(PLAN.strings[k] for k in (0, 1)))
     assert [g.cells for g in Estimators(three, WIRES[:2])._groups] == [3, 4]
+
+
+class Apart(Known):
+    """Cells that are told apart, or not yet."""
+
+    def __init__(self, done: list, numbers: object) -> None:
+        self.done, self._numbers = done, numbers
+
+    def numbers(self) -> object:
+        return self._numbers
+
+    def estimates(self) -> tuple[Estimate, ...]:
+        return (replace(R_E, name="R_e_1"),)
+
+
+def test_a_window_of_a_string_whose_cells_are_told_apart_leaves_their_numbers_with_the_observer(done: list) -> None:
+    estimators = Estimators(PLAN, WIRES)
+    s = estimators.strings[2]
+    numbers = SimpleNamespace(values={"R_e": np.ones(4)}, names=("R_e",), common=np.eye(1), own=np.zeros((4, 3, 3)))
+    s.identifier, s.cells = Known(done), Apart(done, numbers)
+    told = estimators.accept(2, "result", 9)
+    _, accepted, (_, place, *what) = done
+    assert accepted == ("accept", "result")
+    assert place == 1
+    for a, b in zip(what, (numbers.values, numbers.names, numbers.common, numbers.own), strict=True):
+        assert a is b
+    assert s.estimates == (R_E, replace(R_E, name="R_e_1"))
+    assert told == [Parameters(9, "string_3", s.estimates)]
+    s.cells = Apart(done, None)
+    estimators.accept(2, "result", 9)
+    assert done[-1][2] == pytest.approx({"R_e": 4e-3, "R_c": 1.5})
+
+
+def test_cells_told_apart_are_kept_and_taken_up_where_there_are_any() -> None:
+    one, two, taken = Estimators(PLAN, WIRES), Estimators(PLAN, WIRES), []
+    one.strings[1].cells = SimpleNamespace(snapshot=lambda: {"of": "cells"})
+    state = json.loads(json.dumps(one.snapshot(), allow_nan=False))
+    assert [state["strings"][name]["cells"] for name in NAMES] == [None, {"of": "cells"}, *[None] * 5]
+    for i in (0, 1):
+        two.strings[i].cells = SimpleNamespace(restore=lambda x, i=i: taken.append((i, x)), estimates=lambda: ())
+    two.restore(state)
+    assert taken == [(1, {"of": "cells"})]
+
+
+def test_a_state_of_before_health_had_a_memory_is_taken_up_without(monkeypatch: pytest.MonkeyPatch) -> None:
+    _, state = stored()
+    for i in (0, 4):
+        del state["strings"][NAMES[i]]["health"]
+    taken = []
+    monkeypatch.setattr(StringHealth, "restore", lambda _, kept: taken.append(kept))
+    assert Estimators(PLAN, WIRES).restore(state) == []
+    assert taken == [state["strings"][NAMES[i]]["health"] for i in (1, 2, 3, 5, 6)]
