@@ -4,6 +4,7 @@ NONE_FOR_NONE = "any negative number stands for none"
 STRICT = "a strict zip of what is of one length"
 ONE_BY_ONE = "what odd frames go through gives the same for all, only slower"
 ANNOTATIONS = "an import for annotations, which are not evaluated"
+WOKEN = "set by the frame that wakes the engine, read after one"
 SOONER = "a string takes its ticks in before it must: only slower"
 BLOCKS = "ticks are put together when a string takes them, if not before"
 MORE_BINS = "one empty bin more than there are groups, never looked up"
@@ -67,6 +68,15 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "Backlog._bring: b.end > since  ->  b.end >= since": "of a block that ends there no tick is left",
         "Backlog._stack: True  ->  False": STRICT,
         "Backlog._forget: b.end > self._least  ->  b.end >= self._least": "one block is kept longer, and not read",
+    },
+    "bms_gateway/engine/engine.py": {
+        "Engine.__init__: self._heard = 0  ->  pass": WOKEN,
+        "Engine.__init__: 0  ->  1": WOKEN,
+        "Engine.__init__: 0  ->  1  #3": WOKEN,
+        "Engine.__init__: 0  ->  1  #6": "losses are told in all: what was told last is not asked",
+        "Engine.__init__: False  ->  True  #2": "asked of a state that was taken up, which sets it; no frame before",
+        "Engine.__init__: self._woken = 0  ->  pass": WOKEN,
+        "Engine.__init__: 0.0  ->  1.0": "of what was told last the time since the start is not asked",
     },
     "bms_gateway/engine/group.py": {
         ": if TYPE_CHECKING:  ->  if not TYPE_CHECKING:": ANNOTATIONS,

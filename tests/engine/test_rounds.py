@@ -354,3 +354,25 @@ def test_the_rules_stand_as_they_are_documented() -> None:
     assert (JOB_DUE_TICKS, GRACE_TICKS, module.UNHEARD_TICKS, AT_ONCE_NS) == (30, 10, 10, 2 * S)
     assert np.datetime64("2020-01-01", "ns").astype(int) == CLOCK_SET_NS
     assert plan(1).silent_after_ns == 60 * S
+
+
+def test_an_engine_has_counted_nothing_and_tells_nothing_more_unless_asked() -> None:
+    made, _, _ = engine()
+    assert (made.frames, made.dropped, made.recording, made.judging) == (0, 0, False, False)
+    assert made.sends == {0x100: S}
+    made._broadcast = None
+    assert made.sends == {}
+
+
+def test_no_frame_is_of_the_future() -> None:
+    made, by_hand, _ = engine()
+    some = said(5)
+    made.receive(FrameBatch.empty(), now_ns=START)
+    strange = FrameBatch(some.time_ns, some.can_id + 1, some.length, some.data)
+    made.receive(strange, now_ns=START)
+    assert made.next_deadline() is None
+    made.receive(some, now_ns=START + 2 * S + 5)
+    assert by_hand.ticks == [START + S, START + 2 * S]
+    assert made.duration_s == pytest.approx(2.0)
+    made.handle_timer(now_ns=START + 3 * S)
+    assert made.frames == len(some)
