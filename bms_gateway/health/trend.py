@@ -46,6 +46,8 @@ FLOORS, FLOOR_K = (0.02, 0.03, 0.02, 0.02, 0.02), 0.1
 """What a window errs beyond its own sd: profile, uneven warmth, a model of two nodes."""
 OPENED = {"jump": 0.3, "cooling": 0.4, "drift": 2.0}  # what may have happened since the last window
 SURPRISE = 3.7  # sd: one in ten thousand windows that are as they should be
+SUDDEN = 3.0
+"""sd of R_e alone: among seven numbers that scatter, one that jumps by a fifth would pass; without one: 2 at most."""
 SETTLING, DOUBTED = 10, 4.0
 """Windows that make the baseline: one that surprises is taken with so many times its variance. Nothing can have changed
 since a commissioning that is under way, and what is opened then leaves it open what the baseline was."""
@@ -256,7 +258,8 @@ class Trend:
         whole = self._score(P, *said)
         scores = {k: self._score(P, *self._said(other, k)) for k, other in without.items()}
         known = before is not None and before in scores and scores[before] + CLEARER < whole
-        if whole <= SURPRISE and not known:
+        sudden = self._jump(P, *said) > SUDDEN
+        if whole <= SURPRISE and not known and not sudden:
             return P, Kind.USUAL
         opened = self._opened(P)
         jumped = opened.copy()
@@ -270,11 +273,19 @@ class Trend:
             return P, Kind.LOOSE
         if min(changed, jump) > SURPRISE:
             return P, Kind.STRANGE
-        return opened, Kind.JUMP if jump + CLEARER < changed or changed > SURPRISE else Kind.OPENED
+        if jump + CLEARER < changed or changed > SURPRISE:
+            return opened, Kind.JUMP
+        return (P, Kind.USUAL) if whole <= SURPRISE else (opened, Kind.OPENED)
 
     def surprising(self, seen: Observed) -> bool:
         """Whether a window contradicts the trend as it stands."""
         return self._score(self.P, *self._said(seen)) > SURPRISE
+
+    def _jump(self, P: Floats, H: Floats, z: Floats, R: Floats) -> float:
+        """Size of the jump of R_e that explains a window best, sd."""
+        h = H[:, J]
+        weight = np.linalg.solve(H @ P @ H.T + R, h)
+        return abs(float(weight @ (z - H @ self.x))) / float(np.sqrt(weight @ h))
 
     def _score(self, P: Floats, H: Floats, z: Floats, R: Floats) -> float:
         """How much farther from the trend a window lies than chance puts it, sd (Wilson and Hilferty's normal χ²)."""

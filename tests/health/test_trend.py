@@ -97,6 +97,19 @@ def test_a_jump_of_R_e_is_no_growth(seed: int) -> None:
     assert trend.of(G)[0] == pytest.approx(before, abs=0.035)
 
 
+@pytest.mark.parametrize("seed", range(1, 5))
+def test_a_jump_that_seven_numbers_together_would_hide_is_seen_in_R_e_alone(seed: int) -> None:
+    """Taken for usual, it was growth of a fifth within ten drives."""
+    trend, rng = Trend(2), np.random.default_rng(seed)
+    driven(trend, 60, seed=seed)
+    seen = observed(level=0.2)  # without noise, and so no surprise on the whole
+    assert not trend.surprising(seen)
+    assert [trend.update(observed(rng, level=0.2, scale=0.3)) for _ in range(CONFIRM)] == [Kind.JUMP] * CONFIRM
+    driven(trend, 30, seed=seed + 100, level=0.2)
+    assert trend.of(J)[0] == pytest.approx(0.2, abs=0.06)
+    assert abs(trend.of(G)[0]) < 0.06
+
+
 def test_a_fan_that_stops_and_a_thermocouple_that_moves_are_taken_up_at_once() -> None:
     for more, at, value in (({"cooling": 0.6}, U, 0.6), ({"drift": (3.0, 0.0)}, None, 3.0)):
         trend = Trend(2)
