@@ -5,6 +5,7 @@ STRICT = "a strict zip of what is of one length"
 ONE_BY_ONE = "what odd frames go through gives the same for all, only slower"
 ANNOTATIONS = "an import for annotations, which are not evaluated"
 WOKEN = "set by the frame that wakes the engine, read after one"
+LATER = "stamps of the open tick and later are put off to what they are"
 SOONER = "a string takes its ticks in before it must: only slower"
 BLOCKS = "ticks are put together when a string takes them, if not before"
 MORE_BINS = "one empty bin more than there are groups, never looked up"
@@ -76,6 +77,9 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "Engine.__init__: 0  ->  1  #6": "losses are told in all: what was told last is not asked",
         "Engine.__init__: False  ->  True  #2": "asked of a state that was taken up, which sets it; no frame before",
         "Engine.__init__: self._woken = 0  ->  pass": WOKEN,
+        "Engine.receive: self._tick_end is not None and int(frames.time_ns[0]) < self._tick_end  ->  "
+        "self._tick_end is not None or int(frames.time_ns[0]) < self._tick_end": LATER,
+        "Engine.receive: int(frames.time_ns[0]) < self._tick_end  ->  int(frames.time_ns[0]) <= self._tick_end": LATER,
         "Engine.__init__: 0.0  ->  1.0": "of what was told last the time since the start is not asked",
     },
     "bms_gateway/engine/group.py": {

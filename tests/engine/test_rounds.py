@@ -376,3 +376,16 @@ def test_no_frame_is_of_the_future() -> None:
     assert made.duration_s == pytest.approx(2.0)
     made.handle_timer(now_ns=START + 3 * S)
     assert made.frames == len(some)
+
+
+def test_one_frame_wakes_the_engine_for_its_own_second() -> None:
+    made, by_hand, _ = engine()
+    some = said(3)
+    feed(made, some[12:13])
+    assert made.next_deadline() == START + S
+    feed(made, some[13:14])
+    assert int(some.time_ns[13]) == START + S
+    assert by_hand.ticks == [START + S]
+    other, by_hand, _ = engine()
+    feed(other, some[12:15])
+    assert by_hand.ticks == [START + S]
