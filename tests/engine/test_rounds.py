@@ -389,3 +389,14 @@ def test_one_frame_wakes_the_engine_for_its_own_second() -> None:
     other, by_hand, _ = engine()
     feed(other, some[12:15])
     assert by_hand.ticks == [START + S]
+
+
+def test_what_comes_after_timers_does_not_hide_the_silence_before_it() -> None:
+    """The timer has taken all that came; it does not fire again before the next frames, which come much later."""
+    made, by_hand, _ = engine(silent_s=3.0)
+    feed(made, said(1))
+    made.handle_timer(now_ns=START + S)
+    feed(made, said(3, start=50))
+    assert by_hand.ticks == [START + k * S for k in (1, 2, 3, 4, 51, 52)]
+    assert by_hand.gaps == [(46.0, False)]
+    assert made.frames == 3 * 13
