@@ -400,3 +400,15 @@ def test_what_comes_after_timers_does_not_hide_the_silence_before_it() -> None:
     assert by_hand.ticks == [START + k * S for k in (1, 2, 3, 4, 51, 52)]
     assert by_hand.gaps == [(46.0, False)]
     assert made.frames == 3 * 13
+
+
+@pytest.mark.parametrize("by_timer", [True, False])
+@pytest.mark.parametrize(("silent_s", "tick"), [(5.1, 8), (5.15, 9)])
+def test_a_silence_begins_with_the_last_frame(by_timer: bool, silent_s: float, tick: int) -> None:
+    made, by_hand, _ = engine(silent_s)
+    feed(made, said(3))  # the last one 2.9 s after the start
+    if by_timer:
+        made.handle_timer(now_ns=START + 40 * S)
+    else:
+        feed(made, said(1, start=40))
+    assert by_hand.ticks == [START + k * S for k in range(1, tick + 1)]
