@@ -91,9 +91,10 @@ async def port(place, decode):
     port = our_port(place)
     loop = asyncio.get_running_loop()
     pending, count, tick = [], 0, time.monotonic() + 1.0
+    timer = loop.call_later(port.gather_s, lambda: drain())
 
     def drain():
-        nonlocal count, tick
+        nonlocal count, tick, timer
         pending.append(port.drain())
         count += len(pending[-1])
         if time.monotonic() >= tick:
@@ -101,12 +102,12 @@ async def port(place, decode):
             if decode is not None:
                 decode(FrameBatch.concat(pending))
             pending.clear()
-        loop.call_later(port.gather_s, drain)
+        timer = loop.call_later(port.gather_s, drain)
 
     start = cpu()
-    loop.call_later(port.gather_s, drain)
     await asyncio.sleep(SECONDS)
     used = cpu() - start
+    timer.cancel()
     port.close()
     return used, count
 
