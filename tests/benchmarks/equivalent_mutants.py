@@ -80,6 +80,9 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "Engine.receive: self._tick_end is not None and int(frames.time_ns[0]) < self._tick_end  ->  "
         "self._tick_end is not None or int(frames.time_ns[0]) < self._tick_end": LATER,
         "Engine.receive: int(frames.time_ns[0]) < self._tick_end  ->  int(frames.time_ns[0]) <= self._tick_end": LATER,
+        "Engine._wake: 0 <= start - self._tick_end <= AT_ONCE_NS  ->  0 < start - self._tick_end <= AT_ONCE_NS": (
+            "where there is no gap nothing is asked of it"
+        ),
         "Engine.__init__: 0.0  ->  1.0": "of what was told last the time since the start is not asked",
     },
     "bms_gateway/engine/group.py": {
