@@ -32,8 +32,8 @@ def stopped(tmp_path_factory):
     return loaded, found
 
 
-def told(name, results):
-    """Check that no band is too narrow, and say what was seen."""
+def told(name, results, strings=2):
+    """Check that no band is too narrow, and say what was seen; so many `strings` may be out whatever their share."""
     cores = sum(r.error[1].size for r in results)
     outside = [sum(r.outside(tick) for r in results) for tick in (0, 1)]
     sent = [sum(r.sent(tick) for r in results) for tick in (0, 1)]
@@ -45,14 +45,18 @@ def told(name, results):
     print(f"one tick later: {sent[1]} sent, {share:.1f} % inside 2 sd ({all_in} restarts wholly), median {sd:.2f} K")
     print(f"at worst {worst:.1f} sd")
     assert sent[1] == cores
-    # the cores of a string err together: of fifteen strings one may be out, and by chance a second
-    assert outside[1] <= max(0.05 * cores, 2 * CELLS)
+    # the cores of a string err together, so a share is a matter of whole strings
+    assert outside[1] <= max(0.05 * cores, strings * CELLS)
     assert worst < 4.0
     assert outside[0] <= 0.07 * max(sent[0], 1)
     assert sd < 3.0
 
 
 def test_while_driving_current_flowing_in_the_gap(stopped):
+    """Over ten seeds: 288 of 7,200 cores (4.0 %) outside two standard deviations one tick later, in 38 of 600 strings.
+
+    After gaps of 5, 30, 120 and 600 s these are 0.8, 2.0, 3.9 and 9.3 %, at worst 2.7, 2.9, 3.5 and 4.7.
+    """
     loaded, found = stopped
     results = [
         restart(loaded, drives, traffic, state, stop + gap)
@@ -71,12 +75,16 @@ def test_after_parking_for_minutes_hours_and_days(stopped):
             again = driven(8, seed + 50, parked(drives, stop, pause))
             later = frames(loaded, again, seed)
             results.append(restart(loaded, again, later, state, 1, clock_s=stop + pause - 1))
-    told("parked", results)
+    told("parked", results, strings=0)
 
 
 @pytest.mark.parametrize("clock", ["starts in 1970", "went back by an hour", "was 1970 when saved"])
 def test_with_a_clock_that_is_not_to_be_believed(stopped, clock):
-    """Driving on after 5 and 120 s, or parked for four hours: nobody can tell which."""
+    """Driving on after 5 and 120 s, or parked for four hours: nobody can tell which.
+
+    Over eleven seeds, with each of the three clocks alike: 81 of 1,980 cores (4.1 %) outside two standard deviations
+    one tick later, in 7 of 165 strings, at worst 3.7; of those parked none, at worst 0.8. So of fifteen strings one.
+    """
     loaded, found = stopped
     results = []
     for seed, drives, traffic, states in found:
@@ -87,4 +95,4 @@ def test_with_a_clock_that_is_not_to_be_believed(stopped, clock):
         results += [restart(loaded, drives, traffic, state, stop + gap, clock_s=by) for gap in (5, 120)]
         again = driven(8, seed + 50, parked(drives, stop, 4 * 3600))
         results.append(restart(loaded, again, frames(loaded, again, seed), state, 1, clock_s=by))
-    told(f"clock {clock}", results)
+    told(f"clock {clock}", results, strings=1)
