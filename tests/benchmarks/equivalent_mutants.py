@@ -6,6 +6,7 @@ ONE_BY_ONE = "what odd frames go through gives the same for all, only slower"
 ANNOTATIONS = "an import for annotations, which are not evaluated"
 WOKEN = "set by the frame that wakes the engine, read after one"
 LATER = "stamps of the open tick and later are put off to what they are"
+NO_GAP = "where there is no gap, of whole nanoseconds, nothing is asked of it"
 SOONER = "a string takes its ticks in before it must: only slower"
 BLOCKS = "ticks are put together when a string takes them, if not before"
 MORE_BINS = "one empty bin more than there are groups, never looked up"
@@ -80,9 +81,9 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "Engine.receive: self._tick_end is not None and int(frames.time_ns[0]) < self._tick_end  ->  "
         "self._tick_end is not None or int(frames.time_ns[0]) < self._tick_end": LATER,
         "Engine.receive: int(frames.time_ns[0]) < self._tick_end  ->  int(frames.time_ns[0]) <= self._tick_end": LATER,
-        "Engine._wake: 0 <= start - self._tick_end <= AT_ONCE_NS  ->  0 < start - self._tick_end <= AT_ONCE_NS": (
-            "where there is no gap nothing is asked of it"
-        ),
+        "Engine._wake: 0 <= start - self._tick_end <= AT_ONCE_NS  ->  0 < start - self._tick_end <= AT_ONCE_NS": NO_GAP,
+        "Engine._wake: 0  ->  1": NO_GAP,
+        "Engine._wake: start < self._tick_end  ->  start <= self._tick_end": NO_GAP,
         "Engine.__init__: 0.0  ->  1.0": "of what was told last the time since the start is not asked",
     },
     "bms_gateway/engine/group.py": {

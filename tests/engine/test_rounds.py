@@ -11,7 +11,7 @@ from bms_gateway.engine import engine as module
 from bms_gateway.engine.broadcast import Counts, State
 from bms_gateway.engine.engine import AT_ONCE_NS, CLOCK_SET_NS, GRACE_TICKS, JOB_DUE_TICKS, LATEST_NS
 from bms_gateway.engine.estimate import TickResult
-from bms_gateway.engine.events import Level
+from bms_gateway.engine.events import Decoded, Level
 from bms_gateway.errors import StateError
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.quality import Quality
@@ -412,3 +412,33 @@ def test_a_silence_begins_with_the_last_frame(by_timer: bool, silent_s: float, t
     else:
         feed(made, said(1, start=40))
     assert by_hand.ticks == [START + k * S for k in range(1, tick + 1)]
+
+
+def test_what_was_held_before_a_gap_is_dropped_at_waking_and_only_then() -> None:
+    made, _, _ = engine(silent_s=3.0)
+    dropped: list[int | None] = []
+    made._inputs.forget = lambda: dropped.append(made.next_deadline())
+    feed(made, said(3))
+    assert dropped == []
+    feed(made, said(3, start=50))
+    assert dropped == [START + 51 * S]
+
+
+def test_a_record_is_of_what_the_guard_let_pass() -> None:
+    made, _, _ = engine()
+    made.recording = True
+    update = made._inputs.update
+
+    def bad(*what):
+        found = update(*what)
+        taken, good = made._inputs.good
+        made._inputs.good = taken, good & (taken.value > 0.0)
+        return found
+
+    made._inputs.update = bad
+    first, second = (e for e in feed(made, said(3)) if isinstance(e, Decoded))
+    assert (first.time_ns, second.time_ns) == (START + S, START + 2 * S)
+    taken, good = made._inputs.good
+    assert 0 < good.sum() < len(good)
+    for got, all_of_it in ((second.sample_ns, taken.time_ns), (second.input, taken.input), (second.value, taken.value)):
+        assert got.tolist() == all_of_it[good].tolist()
