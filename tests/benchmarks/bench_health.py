@@ -5,7 +5,7 @@
 
 One drive is a window of twenty minutes. The truth is the independent integrator of `tests/truth/pack.py`; windows go
 straight to `health.StringHealth`, without frames and without the observer, which is what makes 400 drives affordable:
-some ten seconds a life. A life has a year's weather (0 to 40 °C) with R_e falling with temperature by an
+some twenty seconds a life. A life has a year's weather (0 to 40 °C) with R_e falling with temperature by an
 exponent that is not told (1500, 2500 or 3500 K by seed), charge from 10 to 95 % with R_e depending on it, four cycles
 of varying strength, coolant flow 0.6 to 1.2 of nominal with R_u following it, a start up to 8 K warmer than the
 coolant, cells that differ by 2 %, C_c 4 % and R_c 5 % off what the model says, readings with 0.05 to 0.1 K of noise in
