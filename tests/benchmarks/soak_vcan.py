@@ -325,8 +325,8 @@ class Run:
         A machine without time for the gateway may delay a tick: the second then lasts until every core was heard.
         """
         from_s, sent = time.monotonic(), self.bus.told.sent
-        while (late := self.bus.now_s - end_s) < 0 or (late < MOST_LATE_S and not self.heard):
-            if doing is not None and doing.done():
+        while (late := self.bus.now_s - end_s) < MOST_LATE_S:
+            if (late >= 0 or (doing is not None and doing.done())) and self.heard:
                 break
             self.ears.pump()
             self.bystander.take(self.ears.drain())
