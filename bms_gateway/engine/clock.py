@@ -9,7 +9,8 @@ ones are absurd. The rules, frame by frame, so that the result does not depend o
   set forward) and both are taken; if it goes on where the others were, the stamp was absurd and its frame is dropped.
 """
 
-from dataclasses import dataclass
+from collections import deque
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -42,6 +43,7 @@ class Clock:
     set_back: int = 0
     absurd: int = 0
     _held: FrameBatch | None = None
+    _news: deque[tuple[int, str]] = field(default_factory=deque)  # `faults` as they became with a frame of that time
 
     def straighten(self, frames: FrameBatch) -> FrameBatch:
         """Put a batch onto the line.
@@ -77,12 +79,20 @@ class Clock:
         absurd = f"{self.absurd} frames dropped whose stamps lie far ahead of all others" if self.absurd else ""
         return "; ".join(part for part in (back, absurd) if part)
 
+    def news(self, before_ns: int) -> str:
+        """Tell the faults again if some came with frames of before such a time, each time once; else nothing."""
+        said = ""
+        while self._news and self._news[0][0] < before_ns:
+            said = self._news.popleft()[1]
+        return said
+
     def _one_by_one(self, frames: FrameBatch) -> FrameBatch:
         """Apply the rules to a batch in which something is odd."""
         raw = frames.time_ns.tolist()
         keep: list[int] = []
         times: list[int] = []
         last = raw[0] + self.shift_ns if self.last_ns is None else self.last_ns
+        odd = False
         for i, stamp in enumerate(raw):
             t = stamp + self.shift_ns
             if t > last + AHEAD_NS:
@@ -91,15 +101,22 @@ class Clock:
                     break
                 if raw[i + 1] + self.shift_ns <= last + AHEAD_NS:
                     self.absurd += 1
+                    odd = True
                     continue
             elif t < last - BACK_NS:
                 self.set_back += 1
+                odd = True
                 self.shift_ns += last - t
                 t = last
             elif t < last:
                 self.reordered += 1
                 t = last
             last = t
+            if odd:
+                if self._news and self._news[-1][0] == t:
+                    self._news.pop()  # a clock that is set back over and over stands still here: one entry for all
+                self._news.append((t, self.faults()))
+                odd = False
             keep.append(i)
             times.append(t)
         if keep:

@@ -94,7 +94,6 @@ class Engine:
         self._heard = 0  # newest wanted frame, bus time
         self._jobs: dict[int, _Running] = {}
         self._next_job = 1
-        self._clock_told = ""
         self._started = 0
         self._woken = 0  # start of the first tick since the bus was silent
         self._told = Counts(0, 0, 0, 0.0)
@@ -262,8 +261,7 @@ class Engine:
             self._queue.append(Decoded(t1, taken.time_ns[good], taken.input[good], taken.value[good]))
         if t1 - self._woken >= GRACE_TICKS * self._plan.tick_ns:
             self._queue.extend(self._inputs.changes(t1))
-        if (faults := self._clock.faults()) != self._clock_told:
-            self._clock_told = faults
+        if faults := self._clock.news(t1):
             self._queue.append(Notice(t1, Level.WARNING, "clock", f"time stamps: {faults}"))
         if t1 - self._started == UNHEARD_TICKS * self._plan.tick_ns:
             for name, missing in self._inputs.unheard().items():

@@ -84,6 +84,7 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "Engine._wake: 0 <= start - self._tick_end <= AT_ONCE_NS  ->  0 < start - self._tick_end <= AT_ONCE_NS": NO_GAP,
         "Engine._wake: 0  ->  1": NO_GAP,
         "Engine._wake: start < self._tick_end  ->  start <= self._tick_end": NO_GAP,
+        "Engine._tick: 1000000000.0  ->  1000000001.0": "six digits of it are shown",
         "Engine.__init__: 0.0  ->  1.0": "of what was told last the time since the start is not asked",
     },
     "bms_gateway/engine/group.py": {

@@ -414,6 +414,26 @@ def test_a_silence_begins_with_the_last_frame(by_timer: bool, silent_s: float, t
     assert by_hand.ticks == [START + k * S for k in range(1, tick + 1)]
 
 
+@pytest.mark.parametrize("step", [1000, 7, 1])
+def test_faults_of_time_are_told_at_their_tick_however_frames_are_cut(step: int) -> None:
+    some = said(8)
+    back = some.time_ns.copy()
+    back[30:] -= 3600 * S  # within the third second
+    back[60:] -= 10 * S  # within the fifth, as the next
+    back[[62, 80]] += 9 * 3600 * S  # the other of them within the seventh
+    odd = FrameBatch(back, some.can_id, some.length, some.data)
+    made, _, _ = engine()
+    told = []
+    for k in range(0, len(odd), step):
+        made.receive(odd[k : k + step], now_ns=START + 90 * 3600 * S)
+        told += [e for e in events(made) if isinstance(e, Notice)]
+    dropped = "frames dropped whose stamps lie far ahead of all others"
+    assert told == [
+        Notice(START + t * S, Level.WARNING, "clock", f"time stamps: clock set back {text}")
+        for t, text in ((3, "1×"), (5, f"2×; 1 {dropped}"), (7, f"2×; 2 {dropped}"))
+    ]
+
+
 def test_what_was_held_before_a_gap_is_dropped_at_waking_and_only_then() -> None:
     made, _, _ = engine(silent_s=3.0)
     dropped: list[int | None] = []
@@ -432,7 +452,7 @@ def test_a_record_is_of_what_the_guard_let_pass() -> None:
     def bad(*what):
         found = update(*what)
         taken, good = made._inputs.good
-        made._inputs.good = taken, good & (taken.value > 0.0)
+        made._inputs.good = taken, good & (taken.value > 22.0)
         return found
 
     made._inputs.update = bad

@@ -120,3 +120,16 @@ def test_readings_of_one_instant_have_no_slope() -> None:
     assert line.at(START + S) == 5.0
     line.forget()
     assert math.isnan(line.at(START))
+
+
+def test_faults_are_told_once_in_the_order_of_time() -> None:
+    clock = Clock()
+    clock.straighten(frames([START, START - 5 * S, START - 10 * S, START - 9 * S, START - 20 * S, START - 18 * S]))
+    assert clock.last_ns == START + 3 * S
+    assert len(clock._news) == 2  # the first two at one time
+    assert clock.news(START) == ""
+    assert clock.news(START + 1) == "clock set back 2×"
+    assert clock.news(START + S) == ""
+    assert clock.news(START + 2 * S) == "clock set back 3×"
+    assert clock.news(START + 9 * S) == ""
+    assert clock.faults() == "clock set back 3×"
