@@ -85,7 +85,18 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "Engine._wake: 0  ->  1": NO_GAP,
         "Engine._wake: start < self._tick_end  ->  start <= self._tick_end": NO_GAP,
         "Engine._tick: 1000000000.0  ->  1000000001.0": "six digits of it are shown",
+        "Engine._counts: 0.0  ->  1.0": "of what was told last the time since the start is not asked",
         "Engine.__init__: 0.0  ->  1.0": "of what was told last the time since the start is not asked",
+    },
+    "bms_gateway/engine/estimate.py": {
+        ": if TYPE_CHECKING:  ->  if not TYPE_CHECKING:": ANNOTATIONS,
+    },
+    "bms_gateway/engine/string.py": {
+        "StringEstimator._as_kept: True  ->  False": STRICT,
+    },
+    "bms_gateway/engine/inputs.py": {
+        "Inputs.__init__: True  ->  False": STRICT,
+        "Inputs.__init__: 1  ->  2": "where an input more than there are would end, never looked up",
     },
     "bms_gateway/engine/group.py": {
         ": if TYPE_CHECKING:  ->  if not TYPE_CHECKING:": ANNOTATIONS,

@@ -300,3 +300,10 @@ def test_a_state_of_before_health_had_a_memory_is_taken_up_without(monkeypatch: 
     monkeypatch.setattr(StringHealth, "restore", lambda _, kept: taken.append(kept))
     assert Estimators(PLAN, WIRES).restore(state) == []
     assert taken == [state["strings"][NAMES[i]]["health"] for i in (1, 2, 3, 5, 6)]
+
+
+def test_the_first_tick_is_as_long_as_any(monkeypatch: pytest.MonkeyPatch) -> None:
+    dts: list[float] = []
+    monkeypatch.setattr(Backlog, "add", lambda _, tick: dts.append(tick.dt) or [])
+    driven(Estimators(PLAN, WIRES), readings(6, 2))
+    assert dts == [1.0] * 8
