@@ -89,6 +89,8 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "Engine.__init__: 0.0  ->  1.0": "of what was told last the time since the start is not asked",
     },
     "bms_gateway/engine/estimate.py": {
+        "Estimators._step_group: True  ->  False": STRICT,
+        "Estimators.restore: True  ->  False": STRICT,
         ": if TYPE_CHECKING:  ->  if not TYPE_CHECKING:": ANNOTATIONS,
     },
     "bms_gateway/engine/string.py": {

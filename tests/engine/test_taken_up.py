@@ -12,6 +12,9 @@ from bms_gateway.engine import Notice, Parameters, Plan, estimate
 from bms_gateway.engine.backlog import Backlog
 from bms_gateway.engine.estimate import Estimators
 from bms_gateway.engine.events import Level
+from bms_gateway.engine.readings import Layout, Readings
+from bms_gateway.engine.string import StringEstimator
+from bms_gateway.errors import StateError
 from bms_gateway.health import HealthResult
 from bms_gateway.health.mismatch import Mismatches
 from bms_gateway.health.string_health import StringHealth
@@ -307,3 +310,41 @@ def test_the_first_tick_is_as_long_as_any(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr(Backlog, "add", lambda _, tick: dts.append(tick.dt) or [])
     driven(Estimators(PLAN, WIRES), readings(6, 2))
     assert dts == [1.0] * 8
+
+
+def test_unlike_cells_share_the_heat_of_the_voltage_by_their_resistance(monkeypatch: pytest.MonkeyPatch) -> None:
+    given = []
+    step = AdaptiveObserver.step
+    monkeypatch.setattr(
+        AdaptiveObserver, "step", lambda o, I2, heat, *more: given.append(heat) or step(o, I2, heat, *more)
+    )
+    monkeypatch.setattr(StringEstimator, "heat", lambda *_: 2.0)
+    one = commissioned(0.05)
+    estimators = Estimators(one, WIRES[:1])
+    (r,) = readings(7, 1)
+    estimators.step(
+        Readings(
+            *(x[..., :1] for x in (r.means, r.current_quality, r.inlet, r.flow, r.soc)),
+            *(x[:4] for x in (r.y, r.age, r.quality)),
+            Layout.of(["string_1"], [4]).parts,
+        ),
+        START,
+    )
+    R = np.array([0.9, 1.0, 1.2, 1.05])
+    np.testing.assert_allclose(given, [[2.0 * R / R.mean()]], rtol=1e-6)
+
+
+@pytest.mark.parametrize("factor", [1.1, 1e4])
+def test_parameters_of_a_state_are_told_at_once_if_they_can_be_true(factor: float) -> None:
+    one, state = stored()
+    identifier = state["strings"]["string_1"]["identifier"]
+    identifier["mean"][identifier["names"].index("R_e")] += float(np.log(factor))
+    two = Estimators(PLAN, WIRES)
+    if factor > 1e3:
+        with pytest.raises(StateError, match="string_1: R_e is"):
+            two.restore(state)
+        return
+    two.restore(state)
+    before, after = ({e.name: e.value for e in x.strings[0].known()} for x in (one, two))
+    assert after["R_e"] == pytest.approx(factor * before["R_e"])
+    assert two.strings[0].estimates == two.strings[0].known()
