@@ -8,6 +8,7 @@ import pytest
 
 from bms_gateway.engine import Notice, Parameters, Plan, StringPlan
 from bms_gateway.engine.estimate import Estimators, TickResult
+from bms_gateway.engine.group import _at
 from bms_gateway.engine.inputs import Wire
 from bms_gateway.engine.readings import Layout, Readings
 from bms_gateway.frames.quality import Quality
@@ -240,3 +241,13 @@ def test_parameters_are_told_at_the_start_and_those_of_the_recursive_method_ever
         s = estimators.strings[names.index(name)]
         assert last[name].time_ns == START + 80 * S
         assert last[name].estimates == s.estimates
+
+
+@pytest.mark.parametrize(
+    ("places", "at"),
+    [([3], slice(3, 4)), ([0, 1], slice(0, 2)), ([4, 5, 6], slice(4, 7)), ([0, 2], None), ([1, 0], None)],
+)
+def test_places_in_a_row_are_read_without_a_copy_and_others_one_by_one(places: list[int], at: slice | None) -> None:
+    found = _at(places)
+    assert np.arange(10)[found].tolist() == places
+    assert found == at if at is not None else isinstance(found, np.ndarray)
