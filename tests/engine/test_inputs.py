@@ -335,3 +335,15 @@ def test_voltages_of_cells_that_nobody_asks_for_are_passed_over() -> None:
     assert (wire.cell_voltage == -1).all()
     assert np.flatnonzero(wire.surface >= 0).tolist() == [0, 3]
     assert database().resolve(own_signal(1, "cell_voltage", 2)).can_id not in inputs.can_ids.tolist()
+
+
+@pytest.mark.parametrize("gap", [True, False])
+def test_a_voltage_of_a_cell_meets_no_current_of_before_a_gap(gap: bool) -> None:
+    inputs = hearing("window")
+    message, name = own_signal(1, "cell_voltage", 2).split(".")
+    ticks(inputs, put(3), 3)
+    if gap:
+        inputs.forget()
+    (pairs,) = ticks(inputs, [(3.1, message, name, 0, 3.31)], 1, 3)[0].cells
+    assert (pairs is None) == gap
+    assert gap or pairs.I[1] == pytest.approx(amps(2.9), abs=0.01)

@@ -175,3 +175,16 @@ def test_a_tick_without_anything_new_turns_nothing_away() -> None:
     empty = made.decode(FrameBatch.empty())
     made.update(empty, START + 2 * S, START + 3 * S)
     assert made.rejected == before
+
+
+def test_what_the_guard_says_of_an_input_is_told() -> None:
+    made = Inputs(strings(), database())
+    ticks(made, put(60, silent=20.0), 60)
+    assert [(name, c.quantity, q) for name, c, q in made.faults()] == [
+        ("string_1", "coolant_flow", Quality.NOT_AVAILABLE),  # the frame still comes, for the inlet
+        ("string_2", "surface", Quality.STALE),
+        ("string_3", "soc", Quality.STALE),
+    ]
+    assert [(n.string, n.text.split(" is ")[0]) for n in made.changes(9)] == [
+        ("string_1", "coolant flow"), ("string_2", "surface of cell 2"), ("string_3", "soc")
+    ]  # fmt: skip
