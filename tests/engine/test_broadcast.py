@@ -169,3 +169,10 @@ def test_every_message_goes_out_in_its_cycle_in_the_order_of_the_strings_and_sta
     names = [dbc().get_message_by_frame_id(c & 0x1FFF_FFFF).name for c in batches[TEN].can_id.tolist()]
     parts = ["core"] * 4 + ["summary"] + ["parameters"] * 3 + ["health", "flags"] + ["growth"] * 4
     assert names == [f"string_{k}_{p}" for k in (1, 2) for p in parts] + ["gateway_status", "gateway_info"]
+
+
+def test_states_are_those_of_the_dbc() -> None:
+    choices = dbc().get_message_by_name("gateway_status").get_signal_by_name("state").choices
+    named = {str(text).upper(): value for value, text in choices.items()}
+    named["SILENT"] = named["BUS SILENT"]
+    assert [named[s.name] for s in State] == [s.value for s in State] == [0, 1, 2, 3]
