@@ -92,6 +92,7 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "Broadcast.encode: True  ->  False": STRICT,
     },
     "bms_gateway/engine/estimate.py": {
+        "Estimators.__init__: True  ->  False": STRICT,
         "Estimators._step_group: True  ->  False": STRICT,
         "Estimators.restore: True  ->  False": STRICT,
         ": if TYPE_CHECKING:  ->  if not TYPE_CHECKING:": ANNOTATIONS,

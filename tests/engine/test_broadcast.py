@@ -9,7 +9,7 @@ import pytest
 
 from bms_gateway import __version__
 from bms_gateway.engine.broadcast import Broadcast, Counts, State
-from bms_gateway.engine.estimate import Estimators
+from bms_gateway.engine.estimate import AVAILABLE_SD_K, Estimators
 from bms_gateway.engine.inputs import Inputs
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.identify import Estimate
@@ -176,3 +176,9 @@ def test_states_are_those_of_the_dbc() -> None:
     named = {str(text).upper(): value for value, text in choices.items()}
     named["SILENT"] = named["BUS SILENT"]
     assert [named[s.name] for s in State] == [s.value for s in State] == [0, 1, 2, 3]
+
+
+def test_every_band_that_is_sent_has_its_place_in_the_dbc() -> None:
+    for message, name in (("string_1_core", "core_sd_01"), ("string_1_summary", "hottest_sd")):
+        largest = dbc().get_message_by_name(message).get_signal_by_name(name).maximum
+        assert 12.0 <= AVAILABLE_SD_K <= largest < AVAILABLE_SD_K + 1.0

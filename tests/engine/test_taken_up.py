@@ -146,12 +146,12 @@ def test_time_without_frames_is_taken_for_seen_where_nobody_says_otherwise(monke
 
 
 def test_jobs_and_notices_come_in_the_order_of_the_plan(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Backlog, "add", lambda b, _: [(j, f"{s.plan.name}") for j, s in enumerate(b._strings)] * 2)
+    monkeypatch.setattr(Backlog, "add", lambda b, _: [(j, -s.plan.number) for j, s in enumerate(b._strings)] * 2)
     monkeypatch.setattr(Mismatches, "take", lambda *_: [0, 3, 6])
     estimators = Estimators(PLAN, WIRES)
     estimators.strings[3].mismatch.flag.level = 1
     first, second = driven(estimators, readings(3, 2))
-    assert first.jobs == [(i, name) for i, name in enumerate(NAMES) for _ in range(2)]
+    assert first.jobs == [(i, -i - 1) for i in range(len(NAMES)) for _ in range(2)]
     assert [(type(e), e.string) for e in first.events[1:]] == [
         (kind, name)
         for k, name in enumerate(NAMES)
@@ -348,3 +348,29 @@ def test_parameters_of_a_state_are_told_at_once_if_they_can_be_true(factor: floa
     before, after = ({e.name: e.value for e in x.strings[0].known()} for x in (one, two))
     assert after["R_e"] == pytest.approx(factor * before["R_e"])
     assert two.strings[0].estimates == two.strings[0].known()
+
+
+class Moving(Known):
+    """A recursive method."""
+
+    def add(self, tick: object) -> None:
+        self.done.append(("add", tick))
+
+
+def test_every_whole_minute_what_moves_with_each_tick_is_taken_up_and_told(done: list, monkeypatch) -> None:
+    monkeypatch.setattr(StringHealth, "offer", lambda *_: True)
+    estimators = Estimators(PLAN, WIRES)
+    for i in (1, 4, 5):
+        estimators.strings[i].identifier = Moving(done)
+    first, minute = readings(8, 2)
+    estimators.step(first, START)
+    assert not [x for x in done if isinstance(x[0], AdaptiveObserver)]
+    told = estimators.step(minute, START + 20 * S).events[1:]
+    assert [(o.covariances.shape[0], j) for o, j, *_ in (x for x in done if x[0] not in ("add", "accept"))] == [
+        (2, 0), (2, 1), (3, 2)
+    ]  # fmt: skip
+    assert [(type(e), e.string) for e in told] == [
+        (kind, name) for name in ("string_2", "string_5", "string_6") for kind in (Parameters, Notice)
+    ]
+    assert all(e.estimates == (R_E,) for e in told[::2])
+    assert all((e.code, e.level) == ("ageing", Level.INFO) for e in told[1::2])
