@@ -44,7 +44,7 @@ PLAN = Plan(
         string(4, 3, "window", 1e-4, FALLING),
         string(5, 3, "rls", None),
         string(6, 4, "rls", 1.5e-4),
-        string(7, 2, "off", None, LATE),
+        string(7, 2, "window", None, LATE),
     ),
     disturbance=Disturbance(heat_cell=0.3),
 )

@@ -19,6 +19,7 @@ from bms_gateway.health import HealthResult
 from bms_gateway.health.mismatch import Mismatches
 from bms_gateway.health.string_health import StringHealth
 from bms_gateway.identify import Estimate, VoltageTracker
+from bms_gateway.identify.cell_live import CellResult
 from bms_gateway.identify.contract import Posterior
 from bms_gateway.observe import AdaptiveObserver
 from bms_gateway.observe.effects import EffectObserver
@@ -374,3 +375,19 @@ def test_every_whole_minute_what_moves_with_each_tick_is_taken_up_and_told(done:
     ]
     assert all(e.estimates == (R_E,) for e in told[::2])
     assert all((e.code, e.level) == ("ageing", Level.INFO) for e in told[1::2])
+
+
+def test_a_fit_of_cells_goes_to_the_observer_at_once(done: list, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(estimate, "sentence", lambda _: "so it is")
+    estimators = Estimators(PLAN, WIRES)
+    s = estimators.strings[2]
+    numbers = SimpleNamespace(values={"R_e": np.ones(4)}, names=("R_e",), common=np.eye(1), own=np.zeros((4, 3, 3)))
+    s.cells = Apart(done, numbers)
+    s.cells.warning = ""
+    result = CellResult(SimpleNamespace(), np.full(4, nan), False, "")
+    told = estimators.accept(2, result, 9)
+    caught, accepted, (_, place, values, *_) = done
+    assert (caught, accepted, place) == (("catch_up", 1), ("accept", result), 1)
+    assert values is numbers.values
+    assert told[0] == Parameters(9, "string_3", s.known())
+    assert s.estimates == s.known()
