@@ -297,6 +297,7 @@ def test_cells_are_identified_by_the_windowed_method_where_there_are_several_and
     assert not identifies_cells(replace(one, identify="rls"))
     assert not identifies_cells(replace(one, identify="off"))
     assert not identifies_cells(replace(one, model=replace(one.model, effects=(FALLING,))))
+    assert identifies_cells(replace(one, model=replace(one.model, cells=2, sensors=(1, 2))))
     priors = {k: p for k, p in one.model.priors.items() if k not in ("R_cc", "C_f")}
     single = replace(one.model, cells=1, sensors=(1,), condition="single", priors=priors)
     assert not identifies_cells(replace(one, model=single))
