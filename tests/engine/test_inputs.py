@@ -348,3 +348,14 @@ def test_a_voltage_of_a_cell_meets_no_current_of_before_a_gap(gap: bool) -> None
     (pairs,) = ticks(inputs, [(3.1, message, name, 0, 3.31)], 1, 3)[0].cells
     assert (pairs is None) == gap
     assert gap or pairs.I[1] == pytest.approx(amps(2.9), abs=0.01)
+
+
+def test_a_channel_of_one_cell_is_none_of_its_voltages_unless_it_says_so() -> None:
+    one = strings().strings[0]
+    odd = Channel("voltage", 2, own_signal(1, "voltage"))
+    inputs = Inputs(
+        Plan((replace(one, channels=(odd, *(c for c in one.channels if c.quantity != "voltage"))),)), database()
+    )
+    assert inputs.wires[0].voltage == -1
+    assert (inputs.wires[0].cell_voltage == -1).all()
+    assert not inputs._active
