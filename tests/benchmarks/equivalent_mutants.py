@@ -102,6 +102,8 @@ EQUIVALENT: dict[str, dict[str, str]] = {
     },
     "bms_gateway/engine/inputs.py": {
         "Inputs.__init__: True  ->  False": STRICT,
+        "Inputs._integrate: 1  ->  2  #3": "every index below nought stands for no input",
+        "Inputs._integrate: 2  ->  3": "one ampere to any power is one",
         "Inputs.__init__: 1  ->  2": "where an input more than there are would end, never looked up",
     },
     "bms_gateway/engine/group.py": {

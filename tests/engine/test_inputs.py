@@ -359,3 +359,26 @@ def test_a_channel_of_one_cell_is_none_of_its_voltages_unless_it_says_so() -> No
     assert inputs.wires[0].voltage == -1
     assert (inputs.wires[0].cell_voltage == -1).all()
     assert not inputs._active
+
+
+def test_a_reading_stamped_with_the_start_of_a_tick_is_one_of_that_tick() -> None:
+    content = [(float(k), "string_1_surface", "surface_01", 0, 25.0 + 0.1 * k) for k in range(4)]
+    _, *later = ticks(Inputs(strings(), database()), content, 4)  # at first it has not been seen to move
+    assert [r.y[0] for r in later] == pytest.approx([25.1, 25.2, 25.3], abs=0.05)
+    assert [r.age[0] for r in later] == [1.0, 1.0, 1.0]
+
+
+@pytest.mark.parametrize("gaps", [False, True])
+def test_a_step_over_a_gap_says_nothing_of_the_sign_of_the_current(gaps: bool) -> None:
+    """Current and voltage rise and fall together from tick to tick, as with a wrong sign; within a tick they stand."""
+    inputs = Inputs(strings(), database())
+    signs = []
+    for k in range(60):
+        both = [(k + x / 10, "string_1_electrical", x) for x in range(10)]
+        content: Put = [(t, name, "current", None, 10.0 + 40.0 * (k % 2)) for t, name, _ in both]
+        content += [(t, name, "voltage", None, 13.0 + 0.5 * (k % 2)) for t, name, _ in both]
+        ticks(inputs, content, 1, first=k)
+        signs += [n for n in inputs.changes(START + (k + 1) * S) if n.code == "current_sign"]
+        if gaps:
+            inputs.forget()
+    assert bool(signs) != gaps
