@@ -10,8 +10,10 @@ out, then nothing, and no timer is armed. The next frame wakes the engine, which
 step. A start from a stored state is the same thing: a gap between the snapshot and the first frame.
 
 **Jobs.** Identification of a window takes tenths of a second. The engine hands it out as a job and applies its result
-at a fixed later bus time; a result that is not there by then is computed on the spot. So a live thread and an inline
-replay change parameters at the same tick.
+at a fixed later bus time, so a live service and an inline replay change parameters at the same tick. A result that is
+late is waited for: to compute it on the spot would hold up a full bus until the kernel drops frames, and it is late
+because the machine is busy as it is. On the spot is run only what nobody has taken: a long batch may hold a job's
+start and its due time.
 """
 
 from collections import deque
@@ -52,6 +54,7 @@ class _Running:
     string: int
     due_ns: int
     job: Job
+    taken: bool = False
     result: object | None = None
 
 
@@ -200,16 +203,22 @@ class Engine:
 
     def next_output(self) -> Event | None:
         """Next event of the one ordered queue; None when there is nothing to say."""
-        return self._queue.popleft() if self._queue else None
+        event = self._queue.popleft() if self._queue else None
+        if isinstance(event, StartJob) and self.awaits(event.job_id):
+            self._jobs[event.job_id].taken = True
+        return event
 
     def awaits(self, job_id: int) -> bool:
-        """Whether the result of a job is still of use: it is not past its due time."""
+        """Whether the result of a job is still of use: it has not been applied."""
         return job_id in self._jobs
 
     def finish(self, job_id: int, result: object) -> None:
-        """Hand in the result of a job; it takes effect at the job's due time."""
-        if job_id in self._jobs:
-            self._jobs[job_id].result = result
+        """Hand in the result of a job; it takes effect at the job's due time, or at the next tick if that is over.
+
+        None gives the job back: it has not been done, and will not be.
+        """
+        if self.awaits(job_id):
+            self._jobs[job_id].result, self._jobs[job_id].taken = result, result is not None
 
     def _work_off(self) -> None:
         """Run every tick whose frames are all here; keep the frames of the open tick."""
@@ -287,7 +296,7 @@ class Engine:
 
     def _take_results(self, now: int) -> None:
         """Apply the results that are due, in the order of their jobs."""
-        for job_id in [i for i, r in self._jobs.items() if r.due_ns <= now]:
+        for job_id in [i for i, r in self._jobs.items() if r.due_ns <= now and (r.result is not None or not r.taken)]:
             running = self._jobs.pop(job_id)
             result = running.job.run() if running.result is None else running.result
             self._queue.extend(self._estimators.accept(running.string, result, now))

@@ -44,9 +44,10 @@ class SendFrames:
 
 @dataclass(frozen=True, slots=True)
 class StartJob:
-    """Work to do outside: `engine.finish(job_id, job.run())` before bus time `due_ns`, else the engine runs it itself.
+    """Work to do outside: `engine.finish(job_id, job.run())`, before bus time `due_ns` if possible.
 
-    The result takes effect at `due_ns` in any case, so a live thread and an inline replay estimate the same.
+    The result takes effect at `due_ns`, however early it comes, so a live service and an inline replay estimate the
+    same; one that comes later takes effect when it is there.
     """
 
     time_ns: int

@@ -64,10 +64,6 @@ class LiveEngine(Protocol):
         """Give the next event, or None."""
         ...
 
-    def awaits(self, job_id: int) -> bool:
-        """Whether the result of a job is still of use."""
-        ...
-
     def finish(self, job_id: int, result: object) -> None:
         """Take the result of a job."""
         ...
@@ -294,12 +290,12 @@ class Gateway:
     def _start(self, event: StartJob) -> None:
         self.tally.jobs += 1
         future = self._loop.run_in_executor(self._worker, self._run_job, event.job)
-        future.add_done_callback(partial(self._finish, self.engine, event.job_id))
+        future.add_done_callback(partial(self._finish, self.engine, event))
 
-    def _finish(self, engine: LiveEngine, job_id: int, done: "asyncio.Future[object]") -> None:
+    def _finish(self, engine: LiveEngine, event: StartJob, done: "asyncio.Future[object]") -> None:
         if not done.cancelled():
-            self.tally.jobs_late += not engine.awaits(job_id)
-            engine.finish(job_id, done.result())
+            self.tally.jobs_late += self.port.now_ns() > event.due_ns
+            engine.finish(event.job_id, done.result())
 
     # systemd, state, end
 

@@ -77,9 +77,6 @@ class Busy:
             return StartJob(now, 1_000_000 + self.fits, now + 30 * SECOND, self._jobs[self.fits % len(self._jobs)])
         return self._inner.next_output()
 
-    def awaits(self, job_id):
-        return True
-
     def finish(self, job_id, result):
         self.fits += 1
         self._running = False

@@ -65,6 +65,8 @@ NAMES = {
     "clock_steps_total": "clock_steps",
     "frames_received_total": "received",
     "process_cpu_seconds_total": "cpu_s",
+    "jobs_total": "fits",
+    "jobs_late_total": "late",
 }
 """What scenarios call a metric."""
 
@@ -77,6 +79,8 @@ class Slot:
     at_s: float
     dropped: int
     missing: int
+    paused_s: float
+    """By which the vehicle was late: this machine had no time for it, and perhaps none for the gateway."""
     rss_MiB: float
     changes: list[str]
     """Cells whose quality differed from that before the fault, by second."""
@@ -93,6 +97,7 @@ class Slot:
             "holds": o.holds,
             "dropped": self.dropped,
             "missing": self.missing,
+            "paused_s": round(self.paused_s, 2),
             "rss_MiB": round(self.rss_MiB, 1),
             "changes": [] if o.holds else self.changes,
         }
@@ -214,6 +219,7 @@ class Run:
         took = time.monotonic() - real_s
         received = self.service.counts["received"] - at_begin[0]["received"]
         cpu = self.service.counts["cpu_s"] - at_begin[0]["cpu_s"]
+        fits = {name: self.service.counts[name] for name in ("fits", "late")}
         sent = self.bus.told.sent - at_begin[1]
         memory = [r for t, r in self.rss if t >= (settled_s or 0.0)]
         await self._slot("killed", self.bus.now_s + CYCLE_S)
@@ -235,6 +241,7 @@ class Run:
             "rss_MiB_by_minute": [round(r, 1) for _, r in self.rss[::60]],
             "growth_MiB": growth,
             "dropped": injected,
+            **fits,
             "tried": len(self.slots),
             "failed": failed,
         }
@@ -251,7 +258,7 @@ class Run:
         record = self.record = Record(np.inf, np.inf)
         at = self.bus.now_s
         await self._steady()
-        before, sent = dict(self.service.counts), self.bus.told.sent
+        before, sent, paused_s = dict(self.service.counts), self.bus.told.sent, self.bus.told.paused_s
         record.start_s = self.bus.now_s
         doing = asyncio.ensure_future(self._break(name))
         while not doing.done():
@@ -268,14 +275,15 @@ class Run:
         counts = self.service.counts
         dropped = round(counts["dropped"] - before["dropped"]) if name != "killed" else 0
         missing = self.bus.told.sent - sent - round(counts["received"] - before["received"]) - dropped
-        outcome = judge(scenario, record)
+        outcome, paused_s = judge(scenario, record), self.bus.told.paused_s - paused_s
         rss = max(r for t, r in self.rss if t >= at)
         missing = missing if name != "killed" else 0
-        self.slots.append(Slot(outcome, record.start_s, dropped, missing, rss, changes(record)))
+        self.slots.append(Slot(outcome, record.start_s, dropped, missing, paused_s, rss, changes(record)))
         print(
             f"{record.start_s:7.0f} s {name:20} {'held' if outcome.holds else 'FAILED':6} {outcome.seen}; "
             f"recovered {outcome.recovered_s if outcome.recovered_s is None else round(outcome.recovered_s, 1)} s; "
-            f"dropped {dropped}, otherwise not received {missing}; {rss:.1f} MiB",
+            f"dropped {dropped}, otherwise not received {missing}; "
+            f"vehicle paused {paused_s:.1f} s; {rss:.1f} MiB",
             flush=True,
         )
         if not outcome.holds:

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bms_gateway.bus.virtual import VirtualPack
-from bms_gateway.engine import Cells, Engine, Estimated, Notice, Parameters, SendFrames, StartJob, drain, drive
+from bms_gateway.engine import Cells, Engine, Estimated, Event, Notice, Parameters, SendFrames, StartJob, drain, drive
 from bms_gateway.errors import StateError
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.own import own_signal
@@ -50,29 +50,32 @@ def test_frame_by_frame_with_timers_in_between_is_the_same_stream() -> None:
     assert text(out) == WHOLE
 
 
-def test_late_results_of_jobs_change_nothing() -> None:
-    """A live shell brings a result some ticks later, or not at all; it counts from its due time on."""
+def test_when_a_result_comes_before_its_time_changes_nothing_and_a_late_one_counts_from_then_on() -> None:
+    """A live shell brings a result some ticks later; it counts from its due time on, and is waited for after it."""
     frames = traffic(1250, strings=1)
 
-    def run(delay: int | None) -> list[str]:
+    def run(delay_s: int) -> list[Event]:
         e, out, waiting = engine(1), [], []
-        for k, batch in enumerate(cut(frames, list(range(0, len(frames), 170)))):
+        for batch in cut(frames, list(range(0, len(frames), 17))):
             if not len(batch):
                 continue
-            e.receive(batch, now_ns=int(batch.time_ns[-1]))
+            now = int(batch.time_ns[-1])
+            e.receive(batch, now_ns=now)
             while (event := e.next_output()) is not None:
-                if isinstance(event, StartJob):
-                    waiting.append((k, event))
-                else:
-                    out.append(event)
-            for started, job in list(waiting):
-                if delay is not None and k >= started + delay:
-                    e.finish(job.job_id, job.job.run())
-                    waiting.remove((started, job))
-        assert any(type(e).__name__ == "Parameters" for e in out)
-        return text(out)
+                (waiting if isinstance(event, StartJob) else out).append(event)
+            while waiting and now >= waiting[0].time_ns + delay_s * 10**9:
+                job = waiting.pop(0)
+                e.finish(job.job_id, job.job.run())
+        return out
 
-    assert run(0) == run(20) == run(None)
+    in_time, late, never = run(0), run(40), run(10_000)
+    assert text(in_time) == text(run(20))
+    (at_first, due), (_, then), only = (
+        [e.time_ns for e in out if isinstance(e, Parameters)] for out in (in_time, late, never)
+    )
+    assert due + 10 * 10**9 <= then <= due + 13 * 10**9
+    assert only == [at_first]
+    assert text(e for e in in_time if e.time_ns < due) == text(e for e in never if e.time_ns < due)
 
 
 @pytest.mark.parametrize("edges", [[], list(range(0, 20_000, 170))])

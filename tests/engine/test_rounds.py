@@ -106,6 +106,7 @@ def test_a_job_is_handed_out_and_its_result_counts_from_its_due_time_on() -> Non
     assert [made.awaits(k) for k in range(5)] == [False, True, True, True, False]
     made.finish(2, "of another thread")
     made.finish(7, "of nobody")
+    made.finish(1, None)  # given back
     first = feed(made, said(26, start=6))
     assert by_hand.accepted == []
     told = feed(made, said(2, start=32))
@@ -114,8 +115,24 @@ def test_a_job_is_handed_out_and_its_result_counts_from_its_due_time_on() -> Non
     assert [e for e in first + told if isinstance(e, str)] == ["accepted first", "accepted of another thread"]
     assert [job.runs for job in jobs] == [1, 0, 0]
     assert [made.awaits(k) for k in (1, 2, 3)] == [False, False, True]
-    feed(made, said(3, start=34))
-    assert by_hand.accepted[2:] == [(0, "third", due + 3 * S)]
+    feed(made, said(9, start=34))
+    assert by_hand.accepted[2:] == []
+    assert jobs[2].runs == 0
+    made.finish(3, "late")
+    feed(made, said(1, start=43))
+    assert by_hand.accepted[2:] == [(0, "late", due + 11 * S)]
+    assert not made.awaits(3)
+
+
+def test_a_job_that_begins_and_is_due_within_one_batch_is_run_there_and_then() -> None:
+    made, by_hand, _ = engine()
+    job = Job("at once")
+    by_hand.jobs = {2: [(0, job)]}
+    told = feed(made, said(2 + JOB_DUE_TICKS + 1))
+    assert by_hand.accepted == [(0, "at once", START + (2 + JOB_DUE_TICKS) * S)]
+    assert job.runs == 1
+    handed_out = next(e for e in told if isinstance(e, StartJob))
+    assert not made.awaits(handed_out.job_id)
 
 
 def test_ticks_fall_on_whole_seconds_wherever_frames_begin() -> None:

@@ -4,6 +4,7 @@ from collections import deque
 
 import numpy as np
 
+from bms_gateway.engine.engine import LATEST_NS
 from bms_gateway.engine.events import Level, Notice, SendFrames, StartJob
 from bms_gateway.frames.batch import FrameBatch
 
@@ -74,13 +75,11 @@ class TickEngine:
         self.queue.append(Notice(self.last, Level.WARNING, code, text))
 
     def job(self, job_id, work):
-        self.queue.append(StartJob(self.last, job_id, self.last + 10 * TICK_NS, Job(work)))
+        due = self.last if job_id in self.overdue else LATEST_NS
+        self.queue.append(StartJob(self.last, job_id, due, Job(work)))
 
     def next_output(self):
         return self.queue.popleft() if self.queue else None
-
-    def awaits(self, job_id):
-        return job_id not in self.overdue
 
     def finish(self, job_id, result):
         self.results[job_id] = result
