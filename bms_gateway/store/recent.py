@@ -39,15 +39,42 @@ MAGIC = b"bmsrec1\n"
 _HEAD = struct.Struct("<8sII")
 _SIZE = struct.Struct("<I")
 MAX_PACKED = 8 << 20
-MAX_BLOCK = 64 << 20  # unpacked; a block of `MOST_SAMPLES` takes a twentieth
-MOST_SAMPLES = 200_000
-LONGEST_NS = 1_800_000_000_000  # µs since a block's start fit into 32 bits
+MAX_BLOCK = 64 << 20  # unpacked; a block of ours takes a hundredth
+MOST_SAMPLES = 50_000  # of a block: packing takes some thirty bytes for each meanwhile
+LONGEST_US = 1_800_000_000  # µs since a block's start fit into 32 bits
 SEGMENTS = 16  # what goes when the ring is full is this share of it
 SEGMENT_BYTES = (64 << 10, 4 << 20)  # a reader holds one in memory
 _NAME = re.compile(r"recent-(\d{8,})")
 
 Layout = Mapping[str, Mapping[str, int | float]]
 """Columns of each string, by the names that tables have: the input that fills it (int), or its constant (float)."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Tick:
+    """Samples of a tick as they wait: half of what they were, for a full bus brings a million a minute.
+
+    Attributes
+    ----------
+    time_us : int
+        Of the tick.
+    offset_us : ndarray of int32 (K,)
+        Of each sample, from there.
+    input : ndarray of uint32 (K,)
+    value : ndarray of float32 (K,)
+    """
+
+    time_us: int
+    offset_us: NDArray[np.int32]
+    input: NDArray[np.uint32]
+    value: NDArray[np.float32]
+    layout: Layout
+
+    @classmethod
+    def of(cls, event: Decoded, layout: Layout) -> "_Tick":
+        time_us = event.time_ns // 1000
+        offset = (event.sample_ns // 1000 - time_us).astype(np.int32)
+        return cls(time_us, offset, event.input.astype(np.uint32), event.value.astype(np.float32), layout)
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +146,7 @@ class Recent:
         self.limit = int(megabytes * 1e6)
         low, high = SEGMENT_BYTES
         self._segment = min(max(self.limit // SEGMENTS, low), high)
-        self._waiting: deque[tuple[Decoded, Layout]] = deque()
+        self._waiting: deque[_Tick] = deque()
         self._engine: Engine | None = None
         self._layout: Layout = {}
 
@@ -128,7 +155,7 @@ class Recent:
         if engine is not self._engine:
             self._engine, self._layout = engine, layout_of(engine)
         if len(event.sample_ns):
-            self._waiting.append((event, self._layout))
+            self._waiting.append(_Tick.of(event, self._layout))
 
     def flush(self) -> StateError | None:
         """Write what was added.
@@ -140,27 +167,24 @@ class Recent:
             was written before is not.
         """
         try:
-            while block := self._take():
-                self._write(packed(*block))
+            while ticks := self._take():
+                self._write(packed(ticks))
         except OSError as e:
             self._waiting.clear()
             return StateError(f"{self.directory}: recent signals cannot be kept: {e.strerror}")
         return None
 
-    def _take(self) -> tuple[Layout, list[Decoded]] | None:
+    def _take(self) -> list[_Tick]:
         """Take waiting ticks that fit into one block: of one layout, not too many, not too long."""
-        events: list[Decoded] = []
-        layout: Layout = {}
+        ticks: list[_Tick] = []
         count = 0
         while self._waiting and count < MOST_SAMPLES:
-            event, its = self._waiting[0]
-            if events and (its is not layout or not 0 <= event.time_ns - events[0].time_ns <= LONGEST_NS):
+            tick = self._waiting[0]
+            if ticks and (tick.layout is not ticks[0].layout or not 0 <= tick.time_us - ticks[0].time_us <= LONGEST_US):
                 break
-            events.append(event)
-            layout = its
-            count += len(event.sample_ns)
-            self._waiting.popleft()
-        return (layout, events) if events else None
+            ticks.append(self._waiting.popleft())
+            count += len(tick.input)
+        return ticks
 
     def _write(self, block: bytes) -> None:
         make_directory(self.directory)
@@ -177,11 +201,11 @@ class Recent:
         sync_directory(self.directory)
 
 
-def packed(layout: Layout, events: list[Decoded]) -> bytes:
+def packed(ticks: list[_Tick]) -> bytes:
     """Pack ticks of one layout into a block."""
-    time = np.concatenate([e.sample_ns for e in events]) // 1000
-    which = np.concatenate([e.input for e in events])
-    value = np.concatenate([e.value for e in events]).astype(np.float32)
+    time = np.concatenate([t.time_us + t.offset_us.astype(np.int64) for t in ticks])
+    which = np.concatenate([t.input for t in ticks])
+    value = np.concatenate([t.value for t in ticks])
     order = np.lexsort((time, which))
     time, which, value = time[order], which[order], value[order]
     start = int(time.min())
@@ -192,7 +216,7 @@ def packed(layout: Layout, events: list[Decoded]) -> bytes:
         "start_us": start,
         "inputs": inputs.tolist(),
         "counts": counts.tolist(),
-        "strings": layout,
+        "strings": ticks[0].layout,
     }
     body = json.dumps(line, separators=(",", ":")).encode() + b"\n" + _sorted(step.astype("<u4")) + _sorted(value)
     content = zlib.compress(body, 6)

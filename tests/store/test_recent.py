@@ -3,15 +3,18 @@
 import errno
 import os
 import random
+import tracemalloc
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from bms_gateway.engine import Decoded, Engine
 from bms_gateway.errors import DataError, StateError
 from bms_gateway.store.recent import Recent, read_recent
 from bms_gateway.store.rows import excerpt
+from tests.engine.packs import database, plan
 from tests.store.disk import Recorder, build
 from tests.store.ring import recorded
 
@@ -233,3 +236,28 @@ def test_after_the_clock_went_back_only_what_came_later_is_one_table(tmp_path):
 def test_an_empty_ring_is_one_line(tmp_path):
     with pytest.raises(DataError, match="no recent signals are recorded there"):
         excerpt(tmp_path / "nowhere", 60.0)
+
+
+def test_a_full_bus_of_wanted_samples_waits_in_half_its_bytes_and_is_packed_little_by_little(tmp_path):
+    """A minute of a full bus on which every frame is wanted: some million samples."""
+    rng, engine = np.random.default_rng(0), Engine(plan(1), database())
+    each, ticks, second = 17_000, 60, 10**9
+    ring, begun = Recent(tmp_path / "recent", 64.0), 1_700_000_000 * second
+
+    def tick(k):
+        at = np.sort(rng.integers(0, second, each)) + begun + (k - 1) * second
+        return Decoded(begun + k * second, at, rng.integers(0, 5, each), rng.normal(25.0, 1.0, each))
+
+    tracemalloc.start()
+    try:
+        for k in range(ticks):
+            ring.add(tick(k), engine)
+        waiting, _ = tracemalloc.get_traced_memory()
+        tracemalloc.reset_peak()
+        assert ring.flush() is None
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert waiting < 13.0 * each * ticks  # of 24 as they came
+    assert most - waiting < 6e6
+    assert len(samples(tmp_path / "recent")) == each * ticks
