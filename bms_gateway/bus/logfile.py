@@ -18,7 +18,7 @@ __all__ = ["FORMATS", "LogNotes", "read_log", "write_log"]
 
 CANDUMP: Final = (".log",)
 FORMATS: Final = (*CANDUMP, ".asc", ".blf", ".csv", ".mf4", ".trc")
-CHUNK: Final = 2 << 20  # about 40,000 lines: columns stay in the cache, peak memory below 30 MiB
+CHUNK: Final = 512 << 10  # about 10,000 lines: columns stay in the cache, and peak memory low
 LONGEST_LINE: Final = 1 << 16  # without a newline in so many bytes it is no text
 
 

@@ -21,6 +21,7 @@ from bms_gateway.identify.cell_resistance import CellFit, CellNumbers, CellRecor
 from bms_gateway.identify.cells_in_words import cell_estimates
 from bms_gateway.identify.contract import Estimate, Posterior, Tick
 from bms_gateway.identify.electrical import ElectricalResistance, ElectricalSums, PairMeans
+from bms_gateway.identify.gathered import Gathered
 from bms_gateway.thermal import Disturbance, Floats, StringModel
 
 MILESTONES_S = (1800.0, 3600.0, 5400.0)
@@ -122,8 +123,7 @@ class CellIdentifier:
     def _clear(self) -> None:
         self._square: list[float] = []
         self._inlet: list[float] = []
-        self._surface: list[Floats] = []
-        self._age: list[Floats] = []
+        self._readings = Gathered()
         self._dt = 1.0
         self._held = (0.0, 0.0)
         self._flow = 1.0
@@ -171,8 +171,7 @@ class CellIdentifier:
         last = self._square[-1] if self._square else 0.0
         self._square.append(last if blind else tick.mean_square_current)
         self._inlet.append(self._inlet[-1] if still else tick.inlet)
-        self._surface.append(tick.surface)
-        self._age.append(tick.age)
+        self._readings.add(tick.surface, tick.age)
         self._heard |= pairs is not None
         self._sums.update(pairs, current, tick.dt)
         seconds = len(self._square) * tick.dt
@@ -199,9 +198,8 @@ class CellIdentifier:
         electrical = self._sums.result(self._dt)
         if self._pending or 2 * int(np.isfinite(electrical.value).sum()) < self._model.cells:
             return None
-        record = CellRecord(
-            np.array(self._square), np.array(self._inlet), np.array(self._surface), np.array(self._age), self._dt
-        )
+        surface, age, read = self._readings.read()
+        record = CellRecord(np.array(self._square), np.array(self._inlet), surface, age, self._dt, read)
         if not record.sensed:
             return None
         self._pending = True

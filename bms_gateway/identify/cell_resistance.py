@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from bms_gateway.identify.cell_prior import Baseline, CellPrior, CellSettings, Layout, cell_prior
 from bms_gateway.identify.disturbed import disturbed, whiten
-from bms_gateway.identify.response import Inputs, respond
+from bms_gateway.identify.response import Inputs, surfaces
 from bms_gateway.thermal import Disturbance, Floats, Start, StringModel
 
 PROBE = 1e-4
@@ -47,11 +47,13 @@ class CellRecord:
     mean_square_current : ndarray (K,), A²
     inlet : ndarray (K + 1,), °C
         At the instants.
-    surface : ndarray (K, n), °C
+    surface : ndarray (K, r), °C
         Readings that belong to instants 1…K; NaN where there is none.
-    age : ndarray (K, n), s
+    age : ndarray (K, r), s
         Instant less time of the reading, 0…dt.
     dt : float, s
+    cells : tuple of int, optional
+        0-based cells that these columns are of; all, in their order, by default.
     """
 
     mean_square_current: Floats
@@ -59,12 +61,18 @@ class CellRecord:
     surface: Floats
     age: Floats
     dt: float = 1.0
+    cells: tuple[int, ...] | None = None
+
+    @property
+    def read(self) -> tuple[int, ...]:
+        """Columns with readings."""
+        there: NDArray[np.bool_] = np.isfinite(self.surface)
+        return tuple(k for k in range(there.shape[1]) if there[:, k].any())
 
     @property
     def sensed(self) -> tuple[int, ...]:
         """0-based cells with readings."""
-        there: NDArray[np.bool_] = np.isfinite(self.surface)
-        return tuple(k for k in range(there.shape[1]) if there[:, k].any())
+        return self.read if self.cells is None else tuple(self.cells[k] for k in self.read)
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,11 +211,12 @@ class _Problem:
         self.steps = min(steps, len(record.mean_square_current))
         K = len(record.mean_square_current)
         self.blocks = -(-K // self.steps)
-        y = record.surface[:, list(self.sensed)]
+        read = list(record.read)
+        y = record.surface[:, read]
         self.there = np.isfinite(y)
         self.count = self._sum(self.there.astype(np.float64))
         self.y = y
-        self.w = np.clip(np.nan_to_num(record.age[:, list(self.sensed)]) / record.dt, 0.0, 1.0)
+        self.w = np.clip(np.nan_to_num(record.age[:, read]) / record.dt, 0.0, 1.0)
         J = np.zeros((K, 0))
         self.inputs = Inputs(record.mean_square_current, np.zeros(K), record.inlet, record.dt, J, np.zeros(0))
         first = [y[self.there[:, j], j][0] for j in range(y.shape[1])]
@@ -223,11 +232,11 @@ class _Problem:
         """Block means of readings less undisturbed response (B, m, S)."""
         sets = [self.layout.parameters(self.model, t) for t in thetas]
         x0 = np.full((len(sets), 2 * self.model.cells), self.level)
-        f = respond(sets, self.inputs, x0, self.sensed).surface
-        f = f[:, 1:] + self.w * (f[:, :-1] - f[:, 1:])
         out = np.empty((self.blocks, len(self.sensed), len(sets)))
-        for s in range(len(sets)):
-            out[:, :, s] = self._sum(np.where(self.there, self.y - f[s], 0.0)) / np.maximum(self.count, 1.0)
+        for some, f in surfaces(sets, self.inputs, x0, self.sensed):
+            f = f[:, 1:] + self.w * (f[:, :-1] - f[:, 1:])
+            for s, own in enumerate(f, start=some.start):
+                out[:, :, s] = self._sum(np.where(self.there, self.y - own, 0.0)) / np.maximum(self.count, 1.0)
         return out
 
     def linear(self, theta: Floats, level: float) -> _Linear:

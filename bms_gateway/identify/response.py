@@ -7,7 +7,7 @@ first states are stepped. The result equals the step-by-step simulation to round
 Lin et al., Eq 16-18, corrected as `thermal.string` says.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +15,8 @@ import numpy as np
 from bms_gateway.thermal import Floats, StringParameters, continuous, discretize
 
 BLOCK = 32  # steps; near the square root of a window, where Toeplitz and stepping cost the same
+TOGETHER = 8
+"""Parameter sets simulated at once where there are many, as of a string's single cells."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,60 +106,127 @@ def respond(sets: Sequence[StringParameters], inputs: Inputs, x0: Floats, sensed
     ----------
     Lin et al., Eq 1 and 18, solved for many parameter sets.
     """
-    A, B = _discrete(sets, inputs.dt)
-    u = inputs.stacked()
-    K, r = u.shape
-    S, N, _ = A.shape
-    m, L = len(sensed), min(BLOCK, K)
-    C = np.zeros((m, N))
-    C[np.arange(m), 2 * np.asarray(sensed) + 1] = 1.0
-    reach = np.empty((L, S, N, r))  # A^j B
-    see = np.empty((L, S, m, N))  # C A^(j+1)
-    step = np.broadcast_to(np.eye(N), A.shape)
-    G = B
-    for j in range(L):
-        reach[j] = G
-        G = A @ G
-        step = A @ step
-        see[j] = step[:, 1::2][:, list(sensed)]
-    kernel = reach[:, :, 1::2][:, :, list(sensed)]  # (L, S, m, r)
-    toeplitz = np.zeros((S, L, m, L, r))
-    for i in range(L):
-        toeplitz[:, i:, :, i] = kernel[: L - i].transpose(1, 0, 2, 3)
-    blocks = -(-K // L)
-    padded = np.zeros((blocks * L, r))
-    padded[:K] = u
-    U = padded.reshape(blocks, L * r).T
-    inside = toeplitz.reshape(S, L * m, L * r) @ U  # (S, L m, blocks)
-    jump = reach[::-1].transpose(1, 2, 0, 3).reshape(S, N, L * r) @ U
-    X = np.empty((S, N, blocks))
-    Phi = np.empty((blocks, N, N))
-    x = x0
-    P = np.eye(N)
-    for b in range(blocks):
-        X[:, :, b], Phi[b] = x, P
-        if b < blocks - 1:
-            x = (step @ x[:, :, None])[:, :, 0] + jump[:, :, b]
-            P = step[0] @ P
-    observe = see.transpose(1, 0, 2, 3).reshape(S, L * m, N)
-    surface = np.empty((S, K + 1, m))
-    surface[:, 0] = x0[:, 1::2][:, list(sensed)]
-    surface[:, 1:] = (observe @ X + inside).transpose(0, 2, 1).reshape(S, blocks * L, m)[:, :K]
+    w = _Blocks.of(sets, inputs, sensed)
+    K, L, m = len(w.u), len(w.reach), len(sensed)
+    N = w.step.shape[1]
+    X, x = w.starts(x0)
     by_start = np.empty((K + 1, m, N))
-    by_start[0] = C
-    by_start[1:] = (observe[0] @ Phi).reshape(blocks * L, m, N)[:K]
-    by_input = _by_input(
-        toeplitz[0].reshape(L * m, L * r),
-        reach[::-1, 0].transpose(1, 0, 2).reshape(N, L * r),
-        step[0],
-        observe[0],
-        inputs,
-        L,
-        m,
-    )
-    for k in range((blocks - 1) * L, K):  # the last block may be short
-        x = (A @ x[:, :, None])[:, :, 0] + B @ u[k]
-    return Response(surface, x, by_start, by_input)
+    by_start[0] = 0.0
+    by_start[0, np.arange(m), 2 * np.asarray(sensed) + 1] = 1.0
+    Phi = np.empty((X.shape[2], N, N))
+    P = np.eye(N)
+    for b in range(len(Phi)):
+        Phi[b] = P
+        P = w.step[0] @ P
+    by_start[1:] = (w.observe[0] @ Phi).reshape(-1, m, N)[:K]
+    jump = w.reach[::-1, 0].transpose(1, 0, 2).reshape(N, -1)
+    by_input = _by_input(w.toeplitz[0].reshape(L * m, -1), jump, w.step[0], w.observe[0], inputs, L, m)
+    for k in range((len(Phi) - 1) * L, K):  # the last block may be short
+        x = (w.A @ x[:, :, None])[:, :, 0] + w.B @ w.u[k]
+    return Response(w.surface(X), x, by_start, by_input)
+
+
+def surfaces(
+    sets: Sequence[StringParameters], inputs: Inputs, x0: Floats, sensed: Sequence[int]
+) -> Iterator[tuple[slice, Floats]]:
+    """Simulate the surfaces of many parameter sets, a few at a time: memory does not grow with their number.
+
+    Parameters
+    ----------
+    sets, inputs, x0, sensed
+        As of `respond`.
+
+    Yields
+    ------
+    slice
+        Which of the sets.
+    ndarray (·, K + 1, m)
+        `Response.surface` of these, to the last bit.
+    """
+    for first in range(0, len(sets), TOGETHER):
+        some = slice(first, min(first + TOGETHER, len(sets)))
+        w = _Blocks.of(sets[some], inputs, sensed)
+        yield some, w.surface(w.starts(x0[some])[0])
+
+
+@dataclass(frozen=True, slots=True)
+class _Blocks:
+    """What S parameter sets do within a block of L steps, whatever the state at its start.
+
+    Attributes
+    ----------
+    A, B : ndarray (S, N, N), (S, N, r)
+        One step.
+    u : ndarray (K, r)
+    U : ndarray (L r, blocks)
+        The inputs of each block.
+    reach : ndarray (L, S, N, r)
+        A^j B.
+    step : ndarray (S, N, N)
+        A^L.
+    observe : ndarray (S, L m, N)
+        C A^(j+1).
+    toeplitz : ndarray (S, L, m, L, r)
+    sensed : list of int (m)
+    """
+
+    A: Floats
+    B: Floats
+    u: Floats
+    U: Floats
+    reach: Floats
+    step: Floats
+    observe: Floats
+    toeplitz: Floats
+    sensed: list[int]
+
+    @classmethod
+    def of(cls, sets: Sequence[StringParameters], inputs: Inputs, sensed: Sequence[int]) -> "_Blocks":
+        A, B = _discrete(sets, inputs.dt)
+        u = inputs.stacked()
+        K, r = u.shape
+        S, N, _ = A.shape
+        m, L = len(sensed), min(BLOCK, K)
+        reach = np.empty((L, S, N, r))
+        see = np.empty((L, S, m, N))
+        step = np.broadcast_to(np.eye(N), A.shape)
+        G = B
+        for j in range(L):
+            reach[j] = G
+            G = A @ G
+            step = A @ step
+            see[j] = step[:, 1::2][:, list(sensed)]
+        kernel = reach[:, :, 1::2][:, :, list(sensed)]  # (L, S, m, r)
+        toeplitz = np.zeros((S, L, m, L, r))
+        for i in range(L):
+            toeplitz[:, i:, :, i] = kernel[: L - i].transpose(1, 0, 2, 3)
+        blocks = -(-K // L)
+        padded = np.zeros((blocks * L, r))
+        padded[:K] = u
+        observe = see.transpose(1, 0, 2, 3).reshape(S, L * m, N)
+        return cls(A, B, u, padded.reshape(blocks, L * r).T, reach, step, observe, toeplitz, list(sensed))
+
+    def starts(self, x0: Floats) -> tuple[Floats, Floats]:
+        """States at the start of each block (S, N, blocks), and of the last one (S, N)."""
+        S, N, _ = self.A.shape
+        jump = self.reach[::-1].transpose(1, 2, 0, 3).reshape(S, N, -1) @ self.U
+        X = np.empty((S, N, self.U.shape[1]))
+        x = x0
+        for b in range(X.shape[2]):
+            if b:
+                x = (self.step @ x[:, :, None])[:, :, 0] + jump[:, :, b - 1]
+            X[:, :, b] = x
+        return X, x
+
+    def surface(self, X: Floats) -> Floats:
+        """Surfaces (S, K + 1, m) from the states at the start of each block."""
+        (S, _, blocks), K, L, m = X.shape, len(self.u), len(self.reach), len(self.sensed)
+        inside = self.toeplitz.reshape(S, L * m, -1) @ self.U  # (S, L m, blocks)
+        inside += self.observe @ X
+        out = np.empty((S, K + 1, m))
+        out[:, 0] = X[:, 1::2, 0][:, self.sensed]
+        out[:, 1:] = inside.transpose(0, 2, 1).reshape(S, blocks * L, m)[:, :K]
+        return out
 
 
 def _by_input(inside: Floats, jump: Floats, step: Floats, see: Floats, inputs: Inputs, L: int, m: int) -> Floats:

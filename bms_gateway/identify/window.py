@@ -25,6 +25,7 @@ from bms_gateway.identify.contract import (
     not_identifiable,
 )
 from bms_gateway.identify.evidence import Evidence, departures
+from bms_gateway.identify.gathered import Gathered
 from bms_gateway.identify.lumped import R_E, R_U, fold_distance, fold_gradient, lumped_jacobian
 from bms_gateway.identify.posterior_fit import MODEL_SD, WALK_S, Fit, Root, Window, fit_window
 from bms_gateway.identify.ticks import Ticks, before_full
@@ -121,12 +122,10 @@ class WindowIdentifier:
         self._clear()
 
     def _clear(self) -> None:
-        # numbers and arrays of some ticks each, not ticks: a million objects would keep the garbage collector busy
         self._dt = 0.0
         self._square: list[float] = []
         self._heat: list[float] = []
-        self._surface: list[Floats] = []
-        self._age: list[Floats] = []
+        self._readings = Gathered()
         self._inlet: list[float] = []
         self._joined = False  # the window begins where a fitted one ended
         self._held = (0.0, 0.0)  # seconds without current, without inlet
@@ -160,8 +159,7 @@ class WindowIdentifier:
         self._held, self._dt = (blind, still), tick.dt
         self._square.append(square)
         self._heat.append(heat)
-        self._surface.append(tick.surface[None])
-        self._age.append(tick.age[None])
+        self._readings.add(tick.surface, tick.age)
         self._inlet.append(self._inlet[-1] if no_inlet else inlet)
         if len(self._square) * tick.dt >= self._settings.window_s - 1e-6:
             return self._close(full=True)
@@ -179,13 +177,12 @@ class WindowIdentifier:
         self._square += ticks.square.tolist()
         self._heat += ticks.heat.tolist()
         self._inlet += ticks.inlet.tolist()
-        self._surface.append(ticks.surface)
-        self._age.append(ticks.age)
+        self._readings.take(ticks.surface, ticks.age)
 
     def _close(self, full: bool = False) -> WindowJob | None:
         """End the window; a job if it is long enough and warm enough and none is under way."""
         square, heat, inlet = np.array(self._square), np.array(self._heat), np.array(self._inlet)
-        surface, age, dt, joined = self._surface, self._age, self._dt, self._joined
+        readings, dt, joined = self._readings, self._dt, self._joined
         self._clear()
         if not len(square) or len(square) * dt < self._settings.shortest_s or self._pending:
             return None
@@ -195,7 +192,7 @@ class WindowIdentifier:
         R_e, R_u = np.exp(self._guess[[R_E, R_U]])
         if R_u * float(np.mean(square * R_e + np.abs(heat))) < self._settings.least_rise:
             return None
-        window = Window(square, heat, inlet, np.concatenate(surface), np.concatenate(age), dt)
+        window = Window(square, heat, inlet, *readings.whole(), dt)
         self._from_voltage = bool(measured.mean() > 0.5)
         evidence = self._evidence
         if self._windows:

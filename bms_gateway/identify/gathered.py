@@ -1,0 +1,89 @@
+"""Readings of one string over a window or a record, in as little room as they need.
+
+A record of single cells runs for an hour and a half, and few cells have a thermocouple: of a block of ticks only the
+cells that were read are kept. Arrays of one tick each would besides cost several times their numbers, and each would
+hold fast the arrays of all strings that it was cut out of.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bms_gateway.thermal import Floats
+
+TOGETHER = 60
+"""Ticks put together to one block."""
+
+
+class Gathered:
+    """Readings of n cells, tick after tick.
+
+    Examples
+    --------
+    >>> readings = Gathered()
+    >>> readings.add(np.array([25.0, np.nan]), np.array([0.5, 0.0]))
+    >>> readings.take(np.array([[np.nan, 26.0]]), np.array([[0.0, 0.25]]))
+    >>> readings.whole()[0].tolist()
+    [[25.0, nan], [nan, 26.0]]
+    """
+
+    def __init__(self) -> None:
+        self._cells = 0
+        self._single: list[tuple[Floats, Floats]] = []
+        self._blocks: list[tuple[NDArray[np.intp], Floats, Floats]] = []
+
+    def add(self, surface: Floats, age: Floats) -> None:
+        """Take in those of one tick (n,), °C with NaN for none, and s."""
+        self._single.append((surface, age))
+        if len(self._single) >= TOGETHER:
+            self._stack()
+
+    def take(self, surface: Floats, age: Floats) -> None:
+        """Take in those of several ticks (K, n)."""
+        self._stack()
+        self._keep(surface, age)
+
+    def whole(self) -> tuple[Floats, Floats]:
+        """Give all of them.
+
+        Returns
+        -------
+        surface, age : ndarray (K, n)
+            As they came; the age of what was not read may have become 0.
+        """
+        self._stack()
+        return self._of(np.arange(self._cells))
+
+    def read(self) -> tuple[Floats, Floats, tuple[int, ...]]:
+        """Give those of the cells that were read at all.
+
+        Returns
+        -------
+        surface, age : ndarray (K, r)
+            As of `whole`.
+        cells : tuple of int
+            0-based, ascending.
+        """
+        self._stack()
+        cells = sorted({int(k) for read, _, _ in self._blocks for k in read})
+        return *self._of(np.array(cells, np.intp)), tuple(cells)
+
+    def _of(self, cells: NDArray[np.intp]) -> tuple[Floats, Floats]:
+        """Give readings (K, r) of `cells`, all that were read among them."""
+        ticks = sum(len(surface) for _, surface, _ in self._blocks)
+        surface, age = np.full((ticks, len(cells)), np.nan), np.zeros((ticks, len(cells)))
+        end = 0
+        for read, y, a in self._blocks:
+            rows, at = slice(end, end := end + len(y)), np.searchsorted(cells, read)
+            surface[rows, at], age[rows, at] = y, a
+        return surface, age
+
+    def _stack(self) -> None:
+        if self._single:
+            surface, age = zip(*self._single, strict=True)
+            self._single = []
+            self._keep(np.stack(surface), np.stack(age))
+
+    def _keep(self, surface: Floats, age: Floats) -> None:
+        self._cells = surface.shape[1]
+        read = np.flatnonzero(np.isfinite(surface).any(axis=0))
+        self._blocks.append((read, surface[:, read], age[:, read]))
