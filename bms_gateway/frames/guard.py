@@ -8,10 +8,13 @@ input as a constant in the middle of it, a loose one jumps when the inverter swi
 * The *anchor* is the value a channel stays at. Single dips do not move it: each sample that differs takes one from a
   count of at most `ANCHORED`, each equal one gives one back, and at zero the new value becomes the anchor. A channel
   whose anchor outlasts `stuck_after_s` of *active* time, in which current flows and the other channels move, is stuck.
-  At rest nothing counts: good sensors stand still there too.
+  At rest nothing counts: good sensors stand still there too. One that has moved is given more time, unless its own
+  noise and that of half of its peers hardly ever gave the same value twice: then it did not come to rest, it froze.
 * The *home* is the anchor that lasted longest. A channel that left it and, after active time, stands at exactly the
-  same hundredth again is an input that something disturbs, not a temperature: it is stuck as well. A home not seen for
-  `HOME_MEMORY_S` is forgotten.
+  same hundredth again is an input that something disturbs, not a temperature: it is stuck as well. Noise comes back to
+  a hundredth too, every minute, but does not stay there: a home proves something only where it was held for
+  `SETTLED` times the active time that makes a channel stuck. At one that was held less a channel has no more patience
+  than one that never moved. A home not seen for `HOME_MEMORY_S` is forgotten.
 * A channel of fine resolution is not believed before its anchor has moved once (`needs_proof`): an unconnected input is
   thus never taken for a measurement, at the price that a sensor on a resting pack waits for the first 0.01 K. The cost
   is small, since core and surface are equal at rest; a start with a wrong temperature of 25 °C in winter is not.
@@ -51,10 +54,18 @@ ANCHORED = 3
 """Net samples that must differ before a channel has left its value."""
 AT_HOME = 2
 """Net samples at exactly the old value that make a return."""
+SETTLED = 2.0
+"""Times `stuck_after_s`, in seconds and in samples, that a home was held at least once. In hundredths, noise of 0.05 K
+holds a value for 20 samples once in 50,000 hours and for 40 never, noise of 0.02 K for 40 once in 100,000 hours."""
 HOME_MEMORY_S = 300.0
 """Active time away after which a place is no longer home."""
 PROVEN_PATIENCE = 15.0
 """A channel that has been seen moving may stand still so many times longer: near equilibrium good ones do."""
+LIVELY = 0.2
+"""Share of samples equal to the one before up to which a channel's noise is seen. Where it was so lately, and is with
+half of its peers, standing still needs no such patience: `SETTLED` times is more than noise does."""
+REMEMBERED = 600
+"""Samples over which that share is taken: the standing itself must not hide it, nor noise that has ended last."""
 LONGEST_STEP_S = 10.0
 """A gap between intervals longer than this is no time in which anything was seen to stand still."""
 QUALITIES = 16
@@ -121,14 +132,18 @@ class Guard:
         self._calm, self._needed, self._strikes = np.zeros(m, np.int64), np.ones(m, np.int64), np.zeros(m, np.int64)
         self._anchor, self._anchor_count, self._anchor_clock = np.full(m, np.nan), np.zeros(m, np.int64), np.zeros(m)
         self._held, self._home_held = np.zeros(m, np.int64), np.zeros(m, np.int64)
+        self._held_s, self._home_held_s = np.zeros(m), np.zeros(m)
         self._home, self._home_clock = np.full(m, np.nan), np.zeros(m)
         self._clock, self._moving = np.zeros(m), np.zeros(m, np.bool_)
+        self._compared, self._repeats = np.zeros(m, np.int64), np.ones(m)
+        self._peers_lively = np.zeros(m, np.bool_)
         self._proven, self._fine = np.zeros(m, np.bool_), np.zeros(m, np.bool_)
         self._cause = np.full(m, NEVER, np.uint8)
 
     _STATE = (
         *("_previous", "_previous_ns", "_calm", "_needed", "_strikes", "_anchor", "_anchor_count", "_anchor_clock"),
-        *("_held", "_home_held", "_home", "_home_clock"),
+        *("_held", "_home_held", "_held_s", "_home_held_s", "_home", "_home_clock"),
+        *("_compared", "_repeats", "_peers_lively"),
         *("_clock", "_moving", "_fine", "_proven", "_cause", "_value", "_value_ns", "_last", "_received_ns", "_end_ns"),
     )
 
@@ -216,12 +231,19 @@ class Guard:
         updated[c] |= usable
         changed[c] |= stepped & known
         fine[c] |= stepped & (step < 1.01 * PROOF_K)
-        moved, returned = self._follow_anchor(c, value, usable)
         proof, is_fine = self._proof[c], self._fine[c]
-        patience = np.where(self._proven[c], PROVEN_PATIENCE, 1.0)
         limit = np.where(is_fine, self._stuck[c], self._stuck_coarse[c])
-        stands = self._clock[c] - self._anchor_clock[c] > patience * limit
-        stuck = usable & ~jumped & (stands | (returned & proof & is_fine))
+        moved, returned, at_home = self._follow_anchor(c, value, usable, seconds, limit)
+        stood = self._clock[c] - self._anchor_clock[c]
+        stands = stood > np.where(self._proven[c] & ~returned, PROVEN_PATIENCE, 1.0) * limit
+        compared = usable & known
+        self._compared[c] = count = np.minimum(self._compared[c] + compared, REMEMBERED)
+        repeats = self._repeats[c]
+        self._repeats[c] = repeats = repeats + compared * ((step == 0.0) - repeats) / np.maximum(count, 1)
+        long = np.minimum(stood, self._held[c]) > SETTLED * limit
+        if long.any():
+            stands |= long & (repeats <= LIVELY) & self._peers_lively[c] & is_fine
+        stuck = usable & ~jumped & (stands | (at_home & proof & is_fine))
         upset = ~usable | jumped | stuck
         proven, calm, cause = self._proven[c] | (moved & known & ~upset), self._calm[c] + 1, quality
         if upset.any():
@@ -246,28 +268,38 @@ class Guard:
         return np.where(accepted, GOOD, np.where(usable & ~upset, self._cause[c], cause))
 
     def _follow_anchor(
-        self, c: Index | slice, value: NDArray[np.float64], usable: NDArray[np.bool_]
-    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Move the anchor of channels that have left it; tell which have, and which are back at home."""
+        self,
+        c: Index | slice,
+        value: NDArray[np.float64],
+        usable: NDArray[np.bool_],
+        seconds: NDArray[np.float64],
+        limit: NDArray[np.float64],
+    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
+        """Move the anchor of channels that have left it; tell which have, which came back, and which of those home."""
         clock = self._clock[c]
         same = value == self._anchor[c]
         count = np.where(same, np.minimum(self._anchor_count[c] + 1, ANCHORED), self._anchor_count[c] - 1)
         moved = usable & (count <= 0)
         count = np.where(moved, 1, np.where(usable, count, self._anchor_count[c]))
         held = np.where(moved, 1, self._held[c] + usable)
+        held_s = np.where(moved, 0.0, self._held_s[c] + usable * np.minimum(seconds, LONGEST_STEP_S))
         anchor = np.where(moved, value, self._anchor[c])
-        self._anchor_count[c], self._held[c], self._anchor[c] = count, held, anchor
+        self._anchor_count[c], self._held[c], self._held_s[c], self._anchor[c] = count, held, held_s, anchor
         self._anchor_clock[c] = np.where(moved, clock, self._anchor_clock[c])
-        at_home = usable & same & (anchor == self._home[c]) & (count >= AT_HOME)
+        there = usable & same & (anchor == self._home[c]) & (count >= AT_HOME)
         longest = held > self._home_held[c]
         # at rest a good sensor too may come back to a hundredth; one that was found stuck before is not acquitted by it
-        suspect = (clock > self._home_clock[c]) | (self._cause[c] == STUCK)
-        returned = at_home & ~longest & suspect
-        settled = longest | (clock - self._home_clock[c] > HOME_MEMORY_S)
-        self._home[c] = np.where(settled, anchor, self._home[c])
-        self._home_held[c] = np.where(settled, held, self._home_held[c])
-        self._home_clock[c] = np.where(settled | at_home, clock, self._home_clock[c])
-        return moved, returned
+        found = self._cause[c] == STUCK
+        returned = at_home = there & ~longest & ((clock > self._home_clock[c]) | found)
+        if returned.any():
+            settled = np.minimum(self._home_held[c], self._home_held_s[c]) >= SETTLED * limit
+            at_home = returned & (found | settled)
+        renewed = longest | (clock - self._home_clock[c] > HOME_MEMORY_S)
+        self._home[c] = np.where(renewed, anchor, self._home[c])
+        self._home_held[c] = np.where(renewed, held, self._home_held[c])
+        self._home_held_s[c] = np.where(renewed, held_s, self._home_held_s[c])
+        self._home_clock[c] = np.where(renewed | there, clock, self._home_clock[c])
+        return moved, returned, at_home
 
     def _advance(
         self, t1_ns: int, active: NDArray[np.bool_], updated: NDArray[np.bool_], changed: NDArray[np.bool_]
@@ -278,6 +310,9 @@ class Guard:
         others = np.bincount(self._group, updated, 1)[self._group] - updated
         moving = np.bincount(self._group, changed, 1)[self._group] - changed
         self._moving = np.where(others > 0, 2 * moving >= others, self._moving)
+        lively = self._repeats <= LIVELY
+        among = np.bincount(self._group, lively, 1)[self._group] - lively
+        self._peers_lively = (self._peers > 0) & (2 * among >= self._peers)
         if start >= 0:
             step = min(max((t1_ns - start) * 1e-9, 0.0), LONGEST_STEP_S)
             self._clock += (active & (self._moving | (self._peers == 0))) * step

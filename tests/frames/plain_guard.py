@@ -28,15 +28,21 @@ class Channel:
     # the value it stays at, for how many samples, how firmly, and since when
     anchor: float = math.nan
     held: int = 0
+    held_s: float = 0.0
     firm: int = 0
     since: float = 0.0
     # the value it stayed at longest, and when it was last seen there
     home: float = math.nan
     home_held: int = 0
+    home_held_s: float = 0.0
     home_seen: float = 0.0
     # active time
     clock: float = 0.0
     peers_move: bool = False
+    # of the last 600 samples or so: how many were the same as the one before
+    compared: int = 0
+    repeats: float = 1.0
+    peers_lively: bool = False
     seen: bool = False
     changed: bool = False
     stepped_finely: bool = False
@@ -88,6 +94,7 @@ class PlainGuard:
             seen = [o for o in others if o.seen]
             if seen:
                 c.peers_move = 2 * sum(o.changed for o in seen) >= len(seen)
+            c.peers_lively = bool(others) and 2 * sum(o.repeats <= 0.2 for o in others) >= len(others)
             if on and (c.peers_move or not others):
                 c.clock += step
 
@@ -105,11 +112,13 @@ class PlainGuard:
             c.seen = True
             c.changed |= step > 0
             c.stepped_finely |= 0 < step < 0.0505
-        moved, returned = self.follow(c, value, usable)
         is_fine = c.kind in self.fine
         limit = rule.stuck_after_s if is_fine else max(rule.stuck_after_s, 1800.0)
-        stands = c.clock - c.since > (15.0 if c.proven else 1.0) * limit
-        stuck = usable and not jumped and (stands or (returned and rule.needs_proof and is_fine))
+        settled = c.cause == Quality.STUCK or (c.home_held >= 2.0 * limit and c.home_held_s >= 2.0 * limit)
+        moved, returned = self.follow(c, value, usable, min(seconds, 10.0))
+        stands = c.clock - c.since > (15.0 if c.proven and not returned else 1.0) * limit
+        frozen = self.freezes(c, usable and known, step, 2.0 * limit) and is_fine
+        stuck = usable and not jumped and (stands or frozen or (returned and settled and rule.needs_proof and is_fine))
         if usable:
             c.previous, c.previous_ns = value, time_ns
         if jumped or stuck or not usable:
@@ -131,20 +140,28 @@ class PlainGuard:
             c.cause = Quality.GOOD
         return c.cause
 
-    def follow(self, c: Channel, value: float, usable: bool) -> tuple[bool, bool]:
+    def freezes(self, c: Channel, compared: bool, step: float, limit: float) -> bool:
+        """Whether it stands amid noise, its own of before and that of its peers."""
+        if compared:
+            c.compared = min(c.compared + 1, 600)
+            c.repeats += ((step == 0) - c.repeats) / c.compared
+        return c.repeats <= 0.2 and c.peers_lively and min(c.clock - c.since, c.held) > limit
+
+    def follow(self, c: Channel, value: float, usable: bool, seconds: float) -> tuple[bool, bool]:
         """Whether the anchor has moved, and whether the channel has come home."""
         same, moved = value == c.anchor, False
         if usable:
             c.firm = min(c.firm + 1, 3) if same else c.firm - 1
             c.held += 1
+            c.held_s += seconds
             moved = c.firm <= 0
             if moved:
-                c.anchor, c.firm, c.held, c.since = value, 1, 1, c.clock
+                c.anchor, c.firm, c.held, c.held_s, c.since = value, 1, 1, 0.0, c.clock
         at_home = usable and same and c.anchor == c.home and c.firm >= 2
         longest = c.held > c.home_held
         returned = at_home and not longest and (c.clock > c.home_seen or c.cause == Quality.STUCK)
         if longest or c.clock - c.home_seen > 300.0:
-            c.home, c.home_held, c.home_seen = c.anchor, c.held, c.clock
+            c.home, c.home_held, c.home_held_s, c.home_seen = c.anchor, c.held, c.held_s, c.clock
         elif at_home:
             c.home_seen = c.clock
         return moved, returned

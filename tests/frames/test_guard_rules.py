@@ -202,6 +202,19 @@ def test_one_that_never_moved_stands_too_long_after_4_s_and_one_that_has_after_6
     assert told.tolist().index(Quality.STUCK) == 20 + 61
 
 
+@pytest.mark.parametrize(("others", "earliest", "latest"), [(1, 307, 310), (6, 307, 310), (7, 360, 380)])
+def test_one_that_freezes_amid_noise_stands_too_long_after_8_s(others, earliest, latest):
+    """Amid others of which most stand about, though they move, it may stand for 60."""
+    rng = np.random.default_rng(8)
+    series = 25.0 + STEP * rng.integers(-20, 20, (400, 1 + others))
+    series[300:, 0] = series[299, 0]
+    if others == 7:
+        series[:, 4:] = 25.0 + STEP * (np.arange(400)[:, None] // 3 + rng.integers(0, 2, 4))
+        series[300::2, 4:] += STEP
+    told = told_of((FINE,) * (1 + others), series)[:, 0]
+    assert earliest <= told.tolist().index(Quality.STUCK, 10) <= latest
+
+
 def test_a_coarse_one_stands_too_long_after_half_an_hour():
     for begun, first in ((False, 182), (True, 181)):
         told = told_of((COARSE,), np.full((190, 1), 24.0), step_s=10, begun=begun)[:, 0]

@@ -1,0 +1,134 @@
+"""A sound sensor is not called stuck for its noise: the chance by itself, the guard's own counting, many hours at rest.
+
+A value that a channel stays at is left when a count has run out: each equal sample adds one, to at most three, each
+other takes one. White noise of standard deviation σ in steps of q gives the same value again with probability
+erf(q / (σ √8)) at most, which makes the count a walk; how long it lasts is found here from the walk alone.
+"""
+
+from dataclasses import replace
+from math import erf, sqrt
+
+import numpy as np
+import pytest
+
+from bms_gateway.frames.database import Database
+from bms_gateway.frames.guard import SETTLED, Guard, Rule, default_rule
+from bms_gateway.frames.quality import Quality
+from tests.frames.test_guard import FINE, run
+
+S = 1_000_000_000
+HOURS = 1e4
+"""A sound sensor may be called stuck once in so many."""
+
+
+def lasts(same: float, samples: int) -> float:
+    """Chance that a value is stayed at for so many samples, its first one included."""
+    chance = {1: 1.0}
+    for _ in range(samples - 1):
+        after = dict.fromkeys((1, 2, 3), 0.0)
+        for count, p in chance.items():
+            after[min(count + 1, 3)] += p * same
+            if count > 1:
+                after[count - 1] += p * (1.0 - same)
+        chance = after
+    return sum(chance.values())
+
+
+def rule_of(step: float) -> Rule:
+    """A thermometer's rule, the DBC counting in `step`."""
+    text = f'VERSION ""\nBS_:\nBU_: A\nBO_ 1 M: 8 A\n SG_ t : 0|16@1+ ({step},-100) [0|0] "C" A\n'
+    return default_rule("surface", Database.load({"a.dbc": text}).resolve("M.t"))
+
+
+def same_again(noise: float, step: float) -> float:
+    return erf(step / (noise * sqrt(8.0)))
+
+
+def noisy(rng: np.random.Generator, channels: int, noise: float, step: float, seconds: int) -> np.ndarray:
+    """Readings (T, C) at rest."""
+    level = rng.uniform(20.0, 40.0, channels)
+    return np.round((level + noise * rng.standard_normal((seconds, channels))) / step) * step
+
+
+@pytest.mark.parametrize("samples", [2, 5, 12, 30])
+def test_the_guard_leaves_a_value_as_the_walk_does(samples: int) -> None:
+    channels, noise, step = 4000, 0.01, 0.01
+    rng = np.random.default_rng(samples)
+    first = np.zeros((1, channels))  # in the middle of a step, where the same value is likeliest
+    values = np.round(np.concatenate([first, noise * rng.standard_normal((samples - 1, channels))]) / step) * step
+    _, guard = run([FINE] * channels, 25.0 + values)
+    still = float(np.mean(guard.snapshot()["held"] == samples))
+    p = lasts(same_again(noise, step), samples)
+    assert still == pytest.approx(p, abs=4.5 * sqrt(p * (1.0 - p) / channels) + 1e-9)
+
+
+@pytest.mark.parametrize("noise", [0.05, 0.1])
+@pytest.mark.parametrize("step", [0.01, 0.02, 0.05, 0.1])
+def test_noise_holds_no_value_for_as_long_as_makes_a_channel_stuck(noise: float, step: float) -> None:
+    """Neither as a home, to which it might come back, nor by standing: a sample a second, current all the time."""
+    rule, p = rule_of(step), same_again(noise, step)
+    limit = rule.stuck_after_s if step <= 0.05 else 1800.0
+    assert 3600.0 * HOURS * lasts(p, int(SETTLED * limit)) < 1.0
+    assert 3600.0 * HOURS * lasts(p, int(limit)) < 1.0
+
+
+def stuck_at_rest(channels: int, seconds: int, noise: float, sent: float, counted: float) -> int:
+    """Samples called stuck, of strings of eight sensors at rest under current."""
+    base = rule_of(counted)
+    guard = Guard([replace(base, group=k // 8) for k in range(channels)])
+    rng, every, stuck = np.random.default_rng(3), np.arange(channels), 0
+    level, flag = rng.uniform(20.0, 40.0, channels), np.zeros(channels, np.uint8)
+    for t in range(seconds):
+        value = np.round((level + noise * rng.standard_normal(channels)) / sent) * sent
+        got = guard.update(np.full(channels, t * S), every, value, flag, (t + 1) * S, True)
+        stuck += int(np.count_nonzero(got.quality == Quality.STUCK))
+    return stuck
+
+
+WAYS = [(0.05, 0.01, 0.01), (0.1, 0.01, 0.01), (0.05, 0.05, 0.05), (0.05, 0.1, 0.01), (0.1, 0.1, 0.1)]
+
+
+@pytest.mark.parametrize(("noise", "sent", "counted"), WAYS)
+def test_sound_sensors_at_rest_are_not_called_stuck(noise: float, sent: float, counted: float) -> None:
+    """In a hundred hours; those of 0.05 K in hundredths were, 15 times."""
+    assert stuck_at_rest(400, 900, noise, sent, counted) == 0
+
+
+@pytest.mark.slow
+def test_in_ten_thousand_hours_neither() -> None:
+    assert stuck_at_rest(10_000, 3_600, 0.05, 0.01, 0.01) == 0
+
+
+@pytest.mark.parametrize("noise", [0.03, 0.05, 0.1])
+def test_a_sensor_that_freezes_amid_noise_is_found_in_less_than_a_minute_of_current(noise: float) -> None:
+    series = noisy(np.random.default_rng(1), 4, noise, 0.01, 1000)
+    series[500:, 0] = series[499, 0]
+    told, _ = run([FINE] * 4, series)
+    assert (told[20:500] == Quality.GOOD).all()
+    assert told[:, 0].tolist().index(Quality.STUCK, 20) == pytest.approx(500 + SETTLED * FINE.stuck_after_s, abs=4)
+    assert (told[550:, 0] == Quality.STUCK).all()
+    assert (told[20:, 1:] == Quality.GOOD).all()
+
+
+def test_where_sensors_are_quiet_one_may_stand_for_five_minutes() -> None:
+    """Its peers move on; that it was never noisy itself, or that they are not, is a reason to wait."""
+    rng = np.random.default_rng(5)
+    moving = np.round(25.0 + 0.002 * np.arange(1200)[:, None] + 0.004 * rng.standard_normal((1200, 3)), 2)
+    noisy_one = np.round(25.0 + 0.05 * rng.standard_normal((1200, 1)), 2)
+    noisy_one[600:] = noisy_one[599]
+    quiet_one = np.round(25.0 + 0.004 * np.arange(1200)[:, None], 2)
+    quiet_one[600:] = quiet_one[599]
+    told, _ = run([FINE] * 4, np.hstack([noisy_one, moving]))
+    assert (told[20:890, 0] == Quality.GOOD).all()
+    told, _ = run([FINE] * 4, np.hstack([quiet_one, noisy(rng, 3, 0.05, 0.01, 1200)]))
+    assert (told[20:890, 0] == Quality.GOOD).all()
+    assert (told[910:, 0] == Quality.STUCK).all()
+
+
+def test_an_input_disturbed_before_it_had_a_home_is_found_after_twenty_seconds_at_it() -> None:
+    series = noisy(np.random.default_rng(2), 4, 0.05, 0.01, 300)
+    series[:, 0] = 24.52
+    series[30:34, 0] = (23.9, 23.1, 22.8, 23.3)
+    told, _ = run([FINE] * 4, series)
+    assert told[:, 0].tolist().index(Quality.STUCK, 30) <= 34 + 25
+    assert (told[59:, 0] == Quality.STUCK).all()
