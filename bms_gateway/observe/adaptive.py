@@ -20,11 +20,13 @@ import numpy as np
 from bms_gateway.errors import StateError
 from bms_gateway.observe.bands import Bands, Levers
 from bms_gateway.observe.blocks import BLOCK, Blocks, chosen
+from bms_gateway.observe.consider import Belief
 from bms_gateway.observe.estimate import Errors, Estimate
+from bms_gateway.observe.gap import resumed, unseen_phases
 from bms_gateway.observe.kalman import Innovation, Kalman, KalmanState, Predicted
-from bms_gateway.observe.model import OFFSETS, Bools, Ints, scaled, stack, start_covariance, usable
+from bms_gateway.observe.model import OFFSETS, Bools, Ints, StackedModel, augmented, stack, start_covariance, usable
 from bms_gateway.observe.pace import EVERY
-from bms_gateway.observe.sensitivity import PARAMETERS, Flows, carried, corrected
+from bms_gateway.observe.sensitivity import PARAMETERS, Flows, bridged, carried, corrected
 from bms_gateway.observe.spread import prior_covariance, root
 from bms_gateway.observe.stored import like, plain
 from bms_gateway.observe.unseen import JUST_LEFT_S, RESTED_S, either, opened
@@ -36,8 +38,6 @@ FLOW_LIMITS = (0.02, 50.0)
 """Flow ratios beyond are taken for these: a stopped fan still leaves draught."""
 READ_WITHIN = 60.0
 """s for which a reading stands for its surface: thermocouples that take turns, and many fast time constants (9 s)."""
-PROBE = 1e-4
-"""Relative step of the finite differences over a gap: far above rounding, far below curvature."""
 
 
 class AdaptiveObserver:
@@ -162,6 +162,9 @@ class AdaptiveObserver:
         if not (known_heat.all() and np.isfinite(inlet).all()):
             known = np.column_stack((np.isfinite(inlet), known_heat))
         inlet1 = inlet.copy() if known is self._all_known else np.where(known[:, 0], inlet, self._inlet)
+        back = self._kalman.returned(self._state, known)
+        if back is not None:
+            self._resume(back, inlet1)
         was_known = self._state.pattern[:, -OFFSETS] >= 0
         inlet0 = np.where(was_known, self._inlet, inlet1)  # no ramp from a value that was only held
         predicted = self._kalman.predict(
@@ -178,6 +181,18 @@ class AdaptiveObserver:
             self._feel(predicted, innovation, electric, given, (inlet0 + inlet1) / 2.0)
         sd = self._bands.told(self._levers(), None if self._everyone else self._available)
         return self._estimate(sd, innovation.value, self._reading_sd)
+
+    def _resume(self, back: Bools, inlet: Floats) -> None:
+        """Take in the inputs that are `back` (S, 2), before the step that they come with."""
+        at = np.flatnonzero(back.any(axis=1))
+        self._catch_up(at)
+        state = self._kalman.caught_up(self._state, at)
+        x, P, J = state.x.copy(), state.P.copy(), self._blocks.J
+        for s in at:
+            moved = float(inlet[s] - self._inlet[s])
+            b = resumed(Belief(x[s], P[s], J[s]), back[s], moved, self._cov[s], self._kalman.model.disturbance)
+            x[s], P[s], J[s] = b.z, b.P, b.J
+        self._state = replace(state, x=x, P=P)
 
     def _feel(
         self, step: Predicted, innovation: Innovation, electric: Floats, given: Floats | None, inlet: Floats
@@ -288,27 +303,25 @@ class AdaptiveObserver:
             No heat in the meantime; bands grow towards those of a rested string whose inlet nobody saw.
         """
         self._catch_up(self._everywhere)
+        disturbance, usual, J = self._kalman.model.disturbance, self._usual.mean(axis=1), self._blocks.J.copy()
         if unseen:
             state = self._kalman.caught_up(self._state, self._everywhere)
-            x, P = opened(state.x, state.P, self._usual.mean(axis=1), self._kalman.model.disturbance)
+            x, P, J = opened(state.x, state.P, J, usual, disturbance)
             self._state = replace(state, x=x, P=P)
         in_force = [self._in_force(s) for s in range(self._strings)]
-        d = self._kalman.model.disturbance
-        gap = stack(in_force, gap_s, d)
         inlet1 = self._inlet if inlet is None else np.where(np.isfinite(inlet), inlet, self._inlet)
-        still = np.zeros((self._strings, self._cells))
-        J = np.matmul(gap.A, self._blocks.J)
-        for j, name in enumerate(PARAMETERS[:-1]):
-            up, down = (
-                stack([usable(scaled(p, name, f)) for p in in_force], gap_s, d).advance(
-                    self._state.x, still, self._inlet, inlet1
-                )
-                for f in (np.exp(PROBE), np.exp(-PROBE))
-            )
-            J[:, :, j] += (up - down) / (2.0 * PROBE)
-        self._blocks.put(self._everywhere, J)
+
+        def over(parameters: Sequence[StringParameters]) -> StackedModel:
+            return stack(parameters, gap_s, disturbance, by_resistance=unseen)
+
+        gap = over(in_force)
+        self._blocks.put(self._everywhere, bridged(J, self._state.x, in_force, over, self._inlet, inlet1))
         self._state = self._kalman.propagate(self._state, gap, self._inlet, inlet1, unseen=unseen)
-        self._inlet, self._usual, self._unread = inlet1.copy(), still, self._unread + gap_s
+        if unseen:
+            A = [augmented(p, disturbance, by_resistance=True).A for p in in_force]
+            more = [unseen_phases(a, gap_s, float(q), disturbance) for a, q in zip(A, usual, strict=True)]
+            self._state = replace(self._state, P=self._state.P + np.stack(more))
+        self._inlet, self._usual, self._unread = inlet1.copy(), np.zeros_like(self._usual), self._unread + gap_s
         self._fresh = False
         return self.estimate()
 

@@ -10,7 +10,7 @@ In place of Lin et al., Eq 11-12, where a model has effects that the paper lacks
 """
 
 from collections.abc import Mapping, Sequence
-from math import isfinite, nan
+from math import exp, isfinite, log, nan
 from typing import Any
 
 import numpy as np
@@ -19,13 +19,13 @@ from bms_gateway.errors import StateError
 from bms_gateway.observe.adaptive import FLOW_LIMITS, READ_WITHIN
 from bms_gateway.observe.consider import Belief, conditioned
 from bms_gateway.observe.estimate import Errors, Estimate
-from bms_gateway.observe.gap import found_again, heated, phases, steps, unseen_heat
+from bms_gateway.observe.gap import phases, resumed, steps, strayed, unseen_heat
 from bms_gateway.observe.measured import SOC_UNKNOWN, Measured
 from bms_gateway.observe.model import OFFSETS, Bools, start_covariance
-from bms_gateway.observe.spread import root, scatter
+from bms_gateway.observe.spread import of_unlike, root, scatter
 from bms_gateway.observe.stored import like, plain
-from bms_gateway.observe.tangent import ROW, Tangent, disturbed, drive_of, jacobian
-from bms_gateway.observe.uncertain import EffectNumber, effect_numbers, log_change, uncertain
+from bms_gateway.observe.tangent import ROW, Tangent, disturbed, drive_of, heated, jacobian
+from bms_gateway.observe.uncertain import EffectNumber, effect_numbers, forcing, log_change, uncertain
 from bms_gateway.observe.unseen import JUST_LEFT_S, RESTED_S, either, opened
 from bms_gateway.thermal import Disturbance, Floats, Start, StringModel, StringParameters
 from bms_gateway.thermal.physics import Memory, Numbers, Physics
@@ -39,6 +39,10 @@ DRIFT_HOURS = 4.0
 """Drifts are learnt on records of some hours. What they come to by then is held: nothing tells how they go on."""
 COLDEST, HOTTEST = -100.0, 400.0
 """°C: a model that runs away is held there, and goes on being corrected by the readings."""
+FLOW_UNSEEN = 0.1
+"""Logarithm of the flow: how far it may have been from what it went between while nobody looked."""
+LITTLE = 0.01
+"""Step of ln(flow) for a slope."""
 REST_SD = 0.1
 """K: an effect's own states at the start, about their balance with core and surface."""
 
@@ -102,6 +106,8 @@ class EffectObserver:
         # where the Jacobian was taken, and how many steps ago
         self._at, self._at_row, self._at_memory = np.zeros(D + OFFSETS), self._row, dict[str, Floats]()
         self._age = 0
+        # for a step that knows to where inlet and flow have gone: state, length, and whether current may have flowed
+        self._before_gap: tuple[dict[str, Any], float, bool] | None = None
         self._tangent: Tangent | None = None
         self._G = np.zeros((n, p))
 
@@ -142,7 +148,12 @@ class EffectObserver:
         if not self._available and not self._begin(m, y):
             return self.estimate()
         known = np.array([isfinite(m.inlet), isfinite(m.I) and isfinite(m.I2) and isfinite(m.I_abs)])
-        before = self._restarted(m.inlet, known & ~self._known)
+        if self._before_gap is not None and (isfinite(m.inlet) or isfinite(m.flow)):
+            was, gap_s, unseen = self._before_gap
+            self.restore(was)
+            self._carried(gap_s, unseen, m.inlet, m.flow)
+        self._before_gap = None
+        before = resumed(self._belief, known & ~self._known, m.inlet - self._inlet, self._cov, self._disturbance)
         row = self._inputs(m, known)
         memory = self._remember(row)
         now, tangent = self._predict(before, row, memory, known)
@@ -190,7 +201,7 @@ class EffectObserver:
         cov[:, at] = 0.0
         cov[np.ix_(at, at)] = covariance[np.ix_(given, given)]
         self._cov, self._root = cov, root(cov)
-        self._tangent = None
+        self._tangent = self._before_gap = None
 
     def propagate(self, gap_s: float, inlet: Floats | None = None, *, unseen: bool = False) -> Estimate:
         """Carry the string over a time without frames: a silent bus, or parked since the state was stored.
@@ -211,19 +222,32 @@ class EffectObserver:
         """
         if not self._available:
             return self.estimate()
-        usual = float(self._usual[1] * np.mean(self._v.string.R_e))
+        last = nan if inlet is None else float(inlet[0])
+        self._before_gap = None if isfinite(last) else (self.snapshot(), gap_s, unseen)
+        return self._carried(gap_s, unseen, last, nan)
+
+    def _carried(self, gap_s: float, unseen: bool, inlet: float, flow: float) -> Estimate:
+        """Carry the string over a gap at whose end inlet, °C, and flow are what they are (NaN: the same)."""
+        b, usual = self._belief, float(self._usual[1] * np.mean(self._v.string.R_e))
         if unseen:
-            b = self._belief
-            self._belief = Belief(*opened(b.z, b.P, usual, self._disturbance), b.J)
-        first = self._inlet
-        last = float(inlet[0]) if inlet is not None and isfinite(inlet[0]) else first
+            self._belief = Belief(*opened(b.z, b.P, b.J, usual, self._disturbance))
+        first, last = self._inlet, inlet if isfinite(inlet) else self._inlet
+        grown = log(float(np.clip(flow, *FLOW_LIMITS)) / self._flow) if isfinite(flow) else 0.0
+        turbulent = strayed(self._disturbance, last - first, gap_s)
         row = self._row.copy()
         row[[ROW.index(k) for k in ("I", "I2", "I_abs", "IV")]] = 0.0
-        for done, h in steps(gap_s):
+        g = np.zeros(len(self._belief.z))
+        for done, h in steps(gap_s, steep=self._physics.steep):
             self._hours = min(self._hours + h / 3600.0, DRIFT_HOURS)
-            row[ROW.index("T_in")] = first + (last - first) * (done + h / 2.0) / gap_s
+            share = (done + h / 2.0) / gap_s
+            row[ROW.index("T_in")] = first + (last - first) * share
+            row[ROW.index("flow")] = self._flow * exp(grown * share)
             row[ROW.index("hours")] = self._hours
-            self._rest(row, h, phases(done + h / 2.0, usual, self._disturbance) if unseen else 0.0)
+            g = self._rest(row, h, phases(done + h / 2.0, usual, self._disturbance) if unseen else 0.0, turbulent, g)
+        if isfinite(flow):
+            b = self._belief
+            self._belief = Belief(b.z, b.P + (grown**2 / 12.0 + FLOW_UNSEEN**2) * np.outer(g, g), b.J)
+            self._flow *= exp(grown)
         self._inlet, self._usual, self._row = last, np.zeros(3), row
         self._unread = self._unread + gap_s
         self._known = np.array([False, not unseen])
@@ -241,7 +265,7 @@ class EffectObserver:
         a = self._belief
         self._belief, self._inlet, self._usual, self._row = was, inlet, usual, row
         self.propagate(RESTED_S)
-        b, self._known = self._belief, np.array([False, False])
+        b, self._known, self._before_gap = self._belief, np.array([False, False]), None
         self._belief = Belief(*either(a.z, a.P, b.z, b.P), (a.J + b.J) / 2.0)
 
     def snapshot(self) -> dict[str, Any]:
@@ -314,18 +338,6 @@ class EffectObserver:
         self._carry, self._carries, self._tangent = {}, {}, None
         self._rows, self._states = self._rows[:0], self._states[:0]
         return True
-
-    def _restarted(self, inlet: float, back: Bools) -> Belief:
-        """Take in an inlet that is measured again; the offset of heat starts anew, as it belongs to its measurement."""
-        b = self._belief
-        if back[0]:
-            b = found_again(b, -OFFSETS, inlet - self._inlet, self._cov, self._disturbance.inlet)
-        if back[1]:
-            z, P, J = b.z.copy(), b.P.copy(), b.J.copy()
-            z[-1], P[-1, :], P[:, -1], J[-1] = 0.0, 0.0, 0.0, 0.0
-            P[-1, -1] = self._disturbance.heat_common**2
-            b = Belief(z, P, J)
-        return b
 
     def _inputs(self, m: Measured, known: Bools) -> Floats:
         """Means of the step as a row, with what is missing filled in; flow, charge and time run on."""
@@ -434,39 +446,33 @@ class EffectObserver:
 
     def _forcing(self, rows: Floats, states: Floats, dt: float) -> Floats:
         """Mean slope (M, p) of the rates by the uncertain numbers over some steps; runs on the moved memories."""
-        u, X, b = drive_of(rows, dt), states[:, :-OFFSETS], states[:, -OFFSETS:]
-        start = self._carries.get("", {})
-        memory, _ = self._physics.memory(u, self._v, start or None)
-        here = self._physics.rates(X, u, disturbed(self._v, b), memory)
-        F = np.zeros_like(self._F)
-        for k, number in enumerate(self._uncertain):
-            v, own = number.moved(self._v), memory
-            if number.key in memory:
-                mine = {**start, **self._carries.get(number.name, {})}
-                moved, carry = self._physics.memory(u, v, mine or None)
-                own = {**memory, number.key: moved[number.key]}
-                if np.isfinite(carry[number.key]).all():
-                    self._carries[number.name] = {number.key: carry[number.key]}
-            slope = (self._physics.rates(X, u, disturbed(v, b), own) - here).mean(axis=0) / number.step
-            F[:-OFFSETS, k] = np.nan_to_num(slope, posinf=0.0, neginf=0.0)
+        F, moved = forcing(self._physics, self._v, self._uncertain, drive_of(rows, dt), states, self._carries)
+        self._carries |= moved
         return F
 
-    def _rest(self, row: Floats, h: float, phases: float) -> None:
-        """Carry the string over `h` seconds of rest, or of heat of which only the intensity `phases` is known, W²s."""
+    def _rest(self, row: Floats, h: float, phases: float, disturbance: Disturbance, g: Floats) -> Floats:
+        """Carry the string over `h` seconds of rest, or of heat of which only the intensity `phases` is known, W²s.
+
+        Carries along how it moves with the logarithm of the flow in the gap, `g` (M,), and returns that.
+        """
         self._carries[""] = self._carry
         memory, self._carry = self._memory(row, h)
         b, u = self._belief, drive_of(row[None], h)
         j = jacobian(self._physics, b.z[:-OFFSETS], b.z[-OFFSETS:], u, self._v, memory, self._disturbance.correlation)
         rate = np.nan_to_num(self._rates(b.z, row, memory, h))
+        faster = row.copy()
+        faster[ROW.index("flow")] *= exp(LITTLE)
+        by_flow = (np.nan_to_num(self._rates(b.z, faster, memory, h)) - rate) / LITTLE
         if phases:
             equal, j = j.A[:, -1], heated(j, self._physics, b.z, u, self._v, memory)
             rate += (j.A[:, -1] - equal) * b.z[-1]
-        t = Tangent.of(j, h, self._disturbance)
+        t = Tangent.of(j, h, disturbance)
         z = b.z + t.Gamma @ rate
         z[:-OFFSETS] = np.clip(z[:-OFFSETS], COLDEST, HOTTEST)
-        P = t.Phi @ b.P @ t.Phi.T + t.noise(False, True) + (unseen_heat(j, phases, h) if phases else 0.0)
+        P = t.Phi @ b.P @ t.Phi.T + t.noise(False, True) + (unseen_heat(j.A, phases, h)[1] if phases else 0.0)
         F = self._forcing(row[None], (b.z + z)[None] / 2.0, h)
         self._belief = Belief(z, (P + P.T) / 2.0, t.Phi @ b.J + t.Gamma @ F)
+        return np.asarray(t.Phi @ g + t.Gamma @ by_flow)
 
     def _estimate(self, r: Floats, r_sd: Floats) -> Estimate:
         n, b = self._model.cells, self._belief
@@ -480,16 +486,10 @@ class EffectObserver:
     def _between_cells(self) -> Floats:
         """Variance (2n,) that cells add by being unlike, as `AdaptiveObserver` states it."""
         n, z = self._model.cells, self._belief.z
-        T_c, T_s = z[0 : 2 * n : 2], z[1 : 2 * n : 2]
-        base = self._coolant.copy()
+        T_c, T_s, base = z[0 : 2 * n : 2], z[1 : 2 * n : 2], self._coolant.copy()
         at = self._sensors[self._unread <= READ_WITHIN]
         base[at] = T_s[at]
-        heat, cooling, inside, offset = self._scatter
-        surface = (T_s - base) ** 2
-        var = np.empty(2 * n)
-        var[0::2] = heat * (T_c - base) ** 2 + cooling * surface + inside * (T_c - T_s) ** 2 + offset
-        var[1::2] = (heat + cooling) * surface + offset
-        return var
+        return of_unlike(T_c, T_s, base, self._scatter)
 
 
 _SCALARS = ("inlet", "soc", "flow", "hours", "age")

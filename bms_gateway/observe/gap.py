@@ -11,33 +11,36 @@ minute's heat and τ the length of a phase, the heat that has gathered :math:`s`
 
 as of a first-order process that starts where it was seen; it acts on the cores as white noise of that intensity. How
 likely the drive still goes on dies away with the correlation time of heat errors, as in `unseen`.
+
+An inlet that was held is measured again at the end, and tells where it has gone. Surfaces have followed it: its offset
+is corrected, not forgotten (`found_again`).
 """
 
 from collections.abc import Iterator
 from dataclasses import replace
-from math import exp
+from math import exp, hypot, sqrt
 
 import numpy as np
 
 from bms_gateway.observe.consider import Belief, conditioned
-from bms_gateway.observe.model import OFFSETS
-from bms_gateway.observe.tangent import Jacobian, disturbed
-from bms_gateway.thermal import Disturbance, Floats
-from bms_gateway.thermal.disturbance import gathered_noise
-from bms_gateway.thermal.drive import Drive
-from bms_gateway.thermal.physics import Memory, Numbers, Physics
+from bms_gateway.observe.model import OFFSETS, Bools
+from bms_gateway.observe.unseen import at_work
+from bms_gateway.thermal import Disturbance, Floats, gathered_noise
 
 FIRST_STEP_S, GROWTH, LAST_STEP_S = 5.0, 1.5, 20.0
 """First step over a gap and how each next one grows, for a string at rest moves ever more slowly; the last one is short
 again, that surfaces and their sensitivities are those of the end."""
+STEEP_SHARE = 120.0
+"""Where the balances bend within a kelvin, a step is the first one or this share of the time before it: a longer one
+would leap over what melts."""
 PHASE_S = 60.0
 PHASE = 1.0
 """Standard deviation of a minute's heat, as a share of its mean over ten: 0.7 to 1.0 in drive cycles of roads. After
 a calm stretch the heat of a cell at work is to be reckoned with nevertheless."""
 
 
-def steps(gap_s: float) -> Iterator[tuple[float, float]]:
-    """Cut a gap into steps.
+def steps(gap_s: float, *, steep: bool = False) -> Iterator[tuple[float, float]]:
+    """Cut a gap into steps; into many more where the balances are `steep`.
 
     Yields
     ------
@@ -51,9 +54,11 @@ def steps(gap_s: float) -> Iterator[tuple[float, float]]:
     done, grown = 0.0, FIRST_STEP_S
     while done < gap_s:
         left = gap_s - done
-        h = left if left < 2.0 * LAST_STEP_S else min(grown, left - LAST_STEP_S)
+        last = grown if steep else LAST_STEP_S
+        h = left if left < 2.0 * last else min(grown, left - last)
         yield done, h
-        done, grown = done + h, grown * GROWTH
+        done += h
+        grown = max(FIRST_STEP_S, done / STEEP_SHARE) if steep else grown * GROWTH
 
 
 def phases(since_s: float, usual: float, disturbance: Disturbance) -> float:
@@ -70,32 +75,35 @@ def phases(since_s: float, usual: float, disturbance: Disturbance) -> float:
     Examples
     --------
     >>> [round(phases(s, 10.0, Disturbance())) for s in (0.0, 60.0, 300.0, 36_000.0)]
-    [0, 8677, 14361, 0]
+    [0, 4339, 7181, 0]
     """
     begun, goes_on = 1.0 - exp(-since_s / PHASE_S), exp(-since_s / disturbance.correlation)
-    return 2.0 * PHASE_S * (disturbance.heat_unknown**2 + (PHASE * usual) ** 2) * begun**2 * goes_on
+    return 2.0 * PHASE_S * (PHASE * float(at_work(usual, disturbance))) ** 2 * begun**2 * goes_on
 
 
-def heated(j: Jacobian, physics: Physics, z: Floats, u: Drive, v: Numbers, memory: Memory) -> Jacobian:
-    """Let the offset of heat act as a current's heat does: more where resistance is, by whatever the model knows of it.
-
-    Where a current makes no heat of its own, because the model takes it from the voltage, it acts on all cores alike.
-    """
-    X, one = z[None, :-OFFSETS], np.full(1, 1.0 / float(np.mean(v.string.R_e)))
-    w = disturbed(v, z[-OFFSETS:])
-    slope = (physics.rates(X, replace(u, I2=u.I2 + one), w, memory) - physics.rates(X, u, w, memory))[0]
-    if not np.isfinite(slope).all() or not slope.any():
-        return j
-    A = j.A.copy()
-    A[: len(slope), -1] = slope
-    return replace(j, A=A)
-
-
-def unseen_heat(j: Jacobian, intensity: float, dt: float) -> Floats:
-    """Covariance (D + 2, D + 2) that the offset's heat leaves after `dt` seconds if it is white, `intensity` in W²s."""
-    acts = j.A[:, -1].copy()
+def unseen_heat(A: Floats, intensity: float, dt: float) -> tuple[Floats, Floats]:
+    """Transition by `A` (M, M), and what the offset's heat leaves after `dt` s if it is white, `intensity` in W²s."""
+    acts = A[:, -1].copy()
     acts[-1] = 0.0
-    return gathered_noise(j.A, intensity * acts[:, None] * acts, dt)[1]
+    return gathered_noise(A, intensity * acts[:, None] * acts, dt)
+
+
+def unseen_phases(A: Floats, gap_s: float, usual: float, disturbance: Disturbance) -> Floats:
+    """Covariance (M, M) that the phases of a drive leave after a gap, in a string with the rates `A` (M, M), 1/s."""
+    P = np.zeros_like(A)
+    for done, h in steps(gap_s):
+        Phi, more = unseen_heat(A, phases(done + h / 2.0, usual, disturbance), h)
+        P = Phi @ P @ Phi.T + more
+    return P
+
+
+def strayed(disturbance: Disturbance, moved: float, gap_s: float) -> Disturbance:
+    """Widen what is not known of an inlet that went by `moved` K in a gap: slowly perhaps, or at any moment.
+
+    Halfway along a straight line a step at an unknown time leaves D²/4, as white noise of D²/T does between its ends.
+    """
+    jump = moved * sqrt(disturbance.correlation / (2.0 * gap_s))
+    return replace(disturbance, inlet_unknown=hypot(disturbance.inlet_unknown, jump))
 
 
 def found_again(b: Belief, at: int, moved: float, cov: Floats, sd: float) -> Belief:
@@ -133,3 +141,33 @@ def found_again(b: Belief, at: int, moved: float, cov: Floats, sd: float) -> Bel
     z = b.z.copy()
     z[at] -= moved
     return Belief(z, b.P, b.J)
+
+
+def resumed(b: Belief, back: Bools, moved: float, cov: Floats, disturbance: Disturbance) -> Belief:
+    """Take in inputs that are measured again.
+
+    Parameters
+    ----------
+    b : Belief
+        Offsets last.
+    back : ndarray of bool (2,)
+        Whether these are the inlet, and the current.
+    moved : float, K
+        Measured inlet less the one held; of no account unless the inlet is back.
+    cov : ndarray (p, p)
+        Of the numbers considered.
+    disturbance : Disturbance
+
+    Returns
+    -------
+    Belief
+        The offset of the inlet about its new value; that of heat starts anew, as it belongs to its measurement.
+    """
+    if back[0]:
+        b = found_again(b, -OFFSETS, moved, cov, disturbance.inlet)
+    if back[1]:
+        z, P, J = b.z.copy(), b.P.copy(), b.J.copy()
+        z[-1], P[-1, :], P[:, -1], J[-1] = 0.0, 0.0, 0.0, 0.0
+        P[-1, -1] = disturbance.heat_common**2
+        b = Belief(z, P, J)
+    return b

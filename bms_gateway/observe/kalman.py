@@ -165,6 +165,13 @@ class Kalman:
             np.zeros(strings, np.int64),
         )
 
+    def returned(self, state: KalmanState, known: Bools) -> Bools | None:
+        """Tell which inputs (S, 2) are measured in the coming step and were not in the last one; None for none."""
+        if self.calm.knew(state.held, known):
+            return None
+        back = known & (state.pattern[:, -OFFSETS:] == NONE) & (state.held > 0)[:, None]
+        return back if back.any() else None
+
     def predict(
         self, state: KalmanState, heat: Floats, inlet0: Floats, inlet1: Floats, known: Bools | None = None
     ) -> Predicted:
@@ -177,8 +184,8 @@ class Kalman:
         inlet0, inlet1 : ndarray (S,), °C
             Finite: the caller holds the last one where it is not known.
         known : ndarray of bool (S, 2), optional
-            Whether inlet and current are measured (all, by default). False widens their noise; when one comes back its
-            offset starts anew, because it belongs to the new measurement.
+            Whether inlet and current are measured (all, by default). False widens their noise; of one that is back the
+            caller has told the state (`returned`), for its offset belongs to the measurement.
 
         Returns
         -------
@@ -186,11 +193,6 @@ class Kalman:
         """
         if known is None:
             known = np.ones((len(state.x), OFFSETS), np.bool_)
-        if not self.calm.knew(state.held, known):
-            back = known & (state.pattern[:, -OFFSETS:] == NONE) & (state.held > 0)[:, None]
-            if back.any():
-                sd = self.model.disturbance.inlet, self.model.disturbance.heat_common
-                state = _restarted(self.caught_up(state, np.flatnonzero(back.any(axis=1))), back, sd)
         u = self.model.inputs(state.x, heat, inlet0, inlet1)
         return Predicted(state, u, self.model.moved(u), known)
 
@@ -323,17 +325,6 @@ def _put(array: np.ndarray, at: Ints, values: np.ndarray) -> np.ndarray:
     changed = array.copy()
     changed[at] = values
     return changed
-
-
-def _restarted(state: KalmanState, back: Bools, sd: tuple[float, float]) -> KalmanState:
-    x, P = state.x.copy(), state.P.copy()
-    for which in range(OFFSETS):
-        s, at = back[:, which], which - OFFSETS
-        x[s, at] = 0.0
-        P[s, at, :] = 0.0
-        P[s, :, at] = 0.0
-        P[s, at, at] = sd[which] ** 2
-    return replace(state, x=x, P=P)
 
 
 def _condition(

@@ -125,8 +125,10 @@ class StackedModel:
         return StackedModel(G, Q, Q_unknown, self.dt, self.disturbance)
 
 
-def augmented(p: StringParameters, disturbance: Disturbance) -> ContinuousString:
+def augmented(p: StringParameters, disturbance: Disturbance, *, by_resistance: bool = False) -> ContinuousString:
     """Continuous system of one string with its two offset states; `B_q` has one column per cell.
+
+    The offset of heat is the same for all cells, or by their R_e its share of each: as of a current that nobody saw.
 
     References
     ----------
@@ -137,12 +139,14 @@ def augmented(p: StringParameters, disturbance: Disturbance) -> ContinuousString
     A = np.zeros((N + OFFSETS, N + OFFSETS))
     A[:N, :N] = s.A
     A[:N, _INLET] = s.B_f
-    A[:N, _HEAT] = s.B_q.sum(axis=1)
+    A[:N, _HEAT] = s.B_q @ (p.R_e / np.mean(p.R_e)) if by_resistance else s.B_q.sum(axis=1)
     A[_INLET, _INLET] = A[_HEAT, _HEAT] = -1.0 / disturbance.correlation
     return ContinuousString(A, np.vstack((s.B_q, np.zeros((OFFSETS, n)))), np.append(s.B_f, np.zeros(OFFSETS)))
 
 
-def stack(parameters: Sequence[StringParameters], dt: float, disturbance: Disturbance) -> StackedModel:
+def stack(
+    parameters: Sequence[StringParameters], dt: float, disturbance: Disturbance, *, by_resistance: bool = False
+) -> StackedModel:
     """Discretise strings of equal length into one stacked model.
 
     Parameters
@@ -152,6 +156,8 @@ def stack(parameters: Sequence[StringParameters], dt: float, disturbance: Distur
     dt : float, s
         Step; any length, a parked night too.
     disturbance : Disturbance
+    by_resistance : bool
+        Whether the offset of heat goes to the cells by their R_e.
 
     Returns
     -------
@@ -183,14 +189,13 @@ def stack(parameters: Sequence[StringParameters], dt: float, disturbance: Distur
     for p in parameters:
         key = (*(v.tobytes() for v in (p.C_c, p.C_s, p.R_e, p.R_c, p.R_u)), p.R_cc, p.C_f, p.coolant)
         if key not in done:
-            done[key] = _discretized(p, dt, disturbance)
+            done[key] = _discretized(augmented(p, disturbance, by_resistance=by_resistance), dt, disturbance)
         parts.append(done[key])
     G, Q, Q_unknown = (np.stack(column) for column in zip(*parts, strict=True))
     return StackedModel(G, Q, Q_unknown.swapaxes(0, 1), float(dt), disturbance)
 
 
-def _discretized(p: StringParameters, dt: float, d: Disturbance) -> tuple[Floats, Floats, Floats]:
-    s = augmented(p, d)
+def _discretized(s: ContinuousString, dt: float, d: Disturbance) -> tuple[Floats, Floats, Floats]:
     M = s.A.shape[0]
     step = discretize(s, dt)
     G = np.concatenate((step.A, step.B_q, step.B_f0[:, None], step.B_f1[:, None]), axis=1)

@@ -12,16 +12,19 @@ itself. Nothing is re-discretised, and a new covariance Σ of ln θ needs no new
 band is J Σ Jᵀ.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
 
-from bms_gateway.observe.model import OFFSETS, Ints
+from bms_gateway.observe.model import OFFSETS, Ints, StackedModel, scaled, usable
 from bms_gateway.thermal import Floats, StringParameters, coolant_path, exchange
 
 PARAMETERS = ("C_c", "C_s", "R_e", "R_c", "R_u", "R_cc", "C_f", "heat")
 """Columns of J, each common to the cells of a string. `heat` scales heat that was not made from I²R_e."""
+
+PROBE = 1e-4
+"""Relative step of the finite differences over a gap: far above rounding, far below curvature."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,6 +149,42 @@ def carried(J: Floats, A: Floats, forcing: Floats, dt: float) -> Floats:
     """
     half = (dt / 2.0) * forcing
     return np.asarray(np.matmul(A, J + half) + half, dtype=np.float64)
+
+
+def bridged(
+    J: Floats,
+    x: Floats,
+    parameters: Sequence[StringParameters],
+    over: Callable[[Sequence[StringParameters]], StackedModel],
+    inlet0: Floats,
+    inlet1: Floats,
+) -> Floats:
+    """Carry `J` (S, M, p) over a gap in one step, with no heat but the state's own.
+
+    Parameters
+    ----------
+    J : ndarray (S, M, p)
+    x : ndarray (S, M)
+        State before the gap.
+    parameters : sequence of StringParameters
+    over : callable
+        Discretises strings with the length of the gap.
+    inlet0, inlet1 : ndarray (S,), °C
+
+    Returns
+    -------
+    ndarray (S, M, p)
+        By central differences of the whole step: a step so long has no middle to take the forcing in.
+    """
+    J = np.matmul(over(parameters).A, J)
+    still = np.zeros((len(x), len(parameters[0].R_e)))
+    for j, name in enumerate(PARAMETERS[:-1]):
+        up, down = (
+            over([usable(scaled(p, name, f)) for p in parameters]).advance(x, still, inlet0, inlet1)
+            for f in (np.exp(PROBE), np.exp(-PROBE))
+        )
+        J[:, :, j] += (up - down) / (2.0 * PROBE)
+    return J
 
 
 def corrected(J: Floats, J_before: Floats, K: Floats, sensors: Ints, lag: Floats) -> tuple[Floats, Floats]:

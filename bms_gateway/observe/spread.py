@@ -66,3 +66,13 @@ def between_cells(levers: Floats, tolerated: Floats, own: Floats | None) -> tupl
     core = heat * squares[0] + cooling * squares[1] + inside * squares[2]
     core += 2.0 * (of_heat * rise * over + of_gap * rise * gap + of_film * over * gap)
     return core, (heat + cooling + 2.0 * of_heat) * squares[1]
+
+
+def of_unlike(T_c: Floats, T_s: Floats, base: Floats, scattered: Floats) -> Floats:
+    """Variance (2n,), cores and surfaces in turn, K², that n cells over a `base` (n,) add by a model's tolerances."""
+    heat, cooling, inside, offset = scattered
+    surface = (T_s - base) ** 2
+    var = np.empty(2 * len(T_c))
+    var[0::2] = heat * (T_c - base) ** 2 + cooling * surface + inside * (T_c - T_s) ** 2 + offset
+    var[1::2] = (heat + cooling) * surface + offset
+    return var

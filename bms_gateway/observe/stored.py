@@ -17,6 +17,8 @@ def plain(a: np.ndarray) -> Any:
 def like(value: Any, model: np.ndarray) -> np.ndarray:
     """Make an array of the type and shape of `model`; None becomes NaN."""
     a = np.array(value, dtype=np.float64 if model.dtype.kind == "f" else model.dtype)
+    if a.shape == (0,) and not model.size:  # lists without a number do not tell their depth
+        a = a.reshape(model.shape)
     if a.shape != model.shape:
         raise ValueError(f"shape {a.shape} where {model.shape} is needed")
     return a

@@ -83,6 +83,21 @@ def jacobian(
     return Jacobian(*(np.nan_to_num(x, posinf=0.0, neginf=0.0) for x in (A, B_q, H)))
 
 
+def heated(j: Jacobian, physics: Physics, z: Floats, u: Drive, v: Numbers, memory: Memory) -> Jacobian:
+    """Let the offset of heat act as a current's heat does: more where resistance is, by whatever the model knows of it.
+
+    Where a current makes no heat of its own, because the model takes it from the voltage, it acts on all cores alike.
+    """
+    X, one = z[None, :-OFFSETS], np.full(1, 1.0 / float(np.mean(v.string.R_e)))
+    w = disturbed(v, z[-OFFSETS:])
+    slope = (physics.rates(X, replace(u, I2=u.I2 + one), w, memory) - physics.rates(X, u, w, memory))[0]
+    if not np.isfinite(slope).all() or not slope.any():
+        return j
+    A = j.A.copy()
+    A[: len(slope), -1] = slope
+    return replace(j, A=A)
+
+
 @dataclass(frozen=True, slots=True)
 class Tangent:
     """One step of `dt` seconds of the linear system.

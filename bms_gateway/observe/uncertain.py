@@ -8,9 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bms_gateway.observe.model import OFFSETS
+from bms_gateway.observe.tangent import disturbed
 from bms_gateway.thermal import Floats, StringModel
+from bms_gateway.thermal.drive import Drive
 from bms_gateway.thermal.effects import effect_named
-from bms_gateway.thermal.physics import Numbers, with_effect
+from bms_gateway.thermal.physics import Numbers, Physics, with_effect
 
 STEP = 0.01
 """Finite differences step by this share of a number's standard deviation: above rounding, below curvature."""
@@ -118,3 +121,48 @@ def log_change(
         if not u.key:
             out[j] = float(np.mean(np.log(np.asarray(new[u.parameter]) / np.asarray(old[u.parameter]))))
     return out
+
+
+Memories = Mapping[str, Mapping[str, Floats]]
+"""Memories of the effects that remember: under "" as the numbers are, under a number's name with that one moved."""
+
+
+def forcing(
+    physics: Physics, v: Numbers, numbers: Sequence[Uncertain], u: Drive, states: Floats, carries: Memories
+) -> tuple[Floats, dict[str, dict[str, Floats]]]:
+    """Differentiate the rates by the uncertain numbers, in the mean over some steps.
+
+    Parameters
+    ----------
+    physics : Physics
+    v : Numbers
+    numbers : sequence of Uncertain
+    u : Drive
+        The steps' inputs.
+    states : ndarray (N, M)
+        Where the string was, offsets last.
+    carries : mapping
+        At the beginning.
+
+    Returns
+    -------
+    F : ndarray (M, p)
+        Zero for the offsets, and where an effect cannot tell.
+    moved : dict
+        Memories with one number moved, at the end.
+    """
+    X, b, start = states[:, :-OFFSETS], states[:, -OFFSETS:], carries.get("", {})
+    memory, _ = physics.memory(u, v, start or None)
+    here = physics.rates(X, u, disturbed(v, b), memory)
+    F, after = np.zeros((states.shape[1], len(numbers))), {}
+    for k, number in enumerate(numbers):
+        w, own = number.moved(v), memory
+        if number.key in memory:
+            mine = {**start, **carries.get(number.name, {})}
+            moved, carry = physics.memory(u, w, mine or None)
+            own = {**memory, number.key: moved[number.key]}
+            if np.isfinite(carry[number.key]).all():
+                after[number.name] = {number.key: carry[number.key]}
+        slope = (physics.rates(X, u, disturbed(w, b), own) - here).mean(axis=0) / number.step
+        F[:-OFFSETS, k] = np.nan_to_num(slope, posinf=0.0, neginf=0.0)
+    return F, after

@@ -9,6 +9,8 @@ one that has rested are taken for equally likely: their mean, and half their dis
 either leaves open.
 """
 
+import numpy as np
+
 from bms_gateway.thermal import Disturbance, Floats
 
 JUST_LEFT_S = 60.0
@@ -19,28 +21,41 @@ RESTED_S = 86_400.0
 """After a day any string is at rest."""
 
 
-def opened(x: Floats, P: Floats, usual: Floats | float, disturbance: Disturbance) -> tuple[Floats, Floats]:
-    """Let the common heat, the last of a state's numbers, be what it usually was, give or take as much and half again.
+def at_work(usual: Floats | float, disturbance: Disturbance) -> Floats:
+    """Heat of cells in a drive, W: what it was in the last minutes, and no less than that of a cell at work.
+
+    After a calm stretch, or while the vehicle stands, little was seen of what may begin at any moment.
+    """
+    return np.maximum(usual, disturbance.heat_unknown)
+
+
+def opened(
+    x: Floats, P: Floats, J: Floats, usual: Floats | float, disturbance: Disturbance
+) -> tuple[Floats, Floats, Floats]:
+    """Let the common heat, the last of a state's numbers, be what it usually was, give or take that of a drive.
 
     Parameters
     ----------
     x : ndarray (…, M)
         °C; the last W per cell.
     P : ndarray (…, M, M)
+    J : ndarray (…, M, p)
+        Sensitivities of `x`.
     usual : ndarray (…), W
         Mean heat of a cell in the last minutes.
     disturbance : Disturbance
 
     Returns
     -------
-    x, P : ndarray
+    x, P, J : ndarray
         New arrays.
     """
-    x, P = x.copy(), P.copy()
+    x, P, J = x.copy(), P.copy(), J.copy()
     x[..., -1] = usual
     P[..., -1, :] = P[..., :, -1] = 0.0
-    P[..., -1, -1] = disturbance.heat_unknown**2 + (PHASES * usual) ** 2
-    return x, P
+    P[..., -1, -1] = (PHASES * at_work(usual, disturbance)) ** 2
+    J[..., -1, :] = 0.0
+    return x, P, J
 
 
 def either(a: Floats, P_a: Floats, b: Floats, P_b: Floats) -> tuple[Floats, Floats]:
@@ -58,7 +73,6 @@ def either(a: Floats, P_a: Floats, b: Floats, P_b: Floats) -> tuple[Floats, Floa
 
     Examples
     --------
-    >>> import numpy as np
     >>> one = np.ones((1, 1, 1))
     >>> x, P = either(np.array([[20.0]]), one, np.array([[30.0]]), one)
     >>> float(x[0, 0]), float(P[0, 0, 0])

@@ -38,7 +38,17 @@ def restarts(name: str, seed: int, directory) -> list[Restart]:
 
 @pytest.mark.parametrize(
     "name",
-    ["busbar_joule", "cell_resistance", "entropic_heat", "polarization", "resistance_temperature", "surface_joule"],
+    [
+        "busbar_joule",
+        "cell_resistance",
+        "coolant_delay",
+        "entropic_heat",
+        "flow_dependent_cooling",
+        "polarization",
+        "resistance_temperature",
+        "surface_joule",
+        "thermocouple_lag",
+    ],
 )
 def test_cores_are_inside_their_bands_one_tick_after_the_first_frames(name, tmp_path):
     results = restarts(name, SEED, tmp_path)

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bms_gateway.observe import Disturbance, Kalman, StackedModel, Start, stack, start_covariance
+from bms_gateway.observe import AdaptiveObserver, Disturbance, Kalman, StackedModel, Start, stack, start_covariance
 from bms_gateway.thermal import StringParameters
+from tests.observe.rig import model
 from tests.truth.cycle import repeated
 from tests.truth.string import C_F, TABLE_1, TruthString, lsoda, rk4
 
@@ -220,24 +221,22 @@ def test_covariance_stays_symmetric_and_positive_from_an_absurd_start():
 
 
 def test_unknown_inlet_widens_and_its_return_starts_its_offset_anew():
-    f = kalman([string(3)], (1,))
-    state = f.init(*start(3, 25.0))
-    T, heat, now = np.array([25.0]), np.zeros((1, 3)), np.zeros((1, 3))
+    observer = AdaptiveObserver([model(3, (1,), tolerances={})], 1.0)
+    heat, now = np.zeros((1, 3)), np.zeros((1, 3))
     y = np.array([[25.0, np.nan, np.nan]])
 
     def run(steps, inlet_known):
-        nonlocal state
         for _ in range(steps):
-            state, _ = f.update(f.predict(state, heat, T, T, np.array([[inlet_known, True]])), y, now)
-        return np.sqrt(state.P[0, 0, 0])
+            observer.step(np.zeros(1), heat, np.array([25.0 if inlet_known else np.nan]), y, now)
+        return np.sqrt(observer.covariances[0, 0, 0])
 
     usual = run(1500, True)
-    offset = state.P[0, -2, -2]
+    offset = observer.covariances[0, -2, -2]
     lost = run(1500, False)
     assert lost > 1.15 * usual
-    assert state.P[0, -2, -2] > 2 * offset
+    assert observer.covariances[0, -2, -2] > 2 * offset
     run(1, True)
-    assert state.P[0, -2, -2] <= f.model.disturbance.inlet**2 * 1.01
+    assert observer.covariances[0, -2, -2] <= Disturbance().inlet ** 2 * 1.01
     assert run(1500, True) == pytest.approx(usual, rel=0.01)
 
 
