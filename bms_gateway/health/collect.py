@@ -7,6 +7,7 @@ import numpy as np
 
 from bms_gateway.health.window_fit import DriveWindow
 from bms_gateway.identify import Tick, Ticks
+from bms_gateway.identify.gathered import Gathered
 from bms_gateway.identify.ticks import before_full
 from bms_gateway.thermal import Floats
 
@@ -34,8 +35,7 @@ class Collector:
         self._square: list[float] = []
         self._current: list[float] = []
         self._inlet: list[float] = []
-        self._surface: list[Floats] = []
-        self._age: list[Floats] = []
+        self._readings = Gathered()
         self._soc = (0.0, 0)
         self._flow = (0.0, 0)
         self._held = (0.0, 0.0)
@@ -73,8 +73,7 @@ class Collector:
         self._square.append(self._last(self._square) if blind else tick.mean_square_current)
         self._current.append(self._last(self._current) if blind else current)
         self._inlet.append(self._inlet[-1] if still else tick.inlet)
-        self._surface.append(tick.surface[None])
-        self._age.append(tick.age[None])
+        self._readings.add(tick.surface, tick.age)
         if isfinite(soc):
             self._soc = self._soc[0] + soc, self._soc[1] + 1
         if flow > 0.0:
@@ -93,8 +92,7 @@ class Collector:
         self._square += ticks.square.tolist()
         self._current += ticks.current.tolist()
         self._inlet += ticks.inlet.tolist()
-        self._surface.append(ticks.surface)
-        self._age.append(ticks.age)
+        self._readings.take(ticks.surface, ticks.age)
         total, count = self._soc
         for soc in ticks.soc[np.isfinite(ticks.soc)].tolist():  # in the order in which `add` would sum them
             total, count = total + soc, count + 1
@@ -111,12 +109,13 @@ class Collector:
     def _close(self) -> Drive | None:
         """End the window; None where it is too short or nothing was read."""
         seconds, drive = len(self._square) * self._dt, None
-        if seconds >= SHORTEST_S and np.isfinite(surface := np.concatenate(self._surface)).any():
+        surface, age = self._readings.whole()
+        if seconds >= SHORTEST_S and np.isfinite(surface).any():
             window = DriveWindow(
                 np.array(self._square),
                 np.array(self._inlet),
                 surface,
-                np.concatenate(self._age),
+                age,
                 self._dt,
                 self._soc[0] / self._soc[1] if self._soc[1] else nan,
                 float(np.exp(self._flow[0] / self._flow[1])) if self._flow[1] else nan,

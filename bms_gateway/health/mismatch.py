@@ -13,7 +13,10 @@ from bms_gateway.thermal import Floats
 
 GRACE_S = 120.0
 """After a start or a pause the observer finds the state first: what it is surprised by then says nothing."""
-WINDOW_S = 600.0  # ten minutes: longer than a burst of noise, shorter than a drive
+WINDOW_S = 600.0
+"""Ten minutes: longer than a burst of noise, shorter than a drive. Until there are as many the mean is that of all that
+there is: did it slide from the first innovation on, one beyond twice its band would weigh on all of the ten minutes,
+and of strings with two sensors one start in seventy would raise a flag over nothing."""
 # Mean square of innovations in units of their own variance: 1 when all is well. Model error is slow, so it stays close
 # to 1 for long; 4 means that the surfaces are off by twice the band, minute after minute: suspected; 9 confirmed.
 EXCESS = Thresholds(rise=(4.0, 9.0), fall=(2.0, 6.0), hold=60)
@@ -29,7 +32,7 @@ class Mismatches:
     Attributes
     ----------
     excess : ndarray (S,)
-        Sliding mean of the squared normalised innovation; NaN before the first reading.
+        Mean of the squared normalised innovation over the last ten minutes; NaN before the first reading.
     flags : list of Flag
     """
 
@@ -38,6 +41,8 @@ class Mismatches:
         self.flags = [Flag(EXCESS) for _ in range(strings)]
         self._grace = np.full(strings, GRACE_S)
         self._waits = True
+        self._seen_s = np.zeros(strings)  # how long there have been readings
+        self._fills = True
         self._stirred: set[int] = set()  # whose flag is raised or about to be
 
     def take(self, now: Floats, dt: float) -> list[int]:
@@ -60,7 +65,11 @@ class Mismatches:
             now = np.where(waiting, nan, now)
             self._grace[waiting] -= dt
             self._waits = bool(waiting.any())
-        share = min(1.0, dt / WINDOW_S)
+        share: float | Floats = min(1.0, dt / WINDOW_S)
+        if self._fills:
+            self._seen_s += np.where(now == now, dt, 0.0)
+            share = np.minimum(1.0, dt / np.clip(self._seen_s, dt, WINDOW_S))
+            self._fills = bool((self._seen_s < WINDOW_S).any())
         excess = self.excess + (now - self.excess) * share
         if not self._stirred and excess.max() < EXCESS.rise[0]:  # all known, and nothing to tell: as nearly always
             self.excess = excess
@@ -76,6 +85,7 @@ class Mismatches:
     def resume(self, k: int) -> None:
         """Begin string `k` anew after a pause; a raised flag stays until the readings speak against it."""
         self._grace[k], self.excess[k], self._waits = GRACE_S, nan, True
+        self._seen_s[k], self._fills = 0.0, True
 
 
 @dataclass(frozen=True, slots=True)

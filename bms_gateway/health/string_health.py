@@ -222,7 +222,8 @@ class StringHealth:
         moved = []
         doubted = self.current.doubted(result.shape if self.trend.surprising(result.seen) else "")
         if not doubted:
-            self.current.listen(result.ratio, float(np.sqrt(result.seen.cov[0, 0])))
+            ln_R_e, sd = self.trend.resistance(result.seen)
+            self.current.listen(result.ratio + ln_R_e - float(result.seen.mean[0]), sd)
             kind = self.trend.update(result.seen, result.share, believe=self.current.believed, without=result.without)
             self.drift.took(kind, self.trend.left_out)
         if self.current.update(self.trend):

@@ -37,9 +37,10 @@ FLOW_POWER = (0.6, 0.3)  # of n: tube banks 0.63, a still gap 0
 OFFSET_SD = 1.0  # K: a thermocouple against the inlet's, as installed
 SHAPE_SD = 0.05  # ln R_c, ln C_c, ln C_s: what a commissioning leaves
 UNKNOWN = 1.0  # ln: a level that only the windows tell
-RATE_SD, RATE_WALK = 1e-3, 3e-5
+RATE_SD, RATE_WALK = 2e-3, 3e-5
 """ln per window: growth goes on as it has gone, 0.1 % a drive is a cell that wears out in a year; it is at rest only if
-the windows say so. Without a rate, a growing R_e would be followed late, and its start be taken for the baseline."""
+the windows say so. Without a rate, a growing R_e would be followed late, and its start be taken for the baseline; with
+one that is pulled to rest as narrowly as it usually is, a part of that start still is: half a point of growth."""
 WALK = {"growth": 0.001, "cooling": 0.01, "drift": 0.02}
 """Steps in a window, ln and K; filters clog within weeks."""
 FLOORS, FLOOR_K = (0.02, 0.03, 0.02, 0.02, 0.02), 0.1
@@ -191,7 +192,7 @@ class Trend:
         share : float
             Its length in units of a full window: walks go by time driven.
         believe : bool
-            False: its R_e is left out, for the current is known to be wrong.
+            False: its R_e is left out, for the current is known to be wrong, and growth stays where it is.
         without : mapping
             What the same window says with the k-th of the thermocouples left out.
 
@@ -204,7 +205,7 @@ class Trend:
         P = self.P.copy()
         if self.windows:
             F = np.eye(len(self.x))
-            F[G, RATE] = share
+            F[G, RATE] = share if believe else 0.0  # a rate that a wrong current has made must not go on by itself
             self.x, P = F @ self.x, F @ P @ F.T
             P[G, G] += WALK["growth"] ** 2 * share
             P[RATE, RATE] += RATE_WALK**2 * share
@@ -227,13 +228,29 @@ class Trend:
             R[0, 0] += LEFT_OUT
         elif self.surprises >= CONFIRM:
             P[J, J] += OPENED["jump"] ** 2
-        S_ = H @ P @ H.T + R
-        gain = np.linalg.solve(S_, H @ P).T
+        gain = self._gain(P, H, R)
         self.x = self.x + gain @ (z - H @ self.x)
         keep = np.eye(len(self.x)) - gain @ H
         P = keep @ P @ keep.T + gain @ R @ gain.T
         self.P = 0.5 * (P + P.T)
         return kind
+
+    def resistance(self, seen: Observed) -> tuple[float, float]:
+        """Tell ln R_e of a window, referred as its `mean` is, and its sd, by what is known of all but R_e.
+
+        A window alone tells heat badly from resistance to it, by a tenth; R_c, C_c and C_s, which many windows have
+        taught and which do not change, tell how much heat it was.
+        """
+        H, z, R = self._said(seen)
+        P = self.P.copy()
+        P[J, J] += UNKNOWN**2
+        gain = self._gain(P, H, R)
+        x, P = self.x + gain @ (z - H @ self.x), P - gain @ H @ P
+        return float(H[0] @ x + seen.by_B[0] * seen.B), float(np.sqrt(max(H[0] @ P @ H[0], 0.0)))
+
+    @staticmethod
+    def _gain(P: Floats, H: Floats, R: Floats) -> Floats:
+        return np.asarray(np.linalg.solve(H @ P @ H.T + R, H @ P).T)
 
     @property
     def doubtful(self) -> bool:

@@ -23,13 +23,14 @@ import numpy as np
 
 from bms_gateway.health import StringHealth
 from bms_gateway.thermal import Prior, StringModel
-from tests.benchmarks.health_life import CELLS, SENSORS, Life, drives_of
+from tests.benchmarks.health_life import CELLS, SENSORS, Life, heard_of
 from tests.truth.pack import NOMINAL
 
 GROWTH = 0.30
 EXPONENTS = (1500.0, 2500.0, 3500.0)
 IN_TIME = 25  # drives
 BLOCK = 50
+ELECTRICAL = 0.8  # of the resistance that heats: the share that answers within a second
 DAY_NS = 86_400_000_000_000
 SD = {"C_c": 0.05, "C_s": 0.05, "R_e": 0.3, "R_c": 0.05, "R_u": 0.2, "R_cc": 0.2, "C_f": 0.05}
 FAULTS = {
@@ -55,7 +56,7 @@ def model() -> StringModel:
 
 @lru_cache(maxsize=2)
 def _whole(life: Life, drives: int) -> list:
-    return [d for k in range(0, drives, BLOCK) for d in drives_of(life, k, min(k + BLOCK, drives))]
+    return [d for k in range(0, drives, BLOCK) for d in heard_of(life, k, min(k + BLOCK, drives))]
 
 
 def lived(
@@ -64,23 +65,21 @@ def lived(
     """Health at the end, flags as they moved (drive, change), growth after each drive."""
     health, told, growth = StringHealth(model(), known=True), [], []
     rng = np.random.default_rng([life.seed, 8])
-    for k, (w, current) in enumerate(_whole(life, drives)):
+    for k, (w, current, heats) in enumerate(_whole(life, drives)):
         w = replace(w, inlet=w.inlet + inlet_offset)  # a whole number of the sensor's steps
         electrical = float("nan")
         if voltage:
-            electrical = _electrical(life, k, w) * float(np.exp(rng.normal(0.0, 0.02)))
+            electrical = _electrical(life, k, heats) * float(np.exp(rng.normal(0.0, 0.02)))
         job = health.job(w, current, electrical)
         told += [(k, change) for change in health.accept(job.run(), k * DAY_NS)]
         growth.append(health.ageing.growth)
     return health, told, np.array(growth)
 
 
-def _electrical(life: Life, k: int, w) -> float:
-    """Resistance as the voltage shows it, at the window's own temperature: 80 % of the thermal one, over the gain."""
-    name, _, size = life.fault if k >= life.fault[1] else ("", 0, 0.0)
-    core = np.nanmean(w.surface) + 0.8 * NOMINAL["R_c"] * NOMINAL["R_e"] * w.square.mean()
-    R = 0.8 * NOMINAL["R_e"] * (1.0 + life.growth * k) * np.exp(life.exponent * (1 / (core + 273.15) - 1 / 298.15))
-    return float(R * (1.0 + size if name == "joint" else 1.0) / (1.0 + size if name == "gain" else 1.0))
+def _electrical(life: Life, k: int, heats: float) -> float:
+    """Resistance as the voltage shows it: 80 % of the one that heats, over the current's gain."""
+    name, since, size = life.fault
+    return ELECTRICAL * heats / (1.0 + size if name == "gain" and k >= since else 1.0)
 
 
 def first_at(told: list, code: str, level: int) -> int | None:

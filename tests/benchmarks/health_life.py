@@ -6,7 +6,7 @@ import numpy as np
 
 from bms_gateway.health.window_fit import DriveWindow
 from tests.truth.drives import make_drive
-from tests.truth.pack import NOMINAL, integrate, terms
+from tests.truth.pack import KELVIN, NOMINAL, T_REF, integrate, terms
 
 CELLS, SENSORS = 3, (1, 3)
 TICK_S = 4
@@ -37,7 +37,16 @@ def weather(rng, k, per_year=400):
 
 
 def drives_of(life, first, last):
-    """(window, current once a second) of drives first…last − 1, in order; their truth is one loop of the integrator."""
+    """(window, current once a second) of drives first…last − 1, in order."""
+    for window, current, _ in heard_of(life, first, last):
+        yield window, current
+
+
+def heard_of(life, first, last):
+    """(window, current once a second, resistance that heats, Ω) of each drive; all are one loop of the integrator.
+
+    The resistance is that of the mean cell at the cores' own temperatures, as the heat that it makes weights them.
+    """
     rng = [np.random.default_rng([life.seed, 31, k]) for k in range(first, last)]
     seconds = 1260
     logs, made, flows = [], [], []
@@ -72,7 +81,14 @@ def drives_of(life, first, last):
         made.append(replace(d, current=I))
         flows.append(flow)
     for k, (r, d, t, flow, trace) in enumerate(zip(rng, made, logs, flows, integrate(logs), strict=True), start=first):
-        yield _measured(life, k, r, d, t, flow, trace)
+        yield (*_measured(life, k, r, d, t, flow, trace), _resistance(t, trace))
+
+
+def _resistance(t, trace):
+    """Of the mean cell over the window, Ω, weighted by the current's square."""
+    core = (trace.core[1:] + trace.core[:-1]) / 2 + KELVIN
+    R = (t.R_e * np.exp(t.B * (1 / core - 1 / T_REF))).mean(axis=1)
+    return float(np.average(R[:1200], weights=t.I2[:1200]))
 
 
 def _measured(life, k, rng, d, t, flow, trace):

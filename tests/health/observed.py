@@ -1,5 +1,7 @@
 """Windows made up from known numbers: what a fit would say of a string whose state is known."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from bms_gateway.health.window_fit import Observed
@@ -20,3 +22,14 @@ def observed(rng=None, *, growth=0.0, cooling=0.0, drift=(0.0, 0.0), B=2500.0, j
         mean = mean + rng.normal(0.0, sd)
     by_B = np.array([-warmth, *np.zeros(len(mean) - 1)])
     return Observed(mean, np.diag(sd**2), job_B, by_B, warmth, core, soc, flow, 0.1, 0.02)
+
+
+HEAT = np.array([1.0, -1.0, -1.0, 1.0, 1.0])
+"""What a window takes for another scale of heat: R_e, C_c, C_s up, R_u, R_c down; its surfaces are the same."""
+
+
+def unsure_of_heat(rng, sd=0.13, **more) -> Observed:
+    """One window whose scale of heat is known to `sd` only, as one drive tells it."""
+    seen = observed(rng, **more)
+    along = np.append(HEAT, np.zeros(len(seen.mean) - len(HEAT)))
+    return replace(seen, mean=seen.mean + rng.normal(0.0, sd) * along, cov=seen.cov + sd**2 * np.outer(along, along))

@@ -112,6 +112,53 @@ def test_mismatch_rises_when_innovations_outgrow_their_band_and_not_on_white_noi
     assert bad.sentence() == "the model explains the surfaces again"
 
 
+def levels(innovation: np.ndarray, seconds: int, seed: int, sensors: int) -> tuple[np.ndarray, np.ndarray]:
+    """Levels (S,) in the end, and when each was first raised (S,), s since the start; of strings so far off (S,)."""
+    rng, m = np.random.default_rng(seed), Mismatches(len(innovation))
+    first = np.full(len(innovation), np.inf)
+    for t in range(1, seconds + 1):
+        now = np.square(innovation[:, None] + rng.standard_normal((len(innovation), sensors))).mean(axis=1)
+        for k in m.take(now, 1.0):
+            first[k] = min(first[k], t)
+    return np.array([flag.level for flag in m.flags]), first
+
+
+@pytest.mark.parametrize("sensors", [1, 2, 12])
+def test_no_start_raises_a_flag_over_one_large_innovation(sensors: int) -> None:
+    """The first of two sensors' means is above 4 once in fifty starts, and did what the hold time is there against."""
+    level, first = levels(np.zeros(3000), 900, sensors, sensors)
+    assert not level.any()
+    assert np.isinf(first).all()
+
+
+@pytest.mark.parametrize(("off", "usual", "latest"), [(2.5, 80, 130), (4.0, 61, 70)])
+def test_a_model_that_is_wrong_from_the_start_is_told_when_grace_and_hold_are_over(
+    off: float, usual: int, latest: int
+) -> None:
+    """A mean that slid from the first innovation on needed up to 510 s and 118 s more than the grace."""
+    level, first = levels(np.full(400, off), 400, 3, 2)
+    assert level.all()
+    assert first.min() == GRACE_S + 60
+    assert np.quantile(first, 0.9) <= GRACE_S + usual
+    assert first.max() <= GRACE_S + latest
+
+
+def test_a_model_that_goes_wrong_on_the_road_is_told_as_a_sliding_mean_of_ten_minutes_does() -> None:
+    rng, m, mean, told = np.random.default_rng(4), Mismatches(1), 1.0, None
+    since = 0
+    for t in range(3000):
+        now = float(np.square((3.0 if t >= 1500 else 0.0) + rng.standard_normal(2)).mean())
+        changed = m.take(np.array([now]), 1.0)
+        if t >= GRACE_S + 600:
+            mean += (now - mean) / 600.0
+            since = since + 1 if mean >= 4.0 else 0
+            told = t if told is None and since >= 60 else told
+        if changed:
+            break
+    assert told is not None
+    assert t == pytest.approx(told, abs=10)
+
+
 def test_innovations_of_the_first_seconds_say_nothing_after_a_start_and_after_a_pause() -> None:
     m = Mismatch()
     for _ in range(2):

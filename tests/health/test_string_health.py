@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 
 from bms_gateway.errors import StateError
-from bms_gateway.health import HealthJob, StringHealth
+from bms_gateway.health import HealthJob, HealthResult, StringHealth
 from bms_gateway.health.causes import current_shape
 from bms_gateway.health.trend import Kind, L, S
 from bms_gateway.health.window_fit import DriveWindow
 from bms_gateway.identify import Tick
 from bms_gateway.thermal import AddedEffect
-from tests.health.strings import Life, model
+from tests.health.observed import unsure_of_heat
+from tests.health.strings import DAY_NS, Life, model
 
 LN = np.log
 NAMES = tuple(model().priors)
@@ -98,6 +99,26 @@ def test_the_voltage_tells_a_wrong_scale_from_a_joint() -> None:
             assert {c.code for c in life.told} == {"ageing"}
             assert life.health.ageing.growth == pytest.approx(np.exp(level) - 1, abs=0.08)
             assert "no voltage is heard" not in life.told[-1].text
+
+
+def test_voltage_is_a_witness_within_a_month_of_drives_that_do_not_tell_their_heat() -> None:
+    """A joint that comes loose is told within days then; by windows alone the voltage took 120 drives to be learnt."""
+    life = Life()
+
+    def drive(times: int, level: float = 0.0) -> None:
+        for _ in range(times):
+            seen = unsure_of_heat(life.rng, core=life.rng.uniform(10, 40), level=level)
+            electrical = level + life.rng.normal(0.0, 0.02)
+            ratio = 0.2 + float(seen.mean[0]) + seen.B * seen.warmth - electrical - 2500.0 * seen.warmth
+            life.told += life.health.accept(HealthResult(seen, 1.0, "", ratio), life.day * DAY_NS)
+            life.day += 1
+
+    drive(40)
+    assert life.health.current.heard
+    drive(10, level=0.3)
+    assert life.health.ageing.flag.level == 3
+    assert {code for code, _ in life.codes()} == {"ageing"}
+    assert abs(life.health.current.scale) < 0.04
 
 
 def test_a_clipped_current_is_found_by_its_shape_and_the_heat() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from bms_gateway.errors import StateError
 from bms_gateway.health.trend import CONFIRM, B, G, J, Kind, L, Prior, Trend, U
-from tests.health.observed import observed
+from tests.health.observed import observed, unsure_of_heat
 
 
 def driven(trend: Trend, windows: int, seed: int = 1, growth=lambda k: 0.0, **more) -> list[Kind]:
@@ -30,6 +30,14 @@ def test_growth_is_followed_through_all_weathers_and_the_exponent_is_learnt(true
     assert np.expm1(growth) == pytest.approx(0.30, abs=0.03)
     assert sd < 0.02
     assert trend.exponent == pytest.approx(true_B, abs=50)
+
+
+def test_growth_under_way_from_the_first_drive_is_not_taken_for_the_baseline() -> None:
+    """Windows without noise: a rate pulled to rest by 0.1 % a drive leaves 0.0044 of it there, by 0.2 % 0.0013."""
+    trend, rng = Trend(2), np.random.default_rng(1)
+    for k in range(60):
+        trend.update(observed(growth=np.log1p(0.00075 * k), core=rng.uniform(5, 45)))
+    assert np.expm1(trend.of(G)[0]) == pytest.approx(0.00075 * 59, abs=0.002)
 
 
 def test_offsets_that_only_the_exponent_moves_are_no_drift_and_teach_it() -> None:
@@ -145,7 +153,20 @@ def test_a_window_whose_current_is_wrong_leaves_growth_alone() -> None:
     before = trend.of(G)[0]
     for _ in range(20):
         trend.update(observed(growth=0.05), believe=False)
-    assert trend.of(G)[0] == pytest.approx(before, abs=0.02)  # at the rate of before
+    assert trend.of(G)[0] == pytest.approx(before, abs=0.02)
+
+
+def test_growth_that_a_wrong_current_has_begun_does_not_go_on_once_that_is_known() -> None:
+    """It went on at its rate: a current 7 % too low was 16 % of growth when it was told, 27 % sixty drives later."""
+    trend = Trend(2)
+    driven(trend, 60)
+    driven(trend, 20, seed=2, growth=lambda k: 0.006 * k)
+    begun = trend.of(G)[0]
+    assert begun > 0.05
+    rng = np.random.default_rng(3)
+    for _ in range(60):
+        trend.update(observed(rng, growth=0.5), believe=False)
+    assert trend.of(G)[0] == pytest.approx(begun, abs=0.01)
 
 
 @pytest.mark.parametrize("seed", range(1, 13))
@@ -156,6 +177,21 @@ def test_a_commissioned_level_makes_growth_known_from_the_first_windows(seed: in
     growth, sd = trend.of(G)
     assert np.expm1(growth) == pytest.approx(0.2, abs=0.04)
     assert sd < 0.03
+
+
+def test_the_resistance_of_a_window_is_told_by_what_many_have_taught_of_its_heat() -> None:
+    """Alone, a window tells R_e to 0.13; and what it tells owes nothing to what R_e was before."""
+    trend, rng = Trend(2), np.random.default_rng(1)
+    for _ in range(60):
+        trend.update(unsure_of_heat(rng, core=rng.uniform(10, 40)))
+    before = trend.snapshot()
+    windows = [unsure_of_heat(rng, growth=0.5, core=rng.uniform(10, 40)) for _ in range(100)]
+    told, sd = np.array([trend.resistance(seen) for seen in windows]).T
+    assert trend.snapshot() == before
+    assert np.std([seen.mean[0] for seen in windows]) > 0.11
+    assert np.std(told) < 0.06
+    assert told.mean() == pytest.approx(0.5, abs=0.05)
+    assert np.median(sd) < 0.08
 
 
 def test_a_reset_begins_again_from_what_is_there() -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from bms_gateway.health import window_fit
 from bms_gateway.health.trend import Trend
-from bms_gateway.health.window_fit import at_mean_charge, core_temperature, fit_window
+from bms_gateway.health.window_fit import at_mean_charge, core_temperature, fit_window, inlet_noise
 from bms_gateway.thermal import StringParameters
 from tests.benchmarks.health_life import CELLS, SENSORS, SOC_SLOPE, Life, drives_of
 from tests.truth.pack import NOMINAL
@@ -115,6 +115,31 @@ def test_what_an_error_of_the_exponent_does_is_told_for_all_that_a_window_finds(
     off, size = np.abs(np.array(told) - found), np.abs(found)
     assert (np.median(off, axis=0) < 0.25 * np.median(size, axis=0) + 0.001).all()  # the odd window is curved
     assert size[:, 5:].max() > 0.05
+
+
+def test_noise_of_the_inlet_s_readings_passes_for_no_other_casing_or_film() -> None:
+    """What a casing answers to noise is not in its readings, and a slower casing answers to less of it: without what
+    the fit adds for that, R_e is told 4.7 % low and R_u 3.6 % high here, most of it in drives that ramp."""
+    windows, rng = [w for w, _ in drives_of(Life(107, exponent=3500.0), 0, 24)], np.random.default_rng(3)
+    moved, weight = [], []
+    for w in windows:
+        noisier = replace(w, inlet=w.inlet + rng.normal(0.0, 0.12, len(w.inlet)))
+        one, two = (fit_window(STRING, each, SENSED, GUESS, 3500.0) for each in (w, noisier))
+        moved.append(two.mean - one.mean)
+        weight.append(1.0 / (np.diag(one.cov) + 0.03**2))
+    shift = np.average(np.array(moved), axis=0, weights=np.array(weight))
+    assert np.abs(shift[:5]).max() < 0.015
+    assert np.abs(shift[5:]).max() < 0.03
+
+
+def test_noise_of_the_inlet_is_told_from_what_it_follows() -> None:
+    t, rng = np.arange(301) * 4.0, np.random.default_rng(2)
+    flap = np.where(t > 600.0, 5.0, 0.0) + 3.0 * np.sin(t / 120.0)
+    read = np.round((flap + rng.normal(0.0, 0.05, 301)) / 0.1) * 0.1
+    assert inlet_noise(flap) < 0.01
+    assert inlet_noise(read) == pytest.approx(np.hypot(0.05, 0.1 / np.sqrt(12.0)), rel=0.2)
+    assert inlet_noise(np.full(301, 20.0)) == 0.0
+    assert inlet_noise(np.array([20.0, 20.0])) == 0.0
 
 
 def test_readings_that_lack_and_a_bulk_coolant_are_no_matter() -> None:
