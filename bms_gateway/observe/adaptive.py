@@ -29,7 +29,7 @@ from bms_gateway.observe.pace import EVERY
 from bms_gateway.observe.sensitivity import PARAMETERS, Flows, bridged, carried, corrected
 from bms_gateway.observe.spread import prior_covariance, root
 from bms_gateway.observe.stored import like, plain
-from bms_gateway.observe.unseen import JUST_LEFT_S, RESTED_S, either, opened
+from bms_gateway.observe.unseen import JUST_LEFT_S, RESTED_S, Usual, either, opened
 from bms_gateway.thermal import Disturbance, Floats, Start, StringModel, StringParameters
 
 FLOW_GRID = 0.03
@@ -110,7 +110,7 @@ class AdaptiveObserver:
         self._root = np.stack([root(c) for c in self._cov])
         self._unread = np.full(sensors.shape, np.inf)
         self._inlet = np.zeros(self._strings)
-        self._usual = np.zeros((self._strings, self._cells))
+        self._usual = Usual.nothing(self._strings, self._cells)
         self._available = np.zeros(self._strings, np.bool_)
         self._resting = b""  # which readings the bands rest on; nothing: to be found out
         self._rested = False  # they rest on those of all sensors
@@ -303,10 +303,10 @@ class AdaptiveObserver:
             No heat in the meantime; bands grow towards those of a rested string whose inlet nobody saw.
         """
         self._catch_up(self._everywhere)
-        disturbance, usual, J = self._kalman.model.disturbance, self._usual.mean(axis=1), self._blocks.J.copy()
+        disturbance, usual, J = self._kalman.model.disturbance, self._usual.mean.mean(axis=1), self._blocks.J.copy()
         if unseen:
             state = self._kalman.caught_up(self._state, self._everywhere)
-            x, P, J = opened(state.x, state.P, J, usual, disturbance)
+            x, P, J = opened(state.x, state.P, J, gap_s, usual, disturbance)
             self._state = replace(state, x=x, P=P)
         in_force = [self._in_force(s) for s in range(self._strings)]
         inlet1 = self._inlet if inlet is None else np.where(np.isfinite(inlet), inlet, self._inlet)
@@ -321,7 +321,8 @@ class AdaptiveObserver:
             A = [augmented(p, disturbance, by_resistance=True).A for p in in_force]
             more = [unseen_phases(a, gap_s, float(q), disturbance) for a, q in zip(A, usual, strict=True)]
             self._state = replace(self._state, P=self._state.P + np.stack(more))
-        self._inlet, self._usual, self._unread = inlet1.copy(), np.zeros_like(self._usual), self._unread + gap_s
+        self._inlet, self._unread = inlet1.copy(), self._unread + gap_s
+        self._usual = self._usual.aged(-float(np.expm1(-gap_s / disturbance.correlation)))
         self._fresh = False
         return self.estimate()
 
@@ -341,7 +342,7 @@ class AdaptiveObserver:
 
     def snapshot(self) -> dict[str, Any]:
         """Return all that a restart needs, as numbers, lists and None for NaN."""
-        own = {name: plain(getattr(self, f"_{name}")) for name in _KEPT}
+        own = {name: plain(getattr(self, f"_{name}")) for name in _KEPT} | self._usual.snapshot()
         own["J"] = plain(self._blocks.caught_up(self._everywhere, self._flows, self._kalman, self._state))
         block = self._blocks.snapshot() | self._bands.snapshot()
         state = {f.name: plain(getattr(self._state, f.name)) for f in fields(KalmanState)}
@@ -359,6 +360,7 @@ class AdaptiveObserver:
         """
         try:
             own = {k: like(snapshot["own"][k], getattr(self, f"_{k}")) for k in _KEPT}
+            usual = self._usual.restored(snapshot["own"])
             state = KalmanState(
                 **{f.name: like(snapshot["state"][f.name], getattr(self._state, f.name)) for f in fields(KalmanState)}
             )
@@ -385,7 +387,7 @@ class AdaptiveObserver:
             raise StateError("observer state: holds values that are not numbers")
         for name, value in own.items():
             setattr(self, f"_{name}", value)
-        self._parameters, self._state = parameters, state
+        self._parameters, self._state, self._usual = parameters, state, usual
         self._root = np.stack([root(c) for c in self._cov])
         bands.own, bands.owned = owned, cells is not None
         self._blocks, self._bands = blocks, bands
@@ -427,11 +429,9 @@ class AdaptiveObserver:
             known = np.asarray(np.isfinite(electric).all(axis=1), dtype=np.bool_)
         every = bool(known.all())
         if not every:
-            electric = np.where(np.isfinite(electric), electric, self._usual)
-        unusual = (electric if given is None else electric + given) - self._usual
-        self._usual = self._usual + self._share_of_usual * (
-            unusual if every else np.where(known[:, None], unusual, 0.0)
-        )
+            electric = np.where(np.isfinite(electric), electric, self._usual.mean)
+        whole = electric if given is None else electric + given
+        self._usual = self._usual.after(whole, self._share_of_usual, every or known[:, None])
         return electric, given, known
 
     def _follow_flow(self, ratio: Floats) -> None:
@@ -490,5 +490,5 @@ class AdaptiveObserver:
         return self._bands.levers(self._state.x, self._inlet)
 
 
-_KEPT = ("cov", "inlet", "usual", "unread", "level", "available")
+_KEPT = ("cov", "inlet", "unread", "level", "available")
 """Attributes beside the filter's state and the parameters that a snapshot holds."""

@@ -26,7 +26,7 @@ from bms_gateway.observe.spread import of_unlike, root, scatter
 from bms_gateway.observe.stored import like, plain
 from bms_gateway.observe.tangent import ROW, Tangent, disturbed, drive_of, heated, jacobian
 from bms_gateway.observe.uncertain import EffectNumber, effect_numbers, forcing, log_change, uncertain
-from bms_gateway.observe.unseen import JUST_LEFT_S, RESTED_S, either, opened
+from bms_gateway.observe.unseen import JUST_LEFT_S, RESTED_S, Usual, either, opened
 from bms_gateway.thermal import Disturbance, Floats, Start, StringModel, StringParameters
 from bms_gateway.thermal.physics import Memory, Numbers, Physics
 
@@ -96,7 +96,7 @@ class EffectObserver:
         self._effective = nan, 0.0
         self._unread = np.full(len(self._sensors), np.inf)
         self._known = np.ones(OFFSETS, np.bool_)
-        self._available, self._usual = np.array(False), np.zeros(3)
+        self._available, self._usual = np.array(False), Usual.nothing(1, 3)  # of current, its square and its amount
         self._inlet, self._soc, self._flow, self._hours = nan, float(soc), 1.0, 0.0
         self._row = np.full(len(ROW), nan)
         self._carry: dict[str, Floats] = {}
@@ -228,9 +228,9 @@ class EffectObserver:
 
     def _carried(self, gap_s: float, unseen: bool, inlet: float, flow: float) -> Estimate:
         """Carry the string over a gap at whose end inlet, °C, and flow are what they are (NaN: the same)."""
-        b, usual = self._belief, float(self._usual[1] * np.mean(self._v.string.R_e))
+        b, usual = self._belief, float(self._usual.mean[0, 1] * np.mean(self._v.string.R_e))
         if unseen:
-            self._belief = Belief(*opened(b.z, b.P, b.J, usual, self._disturbance))
+            self._belief = Belief(*opened(b.z, b.P, b.J, gap_s, usual, self._disturbance))
         first, last = self._inlet, inlet if isfinite(inlet) else self._inlet
         grown = log(float(np.clip(flow, *FLOW_LIMITS)) / self._flow) if isfinite(flow) else 0.0
         turbulent = strayed(self._disturbance, last - first, gap_s)
@@ -248,7 +248,8 @@ class EffectObserver:
             b = self._belief
             self._belief = Belief(b.z, b.P + (grown**2 / 12.0 + FLOW_UNSEEN**2) * np.outer(g, g), b.J)
             self._flow *= exp(grown)
-        self._inlet, self._usual, self._row = last, np.zeros(3), row
+        self._inlet, self._row = last, row
+        self._usual = self._usual.aged(-float(np.expm1(-gap_s / self._disturbance.correlation)))
         self._unread = self._unread + gap_s
         self._known = np.array([False, not unseen])
         self._rows, self._states = self._rows[:0], self._states[:0]
@@ -271,6 +272,7 @@ class EffectObserver:
     def snapshot(self) -> dict[str, Any]:
         """Return all that a restart needs, as numbers, lists and None for NaN."""
         own = {name: plain(np.asarray(getattr(self, f"_{name}"))) for name in _KEPT}
+        own |= self._usual.snapshot()
         belief = {name: plain(getattr(self._belief, name)) for name in ("z", "P", "J")}
         memories = {"": self._carry, "at": self._at_memory} | {f"of {k}": c for k, c in self._carries.items()}
         return {
@@ -292,6 +294,7 @@ class EffectObserver:
         """
         try:
             own = {k: like(snapshot["own"][k], np.asarray(getattr(self, f"_{k}"))) for k in _KEPT}
+            usual = self._usual.restored(snapshot["own"])
             belief = Belief(*(like(snapshot["belief"][k], getattr(self._belief, k)) for k in ("z", "P", "J")))
             rows, states = (np.array(a, np.float64) for a in snapshot["block"])
             rows, states = rows.reshape(-1, len(ROW)), states.reshape(len(rows), len(belief.z))
@@ -301,13 +304,13 @@ class EffectObserver:
             linear = bool(snapshot["linear"])
         except (KeyError, TypeError, ValueError, AttributeError) as e:
             raise StateError(f"observer state: not of this string ({type(e).__name__}: {e})") from e
-        held = [own["cov"], own["F"], own["usual"], states, *values.values(), *carry.values(), *at_memory.values()]
+        held = [own["cov"], own["F"], states, *values.values(), *carry.values(), *at_memory.values()]
         if not belief.finite or not all(np.isfinite(a).all() for a in held):
             raise StateError("observer state: holds values that are not numbers")
         for name, value in own.items():
             setattr(self, f"_{name}", value.item() if name in _SCALARS else value)
         self._belief, self._rows, self._states, self._values = belief, rows, states, values
-        self._carry, self._at_memory = carry, at_memory
+        self._carry, self._at_memory, self._usual = carry, at_memory, usual
         self._carries = {k.removeprefix("of "): m for k, m in memories.items()}
         self._v, self._root = self._physics.numbers(values), root(self._cov)
         self._tangent = None
@@ -344,10 +347,9 @@ class EffectObserver:
         inlet0, self._inlet = self._inlet, m.inlet if known[0] else self._inlet
         if not self._known[0]:
             inlet0 = self._inlet  # no ramp from a value that was only held
-        current = np.array([m.I, m.I2, m.I_abs]) if known[1] else self._usual
-        if known[1]:
-            share = -np.expm1(-self._dt / self._disturbance.correlation)
-            self._usual = self._usual + share * (current - self._usual)
+        current = np.array([m.I, m.I2, m.I_abs]) if known[1] else self._usual.mean[0]
+        share = -float(np.expm1(-self._dt / self._disturbance.correlation))
+        self._usual = self._usual.after(current[None], share, bool(known[1]))
         if isfinite(m.flow):
             self._flow = float(np.clip(m.flow, *FLOW_LIMITS))
         half = self._dt / 7200.0
@@ -413,7 +415,7 @@ class EffectObserver:
             or np.abs(z[:n] - self._at[:n]).max() > STRAYED_K
             or abs(np.log(row[flow] / self._at_row[flow])) > STRAYED_FLOW
         ):
-            self._at, self._at_row = z, np.concatenate([self._usual, row[3:]])
+            self._at, self._at_row = z, np.concatenate([self._usual.mean[0], row[3:]])
             self._at_memory, self._age = dict(memory), 0
             self._linearise()
         assert self._tangent is not None  # noqa: S101 - just made
@@ -494,6 +496,6 @@ class EffectObserver:
 
 _SCALARS = ("inlet", "soc", "flow", "hours", "age")
 _KEPT = (
-    *_SCALARS, "cov", "F", "seen", "coolant", "unread", "known", "available", "usual", "row", "at", "at_row", "G"
+    *_SCALARS, "cov", "F", "seen", "coolant", "unread", "known", "available", "row", "at", "at_row", "G"
 )  # fmt: skip
 """Attributes beside belief, memories and the open block that a snapshot holds."""

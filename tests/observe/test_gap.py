@@ -185,7 +185,7 @@ def test_unseen_heat_goes_to_unlike_cells_by_their_resistance():
     for _ in range(60):
         observer.step(I2, None, np.array([25.0]), y, np.zeros((1, 3)))
         y = none
-    start, usual = observer.estimate(), observer._usual[0]
+    start, usual = observer.estimate(), observer._usual.mean[0]
     assert usual[2] == pytest.approx(2.0 * usual[0])
     string = truth(3, R_e=R_e)
     fading = np.exp(-(np.arange(540) + 0.5) / Disturbance().correlation)
