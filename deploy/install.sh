@@ -6,7 +6,7 @@
 #   /opt/bms-gateway/venv            the program
 #   /etc/bms-gateway/                the configuration: the example is put there if there is none, else it stays
 #   /etc/systemd/system/             the unit
-#   /etc/sysctl.d/60-bms-gateway.conf  room for half a second of a full bus in the kernel's receive buffer
+#   /etc/sysctl.d/60-bms-gateway.conf  room for two seconds of a full bus in the kernel's receive buffer
 # What it does not do: start the service, set up the interface. It says how.
 set -eu
 
@@ -16,7 +16,7 @@ here=$(cd "$(dirname "$0")" && pwd)
 source=${1:-$(dirname "$here")}
 home=/opt/bms-gateway
 config=/etc/bms-gateway
-buffer=4194304
+buffer=8388608
 
 fail() { echo "install.sh: $*" >&2; exit 2; }
 [ "$(id -u)" = 0 ] || fail "must be run as root"

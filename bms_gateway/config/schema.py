@@ -94,14 +94,14 @@ class Bus(Section):
     Attributes
     ----------
     receive_buffer : int
-        Bytes asked of the kernel: 2 MiB hold a second of a full 1 Mbit/s bus several times over.
+        Bytes asked of the kernel, which takes them as they fill: 8 MiB hold 2.2 s of a full 1 Mbit/s bus.
     """
 
     interface: str = "socketcan"
     channel: str = Field(default="vcan0", min_length=1)
     dbc: list[Annotated[str, Field(min_length=1)]] = Field(default_factory=list)
     transmit: bool = True
-    receive_buffer: int = Field(default=2 << 20, ge=4096, le=1 << 30)
+    receive_buffer: int = Field(default=8 << 20, ge=4096, le=1 << 30)
 
     @model_validator(mode="after")
     def _name_of_linux(self) -> "Bus":

@@ -62,6 +62,6 @@ def work(given: BinaryIO, out: BinaryIO) -> None:
 
 
 if __name__ == "__main__":
-    with suppress(PermissionError):  # the hardened unit allows no change of priority: its processor share must do
+    with suppress(PermissionError):  # the hardened unit forbids it, and has put the loop above its children instead
         os.nice(NICE)
     work(sys.stdin.buffer, sys.stdout.buffer)

@@ -190,9 +190,11 @@ async def peer_bursts(place):
 
 def measure_bursts(frames):
     """Bursts on vcan0; the sender goes on beyond what is counted, so that equal times are compared."""
+    from bms_gateway.bus.socketcan import RECEIVE_BUFFER
+
     kinds = {
         "default buffer": lambda p: bursts(p, DEFAULT_BUFFER),
-        "buffer as asked": lambda p: bursts(p, 4 << 20),
+        "buffer as asked": lambda p: bursts(p, RECEIVE_BUFFER),
         "Notifier": peer_bursts,
     }
     found = {}

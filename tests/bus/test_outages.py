@@ -116,7 +116,7 @@ def test_a_port_binds_its_interface_with_filters_for_what_it_wants_and_for_its_o
     assert interface.options[socket.CAN_RAW_FD_FRAMES] == 1
     assert port.fileno() == interface.fileno()
     assert not interface.getblocking()
-    assert interface.options[SO_RCVBUFFORCE] == 4_194_304
+    assert interface.options[SO_RCVBUFFORCE] == 8_388_608
 
 
 def test_a_port_that_wants_all_has_the_filter_that_passes_all(interface, time):

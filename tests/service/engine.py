@@ -42,11 +42,11 @@ class TickEngine:
         self.calls.append(("receive", now_ns))
         self.late += [t for t in frames.time_ns.tolist() if t < self.last]
         self.idle = 0
-        if self.deadline is None:
-            self.deadline = (int(frames.time_ns[0]) // TICK_NS + 1) * TICK_NS
         for t in frames.time_ns.tolist():
-            while t >= self.deadline:
+            while self.deadline is not None and t >= self.deadline:
                 self.tick()
+            if self.deadline is None:  # the first frame, or the first after a silence, which may lie within a batch
+                self.deadline = (t // TICK_NS + 1) * TICK_NS
             self.pending.append(t)
 
     def next_deadline(self):

@@ -22,6 +22,7 @@ import aiomqtt
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
+from bms_gateway.service.aside import NICE
 from tests.service.broker import make_broker
 from tests.service.test_aside import windows
 
@@ -222,6 +223,7 @@ def test_installing_again_is_safe_and_keeps_an_edited_config(installed):
 def test_it_gets_ready_estimates_survives_and_stops_cleanly(service, pack):
     assert prop("ActiveState") == "active"
     assert prop("StatusText").startswith("OK; bus up")
+    assert "raise net.core.rmem_max" not in journal()  # install.sh has, to what the service asks for
     pid = int(prop("MainPID"))
     assert os.stat(f"/proc/{pid}").st_uid >= 61_184  # a dynamic user
 
@@ -392,25 +394,41 @@ def test_networkd_understands_the_interface_file(installed):
 
 
 ASIDE = """
-import pickle
+import asyncio, os, pickle
 from pathlib import Path
 from bms_gateway.service.aside import run_aside
-print("found:", type(run_aside(pickle.loads(Path("/etc/bms-gateway/job").read_bytes()))).__name__)
+from priority import Priority
+
+async def main():  # in a thread, as the gateway does it
+    job = pickle.loads(Path("/etc/bms-gateway/job").read_bytes())
+    print("found:", type(await asyncio.to_thread(run_aside, job)).__name__)
+    print("priorities:", os.getpriority(os.PRIO_PROCESS, 0), await asyncio.to_thread(run_aside, Priority()))
+
+asyncio.run(main())
+"""
+PRIORITY = """
+import os
+class Priority:
+    def run(self):
+        return os.getpriority(os.PRIO_PROCESS, 0)
 """
 
 
-def test_a_window_is_fitted_in_a_process_of_its_own_under_all_the_units_restrictions(installed):
+def test_a_window_is_fitted_in_a_process_of_its_own_below_the_loop_under_all_the_units_restrictions(installed):
     job = windows()[0]
     (CONFIG.parent / "job").write_bytes(pickle.dumps(job))
     (CONFIG.parent / "job").chmod(0o644)
     (CONFIG.parent / "aside.py").write_text(ASIDE)
+    (CONFIG.parent / "priority.py").write_text(PRIORITY)
     python = "/opt/bms-gateway/venv/bin/python"
     run = ("Type=oneshot", "Restart=no", "WatchdogSec=0", "ExecStart=", f"ExecStart={python} /etc/bms-gateway/aside.py")
-    drop_in("aside", *run)
+    drop_in("aside", *run, "Environment=PYTHONPATH=/etc/bms-gateway")
     try:
         subprocess.run(["systemctl", "start", UNIT], check=False)
         assert f"found: {type(job.run()).__name__}" in journal()
         assert "could not be made" not in journal()
+        loop, fit = map(int, journal().split("priorities: ")[1].split()[:2])  # nice values: the lower one goes first
+        assert loop <= fit - NICE
     finally:
         drop_in("aside", None)
         subprocess.run(["systemctl", "reset-failed", UNIT], check=False)
