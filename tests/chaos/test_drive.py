@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from bms_gateway.chaos.drive import Sensed
+from bms_gateway.chaos.drive import Change, Sensed
 from bms_gateway.chaos.sensors import Frozen, Slow
 
 T = np.arange(0.0, 300.0)
 BROKEN = (T >= 90.0) & (T < 200.0)
 
 
-def shown(change: object, noise: float = 0.0, at_once: int = 300) -> np.ndarray:
+def shown(change: Change, noise: float = 0.0, at_once: int = 300) -> np.ndarray:
     """A surface that warms by 0.05 K/s, as its sensor shows it: broken from 90 to 200 s, so many seconds at once."""
     rng = np.random.default_rng(1)
     series = Sensed(T, 20.0 + 0.05 * T, np.inf, noise, rng, change, 90.0, 200.0)
