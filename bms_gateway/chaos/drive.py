@@ -40,9 +40,12 @@ class Sensed(Series):
         value = Series.at(self, t)
         if self.rng is not None:
             value = value + self.noise * self.rng.standard_normal(len(t))
-        if self.change is None:
+        broken = (t >= self.start_s) & (t < self.end_s)
+        if self.change is None or not broken.any():
             return value
-        return np.where((t >= self.start_s) & (t < self.end_s), self.change(t, value), value)
+        value = value.copy()
+        value[broken] = self.change(t[broken], value[broken])  # what keeps a reading keeps one of when it broke
+        return value
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,7 @@
 """Which samples may be believed: range, rails, jumps, standing still and age of every channel.
 
 Cheap sensors fail in ways that look like temperatures: a broken wire reads as one end of the range, an unconnected
-input as a constant in the middle of it, a loose one jumps when the inverter switches. Four ideas tell them apart:
+input as a constant in the middle of it, a loose one jumps when the inverter switches. Five ideas tell them apart:
 
 * A *jump* is a step that no cell can make. It costs the channel its trust for `CONSISTENT` calm samples, twice as many
   with each repetition.
@@ -10,6 +10,8 @@ input as a constant in the middle of it, a loose one jumps when the inverter swi
   whose anchor outlasts `stuck_after_s` of *active* time, in which current flows and the other channels move, is stuck.
   At rest nothing counts: good sensors stand still there too. One that has moved is given more time, unless its own
   noise and that of half of its peers hardly ever gave the same value twice: then it did not come to rest, it froze.
+* A *run* of equal samples that noise cannot be is held back long before it makes a channel stuck: what froze a minute
+  ago must not have moved an estimate for as long. The channel stays as good as it was, and its next other value counts.
 * The *home* is the anchor that lasted longest. A channel that left it and, after active time, stands at exactly the
   same hundredth again is an input that something disturbs, not a temperature: it is stuck as well. Noise comes back to
   a hundredth too, every minute, but does not stay there: a home proves something only where it was held for
@@ -64,8 +66,14 @@ PROVEN_PATIENCE = 15.0
 LIVELY = 0.2
 """Share of samples equal to the one before up to which a channel's noise is seen. Where it was so lately, and is with
 half of its peers, standing still needs no such patience: `SETTLED` times is more than noise does."""
-REMEMBERED = 600
-"""Samples over which that share is taken: the standing itself must not hide it, nor noise that has ended last."""
+REMEMBERED, DOUBTED = 600, 5
+"""Samples over which that share is taken: noise that has ended must not last. A channel begins with so many repetitions
+to its name: 20 samples, at least, show noise. A run of equal ones while others move is no part of it before it ends."""
+HARDLY = 1e-9
+"""Chance, by that share, of a run of equal samples below which it is held back: 6 to 12 of them. Of 0.02 to 0.1 K of
+noise in hundredths, one sample a second, that costs a sound sensor less than a sample in 10,000 hours."""
+FEWEST = 5
+"""Repetitions that such a run has in any case: no smaller share than 0.015 is seen in some minutes."""
 LONGEST_STEP_S = 10.0
 """A gap between intervals longer than this is no time in which anything was seen to stand still."""
 QUALITIES = 16
@@ -128,6 +136,7 @@ class Guard:
         number = {kind: i for i, kind in enumerate(kinds)}
         self._group = np.array([number[r.quantity, r.group] for r in past], np.intp)
         self._peers = np.bincount(self._group, minlength=1)[self._group] - 1
+        self._alone = self._peers == 0
         self._previous, self._previous_ns = np.full(m, np.nan), np.zeros(m, np.int64)
         self._calm, self._needed, self._strikes = np.zeros(m, np.int64), np.ones(m, np.int64), np.zeros(m, np.int64)
         self._anchor, self._anchor_count, self._anchor_clock = np.full(m, np.nan), np.zeros(m, np.int64), np.zeros(m)
@@ -135,7 +144,8 @@ class Guard:
         self._held_s, self._home_held_s = np.zeros(m), np.zeros(m)
         self._home, self._home_clock = np.full(m, np.nan), np.zeros(m)
         self._clock, self._moving = np.zeros(m), np.zeros(m, np.bool_)
-        self._compared, self._repeats = np.zeros(m, np.int64), np.ones(m)
+        self._compared, self._repeats = np.full(m, DOUBTED), np.ones(m)
+        self._run, self._around = np.zeros(m, np.int64), np.zeros(m, np.bool_)
         self._peers_lively = np.zeros(m, np.bool_)
         self._proven, self._fine = np.zeros(m, np.bool_), np.zeros(m, np.bool_)
         self._cause = np.full(m, NEVER, np.uint8)
@@ -143,7 +153,7 @@ class Guard:
     _STATE = (
         *("_previous", "_previous_ns", "_calm", "_needed", "_strikes", "_anchor", "_anchor_count", "_anchor_clock"),
         *("_held", "_home_held", "_held_s", "_home_held_s", "_home", "_home_clock"),
-        *("_compared", "_repeats", "_peers_lively"),
+        *("_compared", "_repeats", "_run", "_around", "_peers_lively"),
         *("_clock", "_moving", "_fine", "_proven", "_cause", "_value", "_value_ns", "_last", "_received_ns", "_end_ns"),
     )
 
@@ -180,17 +190,22 @@ class Guard:
         n = len(self.rules)
         quality = self._memoryless(channel, value, flag)
         updated, changed, fine = (np.zeros(len(self._channel), np.bool_) for _ in range(3))
+        held_back: Index = np.empty(0, np.intp)
         local = self._local.take(channel)
         for part in _rounds(local):
             # a round of all channels, the usual one, needs no gathering
             c = slice(None) if len(part) == len(self._channel) else local[part]
             quality[part] = self._judge(c, value[part], time_ns[part], quality[part], updated, changed, fine)
+            if self._run.max(initial=0) >= FEWEST:
+                held_back = np.concatenate([held_back, part[(quality[part] == GOOD) & self._freezes(c)]])
         if fine.any():
             self._fine |= np.bincount(self._group, fine, 1)[self._group] > 0
         on = np.asarray(active, np.bool_)
         self._advance(t1_ns, on.take(self._channel) if on.ndim else on, updated, changed)
         self._last[channel] = quality
         self._received_ns[channel] = time_ns
+        if len(held_back):
+            quality[held_back] = STUCK
         good = quality == GOOD
         self._value[channel[good]] = value[good]
         self._value_ns[channel[good]] = time_ns[good]
@@ -236,13 +251,10 @@ class Guard:
         moved, returned, at_home = self._follow_anchor(c, value, usable, seconds, limit)
         stood = self._clock[c] - self._anchor_clock[c]
         stands = stood > np.where(self._proven[c] & ~returned, PROVEN_PATIENCE, 1.0) * limit
-        compared = usable & known
-        self._compared[c] = count = np.minimum(self._compared[c] + compared, REMEMBERED)
-        repeats = self._repeats[c]
-        self._repeats[c] = repeats = repeats + compared * ((step == 0.0) - repeats) / np.maximum(count, 1)
+        self._count_repeats(c, usable & known, usable & (step == 0.0))
         long = np.minimum(stood, self._held[c]) > SETTLED * limit
         if long.any():
-            stands |= long & (repeats <= LIVELY) & self._peers_lively[c] & is_fine
+            stands |= long & (self._repeats[c] <= LIVELY) & self._peers_lively[c] & is_fine
         stuck = usable & ~jumped & (stands | (at_home & proof & is_fine))
         upset = ~usable | jumped | stuck
         proven, calm, cause = self._proven[c] | (moved & known & ~upset), self._calm[c] + 1, quality
@@ -266,6 +278,21 @@ class Guard:
             return cause
         self._cause[c] = np.where(accepted, GOOD, self._cause[c])
         return np.where(accepted, GOOD, np.where(usable & ~upset, self._cause[c], cause))
+
+    def _count_repeats(self, c: Index | slice, compared: NDArray[np.bool_], same: NDArray[np.bool_]) -> None:
+        """Count what is the same as before, and its share of all; a run amid others that move counts when it ends."""
+        differs, again, run = compared ^ same, same & self._around[c], self._run[c]
+        more = compared + run * differs - again
+        self._compared[c] = count = np.minimum(self._compared[c] + more, REMEMBERED)
+        repeats = self._repeats[c]
+        self._repeats[c] = repeats + (more * (1.0 - repeats) - differs) / count
+        self._run[c] = np.minimum((run + again) * ~differs, REMEMBERED - 1)
+
+    def _freezes(self, c: Index | slice) -> NDArray[np.bool_]:
+        """Tell whose run of equal samples is none of noise; of what may stand for ever nothing is told."""
+        repeats, run = self._repeats[c], self._run[c]
+        noisy = (repeats <= LIVELY) & (self._peers_lively[c] | self._alone[c]) & np.isfinite(self._stuck[c])
+        return np.asarray(noisy & (run >= FEWEST) & (repeats**run < HARDLY), np.bool_)
 
     def _follow_anchor(
         self,
@@ -313,9 +340,10 @@ class Guard:
         lively = self._repeats <= LIVELY
         among = np.bincount(self._group, lively, 1)[self._group] - lively
         self._peers_lively = (self._peers > 0) & (2 * among >= self._peers)
+        self._around = np.where(self._alone, active, self._moving)
         if start >= 0:
             step = min(max((t1_ns - start) * 1e-9, 0.0), LONGEST_STEP_S)
-            self._clock += (active & (self._moving | (self._peers == 0))) * step
+            self._clock += (active & self._around) * step
 
     def _channels(self, t1_ns: int) -> NDArray[np.uint8]:
         late = t1_ns - self._received_ns > self._stale_ns

@@ -2,10 +2,13 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from bms_gateway.chaos.catalogue import Chaos
-from bms_gateway.config import load_config
+from bms_gateway.chaos.scenario import judge
+from bms_gateway.chaos.stepped import SteppedBench
+from bms_gateway.config import load_config, shipped
 from bms_gateway.engine.inputs import Inputs
 from bms_gateway.errors import UsageError
 from tests.chaos.bench import LONG, config
@@ -51,6 +54,19 @@ def test_it_reacts_as_expected_and_recovers_where_that_takes_longer(chaos, name)
     outcome = chaos.run(name)
     assert outcome.tried
     assert outcome.holds, outcome
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [9, 10])
+def test_a_thermocouple_that_freezes_soon_after_a_start_moves_no_core_out_of_its_band(seed):
+    """It stands where the inlet swings: believed for five minutes it moved cores by 4 K, four standard deviations."""
+    loaded = load_config(shipped("deploy/example/gateway.toml"))
+    chaos = Chaos(loaded.plan, loaded.database, seed=seed)
+    record = SteppedBench(loaded.plan, loaded.database, seed=seed).record(chaos.scenarios["thermocouple-stuck"])
+    worst = max(float(np.nanmax(np.abs(s.error[:12]))) for s in record.since())
+    before = max(float(np.nanmax(np.abs(s.error[:12]))) for s in record.seen if 60.0 < s.time_s <= record.start_s)
+    assert judge(chaos.scenarios["thermocouple-stuck"], record).holds
+    assert worst < before + 0.5
 
 
 def test_a_gateway_that_does_not_react_fails(chaos, monkeypatch):

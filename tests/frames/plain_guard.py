@@ -39,9 +39,13 @@ class Channel:
     # active time
     clock: float = 0.0
     peers_move: bool = False
-    # of the last 600 samples or so: how many were the same as the one before
-    compared: int = 0
+    moves_around: bool = False
+    # of the last 600 samples or so, five repetitions to begin with: how many were the same as the one before, but for
+    # those that have followed each other while others moved
+    compared: int = 5
     repeats: float = 1.0
+    run: int = 0
+    alone: bool = True
     peers_lively: bool = False
     seen: bool = False
     changed: bool = False
@@ -69,9 +73,11 @@ class PlainGuard:
         told = []
         for time_ns, number, value, flag in samples:
             c = self.channels[number]
-            quality = self.judge(c, time_ns, value, flag)
+            quality = c.last = self.judge(c, time_ns, value, flag)
+            c.received_ns = time_ns
+            if quality == Quality.GOOD and self.no_noise(c):
+                quality = Quality.STUCK  # the sample, not its channel
             told.append(quality)
-            c.last, c.received_ns = quality, time_ns
             if quality == Quality.GOOD:
                 c.value, c.value_ns = value, time_ns
             else:
@@ -95,7 +101,9 @@ class PlainGuard:
             if seen:
                 c.peers_move = 2 * sum(o.changed for o in seen) >= len(seen)
             c.peers_lively = bool(others) and 2 * sum(o.repeats <= 0.2 for o in others) >= len(others)
-            if on and (c.peers_move or not others):
+            c.alone = not others
+            c.moves_around = on if c.alone else c.peers_move
+            if on and c.moves_around:
                 c.clock += step
 
     def judge(self, c: Channel, time_ns: int, value: float, flag: Quality) -> Quality:
@@ -142,10 +150,20 @@ class PlainGuard:
 
     def freezes(self, c: Channel, compared: bool, step: float, limit: float) -> bool:
         """Whether it stands amid noise, its own of before and that of its peers."""
-        if compared:
-            c.compared = min(c.compared + 1, 600)
-            c.repeats += ((step == 0) - c.repeats) / c.compared
+        if compared and step == 0 and c.moves_around:
+            c.run = min(c.run + 1, 599)
+        elif compared:
+            more = 1 if step == 0 else c.run + 1
+            c.compared = min(c.compared + more, 600)
+            c.repeats += (more * (1.0 - c.repeats) - (step != 0)) / c.compared
+            c.run = c.run if step == 0 else 0
         return c.repeats <= 0.2 and c.peers_lively and min(c.clock - c.since, c.held) > limit
+
+    def no_noise(self, c: Channel) -> bool:
+        """Whether it gives the same value more often in a row than its noise would, once in a billion samples."""
+        if math.isinf(c.rule.stuck_after_s) or c.repeats > 0.2 or not (c.peers_lively or c.alone):
+            return False
+        return c.run >= 5 and c.repeats**c.run < 1e-9
 
     def follow(self, c: Channel, value: float, usable: bool, seconds: float) -> tuple[bool, bool]:
         """Whether the anchor has moved, and whether the channel has come home."""

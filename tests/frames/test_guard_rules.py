@@ -120,12 +120,14 @@ def compare(rules: tuple[Rule, ...], steps: tuple[float, ...], seed: int, interv
     return met
 
 
-def told_of(rules: tuple[Rule, ...], series: np.ndarray, step_s: int = 1, *, begun: bool = False) -> np.ndarray:
+def told_of(
+    rules: tuple[Rule, ...], series: np.ndarray, step_s: int = 1, *, begun: bool = False, both: Both | None = None
+) -> np.ndarray:
     """What becomes of one sample per channel and interval of `series` (T, C), under current.
 
     Where it has `begun` an interval without samples ended at bus time 0, so that the first one has a length.
     """
-    both = Both(rules)
+    both = both or Both(rules)
     if begun:
         both.judge([], 0, active=True)
     end = step_s * S
@@ -195,11 +197,11 @@ def test_of_two_places_the_first_is_home_until_the_second_was_held_longer(second
 
 
 def test_one_that_never_moved_stands_too_long_after_4_s_and_one_that_has_after_60():
-    parked, frozen = np.full(100, 24.5), np.r_[wobble(20), np.full(80, 27.0)]
+    parked, frozen = np.full(100, 24.5), np.r_[wobble(15), np.full(85, 27.0)]  # soon: it has shown no noise
     told = told_of((FINE, FINE), np.stack([parked, wobble(100)], axis=1))[:, 0]
     assert told.tolist().index(Quality.STUCK) == 6  # current flowed from the second interval on; after more than 4 s
     told = told_of((FINE, FINE), np.stack([frozen, wobble(100)], axis=1))[:, 0]
-    assert told.tolist().index(Quality.STUCK) == 20 + 61
+    assert told.tolist().index(Quality.STUCK) == 15 + 61
 
 
 @pytest.mark.parametrize(("others", "earliest", "latest"), [(1, 307, 310), (6, 307, 310), (7, 360, 380)])
@@ -211,8 +213,31 @@ def test_one_that_freezes_amid_noise_stands_too_long_after_8_s(others, earliest,
     if others == 7:
         series[:, 4:] = 25.0 + STEP * (np.arange(400)[:, None] // 3 + rng.integers(0, 2, 4))
         series[300::2, 4:] += STEP
-    told = told_of((FINE,) * (1 + others), series)[:, 0]
-    assert earliest <= told.tolist().index(Quality.STUCK, 10) <= latest
+    both = Both((FINE,) * (1 + others))
+    told = told_of(both.rules, series[:earliest], both=both)[:, 0]
+    assert (told[10:305] == Quality.GOOD).all()
+    found = earliest - 1
+    while both.plain.channels[0].last != Quality.STUCK:  # of the channel: its samples are held back before
+        found += 1
+        both.judge([(found * S, c, float(v), Quality.GOOD) for c, v in enumerate(series[found])], (found + 1) * S, True)
+    assert earliest <= found <= latest
+
+
+def test_one_that_never_gives_a_value_twice_is_held_back_at_the_fifth_repetition_and_no_sooner():
+    moving = wobble(1010)
+    frozen = np.r_[moving[:1000], np.full(10, moving[999])]
+    told = told_of((FINE,) * 3, np.stack([frozen, moving, moving], axis=1))[:, 0]
+    assert (told[10:1004] == Quality.GOOD).all()
+    assert (told[1004:] == Quality.STUCK).all()
+
+
+def test_a_run_that_noise_does_not_give_is_held_back_and_the_next_other_value_counts():
+    rng = np.random.default_rng(8)
+    series = 25.0 + STEP * rng.integers(-60, 60, (400, 3))
+    series[300:307, 0] = series[299, 0]
+    told = told_of((FINE,) * 3, series)[:, 0]
+    assert (told[10:305] == Quality.GOOD).all()
+    assert told[306:308].tolist() == [Quality.STUCK, Quality.GOOD]  # its channel would be stuck from 308 on
 
 
 def test_a_coarse_one_stands_too_long_after_half_an_hour():
