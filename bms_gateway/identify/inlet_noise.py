@@ -29,7 +29,7 @@ def inlet_noise(inlet: Floats, dt: float) -> float:
     """Sd of white noise as strong as that of an inlet's readings (K + 1,) about what they follow, K.
 
     From the quieter part of what means of `MEAN_S` depart from their neighbours' mean: a flap that opens is not in it;
-    steps of the bus are.
+    steps of the bus are. Noise that lasts longer, as of an inlet that is sent once in five seconds, is told too small.
 
     Parameters
     ----------
