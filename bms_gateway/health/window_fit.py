@@ -12,25 +12,21 @@ with T_c from the measured surfaces and the current through the core's own low p
 the window finds, offsets by tenths of a kelvin: heat that fades as the core warms looks like another time constant or
 another level. `Observed.by_B` says by how much, and the trend learns B from it.
 
-The inlet's readings are noisy, and the model answers to their noise as the cells do not. Least squares would damp that
-answer by a slower casing and a thicker film, most where an inlet that ramps says little else of them, and B with them:
-0.7 % low, which is half a point of growth from winter to summer. What the noise is expected to add to the sum of
-squares,
+What noise of the inlet's readings is expected to add to the sum of squares is taken off it (`inlet_noise`); it would
+move B too: 0.7 % low, which is half a point of growth from winter to summer.
 
-.. math:: \tfrac12 \sigma_f^2 \sum_{kj} (\partial y_k / \partial T_{f,j})^2,
-
-is therefore taken off it (a corrected score).
-
-For Lin et al., Eq 1 and 16-18. The corrected score: Nakamura, Biometrika 77 (1990) 127-137.
+For Lin et al., Eq 1 and 16-18.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from bms_gateway.identify.discrepancy import SIZES, Whitener, white_sd
+from bms_gateway.identify.inlet_noise import inlet_noise, of_swing, slopes_by_noise
 from bms_gateway.identify.response import Inputs, Response, respond
 from bms_gateway.thermal import Floats, StringParameters, coolant_path
 
@@ -40,8 +36,6 @@ STRIDE_S = 4.0
 STEP, STEP_B = 1e-4, 1.0  # of a logarithm or K, and of B, for slopes
 SHAPE = ("R_u", "R_c", "C_c", "C_s")  # numbers that the surface follows in a curved way; R_e it follows linearly
 FIRST_OFFSET = 1 + len(SHAPE)
-QUIET = (0.8, 0.6616)  # share of the inlet's readings, and sd of a normal distribution's innermost part of that share
-COMB_S = 128.0  # between impulses at the inlet: casings have forgotten one before the next
 ROUNDS = 12  # at most; the third and fourth move the start, and with it how warm the core was
 SETTLED = 0.05  # squared length of a step, in sd of what it moves: less changes nothing that a window says
 UNLIKE_SD = 0.03
@@ -247,11 +241,11 @@ def fit_window(p: StringParameters, w: DriveWindow, sensed: Sequence[int], guess
         H[q + 2 :, q + 2 :] += start_info
         g[q + 2 :] += start_info @ (s0 - xi[2:])
         if final or not k:
-            answer = _answer_to_noise([sets[0], *sets[2:]], w, 1.0 + float(xi[0]), late, list(sensed), whitener)
-            tremble = inlet_noise(w.inlet) ** 2 * answer
+            see = partial(_seen, late=late, white=whitener)
+            answer = slopes_by_noise([sets[0], *sets[2:]], STEP, len(square), w.dt, 1.0 + float(xi[0]), sensed, see)
+            tremble = inlet_noise(w.inlet, w.dt) ** 2 * answer
         g[1:FIRST_OFFSET] += tremble[:-1]
-        heard = float(M[q, q])  # of the swing, its noise included: where that is all of it, there is no swing to tell
-        g[q] += tremble[-1] * (1.0 - tremble[-1] / heard) if heard > tremble[-1] else 0.0
+        g[q] += of_swing(float(tremble[-1]), float(M[q, q]))
         step = np.linalg.solve(H, g)
         step[:FIRST_OFFSET] = np.clip(step[:FIRST_OFFSET], -FARTHEST, FARTHEST)
         theta, xi = theta + step[:q], xi + step[q:]
@@ -269,40 +263,6 @@ def fit_window(p: StringParameters, w: DriveWindow, sensed: Sequence[int], guess
     )  # fmt: skip
 
 
-def inlet_noise(inlet: Floats) -> float:
-    """Sd of an inlet's readings (K + 1,) about what they follow, K: noise and steps of the bus.
-
-    From the quieter part of what each departs from its neighbours' mean: a flap that opens is not in it.
-
-    Examples
-    --------
-    >>> round(inlet_noise(20.0 + np.random.default_rng(1).normal(0.0, 0.1, 2000)), 2)
-    0.1
-    """
-    bent = np.sort(np.abs(inlet[1:-1] - 0.5 * (inlet[:-2] + inlet[2:])))
-    quiet = bent[: round(QUIET[0] * len(bent))]
-    return float(np.sqrt(np.mean(quiet**2) / 1.5)) / QUIET[1] if quiet.size else 0.0
-
-
-def _answer_to_noise(
-    sets: Sequence[StringParameters], w: DriveWindow, swing: float, late: Floats, sensed: list[int], white: Whitener
-) -> Floats:
-    """Slopes by R_u, R_c, C_c, C_s and swing (5,) of half of what white noise of 1 K at the inlet adds to the squares.
-
-    Impulses that are far enough apart for their answers not to meet stand for all instants.
-    """
-    K = len(w.square)
-    spacing = max(1, min(round(COMB_S / w.dt), K))
-    comb = np.zeros(K + 1)
-    comb[spacing // 2 :: spacing] = 1.0
-    still = np.zeros(K)
-    inputs = Inputs(still, still, comb, w.dt, np.zeros((K, 0)), np.zeros(0))
-    R = respond(sets, inputs, np.zeros((len(sets), 2 * sets[0].cells)), sensed)
-    answer = white(_read(R.surface.transpose(1, 2, 0), late))
-    energy = spacing * np.einsum("kms,kms->s", answer, answer)
-    return np.append(0.5 * swing**2 * (energy[1:] - energy[0]) / STEP, swing * energy[0])
-
-
 def _at(p: StringParameters, theta: Floats) -> StringParameters:
     scaled = {name: getattr(p, name) * np.exp(x) for name, x in zip(("R_e", *SHAPE), theta[:FIRST_OFFSET], strict=True)}
     return replace(p, **scaled)
@@ -311,6 +271,11 @@ def _at(p: StringParameters, theta: Floats) -> StringParameters:
 def _read(Y: Floats, late: Floats) -> Floats:
     """Surfaces (K + 1, m, …) at the readings' own times (K, m, …)."""
     return np.asarray((1.0 - late) * Y[1:] + late * Y[:-1], dtype=np.float64)
+
+
+def _seen(Y: Floats, late: Floats, white: Whitener) -> Floats:
+    """Residuals (K, m, …) that surfaces (K + 1, m, …) would leave, whitened."""
+    return white(_read(Y, late))
 
 
 def _columns(R: Response, f: Floats, E: Floats, late: Floats, m: int) -> Floats:

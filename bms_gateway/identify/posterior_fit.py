@@ -17,6 +17,7 @@ coordinates (`lumped`), Gauss–Newton minimises
 * κ: gain of the inlet's departures from its mean. A reading that moves no more than its own error says nothing of μ,
   however sharply the equations would take it at its word.
 * W whitens sensor noise and slow model discrepancy.
+* What noise of the inlet's readings is expected to add to the first term is taken off it (`inlet_noise`).
 
 Cells are alike while the modes are sought; what their differences do to the mean and its band is reckoned at the mode
 (`evidence`), from one more simulation and one linear step.
@@ -33,6 +34,7 @@ import numpy as np
 from bms_gateway.identify.contract import log_prior, string_parameters
 from bms_gateway.identify.discrepancy import SIZES, TAUS, Whitener, white_sd
 from bms_gateway.identify.evidence import UNLIKE, Evidence, unlike
+from bms_gateway.identify.inlet_noise import inlet_noise, of_swing, slopes_by_noise
 from bms_gateway.identify.lumped import alias, fold_distance, lumped, lumped_jacobian
 from bms_gateway.identify.response import Inputs, Response, respond
 from bms_gateway.thermal import KINDS, Floats, StringModel, StringParameters, coolant_path
@@ -180,6 +182,8 @@ class _Problem:
         self.unlike_sd = np.array([model.tolerances.get(f"cell_{s}", 0.0) for s in UNLIKE])
         self.xi0 = np.concatenate([start, np.zeros(J + 2)])
         self.moving = np.concatenate([self.free, np.arange(self.p, self.p + N + J + 2)])
+        self.noise = inlet_noise(window.inlet, window.dt)
+        self.tremble = np.zeros(self.p + len(self.xi0))
 
     def feasible(self, phi: Floats) -> bool:
         """Whether the coolant node exists there (bulk: R_u C_f > 1, with room for the derivative's step)."""
@@ -195,9 +199,13 @@ class _Problem:
             step = step / 2.0
         return np.asarray(there, dtype=np.float64)
 
+    def sets(self, phi: Floats) -> list[StringParameters]:
+        """Strings of φ and of φ with one logarithm more by `STEP` each."""
+        return [string_parameters(self.model, self.names, q) for q in (phi, *(phi + STEP * np.eye(self.p)))]
+
     def simulate(self, phi: Floats, xi: Floats) -> tuple[Floats, Floats, Floats]:
         """Residual (K, m), its columns −∂r/∂(φ, ξ) (K, m, p + q), and (T_s, e) at the end (2n,)."""
-        sets = [string_parameters(self.model, self.names, q) for q in (phi, *(phi + STEP * np.eye(self.p)))]
+        sets = self.sets(phi)
         R = self.respond(sets, xi)
         f = self.read(R.surface.transpose(1, 2, 0))
         by_phi = (f[:, :, 1:] - f[:, :, :1]) / STEP
@@ -257,6 +265,8 @@ class _Problem:
         info, off = self.nuisance_info(walk), xi - self.xi0
         H[p:, p:] += info
         g[p:] += info @ off
+        g -= self.tremble
+        cost -= float(self.tremble @ np.concatenate([phi, xi]))
         prior = self.prior_info @ (phi - self.prior_mean) ** 2
         cost += float(0.5 * delta @ pull + self.grad @ delta + 0.5 * off @ info @ off + 0.5 * prior)
         return _Point(phi, xi, *seen, H, g, cost)
@@ -320,6 +330,18 @@ class _Problem:
                     if score < best:
                         best, chosen = score, _Sizes(white, slow, tau, walk)
         return chosen
+
+    def hear_noise(self, at: _Point, sizes: _Sizes) -> None:
+        """Take off, from here on, what noise of the inlet adds to the squares about `at`; a constant apart."""
+        if self.noise == 0.0:
+            return
+        W = Whitener.of(self.valid, sizes.white, sizes.slow, sizes.tau, self.inputs.dt)
+        swing = 1.0 + float(at.xi[-1])
+        slopes = self.noise**2 * slopes_by_noise(
+            self.sets(at.phi), STEP, len(self.y), self.inputs.dt, swing, self.sensed, lambda Y: W(self.read(Y))
+        )
+        heard = float(np.sum(W(at.columns[:, :, -1:]) ** 2))
+        self.tremble[: self.p], self.tremble[-1] = slopes[:-1], of_swing(float(slopes[-1]), heard)
 
     def score(self, point: _Point) -> float:
         """−ln of the posterior mass about a mode (Laplace), up to a constant."""
@@ -430,6 +452,7 @@ def fit_window(
     point = problem.minimise(phi, xi, sizes, 1.0, 10)
     for _ in range(2):
         sizes = problem.choose(point, floor)
+        problem.hear_noise(point, sizes)
         point = problem.minimise(point.phi, point.xi, sizes, 1.0, 10)
     point, mean, cov, other = _both_roots(problem, point, sizes, root)
     info, grad = problem.marginal(point)

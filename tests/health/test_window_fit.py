@@ -7,7 +7,7 @@ import pytest
 
 from bms_gateway.health import window_fit
 from bms_gateway.health.trend import Trend
-from bms_gateway.health.window_fit import at_mean_charge, core_temperature, fit_window, inlet_noise
+from bms_gateway.health.window_fit import at_mean_charge, core_temperature, fit_window
 from bms_gateway.thermal import StringParameters
 from tests.benchmarks.health_life import CELLS, SENSORS, SOC_SLOPE, Life, drives_of
 from tests.truth.pack import NOMINAL
@@ -130,16 +130,6 @@ def test_noise_of_the_inlet_s_readings_passes_for_no_other_casing_or_film() -> N
     shift = np.average(np.array(moved), axis=0, weights=np.array(weight))
     assert np.abs(shift[:5]).max() < 0.015
     assert np.abs(shift[5:]).max() < 0.03
-
-
-def test_noise_of_the_inlet_is_told_from_what_it_follows() -> None:
-    t, rng = np.arange(301) * 4.0, np.random.default_rng(2)
-    flap = np.where(t > 600.0, 5.0, 0.0) + 3.0 * np.sin(t / 120.0)
-    read = np.round((flap + rng.normal(0.0, 0.05, 301)) / 0.1) * 0.1
-    assert inlet_noise(flap) < 0.01
-    assert inlet_noise(read) == pytest.approx(np.hypot(0.05, 0.1 / np.sqrt(12.0)), rel=0.2)
-    assert inlet_noise(np.full(301, 20.0)) == 0.0
-    assert inlet_noise(np.array([20.0, 20.0])) == 0.0
 
 
 def test_readings_that_lack_and_a_bulk_coolant_are_no_matter() -> None:
