@@ -10,23 +10,25 @@ In place of Lin et al., Eq 11-12, where a model has effects that the paper lacks
 """
 
 from collections.abc import Mapping, Sequence
-from math import exp, isfinite, log, nan
+from copy import copy
+from math import exp, isfinite, nan
 from typing import Any
 
 import numpy as np
 
 from bms_gateway.errors import StateError
-from bms_gateway.observe.adaptive import FLOW_LIMITS, READ_WITHIN
+from bms_gateway.observe.adaptive import READ_WITHIN
 from bms_gateway.observe.consider import Belief, conditioned
 from bms_gateway.observe.estimate import Errors, Estimate
 from bms_gateway.observe.gap import phases, resumed, steps, strayed, unseen_heat
+from bms_gateway.observe.inputs import Inputs
 from bms_gateway.observe.measured import SOC_UNKNOWN, Measured
-from bms_gateway.observe.model import OFFSETS, Bools, start_covariance
+from bms_gateway.observe.model import OFFSETS, start_covariance
 from bms_gateway.observe.spread import of_unlike, root, scatter
 from bms_gateway.observe.stored import like, plain
 from bms_gateway.observe.tangent import ROW, Tangent, disturbed, drive_of, heated, jacobian
 from bms_gateway.observe.uncertain import EffectNumber, effect_numbers, forcing, log_change, uncertain
-from bms_gateway.observe.unseen import JUST_LEFT_S, RESTED_S, Usual, either, opened
+from bms_gateway.observe.unseen import JUST_LEFT_S, RESTED_S, either, opened
 from bms_gateway.thermal import Disturbance, Floats, Start, StringModel, StringParameters
 from bms_gateway.thermal.physics import Memory, Numbers, Physics
 
@@ -35,8 +37,6 @@ BLOCK = 10
 STRAYED_K, STRAYED_FLOW, STRAYED_STEPS = 3.0, 0.03, 300
 """The Jacobian is renewed when a temperature, the logarithm of the flow or the time is further from where it was taken:
 within, no effect bends so much that covariances would notice. The mean does not depend on it in a steady state."""
-DRIFT_HOURS = 4.0
-"""Drifts are learnt on records of some hours. What they come to by then is held: nothing tells how they go on."""
 COLDEST, HOTTEST = -100.0, 400.0
 """°C: a model that runs away is held there, and goes on being corrected by the readings."""
 FLOW_UNSEEN = 0.1
@@ -95,16 +95,14 @@ class EffectObserver:
         self._seen, self._coolant = np.zeros(n), np.zeros(n)
         self._effective = nan, 0.0
         self._unread = np.full(len(self._sensors), np.inf)
-        self._known = np.ones(OFFSETS, np.bool_)
-        self._available, self._usual = np.array(False), Usual.nothing(1, 3)  # of current, its square and its amount
-        self._inlet, self._soc, self._flow, self._hours = nan, float(soc), 1.0, 0.0
-        self._row = np.full(len(ROW), nan)
+        self._available = np.array(False)
+        self._in = Inputs(soc, model.capacity_Ah, self._dt, self._disturbance.correlation)
         self._carry: dict[str, Floats] = {}
         # inputs and states since the sensitivities were last forced, and the memories at that time
         self._rows, self._states = np.zeros((0, len(ROW))), np.zeros((0, D + OFFSETS))
         self._carries: dict[str, dict[str, Floats]] = {}
         # where the Jacobian was taken, and how many steps ago
-        self._at, self._at_row, self._at_memory = np.zeros(D + OFFSETS), self._row, dict[str, Floats]()
+        self._at, self._at_row, self._at_memory = np.zeros(D + OFFSETS), self._in.row, dict[str, Floats]()
         self._age = 0
         # for a step that knows to where inlet and flow have gone: state, length, and whether current may have flowed
         self._before_gap: tuple[dict[str, Any], float, bool] | None = None
@@ -147,18 +145,18 @@ class EffectObserver:
         """
         if not self._available and not self._begin(m, y):
             return self.estimate()
-        known = np.array([isfinite(m.inlet), isfinite(m.I) and isfinite(m.I2) and isfinite(m.I_abs)])
         if self._before_gap is not None and (isfinite(m.inlet) or isfinite(m.flow)):
             was, gap_s, unseen = self._before_gap
             self.restore(was)
             self._carried(gap_s, unseen, m.inlet, m.flow)
         self._before_gap = None
-        before = resumed(self._belief, known & ~self._known, m.inlet - self._inlet, self._cov, self._disturbance)
-        row = self._inputs(m, known)
+        back = self._in.measured(m) & ~self._in.known
+        before = resumed(self._belief, back, m.inlet - self._in.inlet, self._cov, self._disturbance)
+        row = self._in.take(m)
         memory = self._remember(row)
-        now, tangent = self._predict(before, row, memory, known)
+        now, tangent = self._predict(before, row, memory)
         instant = row.copy()
-        instant[ROW.index("T_in")] = self._inlet
+        instant[ROW.index("T_in")] = self._in.inlet
         seen = self._readings(now.z, instant, memory)
         r, r_sd = np.full((2, 1, len(y)), nan)
         at = self._sensors[np.isfinite(y[self._sensors])]
@@ -170,7 +168,6 @@ class EffectObserver:
                 before, now, tangent.Phi, tangent.H[at], self._G[at], r[0, at], w, self._cov, self._disturbance.sensor
             )
         self._unread = np.where(np.isfinite(y[self._sensors]), 0.0, self._unread + self._dt)
-        self._known, self._row = known, row
         if not after.finite:  # no number of the model leads here but a senseless one: begin anew
             self._available = np.array(False)
             return self.estimate()
@@ -228,30 +225,21 @@ class EffectObserver:
 
     def _carried(self, gap_s: float, unseen: bool, inlet: float, flow: float) -> Estimate:
         """Carry the string over a gap at whose end inlet, °C, and flow are what they are (NaN: the same)."""
-        b, usual = self._belief, float(self._usual.mean[0, 1] * np.mean(self._v.string.R_e))
+        b, usual = self._belief, float(self._in.usual.mean[0, 1] * np.mean(self._v.string.R_e))
         if unseen:
             self._belief = Belief(*opened(b.z, b.P, b.J, gap_s, usual, self._disturbance))
-        first, last = self._inlet, inlet if isfinite(inlet) else self._inlet
-        grown = log(float(np.clip(flow, *FLOW_LIMITS)) / self._flow) if isfinite(flow) else 0.0
-        turbulent = strayed(self._disturbance, last - first, gap_s)
-        row = self._row.copy()
-        row[[ROW.index(k) for k in ("I", "I2", "I_abs", "IV")]] = 0.0
-        g = np.zeros(len(self._belief.z))
+        last, grown = inlet if isfinite(inlet) else self._in.inlet, self._in.grown(flow)
+        turbulent = strayed(self._disturbance, last - self._in.inlet, gap_s)
+        row, g = self._in.row, np.zeros(len(self._belief.z))
         for done, h in steps(gap_s, steep=self._physics.steep):
-            self._hours = min(self._hours + h / 3600.0, DRIFT_HOURS)
-            share = (done + h / 2.0) / gap_s
-            row[ROW.index("T_in")] = first + (last - first) * share
-            row[ROW.index("flow")] = self._flow * exp(grown * share)
-            row[ROW.index("hours")] = self._hours
-            g = self._rest(row, h, phases(done + h / 2.0, usual, self._disturbance) if unseen else 0.0, turbulent, g)
+            middle = done + h / 2.0
+            row = self._in.rest(last, flow, middle / gap_s, h / 3600.0)
+            g = self._rest(row, h, phases(middle, usual, self._disturbance) if unseen else 0.0, turbulent, g)
         if isfinite(flow):
             b = self._belief
             self._belief = Belief(b.z, b.P + (grown**2 / 12.0 + FLOW_UNSEEN**2) * np.outer(g, g), b.J)
-            self._flow *= exp(grown)
-        self._inlet, self._row = last, row
-        self._usual = self._usual.aged(-float(np.expm1(-gap_s / self._disturbance.correlation)))
+        self._in.resume(last, flow, row, gap_s, unseen=unseen)
         self._unread = self._unread + gap_s
-        self._known = np.array([False, not unseen])
         self._rows, self._states = self._rows[:0], self._states[:0]
         self._tangent = None
         instant = row.copy()
@@ -261,18 +249,18 @@ class EffectObserver:
 
     def propagate_unknown(self) -> None:
         """Carry the string over a time of which nobody knows how long it was; effects' memories are those of rest."""
-        was, inlet, usual, row = self._belief, self._inlet, self._usual, self._row
+        was, inputs = self._belief, copy(self._in)
         self.propagate(JUST_LEFT_S, unseen=True)
         a = self._belief
-        self._belief, self._inlet, self._usual, self._row = was, inlet, usual, row
+        self._belief, self._in = was, inputs
         self.propagate(RESTED_S)
-        b, self._known, self._before_gap = self._belief, np.array([False, False]), None
+        b, self._in.known, self._before_gap = self._belief, np.array([False, False]), None
         self._belief = Belief(*either(a.z, a.P, b.z, b.P), (a.J + b.J) / 2.0)
 
     def snapshot(self) -> dict[str, Any]:
         """Return all that a restart needs, as numbers, lists and None for NaN."""
         own = {name: plain(np.asarray(getattr(self, f"_{name}"))) for name in _KEPT}
-        own |= self._usual.snapshot()
+        own |= self._in.snapshot()
         belief = {name: plain(getattr(self._belief, name)) for name in ("z", "P", "J")}
         memories = {"": self._carry, "at": self._at_memory} | {f"of {k}": c for k, c in self._carries.items()}
         return {
@@ -294,7 +282,7 @@ class EffectObserver:
         """
         try:
             own = {k: like(snapshot["own"][k], np.asarray(getattr(self, f"_{k}"))) for k in _KEPT}
-            usual = self._usual.restored(snapshot["own"])
+            inputs = self._in.restored(snapshot["own"])
             belief = Belief(*(like(snapshot["belief"][k], getattr(self._belief, k)) for k in ("z", "P", "J")))
             rows, states = (np.array(a, np.float64) for a in snapshot["block"])
             rows, states = rows.reshape(-1, len(ROW)), states.reshape(len(rows), len(belief.z))
@@ -308,9 +296,9 @@ class EffectObserver:
         if not belief.finite or not all(np.isfinite(a).all() for a in held):
             raise StateError("observer state: holds values that are not numbers")
         for name, value in own.items():
-            setattr(self, f"_{name}", value.item() if name in _SCALARS else value)
+            setattr(self, f"_{name}", value.item() if name == "age" else value)
         self._belief, self._rows, self._states, self._values = belief, rows, states, values
-        self._carry, self._at_memory, self._usual = carry, at_memory, usual
+        self._carry, self._at_memory, self._in = carry, at_memory, inputs
         self._carries = {k.removeprefix("of "): m for k, m in memories.items()}
         self._v, self._root = self._physics.numbers(values), root(self._cov)
         self._tangent = None
@@ -336,32 +324,11 @@ class EffectObserver:
         z = np.concatenate([X[-1], np.zeros(OFFSETS)])
         self._belief = Belief(z, P, np.zeros_like(self._belief.J))
         self._F = np.zeros_like(self._F)
-        self._inlet, self._seen, self._coolant = m.inlet if known else level, np.full(n, level), np.full(n, level)
-        self._known, self._available = np.ones(OFFSETS, np.bool_), np.array(True)
+        self._in.begin(m.inlet if known else level)
+        self._seen, self._coolant, self._available = np.full(n, level), np.full(n, level), np.array(True)
         self._carry, self._carries, self._tangent = {}, {}, None
         self._rows, self._states = self._rows[:0], self._states[:0]
         return True
-
-    def _inputs(self, m: Measured, known: Bools) -> Floats:
-        """Means of the step as a row, with what is missing filled in; flow, charge and time run on."""
-        inlet0, self._inlet = self._inlet, m.inlet if known[0] else self._inlet
-        if not self._known[0]:
-            inlet0 = self._inlet  # no ramp from a value that was only held
-        current = np.array([m.I, m.I2, m.I_abs]) if known[1] else self._usual.mean[0]
-        share = -float(np.expm1(-self._dt / self._disturbance.correlation))
-        self._usual = self._usual.after(current[None], share, bool(known[1]))
-        if isfinite(m.flow):
-            self._flow = float(np.clip(m.flow, *FLOW_LIMITS))
-        half = self._dt / 7200.0
-        moved = float(current[0]) * half / self._model.capacity_Ah if self._model.capacity_Ah else 0.0
-        if isfinite(m.soc):
-            self._soc, soc = m.soc, m.soc
-        else:
-            soc = min(max(self._soc - moved, 0.0), 1.0)
-            self._soc = min(max(soc - moved, 0.0), 1.0)
-        hours = min(self._hours + half, DRIFT_HOURS)
-        self._hours = min(hours + half, DRIFT_HOURS)
-        return np.array([*current, (inlet0 + self._inlet) / 2.0, self._flow, soc, m.V, m.IV, hours])
 
     def _memory(self, row: Floats, dt: float) -> tuple[dict[str, Floats], dict[str, Floats]]:
         return self._physics.memory(drive_of(row[None], dt), self._v, self._carry or None)
@@ -378,7 +345,7 @@ class EffectObserver:
         self._carry = carry
         return memory
 
-    def _predict(self, before: Belief, row: Floats, memory: Memory, known: Bools) -> tuple[Belief, Tangent]:
+    def _predict(self, before: Belief, row: Floats, memory: Memory) -> tuple[Belief, Tangent]:
         rate = self._rates(before.z, row, memory)
         sure = bool(np.isfinite(rate).all())
         if not sure:  # an effect that cannot tell without what is missing: the string stands, and heat is unknown
@@ -386,7 +353,9 @@ class EffectObserver:
         tangent = self._linear(before.z, row, memory)
         z = before.z + tangent.Gamma @ rate
         z[:-OFFSETS] = np.clip(z[:-OFFSETS], COLDEST, HOTTEST)
-        P = tangent.Phi @ before.P @ tangent.Phi.T + tangent.noise(bool(known[0]), bool(known[1]) and sure)
+        P = tangent.Phi @ before.P @ tangent.Phi.T + tangent.noise(
+            bool(self._in.known[0]), bool(self._in.known[1]) and sure
+        )
         return Belief(z, P, tangent.Phi @ before.J + tangent.Gamma @ self._F), tangent
 
     def _rates(self, z: Floats, row: Floats, memory: Memory, dt: float | None = None) -> Floats:
@@ -415,7 +384,7 @@ class EffectObserver:
             or np.abs(z[:n] - self._at[:n]).max() > STRAYED_K
             or abs(np.log(row[flow] / self._at_row[flow])) > STRAYED_FLOW
         ):
-            self._at, self._at_row = z, np.concatenate([self._usual.mean[0], row[3:]])
+            self._at, self._at_row = z, np.concatenate([self._in.usual.mean[0], row[3:]])
             self._at_memory, self._age = dict(memory), 0
             self._linearise()
         assert self._tangent is not None  # noqa: S101 - just made
@@ -494,8 +463,5 @@ class EffectObserver:
         return of_unlike(T_c, T_s, base, self._scatter)
 
 
-_SCALARS = ("inlet", "soc", "flow", "hours", "age")
-_KEPT = (
-    *_SCALARS, "cov", "F", "seen", "coolant", "unread", "known", "available", "row", "at", "at_row", "G"
-)  # fmt: skip
-"""Attributes beside belief, memories and the open block that a snapshot holds."""
+_KEPT = ("age", "cov", "F", "seen", "coolant", "unread", "available", "at", "at_row", "G")
+"""Attributes beside inputs, belief, memories and the open block that a snapshot holds."""

@@ -1,0 +1,135 @@
+"""What a string with effects is driven by, step by step: what is missing filled in, charge and time counted.
+
+The inputs of Lin et al., Eq 11-13, and those that effects of the catalogue ask for.
+"""
+
+from collections.abc import Mapping
+from math import exp, isfinite, log, nan
+from typing import Any
+
+import numpy as np
+
+from bms_gateway.observe.adaptive import FLOW_LIMITS
+from bms_gateway.observe.measured import Measured
+from bms_gateway.observe.model import OFFSETS, Bools
+from bms_gateway.observe.stored import like, plain
+from bms_gateway.observe.tangent import ROW
+from bms_gateway.observe.unseen import Usual
+from bms_gateway.thermal import Floats
+
+DRIFT_HOURS = 4.0
+"""Drifts are learnt on records of some hours. What they come to by then is held: nothing tells how they go on."""
+
+
+class Inputs:
+    """Inputs of one string.
+
+    Parameters
+    ----------
+    soc : float
+        State of charge from which counting starts.
+    capacity_Ah : float or None
+        Of a cell; None: charge is not counted.
+    dt, correlation : float, s
+        Step, and how long a mean of the current stands for.
+
+    Attributes
+    ----------
+    inlet, flow, soc, hours : float
+        Newest coolant inlet [°C], flow over nominal flow, state of charge, and age of drifts [h].
+    usual : Usual
+        Current [A], its square and its magnitude in the last minutes.
+    known : ndarray of bool (2,)
+        Whether inlet and current were measured in the newest step.
+    row : ndarray (9,)
+        Means of the newest step, in the order of `ROW`.
+    """
+
+    def __init__(self, soc: float, capacity_Ah: float | None, dt: float, correlation: float) -> None:
+        self._capacity_Ah, self._dt, self._correlation = capacity_Ah, dt, correlation
+        self.inlet, self.soc, self.flow, self.hours = nan, float(soc), 1.0, 0.0
+        self.usual = Usual.nothing(1, 3)
+        self.known: Bools = np.ones(OFFSETS, np.bool_)
+        self.row: Floats = np.full(len(ROW), nan)
+
+    @staticmethod
+    def measured(m: Measured) -> Bools:
+        """Tell whether inlet and current are measured."""
+        return np.array([isfinite(m.inlet), isfinite(m.I) and isfinite(m.I2) and isfinite(m.I_abs)])
+
+    def begin(self, inlet: float) -> None:
+        """Start with that inlet, °C, and with a step that says what it was before."""
+        self.inlet, self.known = inlet, np.ones(OFFSETS, np.bool_)
+
+    def take(self, m: Measured) -> Floats:
+        """Means of a step as a row (9,): what is missing is as it was, or usually is."""
+        known = self.measured(m)
+        inlet0, self.inlet = self.inlet, m.inlet if known[0] else self.inlet
+        if not self.known[0]:
+            inlet0 = self.inlet  # no ramp from a value that was only held
+        current = np.array([m.I, m.I2, m.I_abs]) if known[1] else self.usual.mean[0]
+        self.usual = self.usual.after(current[None], self._share(self._dt), bool(known[1]))
+        if isfinite(m.flow):
+            self.flow = float(np.clip(m.flow, *FLOW_LIMITS))
+        half = self._dt / 7200.0
+        moved = float(current[0]) * half / self._capacity_Ah if self._capacity_Ah else 0.0
+        if isfinite(m.soc):
+            self.soc, soc = m.soc, m.soc
+        else:
+            soc = min(max(self.soc - moved, 0.0), 1.0)
+            self.soc = min(max(soc - moved, 0.0), 1.0)
+        hours = self.aged(half)
+        self.aged(half)
+        self.known = known
+        self.row = np.array([*current, (inlet0 + self.inlet) / 2.0, self.flow, soc, m.V, m.IV, hours])
+        return self.row
+
+    def aged(self, hours: float) -> float:
+        """Let drifts grow older, and tell how old they are, h."""
+        self.hours = min(self.hours + hours, DRIFT_HOURS)
+        return self.hours
+
+    def grown(self, flow: float) -> float:
+        """Logarithm of a flow over the newest one; 0 where it is not known."""
+        return log(float(np.clip(flow, *FLOW_LIMITS)) / self.flow) if isfinite(flow) else 0.0
+
+    def rest(self, inlet: float, flow: float, share: float, hours: float) -> Floats:
+        """Row (9,) of some `hours` of rest in a gap, `share` of it on the way to inlet, °C, and flow of its end."""
+        row = self.row.copy()
+        row[[ROW.index(k) for k in ("I", "I2", "I_abs", "IV")]] = 0.0
+        row[ROW.index("T_in")] = self.inlet + (inlet - self.inlet) * share
+        row[ROW.index("flow")] = self.flow * exp(self.grown(flow) * share)
+        row[ROW.index("hours")] = self.aged(hours)
+        return row
+
+    def resume(self, inlet: float, flow: float, row: Floats, gap_s: float, *, unseen: bool) -> None:
+        """Go on after a gap of `gap_s` with the inlet, °C, and flow of its end, and the `row` of its last rest."""
+        self.flow *= exp(self.grown(flow))
+        self.inlet, self.row, self.known = inlet, row, np.array([False, not unseen])
+        self.usual = self.usual.aged(self._share(gap_s))
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return it as numbers, lists and None for NaN."""
+        return {k: plain(np.asarray(getattr(self, k))) for k in (*_NUMBERS, *_ARRAYS)} | self.usual.snapshot()
+
+    def restored(self, own: Mapping[str, Any]) -> "Inputs":
+        """Return those of a string like this one, as `snapshot` told of them.
+
+        Raises
+        ------
+        KeyError, TypeError, ValueError
+            Something is missing, of another shape, or is no number.
+        """
+        new = Inputs(self.soc, self._capacity_Ah, self._dt, self._correlation)
+        for k in _NUMBERS:
+            setattr(new, k, like(own[k], np.asarray(nan)).item())
+        for k in _ARRAYS:
+            setattr(new, k, like(own[k], getattr(self, k)))
+        new.usual = self.usual.restored(own)
+        return new
+
+    def _share(self, elapsed_s: float) -> float:
+        return -float(np.expm1(-elapsed_s / self._correlation))
+
+
+_NUMBERS, _ARRAYS = ("inlet", "soc", "flow", "hours"), ("known", "row")
