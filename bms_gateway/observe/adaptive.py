@@ -22,7 +22,7 @@ from bms_gateway.observe.bands import Bands, Levers
 from bms_gateway.observe.blocks import BLOCK, Blocks, chosen
 from bms_gateway.observe.consider import Belief
 from bms_gateway.observe.estimate import Errors, Estimate
-from bms_gateway.observe.gap import resumed, unseen_phases
+from bms_gateway.observe.gap import resumed, unknown_heat, unseen_phases
 from bms_gateway.observe.kalman import Innovation, Kalman, KalmanState, Predicted
 from bms_gateway.observe.model import OFFSETS, Bools, Ints, StackedModel, augmented, stack, start_covariance, usable
 from bms_gateway.observe.pace import EVERY
@@ -162,9 +162,9 @@ class AdaptiveObserver:
         if not (known_heat.all() and np.isfinite(inlet).all()):
             known = np.column_stack((np.isfinite(inlet), known_heat))
         inlet1 = inlet.copy() if known is self._all_known else np.where(known[:, 0], inlet, self._inlet)
-        back = self._kalman.returned(self._state, known)
-        if back is not None:
-            self._resume(back, inlet1)
+        news = self._kalman.turned(self._state, known)
+        if news is not None:
+            self._turn(news, known, inlet1)
         was_known = self._state.pattern[:, -OFFSETS] >= 0
         inlet0 = np.where(was_known, self._inlet, inlet1)  # no ramp from a value that was only held
         predicted = self._kalman.predict(
@@ -182,15 +182,17 @@ class AdaptiveObserver:
         sd = self._bands.told(self._levers(), None if self._everyone else self._available)
         return self._estimate(sd, innovation.value, self._reading_sd)
 
-    def _resume(self, back: Bools, inlet: Floats) -> None:
-        """Take in the inputs that are `back` (S, 2), before the step that they come with."""
-        at = np.flatnonzero(back.any(axis=1))
+    def _turn(self, news: Bools, known: Bools, inlet: Floats) -> None:
+        """Take in which inputs (S, 2) are back or lost, before the step that they come with or are missed in."""
+        at, usual = np.flatnonzero(news.any(axis=1)), self._usual.mean.mean(axis=1)
         self._catch_up(at)
-        state = self._kalman.caught_up(self._state, at)
+        state, disturbance = self._kalman.caught_up(self._state, at), self._kalman.model.disturbance
         x, P, J = state.x.copy(), state.P.copy(), self._blocks.J
         for s in at:
             moved = float(inlet[s] - self._inlet[s])
-            b = resumed(Belief(x[s], P[s], J[s]), back[s], moved, self._cov[s], self._kalman.model.disturbance)
+            b = resumed(Belief(x[s], P[s], J[s]), news[s] & known[s], moved, self._cov[s], disturbance)
+            if news[s, 1] and not known[s, 1]:
+                b = unknown_heat(b, float(usual[s]), disturbance)
             x[s], P[s], J[s] = b.z, b.P, b.J
         self._state = replace(state, x=x, P=P)
 

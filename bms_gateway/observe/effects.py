@@ -20,7 +20,7 @@ from bms_gateway.errors import StateError
 from bms_gateway.observe.adaptive import READ_WITHIN
 from bms_gateway.observe.consider import Belief, conditioned
 from bms_gateway.observe.estimate import Errors, Estimate
-from bms_gateway.observe.gap import phases, resumed, steps, strayed, unseen_heat
+from bms_gateway.observe.gap import phases, resumed, steps, strayed, unknown_heat, unseen_heat
 from bms_gateway.observe.inputs import Inputs
 from bms_gateway.observe.measured import SOC_UNKNOWN, Measured
 from bms_gateway.observe.model import OFFSETS, start_covariance
@@ -129,6 +129,10 @@ class EffectObserver:
         """Mean square current that would make the last step's heat by R_e, A², and what effects add to the inlet, K."""
         return self._effective
 
+    @property
+    def _usual_heat(self) -> float:
+        return float(self._in.usual.mean[0, 1] * np.mean(self._v.string.R_e))
+
     def step(self, m: Measured, y: Floats, age: Floats) -> Estimate:
         """Advance one step and take the readings in.
 
@@ -150,8 +154,10 @@ class EffectObserver:
             self.restore(was)
             self._carried(gap_s, unseen, m.inlet, m.flow)
         self._before_gap = None
-        back = self._in.measured(m) & ~self._in.known
-        before = resumed(self._belief, back, m.inlet - self._in.inlet, self._cov, self._disturbance)
+        knew, known = self._in.known, self._in.measured(m)
+        before = resumed(self._belief, known & ~knew, m.inlet - self._in.inlet, self._cov, self._disturbance)
+        if knew[1] and not known[1]:
+            before = unknown_heat(before, self._usual_heat, self._disturbance)
         row = self._in.take(m)
         memory = self._remember(row)
         now, tangent = self._predict(before, row, memory)
@@ -225,7 +231,7 @@ class EffectObserver:
 
     def _carried(self, gap_s: float, unseen: bool, inlet: float, flow: float) -> Estimate:
         """Carry the string over a gap at whose end inlet, °C, and flow are what they are (NaN: the same)."""
-        b, usual = self._belief, float(self._in.usual.mean[0, 1] * np.mean(self._v.string.R_e))
+        b, usual = self._belief, self._usual_heat
         if unseen:
             self._belief = Belief(*opened(b.z, b.P, b.J, gap_s, usual, self._disturbance))
         last, grown = inlet if isfinite(inlet) else self._in.inlet, self._in.grown(flow)

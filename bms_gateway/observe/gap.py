@@ -24,7 +24,7 @@ import numpy as np
 
 from bms_gateway.observe.consider import Belief, conditioned
 from bms_gateway.observe.model import OFFSETS, Bools
-from bms_gateway.observe.unseen import at_work
+from bms_gateway.observe.unseen import at_work, spread
 from bms_gateway.thermal import Disturbance, Floats, gathered_noise
 
 FIRST_STEP_S, GROWTH, LAST_STEP_S = 5.0, 1.5, 20.0
@@ -165,9 +165,20 @@ def resumed(b: Belief, back: Bools, moved: float, cov: Floats, disturbance: Dist
     """
     if back[0]:
         b = found_again(b, -OFFSETS, moved, cov, disturbance.inlet)
-    if back[1]:
-        z, P, J = b.z.copy(), b.P.copy(), b.J.copy()
-        z[-1], P[-1, :], P[:, -1], J[-1] = 0.0, 0.0, 0.0, 0.0
-        P[-1, -1] = disturbance.heat_common**2
-        b = Belief(z, P, J)
-    return b
+    return _of_heat(b, disturbance.heat_common) if back[1] else b
+
+
+def unknown_heat(b: Belief, usual: float, disturbance: Disturbance) -> Belief:
+    """Take in that the current is not measured any longer: from now on heat is off the usual one as in a time unseen.
+
+    An offset that only grew from that of a measured heat would take a minute to be as wide as what happens in seconds.
+    """
+    return _of_heat(b, float(spread(usual, 0.0, disturbance)))
+
+
+def _of_heat(b: Belief, sd: float) -> Belief:
+    """Begin the offset of heat anew, `sd` W wide."""
+    z, P, J = b.z.copy(), b.P.copy(), b.J.copy()
+    z[-1], P[-1, :], P[:, -1], J[-1] = 0.0, 0.0, 0.0, 0.0
+    P[-1, -1] = sd**2
+    return Belief(z, P, J)

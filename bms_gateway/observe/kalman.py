@@ -165,12 +165,15 @@ class Kalman:
             np.zeros(strings, np.int64),
         )
 
-    def returned(self, state: KalmanState, known: Bools) -> Bools | None:
-        """Tell which inputs (S, 2) are measured in the coming step and were not in the last one; None for none."""
+    def turned(self, state: KalmanState, known: Bools) -> Bools | None:
+        """Tell of which inputs (S, 2) it is news in the coming step whether they are measured; None for none.
+
+        They are as in the last one; in the first, that they are is none.
+        """
         if self.calm.knew(state.held, known):
             return None
-        back = known & (state.pattern[:, -OFFSETS:] == NONE) & (state.held > 0)[:, None]
-        return back if back.any() else None
+        news = known != ((state.pattern[:, -OFFSETS:] != NONE) | (state.held == 0)[:, None])
+        return news if news.any() else None
 
     def predict(
         self, state: KalmanState, heat: Floats, inlet0: Floats, inlet1: Floats, known: Bools | None = None
@@ -184,8 +187,8 @@ class Kalman:
         inlet0, inlet1 : ndarray (S,), °C
             Finite: the caller holds the last one where it is not known.
         known : ndarray of bool (S, 2), optional
-            Whether inlet and current are measured (all, by default). False widens their noise; of one that is back the
-            caller has told the state (`returned`), for its offset belongs to the measurement.
+            Whether inlet and current are measured (all, by default). False widens their noise; of one that is back or
+            lost the caller has told the state (`turned`), for its offset belongs to the measurement.
 
         Returns
         -------

@@ -109,6 +109,11 @@ def at_work(usual: Floats | float, disturbance: Disturbance) -> Floats:
     return np.maximum(usual, disturbance.heat_unknown)
 
 
+def spread(usual: Floats | float, gap_s: float, disturbance: Disturbance) -> Floats:
+    """Tell by how much a cell's mean heat over a time unseen is off that of the last minutes, W (sd)."""
+    return (SPREAD + BURST * exp(-gap_s / BURST_S)) * at_work(usual, disturbance)
+
+
 def opened(
     x: Floats, P: Floats, J: Floats, gap_s: float, usual: Floats | float, disturbance: Disturbance
 ) -> tuple[Floats, Floats, Floats]:
@@ -135,7 +140,7 @@ def opened(
     x, P, J = x.copy(), P.copy(), J.copy()
     x[..., -1] = usual
     P[..., -1, :] = P[..., :, -1] = 0.0
-    P[..., -1, -1] = ((SPREAD + BURST * exp(-gap_s / BURST_S)) * at_work(usual, disturbance)) ** 2
+    P[..., -1, -1] = spread(usual, gap_s, disturbance) ** 2
     J[..., -1, :] = 0.0
     return x, P, J
 

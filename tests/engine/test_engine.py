@@ -159,8 +159,9 @@ def test_a_stored_state_is_carried_over_the_time_parked(parked_s: int) -> None:
     two.restore(json.loads(json.dumps(one.snapshot())))
     woken = estimates(list(drive(two, [currents(FRAMES, parked_s)])))[0]
     core, surface = at_rest(warm, parked_s - 44)
-    assert np.abs(woken.core - core).max() < 0.5
-    assert np.abs(woken.surface - surface).max() < 0.5
+    # after minutes it may have driven on just as well
+    assert (np.abs(woken.core - core) < (0.5 if parked_s > 3600 else woken.core_sd)).all()
+    assert (np.abs(woken.surface - surface) < (0.5 if parked_s > 3600 else woken.core_sd)).all()
     if parked_s > 3600:
         # nobody saw the coolant: 5 K either way, seen through a cell about as slow as the coolant's own wandering
         assert woken.core_sd == pytest.approx(5.0 / np.sqrt(2.0), abs=0.3)

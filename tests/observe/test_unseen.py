@@ -1,6 +1,7 @@
 """What usually flows: against the weighted mean of all that was seen, and what a restart makes of it."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,9 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bms_gateway.errors import StateError
-from bms_gateway.observe import AdaptiveObserver
+from bms_gateway.observe import AdaptiveObserver, Disturbance, Measured
+from bms_gateway.observe.effects import EffectObserver
 from bms_gateway.observe.unseen import FULL, Usual
-from tests.observe.rig import model
+from bms_gateway.thermal import AddedEffect
+from tests.observe.rig import model, truth
+from tests.truth.string import lsoda
 
 DT, CORRELATION = 1.0, 60.0
 SHARE = 1.0 - np.exp(-DT / CORRELATION)
@@ -78,3 +82,41 @@ def test_a_state_whose_mean_is_none_is_refused(spoilt):
     snapshot["own"] |= spoilt
     with pytest.raises(StateError, match="usual"):
         observer.restore(snapshot)
+
+
+def by_effects(cells):
+    """The string as the observer with effects has it: one that does nothing while the flow is nominal."""
+    effect = AddedEffect("flow_dependent_cooling", None, {"n": 0.6}, {"n": 0.0})
+    observer = EffectObserver(replace(model(cells, (1, cells)), effects=(effect,)), 1.0)
+    return lambda A, y: observer.step(Measured(A, A * A, abs(A), 25.0, 1.0), y, np.zeros(cells))
+
+
+def by_resistances(cells):
+    observer = AdaptiveObserver([model(cells, (1, cells))], 1.0)
+    return lambda A, y: observer.step(np.array([A * A]), None, np.array([25.0]), y[None], np.zeros((1, cells)))
+
+
+@pytest.mark.parametrize("string", [by_resistances, by_effects])
+def test_a_burst_right_after_the_current_was_lost_is_inside_the_band_from_the_first_second_on(string):
+    """It stood, and then climbs at two and a half times the heat of a cell at work, of which no surface tells."""
+    step, y = string(3), np.array([25.0, np.nan, 25.0])
+    for _ in range(300):
+        step(0.0, y)
+    climb = np.sqrt(2.5 * Disturbance().heat_unknown / 3.5e-3)
+    core, _ = lsoda(truth(3), np.full(60, climb), np.full(61, 25.0), 25.0)
+    for k in range(1, 61):
+        e = step(np.nan, np.full(3, np.nan))
+        assert (np.abs(core[k] - e.core[0]) < 2.0 * e.core_sd[0]).all(), k
+    assert core[-1].min() > 29.0  # the test has something to see
+    assert e.core_sd.max() < 5.0
+
+
+@pytest.mark.parametrize("string", [by_resistances, by_effects])
+def test_a_current_missed_for_a_second_costs_next_to_nothing(string):
+    step, y = string(3), np.array([25.0, np.nan, 25.0])
+    for _ in range(300):
+        before = step(60.0, y)
+    step(np.nan, y)
+    after = step(60.0, y)
+    assert (after.core_sd < before.core_sd + 0.1).all()
+    assert (np.abs(after.core - before.core) < 0.1).all()
