@@ -202,17 +202,87 @@ def test_one_that_never_moved_stands_too_long_after_4_s_and_one_that_has_after_6
     assert told.tolist().index(Quality.STUCK) == 20 + 61
 
 
-@pytest.mark.parametrize(("others", "earliest", "latest"), [(1, 307, 310), (6, 307, 310), (7, 360, 380)])
-def test_one_that_freezes_amid_noise_stands_too_long_after_8_s(others, earliest, latest):
-    """Amid others of which most stand about, though they move, it may stand for 60."""
+@pytest.mark.parametrize(
+    ("lively", "quiet", "earliest", "latest"),
+    [(1, 0, 307, 310), (6, 0, 307, 310), (4, 4, 307, 310), (3, 4, 360, 380), (0, 0, 360, 380)],
+)
+def test_one_that_freezes_amid_noise_stands_too_long_after_8_s(lively, quiet, earliest, latest):
+    """Amid others of which most stand about, though they move, it may stand for 60; alone too."""
     rng = np.random.default_rng(8)
-    series = 25.0 + STEP * rng.integers(-20, 20, (400, 1 + others))
+    series = 25.0 + STEP * rng.integers(-20, 20, (400, 1 + lively + quiet))
     series[300:, 0] = series[299, 0]
-    if others == 7:
-        series[:, 4:] = 25.0 + STEP * (np.arange(400)[:, None] // 3 + rng.integers(0, 2, 4))
-        series[300::2, 4:] += STEP
-    told = told_of((FINE,) * (1 + others), series)[:, 0]
+    still = series[:, 1 + lively :]
+    still[:] = 25.0 + STEP * (np.arange(400)[:, None] // 3 + rng.integers(0, 2, quiet))
+    still[300::2] += STEP
+    told = told_of((FINE,) * (1 + lively + quiet), series)[:, 0]
     assert earliest <= told.tolist().index(Quality.STUCK, 10) <= latest
+
+
+@pytest.mark.parametrize("moved", range(32, 41))
+def test_a_fifth_that_repeats_is_noise_and_more_is_not(moved):
+    """Nine repeats are more than 8 s: of 45 samples a fifth."""
+    noise = wobble(moved + 1)
+    series = np.stack([np.r_[noise, np.full(20, noise[-1])], wobble(moved + 21)], axis=1)
+    told = told_of((FINE, FINE), series)[:, 0].tolist()
+    assert told[moved + 8] == Quality.GOOD
+    assert (told[moved + 9] == Quality.STUCK) == (moved >= 36)
+
+
+def test_of_a_fifth_that_repeats_are_peers_that_are_noisy_too():
+    both, noise = Both((FINE, FINE)), wobble(60)
+    noise[50:] = noise[49]
+    peer = {k: [25.0 + STEP * k] for k in range(4)} | {4: [26.0, 26.0]}  # four of five moves, and then no more
+    told = []
+    for k, v in enumerate(noise):
+        samples = [(k * S, 0, float(v), Quality.GOOD), *((k * S, 1, p, Quality.GOOD) for p in peer.get(k, []))]
+        told.append(both.judge(samples, (k + 1) * S, active=True)[0])
+    assert told.index(Quality.STUCK) == 58
+
+
+@pytest.mark.parametrize(("repeats", "becomes"), [(132, Quality.STUCK), (133, Quality.GOOD)])
+def test_what_repeats_is_counted_over_600_samples(repeats, becomes):
+    """As a mean that forgets: (1 - 1/600)^133 (1 - (1 - 1/600)^10 / 600) is less than four fifths, and not for 601."""
+    both, noise, peer = Both((FINE, FINE)), wobble(800), wobble(40)
+    frozen = np.full(repeats, noise[-1])
+    values = [*np.split(noise[:790], 10), np.r_[noise[789], noise[790:]]]
+    values += [*np.array_split(frozen[:-1], 8), frozen[-1:]]  # the last one after more than 8 s
+    for k, some in enumerate(values):
+        samples = [(k * S, 1, float(peer[k]), Quality.GOOD), *((k * S, 0, float(v), Quality.GOOD) for v in some)]
+        told = both.judge(samples, (k + 1) * S, active=True)
+    assert told[-1] == becomes
+
+
+def test_frames_that_are_not_believed_repeat_nothing():
+    noise = wobble(60)
+    noise[2::4] = noise[1::4]
+    both = Both((FINE, FINE))
+    told = []
+    for k, v in enumerate([*noise, *np.full(10, noise[-1])]):
+        flag = Quality.CRC if k % 4 == 2 and k < 60 else Quality.GOOD
+        samples = [(k * S, 0, float(v), flag), (k * S, 1, float(wobble(80)[k]), Quality.GOOD)]
+        told.append(both.judge(samples, (k + 1) * S, active=True)[0])
+    assert told.index(Quality.STUCK) == 68
+
+
+@pytest.mark.parametrize(("step_s", "least"), [(1, 7), (2, 6)])
+@pytest.mark.parametrize("stay", range(4, 11))
+def test_a_home_held_for_8_s_and_8_samples_proves_something(step_s, least, stay):
+    """Its first sample takes no time; until it has left two more pass."""
+    away = 24.5 + STEP + wobble(6) - 25.0
+    series = np.concatenate([wobble(20), np.full(stay, 24.5), away + STEP, np.full(3, 24.5)])
+    told = told_of((FINE,), series[:, None], step_s)[:, 0]
+    assert (told[-1] == Quality.STUCK) == (stay >= least)
+
+
+@pytest.mark.parametrize("short_ns", [0, 1])
+def test_samples_of_one_stamp_hold_a_home_for_no_time(short_ns):
+    at = [*range(20), 20, 20, *range(21, 31), *range(31, 34)]
+    values = [*wobble(20), *np.full(8, 24.5), *(24.5 + STEP + wobble(4) - 25.0), *np.full(3, 24.5)]
+    both = Both((FINE,))
+    for k, v in zip(at, values, strict=True):
+        stamp = k * S - short_ns * (k > 20)
+        told = both.judge([(stamp, 0, float(v), Quality.GOOD)], k * S + S, active=True)
+    assert (told == [Quality.STUCK]) == (short_ns == 0)
 
 
 def test_a_coarse_one_stands_too_long_after_half_an_hour():
