@@ -376,6 +376,7 @@ def test_the_rules_stand_as_they_are_documented() -> None:
 def test_an_engine_has_counted_nothing_and_tells_nothing_more_unless_asked() -> None:
     made, _, _ = engine()
     assert (made.frames, made.dropped, made.recording, made.judging) == (0, 0, False, False)
+    assert made.duration_s == 0.0
     assert made.sends == {0x100: S}
     made._broadcast = None
     assert made.sends == {}
