@@ -360,10 +360,14 @@ def test_a_late_frame_counts_for_the_open_tick() -> None:
     made.handle_timer(now_ns=START + S)
     taken = []
     update = made._inputs.update
-    made._inputs.update = lambda samples, t0, t1: taken.append(samples.time_ns.tolist()) or update(samples, t0, t1)
+    made._inputs.update = lambda samples, *span: (
+        taken.append((samples.time_ns.tolist(), span)) or update(samples, *span)
+    )
     made.receive(some[10:12], now_ns=START + S + 5)
     made.handle_timer(now_ns=START + 2 * S)
-    assert set(taken[0]) == {START + S}
+    ((stamps, span),) = taken
+    assert set(stamps) == {START + S}
+    assert span == (START + S, START + 2 * S)
     assert by_hand.ticks == [START + S, START + 2 * S]
 
 
