@@ -6,6 +6,7 @@ ONE_BY_ONE = "what odd frames go through gives the same for all, only slower"
 ANNOTATIONS = "an import for annotations, which are not evaluated"
 WOKEN = "set by the frame that wakes the engine, read after one"
 LATER = "stamps of the open tick and later are put off to what they are"
+TAKEN_UP = "asked of a state that was taken up, which sets it; no frame before"
 NO_GAP = "where there is no gap, of whole nanoseconds, nothing is asked of it"
 SOONER = "a string takes its ticks in before it must: only slower"
 BLOCKS = "ticks are put together when a string takes them, if not before"
@@ -27,14 +28,13 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "Guard.update: 1  ->  2": MORE_BINS,
         "Guard._advance: 1  ->  2": MORE_BINS,
         "Guard._advance: 1  ->  2  #2": MORE_BINS,
-        "Guard._judge: 0  ->  1": "a nanosecond of the rate of jumps: 2·10⁻¹⁰ K, below every signal's step",
+        "Guard._advance: 1  ->  2  #3": MORE_BINS,
         "Guard._judge: step < 1.01 * PROOF_K  ->  step <= 1.01 * PROOF_K": (
             "0.0505 K is 0.05 K with room for rounding; no signal steps by just that"
         ),
         "Guard._judge: usable & ~upset  ->  usable | ~upset": (
             "differs for samples that are usable and upset: there the cause remembered is the one of this sample"
         ),
-        "Guard._follow_anchor: 1  ->  2  #4": "both sides of the comparisons of stays grow by one",
         "_rounds: np.arange(len(order)) - start.repeat(np.diff(np.append(start, len(order))))  ->  "
         "np.arange(len(order)) + start.repeat(np.diff(np.append(start, len(order))))": (
             "the samples of a channel still go into rounds in their order; rounds are more, some of them empty"
@@ -76,11 +76,17 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "Engine.__init__: 0  ->  1": WOKEN,
         "Engine.__init__: 0  ->  1  #3": WOKEN,
         "Engine.__init__: 0  ->  1  #6": "losses are told in all: what was told last is not asked",
-        "Engine.__init__: False  ->  True  #2": "asked of a state that was taken up, which sets it; no frame before",
+        "Engine.__init__: False  ->  True  #2": TAKEN_UP,
+        "Engine.__init__: self._stored = False  ->  pass": TAKEN_UP,
         "Engine.__init__: self._woken = 0  ->  pass": WOKEN,
         "Engine.receive: self._tick_end is not None and int(frames.time_ns[0]) < self._tick_end  ->  "
         "self._tick_end is not None or int(frames.time_ns[0]) < self._tick_end": LATER,
         "Engine.receive: int(frames.time_ns[0]) < self._tick_end  ->  int(frames.time_ns[0]) <= self._tick_end": LATER,
+        "Engine.receive: frames.time_ns.max() > now_ns  ->  frames.time_ns.max() >= now_ns": "what is of now stays so",
+        "Engine.receive: self._deadline is not None and int(frames.time_ns[-1]) >= self._deadline  ->  "
+        "self._deadline is not None or int(frames.time_ns[-1]) >= self._deadline": (
+            "armed by the frames before; where no tick is over none is run, and all frames are kept"
+        ),
         "Engine._wake: 0 <= start - self._tick_end <= AT_ONCE_NS  ->  0 < start - self._tick_end <= AT_ONCE_NS": NO_GAP,
         "Engine._wake: 0  ->  1": NO_GAP,
         "Engine._wake: start < self._tick_end  ->  start <= self._tick_end": NO_GAP,
@@ -90,6 +96,7 @@ EQUIVALENT: dict[str, dict[str, str]] = {
     },
     "bms_gateway/engine/broadcast.py": {
         "Broadcast.encode: True  ->  False": STRICT,
+        "Broadcast.encode: True  ->  False  #2": STRICT,
     },
     "bms_gateway/engine/estimate.py": {
         "Estimators.__init__: True  ->  False": STRICT,

@@ -229,7 +229,7 @@ def survives(module: str, tree: ast.Module, tests: list[str], patience_s: float)
     if child == 0:
         code = 1
         with contextlib.suppress(BaseException):
-            os.setsid()
+            os.setpgrp()  # not a session: that would not be as nice as we are
             quiet = os.open(os.devnull, os.O_WRONLY)
             os.dup2(quiet, 1)
             os.dup2(quiet, 2)

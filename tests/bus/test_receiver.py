@@ -75,6 +75,7 @@ def test_frames_gather_no_longer_than_a_quarter_of_what_the_buffer_holds_of_a_fu
     theirs.close()
 
 
+@settings(deadline=None)
 @given(st.lists(st.tuples(ids, st.binary(max_size=8)), max_size=12), st.sets(ids, max_size=6), st.data())
 def test_frames_of_our_identifiers_are_refused_and_no_others(frames, own, data):
     for at in data.draw(st.lists(st.integers(0, max(len(frames) - 1, 0)), max_size=4)):

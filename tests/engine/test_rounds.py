@@ -360,10 +360,14 @@ def test_a_late_frame_counts_for_the_open_tick() -> None:
     made.handle_timer(now_ns=START + S)
     taken = []
     update = made._inputs.update
-    made._inputs.update = lambda samples, t0, t1: taken.append(samples.time_ns.tolist()) or update(samples, t0, t1)
+    made._inputs.update = lambda samples, *span: (
+        taken.append((samples.time_ns.tolist(), span)) or update(samples, *span)
+    )
     made.receive(some[10:12], now_ns=START + S + 5)
     made.handle_timer(now_ns=START + 2 * S)
-    assert set(taken[0]) == {START + S}
+    ((stamps, span),) = taken
+    assert set(stamps) == {START + S}
+    assert span == (START + S, START + 2 * S)
     assert by_hand.ticks == [START + S, START + 2 * S]
 
 
@@ -376,6 +380,7 @@ def test_the_rules_stand_as_they_are_documented() -> None:
 def test_an_engine_has_counted_nothing_and_tells_nothing_more_unless_asked() -> None:
     made, _, _ = engine()
     assert (made.frames, made.dropped, made.recording, made.judging) == (0, 0, False, False)
+    assert made.duration_s == 0.0
     assert made.sends == {0x100: S}
     made._broadcast = None
     assert made.sends == {}

@@ -16,6 +16,8 @@ from tests.data import data_dir
 
 ROOT = Path(__file__).resolve().parents[2]
 OWN = ROOT / "dbc" / "bms_gateway.dbc"
+KINDS = Path(__file__).with_name("kinds.dbc")
+"""What our own DBC has none of: floats of either size and order, integers of 57 and 64 bits."""
 FOLDERS = ("conformance/cantools", "conformance/asammdf_css", "dbc")
 REFUSED = {"uwfe_2024CAR_original.dbc", "leaf_EV-can_ZE1.dbc"}
 """DBC files that cantools itself refuses when strict."""
@@ -27,7 +29,7 @@ def text_of(path: Path) -> str:
 
 def all_dbc() -> list[Path]:
     found = [p for f in FOLDERS for p in sorted((data_dir() / f).glob("*.dbc")) if p.name not in REFUSED]
-    return [*([OWN] if OWN.exists() else []), *found]
+    return [*([OWN] if OWN.exists() else []), KINDS, *found]
 
 
 def parsed(path: Path) -> Parsed:

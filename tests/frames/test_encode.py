@@ -109,6 +109,12 @@ def test_no_value_raises(path: Path) -> None:
     encoder.encode(rows, values)
 
 
+def test_a_message_without_signals_leaves_empty() -> None:
+    encoder = Encoder(Database.load({"a.dbc": 'VERSION ""\nBS_:\nBU_: A\nBO_ 1 M: 3 A\n'}), ["M"])
+    can_id, length, data = encoder.encode(np.zeros(2, np.intp), np.empty((2, encoder.width)))
+    assert (can_id.tolist(), length.tolist(), data.any()) == ([1, 1], [3, 3], False)
+
+
 def test_out_of_range_saturates_where_nothing_means_not_available() -> None:
     text = (
         'VERSION ""\nBS_:\nBU_: A\nBO_ 1 M: 8 A\n SG_ s : 0|8@1- (0.5,0) [-10|10] "" A\n'

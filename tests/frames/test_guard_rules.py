@@ -204,16 +204,19 @@ def test_one_that_never_moved_stands_too_long_after_4_s_and_one_that_has_after_6
     assert told.tolist().index(Quality.STUCK) == 15 + 61
 
 
-@pytest.mark.parametrize(("others", "earliest", "latest"), [(1, 307, 310), (6, 307, 310), (7, 360, 380)])
-def test_one_that_freezes_amid_noise_stands_too_long_after_8_s(others, earliest, latest):
-    """Amid others of which most stand about, though they move, it may stand for 60."""
+@pytest.mark.parametrize(
+    ("lively", "quiet", "earliest", "latest"),
+    [(1, 0, 307, 310), (6, 0, 307, 310), (4, 4, 307, 310), (3, 4, 360, 380), (0, 0, 360, 380)],
+)
+def test_one_that_freezes_amid_noise_stands_too_long_after_8_s(lively, quiet, earliest, latest):
+    """Amid others of which most stand about, though they move, it may stand for 60; alone too."""
     rng = np.random.default_rng(8)
-    series = 25.0 + STEP * rng.integers(-20, 20, (400, 1 + others))
+    series = 25.0 + STEP * rng.integers(-20, 20, (400, 1 + lively + quiet))
     series[300:, 0] = series[299, 0]
-    if others == 7:
-        series[:, 4:] = 25.0 + STEP * (np.arange(400)[:, None] // 3 + rng.integers(0, 2, 4))
-        series[300::2, 4:] += STEP
-    both = Both((FINE,) * (1 + others))
+    still = series[:, 1 + lively :]
+    still[:] = 25.0 + STEP * (np.arange(400)[:, None] // 3 + rng.integers(0, 2, quiet))
+    still[300::2] += STEP
+    both = Both((FINE,) * (1 + lively + quiet))
     told = told_of(both.rules, series[:earliest], both=both)[:, 0]
     assert (told[10:305] == Quality.GOOD).all()
     found = earliest - 1
@@ -221,6 +224,69 @@ def test_one_that_freezes_amid_noise_stands_too_long_after_8_s(others, earliest,
         found += 1
         both.judge([(found * S, c, float(v), Quality.GOOD) for c, v in enumerate(series[found])], (found + 1) * S, True)
     assert earliest <= found <= latest
+
+
+@pytest.mark.parametrize("moved", range(16, 25))
+def test_a_fifth_that_repeats_is_noise_and_more_is_not(moved):
+    """Five repetitions to begin with are a fifth of 25; the run that goes on is none yet: 9 of it are more than 8 s."""
+    noise = wobble(moved + 1)
+    series = np.stack([np.r_[noise, np.full(20, noise[-1])], wobble(moved + 21)], axis=1)
+    told = told_of((FINE, FINE), series)[:, 0].tolist()
+    assert told[moved + 8] == Quality.GOOD
+    assert (told[moved + 9] == Quality.STUCK) == (moved >= 20)
+
+
+@pytest.mark.parametrize(("moves", "becomes"), [(23, Quality.GOOD), (24, Quality.STUCK)])
+def test_of_a_fifth_that_repeats_are_peers_that_are_noisy_too(moves, becomes):
+    """Twice the same within a second among `moves` others, and then no more: with the first five 6 of 30."""
+    both, noise, by = Both((FINE, FINE)), wobble(40), wobble(moves + 1)
+    noise[30:] = noise[29]
+    peer = {k: [float(v)] for k, v in enumerate(by[:20])} | {20: [float(v) for v in (by[19], *by[20:])]}
+    told = []
+    for k, v in enumerate(noise[:39]):
+        samples = [(k * S, 0, float(v), Quality.GOOD), *((k * S, 1, p, Quality.GOOD) for p in peer.get(k, []))]
+        told.append(both.judge(samples, (k + 1) * S, active=True)[0])
+    assert told[37] == Quality.GOOD
+    assert told[38] == becomes
+
+
+@pytest.mark.parametrize(("repeats", "becomes"), [(115, Quality.STUCK), (116, Quality.GOOD)])
+def test_what_repeats_is_counted_over_600_samples(repeats, becomes):
+    """After 595 others 5 of 600, then 5 (599 - n) / 600 + n for n repetitions: a fifth, of 600, up to n = 115.97."""
+    both, noise, peer = Both((FINE, FINE)), wobble(598), wobble(40)
+    values = [*np.array_split(noise[:590], 20), np.r_[noise[590:596], np.full(repeats, noise[595]), noise[596]]]
+    values += [noise[596:597]] * 11  # two more until it has left, the last one after more than 8 s
+    told = []
+    for k, some in enumerate(values):
+        samples = [(k * S, 1, float(peer[k]), Quality.GOOD), *((k * S, 0, float(v), Quality.GOOD) for v in some)]
+        told.append(both.judge(samples, (k + 1) * S, active=True)[-1])
+    assert told[-2:] == [Quality.GOOD, becomes]
+
+
+@pytest.mark.parametrize(("moved", "becomes"), [(964, Quality.GOOD), (965, Quality.STUCK)])
+def test_a_run_of_any_length_is_forgotten_as_one_of_599(moved, becomes):
+    """The sample that ends it leaves 599 of 600, each further one 599/600 of that: the 964th is below a fifth."""
+    both, noise, peer = Both((FINE, FINE)), wobble(moved + 30), wobble(60)
+    values = [*np.split(noise[:30], 10), np.full(700, noise[29]), *np.array_split(noise[30 : 30 + moved], 4)]
+    values += [noise[29 + moved : 30 + moved]] * 9
+    told = []
+    for k, some in enumerate(values):
+        samples = [(k * S, 1, float(peer[k]), Quality.GOOD), *((k * S, 0, float(v), Quality.GOOD) for v in some)]
+        told.append(both.judge(samples, (k + 1) * S, active=True)[-1])
+    assert told[-2:] == [Quality.GOOD, becomes]
+
+
+def test_frames_that_are_not_believed_repeat_nothing():
+    """Of 44 others the share is 5 of 49: ten repetitions would be held back, nine are more than 8 s."""
+    noise = wobble(60)
+    noise[2::4] = noise[1::4]
+    both = Both((FINE, FINE))
+    told = []
+    for k, v in enumerate([*noise, *np.full(10, noise[-1])]):
+        flag = Quality.CRC if k % 4 == 2 and k < 60 else Quality.GOOD
+        samples = [(k * S, 0, float(v), flag), (k * S, 1, float(wobble(80)[k]), Quality.GOOD)]
+        told.append(both.judge(samples, (k + 1) * S, active=True)[0])
+    assert told.index(Quality.STUCK) == 68
 
 
 def test_one_that_never_gives_a_value_twice_is_held_back_at_the_fifth_repetition_and_no_sooner():
@@ -238,6 +304,27 @@ def test_a_run_that_noise_does_not_give_is_held_back_and_the_next_other_value_co
     told = told_of((FINE,) * 3, series)[:, 0]
     assert (told[10:305] == Quality.GOOD).all()
     assert told[306:308].tolist() == [Quality.STUCK, Quality.GOOD]  # its channel would be stuck from 308 on
+
+
+@pytest.mark.parametrize(("step_s", "least"), [(1, 7), (2, 6)])
+@pytest.mark.parametrize("stay", range(4, 11))
+def test_a_home_held_for_8_s_and_8_samples_proves_something(step_s, least, stay):
+    """Its first sample takes no time; until it has left two more pass."""
+    away = 24.5 + STEP + wobble(6) - 25.0
+    series = np.concatenate([wobble(20), np.full(stay, 24.5), away + STEP, np.full(3, 24.5)])
+    told = told_of((FINE,), series[:, None], step_s)[:, 0]
+    assert (told[-1] == Quality.STUCK) == (stay >= least)
+
+
+@pytest.mark.parametrize("short_ns", [0, 1])
+def test_samples_of_one_stamp_hold_a_home_for_no_time(short_ns):
+    at = [*range(20), 20, 20, *range(21, 31), *range(31, 34)]
+    values = [*wobble(20), *np.full(8, 24.5), *(24.5 + STEP + wobble(4) - 25.0), *np.full(3, 24.5)]
+    both = Both((FINE,))
+    for k, v in zip(at, values, strict=True):
+        stamp = k * S - short_ns * (k > 20)
+        told = both.judge([(stamp, 0, float(v), Quality.GOOD)], k * S + S, active=True)
+    assert (told == [Quality.STUCK]) == (short_ns == 0)
 
 
 def test_a_coarse_one_stands_too_long_after_half_an_hour():

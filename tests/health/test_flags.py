@@ -5,7 +5,7 @@ from math import nan
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bms_gateway.errors import StateError
@@ -13,6 +13,7 @@ from bms_gateway.health import Ageing, Flag, History, Mismatch, Mismatches, Thre
 from bms_gateway.health.mismatch import GRACE_S
 
 
+@settings(deadline=None)
 @given(st.lists(st.floats(0, 0.3), max_size=60))
 def test_the_level_changes_only_after_hold_agreeing_values(values: list[float]) -> None:
     flag = Flag(Thresholds((0.10, 0.20), (0.07, 0.16), hold=3))

@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bms_gateway.identify import PairMeans, Tick
@@ -35,6 +35,7 @@ def traced(work: Callable[[], object]) -> tuple[int, int]:
     return held - before, peak - before
 
 
+@settings(deadline=None)
 @given(
     seed=st.integers(0, 10**6),
     cuts=st.lists(st.integers(1, 2 * TOGETHER), min_size=1, max_size=6),

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
@@ -20,6 +20,7 @@ def test_the_deviance_is_that_of_the_interval(sigma0, step, u):
     assert generalised(np.array([u]), np.array([sigma0]), np.array([step]))[1][0] == pytest.approx(expected, rel=1e-6)
 
 
+@settings(deadline=None)
 @given(st.floats(-3, 3), st.floats(0.02, 0.3), st.floats(0, 0.6))
 def test_the_residual_is_the_slope_of_the_deviance(u, sigma0, step):
     s, q, h = np.array([sigma0]), np.array([step]), 1e-6

@@ -10,7 +10,7 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bms_gateway.config.model_file import parse_model
@@ -428,6 +428,7 @@ def test_a_page_that_cannot_be_written_is_the_callers_fault(tmp_path):
         write_diagnosis(tmp_path / "none" / "x.html", Told(None, "Nothing.", ()))
 
 
+@settings(deadline=None)
 @given(st.lists(st.floats(-50, 150), min_size=1, max_size=300), st.integers(2, 60))
 def test_thinning_hides_no_excursion(values, most):
     y, t = np.array(values), np.arange(len(values), dtype=float)

@@ -12,7 +12,7 @@ import time
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bms_gateway.bus.canframe import from_wire
@@ -181,6 +181,7 @@ def test_frames_gather_as_long_as_the_port_has_room_and_no_deadline_waits_for_th
     assert len(drains) <= len(engine.ticks) + 2 * elapsed / bus.port.gather_s + 4
 
 
+@settings(deadline=None)
 @given(gather_s=st.floats(0.0, 1.0), left_s=st.none() | st.floats(-1.0, 2.0))
 def test_frames_gather_no_longer_than_there_is_room_nor_into_the_last_moments_before_a_deadline(gather_s, left_s):
     wait = pause(gather_s, left_s)
