@@ -196,8 +196,8 @@ class Guard:
             # a round of all channels, the usual one, needs no gathering
             c = slice(None) if len(part) == len(self._channel) else local[part]
             quality[part] = self._judge(c, value[part], time_ns[part], quality[part], updated, changed, fine)
-            if self._run.max(initial=0) >= FEWEST:
-                held_back = np.concatenate([held_back, part[(quality[part] == GOOD) & self._freezes(c)]])
+            if np.count_nonzero(self._run >= FEWEST) and np.count_nonzero(frozen := self._freezes(c)):
+                held_back = np.concatenate([held_back, part[(quality[part] == GOOD) & frozen]])
         if fine.any():
             self._fine |= np.bincount(self._group, fine, 1)[self._group] > 0
         on = np.asarray(active, np.bool_)
@@ -282,7 +282,7 @@ class Guard:
     def _count_repeats(self, c: Index | slice, compared: NDArray[np.bool_], same: NDArray[np.bool_]) -> None:
         """Count what is the same as before, and its share of all; a run amid others that move counts when it ends."""
         differs, again, run = compared ^ same, same & self._around[c], self._run[c]
-        more = compared + run * differs - again
+        more = (compared ^ again) + run * differs
         self._compared[c] = count = np.minimum(self._compared[c] + more, REMEMBERED)
         repeats = self._repeats[c]
         self._repeats[c] = repeats + (more * (1.0 - repeats) - differs) / count
