@@ -35,6 +35,9 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "Guard._judge: usable & ~upset  ->  usable | ~upset": (
             "differs for samples that are usable and upset: there the cause remembered is the one of this sample"
         ),
+        "Guard._freezes: repeats ** run < HARDLY  ->  repeats ** run <= HARDLY": (
+            "no share to a whole power is just 10⁻⁹ in floating point: 0.1⁹ is above it"
+        ),
         "_rounds: np.arange(len(order)) - start.repeat(np.diff(np.append(start, len(order))))  ->  "
         "np.arange(len(order)) + start.repeat(np.diff(np.append(start, len(order))))": (
             "the samples of a channel still go into rounds in their order; rounds are more, some of them empty"

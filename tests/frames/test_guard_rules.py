@@ -274,9 +274,9 @@ def test_what_repeats_is_counted_over_600_samples(repeats, becomes):
 @pytest.mark.parametrize(("moved", "becomes"), [(964, Quality.GOOD), (965, Quality.STUCK)])
 def test_a_run_of_any_length_is_forgotten_as_one_of_599(moved, becomes):
     """The sample that ends it leaves 599 of 600, each further one 599/600 of that: the 964th is below a fifth."""
-    both, noise, peer = Both((FINE, FINE)), wobble(moved + 30), wobble(60)
-    values = [*np.split(noise[:30], 10), np.full(700, noise[29]), *np.array_split(noise[30 : 30 + moved], 4)]
-    values += [noise[29 + moved : 30 + moved]] * 9
+    both, noise, peer = Both((FINE, FINE)), wobble(100 + moved), wobble(60)
+    values = [*np.split(noise[:100], 20), np.full(700, noise[99]), *np.array_split(noise[100:], 4)]
+    values += [noise[-1:]] * 9
     told = []
     for k, some in enumerate(values):
         samples = [(k * S, 1, float(peer[k]), Quality.GOOD), *((k * S, 0, float(v), Quality.GOOD) for v in some)]
