@@ -99,6 +99,7 @@ def _assembled(config: Path) -> "tuple[Gateway, Port, StateStore | None]":
 def started(loaded: "LoadedConfig", store: "StateStore | None", log: Any) -> "Engine":
     """Engine with the newest stored state that can be trusted and used, and a line on each that could not."""
     from bms_gateway.engine import Engine
+    from bms_gateway.service.boot import on_this_line
 
     engine = Engine(loaded.plan, loaded.database)
     if store is None:
@@ -107,7 +108,8 @@ def started(loaded: "LoadedConfig", store: "StateStore | None", log: Any) -> "En
     def use(state: "Mapping[str, Any]") -> None:
         nonlocal engine
         fresh = Engine(loaded.plan, loaded.database)  # one that refuses may be half filled
-        fresh.restore(state)
+        moved, sure = on_this_line(state)
+        fresh.restore(moved, sure=sure)
         engine = fresh
 
     found = store.load(use)

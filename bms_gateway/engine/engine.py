@@ -104,6 +104,7 @@ class Engine:
         self.dropped = 0
         self.recording = False
         self._stored = False  # the state is that of another run, and no frame has come since
+        self._sure = False  # the time since then is known, whatever the clock shows
         self.judging = False
 
     @property
@@ -249,7 +250,7 @@ class Engine:
         if self._tick_end is not None and start != self._tick_end:
             gap_ns: int | None = start - self._tick_end
             unseen = self._stored and not 0 <= start - self._tick_end <= AT_ONCE_NS
-            if start < self._tick_end or (unseen and min(start, self._tick_end) < CLOCK_SET_NS):
+            if start < self._tick_end or (unseen and not self._sure and min(start, self._tick_end) < CLOCK_SET_NS):
                 gap_ns = None
             how_long = "a time that the clock does not tell" if gap_ns is None else f"{gap_ns * 1e-9:.0f} s"
             self._queue.append(
@@ -357,8 +358,15 @@ class Engine:
         """State as JSON-able values: what `restore` needs to go on after a stop, however long."""
         return {"version": SNAPSHOT_VERSION, "tick_end_ns": self._tick_end, "estimators": self._estimators.snapshot()}
 
-    def restore(self, state: Mapping[str, Any]) -> None:
+    def restore(self, state: Mapping[str, Any], *, sure: bool = False) -> None:
         """Take up a stored state, before the first frame; the time until then counts as parked.
+
+        Parameters
+        ----------
+        state : mapping
+            Of `snapshot`.
+        sure : bool
+            Its time is by the same clock as that of the frames to come, even if that starts in 1970.
 
         Raises
         ------
@@ -374,6 +382,6 @@ class Engine:
             raise StateError(f"stored state does not fit this program: {type(e).__name__} {e}") from None
         if self._tick_end is not None and not 0 <= self._tick_end < LATEST_NS:
             raise StateError(f"stored state: its time, {self._tick_end * 1e-9:.4g} s since 1970, is none of a clock")
-        self._stored = self._tick_end is not None
+        self._stored, self._sure = self._tick_end is not None, sure
         for text in left:
             self._queue.append(Notice(self._tick_end or 0, Level.NOTICE, "state", text))

@@ -24,6 +24,7 @@ from bms_gateway.bus.port import Link, Port
 from bms_gateway.engine.events import Estimated, Event, Job, Level, Notice, SendFrames, StartJob
 from bms_gateway.errors import GatewayError
 from bms_gateway.frames.batch import FrameBatch
+from bms_gateway.service.boot import noted
 from bms_gateway.service.journal import NOTICE
 from bms_gateway.service.notify import notify, reloading, watchdog_s
 from bms_gateway.service.tally import Tally
@@ -200,7 +201,7 @@ class Gateway:
             raise self._failure
         if self._save is not None:
             try:
-                self._save(self.engine.snapshot())
+                self._save(self._snapshot())
             except (GatewayError, OSError) as error:
                 log.error("%s", error)  # noqa: TRY400 (one line for a person, no traceback)
         await self._end_beside()
@@ -360,7 +361,10 @@ class Gateway:
             log.error("%s has failed and is off until a restart; estimates go on", name, exc_info=error)
 
     def _save_aside(self, save: Callable[[Mapping[str, object]], None]) -> None:
-        self._loop.run_in_executor(self._worker, save, self.engine.snapshot()).add_done_callback(self._on_saved)
+        self._loop.run_in_executor(self._worker, save, self._snapshot()).add_done_callback(self._on_saved)
+
+    def _snapshot(self) -> Mapping[str, object]:
+        return {**self.engine.snapshot(), "clock": noted(self.port.now_ns())}
 
     def _on_saved(self, done: "asyncio.Future[None]") -> None:
         if done.cancelled():

@@ -199,9 +199,9 @@ def test_waking_tells_how_long_it_was() -> None:
     assert by_hand.gaps == [(90.0, False)]
 
 
-def restored(tick_end: int | None) -> tuple[Engine, ByHand]:
+def restored(tick_end: int | None, *, sure: bool = False) -> tuple[Engine, ByHand]:
     made, by_hand, _ = engine()
-    made.restore({"version": 1, "tick_end_ns": tick_end, "estimators": {"of": "estimators"}})
+    made.restore({"version": 1, "tick_end_ns": tick_end, "estimators": {"of": "estimators"}}, sure=sure)
     return made, by_hand
 
 
@@ -242,6 +242,13 @@ def test_a_clock_that_was_not_set_tells_nothing_of_how_long_we_were_off() -> Non
     ((gap, unseen),) = by_hand.gaps[1:]
     assert not unseen
     assert 400 < gap < 500
+
+
+def test_a_state_by_the_clock_of_the_frames_tells_how_long_we_were_off_in_1970_too() -> None:
+    made, by_hand = restored(3000 * S, sure=True)
+    early = said(3)
+    feed(made, FrameBatch(early.time_ns - START + 4000 * S, early.can_id, early.length, early.data))
+    assert by_hand.gaps == [(pytest.approx(1000.0), True)]
 
 
 def test_a_state_before_the_first_tick_is_no_gap() -> None:

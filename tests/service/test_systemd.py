@@ -23,6 +23,7 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 from bms_gateway.service.aside import NICE
+from bms_gateway.store import StateStore
 from tests.service.broker import make_broker
 from tests.service.test_aside import windows
 
@@ -295,6 +296,11 @@ def test_it_gets_ready_estimates_survives_and_stops_cleanly(service, pack):
     assert (prop("ActiveState"), prop("Result"), prop("ExecMainStatus")) == ("inactive", "success", "0")
     saved = [p for p in STATE.resolve().iterdir() if p.stat().st_mtime >= begun - 1]
     assert saved, list(STATE.resolve().iterdir())
+
+    # the unit tells it the boot, whose identifier the sandbox hides
+    stored = StateStore(STATE.resolve()).load().state
+    assert stored is not None
+    assert stored["clock"]["boot"] == Path("/proc/sys/kernel/random/boot_id").read_text().strip().replace("-", "")
 
 
 def test_a_config_that_is_wrong_is_told_in_one_line_and_tried_again(installed):

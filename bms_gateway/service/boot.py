@@ -1,0 +1,55 @@
+"""How long the service was off, told by the clock that nobody can set.
+
+Bus time goes on when the wall clock is set (`bus.clock`), but a service that starts begins with the wall clock as it is
+then: a crash after the clock was set forward by an hour would count as an hour parked. So a state notes how far bus
+time was ahead of the time since boot. As long as it is the same boot, its time is moved onto the new line.
+"""
+
+import os
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from bms_gateway.bus.clock import boot_ns
+
+BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
+BOOT_ID_GIVEN = "BMS_GATEWAY_BOOT_ID"
+"""Variable that holds the boot's identifier where `BOOT_ID` is hidden, as in our unit."""
+
+
+def boot_id() -> str:
+    """Tell boots apart; empty where nothing does."""
+    try:
+        return os.environ.get(BOOT_ID_GIVEN) or BOOT_ID.read_text().strip()
+    except OSError:
+        return ""
+
+
+def noted(bus_ns: int) -> dict[str, Any]:
+    """Give what a state is to hold as `clock`, at bus time `bus_ns`."""
+    return {"boot": boot_id(), "ahead_ns": bus_ns - boot_ns()}
+
+
+def on_this_line(state: Mapping[str, Any]) -> tuple[Mapping[str, Any], bool]:
+    """Move a stored state's time onto the line that begins now.
+
+    Parameters
+    ----------
+    state : mapping
+        Of an engine; with what was `noted` as `clock`, or without.
+
+    Returns
+    -------
+    state : mapping
+    sure : bool
+        Whether it is of this boot: how long ago it was is then known, whatever the wall clock shows.
+    """
+    clock, tick_end_ns = state.get("clock"), state.get("tick_end_ns")
+    if not (isinstance(clock, Mapping) and isinstance(tick_end_ns, int)):
+        return state, False
+    boot, ahead_ns = clock.get("boot"), clock.get("ahead_ns")
+    if not boot or boot != boot_id() or not isinstance(ahead_ns, int):
+        return state, False
+    moved = time.time_ns() - boot_ns() - ahead_ns
+    return {**state, "tick_end_ns": max(0, tick_end_ns + moved)}, True
