@@ -122,8 +122,8 @@ def _currents(facts: Facts) -> list[Scenario]:
 
     def one(name: str, fault: str, expected: tuple[Reaction, ...], change: Change, why: str) -> Scenario:
         injection = Injection(values={("current", None): change})
-        # a current that reads too little heats too little until it is found out, and one that flows the other way
-        # seems to cool: that the voltage falls while the current charges
+        # a current that reads too little heats too little until it is found out; with the wrong sign the heat that
+        # the voltage tells has the wrong sign too
         misleads = expected is not gone
         return Scenario(f"current-{name}", "sensor", fault, expected, 300, 300, injection, why, misleads)
 

@@ -208,7 +208,7 @@ def fit_window(p: StringParameters, w: DriveWindow, sensed: Sequence[int], guess
     s0[:n] = seen.mean() if seen.size else w.inlet[0]
     xi = np.concatenate([[0.0, 0.0], s0])
     slow, square, searched, near = 0.12, w.square, False, False
-    exponent, core, r, H, g_B, tremble = square, square, y, np.eye(1), square, square
+    exponent, core, r, H, g_B, by_noise = square, square, y, np.eye(1), square, square
     along = np.linspace(-1.0, 1.0, n) if n > 1 else np.zeros(1)
     for k in range(ROUNDS):
         own = replace(p, R_e=p.R_e * np.exp(xi[1] * along))
@@ -243,9 +243,9 @@ def fit_window(p: StringParameters, w: DriveWindow, sensed: Sequence[int], guess
         if final or not k:
             see = partial(_seen, late=late, white=whitener)
             answer = slopes_by_noise([sets[0], *sets[2:]], STEP, len(square), w.dt, 1.0 + float(xi[0]), sensed, see)
-            tremble = inlet_noise(w.inlet, w.dt) ** 2 * answer
-        g[1:FIRST_OFFSET] += tremble[:-1]
-        g[q] += of_swing(float(tremble[-1]), float(M[q, q]))
+            by_noise = inlet_noise(w.inlet, w.dt) ** 2 * answer
+        g[1:FIRST_OFFSET] += by_noise[:-1]
+        g[q] += of_swing(float(by_noise[-1]), float(M[q, q]))
         step = np.linalg.solve(H, g)
         step[:FIRST_OFFSET] = np.clip(step[:FIRST_OFFSET], -FARTHEST, FARTHEST)
         theta, xi = theta + step[:q], xi + step[q:]

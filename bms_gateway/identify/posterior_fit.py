@@ -183,7 +183,7 @@ class _Problem:
         self.xi0 = np.concatenate([start, np.zeros(J + 2)])
         self.moving = np.concatenate([self.free, np.arange(self.p, self.p + N + J + 2)])
         self.noise = inlet_noise(window.inlet, window.dt)
-        self.tremble = np.zeros(self.p + len(self.xi0))
+        self.by_noise = np.zeros(self.p + len(self.xi0))
 
     def feasible(self, phi: Floats) -> bool:
         """Whether the coolant node exists there (bulk: R_u C_f > 1, with room for the derivative's step)."""
@@ -265,8 +265,8 @@ class _Problem:
         info, off = self.nuisance_info(walk), xi - self.xi0
         H[p:, p:] += info
         g[p:] += info @ off
-        g -= self.tremble
-        cost -= float(self.tremble @ np.concatenate([phi, xi]))
+        g -= self.by_noise
+        cost -= float(self.by_noise @ np.concatenate([phi, xi]))
         prior = self.prior_info @ (phi - self.prior_mean) ** 2
         cost += float(0.5 * delta @ pull + self.grad @ delta + 0.5 * off @ info @ off + 0.5 * prior)
         return _Point(phi, xi, *seen, H, g, cost)
@@ -341,7 +341,7 @@ class _Problem:
             self.sets(at.phi), STEP, len(self.y), self.inputs.dt, swing, self.sensed, lambda Y: W(self.read(Y))
         )
         heard = float(np.sum(W(at.columns[:, :, -1:]) ** 2))
-        self.tremble[: self.p], self.tremble[-1] = slopes[:-1], of_swing(float(slopes[-1]), heard)
+        self.by_noise[: self.p], self.by_noise[-1] = slopes[:-1], of_swing(float(slopes[-1]), heard)
 
     def score(self, point: _Point) -> float:
         """−ln of the posterior mass about a mode (Laplace), up to a constant."""

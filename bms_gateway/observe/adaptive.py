@@ -29,7 +29,7 @@ from bms_gateway.observe.pace import EVERY
 from bms_gateway.observe.sensitivity import PARAMETERS, Flows, bridged, carried, corrected
 from bms_gateway.observe.spread import prior_covariance, root
 from bms_gateway.observe.stored import like, plain
-from bms_gateway.observe.unseen import JUST_LEFT_S, RESTED_S, Usual, either, opened
+from bms_gateway.observe.unseen import JUST_LEFT_S, RESTED_S, Usual, either, faded, opened
 from bms_gateway.thermal import Disturbance, Floats, Start, StringModel, StringParameters
 
 FLOW_GRID = 0.03
@@ -105,7 +105,7 @@ class AdaptiveObserver:
         self._state = self._kalman.init(np.zeros((self._strings, M)), np.repeat(self._starts[:1], self._strings, 0))
         self._blocks = Blocks(self._strings, self._cells, widest)
         self._left = 0  # steps that may wait before the next block is full
-        self._share_of_usual = -float(np.expm1(-self._dt / disturbance.correlation))
+        self._share_of_usual = faded(self._dt, disturbance.correlation)
         self._cov = np.stack([prior_covariance(m, heat_rel_sd) for m in models])
         self._root = np.stack([root(c) for c in self._cov])
         self._unread = np.full(sensors.shape, np.inf)
@@ -324,7 +324,7 @@ class AdaptiveObserver:
             more = [unseen_phases(a, gap_s, float(q), disturbance) for a, q in zip(A, usual, strict=True)]
             self._state = replace(self._state, P=self._state.P + np.stack(more))
         self._inlet, self._unread = inlet1.copy(), self._unread + gap_s
-        self._usual = self._usual.aged(-float(np.expm1(-gap_s / disturbance.correlation)))
+        self._usual = self._usual.aged(faded(gap_s, disturbance.correlation))
         self._fresh = False
         return self.estimate()
 

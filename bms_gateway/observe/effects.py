@@ -96,13 +96,13 @@ class EffectObserver:
         self._effective = nan, 0.0
         self._unread = np.full(len(self._sensors), np.inf)
         self._available = np.array(False)
-        self._in = Inputs(soc, model.capacity_Ah, self._dt, self._disturbance.correlation)
+        self._inputs = Inputs(soc, model.capacity_Ah, self._dt, self._disturbance.correlation)
         self._carry: dict[str, Floats] = {}
         # inputs and states since the sensitivities were last forced, and the memories at that time
         self._rows, self._states = np.zeros((0, len(ROW))), np.zeros((0, D + OFFSETS))
         self._carries: dict[str, dict[str, Floats]] = {}
         # where the Jacobian was taken, and how many steps ago
-        self._at, self._at_row, self._at_memory = np.zeros(D + OFFSETS), self._in.row, dict[str, Floats]()
+        self._at, self._at_row, self._at_memory = np.zeros(D + OFFSETS), self._inputs.row, dict[str, Floats]()
         self._age = 0
         # for a step that knows to where inlet and flow have gone: state, length, and whether current may have flowed
         self._before_gap: tuple[dict[str, Any], float, bool] | None = None
@@ -131,7 +131,7 @@ class EffectObserver:
 
     @property
     def _usual_heat(self) -> float:
-        return float(self._in.usual.mean[0, 1] * np.mean(self._v.string.R_e))
+        return float(self._inputs.usual.mean[0, 1] * np.mean(self._v.string.R_e))
 
     def step(self, m: Measured, y: Floats, age: Floats) -> Estimate:
         """Advance one step and take the readings in.
@@ -154,15 +154,15 @@ class EffectObserver:
             self.restore(was)
             self._carried(gap_s, unseen, m.inlet, m.flow)
         self._before_gap = None
-        knew, known = self._in.known, self._in.measured(m)
-        before = resumed(self._belief, known & ~knew, m.inlet - self._in.inlet, self._cov, self._disturbance)
+        knew, known = self._inputs.known, self._inputs.measured(m)
+        before = resumed(self._belief, known & ~knew, m.inlet - self._inputs.inlet, self._cov, self._disturbance)
         if knew[1] and not known[1]:
             before = unknown_heat(before, self._usual_heat, self._disturbance)
-        row = self._in.take(m)
+        row = self._inputs.take(m)
         memory = self._remember(row)
         now, tangent = self._predict(before, row, memory)
         instant = row.copy()
-        instant[ROW.index("T_in")] = self._in.inlet
+        instant[ROW.index("T_in")] = self._inputs.inlet
         seen = self._readings(now.z, instant, memory)
         r, r_sd = np.full((2, 1, len(y)), nan)
         at = self._sensors[np.isfinite(y[self._sensors])]
@@ -234,17 +234,17 @@ class EffectObserver:
         b, usual = self._belief, self._usual_heat
         if unseen:
             self._belief = Belief(*opened(b.z, b.P, b.J, gap_s, usual, self._disturbance))
-        last, grown = inlet if isfinite(inlet) else self._in.inlet, self._in.grown(flow)
-        turbulent = strayed(self._disturbance, last - self._in.inlet, gap_s)
-        row, g = self._in.row, np.zeros(len(self._belief.z))
+        last, grown = inlet if isfinite(inlet) else self._inputs.inlet, self._inputs.grown(flow)
+        turbulent = strayed(self._disturbance, last - self._inputs.inlet, gap_s)
+        row, g = self._inputs.row, np.zeros(len(self._belief.z))
         for done, h in steps(gap_s, steep=self._physics.steep):
             middle = done + h / 2.0
-            row = self._in.rest(last, flow, middle / gap_s, h / 3600.0)
+            row = self._inputs.rest(last, flow, middle / gap_s, h / 3600.0)
             g = self._rest(row, h, phases(middle, usual, self._disturbance) if unseen else 0.0, turbulent, g)
         if isfinite(flow):
             b = self._belief
             self._belief = Belief(b.z, b.P + (grown**2 / 12.0 + FLOW_UNSEEN**2) * np.outer(g, g), b.J)
-        self._in.resume(last, flow, row, gap_s, unseen=unseen)
+        self._inputs.resume(last, flow, row, gap_s, unseen=unseen)
         self._unread = self._unread + gap_s
         self._rows, self._states = self._rows[:0], self._states[:0]
         self._tangent = None
@@ -255,18 +255,18 @@ class EffectObserver:
 
     def propagate_unknown(self) -> None:
         """Carry the string over a time of which nobody knows how long it was; effects' memories are those of rest."""
-        was, inputs = self._belief, copy(self._in)
+        was, inputs = self._belief, copy(self._inputs)
         self.propagate(JUST_LEFT_S, unseen=True)
         a = self._belief
-        self._belief, self._in = was, inputs
+        self._belief, self._inputs = was, inputs
         self.propagate(RESTED_S)
-        b, self._in.known, self._before_gap = self._belief, np.array([False, False]), None
+        b, self._inputs.known, self._before_gap = self._belief, np.array([False, False]), None
         self._belief = Belief(*either(a.z, a.P, b.z, b.P), (a.J + b.J) / 2.0)
 
     def snapshot(self) -> dict[str, Any]:
         """Return all that a restart needs, as numbers, lists and None for NaN."""
         own = {name: plain(np.asarray(getattr(self, f"_{name}"))) for name in _KEPT}
-        own |= self._in.snapshot()
+        own |= self._inputs.snapshot()
         belief = {name: plain(getattr(self._belief, name)) for name in ("z", "P", "J")}
         memories = {"": self._carry, "at": self._at_memory} | {f"of {k}": c for k, c in self._carries.items()}
         return {
@@ -288,7 +288,7 @@ class EffectObserver:
         """
         try:
             own = {k: like(snapshot["own"][k], np.asarray(getattr(self, f"_{k}"))) for k in _KEPT}
-            inputs = self._in.restored(snapshot["own"])
+            inputs = self._inputs.restored(snapshot["own"])
             belief = Belief(*(like(snapshot["belief"][k], getattr(self._belief, k)) for k in ("z", "P", "J")))
             rows, states = (np.array(a, np.float64) for a in snapshot["block"])
             rows, states = rows.reshape(-1, len(ROW)), states.reshape(len(rows), len(belief.z))
@@ -304,7 +304,7 @@ class EffectObserver:
         for name, value in own.items():
             setattr(self, f"_{name}", value.item() if name == "age" else value)
         self._belief, self._rows, self._states, self._values = belief, rows, states, values
-        self._carry, self._at_memory, self._in = carry, at_memory, inputs
+        self._carry, self._at_memory, self._inputs = carry, at_memory, inputs
         self._carries = {k.removeprefix("of "): m for k, m in memories.items()}
         self._v, self._root = self._physics.numbers(values), root(self._cov)
         self._tangent = None
@@ -330,7 +330,7 @@ class EffectObserver:
         z = np.concatenate([X[-1], np.zeros(OFFSETS)])
         self._belief = Belief(z, P, np.zeros_like(self._belief.J))
         self._F = np.zeros_like(self._F)
-        self._in.begin(m.inlet if known else level)
+        self._inputs.begin(m.inlet if known else level)
         self._seen, self._coolant, self._available = np.full(n, level), np.full(n, level), np.array(True)
         self._carry, self._carries, self._tangent = {}, {}, None
         self._rows, self._states = self._rows[:0], self._states[:0]
@@ -360,7 +360,7 @@ class EffectObserver:
         z = before.z + tangent.Gamma @ rate
         z[:-OFFSETS] = np.clip(z[:-OFFSETS], COLDEST, HOTTEST)
         P = tangent.Phi @ before.P @ tangent.Phi.T + tangent.noise(
-            bool(self._in.known[0]), bool(self._in.known[1]) and sure
+            bool(self._inputs.known[0]), bool(self._inputs.known[1]) and sure
         )
         return Belief(z, P, tangent.Phi @ before.J + tangent.Gamma @ self._F), tangent
 
@@ -390,7 +390,7 @@ class EffectObserver:
             or np.abs(z[:n] - self._at[:n]).max() > STRAYED_K
             or abs(np.log(row[flow] / self._at_row[flow])) > STRAYED_FLOW
         ):
-            self._at, self._at_row = z, np.concatenate([self._in.usual.mean[0], row[3:]])
+            self._at, self._at_row = z, np.concatenate([self._inputs.usual.mean[0], row[3:]])
             self._at_memory, self._age = dict(memory), 0
             self._linearise()
         assert self._tangent is not None  # noqa: S101 - just made

@@ -14,7 +14,7 @@ from bms_gateway.observe.measured import Measured
 from bms_gateway.observe.model import OFFSETS, Bools
 from bms_gateway.observe.stored import like, plain
 from bms_gateway.observe.tangent import ROW
-from bms_gateway.observe.unseen import Usual
+from bms_gateway.observe.unseen import Usual, faded
 from bms_gateway.thermal import Floats
 
 DRIFT_HOURS = 4.0
@@ -58,7 +58,7 @@ class Inputs:
         return np.array([isfinite(m.inlet), isfinite(m.I) and isfinite(m.I2) and isfinite(m.I_abs)])
 
     def begin(self, inlet: float) -> None:
-        """Start with that inlet, °C, and with a step that says what it was before."""
+        """Start with that inlet, °C, as if it and the current had been measured before."""
         self.inlet, self.known = inlet, np.ones(OFFSETS, np.bool_)
 
     def take(self, m: Measured) -> Floats:
@@ -68,7 +68,7 @@ class Inputs:
         if not self.known[0]:
             inlet0 = self.inlet  # no ramp from a value that was only held
         current = np.array([m.I, m.I2, m.I_abs]) if known[1] else self.usual.mean[0]
-        self.usual = self.usual.after(current[None], self._share(self._dt), bool(known[1]))
+        self.usual = self.usual.after(current[None], faded(self._dt, self._correlation), bool(known[1]))
         if isfinite(m.flow):
             self.flow = float(np.clip(m.flow, *FLOW_LIMITS))
         half = self._dt / 7200.0
@@ -106,7 +106,7 @@ class Inputs:
         """Go on after a gap of `gap_s` with the inlet, °C, and flow of its end, and the `row` of its last rest."""
         self.flow *= exp(self.grown(flow))
         self.inlet, self.row, self.known = inlet, row, np.array([False, not unseen])
-        self.usual = self.usual.aged(self._share(gap_s))
+        self.usual = self.usual.aged(faded(gap_s, self._correlation))
 
     def snapshot(self) -> dict[str, Any]:
         """Return it as numbers, lists and None for NaN."""
@@ -127,9 +127,6 @@ class Inputs:
             setattr(new, k, like(own[k], getattr(self, k)))
         new.usual = self.usual.restored(own)
         return new
-
-    def _share(self, elapsed_s: float) -> float:
-        return -float(np.expm1(-elapsed_s / self._correlation))
 
 
 _NUMBERS, _ARRAYS = ("inlet", "soc", "flow", "hours"), ("known", "row")

@@ -166,9 +166,9 @@ class Kalman:
         )
 
     def turned(self, state: KalmanState, known: Bools) -> Bools | None:
-        """Tell of which inputs (S, 2) it is news in the coming step whether they are measured; None for none.
+        """Tell which inputs (S, 2) are back or lost in the coming step, as against the last one; None for none.
 
-        They are as in the last one; in the first, that they are is none.
+        A string's first step is held against one with all of them measured.
         """
         if self.calm.knew(state.held, known):
             return None

@@ -10,7 +10,7 @@ either leaves open.
 """
 
 from collections.abc import Mapping
-from math import exp
+from math import exp, expm1
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -99,6 +99,11 @@ class Usual(NamedTuple):
         if not (np.isfinite(mean).all() and (weight >= 0.0).all() and (weight <= 1.0).all()):
             raise ValueError("usual: holds what is no mean")
         return Usual(mean, weight, bool((weight == 1.0).all()))
+
+
+def faded(elapsed_s: float, correlation_s: float) -> float:
+    """Tell how much of what was known has faded in so long, 0 to 1."""
+    return -expm1(-elapsed_s / correlation_s)
 
 
 def at_work(usual: Floats | float, disturbance: Disturbance) -> Floats:

@@ -7,9 +7,9 @@ import gzip
 import io
 import json
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 
 import can
@@ -163,7 +163,7 @@ def targets(folder: Path) -> dict[str, Target]:
     found |= {f"log{s}.gz": Target((packed(d),), _reads(f"{s}.gz")) for s, d in text.items()}
     found["log.log"] = Target((CANDUMP,), _reads(".log"))
     found["log.log.gz"] = Target((packed(CANDUMP),), _reads(".log.gz"))
-    with suppress(ImportError, NotImplementedError):  # an extra
+    if find_spec("asammdf"):  # an extra
         found["log.mf4"] = Target((log(".mf4", folder),), _reads(".mf4"))
     (folder / "state-seed").mkdir(exist_ok=True)
     found |= {

@@ -275,11 +275,11 @@ def test_charge_is_counted_from_the_last_that_was_told():
     y, now = np.array([25.0, NAN]), np.zeros(2)
     for _ in range(360):
         observer.step(Measured(80.0, 6400.0, 80.0, 25.0), y, now)
-    assert observer._in.soc == 0.0  # a whole charge was drawn of 0.9
+    assert observer._inputs.soc == 0.0  # a whole charge was drawn of 0.9
     observer.step(Measured(80.0, 6400.0, 80.0, 25.0, soc=0.7), y, now)
     for _ in range(36):
         observer.step(Measured(80.0, 6400.0, 80.0, 25.0), y, now)
-    assert observer._in.soc == pytest.approx(0.7 - 0.1)
+    assert observer._inputs.soc == pytest.approx(0.7 - 0.1)
 
 
 @pytest.mark.parametrize("name", sorted(catalogue()))
