@@ -15,7 +15,7 @@ is a value, not an exception.
 """
 
 from collections.abc import Iterable
-from difflib import get_close_matches
+from difflib import SequenceMatcher, get_close_matches
 
 __all__ = [
     "BusError",
@@ -25,12 +25,20 @@ __all__ = [
     "MissingExtraError",
     "StateError",
     "UsageError",
+    "clipped",
     "did_you_mean",
 ]
 
 
+MOST_SHOWN = 1500
+"""Characters of a line: names that a user made up stand in it."""
+
+
 class GatewayError(Exception):
     """Base of all; `str(e)` is the one line shown to the user, exit status 2."""
+
+    def __str__(self) -> str:
+        return clipped(super().__str__(), MOST_SHOWN)
 
 
 class UsageError(GatewayError):
@@ -68,6 +76,23 @@ class MissingExtraError(GatewayError):
         super().__init__(f"{what} needs an optional package: pip install 'bms-gateway[{extra}]'")
 
 
+def clipped(text: str, most: int) -> str:
+    """Shorten what may hold a user's own words, however many.
+
+    Parameters
+    ----------
+    text : str
+    most : int
+        Characters, 40 at least.
+
+    Examples
+    --------
+    >>> clipped("name: " + "x" * 100 + ": no such file", 40)
+    'name: xxxxxxxxxxxxx … xxxx: no such file'
+    """
+    return text if len(text) <= most else f"{text[: most - 21]} … {text[-18:]}"
+
+
 def did_you_mean(word: str, choices: Iterable[str]) -> str:
     """Tell the nearest valid choice, as the end of an error line.
 
@@ -87,11 +112,20 @@ def did_you_mean(word: str, choices: Iterable[str]) -> str:
     --------
     >>> did_you_mean("chanel", ["channel", "interface"])
     "; did you mean 'channel'?"
+    >>> did_you_mean("lg_m51", ["lg_mj1", "lg_m50"])
+    "; did you mean 'lg_m50'?"
     >>> did_you_mean("zzz", ["channel", "interface"])
     '; valid: channel, interface'
     """
     known = list(dict.fromkeys(choices))
-    near = get_close_matches(word, known, n=1, cutoff=0.6)
+    near = get_close_matches(word, known, n=5, cutoff=0.6)
     if near:
-        return f"; did you mean '{near[0]}'?"
+        # of equally near ones that which begins alike for longest: lg_m51 is meant for lg_m50, not for lg_mj1
+        best = max(near, key=lambda x: (SequenceMatcher(None, word, x).ratio(), _alike(word, x)))
+        return f"; did you mean '{best}'?"
     return f"; valid: {', '.join(sorted(known))}" if 0 < len(known) <= 12 else ""
+
+
+def _alike(a: str, b: str) -> int:
+    """Count the letters with which both begin."""
+    return next((i for i, (x, y) in enumerate(zip(a, b, strict=False)) if x != y), min(len(a), len(b)))

@@ -39,7 +39,7 @@ VALUE_TABLES: dict[str, dict[int, str]] = {
         9: "counter",
         10: "crc",
         11: "estimated",
-        12: "reserved 12",
+        12: "doubtful",
         13: "reserved 13",
         14: "error",
         15: "not available",
@@ -282,6 +282,8 @@ def flags(k: int) -> Iterator[Message]:
                 "Cell whose thermocouple has drifted, from 1; 0 where all have alike, as by the inlet's sensor.",
             ),
             Signal("R_u_growth", 40, 16, 0.01, -100, -100, 500, "%", "Growth of R_u since commissioning."),
+            enumeration("runaway_flag", 56, "Fault", "Thermal runaway of a cell; stays until it is acknowledged."),
+            enumeration("hot_flag", 60, "Fault", "A core or surface is above its limit, or lost while it heated."),
         ],
     )
     growth = Message(
@@ -295,6 +297,72 @@ def flags(k: int) -> Iterator[Message]:
             Signal(f"growth_sd_{c:02d}", 40, 16, 0.01, 0, 0, 600, "%", "Standard deviation of the growth.", mux=c),
         ]
     yield growth
+
+
+def hottest(k: int) -> Iterator[Message]:
+    """Make what the gateway tells of the hottest point of string k."""
+    yield Message(
+        f"string_{k}_hottest",
+        0xC0 + k,
+        GATEWAY,
+        1000,
+        f"Hottest point of string {k}: cores are means of a cell's roll, this is the hottest point within a cell.",
+        [
+            *protection(),
+            enumeration("hottest_point_quality", 12, "Quality", "Quality of the hottest point."),
+            celsius("hottest_point", 16, "Estimated temperature of the string's hottest point."),
+            Signal("hottest_point_cell", 32, 8, 1, 0, 1, CELLS, "1", "Cell with the hottest point, from 1."),
+            Signal("hottest_point_sd", 40, 8, 0.05, 0, 0, 12.5, "K", "Standard deviation of the hottest point."),
+            celsius("hottest_point_core", 48, "Core temperature of that cell."),
+        ],
+    )
+
+
+def unexplained(k: int) -> Iterator[Message]:
+    """Make what the gateway tells of heat in string k that no current makes."""
+    heat = Message(
+        f"string_{k}_heat", 0xD0 + k, GATEWAY, 1000, f"Unexplained heat of the cells of string {k}, one cell per frame."
+    )
+    heat.signals += [*protection(), selector(16, 8, CELLS, "Number of the cell, from 1.", first=1)]
+    for c in range(1, CELLS + 1):
+        what = f"Heat of cell {c} that no current makes; not available where no sensor tells of it."
+        heat.signals += [
+            enumeration(f"heat_flag_{c:02d}", 12, "Fault", f"Whether cell {c} heats by itself.", c),
+            Signal(f"heat_{c:02d}", 24, 16, 0.02, -320, -320, 965, "W", what, mux=c),
+            Signal(f"heat_sd_{c:02d}", 40, 16, 0.01, 0, 0, 640, "W", "Standard deviation of the heat.", mux=c),
+        ]
+    yield heat
+
+
+def forecast(k: int) -> Iterator[Message]:
+    """Make what the gateway tells of the next ten minutes of string k, and of the current that it stands."""
+    m = Message(
+        f"string_{k}_forecast",
+        0xE0 + k,
+        GATEWAY,
+        1000,
+        f"Next ten minutes of string {k} at the load of now, and the constant currents that keep every hottest point "
+        "below its limit with two standard deviations to spare; renewed every ten seconds.",
+    )
+    m.signals += [*protection(), selector(12, 4, 3, "0 temperatures, 1 uncertainty and limit, 2 discharge, 3 charge.")]
+    for i, (part, words) in enumerate((("1min", "one minute"), ("5min", "five minutes"), ("10min", "ten minutes"))):
+        place = f"in {words}, of the cell that will be hottest in ten minutes"
+        deviation = f"Standard deviation of the hottest point {place}."
+        m.signals += [
+            celsius(f"point_in_{part}", 16 + 16 * i, f"Hottest point {place}.", 0),
+            Signal(f"point_sd_{part}", 16 + 8 * i, 8, 0.1, 0, 0, 25, "K", deviation, mux=1),
+        ]
+    never = "Time until the first hottest point reaches its limit; 600 where that is not within ten minutes."
+    first = "Cell that reaches its limit first, from 1; 0: none."
+    m.signals += [
+        Signal("limit_cell", 40, 8, 1, 0, 0, CELLS, "1", first, mux=1),
+        Signal("limit_in", 48, 16, 0.1, 0, 0, 600, "s", never, mux=1),
+    ]
+    for mux, way in ((2, "discharge"), (3, "charge")):
+        for i, (part, words) in enumerate((("10s", "10 s"), ("1min", "one minute"), ("10min", "ten minutes"))):
+            what = f"Greatest constant {way} current for {words}; not available where cores are unknown."
+            m.signals.append(Signal(f"{way}_{part}", 16 + 16 * i, 16, 0.1, 0, 0, 6400, "A", what, mux=mux))
+    yield m
 
 
 def status() -> Iterator[Message]:
@@ -337,6 +405,9 @@ def messages() -> list[Message]:
         *(m for k in strings for m in outputs(k)),
         *status(),
         *(m for k in strings for m in flags(k)),
+        *(m for k in strings for m in hottest(k)),
+        *(m for k in strings for m in unexplained(k)),
+        *(m for k in strings for m in forecast(k)),
     ]
 
 

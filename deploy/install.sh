@@ -9,6 +9,7 @@
 #   /etc/sysctl.d/60-bms-gateway.conf  room for two seconds of a full bus in the kernel's receive buffer
 # What it does not do: start the service, set up the interface. It says how.
 set -eu
+umask 022
 
 python=python3
 if [ "${1:-}" = --python ]; then python=$2; shift 2; fi
@@ -21,12 +22,19 @@ buffer=8388608
 fail() { echo "install.sh: $*" >&2; exit 2; }
 [ "$(id -u)" = 0 ] || fail "must be run as root"
 [ -e "$source" ] || fail "no such wheel or checkout: $source"
+# root writes and runs what lies there: a directory of anybody else's, or a link to one, would give that one root's rights
+own() {
+  mkdir -p "$1"
+  [ -n "$(find "$1" -maxdepth 0 -type d -user 0 ! -perm /022)" ] ||
+    fail "$1 must be a directory of root's, no link, that nobody else can write to: see ls -ld $1"
+}
+own "$home"
+own "$config"
 "$python" -c 'import sys; sys.exit(sys.version_info < (3, 11))' || fail "needs Python 3.11 or later, $python is older"
 
 # A new version goes into a folder of its own and takes the old one's place when it is whole: a service that restarts
 # in between, or a failed download, finds the old version as it was.
 next=$home/venv-$(date +%Y%m%d%H%M%S)-$$
-mkdir -p "$home"
 trap 'rm -rf "$next"' EXIT
 "$python" -m venv "$next"
 "$next/bin/python" -m pip install --quiet --disable-pip-version-check "$source"
@@ -37,12 +45,11 @@ mv -T "$home/venv.new" "$home/venv"
 trap - EXIT
 if [ -n "$before" ] && [ "$before" != "$next" ]; then rm -rf "$before"; fi
 
-mkdir -p "$config"
 for file in "$here"/example/*.toml; do
   name=$(basename "$file")
-  [ -e "$config/$name" ] || install -m 644 "$file" "$config/$name"
+  [ -e "$config/$name" ] || install -T -m 644 "$file" "$config/$name"
 done
-install -m 644 "$here/bms-gateway.service" /etc/systemd/system/bms-gateway.service
+install -T -m 644 "$here/bms-gateway.service" /etc/systemd/system/bms-gateway.service
 # the service has no right to go beyond the system's limit, and the usual one holds 60 ms of a full bus
 if [ "$(cat /proc/sys/net/core/rmem_max)" -lt "$buffer" ]; then
   mkdir -p /etc/sysctl.d

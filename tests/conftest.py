@@ -11,6 +11,14 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# as the program does: on one thread, where two workers on two cores would spin four (read when numpy is loaded)
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+# no test fails because a machine is slow
+settings.register_profile("any-machine", deadline=None)
+settings.load_profile("any-machine")
 
 # tables of parsed DBC files are kept for this run alone, here and in what tests start
 _tables = tempfile.TemporaryDirectory(prefix="bms-gateway-tables-")

@@ -1,1 +1,1 @@
-"""Where frames come from and go to: SocketCAN, other interfaces, log files, an in-process bus."""
+"""Sources and sinks of frames: SocketCAN, other interfaces, log files, a bus inside the process."""

@@ -1,7 +1,7 @@
 """Vector's BLF through python-can's reader, with bounds on what a damaged or hostile file can make it hold.
 
-A container of a few kilobytes may unpack to gigabytes, and the header of one object may claim that it goes on through
-all containers that follow. Both end in a broken record here.
+A container of a few kilobytes may unpack to gigabytes, and the header of one object may claim the length of all
+containers that follow. Here both give a damaged record.
 """
 
 import zlib

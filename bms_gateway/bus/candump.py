@@ -22,6 +22,7 @@ Where = NDArray[np.intp]
 
 PAD: Final = 32  # bytes around a block, so that no word leaves it
 LAYOUTS: Final = 8  # of stamps in one block (number of digits); lines with still others are read one by one
+SHORTEST: Final = 9  # bytes; `(0.0) 0#` has 8, and no name of an interface
 NAMED: Final = 20  # broken lines kept with number and text
 LATEST_S: Final = 9_000_000_000  # year 2255; later seconds do not fit 64 bits of ns
 CUT_SHORT: Final = "the gzip data end too early or are damaged: the rest is lost"
@@ -32,6 +33,7 @@ _HIGH_BITS = np.uint64(0x8080_8080_8080_8080)
 _FIRST_BYTES = np.array([(1 << 8 * n) - 1 for n in range(9)], np.uint64)
 _LAST_3_BYTES = np.uint64(0xFFFF_FF00_0000_0000)
 
+_INK = np.isin(np.arange(256), list(b" \t\n\r\v\f"), invert=True)
 _STAMP = re.compile(rb"\((\d{1,12})\.(\d{1,9})\) ")
 _LINE = re.compile(
     rb"\((?P<s>\d{1,12})(?:\.(?P<fraction>\d{1,9}))?\)\s+\S+\s+(?P<id>[0-9A-Fa-f]{1,8})#"
@@ -42,16 +44,16 @@ _LINE = re.compile(
 
 @dataclass(slots=True)
 class LogNotes:
-    """What was in a log beside data frames.
+    """Content of a log besides data frames.
 
     Attributes
     ----------
     frames : int
         Data frames given out.
     remote, errors : int
-        Remote and error frames, passed over.
+        Remote and error frames, skipped.
     broken : int
-        Records that could not be read, passed over.
+        Records that could not be read, skipped.
     broken_at : list of (int, str)
         The first of them: number of the line or record from 1, and its text or the reason.
     """
@@ -61,6 +63,11 @@ class LogNotes:
     errors: int = 0
     broken: int = 0
     broken_at: list[tuple[int, str]] = field(default_factory=list)
+
+    @property
+    def seen(self) -> int:
+        """Frames of any kind."""
+        return self.frames + self.remote + self.errors
 
     def note_error(self) -> None:
         """Count an error frame."""
@@ -113,10 +120,18 @@ def parse_block(text: bytes, first_line: int, notes: LogNotes) -> tuple[FrameBat
     >>> frames.time_ns[0], frames.can_id[0] == 0x123, frames.data[0, :2].tolist()
     (np.int64(1700000000000123000), np.True_, [170, 187])
     """
+    if text.isspace():  # gibibytes of blank lines must not cost more than their reading
+        return FrameBatch.empty(), text.count(b"\n") + (not text.endswith(b"\n"))
     padded = b"\n" * PAD + text + (b"" if text.endswith(b"\n") else b"\n") + b"\n" * PAD
     raw = np.frombuffer(padded, np.uint8)
     newline = np.flatnonzero(raw[PAD:-PAD] == 0x0A) + PAD
     start = np.concatenate([[PAD], newline[:-1] + 1])
+    lines = len(start)
+    number = np.arange(first_line, first_line + lines)
+    if (newline - start < SHORTEST).any():  # many to a block, and each costs a hundred bytes below
+        start, newline, number = (x[_filled(raw, start, newline)] for x in (start, newline, number))
+        if not len(start):
+            return FrameBatch.empty(), lines
     end = _trim(raw, newline)
     marks = np.flatnonzero(raw[PAD:-PAD] == 0x23) + PAD
     if len(marks) != len(start) or not ((marks > start) & (marks < newline)).all():
@@ -130,7 +145,7 @@ def parse_block(text: bytes, first_line: int, notes: LogNotes) -> tuple[FrameBat
     good = whole & (after_stamp < before_id) & ((can_id & ERR == 0) | (can_id & EXTENDED != 0))
     columns = _Columns(time_ns, can_id, length, data, good)
     if not good.all():
-        _read_odd(padded, start, newline, columns, first_line, notes)
+        _read_odd(padded, start, newline, columns, number, notes)
     error = columns.good & (columns.can_id & ERR != 0)
     if error.any():
         notes.errors += int(np.count_nonzero(error))
@@ -138,7 +153,7 @@ def parse_block(text: bytes, first_line: int, notes: LogNotes) -> tuple[FrameBat
     keep = slice(None) if columns.good.all() else np.flatnonzero(columns.good)
     frames = FrameBatch(columns.time_ns[keep], columns.can_id[keep], columns.length[keep], columns.data[keep])
     notes.frames += len(frames)
-    return frames, len(start)
+    return frames, lines
 
 
 def format_block(frames: FrameBatch, channel: str) -> bytes:
@@ -193,6 +208,12 @@ def _write_digits(columns: NDArray[np.uint8], number: NDArray[np.int64]) -> None
 def _hex(data: NDArray[np.uint8]) -> NDArray[np.uint8]:
     digits = np.frombuffer(b"0123456789ABCDEF", np.uint8)
     return np.stack([digits[data >> 4], digits[data & 15]], axis=-1).reshape(len(data), 2 * data.shape[1])
+
+
+def _filled(raw: NDArray[np.uint8], start: Where, newline: Where) -> NDArray[np.bool_]:
+    """Which lines have more than white space in them."""
+    ink = np.cumsum(_INK[raw], dtype=np.intp)
+    return np.asarray(ink[newline - 1] > ink[start - 1])
 
 
 def _trim(raw: NDArray[np.uint8], newline: Where) -> Where:
@@ -283,7 +304,7 @@ def _payloads(words: Words, marks: Where, end: Where) -> tuple[NDArray[np.uint8]
     return data, (digits >> 1).astype(np.uint8), fits & ((low | high) & _HIGH_BITS == 0)
 
 
-def _read_odd(padded: bytes, start: Where, newline: Where, columns: _Columns, first_line: int, notes: LogNotes) -> None:
+def _read_odd(padded: bytes, start: Where, newline: Where, columns: _Columns, number: Where, notes: LogNotes) -> None:
     """Read the lines that the columns did not fit, one by one, into `columns`."""
     for i in np.flatnonzero(~columns.good & (newline > start)).tolist():
         line = padded[start[i] : newline[i]]
@@ -293,7 +314,7 @@ def _read_odd(padded: bytes, start: Where, newline: Where, columns: _Columns, fi
         extended = found is not None and len(found["id"]) > 3
         can_id = int(found["id"], 16) if found else 0
         if found is None or int(found["s"]) >= LATEST_S or can_id > (0x3FFF_FFFF if extended else 0x7FF):
-            notes.note_broken(first_line + i, line[:80].decode("ascii", "replace"))
+            notes.note_broken(int(number[i]), line[:80].decode("ascii", "replace"))
             continue
         if found["remote"] is not None:
             notes.remote += 1

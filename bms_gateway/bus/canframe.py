@@ -57,7 +57,7 @@ def to_batch(
     sizes : ndarray of uint32 (N,)
         Bytes received of each.
     time_ns : ndarray of int64 (N,)
-        Bus time.
+        Stamps, of whatever clock.
     counters : Counters
         Remote, error and malformed frames are counted here.
 

@@ -1,9 +1,14 @@
 """Bus time: the wall clock's numbers on a line that does not jump when the wall clock is set.
 
-The kernel stamps frames with the wall clock, and a log of the same traffic has just these numbers; so bus time starts
-as wall time and follows it, slewing included. When the wall clock is *set* (by hand, by GPS, from 1970 at the first
-contact with a time server), the jump is taken out of all later stamps. The reference is CLOCK_BOOTTIME, which goes on
-while the computer is suspended: a parked night stays a night.
+The kernel stamps frames with the wall clock, and a log of the same traffic contains these numbers. So bus time starts
+as wall time and follows it, including slewing. When the wall clock is *set* (by hand, by GPS, from 1970 at the first
+contact with a time server), the jump is subtracted from all later stamps. The reference is CLOCK_BOOTTIME, which
+continues while the computer is suspended, so that a parked night stays a night.
+
+A reader may be interrupted for any time at any point (a busy machine, a debugger, a suspended process). Frames that
+wait in the kernel meanwhile have stamps of all that time. A stamp is therefore compared with the moment at which the
+buffer was last known to be empty: the moment at which the drain that emptied it *began*, not that at which its frames
+were mapped.
 """
 
 import time
@@ -12,10 +17,10 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-STEP_NS = 10_000_000  # reading two clocks is off by far less; a smaller step does no harm to a thermal estimate
-LATE_NS = 2_000_000_000  # an adapter may hold frames back; beyond it, its clock is wrong
+STEP_NS = 10_000_000  # the error of reading two clocks is far smaller; a smaller step does not harm a thermal estimate
+LATE_NS = 2_000_000_000  # an adapter may hold frames back for this long; beyond it, its clock is wrong
 SLEW = 1_000  # the kernel slews by at most 500 ppm; twice that, as a divisor
-SPLIT_NS = 1_000_000  # two readings further apart had something between them and are taken again
+SPLIT_NS = 1_000_000  # if two readings are further apart, the process was interrupted between them; they are repeated
 
 
 def boot_ns() -> int:
@@ -59,8 +64,7 @@ class BusClock:
         self.misdated = 0
         self._steady_at, wall_now = self._read()
         self._delta = wall_now - self._steady_at
-        self._mapped_offset = 0
-        self._mapped_at = wall_now
+        self._begun = self._empty = (wall_now, 0)  # bus time and offset then
 
     def _read(self) -> tuple[int, int]:
         while True:
@@ -82,34 +86,50 @@ class BusClock:
         self._steady_at = steady
         return wall + self.offset_ns
 
-    def to_bus(self, stamps: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Map the stamps of frames that arrived since the last call.
+    def begin(self) -> None:
+        """Note that a drain begins: frames that were stamped before now wait in the buffer."""
+        self._begun = self.now_ns(), self.offset_ns
+
+    def to_bus(self, stamps: NDArray[np.int64], *, emptied: bool = True) -> NDArray[np.int64]:
+        """Map the stamps of the frames that the drain has taken since `begin`, all at once.
 
         Parameters
         ----------
         stamps : ndarray of int64 (N,)
-            Wall clock, ns.
+            Wall clock, ns, in the order of arrival.
+        emptied : bool
+            Whether the drain ended because nothing was left.
 
         Returns
         -------
         ndarray of int64 (N,)
-            Bus time. After a step the frames stamped before it keep the old offset: it is the one that puts them
-            between the last call and now. A stamp after now, or long before the last call, cannot be that of a frame
-            that arrived between: it becomes that of its neighbour in the batch, or now.
+            Bus time. After a step the frames stamped before it keep the old offset. A stamp after now, or long before
+            the buffer was last empty, cannot be that of a frame that arrived between: it becomes that of its neighbour
+            in the batch, or now.
         """
         now = self.now_ns()
-        time_ns = stamps + self.offset_ns if self.offset_ns else stamps
-        if self.offset_ns != self._mapped_offset:
-            before = stamps + self._mapped_offset
-            fits = (before >= self._mapped_at - STEP_NS) & (before <= now + STEP_NS)
-            time_ns = np.where(fits, before, time_ns)
-            self._mapped_offset = self.offset_ns
-        wrong = (time_ns > now + STEP_NS) | (time_ns < self._mapped_at - LATE_NS)
+        empty, offset = self._empty
+        if self.offset_ns != offset:
+            time_ns = stamps + np.where(np.arange(len(stamps)) < self._step(stamps, now), offset, self.offset_ns)
+        else:
+            time_ns = stamps + offset if offset else stamps
+        wrong = (time_ns > now + STEP_NS) | (time_ns < empty - LATE_NS)
         if wrong.any():
             self.misdated += int(np.count_nonzero(wrong))
             # that of the frame before it, or else of the one after it, or else now
             good = np.flatnonzero(~wrong)
             near = np.append(time_ns[good], now)[np.maximum(np.cumsum(~wrong) - 1, 0)]
             time_ns = np.where(wrong, near, time_ns)
-        self._mapped_at = now
+        if emptied:
+            self._empty = self._begun
         return time_ns
+
+    def _step(self, stamps: NDArray[np.int64], now: int) -> int:
+        """Find the first frame that was stamped after the wall clock was set; N if none was.
+
+        Between the moment at which the buffer was empty and now the stamps advance as frames come, and once by what
+        the clock was set besides: between the two that are apart by most nearly that.
+        """
+        empty, offset = self._empty
+        line = np.concatenate(([empty - offset], stamps, [now - self.offset_ns]))
+        return int(np.abs(np.diff(line) - (offset - self.offset_ns)).argmin())

@@ -1,8 +1,8 @@
 """Kernel receive filters for a set of identifiers.
 
 The kernel takes at most 512 filters on a raw socket and looks up exact ones by hash, masked ones one after the other.
-Up to the limit every id gets its exact filter. Beyond it low bits are dropped, as few as will do: what is let in beside
-the ids wanted costs a little copying and is passed over by the decoder.
+Up to the limit, every id gets its exact filter. Beyond it, low bits are dropped, as few as necessary. The unwanted ids
+that then pass cost a little copying, and the decoder skips them.
 """
 
 from collections.abc import Iterable

@@ -1,16 +1,18 @@
-"""Log formats that python-can knows, as batches. A record that its reader cannot digest does not end the run.
+"""Log formats that python-can knows, as batches. A record that its reader cannot read does not end the run.
 
-python-can's readers are generators: the first error ends them. But they keep their place in the file, so a text reader
-is started again behind the broken line; a blank line stands for the header that it expects on each start. The binary
-ones go on with the next block of the file where they can.
+python-can's readers are generators, and the first error ends a generator. But they keep their position in the file. So
+a text reader is started again behind the damaged line, with a blank line in place of the header that it expects at each
+start. The binary readers continue with the next block of the file where they can.
 """
 
-import gzip
+import io
 import logging
+import shutil
 import struct
+import tempfile
 import zlib
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -20,6 +22,7 @@ from bms_gateway.bus.candump import CUT_SHORT, LogNotes
 from bms_gateway.bus.message import to_batch
 from bms_gateway.errors import DataError, MissingExtraError
 from bms_gateway.frames.batch import FrameBatch
+from bms_gateway.gunzip import Gunzip
 
 if TYPE_CHECKING:
     import can
@@ -36,15 +39,22 @@ BROKEN: Final = (
 )
 """What python-can's readers raise on bad records, next to its own."""
 LONGEST_LINE: Final = 1 << 16  # characters; the longest record of a text format has some hundred
+MOST_BLANK: Final = 100_000  # lines in a row
 GIVE_UP: Final = 1_000  # broken records in a row: this is another kind of file
+SHOWN: Final = 60  # characters of a broken line
+
+
+class LongLineError(ValueError):
+    """A line without end."""
 
 
 class _Lines:
     """Lines of a text file, counted; `restart` puts a blank line before the next one."""
 
-    def __init__(self, file: IO[str]) -> None:
-        self._file = file
-        self.number = 0
+    def __init__(self, path: Path, file: IO[str]) -> None:
+        self._path, self._file = path, file
+        self.number = self._blanks = 0
+        self.last = ""
         self._blank = False
 
     def restart(self) -> None:
@@ -61,11 +71,19 @@ class _Lines:
         if not line:
             raise StopIteration
         self.number += 1
+        self._blanks = 0 if line.strip() else self._blanks + 1
+        if self._blanks > MOST_BLANK:
+            raise DataError(f"{self._path}, line {self.number}: {self._blanks} blank lines in a row: not a log")
         if len(line) == LONGEST_LINE and not line.endswith("\n"):
             while (rest := self._file.readline(LONGEST_LINE)) and not rest.endswith("\n"):
                 pass  # however long it is, only a piece of it is in memory
-            raise ValueError(f"a line of over {LONGEST_LINE >> 10} KiB")
+            raise LongLineError(f"a line of over {LONGEST_LINE >> 10} KiB")
+        self.last = line
         return line
+
+    def said(self, error: Exception) -> str:
+        """Return the line itself as the fault: the error of python-can's reader would not help a user."""
+        return str(error) if isinstance(error, LongLineError) else self.last.strip()[:SHOWN]
 
     def close(self) -> None:
         self._file.close()
@@ -95,7 +113,7 @@ def read_foreign(path: Path, kind: str, frames: int, notes: LogNotes) -> Iterato
     MissingExtraError
         MF4 without asammdf.
     """
-    for logger in ("can.io.trc", "can.io.asc"):  # they tell of each line they skip; we count
+    for logger in ("can.io.trc", "can.io.asc"):  # they log each line that they skip; here the lines are counted
         logging.getLogger(logger).setLevel(logging.ERROR)
     messages = _messages(path, kind, notes)
     while chunk := list(islice(messages, frames)):
@@ -112,13 +130,10 @@ def _messages(path: Path, kind: str, notes: LogNotes) -> Iterator["can.Message"]
     make_reader, *own_errors = _reader(kind)
     broken = (*BROKEN, can.CanError, BLFParseError, *own_errors)
     packed = path.suffix.lower() == ".gz"
-    opened = gzip.open if packed else open
     lines: _Lines | None = None
-    source: Any
-    if kind in (".blf", ".mf4"):
-        source = opened(path, "rb")
-    else:
-        source = lines = _Lines(opened(path, "rt", encoding="utf-8", errors="replace"))
+    source: Any = _opened(path, kind) if packed else path.open("rb")
+    if kind not in (".blf", ".mf4"):
+        source = lines = _Lines(path, io.TextIOWrapper(source, encoding="utf-8", errors="replace"))
     with closing(source):
         try:
             reader = make_reader(source)
@@ -137,7 +152,8 @@ def _messages(path: Path, kind: str, notes: LogNotes) -> Iterator["can.Message"]
                     return
                 in_a_row += 1
                 number = record + notes.broken + 1 if lines is None else lines.number
-                notes.note_broken(number, str(error) or type(error).__name__)
+                said = str(error) if lines is None else lines.said(error)
+                notes.note_broken(number, said or type(error).__name__)
                 if lines is not None:
                     lines.restart()
                 elif kind == ".mf4":
@@ -145,6 +161,19 @@ def _messages(path: Path, kind: str, notes: LogNotes) -> Iterator["can.Message"]
             else:
                 return
     raise DataError(f"{path}: {GIVE_UP} records in a row cannot be read as {kind}: is it another format?")
+
+
+def _opened(path: Path, kind: str) -> IO[bytes]:
+    """Open gzip data; unpacked on the disk for a reader that goes back and forth."""
+    source = io.BufferedReader(Gunzip(path.open("rb"), str(path)))
+    if kind != ".mf4":
+        return source
+    with source:
+        unpacked = tempfile.TemporaryFile()  # noqa: SIM115 - closed by who reads it
+        with suppress(EOFError):  # the reader sees that it ends too early
+            shutil.copyfileobj(source, unpacked)
+    unpacked.seek(0)
+    return unpacked
 
 
 def _reader(kind: str) -> tuple[Any, ...]:

@@ -1,8 +1,8 @@
 """Frames that carry identifiers of our node and that we did not send.
 
-CAN has no sender's address: whoever sends an identifier is believed by all. Two gateways on one bus, or somebody who
-wants to be taken for us, can therefore only be noticed by us, who know what we sent. Nothing can stop them; so their
-frames are refused, counted and told.
+A CAN frame has no address of its sender, and every node accepts every identifier. Only we know which frames we sent, so
+only we can notice a second gateway on the bus, or a node that imitates us. We cannot stop it; its frames are refused,
+counted and reported.
 """
 
 import logging
@@ -17,7 +17,7 @@ log = logging.getLogger(__name__)
 
 
 class Impostors:
-    """Takes such frames out of what a port receives; the port must not hear itself.
+    """Removes such frames from what a port receives; the port must not receive its own frames.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class Impostors:
         count = int(np.count_nonzero(theirs))
         self._counters.impostors += count
         log.warning(
-            "%s: somebody else sends frames of this node (0x%X, %d of them now, %d in all): refused; "
+            "%s: another sender uses identifiers of this node (0x%X, %d of them now, %d in all): refused; "
             "is a second gateway on the bus?",
             self._channel,
             int(frames.can_id[theirs][0]) & 0x1FFF_FFFF,

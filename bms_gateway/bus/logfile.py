@@ -1,25 +1,29 @@
 """Logged traffic as batches: candump by our own columns, every other format through python-can's readers."""
 
 import gzip
-import zlib
 from collections.abc import Iterable, Iterator
 from contextlib import nullcontext
 from difflib import get_close_matches
 from pathlib import Path
-from typing import BinaryIO, Final
+from typing import Final
 
 from bms_gateway.bus.candump import CUT_SHORT, LogNotes, format_block, parse_block
 from bms_gateway.bus.sniff import misnamed
 from bms_gateway.bus.whole import whole
 from bms_gateway.errors import DataError, UsageError
 from bms_gateway.frames.batch import FrameBatch
+from bms_gateway.gunzip import Gunzip
 
 __all__ = ["FORMATS", "LogNotes", "read_log", "write_log"]
 
 CANDUMP: Final = (".log",)
 FORMATS: Final = (*CANDUMP, ".asc", ".blf", ".csv", ".mf4", ".trc")
+_PACKED: Final = (".zip", ".7z", ".rar", ".tar", ".tgz", ".xz", ".bz2", ".zst")
 CHUNK: Final = 512 << 10  # about 10,000 lines: columns stay in the cache, and peak memory low
 LONGEST_LINE: Final = 1 << 16  # without a newline in so many bytes it is no text
+GIVE_UP: Final = (
+    1_000_000  # damaged lines in a row: they cost some seconds, and are more than a damaged part of a disk contains
+)
 
 
 def read_log(path: Path | str, *, chunk: int = CHUNK, notes: LogNotes | None = None) -> Iterator[FrameBatch]:
@@ -68,7 +72,7 @@ def read_log(path: Path | str, *, chunk: int = CHUNK, notes: LogNotes | None = N
             yield from read_foreign(path, kind, max(1, chunk // 50), notes)
     except OSError as error:
         raise DataError(f"{path}: cannot be read ({error.strerror or error})") from None
-    if notes.broken and not notes.frames + notes.remote + notes.errors:
+    if notes.broken and not notes.seen:
         number, text = notes.broken_at[0]
         if text == CUT_SHORT:
             raise DataError(f"{path}: {CUT_SHORT}; nothing before can be read")
@@ -76,7 +80,7 @@ def read_log(path: Path | str, *, chunk: int = CHUNK, notes: LogNotes | None = N
 
 
 def write_log(path: Path | str, batches: Iterable[FrameBatch], channel: str = "can0") -> int:
-    """Write frames as a candump log; until the last frame is written an older file of that name stays.
+    """Write frames as a candump log; an older file of that name stays until the last frame is written.
 
     Parameters
     ----------
@@ -120,6 +124,8 @@ def _kind(path: Path) -> str:
     if suffixes and suffixes[-1] == ".gz":
         suffixes.pop()
     kind = suffixes[-1] if suffixes else ""
+    if kind in _PACKED:
+        raise UsageError(f"{path}: packed as {kind}: unpack it first; only gzip (.gz) is read as it is")
     if kind not in FORMATS:
         raise UsageError(f"{path}: no log format {kind or '(no suffix)'}; valid: {', '.join(FORMATS)}, also with .gz")
     return kind
@@ -135,54 +141,34 @@ def _nearest_file(path: Path) -> str:
 def _read_candump(path: Path, chunk: int, notes: LogNotes) -> Iterator[FrameBatch]:
     carry = b""
     line = 1
+    unread = 0
     with path.open("rb") as file:
-        unpacked = _Gunzip(file, chunk) if path.suffix.lower() == ".gz" else None
-        for block in unpacked or iter(lambda: file.read(chunk), b""):
-            text = carry + block
-            cut = text.rfind(b"\n") + 1
-            carry = text[cut:]
-            if len(carry) > LONGEST_LINE:
-                raise DataError(f"{path}, line {line}: no end of line in {LONGEST_LINE >> 10} KiB: not a candump log")
-            if cut:
-                frames, lines = parse_block(text[:cut], line, notes)
-                line += lines
-                if len(frames):
-                    yield frames
-    if unpacked is not None and unpacked.cut_short:
-        # what is left of the last line may look like a whole, shorter frame
-        notes.note_broken(line, CUT_SHORT)
-    elif carry:
+        source = Gunzip(file, str(path)) if path.suffix.lower() == ".gz" else file
+        try:
+            while block := source.read(chunk):
+                text = carry + block
+                cut = text.rfind(b"\n") + 1
+                carry = text[cut:]
+                if len(carry) > LONGEST_LINE:
+                    raise DataError(
+                        f"{path}, line {line}: no end of line in {LONGEST_LINE >> 10} KiB: not a candump log"
+                    )
+                if cut:
+                    seen, broken = notes.seen, notes.broken
+                    frames, lines = parse_block(text[:cut], line, notes)
+                    line += lines
+                    unread = 0 if notes.seen > seen else unread + notes.broken - broken
+                    if unread > GIVE_UP:
+                        raise DataError(
+                            f"{path}, line {line}: {unread} lines in a row cannot be read: not a candump log"
+                        )
+                    if len(frames):
+                        yield frames
+        except EOFError:
+            # what is left of the last line may look like a whole, shorter frame
+            notes.note_broken(line, CUT_SHORT)
+            return
+    if carry:
         frames, _ = parse_block(carry, line, notes)
         if len(frames):
             yield frames
-
-
-class _Gunzip:
-    """Unpacked data in bounded pieces; of a damaged file all that is before the damage.
-
-    Attributes
-    ----------
-    cut_short : bool
-        Known at the end: the data were damaged or ended too early.
-    """
-
-    def __init__(self, file: BinaryIO, chunk: int) -> None:
-        self._file, self._chunk = file, chunk
-        self.cut_short = False
-
-    def __iter__(self) -> Iterator[bytes]:
-        unpack, begun, left = zlib.decompressobj(wbits=31), False, b""
-        while packed := unpack.unconsumed_tail or left or self._file.read(1 << 16):
-            try:
-                block = unpack.decompress(packed, self._chunk)
-            except zlib.error:
-                self.cut_short = True
-                return
-            begun, left = True, b""
-            if unpack.eof:  # files joined end to end are valid gzip
-                begun, left, unpack = False, unpack.unused_data, zlib.decompressobj(wbits=31)
-            if block:
-                yield block
-        if rest := unpack.flush():
-            yield rest
-        self.cut_short = begun and not unpack.eof

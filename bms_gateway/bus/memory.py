@@ -9,7 +9,7 @@ from bms_gateway.frames.batch import FrameBatch
 
 
 class MemoryBus:
-    """Ports that hear each other, each all others and not itself.
+    """Ports that are connected: each receives the frames of all others, and not its own.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class MemoryBus:
                 port.deliver(frames)
 
     def leave(self, port: "MemoryPort") -> None:
-        """Take a port off the bus."""
+        """Remove a port from the bus."""
         self._ports.remove(port)
 
 
@@ -62,6 +62,7 @@ class MemoryPort:
     """One node of a `MemoryBus`, as a `Port`."""
 
     gather_s = GATHER_S
+    emptied = True
 
     def __init__(self, bus: MemoryBus) -> None:
         self._bus = bus
@@ -70,7 +71,7 @@ class MemoryPort:
         self.link = Link.UP
 
     def fileno(self) -> int:
-        """Nothing to wait on: poll."""
+        """There is no file descriptor to wait for: the port is polled."""
         return -1
 
     def now_ns(self) -> int:

@@ -1,4 +1,4 @@
-"""Between python-can's messages and batches."""
+"""Conversion between python-can's messages and batches."""
 
 from typing import TYPE_CHECKING, Final, Protocol
 
@@ -66,7 +66,7 @@ def to_batch(messages: "list[can.Message]", tally: Tally, shift_s: float = 0.0) 
 
 
 def _is_possible(m: "can.Message", shift_s: float) -> bool:
-    """Whether a bus can have carried it: readers hand on what a damaged file says."""
+    """Whether a bus can have carried this frame: readers also return the content of damaged files."""
     in_time = -LATEST_S < m.timestamp + shift_s < LATEST_S  # false for NaN
     return in_time and 0 <= m.arbitration_id <= MOST_ID and len(m.data) <= LONGEST
 

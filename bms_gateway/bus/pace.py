@@ -1,9 +1,9 @@
-"""Frames of our node on their way out: only our ids, never in a burst, never late.
+"""The queue of the frames that our node sends: only our identifiers, never in a burst, never late.
 
-A token bucket spreads what an estimator tick makes over some milliseconds, so that others win arbitration in between.
-The queue is bounded, and a frame that waited longer than the cycle of its id is dropped: after an outage the bus gets
-the present values, not a burst of old ones. No single identifier gets more than its share, whoever queues it: a fault
-in us must not drown what others say. No config changes these limits.
+A token bucket spreads the frames of a tick over some milliseconds, so that other nodes can send in between. The queue
+is bounded, and a frame that waited longer than its cycle is dropped: after an outage the bus gets the present values,
+not a burst of old ones. No single identifier gets more than its share, so that a fault in our node cannot block others.
+No config changes these limits.
 """
 
 from collections import deque

@@ -1,4 +1,4 @@
-"""What every source and sink of live frames looks like to the service."""
+"""The interface that every source and sink of live frames offers to the service."""
 
 from dataclasses import dataclass, field
 from enum import Enum
@@ -64,6 +64,11 @@ class Port(Protocol):
     link: Link
 
     @property
+    def emptied(self) -> bool:
+        """Whether the latest drain took all that had arrived when it began; else a timer must not fire yet."""
+        ...
+
+    @property
     def gather_s(self) -> float:
         """How long frames may wait in it, s, with room to spare on a full bus."""
         ...
@@ -77,7 +82,7 @@ class Port(Protocol):
         ...
 
     def drain(self) -> FrameBatch:
-        """Take everything that had arrived when the call began."""
+        """Take everything that had arrived when the call began, or as much as is good at once."""
         ...
 
     def send(self, frames: FrameBatch) -> None:

@@ -75,6 +75,7 @@ class PythonCanPort:
         self.interface, self.channel = interface, channel
         self.counters = Counters()
         self.link = Link.UP
+        self.emptied = True
         self._clock = clock or BusClock()
         self._pacer = Pacer(own or {}, self.counters, rate=rate, burst=burst)
         self._impostors = Impostors(channel, own or (), self.counters)
@@ -99,13 +100,17 @@ class PythonCanPort:
     def drain(self) -> FrameBatch:
         """Take what has arrived; never raises for what the interface does."""
         messages: list[can.Message] = []
+        self._clock.begin()
+        self.emptied = self._bus is None
         while self._bus is not None and len(messages) < DRAIN_MOST:
             try:
                 message = self._bus.recv(0)
             except (self._failure, OSError) as error:
                 self._failed(self._bus, error)
+                self.emptied = True  # what it still held is gone with it
                 break
             if message is None:
+                self.emptied = True
                 break
             messages.append(message)
         if not messages:
@@ -114,7 +119,7 @@ class PythonCanPort:
             off = self._clock.now_ns() / 1e9 - messages[0].timestamp
             self._shift_s = off if abs(off) > AHEAD_S else 0.0
         batch = to_batch(messages, self.counters, self._shift_s)
-        time_ns = self._clock.to_bus(batch.time_ns)
+        time_ns = self._clock.to_bus(batch.time_ns, emptied=self.emptied)
         self.counters.misdated = self._clock.misdated
         keep = slice(None) if self._wanted is None else np.isin(batch.can_id, self._wanted)
         self.counters.received += len(batch)

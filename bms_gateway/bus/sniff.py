@@ -10,6 +10,7 @@ _CANDUMP = re.compile(rb"\(\d+\.\d+\)\s+\S+\s+[0-9A-Fa-f]{3,8}#")
 # candump on a screen: `can0  123   [8]  11 22`, with -t a stamp before it; without -L in a pipe: `can0 123#1122`
 _SCREEN = re.compile(rb"(\(\S+( \S+)?\)\s+)?\S+\s+([RT]X\s+\S+\s+\S+\s+)?[0-9A-Fa-f]{3,8}\s+\[\d+\](\s|$)")
 _NO_STAMP = re.compile(rb"[A-Za-z]\S*\s+[0-9A-Fa-f]{3,8}#")
+_TABLE = re.compile(rb"(\xef\xbb\xbf)?[^\n\x00]*(time_s|current_A|coolant_inlet_C|surface_\d+_C)")
 _STARTS: Final = (
     (b"LOGG", ".blf"),
     (b"MDF     ", ".mf4"),
@@ -49,6 +50,11 @@ def misnamed(path: Path, kind: str) -> str | None:
     found = kind_of(_unpacked(raw) if packed else raw)
     if found == "screen":
         return "this is candump's output without exact time stamps: record with candump -l or -L"
+    if found is None and kind == ".csv" and _TABLE.match(_unpacked(raw) if packed else raw):
+        return (
+            "this is a table of measurements, no log: encode makes frames of it, and compare, fit and diagnose take it "
+            "as it is"
+        )
     if found is None or found == kind:
         return None
     what = f"a {_SOFTWARE[found]} log" if found in _SOFTWARE else f"a {found} log"

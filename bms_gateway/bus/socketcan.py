@@ -39,7 +39,7 @@ FRAME_ROOM: Final = 1_024  # bytes that the kernel charges for a frame: 896 on v
 FULL_BUS: Final = 8_500  # frames/s of 8 bytes at 1 Mbit/s
 SPARE: Final = 4  # so many times longer than frames gather may a reader be kept from reading before any is lost
 GATHER_MOST_S: Final = 0.1  # ten wake-ups a second cost far less than the frames; longer saves little more
-DRAIN_MOST: Final = 32_768  # above what this buffer holds; a drain ends though senders go on
+LEAST_ROOM: Final = 512  # bytes that the kernel charges for any frame: its own head alone takes more
 SO_RCVBUFFORCE: Final = 33
 CAN_RAW_ERR_FILTER: Final = 2
 SIOCGIFFLAGS, IFF_UP = 0x8913, 1
@@ -71,6 +71,8 @@ class SocketCanPort:
     ----------
     counters : Counters
     link : Link
+    emptied : bool
+        As `Port` says.
     receive_buffer : int
         Bytes got.
     gather_s : float
@@ -97,6 +99,7 @@ class SocketCanPort:
         self.channel = channel
         self.counters = Counters()
         self.link = Link.UP
+        self.emptied = True
         self._clock = clock or BusClock()
         self._pacer = Pacer(own or {}, self.counters, rate=rate, burst=burst)
         self._impostors = Impostors(channel, own or (), self.counters)
@@ -107,7 +110,9 @@ class SocketCanPort:
         self._sock.setblocking(False)
         self._receiver = Receiver(self._sock)
         self.receive_buffer = self._ask_buffer(receive_buffer)
-        filled_s = 2 * self.receive_buffer / FRAME_ROOM / FULL_BUS  # the kernel gives twice what it is asked for
+        # more than the buffer holds (the kernel gives twice what it is asked for): a drain ends though senders go on
+        self._drain_most = 2 * self.receive_buffer // LEAST_ROOM + DEPTH
+        filled_s = 2 * self.receive_buffer / FRAME_ROOM / FULL_BUS
         self.gather_s = min(max(filled_s / SPARE, GATHER_S), GATHER_MOST_S)
         # our own too: frames of ours that somebody else sends must be seen
         pairs = [(0, 0)] if wanted is None else join_filters({*wanted, *(own or ())})
@@ -138,30 +143,37 @@ class SocketCanPort:
     def drain(self) -> FrameBatch:
         """Take what has arrived; never raises for what the interface does."""
         parts: list[FrameBatch] = []
-        taken = 0
-        while taken < DRAIN_MOST:
+        taken, self.emptied = 0, False
+        self._clock.begin()
+        while not self.emptied and taken < self._drain_most:
             try:
                 got = self._receiver.take()
             except OSError as error:
                 self._failed(error)
                 if error.errno in (errno.ENETDOWN, *_GONE):
                     continue  # told once; what was received before is still there
+                self.emptied = True  # as far as it can be: nothing more comes out
                 break
             if got is None:
+                self.emptied = True
                 break
             taken += len(got.rows)
             time_ns = got.wall_ns
             if not time_ns.all():
                 time_ns[time_ns == 0] = self._clock.now_ns() - self._clock.offset_ns
-            batch, errors = to_batch(got.rows, got.sizes, self._clock.to_bus(time_ns), self.counters)
-            self.counters.misdated = self._clock.misdated
+            batch, errors = to_batch(got.rows, got.sizes, time_ns, self.counters)
             self._note_errors(errors, len(batch))
             if got.drops is not None:
                 self._note_drops(got.drops)
-            parts.append(self._impostors.refuse(batch))
-            if len(got.rows) < DEPTH:
-                break  # the call ended because nothing was left
-        return parts[0] if len(parts) == 1 else FrameBatch.concat(parts)
+            parts.append(batch)
+            self.emptied = len(got.rows) < DEPTH  # the call ended because nothing was left
+        if not parts:
+            return FrameBatch.empty()
+        frames = parts[0] if len(parts) == 1 else FrameBatch.concat(parts)
+        # all at once: after a stall the frames of the last part are as old as those of the first
+        time_ns = self._clock.to_bus(frames.time_ns, emptied=self.emptied)
+        self.counters.misdated = self._clock.misdated
+        return self._impostors.refuse(FrameBatch(time_ns, frames.can_id, frames.length, frames.data))
 
     def send(self, frames: FrameBatch) -> None:
         """Queue frames of our node and send what the rate allows.

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bms_gateway.engine.plan import Channel, Plan, Quantity
+from bms_gateway.engine.plan import Channel, Plan
 from bms_gateway.errors import UsageError
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.database import Database
@@ -27,7 +27,7 @@ EDGE_S = 1e-6  # width of a step in a series: below any time stamp that matters
 SAME_CURRENT = 0.01  # share of the greatest current below which two readings belong to one level
 CHUNK_S = 600
 
-Key = tuple[Quantity, int | None]
+Key = tuple[str, int | None]
 """A quantity of a string, and the cell (from 1) where it has one."""
 
 
@@ -212,14 +212,15 @@ class Traffic:
             yield self.between(feeds, t, min(stop_ns, t + CHUNK_S * SECOND))
 
     def _sample(self, feed: Mapping[Key, Series], c: Channel, t_ns: NDArray[np.int64]) -> Floats:
-        series = feed.get((c.quantity, c.cell))
+        series = feed.get(c.key)
         if series is None:
             return np.full(len(t_ns), np.nan)
         t: Floats = t_ns.astype(np.float64) * 1e-9
         value = series.at(t)
         if self._noise_K and c.quantity in ("surface", "coolant_inlet"):
             value = value + self._noise_K * self._rng.standard_normal(len(t))
-        return (value - c.offset) / c.scale
+        with np.errstate(over="ignore"):  # what is too large for a float is too large for a signal
+            return (value - c.offset) / c.scale
 
 
 def _cycle(info: SignalInfo, c: Channel) -> int:

@@ -11,6 +11,7 @@ import numpy as np
 
 from bms_gateway.bus.traffic import Key, Series, lines, steps
 from bms_gateway.engine.plan import Plan, StringPlan
+from bms_gateway.engine.several import statistic_of
 from bms_gateway.thermal import Floats, StringParameters, continuous, discretize, simulate
 from bms_gateway.thermal.cycles import CAPACITY_AH, CYCLES
 
@@ -158,4 +159,7 @@ def _segment(
     for k in range(model.cells):
         series["surface", k + 1] = lines(time, surface[:, k])
         series["cell_voltage", k + 1] = steps(time, cells[:, k])
+    for c in string.channels:
+        if c.statistic is not None:
+            series[c.key] = lines(time, statistic_of(c.statistic, surface[:, np.array(c.among) - 1].T))
     return Segment(string, time, core, surface, series)

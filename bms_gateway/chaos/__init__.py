@@ -1,1 +1,1 @@
-"""Faults on purpose: simulated traffic, one thing broken at a time, and what a bystander sees of the gateway."""
+"""Fault injection: simulated traffic, one fault at a time, and the reaction of the gateway as another node sees it."""

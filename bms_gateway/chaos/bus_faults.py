@@ -1,11 +1,13 @@
-"""What can happen to an interface while the service runs on it."""
+"""Faults of an interface while the service runs on it."""
 
 import asyncio
 import errno
 import os
+import signal
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Final
 
 import numpy as np
@@ -21,20 +23,41 @@ RECOVERS_S: Final = 30.0
 BUS_OFF, RESTARTED = 0x040, 0x100
 FLOOD: Final = 4_000  # frames at once: half a second of a full 1 Mbit/s bus
 STORM_S: Final = 3.0
+GARBAGE: Final = (
+    "",
+    "x = " + "9" * 5_000,
+    "x = " + "[" * 3_000 + "]" * 3_000,
+    ".".join("k" * 200_000) + " = 1",
+    '[bus]\nchannel = "\\u0000"\n',
+)
 NET: Final = Path("/sys/class/net")
 
 
 @dataclass(frozen=True, slots=True)
 class BusScenario:
-    """A scenario of the bus, what is done, and whether the gateway gets a small receive buffer for it."""
+    """A scenario in real time, and what is done.
+
+    Attributes
+    ----------
+    scenario : Scenario
+    fault : Fault
+    small_buffer : bool
+        Of the gateway's socket.
+    load : int
+        Frames of others beside those of the pack, 1/s.
+    all_frames : bool
+        Whether the gateway's port takes these, too, as it does where it needs their identifiers.
+    """
 
     scenario: Scenario
     fault: Fault
     small_buffer: bool = False
+    load: int = 0
+    all_frames: bool = False
 
 
 def bus_scenarios(channel: str | None) -> list[BusScenario]:
-    """All of them for this interface; None: a socket pair."""
+    """Make all scenarios of this room for an interface; None: a socket pair."""
     virtual = "" if channel is None or _is_virtual(channel) else "only on a virtual interface: error frames are made up"
     kernel = "needs an interface: --on vcan0" if channel is None else ""
     rights = kernel or ("" if os.geteuid() == 0 else "needs the right to switch interfaces: run it as root")
@@ -93,7 +116,25 @@ def bus_scenarios(channel: str | None) -> list[BusScenario]:
             (),
             _storm,
         ),
+        one(
+            "config-garbage",
+            f"{len(GARBAGE)} reloads (SIGHUP) of configurations that no parser should see",
+            (Counted.of("reloads_refused"),),
+            _garbage,
+        ),
     ]
+
+
+async def _garbage(bench: LiveBench) -> None:
+    loop = asyncio.get_running_loop()
+    with TemporaryDirectory(prefix="bms-gateway-chaos-") as folder:
+        bench.config = Path(folder) / "gateway.toml"
+        for refused, text in enumerate(GARBAGE):
+            bench.config.write_text(text, encoding="utf-8")
+            os.kill(os.getpid(), signal.SIGHUP)
+            end = loop.time() + RECOVERS_S
+            while bench.gateway.tally.reloads_refused <= refused and loop.time() < end:
+                await asyncio.sleep(0.1)
 
 
 def _is_virtual(channel: str) -> bool:

@@ -1,4 +1,4 @@
-"""All scenarios by name, and who runs each."""
+"""All scenarios by name, and the bench that runs each."""
 
 from collections.abc import Callable, Mapping, Sequence
 
@@ -7,6 +7,7 @@ from bms_gateway.chaos.facts import Facts
 from bms_gateway.chaos.live import RealTimeBench
 from bms_gateway.chaos.scenario import Outcome, Scenario
 from bms_gateway.chaos.sensors import sensor_scenarios
+from bms_gateway.chaos.service_faults import service_scenarios
 from bms_gateway.chaos.stepped import SteppedBench
 from bms_gateway.chaos.time_faults import time_scenarios
 from bms_gateway.chaos.traffic_faults import frame_scenarios
@@ -14,7 +15,7 @@ from bms_gateway.engine.plan import Plan
 from bms_gateway.errors import UsageError, did_you_mean
 from bms_gateway.frames.database import Database
 
-ORDER = ("bus", "frame", "sensor", "time")
+ORDER = ("bus", "service", "frame", "sensor", "time")
 
 
 class Chaos:
@@ -38,7 +39,9 @@ class Chaos:
     def __init__(self, plan: Plan, database: Database, channel: str | None = None, seed: int = 0) -> None:
         self._plan, self._database, self._channel, self._seed = plan, database, channel, seed
         facts = Facts.of(plan, database, seed)
-        self._bus: Mapping[str, BusScenario] = {s.scenario.name: s for s in bus_scenarios(channel)}
+        self._bus: Mapping[str, BusScenario] = {
+            s.scenario.name: s for s in [*bus_scenarios(channel), *service_scenarios(channel)]
+        }
         stepped = [*frame_scenarios(facts), *sensor_scenarios(facts), *time_scenarios()]
         found = [*(s.scenario for s in self._bus.values()), *stepped]
         self.scenarios: Mapping[str, Scenario] = {s.name: s for s in sorted(found, key=lambda s: ORDER.index(s.kind))}
@@ -70,15 +73,21 @@ class Chaos:
         scenario = self.scenarios[name]
         if scenario.unfit:
             return Outcome(scenario)
-        if scenario.kind != "bus":
+        if name not in self._bus:
             return SteppedBench(self._plan, self._database, self._channel, self._seed).run(scenario)
         if self._live is None:
             self._live = RealTimeBench(self._plan, self._database, self._channel, self._seed)
         of_bus = self._bus[name]
-        return self._live.run(scenario, of_bus.fault, small_buffer=of_bus.small_buffer)
+        return self._live.run(
+            scenario,
+            of_bus.fault,
+            small_buffer=of_bus.small_buffer,
+            load=of_bus.load,
+            all_frames=of_bus.all_frames,
+        )
 
     def run_all(self, names: Sequence[str], each: Callable[[Outcome], None] | None = None) -> list[Outcome]:
-        """Run some, telling of each as it ends."""
+        """Run some scenarios, and report each when it ends."""
         outcomes = []
         for name in names:
             outcomes.append(self.run(name))

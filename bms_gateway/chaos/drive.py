@@ -13,13 +13,13 @@ from bms_gateway.frames.database import Database
 from bms_gateway.thermal import Floats
 
 Change = Callable[[Floats, Floats], Floats]
-CYCLE = "us06"  # a current that moves as on the road: under one that stands for minutes a stuck sensor is no fault
+CYCLE = "us06"  # the current must move as on the road: while it is constant for minutes, a stuck sensor shows no fault
 NOISY = ("surface", "coolant_inlet")
 
 
 @dataclass(frozen=True, slots=True)
 class Sensed(Series):
-    """What a sensor shows of a series: with noise, and with its fault while that lasts.
+    """The readings of a sensor: a series with noise, and with the fault while it lasts.
 
     Attributes
     ----------
@@ -91,7 +91,7 @@ class Drive:
         self._rng = np.random.default_rng([seed, 0xC4])
 
     def seconds(self, count: int, at_once: int = SEGMENT_S) -> Iterator[Second]:
-        """Give so many seconds, whose frames are made so many at a time: few of them where the bus is full."""
+        """Generate seconds of traffic in blocks of a given length, which is short where the bus is full."""
         rest = self._fault_s if self._parked else None
         for segments in self._pack.segments(count, rest_s=rest):
             t = segments[0].time_s

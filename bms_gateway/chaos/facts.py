@@ -1,4 +1,4 @@
-"""What a config offers to be broken: its first string's sensors, and how its messages are protected."""
+"""The parts of a config into which faults can be injected: the sensors of its first string, and the protection."""
 
 from dataclasses import dataclass
 

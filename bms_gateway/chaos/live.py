@@ -1,19 +1,20 @@
-"""The bench for what breaks the bus itself: in real time, with the service's own loop on the interface.
+"""The bench for faults of the bus itself: in real time, with the service's own loop on the interface.
 
-The simulated pack talks in its own time, the gateway runs as `run` runs it, and the fault is done to the interface
-between them. Without an interface a socket pair stands in its place; what needs the kernel is left out there.
+The simulated pack sends in real time, the gateway runs as under `run`, and the fault is injected into the interface
+between them. Without an interface, a socket pair takes its place, and faults that need the kernel are left out.
 """
 
 import asyncio
 import logging
-import os
-import signal
 import socket
+import tempfile
+import threading
 import time
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Awaitable, Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from itertools import chain
+from pathlib import Path
 
 import numpy as np
 
@@ -24,11 +25,15 @@ from bms_gateway.bus.traffic import SECOND
 from bms_gateway.chaos.drive import Drive
 from bms_gateway.chaos.record import Bystander, Line, Record
 from bms_gateway.chaos.scenario import STEADY, Outcome, Scenario, is_sound, judge
-from bms_gateway.engine import Engine, Event, Notice, Plan
+from bms_gateway.engine import Engine, Event, Notice, Plan, StartJob
+from bms_gateway.engine.events import Job
 from bms_gateway.errors import BusError
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.database import Database
+from bms_gateway.service.aside import Aside
 from bms_gateway.service.live import Gateway
+from bms_gateway.service.reread import reread
+from bms_gateway.store import StateStore
 
 WARM_MOST_S = 60.0  # a slow machine may take so long for what takes three seconds
 STEADY_FIRST = 3  # seconds that must look alike before anything is broken
@@ -36,6 +41,9 @@ SLICE_S = 0.02
 SMALL_BUFFER = 64 << 10  # of the gateway's socket, where a burst is to overflow it
 DRIVE_S = 300
 FOREIGN_ID = 0x7E5
+NO_JOB, MINUTE_NS = -1, 60 * SECOND
+SAVE_S = 0.5  # between two saves of the gateway: of a minute nobody would see anything here
+FIT_S = 3.0  # a fit that takes longer is killed
 MOST_BEHIND_S = 0.1  # a machine too slow for the load asked for gets what it can
 
 
@@ -59,7 +67,7 @@ class RefusingPort(SocketCanPort):
 
 @dataclass(slots=True)
 class LiveBench:
-    """What a fault may lay hands on.
+    """The parts of the bench that a fault may change.
 
     Attributes
     ----------
@@ -83,8 +91,29 @@ class LiveBench:
     wanted: tuple[int, ...]
     raw: Callable[[bytes], None]
     send_all: Callable[[FrameBatch], object]
+    folder: Path
+    """Where the gateway keeps its state."""
+    disk: threading.Event
+    """Set while the disk answers."""
     hushed: bool = False
     """The pack says nothing."""
+    config: Path = Path()
+    """What a reload reads."""
+    talk: Callable[[], None] = lambda: None
+    """Puts what the pack and others have to say by now on the bus: where the loop is held up."""
+
+    @property
+    def gateway(self) -> Gateway:
+        """The gateway as it runs."""
+        assert self._gateway is not None  # noqa: S101 (a fault begins after it)
+        return self._gateway
+
+    _gateway: Gateway | None = None
+
+    def start_fit(self, job: Job) -> None:
+        """Have the gateway do a job, which nobody asked for."""
+        now_ns = self.port.now_ns()
+        self.gateway.start_job(StartJob(now_ns, NO_JOB, now_ns + MINUTE_NS, job))
 
     async def ip(self, words: str) -> None:
         """Run `ip link`.
@@ -104,7 +133,7 @@ Fault = Callable[[LiveBench], Awaitable[None]]
 
 
 class Vehicle:
-    """Sends the pack's frames when they are due; an interface that is away costs what was due.
+    """Sends the pack's frames when they are due; while the interface is absent, due frames are lost.
 
     Parameters
     ----------
@@ -118,7 +147,7 @@ class Vehicle:
         self._sender: SocketCanSender | None = None
 
     def send(self, frames: FrameBatch) -> bool:
-        """Send all; False: the interface is away, and how many went nobody knows."""
+        """Send all frames; False if the interface is absent and the number of sent frames is unknown."""
         if self._pair is not None:
             for wire in to_wire(frames):
                 self.raw(wire)
@@ -135,7 +164,7 @@ class Vehicle:
     def raw(self, wire: bytes) -> None:
         """Put one frame as the kernel lays it out on the bus."""
         if self._pair is not None:
-            with suppress(BlockingIOError):  # nobody reads: as on a bus, it is lost
+            with suppress(BlockingIOError):  # no reader: the frame is lost, as on a bus
                 self._pair.send(wire)
             return
         with socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW) as sock, suppress(OSError):
@@ -155,8 +184,9 @@ class _Lines(logging.Handler):
         self._told = told
 
     def emit(self, record: logging.LogRecord) -> None:
-        if record.name.startswith("bms_gateway.bus"):
-            self._told(getattr(record, "code", "bus"), record.getMessage())
+        code = getattr(record, "code", "bus")
+        if record.name.startswith("bms_gateway.bus") or code in ("fit", "save"):
+            self._told(code, record.getMessage())
 
 
 @contextmanager
@@ -190,19 +220,42 @@ class RealTimeBench:
         self._plan, self._database, self._channel = plan, database, channel
         self._seconds = [s.frames for s in Drive(plan, database, seed).seconds(DRIVE_S)]
 
-    def run(self, scenario: Scenario, fault: Fault, *, small_buffer: bool = False, load: int = 0) -> Outcome:
+    def run(
+        self,
+        scenario: Scenario,
+        fault: Fault,
+        *,
+        small_buffer: bool = False,
+        load: int = 0,
+        all_frames: bool = False,
+    ) -> Outcome:
         """Run one scenario from a fresh start to its recovery; `load` frames/s of others fill the bus meanwhile.
+
+        With `all_frames` the gateway's port takes those, too.
 
         Raises
         ------
         BusError
             The interface cannot be used, or does not carry the traffic at all.
         """
-        return judge(scenario, asyncio.run(self._run(scenario, fault, small_buffer=small_buffer, load=load)))
+        with tempfile.TemporaryDirectory() as folder:
+            engine = Engine(self._plan, self._database)
+            wanted = (*engine.can_ids.tolist(), *([FOREIGN_ID] if all_frames else []))
+            run = self._run(scenario, fault, engine, wanted, Path(folder), small_buffer=small_buffer, load=load)
+            return judge(scenario, asyncio.run(run))
 
-    async def _run(self, scenario: Scenario, fault: Fault, *, small_buffer: bool, load: int) -> Record:
-        engine = Engine(self._plan, self._database)
-        own, wanted = engine.sends, tuple(engine.can_ids.tolist())
+    async def _run(
+        self,
+        scenario: Scenario,
+        fault: Fault,
+        engine: Engine,
+        wanted: tuple[int, ...],
+        folder: Path,
+        *,
+        small_buffer: bool,
+        load: int,
+    ) -> Record:
+        own = engine.sends
         buffer = SMALL_BUFFER if small_buffer else RECEIVE_BUFFER
         pair: socket.socket | None = None
         if self._channel is None:
@@ -214,19 +267,44 @@ class RealTimeBench:
             port = RefusingPort(self._channel, wanted=wanted, own=own, receive_buffer=buffer)
             ears = SocketCanPort(self._channel, wanted=own)
         vehicle = Vehicle(self._channel, pair)
-        bench = LiveBench(self._channel, port, tuple(own), wanted, vehicle.raw, vehicle.send)
+        disk, store, fits = threading.Event(), StateStore(folder), Aside(FIT_S)
+        disk.set()
+
+        def save(state: Mapping[str, object]) -> None:
+            disk.wait()
+            if (problem := store.save(state, wall_ns=time.time_ns())) is not None:
+                raise problem
+
+        async def reload() -> Engine:
+            return (await reread(bench.config)).engine()
+
+        def end_jobs() -> None:
+            disk.set()  # if the service were stopped during the fault, it would wait for the disk
+            fits.close()
+
+        bench = LiveBench(self._channel, port, tuple(own), wanted, vehicle.raw, vehicle.send, folder, disk)
         run = _LiveRun(scenario, bench, ears, vehicle, Bystander(self._plan, self._database), self._seconds)
         run.load = load
-        gateway = Gateway(engine, port, watch=run.watch)
+        gateway = Gateway(engine, port, watch=run.watch, save=save, reload=reload, run_job=fits.run, end_jobs=end_jobs)
+        gateway.save_every_s = SAVE_S
+        gateway.unread = lambda: store.unread
+        bench._gateway, bench.talk = gateway, run.send_due
         run.engine = engine
         try:
             with _listening(run.tell):
-                work = asyncio.ensure_future(gateway.run())
+                work, driven = asyncio.ensure_future(gateway.run()), asyncio.ensure_future(run.drive(fault))
                 try:
-                    return await run.drive(fault)
+                    await asyncio.wait((work, driven), return_when=asyncio.FIRST_COMPLETED)
+                    if not driven.done():
+                        driven.cancel()
+                        await asyncio.wait((driven,))
                 finally:
-                    os.kill(os.getpid(), signal.SIGTERM)  # as systemd stops the service
+                    disk.set()
+                    gateway.stop()
                     await work
+                if gateway.ended_by is not None:
+                    raise KeyboardInterrupt  # which the service took for itself, if only while it ended
+                return await driven
         finally:
             vehicle.close()
             port.close()
@@ -294,7 +372,7 @@ class _LiveRun:
     async def _until(self, end_s: float, doing: "asyncio.Future[None] | None" = None) -> None:
         """Keep the pack talking for a second of the bench, or until the fault is over; then sum up."""
         while self.now_s < end_s or (doing is not None and not doing.done() and self.now_s < end_s + 0.75):
-            self._send_due()
+            self.send_due()
             self.ears.pump()
             self.bystander.take(self.ears.drain())
             await asyncio.sleep(SLICE_S)
@@ -304,7 +382,8 @@ class _LiveRun:
         seen = self.bystander.close_second(self.now_s, nowhere, self._counts())
         self.record.seen.append(seen)
 
-    def _send_due(self) -> None:
+    def send_due(self) -> None:
+        """Put what is due on the bus."""
         now, self._sent_s = self._sent_s, self.now_s
         if self.bench.hushed:
             return
@@ -321,7 +400,12 @@ class _LiveRun:
 
     def _counts(self) -> dict[str, int]:
         c = self.bench.port.counters
-        counts = {name: getattr(c, name) for name in ("dropped", "stale", "outages", "impostors", "sent", "limited")}
+        names = ("dropped", "stale", "outages", "impostors", "sent", "limited", "misdated")
+        counts = {name: getattr(c, name) for name in names}
+        gateway = self.bench.gateway
+        told = ("saves", "saves_failed", "jobs_failed", "reloads_refused")
+        counts |= {name: getattr(gateway.tally, name) for name in told}
+        counts["unread"] = int(bool(gateway.unread()))
         counts |= {f"error_{name}": n for name, n in c.errors.items()}
         engine = self.engine
         return counts | dict(chain(engine.rejected.items(), engine.clock_counts.items()) if engine is not None else ())

@@ -1,4 +1,4 @@
-"""What a gateway is expected to do about a fault, as something that can be looked for in a record."""
+"""Expected reactions of a gateway to a fault, in a form that can be found in a record."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -90,6 +90,27 @@ class Counted:
         """See `Reaction`."""
         before = record.before().counts
         return _first(record, lambda s: any(s.counts.get(n, 0) > before.get(n, 0) for n in self.names))
+
+
+@dataclass(frozen=True, slots=True)
+class Uncounted:
+    """None of these counters goes up."""
+
+    names: tuple[str, ...]
+
+    @classmethod
+    def of(cls, *names: str) -> "Uncounted":
+        """All of them stand still."""
+        return cls(names)
+
+    @property
+    def text(self) -> str:
+        """Names of the counters."""
+        return "nothing counted as " + " or ".join(self.names)
+
+    def first_s(self, record: Record) -> float | None:
+        """See `Reaction`."""
+        return record.end_s if Counted(self.names).first_s(record) is None else None
 
 
 @dataclass(frozen=True, slots=True)

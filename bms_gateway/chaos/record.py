@@ -1,4 +1,4 @@
-"""What a bystander sees of a gateway: its frames on the bus, its lines for people, its counters; tick by tick."""
+"""Record of a gateway as seen from outside: its frames on the bus, its lines for people, its counters; tick by tick."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field

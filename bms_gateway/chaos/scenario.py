@@ -1,4 +1,4 @@
-"""A fault as a small object, and the judgement of what came of it."""
+"""A fault as a small object, and the judgement of the reaction to it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ from bms_gateway.chaos.record import Record, Seen
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.thermal import Floats
 
-Kind = Literal["sensor", "frame", "time", "bus"]
+Kind = Literal["sensor", "frame", "time", "bus", "service"]
 STEADY = 5  # seconds in a row that must be sound before a fault counts as recovered from
 
 
@@ -90,7 +90,7 @@ class Scenario:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What came of a scenario.
+    """Outcome of a scenario.
 
     Attributes
     ----------
@@ -143,7 +143,7 @@ class Outcome:
 
 
 def judge(scenario: Scenario, record: Record) -> Outcome:
-    """Hold a record against what was expected."""
+    """Compare a record with the expected reactions."""
     found = [r.first_s(record) for r in scenario.expected]
     reacted = tuple(None if s is None else max(0.0, s - record.start_s) for s in found)
     in_band = scenario.misleads or all(s.in_band for s in record.since())

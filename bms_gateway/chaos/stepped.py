@@ -1,9 +1,9 @@
-"""The bench for what breaks in sensors, frames and clocks: bus time goes in steps, as fast as the machine allows.
+"""The bench for faults of sensors, frames and clocks: bus time advances in steps, as fast as the machine allows.
 
-Every tenth of a second of bus time the pack's frames are put on the bus, the gateway's port is drained into the engine,
-and what the engine says is sent and read back by a bystander. The bus is an interface or lies in this process; port,
-clock of the bus, engine and frames are those of the service. What counts in real time (outages of the
-interface, queues) is tried by the live bench instead.
+Every tenth of a second of bus time, the pack's frames are put on the bus, the gateway's port is drained into the
+engine, and the frames of the engine are sent and read by another node. The bus is an interface or lies in this process;
+port, bus clock, engine and frames are those of the service. Faults that need real time (outages of the interface,
+queues) run on the live bench.
 """
 
 import json
@@ -230,6 +230,7 @@ class _Run:
     def _step(self, steady_ns: int, during: bool) -> None:
         """Let time go on to `steady_ns` and the gateway do what is due."""
         before, self._steady_ns = self._steady_ns, steady_ns
+        self._clock.begin()
         arrived = self.bus.take()
         if self.engine is None:
             return

@@ -1,4 +1,4 @@
-"""Stamps and clocks that cannot be trusted, rests, and a restart on the way."""
+"""Faulty time stamps and clocks, parking, and a restart while driving."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ Stamps = NDArray[np.int64]
 
 
 def time_scenarios() -> list[Scenario]:
-    """All of them; they need nothing of the config."""
+    """Make all scenarios of this room; they do not depend on the config."""
     stepped = (Counted.of("clock_steps"), Unmoved())
     misdated = (Counted.of("misdated"), Unmoved())
 

@@ -1,4 +1,4 @@
-"""Frames that are wrong, and frames that are none of ours."""
+"""Faulty frames, and frames that do not belong to the battery."""
 
 from collections.abc import Callable
 
@@ -19,7 +19,7 @@ UNPROTECTED = "its messages have neither check sum nor counter"
 
 
 def frame_scenarios(facts: Facts) -> list[Scenario]:
-    """All of them for this config."""
+    """Make all scenarios of this room for a config."""
     surface = facts.message("surface")
     unfit = facts.lacks("surface")
     unprotected = unfit or ("" if surface is not None and surface.e2e is not None else UNPROTECTED)

@@ -1,4 +1,4 @@
-"""`add`: an effect of the catalogue becomes part of a model, if measurements speak for it."""
+"""`add`: add an effect of the catalogue to a model, if the measurements support it."""
 
 import argparse
 from pathlib import Path
@@ -39,7 +39,6 @@ def run(args: argparse.Namespace) -> int:
     """Add; 1 where the measurements speak against it."""
     from bms_gateway.config.model_file import write_model
     from bms_gateway.diagnose.adding import check_signals
-    from bms_gateway.diagnose.calibrate import fitted_model
     from bms_gateway.report.add_text import add_document, add_text
     from bms_gateway.report.added import added_report, heading
     from bms_gateway.report.examine import findings_and_notes, sound
@@ -53,8 +52,7 @@ def run(args: argparse.Namespace) -> int:
     addition = _added(model, records, wants)
     report = added_report(addition, records, findings, notes, out=str(args.out), force=args.force)
     if report.written:
-        found = fitted_model(addition.after, model, doubt=addition.doubt)
-        write_model(found, Path(args.out), heading(report, args.effect))
+        write_model(addition.model, Path(args.out), heading(report, args.effect))
     if args.html:
         from bms_gateway.report.html import write_addition
 

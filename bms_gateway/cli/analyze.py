@@ -20,11 +20,16 @@ EXAMPLE = """
 """
 
 
+MOST_TOLD = 10
+
+
 def arguments(parser: Parser) -> None:
     """Declare the command's words."""
     parser.option("log", nargs="+", type=Path, metavar="LOG", help="logs in the order they were recorded")
     parser.option("--config", required=True, type=Path, help="the gateway's config")
-    parser.option("--out", required=True, metavar="DIR", help="folder for the results; files of an earlier run go")
+    parser.option(
+        "--out", required=True, metavar="DIR", help="folder for the results; files of an earlier run are deleted"
+    )
     parser.option("--json", metavar="FILE", help="write the summary as JSON; - is standard output")
 
 
@@ -34,6 +39,7 @@ def run(args: argparse.Namespace) -> int:
     from bms_gateway.cli.output import distinct, writable, write_json
     from bms_gateway.config.load import load_config
     from bms_gateway.engine import Engine
+    from bms_gateway.records.signal_use import advice, signal_use
     from bms_gateway.records.span import Span, expect_estimates
     from bms_gateway.report.csv_out import FILES, ResultFolder
 
@@ -52,15 +58,18 @@ def run(args: argparse.Namespace) -> int:
         expect_estimates(args.log, args.config, engine, span)
         _conclude(engine, folder)
         broken = sum(n.broken for n in notes)
+        stated = {s.name for s in loaded.config.string if s.signals is not None}
+        uses = signal_use(loaded.plan, loaded.database, engine, stated)
         summary = folder.write_summary(
             frames=span.frames,
             duration_s=round(engine.duration_s, 6) if engine.clock_faults else span.seconds,
             dropped=0,
             rejected=engine.rejected | ({"broken_line": broken} if broken else {}),
+            signals={signal: use.document() for signal, use in uses.items()},
         )
     if args.json:
         write_json(args.json, summary)
-    _tell(args, engine, folder, notes, summary["duration_s"])
+    _tell(args, engine, folder, notes, summary["duration_s"], list(advice(uses)))
     return 0
 
 
@@ -98,17 +107,23 @@ def _conclude(engine: "Engine", folder: "ResultFolder") -> None:
 
 
 def _tell(
-    args: argparse.Namespace, engine: "Engine", folder: "ResultFolder", notes: "list[LogNotes]", seconds: float
+    args: argparse.Namespace,
+    engine: "Engine",
+    folder: "ResultFolder",
+    notes: "list[LogNotes]",
+    seconds: float,
+    told: list[str],
 ) -> None:
     from bms_gateway.cli.output import note, say
+    from bms_gateway.engine.reasons import unused
     from bms_gateway.report.show import number, text_table
 
     for log, n in zip(args.log, notes, strict=True):
         if n.broken:
             line, text = n.broken_at[0]
-            note(f"{log}: {n.broken} broken lines passed over, the first at line {line}: {text!r}")
+            note(f"{log}: {n.broken} damaged lines skipped, the first at line {line}: {text!r}")
     if engine.clock_faults:
-        note(f"the clock of these logs misbehaves: {engine.clock_faults}; time_s is a line that only goes forward")
+        note(f"the time stamps of these logs are wrong: {engine.clock_faults}; time_s only goes forward")
     for name, missing in engine.unheard.items():
         note(f"{name}: never received {missing}")
     rows = []
@@ -120,12 +135,19 @@ def _tell(
                 s.plan.name,
                 s.plan.model.cells,
                 number(folder.strings[s.plan.name].max_core_C),
+                number((folder.strings[s.plan.name].hottest or {}).get("centre_C")),
                 f"{1e3 * R_e.value:.3f} ± {1e3 * R_e.sd:.3f}",
                 R_e.status,
                 ", ".join(s.flags) or "none",
             ]
         )
-    say(text_table(["string", "cells", "hottest core °C", "R_e mΩ", "status", "flags"], rows), args.json)
+    headers = ["string", "cells", "hottest core °C", "hottest point °C", "R_e mΩ", "status", "flags"]
+    say(text_table(headers, rows), args.json)
     if engine.rejected:
-        say("samples not used: " + ", ".join(f"{k} {v}" for k, v in sorted(engine.rejected.items())), args.json)
+        for text in told[:MOST_TOLD]:
+            say(text, args.json)
+        if len(told) > MOST_TOLD:
+            say(f"… and {len(told) - MOST_TOLD} more signals: check {args.config} --log {args.log[0]}", args.json)
+        for reason, count in unused(engine.rejected).items():
+            say(f"{count} samples not used: {reason}", args.json)
     say(f"{sum(n.frames for n in notes)} frames, {seconds:.1f} s of traffic; results in {args.out}", args.json)

@@ -1,13 +1,17 @@
-"""`baseline`: what growth of R_e is measured against; made anew after a cell was replaced."""
+"""`baseline`: the baseline against which growth of R_e is measured; show it, or renew it after a cell was replaced."""
 
 import argparse
+import os
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from bms_gateway.cli.main import Parser
 from bms_gateway.errors import ConfigError, UsageError, did_you_mean
+from bms_gateway.records.recent import STATE_DIRECTORY
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from bms_gateway.config.load import LoadedConfig
     from bms_gateway.engine.plan import StringPlan
     from bms_gateway.health import Ageing, StringHealth
@@ -22,7 +26,7 @@ EXAMPLE = """
 
 def arguments(parser: Parser) -> None:
     """Declare the command's words."""
-    parser.option("--reset", metavar="STRING[:CELL]", help="make the baseline of a string, or of one cell, anew")
+    parser.option("--reset", metavar="STRING[:CELL]", help="make a new baseline of a string, or of one cell")
     parser.option("--reason", metavar="TEXT", help="why; kept in the history")
     parser.option("--show", action="store_true", help="list baseline, growth and history of every string")
     parser.option(
@@ -40,9 +44,13 @@ def run(args: argparse.Namespace) -> int:
     if args.reset is not None and not (args.reason and args.reason.strip()):
         raise UsageError("baseline: --reset needs --reason TEXT: who services the vehicle next wants to know why")
     loaded = load_config(args.config)
-    if loaded.store is None:
-        raise ConfigError(f"{args.config}: [store] has no path: nothing is kept, so there is no baseline")
-    return _show(args, loaded) if args.show else _reset(args, loaded, loaded.store)
+    store = loaded.store or STATE_DIRECTORY
+    if loaded.store is None and not os.path.lexists(store):
+        raise ConfigError(
+            f"{args.config}: [store] has no path, and no service is installed that keeps its state in {store}: "
+            "there is no baseline"
+        )
+    return _show(args, loaded, store) if args.show else _reset(args, loaded, store)
 
 
 def _target(word: str, loaded: "LoadedConfig") -> "tuple[StringPlan, int | None]":
@@ -68,15 +76,17 @@ def _reset(args: argparse.Namespace, loaded: "LoadedConfig", store: Path) -> int
     reason = " ".join(args.reason.split())[:200]
     ask(store, BaselineReset(string.name, cell, reason, time.time_ns()))
     what = string.name if cell is None else f"cell {cell} of {string.name}"
-    print(f"asked for a new baseline of {what}: a running service takes it up in seconds, a stopped one when it starts")
+    print(
+        f"recorded: a new baseline of {what}; a running service makes it within seconds, a stopped one when it starts"
+    )
     return 0
 
 
-def _show(args: argparse.Namespace, loaded: "LoadedConfig") -> int:
+def _show(args: argparse.Namespace, loaded: "LoadedConfig", store: Path) -> int:
     from bms_gateway.cli.output import say, write_json
 
-    assert loaded.store is not None  # noqa: S101 - asked before
-    found = {s.name: _health(s, loaded.store) for s in loaded.plan.strings}
+    state = _stored(store)
+    found = {s.name: _health(s, state) for s in loaded.plan.strings}
     if args.json:
         write_json(args.json, {name: _document(health) for name, health in found.items()})
     for name, health in found.items():
@@ -84,13 +94,24 @@ def _show(args: argparse.Namespace, loaded: "LoadedConfig") -> int:
     return 0
 
 
-def _health(string: "StringPlan", store: Path) -> "StringHealth":
-    """Health as stored; as new where nothing is."""
-    from bms_gateway.engine.string import health_of
+def _stored(store: Path) -> "Mapping[str, Any]":
+    """Newest stored state; empty where there is none yet. Nothing is touched: the service may be saving."""
+    from bms_gateway.cli.output import note
     from bms_gateway.store import StateStore
 
+    found = StateStore(store).look()
+    if found.state is None and found.problems:
+        raise found.problems[0]
+    for problem in found.problems:
+        note(str(problem))
+    return found.state or {}
+
+
+def _health(string: "StringPlan", state: "Mapping[str, Any]") -> "StringHealth":
+    """Health as stored; as new where nothing is."""
+    from bms_gateway.engine.string import health_of
+
     health = health_of(string)
-    state = StateStore(store).load().state or {}
     kept = state.get("estimators", {}).get("strings", {}).get(string.name, {}).get("health")
     if kept is not None:
         health.restore(kept)

@@ -1,4 +1,4 @@
-"""`chaos`: break bus, sensors and time on purpose, and show that the gateway behaves."""
+"""`chaos`: inject faults of bus, sensors and time, and show how the gateway reacts."""
 
 import argparse
 from pathlib import Path
@@ -23,13 +23,20 @@ LISTEN_S = 1.5  # a battery or a gateway that is on the bus says something every
 def arguments(parser: Parser) -> None:
     """Declare the options."""
     parser.option(
-        "--config", metavar="CONFIG", required=True, type=Path, help="the gateway's config; its pack is simulated"
+        "--config",
+        metavar="CONFIG",
+        type=Path,
+        help="the gateway's config (not needed with --list); its pack is simulated",
     )
     parser.option(
-        "--on", metavar="CHANNEL", required=True, help=f"a SocketCAN interface of the bench's own, or {MEMORY}"
+        "--on",
+        metavar="CHANNEL",
+        help=f"a SocketCAN interface that nothing else uses, or {MEMORY} (not needed with --list)",
     )
-    parser.option("--scenario", metavar="NAME", action="append", default=[], help="only this one; may be repeated")
-    parser.option("--list", action="store_true", help="name the scenarios, and end")
+    parser.option(
+        "--scenario", metavar="NAME", action="append", default=[], help="run only this scenario; may be repeated"
+    )
+    parser.option("--list", action="store_true", help="list the scenarios and end")
     parser.option("--seed", metavar="N", type=int, default=0, help="another seed is another pack and drive (default 0)")
     parser.option("--json", metavar="FILE", help="write the outcome as JSON; - is standard output")
 
@@ -41,27 +48,40 @@ def run(args: argparse.Namespace) -> int:
 
     if args.seed < 0:
         raise UsageError(f"chaos: --seed {args.seed}: must not be negative")
+    if args.list:
+        return _list(args)
+    for name in ("config", "on"):
+        if getattr(args, name) is None:
+            raise UsageError(f"chaos: --{name} is needed (see bms-gateway chaos --help)")
     writable({"--json": args.json})
     loaded = load_config(args.config)
     distinct({"--json": args.json}, loaded.files)
     if not loaded.plan.transmit:
-        raise ConfigError(f"{args.config}: bus.transmit is false: a gateway that says nothing cannot be watched")
+        raise ConfigError(f"{args.config}: bus.transmit is false: a gateway that sends nothing cannot be watched")
     channel = None if args.on == MEMORY else args.on
     chaos = Chaos(loaded.plan, loaded.database, channel, args.seed)
     names = chaos.choose(args.scenario)
-    if args.list:
-        for name in names:
-            s = chaos.scenarios[name]
-            say(f"{name:22} {s.fault}{f' (not here: {s.unfit})' if s.unfit else ''}", args.json)
-        return 0
     if channel is not None:
         _must_be_free(channel, loaded)
     outcomes = chaos.run_all(names, lambda o: say(_line(o), args.json))
     return _conclude(args, outcomes)
 
 
+def _list(args: argparse.Namespace) -> int:
+    """List the scenarios for the given config and bus, otherwise for the example in this process."""
+    from bms_gateway.chaos.catalogue import Chaos
+    from bms_gateway.config import load_config, shipped
+
+    loaded = load_config(args.config or shipped("deploy/example/gateway.toml"))
+    chaos = Chaos(loaded.plan, loaded.database, None if args.on in (None, MEMORY) else args.on, args.seed)
+    for name in chaos.choose(args.scenario):
+        s = chaos.scenarios[name]
+        say(f"{name:22} {s.fault}{f' (not here: {s.unfit})' if s.unfit else ''}", args.json)
+    return 0
+
+
 def _must_be_free(channel: str, loaded: "LoadedConfig") -> None:
-    """Refuse a bus on which the battery or a gateway is: this would be mistaken for it, and it for this.
+    """Refuse a bus with a battery or a gateway on it: its frames and those of the bench would be confused.
 
     Raises
     ------

@@ -1,38 +1,57 @@
-"""`check`: tells whether a config is sound and whether the cores of every string can be told from its sensors."""
+"""`check`: whether a config is valid, and whether the sensors of every string determine its cores."""
 
 import argparse
 import os
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from bms_gateway.cli.main import Parser
 from bms_gateway.cli.output import distinct, note, say, writable, write_json
+from bms_gateway.errors import clipped
+
+if TYPE_CHECKING:
+    from bms_gateway.config.load import LoadedConfig
+    from bms_gateway.engine.plan import StringPlan
+    from bms_gateway.records.signal_use import Use
+    from bms_gateway.thermal import StringModel
 
 EXAMPLE = """\
   bms-gateway check gateway.toml
   bms-gateway check gateway.toml --json -
+  bms-gateway check gateway.toml --log drive.log.gz       # what is used of each signal, and why not
 """
+
+MOST_TOLD = 20
 
 
 def arguments(parser: Parser) -> None:
     """Declare the options."""
     parser.option("config", metavar="CONFIG", help="gateway config (TOML)")
+    parser.option(
+        "--log",
+        action="append",
+        default=[],
+        type=Path,
+        metavar="LOG",
+        help="a log of the vehicle: shows what is used of each signal",
+    )
     parser.option("--json", metavar="FILE", help="write the result as JSON; - is standard output")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Check; 1 where a string is not observable."""
-    from bms_gateway.config import load_config
+    """Check; 1 where a string is not observable, or a log shows that a configured signal is not used."""
+    from bms_gateway.config.load import load_config
     from bms_gateway.report.show import number, ranges, text_table
     from bms_gateway.sensors import determined_states, steady_core_sd
 
     writable({"--json": args.json})
     loaded = load_config(Path(args.config))
-    distinct({"--json": args.json}, loaded.files)
+    distinct({"--json": args.json}, [*loaded.files, *args.log])
     plan = loaded.plan
+    loaded.engine()  # what cannot be made of it would end the service
     strings: list[dict[str, Any]] = []
     for s in plan.strings:
-        p, sensors = s.model.nominal, s.model.sensors
+        p, sensors = s.model.nominal, _sensed(s)
         rank = determined_states(p, sensors)
         sd = steady_core_sd(p, sensors, plan.disturbance)
         worst = int(sd.argmax())
@@ -49,18 +68,30 @@ def run(args: argparse.Namespace) -> int:
                 "core_sd_K": [round(float(x), 4) for x in sd],
                 "worst_cell": worst + 1,
                 "worst_core_sd_K": round(float(sd[worst]), 4),
-                "signals": {_label(c.quantity, c.cell): c.signal or f"constant {c.constant:g}" for c in s.channels},
+                "unknown_sd_per_10K": round(_unknown_per_10K(s.model), 2),
+                "heat_unseen_cells": [
+                    k for k in range(1, s.model.cells + 1) if not {k - 1, k, k + 1}.intersection(sensors)
+                ],
+                "signals": {_label(*c.key): c.signal or f"constant {c.constant:g}" for c in s.channels},
             }
         )
     problem = _unstorable(loaded.store)
     if problem:
         note(f"{args.config}: store.path: {problem}: the state would not be kept here")
+    uses = _uses(loaded, args.log) if args.log else {}
+    lost = [signal for signal, use in uses.items() if use.lost]
     blind = [s["name"] for s in strings if not s["observable"]]
     if args.json:
         bus = loaded.config.bus
-        document = {"ok": not blind, "config": args.config, "channel": bus.channel, "transmit": plan.transmit}
+        document = {
+            "ok": not blind and not lost,
+            "config": args.config,
+            "channel": bus.channel,
+            "transmit": plan.transmit,
+        }
         store = {"store": str(loaded.store) if loaded.store else None, "store_problem": problem}
-        write_json(args.json, document | store | {"strings": strings})
+        used = {"signals": {signal: use.document() for signal, use in uses.items()}} if args.log else {}
+        write_json(args.json, document | store | {"strings": strings} | used)
     rows = [
         [
             s["name"],
@@ -76,19 +107,103 @@ def run(args: argparse.Namespace) -> int:
     ]
     headers = ["string", "sensors", "condition", "cells", "exact rank", "observable", "worst cell", "worst core sd K"]
     say(text_table(headers, rows, left=3), args.json)
+    if args.log:
+        _tell(uses, args.json)
+    _say_what_sd_means(strings, args.json)
     if blind:
         remedy = "add surface sensors, or change the condition if cells do touch or share coolant"
         say(f"not observable: {', '.join(blind)}: {remedy}", args.json)
+        return 1
+    for one in strings:
+        if one["heat_unseen_cells"]:
+            cells = ranges(one["heat_unseen_cells"])
+            far = "two or more cells away from every sensor"
+            say(f"{one['name']}: unexplained heat of cells {cells} cannot be seen: {far}", args.json)
+    if lost:
+        shown = ", ".join(lost[:5]) + (f" and {len(lost) - 5} more" if len(lost) > 5 else "")
+        say(f"not used: {shown}", args.json)
         return 1
     say(f"{args.config}: sound", args.json)
     return 0
 
 
+def _unknown_per_10K(model: "StringModel") -> float:
+    """Give what R_e and R_c, as little as they are known, add to a core that is 10 K above its surface, K."""
+    spread = [model.priors[name].rel_sd or 0.0 for name in ("R_e", "R_c") if name in model.priors]
+    return float(10.0 * sum(x**2 for x in spread) ** 0.5)
+
+
+def _say_what_sd_means(strings: list[dict[str, Any]], json_target: str | None) -> None:
+    """Say once for all strings alike that `analyze` begins with more than the table's sd."""
+    by_value: dict[float, list[str]] = {}
+    for one in strings:
+        by_value.setdefault(one["unknown_sd_per_10K"], []).append(one["name"])
+    for value, names in by_value.items():
+        if value > 0:
+            shown = names[0] if len(names) == 1 else f"{names[0]} … {names[-1]}"
+            say(
+                f"{shown}: worst core sd holds with the parameters known; until they are identified, what is not known "
+                f"of R_e and R_c adds ± {value:.2g} K for each 10 K that a core is above its surface",
+                json_target,
+            )
+
+
+def _uses(loaded: "LoadedConfig", logs: list[Path]) -> "dict[str, Use]":
+    """Let the engine read the logs; its estimates are not needed, so simple models are used."""
+    from dataclasses import replace
+
+    from bms_gateway.bus.logfile import read_log
+    from bms_gateway.engine import Engine
+    from bms_gateway.records.signal_use import signal_use
+    from bms_gateway.report.progress import progress
+
+    plain = tuple(replace(s, identify="off", model=replace(s.model, effects=())) for s in loaded.plan.strings)
+    plan = replace(loaded.plan, transmit=False, strings=plain)
+    engine = Engine(plan, loaded.database, whole=True)
+    for log in logs:
+        with progress(log.name, None) as advance:
+            for batch in read_log(log):
+                if len(batch):
+                    advance(len(batch))
+                    engine.receive(batch, now_ns=int(batch.time_ns.max()))
+                    while engine.next_output() is not None:
+                        pass
+    return signal_use(plan, loaded.database, engine, {s.name for s in loaded.config.string if s.signals is not None})
+
+
+def _tell(uses: "dict[str, Use]", json_target: str | None) -> None:
+    from bms_gateway.records.signal_use import advice
+    from bms_gateway.report.signals_text import signals_table
+
+    say(signals_table({signal: use.document() for signal, use in uses.items()}), json_target)
+    told = list(advice(uses))
+    for line in told[:MOST_TOLD]:
+        say(line, json_target)
+    if len(told) > MOST_TOLD:
+        say(f"… and {len(told) - MOST_TOLD} more (--json tells all)", json_target)
+
+
+def _sensed(string: "StringPlan") -> tuple[int, ...]:
+    """Cells with a sensor; of a reading that is one of several cells, one in their midst stands for all."""
+    own = {c.cell for c in string.channels if c.quantity == "surface" and c.cell is not None}
+    several = {c.among[len(c.among) // 2] for c in string.channels if c.among}
+    return tuple(sorted(own | several))
+
+
 def _unstorable(store: Path | None) -> str | None:
-    """Tell why no state can be kept in a directory, if so; one that is not there yet is made by the service."""
+    """Return why no state can be kept in a directory, if so; the service creates a missing directory."""
     if store is None:
         return None
-    there = next(p for p in (store.absolute(), *store.absolute().parents) if os.path.lexists(p))
+    there = store.absolute()
+    while True:
+        try:
+            there.lstat()
+        except (FileNotFoundError, NotADirectoryError):
+            there = there.parent
+        except OSError as e:  # a name that is too long, a folder that may not be entered
+            return f"{clipped(str(there), 200)} cannot be made: {e.strerror}"
+        else:
+            break
     if not there.is_dir():
         return f"{there} is no directory"
     return None if os.access(there, os.W_OK | os.X_OK) else f"{there} cannot be written by this user"

@@ -186,7 +186,9 @@ def _at(truth: "Floats", t: float) -> "Floats | None":
 def _table(cells: "Cells", true: "Floats") -> str:
     from bms_gateway.report.show import cells_table
 
-    return cells_table(cells.string, cells.core, cells.core_sd, cells.surface, cells.quality.tolist(), true)
+    return cells_table(
+        cells.string, cells.core, cells.core_sd, cells.surface, cells.quality.tolist(), true, cells.centre
+    )
 
 
 def _drive_live(
@@ -196,7 +198,6 @@ def _drive_live(
     seconds: float,
     score: Score,
 ) -> None:
-    import asyncio
     import time
 
     from bms_gateway.bus.replay import SocketCanSender, replay
@@ -220,7 +221,7 @@ def _drive_live(
         )
         vehicle.start()
         try:
-            asyncio.run(gateway.run(seconds=seconds))
+            gateway.serve(seconds=seconds)
         finally:
             port.close()
     vehicle.join()

@@ -24,9 +24,9 @@ def arguments(parser: Parser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Diagnose; every verdict is a success."""
+    """Diagnose; exit status 0 for every verdict, an error for records that are too short for a verdict."""
     from bms_gateway.report.diagnosis_text import diagnosis_document, diagnosis_text
-    from bms_gateway.report.examine import examine
+    from bms_gateway.report.examine import examine, long_enough
     from bms_gateway.report.progress import share_of
 
     model = given_model(args)
@@ -34,9 +34,10 @@ def run(args: argparse.Namespace) -> int:
     with share_of("diagnosing") as tell:
         told = examine(model, records, tell)
     if args.html:
+        from bms_gateway.diagnose.adding import cores_with_named
         from bms_gateway.diagnose.compare import compare
         from bms_gateway.diagnose.latent import latent
-        from bms_gateway.report.examine import card_of, experiment_of
+        from bms_gateway.report.examine import card_of, experiment_of, usable
         from bms_gateway.report.html import write_diagnosis
 
         d, command = told.diagnosis, command_line("diagnose")
@@ -51,8 +52,11 @@ def run(args: argparse.Namespace) -> int:
                 experiment=experiment_of(d),
                 card=card_of(d.search.baseline),
                 command=command,
+                cores=cores_with_named(model, usable(records, told.findings), d),
             )
     if args.json:
         write_json(args.json, diagnosis_document(told))
     say(diagnosis_text(told), args.json)
+    if told.diagnosis is None:
+        long_enough(told.findings)
     return 0

@@ -4,10 +4,13 @@ import argparse
 import math
 import textwrap
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from bms_gateway.bus.whole import whole
 from bms_gateway.cli.main import Parser
 from bms_gateway.cli.output import say, writable, write_json
+from bms_gateway.errors import DataError
 
 if TYPE_CHECKING:
     from bms_gateway.thermal.effects import Effect, EffectParameter
@@ -16,7 +19,13 @@ EXAMPLE = """\
   bms-gateway effects
   bms-gateway effects entropic_heat
   bms-gateway effects --json -
+  bms-gateway effects --write notes.md    # between the lines <!-- effects --> and <!-- /effects -->
+
+An effect of your own is a class derived from bms_gateway.thermal.effects.Effect, in a package that names it in the
+entry point group bms_gateway.effects. bms_gateway.thermal.properties.broken_properties(YourEffect) lists the laws of
+energy, units and signs that it breaks; () is a sound effect. The docstring of that module has an example to copy.
 """
+START, END = "<!-- effects -->", "<!-- /effects -->"
 WIDTH = 110
 MARGIN = 26  # the longest name and two spaces
 _SIGNALS = {"flow": "coolant flow", "soc": "SOC", "voltage": "voltage"}
@@ -30,7 +39,8 @@ _PLACES = {
 
 def arguments(parser: Parser) -> None:
     """Declare the options."""
-    parser.option("name", metavar="NAME", nargs="?", help="tell this effect in detail")
+    parser.option("name", metavar="NAME", nargs="?", help="show this effect in detail")
+    parser.option("--write", metavar="FILE", help=f"put the table into a Markdown FILE, between {START} and {END}")
     parser.option("--json", metavar="FILE", help="write the result as JSON; - is standard output")
 
 
@@ -38,16 +48,43 @@ def run(args: argparse.Namespace) -> int:
     """Print the catalogue, or one effect."""
     from bms_gateway.thermal.effects import catalogue, effect_named
 
-    writable({"--json": args.json})
+    writable({"--json": args.json, "--write": args.write})
+    if args.write is not None:
+        say(_written(args.write), args.json)
     chosen = list(catalogue().values()) if args.name is None else [effect_named(args.name)]
     if args.json:
         write_json(args.json, {"effects": [_document(e) for e in chosen]})
-    say("\n".join(_overview(chosen) if args.name is None else _detail(chosen[0])), args.json)
+    if args.write is None:
+        say("\n".join(_overview(chosen) if args.name is None else _detail(chosen[0])), args.json)
     return 0
 
 
+def _written(path: str) -> str:
+    """Put the table into a Markdown file, and say whether it has changed.
+
+    Raises
+    ------
+    DataError
+        The file cannot be read, or does not have the two lines once each, in their order.
+    """
+    file = Path(path)
+    try:
+        text = file.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as e:
+        raise DataError(f"{path}: cannot be read: {e}") from None
+    before, start, rest = text.partition(f"{START}\n")
+    _, end, after = rest.partition(f"\n{END}")
+    if not (start and end) or text.count(START) != 1 or text.count(END) != 1:
+        raise DataError(f"{path}: needs the line {START} once and after it the line {END} once, for the table between")
+    new = f"{before}{start}{catalogue_table()}{end}{after}"
+    if new != text:
+        with whole(file) as beside:
+            beside.write_text(new, encoding="utf-8")
+    return f"{path}: the table was " + ("brought up to date" if new != text else "up to date already")
+
+
 def catalogue_table() -> str:
-    """Write the catalogue as a Markdown table, as it stands in the README."""
+    """Write the catalogue as a Markdown table, as it stands in the README of `thermal/effects`."""
     from bms_gateway.thermal.effects import catalogue
 
     lines = ["| effect | equation | parameters: prior ± sd (bounds) | needs | looks like |", "|---|---|---|---|---|"]
@@ -67,7 +104,7 @@ def _overview(effects: "Iterable[Effect]") -> Iterator[str]:
         yield from _entry("", f"needs {_needs(e)}")
         yield from _entry("", f"looks like {', '.join(e.confused_with)}" if e.confused_with else "")
     yield ""
-    yield "bms-gateway effects NAME tells one in detail."
+    yield "bms-gateway effects NAME shows one in detail."
 
 
 def _detail(e: "Effect") -> Iterator[str]:

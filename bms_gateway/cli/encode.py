@@ -37,8 +37,8 @@ def arguments(parser: Parser) -> None:
         metavar="NAME=COLUMN",
         action="append",
         default=[],
-        help="the table's own name of a column, once per column, or several parted by commas; "
-        "a minus before COLUMN flips the sign",
+        help="the table's own name of a column, once per column, or several separated by commas; "
+        "a minus before COLUMN changes the sign",
     )
     parser.option("--json", metavar="FILE", help="write what was done as JSON; - is standard output")
 
@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
     """Write the log."""
     from bms_gateway.bus.logfile import write_log
     from bms_gateway.bus.traffic import SECOND, Traffic
-    from bms_gateway.cli.table_checks import not_carried, refuse_log
+    from bms_gateway.cli.table_checks import not_carried, refuse_log, refuse_other_units
     from bms_gateway.config import load_config
     from bms_gateway.records.kind import check_time
     from bms_gateway.report.progress import progress
@@ -63,6 +63,9 @@ def run(args: argparse.Namespace) -> int:
     index = _string(plan, args.string)
     table = read_table(Path(args.table), columns)
     check_time(table)
+    if table.notes:
+        note(f"{table.source}: {'; '.join(table.notes)}")
+    refuse_other_units(plan.strings[index], loaded.database, table)
     feed = _feed(plan, index, table)
     traffic = Traffic(plan, loaded.database, [index])
     # The last row is an instant too: frames go on until just after it.
@@ -101,10 +104,12 @@ def _string(plan: "Plan", name: str | None) -> int:
 
 
 def _feed(plan: "Plan", index: int, table: "Table") -> "dict[Key, Series]":
-    """Series of what the string takes from the bus; a sensor without a column is an error, a spare column a note."""
+    """Series of the inputs of the string; a sensor without a column is an error, an unused column a note."""
     from bms_gateway.bus.traffic import lines, steps, voltage_steps
 
     t, string = table.time_s, plan.strings[index]
+    from bms_gateway.engine.several import statistic_of
+
     feed: dict[Key, Series] = {
         ("current", None): steps(t, table.current_A),
         ("coolant_inlet", None): lines(t, table.coolant_inlet_C),
@@ -117,6 +122,10 @@ def _feed(plan: "Plan", index: int, table: "Table") -> "dict[Key, Series]":
         feed["coolant_flow", None] = lines(t, table.coolant_flow_m3_s)
     feed |= {("surface", k): lines(t, x) for k, x in table.surface_C.items()}
     feed |= {("cell_voltage", k): voltage_steps(t, x, table.current_A) for k, x in table.cell_voltage_V.items()}
+    for c in string.channels:
+        columns = [table.surface_C[k] for k in c.among if k in table.surface_C]
+        if c.statistic is not None and columns:
+            feed[c.key] = lines(t, statistic_of(c.statistic, columns))
     wanted = {(c.quantity, c.cell) for c in string.channels if c.signal is not None}
     missing = sorted(k for q, k in wanted if q == "surface" and ("surface", k) not in feed and k is not None)
     if missing:
@@ -130,5 +139,5 @@ def _feed(plan: "Plan", index: int, table: "Table") -> "dict[Key, Series]":
     if spare:
         note(f"{table.source}: not sent, {string.name} does not take it: {', '.join(spare)}")
     if table.ignored:
-        note(f"{table.source}: columns without a meaning here: {', '.join(table.ignored)}")
+        note(f"{table.source}: columns with unknown names are not used: {', '.join(table.ignored)}")
     return feed

@@ -43,9 +43,11 @@ def arguments(parser: Parser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Fit, and write the model."""
     from bms_gateway.config.model_file import write_model
-    from bms_gateway.diagnose.calibrate import changes, channel_errors, fitted_model, identify
+    from bms_gateway.diagnose.calibrate import changes, channel_errors, identify
+    from bms_gateway.diagnose.core_known import judged_model
     from bms_gateway.diagnose.detect import absorbed
     from bms_gateway.diagnose.diagnosis import errors
+    from bms_gateway.report.core_text import NOT_PROVEN
     from bms_gateway.report.examine import findings_and_notes, sound
     from bms_gateway.report.fit_text import FitReport, fit_document, fit_text
     from bms_gateway.report.progress import progress
@@ -61,6 +63,10 @@ def run(args: argparse.Namespace) -> int:
     with progress("fitting", None) as advance:
         advance(1)
         found = identify(model, records, core=args.calibrate)
+    # earlier statements about effects stay, unless a thermocouple in the core has been used since
+    said = model.doubts if model.effects and not args.calibrate else ()
+    same = None if args.calibrate or model.effects else found
+    written, core = judged_model(found.fit, model, records, said, calibrated=args.calibrate, identified=same)
     report = FitReport(
         args.out,
         tuple(r.source for r in records),
@@ -72,11 +78,11 @@ def run(args: argparse.Namespace) -> int:
         found.model_error_K,
         findings,
         notes,
+        core,
     )
     how = "calibrated with the core on" if args.calibrate else "fitted to"
-    write_model(
-        fitted_model(found.fit, model, calibrated=args.calibrate), Path(args.out), f"{how} {', '.join(report.sources)}"
-    )
+    heading = f"{how} {', '.join(report.sources)}"
+    write_model(written, Path(args.out), heading if core.proven else f"{heading}\n{NOT_PROVEN}: see [posterior]")
     if args.json:
         write_json(args.json, fit_document(report))
     say(fit_text(report), args.json)
@@ -85,7 +91,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _cells(args: argparse.Namespace) -> int:
-    """Tell the cells apart, and write the model that keeps them."""
+    """Find R_e of each cell, and write the model with these numbers."""
     from bms_gateway.config import load_config
     from bms_gateway.config.model_file import write_model
     from bms_gateway.diagnose.cells import sensed_everywhere, tell_apart
@@ -97,7 +103,7 @@ def _cells(args: argparse.Namespace) -> int:
     from bms_gateway.thermal import Disturbance
 
     if args.calibrate:
-        raise UsageError("--cells and --calibrate: one at a time; calibrate a cell first, then tell the string's apart")
+        raise UsageError("--cells and --calibrate cannot be used together; calibrate a cell first, then use --cells")
     if len(args.table) > 1:
         raise UsageError(f"--cells takes one table, the commissioning run; {len(args.table)} are given")
     model = given_model(args)
@@ -129,5 +135,5 @@ def _with_cores(records: "list[Record]") -> None:
     for r in records:
         if not len(r.core.y):
             raise DataError(
-                f"{r.source}: --calibrate needs a thermocouple in a core: no column core_1_C, nor of another cell"
+                f"{r.source}: --calibrate needs a thermocouple in a core: no column core_1_C, or of another cell"
             )

@@ -107,7 +107,7 @@ def _positions(atlas: "Atlas") -> list["Row"]:
 
 
 class _Seen:
-    """What is counted of rows that pass by, which are too many to be kept: their number, vehicles, the hottest."""
+    """Counts of rows that are too many to be kept: their number, the vehicles, the hottest."""
 
     def __init__(self) -> None:
         self.rows = 0

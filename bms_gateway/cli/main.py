@@ -19,8 +19,11 @@ PROGRAM = "bms-gateway"
 COMMANDS = {
     "demo": "the main job with no hardware: a simulated pack, a live table of its cells, the error against the truth",
     "run": "the service: CAN in, estimates out",
+    "init": "from logs and DBC of a new vehicle to a config: which signal is what, and the first cores",
+    "doctor": "what this computer lacks to run the gateway, and the command for it",
     "check": "validate a config: DBC, signals, models, observability of each string",
     "analyze": "logged traffic through the same engine, as fast as possible",
+    "forecast": "what comes next after a log: cores ahead, time to the limit, permitted currents; and their score",
     "fleet": "many logs: a row per vehicle-day and string, and what the vehicles have in common",
     "replay": "put logged traffic on a bus with its own timing",
     "encode": "bench data as CAN frames by the DBC, so that it can be replayed",
@@ -31,11 +34,14 @@ COMMANDS = {
     "diagnose": "which physical effect the model lacks",
     "add": "add an effect to a model, refit it, show the error before and after",
     "workbench": "a local page: compare, diagnose, add and watch the error fall; and the live pack",
+    "cells": "what is known of a cell before it was measured: thermal parameters with formula and source",
     "effects": "the catalogue of physical effects that a model may lack: equation, parameters, needs, look-alikes",
-    "baseline": "what growth of R_e is measured against; made anew after a cell was replaced",
-    "chaos": "break bus, sensors and time on purpose, and see that the gateway behaves",
+    "baseline": "the baseline against which growth of R_e is measured; show it, or renew it after a cell was replaced",
+    "acknowledge": "end alarms that stay until a person has looked at the string",
+    "chaos": "inject faults of bus, sensors and time, and check the reaction of the gateway",
     "reproduce": "the paper's figures and tables beside ours, with its errata; explains the method",
-    "observability": "what surface sensors tell of the cores: exact rank, the paper's rank, uncertainty of each core",
+    "completion": "completion for bash, zsh and fish, and a manual page",
+    "observability": "how well surface sensors determine the cores: exact rank, the paper's rank, sd of each core",
     "place": "where to put surface sensors so that the least certain core is known best",
 }
 """Command and what it does. The file of the same name in this room has `arguments(parser)`, `run(args) -> int` and
@@ -43,7 +49,7 @@ COMMANDS = {
 
 
 class Parser(argparse.ArgumentParser):
-    """Argument parser whose complaints are ours, with the nearest valid option."""
+    """Argument parser with error lines of this program, which name the nearest valid option."""
 
     def __init__(self, name: str, summary: str, example: str) -> None:
         super().__init__(
@@ -138,6 +144,6 @@ def usage() -> str:
     width = max(map(len, COMMANDS))
     lines = [f"usage: {PROGRAM} COMMAND [options]", "", "Core temperatures of battery cells from CAN traffic.", ""]
     lines += [f"  {name:<{width}}  {summary}" for name, summary in COMMANDS.items()]
-    lines += ["", f"{PROGRAM} COMMAND --help tells its options, with an example.", "", "example:"]
+    lines += ["", f"{PROGRAM} COMMAND --help shows its options, with an example.", "", "example:"]
     lines += [f"  {PROGRAM} check gateway.toml"]
     return "\n".join(lines)

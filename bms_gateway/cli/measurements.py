@@ -1,4 +1,4 @@
-"""How commands are told the measurements that they compare, fit and diagnose."""
+"""Arguments of commands that compare, fit and diagnose measurements."""
 
 import argparse
 from pathlib import Path
@@ -38,13 +38,13 @@ def add_measurement_arguments(parser: Parser, option: str | None = None) -> None
         metavar="NAME=COLUMN",
         action="append",
         default=[],
-        help="a table's own name of a column, once per column, or several parted by commas; "
-        "a minus before COLUMN flips the sign",
+        help="a table's own name of a column, once per column, or several separated by commas; "
+        "a minus before COLUMN changes the sign",
     )
 
 
 def given_model(args: argparse.Namespace) -> "StringModel":
-    """Read the model, once it is sure that what the command makes can be written, destroys nothing and can be drawn."""
+    """Read the model, after checking that the results can be written and drawn and overwrite no input."""
     from bms_gateway.config.model_file import read_model
 
     outputs = {f"--{name}": getattr(args, name, None) for name in ("out", "html", "json")}

@@ -1,4 +1,4 @@
-"""`observability`: what surface sensors can tell of the cores of a string."""
+"""`observability`: how well surface sensors determine the cores of a string."""
 
 import argparse
 

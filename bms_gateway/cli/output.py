@@ -1,4 +1,4 @@
-"""Where a command's words go: text for people on standard output, unless JSON has it."""
+"""Output of commands: text for people goes to standard output, unless JSON goes there."""
 
 import importlib.util
 import json
@@ -15,7 +15,7 @@ from bms_gateway.errors import MissingExtraError, UsageError
 
 
 def say(text: str, json_target: str | None = None) -> None:
-    """Print text for people; on standard error where standard output is the JSON's."""
+    """Print text for people; on standard error if JSON goes to standard output."""
     print(text, file=sys.stderr if json_target == "-" else sys.stdout)
 
 
@@ -112,7 +112,7 @@ def write_json(target: str, document: Mapping[str, Any]) -> None:
 
 
 def needs_plotly() -> None:
-    """Refuse a page before the work where nothing could draw it.
+    """Refuse to make a page, before the work, if the extra that draws it is missing.
 
     Raises
     ------

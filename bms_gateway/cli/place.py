@@ -1,4 +1,4 @@
-"""`place`: where surface sensors go so that the least certain core is known best."""
+"""`place`: where to put surface sensors, so that the least certain core is known best."""
 
 import argparse
 
@@ -25,7 +25,7 @@ def arguments(parser: Parser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Place sensors; 1 where a wanted certainty cannot be had."""
+    """Place sensors; exit status 1 if the wanted standard deviation cannot be reached."""
     from bms_gateway.report.progress import progress
     from bms_gateway.report.sensors_text import PlaceReport, place_document, place_text
     from bms_gateway.sensors.placement import PlacementProblem, observable_sets

@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
     distinct({"--json": args.json}, [args.log])
     notes = LogNotes()
     batches = read_log(Path(args.log), notes=notes)
-    # the first piece is read before the interface is opened: a log that is none is told whatever the bus is like
+    # the first piece is read before the interface is opened: a file that is no log is refused in any state of the bus
     first = next(batches, None)
     if first is None:
         raise DataError(f"{args.log}: no data frames in it")
@@ -56,9 +56,9 @@ def run(args: argparse.Namespace) -> int:
         sender.close()
     if notes.broken:
         number, text = notes.broken_at[0]
-        note(f"{args.log}: {notes.broken} lines passed over, the first is line {number}: {text!r}")
+        note(f"{args.log}: {notes.broken} damaged lines skipped, the first is line {number}: {text!r}")
     if notes.remote or notes.errors:
-        note(f"{args.log}: {notes.remote} remote and {notes.errors} error frames passed over")
+        note(f"{args.log}: {notes.remote} remote and {notes.errors} error frames skipped")
     if args.json:
         write_json(args.json, {"log": args.log, "to": args.to, **asdict(played)})
     late = f", at most {played.worst_late_s * 1e3:.1f} ms late" if speed else ""

@@ -126,10 +126,11 @@ def _run(names: list[str], size: "Size", jobs: int) -> "Iterator[tuple[str, Sect
         for name in names:
             yield name, compute(name, size)
         return
-    from concurrent.futures import ProcessPoolExecutor, as_completed
-    from multiprocessing import get_context
+    from concurrent.futures import as_completed
 
-    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
+    from bms_gateway.report.processes import processes
+
+    with processes(jobs) as pool:
         running = {pool.submit(compute, name, size): name for name in names}
         for future in as_completed(running):
             yield running[future], future.result()

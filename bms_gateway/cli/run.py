@@ -15,9 +15,12 @@ if TYPE_CHECKING:
     from bms_gateway.config.load import LoadedConfig
     from bms_gateway.engine import Engine, Event
     from bms_gateway.service.live import Gateway
+    from bms_gateway.service.signals import Signals
     from bms_gateway.store import StateStore
     from bms_gateway.store.recent import Recent
 
+END_MOST_S = 4.0  # a second more than the gateway takes where all that it waits for at the end hangs
+INTERRUPT_MOST_S = 1.5  # the same after Ctrl-C
 EXAMPLE = """
   bms-gateway run /etc/bms-gateway/gateway.toml
 """
@@ -30,36 +33,38 @@ def arguments(parser: Parser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run until SIGTERM or SIGINT."""
+    """Run until SIGTERM; SIGINT ends it too, and is told as of every command."""
     if args.seconds is not None and not args.seconds > 0:
         raise UsageError(f"run: --seconds {args.seconds:g}: must be above 0")
     # What is made here lasts. To look through it for garbage would take an eighth of the start and, every other minute
     # of a day's run, tens of milliseconds in which no frame is looked at.
     gc.disable()
     try:
-        import asyncio
+        from bms_gateway.service.signals import Signals
 
-        gateway, port, store = _assembled(args.config)
+        signals = Signals(END_MOST_S, INTERRUPT_MOST_S)
+        gateway, port, store = _assembled(args.config, signals)
     finally:
         gc.enable()
     gc.freeze()
     try:
-        asyncio.run(gateway.run(seconds=args.seconds))
+        gateway.serve(seconds=args.seconds)
     finally:
         gc.unfreeze()
         port.close()
         if store is not None:
             store.unlock()
+        signals.close()
     return 0
 
 
-def _assembled(config: Path) -> "tuple[Gateway, Port, StateStore | None]":
+def _assembled(config: Path, signals: "Signals") -> "tuple[Gateway, Port, StateStore | None]":
     """Gateway of a config with all that runs beside it, its port, and where it keeps its state."""
     import logging
 
     from bms_gateway.config.load import load_config
     from bms_gateway.engine import Decoded
-    from bms_gateway.service.aside import run_aside
+    from bms_gateway.service.aside import Aside
     from bms_gateway.service.baseline import BaselineRequests
     from bms_gateway.service.beside import accompany
     from bms_gateway.service.journal import start_logging
@@ -77,9 +82,9 @@ def _assembled(config: Path) -> "tuple[Gateway, Port, StateStore | None]":
     engine.recording = recent is not None
     port = _port(loaded, engine)
 
-    def reload() -> "Engine":
+    async def reload() -> "Engine":
         nonlocal engine
-        engine = reloaded(config, engine, log, loaded)
+        engine = await reloaded(config, engine, log, loaded)
         engine.recording = recent is not None
         return engine
 
@@ -88,26 +93,36 @@ def _assembled(config: Path) -> "tuple[Gateway, Port, StateStore | None]":
             recent.add(event, engine)
 
     save = saver(store, recent) if store else None
-    gateway = Gateway(engine, port, save=save, reload=reload, watch=watch if recent else None, run_job=run_aside)
+    fits = Aside()
+    gateway = Gateway(
+        engine,
+        port,
+        save=save,
+        reload=reload,
+        watch=watch if recent else None,
+        run_job=fits.run,
+        end_jobs=fits.close,
+        signals=signals,
+    )
     accompany(gateway, loaded, lambda: engine)
-    if loaded.store:
-        gateway.beside["baseline"] = BaselineRequests(loaded.store, lambda: engine).run
+    if store is not None:
+        gateway.unread = lambda: store.unread
+        gateway.beside["baseline"] = BaselineRequests(store.directory, lambda: engine).run
     log.info("listening on %s: %d strings", loaded.config.bus.channel, len(loaded.plan.strings))
     return gateway, port, store
 
 
 def started(loaded: "LoadedConfig", store: "StateStore | None", log: Any) -> "Engine":
     """Engine with the newest stored state that can be trusted and used, and a line on each that could not."""
-    from bms_gateway.engine import Engine
     from bms_gateway.service.boot import on_this_line
 
-    engine = Engine(loaded.plan, loaded.database)
+    engine = loaded.engine()
     if store is None:
         return engine
 
     def use(state: "Mapping[str, Any]") -> None:
         nonlocal engine
-        fresh = Engine(loaded.plan, loaded.database)  # one that refuses may be half filled
+        fresh = loaded.engine()  # one that refuses may be half filled
         moved, sure = on_this_line(state)
         fresh.restore(moved, sure=sure)
         engine = fresh
@@ -120,29 +135,27 @@ def started(loaded: "LoadedConfig", store: "StateStore | None", log: Any) -> "En
     return engine
 
 
-def engine_of(loaded: "LoadedConfig", state: "Mapping[str, Any] | None", log: Any) -> "Engine":
-    """Engine of a config with a state taken up, or, where that cannot be used, a fresh one and a line that says why."""
-    from bms_gateway.engine import Engine
+def continued(fresh: "Callable[[], Engine]", state: "Mapping[str, Any]", log: Any) -> "Engine":
+    """Engine that goes on from a state, or, where that cannot be used, a fresh one and a line that says why."""
     from bms_gateway.errors import StateError
 
-    engine = Engine(loaded.plan, loaded.database)
-    if state is None:
-        return engine
+    engine = fresh()
     try:
         engine.restore(state)
     except StateError as e:
         log.warning("%s; starting from the model files", e)
-        return Engine(loaded.plan, loaded.database)
+        return fresh()
     return engine
 
 
-def reloaded(config: Path, running: "Engine", log: Any, started: "LoadedConfig | None" = None) -> "Engine":
+async def reloaded(config: Path, running: "Engine", log: Any, started: "LoadedConfig | None" = None) -> "Engine":
     """Engine of the config as it is now, going on from the running one.
 
     Parameters
     ----------
     config : Path
     running : Engine
+        Goes on while the config is read.
     log : Logger
     started : LoadedConfig, optional
         What the service was started with; what runs beside the engine must be the same.
@@ -152,14 +165,15 @@ def reloaded(config: Path, running: "Engine", log: Any, started: "LoadedConfig |
     ConfigError
         The config is wrong, or needs another port than the one that is open.
     """
-    from bms_gateway.config.load import load_config
     from bms_gateway.errors import ConfigError
     from bms_gateway.service.beside import same_beside
+    from bms_gateway.service.reread import reread
 
-    loaded = load_config(config)
+    found = await reread(config)
     if started is not None:
-        same_beside(started, loaded)
-    engine = engine_of(loaded, running.snapshot(), log)
+        same_beside(started.config, found.config, config)
+    engine = continued(found.engine, running.snapshot(), log)
+    engine.alerts.go_on_from(running.alerts)
     if engine.can_ids.tolist() != running.can_ids.tolist() or engine.sends != running.sends:
         raise ConfigError(f"{config}: reads or sends other identifiers than before: restart the service")
     return engine

@@ -1,4 +1,4 @@
-"""The string that `observability` and `place` ask about: the paper's cells or a model file, and what is not known."""
+"""The string of `observability` and `place`: the paper's cells or a model file, and the unknown errors."""
 
 import argparse
 from dataclasses import dataclass, replace

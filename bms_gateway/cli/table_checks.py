@@ -1,4 +1,4 @@
-"""What `encode` finds wrong with a table before and after it became frames."""
+"""Checks of a table by `encode`, before and after it is converted to frames."""
 
 from pathlib import Path
 from typing import Any
@@ -7,8 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.engine.plan import Channel, StringPlan
-from bms_gateway.errors import UsageError
+from bms_gateway.errors import DataError, UsageError
 from bms_gateway.frames.database import Database
+from bms_gateway.frames.rules import PLAUSIBLE
+from bms_gateway.frames.signals import SignalInfo
 from bms_gateway.records.kind import log_kind
 from bms_gateway.report.table import Table
 
@@ -22,6 +24,16 @@ COLUMNS = {
     "cell_voltage": "cell_voltage_{}_V",
 }
 """Column of a table by quantity."""
+UNITS = {
+    "current": (("mA", "A", 1e-3, 0.0),),
+    "voltage": (("mV", "V", 1e-3, 0.0),),
+    "temperature": (("K", "°C", 1.0, -273.15), ("m°C", "°C", 1e-3, 0.0)),
+    "soc": (("%", "shares of 1", 1e-2, 0.0),),
+    "coolant_flow": (("l/min", "m³/s", 1e-3 / 60.0, 0.0),),
+}
+"""What a quantity may have been written in: the unit, the table's, factor and offset to the latter."""
+_KIND = {"coolant_inlet": "temperature", "surface": "temperature", "cell_voltage": "voltage"}
+MOSTLY = 0.9
 
 
 def refuse_log(path: Path) -> None:
@@ -57,15 +69,14 @@ def not_carried(string: StringPlan, database: Database, table: Table) -> list[di
         if c.signal is None or values is None:
             continue
         info = database.resolve(c.signal)
-        # the range as the encoder takes it
-        low, high = max(info.raw_valid[0], info.raw_limits[0]), min(info.raw_valid[1], info.raw_limits[1])
-        low, high = (low, high) if low <= high else info.raw_limits
-        raw = ((values - c.offset) / c.scale - info.offset) / info.scale
+        low, high = _raw_range(info)
+        with np.errstate(over="ignore"):  # 1e308 fits no signal, and infinity none either
+            raw = ((values - c.offset) / c.scale - info.offset) / info.scale
         raw = raw if info.is_float else np.rint(raw)
         rows = np.flatnonzero((raw < low) | (raw > high))
         if not len(rows):
             continue
-        lowest, highest = sorted(c.scale * (info.scale * end + info.offset) + c.offset for end in (low, high))
+        lowest, highest = _carried(c, info)
         found.append(
             {
                 "column": COLUMNS[c.quantity].format(c.cell),
@@ -81,8 +92,60 @@ def not_carried(string: StringPlan, database: Database, table: Table) -> list[di
     return found
 
 
+def refuse_other_units(string: StringPlan, database: Database, table: Table) -> None:
+    """Refuse a table in which a whole quantity would be lost, because its unit or its column is wrong.
+
+    Parameters
+    ----------
+    string : StringPlan
+    database : Database
+    table : Table
+
+    Raises
+    ------
+    DataError
+        Over half of a column's values are none that the signal carries and the gateway believes; with the unit in
+        which they would be.
+    """
+    for c in string.channels:
+        values = _column(table, c)
+        if c.signal is None or values is None:
+            continue
+        given = values[np.isfinite(values)]
+        ends, believed = _carried(c, database.resolve(c.signal)), PLAUSIBLE[c.quantity]
+        low, high = max(ends[0], believed[0]), min(ends[1], believed[1])
+        lost = int(((given < low) | (given > high)).sum())
+        if 2 * lost <= len(given):
+            continue
+        meant = [
+            (other, wanted)
+            for other, wanted, factor, offset in UNITS[_KIND.get(c.quantity, c.quantity)]
+            if ((given * factor + offset >= low) & (given * factor + offset <= high)).mean() > MOSTLY
+        ]
+        guess = f": are they in {meant[0][0]}? A table takes {meant[0][1]}" if meant else ""
+        column = COLUMNS[c.quantity].format(c.cell)
+        raise DataError(
+            f"{table.source}: {column}: {lost} of {len(given)} values are outside {low:.6g} to "
+            f"{high:.6g}, what {c.signal} carries and the gateway believes{guess}; nothing was written"
+        )
+
+
+def _raw_range(info: SignalInfo) -> tuple[float, float]:
+    """Raw values as the encoder takes them."""
+    low, high = max(info.raw_valid[0], info.raw_limits[0]), min(info.raw_valid[1], info.raw_limits[1])
+    return (low, high) if low <= high else info.raw_limits
+
+
+def _carried(c: Channel, info: SignalInfo) -> tuple[float, float]:
+    """Least and greatest value of a channel that its signal carries, in the table's unit."""
+    low, high = sorted(c.scale * (info.scale * end + info.offset) + c.offset for end in _raw_range(info))
+    return low, high
+
+
 def _column(table: Table, c: Channel) -> NDArray[np.float64] | None:
     if c.cell is not None:
         return (table.surface_C if c.quantity == "surface" else table.cell_voltage_V).get(c.cell)
+    if c.statistic is not None:
+        return None
     values: NDArray[np.float64] | None = getattr(table, COLUMNS[c.quantity])
     return values

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bms_gateway.cli.main import Parser
-from bms_gateway.cli.output import say
+from bms_gateway.cli.output import note, say
 from bms_gateway.errors import UsageError
 
 if TYPE_CHECKING:
@@ -44,7 +44,19 @@ def arguments(parser: Parser) -> None:
         "--live", metavar="CHANNEL", help="show the pack on this CAN interface, listen only; or play this log"
     )
     parser.option("--bitrate", type=float, default=500e3, metavar="B", help="of the bus, for its load (default 500000)")
-    parser.option("--host", default="127.0.0.1", metavar="H", help="address to serve on (default: this machine only)")
+    parser.option(
+        "--host",
+        default="127.0.0.1",
+        metavar="H",
+        help="address to serve on (default: this machine only; 0.0.0.0: all; others need the printed token)",
+    )
+    parser.option(
+        "--name",
+        metavar="NAME[:PORT]",
+        action="append",
+        default=[],
+        help="another name by which browsers call this machine",
+    )
     parser.option("--port", type=int, default=8420, metavar="P", help="port to serve on (default 8420; 0: any)")
 
 
@@ -52,8 +64,10 @@ def run(args: argparse.Namespace) -> int:
     """Serve until stopped."""
     from bms_gateway.workbench.server import Server, plotly_file
     from bms_gateway.workbench.site import Site
+    from bms_gateway.workbench.uploads import sweep
 
     plotly_file()
+    sweep()
     signal.signal(signal.SIGTERM, _stop)  # as Ctrl-C: uploads and processes are to go too
     if args.bitrate <= 0:
         raise UsageError(f"workbench: --bitrate {args.bitrate:g}: must be above 0")
@@ -61,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
     site = Site(given=given)
     if args.live is not None:
         return _live(args, site)
-    server = Server(site, args.host, args.port)
+    server = Server(site, args.host, args.port, args.name, _say_now)
     site.warm()
     return _serve(site, server)
 
@@ -114,7 +128,15 @@ def _recent(args: argparse.Namespace) -> dict[str, str] | None:
 
 
 def _tell(server: "Server") -> None:
-    say(f"workbench at {server.url} (stop with Ctrl-C)")
+    _say_now(f"workbench at {server.door.url} (stop with Ctrl-C)")
+    if not server.door.local:
+        note("the token in this address is good for one browser; what is sent is not encrypted")
+
+
+def _say_now(text: str) -> None:
+    """Print at once: the program goes on, and where this goes to a file nobody could open the page otherwise."""
+    say(text)
+    sys.stdout.flush()
 
 
 def _live(args: argparse.Namespace, site: "Site") -> int:
@@ -133,7 +155,7 @@ def _live(args: argparse.Namespace, site: "Site") -> int:
         playback = Playback([log])
         watch = Watch(engine, "log", log.name, args.bitrate, playback.traffic)
         site.watch = watch
-        server = Server(site, args.host, args.port)
+        server = Server(site, args.host, args.port, args.name, _say_now)
         playback.start(engine, watch)
         return _serve(site, server)
     if log.suffix or len(log.parts) > 1:
@@ -143,7 +165,6 @@ def _live(args: argparse.Namespace, site: "Site") -> int:
 
 def _on_the_bus(args: argparse.Namespace, site: "Site", loaded: "LoadedConfig", engine: "Engine") -> int:
     """Serve from threads, and run the gateway's own loop in this one."""
-    import asyncio
     import threading
 
     from bms_gateway.service.live import Gateway
@@ -153,13 +174,15 @@ def _on_the_bus(args: argparse.Namespace, site: "Site", loaded: "LoadedConfig", 
     port = _listening(loaded, args.live)
     site.watch = watch = Watch(engine, "live", args.live, args.bitrate, port.traffic)
     try:
-        server = Server(site, args.host, args.port)
+        server = Server(site, args.host, args.port, args.name, _say_now)
         threading.Thread(target=server.serve_forever, daemon=True).start()
         _tell(server)
-        asyncio.run(Gateway(engine, port, watch=watch.take).run())
-        site.close()
-        server.shutdown()
-        server.server_close()
+        try:
+            Gateway(engine, port, watch=watch.take).serve()
+        finally:
+            site.close()
+            server.shutdown()
+            server.server_close()
     finally:
         port.close()
     return 0

@@ -1,4 +1,4 @@
-"""`[commissioning]` of a model file: how well each cell's numbers are known since the run that told the cells apart."""
+"""`[commissioning]` of a model file: how well each cell's parameters are known after the commissioning run."""
 
 import json
 
@@ -38,7 +38,7 @@ def read_commissioning(given: CommissioningTable, model: StringModel) -> Commiss
     Raises
     ------
     ConfigError
-        One line: it does not belong to this model, or holds no errors that can hang together so.
+        The table does not belong to this model, or its correlation is not positive semidefinite.
     """
     if model.effects:
         raise ConfigError("commissioning: does not go with effects; remove the table, the cells keep their values")
@@ -60,7 +60,7 @@ def read_commissioning(given: CommissioningTable, model: StringModel) -> Commiss
     if not np.allclose(matrix, matrix.T, rtol=0.0, atol=ROUNDING):
         raise ConfigError("commissioning.correlation: must be symmetric")
     if not np.allclose(np.diag(matrix), 1.0, rtol=0.0, atol=ROUNDING) or np.linalg.eigvalsh(matrix)[0] <= 0.0:
-        raise ConfigError(f"commissioning.correlation: no errors can hang together so; {AGAIN}")
+        raise ConfigError(f"commissioning.correlation: this is no correlation matrix; {AGAIN}")
     return Commissioning(labels, np.array(given.rel_sd)[at], matrix, _electrical(given.electrical, model.cells))
 
 

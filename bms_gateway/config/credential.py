@@ -12,10 +12,11 @@ MOST_BYTES = 4096
 
 
 def credential(find: Callable[[Path, str, str], Path], config: Path, name: str, key: str) -> Path:
-    """Find a file that the config names; a credential of the same name that systemd passed on goes before it.
+    """Find a file that the config names; a systemd credential of the same name takes precedence.
 
-    The service has a user of its own and cannot read what is for root alone; ``LoadCredential=mqtt-password:/etc/…`` in
-    its unit hands it over. So the same config serves the service and whoever checks it by hand.
+    The service runs as a user of its own and cannot read a file that is for root alone.
+    ``LoadCredential=mqtt-password:/etc/…`` in the unit passes the file to the service. So one config serves both the
+    service and a person who checks it by hand.
 
     Parameters
     ----------
@@ -37,7 +38,7 @@ def check_secret(file: Path, where: str) -> None:
     Raises
     ------
     ConfigError
-        With the command that mends it.
+        Contains the command that repairs it.
     """
     mode = file.stat().st_mode
     if mode & (stat.S_IRWXO | stat.S_IWGRP):

@@ -1,11 +1,11 @@
-"""DBC files found, read and, where they were parsed before, not parsed again.
+"""Find and read DBC files; a DBC that was parsed before is read from a cached table.
 
-To parse a DBC takes longer than all else that is done until the service is ready, and cantools more memory than a
-string of cells. What a text says is therefore kept as a table (`frames.packed`): of our own DBC beside it in the
-package, of others in a directory for such things: systemd's CacheDirectory, else the user's. A table is believed only
-where its first line says that it was made of this very text, by these versions, and that nothing of it was changed or
-lost since, and where nobody else could have written it; otherwise the text is parsed as if there were none. That
-nothing can be kept is no fault: it costs time at the next start.
+Parsing a DBC takes longer than the rest of a start, and cantools needs more memory for it than a string of cells. The
+content of a DBC is therefore cached as a table (`frames.packed`). The table of our own DBC lies beside it in the
+package; other tables lie in systemd's CacheDirectory, or in the user's cache directory. A table is used only if its
+first line shows that it was made from exactly this text by these versions, if it is complete and unchanged, and if no
+other user could have written it. Otherwise the DBC is parsed. If no table can be written, only the next start is
+slower.
 """
 
 import hashlib
@@ -15,19 +15,22 @@ from contextlib import suppress
 from pathlib import Path
 
 from bms_gateway import __version__
+from bms_gateway.config.bounds import bounded
+from bms_gateway.config.toml import read_bytes
 from bms_gateway.errors import ConfigError
 from bms_gateway.frames.dbc import parse
 from bms_gateway.frames.own import OWN_DBC
 from bms_gateway.frames.packed import pack, unpack
 from bms_gateway.frames.signals import MessageInfo
 
-FORMAT = 1
+FORMAT = 2
 """Raised when `frames.packed` writes otherwise, or `frames.dbc` reads something else out of the same text."""
 OWN_TABLE = "dbc/bms_gateway.table"
 """Table of our DBC in the checkout, made by `python dbc/tabulate.py`."""
 KEPT = 32
-"""Tables in the directory: each is of some 100 kB, and who works on a DBC makes one with every change."""
+"""Most tables in the directory. Each has some 100 kB, and every change of a DBC makes a new one."""
 MOST_BYTES = 64 << 20
+"""Of a table, and of a DBC."""
 _NOT_OURS = stat.S_IWGRP | stat.S_IWOTH
 
 
@@ -45,6 +48,11 @@ def read_dbc(name: str, text: str) -> list[MessageInfo]:
     ConfigError
         As `frames.dbc.parse`.
     """
+    with bounded(name):
+        return _read(name, text)
+
+
+def _read(name: str, text: str) -> list[MessageInfo]:
     digest = _sha256(text)
     if name == OWN_DBC and (found := _believed(name, _shipped_table(), shipped_head(digest))) is not None:
         return found
@@ -72,7 +80,7 @@ def shipped_head(digest: str) -> str:
 
 
 def own_dbc_text() -> str:
-    """Text of our DBC: from the checkout, or from the installed wheel.
+    """Read the text of our DBC from the checkout or from the installed wheel.
 
     Raises
     ------
@@ -83,17 +91,14 @@ def own_dbc_text() -> str:
 
 
 def dbc_text(file: Path) -> str:
-    """DBC files carry no encoding: UTF-8 where it fits, else the one that the tools on Windows write.
+    """Decode a DBC, which names no encoding: UTF-8 if it is valid, otherwise the encoding of Windows tools.
 
     Raises
     ------
     ConfigError
-        Cannot be read.
+        Cannot be read, or is too long.
     """
-    try:
-        raw = file.read_bytes()
-    except OSError as e:
-        raise ConfigError(f"{file}: cannot be read: {e.strerror}") from None
+    raw = read_bytes(file, MOST_BYTES)
     try:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -138,7 +143,7 @@ def _believed(name: str, content: bytes | None, head: str) -> list[MessageInfo] 
 def _content(file: Path) -> bytes | None:
     """Content of a table that nobody but this user can have written; None otherwise."""
     try:
-        # what lies in the place of a file, a pipe even, must not stop us
+        # anything may lie in the place of the file, even a pipe: it must not block
         handle = os.open(file, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK | os.O_NOFOLLOW)
     except OSError:
         return None

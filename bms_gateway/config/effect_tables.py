@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 Correlated = tuple[tuple[str, ...], Floats]
 ROUNDING = 1e-6
-"""By which numbers written with some digits may miss their bound, or a matrix what a correlation is."""
+"""Tolerance for rounded digits, where a number is compared with its bound or a matrix with a correlation."""
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
@@ -96,7 +96,7 @@ def example(effect: "Effect", key: str) -> str:
     --------
     >>> from bms_gateway.thermal.effects import effect_named
     >>> print(example(effect_named("resistance_temperature"), "resistance_temperature"))
-    [effect.resistance_temperature] with B = { value = 500, unit = "K", sd = 2000 }
+    [effect.resistance_temperature] with B = { value = 500, unit = "K", sd = 1500 }
     """
     numbers = [
         f'{p.name} = {{ value = {p.probe / p.to_si:.6g}, unit = "{p.unit}", '
@@ -158,7 +158,7 @@ def read_correlation(
     if not np.allclose(np.diag(matrix), 1.0, rtol=0.0, atol=ROUNDING):
         raise ConfigError("correlation.matrix: must have 1 on its diagonal")
     if m and np.linalg.eigvalsh(matrix)[0] < -ROUNDING * m:
-        raise ConfigError("correlation.matrix: no errors can hang together so (it is not positive semidefinite)")
+        raise ConfigError("correlation.matrix: this is no correlation matrix (it is not positive semidefinite)")
     return (names, matrix[np.ix_(kept, kept)]) if kept else None
 
 
@@ -218,7 +218,7 @@ def _cell(effect: "Effect", key: str, table: EffectTable, cells: int, sensors: t
         if colon or table.cell is not None:
             raise ConfigError(f": {effect.name} sits on no cell; remove {colon + named if colon else 'cell'}")
         return None
-    # a leak of coolant shows from the second cell after it on
+    # a loss of coolant is visible only if two cells lie behind it
     last = cells - 2 if effect.place == "gap" else cells
     valid = sensors if effect.place == "sensor" else range(1, last + 1)
     cell = int(named) if named.isdecimal() else table.cell
@@ -243,7 +243,7 @@ def _number(p: "EffectParameter", given: EffectNumber) -> tuple[float, float]:
         raise ConfigError(f".{p.name}: unit {unit!r} does not fit {p.name}{did_you_mean(unit, units)}")
     factor = units[unit]
     x = given.value * factor
-    slack = ROUNDING * (p.upper - p.lower)  # a fit that ended on a bound may be a rounding beyond it
+    slack = ROUNDING * (p.upper - p.lower)  # a fit that ended on a bound may lie beyond it by a rounding error
     if not p.lower - slack <= x <= p.upper + slack:
         low, high = p.lower / factor, p.upper / factor
         raise ConfigError(f".{p.name}: {given.value:g} {unit} is not plausible; valid: {low:g} to {high:g} {unit}")

@@ -1,23 +1,37 @@
 """From a gateway's config file to the engine's plan: models read, signals found in their DBC, units brought to SI."""
 
 import os
-from collections.abc import Iterator
-from dataclasses import dataclass
-from pathlib import Path
+import stat
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path, PureWindowsPath
+from typing import TYPE_CHECKING, Final
 
+from bms_gateway.config.bounds import bounded
 from bms_gateway.config.credential import SECRET_KEYS, check_secret, credential
 from bms_gateway.config.dbc import dbc_text, own_dbc_text, read_dbc
 from bms_gateway.config.model_file import read_model
+from bms_gateway.config.overrides import put_right
 from bms_gateway.config.schema import GatewayConfig, Signals, Source, String
-from bms_gateway.config.toml import nearest_file, read_toml, validate
+from bms_gateway.config.toml import MOST_SHOWN, nearest_file, read_toml, validate
 from bms_gateway.config.units import signal_conversion
 from bms_gateway.engine.plan import Channel, Plan, Quantity, StringPlan
-from bms_gateway.errors import ConfigError, did_you_mean
-from bms_gateway.frames.database import Database
+from bms_gateway.errors import ConfigError, clipped, did_you_mean
+from bms_gateway.frames.database import Database, Read
+from bms_gateway.frames.j1939 import PROTOCOL, sent_from
 from bms_gateway.frames.own import MAX_CELLS, MAX_STRINGS, OWN_DBC, own_signal
+from bms_gateway.frames.signals import MessageInfo
 from bms_gateway.thermal import StringModel
 
-# Where a number may stand in for a measurement. Current and surfaces are what all estimates come from.
+if TYPE_CHECKING:
+    from bms_gateway.engine import Engine
+
+MOST_LISTED: Final = 1000
+ENGINE_S: Final = 15.0
+ENGINE_MIB: Final = 160
+"""A string of 300 cells takes 150; the unit has 256 for all."""
+
+# Quantities for which a constant may replace a measurement. Current and surfaces must be measured.
 _CONSTANTS: dict[str, tuple[float, float]] = {
     "coolant_inlet": (-60.0, 150.0),
     "coolant_flow": (1e-9, 10.0),
@@ -50,14 +64,30 @@ class LoadedConfig:
     store: Path | None
     files: tuple[Path, ...]
 
+    def engine(self) -> "Engine":
+        """Make an engine of it, as the service does.
 
-def load_config(path: Path) -> LoadedConfig:
+        Raises
+        ------
+        ConfigError
+            It takes more time or memory than a service has: strings of too many cells.
+        """
+        from bms_gateway.engine import Engine
+
+        with bounded(str(self.path), seconds=ENGINE_S, mib=ENGINE_MIB, doing="making the estimators of its strings"):
+            return Engine(self.plan, self.database)
+
+
+def load_config(path: Path, *, uploaded: bool = False) -> LoadedConfig:
     """Read a gateway's config with its DBC and model files.
 
     Parameters
     ----------
     path : Path
         Files that it names are relative to its directory.
+    uploaded : bool
+        From somebody who may not choose what is read here: each file that it names is the one beside it of the same
+        name, whatever path leads there in the config.
 
     Returns
     -------
@@ -69,13 +99,36 @@ def load_config(path: Path) -> LoadedConfig:
     ConfigError
         One line: file, key, what is wrong, the nearest valid choice.
     """
+    with bounded(str(path)):
+        return _load(path, uploaded)
+
+
+def _reader(where: str, config: GatewayConfig, databases: Mapping[str, str]) -> Read:
+    """Read DBC files, with the source address of J1939 messages that the config states."""
+    address = config.bus.source_address
+    if address is None:
+        return read_dbc
+    if not any(PROTOCOL in text for text in databases.values()):
+        raise ConfigError(f"{where}: bus.source_address: no file in bus.dbc has messages of J1939")
+
+    def read(name: str, text: str) -> list[MessageInfo]:
+        messages = read_dbc(name, text)
+        return sent_from(messages, address) if name != OWN_DBC and PROTOCOL in text else messages
+
+    return read
+
+
+def _load(path: Path, uploaded: bool) -> LoadedConfig:
     where = str(path)
     config = validate(GatewayConfig, read_toml(path), where)
+    if uploaded:
+        config = _beside(config)
     databases = {}
     for i, name in enumerate(config.bus.dbc, 1):
         file = _file(path, name, f"bus.dbc[{i}]")
         databases[str(file)] = dbc_text(file)
-    database = Database.load({**databases, OWN_DBC: own_dbc_text()}, read_dbc)
+    database = Database.load({**databases, OWN_DBC: own_dbc_text()}, _reader(where, config, databases))
+    database = put_right(where, config, database)
     _known_interface(where, config.bus.interface)
     _limits(where, config)
     strings = tuple(_string(path, config, i, s, database) for i, s in enumerate(config.string, 1))
@@ -85,10 +138,22 @@ def load_config(path: Path) -> LoadedConfig:
         silent_after_ns=round(config.engine.silent_after_s * 1e9),
         disturbance=config.observer.disturbance,
         cells=config.cells.settings,
+        alerts=config.alerts.settings,
     )
     models = [path.parent / s.model for s in config.string]
     files = tuple(dict.fromkeys([path, *map(Path, databases), *models, *mqtt_files(path, config).values()]))
     return LoadedConfig(path, config, plan, database, _store(path, config), files)
+
+
+def _beside(config: GatewayConfig) -> GatewayConfig:
+    """Leave the last part of every path; what is only for the service, and names secrets, is left out."""
+
+    def plain(name: str) -> str:
+        return PureWindowsPath(name).name  # takes both kinds of slash
+
+    strings = [s.model_copy(update={"model": plain(s.model)}) for s in config.string]
+    bus = config.bus.model_copy(update={"dbc": [plain(name) for name in config.bus.dbc]})
+    return config.model_copy(update={"bus": bus, "string": strings, "mqtt": None})
 
 
 def _string(path: Path, config: GatewayConfig, number: int, string: String, database: Database) -> StringPlan:
@@ -103,7 +168,13 @@ def _string(path: Path, config: GatewayConfig, number: int, string: String, data
         channels = tuple(_own_channels(number, model, database))
     else:
         channels = tuple(_Wiring(f"{path}: {key}.signals", model, database).channels(string.signals))
-    return StringPlan(string.name, number, model, channels, string.identify or config.identify.method)
+    method = string.identify or config.identify.method
+    several = {k for c in channels for k in c.among}
+    if several:
+        # the reading may belong to any of them, so it cannot identify the parameters of one cell
+        model = replace(model, sensors=tuple(sorted({*model.sensors, *several})))
+        method = string.identify or "off"
+    return StringPlan(string.name, number, model, channels, method)
 
 
 def _own_channels(number: int, model: StringModel, database: Database) -> Iterator[Channel]:
@@ -142,8 +213,14 @@ class _Wiring:
         for quantity, source in optional:
             if source is not None:
                 yield self._channel(quantity, None, source)
-        surface = self._cells("surface", signals.surface)
-        self._sensors(set(surface))
+        several = {key: s for key, s in signals.surface.items() if s.statistics}
+        surface = self._cells("surface", {k: s for k, s in signals.surface.items() if k not in several})
+        statistics = [self._statistic(key, source) for key, source in several.items()]
+        kinds = [c.statistic for c in statistics]
+        if len(set(kinds)) < len(kinds):
+            raise ConfigError(f"{self.where}.surface: one max_of, one min_of and one mean_of at most")
+        self._sensors(set(surface), {k for c in statistics for k in c.among})
+        yield from statistics
         for cell in sorted(surface):
             yield self._channel("surface", cell, surface[cell])
         voltages = self._cells("cell_voltage", signals.cell_voltage)
@@ -151,7 +228,7 @@ class _Wiring:
             yield self._channel("cell_voltage", cell, voltages[cell])
 
     def _cells(self, quantity: str, sources: dict[str, Source]) -> dict[int, Source]:
-        """Order sources by cell; a signal that stands for two cells is a slip of the pen."""
+        """Order sources by cell; refuse a signal that is named for two cells."""
         found: dict[int, Source] = {}
         users: dict[str | None, int] = {}
         for text, source in sources.items():
@@ -167,8 +244,20 @@ class _Wiring:
             found[cell] = source
         return found
 
-    def _sensors(self, given: set[int]) -> None:
-        expected = set(self.model.sensors)
+    def _statistic(self, key: str, source: Source) -> Channel:
+        """Take a reading that is the greatest, least or mean one of several cells."""
+        kind, text = next(iter(source.statistics.items()))
+        where = f"{self.where}.surface.{key}.{kind}_of"
+        try:
+            among = cell_list(text)
+        except ValueError:
+            raise ConfigError(f'{where}: {text!r}: expected cells as "1-96" or "1,3,5-8"') from None
+        if not among or among[0] < 1 or among[-1] > self.model.cells:
+            raise ConfigError(f"{where}: {text!r}: no such cells; valid: 1 to {self.model.cells}")
+        return replace(self._channel("surface", None, source), statistic=kind, among=among)
+
+    def _sensors(self, given: set[int], covered: set[int]) -> None:
+        expected = set(self.model.sensors) - (covered - given)
         if given - expected:
             cells = ", ".join(map(str, sorted(given - expected)))
             raise ConfigError(
@@ -199,6 +288,29 @@ class _Wiring:
         return Channel(quantity, cell, source.signal, None, source.scale * scale, source.scale * offset + source.offset)
 
 
+def cell_list(text: str) -> tuple[int, ...]:
+    """Cells as people list them.
+
+    Raises
+    ------
+    ValueError
+        It is no such list.
+
+    Examples
+    --------
+    >>> cell_list("1,3,5-8")
+    (1, 3, 5, 6, 7, 8)
+    """
+    found: set[int] = set()
+    for part in text.split(","):
+        first, dash, last = part.partition("-")
+        ends = int(first), int(last) if dash else int(first)
+        if not 0 < ends[0] <= ends[1] <= MOST_LISTED:
+            raise ValueError(part)
+        found.update(range(ends[0], ends[1] + 1))
+    return tuple(sorted(found))
+
+
 def _constant(key: str, quantity: str, source: Source) -> float:
     if quantity not in _CONSTANTS:
         raise ConfigError(f"{key}: must be a signal of the bus; a constant tells nothing")
@@ -223,7 +335,7 @@ def _known_interface(where: str, name: str) -> None:
 
 
 def _limits(where: str, config: GatewayConfig) -> None:
-    """Our DBC has so many strings; without ours to send or to receive any number goes."""
+    """Check the number of strings: our DBC limits it, unless the config neither sends nor receives by our DBC."""
     if len(config.string) <= MAX_STRINGS:
         return
     first = next((i for i, s in enumerate(config.string, 1) if s.signals is None and i > MAX_STRINGS), None)
@@ -239,11 +351,17 @@ def _limits(where: str, config: GatewayConfig) -> None:
 def _file(config: Path, name: str, key: str) -> Path:
     """Find a file that the config names, relative to it."""
     file = config.parent / name
-    if file.is_dir():
+    try:
+        mode = file.stat().st_mode
+    except (FileNotFoundError, NotADirectoryError):
+        raise ConfigError(f"{config}: {key}: no file {str(file)!r}{nearest_file(file)}") from None
+    except OSError as e:  # a folder that may not be entered, a name that is too long
+        raise ConfigError(
+            f"{config}: {key}: {clipped(repr(str(file)), MOST_SHOWN)} cannot be read: {e.strerror}"
+        ) from None
+    if stat.S_ISDIR(mode):
         raise ConfigError(f"{config}: {key}: {str(file)!r} is a directory; expected a file")
-    if not file.exists():
-        raise ConfigError(f"{config}: {key}: no file {str(file)!r}{nearest_file(file)}")
-    if not file.is_file():
+    if not stat.S_ISREG(mode):
         raise ConfigError(f"{config}: {key}: {str(file)!r} is no plain file")
     return file
 

@@ -23,13 +23,14 @@ from bms_gateway.config.effect_tables import (
     write_correlation,
     write_effects,
 )
+from bms_gateway.config.posterior import PosteriorTable, read_posterior, write_posterior
 from bms_gateway.config.toml import Section, parse_toml, read_text, validate
 from bms_gateway.config.units import PARAMETER_UNITS, parameter_factor
 from bms_gateway.errors import ConfigError
-from bms_gateway.thermal import CELL_SYMBOLS, KINDS, Condition, Coolant, Prior, StringModel, exchange
+from bms_gateway.thermal import CELL_SYMBOLS, KINDS, Condition, Coolant, Prior, Share, StringModel, exchange
 from bms_gateway.thermal.parameters import DEFAULT_TOLERANCES
 
-# Knowledge worse than a factor e^3 either way is none; it is a slip (per cent for a share).
+# A relative sd above 3 (a factor of e^3 either way) is a slip, for example per cent in place of a share.
 MAX_REL_SD = 3.0
 
 
@@ -69,10 +70,24 @@ class Parameters(Known):
     coolant_flow: Flow | None = None
 
 
+class Part(Section):
+    """`{ value, sd }` of a number from 0 to 1; an sd of 0 means known exactly."""
+
+    value: float = Field(ge=0.0, le=1.0)
+    sd: float = Field(ge=0.0, le=1.0)
+
+    @property
+    def share(self) -> Share:
+        """The same as the model takes it."""
+        return Share(self.value, self.sd)
+
+
 class Cell(Section):
-    """`[cell]`."""
+    """`[cell]`; the last two as `thermal.centre` explains them."""
 
     capacity_Ah: float | None = Field(default=None, gt=0.0, le=10_000.0)
+    centre_share: Part | None = None
+    core_probe: Part | None = None
 
 
 class Tolerances(Section):
@@ -101,6 +116,7 @@ class ModelFile(Section):
     correlation: Correlation | None = None
     before: Known | None = None
     commissioning: CommissioningTable | None = None
+    posterior: PosteriorTable | None = None
 
 
 def read_model(path: Path) -> StringModel:
@@ -158,8 +174,7 @@ def format_model(model: StringModel) -> str:
         f'coolant = "{model.coolant}"  # bulk | ntu',
         f"effects = {effects}",
     ]
-    if model.capacity_Ah is not None:
-        lines += ["", "[cell]", f"capacity_Ah = {model.capacity_Ah!r}"]
+    lines += _cell_lines(model)
     lines += ["", "[parameters]"]
     lines += [_parameter_line(name, model.priors[name]) for name in KINDS if name in model.priors]
     if model.flow is not None:
@@ -170,6 +185,8 @@ def format_model(model: StringModel) -> str:
         lines += write_correlation(model.correlation)
     if model.commissioning is not None:
         lines += write_commissioning(model.commissioning)
+    if model.posterior is not None:
+        lines += write_posterior(model.posterior)
     if model.before is not None:
         lines += ["", "[before]  # known before any data: what a fit starts from"]
         lines += [_parameter_line(name, model.before[name]) for name in KINDS if name in model.before]
@@ -188,6 +205,8 @@ def _model(file: ModelFile) -> StringModel:
         flow=_flow(file),
         tolerances=file.tolerances.model_dump(),
         effects=read_effects(file.effects, file.effect, file.cells, sensors),
+        centre_share=None if file.cell.centre_share is None else file.cell.centre_share.share,
+        core_probe=None if file.cell.core_probe is None else file.cell.core_probe.share,
     )
     model = replace(model, priors=_complete(model, model.priors, "parameters"))
     if file.before is not None:
@@ -197,9 +216,27 @@ def _model(file: ModelFile) -> StringModel:
         model = replace(model, correlation=read_correlation(file.correlation, model.priors, model.effects))
     if file.commissioning is not None:
         model = replace(model, commissioning=read_commissioning(file.commissioning, model))
+    if file.posterior is not None:
+        model = replace(model, posterior=read_posterior(file.posterior, model))
     if model.has_coolant_path:
         exchange(model.nominal)
     return model
+
+
+def _cell_lines(model: StringModel) -> list[str]:
+    lines = [] if model.capacity_Ah is None else [f"capacity_Ah = {model.capacity_Ah!r}"]
+    shares = (
+        ("centre_share", model.centre_share, "of R_c within the roll: how far its centre is above its mean"),
+        (
+            "core_probe",
+            model.core_probe,
+            "where a thermocouple in the core reads: 0 the mean of the roll, 1 its centre",
+        ),
+    )
+    for key, share, what in shares:
+        if share is not None:
+            lines.append(f"{key} = {{ value = {float(share.value)!r}, sd = {float(share.sd)!r} }}  # {what}")
+    return ["", "[cell]", *lines] if lines else []
 
 
 def _sensors(file: ModelFile) -> tuple[int, ...]:

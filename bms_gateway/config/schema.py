@@ -1,12 +1,17 @@
 """The gateway's config file as pydantic values: keys, types, ranges and defaults; nothing is read or resolved here."""
 
 import re
+from collections.abc import Iterator
 from ipaddress import ip_address
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from bms_gateway.config.toml import Section
+from bms_gateway.engine.plan import Statistic
+from bms_gateway.frames.j1939 import LAST_ADDRESS
+from bms_gateway.frames.rules import PLAUSIBLE
+from bms_gateway.health.alerts import CORE_MAX_C, AlertSettings
 from bms_gateway.identify.cell_prior import SPREAD, CellSettings
 from bms_gateway.thermal import Disturbance
 
@@ -16,8 +21,18 @@ LOOPBACK = ("localhost", "127.0.0.1", "::1")
 IFNAMSIZ = 15  # most bytes of a network interface's name in Linux
 
 
+def _readable(text: str) -> str:
+    if any(ord(c) < 0x20 or ord(c) == 0x7F for c in text):
+        raise ValueError(f"{text!r}: has a control character in it")
+    return text
+
+
+Text = Annotated[str, Field(min_length=1), AfterValidator(_readable)]
+"""Name of a file, an interface or a host: not empty and printable."""
+
+
 class Source(Section):
-    """Where one quantity comes from: `"Message.Signal"`, `{ signal, scale, offset }` or `{ constant }`.
+    """Where one quantity comes from: `"Message.Signal"`, `{ signal, scale, offset, … }` or `{ constant }`.
 
     Attributes
     ----------
@@ -26,6 +41,14 @@ class Source(Section):
         Quantity = scale · value + offset, in SI (°C for temperatures), after the DBC's own unit was converted.
     constant, constant_C : float or None
         A number where the bus has none, SI; `constant_C` for temperatures.
+    minimum, maximum : float or None
+        What the signal may say, in the DBC's own unit, where its declared range is wrong.
+    byte_order : {"little_endian", "big_endian"} or None
+        Of the same bytes, where the DBC is wrong about it.
+    signed : bool or None
+        Whether the bits are a two's complement, where the DBC is wrong about it.
+    max_of, min_of, mean_of : str or None
+        Of a surface: the signal is the greatest, least or mean one of these cells, as "1-96" or "1,3,5-8".
     """
 
     signal: str | None = None
@@ -33,6 +56,13 @@ class Source(Section):
     offset: float = 0.0
     constant: float | None = None
     constant_C: float | None = None
+    minimum: float | None = None
+    maximum: float | None = None
+    byte_order: Literal["little_endian", "big_endian"] | None = None
+    signed: bool | None = None
+    max_of: Text | None = None
+    min_of: Text | None = None
+    mean_of: Text | None = None
 
     @model_validator(mode="before")
     @classmethod
@@ -46,9 +76,26 @@ class Source(Section):
             raise ValueError('needs exactly one of signal = "Message.Signal", constant_C (temperatures) or constant')
         if self.signal is None and (self.scale != 1.0 or self.offset != 0.0):
             raise ValueError("a constant has neither scale nor offset")
+        if self.signal is None and self.overrides:
+            raise ValueError("minimum, maximum, byte_order and signed belong to a signal, not to a constant")
+        if self.minimum is not None and self.maximum is not None and self.minimum >= self.maximum:
+            raise ValueError(f"minimum {self.minimum:g} is not below maximum {self.maximum:g}")
+        if len(self.statistics) > (self.signal is not None):
+            raise ValueError("one of max_of, min_of and mean_of belongs to a signal")
         if self.scale == 0.0:
             raise ValueError("scale = 0 would make every value the offset; use a constant")
         return self
+
+    @property
+    def statistics(self) -> dict[Statistic, str]:
+        """The cells of which the signal is the greatest, least or mean one; at most one entry."""
+        given: dict[Statistic, str | None] = {"max": self.max_of, "min": self.min_of, "mean": self.mean_of}
+        return {kind: cells for kind, cells in given.items() if cells is not None}
+
+    @property
+    def overrides(self) -> bool:
+        """Whether the config corrects anything that the DBC says of the signal."""
+        return any(x is not None for x in (self.minimum, self.maximum, self.byte_order, self.signed))
 
 
 class Signals(Section):
@@ -61,6 +108,25 @@ class Signals(Section):
     coolant_flow: Source | None = None
     surface: dict[str, Source] = Field(default_factory=dict)
     cell_voltage: dict[str, Source] = Field(default_factory=dict)
+
+    @field_validator("surface", mode="before")
+    @classmethod
+    def _one_reading(cls, given: Any) -> Any:
+        """Take `surface = { max_of = …, signal = … }` for the only reading of the string."""
+        names = ("max_of", "min_of", "mean_of")
+        if isinstance(given, dict) and any(isinstance(given.get(name), str) for name in names):
+            return {next(name for name in names if name in given): given}
+        return given
+
+    def sources(self) -> Iterator[tuple[str, Source]]:
+        """List all with their keys."""
+        alone = {"current": self.current, "coolant_inlet": self.coolant_inlet, "voltage": self.voltage}
+        for key, source in (alone | {"soc": self.soc, "coolant_flow": self.coolant_flow}).items():
+            if source is not None:
+                yield key, source
+        for kind, several in (("surface", self.surface), ("cell_voltage", self.cell_voltage)):
+            for cell, source in several.items():
+                yield f"{kind}.{cell}", source
 
 
 Method = Literal["window", "rls", "off"]
@@ -76,7 +142,7 @@ class String(Section):
     """
 
     name: str = Field(min_length=1, max_length=64)
-    model: str = Field(min_length=1)
+    model: Text
     identify: Method | None = None
     signals: Signals | None = None
 
@@ -95,13 +161,16 @@ class Bus(Section):
     ----------
     receive_buffer : int
         Bytes asked of the kernel, which takes them as they fill: 8 MiB hold 2.2 s of a full 1 Mbit/s bus.
+    source_address : int or None
+        Of the sender of all J1939 messages of `dbc`, where it is not that of the DBC.
     """
 
     interface: str = "socketcan"
-    channel: str = Field(default="vcan0", min_length=1)
-    dbc: list[Annotated[str, Field(min_length=1)]] = Field(default_factory=list)
+    channel: Text = "vcan0"
+    dbc: list[Text] = Field(default_factory=list)
     transmit: bool = True
     receive_buffer: int = Field(default=8 << 20, ge=4096, le=1 << 30)
+    source_address: int | None = Field(default=None, ge=0, le=LAST_ADDRESS)
 
     @model_validator(mode="after")
     def _name_of_linux(self) -> "Bus":
@@ -130,7 +199,7 @@ class Store(Section):
         What the record of recent signals may take, 10⁶ bytes; 0 keeps none.
     """
 
-    path: str | None = Field(default=None, min_length=1)
+    path: Text | None = None
     recent_MB: float = Field(default=64.0, ge=0.0, le=100_000.0)
 
 
@@ -225,7 +294,7 @@ class Metrics(Section):
 
 
 class Alerting(Section):
-    """`[alerts]`: when something wrong becomes an alert, and the limit of the cores.
+    """`[alerts]`: when something wrong becomes an alert, and the limit of the hottest point.
 
     Attributes
     ----------
@@ -233,14 +302,33 @@ class Alerting(Section):
         After a start and after each pause of the bus nothing is raised for so long.
     hold_s, clear_s : float
         So long something must be wrong, and right again.
-    core_max_C : float or None
-        Core temperature from which on there is an alarm.
+    core_max_C : float
+        Temperature of a cell's hottest point, not of the mean of its roll, from which on there is an alarm.
+    surface_max_C : float or None
+        The same of a surface that is read; that of the cores where it is left out.
     """
 
     grace_s: float = Field(default=10.0, ge=1.0, le=600.0)
     hold_s: float = Field(default=3.0, ge=0.0, le=600.0)
     clear_s: float = Field(default=10.0, ge=0.0, le=3600.0)
-    core_max_C: float | None = Field(default=None, gt=-40.0, le=200.0)
+    core_max_C: float = Field(default=CORE_MAX_C, gt=-40.0, le=200.0)
+    surface_max_C: float | None = Field(default=None, gt=-40.0, le=200.0)
+
+    @model_validator(mode="after")
+    def _a_surface_can_reach_its_limit(self) -> "Alerting":
+        highest = PLAUSIBLE["surface"][1]
+        if self.settings.surface_limit_C >= highest:
+            how = "it is that of core_max_C: set it below, as" if self.surface_max_C is None else "set it below, as"
+            raise ValueError(
+                f"surface_max_C is {self.settings.surface_limit_C:g}, and no surface of {highest:g} °C or more is "
+                f"believed, so its alarm would never come; {how} surface_max_C = {highest - 10.0:g}"
+            )
+        return self
+
+    @property
+    def settings(self) -> AlertSettings:
+        """The same as the engine takes it."""
+        return AlertSettings(self.grace_s, self.hold_s, self.clear_s, self.core_max_C, self.surface_max_C)
 
 
 TOPIC = re.compile(r"[^\x00-\x20+#$/][^\x00-\x20+#]*")
@@ -262,15 +350,15 @@ class Mqtt(Section):
         Messages of each kind that wait in memory while the broker is not reached.
     """
 
-    host: str = Field(min_length=1, max_length=255)
+    host: Text = Field(max_length=255)
     port: int | None = Field(default=None, ge=1, le=65_535)
     topic: str = Field(default="bms-gateway", max_length=200)
-    username: str | None = Field(default=None, min_length=1)
-    password_file: str | None = Field(default=None, min_length=1)
+    username: Text | None = None
+    password_file: Text | None = None
     tls: bool = False
-    ca_file: str | None = Field(default=None, min_length=1)
-    cert_file: str | None = Field(default=None, min_length=1)
-    key_file: str | None = Field(default=None, min_length=1)
+    ca_file: Text | None = None
+    cert_file: Text | None = None
+    key_file: Text | None = None
     interval_s: float = Field(default=10.0, ge=1.0, le=86_400.0)
     spool: int = Field(default=1000, ge=10, le=100_000)
 

@@ -9,9 +9,14 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from bms_gateway.errors import ConfigError, did_you_mean
+from bms_gateway.config.bounds import bounded
+from bms_gateway.errors import ConfigError, clipped, did_you_mean
 
 M = TypeVar("M", bound=BaseModel)
+MOST_BYTES = 16 << 20
+"""A model file of a commissioned string of 200 cells, whose matrix has 800 rows, has 13 MB; others some kB."""
+DEEPEST = 20
+MOST_SHOWN = 200
 
 
 class Section(BaseModel):
@@ -33,33 +38,56 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 def parse_toml(text: str, where: str) -> dict[str, Any]:
     """Parse TOML text; `where` is what error lines call it."""
-    try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as e:
-        raise ConfigError(f"{where}: not valid TOML: {one_line(str(e))}") from None
+    with bounded(where):
+        try:
+            data = tomllib.loads(text)
+        except tomllib.TOMLDecodeError as e:
+            raise ConfigError(f"{where}: not valid TOML: {one_line(str(e))}") from None
+        except RecursionError:
+            raise ConfigError(f"{where}: not valid here: arrays or tables nested over {DEEPEST} deep") from None
+        except ValueError as e:  # of Python itself: a number of too many digits, a time that is none
+            raise ConfigError(f"{where}: not valid TOML: {_no_value(text, str(e))}") from None
+        _refuse_extremes(data, where)
+    return data
 
 
 def read_text(path: Path) -> str:
-    """Read a text file of the user; the mark that Windows puts before UTF-8 is passed over.
+    """Read a text file of the user; skip the byte-order mark that Windows writes before UTF-8.
 
     Raises
     ------
     ConfigError
-        Missing, unreadable, empty or not UTF-8.
+        Missing, unreadable, too long, empty or not UTF-8.
     """
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_bytes(path, MOST_BYTES).decode("utf-8-sig")
+    except UnicodeDecodeError as e:
+        raise ConfigError(f"{path}: not UTF-8 text (byte {e.start})") from None
+    if not text.strip():
+        raise ConfigError(f"{path}: is empty")
+    return text
+
+
+def read_bytes(path: Path, most: int) -> bytes:
+    """Read a file of the user of at most so many bytes; a longer one is refused before it is read.
+
+    Raises
+    ------
+    ConfigError
+        Missing, unreadable or too long.
+    """
+    try:
+        with path.open("rb") as f:
+            raw = f.read(most + 1)
     except FileNotFoundError:
         raise ConfigError(f"{path}: no such file{nearest_file(path)}") from None
     except IsADirectoryError:
         raise ConfigError(f"{path}: is a directory; expected a file") from None
-    except UnicodeDecodeError as e:
-        raise ConfigError(f"{path}: not UTF-8 text (byte {e.start})") from None
     except OSError as e:
         raise ConfigError(f"{path}: cannot be read: {e.strerror}") from None
-    if not text.strip():
-        raise ConfigError(f"{path}: is empty")
-    return text
+    if len(raw) > most:
+        raise ConfigError(f"{path}: longer than {most >> 20} MiB; leave out of it what the gateway does not need")
+    return raw
 
 
 def nearest_file(path: Path) -> str:
@@ -72,6 +100,29 @@ def nearest_file(path: Path) -> str:
         return ""
     near = get_close_matches(path.name, beside, n=1)
     return did_you_mean(path.name, near or [name for name in beside if Path(name).suffix == path.suffix])
+
+
+def _no_value(text: str, problem: str) -> str:
+    found = re.search(r"\d[\d_]{4299,}", text)
+    if found is None:
+        return one_line(problem)
+    return f"a number of {len(found[0])} digits (at line {text.count(chr(10), 0, found.start()) + 1})"
+
+
+def _refuse_extremes(data: object, where: str) -> None:
+    """Refuse deep nesting and integers beyond 64 bits, which no config needs and no line could show."""
+    inner: list[tuple[object, tuple[int | str, ...]]] = [(data, ())]
+    while inner:
+        value, place = inner.pop()
+        if isinstance(value, int) and not -(1 << 63) <= value < 1 << 63:
+            raise ConfigError(
+                f"{where}: {clipped(dotted(place), MOST_SHOWN)}: an integer that does not fit into 64 bits"
+            )
+        if isinstance(value, dict | list):
+            if len(place) > DEEPEST:
+                raise ConfigError(f"{where}: {clipped(dotted(place), MOST_SHOWN)}: nested over {DEEPEST} deep")
+            items = value.items() if isinstance(value, dict) else enumerate(value)
+            inner += ((x, (*place, key)) for key, x in items)
 
 
 def one_line(text: str) -> str:
@@ -120,21 +171,23 @@ def dotted(loc: tuple[int | str, ...]) -> str:
 
 def _line(schema: type[BaseModel], fault: Any) -> str:
     loc = tuple(p for p in fault["loc"] if p != "[key]")
-    key, kind, given = dotted(loc), fault["type"], fault["input"]
+    key, kind = clipped(dotted(loc), MOST_SHOWN), fault["type"]
+    given = clipped(repr(fault["input"]), MOST_SHOWN)
     if kind == "extra_forbidden":
         return f"{key}: unknown key{did_you_mean(str(loc[-1]), _keys(_at(schema, loc[:-1])))}"
     if kind == "missing":
         return f"{key}: missing"
     if kind in ("model_type", "model_attributes_type", "dict_type"):
-        return f"{key}: expected a table, got {given!r}"
+        return f"{key}: expected a table, got {given}"
     if kind == "string_too_short":
         return f"{key}: must not be empty"
     if kind == "literal_error":
-        return f"{key}: {given!r} is not known{did_you_mean(str(given), [str(c) for c in _choices(_at(schema, loc))])}"
-    message = one_line(str(fault["msg"])).removeprefix("Value error, ")
+        choices = [str(c) for c in _choices(_at(schema, loc))]
+        return f"{key}: {given} is not known{did_you_mean(str(fault['input']), choices)}"
+    message = clipped(one_line(str(fault["msg"])).removeprefix("Value error, "), MOST_SHOWN)
     if kind == "value_error":
         return f"{key}: {message}" if key else message
-    return f"{key}: {given!r}: {message[:1].lower()}{message[1:]}"
+    return f"{key}: {given}: {message[:1].lower()}{message[1:]}"
 
 
 def _at(annotation: Any, loc: tuple[int | str, ...]) -> Any:

@@ -5,22 +5,23 @@ not: an effect that lowers the error of a surface can still take the core the wr
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
-from bms_gateway.diagnose.adding_bench import all_used, core_before_and_after, doubt, fit_with, named_by
-from bms_gateway.diagnose.calibrate import UNTOLD, posterior, seen_on
-from bms_gateway.diagnose.candidates import Candidate, candidates, places
-from bms_gateway.diagnose.core_band import core_bands
+from bms_gateway.diagnose.adding_bench import all_used, fit_with, named_by
+from bms_gateway.diagnose.calibrate import UNTOLD, seen_on
+from bms_gateway.diagnose.candidates import INSTEAD, Candidate, candidates, excluded, places
+from bms_gateway.diagnose.core_band import posterior
+from bms_gateway.diagnose.core_known import KnownCore, judged_model, known_core
 from bms_gateway.diagnose.diagnosis import Diagnosis, diagnose
 from bms_gateway.diagnose.judge import HALF, Settings, gate, prior_odds
-from bms_gateway.diagnose.misfit import nearest, sensors
 from bms_gateway.diagnose.record import Record
-from bms_gateway.diagnose.residuals import structure
+from bms_gateway.diagnose.residuals import rmse, structure
 from bms_gateway.diagnose.screen import screen
 from bms_gateway.diagnose.search import Progress, refit, refit_from_nominal
 from bms_gateway.diagnose.second import SecondSearch
+from bms_gateway.diagnose.words import falls, why_not
 from bms_gateway.errors import ConfigError, DataError
 from bms_gateway.identify.map_fit import MapFit, refreshed, stacked
 from bms_gateway.thermal import Floats, StringModel
@@ -28,6 +29,10 @@ from bms_gateway.thermal.effects import Effect, effect_named
 
 COLUMNS = {"flow": "coolant_flow_m3_s", "soc": "soc", "voltage": "voltage_V"}
 """What an effect needs of a table."""
+FORCED = "Added by force, though"
+"""What was added against the records is never proven by them."""
+LACKING = "these records lack something that is in no catalogue"
+UNKNOWN = "Something unknown remains beside what was added."
 WAYS = 4
 """Starts and places of one effect that are refitted; the others promise less."""
 
@@ -50,8 +55,8 @@ class Wanted:
 
 
 @dataclass(frozen=True, slots=True)
-class Addition:
-    """A model with effects more.
+class Step:
+    """What a refit with effects more gave.
 
     Attributes
     ----------
@@ -65,12 +70,10 @@ class Addition:
         What else these records say; may be empty.
     seen : tuple of MapFit
         Before and after against the readings themselves: only for errors.
-    core_K : tuple of ndarray (n,)
-        95 % half width of each cell's core before and after, K.
-    tail_K : tuple of float, or None
-        Error in the last part of the records, predicted from the first, before and after: where nothing was held out.
-    doubt : float
-        Relative sd of R_c beyond the posterior's.
+    held_K : tuple of float, or None
+        Error on the held-out blocks before and after, by fits without them: where `seen` was fitted to all readings.
+    doubts : tuple of str
+        What the search said against the core with these effects, a sentence each.
     """
 
     added: tuple[Candidate, ...]
@@ -80,9 +83,29 @@ class Addition:
     refused: str
     remark: str
     seen: tuple[MapFit, MapFit]
-    core_K: tuple[Floats, Floats]
-    tail_K: tuple[float, float] | None = None
-    doubt: float = 0.0
+    held_K: tuple[float, float] | None = None
+    doubts: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Addition(Step):
+    """A model with effects more, and what becomes of its cores.
+
+    Attributes
+    ----------
+    model : StringModel
+        With its posterior: what is written where nothing speaks against it.
+    core : tuple of KnownCore
+        Before and after. A band that is not proven is not narrower than the one before.
+    """
+
+    model: StringModel
+    core: tuple[KnownCore, KnownCore]
+
+    @property
+    def core_K(self) -> tuple[Floats, Floats]:
+        """95 % half width of each cell's core (n,) before and after, K."""
+        return self.core[0].half_width_K, self.core[1].half_width_K
 
 
 def wanted(word: str, model: StringModel) -> Wanted:
@@ -125,6 +148,8 @@ def check_signals(wants: Sequence[Wanted], records: Sequence[Record]) -> None:
                 if signal not in r.drive.known:
                     more = ", or cell.capacity_Ah in the model to count it" if signal == "soc" else ""
                     raise DataError(f"{r.source}: {w.effect.name} needs the column {COLUMNS[signal]}{more}")
+        if why := next((why for r in records if (why := excluded(w.effect, r.drive))), ""):
+            raise DataError(f"{records[0].source}: {w.effect.name} cannot be: {why}")
         if not any(w.effect.determined(r.drive) for r in records):
             raise DataError(f"{records[0].source}: {w.effect.name} cannot show here: it needs {w.effect.needs}")
 
@@ -155,19 +180,62 @@ def add_effects(
         Fitted from what was known before any data.
     """
     d = ask(model.unfitted, records, progress=progress)
-    if d.second is not None and (model.cells == 1 or not d.selected):
+    return _with_cores(_step(d, wants), model, records, d)
+
+
+def cores_with_named(model: StringModel, records: Sequence[Record], d: Diagnosis) -> tuple[KnownCore, ...]:
+    """Tell the cores of a diagnosed model as it is and, where effects are named, what adding them makes of them."""
+    if not d.selected:
+        return (known_core(model, records, rounds=d.search.asked),)
+    wants = [Wanted(s.candidate.effect, s.candidate.cell) for s in d.selected]
+    return _with_cores(_step(d, wants), model, records, d).core
+
+
+def _step(d: Diagnosis, wants: Sequence[Wanted]) -> Step:
+    """Fit the effects, and ask the search that decided what it makes of them."""
+    if d.second is not None and (d.search.baseline.problem.model.cells == 1 or not d.selected):
         found = _on_bench(d, d.second, wants)
         if found is not None:
             return found
     named = [s.candidate for s in d.selected]
     if len(named) == len(wants) and all(any(w.meets(c) for c in named) for w in wants):
         odds = min(s.log_odds for s in d.selected)
-        doubts = "" if d.second is not None else " ".join(d.alarms)
-        return _addition(named, d.search.baseline, d.search.final, odds, _unbelievable(d.search.final, named), doubts)
+        after = d.search.final
+        return _taken(named, d.search.baseline, after, odds, _unbelievable(after, named), "", _doubts(d))
     return _fitted_alone(d, wants)
 
 
-def _on_bench(d: Diagnosis, second: SecondSearch, wants: Sequence[Wanted]) -> Addition | None:
+def _doubts(d: Diagnosis) -> tuple[str, ...]:
+    """Say what a diagnosis has against the core with the effects that it names."""
+    said = list(d.alarms)
+    if d.verdict == "undecidable":
+        tied = sorted({t for s in d.selected for t in s.tied_with})
+        said.append(f"These records cannot tell what was added from {', '.join(tied)}.")
+    if d.unknown_remains:
+        said.append(UNKNOWN)
+    return tuple(said)
+
+
+def _with_cores(step: Step, model: StringModel, records: Sequence[Record], d: Diagnosis) -> Addition:
+    """Give the model that may be written, and the cores before and after: no narrower where they are not proven."""
+    before = known_core(model, records, rounds=d.search.asked)
+    # another step may prove what one could not, but nothing makes up for what was added against the records
+    said = [*(x for x in model.doubts if x.startswith(FORCED)), *step.doubts]
+    said += [f"{FORCED}: {step.refused}."] if step.refused else []
+    said += [] if _falls(step) else ["The error where nothing was fitted does not fall with what was added."]
+    written, after = judged_model(step.after, model, records, said, before=before)
+    own = {f.name: getattr(step, f.name) for f in fields(step)}
+    return Addition(**own, model=written, core=(before, after))
+
+
+def _falls(step: Step) -> bool:
+    """Whether the error falls where nothing was fitted; by fits without those readings."""
+    held = (rmse(f, ~stacked(f.problem)[4]) for f in step.seen)
+    before, after = step.held_K or tuple(held)
+    return falls(before, after)
+
+
+def _on_bench(d: Diagnosis, second: SecondSearch, wants: Sequence[Wanted]) -> Step | None:
     """Take the fit from the search that lets the model err; None where it has none with these effects."""
     named = named_by(second)
     keys = [next((c.key for c in named if w.meets(c)), w.key) for w in wants]
@@ -176,48 +244,47 @@ def _on_bench(d: Diagnosis, second: SecondSearch, wants: Sequence[Wanted]) -> Ad
         return None
     chosen = {c.candidate.key: c for c in second.chosen}
     tied = {name for c in second.chosen for name in c.tied}
-    remark = " ".join(second.alarms)
+    remark = ""
     others = [c.key for c in named if c.key not in keys]
     refused = ""
+    ready = all_used(d.search.baseline.problem.records)
+    seen = seen_on(second.baseline, ready), seen_on(after, ready)
     if not named:
-        refused = "it explains a part only: these records lack something that is in no catalogue"
+        refused = f"{why_not(*(rmse(f, stacked(f.problem)[4]) for f in seen))}; {LACKING}"
     elif set(keys) <= set(chosen):
-        remark = " ".join([*([f"These records ask for {' and '.join(others)} as well."] if others else []), remark])
+        remark = f"These records ask for {' and '.join(others)} as well." if others else ""
     elif not all(k in chosen or w.effect.name in tied for k, w in zip(keys, wants, strict=True)):
         refused = f"these records speak for {' and '.join(c.key for c in named)} instead"
-    ready = all_used(d.search.baseline.problem.records)
     added = tuple(
         Candidate(w.effect, int(k.partition(":")[2]) if ":" in k else None) for w, k in zip(wants, keys, strict=True)
     )
     odds = min((chosen[k].log_odds for k in keys if k in chosen), default=0.0)
-    return Addition(
+    return Step(
         added,
         second.baseline,
         after,
         odds,
         refused,
-        remark.strip(),
-        (seen_on(second.baseline, ready), seen_on(after, ready)),
-        core_before_and_after(second, after),
-        (second.tail[0], second.predicted(keys)),
-        doubt(second),
+        remark,
+        seen,
+        (second.held_K[0], second.held_with(keys)),
+        (*second.alarms, *([remark] if remark else []), UNKNOWN),
     )
 
 
-def _addition(
-    added: Sequence[Candidate], before: MapFit, after: MapFit, odds: float, refused: str, remark: str
-) -> Addition:
-    cores = core_half_widths(before), core_half_widths(after)
-    return Addition(tuple(added), before, after, odds, refused, remark, (before, after), cores)
+def _taken(
+    added: Sequence[Candidate],
+    before: MapFit,
+    after: MapFit,
+    odds: float,
+    refused: str,
+    remark: str,
+    doubts: Sequence[str],
+) -> Step:
+    return Step(tuple(added), before, after, odds, refused, remark, (before, after), None, tuple(doubts))
 
 
-def core_half_widths(fit: MapFit) -> Floats:
-    """95 % half width of each cell's core (n,), K: root mean square over all records."""
-    bands = core_bands(fit, nearest(sensors(fit), fit.problem.model.cells))
-    return np.asarray(1.96 * np.sqrt(np.mean(np.concatenate([b.total_K for b in bands]) ** 2, axis=0)))
-
-
-def _fitted_alone(d: Diagnosis, wants: Sequence[Wanted]) -> Addition:
+def _fitted_alone(d: Diagnosis, wants: Sequence[Wanted]) -> Step:
     s = Settings()
     before = after = d.search.baseline
     problem = before.problem
@@ -243,9 +310,12 @@ def _fitted_alone(d: Diagnosis, wants: Sequence[Wanted]) -> Addition:
         remark = f"These records ask for {others} as well."
         refused = refused and f"alone, {refused}; these records ask for {others} as well: add {keys} at once"
     else:
-        refused = refused or gate(before, after, odds, inflation, s) or _contradiction(d, wants)
-        remark = "" if refused else f"These records cannot tell it from {', '.join(c.key for c in named)}."
-    return _addition(added, before, after, float(odds), refused, remark)
+        refused = refused or gate(before, after, odds, inflation, s) or _contradiction(d, wants, before, after)
+        them = ", ".join(c.key for c in named)
+        remark = "" if refused else f"These records cannot tell it from {them}."
+        if not refused and all(c.name in INSTEAD for c in added):
+            remark = f"Heat from the voltage in place of I²R_e: what that lacks is {them}."
+    return _taken(added, before, after, float(odds), refused, remark, [*_doubts(d), *([remark] if remark else [])])
 
 
 def _best(current: MapFit, ways: Sequence[Candidate], s: Settings) -> tuple[Candidate, MapFit]:
@@ -258,13 +328,13 @@ def _best(current: MapFit, ways: Sequence[Candidate], s: Settings) -> tuple[Cand
     return c, refreshed(fit)
 
 
-def _contradiction(d: Diagnosis, wants: Sequence[Wanted]) -> str:
+def _contradiction(d: Diagnosis, wants: Sequence[Wanted], before: MapFit, after: MapFit) -> str:
     """Say why effects that pass the gates are still not what these records lack."""
     if d.verdict == "adequate":
         return "nothing is missing that these records could show"
     if d.verdict == "unknown_effect":
-        return "it explains a part only: these records lack something that is in no catalogue"
-    tied = {name for x in d.selected for name in (x.candidate.name, *x.tied_with)}
+        return f"{why_not(*(rmse(f, ~stacked(f.problem)[4]) for f in (before, after)))}; {LACKING}"
+    tied = {name for x in d.selected for name in (x.candidate.name, *x.tied_with)} | INSTEAD
     if all(w.effect.name in tied for w in wants):
         return ""
     return f"these records speak for {' and '.join(x.candidate.key for x in d.selected)} instead"

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bms_gateway.diagnose.core_band import tempered
+from bms_gateway.diagnose.core_band import posterior
 from bms_gateway.diagnose.model_error import Bench, ModelError, averaged
 from bms_gateway.diagnose.model_error import fit as fit_with_error
 from bms_gateway.diagnose.prepare import measured
@@ -15,13 +15,16 @@ from bms_gateway.identify.coordinates import OWN, Measured
 from bms_gateway.identify.likelihood import generalised
 from bms_gateway.identify.map_fit import ITERATIONS, MapFit, fitted, stacked
 from bms_gateway.identify.problem import Problem
-from bms_gateway.thermal import KINDS, AddedEffect, Floats, Prior, StringModel
+from bms_gateway.thermal import KINDS, AddedEffect, Floats, Posterior, Prior, StringModel
 from bms_gateway.thermal.effects import EffectParameter, effect_named
 
 LEAST_STRUCTURE = 0.18
 """Structured error in units of the noise, and its z, above which a model does not explain the readings."""
 UNTOLD, WEAK = 0.9, 0.5
 """Posterior over prior sd, from which a number is not identifiable, or only weakly."""
+UNIDENTIFIABLE, AT_BOUND = "not identifiable", "at its bound: not believed"
+FIRM = 0.1
+"""Relative prior sd up to which a parameter is known beforehand and need not be learnt."""
 LEARNT = 0.9
 """The same of a cell's departure from the others, below which it goes into the model."""
 CALIBRATED = ("C_c", "C_s", "R_c")
@@ -67,12 +70,15 @@ class Identified:
         Numbers and posterior.
     seen : MapFit
         The same numbers against all readings: only for errors.
+    plain : MapFit
+        The model taken for right; the same fit where it explains the readings.
     model_error_K : float
         Size of the slow error that the model was given; 0 where it explains the readings.
     """
 
     fit: MapFit
     seen: MapFit
+    plain: MapFit
     model_error_K: float
 
 
@@ -115,12 +121,12 @@ def identify(model: StringModel, records: Sequence[Record], *, core: bool = Fals
     fit = fitted(Problem(start, ready))
     left = structure(fit)
     if core or left.z <= LEAST_Z or left.size <= LEAST_STRUCTURE:
-        return Identified(fit, fit, 0.0)
+        return Identified(fit, fit, fit, 0.0)
     settings = ModelError()
-    bench = Bench([_held_out(averaged(m, settings)) for m in ready], settings)
+    bench = Bench([held_out(averaged(m, settings)) for m in ready], settings)
     problem = Problem(start, bench.records, bench.beliefs)
     found = fit_with_error(bench, problem, problem.begin, iterations=ITERATIONS)
-    return Identified(found.map, seen_on(found.map, ready), found.discrepancy.size)
+    return Identified(found.map, seen_on(found.map, ready), fit, found.discrepancy.size)
 
 
 def seen_on(fit: MapFit, records: Sequence[Measured]) -> MapFit:
@@ -132,19 +138,21 @@ def seen_on(fit: MapFit, records: Sequence[Measured]) -> MapFit:
     return replace(fit, problem=problem, prediction=prediction, r=r, noise=None)
 
 
-def _held_out(m: Measured) -> Measured:
+def held_out(m: Measured) -> Measured:
+    """Hold out of averaged readings the blocks that are held out of every record."""
     at = m.row + m.share
     return replace(m, used=~in_held_out(at / max(float(at.max()), 1.0)))
 
 
-def posterior(fit: MapFit) -> Floats:
-    """Covariance (P + Q, P + Q) of coordinates and nuisances, evidence weakened where the residual is coloured."""
-    if fit.noise is not None:
-        return np.asarray(np.linalg.inv(fit.H), dtype=np.float64)
-    return tempered(fit, max(1.0, structure(fit).inflation))
-
-
-def fitted_model(fit: MapFit, model: StringModel, *, calibrated: bool = False, doubt: float = 0.0) -> StringModel:
+def fitted_model(
+    fit: MapFit,
+    model: StringModel,
+    *,
+    calibrated: bool = False,
+    doubt: float = 0.0,
+    model_error_K: float = 0.0,
+    not_proven: Sequence[str] = (),
+) -> StringModel:
     """Return the model with the numbers of a fit, for the gateway to estimate with.
 
     Parameters
@@ -156,7 +164,11 @@ def fitted_model(fit: MapFit, model: StringModel, *, calibrated: bool = False, d
     calibrated : bool
         The fit has seen cores: what it tells of the cell is known from now on, to no better than cells are alike.
     doubt : float
-        Relative sd of R_c beyond the posterior's, for what two nodes may get wrong.
+        Share of the difference core to surface that may be wrong beyond what the numbers' covariance says.
+    model_error_K : float
+        Slow error of the surface that the fit allowed for.
+    not_proven : sequence of str
+        What speaks against the core.
 
     Returns
     -------
@@ -170,8 +182,6 @@ def fitted_model(fit: MapFit, model: StringModel, *, calibrated: bool = False, d
     P = len(fit.theta)
     z = mix @ fit.theta
     covariance = mix @ C[:P, :P] @ mix.T + np.diag([_scatter(fit, name) for name in names])
-    if "R_c" in names:
-        covariance[names.index("R_c"), names.index("R_c")] += doubt**2
     sd = np.sqrt(np.diag(covariance))
     priors = dict(problem.model.priors)
     for name, x, spread in zip(names, z, sd, strict=True):
@@ -190,13 +200,15 @@ def fitted_model(fit: MapFit, model: StringModel, *, calibrated: bool = False, d
                 )
     spread_of = dict(zip(names, sd.tolist(), strict=True))
     scale = np.outer(sd, sd)
-    return replace(
+    found = replace(
         problem.model,
         priors=priors,
         effects=tuple(_effect(fit, e, spread_of) for e in problem.model.effects),
         before=before,
         correlation=(tuple(names), _correlation(covariance / scale)) if len(names) > 1 else None,
     )
+    left = Posterior(*found.free_numbers, model_error_K, doubt, calibrated, tuple(not_proven))
+    return replace(found, posterior=left)
 
 
 def changes(fit: MapFit) -> tuple[Change, ...]:
@@ -236,7 +248,7 @@ def channel_errors(fit: MapFit) -> tuple[ChannelError, ...]:
             found.append(
                 ChannelError(
                     m.source,
-                    kind,
+                    "surface" if kind == "surface" else "core",
                     cell,
                     root_mean_square(error[mine & m.used]),
                     root_mean_square(error[mine & ~m.used]),
@@ -303,12 +315,20 @@ def _effect_change(fit: MapFit, e: AddedEffect, p: EffectParameter, sd: Floats) 
     return Change(name, "", p.unit, before, before_sd, value, spread, _status(fit, i, sd[i]))
 
 
+def statuses(fit: MapFit) -> list[str]:
+    """Say of each coordinate of a fit whether the records tell it: the one place that decides that."""
+    sd = np.sqrt(np.diag(posterior(fit)))
+    return [_status(fit, i, float(sd[i])) for i in range(len(fit.theta))]
+
+
 def _status(fit: MapFit, i: int, sd: float) -> str:
     c = fit.problem.coordinates[i]
     if fit.at_bound(c.name):
-        return "at its bound: not believed"
+        return AT_BOUND
     if sd > UNTOLD * c.sd:
-        return "not identifiable: the data say no more than was known"
+        if c.effect is None and c.sd <= FIRM:
+            return f"{UNIDENTIFIABLE}: known to {100.0 * c.sd:.2g} % beforehand"
+        return f"{UNIDENTIFIABLE}: the data say no more than was known"
     return "weakly identified" if sd > WEAK * c.sd else "identified"
 
 

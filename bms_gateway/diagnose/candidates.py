@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+from bms_gateway.diagnose.ammeter import rests_at_zero
 from bms_gateway.thermal import AddedEffect, StringModel
 from bms_gateway.thermal.drive import Drive
 from bms_gateway.thermal.effects import Effect, EffectParameter, catalogue
@@ -74,6 +75,17 @@ def places(effect: Effect, cells: int, sensors: tuple[int, ...]) -> tuple[int | 
     return tuple(range(1, cells + 1))
 
 
+INSTEAD = frozenset({"voltage_heat"})
+"""No missing effect, but another way to the same heat: its source is chosen, its physics is not told by it."""
+
+
+def excluded(effect: Effect, drive: Drive) -> str:
+    """Say by what a record rules an effect out; empty where it does not."""
+    if effect.name == "current_offset" and rests_at_zero(drive):
+        return "the current reads zero where it rests"
+    return ""
+
+
 def candidates(model: StringModel, drive: Drive, surfaces: tuple[float, float]) -> tuple[Candidate, ...]:
     """All that could be added to a model, given what the record knows.
 
@@ -88,7 +100,7 @@ def candidates(model: StringModel, drive: Drive, surfaces: tuple[float, float]) 
     there = {e.key for e in model.effects}
     found = []
     for effect in catalogue().values():
-        if model.cells < effect.least_cells or not set(effect.signals) <= drive.known:
+        if model.cells < effect.least_cells or not set(effect.signals) <= drive.known or excluded(effect, drive):
             continue
         free = effect.determined(drive)
         if not free:

@@ -4,7 +4,7 @@ Thresholds are wide on purpose: each finding is one that a person would agree wi
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from bms_gateway.diagnose.coarse_rows import HOPELESS, doubt
 from bms_gateway.diagnose.record import Record
-from bms_gateway.thermal import Floats, StringModel
+from bms_gateway.thermal import Floats, StringModel, StringParameters, continuous, discretize, simulate
 from bms_gateway.thermal.drive import Drive
 
 Severity = Literal["stop", "warn", "note"]
@@ -30,6 +30,8 @@ SOAK_S = 60.0
 """Rest at the start after which temperatures that stand still can be compared."""
 STILL_S, STILL_COARSE_S, COARSE_K = 120.0, 1800.0, 0.1
 """A fine sensor that shows the same number for so long under current is stuck; a coarse one may for half an hour."""
+MUST_MOVE = 3.0
+"""Times its step, or its noise: what a model whose resistance may be half as large must expect of a surface."""
 INLET_K = 0.5
 SOC_SPAN = 0.2
 STEADY = 0.05
@@ -97,11 +99,14 @@ def _current(r: Record, _: StringModel) -> Iterator[Finding]:
         yield Finding("no_current", "stop", "No current flows: there is no heat to explain.")
         return
     if float(np.std(d.I2)) < STEADY * float(np.mean(d.I2)):
+        said = f"The current is {float(np.median(d.I)):.3g} A all along"
+        if float(np.ptp(d.I)) > peak:
+            said = f"The current is {float(np.sqrt(np.mean(d.I2))):.3g} A all along, now one way and now the other"
         yield Finding(
             "constant_current",
             "warn",
-            f"The current is {float(np.median(d.I)):.3g} A all along: resistance, drift and everything that depends on "
-            "the current look alike. Drive pulses and rests.",
+            f"{said}: resistance, drift and everything that depends on the current's size look alike. Drive pulses "
+            "and rests.",
         )
     for way, one, other in (("discharged", d.I, "charging"), ("charged", -d.I, "discharging")):
         if float(one.min()) > -REST * peak:
@@ -179,7 +184,7 @@ def _soak(r: Record, model: StringModel) -> Iterator[Finding]:
             )
 
 
-def _stuck(r: Record, _: StringModel) -> Iterator[Finding]:
+def _stuck(r: Record, model: StringModel) -> Iterator[Finding]:
     d = r.drive
     t = r.surface.at(r.instants)
     work = np.append(0.0, np.cumsum(_above(d, ACTIVE) * d.dt))
@@ -191,7 +196,7 @@ def _stuck(r: Record, _: StringModel) -> Iterator[Finding]:
         held = work[left[edges[1:] - 1]] - work[left[edges[:-1]]]
         limit = STILL_S if r.noise.step[j] < COARSE_K else STILL_COARSE_S
         k = int(np.argmax(held))
-        if held[k] > limit:
+        if held[k] > limit and _must_move(r, model, cell, int(left[edges[k]]), int(left[edges[k + 1] - 1])):
             stuck.append(cell)
             first = float(t[mine][edges[k]] - r.instants[0])
             yield Finding(
@@ -202,6 +207,25 @@ def _stuck(r: Record, _: StringModel) -> Iterator[Finding]:
             )
     if len(stuck) == len(r.cells):
         yield Finding("all_stuck", "stop", "Every surface sensor stands still under current.")
+
+
+def _must_move(r: Record, model: StringModel, cell: int, first: int, last: int) -> bool:
+    """Whether a surface that reads one value over some intervals cannot have stood still, by the model's numbers.
+
+    A slow charge warms a cell by less than a step of its sensor, and a steady one by nothing once it is warm.
+    """
+    d, p = r.drive, model.nominal
+    q = np.nan_to_num(d.I2)[:, None] * p.R_e
+    inlet = np.append(d.T_in, d.T_in[-1])
+    x = simulate(discretize(continuous(_passable(p)), d.dt), np.full(2 * p.cells, inlet[0]), q, inlet)
+    expected = x[first : last + 2, 2 * cell - 1]
+    reads = max(float(r.noise.step[r.cells.index(cell)]), float(r.noise.total[r.cells.index(cell)]))
+    return float(np.ptp(expected)) > MUST_MOVE * reads
+
+
+def _passable(p: StringParameters) -> StringParameters:
+    """Take the exact exchange where the bulk node would overshoot."""
+    return replace(p, coolant="ntu") if np.isfinite(p.C_f) else p
 
 
 def _sign(r: Record, _: StringModel) -> Iterator[Finding]:

@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bms_gateway.diagnose.calibrate import identify
 from bms_gateway.diagnose.core_band import CoreBand, at_times, core_bands
+from bms_gateway.diagnose.core_known import KnownCore, known_core
 from bms_gateway.diagnose.findings import core_sentences, sensor_sentences
-from bms_gateway.diagnose.misfit import Block, Level, Sensor, Series, level, nearest, series
+from bms_gateway.diagnose.misfit import Block, Level, Sensor, Series, level, series
 from bms_gateway.diagnose.misfit import blocks as blocks_of
 from bms_gateway.diagnose.misfit import sensors as sensors_of
 from bms_gateway.diagnose.prepare import joined, measured
@@ -23,11 +23,12 @@ from bms_gateway.diagnose.residuals import Structure, structure
 from bms_gateway.identify.map_fit import MapFit, fitted, stacked
 from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal import Floats, StringModel
+from bms_gateway.thermal.centre import probe_lever
 
 
 @dataclass(frozen=True, slots=True)
 class CoreCheck:
-    """Model against a thermocouple in a core, which no fit has seen.
+    """Model against a thermocouple in a core, which no fit has seen: read where `core_probe` says that it sits.
 
     Attributes
     ----------
@@ -35,7 +36,7 @@ class CoreCheck:
     rmse_K, bias_K : float
         Bias: thermocouple minus model.
     covered : float
-        Share of the readings within 1.96 sd of the band.
+        Share of the readings within 1.96 sd, of the band and of where the thermocouple sits.
     time_s, measured : ndarray (K,)
     """
 
@@ -93,11 +94,14 @@ class Comparison:
     filed, refitted : Variant
         The filed one's cores carry the refitted one's sd and the distance to it: a model that is taken for exact does
         not know how wrong it is.
+    core : KnownCore
+        By these records: what stands behind the bands, and whether it is proven.
     """
 
     sources: tuple[str, ...]
     filed: Variant
     refitted: Variant
+    core: KnownCore
 
 
 def compare(model: StringModel, records: Sequence[Record]) -> Comparison:
@@ -114,19 +118,19 @@ def compare(model: StringModel, records: Sequence[Record]) -> Comparison:
         Filed and refitted; readings of cores, where there are any, are used for `core_checks` only.
     """
     ready = [measured(r, model) for r in records]
-    refitted = identify(model, records).seen
+    core = known_core(model, records)
+    refitted = core.identified.seen
     filed = fitted(Problem(as_filed(model), ready))
-    sensors, kept = sensors_of(refitted), sensors_of(filed)
-    bands = core_bands(refitted, nearest(sensors, model.cells))
-    own = core_bands(filed, nearest(kept, model.cells))
     # what a model that is taken for exact does not know: how far refitting moves it, and what that leaves open
     doubted = tuple(
-        replace(mine, sd_K=np.hypot(best.sd_K, mine.T_c - best.T_c)) for mine, best in zip(own, bands, strict=True)
+        replace(best, T_c=mine.T_c, gap_K=mine.gap_K, lag_K=mine.lag_K, sd_K=np.hypot(best.sd_K, mine.T_c - best.T_c))
+        for mine, best in zip(core_bands(filed), core.bands, strict=True)
     )
     return Comparison(
         tuple(r.source for r in records),
-        _variant("filed", filed, kept, doubted, records),
-        _variant("refitted", refitted, sensors, bands, records),
+        _variant("filed", filed, sensors_of(filed), doubted, records),
+        _variant("refitted", refitted, sensors_of(refitted), core.bands, records),
+        core,
     )
 
 
@@ -191,11 +195,11 @@ def _core_checks(record: Record, fit: MapFit, r: int, band: CoreBand) -> list[Co
     found = []
     for j, (kind, cell) in enumerate(with_core.channels):
         mine = with_core.channel == j
-        if kind != "core" or not mine.any():
+        if kind != "probe" or not mine.any():
             continue
         y = with_core.y[mine]
-        T_c, sd = at_times(band, cell, t[mine])
-        error = y - T_c
+        read, sd = at_times(band, cell, t[mine], probe_lever(fit.problem.model))
+        error = y - read
         found.append(
             CoreCheck(
                 r,

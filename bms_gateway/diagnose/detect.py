@@ -15,6 +15,7 @@ import numpy as np
 import scipy.linalg
 
 from bms_gateway.diagnose.candidates import Candidate
+from bms_gateway.diagnose.core_band import posterior
 from bms_gateway.diagnose.screen import Gain, screen
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.thermal import Floats
@@ -26,8 +27,6 @@ ALIKE = 0.95
 """Cosine from which two effects look alike: telling them takes ten times the evidence that showing one takes."""
 LIKELY = 2.0
 """Prior sd up to which a size is one that is met with."""
-LEARNT = 0.7
-"""Posterior over prior sd above which a record has taught hardly anything of a parameter."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,13 +96,10 @@ class Absorbed:
     sentences : tuple of str
         Changes that no record can show as an effect while these parameters are free.
     combinations : tuple of Combination
-    unlearnt : tuple of str
-        Parameters of which the records say hardly more than the model file did.
     """
 
     sentences: tuple[str, ...]
     combinations: tuple[Combination, ...]
-    unlearnt: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,9 +185,8 @@ class Projection:
 def absorbed(fit: MapFit) -> Absorbed:
     """Tell what the free parameters of a fit take up, and which of their products the records determine."""
     names = [c.name for c in fit.problem.coordinates]
-    priors = fit.problem.model.priors
     several = len(fit.problem.records) > 1
-    cov, sd = fit.covariance, np.array([c.sd for c in fit.problem.coordinates])
+    cov = posterior(fit)
     sentences = []
     if "R_e" in names:
         sentences.append("A gain of the current sensor and a change of all cells' R_e alike go into R_e.")
@@ -210,10 +205,8 @@ def absorbed(fit: MapFit) -> Absorbed:
         text = f"{'·'.join(symbols)} ({meaning}) is known to {_percent(product)}; "
         text += ", ".join(f"{s} alone to {_percent(x)}" for s, x in apart) + "."
         found.append(Combination(symbols, meaning, product, apart, text))
-    free = [i for i, s in enumerate(names) if s.partition("@")[0] in priors]
-    unlearnt = tuple(names[i] for i in free if np.sqrt(cov[i, i]) > LEARNT * sd[i] and sd[i] > FIRM)
     found.sort(key=lambda c: c.rel_sd)
-    return Absorbed(tuple(sentences), tuple(found), unlearnt)
+    return Absorbed(tuple(sentences), tuple(found))
 
 
 PRODUCTS = (
@@ -222,8 +215,6 @@ PRODUCTS = (
     (("C_c", "R_c"), "time in which the core follows"),
 )
 """What a steady string shows of its parameters."""
-FIRM = 0.1
-"""Relative prior sd up to which a parameter is known beforehand and need not be learnt."""
 
 
 def _sized(c: Candidate) -> bool:

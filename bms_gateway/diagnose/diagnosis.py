@@ -19,47 +19,41 @@ from typing import Literal
 import numpy as np
 
 from bms_gateway.diagnose.calibrate import seen_on
-from bms_gateway.diagnose.candidates import Candidate
+from bms_gateway.diagnose.candidates import INSTEAD, Candidate
 from bms_gateway.diagnose.coarse_rows import doubt
 from bms_gateway.diagnose.core_band import core_moved
 from bms_gateway.diagnose.judge import Settings, Trial
 from bms_gateway.diagnose.prepare import measured
 from bms_gateway.diagnose.record import Record
 from bms_gateway.diagnose.residuals import (
-    LEAST_Z,
+    CHANCE,
     Structure,
     noise_floor,
-    noise_hardly_known,
     rmse,
-    scale,
     structure,
-    usual_scale,
+    unexplained,
     within,
 )
 from bms_gateway.diagnose.search import Progress, Search, search
 from bms_gateway.diagnose.second import SecondSearch, needs_second, second_search
+from bms_gateway.diagnose.words import course, falls, rises, why_not
+from bms_gateway.identify.coordinates import Measured
 from bms_gateway.identify.map_fit import MapFit, stacked
 from bms_gateway.thermal import StringModel
 
 Verdict = Literal["adequate", "missing_effect", "undecidable", "unknown_effect", "insufficient_data"]
 
-LEAST_STRUCTURE = 0.18
-"""Structured error, in units of the sensors' noise, that counts as something left over …"""
-COARSE_STRUCTURE = 0.6
-"""… and where the resolution is so coarse that rounding itself leaves structure."""
 ROWS_OPEN = " The rows of the current lie so far apart that {:.2g} K may be theirs."
-CHANCE = 1.5
-"""What rows too coarse leave open counts so often: one record's share of it is a draw of few."""
-HELD_RATIO = 1.2
-"""Held-out residual over the noise, from which the model does not hold there."""
-COARSE_SDS = 2.0
-"""Of the held-out residual that coarse steps leave to a few readings: so many it must be above that."""
 EXPLAINED, EXPLAINED_HELD = 0.95, 0.5
 """Share of the structure's power, of the held-out excess, that an effect must take away to be named as the cause: a
 right name leaves less, unless the noise hides it all the same."""
 DECIDED = 0.5
 """Posterior share of the first effect below which several explain the records about equally well."""
 SHORT_STRING = 5
+INPUT_ONLY = (
+    "Heat from the voltage explains it: that is a better input and no physics. What I²R_e lacks is none of the "
+    "catalogue's laws alone; look at R_e over temperature and charge, and at entropy."
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,6 +190,13 @@ def diagnose(
     ready = [measured(r, model) for r in records]
     found = search(model, ready, settings, lambda share, text: tell(0.6 * share, text), [doubt(r) for r in records])
     first = judged(found)
+    if first.verdict == "unknown_effect" and not found.hopeless and _heat_by_voltage(ready):
+        other = search(model, ready, settings, doubts=[doubt(r) for r in records], voltage=True)
+        by_voltage = judged(other)
+        if _only_voltage(by_voltage):
+            other.physical = found.rounds
+            tell(1.0, "done")
+            return _with_doubt(replace(by_voltage, sentence=f"{by_voltage.sentence} {INPUT_ONLY}"))
     open_rows = found.hopeless or (found.left_open > 0.0 and first.verdict == "adequate")
     if open_rows or not needs_second(found) or (model.cells > 1 and not _doubtful(first)):
         tell(1.0, "done")
@@ -206,18 +207,21 @@ def diagnose(
     return _judged_again(first, second)
 
 
+def _heat_by_voltage(ready: Sequence[Measured]) -> bool:
+    return all({"voltage", "soc"} <= m.drive.known for m in ready)
+
+
+def _only_voltage(d: Diagnosis) -> bool:
+    """Whether heat by the voltage is what explains the readings, and all of them."""
+    return d.verdict == "missing_effect" and not d.unknown_remains and d.selected[0].candidate.name in INSTEAD
+
+
 def judged(found: Search) -> Diagnosis:
     """Pass the verdict on what a search found."""
     base, final = errors(found.baseline), errors(found.final)
     held = within(found.final)
     floor = float(np.mean(stacked(found.final.problem)[1][held] ** 2))
-    coarse = noise_hardly_known(found.final)
-    open_in_sd = CHANCE * found.left_open / float(np.sqrt(floor))
-    least = float(np.hypot(COARSE_STRUCTURE if coarse else LEAST_STRUCTURE, open_in_sd))
-    structured = final.structure.z > LEAST_Z and final.structure.size > least
-    usual = usual_scale(found.final, final.structure.z)
-    seen = scale(found.final, held, COARSE_SDS if coarse else 0.0)
-    fails_held = seen > float(np.hypot(HELD_RATIO * usual, open_in_sd))
+    structured, fails_held = unexplained(found.final, found.left_open)
     explained = 1.0 - max(final.structure.power, 0.0) / max(base.structure.power, 1e-9)
     before, after = (max(rmse(f, held) ** 2 - floor, 0.0) for f in (found.baseline, found.final))
     explained_held = 1.0 - after / max(before, 1e-9)
@@ -225,6 +229,7 @@ def judged(found: Search) -> Diagnosis:
     outside = bool(found.chosen) and final.heldout_rmse_K > max(1.3 * noise, 1.05 * base.heldout_rmse_K)
     remains = structured or fails_held or outside
     mimic = (structured and explained < EXPLAINED) or (fails_held and explained_held < EXPLAINED_HELD)
+    mimic |= after > 0.0 and rises(rmse(found.baseline, held), rmse(found.final, held))
     selected = tuple(Selected(c.candidate, c.tied, numbers(found.final, c.candidate), c.log_odds) for c in found.chosen)
     ranking = tuple(_ranked(t, r) for r in found.rounds[:1] for t in r)
     if not found.chosen:
@@ -275,34 +280,45 @@ def _doubtful(d: Diagnosis) -> bool:
 def _judged_again(first: Diagnosis, second: SecondSearch) -> Diagnosis:
     """Pass the verdict of the second search: its names, its errors, its doubts."""
     floor = first.baseline.noise_floor_K
-    everything = stacked(second.baseline.problem)[4]
     base, after = (
-        Errors(rmse(f, everything), tail, floor, structure(f))
-        for f, tail in zip((second.baseline, second.best), second.tail, strict=True)
+        Errors(rmse(seen, stacked(seen.problem)[4]), held, floor, structure(f))
+        for f, seen, held in zip((second.baseline, second.best), second.blocks, second.held_K, strict=True)
     )
+    predicted = f" Fitted to the first 60 %, it {course(*second.tail)} in the last 40 %."
     names = tuple(c.candidate.name for c in second.chosen)
     selected = tuple(
         Selected(c.candidate, c.tied, numbers(second.best, c.candidate), c.log_odds) for c in second.chosen
     )
+    probable = {s.candidate.key: second.probability.get(s.candidate.key, 1.0) for s in selected}
     ranking = tuple(
-        Ranked(s.candidate.name, s.candidate.cell, after.heldout_rmse_K, s.log_odds, 1.0, s.parameters, s.tied_with, "")
+        Ranked(
+            s.candidate.name,
+            s.candidate.cell,
+            after.heldout_rmse_K,
+            s.log_odds,
+            probable[s.candidate.key],
+            s.parameters,
+            s.tied_with,
+            "",
+        )
         for s in selected
     )
     if second.verdict == "unknown_effect":
-        why = "it explains a part only"
+        why = why_not(base.heldout_rmse_K, after.heldout_rmse_K)
         ranking = tuple(replace(r, refused=why) for r in ranking)
         text = _sentence("unknown_effect", (), names, True, base, base)
         return Diagnosis(
             "unknown_effect", True, text, (), names, ranking, base, base, first.search, second, second.alarms
         )
-    text = _sentence(
-        "missing_effect", selected, (), True, base, after, held="the last 40 %, predicted from the first 60 %,"
-    )
+    # an effect that is likelier to be another is one of several
+    doubtful = [s for s in selected if probable[s.candidate.key] < DECIDED]
+    verdict: Verdict = "undecidable" if doubtful else "missing_effect"
+    text = _sentence(verdict, selected, (), True, base, after) + predicted
+    for s in doubtful:
+        text += f" {s.candidate.key} is one of several: its probability is {100.0 * probable[s.candidate.key]:.0f} %."
     if not second.core_claimed:
         text += f" The core is not known better by it: {' '.join(second.alarms)}"
-    return Diagnosis(
-        "missing_effect", True, text, selected, (), ranking, base, after, first.search, second, second.alarms
-    )
+    return Diagnosis(verdict, True, text, selected, (), ranking, base, after, first.search, second, second.alarms)
 
 
 def errors(fit: MapFit) -> Errors:
@@ -358,7 +374,6 @@ def _sentence(
     remains: bool,
     base: Errors,
     after: Errors,
-    held: str = "held-out blocks",
 ) -> str:
     floor = base.noise_floor_K
     if verdict == "adequate":
@@ -375,8 +390,10 @@ def _sentence(
     names = " and ".join(named(s.candidate) for s in selected)
     tied = sorted({t for s in selected for t in s.tied_with})
     them = "it" if len(selected) == 1 else "them"
-    text = f"Missing: {names}. With {them} the error on {held} falls from {base.heldout_rmse_K:.2g} to "
-    text += f"{after.heldout_rmse_K:.2g} K (noise {floor:.2g} K)."
+    moved = course(base.heldout_rmse_K, after.heldout_rmse_K)
+    text = f"Missing: {names}. With {them} the error on held-out blocks {moved} (noise {floor:.2g} K)."
+    if not falls(base.heldout_rmse_K, after.heldout_rmse_K):
+        text += " These readings speak for it only where it was fitted."
     if tied:
         text += f" These readings cannot tell it from {', '.join(tied)}."
     return text + (" Something unknown remains." if remains else "")

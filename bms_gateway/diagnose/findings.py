@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bms_gateway.diagnose.core_band import CoreBand
+from bms_gateway.diagnose.core_band import CoreBand, half_width_K
 from bms_gateway.diagnose.misfit import Block, Sensor
 from bms_gateway.diagnose.regimes import Bin
 
@@ -52,16 +52,19 @@ def sensor_sentences(
 
 def core_sentences(bands: Sequence[CoreBand], sensors: Sequence[Sensor], name: str) -> tuple[str, ...]:
     """Say how wrong the core could be, and warn where a good surface hides it."""
-    half = np.max(np.stack([1.96 * b.total_K.max(axis=0) for b in bands]), axis=0)
+    half = half_width_K(bands)
     k = int(np.argmax(half))
     core = f"the core of cell {k + 1}"
     if any(s.disagrees for s in sensors):
         judged = ", by what refitting moves" if name == "filed" else ""
-        text = f"While surfaces disagree, trust no core: {core} may be {half[k]:.2g} K off or more{judged}."
+        text = (
+            "The core estimates are unreliable while the model does not explain the surfaces: "
+            f"{core} may be {half[k]:.2g} K off or more{judged}."
+        )
     elif half[k] > LARGE_CORE_K:
         text = f"The surfaces agree, yet {core} could be {half[k]:.2g} K wrong (95 %): they alone do not settle it."
     else:
-        text = f"The cores are known to {half[k]:.2g} K at worst (95 %, cell {k + 1})."
+        text = f"The cores are known to {half[k]:.2g} K (95 %, cell {k + 1} least)."
     return (text,)
 
 

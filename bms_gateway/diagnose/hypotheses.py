@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bms_gateway.diagnose.candidates import Candidate, candidates
+from bms_gateway.diagnose.ammeter import charge_too_much
+from bms_gateway.diagnose.candidates import INSTEAD, Candidate, candidates, excluded
 from bms_gateway.diagnose.model_error import REFINEMENTS, Bench, Fit, fit
 from bms_gateway.diagnose.screen import Gain, extended, screen
 from bms_gateway.identify.coordinates import Coordinate, Measured
@@ -22,8 +23,9 @@ HOTTEST = 120.0
 """°C: separators shut down above."""
 FAR = 4.0
 """sd of a current offset: beyond what its sensor can have."""
-INSTEAD = frozenset({"voltage_heat"})
-"""No missing effect, but another way to the same heat: kept as a witness."""
+SPECIAL = -2.5
+"""Plausibility from which down an effect needs a special cause: a bad sensor, a sheet that melts, a bracket."""
+UNCLEAN = "it needs a special cause, and leaves what no such cause explains"
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +58,11 @@ class Hypothesis:
         """Effects by name, sorted."""
         return tuple(sorted(c.name for c in self.effects))
 
+    @property
+    def special(self) -> bool:
+        """Whether one of the effects needs a special cause."""
+        return any(c.effect.plausibility <= SPECIAL for c in self.effects)
+
     def core(self, record: int = 0) -> Floats:
         """Cores (N + spans, n) along the fitted trajectory, °C."""
         n = self.fit.map.problem.model.cells
@@ -85,7 +92,7 @@ def offered_by(model: StringModel, bench: Bench) -> tuple[Candidate, ...]:
     surfaces = float(np.quantile(y, 0.05)), float(np.quantile(y, 0.95))
     found = []
     for c in candidates(model, replace(bench.records[0].drive, known=known), surfaces):
-        if c.name in INSTEAD:
+        if c.name in INSTEAD or any(excluded(c.effect, m.drive) for m in bench.records):
             continue
         c = freed(c, bench.records)
         found.append(c)
@@ -126,6 +133,10 @@ def _absurd(h: Hypothesis, base: Hypothesis) -> str:
             return f"{c.name} ends at its bound"
         if name == "current_offset" and abs(z) > FAR * c.sd:
             return f"a current offset of {z:.2g} A is none that a sensor has"
+        if name == "current_offset":
+            for m in problem.records:
+                if said := charge_too_much(m.drive, float(z), problem.model.capacity_Ah):
+                    return said
     gap, usual = h.gap(), max(base.gap(), LEAST_GAP)
     if gap > WILD_GAP * usual:
         return f"its core stands {gap:.1f} K from the surface, {gap / usual:.1f} times as far as without it"
@@ -213,6 +224,12 @@ class Board:
         """Best hypothesis made of some of the other effects alone."""
         rest = set(h.names) - {c.name}
         return max((x for x in self.accepted() if set(x.names) <= rest), key=lambda x: x.score)
+
+    def refuse_special(self) -> None:
+        """Believe no hypothesis with a special cause any more: the model's own error is what they mop up."""
+        for key, h in self.found.items():
+            if h.special and not h.refused:
+                self.found[key] = replace(h, refused=UNCLEAN)
 
     def _keep(self, h: Hypothesis) -> None:
         if np.isfinite(h.score) and (h.key not in self.found or h.score > self.found[h.key].score):

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bms_gateway.diagnose.ammeter import charge_too_much
 from bms_gateway.diagnose.candidates import Candidate
 from bms_gateway.diagnose.residuals import log_density, rmse, structure, within
 from bms_gateway.identify.map_fit import MapFit, stacked
@@ -176,7 +177,7 @@ def judge(
         share[c.name] = share.get(c.name, 0.0) + float(w)
     trials = []
     for (c, fit), odd in zip(fits, odds, strict=True):
-        why = gate(current, fit, float(odd), inflation, s, number)
+        why = _impossible(c, fit) or gate(current, fit, float(odd), inflation, s, number)
         trials.append(Trial(c, fit, float(odd), share[c.name], not why, why))
     # by the probability of the effect, then of the place; the gates speak for the three most probable effects
     trials.sort(key=lambda t: (-t.share, -t.log_odds))
@@ -186,6 +187,15 @@ def judge(
         t if t.candidate.name in likely or not t.passed else replace(t, passed=False, why="another effect is likelier")
         for t in trials
     ]
+
+
+def _impossible(c: Candidate, fit: MapFit) -> str:
+    """Say by what a record rules out the size that an effect was fitted to; empty where it does not."""
+    if c.name != "current_offset":
+        return ""
+    b = float(fit.theta[fit.problem.index(f"{c.key}.b")])
+    said = (charge_too_much(m.drive, b, fit.problem.model.capacity_Ah) for m in fit.problem.records)
+    return next((x for x in said if x), "")
 
 
 def gate(current: MapFit, fit: MapFit, odds: float, inflation: float, s: Settings, number: int = 0) -> str:

@@ -40,8 +40,6 @@ class ModelError:
         … and their limits. Shorter than a surface's time constant, for what is faster than a mean is lost.
     start_core, start_surface : float, K
         How far core and surface may be from the first readings at the start of a record: a cell on a bench has rested.
-    B : float, float
-        Kelvin and sd of resistance_temperature: kinetics and electrolyte of lithium-ion cells have 2,000 to 4,000.
     contact : float
         sd of thermocouple_contact: a glued bead loses a few per cent, more is a bad mounting.
     lag : float, s
@@ -61,7 +59,6 @@ class ModelError:
     longest: float = 15.0
     start_core: float = 0.5
     start_surface: float = 0.2
-    B: tuple[float, float] = (2500.0, 1500.0)
     contact: float = 0.05
     lag: float = 2.0
     offset: float = 0.5
@@ -75,7 +72,6 @@ class ModelError:
         return {
             "T_c0": Belief(0.0, self.start_core),
             "T_s0": Belief(0.0, self.start_surface),
-            "resistance_temperature.B": Belief(*self.B),
             "thermocouple_contact.g": Belief(0.0, self.contact),
             "thermocouple_lag.tau": Belief(0.0, self.lag),
             "thermocouple_offset.b": Belief(0.0, self.offset),

@@ -52,7 +52,7 @@ def measured(record: Record, model: StringModel, *, join: int | None = None, cor
     sources = [(record.surface, record.held, 0)]
     sigma, step = record.noise.sigma, record.noise.step
     if core:
-        channels += [("core", k) for k in record.core.cells]
+        channels += [("probe", k) for k in record.core.cells]
         sources = [(record.surface, np.zeros_like(record.held), 0)]
         sources.append((record.core, np.zeros(len(record.core.y), np.bool_), len(record.cells)))
         sigma = np.concatenate([sigma, np.full(len(record.core.cells), float(np.mean(sigma)))])

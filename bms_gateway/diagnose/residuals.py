@@ -23,6 +23,17 @@ LEAST_Z = 6.0
 ENOUGH = 50
 """Readings inside the trained range; with fewer all held-out readings count."""
 
+LEAST_STRUCTURE = 0.18
+"""Structured error, in units of the sensors' noise, that counts as something left over …"""
+COARSE_STRUCTURE = 0.6
+"""… and where the resolution is so coarse that rounding itself leaves structure."""
+CHANCE = 1.5
+"""What rows too coarse leave open counts so often: one record's share of it is a draw of few."""
+HELD_RATIO = 1.2
+"""Held-out residual over the noise, from which the model does not hold there."""
+COARSE_SDS = 2.0
+"""Of the held-out residual that coarse steps leave to a few readings: so many it must be above that."""
+
 
 @dataclass(frozen=True, slots=True)
 class Structure:
@@ -138,6 +149,24 @@ def within(fit: MapFit) -> np.ndarray:
             inside &= (x >= trained.min() - margin) & (x <= trained.max() + margin)
         parts.append(inside if inside.sum() >= ENOUGH else ~m.used)
     return np.concatenate(parts)
+
+
+def unexplained(fit: MapFit, left_open: float = 0.0) -> tuple[bool, bool]:
+    """Whether a fit leaves structure in the readings, and whether it fails on those held out.
+
+    Parameters
+    ----------
+    fit : MapFit
+    left_open : float, K
+        What the readings may be off because the current is not known between its rows.
+    """
+    held = within(fit)
+    found, coarse = structure(fit), noise_hardly_known(fit)
+    open_in_sd = CHANCE * left_open / float(np.sqrt(np.mean(stacked(fit.problem)[1][held] ** 2)))
+    least = float(np.hypot(COARSE_STRUCTURE if coarse else LEAST_STRUCTURE, open_in_sd))
+    seen = scale(fit, held, COARSE_SDS if coarse else 0.0)
+    fails_held = seen > float(np.hypot(HELD_RATIO * usual_scale(fit, found.z), open_in_sd))
+    return found.z > LEAST_Z and found.size > least, fails_held
 
 
 def _span(m: Measured) -> np.ndarray:

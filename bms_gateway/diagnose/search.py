@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from bms_gateway.diagnose.candidates import Candidate, candidates
+from bms_gateway.diagnose.candidates import INSTEAD, Candidate, candidates
 from bms_gateway.diagnose.coarse_rows import HOPELESS, left_open
 from bms_gateway.diagnose.judge import HALF, Settings, Trial, judge, prior_odds, worth
 from bms_gateway.diagnose.residuals import log_density, rmse, structure, within
@@ -64,6 +64,8 @@ class Search:
         What the readings may be off because the current is not known between its rows.
     hopeless : bool
         Whether that is too much for any name.
+    physical : list of list of Trial, or None
+        Rounds of the search before this one, which had no other source of the heat to offer; None where this is it.
     """
 
     baseline: MapFit
@@ -74,6 +76,12 @@ class Search:
     orphan: bool = False
     left_open: float = 0.0
     hopeless: bool = False
+    physical: list[list[Trial]] | None = None
+
+    @property
+    def asked(self) -> list[list[Trial]]:
+        """Rounds over effects that are physics, and not another source of the heat."""
+        return self.rounds if self.physical is None else self.physical
 
 
 def search(
@@ -82,6 +90,7 @@ def search(
     settings: Settings | None = None,
     progress: Progress | None = None,
     doubts: Sequence[float] = (),
+    voltage: bool = False,
 ) -> Search:
     """Search for the effects that a model lacks.
 
@@ -95,6 +104,8 @@ def search(
         Told the share of the work done and what is being done.
     doubts : sequence of float, optional
         Of a minute's heat in each record, relative: rows of the current that lie too far apart (`coarse_rows`).
+    voltage : bool
+        Offer heat by the voltage in place of I²R_e too: which tells how much heat there is, and not what makes it.
 
     Returns
     -------
@@ -110,7 +121,7 @@ def search(
     s = replace(s, left_open=found.left_open)
     y = stacked(baseline.problem)[0]
     surfaces = (float(np.quantile(y, 0.002)), float(np.quantile(y, 0.998)))
-    offered = candidates(model, records[0].drive, surfaces)
+    offered = [c for c in candidates(model, records[0].drive, surfaces) if voltage or c.name not in INSTEAD]
     _climb(found, offered, s, tell)
     for rival in _rivals(found, s):
         tell(0.9, f"beginning with {rival.candidate.key}")

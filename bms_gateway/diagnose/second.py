@@ -5,21 +5,21 @@ of its own; plausibility counts. An effect stays only if no hypothesis without i
 must explain half of the misfit and, fitted to the first part of the record, remove half of the error in the rest.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 
-from bms_gateway.diagnose.band import Cores, core_band
+from bms_gateway.diagnose.calibrate import held_out, seen_on
 from bms_gateway.diagnose.candidates import Candidate
 from bms_gateway.diagnose.hypotheses import Board, Hypothesis, freed
 from bms_gateway.diagnose.model_error import REFINEMENTS, Bench, Fit, ModelError, averaged, first_part, fit
-from bms_gateway.diagnose.residuals import structure
+from bms_gateway.diagnose.residuals import rmse, structure
 from bms_gateway.diagnose.search import Chosen, Search
 from bms_gateway.diagnose.witness import Witness, agreement, by_voltage, witnesses
 from bms_gateway.identify.coordinates import Coordinate, Measured
-from bms_gateway.identify.map_fit import MapFit, stacked
+from bms_gateway.identify.map_fit import ITERATIONS, MapFit, stacked
 from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal import StringModel
 from bms_gateway.thermal.effects import effect_named
@@ -123,6 +123,9 @@ class SecondSearch:
     ranking : tuple of Ranked
     explained : float
         Share of the surface's misfit above the noise.
+    blocks : tuple of MapFit
+        Without and with the chosen effects, fitted with the held-out blocks left out, against the readings as they
+        came: the errors that `compare` tells of the same models.
     tail : tuple of float
         RMSE in the last part, fitted to the first: without and with the chosen effects, K.
     discrepancy : tuple of float
@@ -131,9 +134,9 @@ class SecondSearch:
         As given.
     hypotheses : tuple of Hypothesis
         Not refused, the chosen one first.
-    alone : tuple of MapFit
-        The chosen model fitted to each record alone, where the records disagree.
     settings : SecondSettings
+    probability : mapping of key to float
+        Of each chosen effect: that of all hypotheses together, not refused, that have it.
     """
 
     baseline: MapFit
@@ -146,30 +149,26 @@ class SecondSearch:
     witnesses: tuple[Witness, ...]
     ranking: tuple[Ranked, ...]
     explained: float
+    blocks: tuple[MapFit, MapFit]
     tail: tuple[float, float]
     discrepancy: tuple[float, float]
     records: Sequence[Measured]
     hypotheses: tuple[Hypothesis, ...]
-    alone: tuple[MapFit, ...]
     settings: SecondSettings
+    probability: Mapping[str, float] = field(default_factory=dict)
 
-    def predicted(self, keys: Sequence[str]) -> float:
-        """RMSE in the last part, K, by these effects fitted to the first: those chosen, or of one of `hypotheses`."""
+    @property
+    def held_K(self) -> tuple[float, float]:
+        """RMSE on the held-out blocks without and with the chosen effects."""
+        before, after = (_error_held(f) for f in self.blocks)
+        return before, after
+
+    def held_with(self, keys: Sequence[str]) -> float:
+        """RMSE on the held-out blocks, K, with these effects: those chosen, or of one of `hypotheses`."""
         if sorted(keys) == sorted(c.candidate.key for c in self.chosen):
-            return self.tail[1]
+            return self.held_K[1]
         h = next(h for h in self.hypotheses if sorted(keys) == sorted(c.key for c in h.effects))
-        return _tail(Bench(h.fit.map.problem.records, self.settings.error), h.fit, self.settings)
-
-    def cores(self) -> tuple[Cores, ...]:
-        """Cores of every record with their standard deviation, at the instants of the records as given."""
-        return core_band(
-            self.best,
-            self.discrepancy[1],
-            self.hypotheses,
-            self.records,
-            alarmed=not self.core_claimed,
-            alone=self.alone,
-        )
+        return _error_held(_blocks(Bench(h.fit.map.problem.records, self.settings.error), h.fit, self.records))
 
 
 def needs_second(first: Search) -> bool:
@@ -227,6 +226,9 @@ def second_search(
     board = Board(model, bench)
     _explore(board, s, tell)
     best = _parsimonious(board, s)
+    if best.special and not _clean(best, records):
+        board.refuse_special()
+        best = _parsimonious(board, s)
     fine_settings = replace(s.error, floor=s.numbers * s.error.floor)
     fine = Bench([averaged(m, fine_settings) for m in records], fine_settings)
     tell(0.85, "fitting the numbers of the best hypothesis")
@@ -239,23 +241,20 @@ def second_search(
     kept = max(tail[1] ** 2 - noise**2, 0.0) <= s.tail * max(tail[0] ** 2 - noise**2, 1e-9)
     believed = bool(best.effects) and explained >= s.explained and kept
     said = (*witnesses(final.map, records, tail if best.effects else None), *_by_voltage(board, best))
-    alone: tuple[MapFit, ...] = ()
     if len(records) > 1:
         tell(0.95, "fitting each record alone")
-        alone = tuple(_alone(final, m, fine.settings) for m in fine.records)
-        together = agreement(final.map, alone)
-        said += together
-        if not any(w.alarm for w in together):
-            alone = ()
+        said += agreement(final.map, [_alone(final, m, fine.settings) for m in fine.records])
     alarms = tuple(w.says for w in said if w.alarm)
     tell(1.0, "done")
     accepted = tuple(board.accepted())
+    chosen = _chosen(board, best)
     if best is not accepted[0]:
         accepted = (best, *(h for h in accepted if h is not best))
     return SecondSearch(
         baseline=base.map,
         best=final.map,
-        chosen=_chosen(board, best),
+        chosen=chosen,
+        probability={c.candidate.key: _probability(board, c.candidate.name) for c in chosen},
         verdict="missing_effect" if believed else "unknown_effect",
         unknown_remains=True,
         core_claimed=believed and not alarms,
@@ -263,11 +262,11 @@ def second_search(
         witnesses=said,
         ranking=_ranking(board, best),
         explained=explained,
+        blocks=(_blocks(bench, base, records, anew=True), _blocks(bench, best.fit, records)),
         tail=tail,
         discrepancy=(base.discrepancy.size, final.discrepancy.size),
         records=records,
         hypotheses=accepted,
-        alone=alone,
         settings=s,
     )
 
@@ -300,6 +299,16 @@ def _parsimonious(board: Board, s: SecondSettings) -> Hypothesis:
             break
         best = without
     return best
+
+
+def _clean(best: Hypothesis, records: Sequence[Measured]) -> bool:
+    """Whether the readings as they came keep no structure beside a hypothesis.
+
+    Where they do, the skeleton of two nodes errs still, and what takes a little of that error away need not be there:
+    an effect that every cell has may be named beside it, one that needs a special cause may not.
+    """
+    left = structure(seen_on(best.fit.map, [replace(m, used=np.ones_like(m.used)) for m in records]))
+    return left.z <= STRUCTURED[1] or left.size <= STRUCTURED[0]
 
 
 def _finished(best: Hypothesis, fine: Bench, s: SecondSettings) -> Fit:
@@ -347,6 +356,24 @@ def _tail(bench: Bench, f: Fit, s: SecondSettings) -> float:
     return float(np.sqrt(np.mean((y - found.y)[~used] ** 2)))
 
 
+def _blocks(bench: Bench, f: Fit, records: Sequence[Measured], *, anew: bool = False) -> MapFit:
+    """Fit without the held-out blocks, and hold it against the readings as they came.
+
+    `anew` starts from what was known before any data, as `calibrate.identify` does of a model as it is.
+    """
+    part = Bench([held_out(m) for m in bench.records], bench.settings)
+    problem = Problem(f.map.problem.model, part.records, bench.beliefs)
+    if anew:
+        found = fit(part, problem, problem.begin, iterations=ITERATIONS)
+    else:
+        found = fit(part, problem, f.map.theta, guess=f.map.prediction.X)
+    return seen_on(found.map, records)
+
+
+def _error_held(f: MapFit) -> float:
+    return rmse(f, ~stacked(f.problem)[4])
+
+
 def _explained(records: Sequence[Measured], base: MapFit, best: MapFit) -> float:
     y = stacked(base.problem)[0]
     noise = _noise(records, base)
@@ -369,6 +396,14 @@ def _chosen(board: Board, best: Hypothesis) -> tuple[Chosen, ...]:
         tied = {n for h in near if others < set(h.names) for n in h.names} - set(best.names)
         found.append(Chosen(c, tuple(sorted(tied)), best.score - board.without(best, c).score))
     return tuple(sorted(found, key=lambda c: -c.log_odds))
+
+
+def _probability(board: Board, name: str) -> float:
+    """Give the probability of an effect, in whatever company, among the hypotheses that are not refused."""
+    accepted = board.accepted()
+    weight = np.exp(np.array([h.score for h in accepted]) - accepted[0].score)
+    has = np.array([name in h.names for h in accepted])
+    return float(weight[has].sum() / weight.sum())
 
 
 def _ranking(board: Board, best: Hypothesis) -> tuple[Ranked, ...]:

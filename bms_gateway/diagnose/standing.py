@@ -150,7 +150,6 @@ def _instead(d: Diagnosis, tied: Collection[str]) -> Iterator[Standing]:
 def _named_by_second(d: Diagnosis, second: SecondSearch) -> Iterator[Standing]:
     error = _over_all(d, second.best)
     keys = {s.candidate.key for s in d.selected}
-    share = next((r.share for r in second.ranking if set(r.effects) == keys), nan)
     for s in d.selected:
         key = s.candidate.key
         others = sorted(keys - {key})
@@ -158,6 +157,7 @@ def _named_by_second(d: Diagnosis, second: SecondSearch) -> Iterator[Standing]:
         # where the others alone were not to be believed, they still leave an error
         bare = _over_all(d, without(second.best, key) if less is None else less)
         held = d.after.heldout_rmse_K
+        share = second.probability.get(key, nan)
         yield Standing((key,), "named", s.log_odds, share, held, error, bare, s.parameters, s.tied_with, "")
 
 

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtrc
 
-from bms_gateway.diagnose.band import core_variance
+from bms_gateway.diagnose.core_band import core_bands
 from bms_gateway.identify.coordinates import Coordinate, Measured
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.thermal import KINDS, Floats
@@ -29,8 +29,8 @@ from bms_gateway.thermal.trajectory import cut
 
 FAR = 2.5
 """sd of its prior beyond which a number of a data sheet is an alarm: one in eighty."""
-PLAUSIBLE = {"resistance_temperature.B": (3000.0, 1300.0), "charge_transfer.E": (6000.0, 2000.0)}
-"""Kelvin, and sd: activation of the losses in lithium-ion cells, 20 to 40 kJ/mol; of the reaction, 50 to 70."""
+ACTIVATION = frozenset({"resistance_temperature.B", "charge_transfer.E"})
+"""Numbers, K, of which the catalogue's prior is a plausible range: lithium-ion cells have no other chemistry."""
 BEYOND = 2.0
 """sd of a plausible range."""
 STRAINED = 0.05
@@ -99,10 +99,10 @@ def implausible(f: MapFit) -> list[Witness]:
     """Numbers of a fit that are far from what is declared or usual; one that does not alarm is not named."""
     found = []
     for c, z in zip(f.problem.coordinates, f.theta.tolist(), strict=True):
-        usual = PLAUSIBLE.get(c.name)
-        if usual is not None:
-            off = (z - usual[0]) / usual[1]
-            text = f"{c.name} = {z:.0f} K is not plausible: usual are {usual[0]:.0f} ± {usual[1]:.0f} K"
+        if c.name in ACTIVATION:
+            p = effect_named(c.name.partition(".")[0]).parameter(c.name.rpartition(".")[2])
+            off = (z - p.prior) / p.sd
+            text = f"{c.name} = {z:.0f} K is not plausible: usual are {p.prior:.0f} ± {p.sd:.0f} K"
             limit = BEYOND
         elif c.effect is None or c.name.startswith("current_offset"):
             off, limit = (z - c.prior) / c.sd, FAR
@@ -272,7 +272,7 @@ def by_voltage(f: MapFit, other: MapFit, r: int, odds: float) -> Witness:
     source = f.problem.records[r].source
     cores = [x.prediction.X[r][:, 0 : 2 * n : 2] for x in (f, other)]
     apart = float(np.mean(cores[1] - cores[0]))
-    limit = BEYOND * float(np.sqrt(np.mean(core_variance(f, r))))
+    limit = BEYOND * float(np.sqrt(np.mean(core_bands(f)[r].sd_K ** 2)))
     if odds < -HEARD:
         text = f"Heat from the voltage alone does not follow the surface of {source} (log-odds {odds:.0f}): not heard"
         return Witness("voltage heat", text + ".", abs(apart), limit, False)

@@ -3,6 +3,7 @@
 from bms_gateway.engine.drive import drain, drive
 from bms_gateway.engine.engine import Engine
 from bms_gateway.engine.events import (
+    Alerted,
     Cells,
     Decoded,
     Estimated,
@@ -16,16 +17,20 @@ from bms_gateway.engine.events import (
     SendFrames,
     StartJob,
 )
+from bms_gateway.engine.foreseen import Forecast, Foreseen
 from bms_gateway.engine.plan import Channel, Plan, StringPlan
 from bms_gateway.engine.readings import Layout
 
 __all__ = [
+    "Alerted",
     "Cells",
     "Channel",
     "Decoded",
     "Engine",
     "Estimated",
     "Event",
+    "Forecast",
+    "Foreseen",
     "Job",
     "Judged",
     "Judgement",

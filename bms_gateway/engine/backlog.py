@@ -1,9 +1,9 @@
-"""Ticks that identification has not taken in yet, of all strings of a group.
+"""Ticks of all strings of a group that identification has not taken in yet.
 
-What gathers windows looks at a tick only when something is unusual about it or when it may end a window; until then a
-regular tick is as good in a minute as now. So regular ticks stand here in columns, and a string takes its own out of
-them in one go: when its patience is over, when its current or inlet is missing, or when somebody asks. What it has then
-is to the last bit what it would have had tick by tick.
+An identifier that gathers windows must look at a tick at once only if the tick is unusual or may end a window. Regular
+ticks may wait, and wait here in columns. A string takes all its waiting ticks at once: when their number reaches its
+limit, when its current or inlet is missing, or when something asks for its state. The result equals that of single
+ticks to the last bit.
 """
 
 from collections.abc import Sequence
@@ -50,7 +50,7 @@ class GroupTick(NamedTuple):
     def of(self, j: int) -> Tick:
         """Take string `j` out."""
         square, heat, inlet = float(self.square[j]), float(self.heat[j]), float(self.inlet[j])
-        return Tick(self.time_ns, self.dt, square, heat, inlet, self.surface[j], self.age[j])
+        return Tick(self.time_ns, self.dt, square, heat, inlet, self.surface[j], self.age[j], float(self.current[j]))
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""What our node says on the bus each tick: layouts and columns looked up once, then numpy arrays per cycle."""
+"""The frames that our node sends each tick: layouts and columns are looked up once, then filled as numpy arrays."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -22,13 +22,17 @@ from bms_gateway.frames.own import (
     PARAMETER_MUX,
     core_message,
     flags_message,
+    forecast_message,
     growth_message,
     health_message,
+    heat_message,
+    hottest_message,
     parameters_message,
     summary_message,
 )
 from bms_gateway.identify.contract import FIXED, IDENTIFIED, LEARNING
 from bms_gateway.thermal import KINDS, Floats
+from bms_gateway.thermal.centre import hottest_of
 
 
 class State(IntEnum):
@@ -41,12 +45,12 @@ class State(IntEnum):
 
 
 STATUS_CODES = {LEARNING: 0, IDENTIFIED: 1, FIXED: 3}
-NOT_IDENTIFIABLE = 2  # of every other status; what follows a colon is for people
+NOT_IDENTIFIABLE = 2  # code of every other status; the text after its colon is for people
 
 
 @dataclass(frozen=True, slots=True)
 class Counts:
-    """What the status frames tell: frames and rejected samples of this tick, frames lost and seconds since start."""
+    """Content of the status frames: frames and rejected samples of this tick, frames lost and seconds since start."""
 
     frames: int
     rejected: int
@@ -59,12 +63,24 @@ Content = tuple[float | Floats | NDArray[np.uint8], ...]
 
 CORE = ("core_01", "core_sd_01", "surface_01", "quality_01")  # in the columns of all other cells too
 SUMMARY = ("hottest_core", "hottest_cell", "hottest_sd", "hottest_quality", "coldest_core")
+HOTTEST = tuple(f"hottest_point{part}" for part in ("", "_cell", "_sd", "_quality", "_core"))
 HEALTH = ("R_e_flag", "R_e_growth", "R_e_growth_sd", "innovation", "mismatch_flag")
 FLAGS = (
     *("ageing_flag", "cooling_flag", "thermocouple_flag", "current_flag", "mismatch_flag"),
-    *("thermocouple_cell", "R_u_growth"),
+    *("thermocouple_cell", "R_u_growth", "runaway_flag", "hot_flag"),
 )
 GROWTH = ("flag_01", "growth_01", "growth_sd_01")  # in the columns of all other cells too
+HEAT = ("heat_flag_01", "heat_01", "heat_sd_01")  # in the columns of all other cells too
+POINTS = tuple(f"point_in_{part}" for part in ("1min", "5min", "10min"))
+NEXT = (*(f"point_sd_{part}" for part in ("1min", "5min", "10min")), "limit_cell", "limit_in")
+WAYS = ("discharge", "charge")
+FOR = ("10s", "1min", "10min")
+WIDEST_K = 25.0
+"""Standard deviations above are sent as this: what the bus has room for."""
+WITHIN_S = 600.0
+"""What `limit_in` says of a limit that is not reached within ten minutes."""
+ALARM = 2
+"""In the value table `Fault` of our DBC."""
 STATUS = ("state", "frame_rate", "rejected_samples", "dropped_frames")
 INFO = ("version_major", "version_minor", "version_patch", "uptime")
 
@@ -94,8 +110,10 @@ class Broadcast:
     """
 
     def __init__(self, plan: Plan, database: Database) -> None:
-        parts = (core_message, summary_message, parameters_message, health_message, flags_message, growth_message)
-        names = [part(s.number) for s in plan.strings for part in parts]
+        parts = (core_message, summary_message, hottest_message, parameters_message, health_message, flags_message)
+        names = [
+            part(s.number) for s in plan.strings for part in (*parts, growth_message, heat_message, forecast_message)
+        ]
         names += [GATEWAY_STATUS, GATEWAY_INFO]
         self._encoder = Encoder(database, names)
         self._cycle = {name: database.message(name).cycle_ns or plan.tick_ns for name in names}
@@ -114,6 +132,7 @@ class Broadcast:
         return [
             (self._part(core_message(number), CORE, [(k,) for k in range(1, cells + 1)]), _cores),
             (self._part(summary_message(number), SUMMARY), _summary),
+            (self._part(hottest_message(number), HOTTEST), _hottest),
             *(
                 (self._part(parameters, (name, f"{name}_sd", f"{name}_status"), [(mux,)]), partial(_parameter, name))
                 for name, mux in PARAMETER_MUX.items()
@@ -121,6 +140,13 @@ class Broadcast:
             (self._part(health_message(number), HEALTH), _health),
             (self._part(flags_message(number), FLAGS), _flags),
             (self._part(growth_message(number), GROWTH, [(k,) for k in range(1, cells + 1)]), _growth),
+            (self._part(heat_message(number), HEAT, [(k,) for k in range(1, cells + 1)]), _heat),
+            (self._part(forecast_message(number), POINTS, [(0,)]), _points),
+            (self._part(forecast_message(number), NEXT, [(1,)]), _next),
+            *(
+                (self._part(forecast_message(number), tuple(f"{way}_{x}" for x in FOR), [(m,)]), partial(_current, way))
+                for m, way in enumerate(WAYS, start=2)
+            ),
         ]
 
     def encode(self, t1: int, estimators: Estimators, state: State, counts: Counts) -> FrameBatch:
@@ -152,12 +178,17 @@ def _cores(s: StringEstimator) -> Content:
 
 
 def _summary(s: StringEstimator) -> Content:
-    cores = s.core.tolist()
-    known = [core for core in cores if core == core]
-    if not known:
+    k = hottest_of(s.core)
+    if k is None:
         return (nan,) * len(SUMMARY)
-    k = cores.index(max(known))
-    return cores[k], k + 1, float(s.core_sd[k]), float(s.quality[k]), min(known)
+    return float(s.core[k]), k + 1, float(s.core_sd[k]), float(s.quality[k]), float(np.fmin.reduce(s.core))
+
+
+def _hottest(s: StringEstimator) -> Content:
+    k = s.hottest
+    if k is None:
+        return (nan,) * len(HOTTEST)
+    return float(s.centre[k]), k + 1, float(s.centre_sd[k]), float(s.quality[k]), float(s.core[k])
 
 
 def _parameter(name: str, s: StringEstimator) -> Content:
@@ -192,6 +223,8 @@ def _flags(s: StringEstimator) -> Content:
         h.mismatch.flag.level,
         h.drift.worst if h.drift.flag.level else nan,
         100.0 * h.cooling.growth,
+        ALARM * s.runaway,
+        ALARM * s.hot,
     )
 
 
@@ -204,6 +237,31 @@ def _growth(s: StringEstimator) -> Content:
         100.0 * np.array([a.growth for a in cells]),
         100.0 * np.array([a.growth_sd for a in cells]),
     )
+
+
+def _heat(s: StringEstimator) -> Content:
+    flag = np.where(np.isfinite(s.own_heat), 0.0, nan)
+    for f in s.health.heat:
+        if f.code == "unexplained_heat" and f.cell is not None:
+            flag[f.cell - 1] = f.level
+    return flag, s.own_heat, s.own_heat_sd
+
+
+def _points(s: StringEstimator) -> Content:
+    if s.forecast is None or (k := s.forecast.hottest) is None:
+        return (nan,) * len(POINTS)
+    return tuple(s.forecast.centre[1:, k].tolist())
+
+
+def _next(s: StringEstimator) -> Content:
+    if s.forecast is None or (k := s.forecast.hottest) is None:
+        return (nan,) * len(NEXT)
+    first, sd = s.forecast.first, np.minimum(s.forecast.centre_sd[1:, k], WIDEST_K).tolist()
+    return (*sd, 0, WITHIN_S) if first is None else (*sd, first + 1, float(s.forecast.limit_s[first]))
+
+
+def _current(way: str, s: StringEstimator) -> Content:
+    return (nan,) * len(FOR) if s.forecast is None else tuple(getattr(s.forecast, way).tolist())
 
 
 def _status(state: State, counts: Counts) -> Content:

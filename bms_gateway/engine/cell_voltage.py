@@ -1,8 +1,8 @@
-"""Each sample of a cell's voltage with the current in force at its instant, gathered over a tick for all strings.
+"""Pairs of a cell's voltage and the current at the same instant, gathered over a tick for all strings.
 
-Voltages come in turns, once a second or slower, while the current moves many times between. Means over the tick of the
-one and the other would not belong together; a voltage and the current at the same instant do, and a random choice of
-such instants is as good a sample of the drive as any.
+Voltages of cells come in turns, once a second or slower, while the current moves many times between. A mean voltage and
+a mean current of a tick would therefore not belong together. A voltage and the current at the same instant do, and any
+choice of such instants is a fair sample of the drive.
 """
 
 from collections.abc import Mapping, Sequence
@@ -94,5 +94,5 @@ class CellVoltages:
         return np.concatenate([[last[0]], t]), np.concatenate([[last[1]], I])
 
     def forget(self) -> None:
-        """Drop the currents held: what was measured before a gap says nothing after it."""
+        """Forget the last currents: a measurement from before a gap does not hold after it."""
         self._last.clear()

@@ -1,12 +1,14 @@
-"""One line of time that only goes forward, whatever the stamps of the frames do.
+"""Bus time: one line of time that only goes forward, whatever the time stamps of the frames do.
 
-Stamps come from a wall clock: they repeat, arrive slightly out of order, step back when the clock is set, and single
-ones are absurd. The rules, frame by frame, so that the result does not depend on how frames were cut into batches:
+Stamps come from a wall clock. They repeat, arrive slightly out of order, step back when the clock is set, and single
+stamps are absurd. The rules apply frame by frame, so that the result does not depend on how frames were cut into
+batches:
 
 * up to `BACK_NS` behind the newest: reordering; the frame takes the newest time;
-* further behind: the clock was set back; from here on stamps are moved forward by as much, time goes on;
-* more than `AHEAD_NS` ahead: held until the next frame tells. If that one follows it, the bus was silent (or the clock
-  set forward) and both are taken; if it goes on where the others were, the stamp was absurd and its frame is dropped.
+* further behind: the clock was set back; from here on the same amount is added to all stamps, so that time goes on;
+* more than `AHEAD_NS` ahead: the frame is held until the next one. If the next frame follows it, the bus was silent (or
+  the clock was set forward), and both are taken. If the next frame continues where the others were, the stamp was
+  absurd, and its frame is dropped.
 """
 
 from collections import deque
@@ -74,13 +76,13 @@ class Clock:
         return self._one_by_one(frames)
 
     def faults(self) -> str:
-        """Tell what was met beyond reordering, which adapters do all day; for people, empty where nothing was."""
+        """Describe the faults of the stamps for people, without reordering, which is usual; empty if none."""
         back = f"clock set back {self.set_back}×" if self.set_back else ""
         absurd = f"{self.absurd} frames dropped whose stamps lie far ahead of all others" if self.absurd else ""
         return "; ".join(part for part in (back, absurd) if part)
 
     def news(self, before_ns: int) -> str:
-        """Tell the faults again if some came with frames of before such a time, each time once; else nothing."""
+        """Describe the faults that came with frames before this time, once each; empty if there are none."""
         said = ""
         while self._news and self._news[0][0] < before_ns:
             said = self._news.popleft()[1]
@@ -114,7 +116,7 @@ class Clock:
             last = t
             if odd:
                 if self._news and self._news[-1][0] == t:
-                    self._news.pop()  # a clock that is set back over and over stands still here: one entry for all
+                    self._news.pop()  # a clock that is set back again and again stops time here: one entry for all
                 self._news.append((t, self.faults()))
                 odd = False
             keep.append(i)

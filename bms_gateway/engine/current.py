@@ -1,8 +1,8 @@
 """Means of one current input over a tick: of I, |I|, I² and, with a voltage beside it, of V and I·V.
 
-The heat of a tick needs the mean of the square, never the square of the mean. Between two samples the current is held
-(what a battery monitor sends is a reading, not a slope); a sample is trusted for `HOLD_S` at the most, so a current
-that stops arriving ends in "unknown", not in an eternal last value.
+The heat of a tick needs the mean of the square, not the square of the mean. Between two samples the current is held,
+because a battery monitor sends readings and not slopes. A sample is held for at most `HOLD_S`, so that a current that
+is no longer received becomes unknown and does not keep its last value.
 """
 
 from dataclasses import dataclass
@@ -38,7 +38,7 @@ class Means:
 
 @dataclass(slots=True)
 class Current:
-    """Carries the last sample from tick to tick."""
+    """Integrates one current; keeps the last sample from tick to tick."""
 
     _t: int = 0
     _I: float = nan
@@ -102,7 +102,7 @@ class Current:
         return Means(mean_I, mean_I2, mean_V, mean_IV, I_abs)
 
     def _volts_at(self, starts: NDArray[np.int64], times: NDArray[np.int64], V: Floats) -> Floats | None:
-        """Voltage in force at each instant: the newest at or before it, if not too old; else NaN. None: no voltage."""
+        """Return the newest voltage at or before each instant, NaN if it is too old; None if there is no voltage."""
         if not len(V) and self._V != self._V:
             return None
         t, v = np.empty(len(V) + 1, np.int64), np.empty(len(V) + 1)
@@ -113,5 +113,5 @@ class Current:
         return np.where((age >= 0) & (age <= HOLD_S * 1e9), v.take(at, mode="clip"), np.nan)
 
     def forget(self) -> None:
-        """Drop the last sample: what was measured before a gap says nothing after it."""
+        """Forget the last sample: a measurement from before a gap does not hold after it."""
         self._I = self._V = nan

@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 
+from bms_gateway.engine.alerting import Alerting
 from bms_gateway.engine.broadcast import Broadcast, Counts, State
 from bms_gateway.engine.clock import Clock
 from bms_gateway.engine.estimate import Estimators
@@ -36,6 +37,7 @@ from bms_gateway.errors import ConfigError, StateError, did_you_mean
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.database import Database
 from bms_gateway.frames.quality import Quality
+from bms_gateway.health.alerts import Alerts
 
 JOB_DUE_TICKS = 30  # far beyond what a window takes on a slow core, far below what a window spans
 GRACE_TICKS = 10  # after a start or a pause: what no sensor has said yet is no fault of it; a fault lasts longer
@@ -66,6 +68,8 @@ class Engine:
     plan : Plan
     database : Database
         Ours and the user's, loaded.
+    whole : bool
+        Whether to take in all channels of the plan, for a record: also those of which no estimator makes anything.
 
     Attributes
     ----------
@@ -84,11 +88,12 @@ class Engine:
         A signal of the plan is not in the database.
     """
 
-    def __init__(self, plan: Plan, database: Database) -> None:
+    def __init__(self, plan: Plan, database: Database, *, whole: bool = False) -> None:
         self._plan = plan
-        self._inputs = Inputs(plan, database)
+        self._inputs = Inputs(plan, database, whole=whole)
         self._estimators = Estimators(plan, self._inputs.wires)
         self._broadcast = Broadcast(plan, database) if plan.transmit else None
+        self._alerting = Alerting(plan.alerts, self._inputs, self._estimators)
         self._clock = Clock()
         self._queue: deque[Event] = deque()
         self._pending: list[FrameBatch] = []
@@ -106,6 +111,10 @@ class Engine:
         self._stored = False  # the state is that of another run, and no frame has come since
         self._sure = False  # the time since then is known, whatever the clock shows
         self.judging = False
+
+    def foresee(self) -> None:
+        """Tell forecasts from now on, with what they start from, as `Foreseen` events."""
+        self._estimators.forecasts.wanted = True
 
     @property
     def plan(self) -> Plan:
@@ -158,9 +167,24 @@ class Engine:
         return self._inputs.faults()
 
     @property
+    def alerts(self) -> Alerts:
+        """What is wrong with inputs and strings, as alerts; to be read only."""
+        return self._alerting.alerts
+
+    @property
     def rejected(self) -> dict[str, int]:
         """Samples turned away so far, by reason."""
         return self._inputs.rejected
+
+    @property
+    def counts(self) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]:
+        """Samples (C, 16) of each input so far, by `Quality`; inputs are numbered as in `wires`."""
+        return self._inputs.counts
+
+    @property
+    def extremes(self) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+        """Least and greatest value of each input so far, believed or not, as the DBC has them (2, C)."""
+        return self._inputs.extremes
 
     def receive(self, frames: FrameBatch, *, now_ns: int) -> None:
         """Take the next frames of the bus; never raises for what they hold.
@@ -246,6 +270,7 @@ class Engine:
         start = first_ns // tick * tick
         self._deadline, self._heard = start + tick, first_ns
         self._started = self._started or start
+        self._alerting.wake(start)
         self._woken = start
         if self._tick_end is not None and start != self._tick_end:
             gap_ns: int | None = start - self._tick_end
@@ -265,7 +290,7 @@ class Engine:
         """Estimate at the deadline `t1` from the samples of the interval that it closes; arm the next one."""
         t0 = t1 - self._plan.tick_ns
         self._take_results(t1)
-        readings = self._inputs.update(samples, t0, t1)
+        readings = self._inputs.update(samples, t0, t1, self._estimators.newest.surface)
         if self.recording:
             taken, good = self._inputs.good
             self._queue.append(Decoded(t1, taken.time_ns[good], taken.input[good], taken.value[good]))
@@ -278,6 +303,7 @@ class Engine:
                 self._queue.append(Notice(t1, Level.WARNING, "unheard", f"not received so far: {missing}", name))
         tick = self._estimators.step(readings, t1)
         self._queue.extend(tick.events)
+        self._queue.extend(self._alerting.sense(readings, t1, self._heard))
         if self.judging:
             self._queue.append(judged(t1, self.frames, self.rejected, self._estimators, readings))
         for string, job in tick.jobs:
@@ -286,6 +312,7 @@ class Engine:
             self._queue.append(StartJob(t1, self._next_job, due, job))
             self._next_job += 1
         silent = t1 - self._heard >= self._plan.silent_after_ns
+        self._queue.extend(self._alerting.step(t1, self._heard, silent=silent))
         if self._broadcast is not None:
             state = State.SILENT if silent else self._state(readings)
             self._queue.append(SendFrames(t1, self._broadcast.encode(t1, self._estimators, state, self._counts(t1))))
@@ -354,9 +381,34 @@ class Engine:
             self._queue.append(Notice(self._tick_end or time_ns, Level.NOTICE, "baseline", done, string, cell))
         return bool(done)
 
+    def acknowledge(self, string: str | None, reason: str) -> bool:
+        """End alarms that only a person can end: what is still wrong is told anew.
+
+        Parameters
+        ----------
+        string : str or None
+            None for all strings.
+        reason : str
+            Told with it.
+
+        Returns
+        -------
+        bool
+            False where there was nothing to end.
+        """
+        done = self._alerting.acknowledge(string)
+        if done:
+            self._queue.append(Notice(self._tick_end or 0, Level.NOTICE, "acknowledged", reason, string))
+        return done
+
     def snapshot(self) -> dict[str, Any]:
         """State as JSON-able values: what `restore` needs to go on after a stop, however long."""
-        return {"version": SNAPSHOT_VERSION, "tick_end_ns": self._tick_end, "estimators": self._estimators.snapshot()}
+        return {
+            "version": SNAPSHOT_VERSION,
+            "tick_end_ns": self._tick_end,
+            "estimators": self._estimators.snapshot(),
+            "alarms": self._alerting.snapshot(),
+        }
 
     def restore(self, state: Mapping[str, Any], *, sure: bool = False) -> None:
         """Take up a stored state, before the first frame; the time until then counts as parked.
@@ -377,6 +429,7 @@ class Engine:
             raise StateError(f"stored state has version {state.get('version')}, this program writes {SNAPSHOT_VERSION}")
         try:
             left = self._estimators.restore(state["estimators"])
+            self._alerting.restore(state.get("alarms", {}))  # states of before alarms outlived a restart have none
             self._tick_end = None if state["tick_end_ns"] is None else int(state["tick_end_ns"])
         except (TypeError, ValueError, LookupError, AttributeError, ArithmeticError, ConfigError) as e:
             raise StateError(f"stored state does not fit this program: {type(e).__name__} {e}") from None

@@ -5,42 +5,39 @@ from dataclasses import dataclass, field
 from hashlib import sha256
 from math import nan
 from operator import itemgetter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from bms_gateway.engine.backlog import GroupTick
 from bms_gateway.engine.events import Estimated, Event, Job, Level, Notice, Parameters
+from bms_gateway.engine.forecast import Forecasts
 from bms_gateway.engine.group import Group
 from bms_gateway.engine.inputs import Wire
+from bms_gateway.engine.observed import Driven, StringWithEffects, plain_strings
 from bms_gateway.engine.plan import Plan, StringPlan
-from bms_gateway.engine.plausible import check_covariance, check_parameters, check_temperatures
+from bms_gateway.engine.plausible import check_covariance, check_numbers, check_parameters, check_temperatures
 from bms_gateway.engine.readings import Layout, Readings
-from bms_gateway.engine.string import Newest, StringEstimator
+from bms_gateway.engine.string import Newest, StringEstimator, unproven
 from bms_gateway.frames.quality import Quality
 from bms_gateway.health import Change, HealthResult, Mismatch, Mismatches
-from bms_gateway.identify import (
-    Estimate,
-    FixedIdentifier,
-    string_parameters,
-)
+from bms_gateway.health.heat import Finding
+from bms_gateway.identify import string_parameters
 from bms_gateway.identify.cell_kept import baseline_of
 from bms_gateway.identify.cell_live import CellIdentifier, CellResult
 from bms_gateway.identify.cells_in_words import sentence
-from bms_gateway.identify.contract import FIXED_OFFLINE, IDENTIFIED
-from bms_gateway.observe import AdaptiveObserver
-from bms_gateway.observe.measured import SOC_UNKNOWN
+from bms_gateway.identify.contract import IDENTIFIED
+from bms_gateway.identify.doubt import HOPELESS
 from bms_gateway.observe.unseen import RESTED_S
-from bms_gateway.thermal import Disturbance, Floats
-
-if TYPE_CHECKING:
-    from bms_gateway.observe.effects import EffectObserver
+from bms_gateway.thermal import Floats
 
 NOT_AVAILABLE = np.uint8(Quality.NOT_AVAILABLE)  # of numpy's own type, which it compares faster
 AVAILABLE_SD_K = 12.0
 """A core known no better than this is sent as not available: no decision can be built on it, and the DBC ends there."""
 
 
+ABOVE_K = 0.3
+"""By which a good reading must be above the hottest point to be it: three times a thermocouple's noise."""
 ADOPT_NS = 60_000_000_000  # the recursive method moves with every tick; the observer's matrices need not
 
 
@@ -74,23 +71,20 @@ class Estimators:
             for i, (p, w, mine) in enumerate(zip(plan.strings, wires, self._layout.parts, strict=True))
         ]
         plain = [i for i, s in enumerate(self.strings) if not s.plan.model.effects]
-        lengths = sorted({self.strings[i].plan.model.cells for i in plain})
         self._groups: list[Group] = []
-        for n in lengths:
+        for n in sorted({self.strings[i].plan.model.cells for i in plain}):
             members = [i for i in plain if self.strings[i].plan.model.cells == n]
-            models = [self.strings[i].plan.model for i in members]
-            observer = AdaptiveObserver(models, self._dt, plan.disturbance)
-            self._groups.append(Group.of(self.strings, members, observer, self._dt))
-            for j, i in enumerate(members):
-                kept = self.strings[i].kept
-                if kept is not None:
-                    observer.set_parameters(j, kept.values, kept.names, kept.common, kept.own)
+            stacked = plain_strings(self.strings, members, self._dt, plan.disturbance)
+            self._groups.append(Group.of(self.strings, members, stacked, self._dt))
         for i, s in enumerate(self.strings):
             if s.plan.model.effects:
-                own = _with_effects(s, self._dt, plan.disturbance)
-                numbers = own.effect_numbers
-                s.effects = tuple(Estimate(x.name, x.value, x.sd, x.unit, FIXED_OFFLINE) for x in numbers)
+                own = StringWithEffects.of(s, i, self._dt, plan.disturbance)
                 self._groups.append(Group.of(self.strings, [i], own, self._dt))
+        for group in self._groups:
+            for j, s in enumerate(group.strings):
+                if s.kept is not None:
+                    group.reveal(j)
+        self.forecasts = Forecasts(self._groups, self.strings, plan.alerts.core_max_C)
 
     def step(self, readings: Readings, t1: int) -> TickResult:
         """Advance all strings by one tick that ends at `t1`, ns."""
@@ -102,9 +96,13 @@ class Estimators:
         if not self._introduced:
             self._introduced = True
             for i, s in enumerate(self.strings):
-                told[i] = [Parameters(t1, s.plan.name, (*s.estimates, *s.effects))]
+                told[i] = [Parameters(t1, s.plan.name, (*s.estimates, *s.effects)), *_proven(s, False, t1)]
+        found: list[tuple[int, Finding]] = []
         for group in self._groups:
-            surprise[group.rows] = self._step_group(group, readings, t1, jobs)
+            surprise[group.rows] = self._step_group(group, readings, t1, jobs, found)
+        for i, f in found:
+            s = self.strings[i]
+            told.setdefault(i, []).append(_found(f, s.plan.name, t1))
         for i in self._mismatches.take(surprise, self._dt):
             s = self.strings[i]
             level = Level.WARNING if s.mismatch.flag.level else Level.NOTICE
@@ -118,39 +116,69 @@ class Estimators:
                     events.append(Parameters(t1, s.plan.name, (*s.estimates, *s.effects)))
                     events += _commissioned(s, t1)
         self._gap_s = 0.0
-        all_cells = Estimated(t1, self._layout, newest.core, newest.core_sd, newest.surface, newest.quality)
+        foreseen = self.forecasts.take(readings, t1)
+        numbers = newest.core, newest.core_sd, newest.surface, newest.quality, newest.centre, newest.centre_sd
+        heats = newest.heat, newest.heat_sd
+        all_cells = Estimated(t1, self._layout, *numbers, *heats)
         # told in the order of the plan, however the strings were grouped
         in_order = [e for i in sorted(told) for e in told[i]]
+        if foreseen is not None:
+            in_order.append(foreseen)
         return TickResult([all_cells, *in_order], sorted(jobs, key=itemgetter(0)))
 
-    def _step_group(self, group: Group, readings: Readings, t1: int, jobs: list[tuple[int, Job]]) -> Floats:
-        """Advance a group; how surprised each of its strings was. What it wants computed joins `jobs`."""
+    def _step_group(
+        self,
+        group: Group,
+        readings: Readings,
+        t1: int,
+        jobs: list[tuple[int, Job]],
+        found: list[tuple[int, Finding]],
+    ) -> Floats:
+        """Advance a group; how surprised each of its strings was.
+
+        What it wants computed joins `jobs`, and what the watch over heat has found joins `found`.
+        """
         dt, newest = self._dt, self.newest
-        I, square, V, IV, _ = readings.means[:, group.rows]  # noqa: E741
+        I, I2, V, IV, _ = readings.means[:, group.rows]  # noqa: E741
         inlet, y, age = readings.inlet[group.rows], group.by_cell(readings.y), group.by_cell(readings.age)
         flow = None if group.nominal_flow is None else readings.flow[group.rows] / group.nominal_flow
         heat = group.unknown
         if group.voltage:
             of_each = zip(group.strings, I.tolist(), V.tolist(), IV.tolist(), strict=True)
-            heat = np.array([s.heat(i, v, iv, dt) for s, i, v, iv in of_each])
-        observer = group.observer
-        if isinstance(observer, AdaptiveObserver):
-            given = heat[:, None] * observer.share if group.voltage else None
-            e = observer.step(square, given, inlet, y, age, flow)
-        else:
-            e = observer.step(group.strings[0].measured(readings[group.members[0]]), y[0], age[0])
-            effective, shift = observer.effective
-            square, inlet = np.where(np.isnan(square), nan, effective), inlet + shift
-        core, core_sd, surface, quality = e.core, e.core_sd, e.surface, group.quality(readings)
+            heat = group.heat = np.array([s.heat(i, v, iv, dt) for s, i, v, iv in of_each])
+        measured = Driven(I2, heat, inlet, flow)
+        e = group.observed.step(readings, measured, y, age)
+        square, inlet = group.observed.plainly(measured)
+        driven = measured if group.observed.shares else Driven(square, heat, inlet, flow)
+        core, core_sd, surface, centre, centre_sd = e.core, e.core_sd, e.surface, e.centre, e.centre_sd
+        if group.watch is not None:
+            core, core_sd = self._watched(group, driven, I, (y, age), (core, core_sd), t1, found)
+            if core is not e.core:  # it may be the thermocouple that errs, or the cell that heats: the warmer counts
+                known = np.isfinite(e.core_sd)
+                more = np.where(known, core_sd, 0.0) ** 2 - np.where(known, e.core_sd, 0.0) ** 2
+                centre, centre_sd = centre + np.maximum(core - e.core, 0.0), np.sqrt(centre_sd**2 + more)
+        felt = y > centre + ABOVE_K
+        if felt.any():  # a reading that is believed is a point of the cell
+            centre = np.where(felt, y, centre)
+        cold = group.floor.below(core, e.core_sd, surface, inlet, I, square, dt)
+        quality = group.doubtful(group.quality(readings), cold)
+        if group.doubt is not None:
+            core_sd = np.hypot(core_sd, group.doubt * (core - surface))
+            centre_sd = np.hypot(centre_sd, group.doubt * (centre - surface))
         usable = core_sd <= AVAILABLE_SD_K
         if not usable.all():
-            core, core_sd, surface = (np.where(usable, x, np.nan) for x in (core, core_sd, surface))
+            newest.withhold(group.put, usable, core, centre, centre_sd)
+            core, core_sd, surface, centre, centre_sd = (
+                np.where(usable, x, np.nan) for x in (core, core_sd, surface, centre, centre_sd)
+            )
             quality = np.where(usable, quality, NOT_AVAILABLE)
         for row, values in (
             (newest.core, core),
             (newest.core_sd, core_sd),
             (newest.surface, surface),
             (newest.quality, quality),
+            (newest.centre, centre),
+            (newest.centre_sd, centre_sd),
         ):
             group.put(row, values)
         cells = [readings.cells[i] for i in group.members] if readings.cells else ()
@@ -159,6 +187,31 @@ class Estimators:
         jobs += [(group.members[j], job) for j, job in group.backlog.add(tick)]
         group.errors = e.errors
         return e.errors.mean_square()
+
+    def _watched(
+        self,
+        group: Group,
+        driven: Driven,
+        I: Floats,  # noqa: E741 - the field's symbol
+        heard: tuple[Floats, Floats],
+        cores: tuple[Floats, Floats],
+        t1: int,
+        found: list[tuple[int, Finding]],
+    ) -> tuple[Floats, Floats]:
+        """Let the watch over heat take a tick in, and the cores where it knows better: with a fault believed."""
+        assert group.watch is not None  # noqa: S101 - who calls has looked
+        watch = group.watch
+        given = group.observed.by_cell(driven.heat)
+        new = watch.add(t1, driven.square, given, I, driven.inlet, *heard, driven.flow)
+        if new is not None:
+            found += [(group.members[j], f) for j, f in new]
+            for s, v in zip(group.strings, watch.verdicts, strict=True):
+                s.health.heat = v.findings
+            heats = self.newest.heat.copy(), self.newest.heat_sd.copy()  # whoever has the last ones keeps them
+            group.put(heats[0], watch.told.heat)
+            group.put(heats[1], watch.told.heat_sd)
+            self.newest.heat, self.newest.heat_sd = heats
+        return watch.cores(*cores)
 
     def errors(self) -> tuple[Floats, Floats]:
         """Tell what readings of all cells (N,) were off at the newest tick, and should be, K; NaN where unread."""
@@ -172,19 +225,19 @@ class Estimators:
     def _adopt(self, group: Group, j: int) -> None:
         """Give the observer what the identifier knows now."""
         s = group.strings[j]
-        cells = s.cells.numbers() if s.cells is not None else None
-        if cells is not None and isinstance(group.observer, AdaptiveObserver):
-            group.observer.set_parameters(j, cells.values, cells.names, cells.common, cells.own)
-            s.estimates = s.known()
-            return
-        posterior = s.identifier.posterior()
-        numbers = string_parameters(s.plan.model, posterior.names, posterior.mean)
-        values = {name: getattr(numbers, name) for name in posterior.names}
-        if isinstance(group.observer, AdaptiveObserver):
-            own = None if s.kept is None else s.kept.own  # what is common scales the cells; how they differ stays
-            group.observer.set_parameters(j, values, posterior.names, posterior.cov, own)
+        observer = group.observed.observer
+        cells = s.cells.numbers() if s.cells is not None and not s.identifier.doubts() else None
+        if cells is not None:
+            observer.set_parameters(j, cells.values, cells.names, cells.common, cells.own)
         else:
-            group.observer.set_parameters(j, values, posterior.names, posterior.cov)
+            posterior = s.identifier.posterior()
+            numbers = string_parameters(s.plan.model, posterior.names, posterior.mean)
+            values = {name: getattr(numbers, name) for name in posterior.names}
+            if posterior.heat is not None:
+                values["heat"] = posterior.heat.value
+            own = None if s.kept is None else s.kept.own  # what is common scales the cells; how they differ stays
+            observer.set_parameters(j, values, *posterior.with_heat(), own)
+        group.reveal(j)
         s.estimates = s.known()
 
     def accept(self, string: int, job_result: object, now: int) -> list[Event]:
@@ -196,10 +249,11 @@ class Estimators:
             return [_told(change, s.plan.name, now) for change in s.health.accept(job_result, now)]
         if isinstance(job_result, CellResult) and s.cells is not None:
             return self._accept_cells(string, s.cells, job_result, now)
+        before = s.doubts
         s.identifier.accept(job_result)
         self._adopt(group, j)
         events: list[Event] = [Parameters(now, s.plan.name, (*s.estimates, *s.effects))]
-        return [*events, *_commissioned(s, now)]
+        return [*events, *_commissioned(s, now), *_proven(s, bool(before), now)]
 
     def _accept_cells(self, string: int, cells: CellIdentifier, result: CellResult, now: int) -> list[Event]:
         s = self.strings[string]
@@ -210,7 +264,7 @@ class Estimators:
         events.append(Notice(now, Level.INFO, "cells", sentence(result.fit), s.plan.name))
         if cells.warning and cells.warning != told:
             events.append(Notice(now, Level.WARNING, "skew", cells.warning, s.plan.name))
-        if result.over and cells.numbers() is not None:
+        if result.over and result.fit.doubt <= HOPELESS and cells.numbers() is not None:
             base = baseline_of(s.plan.model)
             at = result.fit.layout.at("R_e")
             ln = None if base is None else base.mean[at] - base.mean[at].mean()
@@ -221,11 +275,15 @@ class Estimators:
     def pass_time(self, gap_s: float | None, *, unseen: bool = False) -> None:
         """Carry all over a time without frames (None: of unknown length); `unseen`: we were off, current may flow."""
         self._gap_s = RESTED_S if gap_s is None else gap_s
+        self.forecasts.forget()
         for group in self._groups:
+            group.floor.forget()
             if gap_s is None:
-                group.observer.propagate_unknown()
+                group.observed.observer.propagate_unknown()
             else:
-                group.observer.propagate(gap_s, unseen=unseen)
+                group.observed.observer.propagate(gap_s, unseen=unseen)
+            if group.watch is not None:
+                group.watch.pause()
         for s in self.strings:
             s.mismatch.resume()
             if s.voltage is not None:
@@ -242,8 +300,15 @@ class Estimators:
             }
             for s in self.strings
         }
-        observers = [{"strings": self._names(g), "state": g.observer.snapshot()} for g in self._groups]
-        return {"strings": strings, "observers": observers}
+        observers = [
+            {
+                "strings": self._names(g),
+                "state": g.observed.observer.snapshot(),
+                "heat": None if g.watch is None else g.watch.snapshot(),
+            }
+            for g in self._groups
+        ]
+        return {"strings": strings, "observers": observers, "forecasts": self.forecasts.snapshot()}
 
     def restore(self, state: Mapping[str, Any]) -> list[str]:
         """Take up a stored state as far as it belongs to this plan.
@@ -266,19 +331,24 @@ class Estimators:
                 s.cells.restore(stored["cells"])
             s.estimates = s.known()
             same.add(s.plan.name)
+        self.forecasts.restore(state.get("forecasts"), same)
         observers = {tuple(o["strings"]): o["state"] for o in state["observers"]}
+        heats = {tuple(o["strings"]): o.get("heat") for o in state["observers"]}  # older states have none
         cold: set[str] = set()
         for g in self._groups:
             names = self._names(g)
             if tuple(names) in observers and same.issuperset(names):
-                g.observer.restore(observers[tuple(names)])
-                for name, P in zip(names, g.observer.covariances, strict=True):
+                g.observed.observer.restore(observers[tuple(names)])
+                seen = g.observed.observer
+                for name, P, numbers in zip(names, seen.covariances, seen.parameters, strict=True):
+                    check_numbers(name, numbers)
                     check_covariance(name, "temperatures", P)
-                check_temperatures(names, g.observer.estimate())
+                check_temperatures(names, g.observed.observer.estimate())
+                g.resume(heats[tuple(names)])
                 continue
             cold.update(names)
             for j, name in enumerate(names):
-                if name in same and not isinstance(self.strings[g.members[j]].identifier, FixedIdentifier):
+                if name in same and self.strings[g.members[j]].identifier.learns:
                     self._adopt(g, j)
         return [
             f"{s.plan.name}: "
@@ -296,10 +366,26 @@ class Estimators:
         return [s.plan.name for s in group.strings]
 
 
+def _found(f: Finding, string: str, now: int) -> Notice:
+    """Tell of what the watch over heat has found, or no longer finds."""
+    return Notice(now, Level.WARNING if f.level else Level.NOTICE, f.code, f.text, string, f.cell)
+
+
 def _told(change: Change, string: str, now: int) -> Notice:
     """Tell of a flag that has moved."""
     level = Level.WARNING if change.level else Level.NOTICE
     return Notice(now, level, change.code, change.text, string, change.cell)
+
+
+def _proven(s: StringEstimator, doubted: bool, now: int) -> list[Event]:
+    """Tell that a string's cores are not proven any more, or are again."""
+    if bool(s.doubts) == doubted:
+        return []
+    if s.doubts:
+        return [Notice(now, Level.WARNING, "unproven", unproven(s.doubts), s.plan.name)]
+    return [
+        Notice(now, Level.NOTICE, "unproven", "the model explains the surfaces: cores are proven again", s.plan.name)
+    ]
 
 
 def _commissioned(s: StringEstimator, now: int) -> list[Event]:
@@ -311,14 +397,6 @@ def _commissioned(s: StringEstimator, now: int) -> list[Event]:
     s.health.history.note(now, "commissioned from the first drives")
     text = "commissioned: from now on growth of R_e is followed against the parameters identified so far"
     return [Notice(now, Level.INFO, "ageing", text, s.plan.name)]
-
-
-def _with_effects(s: StringEstimator, dt: float, disturbance: Disturbance) -> "EffectObserver":
-    from bms_gateway.observe.effects import (
-        EffectObserver,
-    )  # the catalogue doubles the time of a start: only who needs it
-
-    return EffectObserver(s.plan.model, dt, disturbance, soc=s.wire.constants.get("soc", SOC_UNKNOWN))
 
 
 def _fingerprint(plan: StringPlan) -> str:

@@ -12,8 +12,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from bms_gateway.engine.foreseen import Foreseen
 from bms_gateway.engine.readings import Layout
 from bms_gateway.frames.batch import FrameBatch
+from bms_gateway.health.alerts import Change
 from bms_gateway.identify import Estimate
 from bms_gateway.thermal import Floats
 
@@ -66,6 +68,10 @@ class Cells:
     core_sd: Floats
     surface: Floats
     quality: NDArray[np.uint8]
+    centre: Floats
+    centre_sd: Floats
+    heat: Floats
+    heat_sd: Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +86,10 @@ class Estimated:
         °C, K, °C; NaN where not available.
     quality : ndarray of uint8 (N,)
         `Quality` of each estimate.
+    centre, centre_sd : ndarray (N,), °C, K
+        Hottest point of each cell (`thermal.centre`), never below core or surface; NaN where the core is.
+    heat, heat_sd : ndarray (N,), W
+        Heat of the cell that no current makes; NaN where no sensor tells of it.
     """
 
     time_ns: int
@@ -88,11 +98,22 @@ class Estimated:
     core_sd: Floats
     surface: Floats
     quality: NDArray[np.uint8]
+    centre: Floats
+    centre_sd: Floats
+    heat: Floats
+    heat_sd: Floats
 
     def strings(self) -> Iterator[Cells]:
         """Take them one by one."""
         for name, mine in zip(self.layout.names, self.layout.parts, strict=True):
-            yield Cells(self.time_ns, name, self.core[mine], self.core_sd[mine], self.surface[mine], self.quality[mine])
+            core, core_sd, surface, quality = (
+                self.core[mine],
+                self.core_sd[mine],
+                self.surface[mine],
+                self.quality[mine],
+            )
+            more = self.centre[mine], self.centre_sd[mine], self.heat[mine], self.heat_sd[mine]
+            yield Cells(self.time_ns, name, core, core_sd, surface, quality, *more)
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,6 +144,14 @@ class Notice:
     text: str
     string: str | None = None
     cell: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Alerted:
+    """An alert was raised, has changed, or is over."""
+
+    time_ns: int
+    change: Change
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,4 +225,4 @@ class Judged:
     strings: tuple[Judgement, ...]
 
 
-Event = SendFrames | StartJob | Estimated | Parameters | Notice | Decoded | Judged
+Event = SendFrames | StartJob | Estimated | Parameters | Notice | Alerted | Decoded | Judged | Foreseen

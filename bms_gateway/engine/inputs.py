@@ -1,11 +1,11 @@
-"""From decoded samples to what the estimators take at a tick: guarded, scaled, aligned in time.
+"""From decoded samples to the inputs of the estimators at a tick: guarded, scaled, aligned in time.
 
-An *input* is one signal of the bus with its scale and offset; strings share inputs (one pack current for all). The
-wiring from strings to inputs is worked out once, so that a tick is a few numpy passes however many cells there are.
+An *input* is one signal of the bus with its scale and offset. Strings share inputs (one pack current for all). The
+wiring from strings to inputs is computed once, so that a tick takes a few numpy passes for any number of cells.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import nan
 
 import numpy as np
@@ -17,44 +17,31 @@ from bms_gateway.engine.events import Level, Notice
 from bms_gateway.engine.line import Line
 from bms_gateway.engine.plan import Channel, Plan, StringPlan
 from bms_gateway.engine.readings import Layout, Readings
+from bms_gateway.engine.reasons import CURRENT_STANDS, REASONS, REPEATED, RIGHT_SIGN, UNKNOWN_MUX, WRONG_SIGN
+from bms_gateway.engine.several import OneOfSeveral
 from bms_gateway.frames.ammeter import Ammeter
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.counter import CounterGuard
 from bms_gateway.frames.database import Database
 from bms_gateway.frames.decode import decode
-from bms_gateway.frames.guard import Guard
+from bms_gateway.frames.guard import QUALITIES, Guard
 from bms_gateway.frames.quality import Quality
 from bms_gateway.frames.rules import default_rule
 from bms_gateway.identify import PairMeans
 from bms_gateway.thermal import Floats
 
 # plain integers: numpy takes many times longer to compare with a member of an enumeration
-GOOD, ESTIMATED = int(Quality.GOOD), int(Quality.ESTIMATED)
-# What the estimators take in; single cells' voltages where these are identified, the charge where an effect needs it.
+GOOD, ESTIMATED, OUT_OF_RANGE = int(Quality.GOOD), int(Quality.ESTIMATED), int(Quality.OUT_OF_RANGE)
+NOT_AVAILABLE, ERROR = int(Quality.NOT_AVAILABLE), int(Quality.ERROR)
+# Quantities that estimators use: cell voltages only where single cells are identified, SOC only where an effect needs
+# it.
 USED = frozenset({"current", "voltage", "coolant_inlet", "coolant_flow", "surface"})
 USED_BY_EFFECTS = USED | {"soc"}
 USED_BY_CELLS = USED | {"cell_voltage"}
 RECORDED = frozenset({"soc"})
-"""Decoded and guarded in any case, for the record of recent signals; nobody is told of what nothing is made of."""
-ACTIVE_A = 1.0  # mean current of a tick above which a sensor that never moves is suspicious
-
-REASONS = {
-    Quality.STALE: "nothing new is received",
-    Quality.OUT_OF_RANGE: "out of its plausible range",
-    Quality.NOT_AVAILABLE: "its sender says not available",
-    Quality.ERROR: "its sender says that the sensor failed, or the frame is too short",
-    Quality.STUCK: "it stands still while current flows and its neighbours move",
-    Quality.OPEN: "at its upper rail, as a broken wire reads",
-    Quality.SHORT: "at its lower rail, as a short circuit reads",
-    Quality.JUMPY: "it jumps faster than a cell can",
-    Quality.COUNTER: "the alive counter of its frame is wrong",
-    Quality.CRC: "the check sum of its frame is wrong",
-    Quality.NEVER: "not yet seen to move",
-}
-UNKNOWN_MUX, REPEATED = "unknown_multiplexer", "repeated"
-CURRENT_STANDS = "it stands at {} A while the voltage moves: stuck, saturated or clipped"
-WRONG_SIGN = "current and voltage rise together: the sign of the current is wrong (scale = -1 in its entry turns it)"
-RIGHT_SIGN = "current and voltage move against each other again, as they should"
+"""Quantities that are always decoded and guarded, for the record of recent signals. Their faults are not reported if no
+estimator uses them."""
+ACTIVE_A = 1.0  # mean current of a tick from which on a sensor that never moves is suspicious
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +53,8 @@ class Wire:
     surface, cell_voltage : ndarray of intp (n,)
     constants : mapping
         Quantities that the bus does not carry, by name.
+    statistics : mapping
+        Inputs that are the greatest, least or mean surface of several cells, by which of these.
     """
 
     current: int
@@ -76,6 +65,16 @@ class Wire:
     surface: NDArray[np.intp]
     cell_voltage: NDArray[np.intp]
     constants: Mapping[str, float]
+    statistics: Mapping[str, int] = field(default_factory=dict)
+
+    def of(self, c: Channel) -> int:
+        """Index of the input of a channel; −1 where it is not taken in."""
+        return self.input(c.quantity, c.cell) if c.statistic is None else self.statistics.get(c.statistic, -1)
+
+    def input(self, quantity: str, cell: int | None) -> int:
+        """Index of the input of a quantity, of a cell where it belongs to one; −1 where there is none."""
+        found = getattr(self, quantity)
+        return int(found if cell is None else found[cell - 1])
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +101,26 @@ class Samples:
         return Samples(self.time_ns.take(at), self.input.take(at), self.value.take(at), self.flag.take(at))
 
 
+@dataclass(frozen=True, slots=True)
+class Raw:
+    """Everything received of all N cells in a tick, before any guard.
+
+    Attributes
+    ----------
+    value, time_s : ndarray (N,)
+        Newest surface as decoded, °C, and its stamp, s; NaN where none came.
+    invalid : ndarray of bool (N,)
+        Where a sample came whose sender says "not available" or "error".
+    volt : ndarray (N,)
+        Newest voltage of the cell, V; NaN where none came.
+    """
+
+    value: Floats
+    time_s: Floats
+    invalid: NDArray[np.bool_]
+    volt: Floats
+
+
 _NOTHING = (
     Samples(np.empty(0, np.int64), np.empty(0, np.intp), np.empty(0), np.empty(0, np.uint8)),
     np.empty(0, np.bool_),
@@ -124,6 +143,8 @@ class Inputs:
     plan : Plan
     database : Database
         Ours and the user's.
+    whole : bool
+        Whether to take in all channels of the plan, for a record: also those of which no estimator makes anything.
 
     Attributes
     ----------
@@ -134,18 +155,24 @@ class Inputs:
     rejected : dict of str to int
         Samples turned away so far, by reason.
     good : tuple of Samples and ndarray of bool
-        Samples of the newest tick, and which of them the guard let pass.
+        Samples of the newest tick, and which of them are believed.
+    counts : ndarray of int64 (C, 16)
+        Samples of each input so far, by `Quality`.
+    extremes : ndarray (2, C)
+        Least and greatest value of each input so far, believed or not, in the DBC's unit; ±inf before the first.
     """
 
-    def __init__(self, plan: Plan, database: Database) -> None:
+    def __init__(self, plan: Plan, database: Database, *, whole: bool = False) -> None:
         self._channels: list[Channel] = []
         self._spare: set[int] = set()
         self._names: list[tuple[str, int | None]] = []
         groups: list[int] = []
         index: dict[tuple[str, float, float], int] = {}
         self.wires: list[Wire] = []
+        self._several: list[OneOfSeveral] = []
+        self._cells_before = 0  # of the strings wired so far
         for string in plan.strings:
-            self.wires.append(self._wire(string, index, groups))
+            self.wires.append(self._wire(string, index, groups, whole))
         signals = [c.signal or "" for c in self._channels]
         self._table = database.compile(signals)
         self.can_ids = self._table.can_ids
@@ -177,6 +204,10 @@ class Inputs:
         # the surfaces of all strings in one row, and which of them are each string's
         self._surface = np.concatenate([w.surface for w in self.wires])
         self._sensed = self._surface >= 0
+        # the voltage of a cell; of a string of one cell its own where the cell has none
+        self._volts = np.concatenate(
+            [w.cell_voltage if len(w.surface) > 1 else np.maximum(w.cell_voltage, w.voltage) for w in self.wires]
+        )
         names, cells = [s.name for s in plan.strings], [s.model.cells for s in plan.strings]
         self._parts = Layout.of(names, cells).parts
         # where each string's quantities stand, and what stands for them where the bus does not carry them
@@ -191,20 +222,25 @@ class Inputs:
         )
         self._active = False
         self.good = _NOTHING
+        self.counts = np.zeros((len(signals), QUALITIES), np.int64)
+        self.extremes = np.array([[np.inf], [-np.inf]]).repeat(len(signals), axis=1)
         self.rejected: dict[str, int] = {}
         # stamps of frames of ticks to come that give no sample, by reason
         self._passed_over = {UNKNOWN_MUX: np.empty(0, np.int64), REPEATED: np.empty(0, np.int64)}
 
-    def _wire(self, string: StringPlan, index: dict[tuple[str, float, float], int], groups: list[int]) -> Wire:
+    def _wire(
+        self, string: StringPlan, index: dict[tuple[str, float, float], int], groups: list[int], whole: bool
+    ) -> Wire:
         at: dict[str, int] = {}
         surface, cell_voltage = np.full((2, string.model.cells), -1, np.intp)
         constants: dict[str, float] = {}
+        statistics: dict[str, int] = {}
         used = USED_BY_EFFECTS if string.model.effects else USED_BY_CELLS if identifies_cells(string) else USED
         for c in string.channels:
             if c.signal is None:
                 constants[c.quantity] = nan if c.constant is None else c.constant
                 continue
-            if c.quantity not in used | RECORDED:
+            if not whole and c.quantity not in used | RECORDED:
                 continue
             known = len(index)
             i = index.setdefault((c.signal, c.scale, c.offset), known)
@@ -213,12 +249,16 @@ class Inputs:
                 self._channels.append(c)
                 self._names.append((string.name, c.cell))
                 groups.append(string.number)
-            if c.quantity == "surface" and c.cell is not None:
+            if c.statistic is not None:
+                statistics[c.statistic] = i
+                self._several.append(OneOfSeveral(i, c.statistic, self._cells_before + np.array(c.among, np.intp) - 1))
+            elif c.quantity == "surface" and c.cell is not None:
                 surface[c.cell - 1] = i
             elif c.quantity == "cell_voltage" and c.cell is not None:
                 cell_voltage[c.cell - 1] = i
             elif c.cell is None:
                 at[c.quantity] = i
+        self._cells_before += string.model.cells
         return Wire(
             current=at.get("current", -1),
             voltage=at.get("voltage", -1),
@@ -228,10 +268,11 @@ class Inputs:
             surface=surface,
             cell_voltage=cell_voltage,
             constants=constants,
+            statistics=statistics,
         )
 
     def wanted(self, frames: FrameBatch) -> FrameBatch:
-        """Keep the frames that carry an input; nothing else counts as life on the bus."""
+        """Keep the frames that carry an input; other frames do not count as activity of the battery."""
         at = self.can_ids.searchsorted(frames.can_id)
         keep = (self.can_ids.take(at, mode="clip") == frames.can_id).nonzero()[0]
         if len(keep) == len(frames):
@@ -247,6 +288,8 @@ class Inputs:
         """Decode all inputs of the next frames; alive counters are followed, so each frame must come once, in order."""
         s = decode(self._table, frames)
         flag, repeated = self._counters.follow(s)
+        for extreme, of in zip(self.extremes, (np.fmin, np.fmax), strict=True):
+            of.at(extreme, s.signal, s.value)
         for reason, which in ((UNKNOWN_MUX, s.unknown), (REPEATED, repeated)):
             if len(which):
                 self._passed_over[reason] = np.concatenate([self._passed_over[reason], frames.time_ns[which]])
@@ -254,8 +297,16 @@ class Inputs:
         samples = Samples(frames.time_ns[s.frame], s.signal, value, flag)
         return samples if not len(repeated) else samples.where(~np.isin(s.frame, repeated))
 
-    def update(self, samples: Samples, t0: int, t1: int) -> Readings:
-        """Take the samples of one tick [t0, t1); what they say of the strings, in the order of the plan."""
+    def update(self, samples: Samples, t0: int, t1: int, expected: Floats | None = None) -> Readings:
+        """Take the samples of one tick [t0, t1); return the readings of the strings, in the order of the plan.
+
+        Parameters
+        ----------
+        samples : Samples
+        t0, t1 : int
+        expected : ndarray (N,), optional
+            Surfaces that the model last had, °C: which of several cells a reading belongs to.
+        """
         self._heard[samples.input] = True
         g = self._guard.update(samples.time_ns, samples.input, samples.value, samples.flag, t1, self._active)
         rejected = g.rejected.sum(axis=0)
@@ -267,10 +318,19 @@ class Inputs:
                 self.rejected[reason] = self.rejected.get(reason, 0) + count
                 self._passed_over[reason] = stamps[count:]
         self._quality = g.channel_quality
+        means, cells = self._integrate(samples, g.quality, t0, t1)
         self.good = samples, g.quality == GOOD
-        means, cells = self._integrate(*self.good, t0, t1)
+        np.add.at(self.counts, (samples.input, g.quality), 1)
         seen = g.time_ns.take(self._surface)
         y = np.where(self._sensed & (seen >= t0), g.value.take(self._surface), nan)
+        age = np.where(np.isfinite(y), (t1 - seen) * 1e-9, 0.0)
+        own = np.append(g.channel_quality, np.uint8(ESTIMATED)).take(self._surface)
+        for one in self._several:
+            at = int(g.time_ns[one.input])
+            if at >= t0:
+                cell, reading = one.place(float(g.value[one.input]), y, expected)
+                if cell >= 0:
+                    y[cell], age[cell], own[cell] = reading, (t1 - at) * 1e-9, g.channel_quality[one.input]
         # one more at the end, for index −1: a channel that does not exist
         quality = np.append(g.channel_quality, np.uint8(ESTIMATED))
         known = np.append(np.where(g.channel_quality == GOOD, g.value, nan), nan)
@@ -286,17 +346,41 @@ class Inputs:
             np.where(np.isnan(flow), self._flow_else, flow),
             known.take(self._soc_of),
             y,
-            np.where(np.isfinite(y), (t1 - seen) * 1e-9, 0.0),
-            quality.take(self._surface),
+            age,
+            own,
             self._parts,
             cells,
         )
 
+    def raw(self) -> Raw:
+        """Give the newest tick's surfaces and cells' voltages as they were decoded."""
+        s, n = self.good[0], len(self._channels)
+        value, time_s = np.full((2, n + 1), nan)  # one more at the end, for index −1: a channel that does not exist
+        told = (s.flag == GOOD) | (s.flag == OUT_OF_RANGE)
+        value[s.input[told]], time_s[s.input[told]] = s.value[told], s.time_ns[told] / 1e9
+        invalid = np.zeros(n + 1, np.bool_)
+        invalid[s.input[(s.flag == NOT_AVAILABLE) | (s.flag == ERROR)]] = True
+        at = self._surface
+        return Raw(
+            value.take(at), time_s.take(at), invalid.take(at) & np.isnan(value.take(at)), value.take(self._volts)
+        )
+
+    def stale_s(self) -> Floats:
+        """Return the age at which each cell's surface is stale, s; without a sensor the longest of its string."""
+        stale = np.array([r.stale_after_ns / 1e9 for r in self._guard.rules] + [0.0])
+        own = np.where(self._sensed, stale.take(self._surface), 0.0)
+        for part in self._parts:
+            own[part] = np.where(self._sensed[part], own[part], own[part].max())
+        return own
+
     def _integrate(
-        self, samples: Samples, good: NDArray[np.bool_], t0: int, t1: int
+        self, samples: Samples, quality: NDArray[np.uint8], t0: int, t1: int
     ) -> tuple[list[Means], list[PairMeans | None]]:
-        """Take the good samples of currents, voltages and inlets; a current that strings share is integrated once."""
-        s = samples.sorted_by_input(good & self._followed.take(samples.input))
+        """Take the good samples of currents, voltages and inlets; a current that strings share is integrated once.
+
+        What a voltage says against a current is written into `quality`.
+        """
+        s = samples.sorted_by_input((quality == GOOD) & self._followed.take(samples.input))
         edges = s.input.searchsorted(self._number)
         edge = edges.tolist()
 
@@ -308,9 +392,14 @@ class Inputs:
         volts = {u: of(u) for _, u in self._currents}
         for (i, u), meter in self._meters.items():
             meter.update(currents[i][1], volts[u][1])
-            currents[i] = self._credible(i, meter, currents[i])
+            if meter.stands_at and len(currents[i][1]):
+                currents[i] = self._credible(i, meter, currents[i])
+                stands = (samples.input == i) & np.isin(samples.value, meter.stands_at)
+                quality[stands & (quality == GOOD)] = Quality.STUCK
             if meter.reversed:
-                volts[u] = of(-1)  # heat from I²R_e has no sign, that from the voltage has
+                volts[u] = of(
+                    -1
+                )  # heat from I²R_e does not depend on the sign of the current, heat from the voltage does
         means = [line.update(*currents[i], *volts[u], t0, t1) for (i, u), line in self._currents.items()]
         for i, inlet in self._inlets.items():
             inlet.update(*of(i))
@@ -319,11 +408,10 @@ class Inputs:
         return means, cells
 
     def _credible(self, i: int, meter: Ammeter, run: Run) -> Run:
-        """Turn away the value at which a current stands though the voltage moves."""
+        """Refuse the value at which a current stands while the voltage moves."""
         time_ns, value = run
-        if not meter.stands_at or not len(value):
-            return run
-        # what is between its ends is still read, but the sensor counts as failed until it has shown that it is not
+        # readings between the refused values are still used, but the sensor counts as failed until it has proven
+        # otherwise
         self._quality[i] = Quality.STUCK
         keep = ~np.isin(value, meter.stands_at)
         reason = Quality.STUCK.name.lower()
@@ -331,7 +419,7 @@ class Inputs:
         return time_ns[keep], value[keep]
 
     def changes(self, t1: int) -> list[Notice]:
-        """Tell which inputs have begun or ceased to be good since the last call."""
+        """Report which inputs have become good, or are no longer good, since the last call."""
         notices = []
         for i in np.flatnonzero(self._quality != self._told).tolist():
             if i in self._spare:
@@ -344,7 +432,7 @@ class Inputs:
         return notices + self._signs(t1)
 
     def _signs(self, t1: int) -> list[Notice]:
-        """Tell which currents have begun or ceased to have the wrong sign."""
+        """Report which currents have the wrong sign, or no longer have it, since the last call."""
         now = {i for (i, _), meter in self._meters.items() if meter.reversed}
         notices = [
             Notice(
@@ -385,7 +473,7 @@ class Inputs:
         return {name: ", ".join(signals) for name, signals in missing.items()}
 
     def forget(self) -> None:
-        """Drop what a gap has made worthless: the current held, the slope of the inlet."""
+        """Forget what does not hold after a gap: the last current, the slope of the inlet."""
         for current in self._currents.values():
             current.forget()
         for meter in self._meters.values():

@@ -1,4 +1,4 @@
-"""How the models of all strings did at one tick, told to whoever asks: fleets, which look for what models lack."""
+"""The errors of the models of all strings at one tick, for fleets, which look for missing effects."""
 
 from collections.abc import Mapping
 

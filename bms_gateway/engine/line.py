@@ -1,7 +1,7 @@
-"""A slowly moving input read at the tick: the straight line through its last readings, taken at the tick's instant.
+"""A slow input at the instant of a tick: the value of the straight line through its last readings.
 
-A reading is up to a second old when the tick comes. Taken as it is, a moving coolant inlet would always arrive half a
-second late, which identification takes for heat capacity. The line also halves the noise of single readings.
+A reading is up to a second old at the tick. Used directly, a moving coolant inlet would be late by half a second on
+average, and identification would take this delay as heat capacity. The line also halves the noise of single readings.
 """
 
 from math import nan

@@ -3,11 +3,14 @@
 from dataclasses import dataclass, field
 from typing import Literal
 
+from bms_gateway.health.alerts import AlertSettings
 from bms_gateway.identify.cell_prior import CellSettings
 from bms_gateway.thermal import Disturbance, StringModel
 
 Quantity = Literal["current", "voltage", "coolant_inlet", "coolant_flow", "soc", "surface", "cell_voltage"]
 """What a channel measures: A (discharge positive), V, °C, m³/s, 0…1, °C, V."""
+
+Statistic = Literal["max", "min", "mean"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,6 +26,8 @@ class Channel:
         "Message.Signal" of a loaded DBC, or None for a constant.
     constant : float or None
         Used where the bus has none (SI, °C).
+    statistic : {"max", "min", "mean"} or None
+        A surface that is the greatest, least or mean one of the cells `among` (1-based), and of none for itself.
     scale, offset : float
         Quantity = scale · decoded value + offset; brings the DBC's unit to SI and mends a log that is wrong about it.
     """
@@ -33,6 +38,13 @@ class Channel:
     constant: float | None = None
     scale: float = 1.0
     offset: float = 0.0
+    statistic: Statistic | None = None
+    among: tuple[int, ...] = ()
+
+    @property
+    def key(self) -> tuple[str, int | None]:
+        """What a feed of values calls it: quantity and cell, `max_surface` and the like for one of several cells."""
+        return (self.quantity, self.cell) if self.statistic is None else (f"{self.statistic}_surface", None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +76,8 @@ class Plan:
         What the observers assume that the models do not know.
     cells : CellSettings
         How unlike cells are, and what their voltages are worth.
+    alerts : AlertSettings
+        When something wrong becomes an alert, and the limits.
     """
 
     strings: tuple[StringPlan, ...]
@@ -72,3 +86,4 @@ class Plan:
     silent_after_ns: int = 60_000_000_000
     disturbance: Disturbance = field(default_factory=Disturbance)
     cells: CellSettings = field(default_factory=CellSettings)
+    alerts: AlertSettings = field(default_factory=AlertSettings)

@@ -1,7 +1,8 @@
-"""Whether a state that was taken up can be one of a real string: what a sound check sum does not tell.
+"""Whether a stored state is physically possible; a check sum does not show this.
 
-A state may be whole and yet wrong: written by a version with a bug, edited by hand, or of another vehicle. An observer
-started from 5000 °C would drag every estimate with it for the length of a drive, so such a state is refused as a whole.
+A state with a right check sum can still be wrong: written by a version with a bug, edited by hand, or from another
+vehicle. An observer that starts from 5000 °C would falsify every estimate of a drive, so such a state is refused as a
+whole.
 """
 
 from collections.abc import Sequence
@@ -11,16 +12,16 @@ import numpy as np
 from bms_gateway.errors import StateError
 from bms_gateway.identify import Posterior
 from bms_gateway.observe import Estimate as States
-from bms_gateway.thermal import KINDS, Floats
+from bms_gateway.thermal import KINDS, Floats, StringParameters
 
 LOWEST_C, HIGHEST_C = -60.0, 200.0
-"""Beyond what cells survive, and what the input guards let in; room for a core above its surface."""
+"""Limits beyond what cells survive and what the guards accept, with room for a core above its surface."""
 WIDEST_SD_K = 200.0
 """A string of which nothing is known starts with 22 K."""
 WIDEST_LN_SD = 5.0
-"""A parameter known within a factor of 150 is known not at all; priors are far below."""
+"""A parameter that is known to a factor of 150 is not known at all; the sd of priors is far smaller."""
 PAST_BOUND = 1.0
-"""ln: posteriors may lean beyond a bound, but not by a factor of e."""
+"""ln: a posterior may exceed a bound, but not by a factor of e."""
 NEGATIVE = -1e-6
 """Share of the largest eigenvalue that rounding may leave of a covariance's smallest."""
 
@@ -58,7 +59,7 @@ def check_temperatures(names: Sequence[str], e: States) -> None:
 
 
 def check_covariance(name: str, what: str, P: Floats) -> None:
-    """Refuse a matrix that is no covariance: not symmetric, or with a negative variance in some direction.
+    """Refuse a matrix that is not a covariance: not symmetric, or with a negative variance in some direction.
 
     Raises
     ------
@@ -70,8 +71,25 @@ def check_covariance(name: str, what: str, P: Floats) -> None:
         raise StateError(f"stored state: {name}: the covariance of its {what} is none: a variance in it is negative")
 
 
+def check_numbers(name: str, p: StringParameters) -> None:
+    """Refuse numbers of an observer's cells beyond their physical bounds.
+
+    Raises
+    ------
+    StateError
+        Which string, which parameter, what value.
+    """
+    for symbol in KINDS:
+        value = np.atleast_1d(getattr(p, symbol))
+        value = value[value != np.inf]  # of what the string has not: no conduction, no coolant node
+        low, high = KINDS[symbol].lower * np.exp(-PAST_BOUND), KINDS[symbol].upper * np.exp(PAST_BOUND)
+        bad = ~((value >= low) & (value <= high))
+        if bad.any():
+            raise _beyond(name, symbol, float(value[int(bad.argmax())]))
+
+
 def check_parameters(name: str, posterior: Posterior) -> None:
-    """Refuse parameters beyond their physical bounds, or known with a certainty that is no number.
+    """Refuse parameters beyond their physical bounds, or with a standard deviation that is not a number.
 
     Raises
     ------
@@ -85,8 +103,12 @@ def check_parameters(name: str, posterior: Posterior) -> None:
         low, high = np.log(kind.lower) - PAST_BOUND, np.log(kind.upper) + PAST_BOUND
         if not (low <= mean <= high and spread <= WIDEST_LN_SD):
             with np.errstate(over="ignore"):
-                value, part = np.exp(mean), 100.0 * spread
-            raise StateError(
-                f"stored state: {name}: {symbol} is {value / kind.to_si:.4g} {kind.unit} ± {part:.0f} %; possible: "
-                f"{kind.lower / kind.to_si:g} to {kind.upper / kind.to_si:g} {kind.unit}"
-            )
+                raise _beyond(name, symbol, float(np.exp(mean)), f" ± {100.0 * spread:.0f} %")
+
+
+def _beyond(name: str, symbol: str, value: float, spread: str = "") -> StateError:
+    kind = KINDS[symbol]
+    return StateError(
+        f"stored state: {name}: {symbol} is {value / kind.to_si:.4g} {kind.unit}{spread}; possible: "
+        f"{kind.lower / kind.to_si:g} to {kind.upper / kind.to_si:g} {kind.unit}"
+    )

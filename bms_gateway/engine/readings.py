@@ -1,7 +1,7 @@
-"""What the estimators take in at a tick: all strings side by side, and one of them where only one is asked for.
+"""Inputs of the estimators at a tick: of all strings side by side, and of one string where only one is needed.
 
-Strings are many and a tick comes every second, so what is measured stands in one array per quantity; a string's own
-row is made into an object only for those who work string by string.
+There are many strings and a tick every second, so each measured quantity is one array for all strings. An object for
+one string is made only for code that works string by string.
 """
 
 from collections.abc import Sequence

@@ -1,5 +1,6 @@
 """What belongs to one string alone: its numbers of the newest tick, its identifiers, its health."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from math import nan
 
@@ -7,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.engine.events import Job
+from bms_gateway.engine.foreseen import Forecast
 from bms_gateway.engine.inputs import Wire, identifies_cells
 from bms_gateway.engine.plan import Plan, StringPlan
 from bms_gateway.engine.readings import Reading
@@ -14,23 +16,21 @@ from bms_gateway.frames.quality import Quality
 from bms_gateway.health import Ageing, Mismatch, StringHealth
 from bms_gateway.identify import (
     Estimate,
-    FixedIdentifier,
     Identifier,
     PairMeans,
     Tick,
     Ticks,
     VoltageHeat,
     VoltageTracker,
-    WindowIdentifier,
     build,
 )
 from bms_gateway.identify.cell_kept import numbers_kept
 from bms_gateway.identify.cell_live import CellIdentifier
 from bms_gateway.identify.cell_resistance import CellNumbers
 from bms_gateway.identify.contract import FIXED_AT_COMMISSIONING, IDENTIFIED, LEARNING
-from bms_gateway.identify.ticks import ENDLESS
 from bms_gateway.observe import Measured
 from bms_gateway.thermal import KINDS, Floats
+from bms_gateway.thermal.centre import hottest_of
 
 GOOD_SD = 0.1  # relative; an electrical resistance known worse than this is still being learnt
 CELL_V = (2.0, 4.6)  # V: lithium-ion, empty to full; a string's voltage shared out is not below
@@ -42,6 +42,9 @@ FLAG_NAMES = {
     "thermocouple": ("", "thermocouple_warning", "thermocouple_alarm"),
     "current": ("", "current_suspected", "current_confirmed"),
     "mismatch": ("", "mismatch_suspected", "mismatch_confirmed"),
+    "unexplained_heat": ("", "unexplained_heat", "unexplained_heat"),
+    "missing_heat": ("", "missing_heat", "missing_heat"),
+    "inlet": ("", "inlet_warning", "inlet_alarm"),
 }
 """Names of raised flags by their word and level."""
 
@@ -55,23 +58,62 @@ class Newest:
     core, core_sd, surface : ndarray (N,)
         °C, K, °C; NaN where not available.
     quality : ndarray of uint8 (N,)
+    centre, centre_sd : ndarray (N,)
+        Hottest point of each cell, °C, K; NaN where the core is.
+    heat, heat_sd : ndarray (N,), W
+        Heat of a cell that no current makes; NaN where no sensor tells of it.
+    withheld : ndarray (3, N) or None
+        Core, hottest point and its sd of cells known too badly to be sent; NaN elsewhere, None where there are none.
+        Limits are held against them all the same: an unknown cell may be a hot one.
     """
 
     core: Floats
     core_sd: Floats
     surface: Floats
     quality: NDArray[np.uint8]
+    centre: Floats
+    centre_sd: Floats
+    heat: Floats
+    heat_sd: Floats
+    withheld: Floats | None = None
 
     @classmethod
     def nothing(cls, cells: int) -> "Newest":
         """Know nothing yet of so many cells."""
-        core, core_sd, surface = np.full((3, cells), np.nan)
-        return cls(core, core_sd, surface, np.full(cells, np.uint8(Quality.NEVER)))
+        core, core_sd, surface, centre, centre_sd, heat, heat_sd = np.full((7, cells), np.nan)
+        quality = np.full(cells, np.uint8(Quality.NEVER))
+        return cls(core, core_sd, surface, quality, centre, centre_sd, heat, heat_sd)
 
     def renew(self) -> None:
-        """Make room for another tick's numbers; whoever has kept the last one's keeps them as they were."""
-        self.core, self.core_sd, self.surface = np.empty((3, len(self.core)))
+        """Make room for another tick's numbers; whoever has kept the last one's keeps them as they were.
+
+        Heat stays as it is until it is told anew.
+        """
+        self.core, self.core_sd, self.surface, self.centre, self.centre_sd = np.empty((5, len(self.core)))
         self.quality = np.empty_like(self.quality)
+        self.withheld = None
+
+    def withhold(
+        self,
+        put: Callable[[Floats, Floats], None],
+        usable: NDArray[np.bool_],
+        core: Floats,
+        centre: Floats,
+        centre_sd: Floats,
+    ) -> None:
+        """Keep what is not `usable` (S, n) of a group's numbers, which `put` puts in their places."""
+        if self.withheld is None:
+            self.withheld = np.full((3, len(self.core)), nan)
+        for row, values in zip(self.withheld, (core, centre, centre_sd), strict=True):
+            put(row, np.where(usable, nan, values))
+
+    def with_withheld(self) -> tuple[Floats, Floats, Floats]:
+        """Core, hottest point and its sd (N,) of all cells, also those that are not sent."""
+        sent = self.core, self.centre, self.centre_sd
+        if self.withheld is None:
+            return sent
+        core, centre, sd = (np.where(np.isnan(a), b, a) for a, b in zip(sent, self.withheld, strict=True))
+        return core, centre, sd
 
 
 @dataclass(slots=True)
@@ -90,6 +132,10 @@ class StringEstimator:
         With `ageing` and `mismatch`, which are what is asked for most.
     kept : CellNumbers or None
         What a commissioning run left in its model.
+    hot, runaway : bool
+        Whether a cell is over its limit or lost in heat; whether one has run away.
+    forecast : Forecast or None
+        What comes next, renewed every ten seconds; None before anything is known.
     """
 
     plan: StringPlan
@@ -106,6 +152,9 @@ class StringEstimator:
     electrical: VoltageHeat | None = None
     cells: CellIdentifier | None = None
     kept: CellNumbers | None = None
+    hot: bool = False
+    runaway: bool = False
+    forecast: Forecast | None = None
 
     def __post_init__(self) -> None:
         self.ageing, self.mismatch = self.health.ageing, self.health.mismatch
@@ -126,9 +175,34 @@ class StringEstimator:
         return self.newest.surface[self.mine]
 
     @property
+    def own_heat(self) -> Floats:
+        """Heat (n,) that no current makes, W; NaN for cells of which no sensor tells."""
+        return self.newest.heat[self.mine]
+
+    @property
+    def own_heat_sd(self) -> Floats:
+        """Its standard deviation (n,), W."""
+        return self.newest.heat_sd[self.mine]
+
+    @property
     def quality(self) -> NDArray[np.uint8]:
         """`Quality` (n,) of these."""
         return self.newest.quality[self.mine]
+
+    @property
+    def centre(self) -> Floats:
+        """Newest estimate of each cell's hottest point (n,), °C; NaN where not available."""
+        return self.newest.centre[self.mine]
+
+    @property
+    def centre_sd(self) -> Floats:
+        """Its standard deviation (n,), K."""
+        return self.newest.centre_sd[self.mine]
+
+    @property
+    def hottest(self) -> int | None:
+        """Cell (from 0) with the hottest point; None where nothing is known."""
+        return hottest_of(self.centre)
 
     @classmethod
     def of(
@@ -154,6 +228,11 @@ class StringEstimator:
         )
         own.estimates = own.known()
         return own
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What speaks against the string's cores, a sentence each; while there is any they are sent as doubtful."""
+        return self.plan.model.doubts + self.identifier.doubts()
 
     @property
     def flags(self) -> tuple[str, ...]:
@@ -227,16 +306,12 @@ class StringEstimator:
         """Tell how many regular ticks may wait before `learn` must have one; then `take` brings what has waited."""
         if self.cells is not None:
             return 0
-        if isinstance(self.identifier, WindowIdentifier):
-            own = self.identifier.patience(dt)
-        else:
-            own = ENDLESS if isinstance(self.identifier, FixedIdentifier) else 0
+        own = self.identifier.patience(dt)
         return min(own, self.health.collector.patience(dt)) if self.health.commissioned else own
 
     def take(self, ticks: Ticks) -> None:
         """Let everything that identifies take in regular ticks that have waited."""
-        if isinstance(self.identifier, WindowIdentifier):
-            self.identifier.take(ticks)
+        self.identifier.take(ticks)
         if self.health.commissioned:
             self.health.collector.take(ticks)
 
@@ -255,7 +330,7 @@ def health_of(plan: StringPlan, identifier: Identifier | None = None, mismatch: 
     method = build(plan.identify, plan.model) if identifier is None else identifier
     return StringHealth(
         plan.model,
-        thermal=not plan.model.effects or not isinstance(method, FixedIdentifier),
+        thermal=not plan.model.effects or method.learns,
         known=plan.model.before is not None or plan.identify == "off",
         mismatch=mismatch,
     )
@@ -264,3 +339,12 @@ def health_of(plan: StringPlan, identifier: Identifier | None = None, mismatch: 
 def hears_cells(plan: StringPlan, wire: Wire) -> bool:
     """Whether enough cells' voltages may come to tell the cells apart; whether they do is seen on the way."""
     return identifies_cells(plan) and 2 * int((wire.cell_voltage >= 0).sum()) >= plan.model.cells
+
+
+def unproven(doubts: Sequence[str]) -> str:
+    """Say that cores are not proven, why, and what to do."""
+    more = f" (and {len(doubts) - 1} more)" if len(doubts) > 1 else ""
+    return (
+        f"cores not proven, sent as doubtful: {doubts[0].rstrip('.')}{more}: record a drive and diagnose it, add what "
+        "it names, or calibrate a cell with a thermocouple in its core"
+    )

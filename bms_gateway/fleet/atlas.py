@@ -1,14 +1,14 @@
 """The residual atlas: errors by regime and cell, laid side by side over all vehicles.
 
-An error that every vehicle makes at the same place and in the same regime is the model's: it lacks an effect. An error
-that one vehicle alone makes at one cell is that cell's: a defect. One vehicle that is off at all cells has something
-wrong that they share: its current sensor, its coolant. Judged by the median over the vehicles and the median of their
-distances from it, so that a few bad vehicles neither make an effect nor hide one.
+An error that every vehicle makes at the same place and in the same regime is an error of the model: it lacks an effect.
+An error that one vehicle alone makes at one cell is a defect of that cell. One vehicle with errors at all cells has a
+defect of something that the cells share: its current sensor or its coolant. The atlas uses the median over the vehicles
+and the median of their distances from it, so that a few bad vehicles neither create an effect nor hide one.
 
-What is compared are the observer's innovations. It corrects itself at each reading, so they are small, hundredths of
-a kelvin where a core is off by kelvins; but there are thousands of them a day. No two healthy cells are alike, which
-shows as an error of each that is there at any time. In a regime the error is therefore taken over that of the rest of
-the time: by how much a cell reads higher then than otherwise.
+The atlas compares the observer's innovations. The observer corrects itself at each reading, so innovations are small:
+hundredths of a kelvin where a core is off by kelvins. But there are thousands of them a day. No two healthy cells are
+alike, so each cell has an error at all times. The error in a regime is therefore the difference from the error of the
+rest of the time: by how much more a cell reads in the regime than otherwise.
 """
 
 from collections import defaultdict
@@ -85,7 +85,7 @@ class Position:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What the atlas says.
+    """A finding of the atlas.
 
     Attributes
     ----------
@@ -245,7 +245,7 @@ def _effects(
     config: str,
     models: Mapping[str, str],
 ) -> list[Finding]:
-    """One finding per string at the most: what is common has one cause more often than several."""
+    """Make at most one finding per string: common errors have one cause more often than several."""
     found = []
     for string in dict.fromkeys(p.string for p in positions):
         of_string = [p for p in positions if p.string == string]

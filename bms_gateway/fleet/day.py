@@ -6,12 +6,11 @@ from datetime import UTC, datetime, timedelta
 from math import isfinite, nan
 from typing import Any
 
-import numpy as np
-
 from bms_gateway.engine import Cells, Estimated, Event, Judged, Judgement, Parameters, Plan, StringPlan
 from bms_gateway.fleet.residual import REGIMES, CellResidual, Residuals
 from bms_gateway.identify import Estimate
 from bms_gateway.thermal import Floats
+from bms_gateway.thermal.centre import hottest_of
 
 DAY_NS = 86_400_000_000_000
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -32,14 +31,18 @@ class _String:
     def begin(self) -> None:
         """Start a day; parameters, flags and growth go on."""
         self.core, self.core_sd, self.cell, self.core_ns = nan, nan, 0, 0
+        self.point, self.point_sd, self.point_cell = nan, nan, 0
         self.excess = nan
         self.flags: set[str] = set()
 
     def estimated(self, e: Cells) -> None:
-        hottest = float(np.fmax.reduce(e.core))
-        if hottest == hottest and not hottest <= self.core:
-            k = int(np.nanargmax(e.core))
-            self.core, self.core_sd, self.cell, self.core_ns = hottest, float(e.core_sd[k]), k + 1, e.time_ns
+        k = hottest_of(e.core)
+        if k is not None and not e.core[k] <= self.core:
+            self.core, self.core_sd, self.cell, self.core_ns = float(e.core[k]), float(e.core_sd[k]), k + 1, e.time_ns
+
+        k = hottest_of(e.centre)
+        if k is not None and not e.centre[k] <= self.point:
+            self.point, self.point_sd, self.point_cell = float(e.centre[k]), float(e.centre_sd[k]), k + 1
 
     def judged(self, time_ns: int, j: Judgement) -> None:
         self.residuals.add(time_ns, j)
@@ -60,6 +63,9 @@ class _String:
             "worst_core_sd_K": _number(self.core_sd),
             "worst_core_cell": self.cell if known else None,
             "worst_core_time_s": self.core_ns * 1e-9 if known else None,
+            "hottest_point_C": _number(self.point),
+            "hottest_point_sd_K": _number(self.point_sd),
+            "hottest_point_cell": self.point_cell if known else None,
             "mismatch": _number(self.excess),
             "flags": sorted(self.flags),
         }

@@ -1,7 +1,7 @@
-"""What a string's surfaces read beside what its observer expected, cell by cell, sorted by what the string was doing.
+"""Readings of a string's surfaces against the predictions of its observer, cell by cell and regime by regime.
 
 The regimes are few and fixed, so that vehicles can be laid beside each other; they overlap. How strong a current is
-goes by the heat it makes: the rise of the core over the coolant that it would hold in the model as filed.
+goes by the heat it makes: the rise of the core over the coolant that it would hold in the model from its file.
 
 Neighbouring errors of a slow system are nearly the same error. A mean is therefore given the scatter of whole
 stretches of time (the cluster-robust variance), as in the comparison of a single record. Stretches are closed one by
@@ -107,7 +107,7 @@ class Residuals:
         self._last_ns = time_ns
         if j.square == j.square:
             self._recent += (j.square - self._recent) * (1.0 - exp(-dt / RECENT_S))
-        if self._quiet_s > 0.0:  # the observer finds the state first: what surprises it by then says nothing
+        if self._quiet_s > 0.0:  # until the observer has found the state, its innovations say nothing
             self._quiet_s -= dt
             return
         stretch = time_ns // (STRETCH_S * 1_000_000_000)

@@ -1,4 +1,4 @@
-"""A whole fleet: what is done already is taken as it is, the rest is analysed, and everything is laid together."""
+"""A whole fleet: take the results that exist, analyse the other logs, and join everything."""
 
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence

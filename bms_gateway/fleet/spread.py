@@ -1,11 +1,9 @@
 """The tasks of a fleet, spread over processes of this machine or over an existing Dask cluster.
 
-Both run the same function and hand its outcomes over as they come; what is made of them does not depend on the order.
-A process that dies takes nothing with it but its own work, which is done again. Whatever else goes wrong with a log is
-an outcome that says so.
+Both ways run the same function and return its outcomes as they come; the results do not depend on the order. A process
+that dies loses only its own work, which is done again. Every other fault of a log becomes an outcome that describes it.
 """
 
-import multiprocessing
 import os
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -15,6 +13,7 @@ from uuid import uuid4
 
 from bms_gateway.errors import MissingExtraError, UsageError
 from bms_gateway.fleet.task import Outcome, Task, analyse
+from bms_gateway.report.processes import processes
 
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 AHEAD = 2
@@ -40,18 +39,13 @@ def on_this_machine(tasks: Sequence[Task], jobs: int) -> Iterator[Numbered]:
     waiting = deque(enumerate(tasks))
     while waiting:
         suspects: list[tuple[int, Task]] = []
-        with _pool(min(jobs, len(waiting))) as pool:
+        with processes(min(jobs, len(waiting))) as pool:
             yield from _until_broken(pool, jobs, waiting, suspects)
         for i, task in sorted(suspects, key=lambda s: s[0]):  # one of these ended a process: each alone, to find which
-            with _pool(1) as alone:
+            with processes(1) as alone:
                 future = alone.submit(analyse, task)
                 wait([future])
                 yield i, _outcome(future)
-
-
-def _pool(jobs: int) -> ProcessPoolExecutor:
-    # spawned: a copy of this process would bring its threads' locks along
-    return ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"))
 
 
 def _until_broken(
@@ -82,7 +76,7 @@ def _outcome(future: Future[Outcome]) -> Outcome:
 
 
 def failed(wrong: BaseException) -> Outcome:
-    """Put what nobody foresaw into one line."""
+    """Describe an unexpected exception in one line."""
     if isinstance(wrong, BrokenProcessPool):
         return Outcome(error=DIED)
     text = " ".join(str(wrong).split())

@@ -1,6 +1,6 @@
 """One log through the engine that also runs live: the same function in this process, in another, or on a cluster.
 
-It reads files and writes none. What is wrong with a log is a value: no log ends the run of a fleet.
+It reads files and writes none. A fault of a log is returned as a value, so that no log ends the run of a fleet.
 """
 
 from dataclasses import dataclass, replace
@@ -38,7 +38,7 @@ class Task:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of a task: rows, or one line that says why there are none."""
+    """Outcome of a task: rows, or one line that says why there are none."""
 
     rows: tuple[Row, ...] = ()
     error: str | None = None

@@ -1,16 +1,16 @@
-"""Is the current sensor to be believed? What the voltage of the same string says of it.
+"""Checks of the current sensor by the voltage of the same string.
 
-Current is what heats, and its sensor has no peers to be compared with. But the terminal voltage answers every step of
-the true current at once: V = OCV − R·I. Two faults show in it that no range finds:
+The current makes the heat, and its sensor has no peers for comparison. But the terminal voltage follows every step of
+the true current at once: V = OCV − R·I. This shows two faults that no range check finds:
 
-* A current that *stands* at one value while the voltage moves. The sensor is stuck, saturated below the end of its
-  signal, or clips at zero what flows the other way. Relaxation after a load moves the voltage too, but one way only,
-  and by less than the load did. So it counts when the voltage goes both ways, and when it goes further one way than the
-  steps before can explain. The value is then refused wherever it turns up, until readings on both sides of it show that
-  it is no end of the sensor's range.
-* A current that rises *with* the voltage has the wrong sign.
+* A current that *stands* at one value while the voltage moves. The sensor is stuck, saturates below the end of its
+  signal, or clips one direction of the current at zero. Relaxation after a load moves the voltage too, but in one
+  direction only, and by less than the load did. So a move counts if the voltage moves in both directions, or further in
+  one direction than the steps before can explain. The value is then refused at all times, until readings on both sides
+  of it show that it is not an end of the sensor's range.
+* A current that rises *with* the voltage. It has the wrong sign.
 
-Judged once per tick by the means over it, so that frames of current and voltage need not be in step.
+The checks use the means over a tick, so that frames of current and voltage need not be synchronous.
 """
 
 from math import nan, sqrt
@@ -21,23 +21,23 @@ from numpy.typing import NDArray
 __all__ = ["Ammeter"]
 
 MOVED = 0.002
-"""Share of the voltage that counts as a move: the answer to a quarter of the one-hour current, of any cell."""
+"""Share of the voltage that counts as a move: the response of any cell to a quarter of its one-hour current."""
 MOVED_STEPS = 2.5
 """The same in steps of the voltage's resolution: the last digit may flicker."""
 STANDS = 4
-"""Moves each way until the current is refused: some ten seconds of driving."""
+"""Moves in each direction until the current is refused: some ten seconds of driving."""
 BEYOND = 8
-"""Moves one way, beyond what relaxation explains, until the current is refused."""
+"""Moves in one direction, beyond what relaxation explains, until the current is refused."""
 RELAXES = 0.5
-"""Of a step of the voltage with the load, so much may come in the seconds after it."""
+"""Share of a voltage step with the load that may follow within the seconds after it."""
 RECENT = 0.9
-"""How much of an earlier step of the current is still relaxing, per tick with a step."""
+"""Share of an earlier voltage step that is still relaxing, per tick with a step."""
 MOST = 12
-"""Beyond so many nothing more is learnt, and a mended sensor would wait too long."""
+"""Most moves that are counted: more would prove nothing, and a repaired sensor would be refused for too long."""
 FORGIVE = 0.01
-"""Taken off at each tick in which the current moves with the voltage, as it should."""
+"""Subtracted from the count at each tick in which the current moves with the voltage, as it should."""
 RELEASED = 0.25
-"""Share of what it takes to refuse a value below which it is believed again."""
+"""Share of the count that refuses a value; below this share the value is accepted again."""
 MEMORY = 60
 """Ticks with moves over which the sign is judged."""
 ENOUGH = 10
@@ -46,7 +46,7 @@ REVERSED, RIGHT = 0.7, 0.3
 
 
 class Ammeter:
-    """Judge of one current by one voltage.
+    """Checks one current by one voltage.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ class Ammeter:
         self._I, self._V, self._stood = mean_I, mean_V, stands
 
     def forget(self) -> None:
-        """Begin anew with steps: what was measured before a gap is no neighbour of what comes after it."""
+        """Forget the last sample: a step across a gap has no meaning."""
         self._I = self._V = nan
         self._stood = False
 
@@ -136,9 +136,9 @@ class _Suspect:
         """Count a move of the voltage while the current stood at `value`, and whether relaxation explains it."""
         if value != self.value:
             if self.refused:
-                return  # one fault at a time: the value refused has to be acquitted first
+                return  # one fault at a time: the refused value must be accepted again first
             self.value, self._up, self._down, self._beyond = value, 0.0, 0.0, 0.0
-        # a sensor that stands again is stuck again, whatever it showed before
+        # a sensor that stands still again is stuck again, whatever it read before
         self._below = self._above = False
         if dV > 0:
             self._up = min(MOST, self._up + 1.0)
@@ -148,7 +148,7 @@ class _Suspect:
         self._decide()
 
     def acquit(self, low: float, high: float) -> None:
-        """Clear a value that has readings on both sides: it is no end of a range."""
+        """Accept a value again that has readings on both sides: it is not an end of the range."""
         self._below |= low < self.value
         self._above |= high > self.value
         if self._below and self._above:
@@ -156,7 +156,7 @@ class _Suspect:
             self._decide()
 
     def forgive(self) -> None:
-        """Take off a little for a current that moves with the voltage."""
+        """Lower the count a little for a current that moves with the voltage."""
         self._up, self._down, self._beyond = (max(0.0, x - FORGIVE) for x in (self._up, self._down, self._beyond))
         self._decide()
 

@@ -1,4 +1,4 @@
-"""A batch of CAN frames as numpy arrays: what every source of frames delivers and the engine takes in and gives out."""
+"""A batch of CAN frames as numpy arrays: the form in which every source delivers frames and the engine sends them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ EXTENDED = 0x8000_0000
 
 @dataclass(frozen=True, slots=True)
 class FrameBatch:
-    """N data frames in the order of the bus. Remote and error frames never get in: the bus room counts them.
+    """N data frames in the order of the bus. Remote and error frames are not included: the room `bus` counts them.
 
     Attributes
     ----------

@@ -14,9 +14,9 @@ __all__ = ["CounterGuard"]
 class CounterGuard:
     """Alive counters of protected messages: one per message and multiplexer value.
 
-    A step of 1…`MAX_DELTA` is a frame in sequence, perhaps after lost ones; none is a repetition and a larger one a
-    wrong sequence. Both are rejected, and the sequence goes on from there. A repetition says nothing of the sensor (two
-    paths to one bus, a sender that tries again): whoever judges sensors leaves it out.
+    A step of 1…`MAX_DELTA` is a frame in sequence, perhaps after lost frames. A step of 0 is a repetition, and a larger
+    step is a wrong sequence. Both are rejected, and the sequence continues from there. A repetition (two paths to one
+    bus, a sender that tries again) says nothing about the sensor, so it is not used to judge the sensor.
 
     Parameters
     ----------
@@ -34,14 +34,14 @@ class CounterGuard:
         self._followed = table.switch_of < 0
 
     def update(self, samples: Samples) -> NDArray[np.uint8]:
-        """Quality of the samples of one batch, COUNTER where the frame was repeated or out of sequence.
+        """Return the quality of the samples of one batch: COUNTER where the frame was repeated or out of sequence.
 
         Batches must come in the order of the bus; how they were cut does not matter.
         """
         return self.follow(samples)[0]
 
     def follow(self, samples: Samples) -> tuple[NDArray[np.uint8], NDArray[np.intp]]:
-        """Do as `update`, and tell the frames that only repeat the one before, ascending."""
+        """Do the same as `update`, and also return the frames that only repeat the one before, ascending."""
         p = samples.protected
         whole = np.flatnonzero(p.crc_ok & self._followed[p.node])
         if not len(whole):

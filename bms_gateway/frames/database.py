@@ -1,6 +1,8 @@
-"""What DBC files say: looked up by "Message.Signal", compiled to one table of the signals wanted."""
+"""The content of DBC files: looked up by "Message.Signal", compiled to one table of the wanted signals."""
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
+from dataclasses import replace
 
 from bms_gateway.errors import ConfigError, did_you_mean
 from bms_gateway.frames.batch import EXTENDED
@@ -99,6 +101,15 @@ class Database:
             if info.scale == 0.0:
                 raise ConfigError(f"{info.database}: signal {info.path} has the scale 0; correct it in the DBC")
         return SignalTable.build(wanted, self.messages)
+
+    def changed(self, signals: Sequence[SignalInfo]) -> "Database":
+        """Give a database with these signals replaced; everything else stays the same."""
+        new = copy(self)
+        new.messages = dict(self.messages)
+        for info in signals:
+            message = new.messages[info.message]
+            new.messages[info.message] = replace(message, signals={**message.signals, info.name: info})
+        return new
 
     def _holders(self, name: str) -> str:
         """Tell which messages have a signal of this name, for a user who left the message out."""

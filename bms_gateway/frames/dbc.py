@@ -1,7 +1,8 @@
-"""One DBC text to what it says of its messages and signals, by cantools."""
+"""Parse one DBC text into its messages and signals, by cantools."""
 
 import re
 from collections.abc import Mapping, Sequence
+from math import isfinite
 from typing import TYPE_CHECKING, cast
 
 from bms_gateway.errors import ConfigError
@@ -14,10 +15,32 @@ if TYPE_CHECKING:
     from cantools.database.can import Message, Signal
     from cantools.database.can.formats.dbc.dbc_specifics import DbcSpecifics
 
-__all__ = ["parse"]
+__all__ = ["parse", "parse_lenient"]
 
 E2E_PROFILE = "AUTOSAR_P01_1A"
 """Value of the attribute `E2EProfile` of messages whose CRC and counter are checked."""
+MOST_SIGNALS = 20_000
+"""More than the buses of a whole vehicle have; cantools takes 3.5 s and 75 MB for them."""
+LONGEST = 1785
+"""Bytes of the longest message: of J1939's transport protocol, 255 packets of 7."""
+LONGEST_DIGITS = 5
+MOST_SELECTING = 1_000_000
+"""Multiplexer values in ranges, all signals together: sixteen signals that any value of 16 bits selects."""
+MOST_DIGITS = 10
+LONGEST_CYCLE_MS = 86_400_000.0
+MOST_DATA_ID = 0xFFFF
+MOST_ID = 0xFFFFFFFF
+MOST_SHOWN = 200
+_SIGNAL = re.compile(r"^[ \t]*SG_[ \t]", re.M)
+_MESSAGE = re.compile(r"^[ \t]*BO_\s+\d+\s+(\w+)\s*:\s*(\d+)", re.M)
+_ID = re.compile(r"^[ \t]*BO_\s+(\d+)", re.M)
+_WHOLE_SIGNAL = re.compile(r"\[[^\]|]*\|[^\]]*\]\s*\"[^\"]*\"\s+\S")
+_WHOLE_MESSAGE = re.compile(r"BO_\s+\d+\s+\w+\s*:\s*\d+\s+\w")
+_PLACE = re.compile(r"\bSG_\s+(\w+)[^:\"]*:\s*(\d+)\s*\|\s*(\d+)")
+_SELECTED = re.compile(r"^[ \t]*SG_MUL_VAL_\s[^;]*;", re.M)
+_RANGE = re.compile(r"(\d+)\s*-\s*(\d+)")
+_DATA_ID = re.compile(r"[0-9]{1,5}")
+_UNFORESEEN = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
 
 
 def parse(name: str, text: str) -> list[MessageInfo]:
@@ -38,18 +61,101 @@ def parse(name: str, text: str) -> list[MessageInfo]:
     from cantools.database import load_string
     from cantools.database.errors import Error
 
+    _refuse_extremes(name, text)
     try:
         parsed = load_string(text, database_format="dbc", strict=True)
+        return [_message(name, message) for message in cast("Parsed", parsed).messages]
     except Error as problem:
         raise ConfigError(_explain(name, text, str(problem))) from problem
-    return [_message(name, message) for message in cast("Parsed", parsed).messages]
+    except RecursionError:
+        raise ConfigError(f"{name}: multiplexers nested too deep; correct the file") from None
+    except _UNFORESEEN as problem:  # what a parser of others stumbles over in a file that is no sound DBC
+        what = " ".join(f"{type(problem).__name__}: {problem}".split())[:MOST_SHOWN]
+        raise ConfigError(f"{name}: refused as a DBC ({what}); correct the file") from problem
+
+
+def parse_lenient(name: str, text: str) -> list[MessageInfo] | None:
+    """Parse what can be read of a DBC that `parse` refuses: overlapping signals, value tables of no signal.
+
+    Returns
+    -------
+    list of MessageInfo or None
+        None where even that cannot be read.
+    """
+    from cantools.database import load_string
+    from cantools.database.errors import Error
+
+    _refuse_extremes(name, text)
+    for _ in range(2):
+        try:
+            parsed = load_string(text, database_format="dbc", strict=False)
+            return [_message(name, m) for m in cast("Parsed", parsed).messages]
+        except Error as problem:
+            unused = re.findall(r"^ *(VAL_|SIG_VALTYPE_) (\d+) (\w+)$", str(problem).removesuffix('"'), re.M)
+            if not unused:
+                return None
+            for kind, number, signal in unused:
+                text = re.sub(rf"^\s*{kind}\s+{number}\s+{signal}\b[^;]*;", "", text, flags=re.M)
+        except (ConfigError, RecursionError, *_UNFORESEEN):
+            return None
+    return None
+
+
+def _refuse_extremes(name: str, text: str) -> None:
+    """Refuse content that no bus carries and for which a parser needs minutes or gigabytes."""
+    signals = len(_SIGNAL.findall(text))
+    if signals > MOST_SIGNALS:
+        raise ConfigError(
+            f"{name}: {signals} signals; at most {MOST_SIGNALS} are read: leave out the messages that are not needed"
+        )
+    for found in _MESSAGE.finditer(text):
+        if len(found[2]) > LONGEST_DIGITS or int(found[2]) > LONGEST:
+            line = text.count("\n", 0, found.start(2)) + 1
+            raise ConfigError(f"{name}: line {line}: message {found[1]} is longer than {LONGEST} bytes; correct it")
+    for found in _ID.finditer(text):
+        if len(found[1]) > MOST_DIGITS or int(found[1]) > MOST_ID:
+            line = text.count("\n", 0, found.start(1)) + 1
+            raise ConfigError(f"{name}: line {line}: the identifier {found[1][:20]} is beyond 32 bits; correct it")
+    if cut := _cut_short(text):
+        raise ConfigError(f"{name}: line {text.rstrip().count(chr(10)) + 1}: the file ends within {cut}; is it whole?")
+    for found in _PLACE.finditer(text):
+        if any(len(n) > LONGEST_DIGITS or int(n) > 8 * LONGEST for n in found.groups()[1:]):
+            line = text.count("\n", 0, found.start(2)) + 1
+            raise ConfigError(
+                f"{name}: line {line}: signal {found[1]} lies beyond {8 * LONGEST} bits; correct its start or length"
+            )
+    _refuse_ranges(name, text)
+
+
+def _cut_short(text: str) -> str | None:
+    """Tell within what a file ends, of which a parser would drop the last line without a word; None if it is whole."""
+    last = text.rstrip().rpartition("\n")[2].strip()
+    if last.startswith("SG_ "):
+        return None if _WHOLE_SIGNAL.search(last) else "a signal"
+    if last.startswith("BO_ "):
+        return None if _WHOLE_MESSAGE.match(last) else "a message"
+    return "a statement" if last.startswith(("CM_ ", "BA_", "VAL_ ", "SIG_")) and not last.endswith(";") else None
+
+
+def _refuse_ranges(name: str, text: str) -> None:
+    """Refuse ranges of multiplexer values that a parser would write out value by value."""
+    count = 0
+    for selected in _SELECTED.finditer(text):
+        for found in _RANGE.finditer(selected[0]):
+            if max(len(found[1]), len(found[2])) > MOST_DIGITS:
+                count = MOST_SELECTING + 1
+            else:
+                count += max(0, int(found[2]) - int(found[1]) + 1)
+            if count > MOST_SELECTING:
+                line = text.count("\n", 0, selected.start()) + 1
+                raise ConfigError(f"{name}: line {line}: over {MOST_SELECTING:,} multiplexer values; correct it")
 
 
 def _message(database: str, m: "Message") -> MessageInfo:
     can_id = m.frame_id | EXTENDED if m.is_extended_frame else m.frame_id
-    cycle_ns = round(m.cycle_time * 1_000_000) if m.cycle_time else None
     protected = m.dbc is not None and _attribute(m.dbc, "E2EProfile") == E2E_PROFILE
-    e2e = E2E(int(m.dbc.attributes["E2EDataID"].value)) if m.dbc is not None and protected else None
+    e2e = E2E(_data_id(database, m)) if protected else None
+    cycle_ns = _cycle_ns(database, m)
     by_name = {s.name: s for s in m.signals}
     signals = {s.name: _signal(database, m, s, by_name, can_id, cycle_ns) for s in m.signals}
     return MessageInfo(
@@ -65,11 +171,48 @@ def _message(database: str, m: "Message") -> MessageInfo:
     )
 
 
+def _cycle_ns(database: str, m: "Message") -> int | None:
+    stated: int | float | str | None = m.cycle_time  # of an attribute that a file may declare as anything
+    if not stated:
+        return None
+    try:
+        cycle_ms = float(stated)
+    except ValueError:
+        text = str(stated)[:MOST_SHOWN]
+        raise ConfigError(f"{database}: message {m.name}: the cycle time {text!r} is no number; correct it") from None
+    if not 0 < cycle_ms <= LONGEST_CYCLE_MS:
+        raise ConfigError(
+            f"{database}: message {m.name}: a cycle time of {cycle_ms:g} ms; valid: 0 to {LONGEST_CYCLE_MS:g}"
+        )
+    return round(cycle_ms * 1_000_000)
+
+
+def _data_id(database: str, m: "Message") -> int:
+    """`E2EDataID` of a message that is protected.
+
+    Raises
+    ------
+    ConfigError
+        It has none, or one that is not of 16 bits.
+    """
+    stated = None if m.dbc is None else _stated(m.dbc, "E2EDataID")
+    if stated is None:
+        raise ConfigError(f"{database}: message {m.name} has the attribute E2EProfile, but no E2EDataID; add it")
+    digits = str(stated).removesuffix(".0")  # of an attribute that is declared as a FLOAT
+    if not _DATA_ID.fullmatch(digits) or int(digits) > MOST_DATA_ID:
+        raise ConfigError(f"{database}: message {m.name}: E2EDataID {digits[:20]!r}; valid: 0 to {MOST_DATA_ID}")
+    return int(digits)
+
+
 def _signal(
     database: str, m: "Message", s: "Signal", by_name: Mapping[str, "Signal"], can_id: int, cycle_ns: int | None
 ) -> SignalInfo:
     place = Place(s.start, s.length, s.byte_order == "big_endian", bool(s.is_signed) and not s.conversion.is_float)
     choices = {int(raw): str(label) for raw, label in (s.conversion.choices or {}).items()}
+    for what, number in (("scale", s.conversion.scale), ("offset", s.conversion.offset)):
+        if not isfinite(number):
+            raise ConfigError(f"{database}: signal {m.name}.{s.name} has the {what} {number}; correct it")
+    stated = None if (s.minimum, s.maximum) == (0, 0) else s  # [0.0|0.0] states no range, as [0|0] does
     return SignalInfo(
         database=database,
         message=m.name,
@@ -78,12 +221,12 @@ def _signal(
         is_float=s.conversion.is_float,
         scale=float(s.conversion.scale),
         offset=float(s.conversion.offset),
-        minimum=None if s.minimum is None else float(s.minimum),
-        maximum=None if s.maximum is None else float(s.maximum),
+        minimum=None if stated is None or stated.minimum is None else float(stated.minimum),
+        maximum=None if stated is None or stated.maximum is None else float(stated.maximum),
         unit=s.unit or "",
         comment=s.comment or "",
         choices=choices,
-        mux=_switches(s, by_name),
+        mux=_switches(database, m, s, by_name),
         is_multiplexer=s.is_multiplexer,
         start_raw=None if s.raw_initial is None else float(s.raw_initial),
         j1939=_is_j1939(m, s),
@@ -92,11 +235,25 @@ def _signal(
     )
 
 
-def _switches(s: "Signal", by_name: Mapping[str, "Signal"]) -> tuple[Switch, ...]:
-    if s.multiplexer_signal is None:
-        return ()
-    outer = _switches(by_name[s.multiplexer_signal], by_name)
-    return (*outer, Switch(s.multiplexer_signal, tuple(sorted(s.multiplexer_ids or ()))))
+def _switches(database: str, m: "Message", s: "Signal", by_name: Mapping[str, "Signal"]) -> tuple[Switch, ...]:
+    """List the steps to a signal, from the outermost multiplexer inwards.
+
+    Raises
+    ------
+    ConfigError
+        Multiplexers that select each other, or one that the message does not have.
+    """
+    steps: list[Switch] = []
+    while s.multiplexer_signal is not None:
+        if len(steps) == len(by_name):
+            raise ConfigError(f"{database}: message {m.name}: multiplexer {s.name} is selected by itself; correct it")
+        if s.multiplexer_signal not in by_name:
+            raise ConfigError(
+                f"{database}: message {m.name} has no multiplexer {s.multiplexer_signal}, by which {s.name} is selected"
+            )
+        steps.append(Switch(s.multiplexer_signal, tuple(sorted(s.multiplexer_ids or ()))))
+        s = by_name[s.multiplexer_signal]
+    return tuple(reversed(steps))
 
 
 def _is_j1939(m: "Message", s: "Signal") -> bool:
@@ -123,15 +280,21 @@ def _attribute(specifics: "DbcSpecifics", name: str) -> str | None:
     """
     if name not in specifics.attribute_definitions:
         return None
-    definition = specifics.attribute_definitions[name]
-    stated = specifics.attributes.get(name)
-    value = definition.default_value if stated is None else stated.value
-    choices = definition.choices or []
-    return str(choices[value]) if isinstance(value, int) and value < len(choices) else str(value)
+    value = _stated(specifics, name)
+    choices = specifics.attribute_definitions[name].choices or []
+    return str(choices[value]) if isinstance(value, int) and 0 <= value < len(choices) else str(value)
+
+
+def _stated(specifics: "DbcSpecifics", name: str) -> object:
+    """Value of an attribute as written, or its default; None where there is neither."""
+    if name in specifics.attributes:
+        return specifics.attributes[name].value
+    definition = specifics.attribute_definitions.get(name)
+    return None if definition is None else definition.default_value
 
 
 def _explain(name: str, text: str, problem: str) -> str:
-    """Turn cantools' refusal into one line: file, line in it, what is wrong, what to do."""
+    """Turn an error of cantools into one line: file, line number, what is wrong, what to do."""
     detail = problem.removeprefix('DBC: "').removesuffix('"')
     lines = text.splitlines()
     unused = re.findall(r"^ *(VAL_|SIG_VALTYPE_) (\d+) (\w+)$", detail, re.M)

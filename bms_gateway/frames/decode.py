@@ -1,4 +1,4 @@
-"""Many frames to physical values at once; the cost is a handful of numpy calls per batch, none per frame or message."""
+"""Decode many frames to physical values at once, by a few numpy calls per batch and none per frame or message."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -116,7 +116,7 @@ def decode(table: SignalTable, batch: FrameBatch) -> Samples:
     place = start.repeat(count)
     place += np.arange(len(at))
     raw_bits = table.places.raw(words, at, place)
-    # an underflow or a signalling NaN in a floating-point payload is data, not a fault of ours
+    # an underflow or a signalling NaN in a floating-point payload is a property of the data, not an error of the code
     with np.errstate(all="ignore"):
         raw = _to_float(table, raw_bits, place)
         value = raw * table.scale.take(place)
@@ -148,7 +148,7 @@ def _follow_multiplexers(
         hit, inner = table.find(key)
         _note_unknown(table, row, switch, key, hit, length, unknown)
         row, switch = row.take(hit), switch.take(hit)
-        # a frame too short for its multiplexer tells nothing of what is in it
+        # a frame that is too short for its multiplexer does not show its signals
         held = (table.switches.needs.take(switch) <= length.take(row)).nonzero()[0]
         if len(held) < len(row):
             row, inner = row.take(held), inner.take(held)
@@ -180,7 +180,7 @@ def _through_multiplexers(
         hit, node = table.find(key)
         _note_unknown(table, at, switch, key, hit, length, unknown)
         row, switch = at.take(hit), switch.take(hit)
-        # a frame too short for its multiplexer tells nothing of what is in it
+        # a frame that is too short for its multiplexer does not show its signals
         held = table.switches.needs.take(switch) <= length.take(row)
         if not held.all():
             row, node = row[held], node[held]

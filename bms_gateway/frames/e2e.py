@@ -91,7 +91,7 @@ def _crc(word: NDArray[np.uint64], of_id: NDArray[np.uint8]) -> NDArray[np.uint8
 def check(
     word: NDArray[np.uint64], length: NDArray[np.uint8], of_id: NDArray[np.uint8]
 ) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-    """Read the counters and tell which frames are whole: right length, right check sum, counter in 0…14.
+    """Read the counters and find the intact frames: right length, right check sum, counter in 0…14.
 
     Parameters
     ----------

@@ -1,28 +1,32 @@
-"""Which samples may be believed: range, rails, jumps, standing still and age of every channel.
+"""Which samples may be used: the guard checks range, rails, jumps, standing still and age of every channel.
 
-Cheap sensors fail in ways that look like temperatures: a broken wire reads as one end of the range, an unconnected
-input as a constant in the middle of it, a loose one jumps when the inverter switches. Five ideas tell them apart:
+Cheap sensors fail in ways that look like temperatures. A broken wire reads as one end of the range, an unconnected
+input reads as a constant inside the range, and a loose one jumps when the inverter switches. Five rules find them:
 
-* A *jump* is a step that no cell can make. It costs the channel its trust for `CONSISTENT` calm samples, twice as many
-  with each repetition.
-* The *anchor* is the value a channel stays at. Single dips do not move it: each sample that differs takes one from a
-  count of at most `ANCHORED`, each equal one gives one back, and at zero the new value becomes the anchor. A channel
-  whose anchor outlasts `stuck_after_s` of *active* time, in which current flows and the other channels move, is stuck.
-  At rest nothing counts: good sensors stand still there too. One that has moved is given more time, unless its own
-  noise and that of half of its peers hardly ever gave the same value twice: then it did not come to rest, it froze.
-* A *run* of equal samples that noise cannot be is held back long before it makes a channel stuck: what froze a minute
-  ago must not have moved an estimate for as long. The channel stays as good as it was, and its next other value counts.
-* The *home* is the anchor that lasted longest. A channel that left it and, after active time, stands at exactly the
-  same hundredth again is an input that something disturbs, not a temperature: it is stuck as well. Noise comes back to
-  a hundredth too, every minute, but does not stay there: a home proves something only where it was held for
-  `SETTLED` times the active time that makes a channel stuck. At one that was held less a channel has no more patience
-  than one that never moved. A home not seen for `HOME_MEMORY_S` is forgotten.
-* A channel of fine resolution is not believed before its anchor has moved once (`needs_proof`): an unconnected input is
-  thus never taken for a measurement, at the price that a sensor on a resting pack waits for the first 0.01 K. The cost
-  is small, since core and surface are equal at rest; a start with a wrong temperature of 25 °C in winter is not.
+* A *jump* is a step that no cell can make. After a jump, a channel is not used for `CONSISTENT` calm samples, and for
+  twice as many after each repetition.
+* The *anchor* is the value at which a channel stays. Single dips do not move it: a count of at most `ANCHORED` falls by
+  one with each sample that differs and rises by one with each equal sample; at zero the new value becomes the anchor.
+  *Active* time is time in which current flows and the other channels move. A channel whose anchor lasts longer than
+  `stuck_after_s` of active time is stuck. Time at rest does not count, because good sensors stand still then too. A
+  channel that has moved before gets more time. It does not get more time if its own noise, and the noise of half of its
+  peers, hardly ever gave the same value twice: such a channel has not come to rest, it has frozen.
+* A *run* is a row of equal samples that noise cannot produce. Its samples are held back long before the channel counts
+  as stuck, so that a frozen sensor does not move an estimate meanwhile. The quality of the channel does not change, and
+  its next different value is used.
+* The *home* is the anchor that lasted longest. A channel that left its home and, after active time, stands at exactly
+  the same hundredth again is a disturbed input and not a temperature; it is stuck too. Noise also returns to the same
+  hundredth every minute, but it does not stay there. So a home counts only if it was held for `SETTLED` times the
+  active time that makes a channel stuck. A channel that returns to a home which was held for a shorter time counts as
+  stuck after the same time as a channel that has never moved. A home not seen for `HOME_MEMORY_S` is forgotten.
+* A channel of fine resolution is not used before its anchor has moved once (`needs_proof`), so that an unconnected
+  input is never taken as a measurement. The price is that a sensor on a resting pack is used only after its first step
+  of 0.01 K. This costs little, because core and surface are equal at rest; a start with a wrong temperature of 25 °C in
+  winter would cost much. A return to the home, or a move that the neighbours do not make (`neighbours`), is no proof.
 
-Some senders round to half degrees and still count in hundredths. The finest step that any channel of a group has shown
-tells: until one was at most `PROOF_K`, standing still is judged as for coarse signals, and coming home means nothing.
+Some senders round to half degrees but count in hundredths. The finest step that any channel of a group has shown
+reveals this. Until a step of at most `PROOF_K` was seen, standing still is judged as for coarse signals, and a return
+to the home has no meaning.
 """
 
 from collections.abc import Mapping, Sequence
@@ -32,6 +36,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.frames.counter import CounterGuard
+from bms_gateway.frames.neighbours import FAR_NEEDED, Compared, Neighbours
 from bms_gateway.frames.quality import Quality
 from bms_gateway.frames.rules import PROOF_K, STUCK_COARSE_S, Rule, default_rule
 
@@ -49,39 +54,42 @@ GOOD, STALE, OUT_OF_RANGE, STUCK, OPEN, SHORT, JUMPY, NEVER = (
 CONSISTENT = 3
 """Calm samples after an upset before a channel is believed again."""
 MAX_STRIKES = 6
-"""Repetitions that lengthen the wait: at most 3 · 2⁶ = 192 samples, some minutes."""
+"""Most repetitions that lengthen the wait: it is at most 3 · 2⁶ = 192 samples, some minutes."""
 FORGIVEN_AFTER = 300
-"""Calm samples that clear the record of jumps."""
+"""Calm samples after which earlier jumps are forgotten."""
 ANCHORED = 3
 """Net samples that must differ before a channel has left its value."""
 AT_HOME = 2
-"""Net samples at exactly the old value that make a return."""
+"""Net samples at exactly the old value that count as a return."""
 SETTLED = 2.0
-"""Times `stuck_after_s`, in seconds and in samples, that a home was held at least once. In hundredths, noise of 0.05 K
-holds a value for 20 samples once in 50,000 hours and for 40 never, noise of 0.02 K for 40 once in 100,000 hours."""
+"""A home counts if it was held once for this many times `stuck_after_s`, in seconds and in samples. With steps of
+0.01 K, noise of 0.05 K holds a value for 20 samples once in 50,000 hours and never for 40; noise of 0.02 K holds a
+value for 40 samples once in 100,000 hours."""
 HOME_MEMORY_S = 300.0
-"""Active time away after which a place is no longer home."""
+"""Active time away from a home after which it is forgotten."""
 PROVEN_PATIENCE = 15.0
-"""A channel that has been seen moving may stand still so many times longer: near equilibrium good ones do."""
+"""A channel that has moved may stand still this many times longer: near equilibrium, good channels do."""
 LIVELY = 0.2
-"""Share of samples equal to the one before up to which a channel's noise is seen. Where it was so lately, and is with
-half of its peers, standing still needs no such patience: `SETTLED` times is more than noise does."""
+"""Greatest share of samples equal to the one before at which a channel counts as noisy. If a channel and half of its
+peers were noisy lately, standing still for `SETTLED` times `stuck_after_s` is more than noise can do."""
 REMEMBERED, DOUBTED = 600, 5
-"""Samples over which that share is taken: noise that has ended must not last. A channel begins with so many repetitions
-to its name: 20 samples, at least, show noise. A run of equal ones while others move is no part of it before it ends."""
+"""Samples over which that share is averaged, so that noise which has ended is forgotten; and the number of repetitions
+with which a channel begins, so that at least 20 samples are needed to show noise. A run of equal samples while others
+move enters the share only when it ends."""
 HARDLY = 1e-9
-"""Chance, by that share, of a run of equal samples below which it is held back: 6 to 12 of them. Of 0.02 to 0.1 K of
-noise in hundredths, one sample a second, that costs a sound sensor less than a sample in 10,000 hours."""
+"""Probability of a run of equal samples, by that share, below which the run is held back: after 6 to 12 samples. With
+noise of 0.02 to 0.1 K, steps of 0.01 K and one sample a second, a good sensor loses less than one sample in 10,000
+hours."""
 FEWEST = 5
-"""Repetitions that such a run has in any case: no smaller share than 0.015 is seen in some minutes."""
+"""Least repetitions of such a run: a share below 0.015 cannot be seen within some minutes."""
 LONGEST_STEP_S = 10.0
-"""A gap between intervals longer than this is no time in which anything was seen to stand still."""
+"""A longer gap between intervals does not count as time of standing still."""
 QUALITIES = 16
 
 
 @dataclass(frozen=True, slots=True)
 class GuardResult:
-    """What became of the samples of one interval.
+    """The guard's verdict on the samples of one interval.
 
     Attributes
     ----------
@@ -149,6 +157,7 @@ class Guard:
         self._peers_lively = np.zeros(m, np.bool_)
         self._proven, self._fine = np.zeros(m, np.bool_), np.zeros(m, np.bool_)
         self._cause = np.full(m, NEVER, np.uint8)
+        self._neighbours = Neighbours(self._group, self._proof)
 
     _STATE = (
         *("_previous", "_previous_ns", "_calm", "_needed", "_strikes", "_anchor", "_anchor_count", "_anchor_clock"),
@@ -159,13 +168,15 @@ class Guard:
 
     def snapshot(self) -> dict[str, NDArray[np.generic]]:
         """Copy the whole state as plain arrays."""
-        return {name[1:]: getattr(self, name).copy() for name in self._STATE}
+        own = {name[1:]: getattr(self, name).copy() for name in self._STATE}
+        return own | self._neighbours.snapshot()
 
     def restore(self, state: Mapping[str, NDArray[np.generic]]) -> None:
         """Take up the state of a guard with the same rules."""
         for name in self._STATE:
             mine = getattr(self, name)
             mine[...] = state[name[1:]]
+        self._neighbours.restore(state)
 
     def update(
         self,
@@ -216,7 +227,7 @@ class Guard:
 
     def _memoryless(self, channel: Index, value: NDArray[np.float64], flag: NDArray[np.uint8]) -> NDArray[np.uint8]:
         quality = flag.copy()
-        # a rail says more than a range: what the DBC's range already rejected is still told apart
+        # a rail is more specific than a range: a sample outside the DBC's range may still be OPEN or SHORT
         open_to = (flag == GOOD) | (flag == OUT_OF_RANGE)
         outside = ~((value >= self._lower.take(channel)) & (value <= self._upper.take(channel)))
         high, low = value >= self._high_rail.take(channel), value <= self._low_rail.take(channel)
@@ -235,20 +246,24 @@ class Guard:
         changed: NDArray[np.bool_],
         fine: NDArray[np.bool_],
     ) -> NDArray[np.uint8]:
-        """Judge one sample each of distinct channels by their past."""
+        """Judge one sample of each of several channels by the history of the channel."""
         usable = quality == GOOD
         previous = self._previous[c]
         known = ~np.isnan(previous)
         seconds = np.maximum(time_ns - self._previous_ns[c], 0) * 1e-9
         step = np.abs(value - previous)
         jumped = usable & known & (step > self._jump[c] + self._rate[c] * seconds)
+        alone = None
+        if self._neighbours.any_doubted(c):
+            alone = self._neighbours.compare(c, value, usable)
+            jumped |= known & alone.astray
         stepped = usable & (step > 0)
         updated[c] |= usable
         changed[c] |= stepped & known
         fine[c] |= stepped & (step < 1.01 * PROOF_K)
         proof, is_fine = self._proof[c], self._fine[c]
         limit = np.where(is_fine, self._stuck[c], self._stuck_coarse[c])
-        moved, returned, at_home = self._follow_anchor(c, value, usable, seconds, limit)
+        moved, returned, at_home = self._follow_anchor(c, value, usable, seconds, limit, alone)
         stood = self._clock[c] - self._anchor_clock[c]
         stands = stood > np.where(self._proven[c] & ~returned, PROVEN_PATIENCE, 1.0) * limit
         self._count_repeats(c, usable & known, usable & (step == 0.0))
@@ -257,14 +272,16 @@ class Guard:
             stands |= long & (self._repeats[c] <= LIVELY) & self._peers_lively[c] & is_fine
         stuck = usable & ~jumped & (stands | (at_home & proof & is_fine))
         upset = ~usable | jumped | stuck
-        proven, calm, cause = self._proven[c] | (moved & known & ~upset), self._calm[c] + 1, quality
+        proves = moved & known & ~upset & (value != self._home[c])
+        proven, calm, cause = self._proven[c] | proves, self._calm[c] + 1, quality
         if upset.any():
             proven &= ~jumped & ~stuck
             calm[upset] = 0
             cause = np.where(stuck, STUCK, np.where(jumped, JUMPY, quality))
-            strikes = np.minimum(self._strikes[c] + jumped, MAX_STRIKES)
+            struck = jumped | (stuck & at_home & (self._cause[c] != STUCK))
+            strikes = np.minimum(self._strikes[c] + struck, MAX_STRIKES)
             needed = np.where(upset, np.maximum(self._needed[c], CONSISTENT), self._needed[c])
-            self._strikes[c], self._needed[c] = strikes, np.where(jumped, CONSISTENT << strikes, needed)
+            self._strikes[c], self._needed[c] = strikes, np.where(struck, CONSISTENT << strikes, needed)
             self._cause[c] = np.where(upset, cause, self._cause[c])
             value, time_ns = np.where(usable, value, previous), np.where(usable, time_ns, self._previous_ns[c])
         forgiven = calm >= FORGIVEN_AFTER
@@ -273,6 +290,9 @@ class Guard:
         self._proven[c], self._calm[c] = proven, calm
         self._previous[c], self._previous_ns[c] = value, time_ns
         accepted = ~upset & (calm >= self._needed[c]) & (proven | ~proof)
+        if alone is not None:
+            accepted &= ~alone.far | (calm >= FAR_NEEDED) | (self._cause[c] == GOOD)
+        self._neighbours.trust(c, accepted, usable & known, step)
         if accepted.all():
             self._cause[c] = GOOD
             return cause
@@ -280,7 +300,7 @@ class Guard:
         return np.where(accepted, GOOD, np.where(usable & ~upset, self._cause[c], cause))
 
     def _count_repeats(self, c: Index | slice, compared: NDArray[np.bool_], same: NDArray[np.bool_]) -> None:
-        """Count what is the same as before, and its share of all; a run amid others that move counts when it ends."""
+        """Count samples that repeat the one before, and their share; a run while others move counts when it ends."""
         differs, again, run = compared ^ same, same & self._around[c], self._run[c]
         more = (compared ^ again) + run * differs
         self._compared[c] = count = np.minimum(self._compared[c] + more, REMEMBERED)
@@ -289,7 +309,7 @@ class Guard:
         self._run[c] = np.minimum((run + again) * ~differs, REMEMBERED - 1)
 
     def _freezes(self, c: Index | slice) -> NDArray[np.bool_]:
-        """Tell whose run of equal samples is none of noise; of what may stand for ever nothing is told."""
+        """Find channels whose run of equal samples noise cannot produce; channels that may stand still are left out."""
         repeats, run = self._repeats[c], self._run[c]
         noisy = (repeats <= LIVELY) & (self._peers_lively[c] | self._alone[c]) & np.isfinite(self._stuck[c])
         return np.asarray(noisy & (run >= FEWEST) & (repeats**run < HARDLY), np.bool_)
@@ -301,8 +321,9 @@ class Guard:
         usable: NDArray[np.bool_],
         seconds: NDArray[np.float64],
         limit: NDArray[np.float64],
+        alone: Compared | None,
     ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
-        """Move the anchor of channels that have left it; tell which have, which came back, and which of those home."""
+        """Move the anchor of channels that have left it; return which left, which returned, and which returned home."""
         clock = self._clock[c]
         same = value == self._anchor[c]
         count = np.where(same, np.minimum(self._anchor_count[c] + 1, ANCHORED), self._anchor_count[c] - 1)
@@ -315,12 +336,14 @@ class Guard:
         self._anchor_clock[c] = np.where(moved, clock, self._anchor_clock[c])
         there = usable & same & (anchor == self._home[c]) & (count >= AT_HOME)
         longest = held > self._home_held[c]
-        # at rest a good sensor too may come back to a hundredth; one that was found stuck before is not acquitted by it
+        # at rest a good sensor may return to the same hundredth too; a sensor that was stuck before stays stuck
         found = self._cause[c] == STUCK
         returned = at_home = there & ~longest & ((clock > self._home_clock[c]) | found)
         if returned.any():
             settled = np.minimum(self._home_held[c], self._home_held_s[c]) >= SETTLED * limit
             at_home = returned & (found | settled)
+            if alone is not None:
+                at_home |= returned & alone.strays & (count >= ANCHORED)
         renewed = longest | (clock - self._home_clock[c] > HOME_MEMORY_S)
         self._home[c] = np.where(renewed, anchor, self._home[c])
         self._home_held[c] = np.where(renewed, held, self._home_held[c])
@@ -331,7 +354,7 @@ class Guard:
     def _advance(
         self, t1_ns: int, active: NDArray[np.bool_], updated: NDArray[np.bool_], changed: NDArray[np.bool_]
     ) -> None:
-        """Let active time pass for channels whose peers move: alone among still ones, standing still proves nothing."""
+        """Count active time for channels whose peers move: among resting peers, standing still proves nothing."""
         start = int(self._end_ns[0])
         self._end_ns[0] = t1_ns
         others = np.bincount(self._group, updated, 1)[self._group] - updated
@@ -341,6 +364,7 @@ class Guard:
         among = np.bincount(self._group, lively, 1)[self._group] - lively
         self._peers_lively = (self._peers > 0) & (2 * among >= self._peers)
         self._around = np.where(self._alone, active, self._moving)
+        self._neighbours.advance(self._previous, self._home, updated)
         if start >= 0:
             step = min(max((t1_ns - start) * 1e-9, 0.0), LONGEST_STEP_S)
             self._clock += (active & self._around) * step

@@ -11,8 +11,11 @@ __all__ = [
     "PARAMETER_MUX",
     "core_message",
     "flags_message",
+    "forecast_message",
     "growth_message",
     "health_message",
+    "heat_message",
+    "hottest_message",
     "input_messages",
     "own_signal",
     "parameters_message",
@@ -90,6 +93,11 @@ def summary_message(string_number: int) -> str:
     return f"string_{string_number}_summary"
 
 
+def hottest_message(string_number: int) -> str:
+    """Message with hottest_point, …_cell, …_sd, …_quality, …_core."""
+    return f"string_{string_number}_hottest"
+
+
 def parameters_message(string_number: int) -> str:
     """Message of parameters, multiplexed by `PARAMETER_MUX`."""
     return f"string_{string_number}_parameters"
@@ -101,13 +109,23 @@ def health_message(string_number: int) -> str:
 
 
 def flags_message(string_number: int) -> str:
-    """Message with ageing_flag, cooling_flag, thermocouple_flag and …_cell, current_flag, mismatch_flag, R_u_growth."""
+    """Message with ageing_flag, cooling_flag, thermocouple_flag and …_cell, R_u_growth, flags of what else is wrong."""
     return f"string_{string_number}_flags"
 
 
 def growth_message(string_number: int) -> str:
     """Message of the ageing of single cells: multiplexer = cell, signals flag_CC, growth_CC, growth_sd_CC."""
     return f"string_{string_number}_growth"
+
+
+def heat_message(string_number: int) -> str:
+    """Message of heat that no current makes: multiplexer = cell, signals heat_flag_CC, heat_CC, heat_sd_CC."""
+    return f"string_{string_number}_heat"
+
+
+def forecast_message(string_number: int) -> str:
+    """Message of the next ten minutes: mux 0 point_in_…, 1 point_sd_… and limit_…, 2 discharge_…, 3 charge_…."""
+    return f"string_{string_number}_forecast"
 
 
 def _check_string(number: int) -> None:

@@ -1,7 +1,7 @@
-"""What was read of a DBC as compact text and back: to be kept, because parsing takes a hundred times as long.
+"""A parsed DBC as compact text, and back. It is cached, because parsing takes a hundred times as long.
 
-JSON, because reading it can run nothing, and its numbers come back bit for bit. One message per line; value tables and
-what else many signals have in common are written once and shared again when read.
+The text is JSON: reading it cannot execute anything, and its numbers are restored bit for bit. There is one message per
+line. Value tables and other content that many signals share are written once.
 """
 
 import json

@@ -1,4 +1,4 @@
-"""How far a value can be trusted: a quality that follows it from the socket to the output frame."""
+"""The quality of a value, which goes with it from the socket to the output frame."""
 
 from enum import IntEnum
 
@@ -29,5 +29,7 @@ class Quality(IntEnum):
     """The check sum did not match."""
     ESTIMATED = 11
     """No sensor of its own: a value from the model and its neighbours."""
+    DOUBTFUL = 12
+    """An estimate whose core is not proven: its model file, or what is seen while driving, speaks against it."""
     NEVER = 15
     """Nothing was ever received."""

@@ -1,4 +1,4 @@
-"""What is believable of a channel: range, rails, steps, standing still, age, by its quantity and its DBC signal."""
+"""Limits of a channel by its quantity and its DBC signal: range, rails, steps, standing still, age."""
 
 import math
 from collections.abc import Mapping
@@ -11,7 +11,7 @@ __all__ = ["Rule", "default_rule"]
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """What is believable of one channel, in its own unit after scaling to SI (°C, A, V).
+    """The limits of one channel, in its unit after scaling to SI (°C, A, V).
 
     Attributes
     ----------
@@ -22,15 +22,15 @@ class Rule:
     lower, upper : float
         Plausible range; outside is OUT_OF_RANGE.
     low_rail, high_rail : float
-        At or below is SHORT, at or above OPEN; ∓inf for none.
+        A value at or below the low rail is SHORT, at or above the high rail OPEN; ∓inf for no rail.
     stale_after_ns : int
         Age from which the last value is STALE.
     jump, jump_rate : float
-        Largest believable step: jump + jump_rate · seconds between the samples; inf for no limit.
+        Largest plausible step: jump + jump_rate · seconds between the samples; inf for no limit.
     stuck_after_s : float
         Active time after which an unmoved channel is STUCK; inf for never.
     needs_proof : bool
-        Not believed before it has moved.
+        The channel is not used before it has moved.
     """
 
     quantity: str
@@ -47,7 +47,7 @@ class Rule:
 
     @property
     def remembers(self) -> bool:
-        """Whether judging a sample needs the ones before it."""
+        """Whether the rule needs the samples before the present one."""
         return math.isfinite(self.jump) or math.isfinite(self.stuck_after_s) or self.needs_proof
 
 
@@ -64,7 +64,7 @@ STUCK_FINE_S, FINE_K = 20.0, 0.01
 STUCK_COARSE_S, COARSE_K = 1800.0, 0.5
 """At 0.01 K a cell under current moves in seconds; steps of 0.5 K may take half an hour. Geometric in between."""
 PROOF_K = 0.05
-"""Coarser signals may stand still for a whole journey: asking for proof would lose them."""
+"""Coarser signals may stand still for a whole drive: with this rule they would never be used."""
 FASTEST_CYCLES = 5
 """Cycle times missed before a value is stale."""
 
@@ -96,10 +96,10 @@ def default_rule(
         return Rule(quantity, group, lower, upper, stale_after_ns=stale_after_ns)
     step = abs(scale) * info.resolution if info is not None else 0.0
     low_rail, high_rail = _rails(info, scale, offset)
-    # a thermometer on a 1 s tick is good for some ticks, even where the DBC tells no cycle time
+    # a temperature stays valid for some ticks of 1 s, even where the DBC names no cycle time
     stale_after_ns = max(stale_after_ns, 10_000_000_000)
     if quantity == "coolant_inlet":
-        # may be held constant by its thermostat, and jump when a valve opens
+        # a thermostat may hold the inlet constant, and an opening valve may make it jump
         return Rule(quantity, group, lower, upper, low_rail, high_rail, stale_after_ns, jump=10.0, jump_rate=1.0)
     slope = math.log(STUCK_COARSE_S / STUCK_FINE_S) / math.log(COARSE_K / FINE_K)
     stuck = STUCK_FINE_S * (max(step, FINE_K) / FINE_K) ** slope
@@ -120,7 +120,7 @@ def default_rule(
 
 
 def _rails(info: SignalInfo | None, scale: float, offset: float) -> tuple[float, float]:
-    """Give the ends of what the bits can show, half a step inwards; under J1939 those mean not available instead."""
+    """Give the ends of the raw range, half a step inwards; none under J1939, where they mean not available."""
     if info is None or info.is_float or info.j1939:
         return -math.inf, math.inf
     low, high = info.raw_limits
@@ -129,9 +129,9 @@ def _rails(info: SignalInfo | None, scale: float, offset: float) -> tuple[float,
 
 
 def _ends(info: SignalInfo | None, scale: float, offset: float) -> tuple[float, float]:
-    """Give the ends of what a current's signal can say, half a step inwards: there a sensor has run out of range.
+    """Give the ends of the range of a current's signal, half a step inwards: there the sensor has left its range.
 
-    Zero is no such end: it is what an unsigned current says at rest.
+    Zero does not count as an end, because an unsigned current reads zero at rest.
     """
     if info is None or info.is_float:
         return -math.inf, math.inf

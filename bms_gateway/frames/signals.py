@@ -1,4 +1,4 @@
-"""What a DBC says of one message and one signal, without the parser's objects."""
+"""One message and one signal of a DBC, without the parser's objects."""
 
 import math
 import re

@@ -1,4 +1,4 @@
-"""Signals compiled for `decode`: who is in which frame, and the bits, scale and limits of each.
+"""Signals compiled for `decode`: the frames of each signal, its bits, scale and limits.
 
 A *node* is a set of signals that appear together: in every frame of an identifier, or in those whose multiplexer has
 one value. Nodes are found by a 64-bit key (switch << 32 | value); switch 0 is the identifier itself, the others are

@@ -19,6 +19,9 @@ there is: did it slide from the first innovation on, one beyond twice its band w
 and of strings with two sensors one start in seventy would raise a flag over nothing."""
 # Mean square of innovations in units of their own variance: 1 when all is well. Model error is slow, so it stays close
 # to 1 for long; 4 means that the surfaces are off by twice the band, minute after minute: suspected; 9 confirmed.
+MOST = 16.0
+"""What one tick counts at most, four times the band: when a lagging or loose thermocouple is mended, its reading jumps
+by kelvins, and that one jump would keep the flag up for half an hour."""
 EXCESS = Thresholds(rise=(4.0, 9.0), fall=(2.0, 6.0), hold=60)
 
 
@@ -65,6 +68,7 @@ class Mismatches:
             now = np.where(waiting, nan, now)
             self._grace[waiting] -= dt
             self._waits = bool(waiting.any())
+        now = np.minimum(now, MOST)
         share: float | Floats = min(1.0, dt / WINDOW_S)
         if self._fills:
             self._seen_s += np.where(now == now, dt, 0.0)

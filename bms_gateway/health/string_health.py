@@ -1,6 +1,6 @@
 """Health of one string: what its windows say, judged against commissioning, cause by cause."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import exp, log, nan
 from typing import Any
@@ -12,6 +12,7 @@ from bms_gateway.health.ageing import Ageing, History
 from bms_gateway.health.causes import Cooling, CurrentWatch, Drift, current_shape
 from bms_gateway.health.cells import CellGrowth
 from bms_gateway.health.collect import WINDOW_S, Collector
+from bms_gateway.health.heat.verdict import Finding
 from bms_gateway.health.mismatch import Mismatch
 from bms_gateway.health.trend import B_PRIOR, SHAPE_SD, UNKNOWN, G, J, L, Prior, Trend
 from bms_gateway.health.window_fit import FIRST_OFFSET, DriveWindow, Observed, at_mean_charge, fit_window
@@ -79,12 +80,13 @@ class HealthResult:
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A flag whose level has changed: its word, its level now, its sentence, and the cell that it is of."""
+    """A flag whose level has changed: word, level now, sentence, the cell that it is of, and numbers for machines."""
 
     code: str
     level: int
     text: str
     cell: int | None = None
+    facts: Mapping[str, float] = field(default_factory=dict, compare=False)
 
 
 class StringHealth:
@@ -108,6 +110,7 @@ class StringHealth:
         self.ageing, self.cooling, self.drift = Ageing(), Cooling(), Drift(model.sensors)
         self.current, self.mismatch, self.history = CurrentWatch(), mismatch or Mismatch(), History()
         self.cells: CellGrowth | None = None
+        self.heat: Sequence[Finding] = ()
         self.collector = Collector()
         self.trend: Trend | None = None
         self.flow_known = False
@@ -273,7 +276,21 @@ class StringHealth:
         return [Change("ageing", a.flag.level, a.sentence(f" of cell {k + 1}", self.doubt), k + 1) for k, a in of]
 
     def conditions(self) -> Iterator[Change]:
-        """Every raised flag, worst cause first."""
+        """Every raised flag, worst cause first; of two that say the same of the same place the graver one."""
+        found: dict[tuple[str, int | None], Change] = {}
+        for c in (*self._of_heat(), *self._slow()):
+            other = found.get((c.code, c.cell))
+            if other is None or c.level > other.level:
+                found[c.code, c.cell] = c
+        yield from found.values()
+
+    def _of_heat(self) -> Iterator[Change]:
+        """List what the watch over heat says: faults of minutes, which wait for no commissioning."""
+        for f in self.heat:
+            facts = {"heat_W": f.heat, "heat_sd_W": f.heat_sd} if f.heat == f.heat else {}
+            yield Change(f.code, f.level, f.text, f.cell, facts)
+
+    def _slow(self) -> Iterator[Change]:
         if level := self.current.flag.level:
             yield Change("current", level, self.current.sentence())
         if level := self.ageing.flag.level:

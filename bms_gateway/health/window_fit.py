@@ -28,7 +28,16 @@ import numpy as np
 from bms_gateway.identify.discrepancy import SIZES, Whitener, white_sd
 from bms_gateway.identify.inlet_noise import inlet_noise, of_swing, slopes_by_noise
 from bms_gateway.identify.response import Inputs, Response, respond
-from bms_gateway.thermal import Floats, StringParameters, coolant_path
+from bms_gateway.identify.window_start import (
+    FRESH,
+    at_readings,
+    first_start,
+    lateness,
+    start_information,
+    start_map,
+    swing_information,
+)
+from bms_gateway.thermal import Floats, StringParameters
 
 KELVIN, REFERENCE_K = 273.15, 298.15
 COLDEST = -60.0  # °C: no cell that drives is colder; a start that is still sought may be
@@ -43,9 +52,6 @@ UNLIKE_SD = 0.03
 how surfaces differ along the string tells heat from resistance to it: a few per cent of R_e pass for many of both."""
 TAU_S = 150.0  # of the slow discrepancy: faster than the core, slower than the casing
 FLOOR = 0.2  # K·√s, white: a two-node cell is not believed better
-INLET_SD, SWING_SD = 0.1, 0.5  # K, and at most: how unlike the inlet's reading and what the cells feel are as it moves
-START_SD = ((5.0, 6.0, 1.0), (4.0, 4.0, 1.0))
-# K: surfaces and cores where the window begins: all alike, from end to end of the string, each by itself
 WIDE, WIDE_OFFSET = (1.0, 1.0, 0.3, 0.3, 0.3), 3.0
 # ln of R_e and `SHAPE`, K: pull towards the trend's own guess, so that a window that says nothing moves nothing
 FARTHEST = 0.7  # of a logarithm in one round: a factor of two
@@ -197,15 +203,12 @@ def fit_window(p: StringParameters, w: DriveWindow, sensed: Sequence[int], guess
         p = replace(p, coolant="ntu")  # exists at every R_u; the difference is one of level, which cancels in growth
     y = w.surface[:, list(sensed)]
     valid = np.isfinite(y)
-    late = np.clip(np.nan_to_num(w.age[:, list(sensed)]) / w.dt, 0.0, 1.0)[:, :, None]
+    late = lateness(w.age, w.dt, sensed)
     theta, m, n = guess.copy(), len(sensed), p.cells
     wide = np.array([*WIDE, *[WIDE_OFFSET] * m]) ** -2
-    swing = np.array([(float(np.std(w.inlet)) / INLET_SD) ** 2 + SWING_SD**-2, UNLIKE_SD**-2])
-    start_info = _start_info(n)
-    early = y[: max(1, round(10.0 / w.dt))]
-    seen = early[np.isfinite(early)]
-    s0 = np.zeros(2 * n)
-    s0[:n] = seen.mean() if seen.size else w.inlet[0]
+    swing = np.array([swing_information(w.inlet), UNLIKE_SD**-2])
+    start_info = start_information(n, *FRESH)
+    s0 = first_start(y, w.dt, float(w.inlet[0]), n)
     xi = np.concatenate([[0.0, 0.0], s0])
     slow, square, searched, near = 0.12, w.square, False, False
     exponent, core, r, H, g_B, by_noise = square, square, y, np.eye(1), square, square
@@ -213,7 +216,7 @@ def fit_window(p: StringParameters, w: DriveWindow, sensed: Sequence[int], guess
     for k in range(ROUNDS):
         own = replace(p, R_e=p.R_e * np.exp(xi[1] * along))
         sets = [_at(own, theta), *(_at(own, theta + STEP * e) for e in np.eye(len(theta))[:FIRST_OFFSET])]
-        maps = [_start_map(s, w.inlet[0]) for s in sets]
+        maps = [start_map(s, float(w.inlet[0])) for s in sets]
         starts = np.array([E @ xi[2:] + c for E, c in maps])
         exponent, shapes, core = _warmth(sets, w, B, starts[:, 0::2].mean(axis=1))
         square = w.square * np.exp(B * exponent)
@@ -222,14 +225,14 @@ def fit_window(p: StringParameters, w: DriveWindow, sensed: Sequence[int], guess
         )
         unlike = replace(sets[0], R_e=sets[0].R_e * np.exp(STEP * along))
         R = respond([sets[0], *sets[2:], unlike], now, starts[[0, 2, 3, 4, 5, 0]], list(sensed))
-        f = _read(R.surface.transpose(1, 2, 0), late)
+        f = at_readings(R.surface.transpose(1, 2, 0), late)
         columns = _columns(R, f, maps[0][0], late, m)
         r = np.where(valid, y - f[:, :, 0] - theta[FIRST_OFFSET:], np.nan)
         white = white_sd(r, FLOOR / float(np.sqrt(w.dt)))
         final = not searched and (near or k >= ROUNDS - 3)
         whitener, slow = _whitener(valid, r, columns, white, w.dt, final=final, before=slow)
         searched = searched or final
-        by_B = _read(R.surface_by_input[:, :, -2:-1], late)
+        by_B = at_readings(R.surface_by_input[:, :, -2:-1], late)
         both = whitener(np.concatenate([columns, by_B, r[:, :, None]], axis=2)).reshape(-1, columns.shape[2] + 2)
         M = both.T @ both
         H, g, g_B = M[:-2, :-2].copy(), M[:-2, -1].copy(), M[:-2, -2]
@@ -268,24 +271,19 @@ def _at(p: StringParameters, theta: Floats) -> StringParameters:
     return replace(p, **scaled)
 
 
-def _read(Y: Floats, late: Floats) -> Floats:
-    """Surfaces (K + 1, m, …) at the readings' own times (K, m, …)."""
-    return np.asarray((1.0 - late) * Y[1:] + late * Y[:-1], dtype=np.float64)
-
-
 def _seen(Y: Floats, late: Floats, white: Whitener) -> Floats:
     """Residuals (K, m, …) that surfaces (K + 1, m, …) would leave, whitened."""
-    return white(_read(Y, late))
+    return white(at_readings(Y, late))
 
 
 def _columns(R: Response, f: Floats, E: Floats, late: Floats, m: int) -> Floats:
     """Slopes of the readings (K, m, 5 + m + 2 + 2n) by θ, the inlet's swing, how unlike the cells are and the start."""
-    by_input = _read(R.surface_by_input, late)
+    by_input = at_readings(R.surface_by_input, late)
     by_theta = by_input[:, :, :FIRST_OFFSET].copy()  # by R_e itself, and by how warm the core is taken to be
     moved = (f[:, :, 1:] - f[:, :, :1]) / STEP
     by_theta[:, :, 1:] += moved[:, :, :-1]
     offsets = np.broadcast_to(np.eye(m), (len(f), m, m))
-    start = _read(R.surface_by_start, late) @ E + by_input[:, :, FIRST_OFFSET, None] * E[0::2].mean(axis=0)
+    start = at_readings(R.surface_by_start, late) @ E + by_input[:, :, FIRST_OFFSET, None] * E[0::2].mean(axis=0)
     return np.concatenate([by_theta, offsets, by_input[:, :, -1:], moved[:, :, -1:], start], axis=2)
 
 
@@ -323,25 +321,3 @@ def _whitener(
             best, chosen, size = score, W, slow
     assert chosen is not None  # noqa: S101 - the first of the sizes is better than infinity
     return chosen, size
-
-
-def _start_info(n: int) -> Floats:
-    """Information on (T_s, e) at the start (2n, 2n)."""
-    along, out = np.linspace(-1.0, 1.0, n), np.zeros((2 * n, 2 * n))
-    for part, (common, ends, own) in zip((slice(0, n), slice(n, 2 * n)), START_SD, strict=True):
-        P = common**2 + ends**2 * np.outer(along, along) + own**2 * np.eye(n)
-        out[part, part] = np.linalg.inv(P)
-    return out
-
-
-def _start_map(p: StringParameters, inlet: float) -> tuple[Floats, Floats]:
-    """X = E (T_s, e) + c: cores from what leaves the casings, T_c = T_s + (R_c/R_u)(T_s − T_f + e)."""
-    n = p.cells
-    M, m = coolant_path(p)
-    over = (p.R_c / p.R_u)[:, None]
-    E, c = np.zeros((2 * n, 2 * n)), np.zeros(2 * n)
-    E[1::2, :n] = np.eye(n)
-    E[0::2, :n] = np.eye(n) + over * (np.eye(n) - M)
-    E[0::2, n:] = over * np.eye(n)
-    c[0::2] = -over[:, 0] * m * inlet
-    return E, c

@@ -58,9 +58,13 @@ def kept(model: StringModel, fit: CellFit, electrical: Floats) -> StringModel:
     numbers = numbers_of(out, _today(out, _baseline(out, layout, told)))
     shared = dict(zip(numbers.names, np.sqrt(np.diag(numbers.common)).tolist(), strict=True))
     shared["R_e"] = float(np.hypot(shared["R_e"], GROWN))
-    return replace(
+    out = replace(
         out, priors={s: replace(x, rel_sd=_short(shared[s])) if s in shared else x for s, x in priors.items()}
     )
+    if out.posterior is None:
+        return out
+    values, spread = out.free_numbers  # what speaks against its cores does so still
+    return replace(out, posterior=replace(out.posterior, values=values, sd=spread))
 
 
 def baseline_of(model: StringModel) -> Baseline | None:

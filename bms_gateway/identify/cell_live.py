@@ -20,6 +20,7 @@ from bms_gateway.identify.cell_prior import Baseline, CellPrior, CellSettings, L
 from bms_gateway.identify.cell_resistance import CellFit, CellNumbers, CellRecord, fit_cells, numbers_of
 from bms_gateway.identify.cells_in_words import cell_estimates
 from bms_gateway.identify.contract import Estimate, Posterior, Tick
+from bms_gateway.identify.doubt import HOPELESS
 from bms_gateway.identify.electrical import ElectricalResistance, ElectricalSums, PairMeans
 from bms_gateway.identify.gathered import Gathered
 from bms_gateway.thermal import Disturbance, Floats, StringModel
@@ -219,8 +220,13 @@ class CellIdentifier:
 
     def accept(self, result: CellResult) -> None:
         """Take back the result of the last job."""
-        self._pending, self._since = False, 0.0
-        self._fit, self._resistance, self._warning = result.fit, result.resistance, result.warning
+        self._pending, self._warning = False, result.warning
+        if result.fit.doubt > HOPELESS:  # nothing is learnt; what was known of the cells may have become wrong too
+            self._fit = None
+            self._clear()  # what the model does not explain would spoil the record's later fits as well
+            return
+        self._since = 0.0
+        self._fit, self._resistance = result.fit, result.resistance
         if result.over:
             self._baseline = result.fit.baseline(result.resistance)
 

@@ -24,16 +24,20 @@ from numpy.typing import NDArray
 
 from bms_gateway.identify.cell_prior import Baseline, CellPrior, CellSettings, Layout, cell_prior
 from bms_gateway.identify.disturbed import disturbed, whiten
+from bms_gateway.identify.doubt import noise_factor, sound_sd
 from bms_gateway.identify.response import Inputs, surfaces
 from bms_gateway.thermal import Disturbance, Floats, Start, StringModel
 
 PROBE = 1e-4
 """Step of ln θ for slopes: far above rounding, far below curvature."""
 STEPS = 12
+HALVINGS = 20
 SETTLED = 0.02
 """A step of so few posterior sd (norm over all numbers) is the last."""
 LEVELS = (1.0, 1.6, 2.5, 4.0, 6.3)
 """Factors on the cells' own disturbances that are tried in turn until the likelihood falls."""
+UNLIKE_SD = 3.0
+"""Prior sd that a cell's number may be moved from the mean of its string's: the most extreme of some tens of cells."""
 LAGS_S = 600.0
 """Correlation of innovations is looked for over the time that disturbances last."""
 
@@ -95,7 +99,10 @@ class CellFit:
     sensed : tuple of int
         0-based.
     log_marginal : float
-        ln p(y | θ) at the mean.
+        ln p(y | θ) where it is greatest, before any doubt.
+    doubt : float
+        Factor by which the noise was raised so that the numbers stay near what was known of them (`doubt`); 1 for a
+        record that the model explains.
     """
 
     layout: Layout
@@ -106,6 +113,7 @@ class CellFit:
     inflation: float
     sensed: tuple[int, ...]
     log_marginal: float
+    doubt: float = 1.0
 
     def baseline(self, resistance: Floats | None = None) -> Baseline:
         """Keep what was found, with the electrical resistances (n,) of the same run, as a later fit's prior."""
@@ -239,6 +247,17 @@ class _Problem:
                 out[:, :, s] = self._sum(np.where(self.there, self.y - own, 0.0)) / np.maximum(self.count, 1.0)
         return out
 
+    def inside(self, theta: Floats, step: Floats) -> Floats:
+        """As much of `step` from a feasible θ as keeps a coolant node (bulk: R_u C_f > 1, with room for the probe)."""
+        if not self.model.has_coolant_path or self.model.coolant == "ntu":
+            return np.asarray(theta + step, dtype=np.float64)
+        for _ in range(HALVINGS):
+            p = self.layout.parameters(self.model, there := theta + step)
+            if bool(np.all(p.R_u * p.C_f > 1.001)):
+                return np.asarray(there, dtype=np.float64)
+            step = step / 2.0
+        return theta
+
     def linear(self, theta: Floats, level: float) -> _Linear:
         """Linearise and whiten at θ."""
         p = len(theta)
@@ -323,8 +342,31 @@ def fit_cells(
         at = problem.linear(theta, level)
     inflation = _coloured(at.white, problem.count > 0, problem.steps * record.dt)
     info = np.einsum("bmp,bmq->pq", at.slopes, at.slopes) / inflation
-    cov = np.linalg.inv(info + prior.precision)
-    return CellFit(layout, theta, (cov + cov.T) / 2.0, prior, level, inflation, problem.sensed, -0.5 * at.deviance)
+    doubt = _doubt(layout, prior, info, theta)
+    if doubt > 1.0:
+        pull = (info + prior.precision) @ (theta - prior.mean) / doubt**2
+        info, inflation = info / doubt**2, inflation * doubt**2
+        theta = problem.inside(prior.mean, np.linalg.solve(info + prior.precision, pull))
+    cov = _inverse(info + prior.precision)
+    return CellFit(layout, theta, cov, prior, level, inflation, problem.sensed, -0.5 * at.deviance, doubt)
+
+
+def _doubt(layout: Layout, prior: CellPrior, info: Floats, theta: Floats) -> float:
+    """Factor on the noise with which the string's means, and each cell's departures from them, stay near the prior."""
+    cov = _inverse(prior.precision)
+    rows, limits = [], []
+    for symbol in dict.fromkeys(s for s, _ in layout.names):
+        at = layout.at(symbol)
+        mean = np.zeros(len(theta))
+        mean[at] = 1.0 / len(at)
+        rows.append(mean)
+        limits.append(sound_sd(symbol))
+        if len(at) > 1:
+            rows += [np.eye(len(theta))[k] - mean for k in at]
+            limits += [UNLIKE_SD] * len(at)
+    judged = np.array(rows)
+    sd = np.sqrt(np.einsum("cp,pq,cq->c", judged, cov, judged))
+    return noise_factor(info, prior.precision, theta - prior.mean, judged, np.array(limits) * sd)
 
 
 def _inverse(a: Floats) -> Floats:
@@ -341,7 +383,7 @@ def _scored(problem: _Problem, prior: CellPrior, theta: Floats, level: float) ->
         gradient = np.einsum("bmp,bm->p", at.slopes, at.white) + prior.precision @ (prior.mean - theta)
         step = np.linalg.solve(info, gradient)
         far = float(np.max(np.abs(step) / np.minimum(prior_sd, 0.3)))
-        theta = theta + step / max(1.0, far)
+        theta = problem.inside(theta, step / max(1.0, far))
         if far < 1.0 and float(np.sqrt(step @ info @ step)) < SETTLED:
             break
     return theta

@@ -10,6 +10,7 @@ import numpy as np
 from bms_gateway.identify.cell_prior import CellSettings
 from bms_gateway.identify.cell_resistance import CellFit
 from bms_gateway.identify.contract import IDENTIFIED, Estimate, not_identifiable
+from bms_gateway.identify.doubt import HOPELESS
 from bms_gateway.thermal import KINDS, Floats
 
 TOLD = 1.0
@@ -93,6 +94,11 @@ def combinations(fit: CellFit, settings: CellSettings | None = None) -> tuple[Co
 
 def sentence(fit: CellFit, settings: CellSettings | None = None) -> str:
     """Tell what the surfaces alone determine of the cells' R_e."""
+    if fit.doubt > HOPELESS:
+        return (
+            "nothing is learnt of single cells: the model does not explain the surfaces with cells near what was known "
+            "of them; an effect is missing, or a thermocouple errs"
+        )
     found = [c.text() for c in combinations(fit, settings) if c.determined]
     if not found:
         return "the surfaces determine no combination of the cells' R_e"

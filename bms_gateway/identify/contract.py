@@ -9,10 +9,12 @@ Every method stands where Lin et al. have their recursive least squares (Eq 5-10
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import nan
 from typing import Any, Protocol
 
 import numpy as np
 
+from bms_gateway.identify.ticks import Ticks
 from bms_gateway.thermal import CELL_SYMBOLS, KINDS, Floats, StringModel, StringParameters
 
 LEARNING = "learning"
@@ -47,6 +49,8 @@ class Tick:
         Surface readings, °C; NaN where there is no sensor or no reading.
     age : ndarray (n,)
         Tick time minus time stamp of the reading, s.
+    current : float
+        Mean over the tick, A, discharge positive; NaN where there was none.
     """
 
     time_ns: int
@@ -56,6 +60,7 @@ class Tick:
     inlet: float
     surface: Floats
     age: Floats
+    current: float = nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,10 +86,35 @@ class Posterior:
         Natural logarithm of the SI value; where the prior has one value per cell, of their geometric mean.
     cov : ndarray (p, p)
         Symmetric, positive semi-definite.
+    heat : HeatGain or None
+        Gain of heat from voltage, where the data came with such heat.
     """
 
     names: tuple[str, ...]
     mean: Floats
+    cov: Floats
+    heat: "HeatGain | None" = None
+
+    def with_heat(self) -> tuple[tuple[str, ...], Floats]:
+        """Names and covariance with the gain as `heat` at the end, where there is one."""
+        if self.heat is None:
+            return self.names, self.cov
+        across = self.heat.cov[:-1, None]
+        return (*self.names, "heat"), np.block([[self.cov, across], [across.T, self.heat.cov[-1:, None]]])
+
+
+@dataclass(frozen=True, slots=True)
+class HeatGain:
+    """Gain by which heat from voltage is the heat of a cell.
+
+    Attributes
+    ----------
+    value : float
+    cov : ndarray (p + 1,)
+        Covariance of its logarithm with those of the parameters, then its variance.
+    """
+
+    value: float
     cov: Floats
 
 
@@ -101,10 +131,26 @@ class Result(Protocol):
 
 
 class Identifier(Protocol):
-    """The verbs all methods share."""
+    """The verbs all methods share.
+
+    Attributes
+    ----------
+    learns : bool
+        Whether what it knows may change.
+    """
+
+    learns: bool
 
     def add(self, tick: Tick) -> Job | None:
         """Take in one tick; a job is returned when there is heavy work to do."""
+        ...
+
+    def patience(self, dt: float) -> int:
+        """Tell how many regular ticks, `dt` s apart, `take` may bring together before one must come by `add`."""
+        ...
+
+    def take(self, ticks: Ticks) -> None:
+        """Take in regular ticks that have waited, no more than `patience` says."""
         ...
 
     def accept(self, result: Any) -> None:
@@ -117,6 +163,10 @@ class Identifier(Protocol):
 
     def estimates(self) -> tuple[Estimate, ...]:
         """Knowledge so far, for people and the bus."""
+        ...
+
+    def doubts(self) -> tuple[str, ...]:
+        """Tell what the data say against the cores, a sentence each."""
         ...
 
     def snapshot(self) -> dict[str, Any]:

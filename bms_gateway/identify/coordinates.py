@@ -18,8 +18,9 @@ from bms_gateway.thermal.drive import Drive
 from bms_gateway.thermal.effects import EffectParameter, effect_named
 from bms_gateway.thermal.trajectory import Span
 
-Channel = tuple[Literal["surface", "core"], int]
-"""What a thermocouple measures, and on which cell (from 1)."""
+Channel = tuple[Literal["surface", "core", "probe"], int]
+"""What a thermocouple measures, and on which cell (from 1): its surface, the mean of its roll, or what a thermocouple
+pushed into it reads, which is between mean and centre (`thermal.centre`)."""
 LIMIT = 4.0
 """sd: a prior's tails end here; a number that ends there is an alarm, not an answer."""
 LATE = {"T_in": 0.3, "flow": 0.5}

@@ -66,17 +66,18 @@ class Whitener:
     log_det: float
 
     @classmethod
-    def of(cls, valid: NDArray[np.bool_], white: float, slow: float, tau: float, dt: float) -> "Whitener":
-        """Gains for readings `valid` (K, m), σ_w = `white` > 0 and σ_d = `slow` ≥ 0 K, step `dt` s."""
+    def of(cls, valid: NDArray[np.bool_], white: float | Floats, slow: float, tau: float, dt: float) -> "Whitener":
+        """Gains for readings `valid` (K, m), σ_w = `white` > 0, of all or of each, σ_d = `slow` ≥ 0 K, step `dt` s."""
         K, m = valid.shape
         a = math.exp(-dt / tau)
         gain, S = np.zeros((K, m)), np.ones((K, m))
+        variance = np.broadcast_to(np.square(white), (K, m))
         for j in range(m):  # plain floats: a scalar recursion is ten times faster so
-            p, seen = slow**2, valid[:, j].tolist()
+            p, seen, noise = slow**2, valid[:, j].tolist(), variance[:, j].tolist()
             g_j, S_j = [0.0] * K, [1.0] * K
             for k in range(K):
                 if seen[k]:
-                    S_j[k] = p + white**2
+                    S_j[k] = p + noise[k]
                     g_j[k] = p / S_j[k]
                 p = a * a * p * (1.0 - g_j[k]) + (1.0 - a * a) * slow**2
             gain[:, j], S[:, j] = g_j, S_j

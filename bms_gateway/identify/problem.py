@@ -229,7 +229,11 @@ class Problem:
         """Move the channels' signals with the states: derivatives (P, m, rows) from `S` (rows, D, P)."""
         if not self.physics.reads:
             state = [2 * k - 1 if kind == "surface" else 2 * k - 2 for kind, k in m.channels]
-            moved = S.transpose(2, 1, 0)[:, state]
+            S = S.transpose(2, 1, 0)
+            moved = S[:, state]
+            for j, (kind, k) in enumerate(m.channels):
+                if kind == "probe":
+                    moved[:, j] += self.physics.probe * (S[:, 2 * k - 2] - S[:, 2 * k - 1])
             for G, c in zip(moved, variations, strict=True):
                 offset = (np.zeros(self.physics.cells) + c.numbers.surface_offset - v.surface_offset) / c.step
                 if offset.any():
@@ -316,7 +320,10 @@ class Problem:
 def _channels(m: Measured, physics: Physics, v: Numbers, memory: Mapping[str, Floats], X: Floats) -> Floats:
     """Signals (m, rows) of the record's channels along a trajectory."""
     surface = readings(physics, m.drive, v, memory, X, m.spans)
-    return np.stack([surface[:, k - 1] if kind == "surface" else X[:, 2 * k - 2] for kind, k in m.channels])
+    n = 2 * physics.cells
+    core = X[:, 0:n:2]
+    inside = {"surface": surface, "core": core, "probe": core + physics.probe * (core - X[:, 1:n:2])}
+    return np.stack([inside[kind][:, k - 1] for kind, k in m.channels])
 
 
 def signals_at(m: Measured, physics: Physics, v: Numbers, memory: Mapping[str, Floats], X: Floats) -> Floats:

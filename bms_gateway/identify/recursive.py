@@ -40,6 +40,7 @@ from bms_gateway.identify.regression import (
     unscale,
 )
 from bms_gateway.identify.regression import with_moving_inlet as one_root
+from bms_gateway.identify.ticks import Ticks
 from bms_gateway.thermal import Floats, StringModel
 
 Root = Literal["prior", "smaller", "larger"]
@@ -125,6 +126,8 @@ class RecursiveIdentifier:
     Lin et al., Eq 5–9.
     """
 
+    learns = True
+
     def __init__(
         self,
         model: StringModel,
@@ -184,6 +187,13 @@ class RecursiveIdentifier:
         off = inlet - self._inlet_mean
         self._inlet_mean += share * off
         self._inlet_var += share * (off * off - self._inlet_var)
+
+    def patience(self, dt: float) -> int:  # noqa: ARG002 — the protocol
+        """Return 0: every tick counts when it comes."""
+        return 0
+
+    def take(self, ticks: Ticks) -> None:
+        """Never asked: nothing waits."""
 
     def accept(self, result: object) -> None:
         """Nothing is ever handed out, so nothing comes back."""
@@ -252,6 +262,10 @@ class RecursiveIdentifier:
     def estimates(self) -> tuple[Estimate, ...]:
         """Every parameter with sd and status."""
         return estimates_of(*self._knowledge())
+
+    def doubts(self) -> tuple[str, ...]:
+        """Nothing: this method does not judge the model."""
+        return ()
 
     def snapshot(self) -> dict[str, Any]:
         """Coefficients and covariances as JSON-able values."""

@@ -18,26 +18,22 @@ from typing import Any
 import numpy as np
 
 from bms_gateway.errors import StateError
-from bms_gateway.observe.bands import Bands, Levers
+from bms_gateway.observe.bands import Bands, Deviations, Levers
 from bms_gateway.observe.blocks import BLOCK, Blocks, chosen
 from bms_gateway.observe.consider import Belief
 from bms_gateway.observe.estimate import Errors, Estimate
+from bms_gateway.observe.flow import at_level, flow_levels
 from bms_gateway.observe.gap import resumed, unknown_heat, unseen_phases
 from bms_gateway.observe.kalman import Innovation, Kalman, KalmanState, Predicted
-from bms_gateway.observe.model import OFFSETS, Bools, Ints, StackedModel, augmented, stack, start_covariance, usable
-from bms_gateway.observe.pace import EVERY
+from bms_gateway.observe.model import OFFSETS, Bools, Ints, StackedModel, augmented, stack, start_covariance
+from bms_gateway.observe.pace import EVERY, READ_WITHIN
 from bms_gateway.observe.sensitivity import PARAMETERS, Flows, bridged, carried, corrected
-from bms_gateway.observe.spread import prior_covariance, root
+from bms_gateway.observe.spread import apart_by, exchanged, own_rise, prior_covariance, root
+from bms_gateway.observe.standing import Standing
 from bms_gateway.observe.stored import like, plain
+from bms_gateway.observe.surprise import Surprise
 from bms_gateway.observe.unseen import JUST_LEFT_S, RESTED_S, Usual, either, faded, opened
-from bms_gateway.thermal import Disturbance, Floats, Start, StringModel, StringParameters
-
-FLOW_GRID = 0.03
-"""Step of ln(flow ratio) between discretisations: C_f then is off by 2 % at most, less than it is known."""
-FLOW_LIMITS = (0.02, 50.0)
-"""Flow ratios beyond are taken for these: a stopped fan still leaves draught."""
-READ_WITHIN = 60.0
-"""s for which a reading stands for its surface: thermocouples that take turns, and many fast time constants (9 s)."""
+from bms_gateway.thermal import HEAT_GAIN_SD, Disturbance, Floats, Start, StringModel, StringParameters
 
 
 class AdaptiveObserver:
@@ -77,13 +73,12 @@ class AdaptiveObserver:
         disturbance: Disturbance | None = None,
         start: Start | None = None,
         *,
-        heat_rel_sd: float = 0.03,
+        heat_rel_sd: float = HEAT_GAIN_SD,
     ) -> None:
         if len({m.cells for m in models}) != 1:
             raise ValueError("an observer stacks strings with equal numbers of cells")
         disturbance, start = disturbance or Disturbance(), start or Start()
-        self._models, self._dt = tuple(models), float(dt)
-        self._strings, self._cells = len(models), models[0].cells
+        self._models, self._dt, self._strings, self._cells = tuple(models), float(dt), len(models), models[0].cells
         self._parameters = [m.nominal for m in models]
         self._level = np.zeros(self._strings, np.int64)
         widest = max(len(m.sensors) for m in models)
@@ -94,8 +89,9 @@ class AdaptiveObserver:
         in_force = [self._in_force(s) for s in range(self._strings)]
         self._kalman = Kalman(stack(in_force, dt, disturbance), sensors, fitted)
         self._flows = Flows.of(in_force)
-        self._rebuild_heat()
         self._bands = Bands(models, sensors, fitted)
+        self._surprise = Surprise(in_force, sensors, dt, disturbance.sensor)
+        self._rebuild()
         self._everywhere = np.arange(self._strings)
         self._all_known = np.ones((self._strings, OFFSETS), np.bool_)
         self._starts = np.stack(
@@ -108,10 +104,9 @@ class AdaptiveObserver:
         self._share_of_usual = faded(self._dt, disturbance.correlation)
         self._cov = np.stack([prior_covariance(m, heat_rel_sd) for m in models])
         self._root = np.stack([root(c) for c in self._cov])
+        self._gain, self._inlet = np.ones(self._strings), np.zeros(self._strings)
         self._unread = np.full(sensors.shape, np.inf)
-        self._inlet = np.zeros(self._strings)
-        self._usual = Usual.nothing(self._strings, self._cells)
-        self._available = np.zeros(self._strings, np.bool_)
+        self._usual, self._available = Usual.nothing(self._strings, self._cells), np.zeros(self._strings, np.bool_)
         self._resting = b""  # which readings the bands rest on; nothing: to be found out
         self._rested = False  # they rest on those of all sensors
         self._everyone = self._fresh = False  # every string is available; every sensor was read in the newest step
@@ -129,7 +124,7 @@ class AdaptiveObserver:
 
     @property
     def share(self) -> Floats:
-        """Heat of each cell (S, n) over the mean of its string: unlike cells share a string's heat by their R_e."""
+        """Heat of each cell (S, n) over the mean of its string: by their R_e."""
         return self._share
 
     def step(
@@ -172,6 +167,10 @@ class AdaptiveObserver:
         )
         state, innovation = self._kalman.update(predicted, y, age)
         self._state, self._inlet = state, inlet1
+        surface = y.take(self._kalman.cell)
+        grown = self._surprise.step(surface, innovation.value, innovation.sd, self._reading_sd, known, inlet1)
+        if grown is not None:
+            self._state, self._left = self._kalman.loosened(self._state, grown), 0
         if self._left > 0 and state.K is predicted.before.K:
             self._left -= 1
             self._blocks.wait(predicted, given)
@@ -179,8 +178,10 @@ class AdaptiveObserver:
                 self._unread = np.where(np.isfinite(innovation.value), 0.0, self._unread + self._dt)
         else:
             self._feel(predicted, innovation, electric, given, (inlet0 + inlet1) / 2.0)
-        sd = self._bands.told(self._levers(), None if self._everyone else self._available)
-        return self._estimate(sd, innovation.value, self._reading_sd)
+        levers = self._levers()
+        self._bands.follow(levers)
+        sd = self._bands.told(levers, None if self._everyone else self._available)
+        return self._estimate(levers, sd, innovation.value, self._reading_sd)
 
     def _turn(self, news: Bools, known: Bools, inlet: Floats) -> None:
         """Take in which inputs (S, 2) are back or lost, before the step that they come with or are missed in."""
@@ -223,11 +224,16 @@ class AdaptiveObserver:
 
     def estimate(self) -> Estimate:
         """Tell where the strings are now, with no innovation; nothing changes."""
-        every = self._everywhere
-        J = self._blocks.caught_up(every, self._flows, self._kalman, self._state)
-        sd = self._bands.now(self._state.P, J, self._root, self._levers(), self._available)
-        nothing = np.full(self._unread.shape, np.nan)
-        return self._estimate(sd, nothing, nothing)
+        J = self._blocks.caught_up(self._everywhere, self._flows, self._kalman, self._state)
+        levers, nothing = self._levers(), np.full(self._unread.shape, np.nan)
+        sd = self._bands.now(self._state.P, J, self._root, levers, self._available)
+        return self._estimate(levers, sd, nothing, nothing)
+
+    def standing(self) -> Standing:
+        """Tell all that a forecast starts from; bands are as late as the steps that wait."""
+        now = self._state.x, self._state.P, self._blocks.J.copy(), self._root, tuple(self._parameters), self._level
+        own = self._gain, self._inlet, self._bands.lag.copy(), self._bands.unlike(self._levers())
+        return Standing(*now, *own, self._available, self._kalman.model.disturbance)
 
     def set_parameters(
         self,
@@ -243,7 +249,8 @@ class AdaptiveObserver:
         ----------
         s : int
         values : mapping of symbol to value
-            SI, at nominal flow, one for all cells or one per cell; what is not named stays as it is.
+            SI, at nominal flow, one for all cells or one per cell; what is not named stays as it is. `heat` is the
+            gain of heat that is given.
         names : sequence of str
             Symbols the covariance speaks of, of `PARAMETERS`.
         covariance : ndarray (p, p)
@@ -259,30 +266,22 @@ class AdaptiveObserver:
         """
         old = self._parameters[s]
         now = {k: getattr(old, k) for k in self._models[s].priors}
-        new = self._models[s].parameters({**now, **values})
-        moved = np.zeros(len(PARAMETERS))
-        apart: dict[str, Floats] = {}
-        for j, name in enumerate(PARAMETERS[:-1]):
-            a, b = np.asarray(getattr(old, name)), np.asarray(getattr(new, name))
-            if np.isfinite(a).all():
-                ln = np.log(b / a)
-                moved[j], apart[name] = float(np.mean(ln)), ln - np.mean(ln)
-        one = np.array([s])
-        rise, over, gap = (lever[s] for lever in self._levers())
+        new = self._models[s].parameters({**now, **{k: v for k, v in values.items() if k in now}})
+        gain = float(values.get("heat", self._gain[s]))
+        moved, apart = apart_by(old, new, gain / self._gain[s])
+        rise, over, gap = self._levers()[:3, s]
         self._parameters[s] = new
-        self._exchange(one)
+        self._exchange(np.array([s]))
+        self._surprise.settle(s)
+        self._gain = self._gain.copy()
+        self._gain[s] = gain
         x = self._state.x.copy()
         x[s] += self._blocks.J[s] @ moved
-        if self._available[s]:  # a cell's rise goes with its own heat and resistances
-            both = apart["R_e"] * rise + apart["R_u"] * over
-            x[s, 0:-OFFSETS:2] += both + apart["R_c"] * gap
-            x[s, 1:-OFFSETS:2] += (apart["R_e"] + apart["R_u"]) * over
+        if self._available[s]:
+            x[s, :-OFFSETS] += own_rise(apart, rise, over, gap)
+        self._bands.move(s, x[s] - self._state.x[s])
         self._state = replace(self._state, x=x)
-        at = [PARAMETERS.index(name) for name in names]
-        cov = self._cov[s].copy()
-        cov[at, :] = 0.0
-        cov[:, at] = 0.0
-        cov[np.ix_(at, at)] = covariance
+        cov = exchanged(self._cov[s], [PARAMETERS.index(name) for name in names], covariance)
         self._cov, self._root = self._cov.copy(), self._root.copy()
         self._cov[s], self._root[s] = cov, root(cov)
         self._bands.differ(s, own)
@@ -323,6 +322,7 @@ class AdaptiveObserver:
             A = [augmented(p, disturbance, by_resistance=True).A for p in in_force]
             more = [unseen_phases(a, gap_s, float(q), disturbance) for a, q in zip(A, usual, strict=True)]
             self._state = replace(self._state, P=self._state.P + np.stack(more))
+        self._bands.rest(self._state.x, gap_s)
         self._inlet, self._unread = inlet1.copy(), self._unread + gap_s
         self._usual = self._usual.aged(faded(gap_s, disturbance.correlation))
         self._fresh = False
@@ -340,6 +340,7 @@ class AdaptiveObserver:
         self.propagate(JUST_LEFT_S, unseen=True)
         x, P = either(self._state.x, self._state.P, rested.x, rested.P)
         self._state = replace(self._state, x=x, P=P)
+        self._bands.rest(x, RESTED_S)
         self._blocks.put(self._everywhere, (self._blocks.J + J_rested) / 2.0)
 
     def snapshot(self) -> dict[str, Any]:
@@ -350,7 +351,8 @@ class AdaptiveObserver:
         state = {f.name: plain(getattr(self._state, f.name)) for f in fields(KalmanState)}
         values = [{k: plain(np.asarray(getattr(p, k))) for k in PARAMETERS[:-1]} for p in self._parameters]
         cells = plain(self._bands.own) if self._bands.owned else None
-        return {"own": own, "state": state, "parameters": values, "cells": cells, "block": block}
+        found = {"own": own, "state": state, "parameters": values, "cells": cells, "block": block}
+        return found | {"surprise": self._surprise.snapshot()}
 
     def restore(self, snapshot: Mapping[str, Any]) -> None:
         """Go on from `snapshot` as if never stopped, bit for bit.
@@ -361,12 +363,13 @@ class AdaptiveObserver:
             It belongs to other strings, something is missing in it, or it holds no numbers.
         """
         try:
-            own = {k: like(snapshot["own"][k], getattr(self, f"_{k}")) for k in _KEPT}
+            stored = {"gain": np.ones(self._strings).tolist(), **snapshot["own"]}  # older states know no gain
+            own = {k: like(stored[k], getattr(self, f"_{k}")) for k in _KEPT}
             usual = self._usual.restored(snapshot["own"])
-            state = KalmanState(
-                **{f.name: like(snapshot["state"][f.name], getattr(self._state, f.name)) for f in fields(KalmanState)}
-            )
+            names = [f.name for f in fields(KalmanState)]
+            state = KalmanState(**{k: like(snapshot["state"][k], getattr(self._state, k)) for k in names})
             J = like(snapshot["own"]["J"], self._blocks.J)
+            surprise = self._surprise.restored(snapshot.get("surprise"))
             blocks = Blocks(self._strings, self._cells, self._unread.shape[1])
             block = snapshot.get("block")  # states of before sensitivities went in blocks have none that waits
             if block is None:
@@ -376,28 +379,29 @@ class AdaptiveObserver:
             cells = snapshot.get("cells")
             owned = self._bands.own if cells is None else like(cells, self._bands.own)
             bands = Bands(self._models, self._kalman.sensors, self._kalman.fitted)
+            bands.rest(state.x, RESTED_S)
             if block is not None:
                 bands.restore(block, state.P, blocks.J, np.stack([root(c) for c in own["cov"]]))
+            values = zip(self._models, self._parameters, snapshot["parameters"], strict=True)
             parameters = [
-                model.parameters({k: like(v[k], np.asarray(getattr(p, k))) for k in model.priors})
-                for model, p, v in zip(self._models, self._parameters, snapshot["parameters"], strict=True)
+                m.parameters({k: like(v[k], np.asarray(getattr(p, k))) for k in m.priors}) for m, p, v in values
             ]
         except (KeyError, TypeError, ValueError) as e:
             raise StateError(f"observer state: not of these strings ({type(e).__name__}: {e})") from e
-        numbers = (state.x, state.P, state.K, J, own["cov"], own["inlet"], owned)
-        if not all(np.isfinite(a).all() for a in numbers):
+        if not all(
+            np.isfinite(a).all() for a in (state.x, state.P, state.K, J, own["cov"], own["inlet"], owned, bands.lag)
+        ):
             raise StateError("observer state: holds values that are not numbers")
         for name, value in own.items():
             setattr(self, f"_{name}", value)
         self._parameters, self._state, self._usual = parameters, state, usual
-        self._root = np.stack([root(c) for c in self._cov])
+        self._surprise, self._root = surprise, np.stack([root(c) for c in self._cov])
         bands.own, bands.owned = owned, cells is not None
         self._blocks, self._bands = blocks, bands
         self._everyone, self._fresh = bool(self._available.all()), False
         self._exchange(self._everywhere, restored=True)
         if block is None:
-            seen = np.zeros((*self._unread.shape, len(PARAMETERS)))
-            bands.know(self._everywhere, state.P, J, self._root, seen)
+            bands.know(self._everywhere, state.P, J, self._root, np.zeros((*self._unread.shape, len(PARAMETERS))))
 
     def _begin(self, inlet: Floats, y: Floats) -> None:
         """Start the strings of which something is heard for the first time."""
@@ -407,15 +411,12 @@ class AdaptiveObserver:
         new = np.flatnonzero(~self._available & (heard.any(axis=1) | np.isfinite(inlet)))
         if not len(new):
             return
-        x, P = self._state.x.copy(), self._state.P.copy()
-        known = np.isfinite(inlet[new])
+        x, P, known = self._state.x.copy(), self._state.P.copy(), np.isfinite(inlet[new])
         level = np.array([float(np.mean(y[s][heard[s]])) if heard[s].any() else float(inlet[s]) for s in new])
         x[new, :-OFFSETS] = level[:, None]
         x[new, -OFFSETS:] = 0.0
         P[new] = self._starts[known.astype(np.int64)]
-        held, pattern, since = self._state.held.copy(), self._state.pattern.copy(), self._state.since.copy()
-        held[new], pattern[new], since[new] = 0, -1, 0
-        self._state = replace(self._state, x=x, P=P, held=held, pattern=pattern, since=since)
+        self._state = self._state.begun(new, x, P)
         self._inlet, self._available = self._inlet.copy(), self._available.copy()
         self._blocks.put(new, np.zeros_like(self._blocks.J[new]))
         self._inlet[new] = np.where(known, inlet[new], level)
@@ -427,7 +428,8 @@ class AdaptiveObserver:
         electric = I2[:, None] * self._R_e
         given, known = None, np.asarray(np.isfinite(I2), dtype=np.bool_)
         if heat is not None and (measured := np.isfinite(heat)).any():
-            electric, given = np.where(measured, 0.0, electric), np.where(measured, heat, 0.0)
+            electric = np.where(measured, 0.0, electric)
+            given = np.where(measured, self._gain[:, None] * heat, 0.0)
             known = np.asarray(np.isfinite(electric).all(axis=1), dtype=np.bool_)
         every = bool(known.all())
         if not every:
@@ -439,16 +441,12 @@ class AdaptiveObserver:
     def _follow_flow(self, ratio: Floats) -> None:
         if np.isnan(ratio).all():
             return
-        fine = np.where(np.isfinite(ratio), np.clip(ratio, *FLOW_LIMITS), 1.0)
-        grid = np.log(fine) / FLOW_GRID
-        moved = np.isfinite(ratio) & (np.abs(grid - self._level) > 0.75)
+        self._level, moved = flow_levels(ratio, self._level)
         if moved.any():
-            self._level = np.where(moved, np.rint(grid).astype(np.int64), self._level)
             self._exchange(np.flatnonzero(moved))
 
     def _in_force(self, s: int) -> StringParameters:
-        p = self._parameters[s]
-        return usable(p.with_flow_ratio(float(np.exp(FLOW_GRID * self._level[s])))) if self._level[s] else p
+        return at_level(self._parameters[s], int(self._level[s]))
 
     def _exchange(self, at: Ints, *, restored: bool = False) -> None:
         """Rebuild the matrices of the strings `at`, whose parameters or flow have changed."""
@@ -463,23 +461,22 @@ class AdaptiveObserver:
         in_force = [self._in_force(int(s)) for s in at]
         self._kalman = self._kalman.exchanged(at, stack(in_force, self._dt, self._kalman.model.disturbance))
         self._flows = self._flows.exchanged(at, Flows.of(in_force))
-        self._rebuild_heat()
+        self._rebuild()
 
-    def _rebuild_heat(self) -> None:
+    def _rebuild(self) -> None:
         self._R_e = np.stack([p.R_e for p in self._parameters])
         self._share: Floats = np.asarray(self._R_e / self._R_e.mean(axis=1, keepdims=True), dtype=np.float64)
+        self._bands.pace(self._parameters, self._dt)
+        self._surprise.set_parameters(self._parameters)
 
     def _catch_up(self, at: Ints) -> None:
         """Let the sensitivities of the strings `at` make the steps that wait."""
         self._left = 0
         self._blocks.put(at, self._blocks.caught_up(at, self._flows, self._kalman, self._state))
 
-    def _estimate(self, bands: tuple[Floats, Floats], innovation: Floats, innovation_sd: Floats) -> Estimate:
-        x = self._state.x[:, : 2 * self._cells]
-        if not self._everyone:
-            x = np.where(self._available[:, None], x, np.nan)
-        errors = Errors(innovation, innovation_sd, self._bands.on_cells)
-        return Estimate(x[:, 0::2], bands[0], x[:, 1::2], bands[1], errors, self._available)
+    def _estimate(self, levers: Levers, sd: Deviations, innovation: Floats, innovation_sd: Floats) -> Estimate:
+        cells = self._bands.of_cells(levers, sd, None if self._everyone else self._available)
+        return Estimate(*cells, Errors(innovation, innovation_sd, self._bands.on_cells), self._available)
 
     def _levers(self) -> Levers:
         """Tell what cells' own numbers stand behind; what surfaces rest on is found anew where that has changed."""
@@ -492,5 +489,5 @@ class AdaptiveObserver:
         return self._bands.levers(self._state.x, self._inlet)
 
 
-_KEPT = ("cov", "inlet", "unread", "level", "available")
+_KEPT = ("cov", "gain", "inlet", "unread", "level", "available")
 """Attributes beside the filter's state and the parameters that a snapshot holds."""

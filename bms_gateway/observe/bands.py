@@ -1,7 +1,10 @@
-"""How far off strings may be: what the filter leaves open, what their numbers add, what cells differ by.
+r"""How far off strings may be: what the filter leaves open, what their numbers add, what cells differ by.
 
 The first two parts are looked at again when the filter's covariance or the sensitivities have moved; the third goes
 with the temperatures, and is looked at in every step.
+
+The hottest point of a cell (`thermal.centre`) is core + φ gap, so that its variance is that of this sum, with what
+core and gap have in common, and of φ: :math:`\sigma_\varphi^2 (gap^2 + \sigma_{gap}^2)`.
 
 Beyond Lin et al., who give no bands.
 """
@@ -11,15 +14,22 @@ from typing import Any
 
 import numpy as np
 
+from bms_gateway.observe.ahead import Unlike
 from bms_gateway.observe.blocks import chosen
 from bms_gateway.observe.model import Bools, Ints
 from bms_gateway.observe.sensitivity import Flows
-from bms_gateway.observe.spread import as_tolerated, between_cells, scatter
+from bms_gateway.observe.spread import as_tolerated, between_cells, of_centre, scatter, weights
 from bms_gateway.observe.stored import like, plain
-from bms_gateway.thermal import Floats, StringModel
+from bms_gateway.thermal import Floats, StringModel, StringParameters
+from bms_gateway.thermal.centre import centre_share, followed, hottest, time_constant
 
 Levers = Floats
-"""Temperatures (3, S, n) that a cell's own R_e, R_u, R_c stand behind: core over base, surface over it, gap."""
+"""Temperatures (6, S, n) that a cell's own R_e, R_u, R_c stand behind: core over base, surface over it, gap; what φ
+stands behind: the gap as the profile within the roll has followed it; then core and surface themselves."""
+CORE, SURFACE = 4, 5
+Told = tuple[Floats, Floats, Floats, Floats, Floats, Floats]
+Deviations = Floats
+"""Standard deviations (3, S, n) of cores, surfaces and centres, K."""
 
 
 class Bands:
@@ -39,6 +49,8 @@ class Bands:
         Covariance of each cell's ln R_e, ln R_u, ln R_c about what is common to the cells.
     owned : bool
         Whether any of it is more than the models' tolerances.
+    lag : ndarray (S, n), K
+        Difference core to surface as the profile within the roll has followed it.
     """
 
     def __init__(self, models: Sequence[StringModel], sensors: Ints, fitted: Bools) -> None:
@@ -46,8 +58,12 @@ class Bands:
         scattered = np.stack([scatter(m) for m in models], axis=1)
         self._tolerated, self._offset = scattered[:3], scattered[3][:, None]
         self.own, self.owned = as_tolerated(self._tolerated, n), False
-        # of cores and surfaces: what the filter leaves open, what numbers add, and what thermocouples are off
-        self._still, self._more = (np.zeros((S, n)), np.zeros((S, n))), np.zeros(sensors.shape)
+        self._phi, self._phi_sd = np.array([[[x.value], [x.sd]] for x in map(centre_share, models)]).swapaxes(0, 1)
+        self._weights = weights(self._tolerated, self._phi[:, 0], self._phi_sd[:, 0])
+        self._alike = self._weights[0] if (self._weights == self._weights[0]).all() else None
+        self.lag, self._tau, self._pace = np.zeros((S, n)), np.zeros((S, n)), np.ones((S, n))
+        # of cores, surfaces, centres: what the filter leaves open, what numbers add, and what thermocouples are off
+        self._still, self._more = np.zeros((3, S, n)), np.zeros(sensors.shape)
         self._over: tuple[Floats, Floats] | None = None
         self._places = (np.arange(S)[:, None] * n + sensors)[fitted]
         self._fitted = None if fitted.all() else fitted
@@ -62,12 +78,11 @@ class Bands:
 
     def know(self, at: Ints, P: Floats, J: Floats, root: Floats, seen: Floats) -> None:
         """Take what the filter leaves open in the strings `at`, and the sensitivities of states and readings."""
-        for still, var in zip(self._still, self._known(at, P, J, root), strict=True):
-            still[at] = var
+        self._still[:, at] = self._known(at, P, J, root)
         self._more[at] = _squares(np.matmul(seen, chosen(root, at)))
 
     def rest_on(self, flows: Flows, sensors: Ints, read: Bools) -> None:
-        """Let levers stand on the coolant, and where `read` (S, m) says so on the surface that is read.
+        """Choose the base of the levers: the coolant, or the cell's own surface where `read` (S, m) is true.
 
         A cell's base is M T_s + m T_in, or its own surface: what surfaces are over it is linear in them.
         """
@@ -82,19 +97,46 @@ class Bands:
         """Tell the levers of states `x` (S, M) under the measured `inlet` (S,)."""
         assert self._over is not None  # noqa: S101 - set before the first look
         N, (M, m) = 2 * self._shape[1], self._over
-        T_c, T_s = x[:, 0:N:2], x[:, 1:N:2]
-        over = np.matmul(M, T_s[:, :, None])[:, :, 0] - m * (inlet + x[:, -2])[:, None]
-        levers = np.empty((3, *over.shape))
-        levers[1] = over
-        np.subtract(T_c, T_s, out=levers[2])
+        levers = np.empty((6, *self._shape))
+        levers[CORE : SURFACE + 1] = x[:, :N].reshape(*self._shape, 2).transpose(2, 0, 1)
+        over = np.matmul(M, levers[SURFACE][:, :, None])[:, :, 0] - m * (inlet + x[:, -2])[:, None]
+        levers[1], levers[3] = over, self.lag
+        np.subtract(levers[CORE], levers[SURFACE], out=levers[2])
         np.add(levers[2], over, out=levers[0])
         return levers
 
-    def told(self, levers: Levers, available: Bools | None) -> tuple[Floats, Floats]:
-        """Tell the standard deviations (S, n) of cores and surfaces; infinite where strings are not `available`."""
+    def pace(self, parameters: Sequence[StringParameters], dt: float) -> None:
+        """Take how fast the profiles of rolls with these parameters follow, in steps of `dt`."""
+        R_c, C_c = (np.stack([getattr(p, name) for p in parameters]) for name in ("R_c", "C_c"))
+        self._tau = time_constant(self._phi, R_c, C_c)
+        self._pace = followed(dt, self._tau)
+
+    def follow(self, levers: Levers) -> None:
+        """Let the profiles within the rolls follow for one step."""
+        self.lag = levers[3] = levers[3] + self._pace * (levers[2] - levers[3])
+
+    def rest(self, x: Floats, elapsed_s: float) -> None:
+        """Let the profiles follow for so long, to that which belongs to the states `x` (S, M)."""
+        gap = self._gap(x)
+        self.lag = gap + (self.lag - gap) * (1.0 - followed(elapsed_s, self._tau))
+
+    def move(self, s: int, dx: Floats) -> None:
+        """Let the profiles of string `s` move as its states (M,) do that are corrected: it had always been so."""
+        self.lag[s] += self._gap(dx)
+
+    def of_cells(self, levers: Levers, sd: Deviations, available: Bools | None) -> Told:
+        """Tell cores, surfaces and centres (S, n), each with its deviations; NaN where strings are not `available`."""
+        core, surface = levers[CORE], levers[SURFACE]
+        if available is not None:
+            core, surface = np.where(available[:, None], levers[CORE:], np.nan)
+        centre, centre_sd = hottest(core, surface, self.lag, self._phi, sd[2], sd[1])
+        return core, sd[0], surface, sd[1], centre, centre_sd
+
+    def told(self, levers: Levers, available: Bools | None) -> Deviations:
+        """Tell the standard deviations; infinite where strings are not `available`."""
         return self._sds(self._still, levers, available)
 
-    def now(self, P: Floats, J: Floats, root: Floats, levers: Levers, available: Bools) -> tuple[Floats, Floats]:
+    def now(self, P: Floats, J: Floats, root: Floats, levers: Levers, available: Bools) -> Deviations:
         """Tell them for other covariances and sensitivities, of all strings; nothing changes."""
         return self._sds(self._known(np.arange(self._shape[0]), P, J, root), levers, available)
 
@@ -108,12 +150,18 @@ class Bands:
         out[self._places] = values.ravel() if self._fitted is None else values[self._fitted]
         return out.reshape(self._shape)
 
+    def unlike(self, levers: Levers) -> Unlike:
+        """Tell what cells differ by, for a forecast."""
+        heat, cooling, inside = (np.sqrt(self.own[:, :, i, i]) for i in range(3))
+        now = self._between(levers) + self._offset
+        return Unlike(heat, cooling, inside, self._phi, self._phi_sd, np.zeros_like(self._phi), now)
+
     def snapshot(self) -> dict[str, Any]:
         """Return what was last looked at, as numbers and lists."""
-        return {"more": plain(self._more)}
+        return {"more": plain(self._more), "lag": plain(self.lag)}
 
     def restore(self, snapshot: dict[str, Any], P: Floats, J: Floats, root: Floats) -> None:
-        """Take up a snapshot of as many strings of this length.
+        """Take up a snapshot of as many strings of this length; states of before there were centres have no lag.
 
         Raises
         ------
@@ -121,19 +169,37 @@ class Bands:
             It is none of them.
         """
         self._more = like(snapshot["more"], self._more)
+        if "lag" in snapshot:
+            self.lag = like(snapshot["lag"], self.lag)
         self._still = self._known(np.arange(self._shape[0]), P, J, root)
 
-    def _known(self, at: Ints, P: Floats, J: Floats, root: Floats) -> tuple[Floats, Floats]:
-        N, offset = 2 * self._shape[1], chosen(self._offset, at)
-        var = chosen(np.einsum("sii->si", P), at)[:, :N] + _squares(np.matmul(J[:, :N], chosen(root, at)))
-        return var[:, 0::2] + offset, var[:, 1::2] + offset
+    def _known(self, at: Ints, P: Floats, J: Floats, root: Floats) -> Floats:
+        """Variances (3, s, n) of cores, surfaces and centres of the strings `at`, but for what cells differ by."""
+        N, (phi, phi_sd, offset) = 2 * self._shape[1], (chosen(a, at) for a in (self._phi, self._phi_sd, self._offset))
+        P, spread = chosen(P, at), np.matmul(J[:, :N], chosen(root, at))
+        diagonal = np.einsum("sii->si", P)
+        own = diagonal[:, 0:N:2], diagonal[:, 1:N:2]
+        both = np.einsum("scc->sc", P[:, 0:N:2, 1:N:2]) + np.einsum("smp,smp->sm", spread[:, 0::2], spread[:, 1::2])
+        core, surface = (var + _squares(spread[:, i::2]) for i, var in enumerate(own))
+        var = np.stack([core, surface, of_centre(core, surface, both, phi, phi_sd)])
+        return np.asarray(var + offset, dtype=np.float64)
 
-    def _sds(self, still: tuple[Floats, Floats], levers: Levers, available: Bools | None) -> tuple[Floats, Floats]:
-        core, surface = between_cells(levers, self._tolerated, self.own if self.owned else None)
-        core, surface = np.sqrt(core + still[0]), np.sqrt(surface + still[1])
-        if available is None:
-            return core, surface
-        return np.where(available[:, None], core, np.inf), np.where(available[:, None], surface, np.inf)
+    def _sds(self, still: Floats, levers: Levers, available: Bools | None) -> Deviations:
+        sd = np.asarray(np.sqrt(self._between(levers) + still), dtype=np.float64)
+        return sd if available is None else np.where(available[:, None], sd, np.inf)
+
+    def _between(self, levers: Levers) -> Floats:
+        """Variances (3, S, n) of cores, surfaces and centres by what cells differ by."""
+        squares = np.square(levers[:CORE])
+        if self.owned:
+            return between_cells(levers, self.own, self._phi, self._phi_sd)
+        if self._alike is not None:
+            return np.asarray(np.matmul(self._alike, squares.reshape(CORE, -1)).reshape(3, *self._shape))
+        return np.asarray(np.matmul(self._weights, squares.swapaxes(0, 1)).swapaxes(0, 1))
+
+    def _gap(self, x: Floats) -> Floats:
+        N = 2 * self._shape[1]
+        return np.asarray(x[..., 0:N:2] - x[..., 1:N:2])
 
 
 def _squares(a: Floats) -> Floats:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bms_gateway.observe.model import Ints
 from bms_gateway.thermal import Floats
 
 
@@ -39,6 +40,12 @@ class Belief:
     def finite(self) -> bool:
         """Whether everything in it is a number."""
         return bool(np.isfinite(self.z).all() and np.isfinite(self.P).all() and np.isfinite(self.J).all())
+
+    def loosened(self, at: Ints, grown: Floats) -> "Belief":
+        """Let the variances of the states `at` grow by so much, K²."""
+        P = self.P.copy()
+        P[at, at] += grown
+        return Belief(self.z, P, self.J)
 
 
 def conditioned(

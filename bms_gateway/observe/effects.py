@@ -17,19 +17,23 @@ from typing import Any
 import numpy as np
 
 from bms_gateway.errors import StateError
-from bms_gateway.observe.adaptive import READ_WITHIN
 from bms_gateway.observe.consider import Belief, conditioned
+from bms_gateway.observe.effect_bands import deviations, unlike_of
 from bms_gateway.observe.estimate import Errors, Estimate
 from bms_gateway.observe.gap import phases, resumed, steps, strayed, unknown_heat, unseen_heat
 from bms_gateway.observe.inputs import Inputs
 from bms_gateway.observe.measured import SOC_UNKNOWN, Measured
 from bms_gateway.observe.model import OFFSETS, start_covariance
-from bms_gateway.observe.spread import of_unlike, root, scatter
+from bms_gateway.observe.outlook_effects import EffectStanding
+from bms_gateway.observe.pace import READ_WITHIN
+from bms_gateway.observe.spread import exchanged, root, scatter
 from bms_gateway.observe.stored import like, plain
+from bms_gateway.observe.surprise import Surprise
 from bms_gateway.observe.tangent import ROW, Tangent, disturbed, drive_of, heated, jacobian
 from bms_gateway.observe.uncertain import EffectNumber, effect_numbers, forcing, log_change, uncertain
 from bms_gateway.observe.unseen import JUST_LEFT_S, RESTED_S, either, opened
 from bms_gateway.thermal import Disturbance, Floats, Start, StringModel, StringParameters
+from bms_gateway.thermal.centre import centre_share, followed, hottest, time_constant
 from bms_gateway.thermal.physics import Memory, Numbers, Physics
 
 BLOCK = 10
@@ -92,10 +96,10 @@ class EffectObserver:
         n, D, p = model.cells, self._physics.states, len(self._uncertain)
         self._belief = Belief(np.zeros(D + OFFSETS), np.eye(D + OFFSETS), np.zeros((D + OFFSETS, p)))
         self._F = np.zeros((D + OFFSETS, p))
-        self._seen, self._coolant = np.zeros(n), np.zeros(n)
-        self._effective = nan, 0.0
-        self._unread = np.full(len(self._sensors), np.inf)
-        self._available = np.array(False)
+        self._seen, self._coolant, self._lag = np.zeros(n), np.zeros(n), np.zeros(n)
+        self._surprise = Surprise(self.parameters, self._sensors[None], self._dt, self._disturbance.sensor)
+        self._centre, self._effective = centre_share(model), (nan, 0.0)
+        self._unread, self._available = np.full(len(self._sensors), np.inf), np.array(False)
         self._inputs = Inputs(soc, model.capacity_Ah, self._dt, self._disturbance.correlation)
         self._carry: dict[str, Floats] = {}
         # inputs and states since the sensitivities were last forced, and the memories at that time
@@ -123,6 +127,11 @@ class EffectObserver:
     def effect_numbers(self) -> list[EffectNumber]:
         """Numbers of the effects in force."""
         return effect_numbers(self._model, self._v, self._uncertain, self._cov)
+
+    @property
+    def read(self) -> Floats:
+        """What a thermocouple on each cell (n,) would read at the newest step, °C."""
+        return self._seen
 
     @property
     def effective(self) -> tuple[float, float]:
@@ -178,51 +187,64 @@ class EffectObserver:
             self._available = np.array(False)
             return self.estimate()
         self._belief, self._seen = after, seen + tangent.H @ (after.z - now.z)
+        self._widen(now, y, r, r_sd)
         self._force(row, before.z)
+        self._follow(self._dt)
         return self._estimate(r, r_sd)
+
+    def _widen(self, now: Belief, y: Floats, r: Floats, r_sd: Floats) -> None:
+        """Let the variances of the cores grow by what the readings were odd by; see `surprise`."""
+        k = self._sensors
+        sd = np.sqrt(now.P[2 * k + 1, 2 * k + 1] + self._disturbance.sensor**2)[None]
+        inputs = self._inputs.known[None], np.array([self._inputs.inlet])
+        grown = self._surprise.step(y[None, k], r[:, k], sd, np.maximum(r_sd[:, k], sd), *inputs)
+        if grown is not None:
+            self._belief = self._belief.loosened(2 * k, grown[0])
 
     def estimate(self) -> Estimate:
         """Tell where the string is now, with no innovation; nothing changes."""
-        none = np.full((1, self._model.cells), nan)
-        return self._estimate(none, none)
+        return self._estimate(*np.full((2, 1, self._model.cells), nan))
+
+    def standing(self) -> EffectStanding:
+        """Tell all that a forecast starts from."""
+        b, i, there = self._belief, self._inputs, self._available.reshape(1)
+        now = b.z[None], b.P[None], b.J[None], self._root[None], self.parameters, np.zeros(1, np.int64), np.ones(1)
+        unlike = unlike_of(b, self._coolant, self._scatter, self._centre)
+        physics, v, F, usual, carry = self._physics, self._v, self._F, float(i.usual.mean[0, 1]), dict(self._carry)
+        R_e = next((k for k, u in enumerate(self._uncertain) if u.name == "R_e"), None)
+        rest = np.array([i.inlet]), self._lag[None], unlike, there, self._disturbance
+        return EffectStanding(*now, *rest, physics, v, self._tangent, F, i.row, usual, carry, R_e)
 
     def set_parameters(
-        self, s: int, values: Mapping[str, float | Floats], names: Sequence[str], covariance: Floats
+        self,
+        s: int,
+        values: Mapping[str, float | Floats],
+        names: Sequence[str],
+        covariance: Floats,
+        own: Floats | None = None,
     ) -> None:
-        """Take identified parameters into use; see `AdaptiveObserver.set_parameters`, of which `s` is 0 here."""
-        del s
-        new = self._values | {k: np.array(x, np.float64) for k, x in values.items()}
+        """Take identified parameters into use; see `AdaptiveObserver.set_parameters`.
+
+        `s` is 0; `own` and the gain of a given heat are nothing to a string with effects.
+        """
+        del s, own
+        new = self._values | {k: np.array(x, np.float64) for k, x in values.items() if k in self._values}
         moved = log_change(self._values, new, self._uncertain)
         self._values, self._v = new, self._physics.numbers(new)
+        self._surprise.set_parameters(self.parameters)
         b = self._belief
         self._belief = Belief(b.z + b.J @ moved, b.P, b.J)
+        self._lag = self._lag + self._gap(b.J @ moved)
         mine = [u.name for u in self._uncertain]
         given = [j for j, name in enumerate(names) if name in mine]
         at = [mine.index(names[j]) for j in given]
-        cov = self._cov.copy()
-        cov[at, :] = 0.0
-        cov[:, at] = 0.0
-        cov[np.ix_(at, at)] = covariance[np.ix_(given, given)]
+        cov = exchanged(self._cov, at, covariance[np.ix_(given, given)])
         self._cov, self._root = cov, root(cov)
         self._tangent = self._before_gap = None
+        self._surprise.settle(0)
 
     def propagate(self, gap_s: float, inlet: Floats | None = None, *, unseen: bool = False) -> Estimate:
-        """Carry the string over a time without frames: a silent bus, or parked since the state was stored.
-
-        Parameters
-        ----------
-        gap_s : float, s
-            > 0.
-        inlet : ndarray (1,), optional
-            Coolant inlet after it, °C; NaN or None takes the last one.
-        unseen : bool
-            Whether current may have flowed, because we were off and not the bus (see `unseen`).
-
-        Returns
-        -------
-        Estimate
-            No current in the meantime; bands grow towards those of a rested string whose inlet nobody saw.
-        """
+        """Carry the string over a time without frames; see `AdaptiveObserver.propagate`, inlet (1,)."""
         if not self._available:
             return self.estimate()
         last = nan if inlet is None else float(inlet[0])
@@ -245,6 +267,7 @@ class EffectObserver:
             b = self._belief
             self._belief = Belief(b.z, b.P + (grown**2 / 12.0 + FLOW_UNSEEN**2) * np.outer(g, g), b.J)
         self._inputs.resume(last, flow, row, gap_s, unseen=unseen)
+        self._follow(gap_s)
         self._unread = self._unread + gap_s
         self._rows, self._states = self._rows[:0], self._states[:0]
         self._tangent = None
@@ -262,6 +285,7 @@ class EffectObserver:
         self.propagate(RESTED_S)
         b, self._inputs.known, self._before_gap = self._belief, np.array([False, False]), None
         self._belief = Belief(*either(a.z, a.P, b.z, b.P), (a.J + b.J) / 2.0)
+        self._lag = self._gap(self._belief.z)
 
     def snapshot(self) -> dict[str, Any]:
         """Return all that a restart needs, as numbers, lists and None for NaN."""
@@ -276,6 +300,7 @@ class EffectObserver:
             "values": {k: plain(v) for k, v in self._values.items()},
             "memories": {k: {e: plain(a) for e, a in m.items()} for k, m in memories.items()},
             "linear": self._tangent is not None,
+            "surprise": self._surprise.snapshot(),
         }
 
     def restore(self, snapshot: Mapping[str, Any]) -> None:
@@ -287,18 +312,20 @@ class EffectObserver:
             It belongs to another string, something is missing in it, or it holds no numbers.
         """
         try:
-            own = {k: like(snapshot["own"][k], np.asarray(getattr(self, f"_{k}"))) for k in _KEPT}
-            inputs = self._inputs.restored(snapshot["own"])
             belief = Belief(*(like(snapshot["belief"][k], getattr(self._belief, k)) for k in ("z", "P", "J")))
+            stored = {"lag": plain(self._gap(belief.z)), **snapshot["own"]}  # states of before there were centres
+            own = {k: like(stored[k], np.asarray(getattr(self, f"_{k}"))) for k in _KEPT}
+            inputs = self._inputs.restored(snapshot["own"])
             rows, states = (np.array(a, np.float64) for a in snapshot["block"])
             rows, states = rows.reshape(-1, len(ROW)), states.reshape(len(rows), len(belief.z))
             values = {k: like(snapshot["values"][k], v) for k, v in self._values.items()}
             memories = {k: {e: np.array(a, np.float64) for e, a in m.items()} for k, m in snapshot["memories"].items()}
             carry, at_memory = memories.pop(""), memories.pop("at")
             linear = bool(snapshot["linear"])
+            surprise = self._surprise.restored(snapshot.get("surprise"))
         except (KeyError, TypeError, ValueError, AttributeError) as e:
             raise StateError(f"observer state: not of this string ({type(e).__name__}: {e})") from e
-        held = [own["cov"], own["F"], states, *values.values(), *carry.values(), *at_memory.values()]
+        held = [own["cov"], own["F"], own["lag"], states, *values.values(), *carry.values(), *at_memory.values()]
         if not belief.finite or not all(np.isfinite(a).all() for a in held):
             raise StateError("observer state: holds values that are not numbers")
         for name, value in own.items():
@@ -307,7 +334,8 @@ class EffectObserver:
         self._carry, self._at_memory, self._inputs = carry, at_memory, inputs
         self._carries = {k.removeprefix("of "): m for k, m in memories.items()}
         self._v, self._root = self._physics.numbers(values), root(self._cov)
-        self._tangent = None
+        self._surprise, self._tangent = surprise, None
+        self._surprise.set_parameters(self.parameters)
         if linear:
             self._linearise()
 
@@ -328,8 +356,7 @@ class EffectObserver:
         own = np.arange(2 * n, D)
         P[own, own] += REST_SD**2
         z = np.concatenate([X[-1], np.zeros(OFFSETS)])
-        self._belief = Belief(z, P, np.zeros_like(self._belief.J))
-        self._F = np.zeros_like(self._F)
+        self._belief, self._F = Belief(z, P, np.zeros_like(self._belief.J)), np.zeros_like(self._F)
         self._inputs.begin(m.inlet if known else level)
         self._seen, self._coolant, self._available = np.full(n, level), np.full(n, level), np.array(True)
         self._carry, self._carries, self._tangent = {}, {}, None
@@ -399,15 +426,8 @@ class EffectObserver:
     def _linearise(self) -> None:
         """Take Jacobian and slopes where the notes say."""
         z, row, memory = self._at, self._at_row, self._at_memory
-        j = jacobian(
-            self._physics,
-            z[:-OFFSETS],
-            z[-OFFSETS:],
-            drive_of(row[None], self._dt),
-            self._v,
-            memory,
-            self._disturbance.correlation,
-        )
+        u = drive_of(row[None], self._dt)
+        j = jacobian(self._physics, z[:-OFFSETS], z[-OFFSETS:], u, self._v, memory, self._disturbance.correlation)
         self._tangent = Tangent.of(j, self._dt, self._disturbance)
         here = self._readings(z, row, memory)
         if self._physics.reads:
@@ -452,22 +472,24 @@ class EffectObserver:
         return np.asarray(t.Phi @ g + t.Gamma @ by_flow)
 
     def _estimate(self, r: Floats, r_sd: Floats) -> Estimate:
-        n, b = self._model.cells, self._belief
-        spread = b.J[: 2 * n] @ self._root
-        var = np.diag(b.P)[: 2 * n] + np.einsum("mp,mp->m", spread, spread) + self._between_cells()
-        sd = np.where(self._available, np.sqrt(np.maximum(var, 0.0)), np.inf)[None]
-        x = np.where(self._available, b.z[: 2 * n], nan)[None]
-        e = Errors(r, r_sd, np.copy)
-        return Estimate(x[:, 0::2], sd[:, 0::2], x[:, 1::2], sd[:, 1::2], e, self._available.reshape(1))
-
-    def _between_cells(self) -> Floats:
-        """Variance (2n,) that cells add by being unlike, as `AdaptiveObserver` states it."""
-        n, z = self._model.cells, self._belief.z
-        T_c, T_s, base = z[0 : 2 * n : 2], z[1 : 2 * n : 2], self._coolant.copy()
+        n, z, base = self._model.cells, self._belief.z, self._coolant.copy()
         at = self._sensors[self._unread <= READ_WITHIN]
-        base[at] = T_s[at]
-        return of_unlike(T_c, T_s, base, self._scatter)
+        base[at] = z[1 : 2 * n : 2][at]
+        found = deviations(self._belief, self._root, base, self._scatter, self._centre, self._lag)
+        sd = np.where(self._available, np.stack(found), np.inf)[:, None]
+        core, surface = np.where(self._available, z[: 2 * n].reshape(n, 2).T, nan)[:, None]
+        e, there = Errors(r, r_sd, np.copy), self._available.reshape(1)
+        centre = hottest(core, surface, self._lag, self._centre.value, sd[2], sd[1])
+        return Estimate(core, sd[0], surface, sd[1], *centre, e, there)
+
+    def _follow(self, elapsed_s: float) -> None:
+        """Let the profiles within the rolls follow the difference between their means and their surfaces."""
+        tau = time_constant(self._centre.value, self._v.string.R_c, self._v.string.C_c)
+        self._lag = self._lag + followed(elapsed_s, tau) * (self._gap(self._belief.z) - self._lag)
+
+    def _gap(self, z: Floats) -> Floats:
+        return np.asarray(z[0 : 2 * self._model.cells : 2] - z[1 : 2 * self._model.cells : 2])
 
 
-_KEPT = ("age", "cov", "F", "seen", "coolant", "unread", "available", "at", "at_row", "G")
+_KEPT = ("age", "cov", "F", "seen", "coolant", "lag", "unread", "available", "at", "at_row", "G")
 """Attributes beside inputs, belief, memories and the open block that a snapshot holds."""

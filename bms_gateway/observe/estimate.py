@@ -49,6 +49,8 @@ class Estimate:
         NaN where nothing is known yet.
     core_sd, surface_sd : ndarray (S, n), K
         Standard deviations, parameters included; infinite where nothing is known yet.
+    centre, centre_sd : ndarray (S, n), °C, K
+        Hottest point of each cell (`thermal.centre`), never below core or surface.
     errors : Errors
         Of the step's readings.
     available : ndarray of bool (S,)
@@ -58,6 +60,8 @@ class Estimate:
     core_sd: Floats
     surface: Floats
     surface_sd: Floats
+    centre: Floats
+    centre_sd: Floats
     errors: Errors
     available: Bools
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from bms_gateway.observe.adaptive import FLOW_LIMITS
+from bms_gateway.observe.flow import FLOW_LIMITS
 from bms_gateway.observe.measured import Measured
 from bms_gateway.observe.model import OFFSETS, Bools
 from bms_gateway.observe.stored import like, plain

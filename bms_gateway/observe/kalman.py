@@ -25,7 +25,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from bms_gateway.observe.model import OFFSETS, Bools, Ints, StackedModel
-from bms_gateway.observe.pace import LAG_HOLD, LAG_STEPS, Calm, due, stilled
+from bms_gateway.observe.pace import EVERY, LAG_HOLD, LAG_STEPS, Calm, due, stilled
 from bms_gateway.observe.strides import Ladder, Stride
 from bms_gateway.thermal import Floats
 
@@ -61,6 +61,12 @@ class KalmanState:
     pattern: Ints
     held: Ints
     since: Ints
+
+    def begun(self, at: Ints, x: Floats, P: Floats) -> "KalmanState":
+        """Take states (S, M) and covariances of which those of the strings `at` begin now."""
+        held, pattern, since = self.held.copy(), self.pattern.copy(), self.since.copy()
+        held[at], pattern[at], since[at] = 0, NONE, 0
+        return replace(self, x=x, P=P, held=held, pattern=pattern, since=since)
 
 
 @dataclass(frozen=True, slots=True)
@@ -262,6 +268,18 @@ class Kalman:
         np.copyto(new[:, :-OFFSETS], quarter, where=there)
         np.copyto(new[:, -OFFSETS:], 0, where=known)
         return new
+
+    def loosened(self, state: KalmanState, grown: Floats) -> KalmanState:
+        """Let the variances of the cores under the sensors grow by so much (S, m), K², after a step."""
+        at = np.flatnonzero(grown.any(axis=1))
+        if not len(at):
+            return state
+        state = self.caught_up(state, at)
+        P, held = state.P.copy(), state.held.copy()
+        core = 2 * self.sensors[at]
+        np.add.at(P, (at[:, None], core, core), np.where(self.fitted[at], grown[at], 0.0))
+        held[at] = np.minimum(held[at], EVERY - 1)  # the next steps are computed, each with what it brings
+        return replace(state, P=P, held=held)
 
     def caught_up(self, state: KalmanState, at: Ints) -> KalmanState:
         """Let the covariances of the strings `at` make the steps that they have not made yet."""

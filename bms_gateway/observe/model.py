@@ -199,14 +199,27 @@ def _discretized(s: ContinuousString, dt: float, d: Disturbance) -> tuple[Floats
     M = s.A.shape[0]
     step = discretize(s, dt)
     G = np.concatenate((step.A, step.B_q, step.B_f0[:, None], step.B_f1[:, None]), axis=1)
-    W = 2.0 * d.correlation * d.heat_cell**2 * (s.B_q @ s.B_q.T)
-    W[_INLET, _INLET] = 2.0 * d.inlet**2 / d.correlation
-    W[_HEAT, _HEAT] = 2.0 * d.heat_common**2 / d.correlation
+    W = noise_intensity(s.B_q, d)
     more = np.zeros((OFFSETS, M, M))
     more[0, _INLET, _INLET] = 2.0 * max(d.inlet_unknown**2 - d.inlet**2, 0.0) / d.correlation
     more[1, _HEAT, _HEAT] = 2.0 * max(d.heat_unknown**2 - d.heat_common**2, 0.0) / d.correlation
     unknown = np.stack([gathered_noise(s.A, w, dt)[1] for w in more])
     return G, gathered_noise(s.A, W, dt)[1], unknown
+
+
+def noise_intensity(B_q: Floats, d: Disturbance) -> Floats:
+    """Intensity (M, M) of the white noise behind what disturbs a string whose inputs are measured.
+
+    Parameters
+    ----------
+    B_q : ndarray (M, n), K/J
+        Rates of the states by the heat of each cell.
+    d : Disturbance
+    """
+    W: Floats = 2.0 * d.correlation * d.heat_cell**2 * (B_q @ B_q.T)
+    W[_INLET, _INLET] = 2.0 * d.inlet**2 / d.correlation
+    W[_HEAT, _HEAT] = 2.0 * d.heat_common**2 / d.correlation
+    return W
 
 
 def start_covariance(cells: int, start: Start, disturbance: Disturbance, *, inlet_known: bool = True) -> Floats:

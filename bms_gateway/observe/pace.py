@@ -23,6 +23,8 @@ STILL, SETTLED = 0.01, 1024
 from which that is believed: the next stride then moves a band by a per cent, as growing strides alone would."""
 LONGEST = 2**40
 """Steps that the time since a change may come to by counting twice."""
+READ_WITHIN = 60.0
+"""s for which a reading stands for its surface: thermocouples that take turns, and many fast time constants (9 s)."""
 LAG_STEPS = 4
 """The covariance sees lags in quarters of a step: jitter of the bus then does not make another filter."""
 LAG_HOLD = 0.2

@@ -18,7 +18,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from bms_gateway.observe.model import OFFSETS, Ints, StackedModel, scaled, usable
-from bms_gateway.thermal import Floats, StringParameters, coolant_path, exchange
+from bms_gateway.thermal import Floats, StringParameters, coolant_path, exchange, film
 
 PARAMETERS = ("C_c", "C_s", "R_e", "R_c", "R_u", "R_cc", "C_f", "heat")
 """Columns of J, each common to the cells of a string. `heat` scales heat that was not made from I²R_e."""
@@ -33,13 +33,17 @@ class Flows:
 
     Attributes
     ----------
-    C_c, C_s, R_c, R_u : ndarray (S, n)
+    C_c, C_s, R_c : ndarray (S, n)
+    film : ndarray (S, n), W/K
+        From each surface to the coolant at its cell.
     g_cc : ndarray (S,), W/K
         1/R_cc.
     M, m : ndarray (S, n, n), (S, n)
         Coolant path T_f = M T_s + m T_f_in.
     de : ndarray (S, n)
         (∂e/∂ ln R_u)/e of the exchange; the same for ln C_f. 0 where the stream does not warm up.
+    by_R_u, by_C_f : ndarray (S, n)
+        Relative slope of `film` by ln R_u and by ln C_f: −1 and 0 for the bulk node.
 
     References
     ----------
@@ -49,25 +53,31 @@ class Flows:
     C_c: Floats
     C_s: Floats
     R_c: Floats
-    R_u: Floats
+    film: Floats
     g_cc: Floats
     M: Floats
     m: Floats
     de: Floats
+    by_R_u: Floats
+    by_C_f: Floats
 
     @classmethod
     def of(cls, parameters: Sequence[StringParameters]) -> "Flows":
         """Gather from strings of equal length."""
         path = [coolant_path(p) for p in parameters]
+        de = np.stack([_relative_slope(p) for p in parameters])
+        warms = np.array([[bool(np.isfinite(p.C_f))] for p in parameters])
         return cls(
             np.stack([p.C_c for p in parameters]),
             np.stack([p.C_s for p in parameters]),
             np.stack([p.R_c for p in parameters]),
-            np.stack([p.R_u for p in parameters]),
+            np.stack([film(p) for p in parameters]),
             np.array([1.0 / p.R_cc for p in parameters]),
             np.stack([M for M, _ in path]),
             np.stack([m for _, m in path]),
-            np.stack([_relative_slope(p) for p in parameters]),
+            de,
+            np.where(warms, de, -1.0),
+            np.where(warms, 1.0 + de, 0.0),
         )
 
     def coolant(self, x: Floats, inlet: Floats) -> Floats:
@@ -96,12 +106,12 @@ class Flows:
         out = (T_c - T_s) / self.R_c
         T_f = self.coolant(x, inlet)
         over = T_s - T_f
-        cooled = over / self.R_u
+        cooled = over * self.film
         step = (T_s[:, 1:] - T_s[:, :-1]) * self.g_cc[:, None]
         conducted = np.zeros_like(T_s)
         conducted[:, :-1] += step
         conducted[:, 1:] -= step
-        warmed = np.matmul(self.M, (self.de * over)[:, :, None])[:, :, 0] / self.R_u
+        warmed = np.matmul(self.M, (self.de * over)[:, :, None])[:, :, 0] * self.film
         heat = electric + given + x[:, -1:]
         F = np.zeros((*x.shape, len(PARAMETERS)))
         core, surface = F[:, 0:-OFFSETS:2], F[:, 1:-OFFSETS:2]
@@ -110,9 +120,9 @@ class Flows:
         core[:, :, 2] = electric / self.C_c
         core[:, :, 3] = out / self.C_c
         surface[:, :, 3] = -out / self.C_s
-        surface[:, :, 4] = (cooled + warmed) / self.C_s
+        surface[:, :, 4] = (warmed - self.by_R_u * cooled) / self.C_s
         surface[:, :, 5] = -conducted / self.C_s
-        surface[:, :, 6] = warmed / self.C_s
+        surface[:, :, 6] = (warmed - self.by_C_f * cooled) / self.C_s
         core[:, :, 7] = given / self.C_c
         return F
 

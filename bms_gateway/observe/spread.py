@@ -6,7 +6,7 @@ Beyond Lin et al., whose observer holds its parameters for exact.
 import numpy as np
 
 from bms_gateway.observe.sensitivity import PARAMETERS
-from bms_gateway.thermal import Floats, StringModel
+from bms_gateway.thermal import Floats, StringModel, StringParameters
 
 
 def scatter(model: StringModel) -> Floats:
@@ -24,6 +24,44 @@ def root(covariance: Floats) -> Floats:
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)), dtype=np.float64)
 
 
+def apart_by(old: StringParameters, new: StringParameters, gain: float) -> tuple[Floats, dict[str, Floats]]:
+    """Tell by how much new numbers of a string are others, in logarithms.
+
+    Parameters
+    ----------
+    old, new : StringParameters
+    gain : float
+        New over old gain of heat that is given.
+
+    Returns
+    -------
+    moved : ndarray (p,)
+        Of `PARAMETERS`, on the mean of the cells.
+    apart : dict of str to ndarray (n,)
+        By symbol, of each cell beyond that mean.
+    """
+    moved, apart = np.zeros(len(PARAMETERS)), {}
+    moved[-1] = np.log(gain)
+    for j, name in enumerate(PARAMETERS[:-1]):
+        a, b = np.asarray(getattr(old, name)), np.asarray(getattr(new, name))
+        if np.isfinite(a).all():
+            ln = np.log(b / a)
+            moved[j], apart[name] = float(np.mean(ln)), ln - np.mean(ln)
+    return moved, apart
+
+
+def own_rise(apart: dict[str, Floats], rise: Floats, over: Floats, gap: Floats) -> Floats:
+    """Tell by how much cores and surfaces (2n,) of cells move whose numbers are `apart`, K.
+
+    A cell's rise goes with its own heat and resistances: `rise` and `over` are core and surface over their base, `gap`
+    is core less surface (n,).
+    """
+    moved = np.empty(2 * len(gap))
+    moved[0::2] = apart["R_e"] * rise + apart["R_u"] * over + apart["R_c"] * gap
+    moved[1::2] = (apart["R_e"] + apart["R_u"]) * over
+    return moved
+
+
 def as_tolerated(tolerated: Floats, cells: int) -> Floats:
     """Covariance (S, n, 3, 3) of each cell's ln R_e, ln R_u, ln R_c by variances (3, S): uncorrelated."""
     own = np.zeros((tolerated.shape[1], cells, 3, 3))
@@ -32,40 +70,83 @@ def as_tolerated(tolerated: Floats, cells: int) -> Floats:
     return own
 
 
+def exchanged(covariance: Floats, at: list[int], block: Floats) -> Floats:
+    """Put a `block` (p, p) in at the places `at`, uncorrelated with the others, which keep their variance."""
+    out = covariance.copy()
+    out[at, :] = 0.0
+    out[:, at] = 0.0
+    out[np.ix_(at, at)] = block
+    return out
+
+
 def prior_covariance(model: StringModel, heat_rel_sd: float) -> Floats:
     """Covariance of the logarithms of `PARAMETERS` before anything is identified."""
     sd = [model.priors[k].rel_sd if k in model.priors else 0.0 for k in PARAMETERS[:-1]]
     return np.diag(np.square([*sd, heat_rel_sd]))
 
 
-def between_cells(levers: Floats, tolerated: Floats, own: Floats | None) -> tuple[Floats, Floats]:
-    """Variance that cells add by being unlike, in the steady proportions.
+def weights(tolerated: Floats, phi: Floats, phi_sd: Floats) -> Floats:
+    r"""Weights (s, 3, 4) by which squares of levers make the variances that cells add by being unlike.
+
+    Of cores, surfaces and centres, each by the squares of rise, over, gap and lag (`between_cells`), where cells differ
+    by their models' tolerances alone. That of a centre is what core + φ gap makes of them, with
+    :math:`(rise + \varphi gap)^2 = (1 + \varphi) rise^2 - \varphi over^2 + \varphi (1 + \varphi) gap^2`, as rise is
+    over + gap.
 
     Parameters
     ----------
-    levers : ndarray (3, s, n), K
-        Temperatures that a cell's own R_e, R_u and R_c stand behind: of its core over its base (rise), of its surface
-        over it (over), between core and surface (gap).
     tolerated : ndarray (3, s)
-        Variances of ln R_e, ln R_u, ln R_c by the models' tolerances.
-    own : ndarray (s, n, 3, 3) or None
-        Covariance of each cell's ln R_e, ln R_u, ln R_c where it is known better.
+        Variances of ln R_e, ln R_u, ln R_c.
+    phi, phi_sd : ndarray (s,)
+        Share of R_c within the roll.
+    """
+    heat, cooling, inside = tolerated
+    none = np.zeros_like(heat)
+    of_gap = heat * phi * (1.0 + phi) + inside * (1.0 + phi) ** 2 + phi_sd**2 * (heat + inside)
+    of_each = [
+        [heat, cooling, inside, none],
+        [none, heat + cooling, none, none],
+        [heat * (1.0 + phi), cooling - heat * phi, of_gap, phi_sd**2],
+    ]
+    return np.ascontiguousarray(np.moveaxis(np.array(of_each), 2, 0))
+
+
+def between_cells(levers: Floats, own: Floats, phi: Floats, phi_sd: Floats) -> Floats:
+    """Variance that cells add by being unlike, in the steady proportions, and that φ adds.
+
+    Parameters
+    ----------
+    levers : ndarray (4 or more, s, n), K
+        Temperatures that a cell's own R_e, R_u and R_c stand behind: of its core over its base (rise), of its surface
+        over it (over), between core and surface (gap); and the gap that the profile within the roll has followed (lag).
+    own : ndarray (s, n, 3, 3)
+        Covariance of each cell's ln R_e, ln R_u, ln R_c about what is common to the cells.
+    phi, phi_sd : ndarray (s, 1)
+        Share of R_c within the roll.
 
     Returns
     -------
-    ndarray (s, n), ndarray (s, n), K²
-        Of cores and of surfaces.
+    ndarray (3, s, n), K²
+        Of cores, surfaces and centres.
     """
-    squares = np.square(levers)
-    if own is None:
-        heat, cooling, _ = tolerated
-        return np.einsum("ksn,ks->sn", squares, tolerated), squares[1] * (heat + cooling)[:, None]
-    heat, cooling, inside = (own[:, :, a, a] for a in range(3))
-    of_heat, of_gap, of_film = own[:, :, 0, 1], own[:, :, 0, 2], own[:, :, 1, 2]
-    rise, over, gap = levers
-    core = heat * squares[0] + cooling * squares[1] + inside * squares[2]
-    core += 2.0 * (of_heat * rise * over + of_gap * rise * gap + of_film * over * gap)
-    return core, (heat + cooling + 2.0 * of_heat) * squares[1]
+    rise, over, gap, lag = levers[:4]
+    heat, cooling, of_film = own[:, :, 0, 0], own[:, :, 1, 1], own[:, :, 0, 1]
+
+    def of(rise: Floats, gap: Floats) -> Floats:
+        slopes = np.stack([rise, over, gap], axis=-1)
+        return np.asarray(np.einsum("sni,snij,snj->sn", slopes, own, slopes))
+
+    of_gap = heat + own[:, :, 2, 2] + 2.0 * own[:, :, 0, 2]
+    by_share = phi_sd**2 * (lag**2 + of_gap * gap**2)
+    surface = (heat + cooling + 2.0 * of_film) * over**2
+    return np.stack([of(rise, gap), surface, of(rise + phi * gap, (1.0 + phi) * gap) + by_share])
+
+
+def of_centre(core: Floats, surface: Floats, both: Floats, phi: Floats | float, phi_sd: Floats | float) -> Floats:
+    """Variance of core + φ (core - surface), K², by those of core and surface and their covariance, and φ's."""
+    gap = np.maximum(core + surface - 2.0 * both, 0.0)
+    plain = (1.0 + phi) ** 2 * core + phi**2 * surface - 2.0 * phi * (1.0 + phi) * both
+    return np.asarray(np.maximum(plain, 0.0) + phi_sd**2 * gap)
 
 
 def of_unlike(T_c: Floats, T_s: Floats, base: Floats, scattered: Floats) -> Floats:

@@ -137,10 +137,15 @@ class Tangent:
         """Covariance (D + 2, D + 2) of what disturbs a step in which inlet and current were measured, or were not."""
         which = inlet_known, current_known
         if which not in self.made:
-            d, j = self.disturbance, self.jacobian
-            W = 2.0 * d.correlation * d.heat_cell**2 * (j.B_q @ j.B_q.T)
-            inlet = d.inlet if inlet_known else max(d.inlet, d.inlet_unknown)
-            heat = d.heat_common if current_known else max(d.heat_common, d.heat_unknown)
-            W[-2, -2], W[-1, -1] = 2.0 * inlet**2 / d.correlation, 2.0 * heat**2 / d.correlation
-            self.made[which] = gathered_noise(j.A, W, self.dt)[1]
+            W = self.intensity(inlet_known=inlet_known, current_known=current_known)
+            self.made[which] = gathered_noise(self.jacobian.A, W, self.dt)[1]
         return self.made[which]
+
+    def intensity(self, *, inlet_known: bool, current_known: bool) -> Floats:
+        """Intensity (D + 2, D + 2) of the white noise behind that covariance."""
+        d, j = self.disturbance, self.jacobian
+        W = 2.0 * d.correlation * d.heat_cell**2 * (j.B_q @ j.B_q.T)
+        inlet = d.inlet if inlet_known else max(d.inlet, d.inlet_unknown)
+        heat = d.heat_common if current_known else max(d.heat_common, d.heat_unknown)
+        W[-2, -2], W[-1, -1] = 2.0 * inlet**2 / d.correlation, 2.0 * heat**2 / d.correlation
+        return np.asarray(W, dtype=np.float64)

@@ -34,6 +34,10 @@ FULL = 0.999
 """A mean that rests on so much of its time is taken to rest on all of it."""
 
 
+MOST_USUAL = 1e7
+"""A² of 3 kA, more than any current sensor shows, and far beyond any heat, W, of a string."""
+
+
 class Usual(NamedTuple):
     """What usually flows: the mean over the last minutes, and over all there is while that is less.
 
@@ -96,7 +100,7 @@ class Usual(NamedTuple):
         """
         weight = own.get("usual_weight", np.ones_like(self.weight).tolist())
         mean, weight = like(own["usual"], self.mean), like(weight, self.weight)
-        if not (np.isfinite(mean).all() and (weight >= 0.0).all() and (weight <= 1.0).all()):
+        if not ((np.abs(mean) <= MOST_USUAL).all() and (weight >= 0.0).all() and (weight <= 1.0).all()):
             raise ValueError("usual: holds what is no mean")
         return Usual(mean, weight, bool((weight == 1.0).all()))
 

@@ -13,9 +13,11 @@ from bms_gateway.report.table import Table
 LONGEST_S = 10 * 86_400  # a bench run; more is time in another unit
 WIDEST_STEP_S = 100.0  # ten rows a second in ms; of a current known this seldom nobody can tell the heat
 
+COLDEST_K, HOTTEST_K = 230.0, 400.0  # what a cell may have, in K; in °C it is the temperature of a fire
+
 
 def log_kind(path: Path) -> str | None:
-    """Tell by its name, or where that leaves it open by its first bytes, which kind of log a file is; None: none."""
+    """Find the kind of log of a file by its name, otherwise by its first bytes; None if it is no log."""
     suffixes = [s for s in Path(path.name.lower()).suffixes if s != ".gz"]
     kind: str | None = suffixes[-1] if suffixes else ""
     if kind == ".csv" or kind not in FORMATS:
@@ -24,7 +26,7 @@ def log_kind(path: Path) -> str | None:
 
 
 def _content(path: Path) -> str | None:
-    """Format of a log whose text is sure to be none of a table."""
+    """Return the format of a log whose text cannot be that of a table."""
     try:
         with path.open("rb") as file:
             kind = kind_of(file.read(HEAD))
@@ -53,3 +55,22 @@ def check_time(table: Table) -> None:
     else:
         return
     raise DataError(f"{table.source}: time_s looks like milliseconds, it must be in seconds: it {seen}")
+
+
+def check_kelvin(table: Table) -> None:
+    """Refuse temperatures that no cell survives and that are those of a room in K.
+
+    Raises
+    ------
+    DataError
+        With the option that says the unit.
+    """
+    columns = {"coolant_inlet_C": table.coolant_inlet_C}
+    columns |= {f"surface_{k}_C": x for k, x in table.surface_C.items()}
+    for name, x in columns.items():
+        given = x[np.isfinite(x)]
+        if len(given) and COLDEST_K < float(np.median(given)) < HOTTEST_K:
+            raise DataError(
+                f"{table.source}: {name}: half of its values are above {np.median(given):.4g} °C: are they in K? "
+                f"Say it: --columns '{name}=COLUMN [K]'"
+            )

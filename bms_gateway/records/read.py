@@ -1,10 +1,13 @@
-"""Measurements as records: tables, and CAN logs through the gateway's own mapping.
+"""Measurements as records: tables, and CAN logs through the gateway's own engine.
 
-What `compare`, `diagnose`, `add`, `fit` and the workbench begin with.
+The engine that estimates from a log also reads it here: `fit` learns from exactly the samples that `analyze` uses.
+
+`compare`, `diagnose`, `add`, `fit` and the workbench begin with these records.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,28 +17,23 @@ from bms_gateway.bus.logfile import read_log
 from bms_gateway.config import load_config
 from bms_gateway.config.load import LoadedConfig
 from bms_gateway.diagnose.record import Record, make_record
-from bms_gateway.engine.clock import Clock
-from bms_gateway.engine.inputs import REASONS
-from bms_gateway.engine.plan import Channel, StringPlan
+from bms_gateway.engine import Decoded, Engine
+from bms_gateway.engine.plan import Quantity, StringPlan
+from bms_gateway.engine.reasons import REASONS
 from bms_gateway.errors import ConfigError, DataError, UsageError, did_you_mean
-from bms_gateway.frames.batch import FrameBatch
-from bms_gateway.frames.counter import CounterGuard
-from bms_gateway.frames.database import Database
-from bms_gateway.frames.decode import decode
-from bms_gateway.frames.guard import Guard, default_rule
 from bms_gateway.frames.quality import Quality
-from bms_gateway.records.kind import check_time, log_kind
+from bms_gateway.records.kind import check_kelvin, check_time, log_kind
+from bms_gateway.records.signal_use import CURRENT_REFUSED, WORTH_A_WORD
 from bms_gateway.report.progress import progress
 from bms_gateway.report.table import Table, read_table
 from bms_gateway.thermal import StringModel
 
 Floats = NDArray[np.float64]
-SECOND = 1_000_000_000
-ACTIVE_A2 = 1.0
-"""Mean square of a second's current above which the guard expects temperatures to move, as in the engine."""
+Place = tuple[Quantity, int | None]
+"""A quantity, and its cell where it belongs to one."""
 OPTIONAL = ("voltage", "cell_voltage", "soc", "coolant_flow")
-WORTH_A_WORD = 0.05
-"""Share of refused samples from which on a signal is named; every start refuses a few."""
+MOST_OF_A_LOG = 128 << 20
+"""Numbers that a log may give, blanks included: 1 GiB."""
 
 
 def read_measurements(
@@ -45,6 +43,9 @@ def read_measurements(
     config: Path | None = None,
     string: str | None = None,
     columns: Mapping[str, str] | None = None,
+    uploaded: bool = False,
+    tell: Callable[[str, float], None] | None = None,
+    most: int | None = None,
 ) -> list[Record]:
     """Read tables and logs of one string, or of several of one kind.
 
@@ -60,6 +61,12 @@ def read_measurements(
         Name of the config's string; needed where it has several.
     columns : mapping, optional
         From `report.table.parse_columns`, for the tables.
+    uploaded : bool
+        Whether the config is from elsewhere, as `load_config` has it.
+    tell : callable, optional
+        Told the name of a table and the share of it that was read.
+    most : int, optional
+        Numbers that each file may give. Default: of a table what a file of its size can mean, of a log `MOST_OF_A_LOG`.
 
     Returns
     -------
@@ -74,29 +81,36 @@ def read_measurements(
         One line: file, place, what is wrong.
     """
     if not model.sensors:
-        raise ConfigError("the model has no sensors (sensors = []): there is nothing to hold measurements against")
+        raise ConfigError("the model has no sensors (sensors = []): there is nothing to compare measurements with")
     loaded: tuple[LoadedConfig, StringPlan] | None = None
     records = []
     for path in paths:
         kind = log_kind(path)
         if kind is None:
-            records.append(_from_table(path, model, columns))
+            records.append(_from_table(path, model, columns, partial(tell, path.name) if tell else None, most))
             continue
         if config is None:
             raise UsageError(f"{path}: this is a {kind} log: --config is needed, it says which signals carry what")
         if loaded is None:
-            loaded = _load(config, string)
-        records.append(_from_log(path, model, *loaded))
+            loaded = _load(config, string, uploaded)
+        records.append(_from_log(path, model, *loaded, MOST_OF_A_LOG if most is None else most))
     if string is not None and config is None:
         raise UsageError("--string names a string of a gateway config: give --config too")
     return records
 
 
-def _from_table(path: Path, model: StringModel, columns: Mapping[str, str] | None) -> Record:
+def _from_table(
+    path: Path,
+    model: StringModel,
+    columns: Mapping[str, str] | None,
+    tell: Callable[[float], None] | None,
+    most: int | None,
+) -> Record:
 
-    table = read_table(path, columns)
+    table = read_table(path, columns, tell, most)
     if table.time_s[0] >= 0.0:
         check_time(table)
+    check_kelvin(table)
     record = make_record(
         time_s=table.time_s,
         current_A=table.current_A,
@@ -110,8 +124,10 @@ def _from_table(path: Path, model: StringModel, columns: Mapping[str, str] | Non
         model=model,
         source=table.source,
     )
+    if table.notes:
+        record = replace(record, notes=(*record.notes, f"The table: {'; '.join(table.notes)}."))
     if table.ignored:
-        more = f"Columns without a meaning here, so not used: {', '.join(table.ignored)}."
+        more = f"Columns with unknown names are not used: {', '.join(table.ignored)}."
         record = replace(record, notes=(*record.notes, more))
     return record
 
@@ -142,9 +158,9 @@ def _from_cells(cells: Mapping[int, Floats], model: StringModel) -> Floats | Non
     return np.asarray(V.mean(axis=0) * model.cells)  # NaN where one is missing: cells differ by more than heat allows
 
 
-def _load(config: Path, name: str | None) -> tuple[LoadedConfig, StringPlan]:
+def _load(config: Path, name: str | None, uploaded: bool) -> tuple[LoadedConfig, StringPlan]:
 
-    loaded = load_config(config)
+    loaded = load_config(config, uploaded=uploaded)
     strings = {s.name: s for s in loaded.plan.strings}
     if name is None:
         if len(strings) > 1:
@@ -155,26 +171,25 @@ def _load(config: Path, name: str | None) -> tuple[LoadedConfig, StringPlan]:
     return loaded, strings[name]
 
 
-def _from_log(path: Path, model: StringModel, loaded: LoadedConfig, string: StringPlan) -> Record:
+def _from_log(path: Path, model: StringModel, loaded: LoadedConfig, string: StringPlan, most: int) -> Record:
 
-    channels = [c for c in string.channels if c.signal is not None]
-    samples = _read(path, channels, loaded.database)
-    if not len(samples.time_ns):
-        wanted = ", ".join(c.signal or "" for c in channels[:3])
+    heard = _believed(path, loaded, string, most)
+    if not heard.taken.any():
+        wanted = [c.signal for c in string.channels if c.signal is not None]
         raise DataError(
-            f"{path}: no frame carries a signal of {loaded.path} for {string.name}; expected {wanted}"
-            f"{', …' if len(channels) > 3 else ''}"
+            f"{path}: no frame carries a signal of {loaded.path} for {string.name}; expected {', '.join(wanted[:3])}"
+            f"{', …' if len(wanted) > 3 else ''}"
         )
-    quality = _guarded(samples, channels, loaded.database, string.number)
-    good = quality == 0
-    time_ns = np.unique(samples.time_ns[good])
-    columns: dict[tuple[str, int | None], Floats] = {}
-    for i, c in enumerate(channels):
-        mine = good & (samples.channel == i)
+    time_ns, signals = np.unique(heard.time_ns), len(np.unique(heard.input))
+    if len(time_ns) * (signals + 1) > most:  # signals have stamps of their own: what they lack is blank
+        raise _too_long(path, f"{len(time_ns):,} stamps of {signals} signals", most)
+    columns: dict[Place, Floats] = {}
+    for place, i in heard.inputs.items():
+        of_it = heard.input == i
         values = np.full(len(time_ns), np.nan)
-        values[np.searchsorted(time_ns, samples.time_ns[mine])] = samples.value[mine]
-        if mine.any():
-            columns[c.quantity, c.cell] = values
+        values[np.searchsorted(time_ns, heard.time_ns[of_it])] = heard.value[of_it]
+        if of_it.any():
+            columns[place] = values
     for c in string.channels:
         if c.signal is None and c.constant is not None:
             columns[c.quantity, c.cell] = np.full(len(time_ns), c.constant)
@@ -182,7 +197,7 @@ def _from_log(path: Path, model: StringModel, loaded: LoadedConfig, string: Stri
     cell_voltage = {k: x for (q, k), x in columns.items() if q == "cell_voltage" and k is not None}
     voltage = columns.get(("voltage", None))
     record = make_record(
-        time_s=time_ns * 1e-9,
+        time_s=np.asarray(time_ns * 1e-9, np.float64),
         current_A=columns.get(("current", None), unknown),
         coolant_inlet_C=columns.get(("coolant_inlet", None), unknown),
         voltage_V=_from_cells(cell_voltage, model) if voltage is None else voltage,
@@ -194,74 +209,77 @@ def _from_log(path: Path, model: StringModel, loaded: LoadedConfig, string: Stri
         source=str(path),
         half_way=True,
     )
-    return replace(record, notes=(*record.notes, *_told(samples, quality, channels)))
+    return replace(record, notes=(*record.notes, *_told(heard, string)))
 
 
 @dataclass(frozen=True, slots=True)
-class _Samples:
-    """Decoded samples of a log in the order of the bus, `flag` as the decoder has it."""
+class _Believed:
+    """The samples of a log that the engine accepted.
+
+    Attributes
+    ----------
+    time_ns, input, value : ndarray (N,)
+        Of the string's samples, in the order of the bus.
+    inputs : mapping of (quantity, cell) to int
+        The string's inputs.
+    taken : ndarray of int64 (C, 16)
+        Samples of each input by `Quality`.
+    clock_faults : str
+    """
 
     time_ns: NDArray[np.int64]
-    channel: NDArray[np.intp]
+    input: NDArray[np.intp]
     value: Floats
-    flag: NDArray[np.uint8]
+    inputs: Mapping[Place, int]
+    taken: NDArray[np.int64]
     clock_faults: str
 
 
-def _told(samples: _Samples, quality: NDArray[np.uint8], channels: Sequence[Channel]) -> Iterator[str]:
-    """Tell per signal what the guard refused, and what was wrong with the log's clock."""
-    if samples.clock_faults:
-        yield f"The clock of this log misbehaves ({samples.clock_faults}): only its steps forward are believed."
-    by_value = {int(k): text for k, text in REASONS.items()}
-    for i, c in enumerate(channels):
-        mine = quality[samples.channel == i]
-        refused = mine[mine != 0]
-        if c.quantity in OPTIONAL and (mine == int(Quality.NOT_AVAILABLE)).all():
-            continue  # a sender that has none; nothing is lost that was ever there
-        if not len(mine):
-            yield f"{c.signal} never comes in this log."
-        elif len(refused) > WORTH_A_WORD * len(mine):
-            most = int(np.bincount(refused).argmax())
-            yield f"{c.signal}: {len(refused)} of {len(mine)} samples are not used, mostly: {by_value[most]}."
-
-
-def _read(path: Path, channels: Sequence[Channel], database: Database) -> _Samples:
-    """Decode a log's samples, with their times put onto the engine's line."""
-    table = database.compile([c.signal or "" for c in channels])
-    scale, offset = np.array([c.scale for c in channels]), np.array([c.offset for c in channels])
-    clock, counters = Clock(), CounterGuard(table)
-    parts: list[tuple[NDArray[np.int64], NDArray[np.intp], Floats, NDArray[np.uint8]]] = []
+def _believed(path: Path, loaded: LoadedConfig, string: StringPlan, most: int) -> _Believed:
+    """Let the engine read a log; what it estimates on the way is not asked for, so its models are plain."""
+    plain = [replace(s, identify="off", model=replace(s.model, effects=())) for s in loaded.plan.strings]
+    engine = Engine(replace(loaded.plan, transmit=False, strings=tuple(plain)), loaded.database, whole=True)
+    engine.recording = True
+    wire = next(w for s, w in zip(plain, engine.wires, strict=True) if s.name == string.name)
+    told = [c for c in string.channels if c.signal is not None and c.statistic is None]
+    inputs = {(c.quantity, c.cell): wire.input(c.quantity, c.cell) for c in told}
+    mine = list(inputs.values())
+    parts, samples = [(np.empty(0, np.int64), np.empty(0, np.intp), np.empty(0))], 0
     with progress(path.name, None) as advance:
         for batch in read_log(path):
             advance(len(batch))
-            keep = np.flatnonzero(np.isin(batch.can_id, table.can_ids))
-            wanted = FrameBatch(batch.time_ns[keep], batch.can_id[keep], batch.length[keep], batch.data[keep])
-            frames = clock.straighten(wanted)
-            s = decode(table, frames)
-            flag = counters.update(s)
-            parts.append((frames.time_ns[s.frame], s.signal, s.value * scale[s.signal] + offset[s.signal], flag))
-    if not parts:
-        raise DataError(f"{path}: no data frames")
-    time_ns, channel, value, flag = (np.concatenate(x) for x in zip(*parts, strict=True))
-    return _Samples(time_ns, channel, value, flag, clock.faults())
+            engine.receive(batch, now_ns=int(batch.time_ns.max(initial=0)))
+            while (event := engine.next_output()) is not None:  # jobs are taken and never done
+                if isinstance(event, Decoded):
+                    of_it = np.isin(event.input, mine)
+                    parts.append((event.sample_ns[of_it], event.input[of_it], event.value[of_it]))
+                    samples += len(parts[-1][0])
+            if samples > most:
+                raise _too_long(path, f"{samples:,} samples", most)
+    time_ns, number, value = (np.concatenate(x) for x in zip(*parts, strict=True))
+    return _Believed(time_ns, number, value, inputs, engine.counts, engine.clock_faults)
 
 
-def _guarded(samples: _Samples, channels: Sequence[Channel], database: Database, number: int) -> NDArray[np.uint8]:
-    """Judge the samples second by second, as the engine does; returns their `Quality`."""
-    guard = Guard(
-        [default_rule(c.quantity, database.resolve(c.signal or ""), c.scale, c.offset, number) for c in channels]
-    )
-    is_current = np.array([c.quantity == "current" for c in channels])
-    second = samples.time_ns // SECOND
-    edges = np.flatnonzero(np.diff(second, prepend=second[0] - 1, append=second[-1] + 1))
-    quality = np.empty(len(second), np.uint8)
-    active = False
-    for first, end in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
-        part = slice(first, end)
-        channel, value = samples.channel[part], samples.value[part]
-        t1 = (int(second[first]) + 1) * SECOND
-        judged = guard.update(samples.time_ns[part], channel, value, samples.flag[part], t1, active)
-        quality[part] = judged.quality
-        currents = value[is_current[channel] & (judged.quality == 0)]
-        active = bool(len(currents)) and float(np.mean(currents**2)) > ACTIVE_A2
-    return quality
+def _too_long(path: Path, what: str, most: int) -> DataError:
+    return DataError(f"{path}: {what}: over {most:,} numbers, more than this program accepts; cut the log into several")
+
+
+def _told(heard: _Believed, string: StringPlan) -> Iterator[str]:
+    """Describe the refused samples of each signal, and the faults of the log's clock."""
+    if heard.clock_faults:
+        yield f"The time stamps of this log are wrong ({heard.clock_faults}): only steps forward are used."
+    for c in string.channels:
+        if c.signal is None or c.statistic is not None:
+            continue
+        taken = heard.taken[heard.inputs[c.quantity, c.cell]]
+        refused = taken.copy()
+        refused[Quality.GOOD] = 0
+        count, of = int(refused.sum()), int(taken.sum())
+        if c.quantity in OPTIONAL and refused[Quality.NOT_AVAILABLE] == of:
+            continue  # a sender that has none; nothing is lost that was ever there
+        if not of:
+            yield f"{c.signal} never comes in this log."
+        elif count > WORTH_A_WORD * of:
+            most = Quality(int(refused.argmax()))
+            why = CURRENT_REFUSED if (c.quantity, most) == ("current", Quality.STUCK) else REASONS[most]
+            yield f"{c.signal}: {count} of {of} samples are not used, mostly: {why}."

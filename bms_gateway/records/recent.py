@@ -1,4 +1,4 @@
-"""What the gateway heard lately, from its ring on disk into a table: for `export`, and for the workbench."""
+"""The recent signals of the gateway, from its ring on disk into a table: for `export` and for the workbench."""
 
 import re
 from collections.abc import Callable

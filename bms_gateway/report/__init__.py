@@ -1,1 +1,1 @@
-"""Tables in, tables and progress out."""
+"""Results as text, JSON, CSV and HTML; tables of measurements; progress bars."""

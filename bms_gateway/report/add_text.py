@@ -1,4 +1,4 @@
-"""What an added effect did to a model's errors, for people at a terminal, and for programs."""
+"""Effect of an addition on a model's errors, as text for people and as JSON."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -10,11 +10,13 @@ from bms_gateway.diagnose.calibrate import Change, ChannelError
 from bms_gateway.diagnose.candidates import Candidate
 from bms_gateway.diagnose.checks import Finding
 from bms_gateway.diagnose.compare import CoreCheck
+from bms_gateway.diagnose.core_known import KnownCore
 from bms_gateway.diagnose.diagnosis import Errors
+from bms_gateway.diagnose.words import course
+from bms_gateway.report.core_text import NOT_PROVEN, core_document, core_text
 from bms_gateway.report.diagnosis_text import finite, told_aside, warned
 from bms_gateway.report.fit_text import change_document, changes_table
 from bms_gateway.report.show import number, text_table
-from bms_gateway.thermal import Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,15 +27,14 @@ class Side:
     ----------
     errors : Errors
     channels : tuple of ChannelError
-    core_K : ndarray (n,)
-        95 % half width of each cell's core, K.
+    core : KnownCore
     checks : tuple of CoreCheck
         Thermocouples in cores, which no fit has seen.
     """
 
     errors: Errors
     channels: tuple[ChannelError, ...]
-    core_K: Floats
+    core: KnownCore
     checks: tuple[CoreCheck, ...] = ()
 
 
@@ -50,8 +51,8 @@ class AddReport:
     refused, remark : str
     log_odds : float
     before, after : Side
-    tail_K : tuple of float, or None
-        Error in the last part, predicted from the first, before and after: the held-out error where no block was.
+    blocks_K : tuple of float, or None
+        Error on held-out blocks before and after, by fits without them: where the fits that are shown saw them.
     changes : tuple of Change
     sources : tuple of str
     findings, notes : tuple of (source, …)
@@ -66,7 +67,7 @@ class AddReport:
     log_odds: float
     before: Side
     after: Side
-    tail_K: tuple[float, float] | None
+    blocks_K: tuple[float, float] | None
     changes: tuple[Change, ...]
     sources: tuple[str, ...]
     findings: tuple[tuple[str, Finding], ...]
@@ -75,7 +76,15 @@ class AddReport:
     @property
     def held_K(self) -> tuple[float, float]:
         """Error before and after where nothing was fitted."""
-        return self.tail_K or (self.before.errors.heldout_rmse_K, self.after.errors.heldout_rmse_K)
+        return self.blocks_K or (self.before.errors.heldout_rmse_K, self.after.errors.heldout_rmse_K)
+
+    @property
+    def tag(self) -> str:
+        """What became of it, in two or three words."""
+        if not self.written:
+            return "Not added"
+        how = "Added by force" if self.forced else "Added"
+        return how if self.after.core.proven else f"{how}, {NOT_PROVEN}"
 
     @property
     def names(self) -> str:
@@ -107,9 +116,11 @@ def add_document(r: AddReport) -> dict[str, Any]:
             }
             for b, a in zip(r.before.channels, r.after.channels, strict=True)
         ],
+        "core": core_document(r.after.core),
+        "core_before": core_document(r.before.core),
         "core_95_K": {
-            "before": [finite(x) for x in r.before.core_K.tolist()],
-            "after": [finite(x) for x in r.after.core_K.tolist()],
+            "before": [finite(x) for x in r.before.core.half_width_K.tolist()],
+            "after": [finite(x) for x in r.after.core.half_width_K.tolist()],
         },
         "core_measured": [
             {"table": r.sources[b.record], "cell": b.cell, "before": _measured_core(b), "after": _measured_core(a)}
@@ -134,10 +145,11 @@ def add_text(r: AddReport) -> str:
     """Write what the addition did for people: errors, cores, numbers."""
     several = len(r.sources) > 1
     parts = [
-        headline(r),
+        f"{r.tag}. {headline(r)}",
         *warned(r.findings, several),
         _errors(r, several),
         _cores(r),
+        core_text(r.after.core),
         *_core_errors(r, several),
         changes_table(r.changes),
     ]
@@ -151,12 +163,12 @@ def add_text(r: AddReport) -> str:
 
 def headline(r: AddReport) -> str:
     """Say in a sentence what the addition does to the error."""
-    where = "held-out error" if r.tail_K is None else "error in the last 40 %, predicted from the first 60 %,"
+    where = "held-out error"
     before, after = r.held_K
     if np.isnan(after):  # all readings were fitted
         where, before, after = "error", r.before.errors.train_rmse_K, r.after.errors.train_rmse_K
     return (
-        f"With {r.names} the {where} goes from {number(before, 3)} to {number(after, 3)} K; "
+        f"With {r.names} the {where} {course(before, after, lambda x: number(x, 3))}; "
         f"noise alone leaves {number(r.before.errors.noise_floor_K, 3)} K."
     )
 
@@ -182,7 +194,7 @@ def _numbers(*values: float) -> Sequence[str]:
 
 
 def _cores(r: AddReport) -> str:
-    pairs = zip(r.before.core_K.tolist(), r.after.core_K.tolist(), strict=True)
+    pairs = zip(r.before.core.half_width_K.tolist(), r.after.core.half_width_K.tolist(), strict=True)
     rows = [[f"cell {k}", number(b), number(a)] for k, (b, a) in enumerate(pairs, start=1)]
     return text_table(["core, ± 95 % K", "before", "after"], rows)
 

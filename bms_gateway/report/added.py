@@ -6,13 +6,12 @@ from bms_gateway.diagnose.adding import Addition
 from bms_gateway.diagnose.calibrate import changes, channel_errors
 from bms_gateway.diagnose.checks import Finding
 from bms_gateway.diagnose.compare import core_checks
-from bms_gateway.diagnose.core_band import core_bands
+from bms_gateway.diagnose.core_known import KnownCore
 from bms_gateway.diagnose.diagnosis import errors
-from bms_gateway.diagnose.misfit import nearest, sensors
 from bms_gateway.diagnose.record import Record
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.report.add_text import AddReport, Side
-from bms_gateway.thermal import Floats
+from bms_gateway.report.core_text import NOT_PROVEN
 
 
 def added_report(
@@ -37,7 +36,7 @@ def added_report(
     force : bool
         Whether it is written all the same.
     """
-    before, after = (_side(records, *side) for side in zip(addition.seen, addition.core_K, strict=True))
+    before, after = (_side(records, *side) for side in zip(addition.seen, addition.core, strict=True))
     return AddReport(
         out,
         addition.added,
@@ -48,7 +47,7 @@ def added_report(
         addition.log_odds,
         before,
         after,
-        addition.tail_K,
+        addition.held_K,
         changes(addition.after),
         tuple(m.source for m in addition.after.problem.records),
         findings,
@@ -59,9 +58,10 @@ def added_report(
 def heading(report: AddReport, words: Sequence[str]) -> str:
     """Write what stands on top of the model file: what was added, to which data, and whether by force."""
     text = f"{' '.join(words)} added, fitted to {', '.join(report.sources)}"
-    return f"{text}\nadded by force, though: {report.refused}" if report.forced else text
+    if report.forced:
+        text = f"{text}\nadded by force, though: {report.refused}"
+    return text if report.after.core.proven else f"{text}\n{NOT_PROVEN}: see [posterior]"
 
 
-def _side(records: Sequence[Record], fit: MapFit, core_K: Floats) -> Side:
-    bands = core_bands(fit, nearest(sensors(fit), fit.problem.model.cells))
-    return Side(errors(fit), channel_errors(fit), core_K, core_checks(records, fit, bands))
+def _side(records: Sequence[Record], fit: MapFit, core: KnownCore) -> Side:
+    return Side(errors(fit), channel_errors(fit), core, core_checks(records, fit, core.bands))

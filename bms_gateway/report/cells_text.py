@@ -1,4 +1,4 @@
-"""What `fit --cells` found, for people at a terminal, and for programs."""
+"""Results of `fit --cells`, as text for people and as JSON."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

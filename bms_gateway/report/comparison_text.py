@@ -1,4 +1,4 @@
-"""A comparison of measurement and model for people at a terminal, and for programs."""
+"""A comparison of measurement and model, as text for people and as JSON."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -7,13 +7,17 @@ import numpy as np
 
 from bms_gateway.diagnose.checks import Finding
 from bms_gateway.diagnose.compare import Comparison, CoreCheck, Variant
-from bms_gateway.diagnose.core_band import CoreBand
+from bms_gateway.diagnose.core_band import CoreBand, half_width_K, typical_K
 from bms_gateway.diagnose.misfit import Level
 from bms_gateway.diagnose.regimes import Regime
+from bms_gateway.report.core_text import core_document, core_text
 from bms_gateway.report.diagnosis_text import finite, told_aside, warned
 from bms_gateway.report.show import number, text_table
 
-TITLES: Mapping[str, str] = {"filed": "The model as filed", "refitted": "The same model, refitted to these data"}
+TITLES: Mapping[str, str] = {
+    "filed": "The model with the parameters from its file",
+    "refitted": "The same model, refitted to these data",
+}
 LEAST_SHARE = 0.05
 """Share of the excess from which a regime is listed."""
 
@@ -26,6 +30,7 @@ def comparison_document(
         "tables": list(c.sources),
         "filed": _variant(c.filed),
         "refitted": _variant(c.refitted),
+        "core": core_document(c.core),
         "checks": [{"table": s, "kind": f.kind, "severity": f.severity, "sentence": f.sentence} for s, f in findings],
         "notes": [{"table": s, "note": text} for s, text in notes],
     }
@@ -67,7 +72,13 @@ def _variant(v: Variant) -> dict[str, Any]:
             for b in v.blocks
         ],
         "core": [
-            {"table": b.record, "max_C": _column(b.T_c.max(axis=0)), "sd_K": _column(b.total_K.max(axis=0))}
+            {
+                "table": b.record,
+                "max_C": _column(b.T_c.max(axis=0)),
+                "sd_K": _column(typical_K([x.total_K for x in v.cores])),
+                "centre_max_C": _column(b.T_centre.max(axis=0)),
+                "centre_sd_K": _column(typical_K([x.centre_sd_K for x in v.cores])),
+            }
             for b in v.cores
         ],
         "core_measured": [_core(x) for x in v.core_checks],
@@ -113,6 +124,7 @@ def comparison_text(c: Comparison, findings: Sequence[tuple[str, Finding]], note
     """Write a comparison for people: what was found, per sensor, per regime, and the cores."""
     several = len(c.sources) > 1
     parts = [*warned(findings, several), *(_variant_text(v, several) for v in (c.filed, c.refitted))]
+    parts.append(core_text(c.core))
     parts += told_aside(findings, notes, several)
     return "\n\n".join(parts)
 
@@ -154,13 +166,12 @@ def _floor(level: Level) -> str:
 
 
 def _cores(bands: Sequence[CoreBand], several: bool) -> str:
-    rows = []
+    rows, half = [], half_width_K(bands)
     for b in bands:
         for k in range(b.T_c.shape[1]):
-            hottest = int(np.argmax(b.T_c[:, k]))
             where = ([str(b.record + 1)] if several else []) + [f"cell {k + 1}"]
-            rows.append([*where, number(b.T_c[hottest, k]), number(1.96 * b.total_K[hottest, k])])
-    headers = (["record"] if several else []) + ["core", "hottest °C", "± 95 % K"]
+            rows.append([*where, number(b.T_c[:, k].max()), number(half[k]), number(b.T_centre[:, k].max())])
+    headers = (["record"] if several else []) + ["core", "hottest °C", "± 95 % K", "its centre °C"]
     return text_table(headers, rows, left=2 if several else 1)
 
 

@@ -1,24 +1,26 @@
-"""What `analyze` leaves in its folder: estimates, parameters, events and the summary, written as they come."""
+"""The files that `analyze` writes: estimates, parameters, events, alerts and the summary."""
 
 import csv
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
+from itertools import chain
 from pathlib import Path
 from shutil import rmtree
 from tempfile import mkdtemp
-from types import TracebackType
+from types import MappingProxyType, TracebackType
 from typing import Any, Self, TextIO
 
 import numpy as np
 
-from bms_gateway.engine.events import Cells, Estimated, Event, Notice, Parameters
+from bms_gateway.engine.events import Alerted, Cells, Estimated, Event, Notice, Parameters
 from bms_gateway.errors import UsageError
 from bms_gateway.frames.quality import Quality
 from bms_gateway.identify import Estimate
 from bms_gateway.thermal import KINDS
+from bms_gateway.thermal.centre import hottest_of
 
-ESTIMATES = "time_s,string,cell,core_C,core_sd_K,surface_C,quality"
+ESTIMATES = "time_s,string,cell,core_C,core_sd_K,surface_C,quality,centre_C,centre_sd_K,heat_W,heat_sd_W"
 PARAMETERS = "time_s,string,name,value,sd,unit,status"
 
 _QUALITY = {int(q): q.name.lower() for q in Quality}
@@ -39,22 +41,33 @@ def seconds(time_ns: int) -> str:
 
 @dataclass(slots=True)
 class StringSummary:
-    """What the summary says of one string."""
+    """What the summary says of one string.
+
+    Attributes
+    ----------
+    max_core_C : float or None
+        Highest core, the mean of a roll, of the run.
+    hottest : dict or None
+        Cell and time at which a hottest point was hottest, with its core there: cell, core_C, core_sd_K, centre_C,
+        time_s.
+    """
 
     cells: int = 0
     max_core_C: float | None = None
+    hottest: dict[str, float] | None = None
     resistance_growth_pct: float | None = None
     flags: list[str] = field(default_factory=list)
 
 
-FILES = ("estimates.csv", "parameters.csv", "events.jsonl", "broadcast.log", "summary.json")
+NO_SIGNALS: Mapping[str, Mapping[str, Any]] = MappingProxyType({})
+FILES = ("estimates.csv", "parameters.csv", "events.jsonl", "alerts.jsonl", "broadcast.log", "summary.json")
 
 
 class ResultFolder:
     """Writes the events of a run into a folder; a context manager.
 
-    Everything is written beside its place and put there when the run has ended well: a run that fails leaves the
-    results of the one before as they were.
+    All files are written under temporary names, and get their own names when the run has ended well. A run that fails
+    leaves the results of the earlier run unchanged.
 
     Parameters
     ----------
@@ -87,6 +100,7 @@ class ResultFolder:
         self._estimates = self._open("estimates.csv")
         self._parameters = self._open("parameters.csv")
         self._events = self._open("events.jsonl")
+        self._alerts = self._open("alerts.jsonl")
         self._estimates.write(ESTIMATES + "\n")
         self._parameters.write(PARAMETERS + "\n")
         self._parameter_rows = csv.writer(self._parameters, lineterminator="\n")
@@ -96,7 +110,7 @@ class ResultFolder:
         return self._part / name
 
     def write(self, event: Event) -> None:
-        """Write one event; frames to send and jobs are none of this folder's business."""
+        """Write one event; frames to send and jobs are not written here."""
         if isinstance(event, Estimated):
             for cells in event.strings():
                 self._write_estimates(cells)
@@ -104,9 +118,17 @@ class ResultFolder:
             self._write_parameters(event)
         elif isinstance(event, Notice):
             self._events.write(json.dumps(notice_json(event), ensure_ascii=False) + "\n")
+        elif isinstance(event, Alerted):
+            self._alerts.write(json.dumps(alert_json(event), ensure_ascii=False) + "\n")
 
     def write_summary(
-        self, *, frames: int, duration_s: float, dropped: int, rejected: Mapping[str, int]
+        self,
+        *,
+        frames: int,
+        duration_s: float,
+        dropped: int,
+        rejected: Mapping[str, int],
+        signals: Mapping[str, Mapping[str, Any]] = NO_SIGNALS,
     ) -> dict[str, Any]:
         """Write `summary.json` from what was gathered and these counts; returns it."""
         document = {
@@ -115,6 +137,7 @@ class ResultFolder:
             "strings": {name: asdict(s) for name, s in self.strings.items()},
             "dropped": dropped,
             "rejected": dict(sorted(rejected.items())),
+            "signals": dict(signals),
         }
         with self._open("summary.json") as f:
             f.write(json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
@@ -127,7 +150,7 @@ class ResultFolder:
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Put the files in their places, or, after an exception, away."""
-        for f in (self._estimates, self._parameters, self._events):
+        for f in (self._estimates, self._parameters, self._events, self._alerts):
             f.close()
         if kind is None:
             for file in sorted(self._part.iterdir()):
@@ -142,18 +165,34 @@ class ResultFolder:
     def _write_estimates(self, e: Cells) -> None:
         n = len(e.core)
         if e.string not in self._rows:
-            self._rows[e.string] = ("%.3f,%.3f,%.3f\n" * n, [f",{e.string},{k + 1}," for k in range(n)])
+            self._rows[e.string] = (
+                "%.3f,%.3f,%.3f,%s,%.3f,%.3f,%.3g,%.3g\n" * n,
+                [f",{e.string},{k + 1}," for k in range(n)],
+            )
         form, heads = self._rows[e.string]
-        numbers = form % tuple(np.column_stack([e.core, e.core_sd, e.surface]).ravel().tolist())
-        lines = numbers.replace("nan", "").split("\n")
+        own = [x.tolist() for x in (e.core, e.core_sd, e.surface, e.centre, e.centre_sd, e.heat, e.heat_sd)]
+        columns = *own[:3], [_QUALITY[q] for q in e.quality.tolist()], *own[3:]
+        rows = form % tuple(chain.from_iterable(zip(*columns, strict=True)))
         at = seconds(e.time_ns)
-        self._estimates.writelines(
-            f"{at}{head}{line},{_QUALITY[q]}\n" for head, line, q in zip(heads, lines, e.quality.tolist(), strict=False)
-        )
+        lines = rows.replace("nan", "").splitlines()
+        self._estimates.writelines(f"{at}{head}{line}\n" for head, line in zip(heads, lines, strict=True))
+        self._sum_up(e, at)
+
+    def _sum_up(self, e: Cells, at: str) -> None:
         summary = self.strings[e.string]
         hottest = float(np.fmax.reduce(e.core))
         if hottest == hottest and (summary.max_core_C is None or hottest > summary.max_core_C):
             summary.max_core_C = hottest
+        k = hottest_of(e.centre)
+        if k is not None and (summary.hottest is None or e.centre[k] > summary.hottest["centre_C"]):
+            core, core_sd, centre = (float(x[k]) for x in (e.core, e.core_sd, e.centre))
+            summary.hottest = {
+                "cell": k + 1,
+                "core_C": core,
+                "core_sd_K": core_sd,
+                "centre_C": centre,
+                "time_s": float(at),
+            }
 
     def _write_parameters(self, e: Parameters) -> None:
         at = seconds(e.time_ns)
@@ -182,6 +221,21 @@ def notice_json(e: Notice) -> dict[str, Any]:
         "string": e.string,
         "cell": e.cell,
         "text": e.text,
+    }
+
+
+def alert_json(e: Alerted) -> dict[str, Any]:
+    """One line of `alerts.jsonl`."""
+    c = e.change.condition
+    return {
+        "time_s": e.time_ns / 1e9,
+        "state": e.change.state,
+        "name": c.name,
+        "severity": c.severity.name.lower(),
+        "string": c.string,
+        "cell": c.cell,
+        "text": c.text,
+        **c.facts,
     }
 
 

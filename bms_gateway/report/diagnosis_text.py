@@ -1,4 +1,4 @@
-"""A diagnosis for people at a terminal, and for programs: the same content as the page that `--html` writes."""
+"""A diagnosis as text for people and as JSON, with the same content as the page of `--html`."""
 
 import math
 import textwrap
@@ -7,8 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from bms_gateway.diagnose.checks import Finding
+from bms_gateway.diagnose.core_known import KnownCore
 from bms_gateway.diagnose.diagnosis import Diagnosis, Errors, Number, Selected
 from bms_gateway.diagnose.standing import Standing
+from bms_gateway.report.core_text import core_document, core_text
 from bms_gateway.report.show import number, text_table
 
 BAR = 12
@@ -40,6 +42,8 @@ class Told:
         What these records could show at all, a line each.
     ranking : tuple of Standing
         Everything that was weighed.
+    core : KnownCore or None
+        Of the model as it is; None where nothing can be learnt from the records.
     """
 
     diagnosis: Diagnosis | None
@@ -51,6 +55,7 @@ class Told:
     next_experiment: str | None = None
     card: tuple[str, ...] = ()
     ranking: tuple[Standing, ...] = ()
+    core: KnownCore | None = None
 
 
 def diagnosis_document(told: Told) -> dict[str, Any]:
@@ -72,6 +77,7 @@ def diagnosis_document(told: Told) -> dict[str, Any]:
         },
         "absorbed": list(told.absorbed),
         "next_experiment": told.next_experiment,
+        "core": core_document(told.core, told.sentence),
         "sentence": told.sentence,
         "looks_like": list(d.looks_like) if d else [],
         "core_doubts": list(d.alarms) if d else [],
@@ -150,8 +156,12 @@ def diagnosis_text(told: Told) -> str:
         # with one effect the sentence has said it
         tied = {x.candidate.name: x.tied_with for x in d.selected if x.tied_with and len(d.selected) > 1}
         parts += [f"These readings cannot tell {name} from {', '.join(others)}." for name, others in tied.items()]
+    if told.core is not None:
+        parts.append(core_text(told.core))
     if told.absorbed:
-        parts.append(_listed("Swallowed by a parameter of the model, so never missing:", told.absorbed))
+        parts.append(
+            _listed("Absorbed by a parameter of the model, and therefore not a missing effect:", told.absorbed)
+        )
     if told.next_experiment:
         parts.append(f"Next: {told.next_experiment}")
     if told.card:
@@ -161,7 +171,7 @@ def diagnosis_text(told: Told) -> str:
 
 
 def warned(findings: Sequence[tuple[str, Finding]], several: bool) -> Iterator[str]:
-    """Write what casts doubt on the data themselves: it comes before anything that is concluded from them."""
+    """Write the doubts about the data themselves; they come before all conclusions from the data."""
     lines = [(f"{source}: " if several else "") + f.sentence for source, f in findings if f.severity == "warn"]
     if lines:
         yield _listed("Look at the data first:", lines)

@@ -1,4 +1,4 @@
-"""From records to all that a diagnosis tells: checks, verdict, what is absorbed, what to measure next."""
+"""From records to a complete diagnosis: checks, verdict, what the parameters absorb, what to measure next."""
 
 from collections.abc import Sequence
 
@@ -6,6 +6,7 @@ import numpy as np
 
 from bms_gateway.diagnose.candidates import candidates
 from bms_gateway.diagnose.checks import Finding, check_record
+from bms_gateway.diagnose.core_known import known_core
 from bms_gateway.diagnose.detect import Card, detectability
 from bms_gateway.diagnose.diagnosis import Diagnosis, diagnose
 from bms_gateway.diagnose.experiment import Experiment, next_experiment
@@ -61,16 +62,22 @@ def examine(model: StringModel, records: Sequence[Record], progress: Progress | 
     """
     findings, notes = findings_and_notes(model, records)
     sources = tuple(r.source for r in records)
-    stopped = {source for source, f in findings if f.severity == "stop"}
-    usable = [r for r in records if r.source not in stopped]
-    if not usable:
+    some = usable(records, findings)
+    if not some:
         why = " ".join(dict.fromkeys(f.sentence for _, f in findings if f.severity == "stop"))
         return Told(None, f"Nothing can be said from these data. {why}", sources, findings, notes)
-    d = diagnose(model.unfitted, usable, progress=progress)
+    d = diagnose(model.unfitted, some, progress=progress)
     card = card_of(d.search.baseline)
     absorbed = (*card.absorbed.sentences, *(c.sentence for c in card.absorbed.combinations))
     shown = tuple(s for s in card.sentences if s not in card.absorbed.sentences)
-    return Told(d, d.sentence, sources, findings, notes, absorbed, _next(d), shown, ranking(d))
+    core = known_core(model, some, rounds=d.search.asked)
+    return Told(d, d.sentence, sources, findings, notes, absorbed, _next(d), shown, ranking(d), core)
+
+
+def usable(records: Sequence[Record], findings: Sequence[tuple[str, Finding]]) -> list[Record]:
+    """Leave out the records of which nothing can be learnt."""
+    stopped = {source for source, f in findings if f.severity == "stop"}
+    return [r for r in records if r.source not in stopped]
 
 
 def card_of(fit: MapFit) -> Card:

@@ -1,4 +1,4 @@
-"""What a fit made of a model, for people at a terminal, and for programs."""
+"""Results of a fit, as text for people and as JSON."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,8 +8,10 @@ import numpy as np
 
 from bms_gateway.diagnose.calibrate import Change, ChannelError
 from bms_gateway.diagnose.checks import Finding
+from bms_gateway.diagnose.core_known import KnownCore
 from bms_gateway.diagnose.detect import Combination
 from bms_gateway.diagnose.diagnosis import Errors
+from bms_gateway.report.core_text import core_document, core_text
 from bms_gateway.report.diagnosis_text import finite, told_aside, warned, with_sd
 from bms_gateway.report.show import number, text_table
 
@@ -36,6 +38,8 @@ class FitReport:
     model_error_K : float
         How far the model errs by itself; 0 where it explains the readings.
     findings, notes : tuple of (source, …)
+    core : KnownCore
+        Of the fitted model.
     """
 
     out: str
@@ -48,6 +52,7 @@ class FitReport:
     model_error_K: float
     findings: tuple[tuple[str, Finding], ...]
     notes: tuple[tuple[str, str], ...]
+    core: KnownCore
 
     @property
     def holds(self) -> bool:
@@ -67,6 +72,7 @@ def fit_document(r: FitReport) -> dict[str, Any]:
         "train_rmse_K": finite(r.errors.train_rmse_K),
         "heldout_rmse_K": finite(r.errors.heldout_rmse_K),
         "noise_floor_K": finite(r.errors.noise_floor_K),
+        "core": core_document(r.core),
         "model_error_K": finite(r.model_error_K),
         "sensors": [
             {
@@ -108,6 +114,7 @@ def fit_text(r: FitReport) -> str:
     if r.products:
         parts.append("\n".join(p.sentence for p in r.products))
     parts.append(_errors(r.channels, several))
+    parts.append(core_text(r.core))
     if several:
         parts.append(
             "Each record has its own cooling; the model file holds the geometric mean of R_u, and a sd for it "
@@ -123,7 +130,9 @@ def _headline(r: FitReport) -> str:
     text = f"The error is {e.train_rmse_K:.3g} K{held}; noise alone leaves {e.noise_floor_K:.3g} K."
     if r.holds:
         return f"{text} The fitted model explains these readings."
-    return f"{text} These readings hold more than this model can say: compare shows where, diagnose what is missing."
+    return (
+        f"{text} The fitted model does not explain these readings: compare shows where, diagnose names what is missing."
+    )
 
 
 def changes_table(changes: Sequence[Change]) -> str:

@@ -1,8 +1,8 @@
 """`--html`: a comparison, a diagnosis or an addition as one page, in the order in which an engineer asks.
 
-What is wrong, how sure is that, how good does it get; then where and when, what else it might be, what to measure next;
-last what the data themselves look like. The same content as the text on the terminal, and the numbers of the same
-objects.
+The page begins with what is wrong, how sure that is, and how much better the model becomes. Then it shows where and
+when, other explanations, and what to measure next. Last come the data themselves. The content is that of the text on
+the terminal, with the numbers of the same objects.
 """
 
 from collections.abc import Iterable, Sequence
@@ -11,15 +11,16 @@ from html import escape
 from pathlib import Path
 
 from bms_gateway.diagnose.adding import Addition
-from bms_gateway.diagnose.adding_bench import core_before_and_after
 from bms_gateway.diagnose.candidates import Candidate
 from bms_gateway.diagnose.checks import Finding
 from bms_gateway.diagnose.compare import Comparison, CoreCheck, Variant
+from bms_gateway.diagnose.core_known import KnownCore
 from bms_gateway.diagnose.detect import Card
 from bms_gateway.diagnose.experiment import Experiment
 from bms_gateway.diagnose.latent import Latent
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.report.add_text import AddReport, headline
+from bms_gateway.report.core_text import core_sentence
 from bms_gateway.report.diagnosis_text import Told
 from bms_gateway.report.html_evidence import evidence, missing_heat, summary
 from bms_gateway.report.html_ranking import detectability_table, experiment_table, ranking_table
@@ -82,12 +83,13 @@ class Aside:
 
 
 def write_comparison(path: Path, comparison: Comparison, aside: Aside) -> None:
-    """Write a comparison as a page, the model as filed and refitted; raises what `write_page` does."""
+    """Write a comparison as a page: the model from its file, and refitted. Raises what `write_page` raises."""
     filed, now = comparison.filed, comparison.refitted
-    models = [_variant("as filed", filed), _variant("refitted", now)]
-    head = f'<p class="verdict">{escape(filed.findings[0])}</p>' + aside.doubts + summary(models)
+    models = [_variant("from its file", filed), _variant("refitted", now)]
+    head = f'<p class="verdict">{escape(filed.findings[0])}</p>{core_html(comparison.core)}'
+    head += aside.doubts + summary(models)
     said = [
-        "<h3>The model as filed</h3>",
+        "<h3>The model with the parameters from its file</h3>",
         items(filed.findings),
         "<h3>Refitted to these data</h3>",
         items(now.findings),
@@ -111,6 +113,7 @@ def write_diagnosis(
     experiment: Experiment | None = None,
     card: Card | None = None,
     command: str = "",
+    cores: Sequence[KnownCore] = (),
     title: str = "Which effect is the model missing?",
 ) -> None:
     """Write a diagnosis as a page.
@@ -130,6 +133,8 @@ def write_diagnosis(
         Adds the smallest size of each effect that these data could show.
     command : str
         Command line that makes the page again.
+    cores : sequence of KnownCore, optional
+        Of the model as it is and with what is missing, as `adding.cores_with_named` gives them.
     title : str
 
     Raises
@@ -142,17 +147,16 @@ def write_diagnosis(
     verdict = d.verdict if d else "insufficient_data"
     tag = VERDICTS[verdict] + (", and something unknown remains" if d and d.unknown_remains and d.selected else "")
     head = f'<p><span class="tag {verdict}">{escape(tag)}</span></p><p class="verdict">{escape(told.sentence)}</p>'
-    head += aside.doubts
+    head += (core_html(told.core) if told.core else "") + aside.doubts
     sections: list[str] = []
     if d is not None:
         before, after = d.fits
-        models = [shown(AS_IT_IS, before)]
+        known = cores or ([told.core] if told.core else [])
+        bands = [*(c.bands for c in known), (), ()]
+        models = [shown(AS_IT_IS, before, bands[0])]
         if d.selected:
-            models.append(shown("with " + " and ".join(s.candidate.key for s in d.selected), after))
-        if d.second is not None and d.decided_by_second:  # knows more of cores than its fits say
-            half = core_before_and_after(d.second, d.second.best)
-            models = [m.with_cores(h) for m, h in zip(models, half, strict=False)]
-        head += summary(models, tail=(d.baseline.heldout_rmse_K, d.after.heldout_rmse_K))
+            models.append(shown("with " + " and ".join(s.candidate.key for s in d.selected), after, bands[1]))
+        head += summary(models, blocks=(d.baseline.heldout_rmse_K, d.after.heldout_rmse_K))
         where = items(comparison.refitted.findings) if comparison else ""
         tied = [t for s in d.selected for t in s.tied_with]
         sections = [
@@ -197,11 +201,9 @@ def write_addition(path: Path, report: AddReport, addition: Addition, command: s
     aside = Aside(report.sources, report.findings, report.notes, command)
     names = (AS_IT_IS, f"with {report.names}")
     models = [
-        shown(name, seen).with_cores(half_K)
-        for name, seen, half_K in zip(names, addition.seen, addition.core_K, strict=True)
+        shown(name, seen, core.bands) for name, seen, core in zip(names, addition.seen, addition.core, strict=True)
     ]
-    tag, kind = ("Added", "added") if report.written and not report.forced else ("Not added", "refused")
-    tag = "Added by force" if report.forced else tag
+    kind = "added" if report.written and not report.forced and report.after.core.proven else "refused"
     against = [f"{'Added by force, though' if report.forced else 'Not added'}: {report.refused}."]
     sections = [
         section("missing", "What was added" if report.written else "What was tried", _effects(addition.added, ())),
@@ -210,10 +212,18 @@ def write_addition(path: Path, report: AddReport, addition: Addition, command: s
         section("parameters", f"Parameters, {models[-1].name}", parameters_table(addition.after)),
         *aside.sections,
     ]
-    head = f'<p><span class="tag {kind}">{tag}</span></p><p class="verdict">{escape(headline(report))}</p>'
+    head = (
+        f'<p><span class="tag {kind}">{escape(report.tag)}</span></p><p class="verdict">{escape(headline(report))}</p>'
+    )
+    head += core_html(report.after.core)
     head += items([*(against if report.refused else []), *([report.remark] if report.remark else [])])
-    head += aside.doubts + summary(models, addition.after, tail=report.tail_K)
+    head += aside.doubts + summary(models, addition.after, blocks=report.blocks_K)
     write_page(path, "Model with an effect added", head, sections)
+
+
+def core_html(core: KnownCore) -> str:
+    """Say how well the cores are known, and what speaks against them."""
+    return paragraph(core_sentence(core)) + items(core.why)
 
 
 def _variant(name: str, v: Variant) -> Shown:

@@ -1,4 +1,4 @@
-"""What every report shows of models against readings: the cards on top, errors, overlays, regimes, cores."""
+"""The common part of all reports, models against readings: the cards on top, errors, overlays, regimes, cores."""
 
 from collections.abc import Sequence
 from html import escape
@@ -31,16 +31,16 @@ KEY = (
 """What the legends of the overlays do not say."""
 
 
-def summary(models: Sequence[Shown], numbers: MapFit | None = None, tail: tuple[float, float] | None = None) -> str:
-    """Four numbers: errors against the noise, fitted and held out; the core; what cannot be known.
+def summary(models: Sequence[Shown], numbers: MapFit | None = None, blocks: tuple[float, float] | None = None) -> str:
+    """Make four cards: errors against the noise, fitted and held out; the core; what is not identifiable.
 
     Parameters
     ----------
     models : sequence of Shown
     numbers : MapFit, optional
         Whose numbers are told; the last model's where left out.
-    tail : tuple of float, optional
-        Errors in the last part, predicted from the first, K: where all readings were fitted.
+    blocks : tuple of float, optional
+        Errors on held-out blocks by fits without them, K: where the models shown were fitted to all readings.
     """
     last_fit = numbers or models[-1].fit
     levels = [m.levels for m in models]
@@ -50,16 +50,16 @@ def summary(models: Sequence[Shown], numbers: MapFit | None = None, tail: tuple[
     if held.readings:
         line = f"noise alone {amount(held.floor_K)} K; {amount(held.ratio, 2)} × the noise"
         found.append(Card("Error on held-out blocks", _arrow([number(x.rmse_K, 3) for _, x in levels]), line))
-    elif tail:
-        line = "last 40 %, from a fit to the first 60 %"
-        found.append(Card("Error where predicted", _arrow([number(x, 3) for x in tail[: len(models)]]), line))
+    elif blocks:
+        line = "from fits without these blocks"
+        found.append(Card("Error on held-out blocks", _arrow([number(x, 3) for x in blocks[: len(models)]]), line))
     half = [m.worst_core for m in models]
     found.append(
-        Card("Core, 95 % band", "±" + _arrow([amount(h, 2) for h, _ in half]), f"cell {half[-1][1]}, at its worst")
+        Card("Core, 95 % band", "±" + _arrow([number(h) for h, _ in half]), f"cell {half[-1][1]}, known least")
     )
     lost, stuck = unlearnt(last_fit), at_limits(last_fit)
-    line = "stays where it was known before" if lost else "the data tell every free parameter"
-    line = f"not believed, at its limit: {', '.join(stuck)}" if stuck else line
+    line = "these parameters stay at their prior" if lost else "the data determine every free parameter"
+    line = f"at a limit, so not used: {', '.join(stuck)}" if stuck else line
     found.append(Card("Not identifiable", ", ".join(lost) or "nothing", line))
     return cards(found)
 

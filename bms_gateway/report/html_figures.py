@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from bms_gateway.diagnose.core_band import CoreBand
+from bms_gateway.diagnose.core_band import BAND_SD, CoreBand
 from bms_gateway.diagnose.latent import Latent
 from bms_gateway.diagnose.regimes import instants_of
 from bms_gateway.identify.coordinates import Measured
-from bms_gateway.report.html_series import BAND_SD, Clock, Trace, broken, envelope, held_out, numbers, smooth
+from bms_gateway.report.html_series import Clock, Trace, broken, envelope, held_out, numbers, smooth
 from bms_gateway.report.page import Figure
 from bms_gateway.thermal import Floats
 
@@ -153,7 +153,7 @@ def drive(m: Measured, clock: Clock, points: int) -> Figure:
     u = m.drive
     rows = [("current, A", u.I, BLACK), ("inlet, °C", u.T_in, BLUE)]
     if "soc" in u.known:
-        rows.append(("charge, %", 100.0 * u.soc, GREEN))
+        rows.append(("state of charge (SOC), %", 100.0 * u.soc, GREEN))
     if "flow" in u.known and float(np.ptp(u.flow)) > FLOW_MOVES:
         rows.append(("flow, %", 100.0 * u.flow, PURPLE))
     data, axes = [], {}

@@ -1,11 +1,11 @@
-"""Long series as a page can carry them: few points that hide nothing, gaps left open, time in a unit people read."""
+"""Long series for a page: few points that hide no excursion, open gaps, and time in a readable unit."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from bms_gateway.diagnose.core_band import CoreBand, core_bands
+from bms_gateway.diagnose.core_band import CoreBand, core_bands, half_width_K
 from bms_gateway.diagnose.misfit import Level, Sensor, level, nearest, sensors
 from bms_gateway.diagnose.regimes import instants_of, seconds_of
 from bms_gateway.identify.coordinates import Measured
@@ -18,8 +18,6 @@ ALL_POINTS = 60_000
 """Of the readings' traces of a page together, three quarters of a megabyte: a dozen sensors get fewer points each."""
 SMOOTH_S = 60.0
 """Time over which a residual is averaged for the eye: core and surface exchange heat in tens of seconds."""
-BAND_SD = 1.96
-"""Half width of a 95 % band."""
 HOURS_FROM_S = 3.0 * 3600.0
 
 
@@ -47,23 +45,17 @@ class Shown:
         y, sigma, _, _, used = stacked(self.fit.problem)
         return level(y - self.fit.y, sigma, used), level(y - self.fit.y, sigma, ~used)
 
-    def with_cores(self, half_K: Floats) -> "Shown":
-        """Give the cores' bands these half widths (n,), root mean squares over all records, K."""
-        own = BAND_SD * np.sqrt(np.mean(np.concatenate([b.total_K for b in self.cores]) ** 2, axis=0))
-        scaled = [replace(b, sd_K=b.total_K * half_K / own, remainder_K=0.0 * b.remainder_K) for b in self.cores]
-        return replace(self, cores=tuple(scaled))
-
     @property
     def worst_core(self) -> tuple[float, int]:
         """Widest 95 % half width of a core, K, and its cell."""
-        half = np.max(np.stack([BAND_SD * b.total_K.max(axis=0) for b in self.cores]), axis=0)
+        half = half_width_K(self.cores)
         return float(half.max()), int(np.argmax(half)) + 1
 
 
-def shown(name: str, fit: MapFit) -> Shown:
-    """Look at a fit as a page shows it."""
+def shown(name: str, fit: MapFit, cores: Sequence[CoreBand] = ()) -> Shown:
+    """Look at a fit as a page shows it; with the cores as they are known, where that is worked out already."""
     found = sensors(fit)
-    return Shown(name, fit, found, core_bands(fit, nearest(found, fit.problem.model.cells)))
+    return Shown(name, fit, found, tuple(cores) or core_bands(fit, nearest(found, fit.problem.model.cells)))
 
 
 @dataclass(frozen=True, slots=True)

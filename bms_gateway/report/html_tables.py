@@ -5,17 +5,19 @@ from html import escape
 
 import numpy as np
 
+from bms_gateway.diagnose.calibrate import AT_BOUND, UNIDENTIFIABLE, statuses
 from bms_gateway.diagnose.compare import CoreCheck
-from bms_gateway.diagnose.core_band import at_times
-from bms_gateway.diagnose.detect import FIRM, LEARNT
+from bms_gateway.diagnose.core_band import BAND_SD, at_times, half_width_K, posterior
 from bms_gateway.diagnose.misfit import Level, Sensor
 from bms_gateway.diagnose.regimes import Bin, Regime
 from bms_gateway.identify.coordinates import Coordinate
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.report.diagnosis_text import with_sd
-from bms_gateway.report.html_series import BAND_SD, Shown
+from bms_gateway.report.html_series import Shown
 from bms_gateway.report.page import amount, grouped, table
+from bms_gateway.report.show import number
 from bms_gateway.thermal import KINDS
+from bms_gateway.thermal.centre import probe_lever
 from bms_gateway.thermal.effects import effect_named
 
 UNITS = {"mOhm": "mΩ", "Ohm": "Ω", "degC": "°C", "1": ""}
@@ -50,7 +52,7 @@ def errors_table(models: Sequence[Shown]) -> str:
         rows.append(row)
     note = "Root mean squares of reading minus model. Noise: what sensor noise and rounding alone leave. "
     note += "Held-out: blocks that were never fitted to. " if held else ""
-    note += "Structured: the part that is alike from reading to reading; above z = 6 it is no chance."
+    note += "Structured: the part that is alike from reading to reading; above z = 6 it is not chance."
     return grouped(groups, rows, caption=note)
 
 
@@ -69,17 +71,17 @@ def _levels(trained: Level, held: Level) -> list[str]:
 def cores_table(models: Sequence[Shown]) -> str:
     """Hottest core of each cell with its 95 % band."""
     several = len(models[0].cores) > 1
-    columns = ("hottest, °C", "± 95 % there, K", "± 95 % at worst, K")
+    columns = ("hottest, °C", "± 95 % there, K", "± 95 %, K")
+    half = [half_width_K(m.cores) for m in models]
     groups = [("", ["core"]), *((m.name, columns) for m in models)]
     rows = []
     for r, band in enumerate(models[0].cores):
         for k in range(band.T_c.shape[1]):
             row = [f"cell {k + 1}" + (f", record {r + 1}" if several else "")]
-            for m in models:
+            for m, of in zip(models, half, strict=True):
                 b = m.cores[r]
                 at = int(np.argmax(b.T_c[:, k]))
-                half = BAND_SD * b.total_K[:, k]
-                row += [f"{b.T_c[at, k]:.2f}", amount(half[at], 2), amount(half.max(), 2)]
+                row += [f"{b.T_c[at, k]:.2f}", number(BAND_SD * b.total_K[at, k]), number(of[k])]
             rows.append(row)
     return grouped(groups, rows)
 
@@ -93,30 +95,30 @@ def thermocouples_table(models: Sequence[Shown], checks: Sequence[CoreCheck]) ->
     for c in checks:
         row = [f"cell {c.cell}" + (f", record {c.record + 1}" if len(models[0].cores) > 1 else "")]
         for m in models:
-            T_c, sd = at_times(m.cores[c.record], c.cell, c.time_s)
-            error = c.measured - T_c
+            read, sd = at_times(m.cores[c.record], c.cell, c.time_s, probe_lever(m.fit.problem.model))
+            error = c.measured - read
             inside = np.mean(np.abs(error) <= BAND_SD * np.maximum(sd, 1e-9))
             row += [amount(float(np.sqrt(np.mean(error**2)))), amount(float(np.mean(error))), f"{100 * inside:.0f} %"]
         rows.append(row)
-    return grouped(groups, rows, caption="Mean: thermocouple minus model. It was never fitted to.")
+    return grouped(
+        groups, rows, caption="Mean: thermocouple minus model, where it is said to sit. It was never fitted to."
+    )
 
 
 def unlearnt(fit: MapFit) -> list[str]:
-    """Names of the numbers that the records left about where their prior had them."""
-    return [c.name for c, _, sd in _free(fit) if sd > LEARNT * c.sd and not _start(c) and not _firm(c)]
+    """Names of the numbers that the records do not tell."""
+    return [c.name for c, _, _, status in _free(fit) if status.startswith(UNIDENTIFIABLE)]
 
 
 def at_limits(fit: MapFit) -> list[str]:
     """Names of the numbers that ended on a limit: an alarm, not an answer."""
-    return [c.name for c, _, _ in _free(fit) if not _start(c) and fit.at_bound(c.name)]
+    return [c.name for c, _, _, status in _free(fit) if status == AT_BOUND]
 
 
 def parameters_table(fit: MapFit) -> str:
     """Numbers of a fit with sd, prior, limits, and what is to be thought of them."""
     rows = []
-    for c, z, sd in _free(fit):
-        if _start(c):
-            continue
+    for c, z, sd, status in _free(fit):
         name, _, record = c.name.partition("@")
         if c.effect is None:
             kind, prior = KINDS[name], np.asarray(fit.problem.model.priors[name].value)
@@ -132,13 +134,8 @@ def parameters_table(fit: MapFit) -> str:
             before = f"{amount(middle)} ± " + (f"{100 * c.sd:.0f} %" if p.log else amount(c.sd / p.to_si))
             limits = (log(c.lower) / p.to_si, log(c.upper) / p.to_si)
             u, what = unit(p.unit), f"{c.effect}: {p.description}"
-        told = "at its limit: not believed" if fit.at_bound(c.name) else ""
-        if not told and sd <= LEARNT * c.sd:
-            state = "identified"
-        elif not told and _firm(c):
-            state = "known beforehand"
-        else:
-            state = f'<span class="alarm">{told or "not identifiable"}</span>'
+        kept = not status.startswith((UNIDENTIFIABLE, AT_BOUND))
+        state = escape(status) if kept else f'<span class="alarm">{escape(status)}</span>'
         which = f" (record {record})" if record else ""
         label = f"{escape(name)} <span class='muted'>{escape(what)}{which}</span>"
         rows.append(
@@ -154,18 +151,11 @@ def parameters_table(fit: MapFit) -> str:
     return table(["number", "value ± sd", "unit", "known before", "limits", "state"], rows, words=(0, 2, 5))
 
 
-def _free(fit: MapFit) -> list[tuple[Coordinate, float, float]]:
-    sd = np.sqrt(np.diag(fit.covariance))
-    return [(c, float(z), float(s)) for c, z, s in zip(fit.problem.coordinates, fit.theta, sd, strict=True)]
-
-
-def _firm(c: Coordinate) -> bool:
-    """Whether the model file knows a parameter so well that a record need not tell it."""
-    return c.effect is None and c.sd <= FIRM
-
-
-def _start(c: Coordinate) -> bool:
-    return c.effect is None and c.name.startswith(("T_c0", "T_s0"))
+def _free(fit: MapFit) -> list[tuple[Coordinate, float, float, str]]:
+    """Give each free number that is no start: coordinate, value, sd, and whether the records tell it."""
+    sd = np.sqrt(np.diag(posterior(fit)))
+    rows = zip(fit.problem.coordinates, fit.theta, sd, statuses(fit), strict=False)
+    return [(c, float(z), float(s), status) for c, z, s, status in rows if not c.only_start]
 
 
 def heat_map(models: Sequence[Shown]) -> str:
@@ -176,9 +166,8 @@ def heat_map(models: Sequence[Shown]) -> str:
     features = _features(models)
     means = [abs(b.mean_K) for f in features for m in models for j in columns for b in _bins(m.sensors[j], f)]
     largest = max(max(means, default=0.0), first[0].trained.floor_K)
-    note = (
-        "Mean of reading minus model, K. Orange, +: the cell reads more than the model; blue, −: less. Bold: no chance."
-    )
+    note = "Mean of reading minus model, K. Orange, +: the cell reads more than the model; blue, −: less. "
+    note += "Bold: unlikely to be chance (over 3 sd)."
     if len(columns) < len(first):
         note += f" The {len(columns)} cells with the largest errors."
     if len(columns) * len(models) > TOGETHER:  # wider than a page: one map per model

@@ -1,4 +1,4 @@
-"""One self-contained HTML page: parts that are put together as text, figures drawn by plotly's own script in it.
+"""One self-contained HTML page: its parts are joined as text, and plotly's own script in it draws the figures.
 
 Figures are specifications of plotly in plain dictionaries, so that nothing of plotly but its script is needed, and
 that only when a page is written. The page forbids itself any request, by its content security policy.

@@ -1,4 +1,4 @@
-"""The paper beside ours, on a terminal: prose for a newcomer, one table per section, and what is left open."""
+"""The paper beside ours, on a terminal: prose for a newcomer, one table per section, and open points."""
 
 import textwrap
 from collections.abc import Sequence

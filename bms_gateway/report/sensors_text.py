@@ -1,4 +1,4 @@
-"""What sensors can tell of the cores, and where they go best: for people at a terminal, and for programs."""
+"""How well sensors determine the cores, and where to put them, as text for people and as JSON."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ CONDITION_WORDS: dict[Condition, str] = {
     "full": "coolant and conduction",
     "natural": "conduction from cell to cell, no common coolant",
     "no-conduction": "a common coolant, no conduction from cell to cell",
-    "single": "cells on their own",
+    "single": "no heat exchange between cells",
 }
 ABOUT_RANKS = (
     "The exact rank is what noise-free readings would determine. The paper's is that of the same matrix in double\n"
@@ -43,7 +43,9 @@ def observability_text(
     """Write what a set of sensors can tell, for people."""
     n = len(o.core_sd)
     paper = "not computed above 100 cells" if o.paper_rank is None else f"{o.paper_rank} of {o.states}"
-    verdict = "every core can be told" if o.observable else f"{o.states - o.exact_rank} of {o.states} states are hidden"
+    verdict = (
+        "every core is observable" if o.observable else f"{o.states - o.exact_rank} of {o.states} states are hidden"
+    )
     rows = [[str(k), "yes" if k in sensors else "", number(x, SMALL)] for k, x in enumerate(o.core_sd.tolist(), 1)]
     worst = o.core_sd.max()
     return "\n\n".join(
@@ -112,7 +114,7 @@ def place_text(r: PlaceReport) -> str:
     """Write a placement for people."""
     found = r.placements
     n, m, best = found.cells, found.sensors, found.best[0]
-    how = f"all {found.sets:,} sets tried" if found.exhaustive else "searched, too much to try all sets"
+    how = f"all {found.sets:,} sets tried" if found.exhaustive else "searched: too many sets to try all"
     head = (
         f"{n} {_plural('cell', n)}, {r.condition} ({CONDITION_WORDS[r.condition]}), {m} {_plural('sensor', m)}: "
         f"best on {_cells(best)}.\nThe least certain core is then cell {best.worst_cell}, "

@@ -57,7 +57,13 @@ def text_table(headers: Sequence[str], rows: Sequence[Sequence[object]], *, left
 
 
 def cells_table(
-    string: str, core: Floats, core_sd: Floats, surface: Floats, quality: Sequence[int], true_core: Floats | None = None
+    string: str,
+    core: Floats,
+    core_sd: Floats,
+    surface: Floats,
+    quality: Sequence[int],
+    true_core: Floats | None = None,
+    centre: Floats | None = None,
 ) -> str:
     """Table of one string's cells.
 
@@ -69,12 +75,18 @@ def cells_table(
     quality : sequence of int (n,)
     true_core : ndarray (n,), optional
         Where a simulation knows it: adds the truth and the error.
+    centre : ndarray (n,), optional
+        Hottest points, °C.
     """
     headers = ["string", "cell", "quality", "core °C", "± sd K", "surface °C"]
     rows = [
         [string, str(k + 1), quality_name(q), number(c), number(s), number(t)]
         for k, (c, s, t, q) in enumerate(zip(core, core_sd, surface, quality, strict=True))
     ]
+    if centre is not None:
+        headers.append("hottest °C")
+        for row, c in zip(rows, centre, strict=True):
+            row.append(number(float(c)))
     if true_core is not None:
         headers += ["true core °C", "error K"]
         for row, c, t in zip(rows, core, true_core, strict=True):

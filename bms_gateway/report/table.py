@@ -1,24 +1,36 @@
-"""Tables of measurements (CSV or Parquet) as arrays: the columns by name, blanks as NaN, faults with their line."""
+"""Tables of measurements (CSV or Parquet) as arrays: the columns by name, blanks as NaN, faults with their line.
 
-import csv
-import gzip
+Files are read in pieces, and of each piece the numbers of the columns that are needed are kept, nothing else.
+"""
+
 import re
-import zlib
-from collections.abc import Iterable, Mapping, Sequence
+from array import array
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bms_gateway.errors import DataError, MissingExtraError, UsageError, did_you_mean
+from bms_gateway.errors import DataError, UsageError, did_you_mean
+from bms_gateway.report.columns import Column, find_columns, lookalike
+from bms_gateway.report.dates import DateForm, date_form
+from bms_gateway.report.progress import progress
+from bms_gateway.report.rows import Piece, Rows, open_csv, open_parquet
 
 Floats = NDArray[np.float64]
 
 REQUIRED = ("time_s", "current_A", "coolant_inlet_C")
 OPTIONAL = ("voltage_V", "soc", "coolant_flow_m3_s")
 PER_CELL = {"surface": "C", "cell_voltage": "V", "core": "C"}
+MOST_NUMBERS = 16 << 20
+"""Numbers that any table may have: 128 MiB. A larger one has at most `PER_BYTE` of them for each byte of its file."""
+PER_BYTE = 2
 _CELL_COLUMN = re.compile(r"(surface|cell_voltage|core)_([1-9][0-9]*)_(C|V)")
+_NEXT = re.compile(r",(?=\s*(?:time_s|current_A|coolant_|voltage_V|soc|surface_|cell_voltage_|core_)[A-Za-z0-9_]*\s*=)")
+"""A comma that another pair follows; others belong to the name of a column."""
+_MOSTLY = 10
+"""Values of the state of charge from which on their median tells per cent."""
 _EXAMPLES = (*REQUIRED, *OPTIONAL, "surface_1_C", "cell_voltage_1_V", "core_1_C")
 
 
@@ -40,8 +52,10 @@ class Table:
     surface_C, cell_voltage_V, core_C : mapping of cell (from 1) to ndarray (N,)
     ignored : tuple of str
         Columns that mean nothing here; worth a word to the user, who may have misspelt one.
-    word, lines : str, sequence of int (N,)
+    word, lines : str, ndarray of int (N,)
         What the file's rows are called, and the number of each.
+    notes : tuple of str
+        What was recognised and is not as a table should be, a sentence each.
     """
 
     source: str
@@ -56,7 +70,8 @@ class Table:
     core_C: Mapping[int, Floats]
     ignored: tuple[str, ...]
     word: str
-    lines: Sequence[int]
+    lines: NDArray[np.int64]
+    notes: tuple[str, ...] = ()
 
     def place(self, row: int) -> str:
         """Tell where a row (from 0) stands in the file."""
@@ -72,7 +87,8 @@ def parse_columns(pairs: Iterable[str]) -> dict[str, str]:
     Parameters
     ----------
     pairs : iterable of str
-        `name=column`; several may stand in one, parted by commas. `name=-column` flips the sign.
+        `name=column`; several may stand in one, separated by commas. `name=-column` changes the sign,
+        `name=column [mA]` says the unit.
 
     Returns
     -------
@@ -88,11 +104,13 @@ def parse_columns(pairs: Iterable[str]) -> dict[str, str]:
     --------
     >>> parse_columns(["time_s=t_s,current_A=-I_A", "surface_1_C=T surf"])
     {'time_s': 't_s', 'current_A': '-I_A', 'surface_1_C': 'T surf'}
+    >>> parse_columns(["voltage_V=U, pack (mV),current_A=I, pack"])
+    {'voltage_V': 'U, pack (mV)', 'current_A': 'I, pack'}
     """
     found: dict[str, str] = {}
     for pair in pairs:
         parts = pair.split(",")
-        for part in parts if all("=" in p for p in parts) else [pair]:
+        for part in parts if all("=" in p for p in parts) else _NEXT.split(pair):
             name, equals, column = part.partition("=")
             name, column = name.strip(), column.strip()
             if not (equals and name and column):
@@ -105,15 +123,27 @@ def parse_columns(pairs: Iterable[str]) -> dict[str, str]:
     return found
 
 
-def read_table(path: Path, columns: Mapping[str, str] | None = None) -> Table:
+def read_table(
+    path: Path,
+    columns: Mapping[str, str] | None = None,
+    tell: Callable[[float], None] | None = None,
+    most: int | None = None,
+    needed: Sequence[str] = REQUIRED,
+) -> Table:
     """Read a table of measurements.
 
     Parameters
     ----------
     path : Path
-        `.parquet`, or CSV (parted by comma, semicolon or tab; also `.gz`).
+        `.parquet`, or CSV (separated by comma, semicolon or tab; also `.gz`).
     columns : mapping, optional
         From `parse_columns`: the file's own names.
+    tell : callable, optional
+        Told the share that was read, again and again.
+    most : int, optional
+        Numbers that are taken in. Default: what a file of its size can mean.
+    needed : sequence of str
+        Columns that it must have; of others that are missing every value is.
 
     Returns
     -------
@@ -131,46 +161,129 @@ def read_table(path: Path, columns: Mapping[str, str] | None = None) -> Table:
         raise DataError(f"{path}: is a directory; expected a table, CSV or Parquet")
     parquet = path.suffix.lower() in (".parquet", ".pq")
     try:
-        text = _Parquet(path) if parquet else _Csv(path)
+        with open_parquet(path) if parquet else open_csv(path) as rows:
+            return _read(path, columns, rows, tell, most, needed)
     except FileNotFoundError:
         beside = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
         raise DataError(f"{path}: no such file{did_you_mean(path.name, beside)}") from None
-    except gzip.BadGzipFile:
-        raise DataError(f"{path}: not gzip data: leave .gz out of its name") from None
-    except (EOFError, zlib.error):
+    except EOFError:
         raise DataError(f"{path}: the gzip data are cut short or damaged") from None
     except OSError as e:
         raise DataError(f"{path}: cannot be read: {e}") from None
-    names = text.names
-    ours = {name: _find(path, name, column, names) for name, column in columns.items()}
-    taken = {column.removeprefix("-") for column in ours.values()} | set(ours.values())
-    ours |= {name: name for name in names if _known(name) and name not in ours and name not in taken}
-    for name in REQUIRED:
+
+
+def _read(
+    path: Path,
+    columns: Mapping[str, str],
+    rows: Rows,
+    tell: Callable[[float], None] | None,
+    most: int | None,
+    needed: Sequence[str],
+) -> Table:
+    names = rows.names
+    ours = find_columns(path, names, rows.units, columns, [name for name in names if _known(name)])
+    for name in needed:
         if name not in ours:
             hint = did_you_mean(name, names)
-            raise DataError(f"{path}: no column {name!r}{hint} (map it: --columns {name}=COLUMN)")
-    values = {name: text.numbers(column) for name, column in ours.items()}
-    time = values["time_s"]
-    if not len(time):
-        raise DataError(f"{path}: no rows")
-    _check_time(path, time, text)
-    _check_soc(path, values.get("soc"), text)
+            like = None if "did you mean" in hint else lookalike(name, names)
+            if like is not None:
+                hint = f"; {like!r} may be it"
+            mapped = f"{name}=COLUMN" if like is None else f"'{name}={like}'"
+            raise DataError(f"{path}: no column {name!r}{hint} (map it: --columns {mapped})")
+    dates = _dates(path, rows, ours["time_s"])
+    used = {c.bare for c in ours.values()} | {c.column for c in ours.values()}
+    lines, values, notes = _kept(path, rows, ours, dates, tell, most)
+    nothing = np.full(len(lines), np.nan)
+    notes = [*_said(ours, dates), *rows.notes, *notes]
     cells = {what: {k: values[f"{what}_{k}_{unit}"] for k in _cells(values, what)} for what, unit in PER_CELL.items()}
     return Table(
         str(path),
-        time,
-        values["current_A"],
-        values["coolant_inlet_C"],
+        values["time_s"],
+        values.get("current_A", nothing),
+        values.get("coolant_inlet_C", nothing),
         values.get("voltage_V"),
         values.get("soc"),
         values.get("coolant_flow_m3_s"),
         cells["surface"],
         cells["cell_voltage"],
         cells["core"],
-        ignored=tuple(n for n in names if n not in ours.values() and f"-{n}" not in ours.values()),
-        word=text.word,
-        lines=text.lines,
+        ignored=tuple(n for n in names if n not in used),
+        word=rows.word,
+        lines=lines,
+        notes=tuple(notes),
     )
+
+
+def _dates(path: Path, rows: Rows, time: Column) -> dict[str, DateForm]:
+    """Tell how the times are written where they are no numbers."""
+    form = date_form(rows.sample(time.bare), time.date)
+    if isinstance(form, str):
+        raise DataError(f"{path}: time_s: {form.replace('COLUMN', time.bare)}")
+    if form is None and time.date is not None:
+        raise DataError(f"{path}: time_s: {time.bare!r} has no dates with slashes")
+    return {} if form is None else {time.column: form}
+
+
+def _said(ours: Mapping[str, Column], dates: Mapping[str, DateForm]) -> list[str]:
+    """Say what was converted, one sentence for all columns of one unit."""
+    said = [f"{column!r} has {form.name}: time_s is counted from its first row" for column, form in dates.items()]
+    by_unit: dict[str, list[str]] = {}
+    for c in ours.values():
+        if c.unit is not None and (c.factor, c.shift) != (1.0, 0.0) and c.column not in dates:
+            by_unit.setdefault(c.unit, []).append(c.bare)
+    for unit, names in by_unit.items():
+        shown = ", ".join(repr(n) for n in names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
+        said.append(f"converted from {unit}: {shown}")
+    return said
+
+
+def _kept(
+    path: Path,
+    rows: Rows,
+    ours: Mapping[str, Column],
+    dates: Mapping[str, DateForm],
+    tell: Callable[[float], None] | None,
+    most: int | None,
+) -> tuple[NDArray[np.int64], dict[str, Floats], list[str]]:
+    """Put the pieces of a table together, each checked as it comes; gives the rows' numbers, the columns, notes."""
+    size = path.stat().st_size
+    meant = f"a table of {size / 1024**2:.1f} MiB can mean" if most is None else "is taken in here"
+    most = max(MOST_NUMBERS, PER_BYTE * size) if most is None else most
+    lines, kept = array("q"), {name: array("d") for name in ours}  # they grow in their place
+    before, read = np.empty(0), 0.0
+    charge = _Charge(path, rows.word)
+    with progress(path.name, size) as advance:
+        for piece in rows.pieces({c.column for c in ours.values()}, dates):
+            values = {name: _converted(piece.values[c.column], c, c.column in dates) for name, c in ours.items()}
+            _check_time(path, values["time_s"], before, rows.word, piece)
+            if "soc" in values:
+                values["soc"] = charge.share(values["soc"], piece)
+            lines.frombytes(piece.lines.tobytes())
+            for name, part in values.items():
+                kept[name].frombytes(part.tobytes())
+            if len(lines) * (len(ours) + 1) > most:
+                raise DataError(
+                    f"{path}: {rows.word} {piece.lines[-1]}: over {most:,} numbers, more than {meant}; "
+                    "cut it into several"
+                )
+            before = values["time_s"][-1:]
+            read += piece.read
+            advance(piece.read)
+            if tell is not None:
+                tell(read / size)
+    if not lines:
+        raise DataError(f"{path}: no rows")
+    return (
+        np.frombuffer(lines, np.int64),
+        {name: np.frombuffer(column) for name, column in kept.items()},
+        charge.notes(),
+    )
+
+
+def _converted(values: Floats, c: Column, is_date: bool) -> Floats:
+    if is_date or (c.factor, c.shift) == (1.0, 0.0):
+        return values
+    return c.factor * values + (-c.shift if c.column != c.bare else c.shift)
 
 
 def _known(name: str) -> bool:
@@ -183,122 +296,50 @@ def _cells(names: Iterable[str], what: str) -> list[int]:
     return sorted(int(m[2]) for m in matches if m and m[1] == what)
 
 
-def _find(path: Path, name: str, column: str, names: Sequence[str]) -> str:
-    if column in names or (column.startswith("-") and column[1:] in names):
-        return column
-    raise DataError(f"{path}: no column {column!r} for {name}{did_you_mean(column, names)}")
-
-
-def _check_time(path: Path, time: Floats, text: "_Csv | _Parquet") -> None:
+def _check_time(path: Path, time: Floats, before: Floats, word: str, piece: Piece) -> None:
+    """Refuse times that are missing or do not increase, from the last one of the piece before on."""
     bad = np.flatnonzero(~np.isfinite(time))
     if len(bad):
-        raise DataError(f"{path}: {text.place(int(bad[0]))}: time_s is missing")
-    back = np.flatnonzero(np.diff(time) <= 0)
+        raise DataError(f"{path}: {word} {piece.lines[bad[0]]}: time_s is missing")
+    t = np.concatenate([before, time])
+    back = np.flatnonzero(np.diff(t) <= 0)
     if len(back):
         k = int(back[0]) + 1
-        what = "stands still" if time[k] == time[k - 1] else "goes back"
-        raise DataError(
-            f"{path}: {text.place(k)}: time_s {what} ({time[k - 1]:.10g} then {time[k]:.10g}); it must increase"
-        )
+        what = "stands still" if t[k] == t[k - 1] else "goes back"
+        place = f"{word} {piece.lines[k - len(before)]}"
+        raise DataError(f"{path}: {place}: time_s {what} ({t[k - 1]:.10g} then {t[k]:.10g}); it must increase")
 
 
-def _check_soc(path: Path, soc: Floats | None, text: "_Csv | _Parquet") -> None:
-    """Refuse per cent: they would be taken for a charge a hundred times the cell's."""
-    if soc is None:
-        return
-    wild = np.flatnonzero((soc < -0.1) | (soc > 1.1))
-    if len(wild):
-        raise DataError(f"{path}: {text.place(int(wild[0]))}: soc is {soc[wild[0]]:g}; it must be a share, 0 to 1")
+class _Charge:
+    """The state of charge: per cent are told by the first rows, a little above full is full, all else is refused."""
 
+    def __init__(self, path: Path, word: str) -> None:
+        self._path, self._word = path, word
+        self._percent: bool | None = None
+        self._clipped = 0
 
-class _Csv:
-    """Cells of a CSV file as text; numbers are made for the columns that are asked for."""
+    def share(self, soc: Floats, piece: Piece) -> Floats:
+        """Give shares of 1.
 
-    word = "line"
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        raw = gzip.decompress(path.read_bytes()) if path.suffix == ".gz" else path.read_bytes()
-        try:
-            lines = raw.decode("utf-8-sig").splitlines()
-        except UnicodeDecodeError as e:
-            raise DataError(f"{path}: not a text table (byte {e.start})") from None
-        kept = [(i, line) for i, line in enumerate(lines, 1) if line.strip() and not line.startswith("#")]
-        if not kept:
-            raise DataError(f"{path}: empty")
-        head = kept[0][1]
-        mark = next((m for m in ",;\t" if m in head), ",")
-        quoted = '"' in head or any('"' in line for _, line in kept[1:])
-        split = (lambda line: next(csv.reader([line], delimiter=mark))) if quoted else (lambda line: line.split(mark))
-        self.names = [name.strip() for name in split(head)]
-        twice = [name for name in self.names if name and self.names.count(name) > 1]
-        if twice:
-            raise DataError(f"{path}: line {kept[0][0]}: column {twice[0]!r} stands there twice")
-        width = len(self.names)
-        self.lines: Sequence[int] = [i for i, _ in kept[1:]]
-        self.cells: list[str] = []
-        for i, line in kept[1:]:
-            row = split(line)
-            if len(row) != width:
-                raise DataError(f"{path}: line {i}: {len(row)} columns, the header has {width}")
-            self.cells += row
-
-    def place(self, row: int) -> str:
-        return f"{self.word} {self.lines[row]}"
-
-    def numbers(self, column: str) -> Floats:
-        sign = 1.0 if column in self.names else -1.0
-        at = self.names.index(column if sign > 0 else column[1:])
-        cells = self.cells[at :: len(self.names)]
-        if "" in cells:
-            cells = [c or "nan" for c in cells]
-        try:
-            out = np.array(cells, dtype=np.float64)
-        except ValueError:
-            out = np.array([self._number(c, row, column) for row, c in enumerate(cells)])
-        wild = np.flatnonzero(np.isinf(out))
+        Raises
+        ------
+        DataError
+            A value that no state of charge has.
+        """
+        given = soc[np.isfinite(soc)]
+        if self._percent is None and len(given):
+            self._percent = len(given) >= _MOSTLY and float(np.median(given)) > 1.5
+        share = 0.01 * soc if self._percent else soc
+        wild = np.flatnonzero((share < -0.1) | (share > 1.1))
         if len(wild):
-            raise self._broken(cells[wild[0]], int(wild[0]), column)
-        return sign * out if sign < 0 else out
+            at, what = int(wild[0]), "0 to 100 %" if self._percent else "a share, 0 to 1"
+            raise DataError(f"{self._path}: {self._word} {piece.lines[at]}: soc is {soc[at]:g}; it must be {what}")
+        self._clipped += int(((share < 0.0) | (share > 1.0)).sum())
+        return np.clip(share, 0.0, 1.0)
 
-    def _number(self, cell: str, row: int, column: str) -> float:
-        """Slow path: white space only is a blank too; anything else is told with its line."""
-        try:
-            return float(cell) if cell.strip() else np.nan
-        except ValueError:
-            raise self._broken(cell, row, column) from None
-
-    def _broken(self, cell: str, row: int, column: str) -> DataError:
-        return DataError(f"{self.path}: {self.place(row)}: column {column!r}: {cell.strip()[:40]!r} is not a number")
-
-
-class _Parquet:
-    """Columns of a Parquet file."""
-
-    word = "row"
-
-    def __init__(self, path: Path) -> None:
-        try:
-            import pyarrow  # type: ignore[import-not-found,import-untyped,unused-ignore]
-            import pyarrow.parquet  # type: ignore[import-not-found,import-untyped,unused-ignore]
-        except ImportError:
-            raise MissingExtraError("reading Parquet", "report") from None
-        self.path = path
-        try:
-            self._table = pyarrow.parquet.read_table(path)
-        except pyarrow.ArrowInvalid as e:
-            raise DataError(f"{path}: not a Parquet file: {' '.join(str(e).split())}") from None
-        self.names: list[str] = list(self._table.column_names)
-        self.lines: Sequence[int] = range(1, self._table.num_rows + 1)
-
-    def place(self, row: int) -> str:
-        return f"{self.word} {self.lines[row]}"
-
-    def numbers(self, column: str) -> Floats:
-        sign = 1.0 if column in self.names else -1.0
-        cells = self._table.column(column if sign > 0 else column[1:]).to_pylist()
-        try:
-            out = np.array([np.nan if c is None else c for c in cells], dtype=np.float64)
-        except (TypeError, ValueError):
-            raise DataError(f"{self.path}: column {column!r}: not numbers") from None
-        return sign * out
+    def notes(self) -> list[str]:
+        """Say what was done."""
+        said = ["soc is in per cent"] if self._percent else []
+        if self._clipped:
+            said.append(f"soc: {self._clipped} values a little below 0 or above 100 % are taken as empty or full")
+        return said

@@ -1,4 +1,4 @@
-"""Where the print of the paper is wrong, and what is right: one table, for the terminal, the README and tests."""
+"""Where the print of the paper is wrong, and what is right: one table for the terminal, the README here, and tests."""
 
 from dataclasses import dataclass
 
@@ -97,6 +97,6 @@ def section(size: Size) -> Section:  # noqa: ARG001 — nothing here is computed
 
 
 def errata_table() -> str:
-    """Write the errata as the Markdown table that stands in the README."""
+    """Write the errata as the Markdown table that stands in this room's README."""
     lines = ["| where | printed | right | why |", "|---|---|---|---|"]
     return "\n".join([*lines, *(f"| {e.place} | {e.printed} | {e.right} | {e.why} |" for e in ERRATA)])

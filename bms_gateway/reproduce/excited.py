@@ -121,7 +121,7 @@ def excited(name: str, seed: int = 0) -> Excited:
     last = slice(WARM_S, WARM_S + WINDOW_S)
     _, Phi = filtered_rows(current**2, x[:, 1], np.full(len(x), INLET), 1.0, [0, 1, 2], 0.05)
     least, greatest = excitation(Phi[last], WINDOW_S)[0]
-    identifier = WindowIdentifier(start_model(), Settings(root="smaller"))
+    identifier = WindowIdentifier(start_model(), Settings(root="smaller", carried=0.0))
     identify(identifier, ticks(current[last], y[WARM_S : WARM_S + WINDOW_S + 1]))
     R_e = {e.name: e for e in identifier.estimates()}["R_e"]
     sd = R_e.sd / R_e.value if R_e.status != "learning" else np.inf

@@ -98,7 +98,7 @@ def by_window(
     forced: bool = True,
 ) -> Outcome:
     """Identify by the production method, as shipped but for what is known of the root."""
-    identifier = WindowIdentifier(start_model(capacity_sd), Settings(root="smaller" if forced else "both"))
+    identifier = WindowIdentifier(start_model(capacity_sd), Settings(root="smaller" if forced else "both", carried=0.0))
     identify(identifier, ticks(current, surface, inlet))
     estimates = identifier.estimates()
     named = {e.name: e.value for e in estimates}

@@ -1,4 +1,4 @@
-"""Which surfaces to measure: what a set of sensors can tell of the cores."""
+"""Which surfaces to measure: how well a set of sensors determines the cores."""
 
 from bms_gateway.sensors.exact import exact_rank, exact_ranks
 from bms_gateway.sensors.observability import Observability, determined_states, observability

@@ -1,9 +1,9 @@
 r"""Rank of the observability matrix without any rounding.
 
-The entries of [C; CA; CA²; …] span so many decades that double precision loses rank. The numbers of a string are
-rationals, though, and so are the entries; arithmetic modulo a prime keeps what is zero zero and makes of what is not
-zero a zero with a chance of one in 2³¹. Hence a rank modulo a prime is never too great, and the greater of two is the
-true one.
+The entries of [C; CA; CA²; …] span so many decades that double precision loses rank. The parameters of a string are
+rational numbers, so the entries are rational too. Arithmetic modulo a prime maps zero to zero, and maps a number that
+is not zero to zero with a probability of only one in 2³¹. A rank modulo a prime is therefore never too large, and the
+larger of two such ranks is taken as the true one.
 """
 
 from collections.abc import Mapping, Sequence
@@ -93,6 +93,15 @@ def inverse(value: float, prime: int) -> int:
     return pow(residue(value, prime), -1, prime) if np.isfinite(value) else 0
 
 
+def taken(p: StringParameters, prime: int) -> tuple[list[int], list[int]]:
+    """Residues of the film's conductance and of the exchange e of each cell: film = C_f e (`thermal.string.film`)."""
+    if p.coolant == "ntu" and np.isfinite(p.C_f):
+        e = [residue(x, prime) for x in exchange(p)]
+        return [residue(p.C_f, prime) * x % prime for x in e], e
+    film, flow = [inverse(x, prime) for x in p.R_u], inverse(p.C_f, prime)
+    return film, [x * flow % prime for x in film]
+
+
 def residues(p: StringParameters, prime: int) -> Residues:
     """Build A (Eq 18, 21, corrected) with each entry as its residue: sums, products, quotients of the parameters.
 
@@ -102,13 +111,13 @@ def residues(p: StringParameters, prime: int) -> Residues:
         0…prime − 1.
     """
     n = p.cells
-    between, flow = inverse(p.R_cc, prime), inverse(p.C_f, prime)
-    e = [residue(x, prime) for x in exchange(p)] if p.coolant == "ntu" else [inverse(x, prime) * flow for x in p.R_u]
+    between = inverse(p.R_cc, prime)
+    film, e = taken(p, prime)
     A = [[0] * (2 * n) for _ in range(2 * n)]
     stream = [0] * n  # share of each surface in the coolant that meets cell k
     for k in range(n):
         c, s = 2 * k, 2 * k + 1
-        inside, outside, casing = (inverse(x[k], prime) for x in (p.R_c, p.R_u, p.C_s))
+        inside, outside, casing = inverse(p.R_c[k], prime), film[k], inverse(p.C_s[k], prime)
         A[c][s] = inside * inverse(p.C_c[k], prime)
         A[c][c] = -A[c][s]
         A[s][c] = inside * casing

@@ -1,9 +1,9 @@
-r"""What surface sensors can tell of the cores of a string.
+r"""How well surface sensors determine the cores of a string.
 
-Three answers, because they differ. The *exact rank* of the observability matrix is what noise-free readings would
-determine; it is found without any rounding. The *paper's rank* is that of the same matrix in double precision: its
-entries span so many decades that rounding alone loses rank, but the published tables rest on it, so it is reproduced
-under its own name. The *steady standard deviation* of each core is what a user can use.
+There are three answers, and they differ. The *exact rank* of the observability matrix counts the states that noise-free
+readings would determine; it is computed without rounding. The *paper's rank* is the rank of the same matrix in double
+precision. The entries span so many decades that rounding alone loses rank, but the published tables rest on it, so it
+is reproduced under its own name. The *steady standard deviation* of each core is the answer for users.
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ from bms_gateway.sensors.steady import steady_core_sd
 from bms_gateway.thermal import Disturbance, Floats, StringParameters
 
 SHORT = 100
-"""Cells up to which the observability matrix itself is worked on, exactly or in double precision; seconds at most."""
+"""Largest string whose observability matrix is computed, exactly or in double precision; this takes seconds at most."""
 
 
 @dataclass(frozen=True, slots=True)

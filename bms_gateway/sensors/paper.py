@@ -1,9 +1,9 @@
 r"""The paper's ranks as it found them, beside the exact ones: Tables 2 and 3, Figures 12 and 13.
 
 The paper takes the rank of the observability matrix in double precision. Its rows C Aʲ shrink by a tenth with every
-power while rounding stays where it is, so that what counts as zero depends on the unit of time and on R_cc, which the
-paper does not print; a rank depends on neither. The numbers are reproduced here as what they are, with the exact ones
-next to them, from the corrected equations.
+power, while the rounding error stays the same. What counts as zero therefore depends on the unit of time and on R_cc,
+which the paper does not print; a true rank depends on neither. This module reproduces the paper's numbers beside the
+exact ones, both from the corrected equations.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -157,7 +157,7 @@ class Counts:
 def paper_counts(
     condition: Condition, R_cc: float = R_CC, *, cells: int = 12, sensors: int = 4, unit_s: float = 1.0
 ) -> Counts:
-    """Count the sets of sensors that determine the paper's string: its way, and exactly.
+    """Count the sets of sensors that determine the paper's string: in the paper's way, and exactly.
 
     Parameters
     ----------
@@ -274,7 +274,7 @@ class SetRank:
 
 
 def set_ranks(condition: Condition, *, cells: int = 5, sensors: int = 2, R_cc: float = R_CC) -> tuple[SetRank, ...]:
-    """Rank every set of m sensors of the paper's string, its way and exactly.
+    """Rank every set of m sensors of the paper's string, in the paper's way and exactly.
 
     Returns
     -------

@@ -1,6 +1,6 @@
 r"""The Popov–Belevitch–Hautus test of a string, by polynomials and without rounding.
 
-A string hides something from its sensors iff an eigenvector of A is zero at all of them. With cells alike in C_c, C_s
+Sensors do not determine a string exactly if an eigenvector of A is zero at all of them. With cells alike in C_c, C_s
 and R_c the cores can be eliminated: λ is an eigenvalue of A iff μ = C_s λ + λ/(R_c λ + 1/C_c) is one of the n surfaces'
 coupling G, with the same surfaces in its vector v, and each μ belongs to two λ. Where neighbours conduct, the rows of
 G v = μ v give v_2, v_3, … one after the other from v_1 = 1, as polynomials in μ,
@@ -19,8 +19,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from bms_gateway.sensors.exact import PRIMES, Residues, inverse, residue
-from bms_gateway.thermal import Floats, StringParameters, exchange
+from bms_gateway.sensors.exact import PRIMES, Residues, residue, taken
+from bms_gateway.thermal import Floats, StringParameters
 
 
 def hidden_states(p: StringParameters, sensors: Sequence[int]) -> int | None:
@@ -77,9 +77,8 @@ def _shared_roots(p: StringParameters, sensors: Sequence[int], prime: int) -> in
 
 def _polynomials(p: StringParameters, prime: int) -> Iterator[Residues]:
     """Give v_1 … v_n and a multiple of χ: coefficients from the constant up, without leading zeros."""
-    n, R_cc, flow = p.cells, residue(p.R_cc, prime), inverse(p.C_f, prime)
-    outside = [inverse(x, prime) for x in p.R_u]
-    e = [residue(x, prime) for x in exchange(p)] if p.coolant == "ntu" else [x * flow % prime for x in outside]
+    n, R_cc = p.cells, residue(p.R_cc, prime)
+    outside, e = taken(p, prime)
     before, v, t = np.zeros(n + 1, np.int64), np.zeros(n + 1, np.int64), np.zeros(n + 1, np.int64)
     v[0] = 1
     for k in range(n):

@@ -1,11 +1,11 @@
-"""Where to put m surface sensors on a string so that the least certain core is as certain as can be.
+"""Where to put m surface sensors on a string, so that the least certain core is known as well as possible.
 
-All sets are tried where they are few. Where they are many, a static picture of the string proposes: errors of heat and
-inlet that never change, seen by sensors whose noise is averaged over as long as such errors last. It finds sets by
-adding the best sensor again and again and then exchanging sensors one by one; these sets, even spacing, and what
-exchanging makes of that, are judged by the true measure, and the sensors of the best of them are moved one by one on
-strings where that is cheap. A modal decomposition would be no basis for any of this: cells that are alike make A
-defective.
+If there are few sets, all are tried. If there are many, a static model of the string proposes sets. In this model the
+errors of heat and inlet never change, and the noise of a sensor is averaged over the time that such errors last. The
+search adds the best sensor until there are m, and then exchanges sensors one by one. The sets that it finds, even
+spacing, and even spacing improved by exchanges are judged by the exact measure. On strings where this is cheap, the
+sensors of the best set are then moved one by one. A modal decomposition could not be used here, because equal cells
+make A defective.
 """
 
 from collections.abc import Iterable, Sequence
@@ -27,7 +27,7 @@ EXHAUSTIVE = 5_000
 TRIED_CELLS = 200
 """Cells up to which that is so, and the best set found is improved sensor by sensor; beyond, it would take minutes."""
 SHOWN = 10
-"""Placements that are told, best first."""
+"""Placements that are reported, best first."""
 ANYWHERE = 400
 """Product of cells and sensors up to which a sensor is tried on every cell, not only on those near by."""
 COUNTED_CELLS = 60
@@ -35,14 +35,14 @@ COUNTED_CELLS = 60
 DECOMPOSED = 5e8
 """Sets times sensors times n³ up to which the singular values that the paper's rank needs are found."""
 ROUNDS = 50
-"""Of exchanging or shifting, each of which makes the set better: a bound that is not met in practice."""
+"""Most exchanges or moves. Each one improves the set, so this bound is not reached in practice."""
 
 Sensors = tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """A set of sensors and what it is worth.
+    """A set of sensors and the standard deviation of each core with it.
 
     Attributes
     ----------
@@ -163,7 +163,7 @@ def fewest(p: StringParameters, wanted: float, disturbance: Disturbance | None =
 
 
 class PlacementProblem:
-    """One string whose sensors are to be placed: what all questions about it share.
+    """One string whose sensors are to be placed, with everything that all its placements share.
 
     Parameters
     ----------
@@ -178,7 +178,7 @@ class PlacementProblem:
         self.steady = Steady.of(p, self._disturbance, dt=dt)
 
     def measure(self, sets: Iterable[Sequence[int]]) -> list[Placement]:
-        """Tell what each set is worth."""
+        """Compute the standard deviation of each core with each set."""
         chosen = [tuple(sorted(s)) for s in sets]
         return [Placement(s, sd) for s, sd in zip(chosen, self.steady.core_sd(chosen), strict=True)]
 
@@ -251,7 +251,7 @@ class PlacementProblem:
 
 
 def even_sets(cells: int, sensors: int) -> list[Sensors]:
-    """Spread sensors evenly, in the ways that people do: ends included, each amid its share, each at the end of it.
+    """Space sensors evenly: with both ends, each in the middle of its section, each at the end of its section.
 
     References
     ----------
@@ -270,12 +270,12 @@ def even_sets(cells: int, sensors: int) -> list[Sensors]:
 
 
 def _ranked(found: Iterable[Placement]) -> list[Placement]:
-    """Best first; of equals to a micro-kelvin, the one with the better mean, then the one whose cells come first."""
+    """Sort the best first. Sets that agree to a micro-kelvin are sorted by their mean, then by their cells."""
     return sorted(found, key=lambda x: (round(x.worst_sd, 6), round(float(x.core_sd.mean()), 6), x.sensors))
 
 
 def _shifted(sensors: Sensors, cells: int, reach: int) -> list[Sensors]:
-    """Put one sensor after the other up to `reach` cells further up or down."""
+    """Move each sensor in turn by up to `reach` cells in either direction."""
     near = []
     for i, k in enumerate(sensors):
         rest = sensors[:i] + sensors[i + 1 :]
@@ -287,7 +287,7 @@ def _shifted(sensors: Sensors, cells: int, reach: int) -> list[Sensors]:
 
 @dataclass(frozen=True, slots=True)
 class _Static:
-    """Errors that never change, as Gaussians: what sensors tell of the cores by their size alone.
+    """The static model: errors that never change, as Gaussians with the size of the real ones.
 
     Attributes
     ----------

@@ -1,8 +1,8 @@
 r"""How well each core is known in the long run, for any set of surface sensors of a string.
 
-The error of a Kalman filter settles at the solution P of a Riccati equation. Here many sets of sensors of one string
-are asked for, on strings of up to a thousand cells, and little of the work depends on the set: the error P_0 without
-any sensor is found once, and what m sensors take off it has few dimensions. The Chandrasekhar recursion adds that up,
+The covariance of a Kalman filter settles at the solution P of a Riccati equation. This module solves it for many sets
+of sensors of one string with up to a thousand cells. Little of the work depends on the set: the covariance P_0 without
+any sensor is computed once, and the reduction by m sensors has few dimensions. The Chandrasekhar recursion adds it up,
 
 .. math::
     P_{i+1} = P_i + L_i M_i L_i^T, \qquad L_i \in R^{2n \times m},
@@ -50,7 +50,7 @@ AT_ONCE = 2_000_000
 
 @dataclass(frozen=True, slots=True)
 class Steady:
-    """What the long run of one string depends on, whatever its sensors: reused for every set of them.
+    """The part of the steady state of one string that does not depend on its sensors: reused for every set.
 
     Attributes
     ----------
@@ -106,7 +106,7 @@ class Steady:
         return cls(P_0, Phi, Q, J, J @ Q @ J.T, a, d.sensor)
 
     def core_sd(self, sets: Sequence[Sequence[int]]) -> Floats:
-        """Tell the standard deviation at which each core's estimate settles, right after a reading.
+        """Compute the steady standard deviation of each core, right after a reading.
 
         Parameters
         ----------
@@ -212,7 +212,7 @@ class Steady:
 def steady_core_sd(
     p: StringParameters, sensors: Sequence[int], disturbance: Disturbance | None = None, *, dt: float = 1.0
 ) -> Floats:
-    """Tell the standard deviation at which each core's estimate settles, parameters taken for true.
+    """Compute the steady standard deviation of each core, with the parameters taken as true.
 
     Parameters
     ----------

@@ -1,58 +1,125 @@
-"""Fits in a process of their own, so that they never hold up a frame.
+"""Fits in a process of their own, so that they never hold up a frame, and never hang anything but themselves.
 
 In a thread a fit shares the interpreter's lock with the loop that reads and sends. Each time the loop gives it up (a
 system call, a long array operation) it may wait a switch interval to have it back, and a tick makes many of both:
 frames came up to 70 ms late. A child takes some tenths of a second longer to start and to import, which nobody waits
 for, and its memory is there only while it works. A job is complete in itself and pickles, and gives the same result
 wherever it runs.
+
+And a thread cannot be ended from outside, a process can. One that has not ended after `DEADLINE_S` is killed. What came
+of no fit (killed, no memory for it, no process to be had) is a value, `NotDone`: the gateway tells it and tries again.
 """
 
-import logging
+import ctypes
 import os
 import pickle
 import signal
 import subprocess
 import sys
+import threading
+from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import BinaryIO, Final
 
 from bms_gateway.engine.events import Job
+from bms_gateway.service.memory import first_to_go
 
-log = logging.getLogger(__name__)
-
+DEADLINE_S: Final = 60.0  # twice what a result may take to count in time; on a slow core it takes some seconds
+REAP_S: Final = 1.0  # what is killed is gone in milliseconds, unless the kernel itself hangs
 NICE: Final = 5  # the loop goes first; and beside a busy program a fit still ends long before it is due
 CHILD: Final = (sys.executable, "-P", "-m", "bms_gateway.service.aside")  # nothing from where it happens to run
+PR_SET_PDEATHSIG: Final = 1
 
 
-def run_aside(job: Job) -> object:
-    """Run a job in a child process and wait for its result; to be called in a thread.
+@dataclass(frozen=True, slots=True)
+class NotDone:
+    """A job that came to nothing, and why; another try may do better."""
 
-    A child that does not end well (no memory for two processes, say) leaves the job to the calling thread; so what is
-    wrong with the job itself shows there, too.
+    why: str
+
+
+class Aside:
+    """Runs jobs in child processes, one at a time.
 
     Parameters
     ----------
-    job : Job
-        Must pickle, and so must its result.
-
-    Returns
-    -------
-    object
-        As of ``job.run()``; None if the child was told to end, as systemd tells all of a service that stops.
+    deadline_s : float
+        A child that has not ended after so long is killed.
+    child : sequence of str
+        Program that does `work`.
     """
-    try:
+
+    def __init__(self, deadline_s: float = DEADLINE_S, child: Sequence[str] = CHILD) -> None:
+        self._deadline_s, self._child = deadline_s, child
+        self._lock = threading.Lock()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._closed = False
+
+    @property
+    def process(self) -> int | None:
+        """Its identifier while one works."""
+        running = self._process
+        return None if running is None else running.pid
+
+    def run(self, job: Job) -> object:
+        """Run a job and wait for its result; to be called in a thread.
+
+        Parameters
+        ----------
+        job : Job
+            Must pickle, and so must its result.
+
+        Returns
+        -------
+        object
+            As of ``job.run()``, or `NotDone`.
+        """
         # a group of its own: an interrupt from the keyboard is for the service. No session of its own: Linux may share
         # the processor out by sessions, and then priorities count only within one.
-        done = subprocess.run(  # noqa: S603 (our own module)
-            CHILD, input=pickle.dumps(job), stdout=subprocess.PIPE, check=True, process_group=0
-        )
-    except (OSError, subprocess.CalledProcessError) as error:
-        if isinstance(error, subprocess.CalledProcessError) and error.returncode == -signal.SIGTERM:
-            return None
-        log.warning("a fit could not be made in a process of its own (%s): it is made in this one", error)
-        return job.run()
-    result: object = pickle.loads(done.stdout)  # noqa: S301 (written by our own child)
-    return result
+        given = pickle.dumps(job)
+        with self._lock:
+            if self._closed:
+                return NotDone("the service ends")
+            try:
+                process = subprocess.Popen(  # noqa: S603 (our own module)
+                    self._child, stdin=subprocess.PIPE, stdout=subprocess.PIPE, process_group=0
+                )
+            except OSError as error:
+                return NotDone(f"no process could be started for it: {error.strerror}")
+            self._process = process
+        try:
+            out, _ = process.communicate(given, timeout=self._deadline_s)
+        except subprocess.TimeoutExpired:
+            return NotDone(f"it had not ended after {self._deadline_s:g} s and was killed")
+        finally:
+            self._reap(process)
+        if process.returncode < 0:
+            return NotDone(f"its process was ended by {signal.Signals(-process.returncode).name}")
+        if process.returncode:
+            return NotDone("it failed by a bug; the lines above, from its process, say which")
+        result: object = pickle.loads(out)  # noqa: S301 (written by our own child)
+        return result
+
+    def close(self) -> None:
+        """Kill what works, and start nothing any more."""
+        with self._lock:
+            self._closed = True
+            if self._process is not None:
+                self._process.kill()
+
+    def _reap(self, process: "subprocess.Popen[bytes]") -> None:
+        """Leave nothing of a child, however it went."""
+        if process.poll() is None:
+            process.kill()
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(REAP_S)
+        for pipe in (process.stdin, process.stdout):
+            if pipe is not None:
+                with suppress(BrokenPipeError):  # what it has not read goes with it
+                    pipe.close()
+        with self._lock:
+            self._process = None
 
 
 def work(given: BinaryIO, out: BinaryIO) -> None:
@@ -62,6 +129,9 @@ def work(given: BinaryIO, out: BinaryIO) -> None:
 
 
 if __name__ == "__main__":
+    # where the service is killed its fit goes too, even one that hangs
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    first_to_go()
     with suppress(PermissionError):  # the hardened unit forbids it, and has put the loop above its children instead
         os.nice(NICE)
     work(sys.stdin.buffer, sys.stdout.buffer)

@@ -1,13 +1,15 @@
-"""Beside the gateway: takes up what a person asks for by `bms-gateway baseline --reset`."""
+"""Carries out requests of a person, made by `bms-gateway baseline --reset` and `acknowledge`, beside the gateway."""
 
 import asyncio
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Final, Protocol
 
 from bms_gateway.errors import ConfigError
-from bms_gateway.store.requests import BaselineReset, asked
+from bms_gateway.service.worker import Worker
+from bms_gateway.store.requests import BaselineReset, Wish, asked
 
 log = logging.getLogger(__name__)
 
@@ -16,10 +18,14 @@ KEPT_S: Final = 180.0  # three times what a power cut may cost: by then what cam
 
 
 class ResettableEngine(Protocol):
-    """What the engine must know."""
+    """What the engine must be able to do."""
 
     def reset_baseline(self, string: str, cell: int | None, reason: str, *, time_ns: int) -> bool:
         """Make a new baseline; whether this wish is new."""
+        ...
+
+    def acknowledge(self, string: str | None, reason: str) -> bool:
+        """End alarms that only a person can end; whether there were any."""
         ...
 
 
@@ -34,8 +40,11 @@ class BaselineRequests:
 
     Notes
     -----
-    A wish is removed only when the state that it led to has surely been saved. Where power was cut before, it is found
-    again at the next start and carried out on the state of before; where after, the state knows it already.
+    A request is removed only after the state that contains its result has been saved. After an earlier power cut, the
+    request is found again at the next start and carried out on the earlier state. After a later one, the saved state
+    contains it already.
+
+    The disk is accessed in a thread, so that a disk that hangs delays requests but no frame.
     """
 
     def __init__(self, directory: Path, engine: Callable[[], ResettableEngine]) -> None:
@@ -44,32 +53,48 @@ class BaselineRequests:
 
     async def run(self) -> None:
         """Look every two seconds, for ever."""
+        worker = Worker("wishes")
         while True:
-            self.look(asyncio.get_running_loop().time())
+            found = await worker.submit(self._found)
+            if over := self._take(found, asyncio.get_running_loop().time()):
+                await worker.submit(partial(self._remove, over))
             await asyncio.sleep(PERIOD_S)
 
     def look(self, now_s: float) -> None:
-        """Carry out what is new; remove what is old."""
-        for path, wish in asked(self._directory):
+        """Carry out what is new; remove what is old: one round of `run`."""
+        self._remove(self._take(self._found(), now_s))
+
+    def _found(self) -> list[tuple[Path, Wish | None]]:
+        return list(asked(self._directory))
+
+    def _take(self, found: Sequence[tuple[Path, Wish | None]], now_s: float) -> list[Path]:
+        """Carry out what is new; gives those that are over."""
+        over = []
+        for path, wish in found:
             if path not in self._done:
                 self._carry_out(path, wish)
                 self._done[path] = now_s
             elif now_s - self._done[path] >= KEPT_S:
-                self._remove(path)
+                over.append(path)
+        return over
 
-    def _carry_out(self, path: Path, wish: BaselineReset | None) -> None:
+    def _carry_out(self, path: Path, wish: Wish | None) -> None:
         if wish is None:
-            log.warning("%s: not a request to reset a baseline; it is removed", path.name, extra={"code": "baseline"})
+            log.warning("%s: not a request; it is removed", path.name, extra={"code": "baseline"})
+            return
+        if not isinstance(wish, BaselineReset):
+            self._engine().acknowledge(wish.string, wish.reason)
             return
         try:
             self._engine().reset_baseline(wish.string, wish.cell, wish.reason, time_ns=wish.time_ns)
         except ConfigError as e:
             log.warning("%s: %s; it is removed", path.name, e, extra={"code": "baseline"})
 
-    def _remove(self, path: Path) -> None:
-        try:
-            path.unlink(missing_ok=True)
-        except OSError as e:
-            log.warning("%s: cannot be removed: %s", path, e.strerror, extra={"code": "baseline"})
-            return
-        del self._done[path]
+    def _remove(self, paths: Sequence[Path]) -> None:
+        for path in paths:
+            try:
+                path.unlink(missing_ok=True)
+            except OSError as e:
+                log.warning("%s: cannot be removed: %s", path, e.strerror, extra={"code": "baseline"})
+            else:
+                del self._done[path]

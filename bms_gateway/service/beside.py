@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 
 from bms_gateway.config.load import LoadedConfig, mqtt_files
 from bms_gateway.errors import ConfigError, MissingExtraError
-from bms_gateway.service.alerts import Alerts
 from bms_gateway.service.live import Gateway
 from bms_gateway.service.summary import estimates, status
 from bms_gateway.service.watch import Watch
 
 if TYPE_CHECKING:
+    from bms_gateway.config.schema import GatewayConfig
     from bms_gateway.engine import Engine
     from bms_gateway.service.exposition import Family
 
@@ -34,8 +34,7 @@ def accompany(gateway: Gateway, loaded: LoadedConfig, engine: "Callable[[], Engi
     Watch
     """
     config = loaded.config
-    alerts = Alerts(grace_s=config.alerts.grace_s, hold_s=config.alerts.hold_s, clear_s=config.alerts.clear_s)
-    watch = Watch(gateway, engine, channel=config.bus.channel, alerts=alerts, core_max_C=config.alerts.core_max_C)
+    watch = Watch(gateway, engine, channel=config.bus.channel, settings=loaded.plan.alerts)
     gateway.beside["alerts"] = watch.run
     gateway.summary = lambda: watch.alerts.line
     watch.listeners.append(lambda _: gateway.tell_status())
@@ -64,14 +63,23 @@ def accompany(gateway: Gateway, loaded: LoadedConfig, engine: "Callable[[], Engi
     return watch
 
 
-def same_beside(running: LoadedConfig, wanted: LoadedConfig) -> None:
+def same_beside(running: "GatewayConfig", wanted: "GatewayConfig", where: object) -> None:
     """Check that a config that is about to be taken wants the same beside the gateway as the running one.
+
+    Parameters
+    ----------
+    running, wanted : GatewayConfig
+    where : object
+        Path of the file, as the line names it.
 
     Raises
     ------
     ConfigError
         It needs a restart.
     """
-    for section in ("metrics", "alerts", "mqtt"):
-        if getattr(wanted.config, section) != getattr(running.config, section):
-            raise ConfigError(f"{wanted.path}: [{section}] has changed: restart the service")
+    for section in ("metrics", "alerts", "mqtt", "store"):
+        if getattr(wanted, section) != getattr(running, section):
+            raise ConfigError(f"{where}: [{section}] has changed: restart the service")
+    for key in ("interface", "channel", "receive_buffer"):  # of the port that is open
+        if getattr(wanted.bus, key) != getattr(running.bus, key):
+            raise ConfigError(f"{where}: bus.{key} has changed: restart the service")

@@ -1,8 +1,9 @@
-"""How long the service was off, told by the clock that nobody can set.
+"""How long the service was off, measured by the clock that nobody can set.
 
-Bus time goes on when the wall clock is set (`bus.clock`), but a service that starts begins with the wall clock as it is
-then: a crash after the clock was set forward by an hour would count as an hour parked. So a state notes how far bus
-time was ahead of the time since boot. As long as it is the same boot, its time is moved onto the new line.
+Bus time does not follow when the wall clock is set (`bus.clock`), but a starting service begins with the present wall
+clock. A crash after the clock was set forward by an hour would therefore count as an hour parked. So a state records by
+how much bus time was ahead of the time since boot. Within the same boot, the time of the state is moved onto the new
+line.
 """
 
 import os

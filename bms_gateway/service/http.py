@@ -1,8 +1,9 @@
-"""One page over HTTP for Prometheus, that nobody can make the gateway late with.
+"""One page over HTTP for Prometheus. No client can delay the gateway with it.
 
-No web framework and no stream per client: one socket, `SLOTS` clients at a time, each with `DEADLINE_S` for everything
-and `HEAD_BYTES` to say what it wants, and a pause between two of them. Who comes beyond that waits in the kernel's
-short queue, or is turned away there; it costs the loop nothing. The page is made anew at most every `FRESH_S`.
+There is no web framework and no stream per client, but one socket and `SLOTS` clients at a time. Each client has
+`DEADLINE_S` for everything and `HEAD_BYTES` for its request, and there is a pause between two clients. A further client
+takes the place of the one that has been idle longest; a scrape sends its request at once, so it is never idle. The page
+is renewed at most every `FRESH_S`.
 """
 
 import asyncio
@@ -46,7 +47,7 @@ class MetricsServer:
         self._host, self._port = host, port
         self._page, self._type = page, content_type
         self._made: tuple[float, bytes] | None = None
-        self._clients: set[asyncio.Task[None]] = set()
+        self._clients: dict[asyncio.Task[None], bool] = {}  # the oldest first; whether it has asked
         self.address: tuple[str, int] | None = None
         self.refused = 0
 
@@ -83,24 +84,28 @@ class MetricsServer:
 
     async def _accept(self, sock: socket.socket) -> None:
         loop = asyncio.get_running_loop()
-        slots = asyncio.Semaphore(SLOTS)
         while True:
-            await slots.acquire()
             try:
                 client, _ = await loop.sock_accept(sock)
             except OSError:  # gone before it was taken, or no descriptor left: the next one may do better
-                slots.release()
                 self.refused += 1
-                await asyncio.sleep(PAUSE_S)
-                continue
-            task = loop.create_task(self._serve(client))
-            self._clients.add(task)
-            task.add_done_callback(self._on_served)
-            task.add_done_callback(lambda _: slots.release())
+            else:
+                if len(self._clients) >= SLOTS:
+                    self._let_go()
+                task = loop.create_task(self._serve(client))
+                self._clients[task] = False
+                task.add_done_callback(self._on_served)
             await asyncio.sleep(PAUSE_S)
 
+    def _let_go(self) -> None:
+        """Close the oldest client that has not asked; where all have, the oldest."""
+        oldest = next((task for task, asked in self._clients.items() if not asked), next(iter(self._clients)))
+        del self._clients[oldest]
+        self.refused += 1
+        oldest.cancel()
+
     def _on_served(self, task: "asyncio.Task[None]") -> None:
-        self._clients.discard(task)
+        self._clients.pop(task, None)
         if not task.cancelled() and (bug := task.exception()) is not None:
             self.refused += 1
             log.error("the page of metrics cannot be made; estimates go on", exc_info=bug)
@@ -111,11 +116,16 @@ class MetricsServer:
         try:
             async with asyncio.timeout(DEADLINE_S):
                 head = await self._head(client)
+                self._has_asked(asyncio.current_task())
                 await loop.sock_sendall(client, self._answer(head))
         except (TimeoutError, OSError):
             self.refused += 1
         finally:
             client.close()
+
+    def _has_asked(self, task: "asyncio.Task[None] | None") -> None:
+        if task in self._clients:
+            self._clients[task] = True
 
     async def _head(self, client: socket.socket) -> bytes:
         head = b""

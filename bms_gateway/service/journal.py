@@ -1,11 +1,11 @@
-"""Lines for people and journald: one per thing that happens, with its weight, never a flood.
+"""Lines for people and journald: one line per event, with its priority, and never a flood of lines.
 
 Under systemd a line goes to journald by its own protocol, with fields to filter by: ``journalctl BMS_STRING=string_2``,
 ``BMS_CODE=alert-sensor``, ``BMS_CELL=7`` beside the usual PRIORITY and CODE_FILE. Where that socket does not take it,
 the line goes to standard error with its syslog level in front (``<4>…``), which journald takes off again.
 
-Lines of the same origin (logger and code) are let through a few times per minute; the rest are counted and told of in
-one line. A journald that is busy costs a line, which is counted, and never a frame.
+A few lines per minute of the same origin (logger and code) are written; the rest is counted, and one line gives the
+count. If journald is busy, a line is lost and counted, but never a frame.
 """
 
 import logging

@@ -7,27 +7,31 @@ drain before it comes shortly before it, so that how long frames gather adds not
 is sent for it.
 
 Why a deadline waits a little: a frame stamped just before the deadline may reach the socket just after it. So the
-timer is handled only once bus time is `SETTLE_NS` past the deadline, and after a drain that began then; thus no frame
-stamped before the deadline is ever behind the timer, and the same traffic read from a log gives the same output.
+timer is handled only once bus time is `SETTLE_NS` past the deadline, and after a drain that began then and left
+nothing; thus no frame stamped before the deadline is ever behind the timer, and the same traffic read from a log gives
+the same output.
 """
 
 import asyncio
 import logging
 import signal
-from collections.abc import Callable, Coroutine, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Awaitable, Callable, Coroutine, Mapping
 from contextlib import suppress
 from functools import partial
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 from bms_gateway.bus.port import Link, Port
-from bms_gateway.engine.events import Estimated, Event, Job, Level, Notice, SendFrames, StartJob
+from bms_gateway.engine.events import Alerted, Estimated, Event, Job, Notice, SendFrames, StartJob
 from bms_gateway.errors import GatewayError
-from bms_gateway.frames.batch import FrameBatch
+from bms_gateway.health.alerts import Change
+from bms_gateway.service import lines
+from bms_gateway.service.aside import NotDone
 from bms_gateway.service.boot import noted
-from bms_gateway.service.journal import NOTICE
+from bms_gateway.service.engine import LiveEngine
 from bms_gateway.service.notify import notify, reloading, watchdog_s
+from bms_gateway.service.signals import ENDING, Signals
 from bms_gateway.service.tally import Tally
+from bms_gateway.service.worker import Worker
 
 log = logging.getLogger(__name__)
 
@@ -39,44 +43,12 @@ FEEDS: Final = 3  # per watchdog interval: one may be late
 STATUS_S: Final = 10.0  # what `systemctl status` shows may be so old
 LOOK_S: Final = 0.5  # while the bus is not there at a start
 PATIENCE_S: Final = 30  # by which systemd's time limit for a start is then put off, again and again
-END_S: Final = 2.0  # what runs beside gets so long to say goodbye
+SAVE_LAST_S: Final = 2.0  # a disk that has not answered by then costs the last minute, and not the end
+END_S: Final = 1.0  # what runs beside gets so long to say goodbye
+HASTE: Final = 0.25  # for a person at a terminal, who wants the end within a second, so much of both
+RETRY_FIRST_S: Final = 60.0  # what killed a fit (no memory, a busy machine) may be over by then
+RETRY_MOST_S: Final = 900.0  # a fit that always hangs costs a minute of a process in so long
 ROUNDING_S: Final = 0.0002  # two clocks are in play: rather a little later than once too early
-SYSLOG_LEVELS: Final = {Level.WARNING: logging.WARNING, Level.NOTICE: NOTICE, Level.INFO: logging.INFO}
-
-
-class LiveEngine(Protocol):
-    """What the shell needs of the engine; it tells it in `dropped` how many frames the port has lost."""
-
-    dropped: int
-
-    def receive(self, frames: FrameBatch, *, now_ns: int) -> None:
-        """Take frames in."""
-        ...
-
-    def next_deadline(self) -> int | None:
-        """Bus time at which `handle_timer` is wanted, or None."""
-        ...
-
-    def handle_timer(self, *, now_ns: int) -> None:
-        """Do what is due."""
-        ...
-
-    def next_output(self) -> Event | None:
-        """Give the next event, or None."""
-        ...
-
-    def finish(self, job_id: int, result: object) -> None:
-        """Take the result of a job."""
-        ...
-
-    def snapshot(self) -> Mapping[str, object]:
-        """State to go on from; nothing in it changes any more when the engine goes on."""
-        ...
-
-
-def place(event: Notice) -> dict[str, object]:
-    """Give what a notice is about, as attributes of its line."""
-    return {"code": event.code, "string": event.string, "cell": event.cell}
 
 
 def pause(gather_s: float, left_s: float | None) -> float:
@@ -110,14 +82,20 @@ class Gateway:
     engine : LiveEngine
     port : Port
     save : callable, optional
-        Gets a snapshot every `SAVE_S` (in the worker thread) and, last of all, at the end (in the loop). What it
-        raises as `GatewayError` or `OSError` is told and does no harm.
-    reload : callable, optional
-        Called on SIGHUP; gives the engine to go on with. A `GatewayError` is told and keeps the present one.
+        Gets a snapshot every `SAVE_S` and, last of all, at the end, in a thread of its own; one that hangs holds up
+        nothing but itself. What it raises as `GatewayError` or `OSError` is told and does no harm.
+    reload : coroutine function, optional
+        Called on SIGHUP; gives the engine to go on with, while the present one goes on. A `GatewayError` is told and
+        keeps the present one.
     watch : callable, optional
         Gets every event in order, jobs left out: for a record of what is sent, or a live table.
     run_job : callable
-        Called in the worker thread; gives a job's result. `aside.run_aside` keeps its calculation out of this process.
+        Called in a thread of its own; gives a job's result, or `NotDone`: then the job is tried again later.
+        `aside.Aside.run` keeps its calculation out of this process.
+    end_jobs : callable
+        Called at the end: what `run_job` is at need not be finished.
+    signals : Signals, optional
+        Of whoever limits how long ending may take.
 
     Attributes
     ----------
@@ -125,8 +103,15 @@ class Gateway:
     beside : dict of str to callable
         What runs in the same loop until the end, by name: coroutine functions, added before `run`. One that fails is
         told, counted and left off: estimates do not depend on who looks at them.
+    save_every_s : float
+    unread : callable
+        What of a stored state could not be read, and is kept until a person sees to it; empty for nothing.
+    on_alert : callable
+        Told of every change of the engine's alerts.
     summary : callable
         One line for systemd's status, before the counts of frames.
+    ended_by : int or None
+        The signal that has ended it.
 
     Notes
     -----
@@ -142,26 +127,55 @@ class Gateway:
         port: Port,
         *,
         save: Callable[[Mapping[str, object]], None] | None = None,
-        reload: Callable[[], LiveEngine] | None = None,
+        reload: Callable[[], Awaitable[LiveEngine]] | None = None,
         watch: Callable[[Event], None] | None = None,
         run_job: Callable[[Job], object] = run_here,
+        end_jobs: Callable[[], None] = lambda: None,
+        signals: Signals | None = None,
     ) -> None:
         self.engine = engine
         self.port = port
-        self._save, self._reload, self._watch, self._run_job = save, reload, watch, run_job
+        self._save, self._reload, self._watch = save, reload, watch
+        self._run_job, self._end_jobs = run_job, end_jobs
+        self._signals = signals
         self.tally = Tally()
         self.beside: dict[str, Callable[[], Coroutine[Any, Any, None]]] = {}
         self.summary: Callable[[], str] = lambda: ""
+        self.unread: Callable[[], str] = lambda: ""
+        self.on_alert: Callable[[Change], None] = lambda _: None
+        self.ended_by: int | None = None
         self._tasks: list[asyncio.Task[None]] = []
         self._ready = False
         self._told_ns = 0
-        self._worker = ThreadPoolExecutor(1, "worker")
+        self._fits, self._saves = Worker("fits"), Worker("saves")
+        self.save_every_s = SAVE_S
+        self._saving: asyncio.Future[None] | None = None
+        self._taken_s = 0.0
         self._drained = False
         self._asleep = False
         self._deadline: int | None = None
         self._timer: asyncio.TimerHandle | None = None
         self._pump_timer: asyncio.TimerHandle | None = None
         self._failure: BaseException | None = None
+        self._reloading: asyncio.Task[None] | None = None
+        self._reload_again = False
+
+    def serve(self, *, seconds: float | None = None) -> None:
+        """Run in an event loop of its own, as a command does.
+
+        Parameters
+        ----------
+        seconds : float, optional
+            As of `run`, and so is what is raised besides.
+
+        Raises
+        ------
+        KeyboardInterrupt
+            SIGINT has ended it, cleanly.
+        """
+        asyncio.run(self.run(seconds=seconds))
+        if self.ended_by == signal.SIGINT:
+            raise KeyboardInterrupt
 
     async def run(self, *, seconds: float | None = None) -> None:
         """Work until SIGTERM, SIGINT or the time is over; then save the state.
@@ -179,16 +193,26 @@ class Gateway:
         self._loop = asyncio.get_running_loop()
         self._stop = asyncio.Event()
         self._loop.set_exception_handler(self._on_bug)
-        for number in (signal.SIGTERM, signal.SIGINT):
-            self._loop.add_signal_handler(number, self._stop.set)
+        actions: dict[int, Callable[[], object]] = {n: partial(self._on_end, n) for n in ENDING}
         if self._reload is not None:
-            self._loop.add_signal_handler(signal.SIGHUP, self._on_reload, self._reload)
+            actions[signal.SIGHUP] = partial(self._on_reload, self._reload)
+        signals = self._signals or Signals()
+        signals.take(self._loop, actions)
+        try:
+            await self._live(seconds)
+        finally:
+            signals.drop()
+            if signals is not self._signals:
+                signals.close()
+
+    async def _live(self, seconds: float | None) -> None:
         self._pump()
         self._on_drain()
         if (watchdog := watchdog_s()) is not None:
             self._every(watchdog / FEEDS, self._feed)
         if self._save is not None:
-            self._every(SAVE_S, partial(self._save_aside, self._save))
+            self.tally.saved_s = self._loop.time()
+            self._every(self.save_every_s, partial(self._save_aside, self._save))
         self._tell_ready()
         self._every(STATUS_S, self.tell_status)
         self._start_beside()
@@ -200,11 +224,19 @@ class Gateway:
         if self._failure is not None:
             raise self._failure
         if self._save is not None:
-            try:
-                self._save(self._snapshot())
-            except (GatewayError, OSError) as error:
-                log.error("%s", error)  # noqa: TRY400 (one line for a person, no traceback)
+            await self._save_last(self._save)
         await self._end_beside()
+
+    def stop(self) -> None:
+        """End `run` as a signal does; to be called in its loop."""
+        self._stop.set()
+
+    def _on_end(self, number: int) -> None:
+        self.ended_by = number
+        self.stop()
+
+    def _at_end(self, seconds: float) -> float:
+        return seconds * HASTE if self.ended_by == signal.SIGINT else seconds
 
     # frames in, deadlines
 
@@ -239,7 +271,7 @@ class Gateway:
         if len(frames):
             self.engine.receive(frames, now_ns=self.port.now_ns())
         due = self.engine.next_deadline()
-        if due is not None and due + SETTLE_NS <= before_ns:
+        if due is not None and due + SETTLE_NS <= before_ns and self.port.emptied:
             self.engine.handle_timer(now_ns=before_ns - SETTLE_NS)
         self._put_out()
         self._arm()
@@ -265,7 +297,7 @@ class Gateway:
         sent = False
         while (event := self.engine.next_output()) is not None:
             if isinstance(event, StartJob):
-                self._start(event)
+                self.start_job(event)
                 continue
             if isinstance(event, SendFrames):
                 self.port.send(event.batch)
@@ -273,8 +305,9 @@ class Gateway:
             elif isinstance(event, Notice):
                 self.tally.notices[event.code] = self.tally.notices.get(event.code, 0) + 1
                 self.tally.wakes += event.code == "awake"
-                where = "" if event.string is None else f" [{event.string}]"
-                log.log(SYSLOG_LEVELS[event.level], "%s%s", event.text, where, extra=place(event))
+                lines.write(log, event)
+            elif isinstance(event, Alerted):
+                self.on_alert(event.change)
             if isinstance(event, SendFrames | Estimated) and event.time_ns > self._told_ns:
                 self._told_ns = event.time_ns
                 self.tally.ticks += 1
@@ -288,15 +321,31 @@ class Gateway:
         wait = self.port.pump()
         self._pump_timer = None if wait is None else self._loop.call_later(wait, self._pump)
 
-    def _start(self, event: StartJob) -> None:
+    def start_job(self, event: StartJob) -> None:
+        """Have a job done beside the loop; its result goes to the engine of now."""
         self.tally.jobs += 1
-        future = self._loop.run_in_executor(self._worker, self._run_job, event.job)
-        future.add_done_callback(partial(self._finish, self.engine, event))
+        self._try(self.engine, event, RETRY_FIRST_S)
 
-    def _finish(self, engine: LiveEngine, event: StartJob, done: "asyncio.Future[object]") -> None:
-        if not done.cancelled():
+    def _try(self, engine: LiveEngine, event: StartJob, again_s: float) -> None:
+        """Have a job done; one that comes to nothing is tried again after `again_s`, and then ever less often."""
+        if self._stop.is_set() or engine is not self.engine:  # another engine after a reload fits windows of its own
+            return
+        done = self._fits.submit(partial(self._run_job, event.job))
+        done.add_done_callback(partial(self._finish, engine, event, again_s))
+
+    def _finish(self, engine: LiveEngine, event: StartJob, again_s: float, done: "asyncio.Future[object]") -> None:
+        if done.cancelled() or self._stop.is_set():
+            return
+        result = done.result()
+        if not isinstance(result, NotDone):
+            self.tally.fit_problems.pop(event.job_id, None)
             self.tally.jobs_late += self.port.now_ns() > event.due_ns
-            engine.finish(event.job_id, done.result())
+            engine.finish(event.job_id, result)
+        elif engine is self.engine:
+            self.tally.jobs_failed += 1
+            self.tally.fit_problems[event.job_id] = result.why
+            log.warning("a fit was not made: %s; next try in %g s", result.why, again_s, extra={"code": "fit"})
+            self._loop.call_later(again_s, self._try, engine, event, min(2 * again_s, RETRY_MOST_S))
 
     # systemd, state, end
 
@@ -352,7 +401,7 @@ class Gateway:
         for task in self._tasks:
             task.cancel()
         if self._tasks:
-            await asyncio.wait(self._tasks, timeout=END_S)
+            await asyncio.wait(self._tasks, timeout=self._at_end(END_S))
 
     def _on_part_ended(self, task: "asyncio.Task[None]") -> None:
         if not task.cancelled() and (error := task.exception()) is not None:
@@ -361,36 +410,76 @@ class Gateway:
             log.error("%s has failed and is off until a restart; estimates go on", name, exc_info=error)
 
     def _save_aside(self, save: Callable[[Mapping[str, object]], None]) -> None:
-        self._loop.run_in_executor(self._worker, save, self._snapshot()).add_done_callback(self._on_saved)
+        if self._saving is not None and not self._saving.done():  # no second one behind a disk that does not answer
+            self._save_failed(f"the disk has not answered for {self._loop.time() - self._taken_s:.0f} s")
+            return
+        self._taken_s = self._loop.time()
+        self._saving = self._saves.submit(partial(save, self._snapshot()))
+        self._saving.add_done_callback(partial(self._on_saved, self._taken_s))
 
     def _snapshot(self) -> Mapping[str, object]:
         return {**self.engine.snapshot(), "clock": noted(self.port.now_ns())}
 
-    def _on_saved(self, done: "asyncio.Future[None]") -> None:
+    def _on_saved(self, taken_s: float, done: "asyncio.Future[None]") -> None:
         if done.cancelled():
             return
         error = done.exception()
-        self.tally.save_problem = "" if error is None else str(error)
         if error is None:
             self.tally.saves += 1
+            self.tally.saved_s, self.tally.save_problem = taken_s, ""
         elif isinstance(error, (GatewayError, OSError)):
-            self.tally.saves_failed += 1
-            log.warning("%s", error, extra={"code": "save"})
+            self._save_failed(str(error))
         else:
             raise error
 
-    def _on_reload(self, reload: Callable[[], LiveEngine]) -> None:
-        reloading()
+    def _save_failed(self, why: str) -> None:
+        self.tally.saves_failed += 1
+        self.tally.save_problem = why
+        log.warning("%s", why, extra={"code": "save"})
+
+    async def _save_last(self, save: Callable[[Mapping[str, object]], None]) -> None:
+        most_s = self._at_end(SAVE_LAST_S)
         try:
-            self.engine = reload()
+            await asyncio.wait_for(self._saves.submit(partial(save, self._snapshot())), most_s)
+        except TimeoutError:
+            text = "the state is not saved at the end: the disk has not answered for %g s"
+            log.error(text, most_s)  # noqa: TRY400 (one line for a person, no traceback)
+        except (GatewayError, OSError) as error:
+            log.error("%s", error)  # noqa: TRY400 (as above)
+
+    def _on_reload(self, reload: Callable[[], Awaitable[LiveEngine]]) -> None:
+        """Begin to read the config again, or, where that goes on already, do so once more when it ends."""
+        if self._reloading is not None:
+            self._reload_again = True
+            return
+        reloading()
+        self._reloading = self._loop.create_task(self._take_engine(reload))
+        self._reloading.add_done_callback(partial(self._on_reloaded, reload))
+        self._tasks.append(self._reloading)
+
+    async def _take_engine(self, reload: Callable[[], Awaitable[LiveEngine]]) -> None:
+        try:
+            self.engine = await reload()
         except GatewayError as error:
             self.tally.reloads_refused += 1
             log.error("not reloaded, going on as before: %s", error)  # noqa: TRY400 (as above)
         else:
             self.tally.reloads += 1
+            self.tally.fit_problems.clear()  # what the engine before has left undone is of no use to this one
             log.info("reloaded")
             self._arm()
-        if self._ready:
+
+    def _on_reloaded(self, reload: Callable[[], Awaitable[LiveEngine]], done: "asyncio.Task[None]") -> None:
+        self._tasks.remove(done)
+        self._reloading = None
+        if done.cancelled() or self._stop.is_set():
+            return
+        if (error := done.exception()) is not None:
+            raise error  # a bug
+        if self._reload_again:
+            self._reload_again = False
+            self._on_reload(reload)
+        elif self._ready:
             notify("READY=1", self._status())
 
     def _on_bug(self, _: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
@@ -399,11 +488,12 @@ class Gateway:
         self._stop.set()
 
     def _let_go(self) -> None:
-        for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
-            self._loop.remove_signal_handler(number)
         if self._asleep:
             self._loop.remove_reader(self.port.fileno())
         for timer in (self._timer, self._pump_timer):
             if timer is not None:
                 timer.cancel()
-        self._worker.shutdown(wait=False, cancel_futures=True)
+        if self._reloading is not None:
+            self._reloading.cancel()  # the engine of now is the one that is saved
+        self._fits.close()
+        self._end_jobs()

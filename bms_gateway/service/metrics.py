@@ -1,8 +1,8 @@
-"""What the gateway tells Prometheus: every metric by name, read off the present state when a page is asked for.
+"""The metrics of the gateway for Prometheus, read from the present state when a client asks for the page.
 
-Labels are few and bounded: strings by the config, reasons, classes, codes and flags by the program. There is no label
-for cells; the hottest one is a value. What is not known (a core without estimate, a growth without baseline) is left
-out, so that no rule takes it for zero.
+Labels are few and bounded: strings by the config; reasons, classes, codes and flags by the program. Cells have no
+label; the number of the hottest cell is a value. A value that is not known (a core without estimate, a growth without
+baseline) is left out, so that no rule takes it for zero.
 """
 
 import os
@@ -18,24 +18,31 @@ import numpy as np
 from bms_gateway import __version__
 from bms_gateway.bus.canframe import ERROR_CLASSES
 from bms_gateway.bus.port import Link
+from bms_gateway.engine.foreseen import FOR_S, TOLD_S
 from bms_gateway.frames.quality import Quality
-from bms_gateway.service.alerts import Severity
+from bms_gateway.health.alerts import Severity
 from bms_gateway.service.exposition import Family, Sample, page
 from bms_gateway.service.live import Gateway
-from bms_gateway.service.watch import Watch, WatchedEngine
+from bms_gateway.service.watch import Watch, WatchedEngine, WatchedString
+from bms_gateway.thermal.centre import hottest_of
 
 PREFIX: Final = "bms_gateway_"
-REASONS: Final = [q.name.lower() for q in Quality if q not in (Quality.GOOD, Quality.ESTIMATED, Quality.NEVER)]
-FLAGS: Final = ("ageing", "cooling", "current", "mismatch", "thermocouple")
+UNREFUSED: Final = (Quality.GOOD, Quality.ESTIMATED, Quality.DOUBTFUL, Quality.NEVER)
+REASONS: Final = [q.name.lower() for q in Quality if q not in UNREFUSED]
+FLAGS: Final = (
+    *("ageing", "cooling", "current", "inlet", "mismatch", "missing_heat", "thermocouple", "unexplained_heat"),
+)
 """Flags of a string, as `StringHealth.conditions` calls them."""
 
 
 class MeasuredEngine(WatchedEngine, Protocol):
     """What the page needs of the engine beyond what is watched."""
 
+    frames: int
+
     @property
     def rejected(self) -> dict[str, int]:
-        """Samples turned away, by reason."""
+        """Samples refused, by reason."""
         ...
 
 
@@ -98,7 +105,7 @@ class Page:
         yield _counter("frames_unsent_total", "Own frames not sent, by reason.", unsent, "reason")
         ignored = {"remote": c.remote, "malformed": c.malformed}
         yield _counter("frames_ignored_total", "Frames that carry no data, by reason.", ignored, "reason")
-        yield _counter("impostors_total", "Frames with identifiers of this node from somebody else.", c.impostors)
+        yield _counter("impostors_total", "Frames with identifiers of this node from another sender.", c.impostors)
         errors = dict.fromkeys(ERROR_CLASSES.values(), 0) | c.errors
         yield _counter("bus_errors_total", "Error frames by class.", errors, "class")
         yield _gauge("bus_up", "1 while the bus can be read and written.", float(link is Link.UP))
@@ -106,12 +113,13 @@ class Page:
         yield _gauge("bus_state", "1 for the state in which the link is.", states, "state")
         yield _counter("bus_outages_total", "Times the interface went down, away, or bus-off.", c.outages)
         yield _counter("clock_steps_total", "Times the wall clock was set.", c.clock_steps)
+        yield _counter("frames_misdated_total", "Frames whose stamp could not be true.", c.misdated)
 
     def _shell(self, engine: MeasuredEngine) -> Iterator[Family]:
         t = self._gateway.tally
         yield _counter("frames_used_total", "Frames that carried an input.", engine.frames)
         rejected = dict.fromkeys(REASONS, 0) | engine.rejected
-        yield _counter("samples_rejected_total", "Samples turned away, by reason.", rejected, "reason")
+        yield _counter("samples_rejected_total", "Samples refused, by reason.", rejected, "reason")
         awake = engine.next_deadline() is not None
         yield _gauge("awake", "1 while the bus talks and the estimators tick.", float(awake))
         yield _counter("wakes_total", "Pauses of the bus that ended.", t.wakes)
@@ -124,11 +132,16 @@ class Page:
         yield Family(f"{PREFIX}tick_lateness_seconds", "histogram", late, tuple(samples))
         yield _counter("jobs_total", "Identifications handed to the worker.", t.jobs)
         yield _counter("jobs_late_total", "Identifications that came after their time.", t.jobs_late)
+        yield _counter(
+            "jobs_failed_total", "Tries of an identification that hung, died or could not start.", t.jobs_failed
+        )
+        age_s = float("nan") if t.saved_s is None else time.monotonic() - t.saved_s  # left out where nothing is kept
+        yield _gauge("state_age_seconds", "Age of the newest state on disk, while awake.", age_s)
         yield _counter("state_saves_total", "Snapshots saved.", t.saves)
         yield _counter("state_save_failures_total", "Snapshots that could not be saved.", t.saves_failed)
         reloads = {"taken": t.reloads, "refused": t.reloads_refused}
         yield _counter("reloads_total", "Configurations read again, by result.", reloads, "result")
-        yield _counter("notices_total", "Things told, by code.", t.notices, "code")
+        yield _counter("notices_total", "Notices, by code.", t.notices, "code")
 
     def _alerts(self) -> Iterator[Family]:
         raised = self._watch.alerts.raised
@@ -147,7 +160,15 @@ class Page:
 
 def _strings(engine: MeasuredEngine) -> Iterator[Family]:
     strings = engine.strings
-    hottest = [(s, int(np.nanargmax(s.core))) for s in strings if not np.isnan(s.core).all()]
+    points = [(s, k) for s in strings if (k := hottest_of(s.centre)) is not None]
+    yield _of_strings(
+        "hottest_point_celsius", "Hottest point of a cell.", {s.plan.name: float(s.centre[k]) for s, k in points}
+    )
+    sd = {s.plan.name: float(s.centre_sd[k]) for s, k in points}
+    yield _of_strings("hottest_point_sd_kelvin", "Standard deviation of the hottest point.", sd)
+    cells = {s.plan.name: k + 1.0 for s, k in points}
+    yield _of_strings("hottest_point_cell", "Cell with the hottest point, from 1.", cells)
+    hottest = [(s, k) for s in strings if (k := hottest_of(s.core)) is not None]
     yield _of_strings("core_max_celsius", "Hottest core.", {s.plan.name: float(s.core[k]) for s, k in hottest})
     sd = {s.plan.name: float(s.core_sd[k]) for s, k in hottest}
     yield _of_strings("core_max_sd_kelvin", "Standard deviation of the hottest core.", sd)
@@ -162,6 +183,17 @@ def _strings(engine: MeasuredEngine) -> Iterator[Family]:
         for q in Quality
     ]
     yield Family(f"{PREFIX}cells", "gauge", "Cells by the quality of their estimate.", tuple(qualities))
+    heating = [(s, int(np.nanargmax(s.own_heat))) for s in strings if not np.isnan(s.own_heat).all()]
+    yield _of_strings(
+        "unexplained_heat_watts",
+        "Greatest heat of a cell that no current makes.",
+        {s.plan.name: float(s.own_heat[k]) for s, k in heating},
+    )
+    heat_sd = {s.plan.name: float(s.own_heat_sd[k]) for s, k in heating}
+    yield _of_strings("unexplained_heat_sd_watts", "Standard deviation of that heat.", heat_sd)
+    cells = {s.plan.name: k + 1.0 for s, k in heating}
+    yield _of_strings("unexplained_heat_cell", "Cell with the greatest unexplained heat, from 1.", cells)
+    yield from _ahead(strings)
     faults = {s.plan.name: 0.0 for s in strings}
     for name, _, _ in engine.faults:
         faults[name] += 1.0
@@ -182,6 +214,31 @@ def _strings(engine: MeasuredEngine) -> Iterator[Family]:
     flags = [("", {"string": name, "flag": flag}, float(level)) for (name, flag), level in levels.items()]
     text = "Level of a flag, 0 none; ageing 1 watch, 2 warning, 3 alarm; others 1 suspected, 2 confirmed."
     yield Family(f"{PREFIX}flag_level", "gauge", text, tuple(flags))
+
+
+def _ahead(strings: Sequence[WatchedString]) -> Iterator[Family]:
+    """Give what comes next, of the cell that will be hottest in ten minutes; nothing of strings without a forecast."""
+    known = [(s.plan.name, f, k) for s in strings if (f := s.forecast) is not None and (k := f.hottest) is not None]
+    points, sd = [], []
+    for name, f, k in known:
+        for h, seconds in TOLD_S.items():
+            labels = {"string": name, "ahead_s": seconds}
+            points.append(("", labels, float(f.centre[h, k])))
+            sd.append(("", labels, float(f.centre_sd[h, k])))
+    about = "Hottest point so many seconds ahead at the load of now."
+    yield Family(f"{PREFIX}forecast_point_celsius", "gauge", about, tuple(points))
+    yield Family(f"{PREFIX}forecast_point_sd_kelvin", "gauge", "Standard deviation of that forecast.", tuple(sd))
+    soon = {name: float(f.limit_s.min()) for name, f, _ in known if f.first is not None}
+    yield _of_strings(
+        "forecast_limit_seconds", "Time to the limit at the load of now; absent beyond ten minutes.", soon
+    )
+    currents = []
+    for name, f, _ in known:
+        for way, of in (("discharge", f.discharge), ("charge", f.charge)):
+            for seconds, value in zip(FOR_S, of.tolist(), strict=True):
+                currents.append(("", {"string": name, "direction": way, "for_s": seconds}, float(value)))
+    about = "Greatest constant current for so many seconds that keeps every hottest point below its limit."
+    yield Family(f"{PREFIX}permitted_current_amperes", "gauge", about, tuple(currents))
 
 
 def _gauge(name: str, text: str, value: float | Mapping[str, float], label: str = "") -> Family:

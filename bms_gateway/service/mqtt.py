@@ -1,4 +1,4 @@
-"""Status, alerts and estimates to an MQTT broker, whatever the broker and the way to it do.
+"""Sends status, alerts and estimates to an MQTT broker, and survives every fault of broker and network.
 
 Below the topic of the gateway::
 
@@ -6,12 +6,12 @@ Below the topic of the gateway::
     alert       one JSON object when an alert is raised, changes or is over
     estimates   one JSON object every interval: hottest and coldest core, growth and flags of each string
 
-Every message is acknowledged (QoS 1) before the next goes out, so that nothing piles up inside the client; what waits,
-waits in the spool. A broker that is slow, silent, or refuses is tried again with growing pauses.
+Every message is acknowledged (QoS 1) before the next one is sent, so that no messages collect inside the client; they
+wait in the spool. A broker that is slow, silent, or refuses is tried again after growing pauses.
 
-The client lives in a thread with a loop of its own. The gateway's loop ends the service at any exception, as a bug; of
-a client that meets a vanished socket now and then that would be too strict, and no frame should ever wait for it. What
-is told is made in the gateway's loop, where the engine is, and handed over as text.
+The client runs in a thread with an event loop of its own. The gateway's loop treats every exception as a bug and ends
+the service. This would be too strict for a client that sometimes meets a closed socket, and no frame may ever wait for
+the client. Messages are made in the gateway's loop, where the engine is, and passed on as text.
 """
 
 import asyncio
@@ -31,7 +31,7 @@ import aiomqtt
 from bms_gateway.config.credential import read_secret
 from bms_gateway.config.schema import Mqtt
 from bms_gateway.errors import ConfigError
-from bms_gateway.service.alerts import Change
+from bms_gateway.health.alerts import Change
 from bms_gateway.service.exposition import Family
 from bms_gateway.service.spool import KINDS, Message, Spool
 
@@ -42,6 +42,7 @@ RETRY_MOST_S: Final = 60.0  # after hours in a tunnel a minute more does no harm
 ANSWER_S: Final = 10.0  # for an acknowledgement; a mobile network takes seconds
 FAREWELL_S: Final = 1.0
 KEEPALIVE_S: Final = 30  # the broker tells our last will after one and a half of it
+MOST_PACKET: Final = 128  # bytes; nothing is subscribed, and an acknowledgement has two
 PORT, PORT_TLS = 1883, 8883
 OFFLINE: Final = "OFFLINE: the connection was lost"
 STOPPED: Final = "STOPPED"
@@ -111,6 +112,7 @@ class Publisher:
         self._delay_s = 0.0
         self._line = ""
         self._told: str | None = None
+        self._refused = ""
         self.spool = Spool(settings.spool)
         self.connected = False
         self.connects = self.published = 0
@@ -193,7 +195,7 @@ class Publisher:
         password = None
         if (file := self._files.get("password_file")) is not None:
             password = read_secret(file, "mqtt.password_file")
-        return aiomqtt.Client(
+        client = aiomqtt.Client(
             s.host,
             s.port or (PORT_TLS if s.tls else PORT),
             username=s.username,
@@ -205,18 +207,36 @@ class Publisher:
             timeout=ANSWER_S,
             tls_context=self._tls,
         )
+        self._bound(client)
+        return client
+
+    def _bound(self, client: aiomqtt.Client) -> None:
+        """Let the client read no packet that is larger than any that it can need.
+
+        It takes the room for a whole packet as soon as that announces its length, up to 256 MB, and has no setting for
+        less; so this stands between it and its socket.
+        """
+        paho = client._client
+        receive = paho._sock_recv
+
+        def bounded(size: int) -> bytes:
+            if size > MOST_PACKET:
+                self._refused = f"the broker sends a packet of {size:,} bytes, which is not for us"
+                raise ConnectionError(self._refused)
+            return receive(size)
+
+        paho._sock_recv = bounded  # type: ignore[assignment,method-assign]
 
     def _on_connected(self) -> None:
         self.connected, self._told = True, None
         self.connects += 1
-        self._delay_s = 0.0
         log.info("MQTT: connected to %s", self._settings.host)
 
     def _on_failed(self, error: Exception) -> None:
-        level = logging.WARNING if self.connected or not self._delay_s else logging.DEBUG
+        level = logging.DEBUG if self._delay_s else logging.WARNING
         self.connected = False
         self._delay_s = min(max(RETRY_FIRST_S, 2 * self._delay_s), RETRY_MOST_S)
-        why = str(error) or type(error).__name__
+        why, self._refused = self._refused or str(error) or type(error).__name__, ""
         log.log(level, "MQTT: %s: %s; trying again, messages wait", self._settings.host, why, extra={"code": "mqtt"})
 
     async def _publish_all(self, client: aiomqtt.Client) -> None:
@@ -252,6 +272,7 @@ class Publisher:
 
     async def _publish(self, client: aiomqtt.Client, message: Message, *, retain: bool) -> None:
         await client.publish(message.topic, message.payload, qos=1, retain=retain)
+        self._delay_s = 0.0  # not before: a broker that takes us and then fails is no better than one that is gone
         self.published += 1
 
     def families(self) -> Iterator[Family]:
@@ -262,7 +283,7 @@ class Publisher:
         waiting = tuple(("", {"kind": kind}, float(self.spool.waiting(kind))) for kind in KINDS)
         yield Family("bms_gateway_mqtt_waiting", "gauge", "Messages that wait, by kind.", waiting)
         dropped = tuple(("", {"kind": kind}, float(self.spool.dropped[kind])) for kind in KINDS)
-        yield Family("bms_gateway_mqtt_dropped_total", "counter", "Messages given up, by kind.", dropped)
+        yield Family("bms_gateway_mqtt_dropped_total", "counter", "Messages dropped, by kind.", dropped)
 
 
 def _one(name: str, kind: Literal["gauge", "counter"], text: str, value: float) -> Family:

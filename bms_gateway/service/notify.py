@@ -1,4 +1,4 @@
-"""sd_notify: tell systemd how the service is doing. Does nothing where systemd did not ask."""
+"""sd_notify: report the state of the service to systemd. Does nothing if systemd has not asked for it."""
 
 import os
 import socket

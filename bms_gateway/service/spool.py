@@ -1,10 +1,10 @@
-"""What could not be sent yet: bounded, the oldest goes first, and what goes is counted.
+"""Messages that could not be sent yet: a bounded queue, from which the oldest is dropped and counted.
 
-Kept in memory and not on disk. What matters after a restart is not lost with it: an alert that still holds is raised
-anew, the status line is made from the present, journald has what was told, and the drive is in the vehicle's own
-recordings. A spool on disk would write to the vehicle's flash the more the longer it is out of reach, and could fill
-the disk that the state needs. Alerts and estimates have a queue each, so that a night of estimates never pushes out an
-alert.
+The queue is in memory and not on disk. A restart loses nothing that matters afterwards: an alert that still holds is
+raised again, the status line is made from the present state, journald has the earlier reports, and the drive is in the
+vehicle's own recordings. A spool on disk would write the more to the vehicle's flash the longer the broker is not
+reached, and could fill the disk that the state needs. Alerts and estimates have a queue each, so that a night of
+estimates never displaces an alert.
 """
 
 from collections import deque
@@ -36,7 +36,7 @@ class Spool:
     Attributes
     ----------
     dropped : dict of str to int
-        Messages given up, by kind.
+        Messages dropped, by kind.
 
     Examples
     --------

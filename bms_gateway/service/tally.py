@@ -1,4 +1,4 @@
-"""What the shell counts of itself, for the metrics: plain numbers, no time and no lock, one thread writes them."""
+"""Counters of the service for the metrics: plain numbers without time and lock, written by one thread."""
 
 from bisect import bisect_left
 from dataclasses import dataclass, field
@@ -55,11 +55,18 @@ class Tally:
     """By code."""
     jobs: int = 0
     jobs_late: int = 0
-    """Results that came after their time, when the engine had computed them itself."""
+    """Results that came after their time."""
+    jobs_failed: int = 0
+    """Tries that came to nothing: hung and killed, died, or not even started."""
+    fit_problems: dict[int, str] = field(default_factory=dict)
+    """Why the latest try came to nothing, of each job that still waits for another."""
     saves: int = 0
     saves_failed: int = 0
     save_problem: str = ""
     """Why the latest attempt to save the state failed; empty when it did not."""
+    saved_s: float | None = None
+    """When the newest snapshot on disk was taken, by `time.monotonic`; of the start while there is none since, and None
+    where no state is kept."""
     reloads: int = 0
     reloads_refused: int = 0
     failed_parts: dict[str, str] = field(default_factory=dict)

@@ -1,7 +1,7 @@
-"""Once a second: what is wrong with bus, sensors, strings and state, and whom to tell when that changes.
+"""Reports alerts, and once a second finds those that only a running service can know: bus, frames, fits, state.
 
-Conditions are read off the present state, not collected from notices: so a flag that was raised before a restart is
-raised again after it. Where one cause explains others, it is told alone: with the bus down or silent no sensor is.
+Alerts of sensors and strings belong to the engine (`engine.alerting`), which reports them at its ticks; a log gives the
+same ones.
 """
 
 import asyncio
@@ -15,41 +15,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.bus.port import Link
-from bms_gateway.engine.inputs import REASONS
+from bms_gateway.engine.foreseen import Forecast
 from bms_gateway.engine.plan import Channel
 from bms_gateway.frames.quality import Quality
 from bms_gateway.health import StringHealth
-from bms_gateway.service.alerts import Alerts, Change, Condition, Severity
+from bms_gateway.health.alerts import Alerts, AlertSettings, Change, Condition, Severity
 from bms_gateway.service.journal import NOTICE
 from bms_gateway.service.live import Gateway
 
 log = logging.getLogger(__name__)
 
 PERIOD_S: Final = 1.0
-QUIET_S: Final = 2.5  # without a wanted frame for longer the bus is quiet: what is then stale is not the sensors' fault
 EVENT_S: Final = 60.0  # how long something that happens in a moment, such as a loss of frames, stays an alert
-COOLER_K: Final = 2.0  # below its limit before a core is no longer too hot
-NAMED: Final = 6  # cells that a sentence names; more are counted
+OLD_S: Final = 150.0  # a save is made every minute: two were left out
 
-REMEDIES: Final = {
-    Quality.STALE: "check its sender and the wiring of the bus",
-    Quality.OUT_OF_RANGE: "check the sensor, and scale and offset in the config",
-    Quality.NOT_AVAILABLE: "check the sensor at its sender",
-    Quality.ERROR: "check the sensor at its sender",
-    Quality.STUCK: "check that the sensor sits on its cell, and its amplifier",
-    Quality.OPEN: "check its wire and plug",
-    Quality.SHORT: "check its wire and insulation",
-    Quality.JUMPY: "check its contact and shielding",
-    Quality.COUNTER: "look for a second sender of the same identifier",
-    Quality.CRC: "look for a second sender of the same identifier, or a DBC of another version",
-}
 BUS: Final = {
     Link.DOWN: "the interface is switched off: set it up (ip link set {channel} up)",
     Link.ABSENT: "there is no such interface: check the adapter and its driver",
     Link.BUS_OFF: "the controller is bus-off: check bit rate, termination and wiring",
 }
-WATCH: Final = ("ageing",)
-"""Flags whose levels are watch, warning, alarm; those of the others are warning (suspected), alarm (confirmed)."""
 
 
 class WatchedPlan(Protocol):
@@ -80,8 +64,38 @@ class WatchedString(Protocol):
         ...
 
     @property
+    def centre(self) -> NDArray[np.float64]:
+        """Newest estimate of each cell's hottest point, °C."""
+        ...
+
+    @property
+    def centre_sd(self) -> NDArray[np.float64]:
+        """Its standard deviation, K."""
+        ...
+
+    @property
     def quality(self) -> NDArray[np.uint8]:
-        """`Quality` of both."""
+        """`Quality` of all."""
+        ...
+
+    @property
+    def own_heat(self) -> NDArray[np.float64]:
+        """Heat of the cells that no current makes, W."""
+        ...
+
+    @property
+    def own_heat_sd(self) -> NDArray[np.float64]:
+        """Its standard deviation, W."""
+        ...
+
+    @property
+    def forecast(self) -> Forecast | None:
+        """What comes next; None before anything is known."""
+        ...
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What speaks against the cores, a sentence each."""
         ...
 
     health: StringHealth
@@ -89,8 +103,6 @@ class WatchedString(Protocol):
 
 class WatchedEngine(Protocol):
     """What is looked at of the engine."""
-
-    frames: int
 
     def next_deadline(self) -> int | None:
         """Bus time of the next tick; None while the bus sleeps."""
@@ -107,13 +119,13 @@ class WatchedEngine(Protocol):
         ...
 
     @property
-    def unheard(self) -> dict[str, str]:
-        """Inputs never received, by string."""
+    def alerts(self) -> Alerts:
+        """Alerts of its inputs and strings."""
         ...
 
 
 class Watch:
-    """Conditions and alerts of a gateway whose engine is a `WatchedEngine`.
+    """Alerts of a gateway whose engine is a `WatchedEngine`: the engine's and the service's own.
 
     Parameters
     ----------
@@ -122,9 +134,14 @@ class Watch:
         Gives the engine of now: a reload brings another one.
     channel : str
         Name of the bus, for sentences.
-    alerts : Alerts, optional
-    core_max_C : float, optional
-        Core temperature above which there is an alarm, °C.
+    settings : AlertSettings, optional
+
+    Attributes
+    ----------
+    alerts : Alerts
+        The service's own; those that are raised by the engine count in its line and severity.
+    listeners : list of callable
+        Told of every change.
     """
 
     def __init__(
@@ -133,16 +150,16 @@ class Watch:
         engine: Callable[[], WatchedEngine],
         *,
         channel: str,
-        alerts: Alerts | None = None,
-        core_max_C: float | None = None,
+        settings: AlertSettings | None = None,
     ) -> None:
         self.gateway, self.engine, self.channel = gateway, engine, channel
-        self.alerts = alerts or Alerts()
-        self.core_max_C = core_max_C
+        s = settings or AlertSettings()
+        self.alerts = Alerts(
+            grace_s=s.grace_s, hold_s=s.hold_s, clear_s=s.clear_s, also=lambda: self.engine().alerts.raised
+        )
+        gateway.on_alert = self._tell
         self.listeners: list[Callable[[Change], None]] = []
-        self._frames, self._moved_s = -1, float("-inf")
         self._lost, self._impostors = _Recent(), _Recent()
-        self._hot: set[str] = set()
         self._wakes, self._link = 0, Link.UP
         self._asleep_s = _asleep_s()
 
@@ -154,7 +171,7 @@ class Watch:
             await asyncio.sleep(PERIOD_S)
 
     def look(self, now_s: float) -> None:
-        """Work out what is wrong now and tell what has changed."""
+        """Determine what is wrong now and report what has changed."""
         link, wakes, asleep_s = self.gateway.port.link, self.gateway.tally.wakes, _asleep_s()
         back = link is Link.UP and self._link is not Link.UP
         if back or wakes != self._wakes or asleep_s - self._asleep_s > PERIOD_S:
@@ -165,21 +182,28 @@ class Watch:
 
     def conditions(self, now_s: float) -> Iterator[Condition]:
         """List what is wrong now, the causes first."""
-        engine, link = self.engine(), self.gateway.port.link
-        if engine.frames != self._frames:
-            self._frames, self._moved_s = engine.frames, now_s
+        link = self.gateway.port.link
         if link is not Link.UP:
             yield Condition("bus", Severity.ALARM, f"{self.channel}: {BUS[link].format(channel=self.channel)}")
-        elif engine.next_deadline() is not None and now_s - self._moved_s < QUIET_S:
-            yield from _sensors(engine)
-            yield from _unknown(engine)
         yield from self._events(now_s)
         for name, why in self.gateway.tally.failed_parts.items():
             yield Condition("part", Severity.WARNING, f"{name} has failed ({why}): restart the service", part=name)
-        if problem := self.gateway.tally.save_problem:
-            text = f"{problem}; mend that, or what is learnt is lost at the next stop"
+        yield from self._kept(now_s)
+
+    def _kept(self, now_s: float) -> Iterator[Condition]:
+        """Find faults of learning: fits that are not made, and a state on disk that is older than some minutes."""
+        tally = self.gateway.tally
+        if why := next(iter(tally.fit_problems.values()), ""):
+            others = f" ({len(tally.fit_problems)} fits wait)" if len(tally.fit_problems) > 1 else ""
+            text = f"parameters are not identified further, estimates go on with those known: a fit was not made: {why}"
+            yield Condition("fit", Severity.WARNING, f"{text}{others}; it is tried again")
+        if unread := self.gateway.unread():
+            yield Condition("state", Severity.WARNING, unread, part="unread", settled=True)
+        age_s = 0.0 if tally.saved_s is None else now_s - tally.saved_s
+        if problem := tally.save_problem or ("nothing has been saved" if age_s > OLD_S else ""):
+            since = f" (the state on disk is {age_s / 60.0:.0f} min old)" if age_s > OLD_S else ""
+            text = f"{problem}{since}; repair this, or the learnt state is lost at the next stop"
             yield Condition("state", Severity.WARNING, text)
-        yield from self._strings(engine)
 
     def _events(self, now_s: float) -> Iterator[Condition]:
         counters = self.gateway.port.counters
@@ -187,32 +211,8 @@ class Watch:
             text = f"{lost} frames lost in the kernel: the computer was too busy, or net.core.rmem_max is too small"
             yield Condition("loss", Severity.WARNING, text, settled=True)
         if others := self._impostors.update(counters.impostors, now_s):
-            text = f"{others} frames with identifiers of this node came from somebody else: find the second sender"
+            text = f"{others} frames with identifiers of this node came from another sender: find it"
             yield Condition("impostor", Severity.ALARM, text, settled=True)
-
-    def _strings(self, engine: WatchedEngine) -> Iterator[Condition]:
-        for s in engine.strings:
-            name = s.plan.name
-            for flag in s.health.conditions():
-                grave = flag.level >= (3 if flag.code in WATCH else 2)
-                severity = Severity.ALARM if grave else Severity.WARNING
-                yield Condition(flag.code, severity, flag.text, name, flag.cell, settled=True)
-            if self.core_max_C is not None:
-                yield from self._too_hot(name, s, self.core_max_C)
-
-    def _too_hot(self, name: str, s: WatchedString, limit: float) -> Iterator[Condition]:
-        if np.isnan(s.core).all():
-            self._hot.discard(name)
-            return
-        k = int(np.nanargmax(s.core))
-        core = float(s.core[k])
-        (self._hot.add if core >= limit - COOLER_K * (name in self._hot) else self._hot.discard)(name)
-        if name in self._hot:
-            text = (
-                f"core of cell {k + 1} is {core:.1f} ± {float(s.core_sd[k]):.1f} °C, the limit is {limit:g} °C: "
-                "lower the current or cool the string"
-            )
-            yield Condition("core", Severity.ALARM, text, name)
 
     def _tell(self, change: Change) -> None:
         c = change.condition
@@ -243,42 +243,6 @@ class _Recent:
         if count != self.count:
             self.added, self.count, self.last_s = self.added + count - self.count, count, now_s
         return self.added
-
-
-def _sensors(engine: WatchedEngine) -> Iterator[Condition]:
-    """One condition per string and quantity, however many cells and faults it is of: a fault may change its face."""
-    found: dict[tuple[str, str], dict[Quality, list[Channel]]] = {}
-    for string, channel, quality in engine.faults:
-        found.setdefault((string, channel.quantity), {}).setdefault(quality, []).append(channel)
-    for (string, quantity), faults in found.items():
-        clauses = [_fault(quantity, quality, channels) for quality, channels in faults.items()]
-        cells = [c.cell for channels in faults.values() for c in channels]
-        severity = Severity.ALARM if quantity == "current" else Severity.WARNING
-        one = cells[0] if len(cells) == 1 else None
-        yield Condition("sensor", severity, "; ".join(clauses), string, one, part=quantity)
-
-
-def _fault(quantity: str, quality: Quality, channels: Sequence[Channel]) -> str:
-    cells = [c.cell for c in channels if c.cell is not None]
-    what = quantity.replace("_", " ") + (f" of {_cells(cells)}" if cells else "")
-    return f"{what} not used: {REASONS[quality]} ({channels[0].signal}): {REMEDIES[quality]}"
-
-
-def _unknown(engine: WatchedEngine) -> Iterator[Condition]:
-    for string, missing in engine.unheard.items():
-        text = f"never received: {missing}: check the names in the config, the DBC, and the sender"
-        yield Condition("unheard", Severity.WARNING, text, string)
-    for s in engine.strings:
-        if np.isnan(s.core).all():
-            text = "no core temperature is known to 12 K: see the string's other alerts and its model file"
-            yield Condition("estimate", Severity.WARNING, text, s.plan.name)
-
-
-def _cells(cells: Sequence[int]) -> str:
-    """Name cells: ``cell 3``, ``cells 1, 2``, and from the seventh on how many more."""
-    named = ", ".join(map(str, cells[:NAMED]))
-    more = f" and {len(cells) - NAMED} more" if len(cells) > NAMED else ""
-    return f"cell{'s' if len(cells) > 1 else ''} {named}{more}"
 
 
 def _asleep_s() -> float:

@@ -1,17 +1,19 @@
-"""The few ways in which this room touches the disk, each call a system call whose effect a power cut may divide.
+"""The disk operations of this room. Each is a single system call, and a power cut may interrupt between any two.
 
-`os.open`, `os.write`, `os.fsync` and the renames of `pathlib` are called one by one on purpose: what is replayed in the
-crash tests is the list of these calls, with nothing that buffers in between.
+`os.open`, `os.write`, `os.fsync` and the renames of `pathlib` are called one by one on purpose: the crash tests replay
+the list of these calls, and nothing buffers in between.
 """
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from stat import S_ISREG
 
 _APPEND = os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
 _FRESH = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
 _READ = os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK  # a pipe that lies in the place of a file must not stop us
-_MODE = 0o640  # not for everybody: where and how a vehicle is driven can be read from it
+_MODE = 0o640  # not readable by everybody: it shows where and how a vehicle is driven
 _CHUNK = 1 << 20
 
 
@@ -64,6 +66,40 @@ def sync_directory(directory: Path) -> None:
         os.close(handle)
 
 
+@contextmanager
+def reading(path: Path) -> Iterator[int | None]:
+    """Open a file to read it; all reads come from this one file, even if another file takes its name meanwhile.
+
+    Yields
+    ------
+    int or None
+        Descriptor. None: what lies there is no file.
+
+    Raises
+    ------
+    OSError
+    """
+    handle = os.open(path, _READ)
+    try:
+        yield handle if S_ISREG(os.fstat(handle).st_mode) else None
+    finally:
+        os.close(handle)
+
+
+def read_on(handle: int, most: int) -> bytes:
+    """Read up to `most` bytes more; fewer only where the file ends.
+
+    Raises
+    ------
+    OSError
+    """
+    parts = []
+    while most > 0 and (part := os.read(handle, min(most, _CHUNK))):
+        parts.append(part)
+        most -= len(part)
+    return b"".join(parts)
+
+
 def read_file(path: Path, most: int) -> bytes | None:
     """Read a file up to its first `most` bytes.
 
@@ -76,17 +112,8 @@ def read_file(path: Path, most: int) -> bytes | None:
     ------
     OSError
     """
-    handle = os.open(path, _READ)
-    try:
-        if not S_ISREG(os.fstat(handle).st_mode):
-            return None
-        parts = []
-        while most > 0 and (part := os.read(handle, min(most, _CHUNK))):
-            parts.append(part)
-            most -= len(part)
-        return b"".join(parts)
-    finally:
-        os.close(handle)
+    with reading(path) as handle:
+        return None if handle is None else read_on(handle, most)
 
 
 def _write(handle: int, content: bytes) -> None:

@@ -1,9 +1,10 @@
 """A ring of the recent decoded signals on disk: what `export` makes tables of.
 
-Samples gather in memory and are written once a minute or so, as one block at the end of the newest *segment*: few
-writes, all appended, as flash likes it. When the ring is full its oldest segment goes. A cut of power costs the minute
-in memory, and a block cut in two is dropped by its check sum. Every block stands for itself: it says which string has
-which columns, so a reader needs no config, and damage costs the blocks that it hit and no other.
+Samples gather in memory. About once a minute they are written as one block at the end of the newest *segment*: few
+writes, all of them appended, which suits flash memory. When the ring is full, its oldest segment is deleted. A power
+cut costs the minute in memory; a block that was cut in two is recognised by its check sum and dropped. Every block is
+complete in itself: it says which string has which columns. A reader therefore needs no config, and damage costs only
+the damaged blocks.
 
 A block::
 
@@ -42,7 +43,7 @@ MAX_PACKED = 8 << 20
 MAX_BLOCK = 64 << 20  # unpacked; a block of ours takes a hundredth
 MOST_SAMPLES = 50_000  # of a block: packing takes some thirty bytes for each meanwhile
 LONGEST_US = 1_800_000_000  # µs since a block's start fit into 32 bits
-SEGMENTS = 16  # what goes when the ring is full is this share of it
+SEGMENTS = 16  # share of the ring that is deleted when it is full
 SEGMENT_BYTES = (64 << 10, 4 << 20)  # a reader holds one in memory
 _NAME = re.compile(r"recent-(\d{8,})")
 
@@ -52,7 +53,7 @@ Layout = Mapping[str, Mapping[str, int | float]]
 
 @dataclass(frozen=True, slots=True)
 class _Tick:
-    """Samples of a tick as they wait: half of what they were, for a full bus brings a million a minute.
+    """Samples of a tick that wait to be written, in half their size, because a full bus brings a million a minute.
 
     Attributes
     ----------
@@ -106,7 +107,7 @@ class Block:
 
 
 def layout_of(engine: Engine) -> Layout:
-    """Say which input of an engine fills which column of a string's table."""
+    """Assign the inputs of an engine to the columns of a string's table."""
     found: dict[str, dict[str, int | float]] = {}
     for string, wire in zip(engine.plan.strings, engine.wires, strict=True):
         single = {

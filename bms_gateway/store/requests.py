@@ -1,27 +1,34 @@
-"""Wishes of a person to the service: small files in its state directory.
+"""Requests of a person to the service: small files in its state directory.
 
-They are written whole, taken up while the service runs or at its next start, and removed once what came of them has
-been saved.
+A request is written as a whole. The service carries it out while it runs or at its next start, and removes it once the
+resulting state has been saved.
+
+Root writes requests into a directory of the service's user, and this user may put anything under any name there at any
+moment. So no path is used: the directory is opened once, the file is created in it only if the name is free, never
+through a link, and its mode is set by its descriptor.
 """
 
 import json
 import os
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from bms_gateway.errors import StateError
 
 PATTERN = "baseline.*.request"
+ACKNOWLEDGED = "acknowledged.*.request"
 MAX_BYTES = 10_000
 MODE = 0o644  # the service runs as another user than the person at the keyboard
+_FRESH = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
 
 
 @dataclass(frozen=True, slots=True)
 class BaselineReset:
     """A new baseline of R_e for a string or one of its cells (from 1), because parts were replaced.
 
-    `time_ns` is the wall clock when it was asked for, and its name: the same wish is carried out once.
+    `time_ns` is the wall clock at the time of the request. It identifies the request, which is carried out only once.
     """
 
     string: str
@@ -30,42 +37,85 @@ class BaselineReset:
     time_ns: int
 
 
-def ask(directory: Path, wish: BaselineReset) -> Path:
-    """Put a wish where the service finds it; the file is whole or not there.
+@dataclass(frozen=True, slots=True)
+class Acknowledgement:
+    """A person has looked at the alarms of a string, or of all strings (None), so these alarms may end.
+
+    `time_ns` is the wall clock when it was given, and its name.
+    """
+
+    string: str | None
+    reason: str
+    time_ns: int
+
+
+Wish = BaselineReset | Acknowledgement
+
+
+def ask(directory: Path, wish: Wish) -> Path:
+    """Write a request where the service finds it; the file is complete or does not exist.
 
     Raises
     ------
     StateError
         The directory is missing or not writable.
     """
-    path = directory / PATTERN.replace("*", str(wish.time_ns))
-    beside = path.with_suffix(".new")
+    name = _pattern(wish).replace("*", str(wish.time_ns))
     try:
-        handle = os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, MODE)
-        with os.fdopen(handle, "w", encoding="utf-8") as f:
-            json.dump(asdict(wish), f)
-            f.flush()
-            os.fsync(f.fileno())
-        beside.chmod(MODE)
-        beside.replace(path)
+        at = os.open(directory, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        try:
+            _write(at, name, json.dumps(asdict(wish)).encode())
+        finally:
+            os.close(at)
     except OSError as e:
         raise StateError(f"{directory}: the request cannot be written: {e.strerror}") from None
-    return path
+    return directory / name
 
 
-def asked(directory: Path) -> Iterator[tuple[Path, BaselineReset | None]]:
-    """Give the wishes that lie there, the oldest first; None for a file that holds none."""
-    for path in sorted(directory.glob(PATTERN)):
+def _write(at: int, name: str, content: bytes) -> None:
+    """Write a file into an open directory: whole under its name, or not there."""
+    fresh = f".{name}.{os.urandom(8).hex()}"  # that nobody could have made before
+    handle = os.open(fresh, _FRESH, MODE, dir_fd=at)
+    try:
+        with os.fdopen(handle, "wb") as f:
+            os.fchmod(handle, MODE)  # whatever the umask
+            f.write(content)
+            f.flush()
+            os.fsync(handle)
+        os.rename(fresh, name, src_dir_fd=at, dst_dir_fd=at)
+    except OSError:
+        with suppress(FileNotFoundError):
+            os.unlink(fresh, dir_fd=at)
+        raise
+    os.fsync(at)
+
+
+def _pattern(wish: Wish) -> str:
+    return PATTERN if isinstance(wish, BaselineReset) else ACKNOWLEDGED
+
+
+def asked(directory: Path) -> Iterator[tuple[Path, Wish | None]]:
+    """Give the waiting requests, the oldest of each kind first; None for a file that is no request."""
+    for kind in (BaselineReset, Acknowledgement):
+        yield from _of_kind(directory, kind)
+
+
+def _of_kind(directory: Path, kind: type[Wish]) -> Iterator[tuple[Path, Wish | None]]:
+    for path in sorted(directory.glob(PATTERN if kind is BaselineReset else ACKNOWLEDGED)):
         if not path.is_file():  # a pipe would never end
             yield path, None
             continue
         try:
             with path.open("rb") as f:
                 content = json.loads(f.read(MAX_BYTES))
-            wish = BaselineReset(**content)
+            wish = kind(**content)
         except (OSError, ValueError, TypeError, RecursionError):
             yield path, None
             continue
-        cell_sound = wish.cell is None or (type(wish.cell) is int and wish.cell >= 1)
-        sound = cell_sound and type(wish.time_ns) is int and isinstance(wish.string, str)
-        yield path, wish if sound and isinstance(wish.reason, str) else None
+        sound: bool = type(wish.time_ns) is int and type(wish.reason) is str
+        if isinstance(wish, BaselineReset):
+            sound &= isinstance(wish.string, str)
+            sound &= wish.cell is None or (type(wish.cell) is int and wish.cell >= 1)
+        else:
+            sound &= wish.string is None or isinstance(wish.string, str)
+        yield path, wish if sound else None

@@ -1,9 +1,9 @@
 """One snapshot on disk: atomic, checksummed, versioned, with the generation before it.
 
-A plain file that is replaced, not a database. There is one writer, one document of some 100 kB that is always written
-whole, and no query. SQLite would bring its journal's recovery rules, files that belong together, no check sum over the
-content (a flipped bit in a page is read back as data), and nothing that a rename does not give. A file can be
-looked at, copied and deleted by whoever services the vehicle.
+The state is a plain file that is replaced, and not a database. There is one writer, one document of some 100 kB that is
+always written as a whole, and no query. SQLite would bring recovery rules of its journal, several files that belong
+together, and no check sum over the content (a flipped bit in a page is read back as data), but nothing that a rename
+does not give. A person who services the vehicle can read, copy and delete a plain file.
 
 ``state`` is the newest generation, ``state.previous`` the one before, ``state.new`` one that is being written::
 
@@ -12,8 +12,15 @@ looked at, copied and deleted by whoever services the vehicle.
 
 Saving writes ``state.new``, syncs it, renames ``state`` to ``state.previous`` and ``state.new`` to ``state``, and syncs
 the directory. At every moment, also between the two renames, one complete generation has its name, so that a cut of
-power costs at most the snapshot in progress. What cannot be trusted is renamed to ``state.<reason>`` and never read
-again; the reasons are few, so the directory does not fill.
+power costs at most the snapshot in progress.
+
+A file that cannot be used is renamed to ``state.<reason>`` and never read again. A file that is damaged or not ours
+replaces an earlier one of the same reason. A file that may still be a good state (not readable, of a newer version,
+refused by the engine) replaces no other: the next one becomes ``state.<reason>.2``. If all such names are used, or the
+disk does not allow the rename, nothing is saved. So the directory does not fill up, and no state is lost that a person
+could still restore.
+
+Whoever only looks (`look`) renames nothing: the service may be writing.
 
 One process at a time: `lock` locks the directory itself, which leaves no file behind, needs no right to write and ends
 with the process, however that ends.
@@ -30,27 +37,35 @@ from pathlib import Path
 from typing import Any
 
 from bms_gateway.errors import StateError
-from bms_gateway.store.files import make_directory, read_file, sync_directory, write_fresh
+from bms_gateway.store.files import make_directory, read_on, reading, sync_directory, write_fresh
 
 VERSION = 1
 MAGIC = b"bms-gateway-state"
 # A snapshot of 8 strings takes some 100 kB: anything near this is not ours and must not be read into memory.
 MAX_BYTES = 64 << 20
+# What is made of a few bytes takes some sixty each: numbers fewer, texts and lists more. A state of ours has 1,100 such
+# marks, commas and all, for a string of four cells.
+MAX_COMMAS = 4_000_000
+MAX_MARKS = 1_000_000
 MAX_HEAD = 256
+GARBAGE = ("corrupt", "foreign")  # reasons for which nothing of worth is lost when the next takes its name
+UNREAD = "unread"
+KEPT_MOST = 5  # of one reason: a fault that recurs at every start must not fill the disk
+SHORT_OF = (errno.EMFILE, errno.ENFILE, errno.ENOMEM)  # says nothing of the file: it may be readable in a minute
 
 
 @dataclass(frozen=True, slots=True)
 class Loaded:
-    """What a start finds.
+    """The stored state that a start finds.
 
     Attributes
     ----------
     state : dict or None
-        The newest snapshot that can be trusted; None starts afresh.
+        The newest snapshot that can be trusted; None: there is none.
     saved_ns : int or None
         Wall clock when it was saved, ns since 1970; a clock that starts in 1970 makes it later than now.
     problems : tuple of StateError
-        What was set aside and why, one line each; for the log.
+        The files that are not used, with the reason, one line each.
     """
 
     state: dict[str, Any] | None
@@ -74,6 +89,11 @@ class StateStore:
     directory : Path
         Made on the first save where it is missing. Nothing is touched before `load` or `save`.
 
+    Attributes
+    ----------
+    unread : str
+        What of the stored state could not be read, where it is, and what to do, for people; empty where all could.
+
     Examples
     --------
     >>> import tempfile
@@ -90,6 +110,8 @@ class StateStore:
         self._previous = directory / "state.previous"
         self._new = directory / "state.new"
         self._locked: int | None = None
+        self._stuck: dict[Path, _RejectedError] = {}  # `load` could not set these aside
+        self.unread = ""
 
     def lock(self) -> StateError | None:
         """Claim the directory for this process until it ends or calls `unlock`.
@@ -124,7 +146,7 @@ class StateStore:
         return None
 
     def unlock(self) -> None:
-        """Let another process have the directory."""
+        """Release the lock of the directory."""
         if self._locked is not None:
             os.close(self._locked)
             self._locked = None
@@ -148,15 +170,20 @@ class StateStore:
         body = json.dumps({"saved_ns": wall_ns, "state": dict(state)}, separators=(",", ":")).encode()
         if len(body) > MAX_BYTES:
             return StateError(f"{self.directory}: the state is not saved: {len(body)} bytes, at most {MAX_BYTES}")
+        if _is_dear(body):
+            return StateError(f"{self.directory}: the state is not saved: it has too many values")
         digest = hashlib.sha256(body).hexdigest()
         head = b"%s %d %s %d\n" % (MAGIC, VERSION, digest.encode(), len(body))
         try:
             make_directory(self.directory)
             write_fresh(self._new, head + body)
-            if self._is_sound(self._state):
-                self._state.replace(self._previous)
+            self._make_room()
             self._new.replace(self._state)
             sync_directory(self.directory)
+            self.unread = ""
+            self._note_unread()
+        except StateError as e:
+            return StateError(f"{e}: the state is not saved; estimates go on without it")
         except OSError as e:
             return StateError(f"{self.directory}: the state cannot be saved: {e.strerror}; estimates go on without it")
         return None
@@ -175,6 +202,26 @@ class StateStore:
         Loaded
             Never raises for what lies on the disk.
         """
+        self._stuck.clear()
+        found = self._newest(use, self._try_to_set_aside)
+        self._note_unread()
+        return found
+
+    def look(self) -> Loaded:
+        """Read the newest snapshot that can be trusted, and change nothing: for processes other than the one writer.
+
+        Returns
+        -------
+        Loaded
+            Never raises for what lies on the disk.
+        """
+        return self._newest(None, lambda path, why: StateError(f"{path}: the stored state is not used: {why}"))
+
+    def _newest(
+        self,
+        use: Callable[[dict[str, Any]], None] | None,
+        reject: "Callable[[Path, _RejectedError], StateError]",
+    ) -> Loaded:
         problems: list[StateError] = []
         for path in (self._state, self._previous):
             try:
@@ -184,48 +231,116 @@ class StateStore:
             except FileNotFoundError:
                 continue
             except StateError as e:
-                problems.append(self._set_aside(path, _RejectedError("refused", str(e))))
+                problems.append(reject(path, _RejectedError("refused", str(e))))
                 continue
             except OSError as e:
+                # left where it is: by the next start it may be readable again. `save` will not write over it
                 problems.append(StateError(f"{path}: the stored state cannot be read: {e.strerror}"))
+                self.unread = str(problems[-1])
                 continue
             except _RejectedError as e:
-                problems.append(self._set_aside(path, e))
+                problems.append(reject(path, e))
                 continue
             return Loaded(content["state"], content["saved_ns"], tuple(problems))
         return Loaded(None, None, tuple(problems))
 
-    def _set_aside(self, path: Path, why: _RejectedError) -> StateError:
-        aside = path.with_name(f"{path.name}.{why.reason}")
+    def _make_room(self) -> None:
+        """Free the name of the newest generation; a sound one takes the place of the one before.
+
+        Raises
+        ------
+        StateError
+            What lies there must not be replaced, and cannot be set aside.
+        OSError
+            It cannot be looked at now.
+        """
+        for path, why in list(self._stuck.items()):
+            self._set_aside(path, why)
+            del self._stuck[path]
+        if self._is_sound(self._state):
+            self._is_sound(self._previous)  # one that cannot be read is set aside
+            self._state.replace(self._previous)
+
+    def _is_sound(self, path: Path) -> bool:
+        """Whether a generation is whole; anything else at its name is set aside.
+
+        Raises
+        ------
+        StateError, OSError
+            As `_make_room`.
+        """
+        try:
+            _read(path)
+        except FileNotFoundError:
+            return False
+        except _RejectedError as why:
+            self._set_aside(path, why)
+            return False
+        except OSError as e:
+            if e.errno in SHORT_OF:
+                raise
+            self._set_aside(path, _RejectedError(UNREAD, f"it cannot be read: {e.strerror}"))
+            return False
+        return True
+
+    def _try_to_set_aside(self, path: Path, why: "_RejectedError") -> StateError:
+        try:
+            aside = self._set_aside(path, why)
+        except StateError as e:
+            self._stuck[path] = why
+            return e
+        return StateError(f"{path}: the stored state is not used: {why}; set aside as {aside.name}")
+
+    def _set_aside(self, path: Path, why: "_RejectedError") -> Path:
+        """Give what cannot be used a name of its own; `StateError` where that cannot be."""
+        first = path.with_name(f"{path.name}.{why.reason}")
+        more = () if why.reason in GARBAGE else (first.with_name(f"{first.name}.{k}") for k in range(2, KEPT_MOST + 1))
+        aside = first if why.reason in GARBAGE else next((n for n in (first, *more) if not os.path.lexists(n)), None)
+        if aside is None:
+            raise StateError(
+                f"{path}: {why}; {KEPT_MOST} others are kept as {first.name}*: look at them, delete or move"
+            )
         try:
             path.replace(aside)
         except OSError as e:
-            return StateError(f"{path}: the stored state is not used: {why}; it cannot be set aside: {e.strerror}")
-        return StateError(f"{path}: the stored state is not used: {why}; set aside as {aside.name}")
+            raise StateError(f"{path}: {why}; it cannot be set aside: {e.strerror}") from None
+        return aside
 
-    def _is_sound(self, path: Path) -> bool:
-        """Whether a generation may take the place of the previous one: a spoilt file must not push out a good one."""
+    def _note_unread(self) -> None:
+        """List files that were set aside unread, in this run or an earlier one, until a person removes them."""
         try:
-            _read(path)
-        except (OSError, _RejectedError):
-            return False
-        return True
+            names = sorted(f.name for f in self.directory.iterdir() if f".{UNREAD}" in f.name)
+        except OSError:
+            return  # a directory that cannot be listed holds no state to be told of
+        if names:
+            self.unread = (
+                f"{self.directory}: a stored state could not be read and was kept as {', '.join(names)}: "
+                "stop the service and move it back, once it can be read, or delete it"
+            )
 
 
 def _read(path: Path) -> dict[str, Any]:
     """Read a snapshot file; `_RejectedError` where it is not wholly ours."""
-    start = read_file(path, MAX_HEAD)
-    if start is None:
-        raise _RejectedError("foreign", "it is not a file")
-    head = start.split(b"\n", 1)[0]
-    size, digest = _head(head.split())
-    body = (read_file(path, len(head) + 1 + size + 1) or b"")[len(head) + 1 :]
+    try:
+        with reading(path) as handle:
+            if handle is None:
+                raise _RejectedError("foreign", "it is not a file")
+            start = read_on(handle, MAX_HEAD)
+            head, _, body = start.partition(b"\n")
+            size, digest = _head(head.split())
+            body += read_on(handle, len(head) + 1 + size + 1 - len(start))
+    except FileNotFoundError:
+        if path.is_symlink():  # to a disk that is not there today, say
+            raise OSError(errno.ENOLINK, "it is a link to what is not there") from None
+        raise
     if len(body) != size:
         raise _RejectedError(
             "corrupt", f"{len(body)} of {size} bytes are there" if len(body) < size else "it is too long"
         )
     if hashlib.sha256(body).hexdigest().encode() != digest:
         raise _RejectedError("corrupt", "its check sum does not match")
+    if _is_dear(body):
+        raise _RejectedError("foreign", "it has far more values than a state of this program")
     try:
         content = json.loads(body)
     except (ValueError, RecursionError):
@@ -235,6 +350,11 @@ def _read(path: Path) -> dict[str, Any]:
     if not isinstance(content.get("saved_ns"), int):
         raise _RejectedError("foreign", "it does not say when it was saved")
     return content
+
+
+def _is_dear(body: bytes) -> bool:
+    """Whether a JSON text would need hundreds of megabytes; found before it is parsed."""
+    return body.count(b",") > MAX_COMMAS or sum(map(body.count, (b'"', b"[", b"{"))) > MAX_MARKS
 
 
 def _head(words: list[bytes]) -> tuple[int, bytes]:

@@ -169,6 +169,19 @@ DEFAULT_TOLERANCES: Mapping[str, float] = MappingProxyType(
 
 
 @dataclass(frozen=True, slots=True)
+class Share:
+    """A number between 0 and 1 and how well it is known; see `thermal.centre` for the two that a cell has.
+
+    Attributes
+    ----------
+    value, sd : float
+    """
+
+    value: float
+    sd: float
+
+
+@dataclass(frozen=True, slots=True)
 class AddedEffect:
     """A physical effect of the catalogue that a model contains, with its numbers.
 
@@ -217,6 +230,34 @@ class Commissioning:
 
 
 @dataclass(frozen=True, slots=True)
+class Posterior:
+    """What a fit to whole records leaves beside its numbers; how they hang together is `StringModel.correlation`.
+
+    Attributes
+    ----------
+    values, sd : mapping of name to float
+        Of every fitted number, as `StringModel.free_numbers` gives them: a model file that says otherwise elsewhere
+        was changed by hand.
+    model_error_K : float
+        Slow error of the surface that the model was given; 0 where it explained the readings.
+    core_doubt : float
+        Share of the difference core to surface that may be wrong beyond what the numbers' covariance says. It is no
+        number of the model: no surface can take it away.
+    calibrated : bool
+        A thermocouple in the core has testified.
+    not_proven : tuple of str
+        What speaks against the core, a sentence each; empty where it is proven.
+    """
+
+    values: Mapping[str, float]
+    sd: Mapping[str, float]
+    model_error_K: float = 0.0
+    core_doubt: float = 0.0
+    calibrated: bool = False
+    not_proven: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
 class StringModel:
     """One string as its model file states it: structure, sensors and priors.
 
@@ -243,6 +284,11 @@ class StringModel:
         is known in it. What is not named is independent. Symmetric, ones on the diagonal, positive semidefinite.
     commissioning : Commissioning or None
         Where the cells have been told apart; their values are those of `priors`.
+    posterior : Posterior or None
+        Where `priors` come from a fit to whole records.
+    centre_share, core_probe : Share or None
+        Share of R_c that lies within the roll, and where a thermocouple in the core reads between the mean of the roll
+        and its centre; None for what `thermal.centre` says.
 
     References
     ----------
@@ -261,13 +307,44 @@ class StringModel:
     before: Mapping[str, Prior] | None = None
     correlation: tuple[tuple[str, ...], Floats] | None = None
     commissioning: Commissioning | None = None
+    posterior: Posterior | None = None
+    centre_share: Share | None = None
+    core_probe: Share | None = None
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What speaks against the cores of this model, a sentence each: not proven while there is any."""
+        return () if self.posterior is None else self.posterior.not_proven
+
+    @property
+    def core_doubt(self) -> float:
+        """Share of the difference core to surface that may be wrong beyond what the numbers' sd say."""
+        return 0.0 if self.posterior is None else self.posterior.core_doubt
+
+    @property
+    def free_numbers(self) -> tuple[Mapping[str, float], Mapping[str, float]]:
+        """Value and sd of every number that is not fixed, by symbol or `effect key.parameter`.
+
+        SI; of cells that differ the geometric mean; the sd of the logarithm where a number is known in that.
+        """
+        values, sd = {}, {}
+        for name, prior in self.priors.items():
+            if not prior.fixed:
+                one = np.ndim(prior.value) == 0
+                values[name] = float(prior.value) if one else float(np.exp(np.mean(np.log(prior.value))))
+                sd[name] = prior.rel_sd
+        for e in self.effects:
+            for name, spread in e.sd.items():
+                if spread > 0.0:
+                    values[f"{e.key}.{name}"], sd[f"{e.key}.{name}"] = e.values[name], spread
+        return values, sd
 
     @property
     def unfitted(self) -> "StringModel":
         """The string as it was known before any data: every fit starts here, so that no data count twice."""
         if self.before is None:
             return self
-        return replace(self, priors=self.before, before=None, correlation=None, commissioning=None)
+        return replace(self, priors=self.before, before=None, correlation=None, commissioning=None, posterior=None)
 
     @property
     def has_conduction(self) -> bool:

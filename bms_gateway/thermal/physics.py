@@ -6,7 +6,7 @@ that module's A X + B u, with the coolant flow C_f following the flow ratio. For
 .. math::
     C_c \dot T_{c,k} &= q_k - j_k, \qquad q_k = \overline{I^2} R_e, \qquad j_k = (T_{c,k} - T_{s,k}) / R_c \\
     C_s \dot T_{s,k} &= j_k - f_k + \sum_j (T_{s,j} - T_{s,k}) / R_{cc} + s_k, \qquad
-    f_k = (T_{s,k} - T_{f,k}) / R_u \\
+    f_k = C_f e_k (T_{s,k} - T_{f,k}) \\
     T_{f,k+1} &= T_{f,k} + e_k (T_{s,k} - T_{f,k})
 
 where the effects may change each symbol (Lin et al., Eq 16–18, corrected as `thermal.string` says).
@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from bms_gateway.thermal.centre import probe_lever
 from bms_gateway.thermal.drive import Drive
 from bms_gateway.thermal.effects import Effect, effect_named
 from bms_gateway.thermal.parameters import AddedEffect, Floats, StringModel, StringParameters
@@ -72,6 +73,8 @@ class Physics:
     Parameters
     ----------
     model : StringModel
+    own : mapping of str to Effect, optional
+        Effects by name that are taken before those of the catalogue.
 
     Raises
     ------
@@ -79,12 +82,12 @@ class Physics:
         An effect that is not in the catalogue, or sits on a cell that does not exist.
     """
 
-    def __init__(self, model: StringModel) -> None:
+    def __init__(self, model: StringModel, own: Mapping[str, Effect] | None = None) -> None:
         self.model = model
         self.cells = model.cells
         placed, first = [], 2 * model.cells
         for added in model.effects:
-            effect = effect_named(added.name)
+            effect = (own or {}).get(added.name) or effect_named(added.name)
             width = effect.states * model.cells
             placed.append(
                 _Placed(
@@ -96,6 +99,7 @@ class Physics:
                 )
             )
             first += width
+        self.probe = probe_lever(model).value
         self._placed = tuple(placed)
         self.states = first
         self.reads = any("reading" in e.hooks for e in placed)
@@ -240,10 +244,11 @@ class Physics:
             z.film = (z.T_s - z.T_f) / z.R_u * _film(z.T_s - z.T_f, z.film_exponent)
             return
         if z.film_exponent == 0.0 and np.ndim(z.R_u) == 1 and np.ndim(z.C_f) == 1:
-            M, m = _path(z.R_u, z.C_f, coolant)
+            share = _exchange(1.0 / (z.R_u * z.C_f), coolant)
+            M, m = _path(share)
             z.T_f = (M @ z.T_s[..., None])[..., 0] if z.T_s.ndim != 2 else (M @ z.T_s.T).T
             z.T_f = z.T_f + z.T_in * m
-            z.film = (z.T_s - z.T_f) / z.R_u
+            z.film = (z.T_s - z.T_f) * (z.C_f * share)
             return
         T_f = np.empty_like(z.T_s)
         stream = np.broadcast_to(z.T_in[..., 0], z.T_s.shape[:-1])
@@ -252,7 +257,7 @@ class Physics:
             for k in range(self.cells):
                 T_f[..., k] = stream
                 stream = stream + share[..., k] * (z.T_s[..., k] - stream)
-            z.T_f, z.film = T_f, (z.T_s - T_f) / z.R_u
+            z.T_f, z.film = T_f, (z.T_s - T_f) * (z.C_f * share)
             return
         film = np.empty_like(z.T_s)
         R_u = np.broadcast_to(z.R_u, z.T_s.shape)
@@ -260,8 +265,9 @@ class Physics:
         for k in range(self.cells):
             gap = z.T_s[..., k] - stream
             conductance = _film(gap, z.film_exponent) / R_u[..., k]
-            T_f[..., k], film[..., k] = stream, gap * conductance
-            stream = stream + _exchange(conductance / C_f[..., k], coolant) * gap
+            taken = _exchange(conductance / C_f[..., k], coolant) * gap
+            T_f[..., k], film[..., k] = stream, C_f[..., k] * taken
+            stream = stream + taken
         z.T_f, z.film = T_f, film
 
 
@@ -276,16 +282,13 @@ def _earlier(x: Floats, late: float, dt: float) -> Floats:
 
 
 def _exchange(units: Any, coolant: str) -> Any:
-    """Share of the gap that the stream takes up; where the bulk node would overshoot the surface, the exact one."""
-    if coolant == "ntu":
-        return -np.expm1(-units)
-    return units if np.all(units < 1.0) else np.where(units < 1.0, units, -np.expm1(-units))
+    """Share of the gap that the stream takes up; by the bulk node it leaves no warmer than the surface."""
+    return -np.expm1(-units) if coolant == "ntu" else np.minimum(units, 1.0)
 
 
-def _path(R_u: Floats, C_f: Floats, coolant: str) -> tuple[Floats, Floats]:
-    """Coolant at each cell as T_f = M T_s + m T_in, as `thermal.string.coolant_path`, with any C_f per cell."""
-    n = len(R_u)
-    share = _exchange(1.0 / (R_u * C_f), coolant)
+def _path(share: Floats) -> tuple[Floats, Floats]:
+    """Coolant at each cell as T_f = M T_s + m T_in, as `thermal.string.coolant_path`, with any share per cell."""
+    n = len(share)
     M, m = np.zeros((n, n)), np.ones(n)
     for k in range(1, n):
         M[k] = (1.0 - share[k - 1]) * M[k - 1]

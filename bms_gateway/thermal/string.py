@@ -5,13 +5,14 @@ whatever the current knowledge of the heat is) and the coolant inlet T_f_in [°C
 
 .. math::
     C_c \dot T_{c,k} &= q_k + (T_{s,k} - T_{c,k}) / R_c \\
-    C_s \dot T_{s,k} &= (T_{f,k} - T_{s,k}) / R_u - (T_{s,k} - T_{c,k}) / R_c
+    C_s \dot T_{s,k} &= C_f e_k (T_{f,k} - T_{s,k}) - (T_{s,k} - T_{c,k}) / R_c
                         + \sum_j (T_{s,j} - T_{s,k}) / R_{cc} \\
     T_{f,k} &= (1 - e_{k-1}) T_{f,k-1} + e_{k-1} T_{s,k-1}, \qquad T_{f,1} = T_{f,in}
 
 with e = 1/(R_u C_f), the paper's bulk node (Eq 16), or e = 1 − exp(−1/(R_u C_f)), the exact exchange of a stream with
-a wall of constant temperature (NTU). Corrections to the paper's print: end cells have one neighbour, not two (Eq 16);
-R_s is R_u (Eq 17); entry (3,4) is 1/(R_c C_c) (Eq 18).
+a wall of constant temperature (NTU). In both the surface gives off what the stream takes up, C_f e per kelvin: for the
+bulk node and for a stream that does not warm up this is 1/R_u. Corrections to the paper's print: end cells have one
+neighbour, not two (Eq 16); R_s is R_u (Eq 17); entry (3,4) is 1/(R_c C_c) (Eq 18).
 """
 
 from dataclasses import dataclass
@@ -71,6 +72,32 @@ def exchange(p: StringParameters) -> Floats:
     return ntu
 
 
+def film(p: StringParameters) -> Floats:
+    """Conductance from each surface to the coolant that meets its cell, W/K: what the stream takes up, C_f e_k.
+
+    Returns
+    -------
+    ndarray (n,)
+        1/R_u for the bulk node and where the stream does not warm up (C_f infinite); below it for "ntu", where the
+        stream warms along the cell.
+
+    References
+    ----------
+    Lin et al., Eq 16 (bulk node); for "ntu" the heat balance of the stream.
+
+    Examples
+    --------
+    >>> cell = {"C_c": 268, "C_s": 18.8, "R_e": 3.5e-3, "R_c": 1.266, "R_u": 0.8, "C_f": 12.5}
+    >>> np.round(film(StringParameters.of(1, **cell, coolant="bulk")), 4)
+    array([1.25])
+    >>> np.round(film(StringParameters.of(1, **cell, coolant="ntu")), 4)
+    array([1.1895])
+    """
+    if p.coolant == "ntu" and np.isfinite(p.C_f):
+        return np.asarray(p.C_f * exchange(p), dtype=np.float64)
+    return np.asarray(1.0 / p.R_u, dtype=np.float64)
+
+
 def coolant_path(p: StringParameters) -> tuple[Floats, Floats]:
     """Coolant temperature at each cell as T_f = M T_s + m T_f_in.
 
@@ -121,7 +148,8 @@ def continuous(p: StringParameters) -> ContinuousString:
     A[core, core] = -1.0 / (p.R_c * p.C_c)
     A[core, surface] = 1.0 / (p.R_c * p.C_c)
     A[surface, core] = 1.0 / (p.R_c * p.C_s)
-    G = np.diag(-1.0 / p.R_c - 1.0 / p.R_u) + M / p.R_u[:, None]
+    to_coolant = film(p)
+    G = np.diag(-1.0 / p.R_c - to_coolant) + M * to_coolant[:, None]
     for k in range(n - 1):
         G[[k, k + 1], [k, k + 1]] -= 1.0 / p.R_cc
         G[[k, k + 1], [k + 1, k]] += 1.0 / p.R_cc
@@ -129,7 +157,7 @@ def continuous(p: StringParameters) -> ContinuousString:
     B_q = np.zeros((2 * n, n))
     B_q[core, np.arange(n)] = 1.0 / p.C_c
     B_f = np.zeros(2 * n)
-    B_f[surface] = m / (p.R_u * p.C_s)
+    B_f[surface] = m * to_coolant / p.C_s
     return ContinuousString(A, B_q, B_f)
 
 

@@ -9,9 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from bms_gateway.diagnose.adding import Wanted, core_half_widths
+from bms_gateway.diagnose.adding import Wanted
 from bms_gateway.diagnose.candidates import candidates
+from bms_gateway.diagnose.core_band import UNPROVEN, CoreBand, core_bands, half_width_K
+from bms_gateway.diagnose.core_known import known_core
 from bms_gateway.diagnose.diagnosis import Diagnosis, errors
+from bms_gateway.diagnose.misfit import nearest, sensors
 from bms_gateway.diagnose.prepare import measured
 from bms_gateway.diagnose.record import Record
 from bms_gateway.diagnose.screen import screen
@@ -52,7 +55,7 @@ def approach(
     """
     start = model.unfitted
     base = known.search.baseline if known else fitted(Problem(start, [measured(r, start) for r in records]))
-    before = _stair(base)
+    before = _stair(base, known_core(model, records, rounds=known.search.asked if known else None).bands)
     show({"before": before, "after": before})
     fit, shown = base, base.cost
     for w in wants:
@@ -83,6 +86,8 @@ def _steps(parent: MapFit, w: Wanted) -> Iterator[MapFit]:
         yield fit
 
 
-def _stair(fit: MapFit) -> dict[str, Any]:
-    e = errors(fit)
-    return stair(e.train_rmse_K, e.heldout_rmse_K, e.noise_floor_K, float(core_half_widths(fit).max()))
+def _stair(fit: MapFit, bands: Sequence[CoreBand] = ()) -> dict[str, Any]:
+    e, n = errors(fit), fit.problem.model.cells
+    # on the way nothing is proven
+    half = half_width_K(bands or core_bands(fit, nearest(sensors(fit), n), share=UNPROVEN))
+    return stair(e.train_rmse_K, e.heldout_rmse_K, e.noise_floor_K, float(half.max()))

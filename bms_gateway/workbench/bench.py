@@ -13,8 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from bms_gateway.config.model_file import format_model, parse_model, read_model
-from bms_gateway.diagnose.adding import Addition, add_effects, check_signals, wanted
-from bms_gateway.diagnose.calibrate import fitted_model
+from bms_gateway.diagnose.adding import Addition, add_effects, check_signals, cores_with_named, wanted
 from bms_gateway.diagnose.compare import Comparison, compare
 from bms_gateway.diagnose.diagnosis import Diagnosis, diagnose
 from bms_gateway.diagnose.latent import latent
@@ -26,7 +25,15 @@ from bms_gateway.records.recent import given_span, state_directory, write_recent
 from bms_gateway.report.add_text import AddReport
 from bms_gateway.report.added import added_report, heading
 from bms_gateway.report.diagnosis_text import Told
-from bms_gateway.report.examine import card_of, examine, experiment_of, findings_and_notes, long_enough, sound
+from bms_gateway.report.examine import (
+    card_of,
+    examine,
+    experiment_of,
+    findings_and_notes,
+    long_enough,
+    sound,
+    usable,
+)
 from bms_gateway.report.html import Aside, write_addition, write_comparison, write_diagnosis
 from bms_gateway.report.table import parse_columns
 from bms_gateway.thermal import StringModel
@@ -35,6 +42,10 @@ from bms_gateway.workbench.approach import Show, approach
 
 MOST_MADE = 4
 """Models of which it is remembered what was made of them: fits take tens of megabytes."""
+MOST_NUMBERS = 8 << 20
+"""Numbers of a table or log: a million rows of eight columns. Made into a record they take half a gigabyte."""
+READING = 0.5
+"""Share of the work of opening that is reading a table; what is made of it takes the rest."""
 Tell = Callable[[float, str], None]
 
 
@@ -50,7 +61,7 @@ class Files:
 
     @classmethod
     def of(cls, request: Mapping[str, Any]) -> "Files":
-        """Take them from a request."""
+        """Read them from a request."""
         config, string = request.get("config") or "", request.get("string") or ""
         if request.get("recent") and not config:
             string = ""  # it said what to take of the gateway's signals
@@ -96,7 +107,7 @@ class Bench:
         if request["do"] == "open":
             return self._open(request["files"], Path(request["folder"]), tell)
         if files != self._files:
-            self._read(files)
+            self._read(files, Path(request["folder"]), tell)
         text = request["text"]
         match request["do"]:
             case "compare":
@@ -106,10 +117,10 @@ class Bench:
             case "add":
                 return self._add(text, request["words"], bool(request.get("force")), tell, show)
             case "report":
-                return self._report(text, request["kind"], request["command"], tell)
+                return self._report(text, request["kind"], request["command"], Path(request["folder"]), tell)
         raise UsageError(f"no such task: {request['do']}")
 
-    def _read(self, files: Files) -> None:
+    def _read(self, files: Files, folder: Path, tell: Tell) -> None:
         self._files = None
         model = read_model(Path(files.model))
         self._records = read_measurements(
@@ -118,13 +129,16 @@ class Bench:
             config=Path(files.config) if files.config else None,
             string=files.string or None,
             columns=parse_columns(files.columns),
+            uploaded=Path(files.config).parent == folder,
+            tell=lambda name, share: tell(READING * share, f"reading {name}"),
+            most=MOST_NUMBERS,
         )
         self._files, self._filed = files, model
         self._made.clear()
 
     def _open(self, named: Mapping[str, Any], folder: Path, tell: Tell) -> documents.Document:
         files, told = _taken(named, folder, tell)
-        self._read(Files.of(files))
+        self._read(Files.of(files), folder, tell)
         assert self._filed is not None  # noqa: S101 - read just now
         findings, notes = findings_and_notes(self._filed, self._records)
         notes += tuple((files["tables"][-1], text) for text in told)
@@ -172,13 +186,13 @@ class Bench:
         def ask(unfitted: StringModel, records: Sequence[Record], progress: Tell | None = None) -> Diagnosis:
             return known or diagnose(unfitted, records, progress=progress)
 
-        tell(0.1, "asking what else explains it")
+        tell(0.1, "searching for other explanations")
         addition = add_effects(model, self._records, wants, lambda share, what: tell(0.1 + 0.9 * share, what), ask)
         report = added_report(addition, self._records, findings, notes, out="the model on this page", force=force)
         document = documents.added(report, addition, words)
         if report.written:
             top = "".join(f"# {line}\n" for line in heading(report, words).splitlines())
-            document["text"] = top + format_model(fitted_model(addition.after, model, doubt=addition.doubt))
+            document["text"] = top + format_model(addition.model)
             self._of(document["text"]).addition = addition, report
         return document
 
@@ -188,12 +202,12 @@ class Bench:
         told = (m.told for text, m in self._made.items() if m.told and repr(parse_model(text).unfitted) == start)
         return next((t.diagnosis for t in told if t.diagnosis), None)
 
-    def _report(self, text: str, kind: str, command: str, tell: Tell) -> documents.Document:
+    def _report(self, text: str, kind: str, command: str, folder: Path, tell: Tell) -> documents.Document:
         """Write the page that the commands write with --html: of the last diagnosis, addition or comparison."""
         tell(0.1, "writing the report")
         comparison = self._comparison(text)
         made = self._of(text)
-        with tempfile.NamedTemporaryFile(suffix=".html", prefix="bms-gateway-", delete=False) as file:
+        with tempfile.NamedTemporaryFile(suffix=".html", prefix=".report-", dir=folder, delete=False) as file:
             path = Path(file.name)
         if kind == "diagnose":
             made.told = made.told or examine(parse_model(text), self._records, tell)
@@ -206,6 +220,7 @@ class Bench:
                 experiment=experiment_of(d) if d else None,
                 card=card_of(d.search.baseline) if d else None,
                 command=command,
+                cores=cores_with_named(parse_model(text), usable(self._records, made.told.findings), d) if d else (),
             )
         elif kind == "add" and made.addition is not None:
             addition, report = made.addition

@@ -1,4 +1,4 @@
-"""The command lines that do the same as the page, and what goes into the gateway's config."""
+"""The command lines that do the same as the page, and the lines for the gateway's config."""
 
 import shlex
 from collections.abc import Mapping, Sequence
@@ -37,7 +37,7 @@ def command_lines(files: Mapping[str, Any], way: Sequence[Leg]) -> list[str]:
     files : mapping
         What is open, by path.
     way : sequence of Leg
-        The model as filed, and what was made of it.
+        The model from its file, and those that were made of it.
 
     Returns
     -------

@@ -1,9 +1,9 @@
-"""State of one tab: what is open, the models from the filed one to the newest, what runs; it never computes.
+"""State of one tab: open files, the models from the first to the newest, the running task; it never computes.
 
-Everything the page shows is in `state`; whoever waits for a change waits on `version`. Two tabs are two desks.
+Everything that the page shows is in `state`. A thread that waits for a change waits for a new `version`. Each tab has a
+desk of its own.
 """
 
-import tempfile
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -13,11 +13,12 @@ from typing import Any
 from bms_gateway.errors import UsageError
 from bms_gateway.workbench.commands import Leg, command_lines, config_lines
 from bms_gateway.workbench.process import Worker
+from bms_gateway.workbench.uploads import Uploads
 
 Document = dict[str, Any]
 TITLES = {
     "open": "reading the files",
-    "compare": "holding the model against the readings",
+    "compare": "comparing the model with the readings",
     "diagnose": "looking for the missing effect",
     "add": "adding and refitting",
     "report": "writing the report",
@@ -67,7 +68,7 @@ class Desk:
         self.name = name
         self.changed = threading.Condition()
         self.version = 0
-        self._folder = tempfile.TemporaryDirectory(prefix="bms-gateway-workbench-")
+        self.uploads = Uploads()
         self.files: Document | None = None
         self._opened: Document | None = None
         self._frames: list[Frame] = []
@@ -82,7 +83,7 @@ class Desk:
     @property
     def folder(self) -> Path:
         """Where its uploads lie."""
-        return Path(self._folder.name)
+        return self.uploads.folder
 
     def close(self) -> None:
         """End its process, and throw its uploads away."""
@@ -91,7 +92,7 @@ class Desk:
             worker = self._worker
             self._told()
         worker.end()
-        self._folder.cleanup()
+        self.uploads.close()
 
     # what the page asks for
 
@@ -104,7 +105,7 @@ class Desk:
         before = (self.files or {}).get("recent")
         if not files.get("recent") and before and before["table"] in files["tables"]:
             files = {**files, "recent": before}  # still the one that was taken
-        self._start("open", {"files": files, "folder": str(self.folder)})
+        self._start("open", {"files": files})
 
     def compare(self) -> None:
         """Hold the newest model against the readings."""
@@ -121,7 +122,7 @@ class Desk:
         self._start("add", {"files": self.files, "text": self._top.text, "words": words, "force": force})
 
     def undo(self) -> None:
-        """Go back to the model before the last addition; a refused one is put away."""
+        """Go back to the model before the last addition; a refused addition is discarded."""
         with self.changed:
             self._refuse_if_busy()
             if self._refusal is None and len(self._frames) < 2:
@@ -245,7 +246,7 @@ class Desk:
                 self._worker = Worker(self._hear)
             self._job = {"kind": kind, "title": TITLES[kind], "share": 0.0, "text": ""}
             self._error = ""
-            self._request = {"do": kind, **request}
+            self._request = {"do": kind, "folder": str(self.folder), **request}
             self._worker.ask(self._request)
             self._told()
 
@@ -261,7 +262,7 @@ class Desk:
             elif self._job is None:
                 return
             elif "error" in answer:
-                self._job, self._error = None, answer["error"]
+                self._job, self._error = None, answer["error"].replace(f"{self.folder}/", "")
             elif "done" in answer:
                 self._job = None
                 self._take(self._request, answer["done"])
@@ -273,7 +274,7 @@ class Desk:
         match request["do"]:
             case "open":
                 self.files, self._opened, self._refusal = done.pop("files"), done, None
-                self._frames = [Frame(done["text"], "the model as filed")]
+                self._frames = [Frame(done["text"], "the model from its file")]
                 self.compare()
             case "compare":
                 top = self._top

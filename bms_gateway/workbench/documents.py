@@ -1,4 +1,4 @@
-"""What the page is told of each step, as plain documents; numbers and sentences are those of the reports."""
+"""The content of the page for each step, as plain documents; numbers and sentences are those of the reports."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -10,16 +10,19 @@ from bms_gateway.diagnose.adding_bench import all_used, fit_with
 from bms_gateway.diagnose.calibrate import seen_on
 from bms_gateway.diagnose.checks import Finding
 from bms_gateway.diagnose.compare import Comparison, Variant
+from bms_gateway.diagnose.core_band import half_width_K
+from bms_gateway.diagnose.core_known import KnownCore
 from bms_gateway.diagnose.diagnosis import Diagnosis
 from bms_gateway.diagnose.record import Record
 from bms_gateway.diagnose.standing import Standing
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.report.add_text import AddReport, headline
+from bms_gateway.report.core_text import core_document, core_sentence
 from bms_gateway.report.diagnosis_text import Told, finite, number_lines, reach
 from bms_gateway.report.html import VERDICTS
 from bms_gateway.report.html_evidence import summary
 from bms_gateway.report.html_ranking import GROUPS, NAMED_AT
-from bms_gateway.report.html_series import BAND_SD, Shown
+from bms_gateway.report.html_series import Shown
 from bms_gateway.report.html_tables import errors_table, heat_map, parameters_table, thermocouples_table
 from bms_gateway.thermal import StringModel
 from bms_gateway.thermal.effects import catalogue, effect_named
@@ -63,15 +66,21 @@ def opened(
 
 
 def compared(c: Comparison) -> Document:
-    """Tell where a model fails: as filed, and refitted within what it declares itself."""
+    """Tell where a model fails: with the parameters from its file, and refitted within what it declares as unknown."""
     variants = {name: _variant(name, v) for name, v in zip(NAMES, (c.filed, c.refitted), strict=True)}
     models = [_shown(name, v) for name, v in zip(NAMES, (c.filed, c.refitted), strict=True)]
     return {
         "variants": variants,
         "errors": errors_table(models),
+        "core": told_core(c.core),
         "parameters": parameters_table(c.refitted.fit),
         "thermocouples": thermocouples_table(models, c.refitted.core_checks),
     }
+
+
+def told_core(core: KnownCore | None, otherwise: str = "") -> Document:
+    """Tell how well the cores are known, as in JSON documents, with the sentence that says so."""
+    return {**core_document(core, otherwise), "sentence": core_sentence(core) if core else ""}
 
 
 def _shown(name: str, v: Variant) -> Shown:
@@ -80,8 +89,11 @@ def _shown(name: str, v: Variant) -> Shown:
 
 def _variant(name: str, v: Variant) -> Document:
     shown = _shown(name, v)
-    half = np.max(np.stack([BAND_SD * b.total_K.max(axis=0) for b in v.cores]), axis=0)
-    hottest = np.max(np.stack([b.T_c.max(axis=0) for b in v.cores]), axis=0)
+    half = half_width_K(v.cores)
+    hottest, centre = (
+        np.max(np.stack([x.max(axis=0) for x in xs]), axis=0)
+        for xs in ([b.T_c for b in v.cores], [b.T_centre for b in v.cores])
+    )
     sensors = {s.cell: s for s in v.sensors}
     cells = []
     for k in range(1, v.fit.problem.model.cells + 1):
@@ -95,6 +107,7 @@ def _variant(name: str, v: Variant) -> Document:
                 "ratio": finite(s.trained.ratio) if s else None,
                 "core_C": finite(float(hottest[k - 1])),
                 "core_95_K": finite(float(half[k - 1])),
+                "centre_C": finite(float(centre[k - 1])),
             }
         )
     return {
@@ -133,6 +146,7 @@ def diagnosed(told: Told) -> tuple[Document, dict[str, Document]]:
         "error": "error" if d and d.decided_by_second else "held-out error",
         "ranking": [_standing(r, top, r.name in fits) for r in told.ranking],
         "absorbed": list(told.absorbed),
+        "core": told_core(told.core, told.sentence),
         "card": list(told.card),
         "next": told.next_experiment,
     }
@@ -196,7 +210,7 @@ def added(report: AddReport, addition: Addition, words: Sequence[str]) -> Docume
     """Tell what an addition did to the errors, or why it may not stay."""
     floor = report.before.errors.noise_floor_K
     steps = [
-        stair(side.errors.train_rmse_K, held, floor, float(side.core_K.max()))
+        stair(side.errors.train_rmse_K, held, floor, float(side.core.half_width_K.max()))
         for side, held in zip((report.before, report.after), report.held_K, strict=True)
     ]
     return {
@@ -206,10 +220,12 @@ def added(report: AddReport, addition: Addition, words: Sequence[str]) -> Docume
         "forced": report.forced,
         "refused": report.refused,
         "remark": report.remark,
+        "tag": report.tag,
+        "core": told_core(report.after.core),
         "headline": headline(report),
         "before": steps[0],
         "after": steps[1],
-        "tail": report.tail_K is not None,
+        "tail": report.blocks_K is not None,
         "parameters": parameters_table(addition.after),
         "core_measured": [
             {"cell": b.cell, "before_K": finite(b.rmse_K), "after_K": finite(a.rmse_K)}

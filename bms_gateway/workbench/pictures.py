@@ -24,7 +24,7 @@ from bms_gateway.report.html_series import (
 from bms_gateway.report.page import Figure
 from bms_gateway.thermal import Floats
 
-NAMES = ("as filed", "refitted")
+NAMES = ("from its file", "refitted")
 """What the page calls the two models of a comparison; also the legend groups by which it shows one of them."""
 HEIGHT = 380
 PREVIEW_POINTS = 12_000

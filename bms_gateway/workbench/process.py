@@ -1,4 +1,4 @@
-"""A worker process as its owner sees it: one request at a time, answers by a callback, ended at once when told."""
+"""A worker process, seen by its owner: one request at a time, answers by a callback, ended at once on demand."""
 
 import json
 import subprocess

@@ -1,28 +1,33 @@
 """The page's server: files of the page, state as JSON, changes as server-sent events. One thread per request.
 
-The standard library's server does it: a page for one person on one machine needs no framework, starts at once, and
-brings nothing that would have to be trusted.
+It is the server of the standard library. A page for one person on one machine needs no framework; this server starts at
+once and adds no dependency.
 """
 
 import json
+import socket
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
+from socketserver import TCPServer
 from typing import Any, ClassVar, Final
 from urllib.parse import parse_qs, unquote, urlsplit
 
 from bms_gateway.errors import GatewayError, MissingExtraError, UsageError
 from bms_gateway.workbench.desk import Desk
-from bms_gateway.workbench.doors import HEADERS, LOOPBACK, names, refusal
-from bms_gateway.workbench.site import Site, receive, safe_name, wanted_files
+from bms_gateway.workbench.doors import CLOSED, HEADERS, Door
+from bms_gateway.workbench.site import Site, wanted_files
+from bms_gateway.workbench.uploads import safe_name
 
 LARGEST_JSON: Final = 64 * 1024
 LARGEST_UPLOAD: Final = 256 * 1024**2
+LONGEST_LENGTH: Final = 20
+"""Digits of a length: 64 bits have no more, and of thousands no number is made."""
 PING_S: Final = 10.0
 """An event stream says that it lives; so a browser that has gone is noticed."""
 IDLE_S: Final = 120.0
@@ -38,6 +43,15 @@ TYPES = {
 class Server(ThreadingHTTPServer):
     """Serves one site.
 
+    Parameters
+    ----------
+    site : Site
+    host, port : str, int
+    more : iterable of str
+        Other names of this machine.
+    tell : callable, optional
+        Told the address for the next browser, when a token was used up.
+
     Raises
     ------
     UsageError
@@ -46,16 +60,24 @@ class Server(ThreadingHTTPServer):
 
     daemon_threads = True
 
-    def __init__(self, site: Site, host: str, port: int) -> None:
+    def __init__(
+        self, site: Site, host: str, port: int, more: Iterable[str] = (), tell: Callable[[str], None] | None = None
+    ) -> None:
+        self.address_family = socket.AF_INET6 if ":" in host else socket.AF_INET
         try:
             super().__init__((host, port), Handler)
-        except (OSError, OverflowError) as e:
+        except (OSError, OverflowError, UnicodeError) as e:
             reason = getattr(e, "strerror", None) or e
             raise UsageError(f"workbench: --host {host} --port {port}: cannot be used: {reason}") from None
-        self.site = site
-        site.local = host in LOOPBACK
-        self.known = names(host, self.server_address[1])
-        self.url = f"http://{'127.0.0.1' if not site.local else host}:{self.server_address[1]}/"
+        address, port = self.socket.getsockname()[:2]
+        self.site, self.tell = site, tell
+        self.door = Door(host, address, port, more)
+        site.local = self.door.local
+
+    def server_bind(self) -> None:
+        """Bind; what the base class asks a name server meanwhile is not needed."""
+        TCPServer.server_bind(self)
+        self.server_name, self.server_port = self.socket.getsockname()[:2]
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Say nothing of a browser that closes its connection; everything else is a bug, and is printed."""
@@ -101,24 +123,53 @@ class Handler(BaseHTTPRequestHandler):
 
     def _guarded(self, answer: Any) -> None:
         headers = {k.lower(): v for k, v in self.headers.items()}
-        why_not = refusal(self.command, headers, self.server.known)
-        if why_not:
-            self._json({"error": why_not}, HTTPStatus.FORBIDDEN)
-            self.close_connection = True
-            return
+        door = self.server.door
+        why_not = door.refusal(self.command, headers, self.connection.getsockname()[0])
         try:
+            self._url, self._query = self._asked()
+            if not why_not and not door.admits(headers.get("cookie", "")):
+                if self._let_in():
+                    return
+                why_not = CLOSED
+            if why_not:
+                self.close_connection = True  # a body is not read
+                self._json({"error": why_not}, HTTPStatus.FORBIDDEN)
+                return
             answer()
         except GatewayError as e:
             self._json({"error": " ".join(str(e).split())}, HTTPStatus.BAD_REQUEST)
         except (BrokenPipeError, ConnectionResetError, TimeoutError):
             self.close_connection = True  # the browser has gone
 
+    def _asked(self) -> tuple[str, dict[str, str]]:
+        """Path and query of the request."""
+        try:
+            url = urlsplit(self.path)
+        except ValueError:
+            self.close_connection = True
+            raise UsageError("the request names no address") from None
+        return url.path, {k: v[0] for k, v in parse_qs(url.query).items()}
+
+    def _let_in(self) -> bool:
+        """Give a browser that shows the token its cookie, and send it to the page without the token."""
+        server = self.server
+        if self.command != "GET" or self._url != "/":
+            return False
+        cookie = server.door.enter(self._query.get("token", ""))
+        if cookie is None:
+            return False
+        self.send_response(HTTPStatus.SEE_OTHER)
+        for header, value in {"Set-Cookie": cookie, "Location": "/", "Content-Length": "0", **HEADERS}.items():
+            self.send_header(header, value)
+        self.end_headers()
+        if server.tell is not None:
+            server.tell(f"for one more browser: {server.door.url}")
+        return True
+
     # what is read
 
     def _get(self) -> None:
-        url = urlsplit(self.path)
-        self._query = {k: v[0] for k, v in parse_qs(url.query).items()}
-        path = unquote(url.path)
+        path = unquote(self._url)
         if path == "/":
             self._asset("page.html")
         elif path == "/plotly.js":
@@ -208,23 +259,21 @@ class Handler(BaseHTTPRequestHandler):
     # what is asked for
 
     def _post(self) -> None:
-        url = urlsplit(self.path)
-        self._query = {k: v[0] for k, v in parse_qs(url.query).items()}
-        if url.path == "/api/upload":
+        if self._url == "/api/upload":
             self._upload()
             return
         body = self._body()
         site = self.server.site
-        if url.path == "/api/desk":
+        if self._url == "/api/desk":
             self._json({"desk": site.new_desk().name})
             return
-        if url.path == "/api/watch":
+        if self._url == "/api/watch":
             if site.watch is None:
                 raise UsageError("nothing is live here")
             site.watch.steer(str(body.get("view", "")), body)
             self._json({})
             return
-        self._work(self._desk(), url.path.removeprefix("/api/"), body)
+        self._work(self._desk(), self._url.removeprefix("/api/"), body)
         self._json({})
 
     def _work(self, desk: Desk, what: str, body: dict[str, Any]) -> None:
@@ -251,30 +300,27 @@ class Handler(BaseHTTPRequestHandler):
         length = self._length(LARGEST_JSON)
         try:
             document = json.loads(self.rfile.read(length) or b"{}")
-        except ValueError:
-            raise UsageError("the request is no JSON") from None
+        except (ValueError, RecursionError):
+            raise UsageError("the request is no JSON, or nested too deeply") from None
         if not isinstance(document, dict):
             raise UsageError("the request must be a JSON object")
         return document
 
     def _length(self, most: int) -> int:
         text = self.headers.get("Content-Length", "")
-        if not text.isdecimal() or int(text) > most:
+        if not text.isdecimal() or len(text) > LONGEST_LENGTH or int(text) > most:
             self.close_connection = True  # what follows is not read
             raise UsageError(f"too large: at most {most / 1024**2:g} MiB are taken at once")
         return int(text)
 
     def _upload(self) -> None:
-        left = self._length(LARGEST_UPLOAD)
-        desk = self._desk()
+        close, self.close_connection = self.close_connection, True  # where a part of the body is not read
+        desk, size = self._desk(), self._length(LARGEST_UPLOAD)
         name = safe_name(self._query.get("name", ""))
         if not name:
             raise UsageError("upload: the file has no name")
-        try:
-            receive(self.rfile, left, desk.folder, name)
-        except UsageError:
-            self.close_connection = True  # what follows is not read
-            raise
+        desk.uploads.receive(self.rfile, size, name)
+        self.close_connection = close
         self._json({"name": name})
 
     # answers

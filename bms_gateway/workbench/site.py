@@ -4,12 +4,11 @@ import secrets
 import threading
 from collections import OrderedDict
 from dataclasses import dataclass, field
-from io import BufferedIOBase
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from bms_gateway.errors import UsageError
 from bms_gateway.workbench.desk import Desk
+from bms_gateway.workbench.uploads import safe_name
 
 if TYPE_CHECKING:  # the engine: only the live page needs it
     from bms_gateway.workbench.watch import Watch
@@ -18,9 +17,6 @@ MOST_DESKS: Final = 6
 """Tabs that are kept; each has a process of a hundred megabytes. The one unused for longest goes."""
 WARM_S: Final = 8.0
 """After a tab has opened, the process of the next one is started."""
-PER_DESK: Final = 1024**3
-"""Bytes of uploads that one tab may keep."""
-CHUNK: Final = 1 << 20
 
 
 @dataclass(slots=True)
@@ -101,6 +97,8 @@ def wanted_files(site: Site, desk: Desk, body: dict[str, Any]) -> dict[str, Any]
     def one(name: object) -> str:
         if not isinstance(name, str):
             raise UsageError("open: a file's name must be text")
+        if not name.isprintable():  # NUL and half of a surrogate pair among others: no file is called so
+            raise UsageError(f"open: {name!a}: a file's name must be printable")
         uploaded = desk.folder / safe_name(name)
         if name and name == uploaded.name and uploaded.is_file():
             return str(uploaded)
@@ -136,37 +134,3 @@ def _recent(site: Site, body: dict[str, Any], config: str) -> dict[str, str] | N
     if not site.local and (store, config) != ((given.get("recent") or {}).get("store"), given.get("config")):
         raise UsageError("open: the gateway's recent window is opened only on the machine itself")
     return {"last": last, "store": store}
-
-
-def receive(source: BufferedIOBase, left: int, folder: Path, name: str) -> None:
-    """Take an upload of `left` bytes into a tab's folder; the file is there as a whole or not at all.
-
-    Raises
-    ------
-    UsageError
-        The tab holds too much, or the upload broke off.
-    """
-    kept = sum(p.stat().st_size for p in folder.iterdir() if p.name != name)
-    if kept + left > PER_DESK:
-        raise UsageError(f"{name}: this tab holds {kept / 1024**2:.0f} MiB already: reload the page to start anew")
-    beside = folder / f".{secrets.token_hex(8)}"
-    with beside.open("wb") as out:
-        while left and (part := source.read(min(left, CHUNK))):
-            out.write(part)
-            left -= len(part)
-    if left:
-        beside.unlink()
-        raise UsageError(f"{name}: the upload broke off")
-    beside.replace(folder / name)
-
-
-def safe_name(name: str) -> str:
-    """Give the last part of a file's name, without what could lead elsewhere.
-
-    Examples
-    --------
-    >>> safe_name("../../etc/passwd"), safe_name("drive 1.log.gz"), safe_name("..")
-    ('passwd', 'drive 1.log.gz', '')
-    """
-    last = name.replace("\\", "/").rpartition("/")[2]
-    return "".join(c for c in last if c.isalnum() or c in "._- +()").strip().lstrip(".")[:120]

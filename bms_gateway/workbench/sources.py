@@ -1,4 +1,4 @@
-"""Where the frames of the live page come from: a port that only listens, or a log that is read ahead."""
+"""Sources of frames for the live page: a port that only listens, or a log that is read ahead."""
 
 import threading
 from collections.abc import Iterable, Iterator
@@ -19,7 +19,7 @@ SECOND = 1_000_000_000
 
 
 class Listening:
-    """A port that counts what passes, and puts nothing on the bus whatever it is told.
+    """A port that counts frames and never sends one.
 
     Parameters
     ----------
@@ -41,6 +41,11 @@ class Listening:
     def gather_s(self) -> float:
         """As of the port."""
         return self._port.gather_s
+
+    @property
+    def emptied(self) -> bool:
+        """As of the port."""
+        return self._port.emptied
 
     def fileno(self) -> int:
         """Descriptor of the port."""

@@ -1,7 +1,7 @@
-"""What the engine says of a pack, tick by tick, and any number of tabs that look at it, each at its own moment.
+"""Estimates of a pack, tick by tick, for any number of tabs, each of which shows its own moment.
 
-The same for a live bus and for a log that is played: the engine runs ahead as fast as it gets frames, every tick is
-kept, and a tab looks at one tick. So going back, pausing and playing at another speed change nothing of the estimates.
+A live bus and a played log work in the same way. The engine runs as fast as it gets frames, every tick is kept, and a
+tab shows one tick. Going back, pausing and playing at another speed therefore do not change the estimates.
 """
 
 import json
@@ -19,9 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.engine import Engine, Estimated, Event, Notice
-from bms_gateway.engine.inputs import REASONS
+from bms_gateway.engine.foreseen import TOLD_S, Forecast
+from bms_gateway.engine.reasons import REASONS, unused
 from bms_gateway.errors import UsageError
 from bms_gateway.frames.quality import Quality
+from bms_gateway.thermal.centre import hottest_of
 
 PERIOD_S: Final = 0.4
 """Between two pictures: two and a half a second. Cells change slower; more would only cost."""
@@ -33,13 +35,15 @@ SHOWN_NOTICES: Final = 8
 TREND: Final = 48
 """Points of the trend of R_e: as many as its little figure has room for."""
 MOST_VIEWS: Final = 16
+FARTHEST_S: Final = 1e10  # of a log's times none is; and of an integer of a thousand digits no float is made
 SPEEDS: Final = (1, 2, 5, 10, 20, 50, 100)
 BEHIND_NS: Final = 3_000_000_000
 """A tab that is nearer to the newest tick than this follows it."""
 WORDS: Final = {int(q): q.name.lower().replace("_", " ") for q in Quality}
 WHY: Final = {int(q): text for q, text in REASONS.items()} | {
-    int(Quality.GOOD): "measured, and used",
-    int(Quality.ESTIMATED): "no sensor of its own: from the model and its neighbours",
+    int(Quality.GOOD): "measured and used",
+    int(Quality.ESTIMATED): "no sensor of its own: estimated from the model and its neighbours",
+    int(Quality.DOUBTFUL): "core not proven: the model file or the drive speaks against it",
 }
 
 
@@ -132,7 +136,7 @@ class Watch:
 
     def _keep(self, told: Estimated) -> None:
         time_ns = told.time_ns
-        cells = np.stack([told.core, told.core_sd, told.surface]).astype(np.float32)
+        cells = np.stack([told.core, told.core_sd, told.surface, told.centre, told.centre_sd]).astype(np.float32)
         strings = []
         for s in self._engine.strings:
             R_e = next((e for e in s.estimates if e.name == "R_e"), None)
@@ -142,6 +146,7 @@ class Watch:
                     "growth": _n(100.0 * s.ageing.growth, 2),
                     "mismatch": _n(s.mismatch.excess**0.5, 3) if s.mismatch.excess >= 0.0 else None,
                     "flags": list(s.flags),
+                    "ahead": _ahead(s.forecast),
                 }
             )
             trend = self._trend[s.plan.name]
@@ -172,7 +177,7 @@ class Watch:
             found["per_s"] = round((received - self._before[1]) / seconds, 1)
             found["load"] = round(100.0 * (bits - self._before[2]) / seconds / self.bitrate, 2)
         self._before = (time_ns, received, bits)
-        found["refused"] = dict(self._engine.rejected)
+        found["refused"] = unused(self._engine.rejected)
         return found
 
     # read by tabs
@@ -197,7 +202,7 @@ class Watch:
                     view.at_ns = float(self._times[-1])
             if "seek" in wish:
                 to = wish["seek"]
-                if isinstance(to, bool) or not isinstance(to, int | float) or not isfinite(to):
+                if isinstance(to, bool) or not isinstance(to, int | float) or not abs(to) < FARTHEST_S:
                     raise UsageError("seek: a time in s is needed")
                 if self._times:
                     view.at_ns = float(np.clip(self._times[0] + to * 1e9, self._times[0], self._times[-1]))
@@ -266,11 +271,9 @@ class Watch:
         found, first = [], 0
         for s, known in zip(self._engine.strings, tick.strings, strict=True):
             n = s.plan.model.cells
-            core, sd, surface = tick.cells[:, first : first + n]
+            core, sd, surface, centre, centre_sd = tick.cells[:, first : first + n]
             quality = tick.quality[first : first + n]
             first += n
-            there = np.isfinite(core)
-            hottest = int(np.nanargmax(core)) if there.any() else None
             trend = [
                 [round(t * 1e-9, 1), _n(1e3 * R, 4), _n(1e3 * e, 4)]
                 for t, R, e in self._trend[s.plan.name]
@@ -284,7 +287,9 @@ class Watch:
                     "half": [_n(1.96 * x, 2) for x in sd.tolist()],
                     "surface": [_n(x, 2) for x in surface.tolist()],
                     "quality": quality.tolist(),
-                    "hottest": hottest,
+                    "centre": [_n(x, 2) for x in centre.tolist()],
+                    "centre_half": [_n(1.96 * x, 2) for x in centre_sd.tolist()],
+                    "hottest": hottest_of(centre),
                     "trend": trend[-TREND:],
                     "words": words if known["flags"] else "",
                 }
@@ -301,6 +306,22 @@ class Watch:
 
 def _of(n: Notice, string: str, until_ns: int) -> bool:
     return n.string == string and n.code in ("ageing", "mismatch") and n.time_ns <= until_ns
+
+
+def _ahead(f: Forecast | None) -> dict[str, Any] | None:
+    """Tell the page what comes next of the cell that will be hottest; None where nothing is known."""
+    if f is None or (k := f.hottest) is None:
+        return None
+    first = f.first
+    return {
+        "cell": k + 1,
+        "load_A": _n(f.load, 1),
+        "point": [_n(f.centre[h, k], 2) for h in TOLD_S],
+        "half": [_n(1.96 * f.centre_sd[h, k], 2) for h in TOLD_S],
+        "limit_s": None if first is None else [first + 1, _n(f.limit_s[first], 0)],
+        "discharge": [_n(x, 0) for x in f.discharge.tolist()],
+        "charge": [_n(x, 0) for x in f.charge.tolist()],
+    }
 
 
 def _n(x: float, digits: int) -> float | None:

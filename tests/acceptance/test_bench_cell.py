@@ -29,6 +29,7 @@ def _rms(x: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.square(x))))
 
 
+@pytest.mark.slow
 def test_with_wide_priors_the_band_holds(tmp_path) -> None:
     rmse, inside, naive, sd = judged(tmp_path, priors="wide")
     print(f"(a) wide priors: core RMSE {rmse:.2f} K, {100 * inside:.0f} % in ± 2 sd, median sd {sd:.2f} K")
@@ -44,6 +45,7 @@ def test_with_the_authors_figures_as_priors_the_core_is_found(tmp_path) -> None:
     assert inside >= 0.90
 
 
+@pytest.mark.slow
 def test_with_voltage_on_the_bus_the_core_is_found_closely(tmp_path) -> None:
     rmse, inside, _, sd = judged(tmp_path, priors="authors", voltage=True)
     print(f"(c) heat from voltage: core RMSE {rmse:.2f} K, {100 * inside:.0f} % in ± 2 sd, median sd {sd:.2f} K")

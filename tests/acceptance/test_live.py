@@ -22,6 +22,7 @@ from bms_gateway.frames.batch import FrameBatch
 pytestmark = pytest.mark.vcan
 
 SECONDS = 24
+FIRST_S, STALL_S = 6.0, 14.0  # 85 frames a second wait meanwhile
 
 
 def program(*words: object, **how: object) -> subprocess.Popen:
@@ -43,7 +44,11 @@ def ready_service(config: Path, folder: Path) -> subprocess.Popen:
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory) -> tuple[Path, Path]:
     """Drive with `replay` against `run` on vcan0 and record it with candump; returns config and recording."""
-    folder = tmp_path_factory.mktemp("live")
+    return recorded_drive(tmp_path_factory.mktemp("live"))
+
+
+def recorded_drive(folder: Path, stall_s: float = 0.0) -> tuple[Path, Path]:
+    """As `recording`; for `stall_s` in the middle the service gets no processor time."""
     for name in ("gateway.toml", "string.toml"):
         (folder / name).write_text((Path("deploy/example") / name).read_text())
     config, log, recorded = folder / "gateway.toml", folder / "drive.log", folder / "recorded.log"
@@ -52,6 +57,11 @@ def recording(tmp_path_factory) -> tuple[Path, Path]:
         candump = subprocess.Popen(["candump", "-L", "-r", str(4 << 20), "vcan0"], stdout=out)
         service = ready_service(config, folder)
         player = program("replay", log, "--to", "vcan0", stdout=subprocess.DEVNULL)
+        if stall_s:
+            time.sleep(FIRST_S)
+            service.send_signal(signal.SIGSTOP)
+            time.sleep(stall_s)
+            service.send_signal(signal.SIGCONT)
         assert player.wait(120) == 0
         time.sleep(1.5)
         service.send_signal(signal.SIGTERM)
@@ -84,6 +94,31 @@ def test_live_and_analysed_broadcasts_are_the_same_bits(recording, tmp_path) -> 
     assert abs(len(live) - len(offline)) < 4 * 90  # the recording ends somewhere within the last ticks
     assert live.can_id[:n].tolist() == offline.can_id[:n].tolist()
     assert live.data[:n].tolist() == offline.data[:n].tolist()
+
+
+def test_after_a_stall_the_broadcasts_are_those_of_the_analysed_recording(tmp_path) -> None:
+    """With over 1,024 frames waiting most got the time of their reading, and good sensors were told stale."""
+    config, recorded = recorded_drive(tmp_path, STALL_S)
+    assert main(["analyze", str(recorded), "--config", str(config), "--out", str(tmp_path / "out")]) == 0
+    everything, live = frames(recorded), ours(frames(recorded))
+    inputs = everything.time_ns[~np.isin(everything.can_id, live.can_id)]
+    live = live[: np.searchsorted(live.time_ns, inputs[-1])]  # the analysis ends with the drive, the service waits on
+    pause = int(np.diff(live.time_ns).argmax())
+    waited = (inputs > live.time_ns[pause]) & (inputs < live.time_ns[pause + 1])
+    assert np.diff(live.time_ns).max() > 0.8 * STALL_S * 1e9
+    assert np.count_nonzero(waited) > 1_024, "the stall is too short to say anything"
+    sent = [(i, bytes(d)) for i, d in zip(live.can_id.tolist(), live.data, strict=True)]
+    offline = frames(tmp_path / "out" / "broadcast.log")
+    wanted = [(i, bytes(d)) for i, d in zip(offline.can_id.tolist(), offline.data, strict=True)]
+    per_tick = 60 + 5
+    assert sent[: 3 * per_tick] == wanted[: 3 * per_tick]
+    # what was late by more than its cycle was not sent; all that was, and all from then on, is the same to the bit
+    known = set(wanted)
+    others = [(k - pause, one[0]) for k, one in enumerate(sent) if one not in known]
+    assert others == []
+    last = next(k for k in range(len(wanted) - 1, -1, -1) if wanted[k] == sent[-1])
+    n = 3 * per_tick
+    assert sent[-n:] == wanted[last + 1 - n : last + 1]
 
 
 def test_our_frames_come_at_their_cycle_times_and_cantools_reads_them(recording) -> None:

@@ -84,14 +84,14 @@ class Busy:
 
 async def gateway(place, seconds, jobs, *, in_thread=False):
     """The service's own loop; gives fits done, frames lost and CPU time."""
-    from bms_gateway.service.aside import run_aside
+    from bms_gateway.service.aside import Aside
     from bms_gateway.service.live import Gateway, run_here
 
     busy = Busy(engine(), jobs)
     port = our_port(place, wanted=busy.can_ids.tolist(), own=busy.sends)
     port.drain()
     start = cpu()
-    await Gateway(busy, port, run_job=run_here if in_thread else run_aside).run(seconds=seconds)
+    await Gateway(busy, port, run_job=run_here if in_thread else Aside().run).run(seconds=seconds)
     used = cpu() - start
     port.close()
     return {"fits": busy.fits, "dropped": port.counters.dropped, "cpu_pct": 100 * used / seconds}

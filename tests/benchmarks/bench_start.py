@@ -40,7 +40,6 @@ LIVE = """
 import asyncio, gc, logging, os, signal, socket, threading
 from pathlib import Path
 from bms_gateway.bus.socketcan import SocketCanPort
-from bms_gateway.cli.run import engine_of
 from bms_gateway.config.load import load_config
 from bms_gateway.service.live import Gateway
 from tests.memory import peak_mib
@@ -52,7 +51,7 @@ if not (vehicle := os.fork()):
     feed(theirs, 60.0)
     os._exit(0)
 theirs.close()
-engine = engine_of(load_config(Path("deploy/example/gateway.toml")), None, logging.getLogger())
+engine = load_config(Path("deploy/example/gateway.toml")).engine()
 asyncio.run(Gateway(engine, SocketCanPort.over(ours, own=engine.sends)).run(seconds=20.0))
 os.kill(vehicle, signal.SIGKILL)
 os.waitpid(vehicle, 0)
@@ -77,11 +76,10 @@ for k in range(0, len(frames), 5000):
 WITHIN = """
 import gc, logging, pickle, re, sys
 from pathlib import Path
-from bms_gateway.cli.run import engine_of
 from bms_gateway.config.load import load_config
 import bms_gateway.bus.socketcan, bms_gateway.service.live
 from tests.memory import peak_mib
-engine = engine_of(load_config(Path("deploy/example/gateway.toml")), None, logging.getLogger())
+engine = load_config(Path("deploy/example/gateway.toml")).engine()
 before, scipy = peak_mib(), "scipy" in sys.modules
 pickle.load(sys.stdin.buffer).run()
 print(before, peak_mib(), scipy or "scipy" in sys.modules)

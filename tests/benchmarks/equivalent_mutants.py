@@ -132,7 +132,6 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "SocketCanPort.__init__: self._retry_at = self._down_at = 0.0  ->  pass": "set by each failure, read after one",
         "SocketCanPort.__init__: 0.0  ->  1.0  #2": "set by each failure, read after one",
         "SocketCanPort.now_ns: 1000000000.0  ->  1000000001.0": "a step of an hour is told with three more digits",
-        "SocketCanPort.drain: 0  ->  1": "what is taken comes in whole calls, of which the limit holds 64",
         "SocketCanPort.pump: wait > 0  ->  wait >= 0": "at that very instant: the caller comes again at once",
         "SocketCanPort._is_up: 0  ->  1": "the kernel writes the flags there, whatever they were",
     },

@@ -1,10 +1,11 @@
 """Real minutes at full load on a real vcan0, the service a process of its own, with a fault every 30 s.
 
-What breaks is chosen from the catalogue of `bms_gateway.chaos`, and two of our own: the service gets no processor time
-(SIGSTOP) until the kernel drops frames, and at the very end it is killed and started again. Whether the gateway reacted
-is read off its frames on the bus and its metrics, the truth is the simulated pack's. Left out is what takes longer than
-a slot, what fills the bus to more than it carries, what puts seventeen frames of one counter in any order, and the full
-transmit queue, which vcan does not have.
+What breaks is chosen from the catalogue of `bms_gateway.chaos`, and some of our own, for a service that is a process of
+its own: it gets no processor time (SIGSTOP), so long that the kernel drops frames and for so short that it does not,
+the process of a fit is stopped, a reload finds garbage, and at the very end it is killed and started again. Whether the
+gateway reacted is read off its frames on the bus and its metrics, the truth is the simulated pack's. Left out is what
+takes longer than a slot, what fills the bus to more than it carries, what puts seventeen frames of one counter in any
+order, and the full transmit queue, which vcan does not have.
 
 The minutes asked for come after those in which windows of twenty minutes fill and are fitted for the first time; load
 and faults are the same then. Three things must hold: memory is flat afterwards; the kernel drops nothing but where the
@@ -23,6 +24,7 @@ import tempfile
 import time
 import urllib.request
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import cycle
 from pathlib import Path
@@ -33,7 +35,7 @@ from bms_gateway.bus.socketcan import SocketCanPort
 from bms_gateway.chaos.bus_faults import bus_scenarios
 from bms_gateway.chaos.catalogue import Chaos
 from bms_gateway.chaos.live import Vehicle
-from bms_gateway.chaos.reaction import Counted, Reaction, Told
+from bms_gateway.chaos.reaction import Counted, Reaction, Told, Uncounted
 from bms_gateway.chaos.record import Bystander, Record
 from bms_gateway.chaos.scenario import STEADY, Injection, Outcome, Scenario, is_sound, judge
 from bms_gateway.config import load_config, shipped
@@ -45,6 +47,9 @@ CHANNEL = "vcan0"
 LISTEN = "127.0.0.1:9105"
 CYCLE_S, LASTS_S, RECOVERS_S = 30.0, 8.0, 15.0
 WARM_S, PATIENCE_S = 60.0, 120.0
+STALL_S = 1.5  # two thirds of what the receive buffer holds of a full bus
+FIT_COMES_S = 600.0  # a fit of one of the strings begins sooner than that
+FIT_ENDS_S = 120.0  # one that hangs is killed after a minute
 STOPPED_FRAMES = 40_000  # twice what the receive buffer holds: five seconds of a full bus
 MOST_LATE_S = 1.0
 GROWTH_MIB = 8.0  # of a process in which nothing piles up: the allocator's scatter
@@ -67,6 +72,9 @@ NAMES = {
     "process_cpu_seconds_total": "cpu_s",
     "jobs_total": "fits",
     "jobs_late_total": "late",
+    "jobs_failed_total": "jobs_failed",
+    "reloads_total": "reload {}",
+    "frames_misdated_total": "misdated",
 }
 """What scenarios call a metric."""
 
@@ -107,12 +115,12 @@ class Service:
     """`bms-gateway run` on a config, and what can be seen of it from outside."""
 
     def __init__(self, config: Path, page: str, log: Path) -> None:
-        self._config, self._page, self._log = config, page, log
+        self.config, self._page, self._log = config, page, log
         self.counts: dict[str, float] = {}
 
     def start(self) -> None:
         with self._log.open("a") as log:
-            words = [sys.executable, "-m", "bms_gateway", "run", str(self._config)]
+            words = [sys.executable, "-m", "bms_gateway", "run", str(self.config)]
             self.process = subprocess.Popen(words, stdout=log, stderr=log)
 
     async def up(self) -> None:
@@ -137,6 +145,11 @@ class Service:
 
     def rss_MiB(self) -> float:
         return int(Path(f"/proc/{self.process.pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGESIZE") / 2**20
+
+    def children(self) -> list[int]:
+        """Processes that it has started and that are not gone."""
+        files = Path(f"/proc/{self.process.pid}/task").glob("*/children")  # each of the thread that started it
+        return [int(pid) for file in files for pid in file.read_text().split()]
 
     def stop(self) -> None:
         self.process.terminate()
@@ -179,7 +192,7 @@ class Run:
         self.faults = {s.scenario.name: s.fault for s in bus_scenarios(CHANNEL)}
         self.injections = [s.injection for s in self.scenarios.values()]
         self.minutes, self.settle = minutes, settle
-        seconds = round(60 * (settle + minutes) + 2 * WARM_S + 4 * CYCLE_S + PATIENCE_S)
+        seconds = round(60 * (settle + minutes) + 2 * WARM_S + 4 * CYCLE_S + PATIENCE_S + FIT_COMES_S + FIT_ENDS_S)
         self.bus = FullBus(loaded.plan, loaded.database, rate, seconds, self.injections, CHANNEL)
         own = Engine(loaded.plan, loaded.database).sends
         self.hands = Hands(self.bus, tuple(own), Vehicle(CHANNEL).raw)
@@ -210,7 +223,7 @@ class Run:
         real_s = time.monotonic()
         at_begin = dict(self.service.counts), self.bus.told.sent
         end, settled_s = real_s + 60.0 * (self.settle + self.minutes), None
-        for name in cycle((*SCENARIOS, "unserved")):
+        for name in cycle((*SCENARIOS, *(name for name in OURS if name != "killed"))):
             await self._slot(name, self.bus.now_s + CYCLE_S)
             if settled_s is None and time.monotonic() > real_s + 60.0 * self.settle:
                 settled_s = self.bus.now_s
@@ -297,6 +310,18 @@ class Run:
             while self.bus.told.sent < full and self.bus.now_s < end_s:  # a starved vehicle fills it later
                 await asyncio.sleep(0.1)
             os.kill(pid, signal.SIGCONT)
+        elif name == "stalled":
+            os.kill(pid, signal.SIGSTOP)
+            await asyncio.sleep(STALL_S)
+            os.kill(pid, signal.SIGCONT)
+        elif name == "fit-stopped":
+            await self._stop_a_fit()
+        elif name == "garbage":
+            sound, before = self.service.config.read_text(), self.service.counts["reload refused"]
+            self.service.config.write_text("[[string]\n" + "x = [" * 3000)
+            os.kill(pid, signal.SIGHUP)
+            await self._counted("reload refused", before, PATIENCE_S)
+            self.service.config.write_text(sound)
         elif name == "killed":
             self.service.process.kill()
             self.service.process.wait()
@@ -311,6 +336,23 @@ class Run:
             self.bus.told.fault = list(self.scenarios).index(name)
             await asyncio.sleep(LASTS_S)
             self.bus.told.fault = NOTHING
+
+    async def _stop_a_fit(self) -> None:
+        """Stop the next one; where none comes, or none is given up, what is expected is not counted."""
+        before, end = self.service.counts["jobs_failed"], time.monotonic() + FIT_COMES_S
+        while time.monotonic() < end:
+            if children := self.service.children():
+                with suppress(ProcessLookupError):  # it has just ended
+                    os.kill(children[0], signal.SIGSTOP)
+                    await self._counted("jobs_failed", before, FIT_ENDS_S)
+                    return
+            await asyncio.sleep(0.01)
+
+    async def _counted(self, name: str, before: float, most_s: float) -> None:
+        """Wait until a counter has gone up, which is read once a second."""
+        end = time.monotonic() + most_s
+        while self.service.counts[name] <= before and time.monotonic() < end:
+            await asyncio.sleep(0.1)
 
     @property
     def heard(self) -> bool:
@@ -359,6 +401,30 @@ OURS = {
         "bus",
         f"no processor time for {STOPPED_FRAMES} frames of others",
         (Counted.of("dropped"),),
+        0.0,
+        RECOVERS_S,
+    ),
+    "stalled": Scenario(
+        "stalled",
+        "service",
+        f"no processor time for {STALL_S:g} s of a full bus",
+        (Uncounted.of("dropped", "misdated"),),
+        0.0,
+        RECOVERS_S,
+    ),
+    "fit-stopped": Scenario(
+        "fit-stopped",
+        "service",
+        "the process of a fit is stopped",
+        (Counted.of("jobs_failed"),),
+        0.0,
+        RECOVERS_S,
+    ),
+    "garbage": Scenario(
+        "garbage",
+        "service",
+        "a reload of what no parser should see",
+        (Counted.of("reload refused"),),
         0.0,
         RECOVERS_S,
     ),

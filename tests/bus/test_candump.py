@@ -1,5 +1,6 @@
 import gzip
 import random
+import tracemalloc
 
 import can
 import numpy as np
@@ -212,3 +213,34 @@ def test_memory_stays_flat_on_long_logs(tmp_path):
     path.write_bytes(b"(1700000000.000001) can0 12345678#0011223344556677\n" * 400_000)
     assert max(len(b) for b in read_log(path)) < 60_000
     assert np.all(next(read_log(path)).can_id == 0x1234_5678 | EXTENDED)
+
+
+FRAME = b"(1700000000.000000) can0 123#11\n"
+
+
+@pytest.mark.parametrize("blank", [b"\n", b"\r\n", b" \t\n", b"\v\f  \n"])
+def test_blank_lines_are_counted_and_cost_no_memory(blank):
+    """Each took a hundred bytes and some microseconds: 1.5 GB of them had no end in 120 s."""
+    text = FRAME + blank * 100_000 + b"x\n" + blank * 3 + b"\0\n" + FRAME
+    tracemalloc.start()
+    notes = LogNotes()
+    batch, lines = parse_block(text, 1, notes)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert (len(batch), lines) == (2, 100_007)
+    assert notes.broken_at == [(100_002, "x"), (100_006, "\0")]
+    assert peak < 80 * len(text)
+    assert parse_block(blank * 1000, 1, notes)[1] == 1000
+    assert parse_block(blank * 10 + b" ", 1, notes)[1] == 11
+
+
+def test_a_log_of_which_a_million_lines_in_a_row_are_none_is_given_up(tmp_path, monkeypatch):
+    monkeypatch.setattr("bms_gateway.bus.logfile.GIVE_UP", 1000)
+    path = tmp_path / "a.log"
+    path.write_bytes(FRAME + b"x\n" * 5000)
+    with pytest.raises(DataError, match="lines in a row cannot be read: not a candump log"):
+        list(read_log(path, chunk=500))
+    path.write_bytes((b"x\n" * 600 + FRAME) * 20)
+    notes = LogNotes()
+    assert sum(map(len, read_log(path, chunk=500, notes=notes))) == 20
+    assert notes.broken == 12_000

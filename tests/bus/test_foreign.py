@@ -126,3 +126,9 @@ def test_mf4_is_read_and_what_is_none_is_refused(tmp_path):
     (tmp_path / "b.mf4").write_bytes(b"garbage" * 100)
     with pytest.raises(DataError, match=r"b.mf4: not a .mf4 log"):
         list(read_log(tmp_path / "b.mf4"))
+
+
+def test_a_csv_file_that_is_no_log_is_told_by_its_line_not_by_what_its_reader_stumbled_over(tmp_path):
+    (tmp_path / "a.csv").write_text("a,b\n" + "1,2\n" * 50)
+    with pytest.raises(DataError, match=r"a.csv, line 2: not a .csv log: '1,2'$"):
+        list(read_log(tmp_path / "a.csv"))

@@ -304,11 +304,99 @@ def test_what_two_system_calls_gave_comes_in_one_drain(interface, time, monkeypa
 
 
 def test_a_drain_ends_though_senders_go_on(interface, time, monkeypatch):
-    script = Script(*(received(time, *[1] * DEPTH) for _ in range(socketcan.DRAIN_MOST // DEPTH + 1)))
+    calls = 2 * (4 << 20) // 512 // DEPTH + 1  # more than the buffer, of which the kernel gives twice as much, can hold
+    script = Script(*(received(time, *[1] * DEPTH) for _ in range(calls + 1)))
     monkeypatch.setattr(socketcan, "Receiver", lambda _: script)
     port = opened(time)
-    assert len(port.drain()) == socketcan.DRAIN_MOST
+    assert len(port.drain()) == calls * DEPTH
+    assert not port.emptied
     assert len(port.drain()) == DEPTH
+    assert port.emptied
+
+
+def test_a_drain_takes_the_last_frame_that_the_buffer_can_hold(interface, time, monkeypatch):
+    script = Script(*(received(time, *[1] * DEPTH) for _ in range(3)))
+    monkeypatch.setattr(socketcan, "Receiver", lambda _: script)
+    port = opened(time)
+    port._drain_most = DEPTH + 1
+    assert len(port.drain()) == 2 * DEPTH
+
+
+def stalled(time, seconds, rate, *, start_s=0.0):
+    """What two or more calls give after so many seconds in which nobody read; and the stamps."""
+    begun = time.wall_ns()
+    time.pass_s(seconds)
+    stamps = begun + (np.arange(start_s, seconds, 1.0 / rate) * 1e9).astype(np.int64)
+    cuts = [stamps[k : k + DEPTH] for k in range(0, len(stamps), DEPTH)]
+    return stamps, [received(time, *[1] * len(part), stamp_ns=part) for part in cuts]
+
+
+def test_after_any_stall_frames_keep_the_stamps_of_the_kernel(interface, time, monkeypatch):
+    """Within one drain the second part was held against the moment of the first: 375 of 476 frames became "now"."""
+    script = Script()
+    monkeypatch.setattr(socketcan, "Receiver", lambda _: script)
+    port = opened(time)
+    for seconds, rate in ((7.5, 200), (30.0, 400), (0.1, 8_500), (600.0, 20)):
+        stamps, parts = stalled(time, seconds, rate)
+        script.given.extend(parts)
+        np.testing.assert_array_equal(port.drain().time_ns, stamps)
+    assert port.counters.misdated == 0
+
+
+def test_a_stall_within_a_drain_costs_no_stamp_of_the_next_one(interface, time, monkeypatch):
+    """Frames come while the reader is held up between system call and clock: they are older than the mapping."""
+    script = Script()
+    monkeypatch.setattr(socketcan, "Receiver", lambda _: script)
+    port = opened(time)
+    script.given.append(received(time, 1, 1))
+    later, to_bus = [], port._clock.to_bus
+
+    def held_up(stamps, **more):
+        stamps_of_stall, parts = stalled(time, 30.0, 40)
+        later.append(stamps_of_stall)
+        script.given.extend(parts)
+        port._clock.to_bus = to_bus
+        return to_bus(stamps, **more)
+
+    port._clock.to_bus = held_up
+    assert len(port.drain()) == 2
+    np.testing.assert_array_equal(port.drain().time_ns, later[0])
+    assert port.counters.misdated == 0
+
+
+def test_what_one_drain_leaves_is_not_misdated_in_the_next(interface, time, monkeypatch):
+    script = Script()
+    monkeypatch.setattr(socketcan, "Receiver", lambda _: script)
+    port = opened(time)
+    port._drain_most = 3 * DEPTH
+    stamps, parts = stalled(time, 40.0, 200)
+    script.given.extend(parts)
+    found = [port.drain().time_ns]
+    assert not port.emptied
+    while not port.emptied:
+        time.pass_s(0.01)
+        found.append(port.drain().time_ns)
+    np.testing.assert_array_equal(np.concatenate(found), stamps)
+    assert port.counters.misdated == 0
+
+
+@pytest.mark.parametrize("set_by_s", [3.0, -3.0, 0.5, -0.5, 3600.0, -3600.0])
+@pytest.mark.parametrize("at", [0, 1, 700, 1_500, 2_999, 3_000])
+def test_a_clock_that_is_set_during_a_stall_moves_no_frame(interface, time, monkeypatch, set_by_s, at):
+    """At any of 3,000 frames: three seconds forward looked like a part of the stall to those after it."""
+    script = Script()
+    monkeypatch.setattr(socketcan, "Receiver", lambda _: script)
+    port = opened(time)
+    stamps, _ = stalled(time, 30.0, 100, start_s=0.005)
+    raw = stamps.copy()
+    raw[at:] += round(set_by_s * 1e9)
+    time.wall_off_ns += round(set_by_s * 1e9)
+    script.given.extend(received(time, *[1] * len(raw[k : k + DEPTH]), stamp_ns=raw[k : k + DEPTH]) for k in
+                        range(0, len(raw), DEPTH))  # fmt: skip
+    np.testing.assert_array_equal(port.drain().time_ns, stamps)
+    assert (port.counters.misdated, port.counters.clock_steps) == (0, 0)
+    port.now_ns()
+    assert port.counters.clock_steps == 1
 
 
 def test_frames_that_the_kernel_did_not_stamp_get_the_time_of_their_arrival(interface, time, monkeypatch):

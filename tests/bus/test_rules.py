@@ -263,8 +263,10 @@ def test_frames_stamped_before_and_after_a_step_stay_in_order():
     clocks = Clocks()
     clock = BusClock(clocks.wall, clocks.steady)
     start = clocks.wall()
+    clock.begin()
     clock.to_bus(np.array([start]))
     stamps = []
+    clock.begin()
     for k in range(10):
         clocks.true += MS
         if k == 5:

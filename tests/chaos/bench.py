@@ -4,7 +4,7 @@ from pathlib import Path
 
 from bms_gateway.config import shipped
 
-LONG = {"thermocouple-slow", "thermocouple-stuck", "thermocouple-noisy"}
+LONG = {"cell-runaway", "thermocouple-slow", "thermocouple-stuck", "thermocouple-noisy"}
 LONG |= {f"current-{kind}" for kind in ("stuck", "clipped", "saturated", "sign", "end-of-range")}
 """Scenarios that take many minutes of bench time."""
 

@@ -1,14 +1,21 @@
 """The command: its table, its JSON, its status, what it refuses; and all of it on a real vcan0."""
 
+import asyncio
 import json
+import os
+import signal
 import subprocess
 import sys
+import time
 
 import pytest
 
+from bms_gateway.chaos import live as bench_module
 from bms_gateway.chaos.catalogue import Chaos
+from bms_gateway.chaos.live import RealTimeBench
 from bms_gateway.cli.main import main
 from bms_gateway.config import load_config
+from bms_gateway.service import live
 from tests.chaos.bench import LONG, config
 
 
@@ -63,6 +70,45 @@ def test_the_list_names_all_and_runs_none(tmp_path, capsys):
     assert "thermocouple-slow" in out
     assert "down-up" in out
     assert "not here: needs an interface" in out
+
+
+def test_an_interrupt_while_the_disk_hangs_does_not_wait_for_it(tmp_path, monkeypatch):
+    """The service waits for its last save; that the disk does not answer is our own doing."""
+    monkeypatch.setattr(bench_module, "STEADY_FIRST", 1)
+    monkeypatch.setattr(live, "SAVE_LAST_S", 60.0)
+    loaded = load_config(config(tmp_path))
+    scenario, told = Chaos(loaded.plan, loaded.database).scenarios["disk-hangs"], []
+
+    async def hangs(bench):
+        bench.disk.clear()
+        while not bench.gateway.tally.saves_failed:
+            await asyncio.sleep(0.02)
+        told.append(time.monotonic())
+        os.kill(os.getpid(), signal.SIGINT)
+        await asyncio.Event().wait()
+
+    with pytest.raises(KeyboardInterrupt):
+        RealTimeBench(loaded.plan, loaded.database).run(scenario, hangs)
+    assert time.monotonic() - told[0] < 60.0
+
+
+def test_an_interrupt_while_a_scenario_ends_is_heard(tmp_path, monkeypatch):
+    """The service took it for its own end, which had begun, and the next scenario followed."""
+    monkeypatch.setattr(bench_module, "STEADY_FIRST", 1)
+    monkeypatch.setattr(bench_module, "STEADY", 1)
+    loaded = load_config(config(tmp_path))
+    scenario, stop = Chaos(loaded.plan, loaded.database).scenarios["impostor"], live.Gateway.stop
+
+    def interrupted(gateway):
+        monkeypatch.setattr(live.Gateway, "stop", stop)
+        os.kill(os.getpid(), signal.SIGINT)
+        gateway._loop.call_later(0.5, gateway.stop)
+
+    async def nothing(_bench):
+        monkeypatch.setattr(live.Gateway, "stop", interrupted)
+
+    with pytest.raises(KeyboardInterrupt):
+        RealTimeBench(loaded.plan, loaded.database).run(scenario, nothing)
 
 
 @pytest.mark.vcan

@@ -15,13 +15,15 @@ from tests.chaos.bench import LONG, config
 from tests.config.files import MAPPED, write
 
 WITHOUT_FLOW = MAPPED.replace('coolant_flow = "Pack.Flow"\n', "")
-NEEDS_KERNEL = {"down-up", "removed", "burst"}
-REAL_TIME = {"bus-off", "transmit-queue-full", "impostor", "full-load"}
+NEEDS_KERNEL = {"down-up", "removed", "burst", "stall"}
+SERVICE = {"fit-hangs", "disk-hangs", "state-unreadable", "config-garbage"}
+REAL_TIME = {"bus-off", "transmit-queue-full", "impostor", "full-load"} | SERVICE
 # what a vehicle has to survive, by the name of the scenario that shows it
 ASKED = {
     *("bus-off", "down-up", "removed", "transmit-queue-full", "full-load", "burst", "wrong-dlc"),
     *("unknown-multiplexer", "crc", "counter", "duplicated", "reordered", "stamps-backwards", "stamps-future"),
     *("clock-forward", "clock-back", "clock-1970", "inlet-missing", "restart", "parked-minutes", "parked-hours"),
+    *("stall", *SERVICE),
     *("impostor", "irrelevant-only", *LONG, "thermocouple-open", "thermocouple-short"),
 }
 
@@ -49,7 +51,7 @@ def test_it_reacts_as_expected_and_recovers(chaos, name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", sorted(LONG | {"impostor", "transmit-queue-full"}))
+@pytest.mark.parametrize("name", sorted(LONG | SERVICE | {"impostor", "transmit-queue-full"}))
 def test_it_reacts_as_expected_and_recovers_where_that_takes_longer(chaos, name):
     outcome = chaos.run(name)
     assert outcome.tried

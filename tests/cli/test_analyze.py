@@ -39,7 +39,8 @@ def test_a_mistyped_log_leaves_earlier_results_alone(drive, tmp_path, capsys):
     config, log = drive
     assert analyze(log, config, tmp_path) == 0
     before = {f.name: f.read_bytes() for f in tmp_path.iterdir()}
-    assert set(before) == {"estimates.csv", "parameters.csv", "events.jsonl", "broadcast.log", "summary.json"}
+    assert set(before) == {"estimates.csv", "parameters.csv", "events.jsonl", "alerts.jsonl", "broadcast.log",
+                           "summary.json"}  # fmt: skip
     assert analyze(tmp_path / "nope.log", config, tmp_path) == 2
     assert {f.name: f.read_bytes() for f in tmp_path.iterdir()} == before
     assert "no such log" in capsys.readouterr().err
@@ -64,7 +65,7 @@ def test_strings_that_are_never_heard_are_told(drive, tmp_path, capsys):
     assert "string_2: never received" in capsys.readouterr().err
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["strings"]["string_2"] == {
-        "cells": 12, "max_core_C": None, "resistance_growth_pct": None, "flags": [],
+        "cells": 12, "max_core_C": None, "hottest": None, "resistance_growth_pct": None, "flags": [],
     }  # fmt: skip
     rows = (tmp_path / "parameters.csv").read_text().splitlines()
     assert sum(row.endswith("learning") for row in rows) >= 6
@@ -121,3 +122,16 @@ def test_broken_lines_are_counted_in_the_summary(drive, tmp_path):
 def test_an_empty_name_of_the_folder_is_refused(drive, capsys):
     assert analyze(drive[1], drive[0], "") == 2
     assert "--out is empty" in capsys.readouterr().err
+
+
+def test_samples_that_are_not_used_are_counted_with_the_reason_in_words(drive, tmp_path, capsys):
+    config, log = drive
+    lines = log.read_text().splitlines(keepends=True)
+    at = next(i for i, line in enumerate(lines) if i > len(lines) // 2)
+    start, _, data = lines[at].rpartition("#")
+    lines[at] = f"{start}#{int(data[:2], 16) ^ 1:02X}{data[2:]}"  # the check sum is in the first byte
+    (tmp_path / "flipped.log").write_text("".join(lines))
+    assert analyze(tmp_path / "flipped.log", config, tmp_path / "out") == 0
+    rejected = json.loads((tmp_path / "out" / "summary.json").read_text())["rejected"]
+    assert rejected["crc"] > 0
+    assert f"{rejected['crc']} samples not used: the check sum of its frame is wrong\n" in capsys.readouterr().out

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from bms_gateway.cli import baseline
 from bms_gateway.cli.main import main
 from bms_gateway.config import load_config, shipped
 from bms_gateway.engine import Engine
@@ -64,6 +65,43 @@ def test_without_a_place_for_state_there_is_no_baseline(config: Path, capsys) ->
     status, _, err = call(capsys, "--show", "--config", config)
     assert status == 2
     assert err.count("\n") == 1
+
+
+def test_without_a_path_the_state_of_the_installed_service_is_found(config: Path, capsys, monkeypatch) -> None:
+    """`export` looked there, `baseline` did not: the documented command found nothing."""
+    config.write_text(config.read_text().split("[store]")[0])
+    monkeypatch.setattr(baseline, "STATE_DIRECTORY", config.parent / "nowhere")
+    status, _, err = call(capsys, "--show", "--config", config)
+    assert (status, err.count("\n")) == (2, 1)
+    assert "no service is installed that keeps its state in" in err
+    monkeypatch.setattr(baseline, "STATE_DIRECTORY", config.parent / "state")
+    assert StateStore(config.parent / "state").save(Engine(*_parts(config)).snapshot(), wall_ns=1) is None
+    assert call(capsys, "--show", "--config", config)[0] == 0
+    assert call(capsys, "--reset", "string_1", "--reason", "x", "--config", config)[0] == 0
+    assert len(list(asked(config.parent / "state"))) == 1
+
+
+def _parts(config: Path):
+    loaded = load_config(config)
+    return loaded.plan, loaded.database
+
+
+def test_a_state_that_cannot_be_read_is_told_and_all_stays_as_it_is(config: Path, capsys) -> None:
+    """What is shown was "no baseline yet", and a state that the service had just half written was renamed."""
+    folder = config.parent / "state"
+    (folder / "state").write_bytes(b"bms-gateway-state 1 0")
+    status, out, err = call(capsys, "--show", "--config", config)
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert "its first line is damaged" in err
+    assert [f.name for f in folder.iterdir()] == ["state"]
+    assert StateStore(folder).save(Engine(*_parts(config)).snapshot(), wall_ns=1) is None
+    (folder / "state").rename(folder / "state.previous")
+    (folder / "state").write_bytes(b"")
+    status, out, err = call(capsys, "--show", "--config", config)
+    assert status == 0
+    assert "no baseline yet" in out
+    assert "it is empty" in err
+    assert {"state", "state.previous"} <= {f.name for f in folder.iterdir()}
 
 
 def test_what_is_stored_is_shown(config: Path, capsys) -> None:

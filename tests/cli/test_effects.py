@@ -1,4 +1,4 @@
-"""The catalogue on the terminal, as JSON and in the README is the one that the code has."""
+"""The catalogue on the terminal, as JSON and in the README of the effects is the one that the code has."""
 
 import json
 import tomllib
@@ -16,7 +16,8 @@ from tests.config.test_model_file import EXAMPLE, WITH_EFFECTS
 
 
 def test_the_readmes_table_is_the_catalogue():
-    text = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+    readme = Path(__file__).parents[2] / "bms_gateway" / "thermal" / "effects" / "README.md"
+    text = readme.read_text(encoding="utf-8")
     start, end = "<!-- effects -->\n", "\n<!-- /effects -->"
     assert text.count(start) == text.count(end) == 1
     assert text.partition(start)[2].partition(end)[0] == catalogue_table()
@@ -77,3 +78,31 @@ def test_a_wrong_name_tells_the_nearest(capsys):
 def test_a_config_takes_a_model_with_effects(tmp_path):
     (string,) = load_config(write(tmp_path, OWN, WITH_EFFECTS)).plan.strings
     assert [e.key for e in string.model.effects] == ["entropic_heat", "cell_resistance:4", "charge_transfer"]
+
+
+def test_the_table_is_written_between_its_two_lines_and_nothing_else_changes(capsys, tmp_path):
+    file = tmp_path / "README.md"
+    file.write_text("# above\n<!-- effects -->\nold\ntable\n<!-- /effects -->\nbelow\n", encoding="utf-8")
+    assert main(["effects", "--write", str(file)]) == 0
+    assert capsys.readouterr().out == f"{file}: the table was brought up to date\n"
+    text = file.read_text(encoding="utf-8")
+    assert text == f"# above\n<!-- effects -->\n{catalogue_table()}\n<!-- /effects -->\nbelow\n"
+    assert main(["effects", "--write", str(file)]) == 0
+    assert "up to date already" in capsys.readouterr().out
+    assert file.read_text(encoding="utf-8") == text
+
+
+@pytest.mark.parametrize("text", ["no lines", "<!-- effects -->\n", "<!-- /effects -->\n<!-- effects -->\n"])
+def test_a_file_without_the_two_lines_is_left_alone(capsys, tmp_path, text):
+    file = tmp_path / "notes.md"
+    file.write_text(text, encoding="utf-8")
+    assert main(["effects", "--write", str(file)]) == 2
+    assert "needs the line <!-- effects --> once and after it" in capsys.readouterr().err
+    assert file.read_text(encoding="utf-8") == text
+
+
+def test_help_tells_how_an_effect_of_ones_own_is_checked_and_the_table_written(capsys):
+    assert main(["effects", "--help"]) == 0
+    out = capsys.readouterr().out
+    assert "broken_properties(YourEffect)" in out
+    assert "effects --write notes.md" in out

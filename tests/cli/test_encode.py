@@ -2,7 +2,9 @@
 
 import csv
 import json
+import re
 import tomllib
+import warnings
 from pathlib import Path
 
 import cantools
@@ -166,7 +168,7 @@ def test_columns_that_mean_nothing_are_mentioned(tmp_path, table, capsys):
     file = table[0]
     file.write_text(file.read_text().replace("soc", "sok"))
     assert main(["encode", str(file), "--config", str(write(tmp_path, OWN)), "--out", str(tmp_path / "a.log")]) == 0
-    assert "columns without a meaning here: sok" in capsys.readouterr().err
+    assert "columns with unknown names are not used: sok" in capsys.readouterr().err
 
 
 def test_the_bench_record_keeps_the_heat_of_its_raw_current(tmp_path):
@@ -259,6 +261,36 @@ def test_what_our_dbc_cannot_carry_leaves_as_not_available(tmp_path, capsys):
     assert "sent as not available" in err
     assert main(["encode", put(tmp_path, [f"{t},5,25,26,27,28" for t in range(10)]), *words_of(config, log)]) == 0
     assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("config", [OWN, MAPPED])
+@pytest.mark.parametrize(
+    ("row", "says"),
+    [
+        ("50000,25,26,27,28", "current_A: 900 of 900 values are outside .*: are they in mA\\? A table takes A"),
+        ("-4500,25,26,27,28", "current_A: 900 of 900 values are outside .*: are they in mA\\? A table takes A"),
+        ("50,298.15,299.15,300.15,301.15", "coolant_inlet_C: 900 of 900 .*: are they in K\\? A table takes °C"),
+        (
+            "1e308,25,26,27,28",
+            "current_A: 900 of 900 values are outside [-0-9.]* to [0-9.]*, what .* believes; nothing",
+        ),
+    ],
+)
+def test_a_quantity_in_another_unit_is_refused_not_dropped(tmp_path, capsys, config, row, says):
+    """Once all 900 values left as not available, with a note and status 0."""
+    table, log = put(tmp_path, [f"{t},{row}" for t in range(900)]), tmp_path / "a.log"
+    assert main(["encode", table, *words_of(write(tmp_path, config), log)]) == 2
+    out, err = capsys.readouterr()
+    assert re.search(says, err), err
+    assert (out, err.count("\n"), log.exists()) == ("", 1, False)
+
+
+def test_a_value_beyond_all_bounds_is_told_without_a_warning_of_numpy(tmp_path, capsys):
+    table, log = put(tmp_path, [f"{t},{1e308 if t == 3 else 5},25,26,27,28" for t in range(10)]), tmp_path / "a.log"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert main(["encode", table, *words_of(write(tmp_path), log)]) == 0
+    assert "current_A: 1 of 10 rows, the first at line 5 (1e+308)" in capsys.readouterr().err
 
 
 def words_of(config, log):

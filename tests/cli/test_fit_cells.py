@@ -131,7 +131,7 @@ def test_a_log_tells_the_same_as_its_table(tmp_path):
     [
         ("one", (), "--cells tells the cells of a string apart; this model has one cell"),
         ("effects", (), "--cells knows no effects yet; this model has entropic_heat: take the model without"),
-        ("string", ("--calibrate",), "--cells and --calibrate: one at a time"),
+        ("string", ("--calibrate",), "--cells and --calibrate cannot be used together"),
         ("string", ("twice",), "--cells takes one table, the commissioning run; 2 are given"),
         ("short", (), "540 s without a gap; --cells needs 600 s at least"),
     ],

@@ -23,12 +23,12 @@ CELLS = 5
 MODEL = parse_model(EXAMPLE)
 
 
-def table(folder: Path, *, seconds=1500, name="bench.csv") -> Path:
+def table(folder: Path, *, seconds=1500, name="bench.csv", flow=MODEL.flow or 0.0095) -> Path:
     """Half an hour of a five-cell string as a CSV; returns its path."""
     c = rows(seconds, sensors=(1, 3, 5))
     columns = {k: v for k, v in c.items() if k != "surface_C"}
     columns["voltage_V"] = columns["voltage_V"] / 3 * CELLS
-    columns["coolant_flow_m3_s"] = np.full(seconds + 1, MODEL.flow or 0.0095)
+    columns["coolant_flow_m3_s"] = np.full(seconds + 1, flow)
     columns |= {f"surface_{k}_C": x for k, x in c["surface_C"].items()}
     file = folder / name
     text = [",".join(columns), *(",".join(f"{x:.5f}" for x in row) for row in zip(*columns.values(), strict=True))]
@@ -76,7 +76,7 @@ def test_a_table_and_the_log_made_of_it_are_the_same_record(tmp_path):
 
 def test_scale_sign_unit_and_offset_of_the_mapping_hold(tmp_path):
     config = write(tmp_path, MAPPED)
-    file = table(tmp_path)
+    file = table(tmp_path, seconds=600, flow=2e-4)  # 12 l/min; Pack.Flow carries up to 25
     (t,) = read_measurements([file], model=MODEL)
     (g,) = read_measurements([encoded(tmp_path, file, config)], model=MODEL, config=config)
     assert g.drive.I2.mean() == pytest.approx(t.drive.I2.mean(), rel=0.005)

@@ -60,14 +60,14 @@ def test_a_broken_line_is_mentioned_not_fatal(log, monkeypatch, capsys):
     assert main(["replay", str(log), "--to", "vcan0", "--speed", "max"]) == 0
     out, err = capsys.readouterr()
     assert "300 frames" in out
-    assert "1 lines passed over, the first is line 4" in err
+    assert "1 damaged lines skipped, the first is line 4" in err
 
 
 def test_frames_that_are_not_sent_are_mentioned(log, monkeypatch, capsys):
     monkeypatch.setattr(bus_replay, "SocketCanSender", Recorder)
     log.write_text(log.read_text() + "(9.000000) can0 123#R\n")
     assert main(["replay", str(log), "--to", "vcan0", "--speed", "max"]) == 0
-    assert "1 remote and 0 error frames passed over" in capsys.readouterr().err
+    assert "1 remote and 0 error frames skipped" in capsys.readouterr().err
 
 
 def test_a_missing_log_or_interface_is_one_line(tmp_path, log, monkeypatch, capsys):

@@ -101,11 +101,15 @@ class TestDiagnose:
         assert out.startswith("The model explains these readings")
         assert "held-out" in out
 
-    def test_data_that_tell_nothing_are_a_verdict_too(self, pack):
+    def test_a_record_that_is_too_short_is_told_as_compare_tells_it_and_the_verdict_is_written(self, pack):
+        """It once ended with status 0, where compare ended with 2."""
         head, *lines = pack.clean.read_text().splitlines()
         short = pack.folder / "short.csv"
         short.write_text("\n".join([head, *lines[:100]]))
-        d = told("diagnose", short, "--model", pack.model)
+        status, out, err = call("diagnose", short, "--model", pack.model, "--json", "-")
+        assert status == call("compare", short, "--model", pack.model)[0] == 2
+        assert err.splitlines()[-1].endswith("short.csv: The record lasts 99 s; 300 s are the least.")
+        d = json.loads(out)
         assert d["verdict"] == "insufficient_data"
         assert list(d)[: len(KEYS)] == KEYS
         assert d["selected"] == d["ranking"] == []
@@ -127,7 +131,7 @@ class TestAdd:
         text = (pack.folder / "added.html").read_text()
         d = added[1]
         error = f"from {d['before']['heldout_rmse_K']:.3f} to {d['after']['heldout_rmse_K']:.3f} K"
-        assert f"With entropic_heat the held-out error goes {error}" in text
+        assert f"With entropic_heat the held-out error falls {error}" in text
         assert text.count('class="plot"') == 5  # three surfaces, the drive, the hottest core
 
     def test_its_model_lacks_nothing_any_more(self, pack, added):

@@ -31,7 +31,11 @@ def test_effects_added_by_the_surface_bring_the_core_down(tmp_path):
     words = ("--data", table, "--columns", COLUMNS)
     first = told("add", "resistance_temperature", "--model", models[0], "--out", models[2], *words)
     last = told("add", "entropic_heat", "--model", models[2], "--out", models[3], *words)
-    assert first["after"]["heldout_rmse_K"] < first["before"]["heldout_rmse_K"]
+    # one of two missing effects need not bring the error down where nothing was fitted: that is held against it
+    fell = first["after"]["heldout_rmse_K"] < first["before"]["heldout_rmse_K"]
+    assert fell or "The error where nothing was fitted does not fall with what was added." in first["core"]["why"]
+    assert not first["core"]["proven"]
+    assert last["after"]["heldout_rmse_K"] < 0.5 * first["before"]["heldout_rmse_K"]
     assert last["before"]["heldout_rmse_K"] == pytest.approx(first["after"]["heldout_rmse_K"], rel=0.05)
     assert last["after"]["heldout_rmse_K"] < 0.5 * last["before"]["heldout_rmse_K"]
     before, after = (

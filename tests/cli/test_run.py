@@ -14,7 +14,7 @@ import pytest
 from bms_gateway.bus.logfile import read_log
 from bms_gateway.bus.socketcan import RECEIVE_BUFFER
 from bms_gateway.cli.main import main
-from bms_gateway.cli.run import engine_of, reloaded, saver, started
+from bms_gateway.cli.run import continued, reloaded, saver, started
 from bms_gateway.config import load_config, shipped
 from bms_gateway.engine import Decoded, Estimated, drive
 from bms_gateway.errors import ConfigError, StateError
@@ -31,7 +31,7 @@ def running(tmp_path):
         (tmp_path / name).write_text(shipped(f"deploy/example/{name}").read_text())
     config, log = tmp_path / "gateway.toml", tmp_path / "drive.log"
     assert main(["simulate", "--config", str(config), "--out", str(log), "--duration", "30"]) == 0
-    engine = engine_of(load_config(config), None, LOG)
+    engine = load_config(config).engine()
     *_, newest = (e for e in drive(engine, read_log(log)) if isinstance(e, Estimated))
     last = list(newest.strings())
     return config, engine, last
@@ -54,7 +54,7 @@ def test_the_service_asks_for_the_receive_buffer_that_install_allows_and_the_doc
 def test_a_reload_goes_on_with_the_temperatures_there_are(running):
     config, engine, last = running
     config.write_text(config.read_text().replace("# [observer]", "[observer]\nheat_cell_W = 0.3\n#"))
-    fresh = reloaded(config, engine, LOG)
+    fresh = asyncio.run(reloaded(config, engine, LOG))
     assert fresh is not engine
     assert fresh.snapshot()["tick_end_ns"] == engine.snapshot()["tick_end_ns"] == last[0].time_ns
     assert str(fresh.snapshot()["estimators"]) == str(engine.snapshot()["estimators"])
@@ -74,7 +74,7 @@ def test_a_reload_of_a_wrong_config_is_refused(running, before, after, says):
     assert before in text
     config.write_text(text.replace(before, after))
     with pytest.raises(ConfigError, match=says):
-        reloaded(config, engine, LOG)
+        asyncio.run(reloaded(config, engine, LOG))
 
 
 def test_a_state_that_does_not_fit_gives_a_fresh_engine_and_a_line(running, caplog):
@@ -82,7 +82,7 @@ def test_a_state_that_does_not_fit_gives_a_fresh_engine_and_a_line(running, capl
     state = engine.snapshot()
     state["estimators"]["observers"][0]["state"]["own"]["J"] = 3
     with caplog.at_level(logging.WARNING):
-        fresh = engine_of(load_config(config), state, LOG)
+        fresh = continued(load_config(config).engine, state, LOG)
     assert "starting from the model files" in caplog.text
     assert all(np.isnan(s.core).all() for s in fresh.strings)
 

@@ -1,5 +1,6 @@
 """Config of one bench cell (A123 26650 in a chamber): our own DBC, priors wide or from the authors' figures."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Literal
 
@@ -34,15 +35,31 @@ def write_bench_cell(
 ) -> Path:
     """Write gateway.toml and model into a folder; returns the path of the config."""
     model = 'cells = 1\nsensors = [1]\ncondition = "single"\neffects = []\n[cell]\ncapacity_Ah = 2.3\n[parameters]\n'
-    (folder / "cell.toml").write_text(model + PARAMETERS[priors])
+    return write_string(folder, model + PARAMETERS[priors], also=("voltage",) if voltage else (), method=method)
+
+
+ALSO = {
+    "voltage": 'voltage = "string_1_electrical.voltage"',
+    "soc": 'soc = "string_1_coolant.soc"',
+    "flow": 'coolant_flow = "string_1_coolant.coolant_flow"',
+}
+"""Signals that a string may have beside current, inlet and surfaces."""
+
+
+def write_string(
+    folder: Path, model: str, *, sensors: Iterable[int] = (1,), also: Iterable[str] = (), method: str = "window"
+) -> Path:
+    """Write a model and a gateway.toml that takes these signals and no others from our own DBC; returns the config."""
+    (folder / "cell.toml").write_text(model)
     lines = [
         f'[identify]\nmethod = "{method}"',
         '[[string]]\nname = "cell"\nmodel = "cell.toml"',
         "[string.signals]",
         'current = "string_1_electrical.current"',
         'coolant_inlet = "string_1_coolant.coolant_inlet"',
-        *(['voltage = "string_1_electrical.voltage"'] if voltage else []),
-        '[string.signals.surface]\n1 = "string_1_surface.surface_01"',
+        *(ALSO[name] for name in also),
+        "[string.signals.surface]",
+        *(f'{k} = "string_1_surface.surface_{k:02}"' for k in sensors),
     ]
     config = folder / "gateway.toml"
     config.write_text("\n".join(lines) + "\n")

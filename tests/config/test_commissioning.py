@@ -75,7 +75,7 @@ def test_the_order_of_the_names_does_not_matter():
         ('names = ["R_e:1", ', "names = [", "commissioning.names: 'R_e:1' is missing; run fit --cells again"),
         ("rel_sd = [", "rel_sd = [0.1, ", "commissioning.rel_sd: 23 names need 23 numbers above 0"),
         ("correlation = [\n", "correlation = [\n  [1.0],\n", "commissioning.correlation: 23 names need 23 rows"),
-        ("  [1.0, ", "  [1.2, ", "commissioning.correlation: no errors can hang together so"),
+        ("  [1.0, ", "  [1.2, ", "commissioning.correlation: this is no correlation matrix"),
         ("electrical = { cells = [1", "electrical = { cells = [9", "electrical: cell 9 does not exist; valid: 1 to 5"),
         ('unit = "mOhm" }\ncorrelation', 'unit = "Ohm" }\ncorrelation', "commissioning.electrical: "),
     ],

@@ -9,7 +9,16 @@ from hypothesis import strategies as st
 
 from bms_gateway.config.model_file import format_model, parse_model, read_model, write_model
 from bms_gateway.errors import ConfigError
-from bms_gateway.thermal import CELL_SYMBOLS, CONDITIONS, KINDS, AddedEffect, Prior, StringModel, StringParameters
+from bms_gateway.thermal import (
+    CELL_SYMBOLS,
+    CONDITIONS,
+    KINDS,
+    AddedEffect,
+    Prior,
+    Share,
+    StringModel,
+    StringParameters,
+)
 from bms_gateway.thermal.effects import catalogue
 
 EXAMPLE = """\
@@ -102,6 +111,7 @@ def added(draw, cells, sensors):
 
 @st.composite
 def models(draw):
+    unit = st.floats(0.0, 1.0)
     cells = draw(st.integers(1, 6))
     condition = draw(st.sampled_from(CONDITIONS))
     sensors = tuple(sorted(draw(st.sets(st.integers(1, cells)))))
@@ -118,6 +128,8 @@ def models(draw):
         priors=priors,
         coolant="ntu",
         capacity_Ah=draw(st.none() | st.floats(0.1, 1000.0)),
+        centre_share=draw(st.none() | st.builds(Share, unit, unit)),
+        core_probe=draw(st.none() | st.builds(Share, unit, unit)),
         flow=draw(st.none() | st.floats(1e-6, 1.0)),
         tolerances={
             name: draw(st.floats(0.0, 1.0))
@@ -316,7 +328,7 @@ EFFECT_FAULTS = [
     (
         "[1.0, -0.4, 0.1],\n  [-0.4,",
         "[1.0, -1.4, 0.1],\n  [-1.4,",
-        "correlation.matrix: no errors can hang together so (it is not positive semidefinite)",
+        "correlation.matrix: this is no correlation matrix (it is not positive semidefinite)",
     ),
     ("[before]\nC_c", "[before]\nC_x", "before.C_x: unknown key"),
     ('C_f  = { value = 11.33, unit = "W/K", rel_sd = 0.05 }\n', "", "before.C_f: missing"),
@@ -382,6 +394,11 @@ FAULTS = [
     ('"m3/s"', '"gpm"', "parameters.coolant_flow: unit 'gpm' does not fit coolant_flow; valid: "),
     ("value = 11.33", "value = 0.9", 'use coolant = "ntu" or a larger C_f'),
     ("capacity_Ah = 8.0", "capacity_Ah = 0", "cell.capacity_Ah: 0"),
+    ("capacity_Ah = 8.0", "centre_share = { value = 50, sd = 0.2 }", "cell.centre_share.value: 50"),
+    ("capacity_Ah = 8.0", "centre_share = { value = 0.5, sd = -0.2 }", "cell.centre_share.sd: -0.2"),
+    ("capacity_Ah = 8.0", "centre_share = 0.5", "cell.centre_share"),
+    ("capacity_Ah = 8.0", "core_probe = { value = 0.5 }", "cell.core_probe.sd"),
+    ("capacity_Ah = 8.0", "core_prob = { value = 0.5, sd = 0.1 }", "core_probe"),
     ("[cell]", "[cell", "not valid TOML"),
     ("[cell]", "cell = 3\n[other]", "other: unknown key"),
 ]

@@ -25,7 +25,7 @@ def test_without_tables_metrics_are_on_loopback_and_mqtt_is_off(config):
     loaded = config("")
     assert loaded.config.metrics.address == ("127.0.0.1", 9105)
     assert loaded.config.mqtt is None
-    assert (loaded.config.alerts.grace_s, loaded.config.alerts.core_max_C) == (10.0, None)
+    assert (loaded.config.alerts.grace_s, loaded.config.alerts.core_max_C) == (10.0, 80.0)
 
 
 @pytest.mark.parametrize(
@@ -34,6 +34,8 @@ def test_without_tables_metrics_are_on_loopback_and_mqtt_is_off(config):
         ('[metrics]\nlisten = "localhost:9105"', r'metrics.listen: .*expected a numeric address and a port.*or "off"'),
         ("[metrics]\nport = 9105", r"metrics.port: unknown key; valid: listen"),
         ("[alerts]\ngrace_s = 0.0", r"alerts.grace_s: 0.0: input should be greater than or equal to 1"),
+        ("[alerts]\ncore_max_C = 176.0", r"surface_max_C is 176, and no surface of 150 .* surface_max_C = 140"),
+        ("[alerts]\nsurface_max_C = 150.0", r"surface_max_C is 150, and no surface of 150 .* surface_max_C = 140"),
         ("[alerts]\ncore_max_c = 60.0", r"alerts.core_max_c: unknown key; did you mean 'core_max_C'"),
         ("[mqtt]", r"mqtt.host: missing"),
         ('[mqtt]\nhost = "b"\ntopic = "a/#"', r"mqtt.topic: 'a/#': no '\+', '#' or blank"),

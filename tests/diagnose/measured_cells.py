@@ -33,8 +33,14 @@ def columns(path):
     return {k: np.array([float(r[k]) for r in rows]) for k in rows[0]}
 
 
-def bench(name, *, voltage=False, every=1, share=1.0, noise=0.0, **scaled):
-    """Model, readings and the core (K,) at the record's instants; the files count charging positive."""
+def bench(name, **how):
+    """Model, readings and the core (K,) at the record's instants; see `bench_record`."""
+    model, record, core = bench_record(name, **how)
+    return model, measured(record, model), core
+
+
+def bench_record(name, *, voltage=False, every=1, share=1.0, noise=0.0, **scaled):
+    """Model, record and the core (K,) at its instants; the files count charging positive."""
     slow = columns(need("core_surface", f"{name}.csv"))
     model = data_sheet(name, **scaled)
     t = slow["t_s"]
@@ -64,4 +70,4 @@ def bench(name, *, voltage=False, every=1, share=1.0, noise=0.0, **scaled):
         source=name,
     )
     core = np.interp(record.instants, t, slow["T_core_C"])
-    return model, measured(record, model), core
+    return model, record, core

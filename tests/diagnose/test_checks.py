@@ -7,6 +7,7 @@ import pytest
 
 from bms_gateway.diagnose.checks import check_record
 from bms_gateway.diagnose.record import make_record
+from bms_gateway.thermal import Prior, StringModel
 from tests.diagnose.logs import rows, string_model
 
 
@@ -161,3 +162,44 @@ def test_missing_readings_are_counted():
     sentence = findings(c)["readings_missing"].sentence
     assert "cell 3" in sentence
     assert "40 %" in sentence or "39 %" in sentence or "41 %" in sentence
+
+
+def test_a_square_wave_is_not_called_by_its_mean():
+    c = rows()
+    wave = np.where(np.arange(3001) // 50 % 2, 79.0, -79.0)
+    wave[1000:1500] = -79.0
+    said = findings(c, current_A=wave)["constant_current"].sentence
+    assert said.startswith("The current is 79 A all along, now one way and now the other")
+
+
+def slow_charge(step=0.1, stuck_at=None):
+    """A cell of 5 Ah charged at C/20 for eight hours in still air: 0.07 W, it warms by 0.6 K in steps of 0.1 K."""
+    t = np.arange(0.0, 8 * 3600.0, 10.0)
+    rise = 0.6 * (1 - np.exp(-t / 1500.0))
+    y = np.round((25.0 + rise) / step) * step
+    if stuck_at is not None:
+        y[:] = stuck_at
+    model = single_model()
+    return {
+        "time_s": t,
+        "current_A": np.full(len(t), -1.5),
+        "coolant_inlet_C": np.full(len(t), 25.0),
+        "surface_C": {1: y},
+    }, model
+
+
+def single_model():
+    values = {"C_c": 64.0, "C_s": 4.5, "R_e": 0.03, "R_c": 1.2, "R_u": 9.0}
+    return StringModel(1, (1,), "single", {k: Prior(v, 0.5) for k, v in values.items()}, capacity_Ah=5.0)
+
+
+def test_a_slow_charge_in_steps_of_a_tenth_is_no_stuck_sensor():
+    columns, model = slow_charge()
+    assert not {"stuck_sensor", "all_stuck"} & set(findings(columns, model))
+
+
+def test_a_sensor_that_stands_still_under_load_is_stuck_all_the_same():
+    columns, model = slow_charge(stuck_at=25.0)
+    columns["current_A"] = np.where(np.arange(len(columns["time_s"])) % 720 < 360, 8.0, -8.0)
+    columns["surface_C"][1][:200] += 0.1 * (np.arange(200) // 40)
+    assert findings(columns, model)["all_stuck"].severity == "stop"

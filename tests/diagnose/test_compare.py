@@ -1,11 +1,14 @@
 """Model against measurement: where, when and in which regime it fails, and how sure of it one can be."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from bms_gateway.diagnose.compare import as_filed, compare
 from bms_gateway.diagnose.regimes import FEATURES, low_passed, regimes, stretches
 from bms_gateway.identify.problem import Problem
+from bms_gateway.thermal import Share
 from tests.diagnose.hidden_record import hidden, record_of
 
 
@@ -57,8 +60,35 @@ def test_cores_are_stated_with_a_band_that_covers_the_truth(control):
     assert (band.total_K < 1.5).all()
 
 
+def test_a_thermocouple_is_held_against_the_place_where_it_is_said_to_sit(control):
+    """Half-way from mean to centre, of which nobody is sure: its error is told there, and the check is that wider."""
+    log, _, model, _ = control
+    placed = replace(model, core_probe=Share(0.5, 0.2), centre_share=Share(0.6, 0.1))
+    record, _ = record_of(log, core=True)
+    checks = compare(placed, [record]).refitted
+    (band,) = checks.cores
+    for c in checks.core_checks:
+        k = c.cell - 1
+        T_c, gap, total = (np.interp(c.time_s, band.time_s, x[:, k]) for x in (band.T_c, band.gap_K, band.total_K))
+        off = c.measured - (T_c + 0.3 * gap)
+        assert c.bias_K == pytest.approx(off.mean())
+        lever = np.sqrt((0.5 * 0.1) ** 2 + (0.6 * 0.2) ** 2 + (0.1 * 0.2) ** 2)
+        assert c.covered == pytest.approx(np.mean(np.abs(off) <= 1.96 * np.hypot(total, lever * gap)), abs=1e-3)
+
+
+def test_the_centre_of_a_band_is_above_its_core_and_known_less_well(control):
+    (band,) = control[3].refitted.cores
+    assert (band.T_centre >= np.maximum(band.T_c, band.T_c - band.gap_K)).all()
+    assert (band.centre_sd_K > band.total_K).all()
+    steady = (np.abs(band.lag_K - band.gap_K) < 0.05) & (band.gap_K > 1.0)
+    assert steady.any()
+    np.testing.assert_allclose((band.T_centre - band.T_c)[steady], 0.5 * band.gap_K[steady], atol=0.03)
+
+
 def test_a_core_thermocouple_judges_and_never_teaches(control):
+    """Of a string whose thermocouples read the mean of the roll, as the simulated ones do."""
     log, _, model, plain = control
+    model = replace(model, core_probe=Share(0.0, 0.0))
     record, _ = record_of(log, core=True)
     got = compare(model, [record])
     assert np.array_equal(got.refitted.fit.theta, plain.refitted.fit.theta)

@@ -36,7 +36,7 @@ CONTROLS = (
     {"cycle": "mixed", "cells": 1, "sensors": (1,), "step": 0.25},
 )
 UNKNOWNS = ("sun_load", "loose_thermocouple")
-DEAR = ("coolant_delay", "cell_cooling", "loose_thermocouple")
+DEAR = ("coolant_delay", "cell_cooling", "loose_thermocouple", "entropic_heat", "flow_dependent_cooling")
 """The longest to diagnose; the pair and the others say nearly the same."""
 PAIR = ("flow_dependent_cooling", "busbar_joule")
 
@@ -123,7 +123,9 @@ def test_a_number_at_its_bound_that_leaves_nothing_needs_no_second_search():
     assert not found.unknown_remains
 
 
-@pytest.mark.parametrize(("base", "seed"), [(9400, 94_002_050), (9600, 96_002_035), (9900, 99_002_035)])
+@pytest.mark.parametrize(
+    ("base", "seed"), [pytest.param(9400, 94_002_050, marks=pytest.mark.slow), (9600, 96_002_035), (9900, 99_002_035)]
+)
 def test_noise_taken_for_too_small_under_coarse_steps_is_nothing_unknown(base, seed):
     # steps of five and ten sd: the noise was found a fifth too small, and white readings failed the held-out blocks by
     # it; where few readings stand near the edge of their level, those of the held-out blocks may be such by chance, or

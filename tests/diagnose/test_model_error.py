@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bms_gateway.diagnose.core_band import UNPROVEN, core_bands
 from bms_gateway.diagnose.model_error import ModelError, averaged, first_part
 from bms_gateway.diagnose.prepare import measured
 from bms_gateway.diagnose.search import search
@@ -54,9 +55,9 @@ def test_the_second_names_a_strong_effect_too_and_bands_the_core():
     log, m, model = prepared("resistance_temperature", "strong", seed=31)
     found = second_search(model, [m])
     assert "resistance_temperature" in {c.candidate.name for c in found.chosen}
-    (cores,) = found.cores()
-    true = log.core[: len(cores.mean)]
-    assert np.mean(np.abs(cores.mean - true) < 2.0 * cores.sd) >= 0.9
+    (band,) = core_bands(found.best, share=UNPROVEN)
+    true = np.interp(band.time_s, np.arange(len(log.core)), log.core[:, 0])
+    assert np.mean(np.abs(band.T_c[:, 0] - true) < 2.0 * band.total_K[:, 0]) >= 0.9
 
 
 @pytest.mark.slow
@@ -64,5 +65,6 @@ def test_the_same_record_gives_the_same_answer_to_the_last_bit():
     _, m, model = prepared("resistance_temperature", "strong", seed=31, seconds=1800)
     one, two = second_search(model, [m]), second_search(model, [m])
     assert one.ranking == two.ranking
-    assert np.array_equal(one.cores()[0].mean, two.cores()[0].mean)
-    assert np.array_equal(one.cores()[0].sd, two.cores()[0].sd)
+    bands = core_bands(one.best)[0], core_bands(two.best)[0]
+    assert np.array_equal(bands[0].T_c, bands[1].T_c)
+    assert np.array_equal(bands[0].sd_K, bands[1].sd_K)

@@ -5,8 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from bms_gateway.diagnose.model_error import ModelError
 from bms_gateway.diagnose.witness import agreement, electric_heat, implausible, strain
 from bms_gateway.thermal.drive import Drive
+from bms_gateway.thermal.effects import effect_named
 
 
 def coordinate(name, *, prior=0.0, sd=0.6, effect=None, record=None):
@@ -66,6 +68,16 @@ def test_activation_temperature_out_of_range_is_an_alarm():
     assert not implausible(fit({name: 4500.0}, [500.0], **{name: {"effect": "resistance_temperature"}}))
     (said,) = implausible(fit({name: 6000.0}, [500.0], **{name: {"effect": "resistance_temperature"}}))
     assert "6000 K" in said.says
+
+
+def test_what_is_known_of_an_activation_stands_in_one_place():
+    """The catalogue's prior is what both searches fit with, and what an alarm is held against."""
+    name = "resistance_temperature.B"
+    p = effect_named("resistance_temperature").parameter("B")
+    assert name not in ModelError().beliefs([SimpleNamespace(drive=SimpleNamespace(I2=np.ones(3)))])
+    (said,) = implausible(fit({name: p.prior + 2.1 * p.sd}, [50.0], **{name: {"effect": "resistance_temperature"}}))
+    assert f"usual are {p.prior:.0f} ± {p.sd:.0f} K" in said.says
+    assert not implausible(fit({name: p.prior - 1.9 * p.sd}, [50.0], **{name: {"effect": "resistance_temperature"}}))
 
 
 def test_numbers_each_tolerable_are_strained_together():

@@ -27,7 +27,9 @@ class Gatherer:
     patient: bool
     idle: bool = False
     identifier: WindowIdentifier = field(
-        default_factory=lambda: WindowIdentifier(MODEL, Settings(window_s=150.0, shortest_s=15.0, least_rise=0.0))
+        default_factory=lambda: WindowIdentifier(
+            MODEL, Settings(window_s=150.0, first_look_s=70.0, shortest_s=15.0, least_rise=0.0)
+        )
     )
     collector: Collector = field(default_factory=Collector)
     found: list = field(default_factory=list)
@@ -41,7 +43,9 @@ class Gatherer:
         if job is not None:
             w = job.window
             self.identifier._pending = False
-            self.found.append((tick.time_ns, [a.tolist() for a in (w.square, w.heat, w.inlet, w.surface, w.age)], w.dt))
+            self.found.append(
+                (tick.time_ns, [a.tolist() for a in (w.square, w.heat, w.current, w.inlet, w.surface, w.age)], w.dt)
+            )
         drive = self.collector.add(tick, current, soc, flow)
         if drive is not None:
             w = drive.window
@@ -97,7 +101,7 @@ def test_what_has_waited_is_what_would_have_come_tick_by_tick(seed: int, holes: 
             backlog.catch_up(1)
         wanted = []
         for j, s in enumerate(at_once):
-            own = Tick(k, tick.dt, tick.square[j], nan, tick.inlet[j], tick.surface[j], tick.age[j])
+            own = Tick(k, tick.dt, tick.square[j], nan, tick.inlet[j], tick.surface[j], tick.age[j], tick.current[j])
             wanted += [(j, job) for job in s.learn(own, tick.current[j], tick.soc[j], tick.flow[j], None)]
         assert backlog.add(tick) == wanted
     for j in range(STRINGS):

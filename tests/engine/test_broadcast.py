@@ -55,6 +55,8 @@ def known(of: Estimators) -> Estimators:
     new.core_sd[:] = 0.5 + 0.1 * np.arange(n)
     new.surface[:] = 25.0 - np.arange(n)
     new.quality[:] = np.arange(n) % 4
+    new.centre[:] = 35.0 - (np.arange(n) - 1) % 4  # 34, 35, 34, 33, 34, …: not in the cell with the hottest core
+    new.centre_sd[:] = 1.0 + 0.1 * np.arange(n)
     return of
 
 
@@ -78,6 +80,32 @@ def test_the_hottest_and_the_coldest_cell_of_each_string_are_summed_up() -> None
     assert (one["hottest_sd"], one["hottest_quality"]) == pytest.approx((0.7, 2))
     assert (two["hottest_core"], two["hottest_cell"], two["coldest_core"]) == pytest.approx((32.0, 2, 30.0))
     assert (two["hottest_sd"], two["hottest_quality"]) == pytest.approx((1.0, 1))
+
+
+def test_the_hottest_point_of_each_string_is_said_with_its_cell_its_band_and_its_core() -> None:
+    told = said(known(estimators(2)))
+    one, two = (told[f"string_{k}_hottest"] for k in (1, 2))
+    assert (one["hottest_point"], one["hottest_point_cell"]) == pytest.approx((35.0, 2))
+    assert (one["hottest_point_sd"], one["hottest_point_quality"]) == pytest.approx((1.1, 1))
+    assert one["hottest_point_core"] == pytest.approx(31.0)
+    assert (two["hottest_point"], two["hottest_point_cell"]) == pytest.approx((35.0, 2))
+    assert (two["hottest_point_sd"], two["hottest_point_core"]) == pytest.approx((1.5, 32.0))
+
+
+def test_a_hottest_point_known_too_badly_for_its_field_is_said_without_a_band() -> None:
+    of = known(estimators())
+    of.newest.centre_sd[:] = 14.0
+    one = said(of, raw=True)["string_1_hottest"]
+    assert one["hottest_point"] != 0xFFFF
+    assert one["hottest_point_sd"] >= 0xFE
+
+
+def test_a_string_of_which_nothing_is_known_has_no_hottest_point() -> None:
+    nothing = said(estimators(), raw=True)["string_1_hottest"]
+    assert (nothing["hottest_point"], nothing["hottest_point_core"]) == (0xFFFF, 0xFFFF)
+    assert (nothing["hottest_point_cell"], nothing["hottest_point_sd"]) == (0xFF, 0xFF)
+    assert nothing["hottest_point_quality"] == 0xF
+    assert dbc().get_message_by_name("string_1_hottest").get_signal_by_name("hottest_point").raw_initial == 0xFFFF
 
 
 def test_cells_that_nobody_knows_are_no_hottest_ones() -> None:
@@ -129,7 +157,12 @@ def test_what_is_not_raised_names_no_thermocouple() -> None:
     drift = SimpleNamespace(flag=SimpleNamespace(level=0), worst=3)
     flag = SimpleNamespace(level=1)
     cooling = SimpleNamespace(flag=flag, growth=-0.25)
-    parts = {"current": SimpleNamespace(flag=SimpleNamespace(level=0)), "mismatch": s.mismatch, "cells": None}
+    parts = {
+        "current": SimpleNamespace(flag=SimpleNamespace(level=0)),
+        "mismatch": s.mismatch,
+        "cells": None,
+        "heat": (),
+    }
     ageing = SimpleNamespace(commissioned=True, flag=SimpleNamespace(level=3))
     s.health = SimpleNamespace(commissioned=True, ageing=ageing, cooling=cooling, drift=drift, **parts)
     flags = said(of, raw=True)["string_1_flags"]
@@ -167,7 +200,15 @@ def test_every_message_goes_out_in_its_cycle_in_the_order_of_the_strings_and_sta
         assert sender.cycles[can_id] == cycle
         assert times == list(range(TEN, TEN + 21 * S, cycle))
     names = [dbc().get_message_by_frame_id(c & 0x1FFF_FFFF).name for c in batches[TEN].can_id.tolist()]
-    parts = ["core"] * 4 + ["summary"] + ["parameters"] * 3 + ["health", "flags"] + ["growth"] * 4
+    parts = (
+        ["core"] * 4
+        + ["summary", "hottest"]
+        + ["parameters"] * 3
+        + ["health", "flags"]
+        + ["growth"] * 4
+        + ["heat"] * 4
+        + ["forecast"] * 4
+    )
     assert names == [f"string_{k}_{p}" for k in (1, 2) for p in parts] + ["gateway_status", "gateway_info"]
 
 

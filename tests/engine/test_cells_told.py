@@ -52,7 +52,9 @@ def accepted(monkeypatch: pytest.MonkeyPatch, *results: CellResult, known: bool 
 
 
 def result(over: bool, warning: str = "") -> CellResult:
-    fit = SimpleNamespace(layout=Layout.of(commissioned(0.05).strings[0].model), R_e=R_E, rel_sd=np.full(4, 0.02))
+    fit = SimpleNamespace(
+        layout=Layout.of(commissioned(0.05).strings[0].model), R_e=R_E, rel_sd=np.full(4, 0.02), doubt=1.0
+    )
     return CellResult(fit, np.full(4, np.nan), over, warning)
 
 

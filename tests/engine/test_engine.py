@@ -70,12 +70,13 @@ def test_when_a_result_comes_before_its_time_changes_nothing_and_a_late_one_coun
 
     in_time, late, never = run(0), run(40), run(10_000)
     assert text(in_time) == text(run(20))
-    (at_first, due), (_, then), only = (
+    (at_first, look, due), (_, seen, then), only = (
         [e.time_ns for e in out if isinstance(e, Parameters)] for out in (in_time, late, never)
     )
+    assert look + 10 * 10**9 <= seen <= look + 13 * 10**9
     assert due + 10 * 10**9 <= then <= due + 13 * 10**9
     assert only == [at_first]
-    assert text(e for e in in_time if e.time_ns < due) == text(e for e in never if e.time_ns < due)
+    assert text(e for e in in_time if e.time_ns < look) == text(e for e in never if e.time_ns < look)
 
 
 @pytest.mark.parametrize("edges", [[], list(range(0, 20_000, 170))])
@@ -104,6 +105,10 @@ def test_every_core_has_a_band_or_is_not_available() -> None:
     for e in estimates(list(drive(engine(), [FRAMES]))):
         assert (np.isfinite(e.core) == np.isfinite(e.core_sd)).all()
         assert (np.isnan(e.core) == (e.quality == Quality.NOT_AVAILABLE)).all()
+        known = np.isfinite(e.core)
+        assert (np.isfinite(e.centre) == known).all()
+        assert (np.isfinite(e.centre_sd) == known).all()
+        assert (e.centre[known] >= np.maximum(e.core, e.surface)[known]).all()
 
 
 def currents(frames: FrameBatch, later_s: int) -> FrameBatch:

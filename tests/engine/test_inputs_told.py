@@ -8,7 +8,8 @@ import pytest
 
 from bms_gateway.engine import Channel, Plan
 from bms_gateway.engine.events import Level, Notice
-from bms_gateway.engine.inputs import REASONS, Inputs
+from bms_gateway.engine.inputs import Inputs
+from bms_gateway.engine.reasons import REASONS
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.own import own_signal
 from bms_gateway.frames.quality import Quality
@@ -116,7 +117,7 @@ def test_the_sign_of_a_current_is_told_when_it_turns() -> None:
     assert (wrong.time_ns, wrong.level, wrong.code, wrong.string) == (9, Level.WARNING, "current_sign", "string_1")
     assert wrong.text == (
         "current and voltage rise together: the sign of the current is wrong "
-        f"(scale = -1 in its entry turns it) ({signal})"
+        f"(scale = -1 in its entry changes it) ({signal})"
     )
     assert nothing == []
     assert (right.level, right.code) == (Level.NOTICE, "current_sign")

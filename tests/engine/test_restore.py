@@ -69,6 +69,10 @@ def resistance_of_a_kiloohm(state):
     identifier["mean"][identifier["names"].index("R_e")] = float(np.log(1e3))
 
 
+def surface_of_negative_heat_capacity(state):
+    observer(state)["parameters"][0]["C_s"][0] = -0.5
+
+
 def negative_covariance_of_parameters(state):
     state["estimators"]["strings"]["string_1"]["identifier"]["cov"][0][0] = -1.0
 
@@ -99,6 +103,7 @@ def nothing(state):
         (unequal_covariance, "string_2: the covariance of its temperatures is none"),
         (wrong_shape, "not of these strings"),
         (resistance_of_a_kiloohm, "string_2: R_e is 1e+06 mOhm"),
+        (surface_of_negative_heat_capacity, "C_s is -0.5 J/K; possible: 0.1 to 5000 J/K"),
         (negative_covariance_of_parameters, "string_1: the covariance of its parameters is none"),
         (time_before_time, "is none of a clock"),
         (time_beyond_time, "is none of a clock"),

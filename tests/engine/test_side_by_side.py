@@ -11,6 +11,7 @@ from bms_gateway.engine.estimate import Estimators, TickResult
 from bms_gateway.engine.group import _at
 from bms_gateway.engine.inputs import Wire
 from bms_gateway.engine.readings import Layout, Readings
+from bms_gateway.engine.sense import Floor
 from bms_gateway.frames.quality import Quality
 from bms_gateway.health import mismatch
 from bms_gateway.health.mismatch import Mismatches
@@ -106,6 +107,7 @@ class Alone:
             self.observer = AdaptiveObserver([model], 1.0, PLAN.disturbance)
         self.voltage = VoltageTracker(8.0, model.cells) if self.plan.name in VOLTAGE and not model.effects else None
         self.identifier = build(self.plan.identify, model)
+        self.floor = Floor.of([model])
 
     def step(self, r: Readings, i: int, t: int) -> tuple[np.ndarray, ...]:
         model, mine = self.plan.model, LAYOUT.parts[i]
@@ -135,15 +137,23 @@ class Alone:
         z = (e.innovation / e.innovation_sd)[np.isfinite(e.innovation)]
         self.mismatch.take(np.array([np.mean(z**2) if len(z) else NAN]), 1.0)
         known = e.core_sd[0] <= 12.0
+        driven = (np.array([x]) for x in (inlet + shift, I, square))
+        cold = self.floor.below(e.core, e.core_sd, e.surface, *driven, 1.0)
+        cold = np.zeros(n, bool) if cold is None else cold[0]
         row = (np.where(known, x[0], NAN) for x in (e.core, e.core_sd, e.surface))
-        return *row, self.quality(r, i, known), e.innovation[0], e.innovation_sd[0]
+        felt = np.where(y > e.centre[0] + 0.3, y, e.centre[0])
+        inside = (np.where(known, x, NAN) for x in (felt, e.centre_sd[0]))
+        return *row, self.quality(r, i, known, cold), *inside, e.innovation[0], e.innovation_sd[0]
 
-    def quality(self, r: Readings, i: int, known: np.ndarray) -> np.ndarray:
+    def quality(self, r: Readings, i: int, known: np.ndarray, cold: np.ndarray) -> np.ndarray:
         current, found = Quality(int(r.current_quality[i])), []
-        for own, sound in zip(r.quality[LAYOUT.parts[i]].tolist(), known.tolist(), strict=True):
+        mine = (r.quality[LAYOUT.parts[i]].tolist(), known.tolist(), cold.tolist())
+        for own, sound, too_cold in zip(*mine, strict=True):
             said = Quality.ESTIMATED if own == NO else Quality(own)
             if said in (Quality.GOOD, Quality.ESTIMATED) and current != Quality.GOOD:
                 said = Quality.STALE if current == NO else current
+            if said in (Quality.GOOD, Quality.ESTIMATED) and too_cold:
+                said = Quality.DOUBTFUL
             found.append(said if sound else Quality.NOT_AVAILABLE)
         return np.array(found)
 
@@ -165,7 +175,7 @@ def together() -> tuple[Estimators, list[TickResult], list[tuple], list[Alone]]:
         for k, r in enumerate(readings(1, 85), 1):
             told.append(estimators.step(r, START + k * S))
             new = estimators.newest
-            got = (new.core, new.core_sd, new.surface, new.quality, *estimators.errors())
+            got = (new.core, new.core_sd, new.surface, new.quality, new.centre, new.centre_sd, *estimators.errors())
             own = [a.step(r, i, START + k * S) for i, a in enumerate(alone)]
             rows.append((got, [np.concatenate(x) for x in zip(*own, strict=True)]))
     return estimators, told, rows, alone
@@ -177,13 +187,13 @@ def test_every_string_is_estimated_as_if_it_were_alone(together) -> None:
         for a, b in zip(got, expected, strict=True):
             np.testing.assert_allclose(a, b, rtol=1e-6, atol=1e-6)
         e = result.events[0]
-        for a, b in zip((e.core, e.core_sd, e.surface, e.quality), got, strict=False):
+        for a, b in zip((e.core, e.core_sd, e.surface, e.quality, e.centre, e.centre_sd), got, strict=False):
             np.testing.assert_array_equal(a, b)
     assert all(np.isfinite([tick.heat for tick, *_ in alone[i].given]).sum() > 30 for i in (0, 1, 4))
     core, quality = (np.array([got[k] for got, _ in rows]) for k in (0, 3))
     assert np.isfinite(core[10:]).mean() > 0.8
     assert set(quality.ravel().tolist()) == {
-        *(Quality.GOOD, Quality.ESTIMATED, Quality.STUCK, Quality.STALE, Quality.NOT_AVAILABLE)
+        *(Quality.GOOD, Quality.ESTIMATED, Quality.STUCK, Quality.STALE, Quality.NOT_AVAILABLE, Quality.DOUBTFUL)
     }
 
 

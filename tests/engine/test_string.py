@@ -14,7 +14,7 @@ from bms_gateway.engine.readings import Layout, Reading
 from bms_gateway.engine.string import FLAG_NAMES, Newest, StringEstimator, health_of, hears_cells
 from bms_gateway.frames.quality import Quality
 from bms_gateway.health import Mismatch
-from bms_gateway.identify import Estimate, FixedIdentifier, Tick, VoltageHeat, WindowIdentifier
+from bms_gateway.identify import Estimate, Tick, VoltageHeat
 from bms_gateway.identify.ticks import ENDLESS
 from bms_gateway.thermal import AddedEffect
 from tests.engine.packs import plan
@@ -44,6 +44,7 @@ class Heard:
     name: str
     ticks: list = field(default_factory=list)
     job: object | None = None
+    waits: int = 0
 
     def add(self, *given: object) -> object | None:
         self.ticks.append(given)
@@ -53,7 +54,7 @@ class Heard:
         self.ticks.append(ticks)
 
     def patience(self, dt: float) -> int:
-        return {"identifier": 40, "collector": 30}[self.name]
+        return self.waits
 
     def posterior(self) -> str:
         return "posterior"
@@ -64,7 +65,7 @@ TICK = Tick(7, 1.0, 100.0, nan, 25.0, np.full(4, nan), np.zeros(4))
 
 def test_nothing_is_known_before_the_first_tick() -> None:
     newest = Newest.nothing(3)
-    rows = (newest.core, newest.core_sd, newest.surface)
+    rows = (newest.core, newest.core_sd, newest.surface, newest.centre, newest.centre_sd)
     assert all(np.isnan(row).all() and row.shape == (3,) for row in rows)
     assert newest.quality.tolist() == [Quality.NEVER] * 3
     assert newest.quality.dtype == np.uint8
@@ -72,7 +73,7 @@ def test_nothing_is_known_before_the_first_tick() -> None:
 
 def test_a_new_tick_leaves_the_last_ones_numbers_as_they_were() -> None:
     newest = Newest.nothing(3)
-    names = ("core", "core_sd", "surface", "quality")
+    names = ("core", "core_sd", "surface", "quality", "centre", "centre_sd")
     before = [getattr(newest, name) for name in names]
     newest.renew()
     after = [getattr(newest, name) for name in names]
@@ -84,12 +85,15 @@ def test_a_new_tick_leaves_the_last_ones_numbers_as_they_were() -> None:
 
 def test_a_string_sees_its_own_of_the_newest_numbers() -> None:
     newest = Newest.nothing(9)
-    names = ("core", "core_sd", "surface", "quality")
+    names = ("core", "core_sd", "surface", "quality", "centre", "centre_sd")
     for k, name in enumerate(names):
         getattr(newest, name)[:] = 10 * k + np.arange(9)
     one = replace(string(), newest=newest, mine=slice(2, 6))
     for k, name in enumerate(names):
         assert getattr(one, name).tolist() == [10 * k + c for c in range(2, 6)]
+    assert one.hottest == 3
+    newest.centre[:] = np.nan
+    assert one.hottest is None
 
 
 @pytest.mark.parametrize("commissioned", [True, False])
@@ -111,36 +115,28 @@ def test_a_tick_goes_to_cells_health_and_identifier_in_this_order(commissioned: 
     assert s.learn(TICK, 10.0, 0.5, 1.1, None) == ["pairs"] * cells
 
 
-class Windowed(Heard, WindowIdentifier):
-    """A windowed method that keeps what it is given."""
-
-
-class Kept(Heard, FixedIdentifier):
-    """Numbers that nothing identifies."""
-
-
 @pytest.mark.parametrize(
     ("identifier", "commissioned", "cells", "ticks"),
     [
-        (Windowed, True, False, 30),
-        (Windowed, False, False, 40),
-        (Windowed, True, True, 0),
-        (Kept, True, False, 30),
-        (Kept, False, False, ENDLESS),
-        (Heard, False, False, 0),
-        (Heard, True, False, 0),
+        (40, True, False, 30),
+        (40, False, False, 40),
+        (40, True, True, 0),
+        (ENDLESS, True, False, 30),
+        (ENDLESS, False, False, ENDLESS),
+        (0, False, False, 0),
+        (0, True, False, 0),
     ],
 )
 def test_ticks_wait_as_long_as_the_most_impatient_lets_them(
-    identifier: type[Heard], commissioned: bool, cells: bool, ticks: int
+    identifier: int, commissioned: bool, cells: bool, ticks: int
 ) -> None:
     s = string()
-    s.identifier, collector = identifier("identifier"), Heard("collector")
+    s.identifier, collector = Heard("identifier", waits=identifier), Heard("collector", waits=30)
     s.health = SimpleNamespace(commissioned=commissioned, collector=collector)
     s.cells = Heard("cells") if cells else None
     assert s.patience(1.0) == ticks
     s.take("ticks that waited")
-    assert s.identifier.ticks == (["ticks that waited"] if identifier is Windowed else [])
+    assert s.identifier.ticks == ["ticks that waited"]
     assert collector.ticks == (["ticks that waited"] if commissioned else [])
 
 
@@ -274,7 +270,8 @@ def test_flags_have_a_name_for_every_level() -> None:
     assert s.flags == (
         *("R_e_watch", "R_e_warning", "R_e_alarm", "cooling_warning", "cooling_alarm"),
         *("thermocouple_warning", "thermocouple_alarm", "current_suspected", "current_confirmed"),
-        *("mismatch_suspected", "mismatch_confirmed", "R_e_watch:3"),
+        *("mismatch_suspected", "mismatch_confirmed", "unexplained_heat", "unexplained_heat"),
+        *("missing_heat", "missing_heat", "inlet_warning", "inlet_alarm", "R_e_watch:3"),
     )
 
 

@@ -36,8 +36,16 @@ R_E = Estimate("R_e", 4e-3, 1e-4, "mOhm", "identified")
 class Known:
     """An identifier with one number, by word of a test."""
 
+    learns = True
+
     def __init__(self, done: list) -> None:
         self.done = done
+
+    def patience(self, dt: float) -> int:
+        return 0
+
+    def take(self, ticks: object) -> None:
+        raise AssertionError("nothing waits")
 
     def accept(self, result: object) -> None:
         self.done.append(("accept", result))
@@ -47,6 +55,16 @@ class Known:
 
     def estimates(self) -> tuple[Estimate, ...]:
         return (R_E,)
+
+    def doubts(self) -> tuple[str, ...]:
+        return ()
+
+
+class Doubted(Known):
+    """The same of a string that its model does not explain."""
+
+    def doubts(self) -> tuple[str, ...]:
+        return ("an effect is missing",) if ("accept", "result") in self.done else ()
 
 
 @pytest.fixture
@@ -71,7 +89,7 @@ def test_a_result_is_for_the_ticks_after_those_that_waited_and_goes_to_the_strin
     assert accepted == ("accept", "result")
     assert observer.covariances.shape[0] == {0: 3, 1: 2, 2: 3, 3: 1, 4: 2, 5: 3}[i]
     assert isinstance(observer, EffectObserver) == (i == 3)
-    assert own == ([] if i == 3 else [None])
+    assert own == [None]
     assert s.plan.model.cells == cells
     assert values == pytest.approx({"R_e": 4e-3, "R_c": 1.5})
     assert names == ("R_e", "R_c")
@@ -174,7 +192,7 @@ def test_a_core_known_to_within_its_limit_is_sent_and_none_beyond(monkeypatch: p
     known = one.newest.core_sd <= limit
     assert limit in one.newest.core_sd
     assert 0 < known.sum() < len(known)
-    for name in ("core", "core_sd", "surface"):
+    for name in ("core", "core_sd", "surface", "centre", "centre_sd"):
         ours = getattr(two.newest, name)
         np.testing.assert_array_equal(ours, np.where(known, getattr(one.newest, name), nan))
     assert ((two.newest.quality == estimate.NOT_AVAILABLE) == ~known).all()
@@ -285,6 +303,24 @@ def test_a_window_of_a_string_whose_cells_are_told_apart_leaves_their_numbers_wi
     assert done[-1][2] == pytest.approx({"R_e": 4e-3, "R_c": 1.5})
 
 
+def test_cells_told_apart_are_left_alone_while_the_model_does_not_explain_the_string_and_that_is_told(
+    done: list,
+) -> None:
+    estimators = Estimators(PLAN, WIRES)
+    s = estimators.strings[2]
+    numbers = SimpleNamespace(values={"R_e": np.ones(4)}, names=("R_e",), common=np.eye(1), own=np.zeros((4, 3, 3)))
+    s.identifier, s.cells = Doubted(done), Apart(done, numbers)
+    told = estimators.accept(2, "result", 9)
+    assert done[-1][2] == pytest.approx({"R_e": 4e-3, "R_c": 1.5})
+    (notice,) = [e for e in told if isinstance(e, Notice)]
+    assert (notice.code, notice.string, notice.time_ns) == ("unproven", "string_3", 9)
+    assert "an effect is missing" in notice.text
+    assert not any(isinstance(e, Notice) for e in estimators.accept(2, "result", 10))  # once
+    s.identifier.doubts = lambda: () if ("accept", "sound") in done else ("an effect is missing",)
+    (notice,) = [e for e in estimators.accept(2, "sound", 11) if isinstance(e, Notice)]
+    assert "proven again" in notice.text
+
+
 def test_cells_told_apart_are_kept_and_taken_up_where_there_are_any() -> None:
     one, two, taken = Estimators(PLAN, WIRES), Estimators(PLAN, WIRES), []
     one.strings[1].cells = SimpleNamespace(snapshot=lambda: {"of": "cells"})
@@ -356,6 +392,9 @@ class Moving(Known):
 
     def add(self, tick: object) -> None:
         self.done.append(("add", tick))
+
+    def doubts(self) -> tuple[str, ...]:
+        return ()
 
 
 def test_every_whole_minute_what_moves_with_each_tick_is_taken_up_and_told(done: list, monkeypatch) -> None:

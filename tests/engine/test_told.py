@@ -244,11 +244,10 @@ def test_what_an_engine_is_can_be_asked_before_the_first_frame() -> None:
     assert engine.duration_s == 0.0
     assert engine.next_deadline() is None
     assert set(engine.can_ids.tolist()) == {database().message(m).can_id for m in MESSAGES}
+    parts = ("core", "summary", "hottest", "parameters", "health", "flags", "growth", "heat", "forecast")
+    ours = {f"string_1_{p}" for p in parts}
     assert set(engine.sends) == {
-        m.can_id
-        for m in database().messages.values()
-        if m.name.startswith("gateway_")
-        or m.name in {f"string_1_{p}" for p in ("core", "summary", "parameters", "health", "flags", "growth")}
+        m.can_id for m in database().messages.values() if m.name.startswith("gateway_") or m.name in ours
     }
     assert set(engine.sends.values()) <= {S, 10 * S}
 

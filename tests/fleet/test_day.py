@@ -54,6 +54,11 @@ def test_the_worst_core_of_a_day_is_that_of_the_estimates(drive):
     rows, estimates, _, _ = drive
     for row, day in zip(rows, ((0, MIDNIGHT), (MIDNIGHT, 2 * MIDNIGHT)), strict=True):
         of_day = [e for e in estimates if day[0] < float(e["time_s"]) <= day[1] and e["core_C"]]
+        point = max(of_day, key=lambda e: float(e["centre_C"]))
+        assert row["hottest_point_C"] == pytest.approx(float(point["centre_C"]), abs=6e-4)
+        assert row["hottest_point_sd_K"] == pytest.approx(float(point["centre_sd_K"]), abs=6e-4)
+        same = {e["cell"] for e in of_day if abs(float(e["centre_C"]) - row["hottest_point_C"]) < 6e-4}
+        assert str(row["hottest_point_cell"]) in same
         hottest = max(of_day, key=lambda e: float(e["core_C"]))
         assert row["worst_core_C"] == pytest.approx(float(hottest["core_C"]), abs=6e-4)
         assert row["worst_core_sd_K"] == pytest.approx(float(hottest["core_sd_K"]), abs=6e-4)

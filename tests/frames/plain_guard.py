@@ -1,6 +1,7 @@
 """The rules of the guard as they are told in words, one sample of one channel after the other: an oracle for tests."""
 
 import math
+import statistics
 from dataclasses import dataclass, field
 
 from bms_gateway.frames.quality import Quality
@@ -47,6 +48,10 @@ class Channel:
     run: int = 0
     alone: bool = True
     peers_lively: bool = False
+    # beside its neighbours: samples accepted in a row, distance from the middle, usual step
+    trust: int = 0
+    distance: float = math.nan
+    usual: float = 0.0
     seen: bool = False
     changed: bool = False
     stepped_finely: bool = False
@@ -56,6 +61,20 @@ class Channel:
     def kind(self) -> tuple[str, int]:
         return self.rule.quantity, self.rule.group
 
+    @property
+    def doubted(self) -> bool:
+        return self.rule.needs_proof and self.trust < 30
+
+
+@dataclass
+class Middle:
+    """Medians of a group of three channels and more: level, distance from that, usual step, distance from home."""
+
+    level: float = math.nan
+    spread: float = math.nan
+    usual: float = math.nan
+    away: float = math.nan
+
 
 class PlainGuard:
     """Channels and what they know of each other."""
@@ -64,6 +83,7 @@ class PlainGuard:
         self.channels = [Channel(r) for r in rules]
         self.end_ns: int | None = None
         self.fine: set[tuple[str, int]] = set()
+        self.middles = {c.kind: Middle() for c in self.channels}
 
     def update(self, samples: list[tuple[int, int, float, Quality]], t1_ns: int, active: list[bool]) -> list[Quality]:
         """Judge (time, channel, value, flag) of one interval, in order."""
@@ -95,6 +115,9 @@ class PlainGuard:
         step = 0.0 if self.end_ns is None else min(max((t1_ns - self.end_ns) * 1e-9, 0.0), 10.0)
         self.end_ns = t1_ns
         remembering = [c for c in self.channels if c.rule.remembers]
+        if any(c.seen and c.doubted for c in remembering):
+            for kind in self.middles:
+                self.compare([c for c in remembering if c.kind == kind], kind)
         for c, on in zip(self.channels, active, strict=True):
             others = [o for o in remembering if o is not c and o.kind == c.kind]
             seen = [o for o in others if o.seen]
@@ -106,6 +129,20 @@ class PlainGuard:
             if on and c.moves_around:
                 c.clock += step
 
+    def compare(self, group: list[Channel], kind: tuple[str, int]) -> None:
+        """Find a group's middle at the end of an interval."""
+        known = [c for c in group if not math.isnan(c.previous)]
+        before, m = self.middles[kind], Middle()
+        self.middles[kind] = m
+        if len(known) >= 3:
+            m.level = statistics.median(c.previous for c in known)
+            m.spread = statistics.median(abs(c.previous - m.level) for c in known)
+            m.usual = statistics.median(c.usual for c in known)
+            m.away = statistics.median(abs(c.previous - c.home) for c in known)
+        if abs(m.level - before.level) > 2.0:
+            for c in group:
+                c.distance = math.nan
+
     def judge(self, c: Channel, time_ns: int, value: float, flag: Quality) -> Quality:
         rule = c.rule
         quality = by_itself(rule, value, flag)
@@ -116,6 +153,8 @@ class PlainGuard:
         step = abs(value - c.previous)
         seconds = max(time_ns - c.previous_ns, 0) * 1e-9
         jumped = usable and known and step > rule.jump + rule.jump_rate * seconds
+        astray, far, strays = self.beside(c, value) if usable and c.doubted else (False, False, False)
+        jumped |= known and astray
         if usable:
             c.seen = True
             c.changed |= step > 0
@@ -124,29 +163,47 @@ class PlainGuard:
         limit = rule.stuck_after_s if is_fine else max(rule.stuck_after_s, 1800.0)
         settled = c.cause == Quality.STUCK or (c.home_held >= 2.0 * limit and c.home_held_s >= 2.0 * limit)
         moved, returned = self.follow(c, value, usable, min(seconds, 10.0))
+        settled |= strays and c.firm == 3
         stands = c.clock - c.since > (15.0 if c.proven and not returned else 1.0) * limit
         frozen = self.freezes(c, usable and known, step, 2.0 * limit) and is_fine
-        stuck = usable and not jumped and (stands or frozen or (returned and settled and rule.needs_proof and is_fine))
+        came_home, before = returned and settled, c.cause
+        stuck = usable and not jumped and (stands or frozen or (came_home and rule.needs_proof and is_fine))
         if usable:
             c.previous, c.previous_ns = value, time_ns
+        if usable and known:
+            c.usual += (step - c.usual) / 8
         if jumped or stuck or not usable:
             c.calm = 0
             c.cause = Quality.STUCK if stuck else Quality.JUMPY if jumped else quality
-            if jumped:
+            if jumped or (stuck and came_home and before != Quality.STUCK):
                 c.strikes = min(c.strikes + 1, 6)
                 c.needed = 3 * 2**c.strikes
             else:
                 c.needed = max(c.needed, 3)
             if usable:
                 c.proven = False
+            c.trust = 0
             return c.cause
         c.calm += 1
-        c.proven |= moved and known
+        c.proven |= moved and known and value != c.home
         if c.calm >= 300:
             c.strikes, c.needed = 0, 3
-        if c.calm >= c.needed and (c.proven or not rule.needs_proof):
+        follows = c.calm >= 8 or c.cause == Quality.GOOD or not far
+        accepted = c.calm >= c.needed and (c.proven or not rule.needs_proof) and follows
+        c.trust = min(c.trust + 1, 30) if accepted else 0
+        if accepted:
             c.cause = Quality.GOOD
         return c.cause
+
+    def beside(self, c: Channel, value: float) -> tuple[bool, bool, bool]:
+        """Whether it goes astray, is far from its neighbours, and would come home alone."""
+        middle = self.middles[c.kind]
+        distance = value - middle.level
+        off = distance - c.distance
+        astray = abs(off) > 2.0 and abs(off) > 6.0 * middle.usual
+        c.distance = distance if astray or math.isnan(c.distance) else c.distance + off / 8
+        far = abs(distance) > 4.0 and abs(distance) > 6.0 * middle.spread
+        return astray, far, c.usual >= 0.2 and middle.away >= 0.1
 
     def freezes(self, c: Channel, compared: bool, step: float, limit: float) -> bool:
         """Whether it stands amid noise, its own of before and that of its peers."""

@@ -19,8 +19,11 @@ from bms_gateway.frames.own import (
     PARAMETER_MUX,
     core_message,
     flags_message,
+    forecast_message,
     growth_message,
     health_message,
+    heat_message,
+    hottest_message,
     input_messages,
     own_signal,
     parameters_message,
@@ -217,10 +220,13 @@ def test_output_names_are_those_in_the_file() -> None:
     named = {GATEWAY_STATUS, GATEWAY_INFO}
     for k in range(1, MAX_STRINGS + 1):
         named |= {core_message(k), summary_message(k), parameters_message(k), health_message(k)}
-        named |= {flags_message(k), growth_message(k)}
+        named |= {flags_message(k), growth_message(k), hottest_message(k)}
+        named |= {heat_message(k), forecast_message(k)}
         for c in range(1, MAX_CELLS + 1):
             for part in ("core", "core_sd", "surface", "quality"):
                 assert database.resolve(f"{core_message(k)}.{part}_{c:02d}").mux[0].values == (c,)
+            for part in ("heat_flag", "heat", "heat_sd"):
+                assert database.resolve(f"{heat_message(k)}.{part}_{c:02d}").mux[0].values == (c,)
         for name, mux in PARAMETER_MUX.items():
             for suffix in ("", "_sd", "_status"):
                 assert database.resolve(f"{parameters_message(k)}.{name}{suffix}").mux[0].values == (mux,)

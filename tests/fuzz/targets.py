@@ -70,11 +70,14 @@ def _reads(suffix: str) -> Callable[[bytes, Path], None]:
     return run
 
 
-def _table(data: bytes, folder: Path) -> None:
-    path = folder / "a.csv"
-    path.write_bytes(data)
-    table = read_table(path)
-    assert (np.diff(table.time_s) > 0).all()
+def _table(suffix: str) -> Callable[[bytes, Path], None]:
+    def run(data: bytes, folder: Path) -> None:
+        path = folder / f"t{suffix}"
+        path.write_bytes(data)
+        table = read_table(path)
+        assert (np.diff(table.time_s) > 0).all()
+
+    return run
 
 
 def _config(data: bytes, folder: Path) -> None:
@@ -167,10 +170,11 @@ def targets(folder: Path) -> dict[str, Target]:
         found["log.mf4"] = Target((log(".mf4", folder),), _reads(".mf4"))
     (folder / "state-seed").mkdir(exist_ok=True)
     found |= {
-        "table": Target((TABLE,), _table),
+        "table": Target((TABLE,), _table(".csv")),
+        "table.gz": Target((packed(TABLE),), _table(".csv.gz")),
         "config": Target((MAPPED.encode(),), _config),
         "model": Target((EXAMPLE.encode(),), _model),
-        "dbc": Target((DBC.encode(), own_dbc_text()[:6_000].encode()), _dbc),
+        "dbc": Target((DBC.encode(), own_dbc_text()[:6_000].rpartition("\n")[0].encode()), _dbc),
         "state": Target((_sound_state(folder / "state-seed"),), _state),
         "snapshot": Target((_sound_snapshot(),), _snapshot),
         "frames": Target((_sound_frames(),), _frames),

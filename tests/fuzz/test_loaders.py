@@ -2,6 +2,7 @@
 
 import gzip
 import io
+import random
 import struct
 import subprocess
 import sys
@@ -14,15 +15,17 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from bms_gateway.bus.logfile import LogNotes, read_log
+from bms_gateway.cli.main import main
 from bms_gateway.errors import DataError
+from tests.fuzz.configs import lay, spoilt
 from tests.fuzz.mutate import KINDS, apply
-from tests.fuzz.targets import log, survives, targets
+from tests.fuzz.targets import LONGEST, log, survives, targets
 
 ROOT = Path(__file__).resolve().parents[2]
 
 NAMES = (
     *(f"log{s}{z}" for s in (".log", ".asc", ".csv", ".trc", ".blf") for z in ("", ".gz")),
-    *("table", "config", "model", "dbc", "state", "snapshot", "frames"),
+    *("table", "table.gz", "config", "model", "dbc", "state", "snapshot", "frames"),
 )
 SHARE = st.floats(0.0, 1.0, exclude_max=True)
 EDITS = st.lists(st.tuples(st.integers(0, KINDS - 1), SHARE, SHARE, st.binary(max_size=12)), min_size=1, max_size=6)
@@ -63,6 +66,18 @@ def test_spoilt_ones_are_taken_or_refused_in_one_line(name, all_targets, folder,
 @given(data=st.binary(max_size=400))
 def test_anything_at_all_is_taken_or_refused_in_one_line(name, all_targets, folder, data):
     survives(all_targets[name], data, folder)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_check_answers_for_whatever_is_in_the_files_of_a_config(seed, tmp_path, capsys):
+    rng = random.Random(seed)
+    for _ in range(20):
+        name, content = spoilt(rng)
+        status = main(["check", str(lay(tmp_path, name, content))])
+        told = capsys.readouterr()
+        assert status in (0, 1, 2), content
+        assert "error: " not in told.err or (status == 2 and told.err.count("\n") == 1), (told.err, content)
+        assert len(told.err) < LONGEST
 
 
 GIB = 1 << 30
@@ -137,6 +152,7 @@ def test_bombs_do_not_fill_the_memory(folder):
         assert path.stat().st_blocks * 512 < 16 << 20, name
         done = subprocess.run([sys.executable, "-c", READ, path], capture_output=True, text=True, cwd=ROOT)
         assert done.returncode == 0, (name, done.stderr)
+        print(f"{name}: peak {float(done.stdout.split()[-1]):.0f} MiB")
         assert float(done.stdout.split()[-1]) < BOUND_MIB, (name, done.stdout)
         path.unlink()
 

@@ -12,7 +12,8 @@ import scipy.stats
 
 from bms_gateway.identify.cell_prior import CellSettings, Layout, cell_prior
 from bms_gateway.identify.cell_resistance import CellRecord, fit_cells, numbers_of
-from bms_gateway.identify.cells_in_words import cell_estimates, combinations
+from bms_gateway.identify.cells_in_words import cell_estimates, combinations, sentence
+from bms_gateway.identify.doubt import HOPELESS
 from bms_gateway.thermal import Disturbance, Prior, Start, StringModel
 from tests.truth.string import C_F, TABLE_1
 from tests.truth.unequal import FIG_10, Scatter, drives
@@ -73,10 +74,11 @@ def dense(theta, layout, level):
         A[c, [2 * n + 1, 2 * n + 2 + k]] = 1 / p["C_c"][k]
         B[c, k] = 1 / p["C_c"][k]
         A[s, [c, s]] += np.array([1, -1]) / (p["R_c"][k] * p["C_s"][k])
-        A[s] += stream[k] / (p["R_u"][k] * p["C_s"][k])
-        A[s, s] -= 1 / (p["R_u"][k] * p["C_s"][k])
-        A[s, 2 * n] += inlet[k] / (p["R_u"][k] * p["C_s"][k])
-        B[s, n] = inlet[k] / (p["R_u"][k] * p["C_s"][k])
+        film = v["C_f"] * e[k]  # W/K: the casing gives off what the stream takes up
+        A[s] += film * stream[k] / p["C_s"][k]
+        A[s, s] -= film / p["C_s"][k]
+        A[s, 2 * n] += film * inlet[k] / p["C_s"][k]
+        B[s, n] = film * inlet[k] / p["C_s"][k]
         for j in (k - 1, k + 1):
             if 0 <= j < n:
                 A[s, [2 * j + 1, s]] += np.array([1, -1]) / (v["R_cc"] * p["C_s"][k])
@@ -298,3 +300,36 @@ def test_bands_cover_what_they_claim() -> None:
         off = np.log(np.array([f.R_e for f in fits]) / d.R_e) / np.array([f.rel_sd for f in fits])
         assert np.mean(np.abs(off) < 1.96) >= 0.88
         assert 0.5 < np.sqrt(np.mean(off**2)) < 1.35
+
+
+def test_a_record_of_sound_sensors_is_believed_as_it_is(packs):
+    for i in range(3):
+        assert fit_cells(model(ENDS), record(packs, i, ENDS)).doubt == 1.0
+
+
+def test_a_thermocouple_that_came_off_its_cell_teaches_nothing_of_the_cells(packs):
+    # Bug: R_u and R_c of one cell were moved by many sd, and cores were 17 K off beside a stated sd of 3 K.
+    r = record(packs, 0, ENDS)
+    lagging = np.empty(len(r.surface))
+    shown = r.surface[0, 0]
+    for k, now in enumerate(r.surface[:, 0]):
+        shown += (now - shown) * -np.expm1(-1.0 / 90.0)
+        lagging[k] = shown
+    r.surface[:, 0] = lagging
+    m = model(ENDS)
+    fit = fit_cells(m, r)
+    assert fit.doubt > HOPELESS
+    prior = cell_prior(m, fit.layout, CellSettings())
+    moved = np.abs(fit.mean - prior.mean) / np.sqrt(np.diag(np.linalg.inv(prior.precision)))
+    assert moved.max() < 3.1
+    assert "nothing is learnt" in sentence(fit)
+
+
+def test_a_fit_stays_where_there_is_a_coolant_node(packs):
+    # Bug: a step towards R_u C_f < 1 ended the fit, and a replay with it.
+    m = model(ENDS)
+    priors = {**m.priors, "C_f": Prior(1.05 / TABLE_1["R_u"], 0.3), "R_u": Prior(TABLE_1["R_u"], 0.3)}
+    tight = replace(m, priors=priors, coolant="bulk")
+    fit = fit_cells(tight, record(packs, 0, ENDS))
+    p = fit.layout.parameters(tight, fit.mean)
+    assert np.all(p.R_u * p.C_f > 1.0)

@@ -185,7 +185,7 @@ def test_every_effect_is_observed_and_restored_bit_for_bit(name):
     assert np.isfinite(stacked(first, "core")).all()
     b.restore(json.loads(json.dumps(a.snapshot(), allow_nan=False)))
     for p, q in zip(*(run(o, current[127:], inlet[127:], y[127:], **more) for o in (a, b)), strict=True):
-        for field in ("core", "core_sd", "surface", "surface_sd", "innovation", "innovation_sd"):
+        for field in ("core", "core_sd", "surface", "surface_sd", "centre", "centre_sd", "innovation", "innovation_sd"):
             np.testing.assert_array_equal(getattr(p, field), getattr(q, field))
         assert np.isfinite(p.core).all()
         assert (p.core_sd < 30).all()

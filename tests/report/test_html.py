@@ -15,7 +15,6 @@ from hypothesis import strategies as st
 
 from bms_gateway.config.model_file import parse_model
 from bms_gateway.diagnose.adding import Addition
-from bms_gateway.diagnose.adding_bench import core_before_and_after
 from bms_gateway.diagnose.calibrate import channel_errors
 from bms_gateway.diagnose.checks import Finding, check_record
 from bms_gateway.diagnose.compare import compare
@@ -117,13 +116,23 @@ def replace_records(fit, records):
 def report_of(addition, told=None, *, force=False):
     """What the terminal is told of an addition."""
     before, after = (
-        Side(errors(f), channel_errors(f), half) for f, half in zip(addition.seen, addition.core_K, strict=True)
+        Side(errors(f), channel_errors(f), core) for f, core in zip(addition.seen, addition.core, strict=True)
     )
     refused, written = addition.refused, force or not addition.refused
     return AddReport(
         "out.toml", addition.added, written, force and bool(refused), refused, addition.remark, addition.log_odds,
-        before, after, addition.tail_K, (), *((told.sources, told.findings, told.notes) if told else (("x",), (), ())),
+        before, after, addition.held_K, (), *((told.sources, told.findings, told.notes) if told else (("x",), (), ())),
     )  # fmt: skip
+
+
+def cores_of(comparison, *half_K, why=()):
+    """Cores of a comparison with these 95 % half widths."""
+    own = comparison.core
+    flat = [
+        [replace(b, sd_K=np.full_like(b.sd_K, h / 1.96), remainder_K=0.0 * b.remainder_K, share=0.0) for b in own.bands]
+        for h in half_K
+    ]
+    return tuple(replace(own, bands=tuple(bands), why=why) for bands in flat)
 
 
 @pytest.fixture(scope="module")
@@ -147,11 +156,11 @@ def road(tmp_path_factory):
     heat = latent(found.search.baseline)
     write_diagnosis(folder / "d.html", told, comparison=comparison, latent=heat, command=COMMAND)
     write_comparison(folder / "c.html", comparison, Aside(told.sources, told.findings, told.notes, COMMAND))
-    fits, half = (found.search.baseline, found.search.final), (np.full(3, 2.5), np.full(3, 0.5))
-    addition = Addition(tuple(s.candidate for s in found.selected), *fits, 9.0, "", "", fits, half)
+    fits, cores = (found.search.baseline, found.search.final), cores_of(comparison, 2.5, 0.5)
+    addition = Addition(tuple(s.candidate for s in found.selected), *fits, 9.0, "", "", fits, model=model, core=cores)
     write_addition(folder / "a.html", report_of(addition, told), addition)
     texts = {p.stem: p.read_text(encoding="utf-8") for p in folder.iterdir()}
-    return folder, record, comparison, told, {k: (t, Page(t)) for k, t in texts.items()}
+    return folder, record, comparison, told, model, {k: (t, Page(t)) for k, t in texts.items()}
 
 
 def test_pages_are_well_formed_and_what_they_point_at_is_there(road):
@@ -192,7 +201,7 @@ def test_every_section_is_there_and_none_is_empty(road):
 
 
 def test_the_page_says_what_the_terminal_says(road):
-    _, _, comparison, told, pages = road
+    _, _, comparison, told, _, pages = road
     page = pages["d"][1]
     for sentence in (
         told.sentence,
@@ -244,7 +253,7 @@ def test_ranking_and_parameters_are_those_of_the_diagnosis(road):
 
 
 def test_overlays_hold_the_readings_and_shade_what_was_held_out(road):
-    _, record, _, _, pages = road
+    _, record, _, _, _, pages = road
     figures = pages["d"][1].figures(pages["d"][0])
     end = record.instants[-1] - record.instants[0]
     for j, cell in enumerate(record.cells):
@@ -269,7 +278,7 @@ def test_plotly_knows_every_figure(road):
 
 
 def test_a_core_thermocouple_is_shown_beside_the_models(road):
-    _, _, comparison, _, pages = road
+    _, _, comparison, _, _, pages = road
     check = comparison.refitted.core_checks[0]
     row = next(r for r in pages["c"][1].tables["core"][1] if r[0] == "cell 3")
     assert row[4:] == [amount(check.rmse_K), amount(check.bias_K), f"{100 * check.covered:.0f} %"]
@@ -289,9 +298,10 @@ def test_half_widths_of_cores_that_are_given_are_those_shown(road):
 def test_the_page_of_an_addition_says_what_speaks_against_it(road, tmp_path, force, tag):
     d = road[3].diagnosis
     fits = d.search.baseline, d.search.final
-    half = np.full(3, 1.0), np.full(3, 1.0)
+    cores = cores_of(road[2], 1.0, 1.0)
     why = "worse on the held-out blocks"
-    addition = Addition((d.selected[0].candidate,), *fits, 1.0, why, "It is only a try.", fits, half)
+    one = (d.selected[0].candidate,)
+    addition = Addition(one, *fits, 1.0, why, "It is only a try.", fits, model=road[-2], core=cores)
     report = report_of(addition, force=force)
     write_addition(tmp_path / "x.html", report, addition, "bms-gateway add x")
     text = Page((tmp_path / "x.html").read_text(encoding="utf-8")).text
@@ -307,20 +317,20 @@ def test_where_nothing_was_held_out_the_page_claims_no_held_out_error(road, tmp_
         replace(f, problem=replace_records(f, [replace(m, used=np.ones_like(m.used)) for m in f.problem.records]))
         for f in (d.search.baseline, d.search.final)
     )
-    half = np.full(3, 1.0), np.full(3, 1.0)
-    addition = Addition((d.selected[0].candidate,), *fits, 9.0, "", "", fits, half, (0.4321, 0.1234))
+    one, cores = (d.selected[0].candidate,), cores_of(road[2], 1.0, 1.0)
+    addition = Addition(one, *fits, 9.0, "", "", fits, (0.4321, 0.1234), model=road[-2], core=cores)
     write_addition(tmp_path / "x.html", report_of(addition), addition)
     text = (tmp_path / "x.html").read_text(encoding="utf-8")
     page = Page(text)
     assert "0.432 → 0.123 K" in page.text
-    assert "last 40 %" in page.text
-    assert not re.search("held.out", page.text)
+    assert "Error on held-out blocks" in page.text
+    assert "from fits without these blocks" in page.text
     shapes = [s for f in page.figures(text).values() for s in f["layout"].get("shapes", ())]
     assert not [s for s in shapes if s["type"] == "rect"]
 
 
-def test_the_page_of_the_second_search_claims_no_held_out_error(tmp_path):
-    """It fits every reading; what it predicted from the first part stands in the place of held-out errors."""
+def test_the_page_of_the_second_search_tells_the_error_of_fits_without_the_held_out_blocks(tmp_path):
+    """It fits every reading, and shows no block as held out; the error there is that of fits without them."""
     d = by_second()
     assert d.decided_by_second
     told = Told(d, d.sentence, ("cell.csv",), ranking=ranking(d))
@@ -328,14 +338,10 @@ def test_the_page_of_the_second_search_claims_no_held_out_error(tmp_path):
     text = (tmp_path / "x.html").read_text(encoding="utf-8")
     page = Page(text)
     assert "something unknown remains" in page.text
-    assert f"{d.second.tail[0]:.3f} → {d.second.tail[1]:.3f} K" in page.text
-    assert not re.search("held.out", page.text)
+    assert f"{d.second.held_K[0]:.3f} → {d.second.held_K[1]:.3f} K" in page.text
+    assert "from fits without these blocks" in page.text
     shapes = [s for f in page.figures(text).values() for s in f["layout"].get("shapes", ())]
     assert not [s for s in shapes if s["type"] == "rect"]
-    bands = page.figures(text)["core-1"]["data"]
-    for low, high, half in zip((0, 2), (1, 3), core_before_and_after(d.second, d.second.best), strict=True):
-        drawn = (np.array(bands[high]["y"]) - np.array(bands[low]["y"])) / 2
-        assert np.sqrt(np.mean(drawn**2)) == pytest.approx(half[0], rel=0.02)
     head, *rows = page.tables["ranking"][0]
     assert head[4:6] == ["error, K", "without it, K"]
     first = next(r for r in rows if len(r) > 1)
@@ -390,7 +396,7 @@ def test_what_casts_doubt_on_the_data_comes_before_the_cards(road, tmp_path):
 
 
 def test_thermocouples_find_their_record_where_others_were_left_out(road, tmp_path):
-    _, _, comparison, told, pages = road
+    _, _, comparison, told, _, pages = road
     check = comparison.refitted.core_checks[0]
     shifted = replace(comparison.refitted, core_checks=(replace(check, record=1), replace(check, record=0)))
     other = replace(comparison, sources=("left out.csv", *comparison.sources), refitted=shifted)

@@ -19,8 +19,18 @@ S = 1_000_000_000
 
 
 def estimated(t, core, quality=(0, 11)):
-    core = np.array(core, float)
-    return Estimated(t, Layout.of(["string_1"], [2]), core, np.full(2, 0.5), core - 5.0, np.array(quality, np.uint8))
+    core, half, q = np.array(core, float), np.full(2, 0.5), np.array(quality, np.uint8)
+    return Estimated(
+        t,
+        Layout.of(["string_1"], [2]),
+        core,
+        half,
+        core - 5.0,
+        q,
+        core + np.array([4.0, 2.5]),
+        2.0 * half,
+        *np.full((2, 2), np.nan),
+    )
 
 
 def test_numbers_of_effects_are_written_in_their_own_units(tmp_path):
@@ -67,9 +77,13 @@ def test_the_files_hold_the_events(tmp_path):
         "core_sd_K": "0.500",
         "surface_C": "25.000",
         "quality": "good",
+        "centre_C": "34.000",
+        "centre_sd_K": "1.000",
+        "heat_W": "",
+        "heat_sd_W": "",
     }
     assert [r["quality"] for r in rows] == ["good", "estimated", "never", "stale"]
-    assert rows[2]["core_C"] == rows[2]["surface_C"] == ""
+    assert rows[2]["core_C"] == rows[2]["surface_C"] == rows[2]["centre_C"] == ""
     assert rows[2]["time_s"] == "1.500000001"
     parameters = list(csv.DictReader((out / "parameters.csv").read_text().splitlines()))
     assert list(parameters[0]) == ["time_s", "string", "name", "value", "sd", "unit", "status"]
@@ -90,9 +104,18 @@ def test_the_files_hold_the_events(tmp_path):
     assert json.loads((out / "summary.json").read_text()) == {
         "frames": 10,
         "duration_s": 2.0,
-        "strings": {"string_1": {"cells": 2, "max_core_C": 33.0, "resistance_growth_pct": None, "flags": []}},
+        "strings": {
+            "string_1": {
+                "cells": 2,
+                "max_core_C": 33.0,
+                "hottest": {"cell": 2, "core_C": 33.0, "core_sd_K": 0.5, "centre_C": 35.5, "time_s": 1.500000001},
+                "resistance_growth_pct": None,
+                "flags": [],
+            }
+        },
         "dropped": 0,
         "rejected": {"open": 1, "stale": 2},
+        "signals": {},
     }
 
 
@@ -100,6 +123,16 @@ def test_a_string_without_any_estimate_has_no_hottest_core(tmp_path):
     with ResultFolder(tmp_path, {"string_1": 2}) as folder:
         folder.write(estimated(S, [np.nan, np.nan]))
     assert folder.strings["string_1"].max_core_C is None
+    assert folder.strings["string_1"].hottest is None
+
+
+def test_the_hottest_point_need_not_be_in_the_cell_with_the_hottest_core(tmp_path):
+    with ResultFolder(tmp_path, {"string_1": 2}) as folder:
+        folder.write(estimated(S, [30.0, 31.0]))
+        folder.write(estimated(2 * S, [29.0, 31.2]))
+    one = folder.strings["string_1"]
+    assert one.max_core_C == 31.2
+    assert one.hottest == {"cell": 1, "core_C": 30.0, "core_sd_K": 0.5, "centre_C": 34.0, "time_s": 1.0}
 
 
 def test_a_place_that_cannot_be_written_is_one_line(tmp_path):

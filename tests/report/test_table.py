@@ -89,6 +89,8 @@ FAULTS = [
     (HEAD + "0,1,25\n,1,25\n", "line 3: time_s is missing"),
     ("time_s,soc,current_A,coolant_inlet_C\n0,,1,2\n1,60,1,2\n", "line 3: soc is 60; it must be a share, 0 to 1"),
     ("time_s,time_s,current_A,coolant_inlet_C\n", "line 1: column 'time_s' stands there twice"),
+    (HEAD + "0,1," + "2" * 500_000, "line 2: no end of line in 128 KiB: not a table"),
+    (HEAD + '0,1,"' + "2" * 140_000 + '"\n', "line 2: field larger than field limit (131072)"),
 ]
 
 
@@ -98,6 +100,12 @@ def test_a_broken_table_is_one_line_with_file_and_line(tmp_path, text, says):
     with pytest.raises(DataError) as caught:
         read_table(file)
     assert str(caught.value) == f"{file}: {says}"
+
+
+def test_blank_lines_without_end_are_no_table(tmp_path):
+    with pytest.raises(DataError, match=r"line \d+: a million lines without a row: not a table"):
+        read_table(put(tmp_path, HEAD + "0,1,25\n" + "\n" * 2_000_000))
+    assert len(read_table(put(tmp_path, HEAD + "0,1,25\n" + "\n" * 500_000 + "1,1,25\n"))) == 2
 
 
 def test_a_missing_file_names_the_nearest(tmp_path):
@@ -195,3 +203,66 @@ def test_a_packed_table_or_a_folder_says_what_is_wrong(tmp_path, name, content, 
 def test_a_row_is_found_again_in_its_file(tmp_path):
     t = read_table(put(tmp_path, "# from the bench\n" + GOOD))
     assert [t.place(k) for k in range(3)] == ["line 3", "line 4", "line 5"]
+
+
+@pytest.mark.parametrize("chunk", [7, 64, 1000])
+@pytest.mark.parametrize("ending", ["\n", "\r\n", "\r"])
+def test_how_a_file_is_cut_into_pieces_changes_nothing(tmp_path, monkeypatch, chunk, ending):
+    rows = [f"{k},{k}.5,{'' if k % 7 else 25},\u00e4{k}" for k in range(200)]
+    rows[50] = '50,"50.5",25,"a, b"'
+    rows[60:60] = ["", "# half way", " "]
+    file = tmp_path / "t.csv"
+    file.write_bytes(ending.join(["\ufefftime_s,current_A,coolant_inlet_C,\u00e4", *rows]).encode())
+    whole = read_table(file)
+    monkeypatch.setattr("bms_gateway.report.rows.CHUNK", chunk)
+    cut = read_table(file)
+    assert len(whole) == 200
+    assert whole.place(199) == "line 204"
+    assert np.array_equal(whole.lines, cut.lines)
+    for name in ("time_s", "current_A", "coolant_inlet_C"):
+        assert np.array_equal(getattr(whole, name), getattr(cut, name), equal_nan=True)
+
+
+def test_a_fault_is_found_wherever_a_file_is_cut(tmp_path, monkeypatch):
+    monkeypatch.setattr("bms_gateway.report.rows.CHUNK", 20)
+    rows = [f"{k},1,25" for k in range(40)]
+    for at, row, says in (
+        (20, "19,1,25", "line 22: time_s stands still"),
+        (21, ",1,25", "line 23: time_s is missing"),
+        (22, "22,x,25", "line 24: column 'current_A': 'x'"),
+        (23, "23,1", "line 25: 2 columns"),
+    ):
+        spoilt = [*rows[:at], row, *rows[at + 1 :]]
+        with pytest.raises(DataError, match=says):
+            read_table(put(tmp_path, HEAD + "\n".join(spoilt)))
+
+
+def test_parquet_columns_that_are_no_numbers_or_twice_are_one_line(tmp_path):
+    pyarrow = pytest.importorskip("pyarrow")
+    pq = pytest.importorskip("pyarrow.parquet")
+    good = {"time_s": [0, 1], "current_A": [1.0, None], "coolant_inlet_C": [25.0, 26.0]}
+    for name, values in (("current_A", ["1", "2"]), ("coolant_inlet_C", [[1.0], [2.0]])):
+        pq.write_table(pyarrow.table({**good, name: values}), tmp_path / "t.parquet")
+        with pytest.raises(DataError, match=f"column '{name}': not numbers"):
+            read_table(tmp_path / "t.parquet")
+    twice = pyarrow.table([[0], [1.0], [25.0], [2.0]], names=[*good, "current_A"])
+    pq.write_table(twice, tmp_path / "t.parquet")
+    with pytest.raises(DataError, match="column 'current_A' stands there twice"):
+        read_table(tmp_path / "t.parquet")
+
+
+@pytest.mark.parametrize("name", ["t.csv", "t.csv.gz", "t.parquet"])
+def test_how_far_it_is_goes_from_nothing_to_all(tmp_path, monkeypatch, name):
+    rows = [f"{k},1,25" for k in range(50_000)]
+    if name.endswith("parquet"):
+        pyarrow = pytest.importorskip("pyarrow")
+        table = pyarrow.table({"time_s": range(50_000), "current_A": [1] * 50_000, "coolant_inlet_C": [25] * 50_000})
+        pytest.importorskip("pyarrow.parquet").write_table(table, tmp_path / name)
+    else:
+        text = (HEAD + "\n".join(rows)).encode()
+        (tmp_path / name).write_bytes(gzip.compress(text) if name.endswith("gz") else text)
+    told = []
+    assert len(read_table(tmp_path / name, tell=told.append)) == 50_000
+    assert len(told) > 2
+    assert told == sorted(told)
+    assert told[-1] == pytest.approx(1.0)

@@ -96,7 +96,7 @@ def test_a_steady_current_excites_less_than_a_varied_one_and_teaches_less():
 
 
 def test_the_readmes_errata_are_ours():
-    readme = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+    readme = (Path(__file__).parents[2] / "bms_gateway" / "reproduce" / "README.md").read_text(encoding="utf-8")
     start, end = "<!-- errata -->\n", "\n<!-- /errata -->"
     assert readme.count(start) == readme.count(end) == 1
     assert readme.partition(start)[2].partition(end)[0] == errata_table()

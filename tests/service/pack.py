@@ -1,11 +1,14 @@
 """A gateway with the real engine behind it, over a bus in the process, in time of its own."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from bms_gateway.bus.memory import MemoryBus
 from bms_gateway.engine import Engine
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.own import input_messages
+from bms_gateway.health.alerts import AlertSettings
 from bms_gateway.service.live import Gateway
 from bms_gateway.service.watch import Watch
 from tests.engine.packs import database, plan, traffic
@@ -16,12 +19,13 @@ S = 1_000_000_000
 class Pack:
     """Two strings of four cells; `drive` brings the engine forward by seconds of traffic, without an event loop."""
 
-    def __init__(self, seconds=40, **watch):
-        self.engine = Engine(plan(2), database())
+    def __init__(self, seconds=40, settings=None):
+        settings = settings or AlertSettings()
+        self.engine = Engine(replace(plan(2), alerts=settings), database())
         self.bus = MemoryBus()
         self.port = self.bus.port()
         self.gateway = Gateway(self.engine, self.port)
-        self.watch = Watch(self.gateway, lambda: self.engine, channel="can0", **watch)
+        self.watch = Watch(self.gateway, lambda: self.engine, channel="can0", settings=settings)
         self.frames = traffic(seconds)
         self.start = int(self.frames.time_ns[0]) // S
         self.at = 0
@@ -29,6 +33,10 @@ class Pack:
         self.changes = []
         self.watch.alerts.begin(float(self.start))
         self.watch.listeners.append(self.changes.append)
+
+    def limit(self, core_max_C):
+        """Another limit of the cores from now on, as no service has it."""
+        self.engine._alerting.limits.core.limit = core_max_C
 
     def drive(self, seconds, without=()):
         """Seconds of traffic without some messages; alerts are looked at once a second, in bus time."""

@@ -1,34 +1,38 @@
-"""Jobs in a process of their own: the same result, to the last bit, and none is lost with the process."""
+"""Jobs in a process of their own: the same result, to the last bit, and nothing hangs or dies with the process."""
 
 import io
-import logging
 import os
 import pickle
 import signal
+import subprocess
 import sys
+import threading
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from bms_gateway.engine import Engine, StartJob
 from bms_gateway.service import aside
-from bms_gateway.service.aside import run_aside, work
+from bms_gateway.service.aside import Aside, NotDone, work
 from bms_gateway.service.live import Gateway, run_here
 from tests.engine.packs import database, plan, traffic
 from tests.service.engine import TickEngine
-from tests.service.test_live import FRAME, bus, come, run  # noqa: F401 (bus is a fixture)
+from tests.service.test_live import FRAME, PATIENCE_S, bus, come, run  # noqa: F401 (bus is a fixture)
 
 
 @dataclass(frozen=True)
 class Sum:
-    """A job that numpy alone can pickle, and that tells where it ran."""
+    """A job that numpy alone can pickle, and that tells where and how it ran."""
 
     values: tuple[float, ...]
 
     def run(self):
-        return float(np.sum(np.sin(self.values))), os.getpid(), os.nice(0)
+        score = int(Path("/proc/self/oom_score_adj").read_text())
+        return float(np.sum(np.sin(self.values))), os.getpid(), os.nice(0), score
 
 
 @dataclass(frozen=True)
@@ -38,14 +42,25 @@ class Wrong:
 
 
 @dataclass(frozen=True)
-class DiesInAChild:
-    parent: int
-    by: int = signal.SIGKILL
+class EndedBy:
+    """A job whose process gets a signal while it works."""
+
+    number: int
 
     def run(self):
-        if os.getpid() != self.parent:
-            os.kill(os.getpid(), self.by)
+        os.kill(os.getpid(), self.number)
+        time.sleep(PATIENCE_S)
         return "here"
+
+
+@dataclass(frozen=True)
+class Large:
+    """A job that no pipe holds."""
+
+    content: bytes
+
+    def run(self):
+        return self.content[::-1]
 
 
 @pytest.fixture
@@ -56,36 +71,97 @@ def path(monkeypatch):
 
 def test_a_job_runs_in_another_process_at_a_lower_priority_with_the_same_result(path):
     job = Sum(tuple(np.linspace(0.0, 9.0, 1000).tolist()))
-    value, process, priority = run_aside(job)
+    value, process, priority, score = Aside().run(job)
     assert value == job.run()[0]
     assert process != os.getpid()
     assert priority == min(os.nice(0) + aside.NICE, 19)
+    assert score == 1000  # where memory is short the kernel ends it, and not the service
 
 
-def test_what_is_wrong_with_a_job_shows_in_the_thread_that_called(path, capfd):
-    with pytest.raises(ZeroDivisionError, match="in the job"):
-        run_aside(Wrong())
-    assert "ZeroDivisionError" in capfd.readouterr().err  # the child has told it too
+def test_a_job_and_a_result_beyond_what_a_pipe_holds_come_through(path):
+    content = bytes(range(256)) * 8_000
+    assert Aside().run(Large(content)) == content[::-1]
 
 
-def test_a_child_that_dies_leaves_the_job_to_the_thread_and_a_warning(path, caplog):
-    with caplog.at_level(logging.WARNING):
-        assert run_aside(DiesInAChild(os.getpid())) == "here"
-    assert "could not be made in a process of its own" in caplog.text
+def test_what_is_wrong_with_a_job_shows_in_the_lines_of_its_process_and_ends_nothing_else(path, capfd):
+    assert "failed by a bug" in Aside().run(Wrong()).why
+    assert "ZeroDivisionError: in the job" in capfd.readouterr().err
 
 
-def test_a_child_that_is_told_to_end_ends_and_nobody_does_its_work_now(path, caplog):
-    """Else a service that stops would first finish what nobody waits for."""
-    with caplog.at_level(logging.WARNING):
-        assert run_aside(DiesInAChild(os.getpid(), signal.SIGTERM)) is None
-    assert caplog.text == ""
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+def test_a_child_that_is_ended_has_made_no_fit_and_this_process_does_not_make_it_either(path, number):
+    """Were it short of memory, the second try would end the service instead."""
+    assert Aside().run(EndedBy(number)) == NotDone(f"its process was ended by {number.name}")
 
 
-def test_without_room_for_a_process_the_thread_does_it(monkeypatch, caplog):
-    monkeypatch.setattr(aside, "CHILD", ("/nonexistent/python",))
-    with caplog.at_level(logging.WARNING):
-        assert run_aside(DiesInAChild(os.getpid())) == "here"
-    assert "No such file" in caplog.text
+def test_without_a_process_there_is_no_fit():
+    found = Aside(child=("/nonexistent/python",)).run(Sum((0.0,)))
+    assert found == NotDone("no process could be started for it: No such file or directory")
+
+
+def test_a_fit_that_hangs_is_killed_at_its_deadline(path):
+    """Stopped, as by a debugger or a frozen control group: no signal but SIGKILL reaches it."""
+    one, begun = Aside(deadline_s=2.0), time.monotonic()
+    found, children = [], []
+    thread = threading.Thread(target=lambda: found.append(one.run(EndedBy(signal.SIGSTOP))))
+    thread.start()
+    while one.process is None and time.monotonic() < begun + PATIENCE_S:
+        time.sleep(0.01)
+    children.append(one.process)
+    thread.join(PATIENCE_S)
+    assert 2.0 <= time.monotonic() - begun < PATIENCE_S
+    assert found == [NotDone("it had not ended after 2 s and was killed")]
+    assert one.process is None
+    with pytest.raises(ProcessLookupError):  # reaped, too
+        os.kill(children[0], 0)
+
+
+def test_at_the_end_a_fit_is_killed_and_none_is_started_any_more(path):
+    one, found = Aside(), []
+    thread = threading.Thread(target=lambda: found.append(one.run(EndedBy(signal.SIGSTOP))))
+    thread.start()
+    while one.process is None:
+        time.sleep(0.01)
+    one.close()
+    thread.join(PATIENCE_S)
+    assert found == [NotDone("its process was ended by SIGKILL")]
+    assert one.run(Sum((0.0,))) == NotDone("the service ends")
+
+
+PARENT = """
+import sys, threading, time
+from bms_gateway.service.aside import Aside
+from tests.service.test_aside import EndedBy
+one = Aside()
+threading.Thread(target=one.run, args=(EndedBy(19),), daemon=True).start()
+while one.process is None:
+    time.sleep(0.01)
+print(one.process, flush=True)
+time.sleep(60)
+"""
+
+
+def state_of(process):
+    """One letter as `ps` shows it; empty for none."""
+    try:
+        with open(f"/proc/{process}/stat") as f:
+            return f.read().rsplit(") ", 1)[1][0]
+    except FileNotFoundError:
+        return ""
+
+
+def test_a_fit_that_hangs_goes_with_a_service_that_is_killed(path):
+    parent = subprocess.Popen([sys.executable, "-c", PARENT], stdout=subprocess.PIPE)
+    child, end = int(parent.stdout.readline()), time.monotonic() + PATIENCE_S
+    while state_of(child) != "T" and time.monotonic() < end:
+        time.sleep(0.01)
+    assert state_of(child) == "T"
+    parent.kill()
+    parent.wait()
+    parent.stdout.close()
+    while state_of(child) not in ("", "Z") and time.monotonic() < end:
+        time.sleep(0.01)
+    assert state_of(child) in ("", "Z")
 
 
 def test_the_child_reads_a_job_and_writes_its_result():
@@ -124,7 +200,7 @@ def plain(value):
 def test_every_job_that_the_engine_hands_out_gives_the_same_aside_and_here_bit_for_bit():
     jobs = windows()
     assert jobs
-    here, there = run_here(jobs[0]), run_aside(jobs[0])
+    here, there = run_here(jobs[0]), Aside().run(jobs[0])
     assert type(here) is type(there)
     assert plain(here) == plain(there)
 
@@ -137,6 +213,6 @@ def test_the_gateway_applies_what_the_child_found(bus, path):  # noqa: F811
         await come(lambda: engine.ticks)
         engine.queue.append(StartJob(engine.last, 3, engine.last + 10**10, Sum((0.5,))))
 
-    run(Gateway(engine, bus.port, run_job=run_aside), start(), until=lambda: engine.results)
+    run(Gateway(engine, bus.port, run_job=Aside().run), start(), until=lambda: engine.results)
     assert engine.results[3][0] == float(np.sin(0.5))
     assert engine.results[3][1] != os.getpid()

@@ -1,15 +1,21 @@
 """Requests for a new baseline: carried out once, refused in words, and not lost at a cut of power."""
 
+import asyncio
 import json
 import logging
+import threading
 from pathlib import Path
 
 import pytest
 
+from bms_gateway.cli.main import main
 from bms_gateway.errors import StateError
+from bms_gateway.service import baseline
 from bms_gateway.service.baseline import KEPT_S, BaselineRequests
-from bms_gateway.store.requests import BaselineReset, ask, asked
+from bms_gateway.store.requests import Acknowledgement, BaselineReset, ask, asked
+from tests.config.bench_cell import write_bench_cell
 from tests.engine.test_engine import engine
+from tests.service.test_live import PATIENCE_S
 
 WISH = BaselineReset("string_1", None, "new module", 1_700_000_000_000_000_000)
 
@@ -29,6 +35,31 @@ def test_a_wish_is_carried_out_once_and_removed_when_it_has_been_saved(tmp_path:
     requests.look(KEPT_S)
     assert not path.exists()
     assert list(asked(tmp_path)) == []
+
+
+def test_a_disk_that_hangs_holds_up_no_frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    answers, ticks, ended = threading.Event(), [], threading.Event()
+
+    def hangs(_: Path) -> list:
+        answers.wait(PATIENCE_S)
+        ended.set()
+        return []
+
+    monkeypatch.setattr(baseline, "asked", hangs)
+
+    async def main() -> None:
+        looking = asyncio.ensure_future(BaselineRequests(tmp_path, engine).run())
+        for _ in range(5):
+            await asyncio.sleep(0.01)
+            ticks.append(not ended.is_set())
+        looking.cancel()
+        await asyncio.wait([looking], timeout=PATIENCE_S)
+        assert looking.cancelled()
+
+    asyncio.run(main())
+    assert ticks == [True] * 5
+    assert not ended.is_set()
+    answers.set()
 
 
 def test_a_wish_found_again_after_a_restart_is_not_carried_out_twice(tmp_path: Path) -> None:
@@ -52,9 +83,7 @@ def test_what_is_no_wish_is_told_and_removed(tmp_path: Path, caplog: pytest.LogC
     with caplog.at_level(logging.WARNING):
         requests.look(0.0)
         requests.look(KEPT_S)
-    assert [r.getMessage() for r in caplog.records] == [
-        "baseline.1.request: not a request to reset a baseline; it is removed"
-    ]
+    assert [r.getMessage() for r in caplog.records] == ["baseline.1.request: not a request; it is removed"]
     assert not path.exists()
 
 
@@ -77,3 +106,43 @@ def test_a_file_that_cannot_be_removed_is_told_and_tried_again(tmp_path, caplog)
     for now in (0.0, KEPT_S, KEPT_S + 2.0):
         requests.look(now)
     assert caplog.text.count("cannot be removed") == 2
+
+
+def test_an_acknowledgement_ends_what_only_a_person_ends_and_is_told(tmp_path: Path) -> None:
+    e = engine()
+    e._alerting.runaway.latched[1] = True
+    e._alerting.limits.lost[0] = True
+    path = ask(tmp_path, Acknowledgement(None, "cooled and looked at", 1_700_000_000_000_000_000))
+    requests = BaselineRequests(tmp_path, lambda: e)
+    requests.look(0.0)
+    assert texts(e) == ["cooled and looked at"]
+    assert not e._alerting.runaway.latched.any()
+    assert not e._alerting.limits.lost.any()
+    requests.look(KEPT_S)
+    assert not path.exists()
+
+
+def test_an_acknowledgement_of_one_string_leaves_the_alarms_of_the_others(tmp_path: Path) -> None:
+    e = engine()
+    e._alerting.runaway.latched[:] = True
+    ask(tmp_path, Acknowledgement("string_2", "seen to", 1_700_000_000_000_000_000))
+    BaselineRequests(tmp_path, lambda: e).look(0.0)
+    assert {c.string for c in e._alerting.runaway.conditions()} == {"string_1"}
+
+
+def test_the_command_asks_for_it_and_names_what_there_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    config = write_config(tmp_path)
+    (tmp_path / "state").mkdir()
+    assert main(["acknowledge", "cell", "--reason", "looked at", "--config", str(config)]) == 0
+    ((_, wish),) = asked(tmp_path / "state")
+    assert isinstance(wish, Acknowledgement)
+    assert (wish.string, wish.reason) == ("cell", "looked at")
+    assert main(["acknowledge", "cel", "--reason", "x", "--config", str(config)]) == 2
+    assert "did you mean 'cell'" in capsys.readouterr().err
+
+
+def write_config(folder: Path) -> Path:
+    """A string whose state is kept in the folder's `state`."""
+    config = write_bench_cell(folder)
+    config.write_text(config.read_text() + '[store]\npath = "state"\n')
+    return config

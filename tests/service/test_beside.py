@@ -1,5 +1,7 @@
 """What runs beside the gateway follows the config, and a reload that would change it is refused."""
 
+import re
+
 import pytest
 
 from bms_gateway.bus.memory import MemoryBus
@@ -9,6 +11,7 @@ from bms_gateway.errors import ConfigError, MissingExtraError
 from bms_gateway.service import beside
 from bms_gateway.service.beside import accompany, same_beside
 from bms_gateway.service.live import Gateway
+from tests.config.files import MAPPED, write
 
 BROKER = '[mqtt]\nhost = "localhost"'
 
@@ -41,7 +44,9 @@ def test_alerts_always_run_metrics_unless_off_and_mqtt_where_there_is_a_broker(l
 
 def test_the_settings_of_alerts_are_those_of_the_config(loaded):
     gateway, watch = parts(loaded("[alerts]\ngrace_s = 20.0\nhold_s = 1.0\nclear_s = 2.0\ncore_max_C = 55.0"))
-    assert (watch.alerts.grace_s, watch.alerts.hold_s, watch.alerts.clear_s, watch.core_max_C) == (20.0, 1.0, 2.0, 55.0)
+    for alerts in (watch.alerts, watch.engine().alerts):
+        assert (alerts.grace_s, alerts.hold_s, alerts.clear_s) == (20.0, 1.0, 2.0)
+    assert gateway.engine.plan.alerts.core_max_C == 55.0
     assert gateway.summary() == "OK"
 
 
@@ -54,7 +59,25 @@ def test_mqtt_without_its_extra_is_one_line_with_the_command(loaded, monkeypatch
 @pytest.mark.parametrize("more", ['[metrics]\nlisten = "off"', "[alerts]\ngrace_s = 20.0", BROKER])
 def test_a_reload_that_needs_another_neighbour_needs_a_restart(loaded, more):
     running = loaded()
-    same_beside(running, loaded("[observer]\nheat_cell_W = 0.3"))
+    same_beside(running.config, loaded("[observer]\nheat_cell_W = 0.3").config, running.path)
     section = more.split("]")[0] + "]"
     with pytest.raises(ConfigError, match=rf"\{section[:-1]}\] has changed: restart the service"):
-        same_beside(running, loaded(more))
+        same_beside(running.config, loaded(more).config, running.path)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "key"),
+    [
+        ('channel = "vcan0"', 'channel = "vcan1"', "bus.channel"),
+        ('channel = "vcan0"', 'channel = "vcan0"\nreceive_buffer = 65536', "bus.receive_buffer"),
+        ('interface = "socketcan"', 'interface = "virtual"', "bus.interface"),
+        ('path = "state"', 'path = "elsewhere"', "[store]"),
+        ('path = "state"', 'path = "state"\nrecent_MB = 1.0', "[store]"),
+    ],
+)
+def test_a_reload_that_could_not_take_effect_needs_a_restart(tmp_path, before, after, key):
+    running = load_config(write(tmp_path)).config
+    assert before in MAPPED
+    path = write(tmp_path, MAPPED.replace(before, after))
+    with pytest.raises(ConfigError, match=rf"gateway.toml: {re.escape(key)} has changed: restart the service"):
+        same_beside(running, load_config(path).config, path)

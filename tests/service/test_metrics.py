@@ -24,7 +24,7 @@ from bms_gateway.service.live import Gateway
 from bms_gateway.service.metrics import Page
 from tests.service.engine import TICK_NS, TickEngine
 from tests.service.pack import Pack
-from tests.service.test_live import Bus, come, run, traffic
+from tests.service.test_live import PATIENCE_S, Bus, come, run, traffic
 
 UNITS = ("seconds", "bytes", "celsius", "kelvin", "ratio", "total", "info")
 
@@ -47,10 +47,15 @@ def test_prometheus_own_parser_reads_the_page_and_finds_the_state_in_it():
     pack.port.counters.stale = 3
     pack.port.link = Link.BUS_OFF
     _, samples = read(made(pack)())
-    core = pack.engine.strings[0].core
+    core, centre = pack.engine.strings[0].core, pack.engine.strings[0].centre
     expected = {
         ("bms_gateway_core_max_celsius", ("string", "string_1")): core.max(),
         ("bms_gateway_core_max_cell", ("string", "string_1")): core.argmax() + 1,
+        ("bms_gateway_hottest_point_celsius", ("string", "string_1")): centre.max(),
+        ("bms_gateway_hottest_point_sd_kelvin", ("string", "string_1")): pack.engine.strings[0].centre_sd[
+            centre.argmax()
+        ],
+        ("bms_gateway_hottest_point_cell", ("string", "string_1")): centre.argmax() + 1,
         ("bms_gateway_cells", ("quality", "good"), ("string", "string_1")): 2,
         ("bms_gateway_cells", ("quality", "estimated"), ("string", "string_1")): 2,
         ("bms_gateway_bus_up",): 0,
@@ -90,13 +95,17 @@ def test_names_units_types_and_help_are_as_prometheus_wants_them():
 def test_what_is_not_known_is_left_out_and_not_zero():
     pack = Pack(1)
     _, samples = read(made(pack)())
-    assert not any(key[0] in ("bms_gateway_core_max_celsius", "bms_gateway_resistance_growth_ratio") for key in samples)
+    assert not any(
+        key[0]
+        in ("bms_gateway_core_max_celsius", "bms_gateway_hottest_point_celsius", "bms_gateway_resistance_growth_ratio")
+        for key in samples
+    )
     assert b"NaN" not in made(pack)()
 
 
 def test_the_page_stays_small_whatever_the_bus_does():
     pack = Pack(30)
-    pack.drive(2)
+    pack.drive(12)  # the first forecasts have come
     size = len(made(pack)())
     for k in range(30):
         pack.port.counters.note_error()
@@ -266,7 +275,7 @@ def test_slow_greedy_and_many_clients_delay_no_frame_and_are_let_go(monkeypatch)
             open_one(b"GET /metr")
         for _ in range(5):
             open_one(b"GET /metrics HTTP/1.1\r\nX: " + b"a" * 2_000_000)
-        end = time.monotonic() + 30
+        end = time.monotonic() + PATIENCE_S
         while time.monotonic() < end and not (len(engine.ticks) >= 15 and server.refused >= SLOTS):
             for sock, first in held:
                 with suppress(OSError):
@@ -287,6 +296,70 @@ def test_slow_greedy_and_many_clients_delay_no_frame_and_are_let_go(monkeypatch)
     assert engine.late == []
     deadlines = [d for d, _ in engine.ticks]
     assert np.all(np.diff(deadlines) == TICK_NS)
+
+
+def test_idle_sockets_hold_up_no_scrape(monkeypatch):
+    """Sixty of them held every slot for the deadline: of ten scrapes none was answered."""
+    monkeypatch.setattr(server_module, "DEADLINE_S", 3600.0)  # an answer does not wait for it
+    held, answers = [], []
+
+    async def idle(address):
+        for _ in range(60):
+            held.append(socket.socket())
+            held[-1].setblocking(False)
+            await asyncio.get_running_loop().sock_connect(held[-1], address)
+
+    async def scrapes(address):
+        for _ in range(10):
+            answers.append(await asyncio.wait_for(ask(address), PATIENCE_S))
+
+    server = serve(idle, scrapes)
+    for sock in held:
+        sock.close()
+    assert [a.endswith(b"page\n") for a in answers] == [True] * 10
+    assert server.refused >= 60 - SLOTS
+
+
+def test_the_oldest_idle_client_goes_first():
+    """Those that have asked stay, however slowly they read."""
+    told = []
+
+    async def clients(address):
+        greedy = socket.socket()
+        greedy.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        idle = [socket.socket() for _ in range(SLOTS)]
+        greedy.connect(address)
+        greedy.sendall(b"GET /metrics HTTP/1.1\r\n\r\n")
+        greedy.setblocking(False)
+        await come(lambda: begins(greedy))
+        for sock in idle:
+            sock.connect(address)
+            await asyncio.sleep(0.05)
+        await come(lambda: gone(idle[0]))
+        told.extend(gone(sock) for sock in idle)
+        told.append(len(await asyncio.get_running_loop().sock_recv(greedy, 100)))
+        for sock in (greedy, *idle):
+            sock.close()
+
+    serve(clients, page=lambda: b"page\n" * 4_000_000)
+    assert told == [True, *[False] * (SLOTS - 1), 100]
+
+
+def begins(sock):
+    """Whether an answer has begun to come."""
+    try:
+        return sock.recv(1, socket.MSG_PEEK) != b""
+    except BlockingIOError:
+        return False
+
+
+def gone(sock):
+    """Whether the other side has closed it."""
+    sock.setblocking(False)
+    try:
+        return sock.recv(1) == b""
+    except BlockingIOError:
+        return False
 
 
 def test_a_part_beside_that_fails_is_told_and_the_frames_go_on(caplog):

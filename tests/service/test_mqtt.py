@@ -5,10 +5,13 @@ import gc
 import json
 import logging
 import signal
+import socket
 import subprocess
 import sys
 import textwrap
 import threading
+import tracemalloc
+from contextlib import suppress
 
 import aiomqtt
 import numpy as np
@@ -16,8 +19,8 @@ import pytest
 
 from bms_gateway.config.schema import Mqtt
 from bms_gateway.errors import ConfigError
+from bms_gateway.health.alerts import Change, Condition, Severity
 from bms_gateway.service import mqtt
-from bms_gateway.service.alerts import Change, Condition, Severity
 from bms_gateway.service.live import Gateway
 from bms_gateway.service.mqtt import Publisher
 from bms_gateway.service.spool import Message, Spool
@@ -313,6 +316,54 @@ def test_tls_is_spoken_with_the_right_broker_only(broker, tmp_path, caplog):
         publisher(broker, {"ca_file": key}, tls=True, ca_file="x")
 
 
+class Liar(threading.Thread):
+    """A broker that takes a client, then announces a packet of 256 MB and begins to send it."""
+
+    def __init__(self):
+        super().__init__(daemon=True)
+        self.listener = socket.create_server(("127.0.0.1", 0))
+        self.port = self.listener.getsockname()[1]
+        self.sent = 0
+
+    def run(self):
+        with suppress(OSError):
+            while True:
+                client, _ = self.listener.accept()
+                with client, suppress(OSError):
+                    client.recv(4096)
+                    client.sendall(b"\x20\x02\0\0" + b"\x30\xff\xff\xff\x7f")
+                    for _ in range(64):
+                        client.sendall(bytes(1 << 20))
+                        self.sent += 1
+
+
+def test_a_packet_that_announces_256_mb_takes_none_of_it(monkeypatch, caplog):
+    """The client took room for all of it at once: 61 MB became 266."""
+    monkeypatch.setattr(mqtt, "RETRY_FIRST_S", 0.05)
+    monkeypatch.setattr(mqtt, "RETRY_MOST_S", 0.2)
+    monkeypatch.setattr(mqtt, "ANSWER_S", 2.0)
+    caplog.set_level(logging.DEBUG, "bms_gateway.service.mqtt")
+    broker = Liar()
+    broker.start()
+    p = publisher(broker)
+    tracemalloc.start()
+
+    async def all_of_it():
+        running = asyncio.ensure_future(p.run())
+        await come(lambda: caplog.text.count("trying again") >= 3)
+        running.cancel()
+        await asyncio.wait([running])
+
+    asyncio.run(all_of_it())
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    broker.listener.close()
+    assert peak < 16 << 20
+    assert "the broker sends a packet of 268,435,455 bytes" in caplog.text
+    told = [r for r in caplog.records if r.levelno == logging.WARNING]
+    assert len(told) == 1
+
+
 def test_the_spool_is_bounded_in_bytes_too_and_what_gave_way_while_it_was_sent_is_not_taken_twice(monkeypatch):
     monkeypatch.setattr("bms_gateway.service.spool.MOST_BYTES", 100)
     spool = Spool(1000)
@@ -330,10 +381,11 @@ def test_the_line_and_the_summary_say_what_is_known_as_plain_json():
     assert status(pack.gateway, pack.watch, pack.engine) == "OK: the bus is silent"
     pack.drive(6)
     line = status(pack.gateway, pack.watch, pack.engine)
-    s = max(pack.engine.strings, key=lambda s: s.core.max())
+    s = max(pack.engine.strings, key=lambda s: s.centre.max())
+    k = s.centre.argmax()
     assert line == (
-        f"OK: hottest core {s.core.max():.1f} ± {s.core_sd[s.core.argmax()]:.1f} °C "
-        f"({s.plan.name}, cell {s.core.argmax() + 1})"
+        f"OK: hottest point {s.centre[k]:.1f} ± {s.centre_sd[k]:.1f} °C, core {s.core[k]:.1f} ± {s.core_sd[k]:.1f} °C "
+        f"({s.plan.name}, cell {k + 1})"
     )
     found = json.loads(json.dumps(estimates(pack.gateway, pack.watch, pack.engine), allow_nan=False))
     assert (found["state"], found["bus"], found["awake"], set(found["strings"])) == (
@@ -343,5 +395,8 @@ def test_the_line_and_the_summary_say_what_is_known_as_plain_json():
         {"string_1", "string_2"},
     )
     assert found["strings"]["string_1"]["resistance_growth"] is None
+    k = s.centre.argmax()
+    hottest = {name: found["strings"][s.plan.name][f"hottest_point_{name}"] for name in ("C", "sd_K", "cell")}
+    assert hottest == {"C": round(s.centre[k], 2), "sd_K": round(s.centre_sd[k], 2), "cell": k + 1}
     pack.watch.alerts.update(1e12, [Condition("x", Severity.ALARM, "all is lost", settled=True)])
     assert status(pack.gateway, pack.watch, pack.engine) == "ALARM: all is lost"

@@ -34,6 +34,16 @@ UNIT = "bms-gateway"
 LENT = Path("/opt/lent")
 STATE = Path("/var/lib/bms-gateway")
 CONFIG = Path("/etc/bms-gateway/gateway.toml")
+CHILD_STARTS_IN = 32 << 20  # enough for it to say that it goes first, too little to read anything
+
+
+HUNGRY = """
+import os, sys
+from pathlib import Path
+Path("/proc/self/oom_score_adj").write_text("1000")
+Path(sys.argv[1], "cgroup.procs").write_text(str(os.getpid()))
+b"x" * (300 << 20)
+"""
 
 
 def sh(*words, **options):
@@ -221,6 +231,24 @@ def test_installing_again_is_safe_and_keeps_an_edited_config(installed):
         CONFIG.write_text(before)
 
 
+def test_what_is_not_roots_alone_is_not_installed_into(installed):
+    for place in (Path("/opt/bms-gateway"), CONFIG.parent):
+        before = sorted(place.iterdir())
+        for spoil, mend in ((("chown", "1000"), ("chown", "0")), (("chmod", "g+w"), ("chmod", "g-w"))):
+            sh(*spoil, place)
+            done = subprocess.run([ROOT / "deploy" / "install.sh"], capture_output=True, text=True)
+            sh(*mend, place)
+            assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+            assert f"{place} must be a directory of root's" in done.stderr
+        aside = place.rename(f"{place}.aside")
+        place.symlink_to(aside)
+        done = subprocess.run([ROOT / "deploy" / "install.sh"], capture_output=True, text=True)
+        place.unlink()
+        aside.rename(place)
+        assert done.returncode == 2
+        assert sorted(place.iterdir()) == before
+
+
 def test_it_gets_ready_estimates_survives_and_stops_cleanly(service, pack):
     assert prop("ActiveState") == "active"
     assert prop("StatusText").startswith("OK; bus up")
@@ -301,6 +329,25 @@ def test_it_gets_ready_estimates_survives_and_stops_cleanly(service, pack):
     stored = StateStore(STATE.resolve()).load().state
     assert stored is not None
     assert stored["clock"]["boot"] == Path("/proc/sys/kernel/random/boot_id").read_text().strip().replace("-", "")
+
+
+def test_a_child_for_which_there_is_no_memory_is_lost_alone(service):
+    """By default systemd stops a service as soon as the kernel has ended any process of it for want of memory."""
+    pid, group = prop("MainPID"), Path("/sys/fs/cgroup") / prop("ControlGroup").lstrip("/")
+    stat = dict(line.split() for line in (group / "memory.stat").read_text().splitlines())
+    held = sum(int(stat[k]) for k in ("anon", "kernel"))
+    sh("systemctl", "set-property", "--runtime", UNIT, f"MemoryMax={held + CHILD_STARTS_IN}")
+    try:
+        subprocess.run(["systemctl", "reload", UNIT], check=False, capture_output=True)
+        until(lambda: "the process that read it ended with SIGKILL" in journal(), "the refusal of the reload")
+        assert "oom_kill 1" in (group / "memory.events").read_text()
+    finally:
+        sh("systemctl", "set-property", "--runtime", UNIT, "MemoryMax=256M")
+    sh("systemctl", "reload", UNIT)
+    until(lambda: journal().rstrip().endswith("reloaded"), "reload")
+    assert subprocess.run([sys.executable, "-c", HUNGRY, group], check=False).returncode == -9  # as a fit would end
+    until(lambda: "killed by the OOM killer" in journal(), "what systemd has to say")
+    assert (prop("ActiveState"), prop("MainPID"), prop("NRestarts")) == ("active", pid, "0")
 
 
 def test_a_config_that_is_wrong_is_told_in_one_line_and_tried_again(installed):
@@ -402,13 +449,13 @@ def test_networkd_understands_the_interface_file(installed):
 ASIDE = """
 import asyncio, os, pickle
 from pathlib import Path
-from bms_gateway.service.aside import run_aside
+from bms_gateway.service.aside import Aside
 from priority import Priority
 
 async def main():  # in a thread, as the gateway does it
     job = pickle.loads(Path("/etc/bms-gateway/job").read_bytes())
-    print("found:", type(await asyncio.to_thread(run_aside, job)).__name__)
-    print("priorities:", os.getpriority(os.PRIO_PROCESS, 0), await asyncio.to_thread(run_aside, Priority()))
+    print("found:", type(await asyncio.to_thread(Aside().run, job)).__name__)
+    print("priorities:", os.getpriority(os.PRIO_PROCESS, 0), await asyncio.to_thread(Aside().run, Priority()))
 
 asyncio.run(main())
 """
@@ -432,7 +479,7 @@ def test_a_window_is_fitted_in_a_process_of_its_own_below_the_loop_under_all_the
     try:
         subprocess.run(["systemctl", "start", UNIT], check=False)
         assert f"found: {type(job.run()).__name__}" in journal()
-        assert "could not be made" not in journal()
+        assert "NotDone" not in journal()
         loop, fit = map(int, journal().split("priorities: ")[1].split()[:2])  # nice values: the lower one goes first
         assert loop <= fit - NICE
     finally:

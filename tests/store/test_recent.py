@@ -58,8 +58,8 @@ def test_the_ring_stays_within_its_room_and_keeps_the_newest(tmp_path):
     folder = tmp_path / "recent"
     events = []
     for k in range(6):
-        events = recorded(folder, seconds=300, every=2, megabytes=0.2, shift_ns=k * 300 * 10**9, seed=k)
-        assert sum(p.stat().st_size for p in folder.iterdir()) <= 200_000
+        events = recorded(folder, seconds=150, every=2, megabytes=0.1, shift_ns=k * 150 * 10**9, seed=k)
+        assert sum(p.stat().st_size for p in folder.iterdir()) <= 100_000
     found = list(read_recent(folder, []))
     assert found[-1].last_us == int(events[-1].sample_ns.max()) // 1000
     times = [b.first_us for b in found]

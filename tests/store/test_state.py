@@ -1,8 +1,12 @@
 """The stored state is never lost and never garbage, whatever happened to the files."""
 
 import errno
+import hashlib
 import json
 import os
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -182,3 +186,48 @@ def test_what_the_engine_refuses_is_set_aside_and_the_generation_before_is_tried
     assert "5000 °C; set aside as state.refused" in str(found.problems[0])
     assert (tmp_path / "state.refused").exists()
     assert store.load().problems == ()
+
+
+READ = """
+import sys
+from pathlib import Path
+from bms_gateway.store import StateStore
+from tests.memory import peak_mib
+begun = peak_mib()
+found = StateStore(Path(sys.argv[1])).load()
+print(found.state, *found.problems, peak_mib() - begun, sep="|")
+"""
+
+
+@pytest.mark.parametrize("unit", [b"[],", b"0,", b'"ab",', b'{"a":1},'])
+def test_a_state_of_a_million_small_things_is_refused_before_it_takes_memory(tmp_path, unit):
+    """47 MB of empty lists with a sound check sum took 516 MB and 12 s of a start."""
+    body = b'{"saved_ns":1,"state":{"a":[' + unit * (47_000_000 // len(unit)) + b"0]}}"
+    head = b"bms-gateway-state 1 %s %d\n" % (hashlib.sha256(body).hexdigest().encode(), len(body))
+    (tmp_path / "state").write_bytes(head + body)
+    words = [sys.executable, "-c", READ, tmp_path]
+    done = subprocess.run(words, capture_output=True, text=True, cwd=Path(__file__).resolve().parents[2], check=True)
+    state, problem, more_mib = done.stdout.split("|")
+    assert state == "None"
+    assert "far more values than a state" in problem
+    assert float(more_mib) < 3 * len(body) / 1024**2
+    assert (tmp_path / "state.foreign").exists()
+
+
+def test_what_could_not_be_read_again_is_not_saved(tmp_path):
+    store = StateStore(tmp_path)
+    assert store.save({"a": 1}, wall_ns=1) is None
+    assert "too many values" in str(store.save({"a": [[]] * 1_100_000}, wall_ns=2))
+    assert store.load().state == {"a": 1}
+
+
+def test_a_state_on_disk_is_read_by_later_versions(tmp_path):
+    """Byte by byte, as vehicles have it: a change of the format must leave this readable, and call itself another."""
+    body = b'{"saved_ns":7,"state":{"strings":5}}'
+    digest = hashlib.sha256(body).hexdigest().encode()
+    content = b"bms-gateway-state 1 %s 36\n%s" % (digest, body)
+    (tmp_path / "state").write_bytes(content)
+    found = StateStore(tmp_path).load()
+    assert (found.state, found.saved_ns, found.problems) == ({"strings": 5}, 7, ())
+    assert StateStore(tmp_path / "other").save({"strings": 5}, wall_ns=7) is None
+    assert (tmp_path / "other" / "state").read_bytes() == content

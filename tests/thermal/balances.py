@@ -9,14 +9,15 @@ from bms_gateway.thermal.effects import effect_named
 VALUES = {"C_c": 268.0, "C_s": 18.8, "R_e": 3.5e-3, "R_c": 1.266, "R_u": 0.79, "R_cc": 4.0, "C_f": 11.33}
 
 
-def model(cells, *effects):
+def model(cells, *effects, coolant="bulk", C_f=VALUES["C_f"]):
     """Table 1's cell, `cells` of them along a stream, with effects (name, cell, values)."""
     single = cells == 1
     return StringModel(
         cells=cells,
         sensors=tuple(range(1, cells + 1)),
         condition="single" if single else "full",
-        priors={k: Prior(v) for k, v in VALUES.items() if not (single and k in ("R_cc", "C_f"))},
+        priors={k: Prior(v) for k, v in (VALUES | {"C_f": C_f}).items() if not (single and k in ("R_cc", "C_f"))},
+        coolant=coolant,
         effects=tuple(AddedEffect(name, cell, values) for name, cell, values in effects),
     )
 

@@ -22,7 +22,7 @@ CONTRACT = {
         ("core", "string", -3.0),
         {"U": ("V", 3.3, 0.4, 1.2, 4.8)} | {f"U_{k}": ("V", 0, 0.2, -1, 1) for k in (1, 2, 3, 4, 5)},
     ),
-    "resistance_temperature": (("core", "string", 0.0), {"B": ("K", 0, 2000, -1000, 8000)}),
+    "resistance_temperature": (("core", "string", 0.0), {"B": ("K", 2500, 1500, -1000, 8000)}),
     "resistance_soc": (("core", "string", -1.5), {"s_1": ("1", 0, 0.3, -2, 2), "s_2": ("1", 0, 0.3, -2, 2)}),
     "resistance_asymmetry": (("core", "string", -1.5), {"a": ("1", 0, 0.3, -0.7, 2)}),
     "charge_transfer": (

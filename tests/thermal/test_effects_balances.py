@@ -18,7 +18,8 @@ T_C, T_S = X[:, 0::2], X[:, 1::2]
 
 
 def stream(T_in, flow=U.flow, R_u=None, C_f=None, n=0.0, cells=CELLS, surface=T_S):
-    """Coolant at each cell and the film flux, by the bulk node, marching along the string."""
+    """Coolant at each cell and the film flux, marching along the string: what the stream takes up is what the casing
+    gives off, by the bulk node, and the stream leaves no warmer than the casing."""
     R_u = np.full((N, cells), R_U) if R_u is None else R_u
     C_f = np.tile((VALUES["C_f"] * flow)[:, None], (1, cells)) if C_f is None else C_f
     T_f, film = np.empty((N, cells)), np.empty((N, cells))
@@ -27,9 +28,10 @@ def stream(T_in, flow=U.flow, R_u=None, C_f=None, n=0.0, cells=CELLS, surface=T_
         for k in range(cells):
             gap = surface[i, k] - here
             T_f[i, k] = here
-            film[i, k] = gap / R_u[i, k] * (max(abs(gap), 0.05) / 5.0) ** n
-            share = film[i, k] / gap / C_f[i, k]
-            here = here + gap * (share if share < 1 else 1 - math.exp(-share))
+            units = (max(abs(gap), 0.05) / 5.0) ** n / R_u[i, k] / C_f[i, k]
+            share = min(units, 1.0)
+            film[i, k] = C_f[i, k] * gap * share
+            here = here + gap * share
     return T_f, film
 
 

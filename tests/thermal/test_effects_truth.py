@@ -21,6 +21,13 @@ SOC = 0.9
 # name: numbers for the truth, numbers for ours (SI), cell, how far apart the two may be on the way, K
 CASES = {
     "entropic_heat": ({"dUdT": [0.4, -0.2, 0.1, -0.5]}, {"dUdT": 0.0}, None, 0.02),
+    # the voltage sees what R_e does: ours knows R_e by its mean alone
+    "voltage_heat": (
+        {"swing": 0.35, "periods": [350.0, 500.0, 770.0, 1100.0, 1800.0], "phases": [0.1, 1.3, 2.9, 4.0, 5.5]},
+        {"U": 3.3},
+        None,
+        0.02,
+    ),
     "resistance_temperature": ({"B": 4200.0}, {"B": 4200.0}, None, 0.02),
     "resistance_soc": ({"s_1": 0.5, "s_2": 0.25}, {"s_1": 0.5, "s_2": 0.25}, None, 0.02),
     "resistance_asymmetry": ({"a": 0.4}, {"a": 0.4}, None, 0.02),
@@ -76,8 +83,8 @@ def traces():
     }
 
 
-def drive(current=CURRENT, inlet=INLET):
-    none = np.full(SECONDS, np.nan)
+def drive(current=CURRENT, inlet=INLET, V=None):
+    V = np.full(SECONDS, np.nan) if V is None else V
     return Drive(
         1.0,
         I=current,
@@ -86,8 +93,8 @@ def drive(current=CURRENT, inlet=INLET):
         T_in=(inlet[1:] + inlet[:-1]) / 2,
         flow=FLOW,
         soc=pack().soc,
-        V=none,
-        IV=none,
+        V=V,
+        IV=current * V,
         hours=(np.arange(SECONDS) + 0.5) / 3600,
         known=frozenset({"flow", "soc"}),
     )
@@ -115,8 +122,9 @@ def test_the_bare_string_is_the_truths(traces):
 @pytest.mark.parametrize("name", CASES)
 def test_an_effect_along_a_drive_is_the_truths(traces, name):
     _, given, cell, apart = CASES[name]
-    core, surface, _ = ours(name, given, cell)
     there = traces[name]
+    u = drive(V=3.3 - there.overpotential) if name == "voltage_heat" else None
+    core, surface, _ = ours(name, given, cell, u)
     moved = max(
         np.abs(there.core - traces["nothing"].core).max(), np.abs(there.surface - traces["nothing"].surface).max()
     )

@@ -20,7 +20,7 @@ from tests.truth.drives import make_drive
 from tests.truth.effects import CATALOGUE, SENSING, sense
 from tests.truth.pack import CAPACITY_AH, NOMINAL, NOMINAL_FLOW, integrate, terms
 from tests.truth.sizes import AFTER_A_CELL, LOCATED, ON_A_SENSOR, SIZES
-from tests.truth.strange import STRANGE, STRANGE_SENSING, UNKNOWN
+from tests.truth.strange import OUTSIDE, STRANGE, STRANGE_SENSING
 
 FINAL_SEED = 10000
 ABSORBED = ("current_gain", "uniform_R_e", "uniform_R_c")
@@ -190,7 +190,7 @@ class _Preparation:
 
     def __init__(self, s):
         for name in s.effects:
-            if name not in (*CATALOGUE, *SENSING, *UNKNOWN, *ABSORBED):
+            if name not in (*CATALOGUE, *SENSING, *OUTSIDE, *ABSORBED):
                 raise ValueError(f"no effect {name!r} to hide")
         self.s, K = s, s.seconds
         mean = s.rng("inlet").uniform(17.0, 27.0)

@@ -3,10 +3,10 @@
 Cell k of n along the coolant path, currents constant within each second, everything else by midpoint steps of half
 a second at the most:
 
-    C_c dT_c/dt = heat − (T_c − T_s)/R_c
+    C_c dT_c/dt = heat − (T_c − T_s)/R_c − core_G (T_c − T_sink)
     C_s dT_s/dt = (T_c − T_s)/R_c − film + conduction from the neighbours + heat at the casing − G (T_s − 25 °C)
-    film        = (T_s − T_f)/R_u
-    T_f of the next cell = T_f + film/C_f, or + the share 1 − exp(−1/(R_u C_f)) of the gap
+    film        = (T_s − T_f)/R_u, or C_f (1 − exp(−1/(R_u C_f))) (T_s − T_f) where the stream warms along a cell
+    T_f of the next cell = T_f + film/C_f
 
 The core is one node, or a cylinder of concentric shells of equal thickness in which heat is made uniformly, with a
 share of R_c spread over the shells and the rest at their edge; its temperature is then the mean over the volume.
@@ -86,6 +86,10 @@ class Terms:
     casing_heat: np.ndarray | None = None
     G: np.ndarray | None = None
     """(n,) W/K to surroundings at 25 °C."""
+    core_G: np.ndarray | None = None
+    """(n,) W/K from the core to `sink`."""
+    sink: np.ndarray | None = None
+    """(K,) °C."""
     drop: np.ndarray | None = None
     """(K,) V beside I R_e and the charge transfer."""
     hours: np.ndarray = field(default_factory=lambda: np.empty(0))
@@ -95,6 +99,7 @@ class Terms:
         self.hours = (np.arange(K) + 0.5) / 3600.0
         self.entropic, self.drop = np.zeros(K), np.zeros(K)
         self.core_heat, self.casing_heat, self.G = np.zeros((K, n)), np.zeros((K, n)), np.zeros(n)
+        self.core_G, self.sink = np.zeros(n), np.zeros(K)
 
     @property
     def K(self):
@@ -181,6 +186,11 @@ def shells(rings, share):
     return w, inner, outer
 
 
+def _share(x):
+    """Share of the gap that a stream takes up which warms along the cell."""
+    return -np.expm1(-1 / (x.R_u * x.C_f))
+
+
 class _Batch:
     """Terms of many logs side by side: (K, n, B), (n, B) or (B,)."""
 
@@ -198,14 +208,15 @@ class _Batch:
         self.inlet = stack(lambda x: x.inlet)
         self.start = stack(lambda x: x.start)
         self.joule = stack(lambda x: (x.I2 + x.asymmetry * x.I2_charge)[:, None] * x.R_e)
-        self.G_u = stack(lambda x: 1 / x.R_u)
-        self.uptake = stack(lambda x: 1 / (x.R_u * x.C_f) if x.coolant == "bulk" else -np.expm1(-1 / (x.R_u * x.C_f)))
+        self.G_u = stack(lambda x: 1 / x.R_u if x.coolant == "bulk" or x.n == 1 else x.C_f * _share(x))
+        self.uptake = stack(lambda x: 1 / (x.R_u * x.C_f) if x.coolant == "bulk" else _share(x))
         self.C_c, self.C_s, self.G_c = stack(lambda x: x.C_c), stack(lambda x: x.C_s), stack(lambda x: 1 / x.R_c)
         self.G_cc = stack(lambda x: 1 / x.R_cc)
         self.B = some(lambda x: x.B)
         self.entropic = some(lambda x: -x.I * x.entropic)
         self.core_heat, self.casing_heat = some(lambda x: x.core_heat), some(lambda x: x.casing_heat)
-        self.G = some(lambda x: x.G)
+        self.G, self.core_G = some(lambda x: x.G), some(lambda x: x.core_G)
+        self.sink = stack(lambda x: x.sink)
         self.film_power = some(lambda x: x.film_power)
         # rms within the second: charge transfer is steep only near 0 A, where a second has one current
         self.amps = None
@@ -241,7 +252,7 @@ class _Batch:
         return flux, T_f
 
     def heat(self, k, T_c):
-        """Heat made in the cores, W."""
+        """Heat made in the cores, less what leaves them by another way than their casings, W."""
         q = self.joule[k]
         absolute = T_c + KELVIN
         if self.B is not None:
@@ -256,6 +267,8 @@ class _Batch:
         if self.reaction is not None:
             rising = self.reaction * np.exp(np.minimum((T_c - 45.0) / self.reaction_K, 30.0))
             q = q + rising / (1 + rising / REACTION_LIMIT)
+        if self.core_G is not None:
+            q = q - self.core_G * (T_c - self.sink[k])
         return q
 
     def rates(self, k, x, T_in, G_u, uptake, extra):

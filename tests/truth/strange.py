@@ -97,6 +97,29 @@ def thermal_break(t, size, rng):
     t.R_u *= 1 + 0.2 * size * clogged * late
 
 
+def bubbles(t, size, rng):
+    """Bubbles pass along a liquid-cooled string: each blankets a casing for some seconds, and less liquid flows by."""
+    gas, k = np.zeros(t.K), int(rng.integers(0, 120))
+    while k < t.K:
+        lasts = int(rng.integers(15, 60))
+        gas[k : k + lasts] = rng.uniform(0.6, 1.0)
+        k += lasts + int(rng.integers(60, 300))
+    dry = min(0.35 * size, 0.85)
+    for c in range(t.n):
+        here = np.concatenate([np.zeros(min(5 * c, t.K)), gas])[: t.K]
+        t.R_u[:, c] /= 1 - dry * here
+        t.C_f[:, c] *= 1 - 0.5 * dry * here
+
+
+def foreign_sink(t, size, rng):
+    """The ends of the rolls rest on a frame whose temperature is not the coolant's, wanders, and is not measured."""
+    s = np.arange(t.K)
+    t.sink = (
+        t.start + rng.choice([-8.0, 8.0]) + 3.0 * np.sin(2 * np.pi * s / rng.uniform(1200, 2400) + rng.uniform(0, 6))
+    )
+    t.core_G += 0.06 * size * rng.uniform(0.8, 1.2, t.n)
+
+
 STRANGE = {
     f.__name__: f
     for f in (
@@ -111,6 +134,8 @@ STRANGE = {
         balancing_resistor,
         loose_joint,
         thermal_break,
+        bubbles,
+        foreign_sink,
     )
 }
 
@@ -125,5 +150,7 @@ def loose_thermocouple(y, coolant, sensors, size, rng):
 
 
 STRANGE_SENSING = {"loose_thermocouple": loose_thermocouple}
-UNKNOWN = (*STRANGE, *STRANGE_SENSING)
+OUTSIDE = (*STRANGE, *STRANGE_SENSING)
 """All names."""
+UNKNOWN = tuple(name for name in OUTSIDE if name not in ("bubbles", "foreign_sink"))
+"""Those of the diagnosis's suite, whose packs are numbered by this order."""

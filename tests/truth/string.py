@@ -57,8 +57,9 @@ class TruthString:
             gap = T_s[..., k] - stream
             to_coolant[..., k] = gap / self.R_u[..., k]
             if np.isfinite(self.C_f):
-                units = 1 / (self.R_u[..., k] * self.C_f)
-                stream = stream + gap * (units if self.coolant == "bulk" else 1 - np.exp(-units))
+                if self.coolant == "ntu":  # the stream leaves as near to the casing as exp(−1/(R_u C_f)) of the gap
+                    to_coolant[..., k] = self.C_f * gap * (1 - np.exp(-1 / (self.R_u[..., k] * self.C_f)))
+                stream = stream + to_coolant[..., k] / self.C_f
         between = np.zeros_like(T_s)
         if self.cells > 1 and np.isfinite(self.R_cc):
             flux = (T_s[..., 1:] - T_s[..., :-1]) / self.R_cc  # from cell k+1 into cell k

@@ -117,6 +117,7 @@ def _integrate(p, C_f, R_cc, coolant, heat, inlet, start):
     K, S, n = heat.shape
     units = 1 / (p["R_u"] * C_f[:, None])
     e = units if coolant == "bulk" else 1 - np.exp(-units)
+    film = e * C_f[:, None]  # W/K: the casing gives off what the stream takes up
     core, surface = np.empty((K + 1, S, n)), np.empty((K + 1, S, n))
     x = np.full((2, S, n), float(start))
     core[0], surface[0] = x
@@ -128,7 +129,7 @@ def _integrate(p, C_f, R_cc, coolant, heat, inlet, start):
         stream = T_in
         for k in range(n):
             gap = T_s[:, k] - stream
-            net[:, k] -= gap / p["R_u"][:, k]
+            net[:, k] -= gap * film[:, k]
             stream = stream + e[:, k] * gap
         flux = (T_s[:, 1:] - T_s[:, :-1]) / R_cc[:, None]
         net[:, :-1] += flux

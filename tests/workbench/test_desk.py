@@ -87,7 +87,7 @@ def test_opening_compares_too(opened):
 
 def test_a_figure_has_both_models_with_their_bands(desk, opened):
     data = desk.figure("surface-0-1")["data"]
-    for name in ("as filed", "refitted"):
+    for name in ("from its file", "refitted"):
         mine = [d for d in data if d.get("legendgroup") == name]
         low, high = (d["y"] for d in mine if d["line"].get("width") == 0)
         assert all(a < b for a, b in zip(low, high, strict=True) if a is not None)
@@ -129,7 +129,7 @@ def test_the_errors_fall_while_it_is_fitted(added, trials):
 
 def test_the_ranking_stays_in_sight_after_an_addition(added):
     assert added["diagnosed"]["selected"] == ["entropic_heat"]
-    assert added["diagnosed_of"] == "the model as filed"
+    assert added["diagnosed_of"] == "the model from its file"
 
 
 def test_what_the_gates_refuse_says_why_and_can_be_forced_and_undone(desk, added):
@@ -144,7 +144,7 @@ def test_what_the_gates_refuse_says_why_and_can_be_forced_and_undone(desk, added
     assert "by force" in desk.model()
     desk.undo()
     back = done(desk)
-    assert [s["label"] for s in back["stairs"]] == ["the model as filed", "+ entropic_heat"]
+    assert [s["label"] for s in back["stairs"]] == ["the model from its file", "+ entropic_heat"]
     assert back["compared"] == added["compared"]
 
 

@@ -2,9 +2,10 @@
 
 import http.client
 import json
+import socket
 import threading
 from contextlib import contextmanager
-from urllib.parse import quote, urlsplit
+from urllib.parse import urlsplit
 
 import pytest
 from hypothesis import given, settings
@@ -13,18 +14,19 @@ from hypothesis import strategies as st
 from bms_gateway.cli.main import main
 from bms_gateway.config import shipped
 from bms_gateway.errors import UsageError
-from bms_gateway.workbench import server as served
+from bms_gateway.workbench import doors
 from bms_gateway.workbench import site as sites
-from bms_gateway.workbench.doors import names, refusal
+from bms_gateway.workbench.doors import Door, names, refusal
 from bms_gateway.workbench.server import Server
-from bms_gateway.workbench.site import Site, safe_name
+from bms_gateway.workbench.site import Site
+from tests.workbench.conftest import served as started
 
 JSON = {"Content-Type": "application/json"}
 
 
 @contextmanager
-def serving(site=None, host="127.0.0.1"):
-    server = Server(site or Site(), host, 0)
+def serving(site=None, host="127.0.0.1", **options):
+    server = Server(site or Site(), host, 0, **options)
     thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05})
     thread.start()
     try:
@@ -94,32 +96,6 @@ def test_the_page_forbids_itself_all_but_its_own_files(server):
         assert ask(server, "GET", path)[0] == 404
 
 
-def test_uploads_are_bounded_and_stay_in_their_folder(server, desk, monkeypatch):
-    kind = {"Content-Type": "application/octet-stream"}
-    name = quote("../../evil.csv")
-    status, body, _ = ask(server, "POST", f"/api/upload?desk={desk}&name={name}", b"a,b\n", **kind)
-    assert (status, json.loads(body)) == (200, {"name": "evil.csv"})
-    folder = server.site.desk(desk).folder
-    assert [p.name for p in folder.iterdir()] == ["evil.csv"]
-    monkeypatch.setattr(served, "LARGEST_UPLOAD", 10)
-    status, body, _ = ask(server, "POST", f"/api/upload?desk={desk}&name=b.csv", b"x" * 11, **kind)
-    assert status == 400
-    assert b"too large" in body
-    monkeypatch.setattr(sites, "PER_DESK", 12)
-    status, body, _ = ask(server, "POST", f"/api/upload?desk={desk}&name=c.csv", b"x" * 10, **kind)
-    assert status == 400
-    assert [p.name for p in folder.iterdir()] == ["evil.csv"]
-
-
-@settings(deadline=None)
-@given(st.text(max_size=60))
-def test_a_safe_name_is_one_part_and_not_hidden(name):
-    safe = safe_name(name)
-    assert "/" not in safe
-    assert "\\" not in safe
-    assert not safe.startswith(".")
-
-
 @pytest.mark.parametrize(
     ("path", "body"),
     [
@@ -134,6 +110,9 @@ def test_a_safe_name_is_one_part_and_not_hidden(name):
         ("diagnose", "{}"),
         ("undo", "{}"),
         ("nonsense", "{}"),
+        ("undo", "[" * 30_000),
+        ("open", '{"tables": ["a\\u0000b"], "model": "m"}'),
+        ("open", '{"tables": ["t"], "model": "\\ud800"}'),
     ],
 )
 def test_what_cannot_be_done_is_one_line(server, desk, path, body):
@@ -144,20 +123,24 @@ def test_what_cannot_be_done_is_one_line(server, desk, path, body):
     assert "\n" not in told
 
 
+@pytest.mark.parametrize("length", ["9" * 5_000, "9" * 20, "-1", "x", "\u00b2", ""])
+def test_a_length_that_is_none_is_one_line(server, desk, length):
+    with socket.create_connection(server.server_address, timeout=60) as sock:
+        host = f"127.0.0.1:{server.server_address[1]}"
+        head = f"POST /api/undo?desk={desk} HTTP/1.1\r\nHost: {host}\r\nContent-Type: application/json\r\n"
+        sock.sendall(f"{head}Content-Length: {length}\r\n\r\n".encode("latin-1"))
+        answer = b"".join(iter(lambda: sock.recv(4096), b""))
+    assert answer.startswith(b"HTTP/1.1 400 ")
+    assert b"too large" in answer
+
+
+def test_a_request_for_no_address_is_one_line(server):
+    assert ask(server, "GET", "http://[")[0] == 400
+
+
 def test_an_unknown_tab_is_told_so(server):
     status, body, _ = ask(server, "GET", "/api/state?desk=nobody")
     assert (status, json.loads(body)["error"]) == (400, "this tab is not known (any more): reload the page")
-
-
-def test_paths_are_taken_on_the_machine_itself_only(tmp_path):
-    site = Site(given=None)
-    with serving(site) as server:
-        site.local = False  # as where --host is another address
-        desk = site.new_desk()
-        body = json.dumps({"tables": ["/etc/passwd"], "model": "/etc/hostname"})
-        status, answer, _ = ask(server, "POST", f"/api/open?desk={desk.name}", body, **JSON)
-        assert status == 400
-        assert b"upload it" in answer
 
 
 def test_more_tabs_than_are_kept_end_the_oldest(monkeypatch):
@@ -177,7 +160,7 @@ def test_an_address_in_use_is_one_line(server):
 
 
 def test_the_address_told_is_the_one_that_answers(server):
-    assert urlsplit(server.url).netloc in server.known
+    assert urlsplit(server.door.url).netloc in server.door.known
 
 
 @pytest.mark.parametrize(
@@ -198,3 +181,115 @@ def test_bad_words_are_one_line(words, told, capsys, monkeypatch):
     err = capsys.readouterr().err
     assert told in err
     assert err.count("\n") == 1
+
+
+def opened(url):
+    """Status and headers of an address as it was printed."""
+    parts = urlsplit(url)
+    connection = http.client.HTTPConnection(parts.hostname, parts.port, timeout=60)
+    try:
+        connection.request("GET", f"{parts.path}?{parts.query}")
+        response = connection.getresponse()
+        return response.status, dict(response.getheaders())
+    finally:
+        connection.close()
+
+
+def answered(port, host, cookie):
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=60)
+    try:
+        connection.request("GET", "/", headers={"Host": host, "Cookie": cookie})
+        return connection.getresponse().status
+    finally:
+        connection.close()
+
+
+@pytest.fixture
+def reached(monkeypatch):
+    """A server as where others than this machine reach it, and what it has told."""
+    monkeypatch.setattr(doors, "is_loopback", lambda _: False)
+    told = []
+    with serving(tell=told.append) as server:
+        server.told = told
+        yield server
+
+
+def token_of(server):
+    return urlsplit(server.door.url).query
+
+
+def test_from_afar_nothing_is_answered_without_the_token(reached):
+    for method, path in (("GET", "/"), ("GET", "/api/site"), ("GET", "/page/main.js"), ("POST", "/api/desk")):
+        for more in ({}, {"Cookie": "bms-gateway-1=x"}, {"Cookie": "\xff; ;=;"}):
+            status, body, _ = ask(reached, method, path, "{}" if method == "POST" else None, **JSON, **more)
+            assert status == 403
+            assert b"token" in body
+    for query in ("token=", "token=x", "token=%FF%00", "x=1", token_of(reached)[:-1]):
+        assert ask(reached, "GET", f"/?{query}")[0] == 403
+    assert ask(reached, "POST", f"/?{token_of(reached)}", "{}", **JSON)[0] == 403
+    assert not reached.told
+
+
+def test_the_token_lets_one_browser_in_and_the_next_one_has_its_own(reached):
+    query = token_of(reached)
+    status, _, headers = ask(reached, "GET", f"/?{query}")
+    assert (status, headers["Location"]) == (303, "/")
+    assert "HttpOnly; SameSite=Strict" in headers["Set-Cookie"]
+    cookie = {"Cookie": "theme=dark; " + headers["Set-Cookie"].partition(";")[0]}
+    assert ask(reached, "GET", "/", **cookie)[0] == 200
+    assert ask(reached, "POST", "/api/desk", "{}", **JSON, **cookie)[0] == 200
+    assert ask(reached, "GET", "/", Host="evil.example", **cookie)[0] == 403
+    assert ask(reached, "GET", f"/?{query}")[0] == 403
+    assert token_of(reached) != query
+    assert reached.told == [f"for one more browser: {reached.door.url}"]
+    assert ask(reached, "GET", f"/?{token_of(reached)}")[0] == 303
+
+
+def test_the_printed_address_answers_wherever_it_listens(tmp_path):
+    """0.0.0.0 answered 403 to everybody, by whichever name."""
+    with started(tmp_path, "--host", "0.0.0.0", "--name", "bench.example", "--name", "proxy.example:99") as url:
+        port = urlsplit(url).port
+        status, headers = opened(url)
+        assert status == 303
+        cookie = headers["Set-Cookie"].partition(";")[0]
+        for host in (f"127.0.0.1:{port}", f"localhost:{port}", f"bench.example:{port}", "proxy.example:99"):
+            assert answered(port, host, cookie) == 200
+        for host in ("evil.example", f"evil.example:{port}", f"10.255.255.1:{port}", f"bench.example:{port + 1}"):
+            assert answered(port, host, cookie) == 403
+        assert answered(port, f"127.0.0.1:{port}", "") == 403
+
+
+def test_one_address_of_this_machine_is_printed_as_it_is(tmp_path):
+    """127.0.0.1 was printed, where nothing listened."""
+    mine = doors.own_address("0.0.0.0")
+    if not mine[0].isdigit():
+        pytest.skip("this machine has no address but loopback")
+    with started(tmp_path, "--host", mine) as url:
+        assert urlsplit(url).hostname == mine
+        assert opened(url)[0] == 303
+
+
+def test_an_address_of_another_machine_is_refused_in_one_line(capsys, monkeypatch):
+    monkeypatch.setattr("signal.signal", lambda *_: None)
+    assert main(["workbench", "--host", "203.0.113.77", "--port", "0"]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("host", "port", "more", "known"),
+    [
+        ("::1", 8420, [], "[::1]:8420"),
+        ("127.0.0.1", 80, [], "localhost"),
+        ("0.0.0.0", 8420, ["Bench"], "bench:8420"),
+    ],
+)
+def test_names_are_as_browsers_write_them(host, port, more, known):
+    door = Door(host, host, port, more)
+    assert door.refusal("GET", {"host": known}, host) == ""
+    assert urlsplit(door.url).port == port
+
+
+def test_the_number_at_which_it_was_reached_is_a_name_of_it():
+    door = Door("::", "::", 8420)
+    assert door.refusal("GET", {"host": "198.51.100.7:8420"}, "::ffff:198.51.100.7") == ""
+    assert door.refusal("GET", {"host": "198.51.100.8:8420"}, "::ffff:198.51.100.7") != ""

@@ -80,7 +80,9 @@ def test_each_picture_is_what_the_engine_said_at_that_tick(watch, said):
             np.testing.assert_allclose(np.array(s["core"], float), e.core, atol=0.006)
             np.testing.assert_allclose(np.array(s["half"], float), 1.96 * e.core_sd, atol=0.006)
             assert s["quality"] == e.quality.tolist()
-            assert s["hottest"] == (int(np.nanargmax(e.core)) if np.isfinite(e.core).any() else None)
+            np.testing.assert_allclose(np.array(s["centre"], float), e.centre, atol=0.006)
+            np.testing.assert_allclose(np.array(s["centre_half"], float), 1.96 * e.centre_sd, atol=0.006)
+            assert s["hottest"] == (int(np.nanargmax(e.centre)) if np.isfinite(e.centre).any() else None)
 
 
 def test_the_load_of_the_bus_is_counted_from_the_frames(watch, log):

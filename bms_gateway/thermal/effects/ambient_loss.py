@@ -20,6 +20,7 @@ class AmbientLoss(Effect):
     signature = "error appears when the inlet moves and the surroundings do not"
     needs = "steps of the coolant inlet"
     node = "surface"
+    warms = -1
     plausibility = -1.5
     confused_with = ("neighbour_heat", "natural_convection", "inlet_offset", "thermocouple_offset")
     parameters = (

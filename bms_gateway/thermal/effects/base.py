@@ -95,7 +95,17 @@ class Effect(ABC):
     plausibility : float
         Prior log-odds on a bench cell: 0 for what every cell has, −1.5 common, −3 needs a special cause.
     states : int
-        Thermal states of its own per cell.
+        Thermal states of its own per cell. They say how temperature is spread and store no heat.
+    warms : {-1, 0, 1}
+        What the effect at its probe does to a string on discharge that is warmer than inlet and surroundings, at a
+        flow above the nominal one and an SOC below a half: 1 warms it, -1 cools it, 0 depends or neither.
+    constants : bool
+        The law holds a constant of nature with energy or charge in its unit (R/F, Stefan-Boltzmann), so that it
+        cannot be tried in other units.
+
+    See Also
+    --------
+    bms_gateway.thermal.properties.broken_properties : what every effect must obey, by one call.
     """
 
     name: ClassVar[str]
@@ -113,6 +123,8 @@ class Effect(ABC):
     steep: ClassVar[bool] = False
     plausibility: ClassVar[float] = -3.0
     states: ClassVar[int] = 0
+    warms: ClassVar[int] = 0
+    constants: ClassVar[bool] = False
 
     def starts(self, low: float, high: float) -> tuple[dict[str, float], ...]:
         """Values from which a fit should be tried, by parameter (SI); what is not named starts at its probe.

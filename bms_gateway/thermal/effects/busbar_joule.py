@@ -18,6 +18,7 @@ class BusbarJoule(Effect):
     signature = "surfaces of the end cells follow I^2 within seconds, those between do not"
     needs = "a sensor on an end cell and one further in; current steps and rests"
     node = "surface"
+    warms = 1
     least_cells = 2
     confused_with = ("surface_joule", "end_plate", "cell_resistance")
     parameters = (EffectParameter("R_s", "resistance at each end", "mOhm", 1e-3, 0.0, 7e-4, -1e-3, 5e-3, probe=2e-4),)

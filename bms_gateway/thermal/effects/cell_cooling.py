@@ -18,6 +18,7 @@ class CellCooling(Effect):
     signature = "steady error at one cell that also shows when the inlet steps, without current"
     needs = "a sensor on that cell; steps of the coolant inlet"
     node = "surface"
+    warms = 1
     place = "cell"
     least_cells = 2
     confused_with = ("cell_resistance", "cell_conduction", "end_plate")

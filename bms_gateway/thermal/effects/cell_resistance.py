@@ -18,6 +18,7 @@ class CellResistance(Effect):
     signature = "steady error at one cell that builds up with the core's slowness"
     needs = "a sensor on that cell"
     node = "core"
+    warms = 1
     place = "cell"
     least_cells = 2
     confused_with = ("cell_cooling", "cell_conduction", "neighbour_heat")

@@ -33,6 +33,8 @@ class ChargeTransfer(Effect):
     signature = "too much heat expected at large currents, too little at small ones, less so when warm"
     needs = "currents of many sizes, and a span of temperature"
     node = "core"
+    warms = 1
+    constants = True
     plausibility = -1.0
     confused_with = ("resistance_temperature", "resistance_soc")
     one_sided = True

@@ -19,6 +19,7 @@ class CoolantBypass(Effect):
     signature = "error begins after one cell and grows downstream"
     needs = "at least three sensors along the string, two of them downstream"
     node = "coolant"
+    warms = 1
     place = "gap"
     least_cells = 3
     confused_with = ("cell_resistance", "cell_cooling")

@@ -18,6 +18,7 @@ class CoolingDrift(Effect):
     signature = "distance of the surface from the coolant grows with time, in rests too"
     needs = "the same cycle at the start and at the end"
     node = "surface"
+    warms = 1
     confused_with = ("resistance_drift", "ambient_loss", "flow_dependent_cooling")
     parameters = (
         EffectParameter("a", "growth", "1/h", 1 / 3600, 0.0, 0.3 / 3600, -1 / 3600, 3 / 3600, probe=0.1 / 3600),

@@ -24,6 +24,7 @@ class CurrentOffset(Effect):
     signature = "error linear in the current, and heat at rest"
     needs = "a rest at 0 A; currents in both directions"
     node = "input"
+    warms = -1
     confused_with = ("entropic_heat", "resistance_asymmetry", "hysteresis")
     parameters = (EffectParameter("b", "offset of the current sensor", "A", 1.0, 0.0, 2.0, -10.0, 10.0, probe=0.6),)
 

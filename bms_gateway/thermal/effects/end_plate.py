@@ -19,6 +19,7 @@ class EndPlate(Effect):
     signature = "end cells slowly run colder, or hotter, than those between"
     needs = "a sensor on an end cell and one in the middle; steps of the coolant inlet"
     node = "surface"
+    warms = -1
     least_cells = 2
     confused_with = ("ambient_loss", "cell_cooling", "busbar_joule")
     parameters = (

@@ -35,6 +35,7 @@ class EntropicHeat(Effect):
     signature = "error follows the smoothed current and changes sign with it, and with SOC"
     needs = "charge and discharge of unequal strength or length; over 20 % SOC span for its dependence on SOC"
     node = "core"
+    warms = -1
     plausibility = 0.0
     confused_with = ("current_offset", "resistance_asymmetry")
     parameters = (

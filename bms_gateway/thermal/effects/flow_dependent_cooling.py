@@ -25,6 +25,7 @@ class FlowDependentCooling(Effect):
     signature = "distance of the surface from the coolant per watt follows the flow"
     needs = "a flow that changes"
     node = "surface"
+    warms = -1
     signals = ("flow",)
     plausibility = -1.5
     confused_with = ("cooling_drift",)

@@ -28,6 +28,7 @@ class Hysteresis(Effect):
     signature = "heat follows |I| and builds up after the current has changed its sign"
     needs = "long and short half-cycles"
     node = "core"
+    warms = 1
     confused_with = ("current_offset", "resistance_soc", "entropic_heat")
     one_sided = True
     parameters = (

@@ -17,6 +17,7 @@ class InletOffset(Effect):
     signature = "the same constant error at all sensors that fades in after the start"
     needs = "at least two sensors; steps of the coolant flow"
     node = "coolant"
+    warms = -1
     confused_with = ("thermocouple_offset", "neighbour_heat", "ambient_loss")
     parameters = (EffectParameter("b", "offset of the inlet sensor", "K", 1.0, 0.0, 1.0, -5.0, 5.0, probe=0.3),)
 

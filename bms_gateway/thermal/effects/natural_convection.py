@@ -17,6 +17,7 @@ class NaturalConvection(Effect):
     signature = "surface error bends with its distance from the coolant: cools too slowly when hot, too fast when near"
     needs = "a large span of surface-to-coolant difference, best a long cool-down"
     node = "surface"
+    warms = -1
     plausibility = -1.5
     confused_with = ("ambient_loss", "resistance_temperature")
     parameters = (EffectParameter("n", "exponent", "1", 1.0, 0.0, 0.25, -0.3, 1.0, probe=0.08),)

@@ -17,6 +17,7 @@ class NeighbourHeat(Effect):
     signature = "constant error at one cell and its neighbours that fades in after the start"
     needs = "sensors on the neighbours, or steps of the coolant flow"
     node = "surface"
+    warms = 1
     place = "cell"
     confused_with = ("thermocouple_offset", "inlet_offset", "ambient_loss")
     parameters = (EffectParameter("P", "heat", "W", 1.0, 0.0, 0.8, -8.0, 8.0, probe=0.25),)

@@ -21,6 +21,7 @@ class Polarization(Effect):
     signature = "heat lags the current: a long pulse heats more than short ones of the same mean I^2"
     needs = "pulses of different length"
     node = "core"
+    warms = 1
     plausibility = -1.5
     confused_with = ("resistance_asymmetry", "radial_gradient")
     one_sided = True

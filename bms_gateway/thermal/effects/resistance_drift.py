@@ -18,6 +18,7 @@ class ResistanceDrift(Effect):
     signature = "error in the heat grows steadily with time, whatever temperature and SOC do"
     needs = "the same cycle at the start and at the end"
     node = "core"
+    warms = 1
     confused_with = ("resistance_soc", "resistance_temperature", "cooling_drift")
     parameters = (
         EffectParameter("a", "growth", "1/h", 1 / 3600, 0.0, 0.3 / 3600, -1 / 3600, 3 / 3600, probe=0.1 / 3600),

@@ -26,6 +26,7 @@ class ResistanceSoc(Effect):
     signature = "error at equal I^2 follows the state of charge"
     needs = "charge that goes out and in again, so that SOC is told from time; or voltage"
     node = "core"
+    warms = 1
     signals = ("soc",)
     plausibility = -1.5
     confused_with = ("resistance_drift", "resistance_temperature")

@@ -10,6 +10,11 @@ class ResistanceTemperature(Effect):
     r"""Ohmic and kinetic losses follow the temperature of the core.
 
     .. math:: R_e \to R_e \exp\bigl(B (1/T_c - 1/298.15\,\mathrm{K})\bigr)
+
+    Notes
+    -----
+    The prior is what lithium-ion cells have: kinetics and electrolyte between 20 and 35 kJ/mol, 2,000 to 4,000 K, and
+    less where a contact's share of R_e is large. Every part of the program takes it from here.
     """
 
     name = "resistance_temperature"
@@ -18,9 +23,12 @@ class ResistanceTemperature(Effect):
     signature = "error follows I^2 times the distance from the mean temperature; heat falls as the cell warms"
     needs = "at least 5 K of temperature span at similar I^2; voltage sharpens it"
     node = "core"
+    warms = -1
     plausibility = 0.0
     confused_with = ("resistance_drift", "resistance_soc", "natural_convection")
-    parameters = (EffectParameter("B", "activation temperature", "K", 1.0, 0.0, 2000.0, -1000.0, 8000.0, probe=500.0),)
+    parameters = (
+        EffectParameter("B", "activation temperature", "K", 1.0, 2500.0, 1500.0, -1000.0, 8000.0, probe=500.0),
+    )
 
     def coefficients(self, z: Point, p: Values, at: Floats) -> None:
         """Scale R_e by the Arrhenius factor of each core."""

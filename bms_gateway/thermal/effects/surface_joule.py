@@ -17,6 +17,7 @@ class SurfaceJoule(Effect):
     signature = "surface follows I^2 within seconds"
     needs = "current steps and rests, sampled at 1 Hz"
     node = "surface"
+    warms = 1
     confused_with = ("radial_gradient", "busbar_joule")
     parameters = (
         EffectParameter("R_s", "resistance at the surface", "mOhm", 1e-3, 0.0, 5e-4, -1e-3, 5e-3, probe=1.5e-4),

@@ -37,7 +37,7 @@ export function prepare(known) {
   rows = about.strings.map((s) => string(s));
   $("panel-live").append(controls, el("p", { id: "live-state", role: "status", class: "muted" }, "Waiting for frames…"), facts,
     el("p", { class: "muted" }, "Core, °C, ± 95 % half width, K; coolant flows from left to right. ",
-      el("span", { class: "scale", id: "scale" }), " ", el("span", { id: "scale-ends" }), " · dashed: no sensor of its own · double frame: its sensor is not used · ring: hottest"),
+      el("span", { class: "scale", id: "scale" }), " ", el("span", { id: "scale-ends" }), " · dashed: no sensor of its own · double frame: its sensor is not used · ring: hottest point"),
     ...rows.map((r) => r.node), el("h3", {}, "What happened"), el("ul", { id: "notices" }));
   $("scale").style.background = `linear-gradient(to right, ${SCALE.map((c) => `rgb(${c})`).join(",")})`;
 }
@@ -48,11 +48,11 @@ function string(s) {
     const node = el("div", { class: "live-cell" }, el("b", {}, parts.core), el("span", {}, parts.half));
     return { node, ...parts, k, last: "" };
   });
-  const hottest = el("p", {}), resistance = el("p", {}), words = el("p", {}), trend = document.createElementNS(SVG, "svg");
+  const hottest = el("p", {}), ahead = el("p", {}), resistance = el("p", {}), words = el("p", {}), trend = document.createElementNS(SVG, "svg");
   trend.setAttribute("width", 240); trend.setAttribute("height", 34); trend.setAttribute("role", "img");
-  const node = el("div", { class: "live-string" }, el("div", {}, el("b", {}, s.name), hottest), el("div", { class: "live-cells", role: "group", "aria-label": `cells of ${s.name}` }, ...cells.map((c) => c.node)),
+  const node = el("div", { class: "live-string" }, el("div", {}, el("b", {}, s.name), hottest, ahead), el("div", { class: "live-cells", role: "group", "aria-label": `cells of ${s.name}` }, ...cells.map((c) => c.node)),
     el("div", { class: "live-facts" }, resistance, trend, words));
-  return { node, cells, hottest, resistance, trend, words, sensors: new Set(s.sensors), trended: "" };
+  return { node, cells, hottest, ahead, resistance, trend, words, sensors: new Set(s.sensors), trended: "" };
 }
 
 // Listens while the page is looked at; a hidden page costs nothing.
@@ -87,13 +87,13 @@ function picture(p) {
   let hot = null;
   p.strings.forEach((s, i) => {
     row(rows[i], s, low, high);
-    if (s.hottest !== null && (hot === null || s.core[s.hottest] > hot.core)) hot = { string: about.strings[i].name, cell: s.hottest + 1, core: s.core[s.hottest], half: s.half[s.hottest] };
+    if (s.hottest !== null && (hot === null || s.centre[s.hottest] > hot.centre)) hot = { string: about.strings[i].name, cell: s.hottest + 1, core: s.core[s.hottest], half: s.half[s.hottest], centre: s.centre[s.hottest], within: s.centre_half[s.hottest] };
   });
-  card("hottest", "Hottest core", hot ? `${hot.core.toFixed(1)} ± ${hot.half.toFixed(1)} °C` : "not available", hot ? `${hot.string}, cell ${hot.cell}` : "");
+  card("hottest", "Hottest point", hot ? `${hot.centre.toFixed(1)} ± ${hot.within.toFixed(1)} °C` : "not available", hot ? `${hot.string}, cell ${hot.cell}; its core, the mean of the roll: ${hot.core.toFixed(1)} ± ${hot.half.toFixed(1)} °C` : "");
   const b = p.bus;
   card("bus", "Bus load", b.load === null ? "–" : `${b.load.toFixed(1)} % of ${about.bitrate / 1000} kbit/s`, `${b.per_s ?? "–"} frames/s, ${b.received} in all, ${b.dropped} lost; stuff bits not counted`);
   const refused = Object.entries(b.refused).filter(([, n]) => n);
-  card("refused", "Samples not used", String(refused.reduce((a, [, n]) => a + n, 0)), refused.map(([why, n]) => `${why}: ${n}`).join(", ") || "all are used");
+  card("refused", "Samples not used", String(refused.reduce((a, [, n]) => a + n, 0)), refused.map(([why, n]) => `${n}: ${why}`).join("; ") || "all are used");
   const worst = p.strings.reduce((a, s, i) => (s.mismatch !== null && (a === null || s.mismatch > a.m) ? { m: s.mismatch, name: about.strings[i].name } : a), null);
   card("model", "Model mismatch", worst ? `${worst.m.toFixed(2)} × its band` : "–", worst ? `${worst.name}; 1 is as it should be, from 2 on suspected` : "");
   const list = p.notices.map((n) => `${clock(Math.max(n.at, 0))} ${n.string ? `[${n.string}] ` : ""}${n.text}`);
@@ -111,7 +111,7 @@ function card(id, title, value, line) {
 function row(r, s, low, high) {
   for (const c of r.cells) {
     const core = s.core[c.k], half = s.half[c.k], q = s.quality[c.k];
-    const now = `${core}|${half}|${q}|${s.hottest === c.k}|${low}|${high}`;
+    const now = `${core}|${half}|${s.centre[c.k]}|${q}|${s.hottest === c.k}|${low}|${high}`;
     if (c.last === now) continue;
     c.last = now;
     put(c.core, degrees(core)); put(c.half, half === null ? "" : `± ${half.toFixed(1)}`);
@@ -120,13 +120,16 @@ function row(r, s, low, high) {
     c.node.style.background = `rgb(${red},${green},${blue})`;
     c.node.style.color = 0.3 * red + 0.59 * green + 0.11 * blue > 128 ? "#000" : "#fff";
     const word = about.words[q];
-    c.node.className = `live-cell ${word === "estimated" ? "estimated" : word === "good" ? "" : "bad"}${s.hottest === c.k ? " hottest" : ""}`;
-    c.node.title = `cell ${c.k + 1}: ${word} (${about.why[q] ?? ""}); surface ${degrees(s.surface[c.k])} °C`;
+    c.node.className = `live-cell ${word === "estimated" ? "estimated" : word === "good" ? "" : word === "doubtful" ? "doubtful" : "bad"}${s.hottest === c.k ? " hottest" : ""}`;
+    c.node.title = `cell ${c.k + 1}: ${word} (${about.why[q] ?? ""}); surface ${degrees(s.surface[c.k])} °C; hottest point ${degrees(s.centre[c.k])} °C`;
   }
-  put(r.hottest, s.hottest === null ? "no core known" : `hottest: cell ${s.hottest + 1}, ${degrees(s.core[s.hottest])} °C`);
+  put(r.hottest, s.hottest === null ? "no core known" : `hottest: cell ${s.hottest + 1}, core ${degrees(s.core[s.hottest])} °C, hottest point ${degrees(s.centre[s.hottest])} °C`);
+  const f = s.ahead;
+  put(r.ahead, f ? `at ${Math.abs(f.load_A ?? 0).toFixed(0)} A${f.load_A < 0 ? " charging" : ""}: hottest point in 1, 5, 10 min ${f.point.map((x, i) => `${degrees(x)} ± ${(f.half[i] ?? 0).toFixed(1)}`).join(", ")} °C (cell ${f.cell})${f.limit_s ? `; cell ${f.limit_s[0]} reaches its limit in ${f.limit_s[1]} s` : ""}; for 10 min ${f.discharge[2]} A discharge, ${f.charge[2]} A charge` : "");
   put(r.resistance, s.R_e ? `R_e ${s.R_e[0].toFixed(2)} ± ${s.R_e[1].toFixed(2)} mΩ, ${s.R_e[2]}${s.growth === null ? "" : `; ${s.growth > 0 ? "+" : ""}${s.growth.toFixed(1)} % since commissioning`}` : "");
-  const bad = s.quality.map((q, k) => [k + 1, about.words[q]]).filter(([k, w]) => r.sensors.has(k) && w !== "good").map(([k, w]) => `sensor ${k} ${w}`);
-  put(r.words, [s.flags.length ? s.words || s.flags.join(", ") : "no flag raised", ...bad].join("; "));
+  const bad = s.quality.map((q, k) => [k + 1, about.words[q]]).filter(([k, w]) => r.sensors.has(k) && w !== "good" && w !== "doubtful").map(([k, w]) => `sensor ${k} is ${w}`);
+  if (s.quality.some((q) => about.words[q] === "doubtful")) bad.unshift("core not proven");
+  put(r.words, [s.flags.length ? s.words || s.flags.join(", ") : "no health flag", ...bad].join("; "));
   r.words.className = s.flags.length || bad.length ? "alarm" : "";
   const told = JSON.stringify(s.trend);
   if (told !== r.trended) { r.trended = told; trend(r.trend, s.trend); }

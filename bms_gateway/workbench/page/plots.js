@@ -137,7 +137,7 @@ export async function show(next, fresh) {
   $("stage").dataset.version = state.version;
 }
 
-const cells = () => state.compared?.variants[ui.variant === "as filed" ? "as filed" : "refitted"].cells;
+const cells = () => state.compared?.variants[ui.variant === "from its file" ? "from its file" : "refitted"].cells;
 
 function worst() {
   const seen = (state.compared?.variants.refitted.cells ?? []).filter((c) => c.ratio !== null);
@@ -152,8 +152,8 @@ function choices() {
   const box = $("variants");
   box.hidden = !state.compared;
   if (box.childElementCount < 2) {
-    for (const name of ["refitted", "as filed", "both"]) {
-      const id = `variant-${name.replace(" ", "-")}`;
+    for (const name of ["refitted", "from its file", "both"]) {
+      const id = `variant-${name.replaceAll(" ", "-")}`;
       const radio = el("input", { type: "radio", name: "variant", id, value: name, checked: ui.variant === name,
         onchange: () => { keep({ variant: name }); show(state); dispatchEvent(new Event("variant")); } });
       box.append(el("span", {}, radio, " ", el("label", { for: id }, name === "both" ? "both" : `model ${name}`)));
@@ -196,7 +196,7 @@ export function pick(k) {
 }
 
 function regimes() {
-  const html = state.compared?.variants[ui.variant === "as filed" ? "as filed" : "refitted"].regimes;
+  const html = state.compared?.variants[ui.variant === "from its file" ? "from its file" : "refitted"].regimes;
   $("regimes").hidden = !html;
   if (html && $("regimes").dataset.html !== html.length + ui.variant + state.version) {
     $("regimes").dataset.html = html.length + ui.variant + state.version;

@@ -79,7 +79,7 @@ function opened() {
     el("h3", {}, "Direct checks"),
     o.checks.length
       ? el("ul", { class: "checks" }, ...o.checks.map((c) => el("li", { class: c.severity }, el("b", {}, `${c.weight}: `), by(c) + c.sentence)))
-      : el("p", { class: "muted" }, "Nothing to complain about: signs, gaps, stuck sensors, soak and spans look right."),
+      : el("p", { class: "muted" }, "The checks found nothing wrong: signs, gaps, stuck sensors, soak and spans are plausible."),
     o.notes.length ? fold("notes", "How the data were read", el("ul", {}, ...o.notes.map((n) => el("li", {}, by(n) + n.note)))) : "",
   );
 }
@@ -92,14 +92,15 @@ function compare() {
   const box = $("panel-compare");
   box.replaceChildren(el("h2", {}, "Compare"));
   if (!c) {
-    box.append(...none(state.opened ? "Not yet held against the model." : NOTHING));
+    box.append(...none(state.opened ? "Not yet compared with the model." : NOTHING));
     if (state.opened) box.append(el("button", { class: "main", type: "button", id: "compare", "data-work": true, onclick: () => work("compare") }, "Compare"));
     return;
   }
-  const names = ui.variant === "both" ? ["as filed", "refitted"] : [ui.variant];
+  box.append(...core(c.core));
+  const names = ui.variant === "both" ? ["from its file", "refitted"] : [ui.variant in c.variants ? ui.variant : "refitted"];
   for (const name of names) {
     const v = c.variants[name];
-    box.append(el("h3", {}, name === "as filed" ? "The model as filed" : "Refitted to these data, within what the model declares"),
+    box.append(el("h3", {}, name === "from its file" ? "The model with the parameters from its file" : "Refitted to these data, within what the model declares"),
       el("ul", { class: "found" }, ...v.findings.map((f) => el("li", {}, f))),
       el("div", { html: v.cards }));
     if (v.core_measured.length) box.append(el("p", {}, ...v.core_measured.map((m) => `Thermocouple in the core of cell ${m.cell}, never fitted to: ${K(m.error_K)} off. `)));
@@ -109,14 +110,19 @@ function compare() {
   if (c.thermocouples) box.append(fold("thermocouples", "Thermocouples in cores", scroll("thermocouples in cores", c.thermocouples)));
 }
 
+// How well the cores are known, and what speaks against them.
+function core(c) {
+  return c.sentence ? [el("p", { class: `core ${c.proven ? "" : "alarm"}` }, c.sentence), el("ul", { class: "found" }, ...c.why.map((t) => el("li", {}, t)))] : [];
+}
+
 function verdict() {
   const d = state.diagnosed;
   const box = $("panel-diagnose");
   const button = el("button", { class: d ? "" : "main", type: "button", id: "diagnose", "data-work": true, "data-off": state.opened ? null : "1", onclick: diagnose },
-    d ? "Ask again" : "What is missing?");
+    d ? "Diagnose again" : "What is missing?");
   box.replaceChildren(el("h2", {}, "Diagnose"));
   if (!d) { box.append(...none(state.opened ? "Searches the catalogue of effects for what explains the error; none is assumed." : NOTHING), button); return; }
-  box.append(el("p", {}, el("span", { class: `tag ${d.verdict}` }, d.tag)), el("p", { class: "verdict" }, d.sentence));
+  box.append(el("p", {}, el("span", { class: `tag ${d.verdict}` }, d.tag)), el("p", { class: "verdict" }, d.sentence), ...core(d.core));
   if (state.diagnosed_of) box.append(el("p", { class: "muted" }, `Found for “${state.diagnosed_of}”, before what has been added since.`));
   const together = d.selected.filter((k) => !inModel(k));
   if (together.length > 1) box.append(el("p", {}, el("button", { type: "button", class: "main", id: "add-all", "data-work": true, onclick: () => add(together) }, `Add ${together.join(" and ")} at once`)));
@@ -127,7 +133,7 @@ function verdict() {
     before = r.role;
     list.append(effect(r, i, d));
   }
-  if (d.ranking.length) box.append(el("p", { class: "muted" }, "Evidence as log-odds; dashed: what an effect needs, 20 to 1. Pointing at one draws its curve."), list);
+  if (d.ranking.length) box.append(el("p", { class: "muted" }, "Evidence as log-odds; dashed: what an effect needs, 20 to 1. Point at an effect to draw its curve."), list);
   if (d.next) box.append(el("h3", {}, "What to measure next"), el("p", { id: "next" }, d.next));
   if (d.card.length) box.append(fold("card", "What these data could show at all", el("ul", {}, ...d.card.map((t) => el("li", {}, t)))));
   if (d.absorbed.length) box.append(fold("absorbed", "What a parameter absorbs", el("ul", {}, ...d.absorbed.map((t) => el("li", {}, t)))));
@@ -254,12 +260,13 @@ function adding() {
   stairs.hidden = !(state.stairs.length > 1 || state.refusal || state.job?.trial);
   if (!state.stairs.length) { box.append(...none(NOTHING)); return; }
   if (!stairs.hidden) climb();
-  else box.append(el("p", { class: "muted" }, "Nothing is added yet. What an addition does to the errors, where fitted and where held out, and to what is not known of the core, is drawn here."));
+  else box.append(el("p", { class: "muted" }, "Nothing is added yet. This place shows what an addition does to the errors, where fitted and where held out, and to the band of the core."));
   const way = el("ol", { class: "way" });
   for (const s of state.stairs) {
     const item = el("li", {}, s.label, s.forced ? el("b", { class: "alarm" }, " by force") : "");
     if (s.told) {
       item.append(el("br"), s.told.headline);
+      if (!s.told.core.proven) item.append(el("br"), el("b", { class: "alarm" }, `${s.told.tag}. ${s.told.core.sentence}`), ...s.told.core.why.flatMap((t) => [el("br"), t]));
       if (s.forced) item.append(el("br"), el("span", { class: "alarm" }, `Though: ${s.told.refused}.`));
       if (s.told.remark) item.append(el("br"), el("span", { class: "muted" }, s.told.remark));
       for (const m of s.told.core_measured) item.append(el("br"), `Thermocouple in the core of cell ${m.cell}, never fitted to: ${K(m.before_K)} → ${K(m.after_K)} off.`);
@@ -271,7 +278,7 @@ function adding() {
   if (r) {
     box.append(el("div", { class: "told", id: "refusal" }, el("p", {}, el("span", { class: "tag refused" }, "Not added")), el("p", {}, `${r.names}: ${r.refused}.`),
       el("p", { class: "muted" }, r.headline),
-      el("button", { type: "button", id: "force", "data-work": true, onclick: () => add(r.words, true) }, "Add it all the same, marked as forced")));
+      el("button", { type: "button", id: "force", "data-work": true, onclick: () => add(r.words, true) }, "Add it in spite of this, marked as forced")));
   }
   const found = state.diagnosed?.ranking.flatMap((x) => x.effects.map((e) => e.key)) ?? [];
   const catalogue = state.opened?.catalogue ?? [];
@@ -280,7 +287,7 @@ function adding() {
     el("div", { class: "row" }, field,
       el("button", { type: "button", id: "add", class: "main", "data-work": true, onclick: chosenOne }, "Add")),
     el("datalist", { id: "effect-names" }, ...offered.map((k) => el("option", { value: k }))),
-    el("p", {}, el("button", { type: "button", id: "undo", "data-work": true, "data-off": r || state.stairs.length > 1 ? null : "1", onclick: undo }, r ? "Put the refused one away" : "Undo the last addition")));
+    el("p", {}, el("button", { type: "button", id: "undo", "data-work": true, "data-off": r || state.stairs.length > 1 ? null : "1", onclick: undo }, r ? "Discard the refused addition" : "Undo the last addition")));
   const last = state.stairs.at(-1).told;
   if (last) box.append(fold("numbers", "Numbers of the newest model", scroll("numbers", last.parameters)));
 }

@@ -1,9 +1,10 @@
 """Alerts neither come too early nor flap, and one line tells the state."""
 
+import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bms_gateway.service.alerts import Alerts, Condition, Severity
+from bms_gateway.health.alerts import Alerts, Condition, Severity
 
 
 def plug(severity=Severity.WARNING, **more):
@@ -54,6 +55,16 @@ def test_an_alert_that_becomes_an_alarm_is_told_again_and_comes_first():
         "ALARM: string_1: surface of cell 3 not used (and 1 more)",
     )
     assert [c.raised for c in alerts.update(2.0, [plug(Severity.ALARM)])] == [False]
+
+
+def test_a_phase_that_comes_and_goes_is_told_once_it_has_stayed_and_no_more_often_than_every_thirty_seconds():
+    for period, least, most in ((2, 0, 0), (12, 3, 20), (100, 6, 6)):
+        alerts, told = Alerts(grace_s=0.0, hold_s=3.0), []
+        for t in range(600):
+            phase = "unseen" if t % period >= period // 2 else ""
+            told += [t for _ in alerts.update(float(t), [plug(Severity.ALARM, phase=phase)])]
+        assert least <= len(told) - 1 <= 2 * most
+        assert min(np.diff(told), default=30) >= 30
 
 
 @settings(deadline=None)

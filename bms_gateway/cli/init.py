@@ -1,0 +1,336 @@
+"""`init`: from the logs and the DBC of a vehicle to a config, its models and the first cores."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bms_gateway.cli.main import Parser
+
+if TYPE_CHECKING:
+    from bms_gateway.records.signal_use import Use
+    from bms_gateway.setup.blind import Guess
+    from bms_gateway.setup.picture import Cores
+    from bms_gateway.setup.proposal import Proposal, Proposed
+    from bms_gateway.setup.traffic import Traffic
+    from bms_gateway.thermal.cells import CellFacts
+
+EXAMPLE = """
+  bms-gateway init drive.log.gz --dbc vehicle.dbc --out my_vehicle
+  bms-gateway init drive.mf4 --dbc vehicle.dbc --cell "21700 5Ah 69g 25mOhm 4p" --out my_vehicle --yes
+"""
+SHOWN = 60
+GUESSED = "guessed.dbc"
+
+
+def arguments(parser: Parser) -> None:
+    """Declare the command's words."""
+    parser.option("log", nargs="+", type=Path, metavar="LOG", help="logs of the vehicle, the longer the better")
+    parser.option("--dbc", action="append", default=[], type=Path, metavar="FILE", help="DBC; may be given again")
+    parser.option(
+        "--cell", metavar="NAME", help="which cells, as `cells` takes them: lg_m50, '21700 5Ah 69g 25mOhm 2p'"
+    )
+    parser.option("--out", default="my_vehicle", metavar="DIR", help="folder for the config; default my_vehicle")
+    parser.option("--yes", action="store_true", help="take the likeliest signals without asking")
+    parser.option("--json", metavar="FILE", help="write what was found as JSON; - is standard output")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Propose, ask, write, estimate; 1 where a current or every thermocouple is missing."""
+    from bms_gateway.cli.output import distinct, note, writable
+    from bms_gateway.errors import UsageError
+    from bms_gateway.setup.propose import propose
+    from bms_gateway.setup.traffic import read_traffic
+    from bms_gateway.thermal.cells import cell_of
+
+    if not args.out:
+        raise UsageError("init: --out is empty; name a folder for the config")
+    out = Path(args.out)
+    if out.exists() and not out.is_dir():
+        raise UsageError(f"--out {out}: is a file; name a folder")
+    writable({"--json": args.json})
+    distinct({"--json": args.json, "--out gateway.toml": out / "gateway.toml"}, [*args.log, *args.dbc])
+    cell = cell_of(args.cell) if args.cell is not None else None
+    traffic = read_traffic(args.log, args.dbc)
+    proposal = propose(traffic)
+    for remark in proposal.remarks:
+        note(remark)
+    if not _may_write(out, args):
+        return 1
+    if _asks(args):
+        _ask(proposal)
+    return _write(args, out, cell, traffic, proposal)
+
+
+def _write(
+    args: argparse.Namespace, out: Path, cell: "CellFacts | None", traffic: "Traffic", proposal: "Proposal"
+) -> int:
+    """Write the config, estimate with it, and say how to go on."""
+    from bms_gateway.cli.output import note, say, write_json
+    from bms_gateway.records.signal_use import advice
+    from bms_gateway.setup.write import write_setup
+
+    missing = _missing(proposal, traffic)
+    guesses = _guessed(out, traffic) if missing and not traffic.messages else []
+    if missing:
+        if args.json:
+            write_json(
+                args.json, document(proposal) | ({"guesses": [g.document() for g in guesses]} if guesses else {})
+            )
+        if proposal.signals:
+            say(_table(proposal), args.json)
+        say(missing, args.json)
+        if guesses:
+            _tell_guesses(guesses, out, args)
+        return 1
+    written = write_setup(proposal, traffic, out, cell=cell, logs=args.log)
+    cores, uses = _estimate(written.config, traffic)
+    if _without_refused(proposal, uses):  # a signal whose samples are always refused is not a sensor
+        written = write_setup(proposal, traffic, out, cell=cell, logs=args.log)
+        cores, uses = _estimate(written.config, traffic)
+    if args.json:
+        write_json(args.json, document(proposal))
+    say(_table(proposal), args.json)
+    for text in written.notes:
+        note(text)
+    if cell is None:
+        note("the cell is unknown (--cell): the bands of the cores are as wide as a guess of its size makes them")
+    for text in list(advice(uses))[:10]:
+        say(text, args.json)
+    _show(cores, out, args.json)
+    logs = " ".join(str(p) for p in args.log)
+    say(f"{written.config}: written, with {len(written.files) - 1} files beside it. Next:", args.json)
+    say(f"  bms-gateway check {written.config} --log {args.log[0]}", args.json)
+    say(f"  bms-gateway analyze {logs} --config {written.config} --out {out / 'results'}", args.json)
+    return 0
+
+
+def _guessed(out: Path, traffic: "Traffic") -> "list[Guess]":
+    """Guess without a DBC, and write what was guessed as one; an older one of that name is written over."""
+    import numpy as np
+
+    from bms_gateway.errors import UsageError
+    from bms_gateway.setup.blind import guess
+    from bms_gateway.setup.guessed import guessed_dbc
+
+    frames = traffic.frames
+    guesses = guess(frames)
+    if guesses:
+        ids = {f.can_id for g in guesses for f in (g.field, *g.beside)}
+        length = {i: int(np.median(frames.length[frames.can_id == i])) for i in ids}
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+            (out / GUESSED).write_text(guessed_dbc(guesses, length), encoding="utf-8")
+        except OSError as e:
+            raise UsageError(f"--out {out}: cannot be written: {e.strerror}") from None
+    return guesses
+
+
+def _tell_guesses(guesses: "list[Guess]", out: Path, args: argparse.Namespace) -> None:
+    from bms_gateway.cli.output import say
+    from bms_gateway.report.show import text_table
+    from bms_gateway.setup.blind import name_of
+
+    rank = dict.fromkeys(("current", "voltage", "surface"), 0)
+    rows = []
+    for g in guesses:
+        rank[g.role] += 1
+        also = f" and {len(g.beside)} more" if g.beside else ""
+        rows.append([f"{g.role} {rank[g.role]}", name_of(g.field) + also, f"{g.scale:g}, {g.offset:.4g}", g.why])
+    say(
+        "GUESSES from the movement of the bits alone, the likeliest first; scales are usual ones, no measurement:",
+        args.json,
+    )
+    say(text_table(["guess", "where", "scale, offset", "why"], rows, left=4), args.json)
+    logs = " ".join(str(p) for p in args.log)
+    say(f"{out / GUESSED}: written. Hold it against a clamp meter and a thermometer, correct it, then:", args.json)
+    say(f"  bms-gateway init {logs} --dbc {out / GUESSED} --out {out}", args.json)
+
+
+def _asks(args: argparse.Namespace) -> bool:
+    return not args.yes and sys.stdin.isatty() and sys.stdout.isatty() and args.json != "-"
+
+
+def _may_write(out: Path, args: argparse.Namespace) -> bool:
+    """Whether a config that is there already may be replaced."""
+    from bms_gateway.errors import UsageError
+
+    there = out / "gateway.toml"
+    if not there.exists():
+        return True
+    if args.yes:
+        _keep(there)
+        return True
+    if not _asks(args):
+        raise UsageError(f"--out {out}: gateway.toml is there already; name another folder, or give --yes")
+    if not _agrees(f"{there} is there already. Overwrite it?"):
+        return False
+    _keep(there)
+    return True
+
+
+def _keep(there: Path) -> None:
+    """Keep the config that is there under another name, beside those that were kept before."""
+    from bms_gateway.cli.output import note
+    from bms_gateway.errors import UsageError
+
+    names = [there.with_name("gateway.toml.bak"), *(there.with_name(f"gateway.toml.bak{k}") for k in range(2, 1000))]
+    kept = next((name for name in names if not name.exists()), names[-1])
+    try:
+        kept.write_bytes(there.read_bytes())
+    except OSError as e:
+        raise UsageError(f"--out {there.parent}: {there.name} cannot be kept as {kept.name}: {e.strerror}") from None
+    note(f"{there} was there already: kept as {kept.name}")
+
+
+def document(proposal: "Proposal") -> dict[str, Any]:
+    """Tell machines what was found."""
+    return {
+        "signals": [_entry(p) for p in proposal.signals],
+        "unused": [{"signal": path, "why": why} for path, why in proposal.unused],
+        "strings": [{"name": f"string_{k}", "cells": n} for k, n in enumerate(proposal.cells, 1)],
+        "series_cells": proposal.series_cells,
+        "remarks": proposal.remarks,
+    }
+
+
+def _entry(p: "Proposed") -> dict[str, Any]:
+    low, high = p.observed
+    scale, offset = p.written
+    return {
+        "role": p.role,
+        "index": p.index,
+        "signal": p.path,
+        "string": None if p.string is None else f"string_{p.string}",
+        "sure": p.sure,
+        "observed": [float(f"{low:.7g}"), float(f"{high:.7g}")],
+        "resolution": float(f"{p.resolution:.5g}"),
+        "rate_Hz": float(f"{p.series.rate_Hz:.4g}"),
+        "scale": scale,
+        "offset": offset,
+        "overrides": p.overrides,
+        "statistic": p.statistic,
+        "why": p.why,
+    }
+
+
+def _table(proposal: "Proposal") -> str:
+    from bms_gateway.report.show import text_table
+
+    rows = []
+    for p in proposal.signals[:SHOWN]:
+        low, high = p.observed
+        where = "" if p.string is None else f"string_{p.string}"
+        role = p.role if p.index is None else f"{p.role} {p.index}"
+        rows.append(
+            [
+                role,
+                where,
+                p.path,
+                "yes" if p.sure else "likely",
+                f"{low:.4g} … {high:.4g}",
+                f"{p.resolution:.3g}",
+                f"{p.series.rate_Hz:.3g}",
+            ]
+        )
+    lines = [text_table(["role", "string", "signal", "sure", "observed", "step", "Hz"], rows, left=4)]
+    if len(proposal.signals) > SHOWN:
+        lines.append(f"… and {len(proposal.signals) - SHOWN} more")
+    told = [(p.path, w) for p in proposal.signals for w in p.why if "contradicts" in w or "sign is" in w]
+    lines += [f"{path}: {w}" for path, w in told[:SHOWN]]
+    odd = [(path, why) for path, why in proposal.unused if path in proposal.refused]
+    lines += [f"not used: {path}: {why}" for path, why in odd[:20]]
+    if len(odd) > 20:
+        lines.append(f"not used: … and {len(odd) - 20} more thermocouples (--json tells all)")
+    return "\n".join(lines)
+
+
+def _missing(proposal: "Proposal", traffic: "Traffic") -> str | None:
+    if not traffic.messages:
+        frequent = sorted(traffic.unknown, key=lambda i: -traffic.unknown[i])[:5]
+        given = "is in the DBC" if traffic.dbc else "is known: give the vehicle's DBC with --dbc"
+        return (
+            f"none of the {len(traffic.unknown)} identifiers of these logs {given}; "
+            f"the most frequent are {', '.join(_hex(i) for i in frequent)}: no config was written"
+        )
+    if next(proposal.of("current"), None) is None:
+        return "no signal is a current of the pack: nothing was written; is it in another DBC or log?"
+    if not proposal.cells:
+        return "no signal is a temperature of cells: nothing was written; is it in another DBC or log?"
+    return None
+
+
+def _hex(can_id: int) -> str:
+    from bms_gateway.frames.batch import EXTENDED
+
+    return f"0x{can_id & ~EXTENDED:X}"
+
+
+def _ask(proposal: "Proposal") -> None:
+    """Ask about every choice for the whole pack that is not sure; what is refused is left out."""
+    for p in [p for p in proposal.signals if not p.sure and p.role not in ("surface", "cell_voltage")]:
+        low, high = p.observed
+        if not _agrees(f"{p.role}: {p.path} ({low:.4g} … {high:.4g}; {'; '.join(p.why[:3])})?"):
+            proposal.signals.remove(p)
+            proposal.unused.append((p.path, f"refused as {p.role}"))
+
+
+def _agrees(question: str) -> bool:
+    try:
+        return input(f"{question} [Y/n] ").strip().lower() in ("", "y", "yes", "j", "ja")
+    except EOFError:
+        return True
+
+
+def _estimate(config: Path, traffic: "Traffic") -> "tuple[Cores, dict[str, Use]]":
+    """Run the very engine over the frames at hand."""
+    from bms_gateway.config.load import load_config
+    from bms_gateway.engine import Engine, Estimated, drive
+    from bms_gateway.records.signal_use import signal_use
+    from bms_gateway.setup.picture import Cores
+
+    loaded = load_config(config)
+    engine = Engine(loaded.plan, loaded.database)
+    cores = Cores()
+    for event in drive(engine, [traffic.frames]):
+        if isinstance(event, Estimated):
+            cores.take(event)
+    return cores, signal_use(loaded.plan, loaded.database, engine, {s.name for s in loaded.plan.strings})
+
+
+def _without_refused(proposal: "Proposal", uses: "dict[str, Use]") -> bool:
+    """Leave out thermocouples whose samples the engine almost always refuses, as long as some remain."""
+    from bms_gateway.engine.reasons import REASONS
+    from bms_gateway.frames.quality import Quality
+
+    refused = {}
+    for signal, use in uses.items():
+        if use.channel.quantity == "surface" and use.lost and use.refused:
+            most = max(use.refused, key=lambda reason: use.refused[reason])
+            refused[signal] = f"{use.seen - use.used} of {use.seen} samples refused: {REASONS[Quality[most.upper()]]}"
+    if not refused or len(refused) == sum(p.role == "surface" for p in proposal.signals):
+        return False
+    proposal.leave_out(refused)
+    return True
+
+
+def _show(cores: "Cores", out: Path, json_target: str | None) -> None:
+    from bms_gateway.cli.output import say
+    from bms_gateway.report.show import cells_table
+    from bms_gateway.setup.picture import draw
+
+    if cores.last is None:
+        say("no core could be estimated from this log: too short, or no sample was believed", json_target)
+        return
+    for cells in cores.last.strings():
+        say(cells_table(cells.string, cells.core, cells.core_sd, cells.surface, cells.quality.tolist()), json_target)
+    if (hottest := cores.hottest) is not None:
+        say(
+            f"hottest core: {hottest.core_C:.1f} ± {hottest.sd_K:.1f} °C, cell {hottest.cell} of {hottest.string}, "
+            f"{hottest.at_s:.0f} s after the start",
+            json_target,
+        )
+    if (picture := draw(cores, out / "cores.png")) is not None:
+        say(f"picture: {picture}", json_target)
+    else:
+        say("a picture of the cores needs the extra report: pip install 'bms-gateway[report]'", json_target)

@@ -1,0 +1,59 @@
+"""How an error moved, in words: the same wherever a model is told before and after."""
+
+from collections.abc import Callable
+
+LEAST = 0.02
+"""Relative: a smaller change of an error is none that a user could act on."""
+
+
+def falls(before: float, after: float) -> bool:
+    """Whether an error falls by enough to be called that."""
+    return after < (1.0 - LEAST) * before
+
+
+def rises(before: float, after: float) -> bool:
+    """Whether an error rises by enough to be called that."""
+    return after > (1.0 + LEAST) * before
+
+
+def course(before: float, after: float, show: Callable[[float], str] = "{:.2g}".format) -> str:
+    """Say how an error moved: falls, rises or stays.
+
+    Parameters
+    ----------
+    before, after : float, K
+    show : callable, optional
+        Writes a number.
+
+    Examples
+    --------
+    >>> course(0.4, 0.32)
+    'falls from 0.4 to 0.32 K'
+    >>> course(0.32, 0.4)
+    'rises from 0.32 to 0.4 K'
+    >>> course(0.3201, 0.3198)
+    'stays at 0.32 K'
+    """
+    one, other = show(before), show(after)
+    if falls(before, after) and one != other:
+        return f"falls from {one} to {other} K"
+    if rises(before, after) and one != other:
+        return f"rises from {one} to {other} K"
+    return f"stays at {other} K"
+
+
+def why_not(before: float, after: float) -> str:
+    """Say why effects that do not explain the readings are refused, by what they do to the error.
+
+    Examples
+    --------
+    >>> why_not(0.4, 0.3)
+    'it explains a part only: the error falls from 0.4 to 0.3 K'
+    >>> why_not(0.4, 0.5)
+    'it makes it worse: the error rises from 0.4 to 0.5 K'
+    >>> why_not(0.4, 0.4)
+    'it changes nothing: the error stays at 0.4 K'
+    """
+    what = "makes it worse" if rises(before, after) else "explains a part only"
+    what = what if rises(before, after) or falls(before, after) else "changes nothing"
+    return f"it {what}: the error {course(before, after)}"

@@ -1,0 +1,175 @@
+"""The alerts of an engine: at every tick it determines what is wrong, and reports what has changed.
+
+Alerts belong to the engine and not to the service, so that logged traffic gives the same alerts as the live bus.
+Conditions that only a live service can know (the interface, the disk, its own parts) belong to the service.
+"""
+
+from collections.abc import Iterator, Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from bms_gateway.engine.conditions import of_inputs, of_strings
+from bms_gateway.engine.estimate import Estimators
+from bms_gateway.engine.events import Alerted, Event, Level, Notice
+from bms_gateway.engine.inputs import Inputs
+from bms_gateway.engine.readings import Readings
+from bms_gateway.frames.quality import Quality
+from bms_gateway.health.alerts import Alerts, AlertSettings, Condition
+from bms_gateway.health.confirm import Confirm
+from bms_gateway.health.limits import Limits, Sensed
+from bms_gateway.health.nearing import Nearing
+from bms_gateway.health.runaway import Runaway
+from bms_gateway.thermal import StringModel
+
+QUIET_S: Final = 2.5  # without a wanted frame for longer the bus is quiet: stale values are then no fault of sensors
+PAUSE_S: Final = 10.0  # after so long a pause senders come up one by one
+GOOD, ESTIMATED, DOUBTFUL, NEVER, JUMPY = (
+    np.uint8(q) for q in (Quality.GOOD, Quality.ESTIMATED, Quality.DOUBTFUL, Quality.NEVER, Quality.JUMPY)
+)
+ABOVE = (Quality.OUT_OF_RANGE, Quality.OPEN)
+
+
+class Alerting:
+    """Conditions and alerts of the strings of one engine.
+
+    Parameters
+    ----------
+    settings : AlertSettings
+    inputs : Inputs
+    estimators : Estimators
+
+    Attributes
+    ----------
+    alerts : Alerts
+        What is raised now.
+    limits : Limits
+    runaway : Runaway
+    """
+
+    def __init__(self, settings: AlertSettings, inputs: Inputs, estimators: Estimators) -> None:
+        self._inputs, self._estimators = inputs, estimators
+        self.alerts = Alerts(grace_s=settings.grace_s, hold_s=settings.hold_s, clear_s=settings.clear_s)
+        names, self._parts = [s.plan.name for s in estimators.strings], [s.mine for s in estimators.strings]
+        stale_s = inputs.stale_s()
+        self.limits = Limits(names, self._parts, settings.core_max_C, settings.surface_limit_C, stale_s)
+        self._confirm = Confirm(self._parts, np.array([_least_rise(s.plan.model) for s in estimators.strings]))
+        self.runaway = Runaway(names, self._parts)
+        self._nearing = [Nearing(name, settings.core_max_C) for name in names]
+        self._sizes = [p.stop - p.start for p in self._parts]
+        self._paused = False
+
+    def wake(self, start_ns: int) -> None:
+        """Begin with the first tick, and anew after each silence."""
+        self.alerts.begin(start_ns / 1e9)
+        for n in self._nearing:
+            n.forget()
+
+    def sense(self, readings: Readings, t1: int, heard: int) -> list[Event]:
+        """Take what was read and estimated in a tick, before it is sent; new runaways are told at once.
+
+        Parameters
+        ----------
+        readings : Readings
+            As the guard let them pass.
+        t1 : int
+            End of the tick, ns.
+        heard : int
+            Stamp of the newest wanted frame, ns.
+        """
+        newest, raw = self._estimators.newest, self._inputs.raw()
+        quality = readings.quality
+        failed = (quality != GOOD) & (quality != ESTIMATED) & (quality != NEVER)
+        beyond = raw.value >= self.limits.surface.limit
+        beyond |= (quality == ABOVE[0]) & (raw.value > 0.0) | (quality == ABOVE[1])
+        square, hot = readings.means[1], self.limits.surface
+        confirmed = self._confirm.step(t1 / 1e9, square, readings.inlet, readings.y, hot.fallen, hot.over, hot.rate)
+        jumpy = np.where(quality == JUMPY, raw.value, np.nan)
+        sensed = Sensed(readings.y, failed, beyond, jumpy, confirmed)
+        seen = np.repeat(readings.seen(GOOD), self._sizes)
+        trusted = ((quality == GOOD) | (quality == ESTIMATED)) & seen
+        trusted &= (newest.quality == GOOD) | (newest.quality == ESTIMATED) | (newest.quality == DOUBTFUL)
+        quiet = t1 - heard >= QUIET_S * 1e9
+        core, centre, centre_sd = newest.with_withheld()
+        self.limits.step(t1 / 1e9, centre, centre_sd, core, trusted, sensed, quiet)
+        told: list[Event] = []
+        current = np.repeat(readings.means[4], self._sizes)
+        if self.runaway.step(raw.value, raw.time_s, raw.invalid, raw.volt, current):
+            new = self.runaway.told
+            told = [Notice(t1, Level.WARNING, "runaway", c.text, c.string, c.cell) for c in new]
+        for s in self._estimators.strings:
+            s.hot = self.limits.over(s.mine)
+            s.runaway = bool(self.runaway.latched[s.mine].any())
+        return told
+
+    def step(self, t1: int, heard: int, *, silent: bool) -> list[Alerted]:
+        """Look at the strings at the end of a tick.
+
+        Parameters
+        ----------
+        t1 : int
+            End of the tick, ns.
+        heard : int
+            Stamp of the newest wanted frame, ns.
+        silent : bool
+            Whether the bus falls asleep now: nobody looks again before it wakes.
+
+        Returns
+        -------
+        list of Alerted
+        """
+        pause_s, now_s = (t1 - heard) / 1e9, t1 / 1e9
+        if self._paused and pause_s < QUIET_S:
+            self.alerts.begin(now_s)
+        self._paused = pause_s >= PAUSE_S
+        for nearing, s in zip(self._nearing, self._estimators.strings, strict=True):
+            if s.forecast is not None and s.forecast.time_ns == t1:
+                nearing.take(s.forecast.approach(), s.forecast.peak)
+        changes = self.alerts.update(now_s, list(self._conditions(quiet=pause_s >= QUIET_S)), last=silent)
+        return [Alerted(t1, change) for change in changes]
+
+    def _conditions(self, *, quiet: bool) -> Iterator[Condition]:
+        """List what is wrong now: runaways first, then causes before their consequences."""
+        strings = self._estimators.strings
+        yield from self.runaway.conditions()
+        yield from self.limits.conditions()
+        if not quiet:
+            yield from of_inputs(self._inputs, strings)
+        yield from of_strings(strings)
+        yield from (n.condition for n in self._nearing if n.condition is not None)
+
+    def acknowledge(self, string: str | None) -> bool:
+        """End the alarms that only a person may end; return whether there were any.
+
+        Parameters
+        ----------
+        string : str or None
+            None for all.
+        """
+        found = False
+        for s in self._estimators.strings:
+            if string in (None, s.plan.name):
+                found |= self.runaway.acknowledge(s.mine)
+                found |= self.limits.acknowledge(s.mine)
+        return found
+
+    def snapshot(self) -> dict[str, Any]:
+        """State of the strings that have alarms, as JSON-able values: a restart must not end an alarm."""
+        return {
+            s.plan.name: {"limits": self.limits.snapshot(s.mine), "runaway": self.runaway.snapshot(s.mine)}
+            for s in self._estimators.strings
+            if s.hot or s.runaway
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Take up a stored state, of the strings that are still there with as many cells."""
+        for s in self._estimators.strings:
+            if (stored := state.get(s.plan.name)) is not None and len(stored["limits"]["lost"]) == len(s.core):
+                self.limits.restore(s.mine, stored["limits"])
+                self.runaway.restore(s.mine, stored["runaway"])
+
+
+def _least_rise(model: StringModel) -> float:
+    """Least rise of a surface above its coolant per square of the current, within the model file's sd, K/A²."""
+    least = [float(np.min(p.value)) / (1.0 + p.rel_sd) for p in (model.priors["R_e"], model.priors["R_u"])]
+    return least[0] * least[1]

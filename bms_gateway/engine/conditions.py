@@ -1,0 +1,85 @@
+"""What is wrong with inputs and strings at a tick, in sentences for people.
+
+Conditions are derived from the present state and not collected from notices. A flag that was raised before a restart is
+therefore raised again after it. Where one cause explains others, only the cause is reported: while the bus is quiet, no
+sensor is reported.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+import numpy as np
+
+from bms_gateway.engine.inputs import Inputs
+from bms_gateway.engine.plan import Channel
+from bms_gateway.engine.reasons import REASONS
+from bms_gateway.engine.string import StringEstimator, unproven
+from bms_gateway.frames.quality import Quality
+from bms_gateway.health.alerts import Condition, Severity
+
+NAMED: Final = 6  # cells that a sentence names; more are counted
+WATCH: Final = ("ageing",)
+"""Flags whose levels are watch, warning, alarm; those of the others are warning (suspected), alarm (confirmed)."""
+REMEDIES: Final = {
+    Quality.STALE: "check its sender and the wiring of the bus",
+    Quality.OUT_OF_RANGE: "check the sensor, and scale and offset in the config",
+    Quality.NOT_AVAILABLE: "check the sensor at its sender",
+    Quality.ERROR: "check the sensor at its sender",
+    Quality.STUCK: "check that the sensor is fixed to its cell, and check its amplifier",
+    Quality.OPEN: "check its wire and plug",
+    Quality.SHORT: "check its wire and insulation",
+    Quality.JUMPY: "check its contact and shielding",
+    Quality.COUNTER: "look for a second sender of the same identifier",
+    Quality.CRC: "look for a second sender of the same identifier, or a DBC of another version",
+}
+
+
+def of_inputs(inputs: Inputs, strings: Sequence[StringEstimator]) -> Iterator[Condition]:
+    """List faulty inputs of a bus that is not quiet, and strings of which no core is known."""
+    yield from _sensors(inputs.faults())
+    for string, missing in inputs.unheard().items():
+        text = f"never received: {missing}: check the names in the config, the DBC, and the sender"
+        yield Condition("unheard", Severity.WARNING, text, string)
+    if len(strings) and np.isnan(strings[0].newest.core).any():
+        for s in strings:
+            if np.isnan(s.core).all():
+                text = "no core temperature is known to 12 K: see the string's other alerts and its model file"
+                yield Condition("estimate", Severity.WARNING, text, s.plan.name)
+
+
+def of_strings(strings: Sequence[StringEstimator]) -> Iterator[Condition]:
+    """List the flags of the strings' health, and the strings whose cores are not proven."""
+    for s in strings:
+        name = s.plan.name
+        for flag in s.health.conditions():
+            grave = flag.level >= (3 if flag.code in WATCH else 2)
+            severity = Severity.ALARM if grave else Severity.WARNING
+            yield Condition(flag.code, severity, flag.text, name, flag.cell, settled=True, facts=flag.facts)
+        if s.doubts:
+            yield Condition("unproven", Severity.WARNING, unproven(s.doubts), name, settled=True)
+
+
+def _sensors(faults: Sequence[tuple[str, Channel, Quality]]) -> Iterator[Condition]:
+    """Make one condition per string and quantity, for any number of cells: one fault may show in several ways."""
+    found: dict[tuple[str, str], dict[Quality, list[Channel]]] = {}
+    for string, channel, quality in faults:
+        found.setdefault((string, channel.quantity), {}).setdefault(quality, []).append(channel)
+    for (string, quantity), of_quality in found.items():
+        clauses = [_fault(quantity, quality, channels) for quality, channels in of_quality.items()]
+        at = [c.cell for channels in of_quality.values() for c in channels]
+        severity = Severity.ALARM if quantity == "current" else Severity.WARNING
+        one = at[0] if len(at) == 1 else None
+        yield Condition("sensor", severity, "; ".join(clauses), string, one, part=quantity)
+
+
+def _fault(quantity: str, quality: Quality, channels: Sequence[Channel]) -> str:
+    at = [c.cell for c in channels if c.cell is not None]
+    what = quantity.replace("_", " ") + (f" of {cells(at)}" if at else "")
+    return f"{what} not used: {REASONS[quality]} ({channels[0].signal}): {REMEDIES[quality]}"
+
+
+def cells(of: Sequence[int]) -> str:
+    """Name cells: ``cell 3``, ``cells 1, 2``, and from the seventh on how many more."""
+    named = ", ".join(map(str, of[:NAMED]))
+    more = f" and {len(of) - NAMED} more" if len(of) > NAMED else ""
+    return f"cell{'s' if len(of) > 1 else ''} {named}{more}"

@@ -1,0 +1,238 @@
+"""What comes next, every ten seconds of bus time: temperatures ahead, the time to the limit, the permitted current.
+
+A forecast starts from what the engine holds at that tick: the observer's state and covariance, its parameters and how
+far off these may be, the common heat; the cores of the watch over heat where it knows better, and the heat that it has
+found in a cell; what is doubted of the model. The load is that of now (`load`), or steady at a current that is asked
+for. Courses are renewed every ten seconds, variances, which are most of the work and change slowly, once a minute.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import sqrt
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from bms_gateway.engine.foreseen import Forecast, Foreseen, LooksAhead, Origin
+from bms_gateway.engine.load import Load
+from bms_gateway.frames.quality import Quality
+from bms_gateway.observe.ahead import (
+    AT_ENDS,
+    CENTRE,
+    CORE,
+    HORIZONS_S,
+    PATH_S,
+    STEP_S,
+    SURFACE,
+    Ahead,
+    Certainty,
+    first_crossing,
+)
+from bms_gateway.observe.model import Bools
+from bms_gateway.observe.standing import Coming, Standing
+from bms_gateway.observe.unseen import SPREAD
+from bms_gateway.thermal import Floats
+
+if TYPE_CHECKING:
+    from bms_gateway.engine.group import Group
+    from bms_gateway.engine.readings import Readings
+    from bms_gateway.engine.string import StringEstimator
+
+STEP_NS: Final = round(STEP_S * 1e9)
+DOUBTFUL: Final = np.uint8(Quality.DOUBTFUL)
+ANEW: Final = 6  # steps after which variances are worked out anew
+LIMITED: Final = (0, 1, 3)  # horizons for which currents are told: 10 s, 1 min, 10 min
+MOST_A: Final = 6400.0  # what the bus has room for: no string carries more
+NEVER_S: Final = float("inf")
+
+
+@dataclass(slots=True)
+class _Watched:
+    """One group's outlook, what it knew when variances were last worked out, and how many steps ago that was."""
+
+    group: "Group"
+    outlook: LooksAhead
+    certainty: Certainty | None = None
+    age: int = 0
+
+
+class Forecasts:
+    """Forecasts of all strings.
+
+    Parameters
+    ----------
+    groups : sequence of Group
+    strings : sequence of StringEstimator
+        All, in the order of the plan.
+    limit_C : float
+        Of the hottest points.
+
+    Attributes
+    ----------
+    wanted : bool
+        Whether what forecasts started from is told as `Foreseen`, for those who know what came.
+    """
+
+    def __init__(self, groups: "Sequence[Group]", strings: "Sequence[StringEstimator]", limit_C: float) -> None:
+        self._watched = [_Watched(g, g.observed.looks_ahead()) for g in groups]
+        self._load, self._limit = Load(len(strings)), limit_C
+        self._by_voltage = any(g.voltage for g in groups)
+        self._means: list[Floats] = []
+        self._heat: list[Floats] = []
+        self._all = tuple(strings)
+        self.wanted = False
+
+    def forget(self) -> None:
+        """Begin anew after a time without frames."""
+        self._means.clear()
+        self._heat.clear()
+        self._load.forget()
+        for w in self._watched:
+            w.certainty = None
+            for s in w.group.strings:
+                s.forecast = None
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return what is remembered of loads, as lists of numbers."""
+        return {"strings": [s.plan.name for s in self._all], "load": self._load.snapshot()}
+
+    def restore(self, state: Mapping[str, Any] | None, same: "set[str]") -> None:
+        """Go on with the loads of a snapshot of the same strings; older states have none.
+
+        Raises
+        ------
+        KeyError, TypeError, ValueError
+            It is none.
+        """
+        if (
+            state is not None
+            and state["strings"] == [s.plan.name for s in self._all]
+            and same.issuperset(state["strings"])
+        ):
+            self._load.restore(state["load"])
+
+    def take(self, readings: "Readings", t1: int) -> Foreseen | None:
+        """Take in a tick that ends at `t1`, ns; every ten seconds look ahead.
+
+        Returns
+        -------
+        Foreseen or None
+            Where it is wanted, and time to look.
+        """
+        self._means.append(readings.means)
+        if self._by_voltage:
+            heat = np.full(len(self._all), np.nan)
+            for w in self._watched:
+                if w.group.heat is not None:
+                    heat[w.group.rows] = w.group.heat
+            self._heat.append(heat)
+        if t1 % STEP_NS:
+            return None
+        step = self._load.take(np.stack(self._means), readings.inlet, self._heat)
+        self._means.clear()
+        self._heat.clear()
+        unknown = np.isnan(step.square)
+        square_sd, inlet_sd = self._load.square_sd(), self._load.inlet_sd()
+        origins = []
+        for w in self._watched:
+            rows = w.group.rows
+            lost = np.isnan(readings.inlet[rows])
+            origin = self._look(w, t1, unknown[rows], square_sd[:, rows], inlet_sd[:, rows], lost)
+            if origin is not None:
+                origins.append(origin)
+        if not self.wanted:
+            return None
+        forecasts = tuple(s.forecast for s in self._all)
+        return Foreseen(t1, step, forecasts, tuple(origins))
+
+    def _look(
+        self, w: _Watched, t1: int, unknown: Bools, square_sd: Floats, inlet_sd: Floats, lost: Bools
+    ) -> Origin | None:
+        group, rows = w.group, w.group.rows
+        s = group.observed.observer.standing()
+        if not s.available.any():
+            return None
+        if lost.any():
+            held = s.disturbance.inlet_unknown * np.sqrt(-np.expm1(-2.0 * _AT_S / s.disturbance.correlation))
+            inlet_sd = np.where(lost, np.hypot(inlet_sd, held[:, None]), inlet_sd)
+        coming = self._coming(group, s, inlet_sd)
+        w.age += 1
+        known = w.certainty if w.age < ANEW else None
+        ahead = w.outlook.ahead(s, coming, known)
+        if known is None:
+            w.certainty, w.age = ahead.certainty, 0
+        square = np.nan_to_num(self._load.square[rows])
+        surely = None
+        if unknown.any():  # the usual load, give or take that of a drive
+            R_e = np.array([float(np.mean(p.R_e)) for p in s.parameters])
+            work = np.maximum(square, s.disturbance.heat_unknown / R_e)
+            surely = np.where(unknown, SPREAD * work, 0.0) * np.ones_like(square_sd)
+        self._tell(group, ahead, t1, square, square_sd, surely)
+        return Origin(tuple(group.members), w.outlook, s, coming) if self.wanted else None
+
+    def _coming(self, group: "Group", s: Standing, inlet_sd: Floats) -> Coming:
+        """Gather what is known of the time ahead beside the observer's state."""
+        S, n = len(group.members), group.cells
+        heat, heat_sd, shift, shift_sd = np.zeros((4, S, n))
+        watch = group.watch
+        if watch is not None and watch.told.some:
+            core = s.x[:, 0 : 2 * n : 2]
+            shift = np.where(np.isfinite(watch.told.core), watch.told.core - core, 0.0)
+            shift_sd = np.nan_to_num(watch.told.core_sd)
+        for j, string in enumerate(group.strings):
+            for f in string.health.heat:
+                if f.code == "unexplained_heat" and f.cell is not None and f.heat == f.heat:
+                    heat[j, f.cell - 1], heat_sd[j, f.cell - 1] = f.heat, f.heat_sd
+        doubt = np.zeros((S, 1)) if group.doubt is None else group.doubt
+        per_square, current = self._load.heat_per_square[group.rows], np.nan_to_num(self._load.current[group.rows])
+        return Coming(per_square, inlet_sd, heat, heat_sd, shift, shift_sd, doubt, current)
+
+    def _tell(
+        self, group: "Group", ahead: Ahead, t1: int, square: Floats, square_sd: Floats, surely: Floats | None
+    ) -> None:
+        """Give each string its forecast under the mean squares (S,) of the load."""
+        T, sd = ahead.under(square), ahead.sd(square, surely)
+        off = np.abs(ahead.load.three(ahead.phi)[:, AT_ENDS]) * square_sd[:, :, None]
+        course = T[CENTRE]
+        width = np.einsum("kh,hsn->ksn", _BETWEEN, sd[CENTRE])
+        at = [first_crossing(c, self._limit) for c in (course, course + width, course - width)]
+        same, other = (np.sqrt(ahead.permitted(self._limit, way=way))[list(LIMITED)] for way in (1, -1))
+        same, other = np.minimum(same, MOST_A), np.minimum(other, MOST_A)
+        known = group.by_cell(group.strings[0].newest.core)
+        quality = np.isnan(known)
+        doubtful = group.by_cell(group.strings[0].newest.quality == DOUBTFUL)
+        ends = T[:, AT_ENDS]
+        if quality.any():
+            ends, course = (np.where(quality, np.nan, a) for a in (ends, course))
+            at = [np.where(quality, NEVER_S, a) for a in at]
+        for j, s in enumerate(group.strings):
+            i, charging = group.members[j], bool(self._load.current[group.members[j]] < 0.0)
+            load = sqrt(float(square[j]))
+            s.forecast = Forecast(
+                t1,
+                -load if charging else load,
+                bool(self._load.steady[i]),
+                ends[CORE, :, j],
+                sd[CORE, :, j],
+                ends[CENTRE, :, j],
+                sd[CENTRE, :, j],
+                off[:, :, j],
+                ends[SURFACE, :, j],
+                sd[SURFACE, :, j],
+                course[:, j],
+                at[1][j],
+                at[2][j],
+                at[0][j],
+                (other if charging else same)[:, j],
+                (same if charging else other)[:, j],
+                doubtful[j],
+            )
+
+
+def _between() -> Floats:
+    """Weights (K + 1, H) of what is known at the horizons for the instants of the path, straight between them."""
+    ends, eye = np.array(HORIZONS_S), np.eye(len(HORIZONS_S))
+    return np.stack([np.interp(PATH_S, ends, row) for row in eye], axis=1)
+
+
+_AT_S, _BETWEEN = np.array(HORIZONS_S), _between()

@@ -1,0 +1,165 @@
+"""Observers as a group of strings drives them: what each takes in, and what it leaves for those who identify."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+import numpy as np
+
+from bms_gateway.engine.foreseen import LooksAhead
+from bms_gateway.engine.readings import Readings
+from bms_gateway.engine.string import StringEstimator
+from bms_gateway.health.heat.watch import Share, step_of
+from bms_gateway.identify import Estimate as Parameter
+from bms_gateway.identify.contract import FIXED_OFFLINE
+from bms_gateway.observe import AdaptiveObserver
+from bms_gateway.observe.contract import Observer
+from bms_gateway.observe.estimate import Estimate
+from bms_gateway.observe.measured import SOC_UNKNOWN
+from bms_gateway.observe.outlook import Outlook
+from bms_gateway.thermal import Disturbance, Floats
+
+if TYPE_CHECKING:
+    from bms_gateway.health.heat.effects import EffectShare
+    from bms_gateway.observe.effects import EffectObserver
+
+
+class Driven(NamedTuple):
+    """What drove S strings over one tick.
+
+    Attributes
+    ----------
+    square : ndarray (S,), A²
+        Mean square of the current.
+    heat : ndarray (S,), W
+        Of one cell by the voltage; NaN for none.
+    inlet : ndarray (S,), °C
+    flow : ndarray (S,) or None
+        Over nominal.
+    """
+
+    square: Floats
+    heat: Floats
+    inlet: Floats
+    flow: Floats | None
+
+
+class Observed(Protocol):
+    """An observer with what the engine must know to drive it."""
+
+    @property
+    def observer(self) -> Observer:
+        """What states, parameters and gaps are asked of."""
+        ...
+
+    @property
+    def shares(self) -> Sequence[Share]:
+        """What the watch over heat must take off the readings of each string; none where its balances hold."""
+        ...
+
+    def step(self, readings: Readings, driven: Driven, y: Floats, age: Floats) -> Estimate:
+        """Advance one tick; of the readings of all strings, y (S, n) are its surfaces, °C, `age` (S, n) s old."""
+        ...
+
+    def by_cell(self, heat: Floats) -> Floats | None:
+        """Heat of each cell (S, n), W, by that of one cell (S,); None where the observer has a heat of its own."""
+        ...
+
+    def plainly(self, driven: Driven) -> tuple[Floats, Floats]:
+        """Mean square current, A², and inlet, °C (S,), that make two plain nodes do what the last step did."""
+        ...
+
+    def looks_ahead(self) -> LooksAhead:
+        """Make what looks ahead from where the observer stands."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class PlainStrings:
+    """S strings of two nodes a cell, stacked."""
+
+    observer: AdaptiveObserver
+    by_voltage: bool
+
+    def step(self, readings: Readings, driven: Driven, y: Floats, age: Floats) -> Estimate:  # noqa: ARG002 — the protocol
+        """Take the tick in."""
+        return self.observer.step(driven.square, self.by_cell(driven.heat), driven.inlet, y, age, driven.flow)
+
+    @property
+    def shares(self) -> Sequence[Share]:
+        """Return none."""
+        return ()
+
+    def by_cell(self, heat: Floats) -> Floats | None:
+        """Share a string's heat among its cells by their R_e."""
+        return heat[:, None] * self.observer.share if self.by_voltage else None
+
+    def plainly(self, driven: Driven) -> tuple[Floats, Floats]:
+        """Return what drove it."""
+        return driven.square, driven.inlet
+
+    def looks_ahead(self) -> LooksAhead:
+        """Look ahead by two nodes a cell."""
+        return Outlook()
+
+
+@dataclass(frozen=True, slots=True)
+class StringWithEffects:
+    """One string by its full physics, number `number` of the plan."""
+
+    observer: "EffectObserver"
+    string: StringEstimator
+    number: int
+    share: "EffectShare | None"
+
+    @classmethod
+    def of(cls, s: StringEstimator, number: int, dt: float, disturbance: Disturbance) -> "StringWithEffects":
+        """Build it for a string, which is given the effects' numbers."""
+        from bms_gateway.health.heat.effects import EffectShare  # the catalogue doubles the time of a start
+        from bms_gateway.identify.effective import heat_only
+        from bms_gateway.observe.effects import EffectObserver
+
+        model, soc = s.plan.model, s.wire.constants.get("soc", SOC_UNKNOWN)
+        observer = EffectObserver(model, dt, disturbance, soc=soc)
+        numbers = observer.effect_numbers
+        s.effects = tuple(Parameter(x.name, x.value, x.sd, x.unit, FIXED_OFFLINE) for x in numbers)
+        share = EffectShare(model, step_of(dt), soc) if model.sensors and not heat_only(model) else None
+        return cls(observer, s, number, share)
+
+    def step(self, readings: Readings, driven: Driven, y: Floats, age: Floats) -> Estimate:  # noqa: ARG002 — the protocol
+        """Take the tick in."""
+        m = self.string.measured(readings[self.number])
+        if self.share is not None:
+            self.share.add(m)
+        return self.observer.step(m, y[0], age[0])
+
+    @property
+    def shares(self) -> Sequence[Share]:
+        """Return that of its effects, where they do more than heat the cores."""
+        return () if self.share is None else (self.share,)
+
+    def by_cell(self, heat: Floats) -> None:
+        """Take no heat from outside: `voltage_heat` is one of the effects."""
+
+    def plainly(self, driven: Driven) -> tuple[Floats, Floats]:
+        """Return what its effects come to."""
+        effective, shift = self.observer.effective
+        return np.where(np.isnan(driven.square), np.nan, effective), driven.inlet + shift
+
+    def looks_ahead(self) -> LooksAhead:
+        """Look ahead by the full physics."""
+        from bms_gateway.observe.outlook_effects import EffectOutlook  # with the catalogue
+
+        return EffectOutlook()
+
+
+def plain_strings(
+    strings: Sequence[StringEstimator], members: Sequence[int], dt: float, disturbance: Disturbance
+) -> PlainStrings:
+    """Stack strings numbered `members`, with what was kept of their cells."""
+    mine = [strings[i] for i in members]
+    observer = AdaptiveObserver([s.plan.model for s in mine], dt, disturbance)
+    for j, s in enumerate(mine):
+        if s.kept is not None:
+            observer.set_parameters(j, s.kept.values, s.kept.names, s.kept.common, s.kept.own)
+    return PlainStrings(observer, any(s.voltage is not None for s in mine))

@@ -1,0 +1,70 @@
+"""Readings that are the greatest, least or mean surface of several cells: the cell to which a reading belongs.
+
+A bus with only such readings tells how warm *some* cell is. The greatest is assigned to the cell that the model
+considers the hottest, the least to the coldest. A mean is compared with the mean of the model, by the cell that is
+nearest to it. So each reading is a measurement of one surface, chosen again at every tick. Where the cells differ, this
+is the derivative of max, min and mean; where they do not differ, the choice does not matter.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bms_gateway.engine.plan import Statistic
+from bms_gateway.thermal import Floats
+
+
+def statistic_of(kind: Statistic, surfaces: Sequence[Floats] | Floats) -> Floats:
+    """Greatest, least or mean (T,) of the surfaces (k, T) of several cells."""
+    x = np.asarray(surfaces, np.float64)
+    return np.asarray(x.max(axis=0) if kind == "max" else x.min(axis=0) if kind == "min" else x.mean(axis=0))
+
+
+@dataclass(frozen=True, slots=True)
+class OneOfSeveral:
+    """One such input.
+
+    Attributes
+    ----------
+    input : int
+    kind : {"max", "min", "mean"}
+    cells : ndarray of intp (k,)
+        Among all cells of all strings.
+    """
+
+    input: int
+    kind: Statistic
+    cells: NDArray[np.intp]
+
+    def place(self, value: float, y: Floats, expected: Floats | None) -> tuple[int, float]:
+        """Find the cell, and what its surface must be.
+
+        Parameters
+        ----------
+        value : float
+            The reading, °C.
+        y : ndarray (N,)
+            Readings of single cells, NaN without one: they are better than an expectation.
+        expected : ndarray (N,) or None
+            Surfaces that the model has, °C.
+
+        Returns
+        -------
+        cell, reading
+            −1 where a cell with a sensor of its own is the one.
+        """
+        T = np.full(len(self.cells), value) if expected is None else expected[self.cells].copy()
+        measured = np.isfinite(y[self.cells])
+        T[measured] = y[self.cells][measured]
+        known = np.isfinite(T)
+        if not known.any():
+            return int(self.cells[len(self.cells) // 2]), value
+        if self.kind == "mean":
+            mean = float(T[known].mean())
+            free = np.where(known & ~measured, np.abs(T - mean), np.inf)
+            k = int(free.argmin())
+            return (int(self.cells[k]), value + float(T[k]) - mean) if np.isfinite(free[k]) else (-1, value)
+        k = int(np.nanargmax(T) if self.kind == "max" else np.nanargmin(T))
+        return (-1, value) if measured[k] else (int(self.cells[k]), value)

@@ -1,0 +1,126 @@
+r"""What the heat filter carries of a string of n cells with m thermocouples, and where each number stands.
+
+.. math::
+    z = [T_{c1}, T_{s1}, \dots, T_{sn} \,|\, a, u, b_f, \varepsilon, a' \,|\, b_1 \dots b_m \,|\,
+         p_1 \dots \,|\, a_1 \dots \,|\, u_1 \dots]
+
+a and a' are the share of heat beyond the current's, common to all cells, over hours and over minutes, u the share of
+the films' conductance that is lost, b_f [K] the offset of the inlet, ε [V/K] the entropic coefficient, b_j [K] the
+offset of a thermocouple. The last three blocks belong to the cells that a thermocouple can
+tell of, the sensed ones and their neighbours: unexplained heat p [W] and the cell's own scales of heat and R_u. What is
+common to all cells is cancelled by the other sensors; that is what makes a single cell's heat visible at all.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bms_gateway.thermal import Floats, StringModel
+
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+COMMON = 5  # a, u, b_f, ε, a'
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Places of S strings' numbers; strings with fewer sensors than the others have places that stay empty.
+
+    Attributes
+    ----------
+    strings, cells, sensed, near : int
+        S, n, m and how many cells are told of.
+    sensors : ndarray of int (S, m)
+        0-based cells; `fitted` (S, m) says which count.
+    told : ndarray of int (S, a)
+        0-based cells that sensors tell of; `seen` (S, a) says which count.
+    """
+
+    strings: int
+    cells: int
+    sensed: int
+    near: int
+    sensors: Ints
+    fitted: Bools
+    told: Ints
+    seen: Bools
+
+    @classmethod
+    def of(cls, models: Sequence[StringModel]) -> "Layout":
+        """Lay out strings of equal length."""
+        n = models[0].cells
+        near = [sorted({k + d for k in m.sensors for d in (-1, 0, 1)} & set(range(1, n + 1))) for m in models]
+        m, a = max(len(x.sensors) for x in models), max(len(x) for x in near)
+        sensors, fitted = np.zeros((len(models), m), np.int64), np.zeros((len(models), m), np.bool_)
+        told, seen = np.zeros((len(models), a), np.int64), np.zeros((len(models), a), np.bool_)
+        for s, (model, cells) in enumerate(zip(models, near, strict=True)):
+            sensors[s, : len(model.sensors)] = np.array(model.sensors, np.int64) - 1
+            fitted[s, : len(model.sensors)] = True
+            told[s, : len(cells)] = np.array(cells, np.int64) - 1
+            seen[s, : len(cells)] = True
+        return cls(len(models), n, m, a, sensors, fitted, told, seen)
+
+    @property
+    def nodes(self) -> int:
+        """Temperatures, 2n."""
+        return 2 * self.cells
+
+    @property
+    def states(self) -> int:
+        """All numbers of a string."""
+        return self.nodes + COMMON + self.sensed + 3 * self.near
+
+    @property
+    def load(self) -> int:
+        """Place of a."""
+        return self.nodes
+
+    @property
+    def flow(self) -> int:
+        """Place of u."""
+        return self.nodes + 1
+
+    @property
+    def inlet(self) -> int:
+        """Place of b_f."""
+        return self.nodes + 2
+
+    @property
+    def entropy(self) -> int:
+        """Place of ε."""
+        return self.nodes + 3
+
+    @property
+    def brisk(self) -> int:
+        """Place of a'."""
+        return self.nodes + 4
+
+    @property
+    def bias(self) -> slice:
+        """Places of b_j."""
+        return slice(self.nodes + COMMON, self.nodes + COMMON + self.sensed)
+
+    @property
+    def heat(self) -> slice:
+        """Places of p."""
+        return slice(self.bias.stop, self.bias.stop + self.near)
+
+    @property
+    def own_load(self) -> slice:
+        """Places of the cells' own a."""
+        return slice(self.heat.stop, self.heat.stop + self.near)
+
+    @property
+    def own_flow(self) -> slice:
+        """Places of the cells' own u."""
+        return slice(self.own_load.stop, self.own_load.stop + self.near)
+
+    def readings(self) -> Floats:
+        """Which numbers a thermocouple reads: H (S, m, N), its cell's surface and its own offset."""
+        H = np.zeros((self.strings, self.sensed, self.states))
+        s, j = self.fitted.nonzero()
+        H[s, j, 2 * self.sensors[s, j] + 1] = 1.0
+        H[s, j, self.bias.start + j] = 1.0
+        return H

@@ -1,0 +1,410 @@
+"""What the evidence of a string says: which fault, since when, how sure, what else it could be, and what to do."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from math import exp, log, sqrt
+
+import numpy as np
+
+from bms_gateway.health.heat.course import (
+    COOLING,
+    COOLING_BACK,
+    COOLING_GRAVE,
+    FLOW_SURE,
+    FROZEN_K,
+    FROZEN_S,
+    MISSING,
+    MISSING_BACK,
+    MISSING_SURE,
+    SOUND_INLET,
+    Course,
+)
+from bms_gateway.health.heat.evidence import Evidence, Kind, Weighed
+from bms_gateway.health.heat.filter import HeatFilter
+from bms_gateway.health.heat.words import sentence
+from bms_gateway.thermal import Floats
+
+SURE = 14.0
+"""ln evidence from which heat is believed: some 5 sd, with a few dozen faults and onsets looked at each step."""
+ENOUGH = {Kind.SLOPE: 11.0, Kind.FLOW: 9.0, Kind.INLET: 9.0, Kind.LOAD: 9.0}
+"""The same where a mistake costs less, or where what follows is looked at again before it is told."""
+ALONE, ALONE_HEAT = 0.95, 0.998
+"""Share of all the evidence that one cause must have to be told at once: a thermocouple that comes off while its cell
+cools looks like heat for a minute."""
+WAIT_S = 180.0
+"""What is sure to be something, but may be one of several, is told by its likeliest cause after so long."""
+HOLD_S, HOLD_COMMON_S = 20.0, 60.0
+"""One step's surprise is no fault: what is told has been the likeliest for as long."""
+USUAL = {Kind.FLOW: 4.0, Kind.INLET: 0.0, Kind.LOAD: 2.0, Kind.SLOPE: -2.0, Kind.LAG: 3.0}
+"""ln of how much more often this changes in sound packs than a fault comes."""
+LEAST_RATE, LEAST_SHARE = 1e-3, 0.1
+"""Heat below this rate of the cell's capacity, K/s, or share of the heat by its current, is no fault. Where no other
+cells tell what the current makes, or nobody measures the coolant, only heat at rest is one: a cell that is nearly empty
+or cold, or cooled otherwise than its neighbours, seems to make several times its usual heat."""
+GROUP, TEMPERED = 2, 8.0
+"""Heat in a cell may sit in one so far away that shares a sensor with it; and by what evidence between these counts."""
+LEAST_JUMP, BACK_JUMP = 0.7, 0.4
+"""K: a thermocouple that jumps by less is not told, and one that is off by less again is over."""
+COARSE = 2.5
+"""Steps of its own readings that a thermocouple jumps by at least."""
+FLOWED_S = 1800.0
+"""After a change of the films has been believed they may be told to be worse for so long: slow changes are ageing's."""
+INLET_OFF, INLET_SURE = 3.0, 4.0
+"""K and sd from which the inlet is wrong whatever its sensor does."""
+MORE = 0.5
+"""Share of heat more than the current's from which on none of it can be missing."""
+SUSPECT = 5.0
+"""ln evidence from which a change of the heat that is the likeliest of all is counted before it is believed."""
+ENDED_SD, ENDED_S = 2.0, 300.0
+"""Heat below so many sd for so long is over."""
+QUIET_SD, QUIET_S = 3.0, 900.0
+"""A thermocouple set aside that is within this of its prediction for so long is used again."""
+
+
+@dataclass(slots=True)
+class Finding:
+    """Something that is wrong now.
+
+    Attributes
+    ----------
+    code : str
+        `unexplained_heat`, `missing_heat`, `cooling`, `inlet`, `thermocouple`.
+    cell : int or None
+        1-based.
+    level : int
+        1 warning, 2 alarm.
+    since_ns : int
+    text : str
+    heat, heat_sd : float
+        W; NaN but for heat.
+    """
+
+    code: str
+    cell: int | None
+    level: int
+    since_ns: int
+    text: str = ""
+    heat: float = float("nan")
+    heat_sd: float = float("nan")
+    kind: Kind = Kind.HEAT
+    place: int = 0
+    places: tuple[int, ...] = ()
+    others: tuple[tuple[str, float], ...] = ()
+    quiet: int = 0
+    size: float = 0.0
+
+
+@dataclass(slots=True)
+class Verdict:
+    """Verdict on string `s` of a filter.
+
+    Attributes
+    ----------
+    findings : list of Finding
+    aside : ndarray of bool (m,)
+        Thermocouples that are not believed.
+    """
+
+    s: int
+    of: HeatFilter
+    evidence: Evidence
+    course: Course
+    aside: np.ndarray[tuple[int], np.dtype[np.bool_]] = field(init=False)
+    findings: list[Finding] = field(default_factory=list)
+    _stands: int = 0
+    _slow: int = 0
+    _flowed: int = 0
+    _residual: Floats = field(default_factory=lambda: np.zeros(0))
+    _residual_sd: Floats = field(default_factory=lambda: np.zeros(0))
+
+    def __post_init__(self) -> None:
+        self.aside = np.zeros(self.of.at.sensed, np.bool_)
+
+    @property
+    def hot(self) -> bool:
+        """Whether a cell heats by itself."""
+        return any(f.code == "unexplained_heat" for f in self.findings)
+
+    @property
+    def of_string(self) -> bool:
+        """Whether something is wrong beside thermocouples."""
+        return any(f.code != "thermocouple" for f in self.findings)
+
+    def look(self, w: Weighed, now_ns: int) -> list[Finding]:
+        """Take in a step that has been weighed.
+
+        Returns
+        -------
+        list of Finding
+            What has come, or is over (level 0).
+        """
+        told = self._followed()
+        self._flowed = max(0, self._flowed - 1)
+        each = w.ln[self.s].max(axis=0) / self.course.doubt[self.s]
+        if each.max() < min(ENOUGH.values()):
+            self._stands = 0
+        else:
+            told += self._weighed(each, w, now_ns)
+        return told + self._standing(w, each, now_ns)
+
+    def pass_over(self) -> None:
+        """Take in a step in which nothing was of note."""
+        self._stands = self._slow = 0
+        self._flowed = max(0, self._flowed - 1)
+
+    def _weighed(self, each: Floats, w: Weighed, now_ns: int) -> list[Finding]:
+        kinds, place = self.evidence.kinds, self.evidence.place
+        E = each + self.usual()
+        best = int(E.argmax())
+        kind, j = Kind(int(kinds[best])), int(place[best])
+        if each[best] < ENOUGH.get(kind, SURE):
+            self._stands = 0
+            return []
+        self._stands += 1
+        share = np.exp(E - E.max())
+        share /= share.sum() + exp(-E.max())
+        sensors = (kinds > Kind.HEAT) & (kinds < Kind.FLOW)
+        same = kinds == kind if kind is Kind.HEAT or kind >= Kind.FLOW else sensors & (place == j)
+        alone = float(share[same].sum())
+        held = self._stands * self.of.dt
+        waited = held >= WAIT_S and each[best] >= SURE
+        if (
+            alone < (ALONE_HEAT if kind is Kind.HEAT else ALONE)
+            or held < (HOLD_COMMON_S if kind >= Kind.FLOW else HOLD_S)
+        ) and not waited:
+            return []
+        onset = int(w.ln[self.s, :, best].argmax())
+        return self._accept(best, onset, w, share, now_ns)
+
+    def usual(self) -> Floats:
+        """Tell how much likelier each fault (H,) is than others before any evidence, ln."""
+        usual = np.array([USUAL.get(Kind(k), 0.0) for k in self.evidence.kinds])
+        c, s = self.course, self.s
+        if not (c.frozen[s] * self.of.dt >= FROZEN_S or c.constant_inlet[s] or c.leapt[s] > 0):
+            usual[self.evidence.kinds == Kind.INLET] = SOUND_INLET
+        return usual
+
+    def _accept(self, fault: int, onset: int, w: Weighed, share: Floats, now_ns: int) -> list[Finding]:
+        """Believe a fault: the numbers move by it, and the search begins anew."""
+        s, f = self.s, self.of
+        kind, place = Kind(int(self.evidence.kinds[fault])), int(self.evidence.place[fault])
+        amplitude, var = float(w.amplitude[s, onset, fault]), float(w.var[s, onset, fault])
+        steps = self.evidence.began(s, onset)
+        places = self._share_out(fault, w) if kind is Kind.HEAT else (place,)
+        if kind is not Kind.HEAT:
+            f.move(s, self.evidence.moved(s, onset, fault), amplitude, var)
+        self.evidence.forget(s)
+        self._stands = 0
+        new = Finding("", None, 1, now_ns - round(steps * f.dt * 1e9), kind=kind, place=place, size=amplitude)
+        new.others, new.places = self._others(share, kind, place), places
+        if kind is Kind.FLOW:
+            self._flowed = round(FLOWED_S / f.dt)
+        tells = {Kind.HEAT: self._heats, Kind.INLET: self._is_off}.get(kind, self._fails)
+        if kind in (Kind.FLOW, Kind.LOAD) or not tells(new):
+            return []  # what heat and films have become is looked at in every step
+        self.findings.append(new)
+        self._write(new)
+        return [new]
+
+    def _heats(self, new: Finding) -> bool:
+        """Take heat that is believed for a fault, if it is worth one and not told already."""
+        s, f, place = self.s, self.of, new.place
+        cell = int(f.at.told[s, place])
+        load, rest = float(self.course.load[s, cell]), LEAST_RATE * float(f.C[s, place])
+        vague = f.alone[s] or self.course.constant_inlet[s]
+        if new.size < max(rest, LEAST_SHARE * load) or (vague and load > rest):
+            return False
+        for j in new.places:
+            f.open_heat(s, j, new.size)
+        new.code, new.cell, new.level = "unexplained_heat", cell + 1, 2
+        return not any(g.code == new.code and place in g.places for g in self.findings)
+
+    def _fails(self, new: Finding) -> bool:
+        """Take a fault of a thermocouple, if it is worth one; what no offset mends sets it aside."""
+        s, place = self.s, new.place
+        new.code, new.cell = "thermocouple", int(self.of.at.sensors[s, place]) + 1
+        if new.kind is Kind.JUMP:
+            if abs(new.size) < max(LEAST_JUMP, COARSE * float(self.course.fine[s, place])):
+                return False
+        else:
+            self.aside[place] = True
+        self.findings = [g for g in self.findings if (g.code, g.cell) != (new.code, new.cell)]
+        return True
+
+    def _is_off(self, new: Finding) -> bool:
+        """Take an offset of the inlet for a fault, if it is frozen or far off."""
+        s, f, at, c = self.s, self.of, self.of.at, self.course
+        off, sd = float(f.z[s, at.inlet]), sqrt(float(f.P[s, at.inlet, at.inlet]))
+        still = c.frozen[s] * f.dt >= FROZEN_S and not c.constant_inlet[s] and abs(new.size) > FROZEN_K
+        new.code, new.size = "inlet", off
+        far = abs(off) > INLET_OFF and abs(off) > INLET_SURE * sd
+        return bool(still or far) and not any(g.code == new.code for g in self.findings)
+
+    def _share_out(self, fault: int, w: Weighed) -> tuple[int, ...]:
+        """Move the numbers by heat that sits in a cell or one beside: which, one sensor hardly tells.
+
+        The cells of the group are merged by their moments. How evidence falls between them hangs on a conduction that
+        is known to some tens of per cent, so it counts by a part only.
+
+        Returns
+        -------
+        tuple of int
+            Numbers of the cells, of those told of, that it may sit in.
+        """
+        s, f, e = self.s, self.of, self.evidence
+        cells, best = f.at.told[s], int(f.at.told[s, e.place[fault]])
+        ln = w.ln[s].max(axis=0)
+        group = [
+            j
+            for j in np.flatnonzero(e.kinds == Kind.HEAT).tolist()
+            if f.at.seen[s, e.place[j]] and abs(int(cells[e.place[j]]) - best) <= GROUP and np.isfinite(ln[j])
+        ]
+        chance = np.exp((ln[group] - ln[fault]) / TEMPERED)
+        chance /= chance.sum()
+        onsets = [int(w.ln[s, :, j].argmax()) for j in group]
+        along = np.array([e.moved(s, o, j) for o, j in zip(onsets, group, strict=True)])
+        amplitude = np.array([w.amplitude[s, o, j] for o, j in zip(onsets, group, strict=True)])
+        var = np.array([w.var[s, o, j] for o, j in zip(onsets, group, strict=True)])
+        moves = along * amplitude[:, None]
+        mean = chance @ moves
+        off = moves - mean
+        f.z[s] += mean
+        f.P[s] += (off.T * chance) @ off + (along.T * (chance * var)) @ along
+        return tuple(int(e.place[j]) for j, c in zip(group, chance.tolist(), strict=True) if c > 0.02)
+
+    def _others(self, share: Floats, kind: Kind, place: int) -> tuple[tuple[str, float], ...]:
+        """List what else it could be, the likeliest first."""
+        at, s = self.of.at, self.s
+        found: dict[str, float] = {}
+        for k, j, p in zip(self.evidence.kinds.tolist(), self.evidence.place.tolist(), share.tolist(), strict=True):
+            if p < 0.01 or (k == kind and j == place):
+                continue
+            if k == Kind.HEAT:
+                name = f"heat in cell {at.told[s, j] + 1}"
+            elif k < Kind.FLOW:
+                name = f"thermocouple {at.sensors[s, j] + 1}"
+            else:
+                name = {Kind.FLOW: "cooling", Kind.INLET: "the coolant inlet", Kind.LOAD: "the current"}[Kind(k)]
+            found[name] = found.get(name, 0.0) + p
+        return tuple(sorted(found.items(), key=lambda x: -x[1])[:3])
+
+    def _followed(self) -> list[Finding]:
+        """See what has become of what was found."""
+        told = []
+        for g in list(self.findings):
+            over = self._over(g)
+            self._write(g)
+            if over:
+                self._end(g)
+                told.append(g)
+        return told
+
+    def _over(self, g: Finding) -> bool:
+        """Tell whether a finding has been contradicted for long enough."""
+        s, f, at = self.s, self.of, self.of.at
+        if g.code == "unexplained_heat":
+            h = at.heat.start + np.array(g.places)
+            heat, P = f.z[s, h], f.P[s][np.ix_(h, h)]
+            chance = float(heat @ np.linalg.solve(P, heat)) < ENDED_SD**2 + len(h) - 1
+            return self._quiet(g, chance or float(heat.sum()) < LEAST_RATE * float(f.C[s, g.place]), ENDED_S)
+        if g.kind is Kind.JUMP:
+            return self._quiet(g, abs(float(f.z[s, at.bias.start + g.place])) < BACK_JUMP, 60.0)
+        if g.code == "thermocouple":
+            near = not self.aside[g.place] or self._residual[g.place] < QUIET_SD * self._residual_sd[g.place]
+            return self._quiet(g, bool(near), QUIET_S)
+        if g.code == "cooling":
+            return self._quiet(g, self._grown() < COOLING_BACK, 120.0)
+        if g.code == "inlet":
+            off, sd = abs(float(f.z[s, at.inlet])), sqrt(float(f.P[s, at.inlet, at.inlet]))
+            return self._quiet(g, off < 1.0 + sd and bool(self.course.frozen[s] * f.dt < FROZEN_S), 300.0)
+        return self._quiet(g, 1.0 + float(f.z[s, at.load]) > MISSING_BACK, 60.0)
+
+    def _end(self, g: Finding) -> None:
+        self.findings.remove(g)
+        if g.code == "unexplained_heat":
+            for j in g.places:
+                self.of.close_heat(self.s, j)
+            self.evidence.forget(self.s)
+        elif g.code == "thermocouple" and self.aside[g.place]:
+            self.aside[g.place] = False
+            self.evidence.forget(self.s)
+        elif g.code == "cooling":
+            self.course.cooling[self.s] = False
+        g.level, g.text = 0, sentence(g, self.of.at.cells, over=True)
+
+    def residuals(self, value: Floats, sd: Floats) -> None:
+        """Take what the thermocouples (m,) are off their prediction, used or not, K."""
+        self._residual, self._residual_sd = np.abs(value), sd
+
+    def _quiet(self, g: Finding, low: bool, wait_s: float) -> bool:
+        g.quiet = g.quiet + 1 if low else 0
+        return g.quiet * self.of.dt >= wait_s
+
+    def _standing(self, w: Weighed, each: Floats, now_ns: int) -> list[Finding]:
+        """Tell what the numbers themselves say, however they came about."""
+        s, f, at = self.s, self.of, self.of.at
+        codes = {g.code for g in self.findings}
+        share, var = 1.0 + float(f.z[s, at.load]), float(f.P[s, at.load, at.load])
+        best = int(each.argmax())
+        if self.evidence.kinds[best] == Kind.LOAD and each[best] > SUSPECT:
+            onset = int(w.ln[s, :, best].argmax())
+            share += float(w.amplitude[s, onset, best]) * float(self.evidence.moved(s, onset, best)[at.load])
+            var += float(w.var[s, onset, best])
+        new = []
+        sound = each[best] < SUSPECT or self.evidence.kinds[best] == Kind.LOAD
+        warms = bool(self.course.warms[s]) and sound and "cooling" not in codes
+        warms = warms and float(f.z[s, at.load]) < MORE  # numbers that say both know neither
+        if "missing_heat" not in codes and warms and share + MISSING_SURE * sqrt(var) < MISSING:
+            new.append(Finding("missing_heat", None, 2, now_ns, kind=Kind.LOAD, size=share))
+        u, u_sd = float(f.z[s, at.flow]), sqrt(float(f.P[s, at.flow, at.flow]))
+        grown = self._grown()
+        own = (self._stands > 0 and self.evidence.kinds[best] < Kind.FLOW) or self.hot
+        if "cooling" not in codes:
+            slower = grown > COOLING and u - self.course.film[s] > FLOW_SURE * u_sd and not own and self._flowed > 0
+            self._slow = self._slow + 1 if slower else 0
+            if self._slow * f.dt >= HOLD_S:
+                level = 2 if grown >= COOLING_GRAVE else 1
+                new.append(Finding("cooling", None, level, now_ns, kind=Kind.FLOW))
+                self.course.cooling[s] = True
+        off, off_sd = float(f.z[s, at.inlet]), sqrt(float(f.P[s, at.inlet, at.inlet]))
+        still = self.course.frozen[s] * f.dt >= FROZEN_S and not self.course.constant_inlet[s]
+        if "inlet" not in codes and still and abs(off - self.course.frozen_at[s]) > max(FROZEN_K, INLET_SURE * off_sd):
+            new.append(Finding("inlet", None, 1, now_ns, kind=Kind.INLET, size=off))
+        for g in new:
+            self.findings.append(g)
+            self._write(g)
+        return new
+
+    def _grown(self) -> float:
+        """Growth of R_u against what it has been."""
+        return float(self.course.grown(self.of)[self.s])
+
+    def _write(self, g: Finding) -> None:
+        s, f, at = self.s, self.of, self.of.at
+        if g.kind is Kind.FLOW:
+            g.size = self._grown()
+        elif g.kind is Kind.INLET:
+            g.size = float(f.z[s, at.inlet])
+        elif g.kind is Kind.LOAD:
+            g.size = min(g.size, max(0.0, 1.0 + float(f.z[s, at.load])))
+        elif g.kind is Kind.HEAT:
+            h = at.heat.start + g.place
+            g.heat, g.heat_sd = float(f.z[s, h]), sqrt(float(f.P[s, h, h]))
+        g.text = sentence(g, at.cells)
+
+
+def suspicion(verdict: Verdict, w: Weighed) -> tuple[Floats, list[tuple[int, int, float]]]:
+    """Tell the chance (H,) of each fault, and of those of note (best onset, fault, chance)."""
+    ln = w.ln[verdict.s]
+    each = ln.max(axis=0) / verdict.course.doubt[verdict.s]
+    E = each + verdict.usual()
+    none = log(1e4)
+    top = max(float(E.max()), none)
+    share = np.exp(E - top)
+    share = share / (share.sum() + exp(none - top))
+    return share, [(int(ln[:, j].argmax()), int(j), float(share[j])) for j in np.flatnonzero(share > 0.02)]
+
+
+def codes(findings: Sequence[Finding]) -> tuple[str, ...]:
+    """Names for a summary."""
+    return tuple(f.code + (f":{f.cell}" if f.cell else "") for f in findings)

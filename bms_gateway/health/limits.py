@@ -1,0 +1,367 @@
+"""Temperature limits whose alarms only good evidence ends: not knowing is no evidence.
+
+A cell is *over* from the tick on in which its temperature is at or above the limit. It stays over until something
+credible lies below: a value that is known, from sensors that are good, `COOLER_K` below the limit and with its whole
+standard deviation, and no fall that heat cannot make. What a cell can have cooled to is followed by itself, so that
+many small falls are no more than one. A sensor that has fallen faster has perhaps come off: it ends nothing, even when
+the cell could have cooled to what it reads, before something else confirms it. A cell that becomes unknown stays over;
+what was last known of it, and how fast it rose, is told with it.
+
+A thermocouple is not only right or broken. One that fails while its cell heats towards the limit, or that reads beyond
+its range while its cell or another one of the string heats near the limit, and stays so for `LOST_S`, is *lost in
+heat*: the alarm stays until a person acknowledges it, or the sensor soon goes on where it was.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bms_gateway.health.alerts import Condition, Severity
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+COOLER_K: Final = 2.0  # below its limit before a cell is no longer too hot
+FALL_K_S: Final = 0.3  # for long no cell cools faster: 60 K above its coolant with a time constant of three minutes
+TREND_S: Final = 30.0  # 0.05 K of noise are then 0.1 K/min
+FORGET_S: Final = 60.0  # of which nothing was seen for longer has no trend any more
+RISING_K_S: Final = 0.03  # 0.3 K in 10 s: faster than drift, and than a cell at rest
+NEAR_K: Final = 10.0  # below the limit: a sensor that fails there while its cell rises is no mere sensor's fault
+AROUND_K: Final = 20.0  # the same for one that reads beyond its range
+SOON_S: Final = 60.0  # within which the rise would have reached the limit
+BACK_K: Final = 2.0  # beside its course: a sensor that failed is where it was
+LOST_S: Final = 5.0  # a glitch is over by then, and so is what a guard makes of it
+FOUND_S: Final = 30.0  # within which a sensor that goes on where it was was never lost
+REBOUND_K: Final = 5.0  # a sensor that fell and rises by so much sits on its cell again
+UNSEEN_S: Final = 10.0  # a reading or two may be missing before a cell counts as not seen
+OLDER: Final = {"_high": "last", "_high_s": "last_s"}  # what older states have instead
+NAMED: Final = 6
+MOST: Final = {
+    "over": 1.0, "last": 1e4, "last_s": 1e10, "_slow": 1e4, "_high": 1e4, "_high_s": 1e10, "fallen": 1.0, "_low": 1e4,
+}  # fmt: skip
+"""What a stored state can hold, °C and s since 1970."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sensed:
+    """Surfaces of all N cells at one tick.
+
+    Attributes
+    ----------
+    good : ndarray (N,)
+        Reading of this tick, °C; NaN where none is new and good.
+    failed : ndarray of bool (N,)
+        The sensor is not good, and has been heard.
+    beyond : ndarray of bool (N,)
+        It reads above the limit or the range, whether that is believed or not.
+    raw : ndarray (N,), optional
+        What a sensor reads that is turned away for a jump, °C; NaN where nothing came, and elsewhere.
+    confirmed : ndarray of bool (N,), optional
+        Something else says that the reading may be true; None where there is nothing to ask.
+    """
+
+    good: Floats
+    failed: Bools
+    beyond: Bools
+    raw: Floats | None = None
+    confirmed: Bools | None = None
+
+
+class Limit:
+    """One limit for all N cells.
+
+    Parameters
+    ----------
+    cells : int
+    limit : float
+        °C.
+
+    Attributes
+    ----------
+    over : ndarray of bool (N,)
+        See the module's text.
+    last, last_s : ndarray (N,)
+        Newest credible value, °C, and when, s; NaN and −inf before there is one.
+    fallen : ndarray of bool (N,)
+        The value has fallen faster than a cell cools, and nothing has confirmed it since.
+    """
+
+    _STATE = ("over", "last", "last_s", "_slow", "_high", "_high_s", "fallen", "_low")
+
+    def __init__(self, cells: int, limit: float) -> None:
+        self.limit = limit
+        self.over = np.zeros(cells, np.bool_)
+        self.fallen = np.zeros(cells, np.bool_)
+        self.last, self._slow = np.full((2, cells), np.nan)
+        self.last_s = np.full(cells, -np.inf)
+        # from which value on, and since when, the cell could have cooled; and the least value since it fell
+        self._high, self._high_s, self._low = np.full(cells, np.nan), np.full(cells, -np.inf), np.full(cells, np.nan)
+
+    @property
+    def rate(self) -> Floats:
+        """How fast the values rose when they were last seen (N,), K/s; NaN where nothing was."""
+        rate: Floats = (self.last - self._slow) / TREND_S
+        return rate
+
+    def update(
+        self, now_s: float, value: Floats, good: Bools, sd: Floats | float = 0.0, confirmed: Bools | None = None
+    ) -> None:
+        """Take the values of a tick.
+
+        Parameters
+        ----------
+        now_s : float
+        value : ndarray (N,)
+            °C; NaN where unknown.
+        good : ndarray of bool (N,)
+            Where the value may end an alarm.
+        sd : ndarray (N,) or float
+            Of the value, K.
+        confirmed : ndarray of bool (N,), optional
+            See `Sensed`.
+        """
+        above = value >= self.limit  # NaN is not
+        known = (good & np.isfinite(value)) | above
+        self.over |= above
+        heard = known & good
+        lowest = self._high - FALL_K_S * (now_s - self._high_s)
+        credible = ~(value < lowest - COOLER_K)  # NaN is
+        fell = heard & ~credible & ~self.fallen
+        if fell.any() or self.fallen.any():
+            self._low = np.where(fell, value, np.fmin(self._low, value))
+            self.fallen |= fell
+            held = True if confirmed is None else confirmed
+            self.fallen &= ~(heard & credible & (held | (value >= self._low + REBOUND_K)))
+            credible &= ~self.fallen
+        if self.over.any():
+            known &= above | ~self.over | credible
+            ends = known & good if confirmed is None else known & good & confirmed
+            self.over &= ~(ends & (value <= self.limit - COOLER_K) & (value + sd <= self.limit))
+        higher = known & ~(value < lowest)
+        self._high, self._high_s = np.where(higher, value, self._high), np.where(higher, now_s, self._high_s)
+        since = now_s - self.last_s
+        fresh = since > FORGET_S
+        step = np.where(fresh, 1.0, 1.0 - np.exp(-np.minimum(since, FORGET_S) / TREND_S))
+        start = np.where(fresh, value, self._slow)
+        self._slow = np.where(known, start + step * (value - start), self._slow)
+        self.last = np.where(known, value, self.last)
+        self.last_s = np.where(known, now_s, self.last_s)
+
+    def snapshot(self, part: slice) -> dict[str, list[float | None]]:
+        """State of some cells as JSON-able values."""
+        return {
+            name.lstrip("_"): [x if np.isfinite(x) else None for x in getattr(self, name)[part].astype(float).tolist()]
+            for name in self._STATE
+        }
+
+    def restore(self, part: slice, state: Mapping[str, Sequence[float | None]]) -> None:
+        """Take up a stored state of as many cells."""
+        for name in self._STATE:
+            mine, unknown = getattr(self, name), -np.inf if name.endswith("_s") else np.nan
+            if (stored := state.get(name.lstrip("_"))) is None:  # a state of an older version
+                stored = state[OLDER[name]] if name in OLDER else [0.0 if name == "fallen" else None] * len(mine[part])
+            values = np.array([unknown if x is None else float(x) for x in stored])
+            if not (np.abs(values[np.isfinite(values)]) <= MOST[name]).all():
+                raise ValueError(f"{name.lstrip('_')} of a limit's state is out of all bounds")
+            mine[part] = values.astype(mine.dtype)
+
+    def forget(self, part: slice) -> bool:
+        """Begin anew with some cells; whether any of them was over."""
+        was = bool(self.over[part].any())
+        self.over[part], self.last[part], self.last_s[part] = False, np.nan, -np.inf
+        self.fallen[part], self._high[part], self._high_s[part] = False, np.nan, -np.inf
+        return was
+
+
+class Limits:
+    """Limits of cores and surfaces of all strings, and their conditions.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Strings.
+    parts : sequence of slice
+        Which of the N cells are theirs.
+    core_max, surface_max : float
+        °C.
+    stale_s : ndarray (N,), optional
+        After how long without a reading each cell's sensor is stale, s.
+    """
+
+    def __init__(
+        self,
+        names: Sequence[str],
+        parts: Sequence[slice],
+        core_max: float,
+        surface_max: float,
+        stale_s: Floats | None = None,
+    ) -> None:
+        self._names, self._parts = tuple(names), tuple(parts)
+        cells = parts[-1].stop if parts else 0
+        self._string = np.repeat(np.arange(len(parts)), [p.stop - p.start for p in parts])
+        self.core, self.surface = Limit(cells, core_max), Limit(cells, surface_max)
+        self.lost, self._failing = np.zeros((2, cells), np.bool_)
+        self._loss = np.full((4, cells), np.nan)  # what was read last, °C, when, s, how fast it rose, K/s, failed since
+        self._unseen_s = np.full(cells, UNSEEN_S) if stale_s is None else np.maximum(stale_s, UNSEEN_S)
+        self._now_s = -np.inf
+        self._value, self._sd, self._core = np.full((3, cells), np.nan)
+
+    def step(
+        self, now_s: float, point: Floats, sd: Floats, core: Floats, trusted: Bools, sensed: Sensed, quiet: bool
+    ) -> None:
+        """Take a tick.
+
+        Parameters
+        ----------
+        now_s : float
+        point, sd : ndarray (N,)
+            Hottest point of each cell as estimated, °C, and its sd, K; NaN where unknown.
+        core : ndarray (N,)
+            Told beside it, °C.
+        trusted : ndarray of bool (N,)
+            Where the estimate rests on good sensors: those of the cell, or for cells without, some of its string.
+        sensed : Sensed
+        quiet : bool
+            The bus says nothing: no sensor fails then.
+        """
+        self._now_s, self._value, self._sd, self._core = now_s, point, sd, core
+        if not quiet and sensed.failed.any():
+            self._fail(now_s, sensed)
+        if self._failing.any() or self.lost.any():
+            self._lose(now_s, sensed, quiet)
+        surface = self.surface
+        surface.update(now_s, sensed.good, np.isfinite(sensed.good), confirmed=sensed.confirmed)
+        self.core.update(now_s, point, trusted & ~surface.over & ~surface.fallen, sd)
+
+    def _fail(self, now_s: float, sensed: Sensed) -> None:
+        """Find thermocouples that fail while their cells heat."""
+        s = self.surface
+        recent = now_s - s.last_s <= FORGET_S
+        rising = recent & (s.rate >= RISING_K_S)
+        due = rising & (s.last >= s.limit - NEAR_K) & (s.last + SOON_S * s.rate >= s.limit)
+        heats = rising & (s.last >= s.limit - AROUND_K)
+        around = np.bincount(self._string, heats, len(self._parts))[self._string] > 0
+        found = sensed.failed & np.isfinite(s.last) & (due | (sensed.beyond & around & recent))
+        new = found & ~self._failing & ~self.lost
+        if new.any():
+            self._loss = np.where(new, np.stack([s.last, s.last_s, s.rate, np.full(len(new), now_s)]), self._loss)
+            self._failing |= new
+
+    def _lose(self, now_s: float, sensed: Sensed, quiet: bool) -> None:
+        """Take those that have failed for long for lost, and let go those that go on where they were."""
+        last, last_s, rate, since_s = self._loss
+        on = last + rate * np.minimum(now_s - last_s, FOUND_S)
+        soon, least, most = now_s - last_s <= FOUND_S, np.fmin(last, on) - BACK_K, np.fmax(last, on) + BACK_K
+        found = soon & (sensed.good >= least)  # hotter is a cell that is seen to heat
+        self.lost &= ~found
+        if sensed.raw is not None:  # not believed as yet
+            found |= soon & (sensed.raw >= least) & (sensed.raw <= most) & ~sensed.beyond
+        self._failing &= ~found
+        if not quiet:
+            # one that reads again elsewhere has not gone on: it may have come off
+            self.lost |= self._failing & (now_s - since_s >= LOST_S)
+        self._failing &= ~self.lost
+
+    def over(self, part: slice) -> bool:
+        """Tell whether any of some cells is over a limit or lost in heat."""
+        return bool((self.core.over[part] | self.surface.over[part] | self.lost[part]).any())
+
+    def acknowledge(self, part: slice) -> bool:
+        """Begin anew with some cells: what is still too hot is told anew. Returns whether there was anything."""
+        was = bool(self.lost[part].any())
+        self.lost[part] = self._failing[part] = False
+        return bool(was | self.core.forget(part) | self.surface.forget(part))
+
+    def conditions(self) -> Iterator[Condition]:
+        """List the strings with cells over a limit."""
+        for what, limit in (("hottest point", self.core), ("surface", self.surface)):
+            if limit.over.any():
+                for name, part in zip(self._names, self._parts, strict=True):
+                    if limit.over[part].any():
+                        yield self._over(what, limit, name, part)
+        if self.lost.any():
+            for name, part in zip(self._names, self._parts, strict=True):
+                for k in np.flatnonzero(self.lost[part]).tolist():
+                    yield self._lost(name, k + 1, part.start + k)
+
+    def _over(self, what: str, limit: Limit, name: str, part: slice) -> Condition:
+        over = np.flatnonzero(limit.over[part]) + part.start
+        known = self._now_s - limit.last_s <= self._unseen_s
+        if limit is self.core:  # a surface that fell is read, though it ends nothing yet
+            known |= self.surface.fallen & np.isfinite(self._value)
+        seen = over[known[over]]
+        unseen = not len(seen)
+        among = over if unseen else seen
+        at = int(among[np.nanargmax(np.where(np.isfinite(limit.last[among]), limit.last[among], -np.inf))])
+        cell = at - part.start + 1
+        if unseen:
+            now = f": {self._last(limit, at)}"
+        elif limit is self.surface:
+            now = f" reads {limit.last[at]:.1f} °C"
+        elif np.isfinite(self._value[at]):
+            now = f" is {self._value[at]:.1f} ± {self._sd[at]:.1f} °C (core {self._core[at]:.1f} °C)"
+        else:
+            now = f" was {limit.last[at]:.1f} °C"
+        others = [int(k) - part.start + 1 for k in over if k != at]
+        more = f"; {_cells(others)} too" if others else ""
+        text = (
+            f"{what} of cell {cell}{now}, the limit is {limit.limit:g} °C{more}: lower the current or cool the string"
+        )
+        phase = "unseen" if unseen else ""
+        if limit is self.core:
+            return Condition("core", Severity.ALARM, text, name, cell, wanders=True, phase=phase)
+        return Condition("surface", Severity.ALARM, text, name, cell, wanders=True, phase=phase, urgent=True)
+
+    def _lost(self, name: str, cell: int, at: int) -> Condition:
+        last, last_s, rate, _ = self._loss[:, at].tolist()
+        text = (
+            f"thermocouple of cell {cell} failed while its cell heated: last {last:.0f} °C{_trend(rate)} at "
+            f"{_clock(last_s)}: take it for hot; stop, cool the string, look at it, then acknowledge"
+        )
+        return Condition("lost_in_heat", Severity.ALARM, text, name, cell, settled=True, urgent=True)
+
+    def _last(self, limit: Limit, at: int) -> str:
+        since_s = self._now_s - limit.last_s[at]
+        return f"last {limit.last[at]:.0f} °C{_trend(float(limit.rate[at]))}, not seen since {since_s:.0f} s"
+
+    def snapshot(self, part: slice) -> dict[str, Any]:
+        """State of some cells as JSON-able values."""
+        return {
+            "core": self.core.snapshot(part),
+            "surface": self.surface.snapshot(part),
+            "lost": self.lost[part].tolist(),
+            "loss": [[x if np.isfinite(x) else None for x in row] for row in self._loss[:, part].tolist()],
+        }
+
+    def restore(self, part: slice, state: Mapping[str, Any]) -> None:
+        """Take up a stored state of as many cells."""
+        self.core.restore(part, state["core"])
+        self.surface.restore(part, state["surface"])
+        self.lost[part] = state["lost"]
+        if (loss := state.get("loss")) is None:  # a state of an older version
+            s = self.surface
+            self._loss[:, part] = s.last[part], s.last_s[part], s.rate[part], s.last_s[part]
+            return
+        values = np.array([[np.nan if x is None else float(x) for x in row] for row in loss])
+        if not (np.abs(values[np.isfinite(values)]) <= MOST["last_s"]).all():
+            raise ValueError("loss of a limit's state is out of all bounds")
+        self._loss[:, part] = values
+
+
+def _cells(of: Sequence[int]) -> str:
+    named = ", ".join(map(str, of[:NAMED])) + (f" and {len(of) - NAMED} more" if len(of) > NAMED else "")
+    return f"cell{'s' if len(of) > 1 else ''} {named}"
+
+
+def _trend(rate: float) -> str:
+    per_min = 60.0 * rate
+    return f", {'rising' if per_min > 0 else 'falling'} {abs(per_min):.1f} K/min" if abs(per_min) >= 0.1 else ""
+
+
+def _clock(time_s: float) -> str:
+    """Bus time as a person reads it."""
+    return f"{datetime.fromtimestamp(time_s, UTC):%Y-%m-%d %H:%M:%S} UTC" if np.isfinite(time_s) else "a time unknown"

@@ -1,0 +1,247 @@
+r"""Effects that every real cell may have, carried by every window's fit whether or not the model file names them.
+
+A window knows two nodes a cell, I²R_e and a coolant. A real cell loses heat from its ends, cools a little with its
+entropy, has its heat spread over its radius, and its thermocouple feels the air. What a fit does not carry, it pays in
+R_c, R_u and the capacities, with full confidence. So each effect below has a coefficient v with the prior N(0, 1), in
+units of the size that is usual for cells of vehicles. The surfaces are linear in v as long as the effects are small:
+
+.. math::
+    y = f(\varphi, \xi) + \sum_j v_j \, c_j(t)
+
+with c_j the response of the string to the heat, the flow into the casing, or the error of the reading that the effect
+makes along the undisturbed trajectory. The responses are slow against the steps of the bus, so they are simulated in
+steps of about `STEP_S`.
+
+Beyond Lin et al., Eq 1 and 18.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bms_gateway.thermal import (
+    HEAT_GAIN_SD,
+    ContinuousString,
+    Floats,
+    StringParameters,
+    continuous,
+    coolant_path,
+    discretize,
+    film,
+)
+
+STEP_S = 8.0
+RINGS = 3
+SHARE = 0.4
+"""Share of R_c that lies distributed in the jelly roll, for v = 1 of `radial`; the rest is contact to the casing."""
+KELVIN = 273.15
+LEAST_W = 0.05
+"""Mean heat of a cell below which nothing is compared with it."""
+CAPACITY_AH = 8.0
+"""Where the model does not say: the slope of the entropy over the charge needs its order of magnitude only."""
+
+NAMES = (
+    "heat_gain",  # of heat from voltage, by `HEAT_GAIN_SD`
+    "entropic",  # W: level ±0.25 mV/K of heat that changes sign with the current; an offset of the current looks alike
+    "entropic_slope",  # ±0.5 mV/K more at one end of the charge than in the middle
+    "charge_transfer",  # 30 % of the loss grows with |I| instead of I²
+    "asymmetry",  # charging resistance ±15 % off the discharging one
+    "end_loss",  # 10 % of the heat leaves the core by the ends
+    "sink",  # surroundings 0.4 K off the coolant
+    "ambient_loss",  # 6 % more or less leaves the casing than by R_u, to where the window began
+    "convection",  # film grows with the gap to the power 0.1
+    "contact",  # thermocouple reads 3 % of the coolant
+    "lag",  # thermocouple lags by 1.5 s
+    "radial",  # heat of the roll is spread over its radius
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """What drives the carried effects in a window of K ticks, in C coarse steps of `per` ticks.
+
+    Attributes
+    ----------
+    square, heat, current, magnitude, charging : ndarray (C,)
+        Means of I², of the heat from voltage (W), of I, of |I|, and of I² while charging.
+    charge : ndarray (C,)
+        Charge moved by the middle of each step, over the capacity, about the mean of these.
+    inlet : ndarray (C + 1,), °C
+    dt : float, s
+        Of a coarse step.
+    per, ticks : int
+    """
+
+    square: Floats
+    heat: Floats
+    current: Floats
+    magnitude: Floats
+    charging: Floats
+    charge: Floats
+    inlet: Floats
+    dt: float
+    per: int
+    ticks: int
+
+    @classmethod
+    def of(cls, square: Floats, heat: Floats, current: Floats, inlet: Floats, dt: float, capacity: float) -> "Course":
+        """Take means over the coarse steps; the last one may hold fewer ticks and is taken for a whole one."""
+        K = len(square)
+        per = max(1, min(round(STEP_S / dt), K))
+        first = np.arange(0, K, per)
+        count = np.diff(np.append(first, K))
+
+        def mean(x: Floats) -> Floats:
+            return np.asarray(np.add.reduceat(x, first) / count, dtype=np.float64)
+
+        step = mean(current) * per * dt / 3600.0 / capacity
+        moved = np.cumsum(step) - step / 2.0  # to the middle of each: its end would go with the current's square
+        return cls(
+            mean(square), mean(heat), mean(current), mean(np.abs(current)), mean(square * (current < 0.0)),
+            moved - moved.mean(), inlet[np.minimum(np.append(first, first[-1] + per), K)], per * dt, per, K,
+        )  # fmt: skip
+
+    def at_ticks(self, coarse: Floats) -> Floats:
+        """Values (K + 1, …) at the ticks' instants on straight lines between those (C + 1, …) at the coarse ones."""
+        at = np.arange(self.ticks + 1) / self.per
+        k = np.minimum(at.astype(np.intp), len(coarse) - 2)
+        share = (at - k).reshape(-1, *(1,) * (coarse.ndim - 1))
+        return np.asarray((1.0 - share) * coarse[k] + share * coarse[k + 1], dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True)
+class Carried:
+    """What one unit of each carried effect does in a window, in the order of `NAMES`.
+
+    Attributes
+    ----------
+    readings : ndarray (K + 1, m, v), K
+        At the ticks' instants.
+    shares : ndarray (2, v)
+        Mean heat into the cores over the window's mean heat, and mean flow into the casings over what the coolant
+        takes: what the effects change R_e, or the gain of heat from voltage, and R_u by, for an observer that does not
+        know them.
+    last : ndarray (2n, v), K
+        Cores and casings at the end; what only thermocouples feel is not in it.
+    """
+
+    readings: Floats
+    shares: Floats
+    last: Floats
+
+    def times(self, size: float) -> "Carried":
+        """Effects of `size` units."""
+        return Carried(size * self.readings, size * self.shares, size * self.last)
+
+
+def columns(
+    p: StringParameters, course: Course, x0: Floats, surface: Floats, sensed: list[int], dt: float
+) -> "Carried":
+    """Find what one unit of each carried effect adds to the readings.
+
+    Parameters
+    ----------
+    p : StringParameters
+        String of n cells.
+    course : Course
+        Of K ticks.
+    x0 : ndarray (2n,), °C
+        Where the window begins.
+    surface : ndarray (K + 1, m), °C
+        Undisturbed surfaces of the sensed cells at the ticks' instants.
+    sensed : list of int
+        0-based, m of them.
+    dt : float, s
+        Of a tick.
+
+    Returns
+    -------
+    Carried
+
+    References
+    ----------
+    Not in the paper; a linear response about Lin et al., Eq 18.
+    """
+    n = p.cells
+    s = continuous(p)
+    casing = np.zeros((2 * n, n))
+    casing[np.arange(1, 2 * n, 2), np.arange(n)] = 1.0 / p.C_s
+    step = discretize(ContinuousString(s.A, np.hstack((s.B_q, casing)), s.B_f), course.dt)
+    made = np.outer(course.square, p.R_e) + np.outer(course.heat, p.R_e / np.mean(p.R_e))
+    X = np.empty((len(made) + 1, 2 * n))
+    X[0] = x0
+    known = made @ step.B_q[:, :n].T + np.outer(course.inlet[:-1], step.B_f0) + np.outer(course.inlet[1:], step.B_f1)
+    for k, forced in enumerate(known):
+        X[k + 1] = step.A @ X[k] + forced
+    M, m = coolant_path(p)
+    T_c, T_s = X[:, 0::2], X[:, 1::2]
+    T_f = T_s @ M.T + np.outer(course.inlet, m)
+    into = _forcing(p, course, *((T[1:] + T[:-1]) / 2.0 for T in (T_c, T_s, T_f)))
+    out = np.zeros((len(X), len(sensed), len(NAMES)))
+    x = np.zeros((2 * n, len(NAMES)))
+    at = [2 * k + 1 for k in sensed]
+    for k, forced in enumerate(np.matmul(step.B_q, into)):
+        x = step.A @ x + forced
+        out[k + 1] = x[at]
+    spread, lumped = _ringed(p, course, x0, made, T_f, RINGS, SHARE), _ringed(p, course, x0, made, T_f, 1, 0.0)
+    out[:, :, NAMES.index("radial")] = (spread - lumped)[:, sensed]
+    fine = course.at_ticks(out)
+    fine[:, :, NAMES.index("contact")] += 0.03 * (course.at_ticks(T_f[:, sensed]) - surface)
+    fine[:, :, NAMES.index("lag")] -= 1.5 * np.gradient(surface, dt, axis=0) if len(surface) > 1 else 0.0
+    heat, cooled = (max(float(abs(np.mean(w))), LEAST_W) for w in (made, (T_s - T_f) * film(p)))
+    shares = np.stack([into[:, :n].mean(axis=(0, 1)) / heat, into[:, n:].mean(axis=(0, 1)) / cooled])
+    return Carried(fine, shares, x)
+
+
+def _forcing(p: StringParameters, u: Course, T_c: Floats, T_s: Floats, T_f: Floats) -> Floats:
+    """Heat into cores and flow into casings (C, 2n, v), W, for one unit of each effect."""
+    n, C = p.cells, len(u.square)
+    out = np.zeros((C, 2 * n, len(NAMES)))
+    core, casing = out[:, :n], out[:, n:]
+    square, heat = u.square[:, None], u.heat[:, None]
+    rms = float(np.sqrt(np.mean(u.square)))
+    ohmic = square > 0.0  # elsewhere the heat comes from the voltage, which has these losses in it
+    reversible = u.current[:, None] * (T_c + KELVIN)
+    over, cooled = T_s - T_f, film(p)
+    core[:, :, 0] = HEAT_GAIN_SD * heat * (p.R_e / np.mean(p.R_e))
+    core[:, :, 1] = -0.25e-3 * reversible
+    core[:, :, 2] = -1e-3 * u.charge[:, None] * reversible
+    core[:, :, 3] = 0.3 * ohmic * p.R_e * (rms * u.magnitude[:, None] - square)
+    core[:, :, 4] = 0.15 * p.R_e * u.charging[:, None]
+    core[:, :, 5] = -0.1 * (T_c - T_f) / (p.R_c + p.R_u)
+    casing[:, :, 6] = 0.4 * cooled
+    casing[:, :, 7] = -0.06 * (T_s - u.inlet[0]) * cooled
+    casing[:, :, 8] = -0.1 * np.log(np.abs(over) / 5.0 + 0.05) * over * cooled
+    return out
+
+
+def _ringed(p: StringParameters, u: Course, x0: Floats, made: Floats, T_f: Floats, rings: int, share: float) -> Floats:
+    r"""Surfaces (C + 1, n) of cells whose roll is some rings of equal volume, with the coolant at each cell given.
+
+    With x = (r/R)² the temperature under even heat is a straight line in x: neighbours are joined by R_d/j, the
+    outermost ring and the casing by R_d/(2 rings) and the contact, where R_d = 2 φ R_c makes the mean what R_c says.
+    Neighbouring cells conduct nothing here: it is the difference between two such strings that counts.
+    """
+    n, N, cooled = p.cells, rings + 1, film(p)
+    distributed, contact = 2.0 * share * p.R_c, (1.0 - share) * p.R_c
+    out = np.empty((len(u.inlet), n))
+    for c in range(n):
+        A = np.zeros((N, N))
+        capacity = np.array([p.C_c[c] / rings] * rings + [p.C_s[c]])
+        for j in range(1, N):
+            G = j / distributed[c] if j < rings else 1.0 / (distributed[c] / (2.0 * rings) + contact[c])
+            A[[j - 1, j], [j - 1, j]] -= G
+            A[[j - 1, j], [j, j - 1]] += G
+        A[-1, -1] -= cooled[c]
+        B = np.append(np.full(rings, 1.0 / p.C_c[c]), 0.0)[:, None]
+        b = np.append(np.zeros(rings), cooled[c] / p.C_s[c])
+        step = discretize(ContinuousString(A / capacity[:, None], B, b), u.dt)
+        known = np.outer(made[:, c], step.B_q[:, 0]) + np.outer(T_f[:-1, c], step.B_f0)
+        known += np.outer(T_f[1:, c], step.B_f1)
+        gap, at = x0[2 * c] - x0[2 * c + 1], (np.arange(rings) + 0.5) / rings
+        x = np.append(x0[2 * c + 1] + gap * (1.0 + share * (1.0 - 2.0 * at)), x0[2 * c + 1])
+        out[0, c] = x[-1]
+        for k, forced in enumerate(known):
+            x = step.A @ x + forced
+            out[k + 1, c] = x[-1]
+    return out

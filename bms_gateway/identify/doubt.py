@@ -1,0 +1,72 @@
+r"""How far data may move a number before they speak of an error of the model, and how much noisier they then are.
+
+A small residual does not make a model right. Data that drag a parameter far off what was known of it drag it by
+something that the model lacks: then a residual is not worth what its size suggests. With information H of the data,
+Λ of what was known before, and a posterior δ away from that, data of weight w ≤ 1 lead to
+
+.. math::
+    \delta(w) = (w H + \Lambda)^{-1} \, w \, (H + \Lambda) \, \delta
+
+and the largest w with which every judged combination of numbers c stays within its limit,
+:math:`|c^T \delta(w)| \le l`, gives the factor :math:`1 / \sqrt{w}` on the noise.
+
+Beyond Lin et al., who take the model for true.
+"""
+
+from typing import Final
+
+import numpy as np
+
+from bms_gateway.thermal import Floats
+
+SOUND_SD: Final = {"R_e": 2.0, "R_c": 2.0, "R_u": 2.0}
+"""Prior sd that the data may move a number. Resistances are what is sought, and priors of them are wide guesses; of
+capacities, and of the carried effects, the prior is what is known, and data that move them farther speak of something
+else."""
+SOUND_OTHER_SD: Final = 1.0
+HOPELESS: Final = 4.0
+"""Factor on the noise from which on a window is not used: the model lacks what the surfaces show most of."""
+LEAST_WEIGHT: Final = 1e-4
+HALVINGS: Final = 20
+
+
+def sound_sd(name: str) -> float:
+    """Prior sd that data may move the parameter or carried effect `name`."""
+    return SOUND_SD.get(name, SOUND_OTHER_SD)
+
+
+def noise_factor(info: Floats, known: Floats, off: Floats, judged: Floats, limit: Floats) -> float:
+    """Factor on the noise with which all judged combinations of numbers stay within their limits.
+
+    Parameters
+    ----------
+    info, known : ndarray (p, p)
+        Information of the data at their own weight, and of what was known before.
+    off : ndarray (p,)
+        Posterior mean less what was known before.
+    judged : ndarray (c, p)
+    limit : ndarray (c,)
+        Positive.
+
+    Returns
+    -------
+    float
+        1 where all are within their limits as they are; at most ``LEAST_WEIGHT ** -0.5``.
+
+    Examples
+    --------
+    Data as good as the prior moved a number by 2 prior sd; to move it by one they must be half as good:
+
+    >>> one = np.eye(1)
+    >>> round(noise_factor(one, one, np.array([2.0]), one, np.array([4 / 3])) ** 2, 3)
+    2.0
+    """
+    if np.all(np.abs(judged @ off) <= limit):
+        return 1.0
+    pull = (info + known) @ off
+    low, high = LEAST_WEIGHT, 1.0
+    for _ in range(HALVINGS):
+        weight = float(np.sqrt(low * high))
+        inside = bool(np.all(np.abs(judged @ np.linalg.solve(weight * info + known, weight * pull)) <= limit))
+        low, high = (weight, high) if inside else (low, weight)
+    return float(low**-0.5)

@@ -1,0 +1,446 @@
+r"""One window of one string as a problem of least squares: what is sought, what is a nuisance, what is known before.
+
+See `posterior_fit` for the theory.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bms_gateway.identify.carried import CAPACITY_AH, NAMES, Carried, Course, columns
+from bms_gateway.identify.contract import log_prior, string_parameters
+from bms_gateway.identify.discrepancy import SIZES, TAUS, Whitener, white_sd
+from bms_gateway.identify.doubt import noise_factor, sound_sd
+from bms_gateway.identify.evidence import UNLIKE, Evidence, unlike
+from bms_gateway.identify.inlet_noise import inlet_noise, of_swing, slopes_by_noise
+from bms_gateway.identify.lumped import R_E, R_U, lumped, lumped_jacobian
+from bms_gateway.identify.response import Inputs, Response, respond
+from bms_gateway.identify.window_start import (
+    FRESH,
+    at_readings,
+    first_start,
+    lateness,
+    start_information,
+    start_map,
+    swing_information,
+)
+from bms_gateway.thermal import KINDS, Floats, StringModel, StringParameters
+
+STEP = 1e-4  # of a logarithm, for derivatives: truncation and rounding both stay near 1e-8
+ANNEAL = (30.0, 10.0, 3.0)  # times the noise: far starts slide in on a blunted likelihood instead of sticking
+WALKS = (0.01, 0.03, 0.1, 0.3, 0.8)  # candidates for the walk of ln R_e in `WALK_S`
+WALK_S = 1200.0
+KNOT_S = 200.0  # spacing of the walk's knots; faster changes average out over the slow time constant
+WARMING_SD = 0.03  # 1/K of the surface: LFP loses 2…6 % of R_e per kelvin in the cold, 1 % when warm
+MEAN_S = 4.0  # over which readings are taken together: half a casing's time
+MODEL_SD = (
+    0.2  # K·√s, white: a two-node cell is not believed better, whatever the sensor. Decides on real cells: with 0.01
+)
+# the fast pole of a cell with radial diffusion drags R_c and R_u (core 3 K off, 1 K with 0.2); 0.4 blunts the slow one
+CARRIED = ((0.5, 0.5, 0.3), (1.0, 0.5, 0.3))  # K: spread of a start where the window before ended there
+MOST_SHARE = 0.5
+"""Of a window's heat that one unit of a carried effect may be taken for: more is a window with hardly any heat."""
+STEEP = 1.5  # largest step of a logarithm in one iteration
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """K steps and the readings at their ends.
+
+    Attributes
+    ----------
+    square, heat : ndarray (K,)
+        Mean I², A², where heat is I²R_e; heat per cell, W, where it comes from voltage; 0 otherwise.
+    current : ndarray (K,), A
+        Mean current, discharge positive.
+    inlet : ndarray (K + 1,)
+    surface, age : ndarray (K, n)
+        °C with NaN for none; s.
+    dt : float
+    """
+
+    square: Floats
+    heat: Floats
+    current: Floats
+    inlet: Floats
+    surface: Floats
+    age: Floats
+    dt: float
+
+
+@dataclass(frozen=True, slots=True)
+class Sizes:
+    """Sizes of the noise: white and slow, K, memory of the slow part, s, and the walk of ln R_e in `WALK_S`."""
+
+    white: float
+    slow: float
+    tau: float
+    walk: float
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """Everything at one (φ, ξ): residual and columns, then Hessian and gradient by source."""
+
+    phi: Floats
+    xi: Floats
+    residual: Floats  # (K, m), NaN where no reading
+    columns: Floats  # (K, m, p + q)
+    end: Floats  # (T_s, e)
+    H: Floats  # of data, evidence and nuisances
+    g: Floats
+    cost: float  # with the prior
+
+
+class Problem:
+    """One window and what is carried into it; sets up once what does not change between iterations."""
+
+    def __init__(
+        self, model: StringModel, window: Window, evidence: Evidence, start: Floats | None, carried: float
+    ) -> None:
+        self.model, self.evidence = model, evidence
+        self.size = carried
+        self.names, self.prior_mean, prior_sd = log_prior(model)
+        self.p, self.V = p, V = len(self.names), len(NAMES)
+        self.P = P = p + V
+        self.info, self.grad = np.ascontiguousarray(evidence.info[:P, :P]), evidence.grad[:P]
+        self.free = np.flatnonzero(prior_sd > 0.0)
+        self.prior_info = np.zeros(p)
+        self.prior_info[self.free] = prior_sd[self.free] ** -2
+        self.lasting = np.concatenate([self.free, np.arange(p, P)])  # what is sought and goes on after the window
+        self.low = np.log([KINDS[s].lower for s in self.names])
+        self.high = np.log([KINDS[s].upper for s in self.names])
+        self.sensed = [k - 1 for k in model.sensors]
+        read = window.surface[:, self.sensed]
+        self.seen = np.isfinite(read)
+        self.late = lateness(window.age, window.dt, self.sensed)
+        K, N = len(window.square), 2 * model.cells
+        self.first = np.arange(0, K, max(1, round(MEAN_S / window.dt)))
+        self.count = np.add.reduceat(self.seen.astype(np.float64), self.first)
+        self.valid = self.count > 0.0
+        self.y = np.where(self.valid, self.mean(read), np.nan)
+        self.dt = window.dt * (self.first[1] if len(self.first) > 1 else 1.0)
+        J = max(1, round(K * window.dt / KNOT_S))
+        knots = np.linspace(0.0, K, J + 1)
+        shapes = np.array([np.interp(np.arange(K) + 0.5, knots, e) for e in np.eye(J + 1)[:J]]).T
+        shapes = np.column_stack([shapes, _warming(read)])
+        self.inputs = Inputs(window.square, window.heat, window.inlet, window.dt, shapes, np.zeros(J + 1))
+        left = (K - knots[:J]) * window.dt / WALK_S
+        self.walk_info = np.linalg.inv(np.minimum.outer(left, left))
+        self.start_info = start_information(model.cells, *(FRESH if start is None else CARRIED))
+        if start is None:
+            start = first_start(read, window.dt, float(window.inlet[0]), model.cells)
+        self.swing_info = swing_information(window.inlet)
+        self.N, self.J = N, J
+        self.unlike_sd = np.array([model.tolerances.get(f"cell_{s}", 0.0) for s in UNLIKE])
+        self.xi0 = np.concatenate([np.zeros(V), start, np.zeros(J + 2)])
+        self.moving = np.concatenate([self.free, np.arange(p, self.P + N + J + 2)])
+        self.noise = inlet_noise(window.inlet, window.dt)
+        self.by_noise = np.zeros(p + len(self.xi0))
+        self.course = Course.of(
+            window.square, window.heat, window.current, window.inlet, window.dt, model.capacity_Ah or CAPACITY_AH
+        )
+        self.carried = np.zeros((*self.y.shape, V))
+        self.effects = Carried(self.carried, np.zeros((2, V)), np.zeros((N, V)))
+        self.from_voltage = bool(np.any(window.heat != 0.0))
+
+    def distrust(self, kept: float) -> None:
+        """Keep a share of the evidence so far."""
+        e = self.evidence
+        self.evidence = Evidence(e.z0, kept * e.info, kept * e.grad)
+        self.info, self.grad = kept * self.info, kept * self.grad
+
+    def feasible(self, phi: Floats) -> bool:
+        """Whether the coolant node exists there (bulk: R_u C_f > 1, with room for the derivative's step)."""
+        if not self.model.has_coolant_path or self.model.coolant == "ntu":
+            return True
+        p = string_parameters(self.model, self.names, phi)
+        return bool(np.all(p.R_u * p.C_f > 1.001))
+
+    def inside(self, phi: Floats, step: Floats) -> Floats:
+        """As much of `step` from a feasible φ as stays feasible."""
+        step = step * min(1.0, STEEP / max(float(np.max(np.abs(step))), STEEP))
+        while not self.feasible(there := np.clip(phi + step, self.low, self.high)):
+            step = step / 2.0
+        return np.asarray(there, dtype=np.float64)
+
+    def sets(self, phi: Floats) -> list[StringParameters]:
+        """Strings of φ and of φ with one logarithm more by `STEP` each."""
+        return [string_parameters(self.model, self.names, q) for q in (phi, *(phi + STEP * np.eye(self.p)))]
+
+    def simulate(self, phi: Floats, xi: Floats) -> tuple[Floats, Floats, Floats]:
+        """Residual (K, m), its columns −∂r/∂(φ, ξ) (K, m, p + q), and (T_s, e) at the end (2n,)."""
+        sets = self.sets(phi)
+        R = self.respond(sets, xi)
+        f = self.read(R.surface.transpose(1, 2, 0))
+        by_phi = (f[:, :, 1:] - f[:, :, :1]) / STEP
+        E, _ = start_map(sets[0], self.inputs.inlet[0])
+        by_start, by_input = self.read(R.surface_by_start) @ E, self.read(R.surface_by_input)
+        columns = np.concatenate([by_phi, self.carried, by_start, by_input], axis=2)
+        E, c = start_map(sets[0], self.inputs.inlet[-1])
+        predicted, last = f[:, :, 0] + self.carried @ xi[: self.V], R.last[0] + self.effects.last @ xi[: self.V]
+        return np.where(self.valid, self.y - predicted, np.nan), columns, np.linalg.solve(E, last - c)
+
+    def carry(self, phi: Floats, xi: Floats) -> None:
+        """Take what the carried effects do along the trajectory of (φ, ξ) into use."""
+        if self.size == 0.0:
+            return
+        p = string_parameters(self.model, self.names, phi)
+        R = self.respond([p], xi)
+        E, c = start_map(p, self.inputs.inlet[0])
+        x0 = E @ xi[self.V : self.V + self.N] + c
+        self.effects = columns(p, self.course, x0, R.surface[0], self.sensed, self.inputs.dt).times(self.size)
+        self.carried = self.read(self.effects.readings)
+
+    def effective(self, mean: Floats, cov: Floats) -> tuple[Floats, Floats]:
+        """Put the carried effects' share of heat and cooling into the numbers of an observer that does not know them.
+
+        Parameters
+        ----------
+        mean, cov : ndarray (P,), (P, P)
+            Of (φ, v).
+
+        Returns
+        -------
+        ndarray (p + 1,), ndarray (p + 1, p + 1)
+            Of φ and of the logarithm of the gain of heat from voltage, which is 0 where there is none.
+        """
+        A = np.zeros((self.p + 1, self.P))
+        A[: self.p, : self.p] = np.eye(self.p)
+        A[self.p if self.from_voltage else R_E, self.p :] = np.clip(self.effects.shares[0], -MOST_SHARE, MOST_SHARE)
+        A[R_U, self.p :] = np.clip(self.effects.shares[1], -MOST_SHARE, MOST_SHARE)
+        fixed = np.setdiff1d(np.arange(self.p), self.free)
+        A[fixed, self.p :] = 0.0
+        return A @ mean, A @ cov @ A.T
+
+    def respond(self, sets: list[StringParameters], xi: Floats) -> Response:
+        """Response of parameter sets with the nuisances ξ."""
+        start = xi[self.V : self.V + self.N]
+        inputs = replace(self.inputs, departure=xi[self.V + self.N : -1], swing=1.0 + float(xi[-1]))
+        starts = (start_map(s, inputs.inlet[0]) for s in sets)
+        return respond(sets, inputs, np.array([E @ start + c for E, c in starts]), self.sensed)
+
+    def read(self, Y: Floats) -> Floats:
+        """Surfaces (K + 1, m, …) at the readings' own times, as means over `MEAN_S` (G, m, …)."""
+        return self.mean(at_readings(Y, self.late))
+
+    def mean(self, x: Floats) -> Floats:
+        """Means (G, m, …) over `MEAN_S` of what belongs to readings (K, m, …); 0 where there was none.
+
+        They are means of readings and of what the model says of these, so nothing is lost but what is quicker than
+        `MEAN_S`, which only noise is; and everything that is filtered is as many times shorter.
+        """
+        more = (1,) * (x.ndim - 2)
+        total = np.add.reduceat(np.where(self.seen.reshape(*self.seen.shape, *more), x, 0.0), self.first)
+        return np.asarray(total / np.maximum(self.count, 1.0).reshape(*self.count.shape, *more), dtype=np.float64)
+
+    def whitener(self, sizes: Sizes, scale: float = 1.0) -> Whitener:
+        """Filter of the noise; means of fewer readings have more."""
+        white = sizes.white * scale * np.sqrt(self.count.max() / np.maximum(self.count, 1.0))
+        return Whitener.of(self.valid, white, sizes.slow * scale, sizes.tau, self.dt)
+
+    def nuisance_info(self, walk: float) -> Floats:
+        """P⁻¹ over ξ, without the carried effects' prior."""
+        first, end = self.V, self.V + self.N
+        out = np.zeros((end + self.J + 2,) * 2)
+        out[first:end, first:end] = self.start_info
+        out[end:-2, end:-2] = self.walk_info / walk**2
+        out[-2, -2] = WARMING_SD**-2
+        out[-1, -1] = self.swing_info
+        return out
+
+    def normal(self, residual: Floats, columns: Floats, whitener: Whitener) -> Floats:
+        """[columns, residual]ᵀ [columns, residual], whitened (p + q + 1, p + q + 1)."""
+        both = whitener(np.concatenate([columns, residual[:, :, None]], axis=2)).reshape(-1, columns.shape[2] + 1)
+        return np.asarray(both.T @ both, dtype=np.float64)
+
+    def assemble(self, phi: Floats, xi: Floats, seen: tuple[Floats, Floats, Floats], M: Floats, walk: float) -> Point:
+        """Add evidence and nuisances to the data's normal matrix `M`."""
+        p, P = self.p, self.P
+        H, g, cost = M[:-1, :-1].copy(), -M[:-1, -1], 0.5 * float(M[-1, -1])
+        D, delta = self.to_evidence(phi, xi)
+        pull = self.info @ delta
+        H[:P, :P] += D.T @ self.info @ D
+        g[:P] += D.T @ (pull + self.grad)
+        info, off = self.nuisance_info(walk), xi - self.xi0
+        H[p:, p:] += info
+        g[p:] += info @ off
+        g -= self.by_noise
+        cost -= float(self.by_noise @ np.concatenate([phi, xi]))
+        prior = self.prior_info @ (phi - self.prior_mean) ** 2 + xi[: self.V] @ xi[: self.V]
+        cost += float(0.5 * delta @ pull + self.grad @ delta + 0.5 * off @ info @ off + 0.5 * prior)
+        return Point(phi, xi, *seen, H, g, cost)
+
+    def to_evidence(self, phi: Floats, xi: Floats) -> tuple[Floats, Floats]:
+        """Slope (P, P) of the evidence's coordinates (z, v) by (φ, v), and where they are about its origin (P,)."""
+        D = np.eye(self.P)
+        D[: self.p, : self.p] = lumped_jacobian(phi, self.model.has_conduction)
+        z = lumped(phi, self.model.has_conduction) - self.evidence.z0
+        return D, np.concatenate([z, xi[: self.V]])
+
+    def at(self, phi: Floats, xi: Floats, whitener: Whitener, walk: float) -> Point:
+        """Simulate, and gather Hessian and gradient."""
+        seen = self.simulate(phi, xi)
+        return self.assemble(phi, xi, seen, self.normal(*seen[:2], whitener), walk)
+
+    def with_prior(self, point: Point) -> tuple[Floats, Floats]:
+        """Hessian and gradient over what moves, prior included."""
+        H, g, P = point.H.copy(), point.g.copy(), self.P
+        info, pull = self.prior(point)
+        H[np.arange(P), np.arange(P)] += info
+        g[:P] += pull
+        return H[np.ix_(self.moving, self.moving)], g[self.moving]
+
+    def prior(self, point: Point) -> tuple[Floats, Floats]:
+        """Diagonal information (P,) of the prior over (φ, v), and its gradient (P,) at a point."""
+        info = np.append(self.prior_info, np.ones(self.V))
+        return info, info * np.concatenate([point.phi - self.prior_mean, point.xi[: self.V]])
+
+    def minimise(self, phi: Floats, xi: Floats, sizes: Sizes, scale: float, most: int) -> Point:
+        """Levenberg–Marquardt from (φ, ξ) with noise times `scale`."""
+        W = self.whitener(sizes, scale)
+        self.carry(phi, xi)
+        here = self.at(phi, xi, W, sizes.walk)
+        enough = 1e-3 if scale == 1.0 else 0.1  # of the log posterior
+        f, p, damping = len(self.free), self.p, 0.0
+        for _ in range(most):
+            H, g = self.with_prior(here)
+            top = float(np.max(np.diag(H)[:f], initial=1.0))
+            there = None
+            while damping <= 1e6 * top:
+                A = H.copy()
+                A[np.arange(f), np.arange(f)] += damping
+                move = np.zeros(p + len(xi))
+                move[self.moving] = -np.linalg.solve(A, g)
+                phi = np.clip(here.phi + move[:p], self.low, self.high)
+                if np.max(np.abs(move[:p])) <= STEEP and self.feasible(phi):
+                    there = self.at(phi, here.xi + move[p:], W, sizes.walk)
+                    if there.cost <= here.cost:
+                        break
+                damping = max(4.0 * damping, 1e-3 * top)
+            if there is None or there.cost > here.cost:
+                return here  # no way down from here
+            gained = here.cost - there.cost
+            here = there
+            damping = damping / 8.0 if damping > 1e-6 * top else 0.0
+            if gained < enough:
+                break
+        return here
+
+    def choose(self, at: Point, white_floor: float) -> Sizes:
+        """Sizes with the largest marginal likelihood, everything else integrated out about `at`."""
+        white = white_sd(at.residual, white_floor)
+        best, chosen = np.inf, Sizes(white, SIZES[0], TAUS[0], WALKS[0])
+        for slow in SIZES:
+            for tau in TAUS:
+                W = self.whitener(Sizes(white, slow, tau, WALKS[0]))
+                M = self.normal(at.residual, at.columns, W)
+                for walk in WALKS:
+                    point = self.assemble(at.phi, at.xi, (at.residual, at.columns, at.end), M, walk)
+                    H, g = self.with_prior(point)
+                    L = np.linalg.cholesky(H)
+                    down = np.linalg.solve(L, g)
+                    score = point.cost - 0.5 * float(down @ down) + 0.5 * W.log_det
+                    score += float(np.log(np.diag(L)).sum()) + self.J * np.log(walk)
+                    if score < best:
+                        best, chosen = score, Sizes(white, slow, tau, walk)
+        return chosen
+
+    def hear_noise(self, at: Point, sizes: Sizes) -> None:
+        """Take off, from here on, what noise of the inlet adds to the squares about `at`; a constant apart."""
+        if self.noise == 0.0:
+            return
+        W = self.whitener(sizes)
+        swing = 1.0 + float(at.xi[-1])
+        slopes = self.noise**2 * slopes_by_noise(
+            self.sets(at.phi), STEP, len(self.seen), self.inputs.dt, swing, self.sensed, lambda Y: W(self.read(Y))
+        )
+        heard = float(np.sum(W(at.columns[:, :, -1:]) ** 2))
+        self.by_noise[: self.p], self.by_noise[-1] = slopes[:-1], of_swing(float(slopes[-1]), heard)
+
+    def score(self, point: Point) -> float:
+        """−ln of the posterior mass about a mode (Laplace), up to a constant."""
+        H, _ = self.with_prior(point)
+        return point.cost + 0.5 * float(np.linalg.slogdet(H)[1])
+
+    def marginal(self, point: Point) -> tuple[Floats, Floats]:
+        """Information and gradient over (φ, v), the window's nuisances integrated out, prior not included."""
+        P = self.P
+        gain = np.linalg.solve(point.H[P:, P:], point.H[P:, :P])
+        return point.H[:P, :P] - point.H[:P, P:] @ gain, point.g[:P] - gain.T @ point.g[P:]
+
+    def with_cells(self, point: Point, sizes: Sizes) -> tuple[Floats, Floats]:
+        """Information and gradient as of `marginal`, over (φ, v) and the departures u of single cells."""
+        P, r = self.P, len(point.g)
+        base = string_parameters(self.model, self.names, point.phi)
+        f = self.read(self.respond([base, *unlike(base, STEP)], point.xi).surface.transpose(1, 2, 0))
+        by_cell = ((f[:, :, 1:] - f[:, :, :1]) / STEP).reshape(*f.shape[:2], len(UNLIKE), self.model.cells)
+        by_cell = self.unlike_sd[:, None] * (by_cell - by_cell.mean(axis=3, keepdims=True))
+        columns = np.concatenate([point.columns, by_cell.reshape(*f.shape[:2], -1)], axis=2)
+        W = self.whitener(sizes)
+        M = self.normal(point.residual, columns, W)
+        H, g = M[:-1, :-1].copy(), -M[:-1, -1]
+        H[:r, :r], g[:r] = point.H, point.g
+        carried = self.evidence
+        D, delta = self.to_evidence(point.phi, point.xi)
+        cross = D.T @ carried.info[:P, P:]
+        H[:P, r:] += cross
+        H[r:, :P] += cross.T
+        H[r:, r:] += carried.info[P:, P:]
+        g[r:] += carried.info[P:, :P] @ delta + carried.grad[P:]
+        kept = np.r_[:P, r : len(g)]
+        gain = np.linalg.solve(H[P:r, P:r], H[P:r, kept])
+        return H[np.ix_(kept, kept)] - H[kept, P:r] @ gain, g[kept] - gain.T @ g[P:r]
+
+    def mean_of_cells(self, point: Point, info: Floats, grad: Floats) -> tuple[Floats, Floats]:
+        """Step of (φ, v) from the mode, and covariance there, with u integrated out of `with_cells`."""
+        P, own = self.P, info[self.P :, self.P :] + np.eye(len(grad) - self.P)
+        gain = np.linalg.solve(own, info[P:, :P])
+        cov = self._inverted(info[:P, :P] - info[:P, P:] @ gain)
+        return -cov @ (grad[:P] + self.prior(point)[1] - gain.T @ grad[P:]), cov
+
+    def covariance(self, point: Point) -> Floats:
+        """Posterior covariance of (φ, v) at a mode; zero for what is fixed."""
+        return self._inverted(self.marginal(point)[0])
+
+    def _inverted(self, info: Floats) -> Floats:
+        """Covariance (P, P) by information with the prior added; zero for what is fixed."""
+        post = info + np.diag(np.append(self.prior_info, np.ones(self.V)))
+        cov = np.zeros_like(post)
+        part = np.ix_(self.lasting, self.lasting)
+        cov[part] = np.linalg.inv(post[part])
+        return 0.5 * (cov + cov.T)
+
+    def noisier(self, point: Point, mean: Floats, sizes: Sizes) -> float:
+        """Factor on the noise with which all numbers would lie near what was known of them (`doubt`).
+
+        Parameters
+        ----------
+        point : Point
+        mean : ndarray (p,)
+            φ of both roots.
+        sizes : Sizes
+        """
+        sound = np.array([sound_sd(s) for s in (*self.names, *NAMES)])[self.lasting]
+        sd = np.append(self.prior_info, np.ones(self.V))[self.lasting] ** -0.5
+        off = np.append(mean - self.prior_mean, point.xi[: self.V])[self.lasting]
+        if not len(self.free) or np.all(np.abs(off) <= sound * sd):
+            return 1.0  # as nearly always: what the data tell needs no looking at
+        part = np.ix_(self.lasting, self.lasting)
+        known = np.diag(sd**-2)
+        if self.model.cells == 1:
+            info = self.marginal(point)[0][part]
+        else:  # what unlike cells do to the mean is no error of the model
+            step, cov = self.mean_of_cells(point, *self.with_cells(point, sizes))
+            off, info = off + step[self.lasting], np.linalg.inv(cov[part]) - known
+        return noise_factor(info, known, off, np.eye(len(off)), sound * sd)
+
+
+def _warming(y: Floats) -> Floats:
+    """Mean measured surface over its value at the end of the window (K,), K; 0 where nothing was read."""
+    counted = np.isfinite(y).sum(axis=1)
+    read = np.flatnonzero(counted)
+    if not len(read):
+        return np.zeros(len(y))
+    mean = np.nansum(y[read], axis=1) / counted[read]
+    return np.asarray(np.interp(np.arange(len(y)), read, mean) - np.mean(mean[-60:]), dtype=np.float64)

@@ -1,0 +1,173 @@
+"""The use of each configured signal: seen, used, refused and why, observed and allowed range, and how to correct it."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Final
+
+from bms_gateway.engine import Engine
+from bms_gateway.engine.plan import Channel, Plan
+from bms_gateway.engine.reasons import REASONS
+from bms_gateway.frames.database import Database
+from bms_gateway.frames.quality import Quality
+from bms_gateway.frames.rules import PLAUSIBLE
+from bms_gateway.frames.signals import SignalInfo
+
+WORTH_A_WORD: Final = 0.05
+"""Share of refused samples from which on a signal is named; every start refuses a few."""
+LOST: Final = 0.5
+"""Share from which on a signal counts as not used."""
+OPTIONAL: Final = ("soc", "cell_voltage", "voltage", "coolant_flow")
+CURRENT_REFUSED: Final = "the voltage moves while it stands at one value: stuck, saturated or clipped"
+NOT_TAKEN: Final = "nothing is estimated from it with this config"
+
+
+@dataclass(frozen=True, slots=True)
+class Use:
+    """One signal, for all strings that use it.
+
+    Attributes
+    ----------
+    key : str
+        What the config calls it, as `string_1.current` or `string_2.surface.3`: the first that takes it.
+    channel : Channel
+    info : SignalInfo
+        As the config has it, with its own range where it states one.
+    seen, used : int
+    refused : dict of reason to int
+    observed : (float, float) or None
+        Of all samples, believed or not, in the DBC's unit; None where there was none.
+    allowed : (float, float)
+        What the DBC, or the config in its place, and the gateway believe; the DBC's unit.
+    taken : bool
+        An estimator takes it in.
+    stated : bool
+        The config names it; what our own DBC has by itself need not be sent.
+    """
+
+    key: str
+    channel: Channel
+    info: SignalInfo
+    seen: int
+    used: int
+    refused: dict[str, int]
+    observed: tuple[float, float] | None
+    allowed: tuple[float, float]
+    taken: bool = True
+    stated: bool = True
+
+    @property
+    def lost(self) -> bool:
+        """Whether the config names a signal of which (nearly) nothing is used."""
+        if not self.taken or (not self.stated and self.channel.quantity in OPTIONAL):
+            return False
+        return self.used < LOST * self.seen or self.used == 0
+
+    def document(self) -> dict[str, Any]:
+        """For machines."""
+        return {
+            "seen": self.seen,
+            "used": self.used,
+            "refused": self.refused,
+            "observed": None if self.observed is None else [_short(x) for x in self.observed],
+            "allowed": [_short(x) for x in self.allowed],
+            "unit": self.info.unit,
+            "key": self.key,
+        } | ({} if self.taken else {"note": NOT_TAKEN})
+
+
+def signal_use(plan: Plan, database: Database, engine: Engine, stated: set[str]) -> dict[str, Use]:
+    """Gather the use that an engine made of its signals.
+
+    Parameters
+    ----------
+    plan : Plan
+    database : Database
+    engine : Engine
+        After the traffic.
+    stated : set of str
+        Names of the strings whose signals the config names.
+
+    Returns
+    -------
+    dict of signal ("Message.Signal") to Use
+        In the order of the plan; a signal that several strings take is told once.
+    """
+    found: dict[str, Use] = {}
+    for string, wire in zip(plan.strings, engine.wires, strict=True):
+        for c in string.channels:
+            if c.signal is None or c.signal in found:
+                continue
+            i = wire.of(c)
+            info = database.resolve(c.signal)
+            part = f".{c.statistic}_of" if c.statistic is not None else "" if c.cell is None else f".{c.cell}"
+            key = f"{string.name}.{c.quantity}{part}"
+            allowed = allowed_range(c, info)
+            if i < 0:
+                found[c.signal] = Use(key, c, info, 0, 0, {}, None, allowed, False, string.name in stated)
+                continue
+            counts = engine.counts[i]
+            low, high = (float(x) for x in engine.extremes[:, i])
+            refused = {
+                Quality(q).name.lower(): int(n) for q, n in enumerate(counts.tolist()) if n and q != Quality.GOOD
+            }
+            observed = (low, high) if math.isfinite(low) and math.isfinite(high) else None
+            seen, used = int(counts.sum()), int(counts[Quality.GOOD])
+            found[c.signal] = Use(key, c, info, seen, used, refused, observed, allowed, True, string.name in stated)
+    return found
+
+
+def allowed_range(c: Channel, info: SignalInfo) -> tuple[float, float]:
+    """Range that is believed, in the DBC's unit: the declared one, what the bits hold and what is plausible."""
+    raw = max(info.raw_valid[0], info.raw_limits[0]), min(info.raw_valid[1], info.raw_limits[1])
+    low, high = sorted(x * info.scale + info.offset for x in raw)
+    ends = sorted((x - c.offset) / c.scale for x in PLAUSIBLE[c.quantity])
+    return max(low, ends[0]), min(high, ends[1])
+
+
+def advice(uses: dict[str, Use]) -> Iterator[str]:
+    """For each signal that is not used as it should be, say what was seen and which line of the config corrects it."""
+    for signal, use in uses.items():
+        if not use.taken or (not use.stated and use.channel.quantity in OPTIONAL):
+            continue
+        if not use.seen:
+            yield f"{use.key}: {signal} never comes in this log: is it another message, bus or source address?"
+            continue
+        # every sensor starts by not having moved yet; that is told where it never does
+        waiting = 0 if use.lost else use.refused.get("never", 0)
+        lost = use.seen - use.used
+        if lost - waiting <= WORTH_A_WORD * use.seen or not use.refused:
+            continue
+        most = max(use.refused, key=lambda reason: use.refused[reason] * (use.lost or reason != "never"))
+        share = f"{use.key} ({signal}) refused {100 * lost / use.seen:.0f} %"
+        if most == "out_of_range" and use.observed is not None:
+            (low, high), (least, most_allowed), unit = use.observed, use.allowed, use.info.unit
+            ends = f"observed {low:g} … {high:g} {unit}, allowed {least:g} … {most_allowed:g}"
+            yield f"{share}: {ends}: {_remedy(signal, use)}"
+        else:
+            stands = use.channel.quantity == "current" and most == "stuck"
+            yield f"{share}, mostly: {CURRENT_REFUSED if stands else REASONS[Quality[most.upper()]]}"
+
+
+def _remedy(signal: str, use: Use) -> str:
+    """Give the line that would let the observed range in, or what else it may be."""
+    assert use.observed is not None  # noqa: S101 — asked for only where something was observed
+    c, info, (low, high) = use.channel, use.info, use.observed
+    ends = sorted((x - c.offset) / c.scale for x in PLAUSIBLE[c.quantity])
+    if high < ends[0] or low > ends[1]:
+        believed = f"{ends[0]:g} … {ends[1]:g}"
+        return f"no value of a {c.quantity.replace('_', ' ')} ({believed} in this unit): set scale and offset"
+    if c.quantity == "current" and info.raw_limits[0] >= 0 and high > 0.9 * (info.raw_limits[1] * info.scale):
+        return f'two\'s complement? {{ signal = "{signal}", signed = true }} reads it so'
+    fields = [f'signal = "{signal}"']
+    if info.minimum is not None and low < info.minimum:
+        fields.append(f"minimum = {max(low, ends[0]):g}")
+    if info.maximum is not None and high > info.maximum:
+        fields.append(f"maximum = {min(high, ends[1]):g}")
+    if len(fields) == 1:
+        return "its ends are where the sensor has run out of range"
+    return f"if that is real, set minimum/maximum: {use.key.split('.', 1)[1]} = {{ {', '.join(fields)} }}"
+
+
+def _short(x: float) -> float | None:
+    return float(f"{x:.7g}") if math.isfinite(x) else None

@@ -1,0 +1,275 @@
+"""Which column of a table is what, and in which unit: by its name, the unit in it or below it, and `--columns`."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final
+
+from bms_gateway.errors import DataError, did_you_mean
+from bms_gateway.report.dates import ASKED
+
+__all__ = ["Column", "bare_unit", "find_columns", "quantity_of"]
+
+_F: Final = (5 / 9, -160 / 9)
+_TEMPERATURE: Final = {
+    **dict.fromkeys(("°C", "C", "degC", "deg C", "℃", "ºC", "Celsius"), (1.0, 0.0)),
+    **dict.fromkeys(("K", "Kelvin", "°K", "degK"), (1.0, -273.15)),
+    **dict.fromkeys(("°F", "F", "degF", "deg F", "ºF", "Fahrenheit"), _F),
+    **dict.fromkeys(("m°C", "mdegC"), (1e-3, 0.0)),
+    "mK": (1e-3, -273.15),
+}
+_VOLTAGE: Final = {"V": (1.0, 0.0), "mV": (1e-3, 0.0), "kV": (1e3, 0.0), "Volt": (1.0, 0.0)}
+_CURRENT: Final = {"A": (1.0, 0.0), "mA": (1e-3, 0.0), "kA": (1e3, 0.0), "uA": (1e-6, 0.0), "µA": (1e-6, 0.0)}
+_CURRENT["Ampere"] = _CURRENT["Amp"] = _CURRENT["Amps"] = (1.0, 0.0)
+_TIME: Final = {
+    **dict.fromkeys(("s", "sec", "secs", "second", "seconds", "Sekunden", "sek"), (1.0, 0.0)),
+    **dict.fromkeys(("ms", "msec", "milliseconds"), (1e-3, 0.0)),
+    **dict.fromkeys(("us", "µs", "microseconds"), (1e-6, 0.0)),
+    "ns": (1e-9, 0.0),
+    **dict.fromkeys(("min", "minutes", "Minuten"), (60.0, 0.0)),
+    **dict.fromkeys(("h", "hours", "hour", "Stunden"), (3600.0, 0.0)),
+    **dict.fromkeys(("d", "days"), (86_400.0, 0.0)),
+}
+_SHARE: Final = {**dict.fromkeys(("%", "pct", "percent", "Prozent"), (1e-2, 0.0)), "-": (1.0, 0.0), "1": (1.0, 0.0)}
+_FLOW: Final = {
+    **dict.fromkeys(("m3/s", "m³/s", "m3_s"), (1.0, 0.0)),
+    **dict.fromkeys(("m3/h", "m³/h", "m3_h"), (1 / 3600, 0.0)),
+    **dict.fromkeys(("l/min", "lpm", "L/min", "l_min"), (1e-3 / 60, 0.0)),
+    **dict.fromkeys(("l/s", "L/s", "l_s"), (1e-3, 0.0)),
+    **dict.fromkeys(("l/h", "L/h", "l_h"), (1e-3 / 3600, 0.0)),
+}
+UNITS: Final[Mapping[str, Mapping[str, tuple[float, float]]]] = MappingProxyType(
+    {
+        "time": _TIME,
+        "current": _CURRENT,
+        "voltage": _VOLTAGE,
+        "temperature": _TEMPERATURE,
+        "soc": _SHARE,
+        "flow": _FLOW,
+    }
+)
+"""What a quantity may be written in: unit → factor and shift to the table's own (s, A, V, °C, share, m³/s)."""
+OWN: Final = {"time": "s", "current": "A", "voltage": "V", "temperature": "°C", "soc": "share", "flow": "m³/s"}
+_ELSE: Final = re.compile(r"m?bar|psi|k?Pa|rpm|1/min|Nm|k?Wh?|m?Ah|km/h|km|m|k?g|Hz|m?Ohm")
+"""Units of what is no use here: a column that has one is not what it is taken for."""
+_BASES: Final = {
+    "time": ("time_s", "time"),
+    "current": ("current_A", "current"),
+    "coolant_inlet": ("coolant_inlet_C", "temperature"),
+    "voltage": ("voltage_V", "voltage"),
+    "soc": ("soc", "soc"),
+    "coolant_flow": ("coolant_flow_m3_s", "flow"),
+}
+_OURS: Final = {own.lower(): own for own, _ in _BASES.values()}
+_CELL: Final = re.compile(r"(surface|cell_voltage|core)_([1-9][0-9]{0,5})")
+_BRACKETS: Final = re.compile(r"(.*?)[\s_]*[\[(]\s*([^\[\]()]{0,30}?)\s*[\])]")
+_LOOKS: Final = (
+    ("time_s", re.compile(r"\b(time|zeit|t|timestamp|datum|date|uhrzeit|elapsed|test.?time)\b")),
+    ("current_A", re.compile(r"\b(current|strom|i|amps?|amperes?|courant|pack.?current)\b")),
+    (
+        "coolant_inlet_C",
+        re.compile(r"\b(inlet|coolant|ambient|amb|chamber|umgebung|vorlauf|t.?amb|t.?in|kuehlmittel)\b"),
+    ),
+    ("voltage_V", re.compile(r"\b(voltage|spannung|u|v|volts?|tension)\b")),
+)
+"""What a column that is asked for may be called by others; only to be proposed, never taken."""
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """Where one quantity of a table comes from.
+
+    Attributes
+    ----------
+    column : str
+        Name in the file; a minus before it flips the sign.
+    factor, shift : float
+        Table's unit = factor · value + shift.
+    unit : str or None
+        As it is written, where it is written.
+    date : str or None
+        Order of day and month as the user says it.
+    """
+
+    column: str
+    factor: float = 1.0
+    shift: float = 0.0
+    unit: str | None = None
+    date: str | None = None
+
+    @property
+    def bare(self) -> str:
+        """Name without the minus."""
+        return self.column.removeprefix("-")
+
+
+def quantity_of(name: str) -> str:
+    """Tell what a column of ours measures, as a key of `UNITS`."""
+    if found := _CELL.match(name):
+        return "voltage" if found[1] == "cell_voltage" else "temperature"
+    return next(quantity for ours, quantity in _BASES.values() if ours == name)
+
+
+def bare_unit(text: str) -> str:
+    """Take blanks and brackets off a cell that may be a unit."""
+    return text.strip().strip("[]()").strip()
+
+
+def find_columns(
+    path: object,
+    names: Sequence[str],
+    below: Sequence[str] | None,
+    mapped: Mapping[str, str],
+    known: Sequence[str],
+) -> dict[str, Column]:
+    """Find the columns of a file that mean something.
+
+    Parameters
+    ----------
+    path : object
+        What errors call the file.
+    names : sequence of str
+        Of its columns.
+    below : sequence of str, optional
+        Row of units below them.
+    mapped : mapping
+        From `--columns`: our name to the file's.
+    known : sequence of str
+        Those of `names` that are names of ours as they are.
+
+    Returns
+    -------
+    dict of our name to Column
+
+    Raises
+    ------
+    DataError
+        A mapping to no column, or a unit that its quantity does not have.
+    """
+    units = dict(zip(names, map(bare_unit, below), strict=True)) if below is not None else {}
+    found = {ours: _mapped(path, ours, column, names, units) for ours, column in mapped.items()}
+    taken = {c.bare for c in found.values()} | {c.column for c in found.values()}
+    for name in names:
+        if name in taken or name in found:
+            continue
+        if name in known:
+            found[name] = _known(path, name, units.get(name))
+        elif (guess := _by_name(path, name, units.get(name))) is not None and guess[0] not in {*found, *names}:
+            found[guess[0]] = guess[1]
+    return found
+
+
+def _known(path: object, name: str, below: str | None) -> Column:
+    """Take a column that has a name of ours; a unit below it must not be another one."""
+    if not below:
+        return Column(name)
+    quantity = quantity_of(name)
+    unit = _unit(quantity, below)
+    if unit is None and not _ELSE.fullmatch(below):
+        return Column(name)  # a remark
+    if unit is None or (unit != (1.0, 0.0) and name != "soc"):
+        raise DataError(
+            f"{path}: column {name!r} has the unit {below!r} below it, which contradicts its name; "
+            f"say which is right: --columns '{name}={name} [{'UNIT' if unit is None else below}]'"
+        )
+    return Column(name, *unit, below)
+
+
+def _by_name(path: object, name: str, below: str | None) -> tuple[str, Column] | None:
+    """Take a column that is called like one of ours but for its unit: `current [mA]`, `Surface 1 (°F)`, `time_ms`."""
+    base, unit = _split(name)
+    key = re.sub(r"[\s-]+", "_", base.strip()).lower()
+    ours = _OURS.get(key) or _BASES.get(key, (None, ""))[0]
+    if ours is None and (cell := _CELL.fullmatch(re.sub(r"(?<=\d)_[cv]$", "", key))):
+        ours = f"{cell[0]}_{'V' if cell[1] == 'cell_voltage' else 'C'}"
+    if ours is None:
+        return _suffixed(name)
+    stated = unit or below
+    if not stated:
+        return (ours, Column(name)) if ours == "soc" else None  # `time` alone may be anything
+    quantity = quantity_of(ours)
+    factors = _unit(quantity, stated)
+    if factors is None:
+        raise _no_unit(path, name, stated, quantity, ours)
+    return ours, Column(name, *factors, stated)
+
+
+def _suffixed(name: str) -> tuple[str, Column] | None:
+    """Take `current_mA`, `coolant_inlet_K`, `surface_3_F`, `soc_pct`."""
+    for base, (ours, quantity) in _BASES.items():
+        if name.lower().startswith(base + "_") and (factors := _unit(quantity, name[len(base) + 1 :])):
+            return ours, Column(name, *factors, name[len(base) + 1 :])
+    cell = _CELL.match(name)
+    if cell is None or name[cell.end() : cell.end() + 1] != "_":
+        return None
+    quantity = "voltage" if cell[1] == "cell_voltage" else "temperature"
+    unit = name[cell.end() + 1 :]
+    factors = _unit(quantity, unit)
+    if factors is None:
+        return None
+    return f"{cell[0]}_{'V' if quantity == 'voltage' else 'C'}", Column(name, *factors, unit)
+
+
+def _mapped(path: object, ours: str, column: str, names: Sequence[str], units: Mapping[str, str]) -> Column:
+    """Take the column that `--columns` names; the unit that stands in its brackets, or below it, is its unit."""
+    quantity = quantity_of(ours)
+    bare = column if column in names else column.removeprefix("-")
+    if bare in names:
+        unit = _split(bare)[1] or units.get(bare) or _tail(bare, quantity)
+        factors = _unit(quantity, unit) if unit else None
+        if unit and factors is None and _ELSE.fullmatch(unit):
+            raise _no_unit(path, bare, unit, quantity, ours)
+        return Column(column, *factors, unit) if factors else Column(column)
+    base, unit = _split(bare)
+    if unit is not None and base in names:  # the unit is the user's word
+        sign = "-" if column.startswith("-") else ""
+        if quantity == "time" and unit in ASKED:
+            return Column(base, date=unit)
+        factors = _unit(quantity, unit)
+        if factors is None:
+            raise _no_unit(path, base, unit, quantity, ours)
+        return Column(sign + base, *factors, unit)
+    raise DataError(f"{path}: no column {column!r} for {ours}{did_you_mean(column, names)}")
+
+
+def _tail(name: str, quantity: str) -> str | None:
+    """Give a unit at the end of a name where it can be nothing else: `I_mA`, `SOC_pct`; `T_F` may be of a fluid."""
+    end = name.rpartition("_")[2]
+    return end if len(end) > 1 and end in UNITS[quantity] else None
+
+
+def _split(name: str) -> tuple[str, str | None]:
+    """Part a name and the unit in brackets, or after a slash, at its end."""
+    if found := _BRACKETS.fullmatch(name):
+        return found[1], found[2]
+    base, slash, unit = name.rpartition("/")
+    if slash and any(unit.strip() in units for units in UNITS.values()):
+        return base.strip(), unit.strip()
+    return name, None
+
+
+def _unit(quantity: str, unit: str) -> tuple[float, float] | None:
+    units = UNITS[quantity]
+    if unit in units:
+        return units[unit]
+    plain = unit.strip().lower()
+    near = {value for name, value in units.items() if name.lower() == plain}
+    return near.pop() if len(near) == 1 else None
+
+
+def _no_unit(path: object, column: str, unit: str, quantity: str, ours: str) -> DataError:
+    valid = list(UNITS[quantity])
+    return DataError(
+        f"{path}: column {column!r} for {ours}: {unit!r} is no unit of it{did_you_mean(unit, valid[:8])} "
+        f"(say it: --columns '{ours}={column} [{OWN[quantity]}]')"
+    )
+
+
+def lookalike(ours: str, names: Sequence[str]) -> str | None:
+    """Give the one column that others call so; None where there is none, or several."""
+    pattern = next((p for name, p in _LOOKS if name == ours), None)
+    if pattern is None:
+        return None
+    near = [n for n in names if pattern.search(re.sub(r"[_\W]+", " ", _split(n)[0]).strip().lower())]
+    return near[0] if len(near) == 1 else None

@@ -1,0 +1,39 @@
+"""How well the cores are known, as a number and in words: always the same for one model and the same records."""
+
+from typing import Any
+
+import numpy as np
+
+from bms_gateway.diagnose.core_known import KnownCore
+from bms_gateway.report.show import number
+
+NOT_PROVEN = "core not proven"
+"""The state of a model in words, for tags and files."""
+
+
+def core_document(core: KnownCore | None, otherwise: str = "") -> dict[str, Any]:
+    """Return `core` of a JSON document.
+
+    Parameters
+    ----------
+    core : KnownCore or None
+        None where nothing can be learnt from the records, and `otherwise` says why.
+    """
+    if core is None:
+        return {"proven": False, "sd_K": None, "centre_sd_K": None, "why": [otherwise]}
+    return {"proven": core.proven, "sd_K": core.sd_K, "centre_sd_K": core.centre_sd_K, "why": list(core.why)}
+
+
+def core_sentence(core: KnownCore) -> str:
+    """Say in a sentence how well the cores are known, and whether that is proven."""
+    half = core.half_width_K
+    k = int(np.argmax(half))
+    which = "the core" if len(half) == 1 else f"the core of cell {k + 1}, known least,"
+    if core.proven:
+        return f"By these records {which} is known to ± {number(half[k])} K (95 %), and nothing speaks against it."
+    return f"{NOT_PROVEN.capitalize()}: {which} may be ± {number(half[k])} K off (95 %), or more."
+
+
+def core_text(core: KnownCore) -> str:
+    """Write that sentence, and below it what speaks against the core."""
+    return "\n".join([core_sentence(core), *(f"  {why}" for why in core.why)])

@@ -1,0 +1,176 @@
+"""Times of a table that are no numbers: ISO and German dates, dates with slashes, clocks; as seconds from row one.
+
+Two of them look alike and differ by months: 03/04/2026 is the third of April or the fourth of March. Which of both is
+told by the rows that are there, or asked for.
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["ASKED", "DateForm", "date_form"]
+
+Floats = NDArray[np.float64]
+ASKED: Final = ("dd/mm/yyyy", "mm/dd/yyyy")
+"""What may be said of a column of dates where its rows do not tell."""
+_CLOCK: Final = r"(\d{1,2}):(\d\d)(?::(\d\d)(?:[.,](\d{1,9}))?)?"
+_ISO: Final = re.compile(rf"(\d{{4}})[-/](\d\d)[-/](\d\d)(?:[T ]+{_CLOCK}\s*(Z|[+-]\d\d:?\d\d)?)?")
+_DOTS: Final = re.compile(rf"(\d{{1,2}})\.(\d{{1,2}})\.(\d{{4}}|\d\d)(?:[ T,]+{_CLOCK})?")
+_SLASHES: Final = re.compile(rf"(\d{{1,2}})/(\d{{1,2}})/(\d{{4}})(?:[ T,]+{_CLOCK}\s*([AaPp][Mm])?)?")
+_ALONE: Final = re.compile(r"(\d{1,4}):(\d\d):(\d\d)(?:[.,](\d{1,9}))?")
+_SHORT: Final = re.compile(r"\d{1,4}:\d\d(?:[.,]\d+)?")
+_DAY: Final = timedelta(days=1)
+_HALF_DAY: Final = timedelta(hours=12)
+
+
+@dataclass(slots=True)
+class DateForm:
+    """How the times of one column are written; knows the first row, which becomes 0 s.
+
+    Attributes
+    ----------
+    name : str
+        What the form is called: "ISO dates".
+    kind : {"iso", "dots", "day first", "month first", "clock"}
+    """
+
+    name: str
+    kind: str
+    _first: datetime | None = field(default=None)
+    _last: datetime | None = field(default=None)
+    _zoned: bool | None = field(default=None)
+
+    def seconds(self, cells: Sequence[str]) -> Floats:
+        """Convert cells; blank ones are NaN.
+
+        Raises
+        ------
+        ValueError
+            With the place of the cell that is written otherwise.
+        """
+        out = np.full(len(cells), np.nan)
+        for i, cell in enumerate(cells):
+            text = cell.strip()
+            if not text:
+                continue
+            try:
+                at = self._read(text)
+            except ValueError:
+                raise ValueError(i) from None
+            if self.kind == "clock" and self._last is not None and self._last - at > _HALF_DAY:
+                while self._last - at > _HALF_DAY:  # midnight has passed
+                    at += _DAY
+            self._first = at if self._first is None else self._first
+            self._last = at
+            out[i] = (at - self._first).total_seconds()
+        return out
+
+    def _read(self, text: str) -> datetime:
+        if self.kind == "clock":
+            found = _ALONE.fullmatch(text)
+            if found is None or int(found[2]) > 59 or int(found[3]) > 59:
+                raise ValueError(text)
+            return datetime(2000, 1, 1) + timedelta(
+                hours=int(found[1]), minutes=int(found[2]), seconds=int(found[3]), microseconds=_micro(found[4])
+            )
+        pattern = {"iso": _ISO, "dots": _DOTS}.get(self.kind, _SLASHES)
+        found = pattern.fullmatch(text)
+        if found is None:
+            raise ValueError(text)
+        a, b, c, hour, minute, second, fraction, *rest = (*found.groups(), None)
+        y, m, d = {"iso": (a, b, c), "month first": (c, a, b)}.get(self.kind, (c, b, a))
+        year = int(y) + (2000 if len(y) == 2 else 0)
+        at = datetime(year, int(m), int(d), int(hour or 0) % 24, int(minute or 0), int(second or 0), _micro(fraction))
+        if int(hour or 0) > 23:
+            raise ValueError(text)
+        if rest[0] and rest[0].lower() in ("am", "pm"):
+            if not 1 <= at.hour <= 12:
+                raise ValueError(text)
+            at = at.replace(hour=at.hour % 12 + (12 if rest[0].lower() == "pm" else 0))
+            rest = [None]
+        return self._in_utc(at, rest[0])
+
+    def _in_utc(self, at: datetime, zone: str | None) -> datetime:
+        """Take off the offset that stands there; rows with and without one do not go together."""
+        if self._zoned is None:
+            self._zoned = zone is not None
+        if self._zoned != (zone is not None):
+            raise ValueError(zone)
+        if zone is None or zone == "Z":
+            return at
+        sign = -1 if zone[0] == "-" else 1
+        offset = timedelta(hours=int(zone[1:3]), minutes=int(zone[-2:]))
+        return (at.replace(tzinfo=UTC) - sign * offset).replace(tzinfo=None)
+
+
+def date_form(cells: Sequence[str], asked: str | None = None) -> DateForm | str | None:
+    """Tell how the times of a column are written.
+
+    Parameters
+    ----------
+    cells : sequence of str
+        Of the first rows, blank ones too.
+    asked : str, optional
+        One of `ASKED`, as the user says.
+
+    Returns
+    -------
+    DateForm, str or None
+        None: these are no dates, and may be numbers. Text: a sentence that says why it cannot be told.
+
+    Examples
+    --------
+    >>> form = date_form(["03.11.2026 23:59:59,5", "04.11.2026 00:00:00"])
+    >>> form.name, form.seconds(["03.11.2026 23:59:59,5", "04.11.2026 00:00:00"]).tolist()
+    ('German dates', [0.0, 0.5])
+    >>> date_form(["1.5", "2.5"]) is None
+    True
+    """
+    given = [c.strip() for c in cells if c.strip()]
+    if not given:
+        return None
+    first = given[0]
+    if _ISO.fullmatch(first):
+        return DateForm("ISO dates", "iso")
+    if _DOTS.fullmatch(first):
+        return DateForm("German dates", "dots")
+    if _ALONE.fullmatch(first):
+        return DateForm("hours, minutes and seconds", "clock")
+    if _SHORT.fullmatch(first):
+        return f"{first!r} may be hours and minutes or minutes and seconds: write it as hh:mm:ss"
+    if not _SLASHES.fullmatch(first):
+        return None
+    if asked is not None:
+        return DateForm(f"dates as {asked}", "day first" if asked == ASKED[0] else "month first")
+    return _order(given)
+
+
+def _order(given: Sequence[str]) -> DateForm | str:
+    """Tell day from month by what is a date at all and goes forward, in steps of the same order."""
+    fits = []
+    for kind, how in (("day first", ASKED[0]), ("month first", ASKED[1])):
+        form = DateForm(f"dates as {how}", kind)
+        try:
+            t = form.seconds(given)
+        except ValueError:
+            continue
+        if len(t) < 2 or (np.diff(t) > 0).all():
+            fits.append((t, DateForm(form.name, kind)))
+    twelve = any(text[-1] in "mM" for text in given)  # 11 PM is written where the month comes first
+    if len(fits) == 2 and not np.array_equal(fits[0][0], fits[1][0]) and not twelve:
+        fits = []
+    if not fits:
+        return (
+            f"{given[0]!r}: which is the day and which the month is not told by these rows; say it: "
+            f"--columns 'time_s=COLUMN [{ASKED[0]}]'"
+        )
+    return fits[-1 if twelve else 0][1]
+
+
+def _micro(fraction: str | None) -> int:
+    return int(f"{fraction:0<6}"[:6]) if fraction else 0

@@ -1,0 +1,101 @@
+"""Tables that a forecast is told of: what current comes, and the true cores of a log."""
+
+import csv
+import gzip
+from collections.abc import Iterator, Mapping, Sequence
+from io import TextIOWrapper
+from pathlib import Path
+from typing import Final, TextIO
+
+import numpy as np
+
+from bms_gateway.errors import DataError, did_you_mean
+from bms_gateway.report.table import MOST_NUMBERS, read_table
+from bms_gateway.thermal import Floats
+
+LONG_FORM: Final = ("time_s", "string", "cell", "core_C")
+
+
+def read_profile(path: Path) -> tuple[Floats, Floats, Floats]:
+    """Read what comes: time_s, current_A and perhaps coolant_inlet_C (NaN where there is none), (N,) each.
+
+    Raises
+    ------
+    DataError
+        A column or a current is missing, or the table cannot be read.
+    """
+    table = read_table(path, needed=("time_s", "current_A"))
+    missing = np.flatnonzero(np.isnan(table.current_A))
+    if len(missing):
+        raise DataError(f"{path}: {table.place(int(missing[0]))}: current_A is missing; a forecast needs every row")
+    return table.time_s, table.current_A, table.coolant_inlet_C
+
+
+def read_truth(path: Path, strings: Sequence[str], cells: Mapping[str, int]) -> dict[str, tuple[Floats, Floats]]:
+    """Read true cores: times (K,), s, and cores (K, n), °C, by string.
+
+    Parameters
+    ----------
+    path : Path
+        As `simulate --truth` writes it, or a table with `core_K_C` where there is one string.
+    strings : sequence of str
+    cells : mapping
+        How many each has.
+
+    Raises
+    ------
+    DataError
+        It is neither, or speaks of none of the strings.
+    """
+    if path.suffix.lower() not in (".parquet", ".pq"):
+        with _opened(path) as f:
+            rows = csv.reader(f)
+            names = next(rows, [])
+            if "core_C" in names and "string" in names:
+                return _long(path, names, rows, strings, cells)
+    table = read_table(path, needed=("time_s",))
+    if not table.core_C:
+        raise DataError(
+            f"{path}: no column core_1_C, and none of {', '.join(LONG_FORM[1:])}: nothing is known of cores"
+        )
+    if len(strings) != 1:
+        raise DataError(
+            f"{path}: a table speaks of one string, the config has {len(strings)}: give time_s,string,cell,core_C"
+        )
+    n = cells[strings[0]]
+    if (most := max(table.core_C)) > n:
+        raise DataError(f"{path}: core_{most}_C: {strings[0]} has cells 1 to {n}")
+    nothing = np.full(len(table.time_s), np.nan)
+    core = np.column_stack([table.core_C.get(k, nothing) for k in range(1, n + 1)])
+    return {strings[0]: (table.time_s, core)}
+
+
+def _opened(path: Path) -> TextIO:
+    try:
+        if path.suffix.lower() == ".gz":
+            return TextIOWrapper(gzip.open(path), encoding="utf-8", newline="")
+        return path.open(encoding="utf-8", newline="")
+    except OSError as e:
+        beside = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
+        raise DataError(f"{path}: cannot be read: {e.strerror}{did_you_mean(path.name, beside)}") from None
+
+
+def _long(
+    path: Path, names: list[str], rows: Iterator[list[str]], strings: Sequence[str], cells: Mapping[str, int]
+) -> dict[str, tuple[Floats, Floats]]:
+    at = [names.index(n) if n in names else -1 for n in LONG_FORM]
+    if -1 in at:
+        raise DataError(f"{path}: no column {LONG_FORM[at.index(-1)]!r}{did_you_mean(LONG_FORM[at.index(-1)], names)}")
+    found: dict[str, dict[float, Floats]] = {name: {} for name in strings}
+    for line, row in enumerate(rows, 2):
+        if line > MOST_NUMBERS:
+            raise DataError(f"{path}: line {line}: over {MOST_NUMBERS:,} rows; cut it into several")
+        try:
+            t, name, k, core = float(row[at[0]]), row[at[1]], int(row[at[2]]), float(row[at[3]])
+        except (ValueError, IndexError):
+            raise DataError(f"{path}: line {line}: expected numbers for time_s, cell and core_C") from None
+        if name in found and 1 <= k <= cells[name]:
+            found[name].setdefault(t, np.full(cells[name], np.nan))[k - 1] = core
+    if not any(found.values()):
+        raise DataError(f"{path}: speaks of none of the strings {', '.join(strings)}")
+    return {name: (np.array(sorted(of)), np.stack([of[t] for t in sorted(of)])) for name, of in found.items() if of}

@@ -1,0 +1,113 @@
+"""Signals that are heard whatever the event loop does, and a limit for the time that ending may take.
+
+An event loop hears of a signal only between two of its steps, and Python's own handlers run in the main thread only:
+where that hangs (in a system call, in a bug) a service could be stopped by nothing but SIGKILL. So a thread reads the
+numbers of the signals, which the interpreter writes to a descriptor at once, hands them to the loop, and looks at the
+clock from the first that asks for the end.
+"""
+
+import asyncio
+import logging
+import os
+import signal
+import socket
+import threading
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Final
+
+log = logging.getLogger(__name__)
+
+ENDING: Final = frozenset({signal.SIGTERM, signal.SIGINT})
+CLOSED: Final = b"\0"  # no signal has this number
+LAST_WORD_S: Final = 0.2  # a journal that hangs, too, gets so long
+
+
+@dataclass(frozen=True, slots=True)
+class _End:
+    """The end of the process, if it is not gone by itself until then."""
+
+    at_s: float
+    after_s: float
+    status: int
+
+    def now(self) -> None:
+        text = "%g s after it was told to stop the service still hangs: it is killed"
+        word = threading.Thread(target=log.critical, args=(text, self.after_s), daemon=True)
+        word.start()
+        word.join(LAST_WORD_S)
+        os._exit(self.status)
+
+
+class Signals:
+    """Hands signals to an event loop.
+
+    Parameters
+    ----------
+    most_s : float, optional
+        The process is ended, with status 1, when so long after SIGTERM or SIGINT it is still there.
+    interrupt_s : float, optional
+        The same after SIGINT, with status 130: a person at a terminal waits less long. Default: `most_s`.
+    """
+
+    def __init__(self, most_s: float | None = None, interrupt_s: float | None = None) -> None:
+        self._most_s = most_s
+        self._interrupt_s = most_s if interrupt_s is None else interrupt_s
+        self._actions: Mapping[int, Callable[[], object]] = {}
+        self._close: Callable[[], None] = _nothing
+
+    def take(self, loop: asyncio.AbstractEventLoop, actions: Mapping[int, Callable[[], object]]) -> None:
+        """Have an action run in the loop on each of some signals; to be called once, in the main thread."""
+        self._actions = actions
+        ours, theirs = socket.socketpair()
+        theirs.setblocking(False)
+        thread = threading.Thread(target=self._listen, args=(ours, loop), name="signals", daemon=True)
+        thread.start()
+        descriptor = signal.set_wakeup_fd(theirs.fileno(), warn_on_full_buffer=False)
+        before = {number: signal.signal(number, _nothing) for number in actions}
+
+        def close() -> None:
+            signal.set_wakeup_fd(descriptor)
+            for number, handler in before.items():
+                signal.signal(number, handler)
+            theirs.send(CLOSED)
+            thread.join()
+            ours.close()
+            theirs.close()
+
+        self._close = close
+
+    def drop(self) -> None:
+        """Run no action any more: the signals are heard, and do nothing but what `most_s` says."""
+        self._actions = {}
+
+    def close(self) -> None:
+        """Handle signals as before `take`; in the main thread."""
+        self._close()
+        self._close = _nothing
+
+    def _listen(self, ours: socket.socket, loop: asyncio.AbstractEventLoop) -> None:
+        end: _End | None = None
+        while True:
+            ours.settimeout(None if end is None else max(1e-3, end.at_s - time.monotonic()))
+            try:
+                got = ours.recv(1)
+            except TimeoutError:
+                if end is not None:
+                    end.now()
+                return
+            if got == CLOSED:
+                return
+            number = got[0]
+            most_s, status = (self._interrupt_s, 130) if number == signal.SIGINT else (self._most_s, 1)
+            if number in ENDING and end is None and most_s is not None:
+                end = _End(time.monotonic() + most_s, most_s, status)
+            if (action := self._actions.get(number)) is not None:
+                with suppress(RuntimeError):  # the loop has just been closed
+                    loop.call_soon_threadsafe(action)
+
+
+def _nothing(*_: object) -> None:
+    """Handle a signal: the interpreter has written its number where `Signals` reads it."""

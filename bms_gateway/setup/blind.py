@@ -1,0 +1,475 @@
+"""Without a DBC: which bits might be the current, the pack's voltage and thermocouples, by physics alone.
+
+Every message is cut into fields as makers cut theirs: bytes, pairs of bytes in both orders, twelve bits from a nibble
+on; a message whose first byte changes from frame to frame and tells the rest is taken apart by that byte. Then
+
+* a voltage is large beside its own movement, and a current is that field of which it takes the steps (Ohm's law):
+  torque and pedal move with it too, less exactly;
+* a thermocouple is slow, follows no step of the voltage, and rises with the heat made, the integral of the current's
+  square; those of one pack stand side by side and read alike.
+
+Nothing here tells a scale: amperes and degrees are the usual factor that gives what vehicles have. All are guesses.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bms_gateway.frames.batch import FrameBatch
+from bms_gateway.frames.bits import Place
+
+Floats = NDArray[np.float64]
+FEWEST: Final = 20
+"""Frames of a message, or of one page of it, from which on its bits say anything."""
+STEP_S: Final = 0.5
+FAST_Hz: Final = 1.5
+"""Rate from which on the steps of a field can be held against those of another."""
+MOST_PAGES: Final = 64
+FEWEST_OF_PAGE: Final = 12
+STAYS: Final = 0.3
+OF_ITS_OWN: Final = 0.5
+NEAR: Final = 0.15
+BOTH_ENDS: Final = 0.002
+SMOOTHER: Final = 0.5
+NOISE: Final = 0.75
+"""Step over that of the samples in random order from which on bits are a check sum, or none that measure."""
+LARGE: Final = 0.4
+"""Spread over the middle below which a voltage stays while its contactors are closed."""
+WITNESSES: Final = 5
+BY_CHARGE: Final = 0.5
+LARGEST: Final = 3.0
+TWINS: Final = 0.996
+"""Two readings of one sensor move together so exactly; a voltage has more to follow than one current."""
+PASSING: Final = 0.02
+OHM: Final = 0.3
+MOST_PAIRS: Final = 1500
+SLOW: Final = 0.25
+FOLLOWS_STEPS: Final = 0.35
+WARMS: Final = 0.3
+LEAKS_S: Final = 200.0
+ALIKE: Final = 0.12
+SHOWN: Final = 3
+CURRENT_SCALES: Final = (0.1, 0.01, 1.0, 0.5, 0.05, 0.025, 0.001, 0.25)
+MOST_A: Final = (15.0, 800.0)
+VOLTAGE_SCALES: Final = (0.1, 1.0, 0.5, 0.01, 0.25, 0.001)
+PACK_V: Final = (10.0, 950.0)
+READINGS: Final = (
+    (1.0, 0.0), (1.0, -40.0), (0.5, -40.0), (0.1, 0.0), (0.01, 0.0), (0.1, -273.15), (0.01, -100.0), (0.1, -40.0),
+    (0.03125, -273.0), (0.01, -273.15),
+)  # fmt: skip
+"""How temperatures are written: scale and offset, the likeliest first."""
+ROOM_C: Final = (5.0, 55.0)
+
+
+@dataclass(slots=True)
+class Field:
+    """Some bits of a message, or of one page of it.
+
+    Attributes
+    ----------
+    can_id : int
+    page : int or None
+        Value of the first byte, where it says what the others are.
+    place : Place
+    t, x : ndarray (n,)
+        Seconds from the begin; raw values.
+    """
+
+    can_id: int
+    page: int | None
+    place: Place
+    t: Floats
+    x: Floats
+
+    @property
+    def rate_Hz(self) -> float:
+        """Samples per second."""
+        return (len(self.t) - 1) / max(float(self.t[-1] - self.t[0]), 1e-9)
+
+    def overlaps(self, other: "Field") -> bool:
+        """Whether both take some bits of one message."""
+        if self.can_id != other.can_id or self.page != other.page:
+            return False
+        return bool(_bits(self.place) & _bits(other.place))
+
+
+@dataclass(frozen=True, slots=True)
+class Guess:
+    """What a field might be.
+
+    Attributes
+    ----------
+    role : {"current", "voltage", "surface"}
+    field : Field
+    scale, offset : float
+        To A, V, °C: a usual pair that gives what vehicles have, nothing more.
+    score : float
+        Of its role only, to rank.
+    why : str
+    beside : tuple of Field
+        Thermocouples that go with it.
+    """
+
+    role: str
+    field: Field
+    scale: float
+    offset: float
+    score: float
+    why: str
+    beside: tuple[Field, ...] = ()
+
+    def document(self) -> dict[str, Any]:
+        """For machines."""
+        bits = [name_of(f) for f in (self.field, *self.beside)]
+        return {"role": self.role, "bits": bits, "scale": self.scale, "offset": self.offset, "why": self.why}
+
+
+def guess(frames: FrameBatch) -> list[Guess]:
+    """Propose what may be current, voltage and thermocouples, up to three of each, the likeliest first."""
+    if not len(frames):
+        return []
+    fields = [f for f in _fields(frames) if _measures(f)]
+    if not fields:
+        return []
+    edges = np.arange(0.0, float(frames.time_ns[-1] - frames.time_ns[0]) * 1e-9 + STEP_S, STEP_S)
+    grid = np.array([_on_grid(f, edges) for f in fields])
+    electrical, voltage = _electrical(fields, grid)
+    warm = _warm(fields, grid, [g.field for g in electrical], voltage)
+    return [*electrical, *([voltage] if voltage else []), *warm]
+
+
+def _bits(p: Place) -> set[int]:
+    if not p.big_endian:
+        return set(range(p.start, p.start + p.size))
+    first = 8 * (p.start // 8) + 7 - p.start % 8
+    return {8 * (k // 8) + 7 - k % 8 for k in range(first, first + p.size)}
+
+
+def _fields(frames: FrameBatch) -> Iterator[Field]:
+    t = (frames.time_ns - frames.time_ns[0]) * 1e-9
+    order = np.argsort(frames.can_id, kind="stable")
+    ids, starts = np.unique(frames.can_id[order], return_index=True)
+    for can_id, part in zip(ids.tolist(), np.split(order, starts[1:]), strict=True):
+        length = int(np.median(frames.length[part]))
+        rows = part[frames.length[part] == length]
+        if len(rows) < FEWEST or length < 1:
+            continue
+        data = frames.data[rows, :length].astype(np.int64)
+        pages = _pages(data)
+        chosen: list[int | None] = [*pages] or [None]
+        for page in chosen:
+            of_it = np.ones(len(data), np.bool_) if page is None else data[:, 0] == page
+            if of_it.sum() >= FEWEST_OF_PAGE:
+                yield from _cut(int(can_id), page, t[rows][of_it], data[of_it])
+
+
+def _pages(data: NDArray[np.int64]) -> list[int]:
+    """Values of a first byte by which the rest is told apart; none where it is like from frame to frame."""
+    first = data[:, 0]
+    values = np.unique(first)
+    if not 2 <= len(values) <= MOST_PAGES or data.shape[1] < 3:
+        return []
+    if (np.diff(first) == 0).mean() > STAYS or len(first) < FEWEST_OF_PAGE * len(values):
+        return []
+    rest = data[:, 1:]
+    from_frame = np.abs(np.diff(rest, axis=0)).mean()
+    own = [np.abs(np.diff(rest[first == v], axis=0)) for v in values if (first == v).sum() > 1]
+    from_page = np.concatenate(own).mean() if own else np.inf
+    return [int(v) for v in values] if from_page < OF_ITS_OWN * from_frame else []
+
+
+def _cut(can_id: int, page: int | None, t: Floats, data: NDArray[np.int64]) -> Iterator[Field]:
+    """Cut frames into bytes, pairs of bytes in both orders, and twelve bits from a nibble on."""
+    n = data.shape[1]
+    for k in range(0 if page is None else 1, n):
+        b = data[:, k]
+        yield _field(can_id, page, t, b, 8 * k, 8, big=False)
+        if k + 1 == n:
+            continue
+        c = data[:, k + 1]
+        yield _field(can_id, page, t, b | c << 8, 8 * k, 16, big=False)
+        yield _field(can_id, page, t, b << 8 | c, 8 * k + 7, 16, big=True)
+        yield _field(can_id, page, t, b | (c & 15) << 8, 8 * k, 12, big=False)
+        yield _field(can_id, page, t, b >> 4 | c << 4, 8 * k + 4, 12, big=False)
+        yield _field(can_id, page, t, b << 4 | c >> 4, 8 * k + 7, 12, big=True)
+        yield _field(can_id, page, t, (b & 15) << 8 | c, 8 * k + 3, 12, big=True)
+
+
+def _field(
+    can_id: int, page: int | None, t: Floats, raw: NDArray[np.int64], start: int, size: int, *, big: bool
+) -> Field:
+    """Take the values with a sign where they sit at both ends of the bits and are smooth across them."""
+    whole = 1 << size
+    none = raw == whole - 1  # all ones: not available, as most makers have it
+    signed = False
+    x = raw
+    if size > 8 and min((raw < NEAR * whole).mean(), (raw > (1 - NEAR) * whole).mean()) > BOTH_ENDS:
+        turned = np.where(raw >= whole // 2, raw - whole, raw)
+        if np.abs(np.diff(turned)).mean() < SMOOTHER * np.abs(np.diff(raw)).mean():
+            x, signed = turned, True
+    elif none.any() and none.mean() < 0.5:
+        t, x = t[~none], x[~none]
+    return Field(can_id, page, Place(start, size, big, signed), t, x.astype(np.float64))
+
+
+def _measures(f: Field) -> bool:
+    """Whether bits may measure anything: they move, and are neither counter nor check sum."""
+    values = np.unique(f.x)
+    if len(values) < 3 or len(f.x) < FEWEST_OF_PAGE:
+        return False
+    d = np.diff(f.x)
+    moved = d[d != 0]
+    up = np.median(moved)
+    if len(moved) > 0.5 * len(d) and (np.abs(moved - up) <= 0.2 * abs(up)).mean() > 0.85:
+        return False  # counts
+    return _roughness(f) < NOISE
+
+
+def _on_grid(f: Field, edges: Floats) -> Floats:
+    """Mean in each interval; where there is none the last value, as long as it is not too old."""
+    n = len(edges) - 1
+    at = np.minimum(np.searchsorted(edges, f.t, side="right") - 1, n - 1)
+    count = np.bincount(at, minlength=n)
+    mean = np.bincount(at, f.x, minlength=n) / np.maximum(count, 1)
+    last = np.searchsorted(f.t, edges[1:], side="right") - 1
+    held = np.where(last >= 0, f.x[np.maximum(last, 0)], np.nan)
+    old = edges[1:] - f.t[np.maximum(last, 0)] > max(3 * STEP_S, 4 / max(f.rate_Hz, 1e-9))
+    return np.asarray(np.where(count > 0, mean, np.where(old, np.nan, held)))
+
+
+def _steps(grid: Floats) -> Floats:
+    """Give the steps of each row, of unit length; one switching-on does not outweigh a drive."""
+    d = np.nan_to_num(np.diff(grid, axis=1))
+    moved = np.count_nonzero(d, axis=1, keepdims=True)
+    usual = np.abs(d).sum(axis=1, keepdims=True) / np.maximum(moved, 1)
+    d = np.clip(d, -LARGEST * usual, LARGEST * usual)
+    d -= d.mean(axis=1, keepdims=True)
+    size = np.linalg.norm(d, axis=1, keepdims=True)
+    return np.asarray(np.divide(d, size, out=np.zeros_like(d), where=size > 0))
+
+
+def _electrical(fields: list[Field], grid: Floats) -> tuple[list[Guess], Guess | None]:
+    """Rank currents by how exactly a voltage takes their steps; with the voltage that most messages agree on."""
+    fast = [i for i, f in enumerate(fields) if f.rate_Hz >= FAST_Hz and len(np.unique(f.x)) >= 6]
+    large = [i for i in fast if _large(fields[i])]
+    if not large:
+        return [], None
+    d, slower = _steps(grid[fast]), _steps(grid[fast][:, ::4])
+    rows = [fast.index(j) for j in large]
+    r = 0.5 * (np.abs(d @ d[rows].T) + np.abs(slower @ slower[rows].T))
+    found = _pairs(fields, fast, large, r)
+    found = sorted(((s + _explained(grid[i], grid[j]), i, j) for s, i, j in found), reverse=True)
+    agreed = _agreed(fields, found)
+    if agreed is None:
+        return [], None
+    v = fields[agreed]
+    guesses: list[Guess] = []
+    for score, i, _ in (pair for pair in found if pair[2] == agreed):
+        f = fields[i]
+        if any(f.overlaps(g.field) for g in guesses):
+            continue
+        zero = _rest(f)
+        scale = _scaled(np.abs(f.x - zero), CURRENT_SCALES, MOST_A)
+        law = float(r[fast.index(i), large.index(agreed)])
+        why = f"{name_of(v)}, which might be a voltage, takes its steps (correlation {law:.2f})"
+        guesses.append(Guess("current", f, scale, -scale * zero if zero else 0.0, score, why))
+        if len(guesses) == SHOWN:
+            break
+    scale = _scaled(v.x, VOLTAGE_SCALES, PACK_V)
+    return guesses, Guess("voltage", v, scale, 0.0, guesses[0].score, "large, and takes the steps of the current")
+
+
+def _pairs(fields: list[Field], fast: list[int], large: list[int], r: Floats) -> list[tuple[float, int, int]]:
+    """Pair what may be a current with what may be its voltage, the likeliest first: score, current, voltage."""
+    rough = {i: _roughness(fields[i]) for i in fast}
+    swing = {j: _swing(fields[j]) for j in large}
+    found: list[tuple[float, int, int]] = []
+    for k, i in enumerate(fast):
+        if i in swing or not _rests(fields[i]):
+            continue
+        own = 0.02 * min(fields[i].place.size, 12) + 0.05 * _both_signs(fields[i]) - 0.2 * rough[i]
+        for m, j in enumerate(large):
+            twins = fields[i].can_id == fields[j].can_id and r[k, m] > TWINS
+            if r[k, m] > OHM and not twins and not fields[i].overlaps(fields[j]):
+                found.append((float(r[k, m]) + own - 0.3 * rough[j] - swing[j], i, j))
+    return sorted(found, reverse=True)[:MOST_PAIRS]
+
+
+def _agreed(fields: list[Field], found: list[tuple[float, int, int]]) -> int | None:
+    """Voltage of which the most messages take the steps: current, torque, power and pedal are four."""
+    best: dict[int, dict[int, float]] = {}
+    for score, i, j in found:
+        mine = best.setdefault(j, {})
+        mine[fields[i].can_id] = max(mine.get(fields[i].can_id, 0.0), score)
+    return max(best, key=lambda j: sum(sorted(best[j].values())[-WITNESSES:]), default=None)
+
+
+def _explained(I: Floats, V: Floats) -> float:  # noqa: E741 — the field's
+    """Share of a voltage's movement that a current and the charge it drew explain, and what the charge adds to it.
+
+    What is drawn takes a voltage down at once and for good; a pedal comes back to where it was.
+    """
+    on = np.isfinite(I) & np.isfinite(V)
+    on &= np.greater(V, 0.5 * np.nanquantile(V, 0.95))
+    if on.sum() < 20:
+        return 0.0
+    charge = np.nancumsum(I)[on]
+    A = np.column_stack([np.ones(on.sum()), I[on], charge / max(np.abs(charge).max(), 1e-9)])
+    y = V[on] - V[on].mean()
+    b = np.linalg.lstsq(A, y, rcond=None)[0]
+    left, alone = y - A @ b, y - A[:, :2] @ np.linalg.lstsq(A[:, :2], y, rcond=None)[0]
+    share = 1.0 - (left @ left) / max(float(y @ y), 1e-12)
+    by_charge = 1.0 - (left @ left) / max(float(alone @ alone), 1e-12) if b[1] * b[2] > 0 else 0.0
+    return float(share + BY_CHARGE * by_charge)
+
+
+def _swing(f: Field) -> float:
+    """Spread over the middle while it is on; that of a pack is some hundredths."""
+    low, middle, high = np.quantile(f.x[f.x > 0.5 * np.quantile(f.x, 0.95)], (0.02, 0.5, 0.98))
+    return float((high - low) / middle)
+
+
+def _roughness(f: Field) -> float:
+    """Step over that of the samples in random order."""
+    shuffled = np.abs(np.diff(np.random.default_rng(1).permutation(f.x))).mean()
+    return float(np.abs(np.diff(f.x)).mean() / shuffled) if shuffled > 0 else 1.0
+
+
+def _large(f: Field) -> bool:
+    on = f.x[f.x > 0.5 * np.quantile(f.x, 0.95)]
+    if len(on) < 0.3 * len(f.x) or f.place.signed:
+        return False
+    low, middle, high = np.quantile(on, (0.02, 0.5, 0.98))
+    top = np.quantile(f.x, 0.95)
+    between = (
+        (f.x > 0.05 * top) & (f.x < 0.5 * top)
+    ).mean()  # a speed passes there, a voltage once when it is switched
+    sags = high - middle < 0.5 * (high - low)  # it rests above, and what is drawn takes it down
+    return bool(
+        sags and middle > 50 and 0 < high - low < LARGE * middle and len(np.unique(on)) >= 6 and between < PASSING
+    )
+
+
+def _rest(f: Field) -> float:
+    """Raw value of no current: 0 where it is among the values, else that which comes most often."""
+    if f.place.signed or f.x.min() == 0.0:
+        return 0.0
+    values, counts = np.unique(f.x, return_counts=True)
+    return float(values[counts.argmax()])
+
+
+def _rests(f: Field) -> bool:
+    """Whether it moves much beside its middle, as a current does."""
+    zero = _rest(f)
+    return bool(np.quantile(np.abs(f.x - zero), 0.98) > 5)
+
+
+def _both_signs(f: Field) -> bool:
+    y = f.x - _rest(f)
+    return bool(min(-y.min(), y.max()) > 0.02 * max(-y.min(), y.max()))
+
+
+def _scaled(x: Floats, scales: tuple[float, ...], ends: tuple[float, float]) -> float:
+    top = float(np.quantile(x, 0.99))
+    return next((s for s in scales if ends[0] <= s * top <= ends[1]), 1.0)
+
+
+def _warm(fields: list[Field], grid: Floats, currents: list[Field], voltage: Guess | None) -> list[Guess]:
+    """Rank groups of slow fields that rise with the heat made."""
+    warmths = [w for f in currents for w in _warmths(grid[next(i for i, g in enumerate(fields) if g is f)], f)]
+    if not warmths:
+        return []
+    d = _steps(grid)
+    against = np.abs(d @ d[next(i for i, f in enumerate(fields) if f is voltage.field)]) if voltage else 0 * d[:, 0]
+    slow = [i for i, f in enumerate(fields) if against[i] < FOLLOWS_STEPS and _slow(f)]
+    kept = [(i, reading, _warms(grid[i], warmths)) for i in slow if (reading := _reading(fields[i])) is not None]
+    groups: dict[tuple[int, int, bool, tuple[float, float]], list[tuple[int, float]]] = {}
+    for i, reading, warms in kept:
+        f = fields[i]
+        groups.setdefault((f.can_id, f.place.size, f.place.big_endian, reading), []).append((i, warms))
+    ranked: list[tuple[float, Guess]] = []
+    for (_, size, _, reading), members in groups.items():
+        alone: list[tuple[int, float]] = []
+        for i, warms in sorted(members, key=lambda m: -m[1]):
+            if not any(fields[i].overlaps(fields[j]) for j, _ in alone):
+                alone.append((i, warms))
+        middle = np.median([reading[0] * np.median(fields[i].x) for i, _ in alone])
+        near = [(i, w) for i, w in alone if abs(reading[0] * np.median(fields[i].x) - middle) < ALIKE * 300]
+        rising = [w for _, w in near if w > WARMS]
+        if not rising:
+            continue
+        score = float(np.mean([w for _, w in near])) + 0.7 * np.log2(1 + len(near)) + 0.2 * (size == 16)
+        first = fields[near[0][0]]
+        told = f", as {len(near) - 1} more of the message do" if len(near) > 1 else ""
+        why = f"slow, and rises with the heat that the likeliest current makes (correlation {near[0][1]:.2f}){told}"
+        beside = tuple(fields[i] for i, _ in near[1:])
+        ranked.append((score, Guess("surface", first, *reading, score, why, beside)))
+    ranked.sort(key=lambda g: -g[0])
+    chosen: list[Guess] = []
+    for _, g in ranked:
+        if not any(_shared(g, other) for other in chosen):
+            chosen.append(g)
+        if len(chosen) == SHOWN:
+            break
+    return chosen
+
+
+def _shared(a: Guess, b: Guess) -> bool:
+    return any(f.overlaps(g) for f in (a.field, *a.beside) for g in (b.field, *b.beside))
+
+
+def _slow(f: Field) -> bool:
+    """Whether a second moves it by next to nothing of its range, or by one step."""
+    span = float(np.ptp(np.quantile(f.x, (0.01, 0.99))))
+    values = np.unique(f.x)
+    per_s = np.abs(np.diff(f.x)) / np.maximum(np.diff(f.t), 1.0)
+    return bool(np.quantile(per_s, 0.95) <= max(SLOW * span, float(np.min(np.diff(values)))))
+
+
+def _reading(f: Field) -> tuple[float, float] | None:
+    """Scale and offset by which it is a temperature of a room that moves by no more than cells do."""
+    low, middle, high = np.quantile(f.x, (0.02, 0.5, 0.98))
+    for scale, offset in READINGS:
+        if f.place.size == 8 and scale < 0.5:
+            continue
+        if ROOM_C[0] <= scale * middle + offset <= ROOM_C[1] and 0.2 <= scale * (high - low) <= 40.0:
+            return scale, offset
+    return None
+
+
+def _warmths(current: Floats, f: Field) -> list[Floats]:
+    """Heat that a current makes: all of it kept, and as it leaks away within minutes."""
+    made = np.nan_to_num((current - _rest(f)) ** 2)
+    return [np.cumsum(made), _leaky(made, float(np.exp(-STEP_S / LEAKS_S)))] if made.any() else []
+
+
+def _warms(x: Floats, warmths: list[Floats]) -> float:
+    """Correlation with the heat made, the largest."""
+    good = np.isfinite(x)
+    if good.sum() < 10 or np.ptp(x[good]) == 0:
+        return 0.0
+    return max(float(np.corrcoef(x[good], w[good])[0, 1]) if np.ptp(w[good]) > 0 else 0.0 for w in warmths)
+
+
+def _leaky(made: Floats, k: float) -> Floats:
+    out, y = np.empty_like(made), 0.0
+    for n, q in enumerate(made):
+        y = k * y + q
+        out[n] = y
+    return out
+
+
+def name_of(f: Field) -> str:
+    """Say where the bits are.
+
+    Examples
+    --------
+    >>> name_of(Field(0x1DB, None, Place(7, 12, True), np.zeros(1), np.zeros(1)))
+    '0x1DB bits 7|12@0+'
+    """
+    page = "" if f.page is None else f" page {f.page}"
+    order, sign = int(not f.place.big_endian), "-" if f.place.signed else "+"
+    return f"0x{f.can_id & 0x1FFFFFFF:X}{page} bits {f.place.start}|{f.place.size}@{order}{sign}"

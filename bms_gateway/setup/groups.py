@@ -1,0 +1,100 @@
+"""Signals of many cells: found by the similarity of their names, and numbered."""
+
+from collections import defaultdict
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Final
+
+from bms_gateway.setup.names import lettered, numbers
+from bms_gateway.setup.series import Series
+
+LETTERS: Final = "ABCDEFGH"
+Entry = tuple[Series, tuple[int, ...], tuple[int, ...]]
+
+
+@dataclass(frozen=True, slots=True)
+class Member:
+    """One of them: which part (0 where all are one) and which number its name gives.
+
+    Attributes
+    ----------
+    where : tuple of int
+        The numbers in its names that tell the part, less those that are the same for all or say the same twice.
+    whole : tuple of int
+        The same with its own number.
+    """
+
+    series: Series
+    part: int
+    number: int
+    where: tuple[int, ...] = ()
+    whole: tuple[int, ...] = ()
+
+
+def alike(series: Iterable[Series]) -> list[list[Member]]:
+    """Group signals whose names differ by numbers only, or by one letter A, B … that stands for a number.
+
+    The last number of the signal's name counts within a part; an earlier one, or that of the message where numbers
+    come again from message to message, tells the part (a module, a stack, a string).
+
+    Returns
+    -------
+    list of list of Member
+        The largest group first; in each the order of part and number. A signal without a number is alone.
+    """
+    blanked: dict[tuple[str, str, str], dict[tuple[str, ...], list[Entry]]] = defaultdict(lambda: defaultdict(list))
+    for s in series:
+        pattern, mine = numbers(s.info.name)
+        message, theirs = numbers(s.info.message)
+        (pattern, my_letters), (message, its_letters) = lettered(pattern), lettered(message)
+        blanked[message, pattern, s.info.unit][*its_letters, *my_letters].append((s, theirs, mine))
+    groups = [_numbered(group) for variants in blanked.values() for group in _by_letter(variants)]
+    return sorted(groups, key=len, reverse=True)
+
+
+def _by_letter(variants: dict[tuple[str, ...], list[Entry]]) -> list[list[Entry]]:
+    """Make variants one group where they differ by one letter, which runs from A; the letter counts as a number."""
+    letters = []
+    for variant in variants:
+        changing = {x for k, x in enumerate(variant) if len({other[k] for other in variants}) > 1}
+        letters.append(changing.pop() if len(changing) == 1 else "")
+    if sorted(letters) != list(LETTERS[: len(letters)]) or len(letters) < 2:
+        return list(variants.values())
+    return [
+        [
+            (s, (1 + LETTERS.index(letter), *theirs), mine)
+            for letter, group in zip(letters, variants.values(), strict=True)
+            for s, theirs, mine in group
+        ]
+    ]
+
+
+def _numbered(group: list[Entry]) -> list[Member]:
+    inner = _telling([(*theirs, *mine[:-1]) for _, theirs, mine in group])
+    whole = _telling([(*theirs, *mine) for _, theirs, mine in group])
+    last = [mine[-1] if mine else 0 for _, _, mine in group]
+    if len(set(last)) == len(group):
+        places = [(0, n) for n in last]
+    else:
+        places = [(_part((*theirs, *mine[:-1])), mine[-1] if mine else 0) for _, theirs, mine in group]
+        if len(set(places)) < len(places) or len({n for _, n in places}) == 1:
+            # only the messages differ: Module1.Temp, Module2.Temp
+            places = [(0, _part((*theirs, *mine))) for _, theirs, mine in group]
+    members = [
+        Member(s, part, number, w, all_of)
+        for (s, _, _), (part, number), w, all_of in zip(group, places, inner, whole, strict=True)
+    ]
+    return sorted(members, key=lambda m: (m.part, m.number, m.series.path))
+
+
+def _telling(rows: list[tuple[int, ...]]) -> list[tuple[int, ...]]:
+    """Columns that differ from row to row, each once."""
+    columns = [c for c in dict.fromkeys(zip(*rows, strict=True)) if len(set(c)) > 1]
+    return [tuple(row) for row in zip(*columns, strict=True)] if columns else [()] * len(rows)
+
+
+def _part(given: tuple[int, ...]) -> int:
+    part = 0
+    for n in given:
+        part = 1000 * part + n
+    return part

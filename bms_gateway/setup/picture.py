@@ -1,0 +1,80 @@
+"""The first cores of a new vehicle: gathered from the engine's estimates, and drawn."""
+
+import importlib.util
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from bms_gateway.engine.events import Estimated
+from bms_gateway.thermal import Floats
+
+MOST_POINTS = 4000
+SETTLING_S = 60.0
+"""From the first estimate on: the cores are still those that were assumed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Hottest:
+    """The hottest core of a log."""
+
+    string: str
+    cell: int
+    core_C: float
+    sd_K: float
+    at_s: float
+
+
+@dataclass(slots=True)
+class Cores:
+    """Hottest, coldest and their surfaces at each tick."""
+
+    last: Estimated | None = None
+    hottest: Hottest | None = None
+    time_ns: list[int] = field(default_factory=list)
+    rows: list[tuple[float, float, float, float]] = field(default_factory=list)
+
+    def take(self, e: Estimated) -> None:
+        """Take one tick."""
+        self.last = e
+        if not np.isfinite(e.core).any():
+            return
+        k = int(np.nanargmax(e.core))
+        self.time_ns.append(e.time_ns)
+        surface = e.surface[np.isfinite(e.surface)]
+        self.rows.append(
+            (float(e.core[k]), float(e.core_sd[k]), float(surface.max(initial=np.nan)) if len(surface) else np.nan,
+             float(surface.min(initial=np.inf)) if len(surface) else np.nan)
+        )  # fmt: skip
+        if (e.time_ns - self.time_ns[0]) * 1e-9 < SETTLING_S:
+            return
+        if self.hottest is None or e.core[k] > self.hottest.core_C:
+            name, part = next(
+                (n, p) for n, p in zip(e.layout.names, e.layout.parts, strict=True) if p.start <= k < p.stop
+            )
+            at = (e.time_ns - self.time_ns[0]) * 1e-9
+            self.hottest = Hottest(name, k - part.start + 1, float(e.core[k]), float(e.core_sd[k]), at)
+
+
+def draw(cores: Cores, path: Path) -> Path | None:
+    """Draw hottest core with its band and the range of the surfaces; None without the extra, or without estimates."""
+    if importlib.util.find_spec("matplotlib") is None or len(cores.rows) < 2:
+        return None
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    step = max(len(cores.rows) // MOST_POINTS, 1)
+    t: Floats = (np.array(cores.time_ns[::step]) - cores.time_ns[0]) * 1e-9
+    core, sd, warmest, coolest = np.array(cores.rows[::step]).T
+    figure = Figure(figsize=(9, 4.5), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    if np.isfinite(coolest).any():  # all may be stuck
+        axes.fill_between(t, coolest, warmest, color="0.8", label="measured surfaces")
+    axes.fill_between(t, core - 2 * sd, core + 2 * sd, color="tab:red", alpha=0.2, label="± 2 sd")
+    axes.plot(t, core, color="tab:red", label="hottest core")
+    axes.set_xlabel("time, s")
+    axes.set_ylabel("temperature, °C")
+    axes.legend(loc="best")
+    figure.savefig(path, dpi=120)
+    return path

@@ -1,0 +1,156 @@
+"""The proposal: the role of each signal, whether it is sure, and why."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from bms_gateway.config.units import signal_conversion
+from bms_gateway.errors import ConfigError
+from bms_gateway.frames.signals import SignalInfo
+from bms_gateway.setup.series import Series
+
+Role = Literal["current", "voltage", "soc", "coolant_inlet", "coolant_flow", "surface", "cell_voltage"]
+
+
+@dataclass(slots=True)
+class Proposed:
+    """One signal and its role.
+
+    Attributes
+    ----------
+    series : Series
+        As it is to be read: `overrides` are in it.
+    factor, shift : float
+        SI (A discharge positive, V, °C, 0…1, m³/s) = factor · DBC's value + shift.
+    string, index : int or None
+        From 1; None for a signal of the whole pack, or one that no string takes.
+    overrides : dict
+        What the config has to say against the DBC: `minimum`, `maximum`, `byte_order`, `signed`.
+    statistic : str or None
+        `max`, `min`, `mean` where it is one of several cells.
+    """
+
+    role: Role
+    series: Series
+    factor: float = 1.0
+    shift: float = 0.0
+    string: int | None = None
+    index: int | None = None
+    sure: bool = False
+    why: list[str] = field(default_factory=list)
+    overrides: dict[str, float | str | bool] = field(default_factory=dict)
+    statistic: str | None = None
+
+    @property
+    def path(self) -> str:
+        """Name as the config writes it."""
+        return self.series.path
+
+    @property
+    def written(self) -> tuple[float, float]:
+        """Scale and offset that the config has to state, beside what it converts by the DBC's unit itself."""
+        return config_scale(self.role, self.series.info, self.factor, self.shift)
+
+    @property
+    def observed(self) -> tuple[float, float]:
+        """Least and greatest value, SI (°C)."""
+        ends = sorted(self.factor * x + self.shift for x in (self.series.x.min(), self.series.x.max()))
+        return float(ends[0]), float(ends[1])
+
+    @property
+    def resolution(self) -> float:
+        """Smallest step, SI (K)."""
+        return abs(self.factor) * self.series.step
+
+
+@dataclass(slots=True)
+class Proposal:
+    """All that was found.
+
+    Attributes
+    ----------
+    signals : list of Proposed
+    unused : list of (signal, why)
+        What might have been taken for something, and was not.
+    cells : list of int
+        Cells of each string.
+    series_cells : int or None
+        Cells in series of the whole pack, where that can be told.
+    resistance : float or None
+        Of the pack, Ω, by its voltage and current.
+    remarks : list of str
+    refused : set of str
+        Thermocouples that are not used, whose reason is in `unused`.
+    numbered : set of int
+        Strings whose cells have the numbers of their names: a cell without a thermocouple stays a cell.
+    """
+
+    signals: list[Proposed] = field(default_factory=list)
+    unused: list[tuple[str, str]] = field(default_factory=list)
+    cells: list[int] = field(default_factory=list)
+    series_cells: int | None = None
+    resistance: float | None = None
+    remarks: list[str] = field(default_factory=list)
+    refused: set[str] = field(default_factory=set)
+    numbered: set[int] = field(default_factory=set)
+
+    def of(self, role: Role, string: int | None = None) -> Iterator[Proposed]:
+        """Signals of a role, of one string (with those of the whole pack) or of all."""
+        for p in self.signals:
+            if p.role == role and (string is None or p.string in (string, None)):
+                yield p
+
+    def leave_out(self, refused: Mapping[str, str]) -> None:
+        """Take thermocouples out, with the reason of each, and number the cells and strings that remain anew."""
+        places: dict[tuple[int, int], tuple[int, int]] = {}
+        remaining: list[int] = []
+        numbered: set[int] = set()
+        for string in range(1, len(self.cells) + 1):
+            mine = [p for p in self.signals if p.role == "surface" and p.string == string and p.path not in refused]
+            if mine:
+                remaining.append(self.cells[string - 1] if string in self.numbered else len(mine))
+            for k, p in enumerate(sorted(mine, key=lambda p: p.index or 0), 1):
+                places[string, p.index or 0] = len(remaining), (p.index or k) if string in self.numbered else k
+            if mine and string in self.numbered:  # of a cell without a thermocouple the voltage stays
+                for k in range(1, self.cells[string - 1] + 1):
+                    places.setdefault((string, k), (len(remaining), k))
+                numbered.add(len(remaining))
+        self.numbered = numbered
+        self.unused += [(path, why) for path, why in refused.items()]
+        self.refused |= set(refused)
+        self.signals = [p for p in self.signals if not (p.role == "surface" and p.path in refused)]
+        numbers = {old: new for (old, _), (new, _) in places.items()}
+        for p in self.signals:
+            if p.index is not None and p.string is not None:
+                p.string, p.index = places.get((p.string, p.index), (None, p.index))
+            elif p.string is not None:
+                p.string = numbers.get(p.string, 0)
+        self.signals = [p for p in self.signals if p.string != 0]
+        self.cells = remaining
+
+
+def config_scale(role: str, info: SignalInfo, factor: float, shift: float) -> tuple[float, float]:
+    """Scale and offset for a config: what remains of `factor` and `shift` after the conversion by the DBC's unit.
+
+    Raises
+    ------
+    ConfigError
+        The DBC's unit is that of another quantity: no config may name the signal for this role.
+
+    Examples
+    --------
+    A DBC that says K needs nothing more to give °C: ``config_scale("surface", info, 1.0, -273.15)`` is (1.0, 0.0).
+    """
+    c, d = signal_conversion(role, info.unit)
+    scale = factor / c
+    offset = shift - scale * d
+    return float(f"{scale:.12g}"), (0.0 if abs(offset) < 1e-9 * max(abs(d), 1.0) else float(f"{offset:.12g}"))
+
+
+def fits(role: str, info: SignalInfo) -> bool:
+    """Whether a config may name the signal for the role, by the unit that the DBC prints."""
+    try:
+        signal_conversion(role, info.unit)
+    except ConfigError:
+        return False
+    return True

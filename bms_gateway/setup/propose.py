@@ -1,0 +1,485 @@
+"""From the traffic of an unknown vehicle to the role of each signal: one pass over names, units and data."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bms_gateway.frames.own import MAX_CELLS
+from bms_gateway.frames.rules import PLAUSIBLE
+from bms_gateway.setup.bits import range_of, read_right
+from bms_gateway.setup.charge import charges, sign_by_charge
+from bms_gateway.setup.electrical import (
+    ADDS_UP,
+    CELL_OHM,
+    CELL_V,
+    NOMINAL_V,
+    Electrical,
+    Scored,
+    cell_voltages,
+    currents,
+    pack_voltages,
+    together,
+    while_on,
+)  # fmt: skip
+from bms_gateway.setup.groups import Member, alike
+from bms_gateway.setup.guessed import GUESS
+from bms_gateway.setup.names import OTHER_THINGS, around, has, named, unit_of
+from bms_gateway.setup.own import own_signals
+from bms_gateway.setup.proposal import Proposal, Proposed, Role, fits
+from bms_gateway.setup.series import Series, all_series
+from bms_gateway.setup.strings import Strings, own_strings
+from bms_gateway.setup.traffic import Traffic
+from bms_gateway.setup.warmth import Surfaces, flows, inlets, is_temperature, surfaces
+
+CLEAR: Final = 2.0
+"""Lead over the next candidate from which on a choice is sure."""
+LONG_S: Final = 120.0
+AGAINST: Final = "the pack's voltage and the state of charge contradict each other about the sign of the current"
+LEAST_A: Final = 1.0
+"""A current that moves by less is one of a vehicle at rest."""
+LEAST_S: Final = 60.0
+"""Shorter logs make nothing sure."""
+ORDER: Final[tuple[Role, ...]] = get_args(Role)
+Rights = dict[str, tuple[dict[str, float | str | bool], list[str]]]
+
+
+def propose(traffic: Traffic) -> Proposal:
+    """Find the signals of the pack's current, voltage, state of charge, coolant, thermocouples and cell voltages.
+
+    Parameters
+    ----------
+    traffic : Traffic
+        With a DBC: messages that are not known are no matter of this function.
+
+    Returns
+    -------
+    Proposal
+        `sure` only where name, unit and data agree and nothing else comes near.
+    """
+    proposal = Proposal(remarks=list(traffic.remarks))
+    if traffic.own:
+        own_signals(traffic, proposal)
+        return proposal
+    series, rights, dead = _readable(traffic, proposal)
+    edges = np.arange(0.0, traffic.seconds + 1.0, 1.0 if traffic.seconds > LONG_S else 0.5)
+    cells, factor = cell_voltages(series)
+    voltages = [v for v in pack_voltages(series, cells, factor) if fits("voltage", v.series.info)]
+    candidates = [c for c in currents(series) if fits("current", c.series.info) and c.score > 0]
+    warm = surfaces(series)
+    taken = {m.series.path for m in warm.members} if warm else set()
+    strings = own_strings(warm.members, series, candidates, voltages, cells, edges) if warm else None
+    inlet, flow = inlets(series, taken), flows(series)
+    contradicted = False
+    placed = _place(proposal, warm, strings, cells, rights, traffic.seconds) if warm is not None else {}
+    if warm is not None:
+        _not_fitted(proposal, warm, dead)
+    if strings is not None:
+        _strings(proposal, strings, factor, rights, placed, edges)
+        electrical = next(iter(strings.own.values())).electrical
+    else:
+        electrical = together(candidates, voltages, edges)
+        sign = _by_charge(charges(series, electrical, edges), electrical, edges)
+        contradicted = _electrical(proposal, electrical, cells, factor, rights, by_charge=sign)
+        if len(placed) > 1 and not _in_series(proposal, cells, factor):
+            _doubt(
+                proposal,
+                f"one current and one voltage serve {len(placed)} groups of thermocouples: right where their "
+                "cells are in series, wrong where they are strings in parallel",
+            )
+    parts = _parts(proposal)
+    _cell_voltages(proposal, cells, factor, rights, parts)
+    if next(proposal.of("soc"), None) is None:
+        _single(proposal, "soc", charges(series, electrical, edges), rights, against=contradicted)
+    _single(proposal, "coolant_inlet", inlet, rights)
+    _single(proposal, "coolant_flow", flow, rights)
+    _ranges(proposal)
+    _long_enough(proposal, traffic.seconds)
+    _guesses(proposal)
+    proposal.signals.sort(key=lambda p: ORDER.index(p.role))
+    _rest(proposal, series, candidates, voltages)
+    return proposal
+
+
+def _readable(traffic: Traffic, proposal: Proposal) -> tuple[list[Series], Rights, list[Series]]:
+    """All series that measure something, with their bits read as the data say, and those that never do."""
+    kept: list[Series] = []
+    rights: Rights = {}
+    dead: list[Series] = []
+    for given in all_series(traffic):
+        s = given
+        unit = unit_of(s.info.unit)
+        matters = unit is not None and unit.family != "other"
+        matters |= unit is None and (is_temperature(s) or s.info.place.size >= 8)
+        if not len(s.x):
+            if matters:
+                proposal.unused.append((s.path, f"never a measurement: {', '.join(s.dropped)}"))
+                dead.append(s)
+            continue
+        if not matters or s.info.is_multiplexer:
+            continue
+        s, overrides, why = read_right(traffic, s)
+        if why and not (set(overrides) and _likely(s)):
+            s, overrides, why = given, {}, []
+        rights[s.path] = overrides, why
+        if s.counts and (unit is None or unit.family != "temperature"):
+            proposal.unused.append((s.path, "a counter or a clock: it goes up by the same step each time"))
+            continue
+        if s.staircase:
+            why_not = "a counter or a clock: it goes up by the same step each time, and back at once"
+            proposal.unused.append((s.path, why_not))
+            continue
+        kept.append(s)
+    return kept, rights, dead
+
+
+def _likely(s: Series) -> bool:
+    """Whether another reading of the bits is worth telling: of what the gateway could use."""
+    unit = unit_of(s.info.unit)
+    return not has(named(s.info), OTHER_THINGS) and (unit is None or unit.family != "other")
+
+
+def _place(
+    proposal: Proposal,
+    warm: Surfaces,
+    strings: Strings | None,
+    cells: list[Member],
+    rights: Rights,
+    seconds: float,
+) -> dict[int, list[int]]:
+    """Take the thermocouples, by the strings that say their own current where there are some."""
+    volted: dict[int, int] = {}
+    if strings is not None:
+        warm.members = strings.members
+        volted = {part: len(own.cells) for part, own in strings.own.items()}
+    elif len({m.part for m in warm.members}) == 1:
+        volted = {warm.members[0].part: len(cells)}
+    return _surfaces(proposal, warm, rights, seconds, volted)
+
+
+def _strings(
+    proposal: Proposal,
+    strings: Strings,
+    factor: float,
+    rights: Rights,
+    placed: dict[int, list[int]],
+    edges: NDArray[np.float64],
+) -> None:
+    """Take current, voltage and charge of each string."""
+    resistances = []
+    for part, own in strings.own.items():
+        sign = _by_charge(own.charge, own.electrical, edges)
+        against = _electrical(proposal, own.electrical, own.cells, factor, rights, placed[part], sign)
+        resistances.append(proposal.resistance)
+        _single(proposal, "soc", own.charge, rights, placed[part], against)
+    measured = [r for r in resistances if r is not None]
+    proposal.resistance = float(np.median(measured)) if measured else None
+    if strings.remark:
+        _doubt(proposal, strings.remark)
+
+
+def _by_charge(charge: list[Scored], e: Electrical, edges: NDArray[np.float64]) -> float | None:
+    return sign_by_charge(charge, e.current, edges) if e.current is not None else None
+
+
+def _long_enough(proposal: Proposal, seconds: float) -> None:
+    """Let nothing be sure in a short log."""
+    if seconds < LEAST_S:
+        proposal.remarks.append(f"the log is {seconds:.3g} s long: no proposal is sure below {LEAST_S:g} s")
+        for p in proposal.signals:
+            p.sure = False
+
+
+def _guesses(proposal: Proposal) -> None:
+    """Let nothing be sure that comes from a DBC which was guessed."""
+    guessed = [p for p in proposal.signals if p.series.info.message.startswith(GUESS)]
+    for p in guessed:
+        p.sure = False
+        p.why.append("its place, scale and offset are guesses")
+    if guessed:
+        proposal.remarks.append(
+            f"{len(guessed)} signals are guesses from the traffic: no core of theirs is to be trusted"
+        )
+
+
+def _doubt(proposal: Proposal, remark: str) -> None:
+    """Let no current, voltage and charge be sure, and say why."""
+    proposal.remarks.append(remark)
+    for p in proposal.signals:
+        if p.role in ("current", "voltage", "soc"):
+            p.sure = False
+            p.why.append(remark)
+
+
+def _in_series(proposal: Proposal, cells: list[Member], factor: float) -> bool:
+    """Whether the voltages of all cells add up to that of the pack."""
+    total = factor * float(np.sum([m.series.middle for m in cells]))
+    return any(
+        len(cells) > 1 and abs(p.factor * while_on(p.series) / total - 1) < ADDS_UP for p in proposal.of("voltage")
+    )
+
+
+def _put(proposal: Proposal, p: Proposed, strings: Sequence[int]) -> None:
+    """Take a signal for the whole pack, or for the strings of the model that it is said of."""
+    if not strings:
+        proposal.signals.append(p)
+    for string in strings:
+        proposal.signals.append(replace(p, string=string, why=list(p.why), overrides=dict(p.overrides)))
+
+
+def _electrical(
+    proposal: Proposal,
+    e: Electrical,
+    cells: list[Member],
+    factor: float,
+    rights: Rights,
+    strings: Sequence[int] = (),
+    by_charge: float | None = None,
+) -> bool:
+    """Take current and voltage; returns whether the state of charge contradicts the current's sign."""
+    _voltage(proposal, e, cells, factor, rights, strings)
+    c = e.current
+    if c is None or c.score < 1.5:
+        return False
+    why = list(c.why)
+    scale = _signed(proposal, e, c, by_charge, why)
+    if c.series.low * c.factor >= 0 and c.series.info.raw_limits[0] >= 0 and c.series.info.offset == 0:
+        why.append("it never goes below 0: current in the other direction is not measured")
+    sure = c.unit is not None and c.score > 3.5 and e.lead > CLEAR and not c.series.constant
+    moves = np.ptp(c.values) >= LEAST_A
+    if not moves:
+        why.append(f"it moves by less than {LEAST_A:g} A in this log")
+    against = e.told and by_charge is not None and by_charge != e.sign
+    if against:
+        why.append(AGAINST)
+    sure = sure and bool(moves) and not against and (e.told or by_charge is not None)
+    p = Proposed("current", c.series, scale, 0.0, sure=sure, why=why)
+    _told(p, rights)
+    _put(proposal, p, strings)
+    return against
+
+
+def _voltage(
+    proposal: Proposal, e: Electrical, cells: list[Member], factor: float, rights: Rights, strings: Sequence[int]
+) -> None:
+    """Take the voltage, and tell how many cells in series have it."""
+    middle = factor * float(np.median([m.series.middle for m in cells])) if cells else NOMINAL_V
+    total = factor * float(np.sum([m.series.middle for m in cells])) if len(cells) > 1 else np.nan
+    if e.voltage is None or e.voltage.score <= 0.5:
+        if np.isfinite(total):
+            proposal.series_cells = len(cells)
+        return
+    adds = bool(np.isfinite(total) and abs(e.voltage.middle / total - 1) < ADDS_UP)
+    proposal.series_cells = len(cells) if adds else max(round(e.voltage.middle / middle), 1)
+    sure = e.voltage.unit is not None and (adds or e.told) and e.voltage.score > 3.0
+    sure = sure and not has(named(e.voltage.series.info), OTHER_THINGS)
+    p = Proposed("voltage", e.voltage.series, e.voltage.factor, 0.0, sure=sure, why=list(e.voltage.why))
+    if not adds and proposal.series_cells > 1:
+        told = (
+            f"that there are {proposal.series_cells} cells in series is a guess: {e.voltage.middle:.4g} V at "
+            f"{middle:.3g} V each; no voltages of single cells add up to it"
+        )
+        p.why.append(told)
+        if not any("cells in series is a guess" in r for r in proposal.remarks):
+            proposal.remarks.append(told)
+    _told(p, rights)
+    _put(proposal, p, strings)
+
+
+def _signed(proposal: Proposal, e: Electrical, c: Scored, by_charge: float | None, why: list[str]) -> float:
+    """Factor to discharge-positive A, with the reasons; the pack's resistance where the voltage tells the sign."""
+    scale, told = e.sign * c.factor, True
+    if e.told and e.ohm is not None:
+        falls = "falls" if e.sign > 0 else "rises"
+        why.append(f"the pack's voltage {falls} as it rises (correlation of their steps {e.ohm.correlation:+.2f})")
+    elif by_charge is not None:
+        scale = by_charge * c.factor
+        why.append(f"the state of charge {'falls' if by_charge > 0 else 'rises'} as it counts up")
+    else:
+        told = False
+        why.append("the data do not show its sign: positive is assumed to be discharge")
+    if told and scale * c.factor < 0:
+        why.append("so it is positive on charge: scale = -1")
+    if e.told and e.ohm is not None:
+        scale *= _slipped(abs(e.ohm.resistance) / (proposal.series_cells or 1), c, why)
+        if e.ohm.fine and abs(e.ohm.correlation) > 0.4:
+            proposal.resistance = abs(e.ohm.resistance * c.factor / scale)
+    return scale
+
+
+def _slipped(per_cell: float, c: Scored, why: list[str]) -> float:
+    """Factor by which a unit slipped, where cells would have an impossible resistance; else 1."""
+    if CELL_OHM[0] <= per_cell <= CELL_OHM[1]:
+        return 1.0
+    for factor in (1e-3, 0.1, 1e-2, 10.0, 1e3):
+        # a current that is too large by a factor makes the resistance too small by it
+        if 3 * CELL_OHM[0] <= per_cell / factor <= CELL_OHM[1] / 3:
+            stated = c.series.info.unit or "no unit"
+            why.append(
+                f"the DBC's scale contradicts the data: {stated} would give cells of {1e3 * per_cell:.2g} mΩ; "
+                f"times {factor:g} they have {1e3 * per_cell / factor:.2g} mΩ"
+            )
+            return factor
+    return 1.0
+
+
+def _told(p: Proposed, rights: Rights) -> None:
+    overrides, why = rights.get(p.path, ({}, []))
+    p.overrides.update(overrides)
+    p.why += why
+    p.why += [f"{n} of {p.series.seen} samples left out: {reason}" for reason, n in p.series.dropped.items()]
+    if overrides:
+        p.sure = False
+
+
+def _surfaces(
+    proposal: Proposal, warm: Surfaces, rights: Rights, seconds: float, volted: dict[int, int]
+) -> dict[int, list[int]]:
+    """Take the thermocouples; returns the strings of the model that each part of them makes.
+
+    `volted` tells how many cells of each part have a voltage: where the numbers of the thermocouples leave out some of
+    1 … so many, they are the cells' numbers.
+    """
+    placed: dict[int, list[int]] = {}
+    parts = sorted({m.part for m in warm.members})
+    for part in parts:
+        mine = [m for m in warm.members if m.part == part]
+        for first in range(0, len(mine), _chunk(len(mine))):
+            chunk = mine[first : first + _chunk(len(mine))]
+            count = _by_name(chunk, volted.get(part, 0)) if len(chunk) == len(mine) else None
+            proposal.cells.append(count or len(chunk))
+            if count:
+                proposal.numbered.add(len(proposal.cells))
+            placed.setdefault(part, []).append(len(proposal.cells))
+            for k, m in enumerate(chunk, 1):
+                s = m.series
+                p = Proposed("surface", s, warm.factor, warm.shift, len(proposal.cells), k, why=list(warm.why))
+                if count:
+                    p.index = m.number
+                p.statistic = warm.statistic
+                slow = _slow(s, warm.factor)
+                p.sure = warm.said and slow and len(warm.members) > 1 and not s.constant
+                if slow and not s.constant:
+                    p.why.append("slow, as cells are")
+                elif s.constant:
+                    p.why.append(f"stands at {warm.factor * s.x[0] + warm.shift:.4g} °C for all of {seconds:.0f} s")
+                _told(p, rights)
+                proposal.signals.append(p)
+    proposal.unused += [(s.path, why) for s, why in (*warm.refused, *warm.passed)]
+    proposal.refused |= {s.path for s, _ in warm.refused}
+    if warm.passed:
+        others = ", ".join(s.path for s, _ in warm.passed[:4]) + (" …" if len(warm.passed) > 4 else "")
+        proposal.remarks.append(f"{len(warm.passed)} more temperatures may be of cells, and are not used: {others}")
+    return placed
+
+
+def _by_name(members: list[Member], volted: int) -> int | None:
+    """Count the cells where the names number them with gaps, and as many voltages confirm it."""
+    numbers = [m.number for m in members]
+    gaps = len(numbers) < volted <= min(MAX_CELLS, 1.5 * len(numbers))
+    return (
+        volted if gaps and len(set(numbers)) == len(numbers) and 1 <= min(numbers) <= max(numbers) <= volted else None
+    )
+
+
+def _not_fitted(proposal: Proposal, warm: Surfaces, dead: list[Series]) -> None:
+    """Count channels that are called like the thermocouples and never measure among the refused."""
+    mine = {m.series.path for m in warm.members}
+    for group in alike([*(m.series for m in warm.members), *dead]):
+        paths = {m.series.path for m in group}
+        if paths & mine:
+            proposal.refused |= paths - mine
+
+
+def _chunk(cells: int) -> int:
+    """Split rows that are longer than the gateway's own DBC has room for into equal ones."""
+    rows = -(-cells // MAX_CELLS)
+    return -(-cells // rows)
+
+
+def _slow(s: Series, factor: float) -> bool:
+    gaps = np.diff(s.t)
+    rate = np.abs(factor * np.diff(s.x))[gaps > 0] / np.maximum(gaps[gaps > 0], 1.0)
+    return bool(len(rate) == 0 or np.quantile(rate, 0.9) < max(1.0, 1.01 * abs(factor) * s.step))
+
+
+def _parts(proposal: Proposal) -> dict[int, int]:
+    """Cells by string that have a thermocouple."""
+    return dict(enumerate(proposal.cells, 1))
+
+
+def _cell_voltages(
+    proposal: Proposal, cells: list[Member], factor: float, rights: Rights, parts: dict[int, int]
+) -> None:
+    """Give the cells' voltages to the strings where there is one for each thermocouple; else they belong to none."""
+    sound = [m for m in cells if CELL_V[0] < factor * m.series.middle < CELL_V[1]]
+    matched = len(cells) == sum(parts.values()) and len(sound) == len(cells)
+    place = [(string, k) for string, n in parts.items() for k in range(1, n + 1)]
+    for k, m in enumerate(cells, 1):
+        if m not in sound:
+            proposal.unused.append((m.series.path, f"no voltage of a cell: about {factor * m.series.middle:.3g} V"))
+            continue
+        string, index = place[k - 1] if matched else (None, m.number or k)
+        why = [f"one of {len(cells)} called alike, {factor * m.series.low:.3f} to {factor * m.series.high:.3f} V"]
+        if not matched:
+            why.append("which thermocouple sits on which of these cells is not known: not written into the config")
+        p = Proposed("cell_voltage", m.series, factor, 0.0, string, index, why=why)
+        p.sure = len(cells) > 1 and unit_of(m.series.info.unit) is not None and not m.series.constant
+        _told(p, rights)
+        proposal.signals.append(p)
+
+
+def _single(
+    proposal: Proposal,
+    role: Role,
+    ranked: list[Scored],
+    rights: Rights,
+    strings: Sequence[int] = (),
+    against: bool = False,
+) -> None:
+    usable = [c for c in ranked if fits(role, c.series.info) and c.score > 0.5]
+    if not usable:
+        return
+    best = usable[0]
+    lead = best.score - usable[1].score if len(usable) > 1 else 9.0
+    p = Proposed(role, best.series, best.factor, best.shift, why=list(best.why))
+    p.sure = best.unit is not None and best.score >= 4.0 and lead > 1.0 and len(best.series.x) >= 10
+    if against:
+        p.sure = False
+        p.why.append(AGAINST)
+    if lead < 1.0:
+        p.why.append(f"{usable[1].series.path} is nearly as likely")
+    _told(p, rights)
+    _put(proposal, p, strings)
+
+
+def _ranges(proposal: Proposal) -> None:
+    for p in proposal.signals:
+        low, high = PLAUSIBLE[p.role]
+        if p.factor == 0.0:
+            continue
+        ends = sorted(((low - p.shift) / p.factor, (high - p.shift) / p.factor))
+        found = range_of(p.series, (ends[0], ends[1]))
+        if found is not None:
+            p.overrides.update(found[0])
+            p.why.append(found[1])
+
+
+def _rest(proposal: Proposal, series: list[Series], candidates: list[Scored], voltages: list[Scored]) -> None:
+    """Give the reason for each other signal that was considered and not used."""
+    used = {p.path for p in proposal.signals} | {path for path, _ in proposal.unused}
+    ranked = {c.series.path: c for c in (*candidates, *voltages)}
+    for s in series:
+        if s.path in used:
+            continue
+        if has(named(s.info), OTHER_THINGS) or has(around(s.info), OTHER_THINGS):
+            why = "by its name it belongs to something else than the cells"
+        elif s.constant:
+            why = f"stands at {s.x[0]:g} {s.info.unit}".rstrip() + " in this log"
+        elif s.path in ranked:
+            why = "another signal is more likely"
+        else:
+            why = "its name and its values fit no role"
+        proposal.unused.append((s.path, why))

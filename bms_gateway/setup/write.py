@@ -1,0 +1,243 @@
+"""A proposal as files: the gateway's config with reasons as comments, a model per string, a DBC where one is needed."""
+
+import json
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+from bms_gateway.config.model_file import write_model
+from bms_gateway.errors import UsageError
+from bms_gateway.frames.dbc_text import format_dbc
+from bms_gateway.setup.proposal import Proposal, Proposed
+from bms_gateway.setup.traffic import Traffic
+from bms_gateway.thermal import Condition, Prior, StringModel
+from bms_gateway.thermal.cells import CellFacts, cell_of, cell_priors, stated_parameters
+
+UNKNOWN_CELL: Final = "21700"
+"""A cell of the middle, where nothing is told of it; its numbers are believed to a factor of two."""
+UNKNOWN_SD: Final = {"C_c": 0.7, "C_s": 0.9, "R_e": 0.9, "R_c": 0.9, "R_u": 0.9, "R_cc": 1.0}
+FROM_STEPS: Final = 1.2
+"""A resistance by steps of a second, to that over minutes."""
+FROM_STEPS_SD: Final = 0.35
+LIQUID: Final = (3.6e6, 2e-3)
+"""J/(m³ K) of water with glycol; flows above so many m³/s are of air."""
+AIR: Final = 1190.0
+INLET_UNKNOWN_K: Final = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class Written:
+    """What was written, and what to say of it."""
+
+    config: Path
+    files: tuple[Path, ...]
+    notes: tuple[str, ...]
+
+
+def write_setup(
+    proposal: Proposal, traffic: Traffic, out: Path, *, cell: CellFacts | None, logs: Iterable[Path]
+) -> Written:
+    """Write gateway.toml, its models and, where the DBC is unsound, the part of it that is needed.
+
+    Raises
+    ------
+    UsageError
+        The folder cannot be written, or holds a gateway.toml of somebody.
+    """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as e:
+        raise UsageError(f"--out {out}: cannot be made: {e.strerror}") from None
+    notes: list[str] = []
+    files = []
+    names: list[str] = []
+    if not traffic.own:
+        names, more = _dbc(proposal, traffic, out)
+        files += more
+    lumped, resistance = _lump(proposal, cell, notes)
+    try:
+        for string, cells in enumerate(proposal.cells, 1):
+            path = out / f"string_{string}.toml"
+            model = _model(proposal, string, cells, lumped, cell is not None, resistance)
+            write_model(model, path, _heading(lumped, cell is not None, resistance))
+            files.append(path)
+        config = out / "gateway.toml"
+        config.write_text(_config(proposal, names, list(logs)), encoding="utf-8")
+    except OSError as e:
+        raise UsageError(f"--out {out}: cannot be written: {e.strerror}") from None
+    return Written(config, (config, *files), tuple(notes))
+
+
+def _dbc(proposal: Proposal, traffic: Traffic, out: Path) -> tuple[list[str], list[Path]]:
+    if traffic.strict and traffic.dbc:
+        return [os.path.relpath(p, out) for p in traffic.dbc], []
+    path = out / "vehicle.dbc"
+    comment = "The part of the vehicle's DBC that gateway.toml needs, written by bms-gateway init."
+    infos = [traffic.messages[p.series.info.message].signals[p.series.info.name] for p in proposal.signals]
+    path.write_text(format_dbc(traffic.messages.values(), infos, comment), encoding="utf-8")
+    return [path.name], [path]
+
+
+def _lump(proposal: Proposal, cell: CellFacts | None, notes: list[str]) -> tuple[CellFacts, float | None]:
+    """Say how many cells side by side are one of the model, by their resistance, which comes second where measured."""
+    told = cell_of(UNKNOWN_CELL) if cell is None else cell
+    per_cell = None
+    if proposal.resistance is not None and proposal.series_cells:
+        per_cell = FROM_STEPS * proposal.resistance / proposal.series_cells
+    if per_cell is None:
+        if cell is None:
+            notes.append("the log does not show the resistance of the cells: name the cell with --cell")
+        return told, None
+    one = 0.035 if cell is None else stated_parameters(replace(told, parallel=1))["R_e"].value
+    if told.parallel == 1 and one / per_cell > 1.7:
+        count = min(max(round(one / per_cell), 2), 200)
+        told = replace(told, parallel=count)
+        what = "cells like a 21700" if cell is None else told.name
+        notes.append(
+            f"voltage and current give {1e3 * per_cell:.2g} mΩ per cell in series: taken for {count} {what} "
+            f"in parallel; --cell '… {count}p' says how many"
+        )
+    elif per_cell / (one / told.parallel) > 3.0 or per_cell / (one / told.parallel) < 0.33:
+        notes.append(
+            f"voltage and current give {1e3 * per_cell:.2g} mΩ per cell in series, {told.name} would have "
+            f"{1e3 * one / told.parallel:.2g} mΩ: is it this cell, and so many in parallel?"
+        )
+    return told, per_cell
+
+
+def _model(
+    proposal: Proposal, string: int, cells: int, lumped: CellFacts, known: bool, resistance: float | None
+) -> StringModel:
+    flow = next(proposal.of("coolant_flow", string), None)
+    nominal = abs(flow.factor) * flow.series.middle if flow is not None else 0.0
+    condition: Condition = "single" if cells == 1 else "full" if nominal > 0 else "natural"
+    priors = cell_priors(lumped, conduction=cells > 1)
+    if not known:
+        priors = {name: Prior(p.value, max(p.rel_sd, UNKNOWN_SD[name])) for name, p in priors.items()}
+    if resistance is not None:
+        priors["R_e"] = Prior(min(max(resistance, 1e-5), 1.0), FROM_STEPS_SD)
+    if condition == "full":
+        by_volume = AIR if nominal > LIQUID[1] else LIQUID[0]
+        priors["C_f"] = Prior(min(max(by_volume * nominal, 1e-2), 1e5), 0.3)
+    priors = {name: Prior(float(f"{p.value:.4g}"), p.rel_sd) for name, p in priors.items()}
+    capacity = None if lumped.capacity_Ah is None else lumped.capacity_Ah * lumped.parallel
+    return StringModel(
+        cells,
+        tuple(sorted(p.index or 1 for p in proposal.of("surface") if p.string == string)),
+        condition,
+        priors,
+        coolant="ntu" if condition == "full" else "bulk",
+        capacity_Ah=capacity,
+        flow=float(f"{nominal:.4g}") if nominal > 0 else None,
+    )
+
+
+def _heading(lumped: CellFacts, known: bool, resistance: float | None) -> str:
+    lines = ["One cell of the model per thermocouple: the cell that it sits on, and those like it."]
+    if known:
+        side = f", {lumped.parallel} in parallel" if lumped.parallel > 1 else ""
+        lines.append(f"Cell: {lumped.name}{side}. Formulas and sources: bms-gateway cells '{lumped.name}'")
+    else:
+        lines.append(
+            "THE CELL IS UNKNOWN: its size is a guess, and the bands of the cores are as wide as that guess makes them."
+        )
+        lines.append("bms-gateway init … --cell '21700 5Ah 69g 25mOhm 2p' (or lg_m50, pouch …) makes it better.")
+    if resistance is not None:
+        lines.append("R_e is from the steps of pack voltage and current in the log.")
+    lines.append("A record with a thermocouple in the core is worth more than all priors: bms-gateway fit --calibrate.")
+    return "\n".join(lines)
+
+
+def _config(proposal: Proposal, dbc: list[str], logs: list[Path]) -> str:
+    shown = ", ".join(p.name for p in logs[:3]) + (" …" if len(logs) > 3 else "")
+    lines = [
+        f"# Proposed by bms-gateway init from {shown}. Lines with (?) are likely, not sure: check them.",
+        "",
+        "[bus]",
+        'interface = "socketcan"',
+        'channel = "can0"',
+    ]
+    if dbc:
+        lines.append(f"dbc = {json.dumps(dbc, ensure_ascii=False)}")
+    lines.append("transmit = false                 # true: send the cores on the bus too")
+    inlet = next(proposal.of("coolant_inlet"), None)
+    if inlet is None or not inlet.sure:
+        lines += [
+            "",
+            "[observer]",
+            f"inlet_K = {INLET_UNKNOWN_K}                    # the coolant is not measured for sure",
+        ]
+    for string, cells in enumerate(proposal.cells, 1):
+        lines += ["", "[[string]]", f'name = "string_{string}"', f'model = "string_{string}.toml"', "[string.signals]"]
+        lines += _string(proposal, string, cells)
+    if proposal.remarks:
+        lines += ["", "# About the files:", *(f"# {' '.join(r.split())}" for r in proposal.remarks)]
+    return "\n".join(lines) + "\n"
+
+
+def _string(proposal: Proposal, string: int, cells: int) -> list[str]:
+    current = next(proposal.of("current", string))
+    lines = _line("current", current)
+    inlet = next(proposal.of("coolant_inlet", string), None)
+    if inlet is not None:
+        lines += _line("coolant_inlet", inlet)
+    else:
+        rest = coolest(proposal, string)
+        lines.append(
+            f"coolant_inlet = {{ constant_C = {rest:.1f} }}  # (?) the bus has none: the lowest reading of the string"
+        )
+    voltage = next(proposal.of("voltage", string), None)
+    if voltage is not None and (voltage.string == string or proposal.series_cells):
+        lines += _line("voltage", voltage, share(proposal, cells))
+    for role in ("soc", "coolant_flow"):
+        found = next(proposal.of(role, string), None)
+        if found is not None:
+            lines += _line(role, found)
+    lines.append("[string.signals.surface]")
+    for p in sorted((p for p in proposal.of("surface") if p.string == string), key=lambda p: p.index or 0):
+        lines += _line(str(p.index), p)
+    volted = [p for p in proposal.of("cell_voltage") if p.string == string]
+    if volted:
+        lines.append("[string.signals.cell_voltage]")
+        for p in sorted(volted, key=lambda p: p.index or 0):
+            lines += _line(str(p.index), p)
+    return lines
+
+
+def share(proposal: Proposal, cells: int) -> float:
+    """Share of a voltage that belongs to a string of the model: a cell of it for each thermocouple."""
+    if not proposal.series_cells:
+        return 1.0
+    return cells / proposal.series_cells
+
+
+def coolest(proposal: Proposal, string: int) -> float:
+    """Lowest reading of a string's thermocouples, °C: the coolant is hardly warmer."""
+    lows = [p.factor * p.series.low + p.shift for p in proposal.of("surface") if p.string == string]
+    return float(sorted(lows)[len(lows) // 4]) if lows else 25.0
+
+
+def _line(key: str, p: Proposed, part: float = 1.0) -> list[str]:
+    """One key of the config with its reasons, short."""
+    scale, offset = p.written
+    fields = [f"signal = {json.dumps(p.path, ensure_ascii=False)}"]
+    if part * scale != 1.0:
+        fields.append(f"scale = {float(f'{part * scale:.6g}')!r}")
+    if offset != 0.0:
+        fields.append(f"offset = {part * offset!r}")
+    for name, value in p.overrides.items():
+        text = str(value).lower() if isinstance(value, bool) else json.dumps(value)
+        fields.append(f"{name} = {text}")
+    value = json.dumps(p.path, ensure_ascii=False) if len(fields) == 1 else f"{{ {', '.join(fields)} }}"
+    low, high = p.observed
+    unit = {"current": "A", "voltage": "V", "cell_voltage": "V", "coolant_flow": "m3/s", "soc": ""}.get(p.role, "°C")
+    comment = f"{'' if p.sure else '(?) '}{low:.4g} … {high:.4g} {unit}".rstrip()
+    if part != 1.0:
+        comment += " of the pack; the share of this string's cells" if p.string is None else " of the string; the "
+        comment += "share of the cells with a thermocouple" if p.string is not None else ""
+    lines = []
+    if p.role not in ("surface", "cell_voltage") or p.statistic or p.overrides:
+        lines = [f"# {key}: {' '.join(why.split())}" for why in p.why if "left out" not in why]
+    return [*lines, f"{key} = {value}  # {' '.join(comment.split())}"]

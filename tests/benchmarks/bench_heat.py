@@ -1,0 +1,171 @@
+"""Heat that no current makes, and what looks like it: minutes to the alert, causes, false alarms, cores.
+
+`python -m tests.benchmarks.bench_heat [--seeds N] [--first S] [--life HOURS] [--records] [--json F]`
+
+Strings come from `heat_case`, whose truth is no code of the package. Seeds below 1000 were used while settings were
+chosen; the figures are of seeds from there on. An alert that comes before the fault, or in a string without one, counts
+as false.
+"""
+
+import argparse
+import json
+import os
+import sys
+from dataclasses import dataclass
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+
+from bms_gateway.health.heat import HeatWatch
+from tests.benchmarks.heat_case import CELLS, SENSORS, Case, Made, make, model, with_seeds
+
+FIRST_SEED = 1000
+RIGHT = {
+    "heat": ("unexplained_heat",),
+    "fan": ("cooling",),
+    "pump": ("cooling",),
+    "frozen": ("inlet",),
+    "off": ("thermocouple",),
+    "loose": ("thermocouple",),
+    "drift": ("thermocouple",),
+    "jump": ("thermocouple",),
+    "scale": ("missing_heat",),
+    "stuck": ("missing_heat",),
+}
+
+
+@dataclass(frozen=True)
+class Told:
+    """What was told of one string: (s, code, cell) as raised, and the cores' band from five minutes after the fault."""
+
+    alerts: list[tuple[int, str, int | None]]
+    sick: float
+    healthy: float
+
+
+def follow(made: list[Made]) -> list[Told]:
+    """Watch strings of one pack and length, tick by tick."""
+    S, case = len(made), made[0].case
+    watch = HeatWatch([model(case.pack)] * S, 1.0)
+    I, inlet, y = (np.stack([getattr(x, k) for x in made]) for k in ("current", "inlet", "y"))  # noqa: E741
+    alerts: list[list[tuple[int, str, int | None]]] = [[] for _ in made]
+    inside = np.zeros((S, CELLS))
+    count, age = np.zeros(S), np.zeros((S, CELLS))
+    nothing = np.full((S, CELLS), np.nan)
+    for k in range(case.seconds):
+        for s, f in watch.add((k + 1) * 10**9, I[:, k] ** 2, None, I[:, k], inlet[:, k], y[:, k], age) or ():
+            if f.level:
+                alerts[s].append((k + 1, f.code, f.cell))
+        if k >= case.at + 300 and k % 30 == 0:
+            core, sd = watch.cores(nothing, np.zeros((S, CELLS)))
+            truth = np.stack([x.core[k] for x in made])
+            known = np.isfinite(core)
+            inside += np.where(known, np.abs(core - truth) <= 2 * sd, 0.0)
+            count += known[:, 0]
+    share = inside / np.maximum(count, 1)[:, None]
+    others = np.arange(CELLS) != case.cell - 1
+    return [
+        Told(a, *(x if n else (np.nan, np.nan)))
+        for a, n, x in zip(
+            alerts, count, zip(share[:, case.cell - 1], share[:, others].mean(axis=1), strict=True), strict=True
+        )
+    ]
+
+
+def score(cases: list[Case]) -> dict[str, object]:
+    """Figures of strings alike but for their seed."""
+    told, c = follow(make(cases)), cases[0]
+    first, right, heat, place, early = [], 0, 0, 0, 0
+    near = {k + d for k in SENSORS if abs(k - c.cell) <= 1 for d in (-1, 0, 1)}
+    for x in told:
+        early += any(t <= c.at for t, _, _ in x.alerts)
+        after = [a for a in x.alerts if a[0] > c.at]
+        good = next((a for a in after if a[1] in RIGHT[c.fault]), None)
+        right += bool(after) and after[0][1] in RIGHT[c.fault]
+        heat += any(a[1] == "unexplained_heat" for a in after)
+        first.append((good[0] - c.at) / 60.0 if good else np.inf)
+        if good and c.fault == "heat":
+            place += good[2] in near
+    n = len(told)
+    out: dict[str, object] = {
+        "pack": c.pack,
+        "drive": c.drive,
+        "fault": c.fault,
+        "cell": c.cell,
+        "size": c.size,
+        "strings": n,
+        "found": sum(np.isfinite(first)),
+        "median_min": round(float(np.median(first)), 1),
+        "p90_min": round(float(np.quantile(first, 0.9, method="higher")), 1),
+        "first_right": right,
+        "called_heat": heat,
+        "before": early,
+    }
+    if c.fault == "heat":
+        out["group_right"] = place
+        out["sick_inside"] = round(float(np.nanmean([x.sick for x in told])), 3)
+        out["healthy_inside"] = round(float(np.nanmean([x.healthy for x in told])), 3)
+    return out
+
+
+def table() -> list[Case]:
+    """One case of each row."""
+    rows = []
+    for pack, sensed, beside in (("small", (0.3, 1.0, 3.0), (1.0, 3.0, 10.0)), ("liquid", (1.0, 3.0, 10.0), (10.0,))):
+        for drive in ("urban", "rest"):
+            rows += [Case(pack, 0, drive=drive, fault="heat", cell=6, size=w) for w in sensed]
+            rows += [Case(pack, 0, drive=drive, fault="heat", cell=7, size=w) for w in beside]
+        rows += [Case(pack, 0, drive="us06", fault=f) for f in ("fan", "pump", "frozen", "off")]
+        rows += [
+            Case(pack, 0, drive="us06", fault="loose", size=0.3),
+            Case(pack, 0, drive="us06", fault="drift", size=1.0),
+        ]
+        rows += [
+            Case(pack, 0, drive="us06", fault="jump", size=1.0),
+            Case(pack, 0, drive="us06", fault="jump", size=-2.0, step=0.5),
+        ]
+        rows += [Case(pack, 0, drive="us06", fault="scale", size=w) for w in (0.0, 0.3)]
+        rows.append(Case(pack, 0, drive="us06", fault="stuck", size=0.0))
+    return rows
+
+
+def life(hours: float, first: int) -> dict[str, object]:
+    """False alarms of strings with nothing wrong, by code."""
+    counts: dict[str, int] = {}
+    seen, seed, seconds, batch = 0.0, first, 10800, 24
+    kinds = [(p, d, s) for p in ("small", "liquid") for d in ("urban", "us06", "udds", "rest") for s in (0.1, 0.5)]
+    while seen < hours:
+        pack, drive, step = kinds[(seed // batch) % len(kinds)]
+        made = make(with_seeds(Case(pack, 0, seconds, drive, at=seconds, step=step), range(seed, seed + batch)))
+        for x in follow(made):
+            for _, code, _ in x.alerts:
+                counts[code] = counts.get(code, 0) + 1
+        seen, seed = seen + batch * seconds / 3600.0, seed + batch
+        print(f"{seen:6.0f} h of strings: {counts}", file=sys.stderr, flush=True)
+    return {"hours": seen, "false": counts}
+
+
+def main() -> None:
+    ask = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    ask.add_argument("--seeds", type=int, default=20)
+    ask.add_argument("--first", type=int, default=FIRST_SEED)
+    ask.add_argument("--life", type=float, default=0.0, help="hours of strings with nothing wrong")
+    ask.add_argument("--only", nargs="*", default=[], help="faults")
+    ask.add_argument("--json")
+    args = ask.parse_args()
+    rows = []
+    for c in table():
+        if args.only and c.fault not in args.only:
+            continue
+        rows.append(score(with_seeds(c, range(args.first, args.first + args.seeds))))
+        print(" ".join(f"{k}={v}" for k, v in rows[-1].items()), flush=True)
+    found = life(args.life, args.first) if args.life else None
+    print(found or "")
+    if args.json:
+        with open(args.json, "w", encoding="utf-8") as f:
+            json.dump({"rows": rows, "life": found}, f, indent=1, default=float)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,107 @@
+"""What `analyze` tells of a cell that runs away, and of one whose thermocouple dies on the way."""
+
+import json
+
+import cantools
+import numpy as np
+import pytest
+
+from bms_gateway.bus.logfile import read_log
+from bms_gateway.cli.main import main
+from bms_gateway.config import own_dbc_text
+from bms_gateway.frames.batch import FrameBatch
+from tests.benchmarks.bench_runaway import recorded, rule
+from tests.config.bench_cell import write_string
+from tests.data import need
+
+MODEL = """\
+cells = 1
+sensors = [1]
+condition = "single"
+effects = []
+[cell]
+capacity_Ah = 2.5
+[parameters]
+C_c = { value = 40.0, unit = "J/K", rel_sd = 0.2 }
+C_s = { value = 5.0, unit = "J/K", rel_sd = 0.3 }
+R_e = { value = 25.0, unit = "mOhm", rel_sd = 0.3 }
+R_c = { value = 3.0, unit = "K/W", rel_sd = 0.3 }
+R_u = { value = 15.0, unit = "K/W", rel_sd = 0.3 }
+"""
+
+
+def analysed(folder, surface):
+    """Alerts and frames sent, of a table with one temperature a second; NaN is not available."""
+    config, table, log, out = (
+        write_string(folder, MODEL, method="off"),
+        folder / "table.csv",
+        folder / "table.log",
+        folder / "out",
+    )
+    lines = [f"{t},0.0,25.0,{x:.3f}" if x == x else f"{t},0.0,25.0," for t, x in enumerate(surface.tolist())]
+    table.write_text("time_s,current_A,coolant_inlet_C,surface_1_C\n" + "\n".join(lines) + "\n")
+    assert main(["encode", str(table), "--config", str(config), "--out", str(log)]) == 0
+    assert main(["analyze", str(log), "--config", str(config), "--out", str(out)]) == 0
+    alerts = [json.loads(line) for line in (out / "alerts.jsonl").read_text().splitlines()]
+    frames = FrameBatch.concat(list(read_log(log)))
+    start = int(frames.time_ns[0]) // 10**9
+    return (
+        [a | {"time_s": a["time_s"] - start} for a in alerts],
+        FrameBatch.concat(list(read_log(out / "broadcast.log"))),
+        start,
+    )
+
+
+def flags(frames, start):
+    """What the flags' frames say, by second, as another program decodes them."""
+    message = cantools.database.load_string(own_dbc_text()).get_message_by_name("string_1_flags")
+    at = (frames.can_id & 0x1FFF_FFFF) == message.frame_id
+    found = {}
+    for time_ns, data in zip(frames.time_ns[at].tolist(), frames.data[at], strict=True):
+        values = message.decode(bytes(data[:8]), decode_choices=False)
+        found[time_ns // 10**9 - start] = values["runaway_flag"], values["hot_flag"]
+    return found
+
+
+@pytest.mark.parametrize("name", ["ustc_tr_fig7b.csv.gz", "ustc_tr_fig7e.csv.gz"])
+def test_a_recorded_runaway_is_an_alarm_on_the_bus_at_once_and_none_of_its_alarms_ends_while_it_burns(tmp_path, name):
+    need("abuse", name)
+    x = recorded(name)
+    x = x[rule(x) - 300 : rule(x) + 60]
+    alerts, frames, start = analysed(tmp_path, x)
+    raised = {a["name"]: a for a in alerts if a["state"] == "raised" and a["severity"] == "alarm"}
+    assert {"runaway", "surface"} <= set(raised)
+    second = raised["runaway"]["time_s"]
+    assert abs(second - rule(x)) <= 5
+    assert (raised["runaway"]["string"], raised["runaway"]["cell"]) == ("cell", 1)
+    assert raised["surface"]["time_s"] <= np.argmax(x >= 80.0) + 5
+    over = {a["name"]: a["time_s"] for a in alerts if a["state"] == "over"}
+    assert {"runaway", "surface", "core", "lost_in_heat"} & set(over) == set()
+    told = flags(frames, start)
+    assert told[second - 1][0] == 0
+    assert all(told[t] == (2, 2) for t in range(int(second), 355))
+
+
+def test_a_thermocouple_that_dies_while_its_cell_heats_ends_no_alarm_and_begins_one(tmp_path):
+    x = np.r_[np.full(60, 30.0), 30.0 + 0.1 * np.arange(480)] + 0.05 * np.random.default_rng(1).standard_normal(540)
+    dead = np.r_[x, np.full(200, np.nan)]
+    alerts, *_ = analysed(tmp_path, dead)
+    last = {a["name"]: a for a in alerts}
+    assert last["lost_in_heat"]["state"] == "raised"
+    assert last["lost_in_heat"]["time_s"] <= 555
+    assert "last 78 °C, rising" in last["lost_in_heat"]["text"]
+
+
+def test_a_hot_cell_whose_sensor_dies_keeps_its_alarm_to_the_end_and_loses_it_when_it_is_seen_cool(tmp_path):
+    (tmp_path / "dies").mkdir()
+    (tmp_path / "cools").mkdir()
+    rng = np.random.default_rng(1)
+    hot = np.r_[np.full(60, 70.0), np.linspace(70, 84, 140), np.full(60, 84.0)] + 0.05 * rng.standard_normal(260)
+    alerts, *_ = analysed(tmp_path / "dies", np.r_[hot, np.full(300, np.nan)])
+    surface = [a for a in alerts if a["name"] == "surface"]
+    assert [a["state"] for a in surface] == ["raised", "changed"]
+    assert "surface of cell 1: last 84 °C" in surface[1]["text"]
+    cool = np.linspace(84, 40, 400)
+    alerts, *_ = analysed(tmp_path / "cools", np.r_[hot, cool + 0.05 * rng.standard_normal(400)])
+    states = [a["state"] for a in alerts if a["name"] == "surface"]
+    assert states == ["raised", "over"]

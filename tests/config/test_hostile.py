@@ -1,0 +1,184 @@
+"""Whatever is in a config, its model or its DBC: `check` tells it in one line, soon, and without filling the memory."""
+
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from bms_gateway.cli.main import main
+from bms_gateway.config import bounds, load_config
+from bms_gateway.config.bounds import bounded
+from bms_gateway.errors import ConfigError
+from tests.config.files import DBC, MAPPED, write
+from tests.config.hostile import HOSTILE, SLOW, many_signals
+from tests.config.test_model_file import EXAMPLE
+
+# A bound that strikes within a destructor or a callback of the garbage collector is lost there, and told all the same.
+pytestmark = pytest.mark.filterwarnings(r"ignore:[\s\S]*_BeyondError:pytest.PytestUnraisableExceptionWarning")
+
+ROOT = Path(__file__).resolve().parents[2]
+LONGEST_LINE = 600
+GIVEN_UP_S = 4.0
+"""Processor time: the bound and what one call into C goes on for, on a slow machine; unbounded they take minutes."""
+CHECK = """
+import sys, time
+from bms_gateway.cli.main import main
+from tests.memory import peak_mib
+print(main(["check", sys.argv[1]]), peak_mib(), time.process_time())
+"""
+
+
+def lay(folder: Path, files: tuple[str, str, str]) -> Path:
+    path = write(folder, *files[:2])
+    (folder / "vehicle.dbc").write_text(files[2])
+    return path
+
+
+@pytest.fixture(autouse=True)
+def no_tables(tmp_path, monkeypatch):
+    monkeypatch.setenv("CACHE_DIRECTORY", str(tmp_path / "tables"))
+
+
+def one_line_of(capsys) -> str:
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1, told
+    assert len(told) < LONGEST_LINE
+    return told
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_what_no_file_should_hold_is_told_in_one_line(name, tmp_path, capsys):
+    files, says = HOSTILE[name]
+    assert main(["check", str(lay(tmp_path, files))]) == 2
+    assert re.search(says, one_line_of(capsys))
+
+
+@pytest.mark.parametrize("name", SLOW)
+def test_what_takes_too_long_or_too_much_is_given_up(name, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(bounds, "READ_S", 0.3)
+    files, says = SLOW[name]
+    path = lay(tmp_path, files)
+    began = time.process_time()
+    assert main(["check", str(path)]) == 2
+    assert time.process_time() - began < GIVEN_UP_S
+    assert re.search(says, one_line_of(capsys))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [*SLOW, "20,000 signals"])
+def test_a_whole_check_stays_within_eight_seconds_and_the_units_memory(name, tmp_path):
+    files = (MAPPED, EXAMPLE, many_signals(19_980) + DBC[DBC.index("BO_ 256") :])
+    files = SLOW[name][0] if name in SLOW else files
+    words = [sys.executable, "-c", CHECK, str(lay(tmp_path, files))]
+    done = subprocess.run(words, capture_output=True, text=True, cwd=ROOT, check=True)
+    status, peak, taken_s = done.stdout.split()[-3:]
+    assert status == ("2" if name in SLOW else "0"), done.stderr
+    assert float(peak) < 200
+    assert float(taken_s) < 8.0
+
+
+def test_a_name_that_is_too_long_for_a_store_is_told(tmp_path, capsys):
+    path = write(tmp_path, MAPPED.replace('"state"', f'"{"s" * 300}"'))
+    assert main(["check", str(path)]) == 0
+    assert "cannot be made: File name too long" in one_line_of(capsys)
+
+
+def test_a_file_that_never_ends_is_not_taken_in(capsys):
+    assert main(["check", "/dev/zero"]) == 2
+    assert "longer than 16 MiB" in one_line_of(capsys)
+
+
+def test_strings_of_too_many_cells_are_refused_before_the_service_takes_them(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("bms_gateway.config.load.ENGINE_S", 0.02)  # a fast machine takes some tenths of a second
+    monkeypatch.setattr(bounds, "LOOK_S", 0.005)
+    model = EXAMPLE.replace("cells = 5", "cells = 600")
+    config = MAPPED.replace("transmit = true", "transmit = false")
+    assert main(["check", str(write(tmp_path, config, model))]) == 2
+    assert "making the estimators of its strings takes over" in one_line_of(capsys)
+
+
+def test_the_bounds_name_the_file_that_was_read_and_leave_no_timer(monkeypatch):
+    monkeypatch.setattr(bounds, "LOOK_S", 0.01)
+    handler = signal.getsignal(signal.SIGPROF)
+    with pytest.raises(ConfigError, match=r"^inner: reading it takes over 0\.05 s"):  # noqa: SIM117, PT012
+        with bounded("outer", seconds=0.05):
+            with bounded("inner"):
+                while True:
+                    pass
+    assert signal.getitimer(signal.ITIMER_PROF) == (0.0, 0.0)
+    assert signal.getsignal(signal.SIGPROF) == handler
+    with bounded("again", seconds=5.0):
+        pass
+
+
+class Late:
+    """Its destructor takes as long as the bound does: the interpreter drops what is raised there."""
+
+    def __del__(self):
+        until = time.thread_time() + 0.5
+        while time.thread_time() < until:
+            pass
+
+
+def test_a_bound_that_strikes_in_a_destructor_is_told_at_the_end(monkeypatch):
+    monkeypatch.setattr(bounds, "LOOK_S", 0.01)
+    late = [Late()]
+    with pytest.raises(ConfigError, match=r"^a file: reading it takes over 0\.05 s"), bounded("a file", seconds=0.05):
+        late.clear()
+
+
+LATE = """
+import os, signal
+from bms_gateway.config.bounds import bounded
+signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGPROF})
+with bounded("a"):
+    os.kill(os.getpid(), signal.SIGPROF)
+signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGPROF})
+print("alive")
+"""
+
+
+def test_a_timer_that_another_thread_has_not_yet_heard_ends_no_process():
+    """Threads wait for a processor: the signal came when its action was again to end the process, and did."""
+    done = subprocess.run([sys.executable, "-c", LATE], capture_output=True, text=True, cwd=ROOT)
+    assert (done.returncode, done.stdout) == (0, "alive\n")
+
+
+def test_the_bounds_count_memory_that_grows_within(monkeypatch):
+    monkeypatch.setattr(bounds, "LOOK_S", 0.01)
+    kept = []
+    with pytest.raises(ConfigError, match=r"^a: reading it takes over 30 MiB"):  # noqa: SIM117, PT012
+        with bounded("a", mib=30):
+            while True:
+                kept.append(bytearray(b"x" * 100_000))
+    assert len(kept) < 3000
+
+
+def test_no_parser_swallows_the_end_of_its_time(monkeypatch):
+    """As a destructor would, which Python lets raise nothing: the bound comes again."""
+    monkeypatch.setattr(bounds, "LOOK_S", 0.01)
+    monkeypatch.setattr(bounds, "ONCE_MORE_S", 0.05)
+    swallowed = []
+    with pytest.raises(ConfigError, match="takes over"):  # noqa: SIM117, PT012
+        with bounded("a", seconds=0.05):
+            try:
+                while True:
+                    pass
+            except BaseException as e:
+                swallowed.append(e)
+            while True:
+                pass
+    assert len(swallowed) == 1
+
+
+def test_in_another_thread_files_are_read_without_bounds(tmp_path):
+    found = []
+    thread = threading.Thread(target=lambda: found.append(load_config(write(tmp_path))))
+    thread.start()
+    thread.join()
+    assert found[0].plan.strings[0].name == "string_1"

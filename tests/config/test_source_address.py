@@ -1,0 +1,65 @@
+"""J1939 messages from another address than the DBC has: told where it is noticed, and read once it is stated."""
+
+import pytest
+
+from bms_gateway.cli.main import main
+from bms_gateway.config import load_config
+from bms_gateway.errors import ConfigError
+from bms_gateway.frames.batch import EXTENDED
+from tests.config.files import DBC, MAPPED, write
+from tests.config.test_model_file import EXAMPLE
+
+PGN = (
+    'BA_DEF_ BO_ "VFrameFormat" ENUM "StandardCAN","ExtendedCAN","reserved","J1939PG";\nBA_ "VFrameFormat" BO_ {} 3;\n'
+)
+CONFIG = MAPPED.replace("transmit = true", "transmit = true\nsource_address = 0x56")
+FRAMES = "({0:.3f}) can0 100#F6FFA4006A32D002\n" + "".join(
+    f"({{0:.3f}}) can0 18FEF1{{1}}#{mux:02X}C8320033000000\n" for mux in range(3)
+)
+
+
+def folder(tmp_path, config):
+    """Write all files; the temperatures are a parameter group, from 0x00 in the DBC."""
+    file = write(tmp_path, config, EXAMPLE)
+    (tmp_path / "vehicle.dbc").write_text(DBC + PGN.format(2566844672))
+    log = "".join(FRAMES.format(1e9 + k / 10, "56") for k in range(100))
+    (tmp_path / "drive.log").write_text(log)
+    return file
+
+
+def test_the_address_of_the_config_is_that_of_the_parameter_groups_only(tmp_path):
+    loaded = load_config(folder(tmp_path, CONFIG))
+    assert loaded.database.message("Temps").can_id == 0x18FEF156 | EXTENDED
+    assert loaded.database.resolve("Temps.T1").can_id == 0x18FEF156 | EXTENDED
+    assert loaded.database.message("Pack").can_id == 256
+    ours = [m for m in loaded.database.messages.values() if m.name.startswith("string_1_")]
+    plain = load_config(folder(tmp_path, MAPPED)).database
+    assert all(m.can_id == plain.message(m.name).can_id for m in ours)
+
+
+def test_frames_from_there_are_used(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    folder(tmp_path, CONFIG)
+    main(["check", "gateway.toml", "--log", "drive.log"])
+    assert "Temps.T1 never comes" not in capsys.readouterr().out
+
+
+def test_where_only_the_address_differs_the_line_to_write_is_told(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    folder(tmp_path, MAPPED)
+    only = [line for line in (tmp_path / "drive.log").read_text().splitlines(True) if "18FEF156" in line]
+    (tmp_path / "drive.log").write_text("".join(only))
+    assert main(["analyze", "drive.log", "--config", "gateway.toml", "--out", "r"]) == 2
+    assert "[bus] source_address = 86" in capsys.readouterr().err
+
+
+def test_an_address_without_such_messages_is_an_error(tmp_path):
+    file = write(tmp_path, CONFIG, EXAMPLE)
+    with pytest.raises(ConfigError, match=r"bus\.source_address: no file in bus\.dbc has messages of J1939"):
+        load_config(file)
+
+
+@pytest.mark.parametrize("wrong", ["254", "-1", '"0x56"', "true"])
+def test_an_address_that_nobody_has_is_an_error(tmp_path, wrong):
+    with pytest.raises(ConfigError, match="source_address"):
+        load_config(folder(tmp_path, CONFIG.replace("0x56", wrong)))

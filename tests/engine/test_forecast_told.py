@@ -1,0 +1,57 @@
+"""What a forecast says on the bus, and what it does not say of cells that are not known."""
+
+import numpy as np
+import pytest
+
+from bms_gateway.engine import Engine, Estimated, Foreseen, SendFrames, drive
+from bms_gateway.frames.batch import FrameBatch
+from tests.engine.packs import database, plan, traffic
+from tests.frames.payloads import OWN, parsed
+
+
+@pytest.fixture(scope="module")
+def driven():
+    """An engine after 45 s of a drive, its forecasts, and the frames of its last forecasts."""
+    engine = Engine(plan(1), database())
+    engine.foresee()
+    events = list(drive(engine, [traffic(45, strings=1)]))
+    foreseen = [e for e in events if isinstance(e, Foreseen)]
+    sent = FrameBatch.concat([e.batch for e in events if isinstance(e, SendFrames)])
+    return engine, foreseen, sent, [e for e in events if isinstance(e, Estimated)]
+
+
+def test_every_ten_seconds_of_bus_time_there_is_one(driven) -> None:
+    _, foreseen, _, _ = driven
+    assert [e.time_ns // 1_000_000_000 % 10 for e in foreseen] == [0] * len(foreseen)
+    assert len(foreseen) == 4
+
+
+def test_the_bus_has_what_was_foreseen(driven) -> None:
+    engine, foreseen, sent, _ = driven
+    f = foreseen[-1].forecasts[0]
+    assert f is not None
+    message = parsed(OWN).get_message_by_name("string_1_forecast")
+    mine = (sent.can_id & 0x1FFF_FFFF) == message.frame_id
+    told: dict = {}
+    for data in sent.data[mine][-4:]:
+        told |= message.decode(bytes(data))
+    k = f.hottest
+    assert k is not None
+    for h, part in enumerate(("1min", "5min", "10min"), start=1):
+        assert told[f"point_in_{part}"] == pytest.approx(f.centre[h, k], abs=0.01)
+        assert told[f"point_sd_{part}"] == pytest.approx(min(f.centre_sd[h, k], 25.0), abs=0.06)
+    assert (told["limit_in"], told["limit_cell"]) == (600.0, 0)
+    for i, part in enumerate(("10s", "1min", "10min")):
+        assert told[f"discharge_{part}"] == pytest.approx(f.discharge[i], abs=0.06)
+        assert told[f"charge_{part}"] == pytest.approx(f.charge[i], abs=0.06)
+    assert engine.strings[0].forecast is f
+
+
+def test_of_a_core_that_is_not_known_nothing_is_foreseen(driven) -> None:
+    _, foreseen, _, estimated = driven
+    by_time = {e.time_ns: e for e in estimated}
+    for e in foreseen:
+        f, core = e.forecasts[0], by_time[e.time_ns].core
+        assert f is not None
+        assert np.array_equal(np.isnan(f.core[0]), np.isnan(core))
+        assert np.isinf(f.limit_s[np.isnan(core)]).all()

@@ -1,0 +1,185 @@
+"""Heat that no current makes: found in minutes in the right place, told apart from what looks like it, and quiet else.
+
+The truth is `tests.truth.pack` by way of the benchmark's cases; seeds here are none of the benchmark's.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bms_gateway.health.heat import HeatWatch
+from bms_gateway.health.heat.evidence import Evidence, Kind
+from bms_gateway.health.heat.filter import HeatFilter, Step
+from bms_gateway.thermal import Prior, StringModel
+from tests.benchmarks.bench_heat import follow
+from tests.benchmarks.heat_case import CELLS, SENSORS, Case, make, model, with_seeds
+
+SHORT = Case("small", 0, seconds=1800, drive="us06", at=1200)
+
+
+def raised(case: Case, seeds: range) -> list[list[tuple[int, str, int | None]]]:
+    return [x.alerts for x in follow(make(with_seeds(case, seeds)))]
+
+
+def test_a_short_in_a_sensed_cell_is_told_within_three_minutes_and_its_cell_or_neighbour_named() -> None:
+    case = replace(SHORT, fault="heat", size=1.0)
+    for alerts in raised(case, range(40, 44)):
+        t, code, cell = alerts[0]
+        assert code == "unexplained_heat"
+        assert cell in (5, 6, 7)
+        assert 0 < t - case.at <= 180
+
+
+def test_a_short_beside_a_sensed_cell_is_told_within_ten_minutes_at_rest() -> None:
+    case = replace(SHORT, drive="rest", fault="heat", cell=7, size=1.0)
+    for alerts in raised(case, range(44, 46)):
+        assert alerts
+        assert alerts[0][1] == "unexplained_heat"
+        assert alerts[0][2] in (5, 6, 7)
+
+
+def test_cores_of_a_string_with_a_short_stay_inside_their_band_from_five_minutes_on() -> None:
+    for told in follow(make(with_seeds(replace(SHORT, seconds=1900, fault="heat", size=3.0), range(46, 49)))):
+        assert told.sick >= 0.9
+        assert told.healthy >= 0.9
+
+
+@pytest.mark.parametrize(
+    ("fault", "size", "code"),
+    [("fan", 0.0, "cooling"), ("jump", 1.0, "thermocouple"), ("stuck", 0.0, "missing_heat")],
+)
+def test_what_looks_like_heat_is_told_by_its_own_name(fault: str, size: float, code: str) -> None:
+    case = replace(SHORT, fault=fault, size=size)
+    for alerts in raised(case, range(50, 52)):
+        assert alerts
+        assert alerts[0][1] == code
+        assert alerts[0][0] - case.at <= 600
+        assert not any(a[1] == "unexplained_heat" for a in alerts)
+
+
+@pytest.mark.parametrize("pack", ["small", "liquid"])
+def test_nothing_is_told_of_strings_with_nothing_wrong(pack: str) -> None:
+    for drive, step in (("urban", 0.1), ("us06", 0.5)):
+        case = Case(pack, 0, seconds=1800, drive=drive, at=1800, step=step)
+        assert raised(case, range(60, 63)) == [[], [], []]
+
+
+SMALL = 1e-3
+"""K."""
+ONE = {"C_c": 42.0, "C_s": 3.0, "R_e": 0.035, "R_c": 2.0, "R_u": 15.0}
+
+
+def alone() -> HeatFilter:
+    return HeatFilter([StringModel(1, (1,), "single", {k: Prior(x) for k, x in ONE.items()})], 10.0)
+
+
+def measured(y: float, heat: float = 0.0) -> Step:
+    one, cell = np.ones(1), np.ones((1, 1))
+    return Step(heat * cell, 0.0 * one, 25.0 * one, 25.0 * one, y * cell, 0.0 * cell, 1e-4 * cell)
+
+
+def test_the_heat_of_a_cell_is_in_watts() -> None:
+    """1 W through R_u holds the surface R_u kelvins above the air, with no time constant in it."""
+    f = alone()
+    f.begin(0, 25.0 + ONE["R_u"])
+    at = f.at
+    for place in (at.flow, at.inlet, at.load, at.brisk):  # only the cell's heat may explain it
+        f.sd[0, place] = 0.0
+        f.P[0, place, :] = f.P[0, :, place] = 0.0
+    for places in (at.bias, at.own_flow):
+        f.P[0, places, :] = 0.0
+        f.P[0, :, places] = 0.0
+    f.sd[0, at.own_flow] = 0.0
+    f.open_heat(0, 0, 1.0)
+    for _ in range(400):
+        f.step(measured(25.0 + ONE["R_u"]))
+    assert f.z[0, at.heat][0] == pytest.approx(1.0, abs=0.03)
+    assert f.z[0, 0] - f.z[0, 1] == pytest.approx(ONE["R_c"], abs=0.1)  # and the core stands R_c above the surface
+
+
+def test_what_a_fault_does_to_the_filter_is_what_its_signature_says() -> None:
+    """A thermocouple that jumps moves the filter by the jump less what is left to explain: it is linear."""
+    sound, jumped = alone(), alone()
+    evidence = Evidence(sound)
+    for f in (sound, jumped):
+        for place in (f.at.flow, f.at.own_flow):  # a film that changes is not linear
+            f.P[0, place, :] = 0.0
+            f.P[0, :, place] = 0.0
+            f.sd[0, place] = 0.0
+        f.begin(0, 30.0)
+        for _ in range(30):
+            f.step(measured(30.0))
+    evidence.forget(0)
+    for _ in range(5):
+        evidence.take(sound.step(measured(30.0)))
+        jumped.step(measured(30.0 + SMALL))
+    fault = int(np.flatnonzero(evidence.kinds == Kind.JUMP)[0])
+    left = np.zeros(sound.at.states)
+    left[sound.at.bias] = 1.0
+    born = evidence.now - evidence._born[0]
+    onset = int(np.flatnonzero(born == 5)[0])
+    moved = (jumped.z[0] - sound.z[0]) / SMALL
+    assert moved == pytest.approx(left - evidence.moved(0, onset, fault), abs=1e-6)
+
+
+def fed(watch: HeatWatch, ticks: range) -> None:
+    rng = np.random.default_rng(3)
+    noise = rng.normal(0.0, 0.05, (ticks.stop, 1, CELLS))
+    for k in ticks:
+        y = 25.0 + noise[k]
+        watch.add(k * 10**9, np.zeros(1), None, np.zeros(1), np.full(1, 25.0), y, np.zeros((1, CELLS)))
+
+
+def test_what_was_learnt_of_cells_and_sensors_outlives_a_restart() -> None:
+    first = HeatWatch([model("small")], 1.0)
+    fed(first, range(600))
+    second = HeatWatch([model("small")], 1.0)
+    second.restore(first.snapshot())
+    N = first.filter.at.nodes
+    assert np.array_equal(second.filter.z[:, N:], first.filter.z[:, N:])
+    k = np.arange(N, first.filter.at.states)
+    assert np.allclose(second.filter.P[0, k, k], first.filter.P[0, k, k])
+
+
+def test_a_state_of_other_strings_is_refused() -> None:
+    other = HeatWatch([model("small"), model("small")], 1.0).snapshot()
+    with pytest.raises(ValueError, match="not of these strings"):
+        HeatWatch([model("small")], 1.0).restore(other)
+
+
+def test_after_a_pause_nothing_is_told_of_the_time_before() -> None:
+    watch = HeatWatch([model("small")], 1.0)
+    fed(watch, range(600))
+    watch.pause()
+    assert np.isnan(watch.told.heat).all()
+    core, sd = np.full((1, CELLS), 30.0), np.ones((1, CELLS))
+    assert watch.cores(core, sd)[0] is core
+
+
+def test_cells_that_no_sensor_tells_of_have_no_heat() -> None:
+    watch = HeatWatch([model("small")], 1.0)
+    fed(watch, range(600))
+    unseen = [3, 7, 11]  # cells 4, 8, 12: two away from the sensors 2, 6, 10
+    assert np.isnan(watch.told.heat[0, unseen]).all()
+    assert np.isfinite(np.delete(watch.told.heat[0], unseen)).all()
+    assert (np.delete(watch.told.heat_sd[0], unseen) > 0.0).all()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_readings_of_a_fire_break_nothing(seed: int) -> None:
+    """Bug: after a runaway's readings the covariance had negative variances."""
+    rng = np.random.default_rng(seed)
+    watch = HeatWatch([model("small")], 1.0, [False])
+    one = np.ones(1)
+    for k in range(900):
+        y = np.full((1, CELLS), np.nan)
+        y[0, np.array(SENSORS) - 1] = rng.uniform(-40, 900, len(SENSORS)) if 300 < k < 600 else 25.0
+        inlet = np.array([rng.uniform(-40, 120) if rng.random() < 0.2 else 25.0])
+        flow = np.array([rng.choice([1.0, 1e-3, 40.0])])
+        watch.add(k * 10**9, 400.0 * one, None, 20.0 * one, inlet, y, np.zeros((1, CELLS)), flow)
+        told = watch.told
+        assert not np.isinf(told.heat).any()
+        assert np.all(np.isnan(told.core_sd) | (told.core_sd >= 0.0))
+    assert np.isfinite(watch.filter.z).all()
+    assert (np.einsum("skk->sk", watch.filter.P) >= 0.0).all()

@@ -1,0 +1,65 @@
+"""When a string that heats into its limit is told, told again, and not any more."""
+
+from dataclasses import replace
+from math import inf, nan
+
+from bms_gateway.health.alerts import Severity
+from bms_gateway.health.nearing import Approach, Nearing
+
+SOON = Approach(3, 52.04, 243.0, 180.0, 400.0, 78.2, 51.7)
+
+
+def test_two_forecasts_in_a_row_are_told_with_cell_time_load_and_what_is_permitted() -> None:
+    n = Nearing("string_1", 60.0)
+    n.take(SOON, 66.0)
+    assert n.condition is None
+    n.take(SOON, 66.0)
+    c = n.condition
+    assert c is not None
+    assert (c.name, c.severity, c.string, c.cell, c.settled) == ("forecast", Severity.WARNING, "string_1", 3, True)
+    assert c.facts["in_s"] == 243.0
+    assert c.text == (
+        "hottest point of cell 3 reaches 60 °C in 4 min (3 min to 7 min) at this load (78 A; now 52.0 °C): lower the "
+        "current or cool the string; 52 A can be held for 10 min"
+    )
+
+
+def test_one_burst_is_not_told_and_near_misses_do_not_end_it() -> None:
+    n = Nearing("s", 60.0)
+    for approach, hottest in ((SOON, 66.0), (None, 57.0), (SOON, 66.0), (None, 59.5)):
+        n.take(approach, hottest)
+        assert n.condition is None
+    n.take(SOON, 66.0)
+    n.take(SOON, 66.0)
+    for hottest in (59.5, 59.2, 58.0, 59.5, 58.0):  # never two in a row a kelvin below
+        n.take(None, hottest)
+        assert n.condition is not None
+    n.take(None, 58.0)
+    assert n.condition is None
+
+
+def test_it_is_over_when_the_limit_is_reached_or_nothing_is_known() -> None:
+    n = Nearing("s", 60.0)
+    for end in (lambda: n.take(replace(SOON, in_s=0.0), 61.0), n.forget):
+        n.take(SOON, 66.0)
+        n.take(SOON, 66.0)
+        assert n.condition is not None
+        end()
+        assert n.condition is None
+    n.take(SOON, 66.0)
+    n.take(SOON, 66.0)
+    n.take(None, nan)
+    n.take(None, nan)
+    assert n.condition is None
+
+
+def test_it_is_another_phase_the_nearer_it_comes_and_says_what_is_doubtful_and_charging() -> None:
+    n, phases = Nearing("s", 60.0), []
+    for in_s in (590.0, 590.0, 250.0, 110.0, 40.0):
+        n.take(Approach(1, 55.0, in_s, in_s / 2, inf, -40.0, 20.0, doubtful=True), 70.0)
+        phases.append(None if n.condition is None else n.condition.phase)
+    assert phases == [None, "", "300", "120", "60"]
+    assert n.condition is not None
+    assert (
+        "in 40 s (20 s or later) at this load (40 A charging; now 55.0 °C); its core is not proven" in n.condition.text
+    )

@@ -1,0 +1,1 @@
+"""Tests of bms_gateway.records."""

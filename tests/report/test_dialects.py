@@ -1,0 +1,204 @@
+"""Tables as people have them read like the plain one; what cannot be told is asked for, with the line to add."""
+
+import numpy as np
+import pytest
+
+from bms_gateway.errors import DataError
+from bms_gateway.report.table import parse_columns, read_table
+
+N = 60
+T = np.arange(N) * 0.5
+CURRENT = 10 * np.sin(T / 3) + 0.25
+INLET = 20 + T / 40
+SURFACE = 25.5 + T / 20
+SOC = 0.9 - T / 200
+NAMES = ("time_s", "current_A", "coolant_inlet_C", "soc", "surface_1_C")
+
+
+def columns():
+    return dict(zip(NAMES, (T, CURRENT, INLET, SOC, SURFACE), strict=True))
+
+
+def text(changed=None, names=NAMES, mark=",", below=None):
+    """Write the plain table with some columns in other words: a list of cells, or a function of a value."""
+    changed = changed or {}
+    cells = []
+    for name, values in columns().items():
+        how = changed.get(name, lambda x: f"{x:.6f}")
+        cells.append(how if isinstance(how, list) else [how(x) for x in values])
+    rows = [mark.join(names), *([mark.join(below)] if below else []), *(mark.join(r) for r in zip(*cells, strict=True))]
+    return "\n".join(rows) + "\n"
+
+
+def reads_alike(t, at=2e-6):
+    for name in NAMES[1:4]:
+        assert np.allclose(getattr(t, name), columns()[name], atol=at), name
+    assert np.allclose(t.surface_C[1], SURFACE, atol=at)
+    assert np.allclose(t.time_s - t.time_s[0], T, atol=at)
+
+
+def put(tmp_path, content, codec="utf-8"):
+    file = tmp_path / "t.csv"
+    file.write_bytes(content.encode(codec))
+    return file
+
+
+def comma(x):
+    return f"{x:.6f}".replace(".", ",")
+
+
+@pytest.mark.parametrize("codec", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "cp1252"])
+def test_encodings_read_alike(tmp_path, codec):
+    content = text(names=("time_s", "current_A", "coolant_inlet_C", "soc", "surface 1 (°C)"))
+    t = read_table(put(tmp_path, content, codec))
+    reads_alike(t)
+    assert any("1252" in n for n in t.notes) == (codec == "cp1252")
+    assert any("UTF-16" in n for n in t.notes) == codec.startswith("utf-16")
+
+
+@pytest.mark.parametrize("codec", ["utf-16", "cp1252"])
+def test_an_encoding_survives_how_a_file_is_cut(tmp_path, codec, monkeypatch):
+    monkeypatch.setattr("bms_gateway.report.rows.CHUNK", 33)
+    content = text(names=("time_s", "current_A", "coolant_inlet_C", "soc", "surface 1 (°C)"))
+    reads_alike(read_table(put(tmp_path, content, codec)))
+
+
+def test_decimal_commas_between_semicolons(tmp_path):
+    t = read_table(put(tmp_path, text(dict.fromkeys(NAMES, comma), mark=";")))
+    reads_alike(t)
+    assert "decimal commas" in t.notes
+
+
+def test_decimal_commas_in_quotes_and_points_that_part_thousands(tmp_path):
+    rows = [f'{k};"{k},5";20,25;0,5;25' for k in range(20)]
+    rows[3] = "3;-1.234,5;20,25;0,5;25"
+    t = read_table(put(tmp_path, ";".join(NAMES) + "\n" + "\n".join(rows)))
+    assert t.current_A[3] == -1234.5
+    assert t.current_A[4] == 4.5
+    assert "decimal commas, points part thousands" in t.notes
+
+
+def test_names_with_the_other_mark_do_not_cut_the_columns(tmp_path):
+    names = ("Zeit, s", "Strom, A", "Vorlauf, °C", "soc", "Haut, °C")
+    pairs = ["time_s=Zeit, s,current_A=Strom, A,coolant_inlet_C=Vorlauf, °C", "surface_1_C=Haut, °C"]
+    reads_alike(read_table(put(tmp_path, text(dict.fromkeys(NAMES, comma), names, ";")), parse_columns(pairs)))
+
+
+def test_excels_own_first_line_is_none_of_the_table(tmp_path):
+    reads_alike(read_table(put(tmp_path, "sep=;\n" + text(mark=";"))))
+
+
+UNITS = {
+    "time_s": [
+        ("ms", lambda x: f"{1000 * x:.3f}"),
+        ("min", lambda x: f"{x / 60:.9f}"),
+        ("h", lambda x: f"{x / 3600:.11f}"),
+    ],
+    "current_A": [("mA", lambda x: f"{1000 * x:.3f}"), ("kA", lambda x: f"{x / 1000:.9f}")],
+    "coolant_inlet_C": [("K", lambda x: f"{x + 273.15:.6f}"), ("°F", lambda x: f"{32 + 1.8 * x:.6f}")],
+    "soc": [("%", lambda x: f"{100 * x:.6f}")],
+    "surface_1_C": [("K", lambda x: f"{x + 273.15:.6f}"), ("degF", lambda x: f"{32 + 1.8 * x:.6f}")],
+}
+CASES = [(name, unit, how) for name, kinds in UNITS.items() for unit, how in kinds]
+
+
+@pytest.mark.parametrize(("name", "unit", "how"), CASES)
+@pytest.mark.parametrize("where", ["brackets", "round", "below", "asked"])
+def test_units_are_converted_and_told(tmp_path, name, unit, how, where):
+    base = {"time_s": "Time", "current_A": "current", "coolant_inlet_C": "Coolant inlet", "surface_1_C": "Surface 1"}
+    bare = base.get(name, name)
+    own = {"brackets": f"{bare} [{unit}]", "round": f"{bare} ({unit})", "below": bare, "asked": "x"}[where]
+    below = None
+    if where == "below":
+        below = [
+            f"[{unit}]" if n == name else {"time_s": "s", "current_A": "A", "soc": "-"}.get(n, "°C") for n in NAMES
+        ]
+    names = tuple(own if n == name else n for n in NAMES)
+    pairs = parse_columns([f"{name}=x [{unit}]"]) if where == "asked" else None
+    t = read_table(put(tmp_path, text({name: how}, names, below=below)), pairs)
+    reads_alike(t)
+    assert any(f"converted from {unit}" in n for n in t.notes)
+
+
+def test_a_unit_at_the_end_of_a_name_counts(tmp_path):
+    names = ("time_ms", "current_mA", "coolant_inlet_K", "soc_pct", "surface_1_F")
+    how = {n: k[0][1] for n, k in UNITS.items()} | {"surface_1_C": UNITS["surface_1_C"][1][1]}
+    reads_alike(read_table(put(tmp_path, text(how, names))))
+
+
+@pytest.mark.parametrize("top", [100.0, 103.5])
+def test_percent_are_told_and_a_little_above_full_is_full(tmp_path, top):
+    values = [f"{max(top - k / 10, 40):.1f}" for k in range(N)]
+    t = read_table(put(tmp_path, text({"soc": values})))
+    assert t.soc.max() == 1.0
+    assert t.soc[-1] == pytest.approx((top - 5.9) / 100)
+    assert "soc is in per cent" in t.notes
+    assert any("taken as empty or full" in n for n in t.notes) == (top > 100)
+
+
+STAMPS = {
+    "ISO": [f"2026-11-03T23:59:{40 + x:04.1f}" if x < 20 else f"2026-11-04T00:00:{x - 20:04.1f}" for x in T],
+    "ISO zone": [f"2026-11-03 23:59:{10 + x:04.1f}+01:00" for x in T],
+    "ISO Z, slashes": [f"2026/11/03 23:59:{10 + x:04.1f}Z" for x in T],
+    "German": [f"03.11.2026 10:00:{x:04.1f}".replace(".0", ",0").replace(".5", ",5") for x in T],
+    "German, two digits, midnight": [
+        f"31.12.26 23:59:{40 + x:06.3f}" if x < 20 else f"01.01.27 00:00:{x - 20:06.3f}" for x in T
+    ],
+    "English": [f"25/12/2026 10:00:{x:04.1f}" for x in T],
+    "American": [f"3/4/2026 1:59:{30 + x:04.1f} PM" for x in T],
+    "one day of slashes": [f"03/04/2026 10:00:{x:04.1f}" for x in T],
+    "a clock past midnight": [f"23:59:{40 + x:04.1f}" if x < 20 else f"00:00:{x - 20:04.1f}" for x in T],
+}
+
+
+@pytest.mark.parametrize("kind", STAMPS)
+def test_dates_and_clocks_become_seconds(tmp_path, kind):
+    names = ("Zeit", *NAMES[1:])
+    t = read_table(put(tmp_path, text({"time_s": STAMPS[kind]}, names, mark=";")), {"time_s": "Zeit"})
+    reads_alike(t)
+    assert t.time_s[0] == 0.0
+    assert any("time_s is counted from its first row" in n for n in t.notes)
+
+
+def test_day_or_month_is_asked_for_and_then_taken(tmp_path):
+    stamps = [f"0{3 + k // 30}/04/2026 10:00:{k % 30:02d}" for k in range(N)]
+    file = put(tmp_path, text({"time_s": stamps}))
+    with pytest.raises(DataError, match=r"--columns 'time_s=time_s \[dd/mm/yyyy\]'"):
+        read_table(file)
+    for how, step in (("dd/mm/yyyy", 86_400), ("mm/dd/yyyy", 30 * 86_400 + 86_400)):
+        t = read_table(file, parse_columns([f"time_s=time_s [{how}]"]))
+        assert t.time_s[30] == pytest.approx(step, rel=0.04)
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (text(names=("time_s", "current [furlong]", *NAMES[2:])), r"'furlong' is no unit .*--columns 'current_A="),
+        (text(names=NAMES, below=["s", "mA", "K", "-", "°C"]), r"--columns 'current_A=current_A \[mA\]'"),
+        (text(names=("Zeit", *NAMES[1:])), r"--columns 'time_s=Zeit'"),
+        (text(names=(NAMES[0], "Strom", *NAMES[2:])), r"--columns 'current_A=Strom'"),
+        (text({"time_s": [f"12:{k:02d}" for k in range(N)]}), "hh:mm:ss"),
+        (text({"current_A": ["1,5" if k == 7 else "1.5" for k in range(N)]}, mark=";"), "line 9.*decimal commas and"),
+        (text({"soc": ["170" if k == 30 else "50" for k in range(N)]}), "line 32: soc is 170; it must be 0 to 100 %"),
+        (text({"time_s": [*STAMPS["ISO"][:-1], "later"]}), "line 61.*'later' is no time"),
+    ],
+)
+def test_what_cannot_be_told_is_one_line_with_what_to_add(tmp_path, content, says):
+    with pytest.raises(DataError, match=says):
+        read_table(put(tmp_path, content))
+
+
+def test_words_for_nothing_are_blanks(tmp_path):
+    values = [("n/a", "NaN", "-", "#N/A", "null")[k % 5] if k > 5 else "1.5" for k in range(N)]
+    t = read_table(put(tmp_path, text({"current_A": values})))
+    assert np.isnan(t.current_A[6:]).all()
+
+
+def test_parquet_with_stamps_counts_from_its_first_row(tmp_path):
+    pyarrow = pytest.importorskip("pyarrow")
+    parquet = pytest.importorskip("pyarrow.parquet")
+    start = np.datetime64("2026-11-03T10:00:00.000000")
+    table = {n: x for n, x in columns().items() if n != "time_s"}
+    table["time_s"] = start + (1e6 * T).astype("timedelta64[us]")
+    parquet.write_table(pyarrow.table(table), tmp_path / "t.parquet")
+    reads_alike(read_table(tmp_path / "t.parquet"))

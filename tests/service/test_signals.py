@@ -1,0 +1,167 @@
+"""Told to end, a service ends within its time, whatever of it hangs."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from bms_gateway.cli.run import END_MOST_S, INTERRUPT_MOST_S
+from bms_gateway.service import live
+from bms_gateway.service.signals import Signals
+from tests.service.test_live import PATIENCE_S
+
+MOST_S, INTERRUPT_S = 1.0, 0.5
+HEAD = f"""
+import asyncio, os, signal, threading, time
+from bms_gateway.service.signals import Signals
+
+signals = Signals({MOST_S}, {INTERRUPT_S})
+stop, pipe = [], os.pipe()
+
+def be_patient():
+    signals._most_s = {PATIENCE_S}
+    print("USR1", flush=True)
+
+async def main(*, hang):
+    loop = asyncio.get_running_loop()
+    actions = {{signal.SIGTERM: lambda: stop.append(1), signal.SIGINT: lambda: stop.append(1)}}
+    actions |= {{signal.SIGHUP: lambda: print("HUP", flush=True)}}
+    signals.take(loop, actions | {{signal.SIGUSR1: be_patient}})
+    print("up", flush=True)
+    hang()
+    while not stop:
+        await asyncio.sleep(0.01)
+"""
+HANGS = {
+    "loop in a system call": "asyncio.run(main(hang=lambda: os.read(pipe[0], 1)))",
+    "loop in a bug": "\ndef spin():\n    while True:\n        pass\nasyncio.run(main(hang=spin))",
+    "after the loop": "asyncio.run(main(hang=lambda: None)); os.read(pipe[0], 1)",
+    "a thread that Python waits for": (
+        "threading.Thread(target=os.read, args=(pipe[0], 1)).start(); asyncio.run(main(hang=lambda: None))"
+    ),
+}
+
+
+def started(code):
+    process = subprocess.Popen([sys.executable, "-c", HEAD + code], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    assert process.stdout.readline() == b"up\n"
+    return process
+
+
+@pytest.mark.parametrize("hang", HANGS.values(), ids=HANGS)
+@pytest.mark.parametrize(
+    ("number", "most_s", "status"), [(signal.SIGTERM, MOST_S, 1), (signal.SIGINT, INTERRUPT_S, 130)]
+)
+def test_what_hangs_is_ended_after_its_time_and_says_so(hang, number, most_s, status):
+    process, begun = started(hang), time.monotonic()
+    process.send_signal(number)
+    _, said = process.communicate(timeout=PATIENCE_S)
+    assert most_s <= time.monotonic() - begun < PATIENCE_S
+    assert process.returncode == status
+    assert said == b"%g s after it was told to stop the service still hangs: it is killed\n" % most_s
+
+
+def test_what_ends_in_time_is_left_alone_and_other_signals_are_no_end():
+    process = started("asyncio.run(main(hang=lambda: None)); signals.close(); print('ended', flush=True)")
+    process.send_signal(signal.SIGHUP)
+    assert process.stdout.readline() == b"HUP\n"
+    time.sleep(1.2 * MOST_S)
+    process.send_signal(signal.SIGUSR1)  # a busy machine may take over a second for what ends in time
+    assert process.stdout.readline() == b"USR1\n"
+    process.send_signal(signal.SIGTERM)
+    assert process.communicate(timeout=PATIENCE_S) == (b"ended\n", b"")
+    assert process.returncode == 0
+
+
+def test_closed_it_leaves_all_as_it_was():
+    import asyncio
+
+    before = signal.getsignal(signal.SIGHUP)
+
+    async def main():
+        signals, heard = Signals(), []
+        signals.take(asyncio.get_running_loop(), {signal.SIGHUP: lambda: heard.append(1)})
+        os.kill(os.getpid(), signal.SIGHUP)
+        end = time.monotonic() + PATIENCE_S
+        while not heard and time.monotonic() < end:
+            await asyncio.sleep(0.01)
+        signals.close()
+        return heard
+
+    assert asyncio.run(main()) == [1]
+    assert signal.getsignal(signal.SIGHUP) is before
+    assert signal.set_wakeup_fd(-1) == -1
+
+
+def test_a_person_waits_a_second_and_systemd_five():
+    assert live.HASTE * (live.SAVE_LAST_S + live.END_S) < 0.8  # and the interpreter takes its time to end
+    assert live.SAVE_LAST_S + live.END_S < END_MOST_S < 5.0
+    assert INTERRUPT_MOST_S < END_MOST_S
+
+
+@pytest.mark.parametrize(
+    ("number", "lets_go", "status", "most_s"),
+    [
+        (signal.SIGTERM, "break", 0, PATIENCE_S),
+        (signal.SIGINT, "break", 130, PATIENCE_S),
+        (signal.SIGTERM, "pass", 1, PATIENCE_S),
+        pytest.param(signal.SIGTERM, "pass", 1, 5.0, marks=pytest.mark.slow),
+    ],
+)
+def test_a_service_whose_fit_and_disk_hang_ends_within_five_seconds(number, lets_go, status, most_s):
+    """Where a busy machine takes longer it ends all the same: by itself it never would.
+
+    Put together as `run` does: a fit that is stopped, a save that never returns, a part that does not let go or does.
+    """
+    code = """
+import asyncio, os, socket, sys, threading
+from bms_gateway.bus.socketcan import SocketCanPort
+from bms_gateway.cli.run import END_MOST_S, INTERRUPT_MOST_S
+from bms_gateway.service import live
+from bms_gateway.service.aside import Aside
+from bms_gateway.service.signals import Signals
+from tests.service.engine import TickEngine
+from tests.service.test_aside import EndedBy
+
+live.SAVE_S = 0.1
+pipe = os.pipe()
+engine = TickEngine()
+engine.queue.append(live.StartJob(0, 1, 10**18, EndedBy(19)))
+fits, signals = Aside(), Signals(END_MOST_S, INTERRUPT_MOST_S)
+ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+port = SocketCanPort.over(ours)
+gateway = live.Gateway(
+    engine, port, save=lambda _: os.read(pipe[0], 1), run_job=fits.run, end_jobs=fits.close, signals=signals
+)
+
+async def clings():
+    while True:
+        try:
+            await asyncio.sleep(0.1)
+            if fits.process and gateway.tally.saves_failed:
+                print("up", fits.process, flush=True)
+                await asyncio.sleep(100)
+        except asyncio.CancelledError:
+            LETS_GO
+
+gateway.beside["clings"] = clings
+try:
+    gateway.serve()
+except KeyboardInterrupt:
+    sys.exit(130)
+""".replace("LETS_GO", lets_go)
+    process = subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, env={**os.environ, "PYTHONPATH": os.getcwd()}
+    )
+    word, fit = process.stdout.readline().split()
+    assert word == b"up"
+    begun = time.monotonic()
+    process.send_signal(number)
+    assert process.wait(PATIENCE_S) == status
+    process.stdout.close()
+    assert time.monotonic() - begun < most_s
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(fit), 0)

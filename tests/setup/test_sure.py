@@ -1,0 +1,94 @@
+"""What `init` calls sure, and what it must not: signs that contradict, short logs, rests."""
+
+import numpy as np
+import pytest
+
+from bms_gateway.cli.main import main
+from bms_gateway.setup.charge import sign_by_charge
+from bms_gateway.setup.propose import propose
+from bms_gateway.setup.traffic import read_traffic
+from tests.setup.test_strings import proposed
+from tests.setup.vehicles import SECONDS, drive, plain, write
+
+SOC = '\nBO_ 900 State: 8 B\n SG_ BatterySOC : 0|16@1+ (0.01,0) [0|100] "%" B'
+
+
+def charged(sign: float, voltage: float | None = 1.0, soc: float = 1.0):
+    """A drive whose current counts charge positive where `sign` is −1; `voltage` −1 turns the pack's steps round."""
+    d = drive(8)
+    vehicle = plain({f"CellTemp{k + 1}": d.surface[:, k] for k in range(4)}, unit="degC")
+    vehicle.dbc += SOC
+    vehicle.values["Elec.PackCurrent"] = sign * d.current
+    vehicle.values["State.BatterySOC"] = 50 + soc * 100 * (d.soc - d.soc.mean())
+    at_rest = 46.0
+    vehicle.values["Elec.PackVoltage"] = (
+        np.full(len(d.t), at_rest) if voltage is None else at_rest - voltage * 0.01 * d.current
+    )
+    return vehicle
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_charge_tells_the_sign_where_the_voltage_does_not(sign: float, tmp_path) -> None:
+    found = proposed(charged(sign, voltage=None), tmp_path)
+    current = next(found.of("current"))
+    assert current.factor == sign
+    assert any("state of charge" in why for why in current.why)
+
+
+def test_voltage_and_charge_that_contradict_make_neither_sure(tmp_path) -> None:
+    found = proposed(charged(1.0, voltage=-1.0), tmp_path)
+    for role in ("current", "soc"):
+        p = next(found.of(role))
+        assert not p.sure
+        assert any("contradict each other" in why for why in p.why)
+    agreed = proposed(charged(-1.0), tmp_path)
+    assert all(next(agreed.of(role)).sure for role in ("current", "soc"))
+    assert next(agreed.of("current")).factor == -1.0
+
+
+def test_a_charge_that_hardly_moves_tells_no_sign(tmp_path) -> None:
+    found = proposed(charged(-1.0, voltage=None, soc=0.05), tmp_path)
+    current = next(found.of("current"))
+    assert not current.sure
+    assert any("the data do not show its sign" in why for why in current.why)
+    assert sign_by_charge([], None, np.arange(9.0)) is None
+
+
+def test_the_noise_of_rests_is_no_second_sign(tmp_path) -> None:
+    vehicle = charged(1.0)
+    vehicle.values["Elec.PackCurrent"] = np.abs(drive(8).current) - 0.4
+    assert "has both signs" not in next(proposed(vehicle, tmp_path).of("current")).why
+    vehicle.values["Elec.PackCurrent"] = drive(8).current
+    assert "has both signs" in next(proposed(vehicle, tmp_path).of("current")).why
+
+
+def test_a_short_log_makes_nothing_sure(tmp_path) -> None:
+    log, dbc = write(charged(1.0), tmp_path)
+    lines = log.read_text().splitlines(keepends=True)
+    log.write_text("".join(lines[: len(lines) * 40 // SECONDS]))
+    found = propose(read_traffic([log], [dbc]))
+    assert found.signals
+    assert not any(p.sure for p in found.signals)
+    assert any("no proposal is sure below 60 s" in remark for remark in found.remarks)
+
+
+def test_a_config_that_is_written_over_is_kept(tmp_path, capsys) -> None:
+    log, dbc = write(charged(1.0), tmp_path)
+    out = tmp_path / "v"
+    out.mkdir()
+    for k, (text, kept) in enumerate((("# mine", "gateway.toml.bak"), ("# mine too", "gateway.toml.bak2"))):
+        (out / "gateway.toml").write_text(text)
+        assert main(["init", str(log), "--dbc", str(dbc), "--out", str(out), "--yes"]) == 0
+        assert (out / kept).read_text() == text, k
+        assert f"kept as {kept}" in capsys.readouterr().err
+    assert (out / "gateway.toml.bak").read_text() == "# mine"
+
+
+def test_the_first_minute_shows_no_hottest_core(tmp_path, capsys) -> None:
+    vehicle = charged(1.0)
+    for k in range(4):  # cells that cool down: the greatest of all estimates is the first one
+        vehicle.values[f"Thermal_CellTemp{k + 1}.CellTemp{k + 1}"] = 45.0 - drive(8).t / 40
+    log, dbc = write(vehicle, tmp_path)
+    assert main(["init", str(log), "--dbc", str(dbc), "--cell", "catl_lf280", "--out", str(tmp_path / "v")]) == 0
+    line = next(t for t in capsys.readouterr().out.splitlines() if t.startswith("hottest core:"))
+    assert 60.0 <= float(line.rsplit(", ", 1)[1].split(" s ")[0]) < SECONDS
