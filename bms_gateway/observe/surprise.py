@@ -50,6 +50,8 @@ LEAST_K_S: Final = 2e-3
 """K/s of the core: heat below is what filters reckon with anyway."""
 SETTLES_S: Final = 30.0
 """For which after other numbers have come into use nothing is odd: the filter first finds the state that fits them."""
+UNSURE: Final = 3.0
+"""An innovation that may be so many times the noise says what the state was not known to, as after a gap."""
 NOISE_SHARE: Final = 0.005
 """Of what each innovation tells of its sensor's noise, which may be less or more than the filter reckons with."""
 FIRST: Final = 2.0
@@ -87,6 +89,7 @@ class Surprise:
         self._last, self._fine = np.full(sensors.shape, np.nan), np.full(sensors.shape, np.inf)
         times = np.maximum(np.array(TIMES_S), dt)[:, None, None]
         self._rough = np.full(sensors.shape, noise**2)
+        self._wide = np.zeros(self._mean.shape)  # K², of the averages: by states that the filter itself knew badly
         self._settles = np.zeros(len(sensors))
         self._coolant = np.full(len(sensors), np.nan)
         self._before, self._count = np.zeros((2, *sensors.shape))
@@ -139,8 +142,10 @@ class Surprise:
         self._count += there
         self._rough += np.where(there, np.maximum(NOISE_SHARE, 1.0 / (FIRST + self._count)) * (turn - self._rough), 0.0)
         self._before = np.where(there, value, self._before)
+        wide = np.where(there & (var > UNSURE**2 * self._rough), var, 0.0)
+        self._wide += self._share * (self._share * wide - (2.0 - self._share) * self._wide)
         vague = np.where(there, np.square(known) - var, 0.0)
-        chance = np.sqrt(self._rough * self._white + np.maximum(vague, 0.0))
+        chance = np.sqrt(self._rough * self._white + self._wide + np.maximum(vague, 0.0))
         rounded = ROUNDED * np.maximum(self._step - BLURS * np.sqrt(self._rough), 0.0)
         self._coolant = np.where(np.isnan(self._coolant), inlet, self._coolant)
         self._coolant = self._coolant + (inlet - self._coolant) * self._share[-1, 0, 0]
@@ -187,12 +192,12 @@ class Surprise:
         """
         new = copy(self)
         if snapshot is None:
-            new.own, new._mean = np.zeros_like(self.own), np.zeros_like(self._mean)
+            new.own, new._mean, new._wide = np.zeros_like(self.own), np.zeros_like(self._mean), np.zeros_like(self._mean)
             new.open = np.zeros_like(self.open)
             return new
         taken = {name: like(snapshot[name.strip("_")], getattr(self, name)) for name in _KEPT}
-        numbers = taken["own"], taken["_settles"], taken["_mean"], taken["_rough"], taken["_before"], taken["_count"]
-        if not all(np.isfinite(a).all() for a in numbers) or (taken["own"] < 0.0).any():
+        numbers = [taken[k] for k in _KEPT if k not in ("_last", "_fine", "_coolant")]
+        if not all(np.isfinite(a).all() for a in numbers) or (taken["own"] < 0.0).any() or (taken["_wide"] < 0.0).any():
             raise ValueError("surprise: holds what is no number")
         taken["_fine"] = np.where(np.isnan(taken["_fine"]), np.inf, taken["_fine"])
         for name, value in taken.items():
@@ -202,4 +207,4 @@ class Surprise:
         return new
 
 
-_KEPT = ("own", "_settles", "_mean", "_last", "_fine", "_rough", "_before", "_count", "_coolant")
+_KEPT = ("own", "_settles", "_mean", "_last", "_fine", "_rough", "_wide", "_before", "_count", "_coolant")
