@@ -192,7 +192,11 @@ class Surprise:
         """
         new = copy(self)
         if snapshot is None:
-            new.own, new._mean, new._wide = np.zeros_like(self.own), np.zeros_like(self._mean), np.zeros_like(self._mean)
+            new.own, new._mean, new._wide = (
+                np.zeros_like(self.own),
+                np.zeros_like(self._mean),
+                np.zeros_like(self._mean),
+            )
             new.open = np.zeros_like(self.open)
             return new
         taken = {name: like(snapshot[name.strip("_")], getattr(self, name)) for name in _KEPT}

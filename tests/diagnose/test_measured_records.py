@@ -36,4 +36,6 @@ def test_nothing_is_named_that_cannot_be(record):
     assert row["verdict"] != "refused", row["sentence"]
     assert row["impossible"] == [], row["sentence"]
     before, after = row["held"]
-    assert not row["named"] or after < before
+    if row["named"] and after >= before:  # a shape by charge, where a block alone holds a part of the charge: told
+        assert "These readings speak for it only where it was fitted." in row["sentence"]
+        assert "Fitted to the first 60 %, it falls from" in row["sentence"], "nothing was predicted by it"
