@@ -22,6 +22,7 @@ from bms_gateway.diagnose.calibrate import seen_on
 from bms_gateway.diagnose.candidates import INSTEAD, Candidate
 from bms_gateway.diagnose.coarse_rows import doubt
 from bms_gateway.diagnose.core_band import core_moved
+from bms_gateway.diagnose.geometry import odd_fitted
 from bms_gateway.diagnose.judge import Settings, Trial
 from bms_gateway.diagnose.prepare import measured
 from bms_gateway.diagnose.record import Record
@@ -49,6 +50,8 @@ EXPLAINED, EXPLAINED_HELD = 0.95, 0.5
 right name leaves less, unless the noise hides it all the same."""
 DECIDED = 0.5
 """Posterior share of the first effect below which several explain the records about equally well."""
+LEVEL_KNOWN = 0.1
+"""sd of the level of a counted charge up to which a law that goes by it needs no word of doubt."""
 SHORT_STRING = 5
 INPUT_ONLY = (
     "Heat from the voltage explains it: that is a better input and no physics. What I²R_e lacks is none of the "
@@ -187,6 +190,12 @@ def diagnose(
     Diagnosis
     """
     tell = progress or (lambda _share, _text: None)
+    d = _diagnosed(model, records, settings, tell)
+    tell(1.0, "done")
+    return _with_charge(d, max(r.charge_sd for r in records))
+
+
+def _diagnosed(model: StringModel, records: Sequence[Record], settings: Settings | None, tell: Progress) -> Diagnosis:
     ready = [measured(r, model) for r in records]
     found = search(model, ready, settings, lambda share, text: tell(0.6 * share, text), [doubt(r) for r in records])
     first = judged(found)
@@ -195,11 +204,9 @@ def diagnose(
         by_voltage = judged(other)
         if _only_voltage(by_voltage):
             other.physical = found.rounds
-            tell(1.0, "done")
             return _with_doubt(replace(by_voltage, sentence=f"{by_voltage.sentence} {INPUT_ONLY}"))
     open_rows = found.hopeless or (found.left_open > 0.0 and first.verdict == "adequate")
     if open_rows or not needs_second(found) or (model.cells > 1 and not _doubtful(first)):
-        tell(1.0, "done")
         return _with_doubt(first)
     second = second_search(model, ready, progress=lambda share, text: tell(0.6 + 0.4 * share, text))
     if model.cells > 1 and second.verdict == "missing_effect":
@@ -259,16 +266,40 @@ def judged(found: Search) -> Diagnosis:
 
 
 def _with_doubt(d: Diagnosis) -> Diagnosis:
-    """Say so where the named effects move the core by less than it is known to: no surface tells which is nearer."""
+    """Say what speaks against the core with the named effects.
+
+    A number that no cell of the format has; or that they move it by less than it is known to: no surface tells which
+    is nearer.
+    """
     if not d.selected:
         return d
+    if odd := tuple(o.says for o in odd_fitted(d.search.final)):
+        d = replace(d, sentence=f"{d.sentence} {' '.join(odd)}", alarms=odd)
     moved, half_width = core_moved(d.search.baseline, d.search.final)
     if moved > half_width:
         return d
     doubt = (
         f"With what is named the core moves by {moved:.2g} K, less than the ± {half_width:.2g} K to which it is known."
     )
-    return replace(d, sentence=f"{d.sentence} The core is not known better by it: {doubt}", alarms=(doubt,))
+    return replace(d, sentence=f"{d.sentence} The core is not known better by it: {doubt}", alarms=(*d.alarms, doubt))
+
+
+def _with_charge(d: Diagnosis, sd: float) -> Diagnosis:
+    """Say so where an effect is named whose law goes by a charge that may start elsewhere."""
+    names = [s.candidate.key for s in d.selected if _follows_charge(s.candidate)]
+    if sd <= LEVEL_KNOWN or not names:
+        return d
+    verb = "goes" if len(names) == 1 else "go"
+    doubt = (
+        f"{' and '.join(names)} {verb} by the state of charge, whose level is known to ± {100.0 * sd:.0f} % only: "
+        "record it, or name the cell in the model file ([cell] format)."
+    )
+    return replace(d, sentence=f"{d.sentence} {doubt}")
+
+
+def _follows_charge(c: Candidate) -> bool:
+    """Whether an effect's law needs the state of charge: by nature, or with the numbers that it was given."""
+    return "soc" in c.effect.signals or (c.name == "entropic_heat" and len(c.strengths) > 1)
 
 
 def _doubtful(d: Diagnosis) -> bool:

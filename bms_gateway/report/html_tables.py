@@ -5,7 +5,7 @@ from html import escape
 
 import numpy as np
 
-from bms_gateway.diagnose.calibrate import AT_BOUND, UNIDENTIFIABLE, statuses
+from bms_gateway.diagnose.calibrate import AGAINST_FORMAT, AT_BOUND, UNIDENTIFIABLE, statuses
 from bms_gateway.diagnose.compare import CoreCheck
 from bms_gateway.diagnose.core_band import BAND_SD, at_times, half_width_K, posterior
 from bms_gateway.diagnose.misfit import Level, Sensor
@@ -134,7 +134,7 @@ def parameters_table(fit: MapFit) -> str:
             before = f"{amount(middle)} ± " + (f"{100 * c.sd:.0f} %" if p.log else amount(c.sd / p.to_si))
             limits = (log(c.lower) / p.to_si, log(c.upper) / p.to_si)
             u, what = unit(p.unit), f"{c.effect}: {p.description}"
-        kept = not status.startswith((UNIDENTIFIABLE, AT_BOUND))
+        kept = not status.startswith((UNIDENTIFIABLE, AT_BOUND, AGAINST_FORMAT))
         state = escape(status) if kept else f'<span class="alarm">{escape(status)}</span>'
         which = f" (record {record})" if record else ""
         label = f"{escape(name)} <span class='muted'>{escape(what)}{which}</span>"
