@@ -52,6 +52,8 @@ DECIDED = 0.5
 """Posterior share of the first effect below which several explain the records about equally well."""
 LEVEL_KNOWN = 0.1
 """sd of the level of a counted charge up to which a law that goes by it needs no word of doubt."""
+HALVED = 0.5
+"""Share of the error that effects may leave where the charge is known, to be worth another record."""
 SHORT_STRING = 5
 INPUT_ONLY = (
     "Heat from the voltage explains it: that is a better input and no physics. What I²R_e lacks is none of the "
@@ -286,7 +288,7 @@ def _with_doubt(d: Diagnosis) -> Diagnosis:
 
 def _with_charge(d: Diagnosis, sd: float) -> Diagnosis:
     """Say so where an effect is named whose law goes by a charge that may start elsewhere."""
-    names = [s.candidate.key for s in d.selected if _follows_charge(s.candidate)]
+    names = [s.candidate.key for s in d.selected if s.candidate.follows_charge]
     if sd <= LEVEL_KNOWN or not names:
         return d
     verb = "goes" if len(names) == 1 else "go"
@@ -295,11 +297,6 @@ def _with_charge(d: Diagnosis, sd: float) -> Diagnosis:
         "record it, or name the cell in the model file ([cell] format)."
     )
     return replace(d, sentence=f"{d.sentence} {doubt}")
-
-
-def _follows_charge(c: Candidate) -> bool:
-    """Whether an effect's law needs the state of charge: by nature, or with the numbers that it was given."""
-    return "soc" in c.effect.signals or (c.name == "entropic_heat" and len(c.strengths) > 1)
 
 
 def _doubtful(d: Diagnosis) -> bool:
@@ -316,6 +313,8 @@ def _judged_again(first: Diagnosis, second: SecondSearch) -> Diagnosis:
         for f, seen, held in zip((second.baseline, second.best), second.blocks, second.held_K, strict=True)
     )
     predicted = f" Fitted to the first 60 %, it {course(*second.tail)} in the last 40 %."
+    if not falls(*second.tail) and second.known_K is not None:
+        predicted = predicted[:-1] + ", which holds charge that the first part does not."
     names = tuple(c.candidate.name for c in second.chosen)
     selected = tuple(
         Selected(c.candidate, c.tied, numbers(second.best, c.candidate), c.log_odds) for c in second.chosen
@@ -338,13 +337,19 @@ def _judged_again(first: Diagnosis, second: SecondSearch) -> Diagnosis:
         why = why_not(base.heldout_rmse_K, after.heldout_rmse_K)
         ranking = tuple(replace(r, refused=why) for r in ranking)
         text = _sentence("unknown_effect", (), names, True, base, base)
+        if second.known_K is not None and second.known_K[1] < HALVED * second.known_K[0]:
+            text += (
+                f" It would explain held-out readings between trained ones (error {course(*second.known_K)}), but the "
+                "rest holds charge that no other reading covers: charge and discharge the cell once more, or add a "
+                "record at another rate."
+            )
         return Diagnosis(
             "unknown_effect", True, text, (), names, ranking, base, base, first.search, second, second.alarms
         )
     # an effect that is likelier to be another is one of several
     doubtful = [s for s in selected if probable[s.candidate.key] < DECIDED]
     verdict: Verdict = "undecidable" if doubtful else "missing_effect"
-    text = _sentence(verdict, selected, (), True, base, after) + predicted
+    text = _sentence(verdict, selected, (), True, base, after, second.known_K) + predicted
     for s in doubtful:
         text += f" {s.candidate.key} is one of several: its probability is {100.0 * probable[s.candidate.key]:.0f} %."
     if not second.core_claimed:
@@ -405,6 +410,7 @@ def _sentence(
     remains: bool,
     base: Errors,
     after: Errors,
+    known_K: tuple[float, float] | None = None,
 ) -> str:
     floor = base.noise_floor_K
     if verdict == "adequate":
@@ -423,7 +429,12 @@ def _sentence(
     them = "it" if len(selected) == 1 else "them"
     moved = course(base.heldout_rmse_K, after.heldout_rmse_K)
     text = f"Missing: {names}. With {them} the error on held-out blocks {moved} (noise {floor:.2g} K)."
-    if not falls(base.heldout_rmse_K, after.heldout_rmse_K):
+    if not falls(base.heldout_rmse_K, after.heldout_rmse_K) and known_K is not None and falls(*known_K):
+        text += (
+            " A part of them holds charge that no other reading covers, so that a law of the charge is only guessed "
+            f"there; elsewhere it {course(*known_K)}."
+        )
+    elif not falls(base.heldout_rmse_K, after.heldout_rmse_K):
         text += " These readings speak for it only where it was fitted."
     if tied:
         text += f" These readings cannot tell it from {', '.join(tied)}."

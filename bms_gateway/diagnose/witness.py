@@ -130,6 +130,17 @@ def _far(c: Coordinate, z: float) -> str:
 
 def strain(f: MapFit) -> Witness:
     """All numbers together: how probable it is that they lie so far from what was known of them."""
+    square, freedom = strain_of(f)
+    p = float(chdtrc(max(freedom, 1), square))
+    text = (
+        f"All numbers together lie {np.sqrt(square):.1f} sd from what was known of them "
+        f"({freedom} directions, p = {p:.2g})"
+    )
+    return Witness("strain", text + ".", p, STRAINED, p < STRAINED)
+
+
+def strain_of(f: MapFit) -> tuple[float, int]:
+    """Square of the distance of all numbers of a fit from what was known of them, and its degrees of freedom."""
     keep = [i for i, c in enumerate(f.problem.coordinates) if c.record is None or not c.name.startswith("T_")]
     prior, sd = (np.array([getattr(f.problem.coordinates[i], k) for i in keep]) for k in ("prior", "sd"))
     u = (f.theta[keep] - prior) / sd
@@ -138,14 +149,7 @@ def strain(f: MapFit) -> Witness:
     value, axes = np.linalg.eigh(posterior)
     known = np.clip(1.0 - value, 0.0, 1.0)
     # the estimate varies by the prior's variance less the posterior's, if the prior is right
-    square = float(np.sum((axes.T @ u)[known > 0.5] ** 2 / known[known > 0.5]))
-    freedom = int(np.sum(known > 0.5))
-    p = float(chdtrc(max(freedom, 1), square))
-    text = (
-        f"All numbers together lie {np.sqrt(square):.1f} sd from what was known of them "
-        f"({freedom} directions, p = {p:.2g})"
-    )
-    return Witness("strain", text + ".", p, STRAINED, p < STRAINED)
+    return float(np.sum((axes.T @ u)[known > 0.5] ** 2 / known[known > 0.5])), int(np.sum(known > 0.5))
 
 
 def agreement(joint: MapFit, alone: Sequence[MapFit]) -> tuple[Witness, ...]:

@@ -8,6 +8,7 @@ import numpy as np
 from bms_gateway.diagnose.calibrate import AGAINST_FORMAT, AT_BOUND, UNIDENTIFIABLE, statuses
 from bms_gateway.diagnose.compare import CoreCheck
 from bms_gateway.diagnose.core_band import BAND_SD, at_times, half_width_K, posterior
+from bms_gateway.diagnose.curve import Curve
 from bms_gateway.diagnose.misfit import Level, Sensor
 from bms_gateway.diagnose.regimes import Bin, Regime
 from bms_gateway.identify.coordinates import Coordinate
@@ -156,6 +157,15 @@ def _free(fit: MapFit) -> list[tuple[Coordinate, float, float, str]]:
     sd = np.sqrt(np.diag(posterior(fit)))
     rows = zip(fit.problem.coordinates, fit.theta, sd, statuses(fit), strict=False)
     return [(c, float(z), float(s), status) for c, z, s, status in rows if not c.only_start]
+
+
+def curve_table(c: Curve) -> str:
+    """Give a coefficient over the state of charge with its standard deviation."""
+    rows = [
+        [f"{100.0 * s:.0f} %", f"{v:+.3f}".replace("-", "−"), f"{sd:.3f}"]
+        for s, v, sd in zip(c.soc, c.value, c.sd, strict=True)
+    ]
+    return table(["SOC", f"dU/dT, {c.unit}", "± sd"], rows)
 
 
 def heat_map(models: Sequence[Shown]) -> str:
