@@ -107,17 +107,44 @@ def test_the_road_from_a_table_to_a_better_model(window, url, axe, pack, tmp_pat
 
     page.run(WATCH_BARS)
     page.click(".told button")
-    page.wait("return document.querySelectorAll('#panel-add .way li').length === 2", patience_s=FIT_S)
+    page.wait("return document.querySelectorAll('#panel-add .way li').length === 3", patience_s=FIT_S)
     fell = page.run("return window.seen")  # the held-out error, as the bar had it while the fit went on
     assert len(fell) > 1
     assert fell == sorted(fell, reverse=True)
     seen_compared(page)
     assert "by force" not in page.text("#panel-add")
     held = page.run("return document.querySelectorAll('.bars')[1].getAttribute('aria-label')")
-    first, second = (float(part.split()[-2]) for part in held.split(": ")[1].split(";")[0].split(", "))
+    _, first, second = (float(part.split()[-2]) for part in held.split(": ")[1].split(";")[0].split(", "))
     assert second < 0.5 * first
     assert fell[-1] == pytest.approx(second, rel=0.1)
     assert faults(page, axe) == []
+
+    # every step of the road in one picture, on axes that do not move
+    assert page.text("#variants").split("\n")[1:] == ["from its file", "refitted", "+ entropic_heat"]
+    names = "return [...new Set(document.querySelector('#plot-surface').data.map(d => d.name))].sort()"
+    ranges = "return ['yaxis', 'yaxis2'].map(a => document.querySelector('#plot-surface').layout[a].range.join())"
+    page.idle(FIT_S)
+    come(lambda: page.run(names) == ["+ entropic_heat", "from its file", "measured", "refitted"], "all steps")
+    axes = page.run(ranges)
+    page.click("#step-0")
+    page.wait("return !document.querySelector('#plot-surface').data.some(d => d.name === 'from its file')")
+    assert page.run(ranges) == axes
+    page.click("#step-0")
+    page.click("#leftover summary")
+    page.wait("return Number(document.querySelector('#plot-inlet').dataset.traces) > 3")
+    acf = "return document.querySelector('#plot-auto').data.find(x => x.name === arguments[0]).y.slice(1)"
+    bound = page.run("return document.querySelector('#plot-auto').data[0].y[0]")
+    outside = [
+        sum(abs(y) > bound for y in ys) / len(ys) for ys in (page.run(acf, n) for n in ("refitted", "+ entropic_heat"))
+    ]
+    assert outside[0] > 0.5 > 0.1 > outside[1]
+
+    # a zoom asks for the samples of the window, all of them
+    page.run("Plotly.relayout(document.querySelector('#plot-surface'), {'xaxis.range': [5, 6]})")
+    page.wait("return document.querySelector('#stage').dataset.window === '5,6'")
+    inside = "return document.querySelector('#plot-surface').data.at(-1).x.filter(x => x >= 5 && x <= 6).length"
+    assert page.run(inside) == 61
+    assert int(page.run("return document.querySelector('#stage').dataset.resampledMs")) <= 300
 
     page.click("#tab-take")
     assert "bms-gateway add entropic_heat" in page.text("#commands")
@@ -129,11 +156,11 @@ def test_the_road_from_a_table_to_a_better_model(window, url, axe, pack, tmp_pat
 
     # a reload keeps all of it
     page.reload()
-    page.wait("return document.querySelectorAll('#panel-add .way li').length === 2")
+    page.wait("return document.querySelectorAll('#panel-add .way li').length === 3")
     assert page.there("#panel-take")
     page.click("#tab-add")
     page.click("#undo")
-    page.wait("return document.querySelectorAll('#panel-add .way li').length === 1")
+    page.wait("return document.querySelectorAll('#panel-add .way li').length === 2")
     assert page.complaints() == []
 
 
@@ -149,7 +176,7 @@ def test_refused_by_the_gates_says_why_and_is_forced_only_when_told(window, url)
     page.wait("return document.querySelector('#refusal')", patience_s=FIT_S)
     assert "Not added" in page.text("#refusal")
     page.click("#force")
-    page.wait("return document.querySelectorAll('#panel-add .way li').length === 2", patience_s=FIT_S)
+    page.wait("return document.querySelectorAll('#panel-add .way li').length === 3", patience_s=FIT_S)
     assert "by force" in page.text("#panel-add")
 
 
@@ -225,7 +252,7 @@ def test_habits(window, url, axe):
     for _ in range(60):
         page.press("Tab")
         reached.add(page.run("return document.activeElement.id || document.activeElement.className"))
-    assert {"cell-1", "cell-2", "variant-refitted", "theme", "keys", "tab-compare"} <= reached
+    assert {"cell-1", "cell-2", "step-1", "theme", "keys", "tab-compare"} <= reached
     page.click("#cell-1")
     page.press("Right")
     page.wait("return document.querySelector('#cell-2').getAttribute('aria-pressed') === 'true'")
