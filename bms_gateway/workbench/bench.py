@@ -173,8 +173,10 @@ class Bench:
         steps = [(name, c.refitted)]
         if name == REFITTED:  # the first model that is compared
             steps.insert(0, (FILED, c.filed))
-        drawn = {name: pictures.step(v, shelf) | whiteness.step(v.fit) for name, v in steps}
-        figures = pictures.frames_of_cores(c, shelf) | whiteness.figures(c.refitted.fit)
+        drawn = {name: pictures.step(v, shelf) | pictures.maps(v.fit) | whiteness.step(v.fit) for name, v in steps}
+        fit = c.refitted.fit
+        figures = pictures.frames_of_cores(c, shelf) | pictures.frames_of_maps(fit.problem.records)
+        figures |= whiteness.figures(fit)
         shelf.save()
         return {**document, "figures": figures, "drawn": drawn}
 

@@ -14,7 +14,7 @@ from bms_gateway.diagnose.core_band import BAND_SD, at_times
 from bms_gateway.diagnose.regimes import seconds_of
 from bms_gateway.identify.coordinates import Measured
 from bms_gateway.identify.map_fit import MapFit
-from bms_gateway.report.html_figures import cores, drive, overlay
+from bms_gateway.report.html_figures import axis, cores, drive, layout, overlay
 from bms_gateway.report.html_series import Clock, Trace, breaks_of, broken, clock, envelope, smooth, traces_of
 from bms_gateway.report.page import Figure, numbers
 from bms_gateway.thermal import Floats
@@ -30,6 +30,11 @@ SIGMAS = 2.0
 """Half width of the band around a model, in sd of one reading."""
 FEW = 2
 """Points of what the reports' figures are asked for where the whole series is kept instead."""
+COLUMNS = 180
+"""Stretches of time in a map."""
+ROW_PX, LEAST_PX, MOST_PX, EDGES_PX = 16, 90, 640, 76
+FAINTEST = 0.99
+"""Quantile of the residual at which the colours of a map end."""
 SCATTER = 2.5
 """sd of a reading that the axis of the residual reaches beyond its mean."""
 
@@ -122,6 +127,49 @@ def _outside(v: Variant, record: int, cell: int) -> tuple[Floats, Floats] | None
     read, sd = at_times(v.cores[record], cell, t, probe_lever(v.fit.problem.model))
     beyond = np.abs(y - read) > BAND_SD * np.maximum(sd, 1e-9)
     return (t, np.where(beyond, y, np.nan)) if beyond.any() else None
+
+
+def frames_of_maps(records: Sequence[Measured]) -> Figures:
+    """Draw the axes of a map of all sensors of a record over time; of one sensor there is none."""
+    found: Figures = {}
+    for r, m in enumerate(records):
+        cells = [str(cell) for _, cell in m.channels]
+        if len(cells) > 1:
+            time = clock(float(seconds_of(m).max()))
+            rows = axis("cell", type="category", categoryarray=cells, autorange="reversed", showgrid=False)
+            height = min(max(ROW_PX * len(cells), LEAST_PX), MOST_PX) + EDGES_PX
+            spec = layout(
+                height, m, time, yaxis=rows, coloraxis={"colorbar": {"title": {"text": "K"}, "thickness": 12}}
+            )
+            spec["hovermode"] = "closest"
+            found[f"map-{r}"] = {"data": [], "layout": spec}
+    return found
+
+
+def maps(fit: MapFit) -> Drawn:
+    """Draw the mean residual of all sensors over time, as a map of each record."""
+    found: Drawn = {}
+    traces = traces_of((fit,))
+    for r in sorted({t.record for t in traces}):
+        mine = [t for t in traces if t.record == r]
+        time, last = _clock(traces, r), max(float(t.time_s.max()) for t in mine)
+        edges = np.linspace(0.0, last, COLUMNS + 1)
+        rows = []
+        for t in mine:
+            at = np.clip(np.searchsorted(edges, t.time_s, side="right") - 1, 0, COLUMNS - 1)
+            count = np.bincount(at, minlength=COLUMNS)
+            total = np.bincount(at, t.measured - t.models[0], COLUMNS)
+            rows.append(np.where(count > 0, total / np.maximum(count, 1), np.nan))
+        most = float(np.nanquantile(np.abs(rows), FAINTEST))
+        found[f"map-{r}"] = {
+            "map": {
+                "x": time((edges[1:] + edges[:-1]) / 2.0),
+                "y": [str(t.cell) for t in mine],
+                "z": [numbers(row, 3) for row in rows],
+            },
+            "span": {"coloraxis": (-most, most)},
+        }
+    return found
 
 
 def _cores_drawn(v: Variant, r: int) -> list[str]:

@@ -184,7 +184,8 @@ function row(r, s, state) {
   if (s.quality.some((q) => about.words[q] === "doubtful")) bad.unshift("core not proven");
   put(r.heat, s.heat ? `heat that no current makes: ${s.heat[1].toFixed(2)} ± ${s.heat[2].toFixed(2)} W in cell ${s.heat[0]}` : "");
   const flags = s.flags.map((f) => f.replaceAll("_", " "));
-  put(r.words, [s.words.length ? `${s.words.length} alert${s.words.length > 1 ? "s" : ""}, see above` : flags.length ? flags.join(", ") : "no health flag", ...bad].join("; "));
+  const alerts = s.words.length ? [`${s.words.length} alert${s.words.length > 1 ? "s" : ""}, see above`] : [];
+  put(r.words, [...alerts, flags.length ? flags.join(", ") : "no health flag", ...bad].join("; "));
   r.words.className = s.words.length || s.flags.length || bad.length ? "alarm" : "";
   const told = JSON.stringify(s.trend);
   if (told !== r.trended) { r.trended = told; trend(r.trend, s.trend); }

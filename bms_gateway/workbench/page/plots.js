@@ -7,7 +7,7 @@ const CONFIG = { displaylogo: false, responsive: true,
 const DARK = { "#ffffff": "#16181b", "#1a1a1a": "#e8e8e8", "#000000": "#f2f2f2", "#4d4d4d": "#d0d0d0", "#e3e3e3": "#33373c",
   "#777777": "#9a9a9a", "#0072b2": "#6cb8ea", "#d55e00": "#ff9248", "rgba(0,0,0,0.075)": "rgba(255,255,255,0.09)",
   "#009e73": "#54c9a4", "#cc79a7": "#e3a0c6" };
-const TIMED = ["surface", "drive", "core"], LEFT = ["auto", "noise", "heat", "inlet"];
+const TIMED = ["surface", "drive", "core", "map"], LEFT = ["auto", "noise", "heat", "inlet"];
 const PLACES = [...TIMED, ...LEFT];
 let state = null;
 let specs = {};
@@ -52,6 +52,7 @@ export const ticked = (all) => { const on = all.filter((s) => !ui.off.includes(s
 function ofSteps(figure, place) {
   const order = state.steps.map((s) => s.name), names = ticked(state.steps).map((s) => s.name);
   const top = names.at(-1), found = [];
+  if (place === "map") return (figure.steps ?? []).filter((s) => s.name === top).map((s) => ({ type: "heatmap", ...s.map, coloraxis: "coloraxis", hovertemplate: "cell %{y}, %{x}: %{z} K<extra></extra>" }));
   for (const s of (figure.steps ?? []).filter((x) => names.includes(x.name))) {
     const [color, dash] = styleOf(order.indexOf(s.name)), ghost = s.name !== top;
     const line = (of, width, more = {}) => ({ type: "scatter", mode: "lines", ...of, name: s.name, legendgroup: s.name, opacity: ghost ? 0.75 : 1, ...more, line: { color, dash: more.dash ?? dash, width, shape: of.shape ?? "linear" } });
@@ -94,11 +95,17 @@ async function draw(place) {
   const measured = figure.data.filter((t) => t.name === "measured" && !t.yaxis);
   const over = figure.data.filter((t) => t.name === "thermocouple in the core");
   const data = [...figure.data.filter((t) => !measured.includes(t) && !over.includes(t)), ...over, ...themed(ofSteps(figure, place)), ...laidOver(place), ...measured.map((t) => ({ ...t, legendrank: 1 }))];
+  if (place === "map") {
+    const [low, high] = layout.coloraxis.range;
+    layout.coloraxis = { ...layout.coloraxis, cmin: low, cmax: high, colorscale: [[0, "#0072b2"], [0.5, dark() ? "#16181b" : "#ffffff"], [1, "#d55e00"]] };
+    layout.title = { text: `Reading minus model of all sensors, mean over time: ${ticked(state.steps).at(-1).name}`, font: { size: 13 }, x: 0.01, xanchor: "left" };
+  }
   node.style.height = `${layout.height}px`;
   node.setAttribute("role", "group");
   node.setAttribute("aria-label", { surface: `Surface temperature of cell ${ui.cell}, measured and modelled, over time; below it the residual`,
     drive: "What drove the string: current, coolant inlet and what else is known, over time",
     core: `Core temperature of cell ${ui.cell} over time with its 95 percent band`,
+    map: "Reading minus model of all sensors over time, as a map; a click shows a cell",
     auto: `Autocorrelation of the residual of cell ${ui.cell} with the bounds of white noise`,
     noise: `Histogram of the residual of cell ${ui.cell} against the noise of its sensor`,
     heat: `Correlation of the residual of cell ${ui.cell} with the square of the current`,
@@ -120,6 +127,7 @@ async function draw(place) {
   node.dataset.name = spec.name;
   if (!node.dataset.linked && TIMED.includes(place)) {
     node.dataset.linked = "1";
+    if (place === "map") node.on("plotly_click", (e) => pick(Number(e.points[0].y)));
     node.on("plotly_relayout", (change) => zoomed(node, change));
   }
 }
@@ -183,7 +191,7 @@ export async function show(next, fresh) {
   regimes();
   const mine = ++drawing;
   for (const place of PLACES) {
-    const name = place === "drive" ? `drive-${ui.record}` : `${place}-${ui.record}-${ui.cell}`;
+    const name = ["drive", "map"].includes(place) ? `${place}-${ui.record}` : `${place}-${ui.record}-${ui.cell}`;
     const found = state.figures.includes(name) && (TIMED.includes(place) || $("leftover").open) ? await figureOf(place, name) : null;
     if (mine !== drawing) return;
     specs[place] = { name, figure: found };
