@@ -33,6 +33,15 @@ FEW = 2
 COLUMNS = 180
 """Stretches of time in a map."""
 ROW_PX, LEAST_PX, MOST_PX, EDGES_PX = 16, 90, 640, 76
+COLORBAR = {
+    "orientation": "h",
+    "thickness": 8,
+    "len": 0.3,
+    "x": 1.0,
+    "xanchor": "right",
+    "y": 1.0,
+    "yanchor": "bottom",
+}
 FAINTEST = 0.99
 """Quantile of the residual at which the colours of a map end."""
 SCATTER = 2.5
@@ -138,9 +147,7 @@ def frames_of_maps(records: Sequence[Measured]) -> Figures:
             time = clock(float(seconds_of(m).max()))
             rows = axis("cell", type="category", categoryarray=cells, autorange="reversed", showgrid=False)
             height = min(max(ROW_PX * len(cells), LEAST_PX), MOST_PX) + EDGES_PX
-            spec = layout(
-                height, m, time, yaxis=rows, coloraxis={"colorbar": {"title": {"text": "K"}, "thickness": 12}}
-            )
+            spec = layout(height, m, time, yaxis=rows, coloraxis={"colorbar": COLORBAR})
             spec["hovermode"] = "closest"
             found[f"map-{r}"] = {"data": [], "layout": spec}
     return found

@@ -220,7 +220,7 @@ def test_habits(window, url, axe):
     seen_compared(page)
     page.click("#theme")
     assert page.run("return document.documentElement.dataset.theme") == "dark"
-    for width in (1280, 800):
+    for width in (1280, 390, 800, 1024, 1920):
         page.cdp("Emulation.setDeviceMetricsOverride", width=width, height=720, deviceScaleFactor=1, mobile=False)
         for step in ("open", "compare", "diagnose", "add", "take"):
             page.click(f"#tab-{step}")

@@ -12,7 +12,7 @@ let about = null, view = "", seek = null, shown = null, asked = 0, key = "", bus
 
 export function build(known, name, jump) {
   about = known; view = name; seek = jump;
-  const choice = (id, options) => el("select", { id, onchange: () => { asked = 0; link(); } }, ...options.map(([v, t]) => el("option", { value: v }, t)));
+  const choice = (id, options) => el("select", { id, onchange: () => { asked = 0; link(); if (latest) follow(latest); } }, ...options.map(([v, t]) => el("option", { value: v }, t)));
   const svg = document.createElementNS(SVG, "svg");
   for (const [k, v] of Object.entries({ id: "past", height: HEIGHT, width: "100%", role: "img" })) svg.setAttribute(k, v);
   svg.addEventListener("click", (e) => {
@@ -32,14 +32,19 @@ export function build(known, name, jump) {
 const link = () => { $("export").href = `/api/window?${new URLSearchParams({ view, span: $("past-span").value })}`; };
 const ends = () => [shown.t[0], Math.max(shown.t.at(-1), shown.t[0] + 1)];
 
-// Asks anew now and then while the picture goes on, and at once where another stretch is wanted.
+// Asks anew now and then while the picture goes on, and soon after another stretch is wanted.
+let latest = null, later = 0;
 export function follow(p) {
-  const now = `${$("past-string").value}|${$("past-span").value}|${p.following}|${p.following ? "" : p.at}`;
-  if (busy || (now === key && !p.playing) || (performance.now() - asked < EVERY_MS && asked)) return;
+  latest = p;
+  const now = `${$("past-string").value}|${$("past-span").value}|${p.following ? p.ticks : p.at}`;
+  if (busy || now === key) return;
+  const wait = asked ? EVERY_MS - (performance.now() - asked) : 0;
+  clearTimeout(later);
+  if (wait > 0) { later = setTimeout(() => follow(latest), wait); return; }
   key = now; asked = performance.now(); busy = true;
   const query = new URLSearchParams({ view, string: $("past-string").value, span: $("past-span").value });
   fetch(`/api/history?${query}`).then((r) => r.json()).then((found) => { shown = found; draw(); $("past").dataset.points = found.t.length; })
-    .catch((e) => complain(e.message)).finally(() => { busy = false; });
+    .catch((e) => complain(e.message)).finally(() => { busy = false; follow(latest); });
 }
 
 function draw() {

@@ -9,6 +9,11 @@ const DARK = { "#ffffff": "#16181b", "#1a1a1a": "#e8e8e8", "#000000": "#f2f2f2",
   "#009e73": "#54c9a4", "#cc79a7": "#e3a0c6" };
 const TIMED = ["surface", "drive", "core", "map"], LEFT = ["auto", "noise", "heat", "inlet"];
 const PLACES = [...TIMED, ...LEFT];
+const NARROW = 600; // px, below which a plot has no room for buttons
+// Blue below, orange above; small values get colour sooner than large ones.
+const rgb = (color) => [1, 3, 5].map((i) => parseInt(color.slice(i, i + 2), 16));
+const between = (a, b, share) => `rgb(${rgb(a).map((x, i) => Math.round(x + (rgb(b)[i] - x) * share)).join()})`;
+const DIVERGING = (middle) => [-4, -3, -2, -1, 0, 1, 2, 3, 4].map((k) => [0.5 + (Math.sign(k) * k * k) / 32, between(middle, k < 0 ? "#0072b2" : "#d55e00", Math.abs(k) / 4)]);
 let state = null;
 let specs = {};
 let curves = new Map();
@@ -44,7 +49,8 @@ const seen = () => {
 // Colour and line of each step by its place on the road: they stay the same whichever steps are shown.
 const STYLES = [["#d55e00", "dash"], ["#0072b2", "solid"], ["#009e73", "solid"], ["#cc79a7", "dashdot"], ["#e69f00", "solid"], ["#56b4e9", "dash"]];
 const styleOf = (i) => STYLES[i % STYLES.length];
-const faint = (color, share) => `rgba(${[1, 3, 5].map((i) => parseInt(color.slice(i, i + 2), 16)).join()},${share})`;
+export const colorOf = (i) => themed(styleOf(i)[0]);
+const faint = (color, share) => `rgba(${rgb(color).join()},${share})`;
 
 // Steps that are ticked; the newest of them is drawn in full, with its band, the others as ghosts.
 export const ticked = (all) => { const on = all.filter((s) => !ui.off.includes(s.name)); return on.length ? on : all.slice(-1); };
@@ -97,8 +103,8 @@ async function draw(place) {
   const data = [...figure.data.filter((t) => !measured.includes(t) && !over.includes(t)), ...over, ...themed(ofSteps(figure, place)), ...laidOver(place), ...measured.map((t) => ({ ...t, legendrank: 1 }))];
   if (place === "map") {
     const [low, high] = layout.coloraxis.range;
-    layout.coloraxis = { ...layout.coloraxis, cmin: low, cmax: high, colorscale: [[0, "#0072b2"], [0.5, dark() ? "#16181b" : "#ffffff"], [1, "#d55e00"]] };
-    layout.title = { text: `Reading minus model of all sensors, mean over time: ${ticked(state.steps).at(-1).name}`, font: { size: 13 }, x: 0.01, xanchor: "left" };
+    layout.coloraxis = { ...layout.coloraxis, cmin: low, cmax: high, colorscale: DIVERGING(dark() ? "#16181b" : "#ffffff") };
+    layout.title = { text: `Residual of all sensors, K: ${ticked(state.steps).at(-1).name}`, font: { size: 13 }, x: 0.01, xanchor: "left" };
   }
   node.style.height = `${layout.height}px`;
   node.setAttribute("role", "group");
@@ -118,7 +124,7 @@ async function draw(place) {
     await plotly();
   }
   if (node.firstElementChild?.tagName === "svg") node.replaceChildren();
-  await Plotly.react(node, data, layout, TIMED.includes(place) ? CONFIG : { ...CONFIG, displayModeBar: false });
+  await Plotly.react(node, data, layout, TIMED.includes(place) && place !== "map" && innerWidth > NARROW ? CONFIG : { ...CONFIG, displayModeBar: false });
   if (place === "surface") {
     seen();
     document.documentElement.dataset.firstPlot ??= Math.round(performance.now());
@@ -165,6 +171,9 @@ async function resampled() {
 
 const figureOf = async (place, name) =>
   (await get("figure", { name, ...(range && TIMED.includes(place) ? { from: range[0], to: range[1] } : {}) })).figure;
+
+let resizing = 0;
+addEventListener("resize", () => { clearTimeout(resizing); resizing = setTimeout(() => { if (window.Plotly && state?.opened) redraw(); }, 250); });
 
 export async function redraw() {
   for (const place of PLACES) await draw(place);

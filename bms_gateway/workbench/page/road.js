@@ -1,6 +1,6 @@
 // The panels of the road: open, compare, diagnose, add, take away.
 import { $, el, get, post, upload, attempt, ui, keep, K, complain } from "./util.js";
-import { preview, ticked } from "./plots.js";
+import { colorOf, preview, ticked } from "./plots.js";
 
 let state = null;
 export const busy = () => Boolean(state?.job);
@@ -155,7 +155,7 @@ function effect(r, i, d) {
   const point = () => { if (r.drawn) preview(r.name); };
   const leave = () => preview(null);
   const button = el("button", { type: "button", id, "aria-expanded": String(open), onmouseenter: point, onmouseleave: leave, onfocus: point, onblur: leave,
-    "aria-label": `${r.name}, log-odds ${odds}${r.refused ? `, refused: ${r.refused}` : ""}`,
+    "aria-label": `${named(r)}, log-odds ${odds}${r.refused ? `, refused: ${r.refused}` : ""}`,
     onclick: () => {
       const rest = ui.open.filter((x) => x !== id);
       keep({ open: ui.open.includes(id) ? rest : [...rest, id] });
@@ -163,13 +163,16 @@ function effect(r, i, d) {
       for (const b of document.querySelectorAll("[data-work]")) b.disabled = busy() || b.dataset.off === "1";
       $(id)?.focus({ preventScroll: true });
     } },
-    el("span", { class: "name" }, r.name),
+    el("span", { class: "name" }, named(r)),
     el("span", { class: "track" }, el("span", { class: "fill", style: `width:${100 * r.reach}%` }), el("span", { class: "need", style: `left:${100 * d.needs}%` })),
     el("span", { class: "odds" }, odds));
   const item = el("li", { class: `effect ${r.role}${r.refused ? " refused" : ""}` }, button);
   if (open) item.append(told(r, d));
   return item;
 }
+
+// In plain words first, the word of the catalogue in brackets.
+const named = (r) => (r.effects.length ? r.effects.map((e) => `${e.title} (${e.key})`).join(" and ") : r.name);
 
 function told(r, d) {
   const list = el("dl", {});
@@ -180,7 +183,7 @@ function told(r, d) {
   say("Its numbers", r.numbers.join("; "));
   say("These data cannot tell it from", r.tied.join(", "));
   for (const e of r.effects) {
-    list.append(el("dt", {}, e.title), el("dd", {}, el("pre", {}, e.equation)));
+    list.append(el("dt", {}, "Equation"), el("dd", {}, el("pre", {}, e.equation)));
     say("How it shows", e.signature);
     say("Parameters", e.parameters.join("; "));
     say("Needs", e.needs);
@@ -229,6 +232,7 @@ function climb() {
       bar.className = `bar ${all[j].kind}`;
       bar.title = `${all[j].name}${all[j].kind === "unproven" ? ": core not proven" : ""}`;
       bar.lastChild.textContent = v === null ? "–" : K(v, 2).replace(" K", "");
+      bar.style.setProperty("--c", colorOf(j));
       bar.style.setProperty("--h", `${v === null ? 0 : (100 * v) / top}%`);
     });
     bars.lastChild.style.bottom = `${(100 * (floor ?? 0)) / top}%`;
@@ -296,7 +300,7 @@ function adding() {
   box.append(el("label", { for: "effect-name" }, "An effect of the catalogue; EFFECT:CELL where it sits on one cell"),
     el("div", { class: "row" }, field,
       el("button", { type: "button", id: "add", class: "main", "data-work": true, onclick: chosenOne }, "Add")),
-    el("datalist", { id: "effect-names" }, ...offered.map((k) => el("option", { value: k }))),
+    el("datalist", { id: "effect-names" }, ...offered.map((k) => el("option", { value: k, label: catalogue.find((e) => e.name === k.split(":")[0])?.title }))),
     el("p", {}, el("button", { type: "button", id: "undo", "data-work": true, "data-off": r || state.steps.some((s) => s.words.length) ? null : "1", onclick: undo }, r ? "Discard the refused addition" : "Undo the last addition")));
   const last = state.steps.at(-1).told;
   if (last) box.append(fold("numbers", "Numbers of the newest model", scroll("numbers", last.parameters)));
