@@ -5,13 +5,14 @@ desk of its own.
 """
 
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from bms_gateway.errors import UsageError
 from bms_gateway.workbench.commands import Leg, command_lines, config_lines
 from bms_gateway.workbench.process import Worker
+from bms_gateway.workbench.session import Addition, session_of
 from bms_gateway.workbench.steps import REFITTED, Frame, Window, doubt_lines, forget, joined, remains, steps_of
 from bms_gateway.workbench.uploads import Uploads
 
@@ -49,6 +50,7 @@ class Desk:
         self._refusal: Document | None = None
         self._error = ""
         self._report: Path | None = None
+        self._to_come: list[Addition] = []
         self._closed = False
         self._worker = Worker(self._hear)
         from bms_gateway.workbench.series import drawn  # NumPy comes while the worker starts, not with the program
@@ -82,6 +84,13 @@ class Desk:
             files = {**files, "recent": before}  # still the one that was taken
         self._start("open", {"files": files})
 
+    def resume(self, files: Document, additions: Sequence[Addition]) -> None:
+        """Open the files of a session, and go its way again: one addition after the other, until one is refused."""
+        self.cancel()
+        self.open(files)
+        with self.changed:
+            self._to_come = list(additions)
+
     def compare(self) -> None:
         """Hold the newest model against the readings."""
         self._start("compare", {"files": self.files, "text": self._top.text, "name": self._top.label})
@@ -110,6 +119,7 @@ class Desk:
     def cancel(self) -> None:
         """End what runs."""
         with self.changed:
+            self._to_come = []
             if self._job is None:
                 return
             self._job, self._error = None, ""
@@ -136,6 +146,14 @@ class Desk:
             if path is None:
                 raise UsageError(self._error or "the report was not written: it was cancelled")
         return path
+
+    def session(self) -> Document:
+        """Files by name, and what was added to the model: what `resume` needs."""
+        with self.changed:
+            files = self._named()
+            if files is None:
+                raise UsageError("session: open a table and a model first")
+            return session_of(files, self._frames)
 
     def model(self) -> str:
         """Newest model file, with what is to be doubted of it on top."""
@@ -187,6 +205,7 @@ class Desk:
                 "refusal": self._refusal,
                 "job": self._job,
                 "error": self._error,
+                "session": session_of(files, self._frames) if files else None,
                 "commands": command_lines(files, self._way()) if files else [],
                 "config": config_lines(files, len(self._frames) - 1) if files else "",
             }
@@ -242,6 +261,7 @@ class Desk:
             if worker is not self._worker or self._closed:
                 return  # of a process that was put away
             if answer is None:  # the next task starts another: not now, it might end the same way at once
+                self._to_come = []
                 if self._job is not None:
                     self._job, self._error = None, GONE
                 else:
@@ -249,6 +269,7 @@ class Desk:
             elif self._job is None:
                 return
             elif "error" in answer:
+                self._to_come = []
                 self._job, self._error = None, answer["error"].replace(f"{self.folder}/", "")
             elif "done" in answer:
                 self._job = None
@@ -268,6 +289,9 @@ class Desk:
                 top = self._top
                 top.figures, top.drawn = done.pop("figures"), done.pop("drawn")
                 top.compared = done
+                if self._to_come:
+                    words, force = self._to_come.pop(0)
+                    self.add(words, force=force)
             case "diagnose":
                 self._top.curves = done.pop("curves")
                 self._top.diagnosed = done
@@ -279,7 +303,7 @@ class Desk:
     def _added(self, done: Document) -> None:
         text = done.pop("text", None)
         if text is None:
-            self._refusal = done
+            self._refusal, self._to_come = done, []
             return
         self._refusal = None
         if len(self._frames) == 1:  # measured by the same yardstick as what is added to it

@@ -21,6 +21,7 @@ from urllib.parse import parse_qs, unquote, urlsplit
 from bms_gateway.errors import GatewayError, MissingExtraError, UsageError
 from bms_gateway.workbench.desk import Desk
 from bms_gateway.workbench.doors import CLOSED, HEADERS, Door
+from bms_gateway.workbench.session import additions_of
 from bms_gateway.workbench.site import Site, wanted_files
 from bms_gateway.workbench.uploads import safe_name
 
@@ -229,6 +230,9 @@ class Handler(BaseHTTPRequestHandler):
                 self._bytes(path.read_bytes(), TYPES[".html"], name="report.html")
             finally:
                 path.unlink(missing_ok=True)
+        elif self._query.get("what") == "session":
+            text = json.dumps(desk.session(), ensure_ascii=False, indent=1)
+            self._bytes(text.encode(), "application/json", name="session.json")
         else:
             name = Path(self._query.get("name", "model.toml")).name
             self._bytes(desk.model().encode(), "application/toml", name=name)
@@ -315,6 +319,9 @@ class Handler(BaseHTTPRequestHandler):
         match what:
             case "open":
                 desk.open(wanted_files(self.server.site, desk, body))
+            case "resume":
+                additions = additions_of(body)
+                desk.resume(wanted_files(self.server.site, desk, body["files"]), additions)
             case "compare":
                 desk.compare()
             case "diagnose":

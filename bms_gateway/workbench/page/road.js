@@ -28,6 +28,13 @@ export function prepare() {
       e.target.value = "";
     }));
   }
+  $("session-file").addEventListener("change", attempt(async (e) => {
+    const [file] = e.target.files;
+    e.target.value = "";
+    let session = null;
+    try { session = JSON.parse(await file.text()); } catch { throw new Error(`${file.name}: no session file of the workbench`); }
+    await post("resume", session);
+  }));
   addEventListener("dragover", (e) => e.preventDefault());
   addEventListener("drop", attempt(async (e) => { e.preventDefault(); await take([...e.dataTransfer.files]); }));
   addEventListener("variant", () => state && compare());
@@ -49,6 +56,8 @@ export function show(next) {
   if (state && next.steps.length > state.steps.length) field.value = "";
   const first = state?.files !== next.files && JSON.stringify(state?.files) !== JSON.stringify(next.files);
   state = next;
+  // what a restart of the program needs; while it goes its way again the longer way is kept
+  if (state.session && !state.job) keep({ session: state.session });
   if (first && state.files) {
     $("tables").value = state.files.tables.join("\n");
     for (const field of ["model", "config", "string"]) $(field).value = state.files[field];
@@ -321,6 +330,7 @@ function away() {
   box.append(
     el("p", {}, el("a", { href: url("model"), id: "take-model", download: name }, `Model file: ${name}`)),
     el("p", {}, el("button", { type: "button", id: "take-report", "data-work": true, onclick: attempt(report) }, "HTML report of what is shown")),
+    el("p", {}, el("a", { href: url("session"), id: "take-session", download: "session.json" }, "Session file: the names of the files and the steps, to go on later or elsewhere")),
     el("h3", {}, "The same by commands"), el("pre", { id: "commands" }, state.commands.join("\n")),
     el("button", { type: "button", onclick: attempt(async () => navigator.clipboard.writeText(state.commands.join("\n"))) }, "Copy"),
     el("h3", {}, "In the gateway's config"), el("pre", { id: "config-lines" }, state.config),
