@@ -13,6 +13,7 @@ from bms_gateway.diagnose.misfit import Level, Sensor
 from bms_gateway.diagnose.regimes import Bin, Regime
 from bms_gateway.identify.coordinates import Coordinate
 from bms_gateway.identify.map_fit import MapFit
+from bms_gateway.report.core_text import OUTSIDE
 from bms_gateway.report.diagnosis_text import with_sd
 from bms_gateway.report.html_series import Shown
 from bms_gateway.report.page import amount, grouped, table
@@ -98,8 +99,10 @@ def thermocouples_table(models: Sequence[Shown], checks: Sequence[CoreCheck]) ->
         for m in models:
             read, sd = at_times(m.cores[c.record], c.cell, c.time_s, probe_lever(m.fit.problem.model))
             error = c.measured - read
-            inside = np.mean(np.abs(error) <= BAND_SD * np.maximum(sd, 1e-9))
-            row += [amount(float(np.sqrt(np.mean(error**2)))), amount(float(np.mean(error))), f"{100 * inside:.0f} %"]
+            inside = float(np.mean(np.abs(error) <= BAND_SD * np.maximum(sd, 1e-9)))
+            share = f"{100 * inside:.0f} %"
+            share = share if 1.0 - inside <= OUTSIDE else f'<span class="danger">{share}</span>'
+            row += [amount(float(np.sqrt(np.mean(error**2)))), amount(float(np.mean(error))), share]
         rows.append(row)
     return grouped(
         groups, rows, caption="Mean: thermocouple minus model, where it is said to sit. It was never fitted to."
