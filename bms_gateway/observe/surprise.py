@@ -57,7 +57,9 @@ NOISE_SHARE: Final = 0.005
 FIRST: Final = 2.0
 """Readings that what the filter reckons with counts as, at the start."""
 BLOCK: Final = 8
-"""Steps after which noise, steps of the readings and the coolant's mean are learnt together."""
+"""Steps after which noise, steps of the readings and the coolant's mean are learnt together …"""
+YOUNG: Final = 60
+"""… but at once of sensors that have been read less often."""
 GONE_K2: Final = 1e-8
 """K²: a variance below is none."""
 FINE_K: Final = 1e-4
@@ -91,7 +93,11 @@ class Surprise:
         self.open: Bools = np.zeros(len(sensors), np.bool_)
         self._mean = np.zeros((len(TIMES_S), *sensors.shape))
         self._wide = np.zeros(self._mean.shape)  # K², of the averages: by states that the filter itself knew badly
-        self._last, self._fine = np.full(sensors.shape, np.nan), np.full(sensors.shape, np.inf)
+        nothing = np.zeros(sensors.shape)  # what the first innovation is off counts as noise
+        self._last = np.stack(
+            (np.full_like(nothing, np.nan), nothing)
+        )  # newest reading, newest innovation that counted
+        self._fine = np.full(sensors.shape, np.inf)
         self._rough, self._count = np.full(sensors.shape, noise**2), np.zeros(sensors.shape)
         self._settles, self._coolant = np.zeros(len(sensors)), np.full(len(sensors), np.nan)
         self._waiting = np.full((BLOCK, 2, *sensors.shape), np.nan)
@@ -144,6 +150,8 @@ class Surprise:
         waiting[0] = y
         waiting[1] = np.where(there, value, np.nan)
         self._waits += 1
+        if self._waits == BLOCK or (there & (self._count < YOUNG)).any():
+            self._learn(inlet)
         value = np.where(there, value, 0.0)
         self._mean += self._share * (value - self._mean)
         unsure = there & (sd > self._unsure)
@@ -155,14 +163,12 @@ class Surprise:
         off = np.abs(self._mean)
         if self.open.any() or (off > self._least).any():
             grown = self._grown(np.where(there, off, 0.0), sd, known, inlet)
-        if self._waits == BLOCK:
-            self._learn(inlet)
         return grown
 
     def _grown(self, off: Floats, sd: Floats, known: Floats, inlet: Floats) -> Floats | None:
         """Tell what the variances of the cores grow by where averages lie `off` (3, S, m), K, from zero."""
         var = np.square(sd)
-        vague = np.fmax(np.square(known) - var, 0.0)
+        vague = np.maximum(np.square(known) - var, 0.0)  # NaN after a step without a reading: then nothing is odd
         chance = np.sqrt(self._rough * self._white + self._wide + vague)
         moved = np.where(np.isnan(self._coolant), 0.0, np.abs(inlet - self._coolant))
         odd = off > ODD * chance + self._beside + STIRRED * moved[:, None]
@@ -182,19 +188,21 @@ class Surprise:
 
     def _learn(self, inlet: Floats) -> None:
         """Learn the noise of the sensors, the steps of their readings and the coolant's mean from a block of steps."""
-        y, value = np.concatenate([[[self._last, np.full_like(self._last, np.nan)]], self._waiting]).swapaxes(0, 1)
-        step = np.abs(np.diff(y, axis=0))
-        step[~(step > FINE_K)] = np.inf
-        self._fine = np.minimum(self._fine, step.min(axis=0))
-        self._last = np.where(np.isnan(y[-1]), self._last, y[-1])
-        turn = np.square(np.diff(value[1:], axis=0)) / 2.0  # noise turns each time, what is odd does not
-        turned = np.isfinite(turn)
-        n = turned.sum(axis=0)
+        filled = self._waiting[: self._waits].copy()
+        turned = np.isfinite(filled)
+        for k, before in enumerate((self._last, *filled[:-1])):  # a sensor may be read in some steps only
+            filled[k] = np.where(turned[k], filled[k], before)
+        y, value = np.abs(np.diff(np.concatenate((self._last[None], filled)), axis=0)).swapaxes(0, 1)
+        self._fine = np.minimum(self._fine, np.where(y > FINE_K, y, np.inf).min(axis=0))
+        self._last = filled[-1]
+        there = turned[:, 1] & np.isfinite(value)
+        n = there.sum(axis=0)
         self._count += n
         share = np.maximum(1.0 - (1.0 - NOISE_SHARE) ** n, n / (FIRST + self._count))
-        self._rough += share * (np.where(turned, turn, 0.0).sum(axis=0) / np.maximum(n, 1) - self._rough)
+        turn = np.where(there, np.square(value) / 2.0, 0.0)  # noise turns each time, what is odd does not
+        self._rough += share * (turn.sum(axis=0) / np.maximum(n, 1) - self._rough)
         before = np.where(np.isnan(self._coolant), inlet, self._coolant)
-        self._coolant = before - (inlet - before) * np.expm1(-BLOCK * self._dt / TIMES_S[-1])
+        self._coolant = before - (inlet - before) * np.expm1(-self._waits * self._dt / TIMES_S[-1])
         self._waiting[:], self._waits = np.nan, 0
         self._judge()
 
