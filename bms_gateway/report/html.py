@@ -25,7 +25,7 @@ from bms_gateway.report.diagnosis_text import Told
 from bms_gateway.report.html_evidence import evidence, missing_heat, summary
 from bms_gateway.report.html_ranking import detectability_table, experiment_table, ranking_table
 from bms_gateway.report.html_series import Shown, shown
-from bms_gateway.report.html_tables import errors_table, parameters_table
+from bms_gateway.report.html_tables import curve_table, errors_table, parameters_table
 from bms_gateway.report.page import items, paragraph, section, write_page
 
 VERDICTS = {
@@ -168,6 +168,7 @@ def write_diagnosis(
             section("missing", "What is missing", _effects([s.candidate for s in d.selected], tied)),
             section("where", AGREES if d.verdict == "adequate" else FAILS, where),
             *evidence(models, _core_checks(comparison, models[0].fit) if comparison else ()),
+            section("curve", "dU/dT over the state of charge", curve_table(told.curve) if told.curve else ""),
             section("latent", "The heat that is missing", missing_heat(latent, models[0].fit) if latent else ""),
             section("ranking", "What it could be, ranked", ranking_table(told.ranking, second=d.decided_by_second)),
             section("errors", "Errors before and after" if d.selected else "Errors", errors_table(models)),

@@ -5,9 +5,10 @@ from html import escape
 
 import numpy as np
 
-from bms_gateway.diagnose.calibrate import AT_BOUND, UNIDENTIFIABLE, statuses
+from bms_gateway.diagnose.calibrate import AGAINST_FORMAT, AT_BOUND, UNIDENTIFIABLE, statuses
 from bms_gateway.diagnose.compare import CoreCheck
 from bms_gateway.diagnose.core_band import BAND_SD, at_times, half_width_K, posterior
+from bms_gateway.diagnose.curve import Curve
 from bms_gateway.diagnose.misfit import Level, Sensor
 from bms_gateway.diagnose.regimes import Bin, Regime
 from bms_gateway.identify.coordinates import Coordinate
@@ -137,7 +138,7 @@ def parameters_table(fit: MapFit) -> str:
             before = f"{amount(middle)} ± " + (f"{100 * c.sd:.0f} %" if p.log else amount(c.sd / p.to_si))
             limits = (log(c.lower) / p.to_si, log(c.upper) / p.to_si)
             u, what = unit(p.unit), f"{c.effect}: {p.description}"
-        kept = not status.startswith((UNIDENTIFIABLE, AT_BOUND))
+        kept = not status.startswith((UNIDENTIFIABLE, AT_BOUND, AGAINST_FORMAT))
         state = escape(status) if kept else f'<span class="alarm">{escape(status)}</span>'
         which = f" (record {record})" if record else ""
         label = f"{escape(name)} <span class='muted'>{escape(what)}{which}</span>"
@@ -159,6 +160,15 @@ def _free(fit: MapFit) -> list[tuple[Coordinate, float, float, str]]:
     sd = np.sqrt(np.diag(posterior(fit)))
     rows = zip(fit.problem.coordinates, fit.theta, sd, statuses(fit), strict=False)
     return [(c, float(z), float(s), status) for c, z, s, status in rows if not c.only_start]
+
+
+def curve_table(c: Curve) -> str:
+    """Give a coefficient over the state of charge with its standard deviation."""
+    rows = [
+        [f"{100.0 * s:.0f} %", f"{v:+.3f}".replace("-", "−"), f"{sd:.3f}"]
+        for s, v, sd in zip(c.soc, c.value, c.sd, strict=True)
+    ]
+    return table(["SOC", f"dU/dT, {c.unit}", "± sd"], rows)
 
 
 def heat_map(models: Sequence[Shown]) -> str:

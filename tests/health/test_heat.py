@@ -118,7 +118,7 @@ def test_what_a_fault_does_to_the_filter_is_what_its_signature_says() -> None:
     left = np.zeros(sound.at.states)
     left[sound.at.bias] = 1.0
     born = evidence.now - evidence._born[0]
-    onset = int(np.flatnonzero(born == 5)[0])
+    onset = int(np.flatnonzero(born == 5 * sound.dt)[0])
     moved = (jumped.z[0] - sound.z[0]) / SMALL
     assert moved == pytest.approx(left - evidence.moved(0, onset, fault), abs=1e-6)
 
@@ -151,7 +151,7 @@ def test_a_state_of_other_strings_is_refused() -> None:
 def test_after_a_pause_nothing_is_told_of_the_time_before() -> None:
     watch = HeatWatch([model("small")], 1.0)
     fed(watch, range(600))
-    watch.pause()
+    watch.pass_time(None)
     assert np.isnan(watch.told.heat).all()
     core, sd = np.full((1, CELLS), 30.0), np.ones((1, CELLS))
     assert watch.cores(core, sd)[0] is core
