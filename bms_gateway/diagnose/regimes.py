@@ -256,7 +256,7 @@ def _rounded(x: Floats, span: float) -> Floats:
     rough = span / 50.0
     power = 10.0 ** np.floor(np.log10(rough))
     step = power * min((1.0, 2.0, 5.0, 10.0), key=lambda s: abs(s * power - rough))
-    return np.asarray(np.round(np.round(x / step) * step, 10))
+    return np.asarray(np.round(np.round(x / step) * step, 10) + 0.0)  # no −0
 
 
 def _binned(

@@ -175,7 +175,10 @@ class Desk:
                 for step, own in f.drawn.items()
                 if name in own
             ]
-        return dict(self._drawn(joined(figure, steps), self.folder, window))
+        try:
+            return dict(self._drawn(joined(figure, steps), self.folder, window))
+        except FileNotFoundError:  # other files were opened meanwhile: the page is told, and asks again
+            return None
 
     def curves(self, name: str) -> Document | None:
         """Curves of an effect of the last diagnosis."""

@@ -82,3 +82,18 @@ def test_the_work_is_there_again(window, driver, pack, tmp_path):
         other.reload()
         other.wait("return document.querySelectorAll('#panel-add .way li').length === 3", patience_s=FIT_S)
         assert other.text("#error-text") == ""
+
+
+@pytest.mark.slow
+def test_a_duplicated_tab_is_its_own_desk(window, pack):
+    with served(pack.folder, *pack.words) as url:
+        page = window(url)
+        seen_compared(page)
+        page.idle(FIT_S)
+        page.run("window.twin = window.open('/')")  # which brings a copy of the tab's storage along
+        own = page.run("return JSON.parse(sessionStorage.workbench).desk")
+        desk = "return twin.document.body?.dataset.version && JSON.parse(twin.sessionStorage.workbench).desk"
+        assert page.wait(desk, patience_s=FIT_S) != own
+        shown = "return twin.document.querySelectorAll('#variants .tick').length"
+        page.wait(shown + " === 2", patience_s=FIT_S)
+        assert page.run("return JSON.parse(sessionStorage.workbench).desk") == own

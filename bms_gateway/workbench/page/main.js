@@ -78,6 +78,21 @@ function listen() {
   };
 }
 
+// A duplicated tab brings the name of a desk along that is another tab's: it gets its own, and goes the same way there.
+const ANSWER_MS = 150;
+const tabs = new BroadcastChannel("desks");
+async function alone() {
+  if (ui.desk) {
+    const taken = new Promise((done) => {
+      tabs.onmessage = (e) => { if (e.data.taken === ui.desk) done(true); };
+      setTimeout(() => done(false), ANSWER_MS);
+    });
+    tabs.postMessage({ asked: ui.desk });
+    if (await taken) keep({ desk: "" });
+  }
+  tabs.onmessage = (e) => { if (e.data.asked && e.data.asked === ui.desk) tabs.postMessage({ taken: ui.desk }); };
+}
+
 // This tab's desk; a fresh one where there is none, or the program was started anew.
 async function claim() {
   if (ui.desk) {
@@ -130,7 +145,7 @@ async function start() {
   document.addEventListener("visibilitychange", () => live.listen(ui.tab === "live" && !document.hidden));
   new ResizeObserver(() => document.documentElement.style.setProperty("--top", `${$("top").offsetHeight}px`)).observe($("top"));
   road.prepare();
-  const [site] = await Promise.all([get("site"), claim()]);
+  const [site] = await Promise.all([get("site"), alone().then(claim)]);
   if (site.watch) live.prepare(site.watch);
   const given = sessionStorage.getItem("seen");
   sessionStorage.setItem("seen", "1");
