@@ -420,6 +420,7 @@ class HeatWatch:
         return {
             **kept.numbers(self.filter),
             "now_ns": self._now_ns,
+            "readings": kept.readings(self._fine, self._noise, self._newest),
             "rest": [
                 kept.at_rest(self.filter, v.s, float(self._age[v.s]), float(self._inlet[v.s])) if resting[v.s] else None
                 for v in self.verdicts
@@ -437,6 +438,8 @@ class HeatWatch:
         """
         kept.take_numbers(self.filter, state)
         self._now_ns = int(state.get("now_ns", 0))
+        if "readings" in state:
+            self._fine, self._noise, self._newest = kept.take_readings(state["readings"], self._fine.shape)
         nothing = [None] * len(self.verdicts)  # older states have none
         for v, rest, found in zip(self.verdicts, state.get("rest", nothing), state.get("found", nothing), strict=True):
             if rest is not None and not self._shares:
