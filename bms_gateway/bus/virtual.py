@@ -5,7 +5,8 @@ comes with it, to be compared with what the gateway makes of the traffic.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -40,6 +41,29 @@ class Segment:
     core_C: Floats
     surface_C: Floats
     series: Mapping[Key, Series]
+
+
+@dataclass(frozen=True, slots=True)
+class PackFault:
+    """What breaks in the first string.
+
+    Attributes
+    ----------
+    during_s : (float, float)
+        When it begins and ends; whole seconds.
+    heat_W : mapping of int to float
+        Heat that a cell, from 1, makes by itself.
+    R_u, flow : float
+        Resistance to the coolant and its flow, over what they were.
+    current : float
+        Share that really flows of the current that is shown.
+    """
+
+    during_s: tuple[float, float]
+    heat_W: Mapping[int, float] = field(default_factory=dict)
+    R_u: float = 1.0
+    flow: float = 1.0
+    current: float = 1.0
 
 
 class VirtualPack:
@@ -81,9 +105,15 @@ class VirtualPack:
         self._start = tuple(self._start_state(s, rng) for s in plan.strings)
 
     def segments(
-        self, duration_s: float, *, rest_s: tuple[float, float] | None = None
+        self,
+        duration_s: float,
+        *,
+        rest_s: tuple[float, float] | None = None,
+        fault: PackFault | None = None,
     ) -> Iterator[tuple[Segment, ...]]:
         """Simulate from 0 to `duration_s`, some minutes at a time; between the ends of `rest_s` no current flows.
+
+        A fault breaks the first string for a while.
 
         Yields
         ------
@@ -91,6 +121,9 @@ class VirtualPack:
             One per string; the last instant of one is the first of the next.
         """
         steps = [discretize(continuous(p), STEP_S) for p in self.parameters]
+        fault = fault or PackFault((np.inf, np.inf))
+        broken = replace(self.parameters[0], R_u=self.parameters[0].R_u * fault.R_u).with_flow_ratio(fault.flow)
+        broken_step = discretize(continuous(broken), STEP_S)
         states = list(self._start)
         charge = [0.0] * len(states)
         whole = max(1, round(duration_s / STEP_S))
@@ -104,11 +137,21 @@ class VirtualPack:
             out = []
             for i, (string, p) in enumerate(zip(self.plan.strings, self.parameters, strict=True)):
                 inlet = self._inlet(string, time)
-                x = simulate(steps[i], states[i], np.outer(current[:-1] ** 2, p.R_e), inlet)
+                here = (time >= fault.during_s[0]) & (time < fault.during_s[1]) & (i == 0)
+                real = np.where(here, fault.current * current, current)
+                heat = np.outer(real[:-1] ** 2, p.R_e)
+                for cell, watts in fault.heat_W.items():
+                    heat[here[:-1], cell - 1] += watts
+                x = np.empty((len(time), len(states[i])))
+                x[0] = states[i]
+                edges = [0, *(np.flatnonzero(np.diff(here[:-1])) + 1).tolist(), len(time) - 1]
+                for a, b in pairwise(edges):
+                    x[a : b + 1] = simulate(broken_step if here[a] else steps[i], x[a], heat[a:b], inlet[a : b + 1])
                 states[i] = x[-1]
-                drawn = charge[i] + np.concatenate([[0.0], np.cumsum(current[:-1] * STEP_S)])
+                drawn = charge[i] + np.concatenate([[0.0], np.cumsum(real[:-1] * STEP_S)])
                 charge[i] = float(drawn[-1])
-                out.append(_segment(string, p, time, current, inlet, drawn, x))
+                flow = np.where(here, fault.flow, 1.0)
+                out.append(_segment(string, p, time, (current, real), inlet, flow, drawn, x))
             yield tuple(out)
 
     def _inlet(self, string: StringPlan, time: Floats) -> Floats:
@@ -142,12 +185,20 @@ def _truth(string: StringPlan, rng: np.random.Generator, scatter: float, common:
 
 
 def _segment(
-    string: StringPlan, p: StringParameters, time: Floats, current: Floats, inlet: Floats, drawn: Floats, x: Floats
+    string: StringPlan,
+    p: StringParameters,
+    time: Floats,
+    currents: tuple[Floats, Floats],
+    inlet: Floats,
+    flow: Floats,
+    drawn: Floats,
+    x: Floats,
 ) -> Segment:
+    current, real = currents  # as shown and as it is
     core, surface = x[:, 0::2], x[:, 1::2]
     model = string.model
     soc = np.clip(SOC_START - drawn / (3600.0 * (model.capacity_Ah or CAPACITY_AH)), 0.0, 1.0)
-    cells = (OCV_EMPTY_V + OCV_SPAN_V * soc)[:, None] - np.outer(current, p.R_e)
+    cells = (OCV_EMPTY_V + OCV_SPAN_V * soc)[:, None] - np.outer(real, p.R_e)
     series: dict[Key, Series] = {
         ("current", None): steps(time, current),
         ("voltage", None): steps(time, cells.sum(axis=1)),
@@ -155,7 +206,7 @@ def _segment(
         ("soc", None): lines(time, soc),
     }
     if model.flow is not None:
-        series["coolant_flow", None] = lines(time, np.full(len(time), model.flow))
+        series["coolant_flow", None] = steps(time, model.flow * flow)
     for k in range(model.cells):
         series["surface", k + 1] = lines(time, surface[:, k])
         series["cell_voltage", k + 1] = steps(time, cells[:, k])

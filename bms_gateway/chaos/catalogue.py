@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from bms_gateway.chaos.bus_faults import BusScenario, bus_scenarios
 from bms_gateway.chaos.facts import Facts
+from bms_gateway.chaos.heat_faults import heat_scenarios
 from bms_gateway.chaos.live import RealTimeBench
 from bms_gateway.chaos.scenario import Outcome, Scenario
 from bms_gateway.chaos.sensors import sensor_scenarios
@@ -15,7 +16,7 @@ from bms_gateway.engine.plan import Plan
 from bms_gateway.errors import UsageError, did_you_mean
 from bms_gateway.frames.database import Database
 
-ORDER = ("bus", "service", "frame", "sensor", "time")
+ORDER = ("bus", "service", "frame", "sensor", "heat", "time")
 
 
 class Chaos:
@@ -42,7 +43,7 @@ class Chaos:
         self._bus: Mapping[str, BusScenario] = {
             s.scenario.name: s for s in [*bus_scenarios(channel), *service_scenarios(channel)]
         }
-        stepped = [*frame_scenarios(facts), *sensor_scenarios(facts), *time_scenarios()]
+        stepped = [*frame_scenarios(facts), *sensor_scenarios(facts), *heat_scenarios(facts), *time_scenarios()]
         found = [*(s.scenario for s in self._bus.values()), *stepped]
         self.scenarios: Mapping[str, Scenario] = {s.name: s for s in sorted(found, key=lambda s: ORDER.index(s.kind))}
         self._live: RealTimeBench | None = None

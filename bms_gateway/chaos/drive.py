@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bms_gateway.bus.traffic import SECOND, Key, Series, Traffic
-from bms_gateway.bus.virtual import SEGMENT_S, SENSOR_NOISE_K, VirtualPack
+from bms_gateway.bus.virtual import SEGMENT_S, SENSOR_NOISE_K, PackFault, VirtualPack
 from bms_gateway.engine.plan import Plan
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.database import Database
@@ -68,8 +68,10 @@ class Drive:
         Faults of the sensors of the first string.
     fault_s : (float, float)
         When they begin and end.
-    parked : bool
-        No current flows between.
+    rest_s : (float, float), optional
+        Between these no current flows.
+    fault : PackFault, optional
+        What breaks in the pack.
     cycle : str
         Of `thermal.cycles.CYCLES`.
     """
@@ -82,18 +84,19 @@ class Drive:
         *,
         changes: Mapping[Key, Change] | None = None,
         fault_s: tuple[float, float] = (0.0, 0.0),
-        parked: bool = False,
+        rest_s: tuple[float, float] | None = None,
+        fault: PackFault | None = None,
         cycle: str = CYCLE,
     ) -> None:
         self._pack = VirtualPack(plan, seed, cycle=cycle)
         self._traffic = Traffic(plan, database)
-        self._changes, self._fault_s, self._parked = dict(changes or {}), fault_s, parked
+        self._changes, self._fault_s = dict(changes or {}), fault_s
+        self._rest_s, self._fault = rest_s, fault
         self._rng = np.random.default_rng([seed, 0xC4])
 
     def seconds(self, count: int, at_once: int = SEGMENT_S) -> Iterator[Second]:
         """Generate seconds of traffic in blocks of a given length, which is short where the bus is full."""
-        rest = self._fault_s if self._parked else None
-        for segments in self._pack.segments(count, rest_s=rest):
+        for segments in self._pack.segments(count, rest_s=self._rest_s, fault=self._fault):
             t = segments[0].time_s
             feeds = [
                 {key: self._sensed(index, key, series) for key, series in s.series.items()}

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import inf
 from typing import Protocol
 
 from bms_gateway.chaos.record import Record, Seen
@@ -54,20 +55,45 @@ class Marked:
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """A line for people with this code, and this word in it."""
+    """A line for people with this code, and this word in it; with `within_s`, so soon after the fault began."""
 
     code: str
     word: str = ""
+    within_s: float = inf
 
     @property
     def text(self) -> str:
         """Code and word."""
-        return f"told ({self.code}{': …' + self.word + '…' if self.word else ''})"
+        soon = f" within {self.within_s / 60.0:g} min" if self.within_s < inf else ""
+        return f"told ({self.code}{': …' + self.word + '…' if self.word else ''}){soon}"
 
     def first_s(self, record: Record) -> float | None:
         """See `Reaction`."""
         found = (x for x in record.lines if x.time_s > record.start_s and x.code == self.code and self.word in x.text)
-        return next((x.time_s for x in found), None)
+        first = next((x.time_s for x in found), None)
+        return None if first is None or first > record.start_s + self.within_s else first
+
+
+@dataclass(frozen=True, slots=True)
+class Untold:
+    """No line for people with one of these codes comes while the fault lasts."""
+
+    codes: tuple[str, ...]
+
+    @classmethod
+    def of(cls, *codes: str) -> "Untold":
+        """None of them."""
+        return cls(codes)
+
+    @property
+    def text(self) -> str:
+        """The codes."""
+        return f"nothing told as {' or '.join(self.codes)}"
+
+    def first_s(self, record: Record) -> float | None:
+        """See `Reaction`."""
+        told = any(x.code in self.codes and record.start_s < x.time_s <= record.end_s for x in record.lines)
+        return None if told else record.end_s
 
 
 @dataclass(frozen=True, slots=True)

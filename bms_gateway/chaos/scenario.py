@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.bus.traffic import Key
+from bms_gateway.bus.virtual import PackFault
 from bms_gateway.chaos.drive import CYCLE
 from bms_gateway.chaos.reaction import Reaction
 from bms_gateway.chaos.record import Record, Seen
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.thermal import Floats
 
-Kind = Literal["sensor", "frame", "time", "bus", "service"]
+Kind = Literal["heat", "sensor", "frame", "time", "bus", "service"]
 STEADY = 5  # seconds in a row that must be sound before a fault counts as recovered from
 
 
@@ -37,6 +38,10 @@ class Injection:
         What the wall clock shows when the bench starts, s since 1970.
     parked : bool
         The vehicle rests: no current, and no traffic.
+    rests : bool
+        No current flows from beginning to end; the frames go on.
+    pack : PackFault, optional
+        What breaks in the pack itself, whenever the fault lasts.
     cycle : str
         What is driven, of `thermal.cycles.CYCLES`.
     restart : bool
@@ -50,6 +55,8 @@ class Injection:
     epoch_s: float = 1_700_000_000.0
     parked: bool = False
     restart: bool = False
+    rests: bool = False
+    pack: PackFault | None = None
     cycle: str = CYCLE
 
 
@@ -71,6 +78,8 @@ class Scenario:
     recovers_s : float
         How long the gateway may take after it.
     injection : Injection
+    warm_s : float
+        How long the gateway runs before it begins: until the sensors are believed and the unknown start is forgotten.
     misleads : bool
         Until it is noticed it cannot be known, and cores may be off; afterwards their band must hold again.
     unfit : str
@@ -86,6 +95,7 @@ class Scenario:
     injection: Injection = field(default_factory=Injection)
     unfit: str = ""
     misleads: bool = False
+    warm_s: float = 90.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ queues) run on the live bench.
 
 import json
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -24,7 +25,6 @@ from bms_gateway.engine import Engine, Notice, Plan, SendFrames, drain
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.database import Database
 
-WARM_S = 90  # until the sensors are believed and the unknown start is forgotten
 SLICE_NS = SECOND // 10
 SETTLE_NS = 2_000_000  # as the service waits with a deadline
 LONG_S = 180  # of a longer rest only so much is gone through step by step: then the engine sleeps
@@ -146,15 +146,17 @@ class SteppedBench:
     def record(self, scenario: Scenario) -> Record:
         """Run one scenario and give all that was seen."""
         injection = scenario.injection
-        record = Record(WARM_S, WARM_S + scenario.lasts_s)
+        record = Record(scenario.warm_s, scenario.warm_s + scenario.lasts_s)
+        fault_s = record.start_s, record.end_s
         seconds = int(record.end_s + scenario.recovers_s + STEADY)
         drive = Drive(
             self._plan,
             self._database,
             self._seed,
             changes=injection.values,
-            fault_s=(record.start_s, record.end_s),
-            parked=injection.parked,
+            fault_s=fault_s,
+            rest_s=(0.0, np.inf) if injection.rests else fault_s if injection.parked else None,
+            fault=None if injection.pack is None else replace(injection.pack, during_s=fault_s),
             cycle=injection.cycle,
         )
         engine = Engine(self._plan, self._database)

@@ -105,7 +105,9 @@ def life(hours: float, first: int) -> dict[str, object]:
     while seen < hours:
         pack, (every, burst), step = kinds[(seed // batch) % len(kinds)]
         case = Case(pack, 0, seconds, "rest", at=seconds, step=step)
-        for told in follow(make(with_seeds(case, range(seed, seed + batch))), every, burst, restarts=seed % 3 == 0):
+        for told in follow(
+            make(with_seeds(case, range(seed, seed + batch))), every, burst, restarts=(seed // batch) % 5 < 2
+        ):
             for _, code, _ in told:
                 counts[code] = counts.get(code, 0) + 1
         seen, seed = seen + batch * seconds / 3600.0, seed + batch

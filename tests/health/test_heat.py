@@ -3,6 +3,7 @@
 The truth is `tests.truth.pack` by way of the benchmark's cases; seeds here are none of the benchmark's.
 """
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -195,3 +196,75 @@ def test_a_thermocouple_that_drifts_by_two_kelvin_an_hour_is_told(pack: str) -> 
         told = [t - case.at for t, code, cell in alerts if (code, cell) == ("thermocouple", case.cell)]
         right += bool(told) and told[0] > 600 and not any(code == "unexplained_heat" for _, code, _ in alerts)
     assert right >= 5  # in the first ten minutes a drift can look like heat
+
+
+def parked(watch: HeatWatch, surface: np.ndarray, hours: range, start_s: int = 0) -> list[tuple[int, str, int | None]]:
+    """Wake a string once an hour for twenty seconds; surface (12,) of each hour, °C, from a function of the hour."""
+    told, rng = [], np.random.default_rng(8)
+    nothing, silence, age = np.full((1, CELLS), np.nan), np.full(1, np.nan), np.zeros((1, CELLS))
+    for h in hours:
+        if h:
+            watch.pass_time(3520.0)
+        for k in range(80):
+            now = (start_s + 3600 * h + k + 1) * 10**9
+            y = np.full((1, CELLS), np.nan)
+            y[0, np.array(SENSORS) - 1] = (surface[h] + rng.normal(0.0, 0.05, CELLS))[np.array(SENSORS) - 1]
+            tick = (np.zeros(1), None, np.zeros(1), np.full(1, 25.0), y, age)
+            found = watch.add(now, *(tick if k < 20 else (silence, None, silence, silence, nothing, age)))
+            told += [(h, f.code, f.cell) for _, f in found or () if f.level]
+    return told
+
+
+def warmed(hours: int, cell: int, onset: int, kelvin: float) -> np.ndarray:
+    """Surfaces (hours, 12), °C: one cell warms, and its neighbours by a half and a quarter of it."""
+    away = np.abs(np.arange(1, CELLS + 1) - cell)
+    return 25.0 + np.outer(np.arange(hours) >= onset, kelvin * 0.45**away)
+
+
+def test_a_parked_cell_that_warmed_is_told_at_the_next_wake_up_and_a_restart_ends_no_alarm() -> None:
+    surface = warmed(6, 6, 3, 5.0)
+    watch = HeatWatch([model("small")], 1.0)
+    assert parked(watch, surface, range(3)) == []
+    kept = json.loads(json.dumps(watch.snapshot()))
+    second = HeatWatch([model("small")], 1.0)
+    second.restore(kept)
+    told = parked(second, surface, range(3, 4))
+    assert [(h, code) for h, code, _ in told] == [(3, "unexplained_heat")]
+    third = HeatWatch([model("small")], 1.0)
+    third.restore(json.loads(json.dumps(second.snapshot())))
+    found = third.verdicts[0].findings
+    assert [(f.code, f.cell) for f in found] == [("unexplained_heat", told[0][2])]
+    assert "since about" in found[0].text
+    parked(third, surface, range(4, 6))
+    assert third.verdicts[0].hot  # it is still warm
+
+
+def test_a_current_before_the_sleep_makes_the_string_begin_anew() -> None:
+    watch = HeatWatch([model("small")], 1.0)
+    fed(watch, range(600))
+    assert watch.filter.running.all()
+    watch.add(
+        601 * 10**9,
+        np.full(1, 25.0),
+        None,
+        np.full(1, 5.0),
+        np.full(1, 25.0),
+        np.full((1, CELLS), 25.0),
+        np.zeros((1, CELLS)),
+    )
+    watch.pass_time(3600.0)
+    assert not watch.filter.running.any()
+
+
+def test_damaged_states_of_a_string_at_rest_are_refused() -> None:
+    watch = HeatWatch([model("small")], 1.0)
+    fed(watch, range(600))
+    sound = json.loads(json.dumps(watch.snapshot()))
+    for spoil in (
+        {"covariance": sound["rest"][0]["covariance"][:-8]},
+        {"temperatures": [1e9] * (2 * CELLS)},
+        {"age_s": float("nan")},
+    ):
+        state = {**sound, "rest": [{**sound["rest"][0], **spoil}]}
+        with pytest.raises(ValueError, match=r"heat|base64|padding|buffer"):
+            HeatWatch([model("small")], 1.0).restore(state)

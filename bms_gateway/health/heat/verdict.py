@@ -62,7 +62,9 @@ MORE = 0.5
 SUSPECT = 5.0
 """ln evidence from which a change of the heat that is the likeliest of all is counted before it is believed."""
 ENDED_SD, ENDED_S = 2.0, 300.0
-"""Heat below so many sd for so long is over."""
+"""Heat is over if it is below so many sd for so long,"""
+ENDED_SHARE = 0.5
+"""and below this share of what was found."""
 QUIET_SD, QUIET_S = 3.0, 900.0
 """A thermocouple set aside that is within this of its prediction for so long is used again."""
 
@@ -340,6 +342,7 @@ class Verdict:
             h = at.heat.start + np.array(g.places)
             heat, P = f.z[s, h], f.P[s][np.ix_(h, h)]
             chance = float(heat @ np.linalg.solve(P, heat)) < ENDED_SD**2 + len(h) - 1
+            chance = chance and float(heat.sum()) < ENDED_SHARE * g.size  # not for want of knowledge alone
             return self._quiet(g, now_ns, chance or float(heat.sum()) < LEAST_RATE * float(f.C[s, g.place]), ENDED_S)
         if g.kind is Kind.JUMP:
             return self._quiet(g, now_ns, abs(float(f.z[s, at.bias.start + g.place])) < BACK_JUMP, 60.0)

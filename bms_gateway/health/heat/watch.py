@@ -107,7 +107,7 @@ class HeatWatch:
         self._age = np.zeros(S)
         self._row = np.arange(S)[:, None]
         self._inlet, self._heard_inlet = np.full((2, S), np.nan)
-        self._last = np.full((S, m), np.nan)
+        self._last, self._newest = np.full((2, S, m), np.nan)
         self._fine = np.full((S, m), np.inf)
         self._noise = np.full((S, m), READING_SD**2)
         self._rest, self._now_ns = Rest.of(S), 0
@@ -226,8 +226,10 @@ class HeatWatch:
         mean = np.where(there, y, 0.0).sum(axis=0) / divisor
         lag = np.where(there, age + back, 0.0).sum(axis=0) / divisor
         step = np.abs(np.diff(np.concatenate((self._last[None], y)), axis=0))
-        moved = np.where(step > FINE, step, np.inf).min(axis=0)
-        self._fine = np.minimum(self._fine, moved)
+        for now in y:  # steps show between rare frames too
+            moved = np.abs(now - self._newest)
+            self._fine = np.where(moved > FINE, np.minimum(self._fine, moved), self._fine)
+            self._newest = np.where(np.isfinite(now), now, self._newest)
         both = np.isfinite(step)
         count = both.sum(axis=0)
         square = np.where(both, np.square(step), 0.0).sum(axis=0) / 2.0
@@ -419,6 +421,7 @@ class HeatWatch:
         return {
             **kept.numbers(self.filter),
             "now_ns": self._now_ns,
+            "readings": kept.readings(self._fine, self._noise, self._newest),
             "rest": [
                 kept.at_rest(self.filter, v.s, float(self._age[v.s]), float(self._inlet[v.s])) if resting[v.s] else None
                 for v in self.verdicts
@@ -436,6 +439,8 @@ class HeatWatch:
         """
         kept.take_numbers(self.filter, state)
         self._now_ns = int(state.get("now_ns", 0))
+        if "readings" in state:
+            self._fine, self._noise, self._newest = kept.take_readings(state["readings"], self._fine.shape)
         nothing = [None] * len(self.verdicts)  # older states have none
         for v, rest, found in zip(self.verdicts, state.get("rest", nothing), state.get("found", nothing), strict=True):
             if rest is not None and not self._shares:
