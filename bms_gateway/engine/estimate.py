@@ -1,6 +1,6 @@
 """All strings' estimators side by side: observers stacked by string length, an identifier and the health of each."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from hashlib import sha256
 from math import nan
@@ -108,14 +108,10 @@ class Estimators:
             s = self.strings[i]
             level = Level.WARNING if s.mismatch.flag.level else Level.NOTICE
             told.setdefault(i, []).append(Notice(t1, level, "mismatch", s.mismatch.sentence(), s.plan.name))
+        for i, change in self._discharges(readings, t1):
+            told.setdefault(i, []).append(_told(change, self.strings[i].plan.name, t1))
         if t1 % ADOPT_NS == 0:
-            for group in self._groups:
-                for j in group.adopts:
-                    self._adopt(group, j)
-                    s = group.strings[j]
-                    events = told.setdefault(group.members[j], [])
-                    events.append(Parameters(t1, s.plan.name, (*s.estimates, *s.effects)))
-                    events += _commissioned(s, t1)
+            self._adopt_all(told, t1)
         self._gap_s = 0.0
         foreseen = self.forecasts.take(readings, t1)
         numbers = newest.core, newest.core_sd, newest.surface, newest.quality, newest.centre, newest.centre_sd
@@ -126,6 +122,16 @@ class Estimators:
         if foreseen is not None:
             in_order.append(foreseen)
         return TickResult([all_cells, *in_order], sorted(jobs, key=itemgetter(0)))
+
+    def _adopt_all(self, told: dict[int, list[Event]], t1: int) -> None:
+        """Give the observers what recursive methods know now."""
+        for group in self._groups:
+            for j in group.adopts:
+                self._adopt(group, j)
+                s = group.strings[j]
+                events = told.setdefault(group.members[j], [])
+                events.append(Parameters(t1, s.plan.name, (*s.estimates, *s.effects)))
+                events += _commissioned(s, t1)
 
     def _step_group(
         self,
@@ -214,6 +220,17 @@ class Estimators:
             self.newest.heat, self.newest.heat_sd = heats
         return watch.cores(*cores)
 
+    def _discharges(self, readings: Readings, t1: int) -> Iterator[tuple[int, Change]]:
+        """Let the strings that hear their cells' voltages look for cells that discharge themselves."""
+        for i, s in enumerate(self.strings):
+            if s.health.self_discharge is None:
+                continue
+            pairs = readings.cells[i] if readings.cells else None
+            current = float(readings.means[0, i])
+            volts = None if pairs is None else pairs.V
+            for change in s.health.discharges(t1, current, current * self._dt / 3600.0, volts):
+                yield i, change
+
     def errors(self) -> tuple[Floats, Floats]:
         """Tell what readings of all cells (N,) were off at the newest tick, and should be, K; NaN where unread."""
         value, sd = np.full((2, len(self.newest.core)), nan)
@@ -284,9 +301,11 @@ class Estimators:
             else:
                 group.observed.observer.propagate(gap_s, unseen=unseen)
             if group.watch is not None:
-                group.watch.pause()
+                group.watch.pass_time(gap_s, unseen=unseen)
         for s in self.strings:
             s.mismatch.resume()
+            if s.health.self_discharge is not None:
+                s.health.self_discharge.pass_time(gap_s)
             if s.voltage is not None:
                 s.voltage.reset()
 

@@ -112,6 +112,8 @@ class Group:
             self.reveal(j)
         if self.watch is not None and heat is not None:
             self.watch.restore(heat)
+            for s, v in zip(self.strings, self.watch.verdicts, strict=True):
+                s.health.heat = v.findings
 
     def by_cell(self, row: Floats) -> Floats:
         """Take its cells out of those of all (N,), as (S, n)."""

@@ -14,6 +14,7 @@ from bms_gateway.engine.plan import Plan, StringPlan
 from bms_gateway.engine.readings import Reading
 from bms_gateway.frames.quality import Quality
 from bms_gateway.health import Ageing, Mismatch, StringHealth
+from bms_gateway.health.self_discharge import SelfDischarge
 from bms_gateway.identify import (
     Estimate,
     Identifier,
@@ -35,6 +36,7 @@ from bms_gateway.thermal.centre import hottest_of
 GOOD_SD = 0.1  # relative; an electrical resistance known worse than this is still being learnt
 CELL_V = (2.0, 4.6)  # V: lithium-ion, empty to full; a string's voltage shared out is not below
 CAPACITY_AH = 8.0  # where the model file does not say; the voltage's slope needs its order of magnitude only
+LEAST_CELLS = 3  # a string whose median a single cell does not move
 
 FLAG_NAMES = {
     "ageing": ("", "R_e_watch", "R_e_warning", "R_e_alarm"),
@@ -45,6 +47,7 @@ FLAG_NAMES = {
     "unexplained_heat": ("", "unexplained_heat", "unexplained_heat"),
     "missing_heat": ("", "missing_heat", "missing_heat"),
     "inlet": ("", "inlet_warning", "inlet_alarm"),
+    "self_discharge": ("", "self_discharge_warning", "self_discharge_alarm"),
 }
 """Names of raised flags by their word and level."""
 
@@ -226,6 +229,8 @@ class StringEstimator:
             cells=cells,
             kept=numbers_kept(plan.model),
         )
+        if cells is not None and n >= LEAST_CELLS:
+            own.health.self_discharge = SelfDischarge(n, plan.model.capacity_Ah)
         own.estimates = own.known()
         return own
 

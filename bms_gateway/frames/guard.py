@@ -255,7 +255,7 @@ class Guard:
         jumped = usable & known & (step > self._jump[c] + self._rate[c] * seconds)
         alone = None
         if self._neighbours.any_doubted(c):
-            alone = self._neighbours.compare(c, value, usable)
+            alone = self._neighbours.compare(c, value, usable, seconds)
             jumped |= known & alone.astray
         stepped = usable & (step > 0)
         updated[c] |= usable

@@ -32,6 +32,8 @@ ASTRAY_K, ASTRAY_STEPS = 2.0, 6.0
 """A channel is astray beyond this distance, K, and beyond this many usual steps of its group. No surface leaves its
 neighbours by so much within some seconds. A usual step is 1.1 standard deviations of the noise, and sensors of one
 string may differ in noise by a factor of four."""
+SOON_S = 10.0
+"""A sample that comes later is compared from its new place on: between rare frames a cell may leave its neighbours."""
 FAR_K, FAR_SPREADS = 4.0, 6.0
 """A level is far beyond this distance from the median, K, and beyond this many usual distances: strings at rest have
 even temperatures."""
@@ -98,16 +100,21 @@ class Neighbours:
         """Whether any of these channels is not trusted yet."""
         return bool((self._trust[c] < TRUSTED).any())
 
-    def compare(self, c: Index | slice, value: Floats, usable: Bools) -> Compared:
-        """Compare one sample of each of several channels with their groups as they were until the last interval."""
+    def compare(self, c: Index | slice, value: Floats, usable: Bools, seconds: Floats) -> Compared:
+        """Compare one sample of each of several channels with their groups as they were until the last interval.
+
+        `seconds` have passed since each channel's last sample.
+        """
         group, before = self._group[c], self._distance[c]
         asked = usable & (self._trust[c] < TRUSTED)
         distance = value - self._middle[group]
         astray = asked & (np.abs(distance - before) > np.maximum(ASTRAY_K, ASTRAY_STEPS * self._usual[group]))
+        late = seconds > SOON_S
+        astray &= ~late
         far = asked & (np.abs(distance) > np.maximum(FAR_K, FAR_SPREADS * self._spread[group]))
         strays = asked & (self._step[c] >= STRAYS_K) & (self._away[group] >= AWAY_K)
         # a channel that went astray is compared with its new place: a thermometer that was plugged in again stays there
-        anew = astray | np.isnan(before)
+        anew = astray | late | np.isnan(before)
         self._distance[c] = np.where(asked, np.where(anew, distance, before + (distance - before) / OVER), before)
         return Compared(astray, far, strays)
 

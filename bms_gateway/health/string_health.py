@@ -14,6 +14,7 @@ from bms_gateway.health.cells import CellGrowth
 from bms_gateway.health.collect import WINDOW_S, Collector
 from bms_gateway.health.heat.verdict import Finding
 from bms_gateway.health.mismatch import Mismatch
+from bms_gateway.health.self_discharge import Leak, SelfDischarge
 from bms_gateway.health.trend import B_PRIOR, SHAPE_SD, UNKNOWN, G, J, L, Prior, Trend
 from bms_gateway.health.window_fit import FIRST_OFFSET, DriveWindow, Observed, at_mean_charge, fit_window
 from bms_gateway.identify import Tick
@@ -111,6 +112,7 @@ class StringHealth:
         self.current, self.mismatch, self.history = CurrentWatch(), mismatch or Mismatch(), History()
         self.cells: CellGrowth | None = None
         self.heat: Sequence[Finding] = ()
+        self.self_discharge: SelfDischarge | None = None
         self.collector = Collector()
         self.trend: Trend | None = None
         self.flow_known = False
@@ -290,6 +292,9 @@ class StringHealth:
             facts = {"heat_W": f.heat, "heat_sd_W": f.heat_sd} if f.heat == f.heat else {}
             yield Change(f.code, f.level, f.text, f.cell, facts)
 
+        for leak in self.self_discharge.leaks.values() if self.self_discharge is not None else ():
+            yield _of_leak(leak, leak.level)
+
     def _slow(self) -> Iterator[Change]:
         if level := self.current.flag.level:
             yield Change("current", level, self.current.sentence())
@@ -304,6 +309,13 @@ class StringHealth:
             yield Change("thermocouple", level, self.drift.sentence(), self.drift.worst or None)
         if level := self.mismatch.flag.level:
             yield Change("mismatch", level, self.mismatch.sentence())
+
+    def discharges(self, now_ns: int, current: float, charge_Ah: float, V: Floats | None) -> list[Change]:
+        """Take in a tick's current, A, charge that flowed, Ah, and voltages of the cells (n,), V; what has changed."""
+        if self.self_discharge is None:
+            return []
+        found = self.self_discharge.take(now_ns, current, charge_Ah, V)
+        return [_of_leak(leak, leak.level if raised else 0) for leak, raised in found]
 
     def reset(self, cell: int | None, reason: str, now: int) -> str:
         """Make a new baseline: cells were replaced. Returns what was done, in words; nothing where it was done before.
@@ -349,6 +361,7 @@ class StringHealth:
             "cells": None if self.cells is None else self.cells.snapshot(),
             "flow_known": self.flow_known,
             "history": self.history.snapshot(),
+            "self_discharge": None if self.self_discharge is None else self.self_discharge.snapshot(),
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
@@ -371,8 +384,17 @@ class StringHealth:
             self.drift.restore(self.trend, state["drift"], state.get("contact"))
         self.ageing.restore(state["ageing"])
         self.current.restore(state["current"])
+        if self.self_discharge is not None and state.get("self_discharge") is not None:
+            self.self_discharge.restore(state["self_discharge"])
         if state["cells"] is not None:
             self.cells = CellGrowth(self.model.cells)
             self.cells.restore(state["cells"])
         self.flow_known = bool(state["flow_known"])
         self.history.restore(state["history"])
+
+
+def _of_leak(leak: Leak, level: int) -> Change:
+    """Tell of a cell that discharges itself, or (level 0) no longer does."""
+    facts = {"current_A": leak.current, "current_sd_A": leak.current_sd} if leak.current == leak.current else {}
+    text = leak.text if level else f"cell {leak.cell} does not discharge itself any more"
+    return Change("self_discharge", level, text, leak.cell, facts)

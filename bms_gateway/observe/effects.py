@@ -432,7 +432,8 @@ class EffectObserver:
         here = self._readings(z, row, memory)
         if self._physics.reads:
             moved = [self._readings(z, row, memory, u.moved(self._v)) - here for u in self._uncertain]
-            self._G = np.stack([d / u.step for d, u in zip(moved, self._uncertain, strict=True)], axis=1)
+            slopes = [d / u.step for d, u in zip(moved, self._uncertain, strict=True)]
+            self._G = np.reshape(slopes, (len(slopes), len(here))).T  # of none, where every number is known exactly
 
     def _force(self, row: Floats, z: Floats) -> None:
         """Gather a step; when a block is full, find how its rates move with the uncertain numbers."""

@@ -30,7 +30,8 @@ PREFIX: Final = "bms_gateway_"
 UNREFUSED: Final = (Quality.GOOD, Quality.ESTIMATED, Quality.DOUBTFUL, Quality.NEVER)
 REASONS: Final = [q.name.lower() for q in Quality if q not in UNREFUSED]
 FLAGS: Final = (
-    *("ageing", "cooling", "current", "inlet", "mismatch", "missing_heat", "thermocouple", "unexplained_heat"),
+    *("ageing", "cooling", "current", "inlet", "mismatch", "missing_heat", "self_discharge", "thermocouple"),
+    "unexplained_heat",
 )
 """Flags of a string, as `StringHealth.conditions` calls them."""
 

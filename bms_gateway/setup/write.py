@@ -135,7 +135,14 @@ def _model(
         coolant="ntu" if condition == "full" else "bulk",
         capacity_Ah=capacity,
         flow=float(f"{nominal:.4g}") if nominal > 0 else None,
+        cell_format=_in_words(lumped) if known else None,
     )
+
+
+def _in_words(cell: CellFacts) -> str:
+    """Describe a cell as `cell_of` reads it, with how many are one of the model."""
+    told = cell_of(cell.name).parallel == cell.parallel
+    return cell.name if told else f"{cell.name} {cell.parallel}p"
 
 
 def _heading(lumped: CellFacts, known: bool, resistance: float | None) -> str:

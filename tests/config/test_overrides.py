@@ -11,7 +11,7 @@ from bms_gateway.errors import ConfigError
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.decode import decode
 from bms_gateway.frames.quality import Quality
-from tests.config.bench_cell import PARAMETERS
+from tests.config.bench_cell import PARAMETERS, one_cell
 
 DBC = """VERSION ""
 BU_: X
@@ -26,8 +26,7 @@ BO_ 257 Temps: 8 X
 
 def config(folder: Path, current: str, surface: str = '"Temps.T1"') -> Path:
     (folder / "car.dbc").write_text(DBC)
-    model = 'cells = 1\nsensors = [1]\ncondition = "single"\neffects = []\n[parameters]\n' + PARAMETERS["authors"]
-    (folder / "cell.toml").write_text(model)
+    (folder / "cell.toml").write_text(one_cell(2.3, **PARAMETERS["authors"]))
     path = folder / "gateway.toml"
     path.write_text(
         '[bus]\ndbc = ["car.dbc"]\n[[string]]\nname = "s"\nmodel = "cell.toml"\n[string.signals]\n'

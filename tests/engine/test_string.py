@@ -271,7 +271,8 @@ def test_flags_have_a_name_for_every_level() -> None:
         *("R_e_watch", "R_e_warning", "R_e_alarm", "cooling_warning", "cooling_alarm"),
         *("thermocouple_warning", "thermocouple_alarm", "current_suspected", "current_confirmed"),
         *("mismatch_suspected", "mismatch_confirmed", "unexplained_heat", "unexplained_heat"),
-        *("missing_heat", "missing_heat", "inlet_warning", "inlet_alarm", "R_e_watch:3"),
+        *("missing_heat", "missing_heat", "inlet_warning", "inlet_alarm"),
+        *("self_discharge_warning", "self_discharge_alarm", "R_e_watch:3"),
     )
 
 

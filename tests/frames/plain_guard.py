@@ -153,7 +153,7 @@ class PlainGuard:
         step = abs(value - c.previous)
         seconds = max(time_ns - c.previous_ns, 0) * 1e-9
         jumped = usable and known and step > rule.jump + rule.jump_rate * seconds
-        astray, far, strays = self.beside(c, value) if usable and c.doubted else (False, False, False)
+        astray, far, strays = self.beside(c, value, seconds) if usable and c.doubted else (False, False, False)
         jumped |= known and astray
         if usable:
             c.seen = True
@@ -195,13 +195,14 @@ class PlainGuard:
             c.cause = Quality.GOOD
         return c.cause
 
-    def beside(self, c: Channel, value: float) -> tuple[bool, bool, bool]:
+    def beside(self, c: Channel, value: float, seconds: float) -> tuple[bool, bool, bool]:
         """Whether it goes astray, is far from its neighbours, and would come home alone."""
         middle = self.middles[c.kind]
         distance = value - middle.level
         off = distance - c.distance
-        astray = abs(off) > 2.0 and abs(off) > 6.0 * middle.usual
-        c.distance = distance if astray or math.isnan(c.distance) else c.distance + off / 8
+        late = seconds > 10.0  # between rare frames a cell may leave its neighbours
+        astray = not late and abs(off) > 2.0 and abs(off) > 6.0 * middle.usual
+        c.distance = distance if astray or late or math.isnan(c.distance) else c.distance + off / 8
         far = abs(distance) > 4.0 and abs(distance) > 6.0 * middle.spread
         return astray, far, c.usual >= 0.2 and middle.away >= 0.1
 

@@ -118,7 +118,7 @@ def test_what_a_fault_does_to_the_filter_is_what_its_signature_says() -> None:
     left = np.zeros(sound.at.states)
     left[sound.at.bias] = 1.0
     born = evidence.now - evidence._born[0]
-    onset = int(np.flatnonzero(born == 5)[0])
+    onset = int(np.flatnonzero(born == 5 * sound.dt)[0])
     moved = (jumped.z[0] - sound.z[0]) / SMALL
     assert moved == pytest.approx(left - evidence.moved(0, onset, fault), abs=1e-6)
 
@@ -151,7 +151,7 @@ def test_a_state_of_other_strings_is_refused() -> None:
 def test_after_a_pause_nothing_is_told_of_the_time_before() -> None:
     watch = HeatWatch([model("small")], 1.0)
     fed(watch, range(600))
-    watch.pause()
+    watch.pass_time(None)
     assert np.isnan(watch.told.heat).all()
     core, sd = np.full((1, CELLS), 30.0), np.ones((1, CELLS))
     assert watch.cores(core, sd)[0] is core
@@ -183,3 +183,15 @@ def test_readings_of_a_fire_break_nothing(seed: int) -> None:
         assert np.all(np.isnan(told.core_sd) | (told.core_sd >= 0.0))
     assert np.isfinite(watch.filter.z).all()
     assert (np.einsum("skk->sk", watch.filter.P) >= 0.0).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("pack", ["small", "liquid"])
+def test_a_thermocouple_that_drifts_by_two_kelvin_an_hour_is_told(pack: str) -> None:
+    # Bug: what the drift itself said for it became usual, and weighed less and less.
+    case = Case(pack, 0, 6300, drive="us06", fault="drift", size=2.0)
+    right = 0
+    for alerts in raised(case, range(60, 66)):
+        told = [t - case.at for t, code, cell in alerts if (code, cell) == ("thermocouple", case.cell)]
+        right += bool(told) and told[0] > 600 and not any(code == "unexplained_heat" for _, code, _ in alerts)
+    assert right >= 5  # in the first ten minutes a drift can look like heat

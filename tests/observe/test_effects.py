@@ -73,6 +73,14 @@ def test_an_effect_of_no_strength_leaves_what_the_observer_without_effects_says(
         assert np.nanmax(np.abs(a - b)) < tolerance, name
 
 
+@pytest.mark.parametrize("name", ["thermocouple_lag", "thermocouple_offset", "surface_joule"])
+def test_a_string_of_which_every_number_is_known_exactly_is_followed(name):
+    """Nothing is uncertain then, a reading's slopes by it are none, and the band is that of the readings alone."""
+    exactly = with_effects(model(1, (1,)), effect(name))
+    found = run(EffectObserver(exactly, 1.0), np.full(60, 20.0), np.full(61, 25.0), np.full((61, 1), 25.0))
+    assert all(np.isfinite(e.core).all() and np.isfinite(e.core_sd).all() for e in found[1:])
+
+
 def test_left_alone_it_runs_as_the_true_string_whose_resistance_falls():
     n, minutes = 4, 20
     current, inlet = repeated(minutes, 2), 10.0 + 4.0 * np.sin(np.arange(minutes * 60 + 1) / 150)

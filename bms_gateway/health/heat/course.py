@@ -102,6 +102,11 @@ class Course:
         """Growth of R_u (S,) against what it has been."""
         return (1.0 - self.film) / (1.0 - np.minimum(f.z[:, f.at.flow], MOST_LOSS)) - 1.0
 
+    def sleep(self, slept_s: float) -> None:
+        """Take in a time in which nothing flowed."""
+        self.load = self.load * exp(-slept_s / 600.0)
+        self.warmed = self.warmed * exp(-slept_s / 120.0)
+
     def take(self, f: HeatFilter, heat: Floats, inlet: Floats, heard: Bools) -> Bools:
         """Take in a step: heat by the current (S, n), W, inlet (S,), °C; tell which strings are to be looked at."""
         at, dt = f.at, f.dt

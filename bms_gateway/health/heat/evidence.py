@@ -32,7 +32,9 @@ from bms_gateway.thermal import Floats
 
 ONSETS = 10
 OLDEST = 3600.0
-"""s: what is older has gone into what the filter carries."""
+"""s: what is older has gone into what the filter carries,"""
+OLDEST_READ = 20
+"""if it was read in so many steps since; frames of a parked string are rare."""
 HEAT_SIZE = 4e-2
 """K/s of the cell's heat capacity: prior sd of a fault's heat."""
 
@@ -120,11 +122,13 @@ class Evidence:
         self._at, self._of = at, of
         self._s = np.zeros((S, at.states, ONSETS, H))
         self._C, self._D = np.zeros((2, S, ONSETS, H))
-        self._born = np.zeros((S, ONSETS), np.int64)  # step of the onset
+        self._born = np.zeros((S, ONSETS))  # s, of the onset
         self._late = np.full((S, m, ONSETS), np.nan)
         self._slots: list[int] = []  # in the order of their age, the oldest first
-        self._birth: list[int] = []
-        self.now = 0
+        self._birth: list[float] = []
+        self._read_before: list[int] = []
+        self._read = 0  # steps with readings
+        self.now = 0.0  # s of the filter's steps
         for s in range(S):
             self.forget(s)
 
@@ -135,19 +139,24 @@ class Evidence:
         self._born[s] = self.now
         self._late[s] = np.nan
 
-    def take(self, x: Linear) -> None:
-        """Take in one step of the filter."""
+    def take(self, x: Linear, *, read: bool = True) -> None:
+        """Take in one step of the filter; `read`: of which readings came."""
         self._begin()
+        self._read += read
         at, H = self._at, len(self.kinds)
         N, m, a = at.nodes, at.sensed, at.near
         flat = self._s.reshape(at.strings, at.states, ONSETS * H)
         top = np.matmul(x.G, flat)
         decay = self._of.decay
         s = np.concatenate((top, flat[:, N:] * decay[:, None]), axis=1)
-        self.now += 1
+        if not read:  # a fault lasts while the filter forgets; this shows only where frames are rare
+            lasting = s.reshape(at.strings, at.states, ONSETS, H)
+            j = np.arange(a)
+            lasting[:, at.heat.start + j, :, j] += 1.0 - decay[at.heat.start - N]
+        self.now += self._of.dt
         g = np.matmul(self._of.H, s).reshape(at.strings, m, ONSETS, H)
         k = np.arange(m)
-        hours = (self.now - self._born) * (self._of.dt / 3600.0)
+        hours = (self.now - self._born) / 3600.0
         g[:, k, :, a + m + k] += hours
         g[:, k, :, a + 2 * m + k] += (x.coolant - x.surface).T[:, :, None]
         g[:, k, :, a + 3 * m + k] += self._lagging(x).transpose(1, 0, 2)
@@ -172,15 +181,17 @@ class Evidence:
         if len(self._slots) < ONSETS:
             slot = len(self._slots)
         else:
-            ages = [self.now - b + 1 for b in self._birth]
-            if ages[0] * self._of.dt > OLDEST:
+            ages = [self.now - b + self._of.dt for b in self._birth]
+            if ages[0] > OLDEST and self._read - self._read_before[0] >= OLDEST_READ:
                 i = 0
             else:
                 i = min(range(1, ONSETS - 1), key=lambda i: ages[i - 1] / ages[i + 1])
             slot = self._slots.pop(i)
             self._birth.pop(i)
+            self._read_before.pop(i)
         self._slots.append(slot)
         self._birth.append(self.now)
+        self._read_before.append(self._read)
         self._s[:, :, slot] = self._first
         self._C[:, slot], self._D[:, slot] = 0.0, 0.0
         self._born[:, slot] = self.now
@@ -191,7 +202,7 @@ class Evidence:
         prec = self._C + 1.0 / self._size2
         amplitude = self._D / prec
         ln = 0.5 * self._D * amplitude - 0.5 * np.log(1.0 + self._size2 * self._C)
-        young = (self.now - self._born)[:, :, None] * self._of.dt < SLOPE_S
+        young = (self.now - self._born)[:, :, None] < SLOPE_S
         ln = np.where(young & (self.kinds == Kind.SLOPE), -np.inf, ln)
         ln = np.where(self._real & (amplitude > self._least) & (amplitude < self._most), ln, -np.inf)
         return Weighed(ln, amplitude, 1.0 / prec)
@@ -200,13 +211,13 @@ class Evidence:
         """Tell what the fault of amplitude 1 has done to the numbers (N,) of string `s`."""
         return np.asarray(self._s[s, :, onset, fault], dtype=np.float64)
 
-    def began(self, s: int, onset: int) -> int:
-        """How many steps ago."""
-        return int(self.now - self._born[s, onset])
+    def ages(self, s: int) -> Floats:
+        """Tell how many seconds ago each onset (onsets,) of string `s` was."""
+        return np.asarray(self.now - self._born[s], dtype=np.float64)
 
-    def resolution(self, steps: int) -> Floats:
-        """Sd (S, a) to which heat of each cell is told that began about so many steps ago, W."""
+    def resolution(self, age_s: float) -> Floats:
+        """Sd (S, a) to which heat of each cell is told that began about so many seconds ago, W."""
         a = self._at.near
-        ages = np.array([abs(self.now - b - steps) for b in self._birth])
+        ages = np.array([abs(self.now - b - age_s) for b in self._birth])
         slot = self._slots[int(ages.argmin())] if len(ages) else 0
         return np.asarray(1.0 / np.sqrt(self._C[:, slot, :a] + 1.0 / self._size2[:, 0, :a]), dtype=np.float64)

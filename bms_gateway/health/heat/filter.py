@@ -38,7 +38,8 @@ HEAT_RATE, HEAT_S = 1e-4, HOUR_S
 OPEN_RATE, OPEN_S = 1e-2, 1200.0
 """The same of a cell whose heat is known to be there: it grows and falls within minutes."""
 ROUGH_RATE, ROUGH_SHARE = 2e-4, 0.03
-"""White heat of each cell in a step: K/s of its heat capacity, and share of the heat by the current."""
+"""White heat of each cell in a step of `ROUGH_S`: K/s of its heat capacity, and share of the heat by the current."""
+ROUGH_S = 10.0
 READING_SD, CASING_SD = 0.05, 0.03
 """K: least noise of a reading; and what the mean of a step is off whatever their number: lag, place."""
 REFERENCE = 3
@@ -115,6 +116,8 @@ class HeatFilter:
         Mean and covariance; see `Layout`.
     open : ndarray of bool (S, a)
         Cells with a fault that heats.
+    flows : ndarray (S,)
+        Coolant flow, over nominal.
     """
 
     def __init__(self, models: Sequence[StringModel], dt: float) -> None:
@@ -122,6 +125,7 @@ class HeatFilter:
         at, S = self.at, len(models)
         self._strings = [m.nominal for m in models]
         self.balances = Balances.of(self._strings, dt)
+        self._strides: dict[float, Balances] = {}
         self.H = at.readings()
         self._fitted = at.fitted
         sd = np.zeros((S, at.states))
@@ -141,9 +145,9 @@ class HeatFilter:
         lasts[at.load], lasts[at.flow], lasts[at.inlet], lasts[at.entropy] = LOAD_S, FLOW_S, INLET_S, ENTROPY_S
         lasts[at.brisk] = BRISK_S
         lasts[at.heat], lasts[at.own_load], lasts[at.own_flow] = HEAT_S, OWN_S, OWN_S
-        self.decay: Floats = np.exp(-dt / lasts[at.nodes :])
-        self._walk = np.zeros(at.states - at.nodes)
-        self._walk[at.bias.start - at.nodes : at.bias.stop - at.nodes] = BIAS_WALK**2 * dt / HOUR_S
+        self._lasts = lasts[at.nodes :]
+        self.decay: Floats = np.exp(-dt / self._lasts)
+        self.flows = np.ones(S)
         self._start = start_spread(at.cells, Start())
         self.z, self.P = np.zeros((S, at.states)), np.zeros((S, at.states, at.states))
         self._usual_inlet = np.zeros(S)
@@ -170,6 +174,16 @@ class HeatFilter:
         self.P[s, T, T] = self._start
         self.running[s] = True
 
+    def stride(self, dt: float) -> None:
+        """Let steps be of `dt` seconds from now on, until told otherwise."""
+        if dt == self.dt:
+            return
+        self._strides[self.dt] = self.balances
+        if dt not in self._strides:
+            flows = zip(self._strings, self.flows.tolist(), strict=True)
+            self._strides[dt] = Balances.of([p.with_flow_ratio(ratio) for p, ratio in flows], dt)
+        self.dt, self.balances, self.decay = dt, self._strides[dt], np.exp(-dt / self._lasts)
+
     def parameters(self, s: int) -> StringParameters:
         """Numbers of string `s` at nominal flow."""
         return self._strings[s]
@@ -179,12 +193,13 @@ class HeatFilter:
         old, at = self._strings[s], self.at
         self.z[s, at.load] = (1.0 + self.z[s, at.load]) * float(np.exp(np.mean(np.log(old.R_e / p.R_e)))) - 1.0
         self.z[s, at.flow] = 1.0 - (1.0 - self.z[s, at.flow]) * float(np.exp(np.mean(np.log(p.R_u / old.R_u))))
+        self._exchange(s, p.with_flow_ratio(float(self.flows[s])))
         self._strings[s] = p
-        self._exchange(s, p)
 
     def set_flow(self, s: int, ratio: float) -> None:
         """Let string `s` have another coolant flow, over nominal."""
         self._exchange(s, self._strings[s].with_flow_ratio(ratio))
+        self.flows[s] = ratio
 
     def _exchange(self, s: int, p: StringParameters) -> None:
         one, b = Balances.of([p], self.dt), self.balances
@@ -193,6 +208,7 @@ class HeatFilter:
         for k in names:
             arrays[k][s] = getattr(one, k)[0]
         self.balances = replace(b, **arrays)
+        self._strides.clear()
 
     def step(self, m: Step) -> Linear:
         """Advance one step and take its readings in."""
@@ -231,7 +247,7 @@ class HeatFilter:
         at, N, P, decay = self.at, self.at.nodes, self.P, self.decay
         out = np.empty_like(P)
         GP = np.matmul(G, P)
-        rough = np.square(ROUGH_RATE * self.balances.C) + np.square(ROUGH_SHARE * heat)
+        rough = (np.square(ROUGH_RATE * self.balances.C) + np.square(ROUGH_SHARE * heat)) * (ROUGH_S / self.dt)
         core = self.balances.core
         out[:, :N, :N] = np.matmul(GP, G.transpose(0, 2, 1)) + np.matmul(
             core * rough[:, None, :], core.transpose(0, 2, 1)
@@ -240,7 +256,9 @@ class HeatFilter:
         out[:, N:, :N] = out[:, :N, N:].transpose(0, 2, 1)
         out[:, N:, N:] = P[:, N:, N:] * (decay[:, None] * decay)
         k = np.arange(N, at.states)
-        out[:, k, k] += np.square(self.sd[:, N:]) * (1.0 - np.square(decay)) + self._walk
+        out[:, k, k] += np.square(self.sd[:, N:]) * (1.0 - np.square(decay))
+        b = np.arange(at.bias.start, at.bias.stop)
+        out[:, b, b] += BIAS_WALK**2 * self.dt / HOUR_S
         if self.open.any():
             h = np.arange(at.heat.start, at.heat.stop)
             out[:, h, h] += np.where(self.open, np.square(self._open_sd) * (2.0 * self.dt / OPEN_S), 0.0)

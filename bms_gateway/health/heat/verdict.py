@@ -19,20 +19,26 @@ from bms_gateway.health.heat.course import (
     SOUND_INLET,
     Course,
 )
-from bms_gateway.health.heat.evidence import Evidence, Kind, Weighed
+from bms_gateway.health.heat.evidence import ONSETS, Evidence, Kind, Weighed
 from bms_gateway.health.heat.filter import HeatFilter
+from bms_gateway.health.heat.layout import Bools
 from bms_gateway.health.heat.words import sentence
 from bms_gateway.thermal import Floats
 
 SURE = 14.0
 """ln evidence from which heat is believed: some 5 sd, with a few dozen faults and onsets looked at each step."""
-ENOUGH = {Kind.SLOPE: 11.0, Kind.FLOW: 9.0, Kind.INLET: 9.0, Kind.LOAD: 9.0}
+ENOUGH = {Kind.SLOPE: 8.0, Kind.FLOW: 9.0, Kind.INLET: 9.0, Kind.LOAD: 9.0}
 """The same where a mistake costs less, or where what follows is looked at again before it is told."""
 ALONE, ALONE_HEAT = 0.95, 0.998
 """Share of all the evidence that one cause must have to be told at once: a thermocouple that comes off while its cell
 cools looks like heat for a minute."""
 WAIT_S = 180.0
 """What is sure to be something, but may be one of several, is told by its likeliest cause after so long."""
+UNTOLD = 3.0
+"""ln: a cell that warmed in a sleep looks like a thermocouple that jumped; heat, the worse of the two, is told
+unless it is by so much less likely."""
+ALIKE = 1.0
+"""ln: onsets between which evidence does not choose."""
 HOLD_S, HOLD_COMMON_S = 20.0, 60.0
 """One step's surprise is no fault: what is told has been the likeliest for as long."""
 USUAL = {Kind.FLOW: 4.0, Kind.INLET: 0.0, Kind.LOAD: 2.0, Kind.SLOPE: -2.0, Kind.LAG: 3.0}
@@ -77,6 +83,8 @@ class Finding:
     text : str
     heat, heat_sd : float
         W; NaN but for heat.
+    sure : float
+        Share of the evidence that this cause had when it was told.
     """
 
     code: str
@@ -90,8 +98,9 @@ class Finding:
     place: int = 0
     places: tuple[int, ...] = ()
     others: tuple[tuple[str, float], ...] = ()
-    quiet: int = 0
+    low_ns: int | None = None
     size: float = 0.0
+    sure: float = 1.0
 
 
 @dataclass(slots=True)
@@ -103,6 +112,8 @@ class Verdict:
     findings : list of Finding
     aside : ndarray of bool (m,)
         Thermocouples that are not believed.
+    woke_ns : int or None
+        When the string last woke from a sleep.
     """
 
     s: int
@@ -111,9 +122,11 @@ class Verdict:
     course: Course
     aside: np.ndarray[tuple[int], np.dtype[np.bool_]] = field(init=False)
     findings: list[Finding] = field(default_factory=list)
+    woke_ns: int | None = None
     _stands: int = 0
-    _slow: int = 0
-    _flowed: int = 0
+    _stood_ns: int = 0
+    _slow_ns: int | None = None
+    _flowed_ns: int | None = None
     _residual: Floats = field(default_factory=lambda: np.zeros(0))
     _residual_sd: Floats = field(default_factory=lambda: np.zeros(0))
 
@@ -138,8 +151,7 @@ class Verdict:
         list of Finding
             What has come, or is over (level 0).
         """
-        told = self._followed()
-        self._flowed = max(0, self._flowed - 1)
+        told = self._followed(now_ns)
         each = w.ln[self.s].max(axis=0) / self.course.doubt[self.s]
         if each.max() < min(ENOUGH.values()):
             self._stands = 0
@@ -149,8 +161,7 @@ class Verdict:
 
     def pass_over(self) -> None:
         """Take in a step in which nothing was of note."""
-        self._stands = self._slow = 0
-        self._flowed = max(0, self._flowed - 1)
+        self._stands, self._slow_ns = 0, None
 
     def _weighed(self, each: Floats, w: Weighed, now_ns: int) -> list[Finding]:
         kinds, place = self.evidence.kinds, self.evidence.place
@@ -161,20 +172,35 @@ class Verdict:
             self._stands = 0
             return []
         self._stands += 1
+        self._stood_ns = self._stood_ns if self._stands > 1 else now_ns
+        held = self._lasted(self._stood_ns, now_ns) if self._stands > 1 else 0.0
+        onset = int(w.ln[self.s, :, best].argmax())
+        hidden = self._hidden(now_ns)
+        slept = bool((w.ln[self.s, hidden, best] > w.ln[self.s, onset, best] - ALIKE).any())
+        if slept and kind is Kind.JUMP and w.amplitude[self.s, onset, best] > 0.0:
+            heat = int(np.where(kinds == Kind.HEAT, E, -np.inf).argmax())
+            if E[heat] > E[best] - UNTOLD:
+                best, kind, j = heat, Kind.HEAT, int(place[heat])
+                onset = int(w.ln[self.s, :, heat].argmax())
         share = np.exp(E - E.max())
         share /= share.sum() + exp(-E.max())
         sensors = (kinds > Kind.HEAT) & (kinds < Kind.FLOW)
         same = kinds == kind if kind is Kind.HEAT or kind >= Kind.FLOW else sensors & (place == j)
         alone = float(share[same].sum())
-        held = self._stands * self.of.dt
-        waited = held >= WAIT_S and each[best] >= SURE
+        # what a sleep has hidden looks the same however long one waits
+        waited = held >= (HOLD_S if slept else WAIT_S) and each[best] >= SURE
         if (
             alone < (ALONE_HEAT if kind is Kind.HEAT else ALONE)
             or held < (HOLD_COMMON_S if kind >= Kind.FLOW else HOLD_S)
         ) and not waited:
             return []
-        onset = int(w.ln[self.s, :, best].argmax())
-        return self._accept(best, onset, w, share, now_ns)
+        return self._accept(best, onset, w, share, alone, now_ns)
+
+    def _hidden(self, now_ns: int) -> Bools:
+        """Tell which onsets lie in or before the sleep that ended last."""
+        if self.woke_ns is None:
+            return np.zeros(ONSETS, np.bool_)
+        return self.evidence.ages(self.s) > self._lasted(self.woke_ns, now_ns)
 
     def usual(self) -> Floats:
         """Tell how much likelier each fault (H,) is than others before any evidence, ln."""
@@ -184,26 +210,34 @@ class Verdict:
             usual[self.evidence.kinds == Kind.INLET] = SOUND_INLET
         return usual
 
-    def _accept(self, fault: int, onset: int, w: Weighed, share: Floats, now_ns: int) -> list[Finding]:
+    def _accept(
+        self,
+        fault: int,
+        onset: int,
+        w: Weighed,
+        share: Floats,
+        sure: float,
+        now_ns: int,
+    ) -> list[Finding]:
         """Believe a fault: the numbers move by it, and the search begins anew."""
         s, f = self.s, self.of
         kind, place = Kind(int(self.evidence.kinds[fault])), int(self.evidence.place[fault])
         amplitude, var = float(w.amplitude[s, onset, fault]), float(w.var[s, onset, fault])
-        steps = self.evidence.began(s, onset)
+        age_s = float(self.evidence.ages(s)[onset])
         places = self._share_out(fault, w) if kind is Kind.HEAT else (place,)
         if kind is not Kind.HEAT:
             f.move(s, self.evidence.moved(s, onset, fault), amplitude, var)
         self.evidence.forget(s)
         self._stands = 0
-        new = Finding("", None, 1, now_ns - round(steps * f.dt * 1e9), kind=kind, place=place, size=amplitude)
+        new = Finding("", None, 1, now_ns - round(age_s * 1e9), kind=kind, place=place, size=amplitude, sure=sure)
         new.others, new.places = self._others(share, kind, place), places
         if kind is Kind.FLOW:
-            self._flowed = round(FLOWED_S / f.dt)
+            self._flowed_ns = now_ns
         tells = {Kind.HEAT: self._heats, Kind.INLET: self._is_off}.get(kind, self._fails)
         if kind in (Kind.FLOW, Kind.LOAD) or not tells(new):
             return []  # what heat and films have become is looked at in every step
         self.findings.append(new)
-        self._write(new)
+        self._write(new, now_ns)
         return [new]
 
     def _heats(self, new: Finding) -> bool:
@@ -288,38 +322,38 @@ class Verdict:
             found[name] = found.get(name, 0.0) + p
         return tuple(sorted(found.items(), key=lambda x: -x[1])[:3])
 
-    def _followed(self) -> list[Finding]:
+    def _followed(self, now_ns: int) -> list[Finding]:
         """See what has become of what was found."""
         told = []
         for g in list(self.findings):
-            over = self._over(g)
-            self._write(g)
+            over = self._over(g, now_ns)
+            self._write(g, now_ns)
             if over:
-                self._end(g)
+                self._end(g, now_ns)
                 told.append(g)
         return told
 
-    def _over(self, g: Finding) -> bool:
+    def _over(self, g: Finding, now_ns: int) -> bool:
         """Tell whether a finding has been contradicted for long enough."""
         s, f, at = self.s, self.of, self.of.at
         if g.code == "unexplained_heat":
             h = at.heat.start + np.array(g.places)
             heat, P = f.z[s, h], f.P[s][np.ix_(h, h)]
             chance = float(heat @ np.linalg.solve(P, heat)) < ENDED_SD**2 + len(h) - 1
-            return self._quiet(g, chance or float(heat.sum()) < LEAST_RATE * float(f.C[s, g.place]), ENDED_S)
+            return self._quiet(g, now_ns, chance or float(heat.sum()) < LEAST_RATE * float(f.C[s, g.place]), ENDED_S)
         if g.kind is Kind.JUMP:
-            return self._quiet(g, abs(float(f.z[s, at.bias.start + g.place])) < BACK_JUMP, 60.0)
+            return self._quiet(g, now_ns, abs(float(f.z[s, at.bias.start + g.place])) < BACK_JUMP, 60.0)
         if g.code == "thermocouple":
             near = not self.aside[g.place] or self._residual[g.place] < QUIET_SD * self._residual_sd[g.place]
-            return self._quiet(g, bool(near), QUIET_S)
+            return self._quiet(g, now_ns, bool(near), QUIET_S)
         if g.code == "cooling":
-            return self._quiet(g, self._grown() < COOLING_BACK, 120.0)
+            return self._quiet(g, now_ns, self._grown() < COOLING_BACK, 120.0)
         if g.code == "inlet":
             off, sd = abs(float(f.z[s, at.inlet])), sqrt(float(f.P[s, at.inlet, at.inlet]))
-            return self._quiet(g, off < 1.0 + sd and bool(self.course.frozen[s] * f.dt < FROZEN_S), 300.0)
-        return self._quiet(g, 1.0 + float(f.z[s, at.load]) > MISSING_BACK, 60.0)
+            return self._quiet(g, now_ns, off < 1.0 + sd and bool(self.course.frozen[s] * f.dt < FROZEN_S), 300.0)
+        return self._quiet(g, now_ns, 1.0 + float(f.z[s, at.load]) > MISSING_BACK, 60.0)
 
-    def _end(self, g: Finding) -> None:
+    def _end(self, g: Finding, now_ns: int) -> None:
         self.findings.remove(g)
         if g.code == "unexplained_heat":
             for j in g.places:
@@ -330,15 +364,26 @@ class Verdict:
             self.evidence.forget(self.s)
         elif g.code == "cooling":
             self.course.cooling[self.s] = False
-        g.level, g.text = 0, sentence(g, self.of.at.cells, over=True)
+        g.level, g.text = 0, sentence(g, self.of.at.cells, now_ns, over=True)
+
+    def take_up(self, g: Finding, now_ns: int) -> None:
+        """Take up heat that was found before a restart at `now_ns`."""
+        for j in g.places:
+            self.of.open_heat(self.s, j, g.size)
+        self.findings.append(g)
+        self._write(g, now_ns)
 
     def residuals(self, value: Floats, sd: Floats) -> None:
         """Take what the thermocouples (m,) are off their prediction, used or not, K."""
         self._residual, self._residual_sd = np.abs(value), sd
 
-    def _quiet(self, g: Finding, low: bool, wait_s: float) -> bool:
-        g.quiet = g.quiet + 1 if low else 0
-        return g.quiet * self.of.dt >= wait_s
+    def _quiet(self, g: Finding, now_ns: int, low: bool, wait_s: float) -> bool:
+        g.low_ns = (now_ns if g.low_ns is None else g.low_ns) if low else None
+        return g.low_ns is not None and self._lasted(g.low_ns, now_ns) >= wait_s
+
+    def _lasted(self, since_ns: int, now_ns: int) -> float:
+        """Seconds from the begin of the step that ended at `since_ns`: frames may come rarely."""
+        return (now_ns - since_ns) * 1e-9 + self.of.dt
 
     def _standing(self, w: Weighed, each: Floats, now_ns: int) -> list[Finding]:
         """Tell what the numbers themselves say, however they came about."""
@@ -360,9 +405,10 @@ class Verdict:
         grown = self._grown()
         own = (self._stands > 0 and self.evidence.kinds[best] < Kind.FLOW) or self.hot
         if "cooling" not in codes:
-            slower = grown > COOLING and u - self.course.film[s] > FLOW_SURE * u_sd and not own and self._flowed > 0
-            self._slow = self._slow + 1 if slower else 0
-            if self._slow * f.dt >= HOLD_S:
+            slower = grown > COOLING and u - self.course.film[s] > FLOW_SURE * u_sd and not own
+            slower = slower and self._flowed_ns is not None and self._lasted(self._flowed_ns, now_ns) < FLOWED_S
+            self._slow_ns = (now_ns if self._slow_ns is None else self._slow_ns) if slower else None
+            if self._slow_ns is not None and self._lasted(self._slow_ns, now_ns) >= HOLD_S:
                 level = 2 if grown >= COOLING_GRAVE else 1
                 new.append(Finding("cooling", None, level, now_ns, kind=Kind.FLOW))
                 self.course.cooling[s] = True
@@ -372,14 +418,14 @@ class Verdict:
             new.append(Finding("inlet", None, 1, now_ns, kind=Kind.INLET, size=off))
         for g in new:
             self.findings.append(g)
-            self._write(g)
+            self._write(g, now_ns)
         return new
 
     def _grown(self) -> float:
         """Growth of R_u against what it has been."""
         return float(self.course.grown(self.of)[self.s])
 
-    def _write(self, g: Finding) -> None:
+    def _write(self, g: Finding, now_ns: int) -> None:
         s, f, at = self.s, self.of, self.of.at
         if g.kind is Kind.FLOW:
             g.size = self._grown()
@@ -390,7 +436,7 @@ class Verdict:
         elif g.kind is Kind.HEAT:
             h = at.heat.start + g.place
             g.heat, g.heat_sd = float(f.z[s, h]), sqrt(float(f.P[s, h, h]))
-        g.text = sentence(g, at.cells)
+        g.text = sentence(g, at.cells, now_ns)
 
 
 def suspicion(verdict: Verdict, w: Weighed) -> tuple[Floats, list[tuple[int, int, float]]]:

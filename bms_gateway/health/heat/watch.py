@@ -11,9 +11,12 @@ from typing import Any, Protocol
 import numpy as np
 
 from bms_gateway.errors import ConfigError
+from bms_gateway.health.heat import kept
 from bms_gateway.health.heat.course import USUAL_S, Course
 from bms_gateway.health.heat.evidence import Evidence, Kind, Weighed
 from bms_gateway.health.heat.filter import CASING_SD, READING_SD, HeatFilter, Linear, Step
+from bms_gateway.health.heat.layout import Bools
+from bms_gateway.health.heat.rest import LONGEST_S, REST_RATE, STRAYED_K, Rest, strides
 from bms_gateway.health.heat.verdict import SURE, SUSPECT, Finding, Verdict, suspicion
 from bms_gateway.thermal import Floats, StringModel, StringParameters
 
@@ -103,11 +106,11 @@ class HeatWatch:
         self.verdicts = [Verdict(s, self.filter, self.evidence, self.course) for s in range(S)]
         self._age = np.zeros(S)
         self._row = np.arange(S)[:, None]
-        self._inlet = np.full(S, np.nan)
+        self._inlet, self._heard_inlet = np.full((2, S), np.nan)
         self._last = np.full((S, m), np.nan)
         self._fine = np.full((S, m), np.inf)
         self._noise = np.full((S, m), READING_SD**2)
-        self._flow = np.ones(S)
+        self._rest, self._now_ns = Rest.of(S), 0
         self._blind = np.zeros(S, np.bool_)
         self._clear()
         nothing = np.full((S, self.filter.at.cells), np.nan)
@@ -143,9 +146,24 @@ class HeatWatch:
             self._age[s] = 0.0
             self.evidence.forget(s)
 
-    def pause(self) -> None:
-        """Begin anew after a time without frames; what is known of cells and sensors stays."""
-        self.filter.running[:] = False
+    def pass_time(self, gap_s: float | None, *, unseen: bool = False) -> None:
+        """Pass over a time without frames: strings at rest go on through it, others begin anew.
+
+        What is known of cells and sensors stays, and what was found.
+
+        Parameters
+        ----------
+        gap_s : float or None
+            None where nobody knows how long.
+        unseen : bool
+            The gateway was off, a current may have flowed: what rest does not explain begins anew.
+        """
+        rest = self._rest
+        if gap_s is None or self._shares:
+            rest.resting[:] = False
+        else:
+            rest.slept_s += gap_s + len(self._ticked) * self._tick_s
+        self.filter.running &= rest.resting & ~(self.filter.alone & unseen)
         for share in self._shares:
             share.pause()
         self._clear()
@@ -184,8 +202,16 @@ class HeatWatch:
         list of (int, Finding) or None
             By string: what has come or is over. None where the step goes on.
         """
+        square, current = self._rest.take(square, current, self._least_square, y)
+        self._heard_inlet = np.where(np.isfinite(inlet), inlet, self._heard_inlet)
         self._ticked.append((square, heat, current, y, age))
-        return self._step(now_ns, inlet, flow) if len(self._ticked) >= self._ticks else None
+        return self._step(now_ns, self._heard_inlet, flow) if len(self._ticked) >= self._ticks else None
+
+    @property
+    def _least_square(self) -> Floats:
+        """Mean square of the current (S,), A², below which nothing flows."""
+        b = self.filter.balances
+        return np.asarray((REST_RATE * b.C / b.R_e).min(axis=1), dtype=np.float64)
 
     def _readings(self) -> tuple[Floats, Floats, Floats, Floats]:
         """Mean, lag and variance (S, m) of the step's readings, and their number."""
@@ -225,13 +251,15 @@ class HeatWatch:
         return mean, np.where(np.isfinite(current), current, 0.0).mean(axis=0), ~known.all(axis=(0, 2))
 
     def _step(self, now_ns: int, inlet: Floats, flow: Floats | None) -> list[tuple[int, Finding]]:
-        f = self.filter
+        f, self._now_ns = self.filter, now_ns
         (y, lag, R, _), (heat, current, unknown) = self._readings(), self._heats()
         self._clear()
         for place, share in enumerate(self._shares):
             y[place] -= share.mean()[f.at.sensors[place]]
         inlet1 = np.where(np.isfinite(inlet), inlet, self._inlet)
-        usable = np.isfinite(y).any(axis=1)
+        usable: Bools = np.asarray(np.isfinite(y).any(axis=1), np.bool_)
+        if self._rest.slept_s and usable.any():
+            self._wake(inlet1, y, now_ns)
         new = usable & (~f.running | (self._blind & ~unknown))
         for s in np.flatnonzero(new):
             level = float(np.nanmean(y[s]))
@@ -245,16 +273,15 @@ class HeatWatch:
         self._blind = unknown
         if flow is not None:
             for s in np.flatnonzero(
-                np.isfinite(flow) & (np.abs(np.log(np.clip(flow, 0.02, 50) / self._flow)) > FLOW_GRID)
+                np.isfinite(flow) & (np.abs(np.log(np.clip(flow, 0.02, 50) / f.flows)) > FLOW_GRID)
             ):
                 ratio = float(np.clip(flow[s], 0.02, 50))
-                grown = abs(float(np.log(ratio / self._flow[s])))
+                grown = abs(float(np.log(ratio / f.flows[s])))
                 try:
                     f.set_flow(int(s), ratio)
                 except ConfigError:  # no coolant node at so small a flow: the flow of before serves
                     continue
                 f.P[s, f.at.flow, f.at.flow] += (0.5 * grown) ** 2
-                self._flow[s] = ratio
         inlet1 = np.where(np.isfinite(inlet1), inlet1, 25.0)
         inlet0 = np.where(np.isfinite(self._inlet), self._inlet, inlet1)
         self._inlet = np.where(np.isfinite(inlet) | np.isfinite(self._inlet), inlet1, np.nan)
@@ -265,12 +292,37 @@ class HeatWatch:
         self._mend()
         if aside.any():
             self._beside(x, y, lag, R)
-        self.evidence.take(x)
+        self.evidence.take(x, read=bool(usable.any()))
         self._age += f.dt
         w = self.evidence.weigh()
-        found = self._look(w, heat, inlet1, heard, now_ns)
+        found = self._look(w, heat, inlet1, heard, usable, now_ns)
         self.told = self._tell(w)
         return found
+
+    def _wake(self, inlet: Floats, y: Floats, now_ns: int) -> None:
+        """Go through a sleep that ends with an inlet (S,) and readings (S, m); begin anew where that was no rest."""
+        f, at, rest = self.filter, self.filter.at, self._rest
+        before, after = (np.where(np.isfinite(a), a, b) for a, b in ((self._inlet, inlet), (inlet, self._inlet)))
+        before, after = np.nan_to_num(before, nan=25.0), np.nan_to_num(after, nan=25.0)
+        S, nothing = at.strings, np.full((at.strings, at.sensed), np.nan)
+        zero, whole, passed = np.zeros(S), min(rest.slept_s, LONGEST_S), 0.0
+        for h in strides(rest.slept_s):
+            f.stride(h)
+            inlet0, inlet1 = (before + (after - before) * min(1.0, t / whole) for t in (passed, passed + h))
+            x = f.step(Step(np.zeros((S, at.cells)), zero, inlet0, inlet1, nothing, nothing, nothing))
+            self.evidence.take(x, read=False)
+            self._mend()
+            passed += h
+        f.stride(self._ticks * self._tick_s)
+        self._age += whole
+        self._inlet = np.where(np.isfinite(self._inlet), after, self._inlet)
+        self.course.sleep(rest.slept_s)
+        off = y - f.z[self._row, 2 * at.sensors + 1] - f.z[:, at.bias]
+        strayed = np.array([np.isfinite(o).any() and abs(float(np.nanmedian(o))) > STRAYED_K for o in off])
+        f.running &= ~(strayed & ~f.alone)
+        for v in self.verdicts:
+            v.woke_ns = now_ns
+        rest.slept_s = 0.0
 
     def _mend(self) -> None:
         """Begin anew with strings whose numbers rounding has spoilt, as readings of a fire can."""
@@ -292,7 +344,15 @@ class HeatWatch:
         for v in self.verdicts:
             v.residuals(value[v.s], sd[v.s])
 
-    def _look(self, w: Weighed, heat: Floats, inlet: Floats, heard: Any, now_ns: int) -> list[tuple[int, Finding]]:
+    def _look(
+        self,
+        w: Weighed,
+        heat: Floats,
+        inlet: Floats,
+        heard: Bools,
+        read: Bools,
+        now_ns: int,
+    ) -> list[tuple[int, Finding]]:
         new = heard & (self._age < SETTLE_S)
         for s in np.flatnonzero(new):
             self.evidence.forget(int(s))
@@ -301,12 +361,13 @@ class HeatWatch:
         top = w.ln.max(axis=(1, 2))
         of_note = self.course.take(self.filter, heat, inlet, heard) | (top > SUSPECT)
         sound = heard & ~new & np.array([not v.of_string for v in self.verdicts])
-        learnt = np.clip(top, 0.0, SURE) - self.course.ln
+        usual = w.ln[:, :, self.evidence.kinds != Kind.SLOPE].max(axis=(1, 2))  # what drifts for hours becomes no usual
+        learnt = np.clip(usual, 0.0, SURE) - self.course.ln
         self.course.ln = self.course.ln + np.where(sound, learnt * (self.filter.dt / USUAL_S), 0.0)
         found = []
         for v in self.verdicts:
-            if not heard[v.s] or new[v.s]:
-                continue
+            if not heard[v.s] or new[v.s] or not read[v.s]:
+                continue  # what nobody reads is neither found nor over
             if of_note[v.s] or v.findings:
                 found += [(v.s, f) for f in v.look(w, now_ns)]
             else:
@@ -318,7 +379,7 @@ class HeatWatch:
         S, n = at.strings, at.cells
         heat, sd, core, core_sd = np.full((4, S, n), np.nan)
         h = np.arange(at.heat.start, at.heat.stop)
-        value, var = f.z[:, h].copy(), f.P[:, h, h] + np.square(self.evidence.resolution(round(SEEN_S / f.dt)))
+        value, var = f.z[:, h].copy(), f.P[:, h, h] + np.square(self.evidence.resolution(SEEN_S))
         top = w.ln.max(axis=(1, 2)) / self.course.doubt
         some = False
         for v in self.verdicts:
@@ -353,31 +414,31 @@ class HeatWatch:
         return Told(heat, sd, core, core_sd, some)
 
     def snapshot(self) -> dict[str, Any]:
-        """Return what a restart takes up: what is known beside the temperatures, as numbers and lists.
-
-        What was found is not kept: a fault that is still there is found again.
-        """
-        N = self.filter.at.nodes
-        var = np.einsum("skk->sk", self.filter.P)[:, N:]
+        """Return what a restart takes up, as numbers, words and lists; see `kept`."""
+        resting = self._rest.resting & self.filter.running & (not self._shares)
         return {
-            "numbers": self.filter.z[:, N:].tolist(),
-            "variances": var.tolist(),
+            **kept.numbers(self.filter),
+            "now_ns": self._now_ns,
+            "rest": [
+                kept.at_rest(self.filter, v.s, float(self._age[v.s]), float(self._inlet[v.s])) if resting[v.s] else None
+                for v in self.verdicts
+            ],
+            "found": [kept.found(v) for v in self.verdicts],
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Go on from a snapshot of strings like these.
+        """Go on from a snapshot of strings like these; a time without frames may follow (`pass_time`).
 
         Raises
         ------
         KeyError, TypeError, ValueError
             It is none, or of other strings.
         """
-        N, S = self.filter.at.nodes, self.filter.at.strings
-        z, var = np.array(state["numbers"], np.float64), np.array(state["variances"], np.float64)
-        shape = S, self.filter.at.states - N
-        if z.shape != shape or var.shape != shape or not (np.isfinite(z).all() and np.isfinite(var).all()):
-            raise ValueError("heat: not of these strings")
-        self.filter.z[:, N:] = z
-        k = np.arange(N, self.filter.at.states)
-        self.filter.P[:, N:, :] = 0.0
-        self.filter.P[:, k, k] = np.maximum(var, 1e-12)
+        kept.take_numbers(self.filter, state)
+        self._now_ns = int(state.get("now_ns", 0))
+        nothing = [None] * len(self.verdicts)  # older states have none
+        for v, rest, found in zip(self.verdicts, state.get("rest", nothing), state.get("found", nothing), strict=True):
+            if rest is not None and not self._shares:
+                self._age[v.s], self._inlet[v.s] = kept.take_rest(self.filter, v.s, rest)
+                self._rest.resting[v.s] = True
+            kept.take_found(v, found or (), self._now_ns)

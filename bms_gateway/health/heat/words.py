@@ -15,7 +15,7 @@ TROUBLE = {
 }
 
 
-def sentence(f: "Finding", cells: int, *, over: bool = False) -> str:
+def sentence(f: "Finding", cells: int, now_ns: int, *, over: bool = False) -> str:
     """Say what a finding means and what to do.
 
     Parameters
@@ -23,6 +23,8 @@ def sentence(f: "Finding", cells: int, *, over: bool = False) -> str:
     f : Finding
     cells : int
         Of its string.
+    now_ns : int
+        Bus time.
     over : bool
         Whether it has ended.
     """
@@ -35,8 +37,9 @@ def sentence(f: "Finding", cells: int, *, over: bool = False) -> str:
         near = [k for k in ((f.cell or 0) - 1, (f.cell or 0) + 1) if 1 <= k <= cells]
         beside = " or " + " or ".join(map(str, near)) if near else ""
         return (
-            f"cell {f.cell} heats by itself: {f.heat:.2g} ± {f.heat_sd:.1g} W that no current makes (it may sit in "
-            f"neighbour{beside}){else_}: an internal short is likely, stop, cool the string and watch the cell"
+            f"cell {f.cell} heats by itself: {f.heat:.2g} ± {f.heat_sd:.1g} W that no current makes, since "
+            f"{_how_long(now_ns - f.since_ns)} ({f.sure:.0%} sure; it may sit in neighbour{beside}){else_}: an "
+            "internal short is likely, stop, cool the string and watch the cell"
         )
     if f.code == "missing_heat":
         return (
@@ -54,6 +57,12 @@ def sentence(f: "Finding", cells: int, *, over: bool = False) -> str:
         )
     what = TROUBLE[f.kind].format(f.size)
     return f"thermocouple of cell {f.cell} {what}{else_}: check its seat, wire and plug"
+
+
+def _how_long(ns: int) -> str:
+    """Tell a time in minutes or hours."""
+    minutes = ns / 60e9
+    return f"about {minutes:.0f} min" if minutes < 90.0 else f"about {minutes / 60.0:.1f} h"
 
 
 OVER = {

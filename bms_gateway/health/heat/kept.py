@@ -1,0 +1,118 @@
+"""What a restart takes up of the watch over heat: what is known of cells and sensors, strings at rest, heat found.
+
+A string at rest goes on after a restart as it does after a sleep, so its whole state is kept. Temperatures of a string
+that is driven are worth nothing a minute later, so only what is known beside them is kept.
+"""
+
+from base64 import b64decode, b64encode
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from bms_gateway.health.heat.evidence import Kind
+from bms_gateway.health.heat.filter import HeatFilter
+from bms_gateway.health.heat.verdict import Finding, Verdict
+from bms_gateway.thermal import Floats
+
+LEAST_VAR = 1e-12
+SLACK = 1e-3  # of a correlation, for what rounding to 32 bit does
+
+
+def numbers(f: HeatFilter) -> dict[str, Any]:
+    """Give what is known beside the temperatures."""
+    N = f.at.nodes
+    return {"numbers": f.z[:, N:].tolist(), "variances": np.einsum("skk->sk", f.P)[:, N:].tolist()}
+
+
+def take_numbers(f: HeatFilter, state: Mapping[str, Any]) -> None:
+    """Take up numbers.
+
+    Raises
+    ------
+    KeyError, TypeError, ValueError
+        They are none, or of other strings.
+    """
+    at = f.at
+    z, var = np.array(state["numbers"], np.float64), np.array(state["variances"], np.float64)
+    shape = at.strings, at.states - at.nodes
+    if z.shape != shape or var.shape != shape or not (np.isfinite(z).all() and np.isfinite(var).all()):
+        raise ValueError("heat: not of these strings")
+    f.z[:, at.nodes :] = z
+    k = np.arange(at.nodes, at.states)
+    f.P[:, at.nodes :, :] = 0.0
+    f.P[:, k, k] = np.maximum(var, LEAST_VAR)
+
+
+def at_rest(f: HeatFilter, s: int, age_s: float, inlet: float) -> dict[str, Any]:
+    """Give the whole state of a string at rest: its covariance as a lower triangle in 32 bit."""
+    triangle = f.P[s][np.tril_indices(f.at.states)].astype("<f4")
+    return {
+        "temperatures": f.z[s, : f.at.nodes].tolist(),
+        "covariance": b64encode(triangle.tobytes()).decode("ascii"),
+        "age_s": age_s,
+        "inlet": inlet if np.isfinite(inlet) else None,
+    }
+
+
+def take_rest(f: HeatFilter, s: int, state: Mapping[str, Any]) -> tuple[float, float]:
+    """Take up the state of a string at rest; how long it ran, s, and its inlet, °C.
+
+    Raises
+    ------
+    KeyError, TypeError, ValueError
+        It is none, or of another string.
+    """
+    at, N = f.at, f.at.states
+    T = np.array(state["temperatures"], np.float64)
+    triangle: Floats = np.frombuffer(b64decode(state["covariance"], validate=True), "<f4").astype(np.float64)
+    age, inlet = float(state["age_s"]), float("nan") if state["inlet"] is None else float(state["inlet"])
+    if T.shape != (at.nodes,) or len(triangle) != N * (N + 1) // 2 or not np.isfinite([*T, *triangle, age]).all():
+        raise ValueError("heat: not of this string at rest")
+    P = np.zeros((N, N))
+    P[np.tril_indices(N)] = triangle
+    P = P + np.tril(P, -1).T
+    sd = np.sqrt(np.maximum(np.diag(P), LEAST_VAR))
+    if (np.abs(P) > (1.0 + SLACK) * np.outer(sd, sd)).any() or np.abs(T).max() > 1e3 or np.isinf(inlet):
+        raise ValueError("heat: no state of a string at rest")
+    P[np.diag_indices(N)] = np.square(sd)
+    f.z[s, : at.nodes], f.P[s], f.running[s] = T, P, True
+    return max(0.0, age), inlet
+
+
+def found(v: Verdict) -> list[dict[str, Any]]:
+    """Give the heat that was found: a restart must not end an alarm."""
+    return [
+        {
+            "place": g.place,
+            "places": list(g.places),
+            "since_ns": g.since_ns,
+            "others": [list(o) for o in g.others],
+            "sure": g.sure,
+            "size": g.size,
+        }
+        for g in v.findings
+        if g.kind is Kind.HEAT
+    ]
+
+
+def take_found(v: Verdict, stored: Sequence[Mapping[str, Any]], now_ns: int) -> None:
+    """Take up heat that was found.
+
+    Raises
+    ------
+    KeyError, TypeError, ValueError
+        It is none, or of another string.
+    """
+    at = v.of.at
+    for x in stored:
+        places = tuple(int(j) for j in x["places"])
+        place, since = int(x["place"]), int(x["since_ns"])
+        size, sure = float(x["size"]), float(x["sure"])
+        others = tuple((str(name)[:40], float(share)) for name, share in x["others"][:3])
+        sound = np.isfinite([size, sure, *(p for _, p in others)]).all() and place in places
+        if not sound or not all(0 <= j < at.near and at.seen[v.s, j] for j in places):
+            raise ValueError("heat: a finding of another string")
+        cell = int(at.told[v.s, place]) + 1
+        g = Finding("unexplained_heat", cell, 2, since, place=place, places=places, others=others, size=size, sure=sure)
+        v.take_up(g, now_ns)
