@@ -19,7 +19,8 @@ FOLLOWS: Final = 0.9
 """Correlation with the charge drawn."""
 SAID: Final = 3.0
 """Score of a state of charge that is believed about the sign."""
-_STATE: Final = ("state", "level", "zustand", "stand")
+_STATE: Final = ("state", "level", "zustand", "stand", "etat", "estado", "stato")
+_CHARGE: Final = ("charge", "carga", "carica", "lade")
 
 
 def charges(series: list[Series], electrical: Electrical, edges: NDArray[np.float64]) -> list[Scored]:
@@ -35,7 +36,7 @@ def charges(series: list[Series], electrical: Electrical, edges: NDArray[np.floa
     found = []
     for s in series:
         mine = named(s.info)
-        said = has(mine, CHARGE) or ("charge" in mine and has(mine, _STATE) and "target" not in mine)
+        said = has(mine, CHARGE) or (has(mine, _CHARGE) and has(mine, _STATE) and "target" not in mine)
         unit = unit_of(s.info.unit)
         share = unit is not None and unit.family == "share"
         if not said or (unit is not None and not share) or s.info.place.size < 6:

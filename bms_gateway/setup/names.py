@@ -9,7 +9,7 @@ from bms_gateway.frames.signals import SignalInfo
 
 _RUN_ON: Final = re.compile(r"(bms|bmu|bcu|bmc|pack|string|rack|stack|batt?|hvb|akku)([a-h])", re.I)
 """A letter that stands for a number and has run onto its word: BMSA, BMSB."""
-_PARTS: Final = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
+_PARTS: Final = re.compile(r"So[CHE](?![a-z])|[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
 
 
 def _list(text: str) -> tuple[str, ...]:
@@ -17,25 +17,27 @@ def _list(text: str) -> tuple[str, ...]:
 
 
 CURRENT: Final = _list("""
-    current curr cur strom amps amp ampere courant corrente corriente i ibat ibatt ipack idc ihv istrom ampe
+    current curr cur strom stroom amps amp ampere courant corrente corriente i ibat ibatt ipack idc ihv istrom ampe
     """)
 VOLTAGE: Final = _list("""
-    voltage volt volts spannung tension u v ubat ubatt upack vbat vbatt vpack uhv vhv udc vdc vcell ucell cellv
-    uzelle spg
+    voltage volt volts spannung spanning tension tensione tensao u v ubat ubatt upack vbat vbatt vpack uhv vhv
+    udc vdc vcell ucell cellv uzelle spg
     """)
 TEMPERATURE: Final = _list("""
-    temperature temp temps tmp temperatur thermistor therm ntc tc rtd thermocouple t tcell tzelle tmod tsurf
+    temperature temp temps tmp temperatur temperatuur temperatura thermistor therm ntc tc rtd thermocouple t
+    tcell tzelle tmod tsurf
     """)
-CHARGE: Final = _list("soc ladezustand stateofcharge sysoc chargelevel")
+CHARGE: Final = _list("soc ladezustand stateofcharge sysoc chargelevel laadtoestand etatcharge")
 FLOW: Final = _list("flow durchfluss volumenstrom flowrate debit")
 PACK: Final = _list("""
     pack batt battery bat hv hvb hvbat traction main total bus bms bmu bcu bmc string ess ress lb dc akku accu
-    accumulator sme batterie ibat ibatt ipack idc ihv upack vpack link sum gesamt stack
+    accumulator sme batterie batterij bateria batteria ibat ibatt ipack idc ihv upack vpack link sum gesamt stack
     """)
-CELL: Final = _list("cell cells zelle zell vcell ucell cellv uzelle zellen cv tcell")
+CELL: Final = _list("cell cells zelle zell vcell ucell cellv uzelle zellen cv tcell cel cella celda cellule")
 SENSED: Final = _list("""
-    cell cells zelle zell module mod modul batt battery bat pack channel probe thermistor ntc tc surface surf skin
-    bms bmu stack segment seg sensor thermocouple hvb akku tcell tmod tsurf oberflaeche lb cmu string
+    cell cells zelle zell cel cella celda cellule module mod modul modulo batt battery bat pack channel probe
+    thermistor ntc tc surface surf skin bms bmu stack segment seg sensor thermocouple hvb akku tcell tmod tsurf
+    oberflaeche lb cmu string
     """)
 OTHER_THINGS: Final = _list("""
     motor inv inverter mc igbt mosfet mos gate driver board pcb cpu mcu chip water oil cabin interior evap
@@ -53,17 +55,22 @@ NOT_MEASURED: Final = _list("""
     """)
 STATISTIC: Final[Mapping[str, str]] = MappingProxyType(
     {
-        **dict.fromkeys(("max", "maximum", "highest", "hottest", "hi", "high", "maxi"), "max"),
-        **dict.fromkeys(("min", "minimum", "lowest", "coldest", "lo", "low", "mini"), "min"),
-        **dict.fromkeys(("avg", "average", "mean", "mittel", "moy"), "mean"),
+        **dict.fromkeys(_list("max maximum highest hottest hi high maxi hoechste hoogste massima maxima"), "max"),
+        **dict.fromkeys(_list("min minimum lowest coldest lo low mini niedrigste laagste minima"), "min"),
+        **dict.fromkeys(
+            _list("avg average mean mittel mittelwert durchschnitt moy moyen moyenne gem gemiddeld media promedio"),
+            "mean",
+        ),
     }
 )
 COOLANT: Final = _list("""
-    coolant cool inlet water eau acqua agua refroidissement entree entrada ingresso
-    vorlauf kuehlmittel kuhlmittel kuehl kuhl glycol in entry supply cooling liquid
+    coolant cool inlet water eau acqua agua refroidissement entree entrada ingresso liquide refrigerante
+    koelvloeistof aanvoer vorlauf kuehlmittel kuhlmittel kuehl kuhl glycol in entry supply cooling liquid
     """)
 OUTWARD: Final = _list("outlet out return ruecklauf exit")
-AMBIENT: Final = _list("ambient outside amb air umgebung aussen chamber")
+AMBIENT: Final = _list("""
+    ambient outside amb air umgebung aussen chamber exterieure exterieur esterna ambiente buiten
+    """)
 
 
 class Unit(NamedTuple):

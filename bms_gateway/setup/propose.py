@@ -33,7 +33,7 @@ from bms_gateway.setup.series import Series, all_series
 from bms_gateway.setup.several import of_several
 from bms_gateway.setup.strings import Strings, own_strings
 from bms_gateway.setup.traffic import Traffic
-from bms_gateway.setup.warmth import Surfaces, flows, inlets, is_temperature, surfaces
+from bms_gateway.setup.warmth import Surfaces, flows, inlet_of_each, inlets, is_temperature, surfaces
 
 CLEAR: Final = 2.0
 """Lead over the next candidate from which on a choice is sure."""
@@ -98,7 +98,11 @@ def propose(traffic: Traffic) -> Proposal:
     _cell_voltages(proposal, cells, factor, rights, parts)
     if next(proposal.of("soc"), None) is None:
         _single(proposal, "soc", charges(series, electrical, edges), rights, against=contradicted)
-    _single(proposal, "coolant_inlet", inlet, rights)
+    own_inlets = inlet_of_each(inlet, warm.members) if warm is not None else {}
+    for part, own in own_inlets.items():
+        _single(proposal, "coolant_inlet", [own], rights, placed[part])
+    if not own_inlets:
+        _single(proposal, "coolant_inlet", inlet, rights)
     _single(proposal, "coolant_flow", flow, rights)
     _ranges(proposal)
     _long_enough(proposal, traffic.seconds)

@@ -374,6 +374,17 @@ def inlets(series: list[Series], taken: set[str]) -> list[Scored]:
     return sorted(found, key=lambda c: -c.score)
 
 
+def inlet_of_each(ranked: list[Scored], members: list[Member]) -> dict[int, Scored]:
+    """Find the inlet of each part of the thermocouples, where the likeliest ones have the numbers of the parts."""
+    parts = {m.where: m.part for m in members}
+    by_path = {c.series.path: c for c in ranked}
+    for group in alike([c.series for c in ranked]) if len(parts) > 1 else []:
+        likeliest = ranked[0].series.path in {m.series.path for m in group}
+        if likeliest and sorted(m.whole for m in group) == sorted(parts):
+            return {parts[m.whole]: by_path[m.series.path] for m in group}
+    return {}
+
+
 def flows(series: list[Series]) -> list[Scored]:
     """Rank what may be the coolant's flow."""
     found = []

@@ -11,6 +11,7 @@ from bms_gateway.cli.main import main
 from bms_gateway.config.load import load_config
 from bms_gateway.engine.several import OneOfSeveral
 from bms_gateway.errors import ConfigError
+from tests.benchmarks.bench_several import CASES, score
 from tests.truth.cycle import repeated
 from tests.truth.string import TruthString, rk4
 
@@ -183,3 +184,39 @@ def test_what_cannot_be_is_one_line(surface: str, part: str, tmp_path) -> None:
         load_config(config(tmp_path, 4, surface))
     assert part in str(told.value)
     assert "\n" not in str(told.value)
+
+
+def test_a_cell_that_stands_for_a_reading_takes_it_on_the_offline_road(tmp_path, capsys) -> None:
+    log, _ = drive(tmp_path, 4, 1, 8)
+    path, model = config(tmp_path, 4, ALL.format(4)), tmp_path / "string.toml"
+    words = [str(log), "--config", str(path), "--model", str(model)]
+    assert main(["compare", *words]) == 2
+    assert 'max_of = "1-n" for n' in capsys.readouterr().err
+    model.write_text(model.read_text().replace("sensors = []", "sensors = [1, 3, 4]"))
+    assert main(["compare", *words, "--json", str(tmp_path / "c.json")]) == 0
+    assert main(["fit", *words, "--out", str(tmp_path / "fitted.toml")]) == 0
+    assert main(["compare", *words[:-1], str(tmp_path / "fitted.toml"), "--json", str(tmp_path / "f.json")]) == 0
+    as_it_is = [json.loads((tmp_path / name).read_text())["filed"]["heldout_rmse_K"] for name in ("c.json", "f.json")]
+    assert as_it_is[1] < 0.7 * as_it_is[0]  # the pack is off its priors
+    assert as_it_is[1] < 0.2  # steps of 0.5 K leave 0.17 K
+
+
+def test_a_table_of_these_cells_is_sent_as_their_statistics(tmp_path) -> None:
+    path = config(tmp_path, 4, ALL.format(4))
+    rows = "".join(f"{k},50,22,{20 + k / 10},{21 + k / 10},{23 + k / 10}\n" for k in range(60))
+    table = tmp_path / "bench.csv"
+    table.write_text(f"time_s,current_A,coolant_inlet_C,surface_1_C,surface_3_C,surface_4_C\n{rows}")
+    log = tmp_path / "bench.log"
+    assert main(["encode", str(table), "--config", str(path), "--out", str(log)]) == 0
+    sent = [line for line in log.read_text().splitlines() if "101#" in line][-1].split("#")[1]
+    hot, cold, mean = (b / 2 - 40 for b in bytes.fromhex(sent)[:3])
+    assert (hot, cold) == (pytest.approx(28.9, abs=0.4), pytest.approx(25.9, abs=0.4))
+    assert mean == pytest.approx(27.2, abs=0.4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["graded cooling", "warm corner, greatest only, 1 K", "late start, graded, 1 K"])
+def test_the_hottest_of_96_cells_that_are_cooled_unlike(name: str) -> None:
+    found = [score(CASES[name], seed, 20) for seed in (401, 402, 403)]
+    assert np.median([f["rmse_K"] for f in found]) <= 1.5
+    assert all(f["inside"] >= 0.95 for f in found)

@@ -7,13 +7,16 @@ import pytest
 
 from bms_gateway.cli.main import main
 from tests.setup.vehicles import VEHICLES, write
+from tests.setup.vehicles_abroad import ABROAD
+
+ALL = VEHICLES | ABROAD
 
 
-@pytest.fixture(scope="module", params=sorted(VEHICLES))
+@pytest.fixture(scope="module", params=sorted(ALL))
 def found(request, tmp_path_factory):
     """Vehicle, log, folder of the config and what `init` said of it."""
     folder = tmp_path_factory.mktemp(request.param)
-    vehicle = VEHICLES[request.param]()
+    vehicle = ALL[request.param]()
     log, dbc = write(vehicle, folder)
     said = folder / "init.json"
     status = main(["init", str(log), "--dbc", str(dbc), "--cell", "catl_lf280", "--out", str(folder / "out"), "--yes",
@@ -93,3 +96,20 @@ def test_traffic_of_our_own_dbc_needs_no_guess(named: bool, tmp_path) -> None:
     ends = [s for s in found["signals"] if s["role"] == "surface"]
     assert [(s["string"], s["index"]) for s in ends[:2]] == [("string_1", 1), ("string_1", 12)]
     assert main(["check", str(tmp_path / "v" / "gateway.toml"), "--log", str(log)]) == 0
+
+
+@pytest.mark.parametrize("found", ["bus"], indirect=True)
+def test_each_pack_has_its_own_water(found) -> None:
+    _, _, _, said = found
+    inlets = {s["string"]: (s["signal"], s["sure"]) for s in said["signals"] if s["role"] == "coolant_inlet"}
+    assert inlets == {f"string_{m}": (f"EssPackTemps{m}.EssPack{m}WaterIn", True) for m in (1, 2)}
+
+
+@pytest.mark.parametrize("found", ["scooter"], indirect=True)
+def test_the_only_readings_are_written_as_those_of_all_cells(found) -> None:
+    _, _, out, _ = found
+    text = (out / "gateway.toml").read_text()
+    assert 'hottest = { max_of = "1-15", signal = "BMS_Msg2.MaxCelTemp" }' in text  # 15: 55.8 V at 3.7 V each
+    assert 'coldest = { min_of = "1-15", signal = "BMS_Msg2.MinCelTemp" }' in text
+    assert 'mean = { mean_of = "1-15", signal = "BMS_Msg2.GemCelTemp" }' in text
+    assert "sensors = [1, 8, 15]" in (out / "string_1.toml").read_text()
