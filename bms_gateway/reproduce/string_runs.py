@@ -27,7 +27,12 @@ COMMON = Disturbance()
 """0.5 W common, 0.15 W per cell, inlet 0.5 K, each for 600 s, 0.1 K sensors: the product's defaults."""
 BRIEF_S = 10.0
 _MORE = float(np.sqrt(COMMON.correlation / BRIEF_S))
-WHITE = Disturbance(COMMON.heat_common * _MORE, COMMON.heat_cell * _MORE, COMMON.inlet * _MORE, correlation=BRIEF_S)
+WHITE = Disturbance(
+    heat_common=COMMON.heat_common * _MORE,
+    heat_cell=COMMON.heat_cell * _MORE,
+    inlet=COMMON.inlet * _MORE,
+    correlation=BRIEF_S,
+)
 """The same low-frequency intensity 2τσ² as noise that is almost white."""
 
 TEXT = (

@@ -12,7 +12,7 @@ HEAT_GAIN_SD = 0.25
 cells that were calorimetered want 0.5 to 0.9 of it."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Disturbance:
     """What the model does not know while it runs, as standard deviations.
 
