@@ -60,6 +60,8 @@ def _parameters(cell: "CellFacts") -> dict[str, dict[str, Any]]:
 
 def _one(cell: "CellFacts") -> str:
     from bms_gateway.report.show import text_table
+    from bms_gateway.thermal import KINDS
+    from bms_gateway.thermal.cells import cell_priors
 
     found = _parameters(cell)
     rows = [
@@ -68,10 +70,12 @@ def _one(cell: "CellFacts") -> str:
     ]
     lines = [_described(cell), "", text_table(["", "value", "unit", "rel. sd", "formula"], rows, left=5), ""]
     lines += [f"{symbol}: {p['source']}" for symbol, p in found.items()]
-    lines += ["", "model file:", "[parameters]"]
+    capacity = [] if cell.capacity_Ah is None else [f"capacity_Ah = {cell.capacity_Ah * cell.parallel:g}"]
+    lines += ["", "model file:", "[cell]", f'format = "{cell.name}"', *capacity, "", "[parameters]"]
     lines += [
-        f'{symbol} = {{ value = {p["value"]:g}, unit = "{p["unit"]}", rel_sd = {p["rel_sd"]:g} }}'
-        for symbol, p in found.items()
+        f'{symbol} = {{ value = {p.value / KINDS[symbol].to_si:.4g}, unit = "{KINDS[symbol].unit}", '
+        f"rel_sd = {p.rel_sd:.3g} }}"
+        for symbol, p in cell_priors(cell, conduction=True).items()
     ]
     lines += [
         "",

@@ -69,8 +69,11 @@ def run(args: argparse.Namespace) -> int:
                 "worst_cell": worst + 1,
                 "worst_core_sd_K": round(float(sd[worst]), 4),
                 "unknown_sd_per_10K": round(_unknown_per_10K(s.model), 2),
+                "of_several": s.of_several,
                 "heat_unseen_cells": [
-                    k for k in range(1, s.model.cells + 1) if not {k - 1, k, k + 1}.intersection(sensors)
+                    k
+                    for k in range(1, s.model.cells + 1)
+                    if s.of_several or not {k - 1, k, k + 1}.intersection(sensors)
                 ],
                 "signals": {_label(*c.key): c.signal or f"constant {c.constant:g}" for c in s.channels},
             }
@@ -117,7 +120,7 @@ def run(args: argparse.Namespace) -> int:
     for one in strings:
         if one["heat_unseen_cells"]:
             cells = ranges(one["heat_unseen_cells"])
-            far = "two or more cells away from every sensor"
+            far = "a worse cooled cell reads alike" if one["of_several"] else "two or more cells away from every sensor"
             say(f"{one['name']}: unexplained heat of cells {cells} cannot be seen: {far}", args.json)
     if lost:
         shown = ", ".join(lost[:5]) + (f" and {len(lost) - 5} more" if len(lost) > 5 else "")
@@ -184,9 +187,11 @@ def _tell(uses: "dict[str, Use]", json_target: str | None) -> None:
 
 
 def _sensed(string: "StringPlan") -> tuple[int, ...]:
-    """Cells with a sensor; of a reading that is one of several cells, one in their midst stands for all."""
+    """Cells with a sensor; of a reading that is one of several cells, the one that stands for them."""
+    from bms_gateway.engine.several import stand_in
+
     own = {c.cell for c in string.channels if c.quantity == "surface" and c.cell is not None}
-    several = {c.among[len(c.among) // 2] for c in string.channels if c.among}
+    several = {stand_in(c.statistic, c.among) for c in string.channels if c.statistic is not None}
     return tuple(sorted(own | several))
 
 

@@ -221,7 +221,8 @@ def _table(proposal: "Proposal") -> str:
     for p in proposal.signals[:SHOWN]:
         low, high = p.observed
         where = "" if p.string is None else f"string_{p.string}"
-        role = p.role if p.index is None else f"{p.role} {p.index}"
+        role = f"{p.role} {p.statistic}" if p.index is None and p.statistic else p.role
+        role = role if p.index is None else f"{role} {p.index}"
         rows.append(
             [
                 role,

@@ -4,6 +4,7 @@ Numbers are written with the unit that people use (mΩ, K/W) and checked against
 `thermal.KINDS`, which catch a slipped unit. Reading what was written gives the same model, bit for bit.
 """
 
+import json
 import os
 from collections.abc import Mapping
 from dataclasses import replace
@@ -26,7 +27,7 @@ from bms_gateway.config.effect_tables import (
 from bms_gateway.config.posterior import PosteriorTable, read_posterior, write_posterior
 from bms_gateway.config.toml import Section, parse_toml, read_text, validate
 from bms_gateway.config.units import PARAMETER_UNITS, parameter_factor
-from bms_gateway.errors import ConfigError
+from bms_gateway.errors import ConfigError, UsageError
 from bms_gateway.thermal import CELL_SYMBOLS, KINDS, Condition, Coolant, Prior, Share, StringModel, exchange
 from bms_gateway.thermal.parameters import DEFAULT_TOLERANCES
 
@@ -83,8 +84,9 @@ class Part(Section):
 
 
 class Cell(Section):
-    """`[cell]`; the last two as `thermal.centre` explains them."""
+    """`[cell]`: format as `thermal.cells.cell_of` reads it; the last two as `thermal.centre` explains them."""
 
+    format: str | None = None
     capacity_Ah: float | None = Field(default=None, gt=0.0, le=10_000.0)
     centre_share: Part | None = None
     core_probe: Part | None = None
@@ -207,6 +209,7 @@ def _model(file: ModelFile) -> StringModel:
         effects=read_effects(file.effects, file.effect, file.cells, sensors),
         centre_share=None if file.cell.centre_share is None else file.cell.centre_share.share,
         core_probe=None if file.cell.core_probe is None else file.cell.core_probe.share,
+        cell_format=_format(file.cell.format),
     )
     model = replace(model, priors=_complete(model, model.priors, "parameters"))
     if file.before is not None:
@@ -223,8 +226,23 @@ def _model(file: ModelFile) -> StringModel:
     return model
 
 
+def _format(words: str | None) -> str | None:
+    """Check a cell's description: one that cannot be read would be found out in the middle of a diagnosis."""
+    if words is not None:
+        from bms_gateway.thermal.cells import (
+            cell_of,
+        )  # the service, whose models name no format as a rule, starts faster
+
+        try:
+            cell_of(words)
+        except UsageError as e:
+            raise ConfigError(f"cell.format: {str(e).removeprefix('cell: ').removeprefix('cell ')}") from None
+    return words
+
+
 def _cell_lines(model: StringModel) -> list[str]:
-    lines = [] if model.capacity_Ah is None else [f"capacity_Ah = {model.capacity_Ah!r}"]
+    lines = [] if model.cell_format is None else [f"format = {json.dumps(model.cell_format, ensure_ascii=False)}"]
+    lines += [] if model.capacity_Ah is None else [f"capacity_Ah = {model.capacity_Ah!r}"]
     shares = (
         ("centre_share", model.centre_share, "of R_c within the roll: how far its centre is above its mean"),
         (

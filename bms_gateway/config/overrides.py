@@ -1,4 +1,4 @@
-"""Corrections that a config makes to its DBC: range, byte order and sign of single signals."""
+"""Corrections that a config makes to its DBC: range, byte order, sign and bits of single signals."""
 
 from dataclasses import replace
 
@@ -10,7 +10,7 @@ from bms_gateway.frames.signals import SignalInfo
 
 
 def put_right(where: str, config: GatewayConfig, database: Database) -> Database:
-    """Apply `minimum`, `maximum`, `byte_order` and `signed` of all signals of a config.
+    """Apply `minimum`, `maximum`, `byte_order`, `signed` and `mask` of all signals of a config.
 
     Parameters
     ----------
@@ -57,6 +57,8 @@ def overridden(info: SignalInfo, source: Source) -> SignalInfo:
         if info.is_float:
             raise ConfigError(f"signed: '{info.path}' is a floating-point number, which has a sign anyway")
         place = replace(place, signed=source.signed)
+    if source.mask is not None:
+        info, place = _masked(info, place, source.mask)
     minimum = info.minimum if source.minimum is None else source.minimum
     maximum = info.maximum if source.maximum is None else source.maximum
     if minimum is not None and maximum is not None and minimum >= maximum:
@@ -65,6 +67,36 @@ def overridden(info: SignalInfo, source: Source) -> SignalInfo:
             f"({'the latter' if source.maximum is None else 'the former'} as the DBC declares it)"
         )
     return replace(info, place=place, minimum=minimum, maximum=maximum)
+
+
+def _masked(info: SignalInfo, place: Place, mask: int) -> tuple[SignalInfo, Place]:
+    """Take the bits of a mask out of a signal; the value of each bit and the labels stay what they were.
+
+    Raises
+    ------
+    ConfigError
+        The mask is not one run of ones within the signal, or the signal is a floating-point number.
+    """
+    if info.is_float:
+        raise ConfigError(f"mask: '{info.path}' is a floating-point number; it has no bits to leave out")
+    low = (mask & -mask).bit_length() - 1
+    run = mask >> low
+    if run & (run + 1):
+        raise ConfigError(f"mask: {mask:#x} is not one run of ones, as 0x0FFF or 0xFF00")
+    if mask >= 1 << place.size:
+        raise ConfigError(f"mask: '{info.path}' has {place.size} bits; valid: up to {(1 << place.size) - 1:#x}")
+    size, above = run.bit_length(), place.size - mask.bit_length()
+    if place.big_endian:  # the start is the most significant bit
+        first = place.first_bit + above
+        start = 8 * (first // 8) + 7 - first % 8
+    else:
+        start = place.start + low
+    choices = {raw >> low: text for raw, text in info.choices.items() if raw == raw & mask}
+    start_raw = None if info.start_raw is None else float((int(info.start_raw) & mask) >> low)
+    # the words of J1939 for "not available" are those of the whole signal
+    whole = info.j1939 and size == info.place.size
+    info = replace(info, scale=info.scale * 2**low, choices=choices, start_raw=start_raw, j1939=whole)
+    return info, replace(place, start=start, size=size)
 
 
 def turned(info: SignalInfo, big_endian: bool) -> Place:

@@ -47,6 +47,9 @@ class Source(Section):
         Of the same bytes, where the DBC is wrong about it.
     signed : bool or None
         Whether the bits are a two's complement, where the DBC is wrong about it.
+    mask : int or None
+        The bits of the raw value that are the measurement, where the DBC takes others into it: one run of ones, as
+        0x0FFF.
     max_of, min_of, mean_of : str or None
         Of a surface: the signal is the greatest, least or mean one of these cells, as "1-96" or "1,3,5-8".
     """
@@ -60,6 +63,7 @@ class Source(Section):
     maximum: float | None = None
     byte_order: Literal["little_endian", "big_endian"] | None = None
     signed: bool | None = None
+    mask: int | None = Field(default=None, ge=1, lt=1 << 64)
     max_of: Text | None = None
     min_of: Text | None = None
     mean_of: Text | None = None
@@ -77,7 +81,7 @@ class Source(Section):
         if self.signal is None and (self.scale != 1.0 or self.offset != 0.0):
             raise ValueError("a constant has neither scale nor offset")
         if self.signal is None and self.overrides:
-            raise ValueError("minimum, maximum, byte_order and signed belong to a signal, not to a constant")
+            raise ValueError("minimum, maximum, byte_order, signed and mask belong to a signal, not to a constant")
         if self.minimum is not None and self.maximum is not None and self.minimum >= self.maximum:
             raise ValueError(f"minimum {self.minimum:g} is not below maximum {self.maximum:g}")
         if len(self.statistics) > (self.signal is not None):
@@ -95,7 +99,7 @@ class Source(Section):
     @property
     def overrides(self) -> bool:
         """Whether the config corrects anything that the DBC says of the signal."""
-        return any(x is not None for x in (self.minimum, self.maximum, self.byte_order, self.signed))
+        return any(x is not None for x in (self.minimum, self.maximum, self.byte_order, self.signed, self.mask))
 
 
 class Signals(Section):

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bms_gateway.diagnose.core_band import posterior
+from bms_gateway.diagnose.geometry import OF, odd_fitted
 from bms_gateway.diagnose.model_error import Bench, ModelError, averaged
 from bms_gateway.diagnose.model_error import fit as fit_with_error
 from bms_gateway.diagnose.prepare import measured
@@ -23,6 +24,7 @@ LEAST_STRUCTURE = 0.18
 UNTOLD, WEAK = 0.9, 0.5
 """Posterior over prior sd, from which a number is not identifiable, or only weakly."""
 UNIDENTIFIABLE, AT_BOUND = "not identifiable", "at its bound: not believed"
+AGAINST_FORMAT = "against the cell's format: not believed"
 FIRM = 0.1
 """Relative prior sd up to which a parameter is known beforehand and need not be learnt."""
 LEARNT = 0.9
@@ -47,7 +49,8 @@ class Change:
     before, before_sd, after, after_sd : float
         In that unit; after_sd is that of the posterior, its evidence weakened by what the fit left over.
     status : str
-        `identified`, `weakly identified`, `not identifiable: why`, `at its bound: not believed` or `fixed`.
+        `identified`, `weakly identified`, `not identifiable: why`, `at its bound: not believed`,
+        `against the cell's format: not believed` or `fixed`.
     """
 
     name: str
@@ -216,6 +219,7 @@ def changes(fit: MapFit) -> tuple[Change, ...]:
     model = fit.problem.model
     sd = np.sqrt(np.diag(posterior(fit)))
     sources = [m.source for m in fit.problem.records]
+    odd = _against_format(fit)
     found = []
     for name, prior in model.priors.items():
         kind = KINDS[name]
@@ -228,7 +232,7 @@ def changes(fit: MapFit) -> tuple[Change, ...]:
                 continue
             now = value * float(np.exp(fit.theta[i]))
             of = "" if c.record is None else sources[c.record]
-            status = _status(fit, i, sd[i])
+            status = AGAINST_FORMAT if name in odd else _status(fit, i, sd[i])
             found.append(Change(name, of, kind.unit, value, value * prior.rel_sd, now, now * float(sd[i]), status))
     for e in model.effects:
         found += [_effect_change(fit, e, p, sd) for p in effect_named(e.name).parameters]
@@ -317,8 +321,14 @@ def _effect_change(fit: MapFit, e: AddedEffect, p: EffectParameter, sd: Floats) 
 
 def statuses(fit: MapFit) -> list[str]:
     """Say of each coordinate of a fit whether the records tell it: the one place that decides that."""
-    sd = np.sqrt(np.diag(posterior(fit)))
-    return [_status(fit, i, float(sd[i])) for i in range(len(fit.theta))]
+    sd, odd = np.sqrt(np.diag(posterior(fit))), _against_format(fit)
+    names = [c.name for c in fit.problem.coordinates]
+    return [AGAINST_FORMAT if n in odd else _status(fit, i, float(sd[i])) for i, n in enumerate(names)]
+
+
+def _against_format(fit: MapFit) -> set[str]:
+    """Symbols of a fit that no cell of the model's format has."""
+    return {symbol for odd in odd_fitted(fit) if odd.excluded for symbol in OF[odd.name]}
 
 
 def _status(fit: MapFit, i: int, sd: float) -> str:

@@ -47,6 +47,11 @@ class Candidate:
         return tuple(p for p in self.effect.parameters if p.neutral is not None and self.is_free(p))
 
     @property
+    def follows_charge(self) -> bool:
+        """Whether its law goes by the state of charge: by nature, or with the numbers that it was given."""
+        return "soc" in self.effect.signals or (self.name == "entropic_heat" and len(self.strengths) > 1)
+
+    @property
     def begin(self) -> dict[str, float]:
         """Where a fit starts, by parameter (SI)."""
         return {

@@ -1,9 +1,10 @@
-"""State of charge over a record: recorded, counted, or both: the counted shape at the recorded level."""
+"""State of charge over a record: recorded, or counted at the level that a record or the voltage tells."""
 
 from itertools import pairwise
 
 import numpy as np
 
+from bms_gateway.diagnose.charge_level import Level, Terminal, by_voltage, within_capacity
 from bms_gateway.diagnose.grid import Grid
 from bms_gateway.diagnose.noise import resolution
 from bms_gateway.thermal import Floats
@@ -15,9 +16,14 @@ EXPLAINED = 0.8
 
 
 def state_of_charge(
-    recorded: Floats | None, current: Floats, grid: Grid, capacity_Ah: float | None, notes: list[str]
-) -> Floats | None:
-    """State of charge at the middle of each interval.
+    recorded: Floats | None,
+    current: Floats,
+    grid: Grid,
+    capacity_Ah: float | None,
+    notes: list[str],
+    terminal: Terminal | None = None,
+) -> tuple[Floats | None, float]:
+    """State of charge at the middle of each interval, and how well its level is known.
 
     Parameters
     ----------
@@ -30,20 +36,24 @@ def state_of_charge(
         Of the model file.
     notes : list of str
         Taken further.
+    terminal : Terminal, optional
+        Voltages that tell the level of a counted charge.
 
     Returns
     -------
     ndarray (N,) or None
         0…1; None where neither a record nor a capacity tells.
+    sd : float
+        Of the level of a counted charge; 0 for a recorded one.
     """
     if capacity_Ah is None:
         if recorded is None:
             notes.append("State of charge: not recorded, nor countable without cell.capacity_Ah in the model file.")
-        return recorded
+        return recorded, 0.0
     counted = _counted(current, grid, capacity_Ah)
     parts = [slice(a, b) for a, b in pairwise([0, *grid.gaps, len(current)])]
     if recorded is None:
-        return _at_an_assumed_level(counted, parts, notes)
+        return _at_a_level(counted, parts, current, grid, terminal, notes)
     out = counted.copy()
     for p in parts:
         apart = recorded[p] - counted[p]
@@ -55,8 +65,8 @@ def state_of_charge(
                 f"State of charge: the recorded one and the counted one drift apart by {100.0 * drift:.0f} %"
                 f"{_cause(apart, hours, counted[p], capacity_Ah)}; the recorded one is used."
             )
-            return recorded
-    return np.clip(out, 0.0, 1.0)
+            return recorded, 0.0
+    return np.clip(out, 0.0, 1.0), 0.0
 
 
 def _counted(current: Floats, grid: Grid, capacity_Ah: float) -> Floats:
@@ -66,20 +76,37 @@ def _counted(current: Floats, grid: Grid, capacity_Ah: float) -> Floats:
     return np.asarray(np.cumsum(moved) - 0.5 * moved)
 
 
-def _at_an_assumed_level(counted: Floats, parts: list[slice], notes: list[str]) -> Floats | None:
-    """Half full at the start of each part, unless the part then ran below empty or above full."""
+def _at_a_level(
+    counted: Floats, parts: list[slice], current: Floats, grid: Grid, terminal: Terminal | None, notes: list[str]
+) -> tuple[Floats | None, float]:
+    """Put each part at its own level: by the voltage, else half full at its start."""
     if (span := max(float(np.ptp(counted[p])) for p in parts)) > 1.0 + APART:
         notes.append(
             f"State of charge: counting gives a change of {100.0 * span:.0f} %, more than the cell holds by "
             "cell.capacity_Ah: not used."
         )
-        return None
-    out = counted.copy()
+        return None, 0.0
+    out, levels = counted.copy(), []
     for p in parts:
-        out[p] += 0.5 - counted[p][0]
-        out[p] += max(-float(out[p].min()), 0.0) - max(float(out[p].max()) - 1.0, 0.0)
-    notes.append("State of charge: counted from the current; its level, half full at the start, is an assumption.")
-    return np.clip(out, 0.0, 1.0)
+        level = None if terminal is None else by_voltage(counted, p, current, grid, terminal)
+        levels.append(level or within_capacity(counted[p] - counted[p][0]))
+        out[p] += levels[-1].soc - counted[p][0]
+    notes.append(f"State of charge: counted from the current; {_told(levels)}.")
+    weight = np.array([p.stop - p.start for p in parts], dtype=np.float64)
+    sd = float(np.sqrt(np.average([x.sd**2 for x in levels], weights=weight)))
+    return np.clip(out, 0.0, 1.0), sd
+
+
+def _told(levels: list[Level]) -> str:
+    """Say where the level of a counted charge comes from."""
+    first, worst = levels[0], max(levels, key=lambda x: x.sd)
+    if first.told_by == "capacity":
+        return f"its level, half full at the start, is an assumption (± {100.0 * first.sd:.0f} %)"
+    what = "at rest" if first.told_by == "rest" else "under load"
+    text = f"{100.0 * first.soc:.0f} ± {100.0 * first.sd:.0f} % at the start, by the voltage {what}"
+    if len(levels) > 1:
+        text += f"; each of {len(levels)} parts has its own level, ± {100.0 * worst.sd:.0f} % at worst"
+    return text
 
 
 def _cause(apart: Floats, hours: Floats, counted: Floats, capacity_Ah: float) -> str:

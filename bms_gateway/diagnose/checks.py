@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.diagnose.coarse_rows import HOPELESS, doubt
+from bms_gateway.diagnose.geometry import odd_declared
 from bms_gateway.diagnose.record import Record
 from bms_gateway.thermal import Floats, StringModel, StringParameters, continuous, discretize, simulate
 from bms_gateway.thermal.drive import Drive
@@ -72,9 +73,30 @@ def check_record(record: Record, model: StringModel) -> tuple[Finding, ...]:
     tuple of Finding
         The worst first, else in a fixed order. With a "stop" the data are insufficient for any verdict.
     """
-    checks = (_length, _current, _rise, _rest, _soak, _stuck, _sign, _inlet, _along, _loop, _charge, _sampling, _rows)
+    checks = (
+        _format,
+        _length,
+        _current,
+        _rise,
+        _rest,
+        _soak,
+        _stuck,
+        _sign,
+        _inlet,
+        _along,
+        _loop,
+        _charge,
+        _sampling,
+        _rows,
+    )
     found = [f for check in checks for f in check(record, model)]
     return tuple(sorted(found, key=lambda f: ("stop", "warn", "note").index(f.severity)))
+
+
+def _format(_: Record, model: StringModel) -> Iterator[Finding]:
+    """Look whether the model's own numbers are those of the cell that it names."""
+    for odd in odd_declared(model):
+        yield Finding("cell_format", "warn", f"Model file: {odd.says}")
 
 
 def _length(r: Record, model: StringModel) -> Iterator[Finding]:

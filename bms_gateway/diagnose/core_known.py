@@ -14,7 +14,7 @@ A core is **proven** by records when nothing speaks against it, that is when all
   `diagnose`. Where it does not, the model has an error of its own, and what that does in the core no surface tells;
 * no effect of the catalogue passes the gates of `diagnose`: one that a model lacks can move its core and leave its
   surface as it is;
-* no number ends at a bound or beyond `FAR` standard deviations of what was known of it.
+* no number ends at a bound, beyond `FAR` standard deviations of what was known of it, or against the cell's format.
 
 After `fit --calibrate` a thermocouple in the core has testified: the third and fourth are then asked for only as far as
 the model's own error exceeds `LARGE_K`.
@@ -29,6 +29,7 @@ from bms_gateway.diagnose.calibrate import Identified, fitted_model, identify
 from bms_gateway.diagnose.checks import check_record
 from bms_gateway.diagnose.coarse_rows import HOPELESS, doubt, left_open
 from bms_gateway.diagnose.core_band import LUMPED, UNPROVEN, CoreBand, core_bands, half_width_K, posterior, typical_K
+from bms_gateway.diagnose.geometry import odd_fitted
 from bms_gateway.diagnose.judge import Settings, Trial
 from bms_gateway.diagnose.misfit import nearest, sensors
 from bms_gateway.diagnose.prepare import measured
@@ -223,7 +224,7 @@ def _lacking(
 
 
 def numbers_far(fit: MapFit) -> list[str]:
-    """Name the numbers of a fit that end at a bound, or far from what was known of them."""
+    """Name the numbers of a fit that end at a bound, far from what was known of them, or against the cell's format."""
     said = []
     for c, z in zip(fit.problem.coordinates, fit.theta.tolist(), strict=True):
         if c.only_start:
@@ -233,7 +234,7 @@ def numbers_far(fit: MapFit) -> list[str]:
             said.append(f"{c.name} ends at its bound.")
         elif abs(off) > FAR:
             said.append(f"{c.name} ends {abs(off):.1f} sd from what was known of it.")
-    return said
+    return said + [odd.says for odd in odd_fitted(fit)]
 
 
 def _vanished(c: Coordinate, z: float) -> bool:

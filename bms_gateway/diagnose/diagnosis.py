@@ -22,6 +22,7 @@ from bms_gateway.diagnose.calibrate import seen_on
 from bms_gateway.diagnose.candidates import INSTEAD, Candidate
 from bms_gateway.diagnose.coarse_rows import doubt
 from bms_gateway.diagnose.core_band import core_moved
+from bms_gateway.diagnose.geometry import odd_fitted
 from bms_gateway.diagnose.judge import Settings, Trial
 from bms_gateway.diagnose.prepare import measured
 from bms_gateway.diagnose.record import Record
@@ -49,6 +50,10 @@ EXPLAINED, EXPLAINED_HELD = 0.95, 0.5
 right name leaves less, unless the noise hides it all the same."""
 DECIDED = 0.5
 """Posterior share of the first effect below which several explain the records about equally well."""
+LEVEL_KNOWN = 0.1
+"""sd of the level of a counted charge up to which a law that goes by it needs no word of doubt."""
+HALVED = 0.5
+"""Share of the error that effects may leave where the charge is known, to be worth another record."""
 SHORT_STRING = 5
 INPUT_ONLY = (
     "Heat from the voltage explains it: that is a better input and no physics. What I²R_e lacks is none of the "
@@ -187,6 +192,12 @@ def diagnose(
     Diagnosis
     """
     tell = progress or (lambda _share, _text: None)
+    d = _diagnosed(model, records, settings, tell)
+    tell(1.0, "done")
+    return _with_charge(d, max(r.charge_sd for r in records))
+
+
+def _diagnosed(model: StringModel, records: Sequence[Record], settings: Settings | None, tell: Progress) -> Diagnosis:
     ready = [measured(r, model) for r in records]
     found = search(model, ready, settings, lambda share, text: tell(0.6 * share, text), [doubt(r) for r in records])
     first = judged(found)
@@ -195,11 +206,9 @@ def diagnose(
         by_voltage = judged(other)
         if _only_voltage(by_voltage):
             other.physical = found.rounds
-            tell(1.0, "done")
             return _with_doubt(replace(by_voltage, sentence=f"{by_voltage.sentence} {INPUT_ONLY}"))
     open_rows = found.hopeless or (found.left_open > 0.0 and first.verdict == "adequate")
     if open_rows or not needs_second(found) or (model.cells > 1 and not _doubtful(first)):
-        tell(1.0, "done")
         return _with_doubt(first)
     second = second_search(model, ready, progress=lambda share, text: tell(0.6 + 0.4 * share, text))
     if model.cells > 1 and second.verdict == "missing_effect":
@@ -259,16 +268,35 @@ def judged(found: Search) -> Diagnosis:
 
 
 def _with_doubt(d: Diagnosis) -> Diagnosis:
-    """Say so where the named effects move the core by less than it is known to: no surface tells which is nearer."""
+    """Say what speaks against the core with the named effects.
+
+    A number that no cell of the format has; or that they move it by less than it is known to: no surface tells which
+    is nearer.
+    """
     if not d.selected:
         return d
+    if odd := tuple(o.says for o in odd_fitted(d.search.final)):
+        d = replace(d, sentence=f"{d.sentence} {' '.join(odd)}", alarms=odd)
     moved, half_width = core_moved(d.search.baseline, d.search.final)
     if moved > half_width:
         return d
     doubt = (
         f"With what is named the core moves by {moved:.2g} K, less than the ± {half_width:.2g} K to which it is known."
     )
-    return replace(d, sentence=f"{d.sentence} The core is not known better by it: {doubt}", alarms=(doubt,))
+    return replace(d, sentence=f"{d.sentence} The core is not known better by it: {doubt}", alarms=(*d.alarms, doubt))
+
+
+def _with_charge(d: Diagnosis, sd: float) -> Diagnosis:
+    """Say so where an effect is named whose law goes by a charge that may start elsewhere."""
+    names = [s.candidate.key for s in d.selected if s.candidate.follows_charge]
+    if sd <= LEVEL_KNOWN or not names:
+        return d
+    verb = "goes" if len(names) == 1 else "go"
+    doubt = (
+        f"{' and '.join(names)} {verb} by the state of charge, whose level is known to ± {100.0 * sd:.0f} % only: "
+        "record it, or name the cell in the model file ([cell] format)."
+    )
+    return replace(d, sentence=f"{d.sentence} {doubt}")
 
 
 def _doubtful(d: Diagnosis) -> bool:
@@ -285,6 +313,8 @@ def _judged_again(first: Diagnosis, second: SecondSearch) -> Diagnosis:
         for f, seen, held in zip((second.baseline, second.best), second.blocks, second.held_K, strict=True)
     )
     predicted = f" Fitted to the first 60 %, it {course(*second.tail)} in the last 40 %."
+    if not falls(*second.tail) and second.known_K is not None:
+        predicted = predicted[:-1] + ", which holds charge that the first part does not."
     names = tuple(c.candidate.name for c in second.chosen)
     selected = tuple(
         Selected(c.candidate, c.tied, numbers(second.best, c.candidate), c.log_odds) for c in second.chosen
@@ -307,13 +337,19 @@ def _judged_again(first: Diagnosis, second: SecondSearch) -> Diagnosis:
         why = why_not(base.heldout_rmse_K, after.heldout_rmse_K)
         ranking = tuple(replace(r, refused=why) for r in ranking)
         text = _sentence("unknown_effect", (), names, True, base, base)
+        if second.known_K is not None and second.known_K[1] < HALVED * second.known_K[0]:
+            text += (
+                f" It would explain held-out readings between trained ones (error {course(*second.known_K)}), but the "
+                "rest holds charge that no other reading covers: charge and discharge the cell once more, or add a "
+                "record at another rate."
+            )
         return Diagnosis(
             "unknown_effect", True, text, (), names, ranking, base, base, first.search, second, second.alarms
         )
     # an effect that is likelier to be another is one of several
     doubtful = [s for s in selected if probable[s.candidate.key] < DECIDED]
     verdict: Verdict = "undecidable" if doubtful else "missing_effect"
-    text = _sentence(verdict, selected, (), True, base, after) + predicted
+    text = _sentence(verdict, selected, (), True, base, after, second.known_K) + predicted
     for s in doubtful:
         text += f" {s.candidate.key} is one of several: its probability is {100.0 * probable[s.candidate.key]:.0f} %."
     if not second.core_claimed:
@@ -374,6 +410,7 @@ def _sentence(
     remains: bool,
     base: Errors,
     after: Errors,
+    known_K: tuple[float, float] | None = None,
 ) -> str:
     floor = base.noise_floor_K
     if verdict == "adequate":
@@ -392,7 +429,12 @@ def _sentence(
     them = "it" if len(selected) == 1 else "them"
     moved = course(base.heldout_rmse_K, after.heldout_rmse_K)
     text = f"Missing: {names}. With {them} the error on held-out blocks {moved} (noise {floor:.2g} K)."
-    if not falls(base.heldout_rmse_K, after.heldout_rmse_K):
+    if not falls(base.heldout_rmse_K, after.heldout_rmse_K) and known_K is not None and falls(*known_K):
+        text += (
+            " A part of them holds charge that no other reading covers, so that a law of the charge is only guessed "
+            f"there; elsewhere it {course(*known_K)}."
+        )
+    elif not falls(base.heldout_rmse_K, after.heldout_rmse_K):
         text += " These readings speak for it only where it was fitted."
     if tied:
         text += f" These readings cannot tell it from {', '.join(tied)}."

@@ -1,17 +1,21 @@
 """What a comparison found, in plain sentences."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from bms_gateway.diagnose.core_band import CoreBand, half_width_K
 from bms_gateway.diagnose.misfit import Block, Sensor
-from bms_gateway.diagnose.regimes import Bin
+from bms_gateway.diagnose.regimes import Bin, Regime
 
 WORTH = 0.1
 """Share of the excess from which a regime is worth a sentence."""
 SPREAD = 0.3
 """Share of the excess in three blocks below which no time stands out."""
+TOGETHER = 4
+"""Cells of one pattern from which on one sentence tells of all of them."""
+ALONG = 0.8
+"""Rank correlation of the error with the place along the coolant from which on it grows or falls."""
 LARGE_CORE_K = 1.0
 """95 % half width of a core from which one is warned although the surface looks fine."""
 
@@ -36,7 +40,7 @@ def sensor_sentences(
     fine = [s.cell for s in sensors if not s.disagrees]
     if not bad:
         return ("The model agrees with every sensor to within its noise.",)
-    found = [_misfit(s) for s in sorted(bad, key=lambda s: -s.structured_K)]
+    found = [text for group in _patterns(bad) for text in _told(group, len(sensors))]
     if fine:
         found.append(f"The model agrees with {_cells(fine)} to within the noise.")
     if explained:
@@ -68,22 +72,85 @@ def core_sentences(bands: Sequence[CoreBand], sensors: Sequence[Sensor], name: s
     return (text,)
 
 
-def _misfit(s: Sensor) -> str:
-    """One sentence about one sensor: where it is worst, and where it agrees."""
+def _patterns(bad: Sequence[Sensor]) -> list[list[Sensor]]:
+    """Put sensors together that fail in the same way, the worst pattern and the worst sensor of each first."""
+    groups: dict[tuple[str, bool, str], list[Sensor]] = {}
+    for s in sorted(bad, key=lambda s: -s.structured_K):
+        regime, strong = _strongest(s)
+        if regime is None or strong is None:
+            key = ("", False, "")
+        else:
+            key = (regime.feature, strong.mean_K > 0.0, _place(regime.bins, strong))
+        groups.setdefault(key, []).append(s)
+    return list(groups.values())
+
+
+def _told(group: Sequence[Sensor], cells: int) -> list[str]:
+    """Tell of sensors that fail in the same way: of many in one sentence."""
+    if len(group) < TOGETHER:
+        return [_misfit(s) for s in group]
+    found = [(s, *_strongest(s)) for s in group]
+    order = sorted(s.cell for s in group)
+    who = "All cells" if len(group) == cells else f"{len(group)} cells ({_runs(order)})"
+    if found[0][1] is None or found[0][2] is None:
+        least, most = (f(abs(s.worst.error_K) for s in group) for f in (min, max))
+        return [f"{who} depart from the model by {_range(least, most)} K, and no single regime explains it."]
+    strong = {s.cell: b for s, _, b in found if b is not None}
+    size = {k: abs(b.mean_K) for k, b in strong.items()}
+    amount = f"{_range(min(size.values()), max(size.values()))} K {'more' if found[0][2].mean_K > 0.0 else 'less'}"
+    labels = {b.label for b in strong.values()}
+    regime = found[0][1]
+    if regime.feature == "always":
+        where = "all along"
+    elif len(labels) == 1:
+        where = next(iter(labels))
+    else:
+        where = f"where the {regime.title} is {_place(regime.bins, found[0][2])}"
+    return [f"{who} read {amount} than the model {where}{_along(size)}."]
+
+
+def _range(least: float, most: float) -> str:
+    few, many = f"{least:.2g}", f"{most:.2g}"
+    return few if few == many else f"{few} to {many}"
+
+
+def _place(bins: Sequence[Bin], one: Bin) -> str:
+    at = [b is one for b in bins].index(True)
+    return "low" if at < (len(bins) - 1) / 2 else "high" if at > (len(bins) - 1) / 2 else "in between"
+
+
+def _along(size: Mapping[int, float]) -> str:
+    """Say whether an error grows or falls from cell to cell."""
+    place, rank = (np.argsort(np.argsort(x)) for x in (list(size), list(size.values())))
+    together = float(np.corrcoef(place, rank)[0, 1])
+    if abs(together) < ALONG:
+        return ""
+    return ", growing along the coolant" if together > 0.0 else ", falling along the coolant"
+
+
+def _strongest(s: Sensor) -> tuple[Regime | None, Bin | None]:
+    """Find the regime that explains the error of a sensor best, and its bin with the largest error; none of either."""
     always, *others = s.regimes
-    who = f"Cell {s.cell}"
     best = next((r for r in others if r.share > WORTH), None)
     if always.share > 0.5 and always.bins[0].significant and (best is None or best.share < always.share):
-        return f"{who} reads {_amount(always.bins[0].mean_K)} than the model all along."
-    if best is not None:
-        strong = max((b for b in best.bins if b.significant), key=lambda b: abs(b.mean_K), default=None)
-        if strong is not None:
-            other = _contrast(best.bins, strong)
-            return f"{who} reads {_amount(strong.mean_K)} than the model {strong.label}{other}"
-    return (
-        f"{who} departs from the model by {abs(s.worst.error_K):.2g} K (structured error {s.structured_K:.2g} K), "
-        "and no single regime explains it."
-    )
+        return always, always.bins[0]
+    if best is None:
+        return None, None
+    return best, max((b for b in best.bins if b.significant), key=lambda b: abs(b.mean_K), default=None)
+
+
+def _misfit(s: Sensor) -> str:
+    """One sentence about one sensor: where it is worst, and where it agrees."""
+    who = f"Cell {s.cell}"
+    regime, strong = _strongest(s)
+    if regime is None or strong is None:
+        return (
+            f"{who} departs from the model by {abs(s.worst.error_K):.2g} K (structured error {s.structured_K:.2g} K), "
+            "and no single regime explains it."
+        )
+    if regime.feature == "always":
+        return f"{who} reads {_amount(strong.mean_K)} than the model all along."
+    return f"{who} reads {_amount(strong.mean_K)} than the model {strong.label}{_contrast(regime.bins, strong)}"
 
 
 def _contrast(bins: Sequence[Bin], strong: Bin) -> str:
@@ -117,4 +184,21 @@ def _when(blocks: Sequence[Block], records: int) -> str:
 
 
 def _cells(cells: Sequence[int]) -> str:
-    return f"cell {cells[0]}" if len(cells) == 1 else "cells " + ", ".join(str(k) for k in cells)
+    return f"cell {cells[0]}" if len(cells) == 1 else f"cells {_runs(cells)}"
+
+
+def _runs(cells: Sequence[int]) -> str:
+    """Name cells in order, neighbours from the third on as a stretch.
+
+    Examples
+    --------
+    >>> _runs([1, 2, 3, 4, 7, 9, 10])
+    '1 to 4, 7, 9, 10'
+    """
+    runs: list[list[int]] = []
+    for k in cells:
+        if runs and k == runs[-1][-1] + 1:
+            runs[-1].append(k)
+        else:
+            runs.append([k])
+    return ", ".join(f"{r[0]} to {r[-1]}" if len(r) > 2 else ", ".join(map(str, r)) for r in runs)

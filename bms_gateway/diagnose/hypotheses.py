@@ -7,6 +7,7 @@ import numpy as np
 
 from bms_gateway.diagnose.ammeter import charge_too_much
 from bms_gateway.diagnose.candidates import INSTEAD, Candidate, candidates, excluded
+from bms_gateway.diagnose.geometry import odd_fitted
 from bms_gateway.diagnose.model_error import REFINEMENTS, Bench, Fit, fit
 from bms_gateway.diagnose.screen import Gain, extended, screen
 from bms_gateway.identify.coordinates import Coordinate, Measured
@@ -137,6 +138,9 @@ def _absurd(h: Hypothesis, base: Hypothesis) -> str:
             for m in problem.records:
                 if said := charge_too_much(m.drive, float(z), problem.model.capacity_Ah):
                     return said
+    there = {odd.name for odd in odd_fitted(base.fit.map)}
+    if against := [odd.says for odd in odd_fitted(h.fit.map) if odd.excluded and odd.name not in there]:
+        return against[0].rstrip(".")
     gap, usual = h.gap(), max(base.gap(), LEAST_GAP)
     if gap > WILD_GAP * usual:
         return f"its core stands {gap:.1f} K from the surface, {gap / usual:.1f} times as far as without it"

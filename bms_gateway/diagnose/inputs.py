@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from bms_gateway.diagnose.charge import state_of_charge
+from bms_gateway.diagnose.charge_level import Terminal
+from bms_gateway.diagnose.geometry import chemistry_of
 from bms_gateway.diagnose.grid import Grid, bridged, usual_interval
 from bms_gateway.diagnose.means import Path, mean, mean_magnitude, mean_product, path
 from bms_gateway.diagnose.smooth import COARSEST_K, smooth
@@ -76,6 +78,8 @@ class Signals:
     soc : Path or None
     sampling : Sampling
         Of the current.
+    terminal : Terminal or None
+        The rows of the voltage.
     """
 
     current_s: Floats
@@ -86,9 +90,10 @@ class Signals:
     flow: Path | None
     soc: Path | None
     sampling: "Sampling"
+    terminal: Terminal | None
 
-    def drive(self, grid: Grid, model: StringModel, notes: list[str]) -> Drive:
-        """Take the means over the intervals of the grid."""
+    def drive(self, grid: Grid, model: StringModel, notes: list[str]) -> tuple[Drive, float]:
+        """Take the means over the intervals of the grid; with them, how well the level of the charge is known."""
         x = grid.instants
         n = len(x) - 1
         current = mean(x, self.current)
@@ -99,10 +104,10 @@ class Signals:
         none = np.full(n, np.nan)
         known = {name for name, p in (("flow", self.flow), ("voltage", self.voltage)) if p is not None}
         recorded = None if self.soc is None else np.clip(mean(x, self.soc), 0.0, 1.0)
-        soc = state_of_charge(recorded, current, grid, model.capacity_Ah, notes)
+        soc, soc_sd = state_of_charge(recorded, current, grid, model.capacity_Ah, notes, self.terminal)
         if soc is not None:
             known.add("soc")
-        return Drive(
+        drive = Drive(
             dt=grid.dt,
             I=current,
             I2=square,
@@ -115,6 +120,7 @@ class Signals:
             hours=(0.5 * (x[1:] + x[:-1]) - x[0]) / 3600.0,
             known=frozenset(known),
         )
+        return drive, soc_sd
 
 
 def draw_inputs(rows: Rows, model: StringModel, half_way: bool | None, notes: list[str]) -> Signals:
@@ -150,15 +156,17 @@ def draw_inputs(rows: Rows, model: StringModel, half_way: bool | None, notes: li
         raise DataError(f"{rows.source}: coolant_inlet_C has no values: give the inlet or ambient temperature")
     _tell_reach(t, t_in, "coolant inlet", notes)
     current = path(t, amps, gaps, half_way=half_way)
+    voltage, terminal = _voltage(rows, model, t, amps, half_way, notes)
     return Signals(
         current_s=t,
         current=current,
         inlet=path(t_in, smooth(t_in, T_in, coarsest=COARSEST_K), True),
         mean_square=_mean_square(rows, half_way),
-        voltage=_voltage(rows, model, t, amps, half_way, notes),
+        voltage=voltage,
         flow=_flow(rows, model, notes),
         soc=_recorded_charge(rows, notes),
         sampling=Sampling(usual_interval(t), 0.0 if rows.mean_square_current is not None else _doubt(t, amps, bridge)),
+        terminal=terminal,
     )
 
 
@@ -221,14 +229,14 @@ def _mean_square(rows: Rows, half_way: bool) -> Path | None:
 
 def _voltage(
     rows: Rows, model: StringModel, t_I: Floats, amps: Floats, half_way: bool, notes: list[str]
-) -> Path | None:
+) -> tuple[Path | None, Terminal | None]:
     """Voltage of a cell: the string's, shared out evenly as in the gateway, unless it plainly is a cell's already."""
     if rows.voltage_V is None:
-        return None
+        return None, None
     known = np.isfinite(rows.voltage_V)
     t, V = rows.time_s[known], rows.voltage_V[known]
     if len(t) < 2:
-        return None
+        return None, None
     usual = float(np.median(V))
     low, high = LITHIUM_VOLTS
     if model.cells > 1 and usual / model.cells < low <= usual <= high:
@@ -240,14 +248,16 @@ def _voltage(
     if not low <= usual <= high:
         share = f"a {model.cells}th of voltage_V" if model.cells > 1 else "voltage_V"
         notes.append(f"The voltage is not used: {share}, {usual:.4g} V, is no voltage of a cell.")
-        return None
+        return None, None
     if wild := int(((low > V) | (high < V)).sum()):
         notes.append(f"{wild} values of voltage_V are no voltage of a cell and are left out.")
         keep = (low <= V) & (high >= V)
         t, V = t[keep], V[keep]
     row = np.clip(np.searchsorted(t_I, t, "right") - 1, 0, len(amps) - 1)
     creeps = np.abs(np.diff(amps[row])) <= SAME_CURRENT * float(np.abs(amps).max())
-    return path(t, V, creeps | (np.diff(t) > bridged(t)[0]), half_way=half_way)
+    R_e = model.priors["R_e"]
+    terminal = Terminal(t, V, amps[row], float(np.mean(R_e.value)), R_e.rel_sd, chemistry_of(model))
+    return path(t, V, creeps | (np.diff(t) > bridged(t)[0]), half_way=half_way), terminal
 
 
 def _flow(rows: Rows, model: StringModel, notes: list[str]) -> Path | None:

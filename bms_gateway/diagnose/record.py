@@ -61,6 +61,8 @@ class Record:
         Of the current.
     voltages : CellRows or None
         Voltages of single cells, where there were any.
+    charge_sd : float
+        How well the level of the state of charge is known, 0…1; 0 where it was recorded.
     """
 
     source: str
@@ -75,6 +77,7 @@ class Record:
     notes: tuple[str, ...]
     sampling: Sampling
     voltages: CellRows | None = None
+    charge_sd: float = 0.0
 
     @property
     def cells(self) -> tuple[int, ...]:
@@ -179,7 +182,7 @@ def make_record(
     )
     signals: Signals = draw_inputs(rows, model, half_way, notes)
     grid: Grid = lay_grid(source, signals.current_s, model.cells, notes)
-    drive = signals.drive(grid, model, notes)
+    drive, charge_sd = signals.drive(grid, model, notes)
     surface = gather_readings(time_s, surface_C, model.sensors, grid, notes)
     if not len(surface.y):
         wanted = ", ".join(f"surface_{k}_C" for k in model.sensors)
@@ -200,6 +203,7 @@ def make_record(
         tuple(notes),
         signals.sampling,
         CellRows(time_s, current_A, cell_voltage_V) if cell_voltage_V else None,
+        charge_sd,
     )
 
 

@@ -141,7 +141,7 @@ def within(fit: MapFit) -> np.ndarray:
     """Held-out readings (M,) whose inputs lie within the range that was trained; all held-out ones if few do."""
     parts = []
     for m in fit.problem.records:
-        interval = np.minimum(m.row - _span(m), m.drive.N - 1)
+        interval = interval_of(m)
         inside = ~m.used
         for name, margin in REGIME.items():
             x = getattr(m.drive, name)[interval]
@@ -167,6 +167,11 @@ def unexplained(fit: MapFit, left_open: float = 0.0) -> tuple[bool, bool]:
     seen = scale(fit, held, COARSE_SDS if coarse else 0.0)
     fails_held = seen > float(np.hypot(HELD_RATIO * usual_scale(fit, found.z), open_in_sd))
     return found.z > LEAST_Z and found.size > least, fails_held
+
+
+def interval_of(m: Measured) -> np.ndarray:
+    """Interval (M,) in which each reading lies."""
+    return np.asarray(np.minimum(m.row - _span(m), m.drive.N - 1))
 
 
 def _span(m: Measured) -> np.ndarray:

@@ -2,7 +2,9 @@
 
 All single effects are fitted, then the pairs and triples that a linear step promises most of, each with a discrepancy
 of its own; plausibility counts. An effect stays only if no hypothesis without it comes within 20 to 1. What is found
-must explain half of the misfit and, fitted to the first part of the record, remove half of the error in the rest.
+must explain half of the misfit and, fitted to the first part of the record, remove half of the error in the rest. Where
+a law goes by the charge, that rest counts as far as the first part of some record knows its charge. A discharge from
+full to empty has no such rest: in it charge and time are one, and no law of the charge is proven by it alone.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -13,6 +15,7 @@ import numpy as np
 
 from bms_gateway.diagnose.calibrate import held_out, seen_on
 from bms_gateway.diagnose.candidates import Candidate
+from bms_gateway.diagnose.coverage import covered
 from bms_gateway.diagnose.hypotheses import Board, Hypothesis, freed
 from bms_gateway.diagnose.model_error import REFINEMENTS, Bench, Fit, ModelError, averaged, first_part, fit
 from bms_gateway.diagnose.residuals import rmse, structure
@@ -21,7 +24,7 @@ from bms_gateway.diagnose.witness import Witness, agreement, by_voltage, witness
 from bms_gateway.identify.coordinates import Coordinate, Measured
 from bms_gateway.identify.map_fit import ITERATIONS, MapFit, stacked
 from bms_gateway.identify.problem import Problem
-from bms_gateway.thermal import StringModel
+from bms_gateway.thermal import Floats, StringModel
 from bms_gateway.thermal.effects import effect_named
 
 Progress = Callable[[float, str], None]
@@ -30,6 +33,8 @@ STRUCTURED = (0.18, 6.0)
 name."""
 TIED = 3.0
 """Log-odds within which another effect in its place would do as well."""
+ENOUGH_KNOWN = 0.2
+"""Share of held-out readings at a charge that was trained, from which a law of the charge is judged by them."""
 HALF = 0.8
 """Share of the structure's power that an explanation must take away."""
 
@@ -78,6 +83,11 @@ class SecondSettings:
     explained: float = 0.5
     train: float = 0.6
     tail: float = 0.5
+
+    @property
+    def fine(self) -> ModelError:
+        """Regime in which the numbers of the chosen hypothesis are fitted."""
+        return replace(self.error, floor=self.numbers * self.error.floor)
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,6 +138,9 @@ class SecondSearch:
         came: the errors that `compare` tells of the same models.
     tail : tuple of float
         RMSE in the last part, fitted to the first: without and with the chosen effects, K.
+    known_K : tuple of float or None
+        As `held_K`, where the charge is one that was trained: told where a law goes by the charge and a part of the
+        held-out readings lies beyond it.
     discrepancy : tuple of float
         Size of the slow model error without and with the chosen effects, K.
     records : sequence of Measured
@@ -156,6 +169,7 @@ class SecondSearch:
     hypotheses: tuple[Hypothesis, ...]
     settings: SecondSettings
     probability: Mapping[str, float] = field(default_factory=dict)
+    known_K: tuple[float, float] | None = None
 
     @property
     def held_K(self) -> tuple[float, float]:
@@ -229,16 +243,23 @@ def second_search(
     if best.special and not _clean(best, records):
         board.refuse_special()
         best = _parsimonious(board, s)
-    fine_settings = replace(s.error, floor=s.numbers * s.error.floor)
-    fine = Bench([averaged(m, fine_settings) for m in records], fine_settings)
+    fine = Bench([averaged(m, s.fine) for m in records], s.fine)
     tell(0.85, "fitting the numbers of the best hypothesis")
     final = _finished(best, fine, s)
     base = board.base.fit
     tell(0.9, "predicting the last part from the first")
-    tail = _tail(bench, base, s), _tail(bench, best.fit, s)
+    late = _tail(bench, base, s), _tail(bench, best.fit, s)
+    tail = late[0].rmse(), late[1].rmse()
     explained = _explained(records, base.map, best.fit.map)
     noise = _noise(records, best.fit.map)
-    kept = max(tail[1] ** 2 - noise**2, 0.0) <= s.tail * max(tail[0] ** 2 - noise**2, 1e-9)
+    kept = _removed(tail, noise, s)
+    blocks = (_blocks(bench, base, records, anew=True), _blocks(bench, best.fit, records))
+    known_K = None
+    if any(c.follows_charge for c in best.effects):
+        held = tuple(Predicted.of(f) for f in blocks)
+        known_K = (held[0].rmse(known=True), held[1].rmse(known=True)) if held[0].splits else None
+        if not kept and late[0].splits:
+            kept = _removed((late[0].rmse(known=True), late[1].rmse(known=True)), noise, s)
     believed = bool(best.effects) and explained >= s.explained and kept
     said = (*witnesses(final.map, records, tail if best.effects else None), *_by_voltage(board, best))
     if len(records) > 1:
@@ -262,8 +283,9 @@ def second_search(
         witnesses=said,
         ranking=_ranking(board, best),
         explained=explained,
-        blocks=(_blocks(bench, base, records, anew=True), _blocks(bench, best.fit, records)),
+        blocks=blocks,
         tail=tail,
+        known_K=known_K,
         discrepancy=(base.discrepancy.size, final.discrepancy.size),
         records=records,
         hypotheses=accepted,
@@ -347,13 +369,47 @@ def _alone(joint: Fit, m: Measured, settings: ModelError) -> MapFit:
     return fit(bench, problem, theta, iterations=40, refinements=REFINEMENTS).map
 
 
-def _tail(bench: Bench, f: Fit, s: SecondSettings) -> float:
-    """RMSE of the last part by a fit to the first, K."""
+@dataclass(frozen=True, slots=True)
+class Predicted:
+    """Readings that were held out, predicted.
+
+    Attributes
+    ----------
+    error : ndarray (H,), K
+    known : ndarray (H,) of bool
+        Whether the heat behind them was made at a charge that was trained.
+    """
+
+    error: Floats
+    known: np.ndarray
+
+    @classmethod
+    def of(cls, f: MapFit) -> "Predicted":
+        """Take what a fit holds out."""
+        y, _, _, _, used = stacked(f.problem)
+        return cls((y - f.y)[~used], covered(f.problem.records)[~used])
+
+    @property
+    def splits(self) -> bool:
+        """Whether some lie beyond the charge that was trained, and enough within it to judge by."""
+        return bool(not self.known.all() and self.known.mean() >= ENOUGH_KNOWN)
+
+    def rmse(self, *, known: bool = False) -> float:
+        """Root mean square, K; of those at a known charge alone."""
+        return float(np.sqrt(np.mean(self.error[self.known] ** 2 if known else self.error**2)))
+
+
+def _removed(errors: tuple[float, float], noise: float, s: SecondSettings) -> bool:
+    """Whether enough of an error above the noise is gone."""
+    before, after = (x**2 - noise**2 for x in errors)
+    return max(after, 0.0) <= s.tail * max(before, 1e-9)
+
+
+def _tail(bench: Bench, f: Fit, s: SecondSettings) -> Predicted:
+    """Predict the last part by a fit to the first."""
     part = Bench([first_part(m, s.train) for m in bench.records], bench.settings)
     problem = Problem(f.map.problem.model, part.records, bench.beliefs)
-    found = fit(part, problem, f.map.theta, guess=f.map.prediction.X).map
-    y, _, _, _, used = stacked(problem)
-    return float(np.sqrt(np.mean((y - found.y)[~used] ** 2)))
+    return Predicted.of(fit(part, problem, f.map.theta, guess=f.map.prediction.X).map)
 
 
 def _blocks(bench: Bench, f: Fit, records: Sequence[Measured], *, anew: bool = False) -> MapFit:

@@ -3,6 +3,7 @@ r"""What can testify against a core that no thermocouple sees, when the surface'
 A wrong heat and a wrong way from core to surface can cancel in the surface. They do not cancel in what else is known:
 
 * each number has a plausible range, from the data sheet or from what lithium-ion cells have in common;
+* R_c and the heat capacity have the format and the mass of the cell, where the model file names them;
 * all of them together: the strain :math:`\sum ((\theta - \mu)/s)^2` of the directions that the record has moved, a
   χ² of as many degrees of freedom as it has determined;
 * the energy: what the terminals took in and did not store has become heat;
@@ -18,6 +19,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from bms_gateway.diagnose.core_band import core_bands
+from bms_gateway.diagnose.geometry import DOUBTED, odd_fitted
 from bms_gateway.identify.coordinates import Coordinate, Measured
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.thermal import KINDS, Floats
@@ -86,7 +88,8 @@ def witnesses(f: MapFit, records: Sequence[Measured], tail: tuple[float, float] 
     tail : float, float or None
         RMSE of the last part without and with the chosen effects, K; None where none is chosen.
     """
-    found = [*implausible(f), strain(f)]
+    found = [*implausible(f), *(Witness(f"format {o.name}", o.says, o.off, DOUBTED, True) for o in odd_fitted(f))]
+    found.append(strain(f))
     if tail is not None:
         found.append(_tail(tail))
     for r, m in enumerate(records):
@@ -127,6 +130,17 @@ def _far(c: Coordinate, z: float) -> str:
 
 def strain(f: MapFit) -> Witness:
     """All numbers together: how probable it is that they lie so far from what was known of them."""
+    square, freedom = strain_of(f)
+    p = float(chdtrc(max(freedom, 1), square))
+    text = (
+        f"All numbers together lie {np.sqrt(square):.1f} sd from what was known of them "
+        f"({freedom} directions, p = {p:.2g})"
+    )
+    return Witness("strain", text + ".", p, STRAINED, p < STRAINED)
+
+
+def strain_of(f: MapFit) -> tuple[float, int]:
+    """Square of the distance of all numbers of a fit from what was known of them, and its degrees of freedom."""
     keep = [i for i, c in enumerate(f.problem.coordinates) if c.record is None or not c.name.startswith("T_")]
     prior, sd = (np.array([getattr(f.problem.coordinates[i], k) for i in keep]) for k in ("prior", "sd"))
     u = (f.theta[keep] - prior) / sd
@@ -135,14 +149,7 @@ def strain(f: MapFit) -> Witness:
     value, axes = np.linalg.eigh(posterior)
     known = np.clip(1.0 - value, 0.0, 1.0)
     # the estimate varies by the prior's variance less the posterior's, if the prior is right
-    square = float(np.sum((axes.T @ u)[known > 0.5] ** 2 / known[known > 0.5]))
-    freedom = int(np.sum(known > 0.5))
-    p = float(chdtrc(max(freedom, 1), square))
-    text = (
-        f"All numbers together lie {np.sqrt(square):.1f} sd from what was known of them "
-        f"({freedom} directions, p = {p:.2g})"
-    )
-    return Witness("strain", text + ".", p, STRAINED, p < STRAINED)
+    return float(np.sum((axes.T @ u)[known > 0.5] ** 2 / known[known > 0.5])), int(np.sum(known > 0.5))
 
 
 def agreement(joint: MapFit, alone: Sequence[MapFit]) -> tuple[Witness, ...]:

@@ -72,8 +72,9 @@ class Estimators:
         ]
         plain = [i for i, s in enumerate(self.strings) if not s.plan.model.effects]
         self._groups: list[Group] = []
-        for n in sorted({self.strings[i].plan.model.cells for i in plain}):
-            members = [i for i in plain if self.strings[i].plan.model.cells == n]
+        kinds = {i: (self.strings[i].plan.model.cells, self.strings[i].plan.of_several) for i in plain}
+        for kind in sorted(set(kinds.values())):
+            members = [i for i in plain if kinds[i] == kind]
             stacked = plain_strings(self.strings, members, self._dt, plan.disturbance)
             self._groups.append(Group.of(self.strings, members, stacked, self._dt))
         for i, s in enumerate(self.strings):

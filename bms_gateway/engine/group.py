@@ -49,7 +49,7 @@ class Group:
     doubt : ndarray (S, 1) or None
         Share of the difference core to surface that may be wrong beyond what the observer knows; None where it is zero.
     watch : HeatWatch or None
-        Over heat that no current makes; None where a string has no sensor.
+        Over heat that no current makes; None where a string has no sensor for a cell of its own.
     errors : Errors or None
         Of the newest tick's readings.
     heat : ndarray (S,) or None
@@ -150,8 +150,8 @@ class Group:
 
 def _watch(strings: Sequence[StringEstimator], dt: float, shares: Sequence[Share]) -> HeatWatch | None:
     models = [s.plan.model for s in strings]
-    if not all(m.sensors for m in models):
-        return None
+    if not all(m.sensors for m in models) or any(s.plan.of_several for s in strings):
+        return None  # of a reading that is some cell's, a worse cooled cell explains as much as heat
     return HeatWatch(models, dt, ["coolant_inlet" in s.wire.constants for s in strings], shares)
 
 

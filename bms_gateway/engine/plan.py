@@ -57,6 +57,11 @@ class StringPlan:
     channels: tuple[Channel, ...]
     identify: Literal["window", "rls", "off"] = "window"
 
+    @property
+    def of_several(self) -> bool:
+        """Whether readings are of some cell among several: which one it is, is an expectation."""
+        return any(c.among for c in self.channels)
+
 
 @dataclass(frozen=True, slots=True)
 class Plan:

@@ -56,6 +56,10 @@ NOISE_SHARE: Final = 0.005
 """Of what each innovation tells of its sensor's noise, which may be less or more than the filter reckons with."""
 FIRST: Final = 2.0
 """Readings that what the filter reckons with counts as, at the start."""
+BLOCK: Final = 8
+"""Steps after which noise, steps of the readings and the coolant's mean are learnt together."""
+GONE_K2: Final = 1e-8
+"""K²: a variance below is none."""
 FINE_K: Final = 1e-4
 """Differences of readings below are rounding."""
 
@@ -86,18 +90,18 @@ class Surprise:
         self.own = np.zeros(sensors.shape)
         self.open: Bools = np.zeros(len(sensors), np.bool_)
         self._mean = np.zeros((len(TIMES_S), *sensors.shape))
-        self._last, self._fine = np.full(sensors.shape, np.nan), np.full(sensors.shape, np.inf)
-        times = np.maximum(np.array(TIMES_S), dt)[:, None, None]
-        self._rough = np.full(sensors.shape, noise**2)
         self._wide = np.zeros(self._mean.shape)  # K², of the averages: by states that the filter itself knew badly
-        self._settles = np.zeros(len(sensors))
-        self._coolant = np.full(len(sensors), np.nan)
-        self._before, self._count = np.zeros((2, *sensors.shape))
-        self._off, self._step = np.full(self._mean.shape, OFF_K), np.zeros(sensors.shape)
+        self._last, self._fine = np.full(sensors.shape, np.nan), np.full(sensors.shape, np.inf)
+        self._rough, self._count = np.full(sensors.shape, noise**2), np.zeros(sensors.shape)
+        self._settles, self._coolant = np.zeros(len(sensors)), np.full(len(sensors), np.nan)
+        self._waiting = np.full((BLOCK, 2, *sensors.shape), np.nan)
+        self._waits = 0
+        times = np.maximum(np.array(TIMES_S), dt)[:, None, None]
         self._share = -np.expm1(-dt / times)
         self._white = self._share / (2.0 - self._share)  # variance of an average over that of one innovation
         self._times, self._calm = times, exp(-dt / CALM_S)
         self._grows = 2.0 * LASTS_S * dt  # s²: variance by own², of heat that lasts so long
+        self._judge()
         self.set_parameters(parameters)
 
     def set_parameters(self, parameters: Sequence[StringParameters]) -> None:
@@ -131,32 +135,43 @@ class Surprise:
         ndarray (S, m), K², or None
             What the variances of the cores grow by in this step; None where none does, as nearly always.
         """
-        settled = self._settles <= 0.0
-        there = (value == value) & (np.logical_and.reduce(inputs, axis=1) & settled)[:, None]
-        self._settles = np.where(settled, 0.0, self._settles - self._dt)
+        there = value == value
+        if self._settles.any() or not inputs.all():
+            settled = self._settles <= 0.0
+            there &= (np.logical_and.reduce(inputs, axis=1) & settled)[:, None]
+            self._settles = np.where(settled, 0.0, self._settles - self._dt)
+        waiting = self._waiting[self._waits]
+        waiting[0] = y
+        waiting[1] = np.where(there, value, np.nan)
+        self._waits += 1
         value = np.where(there, value, 0.0)
         self._mean += self._share * (value - self._mean)
-        self._follow(y, there)
-        var = np.where(there, np.square(sd), 1.0)
-        turn = np.square(value - self._before) / 2.0  # noise turns each time, what is odd does not
-        self._count += there
-        self._rough += np.where(there, np.maximum(NOISE_SHARE, 1.0 / (FIRST + self._count)) * (turn - self._rough), 0.0)
-        self._before = np.where(there, value, self._before)
-        wide = np.where(there & (var > UNSURE**2 * self._rough), var, 0.0)
-        self._wide += self._share * (self._share * wide - (2.0 - self._share) * self._wide)
-        vague = np.where(there, np.square(known) - var, 0.0)
-        chance = np.sqrt(self._rough * self._white + self._wide + np.maximum(vague, 0.0))
-        rounded = ROUNDED * np.maximum(self._step - BLURS * np.sqrt(self._rough), 0.0)
-        self._coolant = np.where(np.isnan(self._coolant), inlet, self._coolant)
-        self._coolant = self._coolant + (inlet - self._coolant) * self._share[-1, 0, 0]
-        stirred = STIRRED * np.abs(inlet - self._coolant)[:, None]
-        odd = there & (np.abs(self._mean) > ODD * chance + self._off + rounded + stirred)
+        unsure = there & (sd > self._unsure)
+        if self._wide.any() or unsure.any():
+            wide = np.where(unsure, np.square(sd), 0.0)
+            self._wide += self._share * (self._share * wide - (2.0 - self._share) * self._wide)
+            self._wide[self._wide < GONE_K2] = 0.0
+        grown = None
+        off = np.abs(self._mean)
+        if self.open.any() or (off > self._least).any():
+            grown = self._grown(np.where(there, off, 0.0), sd, known, inlet)
+        if self._waits == BLOCK:
+            self._learn(inlet)
+        return grown
+
+    def _grown(self, off: Floats, sd: Floats, known: Floats, inlet: Floats) -> Floats | None:
+        """Tell what the variances of the cores grow by where averages lie `off` (3, S, m), K, from zero."""
+        var = np.square(sd)
+        vague = np.fmax(np.square(known) - var, 0.0)
+        chance = np.sqrt(self._rough * self._white + self._wide + vague)
+        moved = np.where(np.isnan(self._coolant), 0.0, np.abs(inlet - self._coolant))
+        odd = off > ODD * chance + self._beside + STIRRED * moved[:, None]
         at_once = np.zeros_like(self.own)
         if odd.any():
             gain = np.maximum(0.0, 1.0 - self._noise**2 / var)
-            off = np.where(odd, (self._lag * gain + self._ratio) * np.abs(self._mean), 0.0)
-            at_once = np.where(self.own == 0.0, np.square(off.max(axis=0)), 0.0)
-            self.own = np.maximum(self.own * self._calm, MORE * (off / self._times).max(axis=0))
+            core = np.where(odd, (self._lag * gain + self._ratio) * off, 0.0)
+            at_once = np.where(self.own == 0.0, np.square(core.max(axis=0)), 0.0)
+            self.own = np.maximum(self.own * self._calm, MORE * (core / self._times).max(axis=0))
         elif self.open.any():
             self.own = self.own * self._calm
         else:
@@ -165,22 +180,35 @@ class Surprise:
         self.open = np.asarray((self.own > 0.0).any(axis=1), dtype=np.bool_)
         return at_once + self._grows * np.square(self.own)
 
-    def _follow(self, y: Floats, there: Bools) -> None:
-        """Find out the steps that readings come in."""
-        step = np.abs(y - self._last)
-        self._last = np.where(there, y, self._last)
-        finer = (step > FINE_K) & (step < self._fine)
-        if finer.any():
-            self._fine = np.where(finer, step, self._fine)
-            self._coarse()
+    def _learn(self, inlet: Floats) -> None:
+        """Learn the noise of the sensors, the steps of their readings and the coolant's mean from a block of steps."""
+        y, value = np.concatenate([[[self._last, np.full_like(self._last, np.nan)]], self._waiting]).swapaxes(0, 1)
+        step = np.abs(np.diff(y, axis=0))
+        step[~(step > FINE_K)] = np.inf
+        self._fine = np.minimum(self._fine, step.min(axis=0))
+        self._last = np.where(np.isnan(y[-1]), self._last, y[-1])
+        turn = np.square(np.diff(value[1:], axis=0)) / 2.0  # noise turns each time, what is odd does not
+        turned = np.isfinite(turn)
+        n = turned.sum(axis=0)
+        self._count += n
+        share = np.maximum(1.0 - (1.0 - NOISE_SHARE) ** n, n / (FIRST + self._count))
+        self._rough += share * (np.where(turned, turn, 0.0).sum(axis=0) / np.maximum(n, 1) - self._rough)
+        before = np.where(np.isnan(self._coolant), inlet, self._coolant)
+        self._coolant = before - (inlet - before) * np.expm1(-BLOCK * self._dt / TIMES_S[-1])
+        self._waiting[:], self._waits = np.nan, 0
+        self._judge()
 
-    def _coarse(self) -> None:
-        self._step = np.where(self._fine < np.inf, self._fine, 0.0)
-        self._off = OFF_K + STEPS * self._step
+    def _judge(self) -> None:
+        """Reckon what averages and deviations are no chance, by what is known of the sensors."""
+        step = np.where(self._fine < np.inf, self._fine, 0.0)
+        rounded = ROUNDED * np.maximum(step - BLURS * np.sqrt(self._rough), 0.0)
+        self._beside = OFF_K + STEPS * step + rounded
+        self._least = ODD * np.sqrt(self._rough * self._white) + self._beside  # whatever else is not known
+        self._unsure = UNSURE * np.sqrt(self._rough)
 
     def snapshot(self) -> dict[str, Any]:
         """Return it as numbers and lists."""
-        return {name.strip("_"): plain(getattr(self, name)) for name in _KEPT}
+        return {name.strip("_"): plain(getattr(self, name)) for name in _KEPT} | {"waits": self._waits}
 
     def restored(self, snapshot: Mapping[str, Any] | None) -> "Surprise":
         """Make one like this from a snapshot; None, as older states have, knows nothing yet.
@@ -192,23 +220,25 @@ class Surprise:
         """
         new = copy(self)
         if snapshot is None:
-            new.own, new._mean, new._wide = (
-                np.zeros_like(self.own),
-                np.zeros_like(self._mean),
-                np.zeros_like(self._mean),
-            )
-            new.open = np.zeros_like(self.open)
+            for name in _KEPT:
+                setattr(new, name, getattr(self, name).copy())
+            for name in ("own", "open", "_mean", "_wide"):
+                setattr(new, name, np.zeros_like(getattr(self, name)))
             return new
         taken = {name: like(snapshot[name.strip("_")], getattr(self, name)) for name in _KEPT}
-        numbers = [taken[k] for k in _KEPT if k not in ("_last", "_fine", "_coolant")]
+        numbers = [taken[name] for name in _KEPT if name not in ("_last", "_fine", "_coolant", "_waiting")]
+        waits = snapshot["waits"]
         if not all(np.isfinite(a).all() for a in numbers) or (taken["own"] < 0.0).any() or (taken["_wide"] < 0.0).any():
             raise ValueError("surprise: holds what is no number")
+        if not isinstance(waits, int) or not 0 <= waits < BLOCK:
+            raise ValueError("surprise: waits for no block")
         taken["_fine"] = np.where(np.isnan(taken["_fine"]), np.inf, taken["_fine"])
         for name, value in taken.items():
             setattr(new, name, value)
+        new._waits = waits
         new.open = np.asarray((new.own > 0.0).any(axis=1), dtype=np.bool_)
-        new._coarse()
+        new._judge()
         return new
 
 
-_KEPT = ("own", "_settles", "_mean", "_last", "_fine", "_rough", "_wide", "_before", "_count", "_coolant")
+_KEPT = ("own", "_settles", "_mean", "_last", "_fine", "_rough", "_wide", "_count", "_coolant", "_waiting")

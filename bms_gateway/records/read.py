@@ -18,8 +18,9 @@ from bms_gateway.config import load_config
 from bms_gateway.config.load import LoadedConfig
 from bms_gateway.diagnose.record import Record, make_record
 from bms_gateway.engine import Decoded, Engine
-from bms_gateway.engine.plan import Quantity, StringPlan
+from bms_gateway.engine.plan import Channel, Quantity, StringPlan
 from bms_gateway.engine.reasons import REASONS
+from bms_gateway.engine.several import stand_in
 from bms_gateway.errors import ConfigError, DataError, UsageError, did_you_mean
 from bms_gateway.frames.quality import Quality
 from bms_gateway.records.kind import check_kelvin, check_time, log_kind
@@ -81,7 +82,10 @@ def read_measurements(
         One line: file, place, what is wrong.
     """
     if not model.sensors:
-        raise ConfigError("the model has no sensors (sensors = []): there is nothing to compare measurements with")
+        raise ConfigError(
+            "the model has no sensors (sensors = []): there is nothing to compare measurements with; a reading of "
+            'cells 1 to n stands for a cell: max_of = "1-n" for n, min_of for 1, mean_of for n/2 + 1'
+        )
     loaded: tuple[LoadedConfig, StringPlan] | None = None
     records = []
     for path in paths:
@@ -241,8 +245,7 @@ def _believed(path: Path, loaded: LoadedConfig, string: StringPlan, most: int) -
     engine = Engine(replace(loaded.plan, transmit=False, strings=tuple(plain)), loaded.database, whole=True)
     engine.recording = True
     wire = next(w for s, w in zip(plain, engine.wires, strict=True) if s.name == string.name)
-    told = [c for c in string.channels if c.signal is not None and c.statistic is None]
-    inputs = {(c.quantity, c.cell): wire.input(c.quantity, c.cell) for c in told}
+    inputs = {place: wire.of(c) for place, c in _places(string).items()}
     mine = list(inputs.values())
     parts, samples = [(np.empty(0, np.int64), np.empty(0, np.intp), np.empty(0))], 0
     with progress(path.name, None) as advance:
@@ -260,6 +263,19 @@ def _believed(path: Path, loaded: LoadedConfig, string: StringPlan, most: int) -
     return _Believed(time_ns, number, value, inputs, engine.counts, engine.clock_faults)
 
 
+def _places(string: StringPlan) -> dict[Place, Channel]:
+    """Say what each signal of a string measures; one of several cells is that of the cell which stands for them.
+
+    A cell with a sensor of its own stands for none.
+    """
+    told = [c for c in string.channels if c.signal is not None]
+    places: dict[Place, Channel] = {(c.quantity, c.cell): c for c in told if c.statistic is None}
+    for c in told:
+        if c.statistic is not None:
+            places.setdefault((c.quantity, stand_in(c.statistic, c.among)), c)
+    return places
+
+
 def _too_long(path: Path, what: str, most: int) -> DataError:
     return DataError(f"{path}: {what}: over {most:,} numbers, more than this program accepts; cut the log into several")
 
@@ -268,10 +284,8 @@ def _told(heard: _Believed, string: StringPlan) -> Iterator[str]:
     """Describe the refused samples of each signal, and the faults of the log's clock."""
     if heard.clock_faults:
         yield f"The time stamps of this log are wrong ({heard.clock_faults}): only steps forward are used."
-    for c in string.channels:
-        if c.signal is None or c.statistic is not None:
-            continue
-        taken = heard.taken[heard.inputs[c.quantity, c.cell]]
+    for place, c in _places(string).items():
+        taken = heard.taken[heard.inputs[place]]
         refused = taken.copy()
         refused[Quality.GOOD] = 0
         count, of = int(refused.sum()), int(taken.sum())

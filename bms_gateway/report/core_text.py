@@ -4,11 +4,15 @@ from typing import Any
 
 import numpy as np
 
+from bms_gateway.diagnose.compare import CoreCheck
 from bms_gateway.diagnose.core_known import KnownCore
 from bms_gateway.report.show import number
 
 NOT_PROVEN = "core not proven"
 """The state of a model in words, for tags and files."""
+OUTSIDE = 0.1
+"""Share of a core thermocouple's readings outside the 95 % band from which on the band is wrong: twice what it leaves
+out. The error of a model is alike over minutes, so that the share itself scatters."""
 
 
 def core_document(core: KnownCore | None, otherwise: str = "") -> dict[str, Any]:
@@ -37,3 +41,16 @@ def core_sentence(core: KnownCore) -> str:
 def core_text(core: KnownCore) -> str:
     """Write that sentence, and below it what speaks against the core."""
     return "\n".join([core_sentence(core), *(f"  {why}" for why in core.why)])
+
+
+def outside(check: CoreCheck) -> bool:
+    """Whether a thermocouple in a core speaks against the band."""
+    return 1.0 - check.covered > OUTSIDE
+
+
+def thermocouple_sentence(check: CoreCheck) -> str:
+    """Say how far a thermocouple in a core, which no fit has seen, is from the model."""
+    said = f"Thermocouple in the core of cell {check.cell}, never fitted to: {number(check.rmse_K)} K off"
+    if not outside(check):
+        return f"{said}, within the 95 % band."
+    return f"{said}; {100.0 * (1.0 - check.covered):.0f} % of its readings lie outside the 95 % band."

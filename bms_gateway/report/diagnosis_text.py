@@ -8,6 +8,7 @@ from typing import Any
 
 from bms_gateway.diagnose.checks import Finding
 from bms_gateway.diagnose.core_known import KnownCore
+from bms_gateway.diagnose.curve import Curve
 from bms_gateway.diagnose.diagnosis import Diagnosis, Errors, Number, Selected
 from bms_gateway.diagnose.standing import Standing
 from bms_gateway.report.core_text import core_document, core_text
@@ -44,6 +45,8 @@ class Told:
         Everything that was weighed.
     core : KnownCore or None
         Of the model as it is; None where nothing can be learnt from the records.
+    curve : Curve or None
+        dU/dT over the state of charge, where entropic heat is named.
     """
 
     diagnosis: Diagnosis | None
@@ -56,6 +59,7 @@ class Told:
     card: tuple[str, ...] = ()
     ranking: tuple[Standing, ...] = ()
     core: KnownCore | None = None
+    curve: Curve | None = None
 
 
 def diagnosis_document(told: Told) -> dict[str, Any]:
@@ -83,6 +87,7 @@ def diagnosis_document(told: Told) -> dict[str, Any]:
         "core_doubts": list(d.alarms) if d else [],
         "parameters": [_selected(s) for s in d.selected] if d else [],
         "hypotheses": [_together(r) for r in told.ranking if len(r.effects) > 1],
+        "curves": [] if told.curve is None else [_curve(told.curve)],
         "structure": {"baseline": _structure(d.baseline), "after": _structure(d.after)} if d else None,
         "tables": list(told.sources),
         "checks": [
@@ -129,6 +134,17 @@ def _selected(s: Selected) -> dict[str, Any]:
     }
 
 
+def _curve(c: Curve) -> dict[str, Any]:
+    return {
+        "effect": c.effect,
+        "name": "dUdT",
+        "unit": c.unit,
+        "soc": [round(float(x), 3) for x in c.soc],
+        "value": [float(x) for x in c.value],
+        "sd": [float(x) for x in c.sd],
+    }
+
+
 def _structure(e: Errors) -> dict[str, Any]:
     return {"size_sigma": finite(e.structure.size), "z": finite(e.structure.z)}
 
@@ -150,6 +166,8 @@ def diagnosis_text(told: Told) -> str:
     if d is not None:
         if d.selected:
             parts.append(_what_is_missing(d.selected))
+        if told.curve is not None:
+            parts.append(_curve_text(told.curve))
         if told.ranking:
             parts.append(_ranking(told.ranking, second=d.decided_by_second))
         parts.append(_errors(d))
@@ -202,6 +220,17 @@ def _what_is_missing(selected: Sequence[Selected]) -> str:
         lines.append(f"{placed(s.candidate.name, s.candidate.cell)}: {s.candidate.effect.equation}")
         lines += [f"  {text}" for text in number_lines(s.parameters)]
     return "\n".join(lines)
+
+
+def _curve_text(c: Curve) -> str:
+    """Write every second point of the curve: a tenth of the charge apart."""
+    at = [k for k in range(len(c.soc)) if round(20 * float(c.soc[k])) % 2 == 0]
+    rows = [
+        ["at SOC, %", *(f"{100 * float(c.soc[k]):.0f}" for k in at)],
+        [f"dU/dT, {c.unit}", *(f"{c.value[k]:+.2f}" for k in at)],
+        ["± sd", *(f"{c.sd[k]:.2f}" for k in at)],
+    ]
+    return text_table(rows[0], rows[1:], left=1)
 
 
 def number_lines(numbers: Mapping[str, Number]) -> list[str]:

@@ -7,6 +7,7 @@ import numpy as np
 from bms_gateway.diagnose.candidates import candidates
 from bms_gateway.diagnose.checks import Finding, check_record
 from bms_gateway.diagnose.core_known import known_core
+from bms_gateway.diagnose.curve import Curve, entropic_curve
 from bms_gateway.diagnose.detect import Card, detectability
 from bms_gateway.diagnose.diagnosis import Diagnosis, diagnose
 from bms_gateway.diagnose.experiment import Experiment, next_experiment
@@ -71,7 +72,18 @@ def examine(model: StringModel, records: Sequence[Record], progress: Progress | 
     absorbed = (*card.absorbed.sentences, *(c.sentence for c in card.absorbed.combinations))
     shown = tuple(s for s in card.sentences if s not in card.absorbed.sentences)
     core = known_core(model, some, rounds=d.search.asked)
-    return Told(d, d.sentence, sources, findings, notes, absorbed, _next(d), shown, ranking(d), core)
+    curve = curve_of(d, some)
+    return Told(d, d.sentence, sources, findings, notes, absorbed, _next(d), shown, ranking(d), core, curve)
+
+
+def curve_of(d: Diagnosis, records: Sequence[Record]) -> Curve | None:
+    """Work out dU/dT over the state of charge where entropic heat is named and the records tell a curve."""
+    if all(s.candidate.name != "entropic_heat" for s in d.selected):
+        return None
+    charge_sd = max(r.charge_sd for r in records)
+    if d.second is not None and d.decided_by_second:
+        return entropic_curve(d.second.best, charge_sd, d.second.settings.fine)
+    return entropic_curve(d.search.final, charge_sd)
 
 
 def usable(records: Sequence[Record], findings: Sequence[tuple[str, Finding]]) -> list[Record]:

@@ -20,12 +20,12 @@ from bms_gateway.diagnose.experiment import Experiment
 from bms_gateway.diagnose.latent import Latent
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.report.add_text import AddReport, headline
-from bms_gateway.report.core_text import core_sentence
+from bms_gateway.report.core_text import core_sentence, outside, thermocouple_sentence
 from bms_gateway.report.diagnosis_text import Told
 from bms_gateway.report.html_evidence import evidence, missing_heat, summary
 from bms_gateway.report.html_ranking import detectability_table, experiment_table, ranking_table
 from bms_gateway.report.html_series import Shown, shown
-from bms_gateway.report.html_tables import errors_table, parameters_table
+from bms_gateway.report.html_tables import curve_table, errors_table, parameters_table
 from bms_gateway.report.page import items, paragraph, section, write_page
 
 VERDICTS = {
@@ -53,12 +53,15 @@ class Aside:
         What was bridged, left out or assumed when the records were read.
     command : str
         Command line that makes the page again; may be empty.
+    remains : str
+        What an earlier diagnosis left open, as a sentence; may be empty.
     """
 
     sources: Sequence[str]
     findings: Sequence[tuple[str, Finding]] = ()
     notes: Sequence[tuple[str, str]] = ()
     command: str = ""
+    remains: str = ""
 
     def _by_record(self, said: Iterable[tuple[str, str]]) -> list[str]:
         """Name the record of each sentence where there are several."""
@@ -68,7 +71,8 @@ class Aside:
     def doubts(self) -> str:
         """What casts doubt on the data, for the head of the page: it comes before what is concluded from them."""
         lines = self._by_record((s, f.sentence) for s, f in self.findings if f.severity == "warn")
-        return f'<div class="doubts"><p>Look at the data first:</p>{items(lines)}</div>' if lines else ""
+        open_still = f'<p class="alarm">{escape(self.remains)}</p>' if self.remains else ""
+        return open_still + (f'<div class="doubts"><p>Look at the data first:</p>{items(lines)}</div>' if lines else "")
 
     @property
     def sections(self) -> list[str]:
@@ -86,7 +90,8 @@ def write_comparison(path: Path, comparison: Comparison, aside: Aside) -> None:
     """Write a comparison as a page: the model from its file, and refitted. Raises what `write_page` raises."""
     filed, now = comparison.filed, comparison.refitted
     models = [_variant("from its file", filed), _variant("refitted", now)]
-    head = f'<p class="verdict">{escape(filed.findings[0])}</p>{core_html(comparison.core)}'
+    head = f'<p class="verdict">{escape(filed.findings[0])}</p>'
+    head += core_html(comparison.core, now.core_checks)
     head += aside.doubts + summary(models)
     said = [
         "<h3>The model with the parameters from its file</h3>",
@@ -163,6 +168,7 @@ def write_diagnosis(
             section("missing", "What is missing", _effects([s.candidate for s in d.selected], tied)),
             section("where", AGREES if d.verdict == "adequate" else FAILS, where),
             *evidence(models, _core_checks(comparison, models[0].fit) if comparison else ()),
+            section("curve", "dU/dT over the state of charge", curve_table(told.curve) if told.curve else ""),
             section("latent", "The heat that is missing", missing_heat(latent, models[0].fit) if latent else ""),
             section("ranking", "What it could be, ranked", ranking_table(told.ranking, second=d.decided_by_second)),
             section("errors", "Errors before and after" if d.selected else "Errors", errors_table(models)),
@@ -180,7 +186,7 @@ def write_diagnosis(
     write_page(path, title, head, sections)
 
 
-def write_addition(path: Path, report: AddReport, addition: Addition, command: str = "") -> None:
+def write_addition(path: Path, report: AddReport, addition: Addition, command: str = "", remains: str = "") -> None:
     """Write what an added effect did, or why it was not added, as a page.
 
     Parameters
@@ -192,13 +198,15 @@ def write_addition(path: Path, report: AddReport, addition: Addition, command: s
         Its fits and the half widths of its cores are drawn.
     command : str
         Command line that makes the page again.
+    remains : str
+        As of `Aside`.
 
     Raises
     ------
     MissingExtraError, UsageError
         As `write_page` does.
     """
-    aside = Aside(report.sources, report.findings, report.notes, command)
+    aside = Aside(report.sources, report.findings, report.notes, command, remains)
     names = (AS_IT_IS, f"with {report.names}")
     models = [
         shown(name, seen, core.bands) for name, seen, core in zip(names, addition.seen, addition.core, strict=True)
@@ -215,15 +223,17 @@ def write_addition(path: Path, report: AddReport, addition: Addition, command: s
     head = (
         f'<p><span class="tag {kind}">{escape(report.tag)}</span></p><p class="verdict">{escape(headline(report))}</p>'
     )
-    head += core_html(report.after.core)
+    head += core_html(report.after.core, report.after.checks)
     head += items([*(against if report.refused else []), *([report.remark] if report.remark else [])])
     head += aside.doubts + summary(models, addition.after, blocks=report.blocks_K)
     write_page(path, "Model with an effect added", head, sections)
 
 
-def core_html(core: KnownCore) -> str:
-    """Say how well the cores are known, and what speaks against them."""
-    return paragraph(core_sentence(core)) + items(core.why)
+def core_html(core: KnownCore, checks: Sequence[CoreCheck] = ()) -> str:
+    """Say how well the cores are known, and what speaks against them, thermocouples in cores among it."""
+    said = paragraph(core_sentence(core)) if core.proven else f'<p class="alarm">{escape(core_sentence(core))}</p>'
+    read = [f'<p class="danger">{escape(thermocouple_sentence(c))}</p>' for c in checks if outside(c)]
+    return said + items(core.why) + "".join(read)
 
 
 def _variant(name: str, v: Variant) -> Shown:

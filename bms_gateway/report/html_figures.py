@@ -13,8 +13,8 @@ from bms_gateway.diagnose.core_band import BAND_SD, CoreBand
 from bms_gateway.diagnose.latent import Latent
 from bms_gateway.diagnose.regimes import instants_of
 from bms_gateway.identify.coordinates import Measured
-from bms_gateway.report.html_series import Clock, Trace, broken, envelope, held_out, numbers, smooth
-from bms_gateway.report.page import Figure
+from bms_gateway.report.html_series import Clock, Trace, broken, envelope, held_out, smooth
+from bms_gateway.report.page import Figure, numbers
 from bms_gateway.thermal import Floats
 
 BLACK, BLUE, VERMILLION, GREEN, ORANGE, SKY, PURPLE = (
@@ -151,9 +151,10 @@ def overlay(trace: Trace, names: Sequence[str], m: Measured, clock: Clock, point
 def drive(m: Measured, clock: Clock, points: int) -> Figure:
     """Draw what drove the string: current, inlet, and of charge and flow what is known."""
     u = m.drive
-    rows = [("current, A", u.I, BLACK), ("inlet, °C", u.T_in, BLUE)]
+    current = "current, A"
+    rows = [(current, u.I, BLACK), ("inlet, °C", u.T_in, BLUE)]
     if "soc" in u.known:
-        rows.append(("state of charge (SOC), %", 100.0 * u.soc, GREEN))
+        rows.append(("SOC, %", 100.0 * u.soc, GREEN))
     if "flow" in u.known and float(np.ptp(u.flow)) > FLOW_MOVES:
         rows.append(("flow, %", 100.0 * u.flow, PURPLE))
     data, axes = [], {}
@@ -161,7 +162,10 @@ def drive(m: Measured, clock: Clock, points: int) -> Figure:
     for i, (title, y, color) in enumerate(rows):
         suffix = "" if i == 0 else str(i + 1)
         t, few = envelope(3600.0 * u.hours, y, points)
-        data.append(line(clock(t), numbers(few), title, color, width=1.2, yaxis=f"y{suffix}", showlegend=False))
+        one = line(clock(t), numbers(few), title, color, width=1.2, yaxis=f"y{suffix}", showlegend=False)
+        if title == current:
+            one["line"]["shape"] = "hvh"  # it is held from row to row
+        data.append(one)
         top = 1.0 - i * height
         axes[f"yaxis{suffix}"] = axis(title, domain=[max(top - height + 0.05, 0.0), top], nticks=4)
     spec = layout(72 + 92 * len(rows), m, clock, shapes=shaded(m, clock), **axes)

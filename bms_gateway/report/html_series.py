@@ -109,7 +109,7 @@ def traces_of(fits: Sequence[MapFit]) -> list[Trace]:
     for r, m in enumerate(fits[0].problem.records):
         part = slice(first, first + len(m.y))
         first += len(m.y)
-        t, starts = seconds_of(m), _breaks(m)
+        t, starts = seconds_of(m), breaks_of(m)
         for j, (_, cell) in enumerate(m.channels):
             mine = m.channel == j
             if not mine.any():
@@ -174,12 +174,8 @@ def points_each(traces: int) -> int:
     return int(np.clip(ALL_POINTS // max(traces, 1), 400, MOST_POINTS))
 
 
-def numbers(y: Floats, digits: int = 3) -> list[float | None]:
-    """Give plain numbers to so many decimals; what is missing is None."""
-    return [x if x == x else None for x in np.round(y, digits).tolist()]
-
-
-def _breaks(m: Measured) -> tuple[float, ...]:
+def breaks_of(m: Measured) -> tuple[float, ...]:
+    """Tell where stretches with a start of their own begin, s since the record began."""
     t = instants_of(m)
     first = np.cumsum([len(s) + 1 for s in m.spans])[:-1]
     return tuple(float(x) for x in t[first])

@@ -5,13 +5,15 @@ from html import escape
 
 import numpy as np
 
-from bms_gateway.diagnose.calibrate import AT_BOUND, UNIDENTIFIABLE, statuses
+from bms_gateway.diagnose.calibrate import AGAINST_FORMAT, AT_BOUND, UNIDENTIFIABLE, statuses
 from bms_gateway.diagnose.compare import CoreCheck
 from bms_gateway.diagnose.core_band import BAND_SD, at_times, half_width_K, posterior
+from bms_gateway.diagnose.curve import Curve
 from bms_gateway.diagnose.misfit import Level, Sensor
 from bms_gateway.diagnose.regimes import Bin, Regime
 from bms_gateway.identify.coordinates import Coordinate
 from bms_gateway.identify.map_fit import MapFit
+from bms_gateway.report.core_text import OUTSIDE
 from bms_gateway.report.diagnosis_text import with_sd
 from bms_gateway.report.html_series import Shown
 from bms_gateway.report.page import amount, grouped, table
@@ -97,8 +99,10 @@ def thermocouples_table(models: Sequence[Shown], checks: Sequence[CoreCheck]) ->
         for m in models:
             read, sd = at_times(m.cores[c.record], c.cell, c.time_s, probe_lever(m.fit.problem.model))
             error = c.measured - read
-            inside = np.mean(np.abs(error) <= BAND_SD * np.maximum(sd, 1e-9))
-            row += [amount(float(np.sqrt(np.mean(error**2)))), amount(float(np.mean(error))), f"{100 * inside:.0f} %"]
+            inside = float(np.mean(np.abs(error) <= BAND_SD * np.maximum(sd, 1e-9)))
+            share = f"{100 * inside:.0f} %"
+            share = share if 1.0 - inside <= OUTSIDE else f'<span class="danger">{share}</span>'
+            row += [amount(float(np.sqrt(np.mean(error**2)))), amount(float(np.mean(error))), share]
         rows.append(row)
     return grouped(
         groups, rows, caption="Mean: thermocouple minus model, where it is said to sit. It was never fitted to."
@@ -134,7 +138,7 @@ def parameters_table(fit: MapFit) -> str:
             before = f"{amount(middle)} ± " + (f"{100 * c.sd:.0f} %" if p.log else amount(c.sd / p.to_si))
             limits = (log(c.lower) / p.to_si, log(c.upper) / p.to_si)
             u, what = unit(p.unit), f"{c.effect}: {p.description}"
-        kept = not status.startswith((UNIDENTIFIABLE, AT_BOUND))
+        kept = not status.startswith((UNIDENTIFIABLE, AT_BOUND, AGAINST_FORMAT))
         state = escape(status) if kept else f'<span class="alarm">{escape(status)}</span>'
         which = f" (record {record})" if record else ""
         label = f"{escape(name)} <span class='muted'>{escape(what)}{which}</span>"
@@ -156,6 +160,15 @@ def _free(fit: MapFit) -> list[tuple[Coordinate, float, float, str]]:
     sd = np.sqrt(np.diag(posterior(fit)))
     rows = zip(fit.problem.coordinates, fit.theta, sd, statuses(fit), strict=False)
     return [(c, float(z), float(s), status) for c, z, s, status in rows if not c.only_start]
+
+
+def curve_table(c: Curve) -> str:
+    """Give a coefficient over the state of charge with its standard deviation."""
+    rows = [
+        [f"{100.0 * s:.0f} %", f"{v:+.3f}".replace("-", "−"), f"{sd:.3f}"]
+        for s, v, sd in zip(c.soc, c.value, c.sd, strict=True)
+    ]
+    return table(["SOC", f"dU/dT, {c.unit}", "± sd"], rows)
 
 
 def heat_map(models: Sequence[Shown]) -> str:

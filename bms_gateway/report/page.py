@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bms_gateway.errors import MissingExtraError, UsageError
 
@@ -50,6 +51,11 @@ def amount(x: float, digits: int = 3) -> str:
     if size < -4 or size > 6:
         return f"{x:.{digits - 1}e}".replace("-", "−")
     return f"{x:.{max(digits - 1 - size, 0)}f}".replace("-", "−")
+
+
+def numbers(y: NDArray[np.float64], digits: int = 3) -> list[float | None]:
+    """Give plain numbers to so many decimals; what is missing is None."""
+    return [x if x == x else None for x in np.round(y, digits).tolist()]
 
 
 def table(

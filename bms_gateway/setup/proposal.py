@@ -27,7 +27,7 @@ class Proposed:
     overrides : dict
         What the config has to say against the DBC: `minimum`, `maximum`, `byte_order`, `signed`.
     statistic : str or None
-        `max`, `min`, `mean` where it is one of several cells.
+        `max`, `min`, `mean` where it is one of several cells; of all cells of its string if it has no index.
     """
 
     role: Role
@@ -108,7 +108,8 @@ class Proposal:
         for string in range(1, len(self.cells) + 1):
             mine = [p for p in self.signals if p.role == "surface" and p.string == string and p.path not in refused]
             if mine:
-                remaining.append(self.cells[string - 1] if string in self.numbered else len(mine))
+                kept = string in self.numbered or mine[0].index is None  # cells that no name counts
+                remaining.append(self.cells[string - 1] if kept else len(mine))
             for k, p in enumerate(sorted(mine, key=lambda p: p.index or 0), 1):
                 places[string, p.index or 0] = len(remaining), (p.index or k) if string in self.numbered else k
             if mine and string in self.numbered:  # of a cell without a thermocouple the voltage stays

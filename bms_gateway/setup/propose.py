@@ -30,6 +30,7 @@ from bms_gateway.setup.names import OTHER_THINGS, around, has, named, unit_of
 from bms_gateway.setup.own import own_signals
 from bms_gateway.setup.proposal import Proposal, Proposed, Role, fits
 from bms_gateway.setup.series import Series, all_series
+from bms_gateway.setup.several import of_several
 from bms_gateway.setup.strings import Strings, own_strings
 from bms_gateway.setup.traffic import Traffic
 from bms_gateway.setup.warmth import Surfaces, flows, inlets, is_temperature, surfaces
@@ -89,6 +90,10 @@ def propose(traffic: Traffic) -> Proposal:
                 f"one current and one voltage serve {len(placed)} groups of thermocouples: right where their "
                 "cells are in series, wrong where they are strings in parallel",
             )
+    if warm is not None:
+        for p in of_several(proposal, warm):
+            _told(p, rights)
+            proposal.signals.append(p)
     parts = _parts(proposal)
     _cell_voltages(proposal, cells, factor, rights, parts)
     if next(proposal.of("soc"), None) is None:

@@ -1,10 +1,12 @@
 """Which signals are temperatures of cells, coolant and surroundings: slow, plausible, and with such a name."""
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
 
+from bms_gateway.frames.signals import SignalInfo
 from bms_gateway.setup.electrical import Scored
 from bms_gateway.setup.groups import Member, alike
 from bms_gateway.setup.names import (
@@ -46,6 +48,9 @@ PLAIN: Final = ((1.0, 0.0), (1.0, -273.15), (5 / 9, -160 / 9))
 HOT_C: Final = 75.0
 """Median of what a log of cells may have."""
 SURE_C: Final = 60.0
+FEW_OUT_OF_ORDER: Final = 0.05
+FAR_APART_K: Final = 12.0
+"""Beyond their usual distance no two cells of a pack are so far apart for a while, and then together again."""
 AGREES_K: Final = 15.0
 """Difference of two temperatures of one vehicle at the begin of a log."""
 
@@ -67,6 +72,8 @@ class Surfaces:
     statistic : str or None
     passed : list of (Series, why)
         Other groups that might be thermocouples, too.
+    beside : dict of str to Series
+        Where there is one reading of all cells: the other statistics of the same cells, `max`, `min` or `mean`.
     """
 
     members: list[Member]
@@ -77,6 +84,7 @@ class Surfaces:
     why: list[str]
     statistic: str | None = None
     passed: list[tuple[Series, str]] = field(default_factory=list)
+    beside: dict[str, Series] = field(default_factory=dict)
 
 
 def is_temperature(s: Series) -> bool:
@@ -290,7 +298,53 @@ def _one_for_all(temperatures: list[Series], series: list[Series]) -> Surfaces |
         )
     else:
         why.append(f"the bus has no thermocouples of single cells; this is the {kind or 'one reading'} of the battery")
-    return Surfaces(members, [], factor, shift, False, why, kind)
+    found = Surfaces(members, [], factor, shift, False, why, kind)
+    if kind is not None and len(members) == 1:
+        beside = _beside(s, kind, [r[1] for r in ranked])
+        wrong = _out_of_order({kind: s, **beside})
+        if wrong is None:
+            odd = {k: _never_of_cells(s, b, factor) for k, b in beside.items()}
+            found.beside = {k: b for k, b in beside.items() if odd[k] is None}
+            found.passed = [(b, text) for k, b in beside.items() if (text := odd[k]) is not None]
+            found.said = len(found.beside) > 0 and unit is not None and told is None
+        else:
+            why.append(wrong)
+    return found
+
+
+def _beside(s: Series, kind: str, others: list[Series]) -> dict[str, Series]:
+    """Find the other statistics of the same cells: called alike but for the word that says which one it is."""
+
+    def rest(info: SignalInfo) -> tuple[str, ...]:
+        return tuple(w for w in named(info) if w not in STATISTIC)
+
+    found: dict[str, Series] = {}
+    for other in sorted(others, key=lambda o: o.info.message != s.info.message):
+        its = statistic(other.info)
+        if its is not None and its != kind and rest(other.info) == rest(s.info) and other.info.unit == s.info.unit:
+            found.setdefault(its, other)
+    return found
+
+
+def _never_of_cells(s: Series, beside: Series, factor: float) -> str | None:
+    """Say how far another statistic is at times from the first, where cells cannot be; None where it never is."""
+    apart = np.abs(factor * (np.interp(beside.t, s.t, s.x) - beside.x))
+    usual = float(np.median(apart))
+    far = int((apart > usual + FAR_APART_K).sum())
+    if not far:
+        return None
+    return f"{far} of {len(apart)} samples are over {usual + FAR_APART_K:.0f} K from {s.path}, the others {usual:.2g} K"
+
+
+def _out_of_order(by_kind: dict[str, Series]) -> str | None:
+    """Say which readings contradict max >= mean >= min in more than a few samples; None where none do."""
+    order = [k for k in ("max", "mean", "min") if k in by_kind]
+    for upper, lower in pairwise(order):
+        a, b = by_kind[upper], by_kind[lower]
+        above = np.interp(b.t, a.t, a.x)
+        if (above < b.x - a.step - b.step).mean() > FEW_OUT_OF_ORDER:
+            return f"{b.path} is called the {lower} and is above {a.path}, called the {upper}: only {a.path} is used"
+    return None
 
 
 def inlets(series: list[Series], taken: set[str]) -> list[Scored]:

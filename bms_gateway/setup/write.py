@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Final
 
 from bms_gateway.config.model_file import write_model
+from bms_gateway.engine.plan import Statistic
+from bms_gateway.engine.several import stand_in
 from bms_gateway.errors import UsageError
 from bms_gateway.frames.dbc_text import format_dbc
 from bms_gateway.setup.proposal import Proposal, Proposed
@@ -25,6 +27,8 @@ LIQUID: Final = (3.6e6, 2e-3)
 """J/(m³ K) of water with glycol; flows above so many m³/s are of air."""
 AIR: Final = 1190.0
 INLET_UNKNOWN_K: Final = 3.0
+KEYS: Final = {"max": "hottest", "min": "coldest", "mean": "mean"}
+"""What the config calls the greatest, least and mean surface."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,13 +129,20 @@ def _model(
     capacity = None if lumped.capacity_Ah is None else lumped.capacity_Ah * lumped.parallel
     return StringModel(
         cells,
-        tuple(sorted(p.index or 1 for p in proposal.of("surface") if p.string == string)),
+        tuple(sorted(_cell(p, cells) for p in proposal.of("surface") if p.string == string)),
         condition,
         priors,
         coolant="ntu" if condition == "full" else "bulk",
         capacity_Ah=capacity,
         flow=float(f"{nominal:.4g}") if nominal > 0 else None,
+        cell_format=_in_words(lumped) if known else None,
     )
+
+
+def _in_words(cell: CellFacts) -> str:
+    """Describe a cell as `cell_of` reads it, with how many are one of the model."""
+    told = cell_of(cell.name).parallel == cell.parallel
+    return cell.name if told else f"{cell.name} {cell.parallel}p"
 
 
 def _heading(lumped: CellFacts, known: bool, resistance: float | None) -> str:
@@ -197,7 +208,7 @@ def _string(proposal: Proposal, string: int, cells: int) -> list[str]:
             lines += _line(role, found)
     lines.append("[string.signals.surface]")
     for p in sorted((p for p in proposal.of("surface") if p.string == string), key=lambda p: p.index or 0):
-        lines += _line(str(p.index), p)
+        lines += _line(str(p.index or KEYS[p.statistic or "max"]), p, cells=cells)
     volted = [p for p in proposal.of("cell_voltage") if p.string == string]
     if volted:
         lines.append("[string.signals.cell_voltage]")
@@ -219,10 +230,19 @@ def coolest(proposal: Proposal, string: int) -> float:
     return float(sorted(lows)[len(lows) // 4]) if lows else 25.0
 
 
-def _line(key: str, p: Proposed, part: float = 1.0) -> list[str]:
+def _cell(p: Proposed, cells: int) -> int:
+    """Cell of the model that a reading is of, or that stands for those that it is of."""
+    if p.index is not None:
+        return p.index
+    kind: Statistic = "max" if p.statistic == "max" else "min" if p.statistic == "min" else "mean"
+    return stand_in(kind, range(1, cells + 1))
+
+
+def _line(key: str, p: Proposed, part: float = 1.0, cells: int = 1) -> list[str]:
     """One key of the config with its reasons, short."""
     scale, offset = p.written
-    fields = [f"signal = {json.dumps(p.path, ensure_ascii=False)}"]
+    fields = [f'{p.statistic}_of = "1-{cells}"'] if p.role == "surface" and p.index is None else []
+    fields += [f"signal = {json.dumps(p.path, ensure_ascii=False)}"]
     if part * scale != 1.0:
         fields.append(f"scale = {float(f'{part * scale:.6g}')!r}")
     if offset != 0.0:

@@ -289,6 +289,8 @@ class StringModel:
     centre_share, core_probe : Share or None
         Share of R_c that lies within the roll, and where a thermocouple in the core reads between the mean of the roll
         and its centre; None for what `thermal.centre` says.
+    cell_format : str or None
+        The cell in words, as `thermal.cells.cell_of` reads them: what no measurement of it can contradict.
 
     References
     ----------
@@ -310,6 +312,7 @@ class StringModel:
     posterior: Posterior | None = None
     centre_share: Share | None = None
     core_probe: Share | None = None
+    cell_format: str | None = None
 
     @property
     def doubts(self) -> tuple[str, ...]:

@@ -37,8 +37,10 @@ from bms_gateway.report.examine import (
 from bms_gateway.report.html import Aside, write_addition, write_comparison, write_diagnosis
 from bms_gateway.report.table import parse_columns
 from bms_gateway.thermal import StringModel
-from bms_gateway.workbench import documents, pictures
+from bms_gateway.workbench import documents, pictures, whiteness
 from bms_gateway.workbench.approach import Show, approach
+from bms_gateway.workbench.series import Shelf
+from bms_gateway.workbench.steps import FILED, REFITTED
 
 MOST_MADE = 4
 """Models of which it is remembered what was made of them: fits take tens of megabytes."""
@@ -111,13 +113,13 @@ class Bench:
         text = request["text"]
         match request["do"]:
             case "compare":
-                return self._compare(text)
+                return self._compare(text, request["name"], Path(request["folder"]))
             case "diagnose":
                 return self._diagnose(text, tell)
             case "add":
                 return self._add(text, request["words"], bool(request.get("force")), tell, show)
             case "report":
-                return self._report(text, request["kind"], request["command"], Path(request["folder"]), tell)
+                return self._report(request, Path(request["folder"]), tell)
         raise UsageError(f"no such task: {request['do']}")
 
     def _read(self, files: Files, folder: Path, tell: Tell) -> None:
@@ -144,7 +146,9 @@ class Bench:
         notes += tuple((files["tables"][-1], text) for text in told)
         document = documents.opened(self._filed, self._records, findings, notes)
         document["text"] = Path(files["model"]).read_text(encoding="utf-8")
-        document["figures"] = pictures.readings([measured(r, self._filed) for r in self._records])
+        shelf = Shelf(folder)
+        document["figures"] = pictures.readings([measured(r, self._filed) for r in self._records], shelf)
+        shelf.save()
         return {**document, "files": files}
 
     def _of(self, text: str) -> _Made:
@@ -163,9 +167,18 @@ class Bench:
             made.comparison = compare(model, self._records)
         return made.comparison
 
-    def _compare(self, text: str) -> documents.Document:
-        c = self._comparison(text)
-        return {**documents.compared(c), "figures": pictures.compared(c)}
+    def _compare(self, text: str, name: str, folder: Path) -> documents.Document:
+        c, shelf = self._comparison(text), Shelf(folder)
+        document = documents.compared(c, name)
+        steps = [(name, c.refitted)]
+        if name == REFITTED:  # the first model that is compared
+            steps.insert(0, (FILED, c.filed))
+        drawn = {name: pictures.step(v, shelf) | pictures.maps(v.fit) | whiteness.step(v.fit) for name, v in steps}
+        fit = c.refitted.fit
+        figures = pictures.frames_of_cores(c, shelf) | pictures.frames_of_maps(fit.problem.records)
+        figures |= whiteness.figures(fit)
+        shelf.save()
+        return {**document, "figures": figures, "drawn": drawn}
 
     def _diagnose(self, text: str, tell: Tell) -> documents.Document:
         told = self._of(text).told = examine(parse_model(text), self._records, tell)
@@ -202,8 +215,9 @@ class Bench:
         told = (m.told for text, m in self._made.items() if m.told and repr(parse_model(text).unfitted) == start)
         return next((t.diagnosis for t in told if t.diagnosis), None)
 
-    def _report(self, text: str, kind: str, command: str, folder: Path, tell: Tell) -> documents.Document:
+    def _report(self, request: Mapping[str, Any], folder: Path, tell: Tell) -> documents.Document:
         """Write the page that the commands write with --html: of the last diagnosis, addition or comparison."""
+        text, kind, command, remains = (str(request[k]) for k in ("text", "kind", "command", "remains"))
         tell(0.1, "writing the report")
         comparison = self._comparison(text)
         made = self._of(text)
@@ -224,12 +238,12 @@ class Bench:
             )
         elif kind == "add" and made.addition is not None:
             addition, report = made.addition
-            write_addition(path, report, addition, command)
+            write_addition(path, report, addition, command, remains)
         else:
             findings, notes = findings_and_notes(parse_model(text), self._records)
             # an addition of a process that was ended since is shown by what it left: its model against the readings
             how = command if kind == "compare" else ""
-            write_comparison(path, comparison, Aside(comparison.sources, findings, notes, how))
+            write_comparison(path, comparison, Aside(comparison.sources, findings, notes, how, remains))
         return {"path": str(path)}
 
 

@@ -5,14 +5,15 @@ desk of its own.
 """
 
 import threading
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from bms_gateway.errors import UsageError
 from bms_gateway.workbench.commands import Leg, command_lines, config_lines
 from bms_gateway.workbench.process import Worker
+from bms_gateway.workbench.session import Addition, session_of
+from bms_gateway.workbench.steps import REFITTED, Frame, Window, doubt_lines, forget, joined, remains, steps_of
 from bms_gateway.workbench.uploads import Uploads
 
 Document = dict[str, Any]
@@ -25,34 +26,6 @@ TITLES = {
 }
 GONE = "the computing process ended unexpectedly (the terminal says why); try again, a fresh one is started"
 REPORT_S = 600.0
-
-
-@dataclass(slots=True)
-class Frame:
-    """One model on the way, and what was made of it.
-
-    Attributes
-    ----------
-    text : str
-        Model file.
-    label : str
-        On the staircase.
-    words : list of str
-        Effects added to the frame before, as `add` takes them.
-    stair : dict
-        Errors, K.
-    """
-
-    text: str
-    label: str
-    words: list[str] = field(default_factory=list)
-    forced: bool = False
-    stair: Document | None = None
-    told: Document | None = None
-    compared: Document | None = None
-    figures: dict[str, Document] = field(default_factory=dict)
-    diagnosed: Document | None = None
-    curves: dict[str, Document] = field(default_factory=dict)
 
 
 class Desk:
@@ -77,8 +50,12 @@ class Desk:
         self._refusal: Document | None = None
         self._error = ""
         self._report: Path | None = None
+        self._to_come: list[Addition] = []
         self._closed = False
         self._worker = Worker(self._hear)
+        from bms_gateway.workbench.series import drawn  # NumPy comes while the worker starts, not with the program
+
+        self._drawn = drawn
 
     @property
     def folder(self) -> Path:
@@ -107,9 +84,16 @@ class Desk:
             files = {**files, "recent": before}  # still the one that was taken
         self._start("open", {"files": files})
 
+    def resume(self, files: Document, additions: Sequence[Addition]) -> None:
+        """Open the files of a session, and go its way again: one addition after the other, until one is refused."""
+        self.cancel()
+        self.open(files)
+        with self.changed:
+            self._to_come = list(additions)
+
     def compare(self) -> None:
         """Hold the newest model against the readings."""
-        self._start("compare", {"files": self.files, "text": self._top.text})
+        self._start("compare", {"files": self.files, "text": self._top.text, "name": self._top.label})
 
     def diagnose(self) -> None:
         """Ask what the newest model lacks."""
@@ -135,6 +119,7 @@ class Desk:
     def cancel(self) -> None:
         """End what runs."""
         with self.changed:
+            self._to_come = []
             if self._job is None:
                 return
             self._job, self._error = None, ""
@@ -153,7 +138,8 @@ class Desk:
         top = self._top
         kind = "diagnose" if top.diagnosed else "add" if top.told else "compare"
         command = command_lines(self._named() or {}, self._way())[-1]
-        self._start("report", {"files": self.files, "text": top.text, "kind": kind, "command": command})
+        request = {"files": self.files, "text": top.text, "kind": kind, "command": command}
+        self._start("report", {**request, "remains": remains(self._frames)})
         with self.changed:
             self.changed.wait_for(lambda: self._job is None, REPORT_S)
             path, self._report = self._report, None
@@ -161,16 +147,35 @@ class Desk:
                 raise UsageError(self._error or "the report was not written: it was cancelled")
         return path
 
-    def model(self) -> str:
-        """Newest model file."""
+    def session(self) -> Document:
+        """Files by name, and what was added to the model: what `resume` needs."""
         with self.changed:
-            return self._top.text
+            files = self._named()
+            if files is None:
+                raise UsageError("session: open a table and a model first")
+            return session_of(files, self._frames)
 
-    def figure(self, name: str) -> Document | None:
-        """Figure of the newest model, or of the readings alone."""
+    def model(self) -> str:
+        """Newest model file, with what is to be doubted of it on top."""
         with self.changed:
-            own = self._frames[-1].figures if self._frames else {}
-            return own.get(name) or (self._opened or {}).get("figures", {}).get(name)
+            text = self._top.text
+            return "".join(f"# {line}\n" for line in doubt_lines(self._frames)) + text
+
+    def figure(self, name: str, window: Window | None = None) -> Document | None:
+        """Figure with what each step draws into it, whole or a window of its axis; None where there is none."""
+        with self.changed:
+            figure = (self._opened or {}).get("figures", {}).get(name)
+            if figure is None and self._frames:
+                figure = self._frames[0].figures.get(name)
+            if figure is None:
+                return None
+            steps = [
+                (step, bool(f.compared and f.compared["core"]["proven"]), own[name])
+                for f in self._frames
+                for step, own in f.drawn.items()
+                if name in own
+            ]
+        return dict(self._drawn(joined(figure, steps), self.folder, window))
 
     def curves(self, name: str) -> Document | None:
         """Curves of an effect of the last diagnosis."""
@@ -182,24 +187,25 @@ class Desk:
         """All that the page shows, figures and curves by name only."""
         with self.changed:
             top, files = (self._frames[-1] if self._frames else None), self._named()
+            first = self._frames[0] if self._frames else None
             opened = {k: v for k, v in (self._opened or {}).items() if k not in ("figures", "text")} or None
             seen = self._diagnosed()
-            shown = [*(top.figures if top else {}), *((self._opened or {}).get("figures", {}))]
+            shown = [*(first.figures if first else {}), *((self._opened or {}).get("figures", {}))]
             return {
                 "version": self.version,
                 "files": files,
                 "opened": opened,
-                "stairs": [
-                    {"label": f.label, "words": f.words, "forced": f.forced, "stair": f.stair, "told": f.told}
-                    for f in self._frames
-                ],
-                "compared": top.compared if top else None,
+                "steps": steps_of(self._frames),
+                "compared": {k: v for k, v in top.compared.items() if k != "variants"}
+                if top and top.compared
+                else None,
                 "figures": list(dict.fromkeys(shown)),
                 "diagnosed": seen.diagnosed if seen else None,
                 "diagnosed_of": seen.label if seen and seen is not top else None,
                 "refusal": self._refusal,
                 "job": self._job,
                 "error": self._error,
+                "session": session_of(files, self._frames) if files else None,
                 "commands": command_lines(files, self._way()) if files else [],
                 "config": config_lines(files, len(self._frames) - 1) if files else "",
             }
@@ -255,6 +261,7 @@ class Desk:
             if worker is not self._worker or self._closed:
                 return  # of a process that was put away
             if answer is None:  # the next task starts another: not now, it might end the same way at once
+                self._to_come = []
                 if self._job is not None:
                     self._job, self._error = None, GONE
                 else:
@@ -262,6 +269,7 @@ class Desk:
             elif self._job is None:
                 return
             elif "error" in answer:
+                self._to_come = []
                 self._job, self._error = None, answer["error"].replace(f"{self.folder}/", "")
             elif "done" in answer:
                 self._job = None
@@ -274,12 +282,16 @@ class Desk:
         match request["do"]:
             case "open":
                 self.files, self._opened, self._refusal = done.pop("files"), done, None
-                self._frames = [Frame(done["text"], "the model from its file")]
+                self._frames = [Frame(done["text"], REFITTED)]
+                forget(self.folder, [d["kept"]["file"] for f in done["figures"].values() for d in f["data"]])
                 self.compare()
             case "compare":
                 top = self._top
-                top.figures = done.pop("figures")
+                top.figures, top.drawn = done.pop("figures"), done.pop("drawn")
                 top.compared = done
+                if self._to_come:
+                    words, force = self._to_come.pop(0)
+                    self.add(words, force=force)
             case "diagnose":
                 self._top.curves = done.pop("curves")
                 self._top.diagnosed = done
@@ -291,7 +303,7 @@ class Desk:
     def _added(self, done: Document) -> None:
         text = done.pop("text", None)
         if text is None:
-            self._refusal = done
+            self._refusal, self._to_come = done, []
             return
         self._refusal = None
         if len(self._frames) == 1:  # measured by the same yardstick as what is added to it

@@ -9,7 +9,7 @@ from bms_gateway.diagnose.adding import Addition
 from bms_gateway.diagnose.adding_bench import all_used, fit_with
 from bms_gateway.diagnose.calibrate import seen_on
 from bms_gateway.diagnose.checks import Finding
-from bms_gateway.diagnose.compare import Comparison, Variant
+from bms_gateway.diagnose.compare import Comparison, CoreCheck, Variant
 from bms_gateway.diagnose.core_band import half_width_K
 from bms_gateway.diagnose.core_known import KnownCore
 from bms_gateway.diagnose.diagnosis import Diagnosis
@@ -17,7 +17,7 @@ from bms_gateway.diagnose.record import Record
 from bms_gateway.diagnose.standing import Standing
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.report.add_text import AddReport, headline
-from bms_gateway.report.core_text import core_document, core_sentence
+from bms_gateway.report.core_text import core_document, core_sentence, outside, thermocouple_sentence
 from bms_gateway.report.diagnosis_text import Told, finite, number_lines, reach
 from bms_gateway.report.html import VERDICTS
 from bms_gateway.report.html_evidence import summary
@@ -26,7 +26,8 @@ from bms_gateway.report.html_series import Shown
 from bms_gateway.report.html_tables import errors_table, heat_map, parameters_table, thermocouples_table
 from bms_gateway.thermal import StringModel
 from bms_gateway.thermal.effects import catalogue, effect_named
-from bms_gateway.workbench.pictures import NAMES, preview
+from bms_gateway.workbench.pictures import preview
+from bms_gateway.workbench.steps import FILED, REFITTED
 
 Document = dict[str, Any]
 WEIGHTS = {"stop": "cannot be used", "warn": "look at this first", "note": "good to know"}
@@ -65,12 +66,19 @@ def opened(
     }
 
 
-def compared(c: Comparison) -> Document:
-    """Tell where a model fails: with the parameters from its file, and refitted within what it declares as unknown."""
-    variants = {name: _variant(name, v) for name, v in zip(NAMES, (c.filed, c.refitted), strict=True)}
-    models = [_shown(name, v) for name, v in zip(NAMES, (c.filed, c.refitted), strict=True)]
+def compared(c: Comparison, name: str) -> Document:
+    """Tell where a model fails, as one step of the road; the first is told with the parameters from its file too.
+
+    Parameters
+    ----------
+    c : Comparison
+    name : str
+        Of the step.
+    """
+    steps = [(FILED, c.filed), (name, c.refitted)] if name == REFITTED else [(name, c.refitted)]
+    models = [_shown(*s) for s in steps]
     return {
-        "variants": variants,
+        "variants": {name: _variant(name, v) for name, v in steps},
         "errors": errors_table(models),
         "core": told_core(c.core),
         "parameters": parameters_table(c.refitted.fit),
@@ -115,8 +123,14 @@ def _variant(name: str, v: Variant) -> Document:
         "cards": summary([shown]),
         "regimes": heat_map([shown]),
         "cells": cells,
-        "core_measured": [{"cell": x.cell, "error_K": finite(x.rmse_K)} for x in v.core_checks],
+        "stair": stair(v.trained.rmse_K, v.held.rmse_K, v.trained.floor_K, float(half.max())),
+        "core_measured": [thermocouple(x) for x in v.core_checks],
     }
+
+
+def thermocouple(check: CoreCheck) -> Document:
+    """Tell what a thermocouple in a core, which no fit has seen, says of a model."""
+    return {"cell": check.cell, "sentence": thermocouple_sentence(check), "alarm": outside(check)}
 
 
 def stair(trained_K: float, held_K: float, floor_K: float, core_K: float) -> Document:
@@ -139,6 +153,7 @@ def diagnosed(told: Told) -> tuple[Document, dict[str, Document]]:
     document = {
         "verdict": verdict,
         "tag": VERDICTS[verdict] + (", and something unknown remains" if remains else ""),
+        "remains": verdict == "unknown_effect" or remains,
         "sentence": told.sentence,
         "selected": [s.candidate.key for s in d.selected] if d else [],
         "needs": reach(NAMED_AT, top),
@@ -228,7 +243,7 @@ def added(report: AddReport, addition: Addition, words: Sequence[str]) -> Docume
         "tail": report.blocks_K is not None,
         "parameters": parameters_table(addition.after),
         "core_measured": [
-            {"cell": b.cell, "before_K": finite(b.rmse_K), "after_K": finite(a.rmse_K)}
+            {**thermocouple(a), "before_K": finite(b.rmse_K), "after_K": finite(a.rmse_K)}
             for b, a in zip(report.before.checks, report.after.checks, strict=True)
         ],
     }

@@ -1,31 +1,26 @@
-"""Figures of the page: those of the reports, with the band of the model, and the readings alone while it is fitted."""
+"""Figures of the page: those of the reports, with the series of each step of the road kept beside them.
+
+A figure holds what does not depend on the model. What a step draws into it is a document by roles: `model`, `each` and
+`mean` residual, `low` and `high` edge of a band.
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from bms_gateway.diagnose.compare import Comparison, CoreCheck
+from bms_gateway.diagnose.compare import Comparison, CoreCheck, Variant
+from bms_gateway.diagnose.core_band import BAND_SD, at_times
 from bms_gateway.diagnose.regimes import seconds_of
 from bms_gateway.identify.coordinates import Measured
 from bms_gateway.identify.map_fit import MapFit
-from bms_gateway.report.html_figures import STYLES, cores, drive, faint, overlay
-from bms_gateway.report.html_series import (
-    Clock,
-    Trace,
-    broken,
-    clock,
-    envelope,
-    numbers,
-    points_each,
-    smooth,
-    traces_of,
-)
-from bms_gateway.report.page import Figure
+from bms_gateway.report.html_figures import axis, cores, drive, layout, overlay
+from bms_gateway.report.html_series import Clock, Trace, breaks_of, broken, clock, envelope, smooth, traces_of
+from bms_gateway.report.page import Figure, numbers
 from bms_gateway.thermal import Floats
+from bms_gateway.thermal.centre import probe_lever
+from bms_gateway.workbench.series import Shelf
 
-NAMES = ("from its file", "refitted")
-"""What the page calls the two models of a comparison; also the legend groups by which it shows one of them."""
 HEIGHT = 380
 PREVIEW_POINTS = 12_000
 """Of all curves of one effect together: they are drawn on pointing at it, and many effects are kept."""
@@ -33,48 +28,161 @@ MANY_CELLS = 24
 """Cells up to which every core has its figure; of longer strings those with a sensor have."""
 SIGMAS = 2.0
 """Half width of the band around a model, in sd of one reading."""
+FEW = 2
+"""Points of what the reports' figures are asked for where the whole series is kept instead."""
+COLUMNS = 180
+"""Stretches of time in a map."""
+ROW_PX, LEAST_PX, MOST_PX, EDGES_PX = 16, 90, 640, 76
+COLORBAR = {
+    "orientation": "h",
+    "thickness": 8,
+    "len": 0.3,
+    "x": 1.0,
+    "xanchor": "right",
+    "y": 1.0,
+    "yanchor": "bottom",
+}
+FAINTEST = 0.99
+"""Quantile of the residual at which the colours of a map end."""
+SCATTER = 2.5
+"""sd of a reading that the axis of the residual reaches beyond its mean."""
 
 Figures = dict[str, Figure]
+Drawn = dict[str, dict[str, Any]]
+"""What one step draws, by the name of the figure."""
 
 
-def readings(records: Sequence[Measured]) -> Figures:
+def readings(records: Sequence[Measured], shelf: Shelf) -> Figures:
     """Draw readings and drive before anything is fitted: the first picture that a person sees."""
     found: Figures = {}
-    points = points_each(sum(len(m.channels) for m in records))
     for r, m in enumerate(records):
         t = seconds_of(m)
         time = clock(float(t.max()))
         for j, (_, cell) in enumerate(m.channels):
             mine = m.channel == j
             if mine.any():
-                trace = Trace(r, cell, t[mine], m.y[mine], (), float(m.sigma0[j]), ())
-                found[f"surface-{r}-{cell}"] = overlay(trace, (), m, time, points, HEIGHT)
-        found[f"drive-{r}"] = drive(m, time, points)
+                trace = Trace(r, cell, t[mine], m.y[mine], (), float(m.sigma0[j]), breaks_of(m))
+                spec = overlay(trace, (), m, time, FEW, HEIGHT)
+                at, y = broken(trace.time_s, trace.measured, trace.breaks_s)
+                spec["data"] = [_shelved(spec["data"][0], shelf, at / time.seconds, y)]
+                spec["span"] = {"yaxis": _span(m.y[mine])}
+                found[f"surface-{r}-{cell}"] = spec
+        spec = drive(m, time, m.drive.N)
+        spec["data"] = [_shelved(d, shelf, _floats(d["x"]), _floats(d["y"])) for d in spec["data"]]
+        found[f"drive-{r}"] = spec
     return found
 
 
-def compared(c: Comparison) -> Figures:
-    """Draw readings and both models of a comparison, and the cores."""
-    fits = (c.filed.fit, c.refitted.fit)
-    traces = traces_of(fits)
-    points = points_each(7 * len(traces))
-    records = fits[0].problem.records
+def frames_of_cores(c: Comparison, shelf: Shelf) -> Figures:
+    """Draw the figure of each core without any model: axes, and the thermocouple in it where there is one."""
     found: Figures = {}
-    for t in traces:
-        m = records[t.record]
-        time = _clock(traces, t.record)
-        spec = overlay(t, NAMES, m, time, points, HEIGHT)
-        spec["data"] = _bands(t, time, points) + spec["data"]
-        found[f"surface-{t.record}-{t.cell}"] = spec
+    records = c.refitted.fit.problem.records
     for r, m in enumerate(records):
-        time = _clock(traces, r)
-        found[f"drive-{r}"] = drive(m, time, points)
-        both = (c.filed.cores[r], c.refitted.cores[r])
-        n = both[0].T_c.shape[1]
-        shown = range(1, n + 1) if n <= MANY_CELLS else [cell for _, cell in m.channels]
-        for k in shown:
-            found[f"core-{r}-{k}"] = cores(both, NAMES, k, m, time, _thermocouple(c.refitted.core_checks, r, k))
+        n = c.refitted.cores[r].T_c.shape[1]
+        time = clock(float(seconds_of(m).max()))
+        for k in range(1, n + 1) if n <= MANY_CELLS else [cell for _, cell in m.channels]:
+            probe = _thermocouple(c.refitted.core_checks, r, k)
+            spec = cores((), (), k, m, time, probe)
+            if probe is not None:
+                t, y = probe
+                spec["data"] = [_shelved(spec["data"][0], shelf, t / time.seconds, y)]
+                spec["span"] = {"yaxis": _span(y)}
+            found[f"core-{r}-{k}"] = spec
     return found
+
+
+def step(v: Variant, shelf: Shelf) -> Drawn:
+    """Draw one model into the figures of surfaces and cores."""
+    traces = traces_of((v.fit,))
+    found: Drawn = {}
+    for t in traces:
+        time = _clock(traces, t.record)
+        (model,) = t.models
+        half = SIGMAS * t.sigma_K
+
+        def kept(y: Floats, t: Trace = t, time: Clock = time) -> dict[str, Any]:
+            at, line = broken(t.time_s, y, t.breaks_s)
+            return {"kept": shelf.keep(at / time.seconds, line)}
+
+        at, mean = broken(*smooth(t.time_s, t.measured - model, t.breaks_s), t.breaks_s)
+        reach = SCATTER * t.sigma_K
+        found[f"surface-{t.record}-{t.cell}"] = {
+            "model": kept(model),
+            "each": kept(t.measured - model),
+            "mean": {"kept": shelf.keep(at / time.seconds, mean)},
+            "low": kept(model - half),
+            "high": kept(model + half),
+            "span": {"yaxis": _span(model), "yaxis2": _span(mean - reach, mean + reach)},
+        }
+    for r, band in enumerate(v.cores):
+        for name in _cores_drawn(v, r):
+            k, time = int(name.rpartition("-")[2]) - 1, _clock(traces, r)
+            half_K = BAND_SD * band.total_K[:, k]
+            edges = {"model": band.T_c[:, k], "low": band.T_c[:, k] - half_K, "high": band.T_c[:, k] + half_K}
+            found[name] = {role: {"kept": shelf.keep(band.time_s / time.seconds, y)} for role, y in edges.items()}
+            found[name]["span"] = {"yaxis": _span(edges["low"], edges["high"])}
+            outside = _outside(v, r, k + 1)
+            if outside is not None:
+                found[name]["outside"] = {"kept": shelf.keep(outside[0] / time.seconds, outside[1])}
+    return found
+
+
+def _outside(v: Variant, record: int, cell: int) -> tuple[Floats, Floats] | None:
+    """Give what a thermocouple in a core reads outside the model's band, gaps between; None where it never does."""
+    probe = _thermocouple(v.core_checks, record, cell)
+    if probe is None:
+        return None
+    t, y = probe
+    read, sd = at_times(v.cores[record], cell, t, probe_lever(v.fit.problem.model))
+    beyond = np.abs(y - read) > BAND_SD * np.maximum(sd, 1e-9)
+    return (t, np.where(beyond, y, np.nan)) if beyond.any() else None
+
+
+def frames_of_maps(records: Sequence[Measured]) -> Figures:
+    """Draw the axes of a map of all sensors of a record over time; of one sensor there is none."""
+    found: Figures = {}
+    for r, m in enumerate(records):
+        cells = [str(cell) for _, cell in m.channels]
+        if len(cells) > 1:
+            time = clock(float(seconds_of(m).max()))
+            rows = axis("cell", type="category", categoryarray=cells, autorange="reversed", showgrid=False)
+            height = min(max(ROW_PX * len(cells), LEAST_PX), MOST_PX) + EDGES_PX
+            spec = layout(height, m, time, yaxis=rows, coloraxis={"colorbar": COLORBAR})
+            spec["hovermode"] = "closest"
+            found[f"map-{r}"] = {"data": [], "layout": spec}
+    return found
+
+
+def maps(fit: MapFit) -> Drawn:
+    """Draw the mean residual of all sensors over time, as a map of each record."""
+    found: Drawn = {}
+    traces = traces_of((fit,))
+    for r in sorted({t.record for t in traces}):
+        mine = [t for t in traces if t.record == r]
+        time, last = _clock(traces, r), max(float(t.time_s.max()) for t in mine)
+        edges = np.linspace(0.0, last, COLUMNS + 1)
+        rows = []
+        for t in mine:
+            at = np.clip(np.searchsorted(edges, t.time_s, side="right") - 1, 0, COLUMNS - 1)
+            count = np.bincount(at, minlength=COLUMNS)
+            total = np.bincount(at, t.measured - t.models[0], COLUMNS)
+            rows.append(np.where(count > 0, total / np.maximum(count, 1), np.nan))
+        most = float(np.nanquantile(np.abs(rows), FAINTEST))
+        found[f"map-{r}"] = {
+            "map": {
+                "x": time((edges[1:] + edges[:-1]) / 2.0),
+                "y": [str(t.cell) for t in mine],
+                "z": [numbers(row, 3) for row in rows],
+            },
+            "span": {"coloraxis": (-most, most)},
+        }
+    return found
+
+
+def _cores_drawn(v: Variant, r: int) -> list[str]:
+    n = v.cores[r].T_c.shape[1]
+    cells = range(1, n + 1) if n <= MANY_CELLS else [cell for _, cell in v.fit.problem.records[r].channels]
+    return [f"core-{r}-{k}" for k in cells]
 
 
 def preview(fit: MapFit) -> dict[str, dict[str, Any]]:
@@ -100,25 +208,16 @@ def _clock(traces: Sequence[Trace], record: int) -> Clock:
     return clock(max(float(t.time_s.max()) for t in traces if t.record == record))
 
 
-def _bands(t: Trace, time: Clock, points: int) -> list[dict[str, Any]]:
-    """Fill what a reading may lie off each model by its sensor's noise."""
-    data: list[dict[str, Any]] = []
-    for name, model, (color, _) in zip(NAMES, t.models, STYLES, strict=True):
-        x, y = broken(*envelope(t.time_s, model, points), t.breaks_s)
-        edge: Mapping[str, Any] = {
-            "type": "scatter",
-            "mode": "lines",
-            "line": {"width": 0},
-            "hoverinfo": "skip",
-            "showlegend": False,
-            "legendgroup": name,
-            "name": name,
-        }
-        half = SIGMAS * t.sigma_K
-        data.append({**edge, "x": time(x), "y": numbers(np.asarray(y - half))})
-        fill = {"fill": "tonexty", "fillcolor": faint(color)}
-        data.append({**edge, **fill, "x": time(x), "y": numbers(np.asarray(y + half))})
-    return data
+def _shelved(trace: Mapping[str, Any], shelf: Shelf, x: Floats, y: Floats) -> dict[str, Any]:
+    return {**{k: v for k, v in trace.items() if k not in ("x", "y")}, "kept": shelf.keep(x, y)}
+
+
+def _floats(x: Sequence[float | None]) -> Floats:
+    return np.array(x, np.float64)
+
+
+def _span(*ys: Floats) -> tuple[float, float]:
+    return float(min(np.nanmin(y) for y in ys)), float(max(np.nanmax(y) for y in ys))
 
 
 def _thermocouple(checks: Sequence[CoreCheck], record: int, cell: int) -> tuple[Floats, Floats] | None:

@@ -15,19 +15,25 @@ from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
 from socketserver import TCPServer
-from typing import Any, ClassVar, Final
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 from urllib.parse import parse_qs, unquote, urlsplit
 
 from bms_gateway.errors import GatewayError, MissingExtraError, UsageError
 from bms_gateway.workbench.desk import Desk
 from bms_gateway.workbench.doors import CLOSED, HEADERS, Door
+from bms_gateway.workbench.session import additions_of
 from bms_gateway.workbench.site import Site, wanted_files
 from bms_gateway.workbench.uploads import safe_name
+
+if TYPE_CHECKING:  # the engine: only the live page needs it
+    from bms_gateway.workbench.watch import Watch
 
 LARGEST_JSON: Final = 64 * 1024
 LARGEST_UPLOAD: Final = 256 * 1024**2
 LONGEST_LENGTH: Final = 20
 """Digits of a length: 64 bits have no more, and of thousands no number is made."""
+LARGEST_NUMBER: Final = 1e9
+"""Of a query: seconds, or the place of a string."""
 PING_S: Final = 10.0
 """An event stream says that it lives; so a browser that has gone is noticed."""
 IDLE_S: Final = 120.0
@@ -180,7 +186,12 @@ class Handler(BaseHTTPRequestHandler):
             site = self.server.site
             self._json({"watch": site.watch.about() if site.watch else None, "local": site.local})
         elif path == "/api/watch":
-            self._watch()
+            self._stream(self._live().stream(self._query.get("view", "")))
+        elif path == "/api/history":
+            string, span = self._number("string"), self._number("span")
+            self._json(self._live().history(self._query.get("view", ""), int(string), span))
+        elif path == "/api/window":
+            self._window()
         elif path.removeprefix("/api/") in self.GETS:
             getattr(self, self.GETS[path.removeprefix("/api/")])()
         else:
@@ -201,7 +212,12 @@ class Handler(BaseHTTPRequestHandler):
         self._json(self._desk().state())
 
     def _figure(self) -> None:
-        self._json({"figure": self._desk().figure(self._query.get("name", ""))})
+        ends = [self._query.get(k, "") for k in ("from", "to")]
+        try:
+            window = (float(ends[0]), float(ends[1])) if all(ends) else None
+        except ValueError:
+            raise UsageError("figure: from and to must be numbers") from None
+        self._json({"figure": self._desk().figure(self._query.get("name", ""), window)})
 
     def _curves(self) -> None:
         self._json({"curves": self._desk().curves(self._query.get("name", ""))})
@@ -214,6 +230,9 @@ class Handler(BaseHTTPRequestHandler):
                 self._bytes(path.read_bytes(), TYPES[".html"], name="report.html")
             finally:
                 path.unlink(missing_ok=True)
+        elif self._query.get("what") == "session":
+            text = json.dumps(desk.session(), ensure_ascii=False, indent=1)
+            self._bytes(text.encode(), "application/json", name="session.json")
         else:
             name = Path(self._query.get("name", "model.toml")).name
             self._bytes(desk.model().encode(), "application/toml", name=name)
@@ -236,11 +255,33 @@ class Handler(BaseHTTPRequestHandler):
             few = {k: state[k] for k in ("version", "job", "error")} if news else None
             yield json.dumps(few) if few else ""
 
-    def _watch(self) -> None:
+    def _live(self) -> "Watch":
         watch = self.server.site.watch
         if watch is None:
             raise UsageError("nothing is live here: start with --live CHANNEL --config C")
-        self._stream(watch.stream(self._query.get("view", "")))
+        return watch
+
+    def _number(self, name: str) -> float:
+        try:
+            x = float(self._query.get(name, "0"))
+        except ValueError:
+            x = float("nan")
+        if not 0.0 <= x < LARGEST_NUMBER:
+            raise UsageError(f"{name}: a number from 0 on is needed")
+        return x
+
+    def _window(self) -> None:
+        parts = self._live().table(self._query.get("view", ""), self._number("span"))
+        self.close_connection = True  # how long it gets is not known
+        self.send_response(HTTPStatus.OK)
+        self.send_header("Content-Type", "text/csv; charset=utf-8")
+        self.send_header("Content-Disposition", 'attachment; filename="window.csv"')
+        self.send_header("Cache-Control", "no-store")
+        self.send_header("Connection", "close")
+        self._safe_headers()
+        self.end_headers()
+        for part in parts:
+            self.wfile.write(part)
 
     def _stream(self, parts: Iterator[str]) -> None:
         self.send_response(HTTPStatus.OK)
@@ -268,9 +309,7 @@ class Handler(BaseHTTPRequestHandler):
             self._json({"desk": site.new_desk().name})
             return
         if self._url == "/api/watch":
-            if site.watch is None:
-                raise UsageError("nothing is live here")
-            site.watch.steer(str(body.get("view", "")), body)
+            self._live().steer(str(body.get("view", "")), body)
             self._json({})
             return
         self._work(self._desk(), self._url.removeprefix("/api/"), body)
@@ -280,6 +319,9 @@ class Handler(BaseHTTPRequestHandler):
         match what:
             case "open":
                 desk.open(wanted_files(self.server.site, desk, body))
+            case "resume":
+                additions = additions_of(body)
+                desk.resume(wanted_files(self.server.site, desk, body["files"]), additions)
             case "compare":
                 desk.compare()
             case "diagnose":

@@ -8,7 +8,7 @@ import json
 import secrets
 import threading
 import time
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,20 +18,20 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from bms_gateway.engine import Engine, Estimated, Event, Notice
+from bms_gateway.engine import Alerted, Engine, Estimated, Event, Judged, Notice
 from bms_gateway.engine.foreseen import TOLD_S, Forecast
 from bms_gateway.engine.reasons import REASONS, unused
 from bms_gateway.errors import UsageError
 from bms_gateway.frames.quality import Quality
 from bms_gateway.thermal.centre import hottest_of
+from bms_gateway.workbench.events import Events, alerts_now
+from bms_gateway.workbench.history import SET_NS, driven_by, history, past_of, table
 
 PERIOD_S: Final = 0.4
 """Between two pictures: two and a half a second. Cells change slower; more would only cost."""
 MOST_TICKS: Final = 20_000
 """Kept: five and a half hours of seconds; 20 MiB with sixty cells. Beyond, a log keeps every second one, a live bus the
 newest."""
-MOST_NOTICES: Final = 400
-SHOWN_NOTICES: Final = 8
 TREND: Final = 48
 """Points of the trend of R_e: as many as its little figure has room for."""
 MOST_VIEWS: Final = 16
@@ -39,6 +39,10 @@ FARTHEST_S: Final = 1e10  # of a log's times none is; and of an integer of a tho
 SPEEDS: Final = (1, 2, 5, 10, 20, 50, 100)
 BEHIND_NS: Final = 3_000_000_000
 """A tab that is nearer to the newest tick than this follows it."""
+STALE_S: Final = 3.0
+"""What is shown and older than this is no longer so."""
+HEAT_SDS: Final = 2.0
+"""Of the heat that no current makes: below, it may be none."""
 WORDS: Final = {int(q): q.name.lower().replace("_", " ") for q in Quality}
 WHY: Final = {int(q): text for q, text in REASONS.items()} | {
     int(Quality.GOOD): "measured and used",
@@ -54,7 +58,9 @@ class _Tick:
     time_ns: int
     cells: NDArray[np.float32]
     quality: NDArray[np.uint8]
+    past: NDArray[np.float32]
     strings: tuple[dict[str, Any], ...]
+    alerts: tuple[dict[str, Any], ...]
     bus: dict[str, Any]
 
 
@@ -94,11 +100,15 @@ class Watch:
     ) -> None:
         self.kind, self.title, self.bitrate = kind, title, bitrate
         self._engine, self._bus = engine, bus
+        self._alerts = engine.plan.alerts
+        self._parked_s = engine.plan.silent_after_ns * 1e-9
+        self._parts = list(_parts([s.plan.model.cells for s in engine.strings]))
         self._lock = threading.Lock()
         self._ticks: list[_Tick] = []
         self._times: list[int] = []
         self._every, self._skipped = 1, 0
-        self._notices: list[Notice] = []
+        self._events = Events()
+        engine.judging = True  # what drives the strings is a part of their past
         self._trend: dict[str, list[tuple[int, float, float]]] = {s.plan.name: [] for s in engine.strings}
         self._views: OrderedDict[str, _View] = OrderedDict()
         self._before: tuple[int, int, int] | None = None
@@ -118,6 +128,7 @@ class Watch:
             "view": secrets.token_urlsafe(9),
             "words": {str(k): w for k, w in WORDS.items()},
             "why": {str(k): w for k, w in WHY.items()},
+            "limits": {"core_C": self._alerts.core_max_C, "surface_C": self._alerts.surface_limit_C},
             "strings": [
                 {"name": s.plan.name, "cells": s.plan.model.cells, "sensors": list(s.plan.model.sensors)}
                 for s in self._engine.strings
@@ -128,15 +139,20 @@ class Watch:
 
     def take(self, event: Event) -> None:
         """Take the engine's next event."""
-        if isinstance(event, Notice):
+        if isinstance(event, Notice | Alerted):
             with self._lock:
-                self._notices = [*self._notices[-MOST_NOTICES + 1 :], event]
+                self._events.take(event)
         elif isinstance(event, Estimated):
             self._keep(event)
+        elif isinstance(event, Judged) and self._ticks and self._ticks[-1].time_ns == event.time_ns:
+            driven_by(self._ticks[-1].past, event)
 
     def _keep(self, told: Estimated) -> None:
         time_ns = told.time_ns
-        cells = np.stack([told.core, told.core_sd, told.surface, told.centre, told.centre_sd]).astype(np.float32)
+        numbers = (told.core, told.core_sd, told.surface, told.centre, told.centre_sd, told.heat, told.heat_sd)
+        cells = np.stack(numbers).astype(np.float32)
+        past = past_of(told.centre, told.centre_sd, self._parts)
+        raised = alerts_now(self._engine.alerts.raised)
         strings = []
         for s in self._engine.strings:
             R_e = next((e for e in s.estimates if e.name == "R_e"), None)
@@ -152,7 +168,7 @@ class Watch:
             trend = self._trend[s.plan.name]
             if R_e is not None and (not trend or trend[-1][1:] != (R_e.value, R_e.sd)):
                 trend.append((time_ns, R_e.value, R_e.sd))
-        tick = _Tick(time_ns, cells, told.quality, tuple(strings), self._traffic(time_ns))
+        tick = _Tick(time_ns, cells, told.quality, past, tuple(strings), raised, self._traffic(time_ns))
         with self._lock:
             self._kept = time.monotonic()
             self._skipped += 1
@@ -248,38 +264,72 @@ class Watch:
         at = self._times[-1] if view.at_ns is None else int(view.at_ns)
         tick = self._ticks[max(bisect_right(self._times, at) - 1, 0)]
         first = self._times[0]
+        age = (at - tick.time_ns) * 1e-9 + (self._age_s() if view.at_ns is None else 0.0)
         return {
             "ticks": len(self._times),
             "problem": self.problem,
             "at": round((at - first) * 1e-9 + (self._age_s() if view.at_ns is None else 0.0), 2),
             "last": round((self._times[-1] - first) * 1e-9, 3),
-            "stamp_ns": tick.time_ns,
+            "wall_ms": tick.time_ns // 1_000_000 if tick.time_ns >= SET_NS else None,
+            "age": round(age, 1),
+            "state": "now" if age <= STALE_S else "stale" if age < self._parked_s else "parked",
+            "alerts": tick.alerts,
             "whole": self.whole,
             "following": view.at_ns is None,
             "playing": view.playing,
             "speed": view.speed,
             "strings": self._strings(tick),
             "bus": tick.bus,
-            "notices": self._told(tick.time_ns, first),
+            "events": self._events.grouped(tick.time_ns, first),
         }
+
+    def history(self, name: str, string: int, span_s: float) -> dict[str, Any]:
+        """Tell the past of one string (from 0) until where a tab looks, `span_s` back; 0: all that is kept.
+
+        Raises
+        ------
+        UsageError
+        """
+        if not 0 <= string < len(self._parts):
+            raise UsageError(f"history: string: valid are 0 to {len(self._parts) - 1}")
+        with self._lock:
+            ticks = self._back(self._view(name), span_s)
+            if not ticks:
+                return {"t": [], "marks": []}
+            ends, first = (ticks[0].time_ns, ticks[-1].time_ns), self._times[0]
+            marks = self._events.marks(self._engine.strings[string].plan.name, *ends, first)
+        return {**history(ticks, string, first), "marks": marks}
+
+    def table(self, name: str, span_s: float) -> Iterator[bytes]:
+        """Write what was estimated until where a tab looks, `span_s` back, as CSV; 0: all that is kept."""
+        with self._lock:
+            ticks = self._back(self._view(name), span_s)
+            first = self._times[0] if self._times else 0
+        return table(ticks, [s.plan.name for s in self._engine.strings], self._parts, WORDS, first)
+
+    def _back(self, view: _View, span_s: float) -> list[_Tick]:
+        if not self._times:
+            return []
+        at = self._times[-1] if view.at_ns is None else int(view.at_ns)
+        until = max(bisect_right(self._times, at), 1)
+        begin = bisect_left(self._times, at - int(span_s * 1e9)) if span_s > 0.0 else 0
+        return self._ticks[min(begin, until - 1) : until]
 
     def _age_s(self) -> float:
         """Time since the newest tick came, s: of a live bus that has gone silent it grows."""
         return 0.0 if self.whole else time.monotonic() - self._kept
 
     def _strings(self, tick: _Tick) -> list[dict[str, Any]]:
-        found, first = [], 0
-        for s, known in zip(self._engine.strings, tick.strings, strict=True):
-            n = s.plan.model.cells
-            core, sd, surface, centre, centre_sd = tick.cells[:, first : first + n]
-            quality = tick.quality[first : first + n]
-            first += n
+        found = []
+        for s, part, known in zip(self._engine.strings, self._parts, tick.strings, strict=True):
+            core, sd, surface, centre, centre_sd, heat, heat_sd = tick.cells[:, part]
+            quality = tick.quality[part]
             trend = [
                 [round(t * 1e-9, 1), _n(1e3 * R, 4), _n(1e3 * e, 4)]
                 for t, R, e in self._trend[s.plan.name]
                 if t <= tick.time_ns
             ]
-            words = next((x.text for x in reversed(self._notices) if _of(x, s.plan.name, tick.time_ns)), "")
+            words = [a["text"] for a in tick.alerts if a["string"] == s.plan.name]
             found.append(
                 {
                     **known,
@@ -291,21 +341,26 @@ class Watch:
                     "centre_half": [_n(1.96 * x, 2) for x in centre_sd.tolist()],
                     "hottest": hottest_of(centre),
                     "trend": trend[-TREND:],
-                    "words": words if known["flags"] else "",
+                    "words": words,
+                    "heat": _heat(heat, heat_sd),
                 }
             )
         return found
 
-    def _told(self, until_ns: int, first_ns: int) -> list[dict[str, Any]]:
-        seen = [n for n in self._notices if n.time_ns <= until_ns][-SHOWN_NOTICES:]
-        return [
-            {"at": round((n.time_ns - first_ns) * 1e-9, 1), "level": int(n.level), "text": n.text, "string": n.string}
-            for n in reversed(seen)
-        ]
+
+def _parts(cells: Sequence[int]) -> Iterator[slice]:
+    first = 0
+    for n in cells:
+        yield slice(first, first + n)
+        first += n
 
 
-def _of(n: Notice, string: str, until_ns: int) -> bool:
-    return n.string == string and n.code in ("ageing", "mismatch") and n.time_ns <= until_ns
+def _heat(heat: NDArray[np.float32], sd: NDArray[np.float32]) -> list[float | int | None] | None:
+    """Give the cell with the surest heat that no current makes, with the heat and its 95 % half width, W."""
+    with np.errstate(invalid="ignore"):
+        ratio = np.where(np.isfinite(heat) & (sd > 0.0), heat / sd, -np.inf)
+    k = int(ratio.argmax())
+    return [k + 1, _n(heat[k], 2), _n(1.96 * sd[k], 2)] if ratio[k] > HEAT_SDS else None
 
 
 def _ahead(f: Forecast | None) -> dict[str, Any] | None:

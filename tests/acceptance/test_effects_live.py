@@ -48,10 +48,10 @@ def before_and_after(name: str, directory: Path, seed: int = 3, seconds: int = 2
     log = hidden(name, seed, seconds)
     plain, better = (config_with(m, k, directory) for m, k in zip(models(log, name), ("plain", "better"), strict=True))
     can = encoded(log, plain, directory)
-    # while sheets melt a surface stands still, which is odd to an observer that knows their heat to a tenth;
-    # a model that lacks a strong effect may know that it does not know a core; the right one does not
-    before = judged(log, analyze(can, plain, directory / plain.stem), 0.8)
-    after = judged(log, analyze(can, better, directory / better.stem), 0.97 if name == "phase_change" else 1.0)
+    # A model that lacks a strong effect may know that it does not know a core; the right one does not. When the last
+    # of a sheet has frozen, a surface leaves what an observer expects, that knows its heat to a tenth, by a kelvin.
+    before = judged(log, analyze(can, plain, directory / plain.stem), 0.85)
+    after = judged(log, analyze(can, better, directory / better.stem), 0.99 if name == "phase_change" else 1.0)
     print(f"{name}: core {before.rms:.2f} -> {after.rms:.2f} K, in the band {before.inside:.2f} -> {after.inside:.2f}, "
           f"band {before.sd:.2f} -> {after.sd:.2f} K")  # fmt: skip
     return before, after

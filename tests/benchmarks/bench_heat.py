@@ -119,7 +119,7 @@ def table() -> list[Case]:
         rows += [Case(pack, 0, drive="us06", fault=f) for f in ("fan", "pump", "frozen", "off")]
         rows += [
             Case(pack, 0, drive="us06", fault="loose", size=0.3),
-            Case(pack, 0, drive="us06", fault="drift", size=1.0),
+            Case(pack, 0, 7200, drive="us06", fault="drift", size=1.0),
         ]
         rows += [
             Case(pack, 0, drive="us06", fault="jump", size=1.0),

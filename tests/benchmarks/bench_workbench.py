@@ -92,7 +92,7 @@ def live(watched: bool) -> tuple[float, float]:
     threading.Thread(target=server.serve_forever, daemon=True).start()
     reader = None
     if watched:  # in a process of its own: reading is the browser's work
-        command = [sys.executable, "-c", READER, urlsplit(server.url).netloc, str(LIVE_S - 2.0)]
+        command = [sys.executable, "-c", READER, urlsplit(server.door.url).netloc, str(LIVE_S - 2.0)]
         reader = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     before = time.process_time()
     asyncio.run(Gateway(engine, port, watch=watch.take).run(seconds=LIVE_S))

@@ -21,6 +21,19 @@ NO_STREAM = frozenset({"coolant_delay", "coolant_bypass", "flow_dependent_coolin
 ONE_CELL = frozenset({"busbar_joule", "end_plate", "neighbour_heat", "cell_resistance", "cell_cooling"})
 RESTS_AT_ZERO = frozenset({"current_offset"})
 """The rests read zero and the charge balance over the record closes: the ammeter has no offset worth naming."""
+FORMATS = {
+    "a123": "a123_26650",
+    "lfp_32113": "a123_32113",
+    "dmegc": "18650 2.5Ah",
+    "k2": "k2_26650",
+    "pan18650pf": "panasonic_18650pf",
+    "s30q": "samsung_30q",
+    "s40t": "samsung_40t liquid",
+    "21700": "21700 4.5Ah",
+    "leaf_cell": "leaf_pouch",
+    "lgm50": "lg_m50",
+    "melasta": "melasta_5Ah5",
+}
 BENCH = NOTHING_MELTS | NO_STREAM | ONE_CELL
 
 
@@ -57,6 +70,11 @@ class MeasuredRecord:
     cells: int = 1
     gap_s: float = 3600.0
 
+    @property
+    def format(self) -> str:
+        """The cell in words of `bms-gateway cells`; empty where what is measured is a module."""
+        return next((words for start, words in FORMATS.items() if self.name.startswith(start)), "")
+
     def write(self, folder: Path) -> tuple[Path, Path]:
         """Write table and model."""
         table, model = folder / f"{self.name}.csv", folder / f"{self.name}.toml"
@@ -70,6 +88,7 @@ class MeasuredRecord:
             f'condition = "{"single" if self.cells == 1 else "natural"}"',
             "effects = []",
             "[cell]",
+            *([f'format = "{self.format}"'] if self.format else []),
             f"capacity_Ah = {self.capacity_Ah}",
             "[parameters]",
         ]

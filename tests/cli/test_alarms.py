@@ -11,23 +11,10 @@ from bms_gateway.cli.main import main
 from bms_gateway.config import own_dbc_text
 from bms_gateway.frames.batch import FrameBatch
 from tests.benchmarks.bench_runaway import recorded, rule
-from tests.config.bench_cell import write_string
+from tests.config.bench_cell import one_cell, write_string
 from tests.data import need
 
-MODEL = """\
-cells = 1
-sensors = [1]
-condition = "single"
-effects = []
-[cell]
-capacity_Ah = 2.5
-[parameters]
-C_c = { value = 40.0, unit = "J/K", rel_sd = 0.2 }
-C_s = { value = 5.0, unit = "J/K", rel_sd = 0.3 }
-R_e = { value = 25.0, unit = "mOhm", rel_sd = 0.3 }
-R_c = { value = 3.0, unit = "K/W", rel_sd = 0.3 }
-R_u = { value = 15.0, unit = "K/W", rel_sd = 0.3 }
-"""
+MODEL = one_cell(2.5, C_c=(40.0, 0.2), C_s=(5.0, 0.3), R_e=(25.0, 0.3), R_c=(3.0, 0.3), R_u=(15.0, 0.3))
 
 
 def analysed(folder, surface):

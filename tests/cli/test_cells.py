@@ -5,7 +5,9 @@ import json
 import pytest
 
 from bms_gateway.cli.main import main
-from bms_gateway.thermal.cells import PUBLISHED
+from bms_gateway.config.model_file import format_model, parse_model
+from bms_gateway.diagnose.geometry import odd_declared
+from bms_gateway.thermal.cells import PUBLISHED, cell_of
 
 
 def test_one_cell_as_json(capsys) -> None:
@@ -19,6 +21,17 @@ def test_one_cell_as_json(capsys) -> None:
     assert parameters["R_e"]["unit"] == "mOhm"
     assert 20 < parameters["R_e"]["value"] < 60
     assert 60 < parameters["C_c"]["value"] + parameters["C_s"]["value"] < 75  # 69 g at 0.95 J/g/K
+
+
+def test_what_is_shown_for_a_model_file_is_one_and_says_which_cell_it_is(capsys) -> None:
+    assert main(["cells", "pouch 290x216x7.1mm 33Ah 787g LMO still 2p"]) == 0
+    shown = capsys.readouterr().out.partition("model file:\n")[2].partition("\n\nA record")[0]
+    model = parse_model(f'cells = 1\nsensors = [1]\ncondition = "single"\n{shown}\n')
+    assert model.capacity_Ah == 66.0
+    facts = cell_of(model.cell_format)
+    assert (facts.shape, facts.chemistry, facts.parallel) == ("pouch", "LMO", 2)
+    assert odd_declared(model) == ()
+    assert parse_model(format_model(model)) == model
 
 
 def test_all_cells_and_words_with_blanks(capsys, tmp_path) -> None:

@@ -7,7 +7,7 @@ import cantools
 import pytest
 
 from bms_gateway.cli.main import main
-from tests.config.bench_cell import PARAMETERS
+from tests.config.bench_cell import PARAMETERS, one_cell
 
 DBC = """VERSION ""
 BU_: X
@@ -26,9 +26,7 @@ SECONDS = 60
 def write(folder: Path, current: str = '"Pack.Current"', amps=lambda k: -8.0 + 0.05 * k, volts="Pack.Volts") -> tuple:
     """Config and log: 10 Hz of current and voltage, 1 Hz of temperatures."""
     (folder / "car.dbc").write_text(DBC)
-    (folder / "cell.toml").write_text(
-        'cells = 1\nsensors = [1]\ncondition = "single"\neffects = []\n[parameters]\n' + PARAMETERS["authors"]
-    )
+    (folder / "cell.toml").write_text(one_cell(2.3, **PARAMETERS["authors"]))
     config = folder / "gateway.toml"
     config.write_text(
         '[bus]\ndbc = ["car.dbc"]\n[[string]]\nname = "s"\nmodel = "cell.toml"\n[string.signals]\n'

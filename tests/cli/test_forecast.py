@@ -7,25 +7,12 @@ import numpy as np
 import pytest
 
 from bms_gateway.cli.main import main
-from tests.config.bench_cell import write_string
+from tests.config.bench_cell import one_cell, write_string
 from tests.truth.string import TruthString, rk4
 
 SECONDS, LIMIT = 600, 45.0
 NUMBERS = {"C_c": 76.0, "C_s": 5.5, "R_e": 0.012, "R_c": 3.0, "R_u": 4.8}
-MODEL = """\
-cells = 1
-sensors = [1]
-condition = "single"
-effects = []
-[cell]
-capacity_Ah = 2.3
-[parameters]
-C_c = { value = 76.0, unit = "J/K", rel_sd = 0.03 }
-C_s = { value = 5.5, unit = "J/K", rel_sd = 0.03 }
-R_e = { value = 12.0, unit = "mOhm", rel_sd = 0.05 }
-R_c = { value = 3.0, unit = "K/W", rel_sd = 0.05 }
-R_u = { value = 4.8, unit = "K/W", rel_sd = 0.05 }
-"""
+MODEL = one_cell(2.3, C_c=(76.0, 0.03), C_s=(5.5, 0.03), R_e=(12.0, 0.05), R_c=(3.0, 0.05), R_u=(4.8, 0.05))
 
 
 @pytest.fixture(scope="module")

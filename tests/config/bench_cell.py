@@ -13,29 +13,25 @@ Priors = Literal["wide", "authors"]
 # Wide: a cylinder cell of this size, within a factor of about two. Authors: C 84.5 J/K in all ± 15 %; R_c 3.0 K/W
 # ± 20 %; R_u 4.8 K/W, wide. How much of C lies at the surface they do not say: as in the wide case.
 PARAMETERS = {
-    "wide": """\
-C_c = { value = 75.0, unit = "J/K", rel_sd = 0.3 }
-C_s = { value = 7.0, unit = "J/K", rel_sd = 0.5 }
-R_e = { value = 12.0, unit = "mOhm", rel_sd = 0.7 }
-R_c = { value = 2.5, unit = "K/W", rel_sd = 0.7 }
-R_u = { value = 5.0, unit = "K/W", rel_sd = 0.7 }
-""",
-    "authors": """\
-C_c = { value = 77.5, unit = "J/K", rel_sd = 0.15 }
-C_s = { value = 7.0, unit = "J/K", rel_sd = 0.5 }
-R_e = { value = 12.0, unit = "mOhm", rel_sd = 0.7 }
-R_c = { value = 3.0, unit = "K/W", rel_sd = 0.2 }
-R_u = { value = 4.8, unit = "K/W", rel_sd = 0.5 }
-""",
+    "wide": {"C_c": (75.0, 0.3), "C_s": (7.0, 0.5), "R_e": (12.0, 0.7), "R_c": (2.5, 0.7), "R_u": (5.0, 0.7)},
+    "authors": {"C_c": (77.5, 0.15), "C_s": (7.0, 0.5), "R_e": (12.0, 0.7), "R_c": (3.0, 0.2), "R_u": (4.8, 0.5)},
 }
+UNITS = {"C_c": "J/K", "C_s": "J/K", "R_e": "mOhm", "R_c": "K/W", "R_u": "K/W"}
+
+
+def one_cell(capacity_Ah: float, **numbers: tuple[float, float]) -> str:
+    """Model file of a single cell: of each number its value, mΩ for R_e, and its relative standard deviation."""
+    lines = [f'{k} = {{ value = {v}, unit = "{UNITS[k]}", rel_sd = {sd} }}' for k, (v, sd) in numbers.items()]
+    top = ["cells = 1", "sensors = [1]", 'condition = "single"', "effects = []", "[cell]"]
+    return "\n".join([*top, f"capacity_Ah = {capacity_Ah}", "[parameters]", *lines]) + "\n"
 
 
 def write_bench_cell(
     folder: Path, *, priors: Priors = "authors", voltage: bool = False, method: str = "window"
 ) -> Path:
     """Write gateway.toml and model into a folder; returns the path of the config."""
-    model = 'cells = 1\nsensors = [1]\ncondition = "single"\neffects = []\n[cell]\ncapacity_Ah = 2.3\n[parameters]\n'
-    return write_string(folder, model + PARAMETERS[priors], also=("voltage",) if voltage else (), method=method)
+    model = one_cell(2.3, **PARAMETERS[priors])
+    return write_string(folder, model, also=("voltage",) if voltage else (), method=method)
 
 
 ALSO = {

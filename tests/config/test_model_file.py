@@ -394,6 +394,8 @@ FAULTS = [
     ('"m3/s"', '"gpm"', "parameters.coolant_flow: unit 'gpm' does not fit coolant_flow; valid: "),
     ("value = 11.33", "value = 0.9", 'use coolant = "ntu" or a larger C_f'),
     ("capacity_Ah = 8.0", "capacity_Ah = 0", "cell.capacity_Ah: 0"),
+    ("capacity_Ah = 8.0", 'format = "2170"', "cell.format: '2170' is not known; did you mean '21700'"),
+    ("capacity_Ah = 8.0", 'format = "pouch 787g"', "cell.format: 'pouch 787g': the size of a pouch cell"),
     ("capacity_Ah = 8.0", "centre_share = { value = 50, sd = 0.2 }", "cell.centre_share.value: 50"),
     ("capacity_Ah = 8.0", "centre_share = { value = 0.5, sd = -0.2 }", "cell.centre_share.sd: -0.2"),
     ("capacity_Ah = 8.0", "centre_share = 0.5", "cell.centre_share"),

@@ -1,5 +1,6 @@
-"""`minimum`, `maximum`, `byte_order` and `signed` of a signal: the config against its DBC."""
+"""`minimum`, `maximum`, `byte_order`, `signed` and `mask` of a signal: the config against its DBC."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from bms_gateway.errors import ConfigError
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.decode import decode
 from bms_gateway.frames.quality import Quality
-from tests.config.bench_cell import PARAMETERS
+from tests.config.bench_cell import PARAMETERS, one_cell
 
 DBC = """VERSION ""
 BU_: X
@@ -25,8 +26,7 @@ BO_ 257 Temps: 8 X
 
 def config(folder: Path, current: str, surface: str = '"Temps.T1"') -> Path:
     (folder / "car.dbc").write_text(DBC)
-    model = 'cells = 1\nsensors = [1]\ncondition = "single"\neffects = []\n[parameters]\n' + PARAMETERS["authors"]
-    (folder / "cell.toml").write_text(model)
+    (folder / "cell.toml").write_text(one_cell(2.3, **PARAMETERS["authors"]))
     path = folder / "gateway.toml"
     path.write_text(
         '[bus]\ndbc = ["car.dbc"]\n[[string]]\nname = "s"\nmodel = "cell.toml"\n[string.signals]\n'
@@ -68,6 +68,46 @@ def test_bits_are_read_as_the_config_says(tmp_path) -> None:
     assert read(path, (-55).to_bytes(2, "little", signed=True), 257)["Temps.T1"][0] == pytest.approx(-5.5)
 
 
+@pytest.mark.parametrize(
+    ("mask", "signed", "raw", "value"),
+    [
+        (0x0FFF, False, 0xA07B, 12.3),  # the upper four bits are somebody else's
+        (0x0FFF, True, 0xAF85, -12.3),  # the highest bit of the mask is the sign
+        (0xFFF0, False, 0x0C3F, 312.0),  # what is left keeps the weight of its bits
+        (0xFFFF, False, 0x007B, 12.3),
+    ],
+)
+def test_bits_outside_the_mask_are_no_part_of_the_signal(mask, signed, raw, value, tmp_path) -> None:
+    rest = f"mask = {mask:#x}, signed = {str(signed).lower()}, minimum = -400, maximum = 400 }}"
+    little = config(tmp_path, f'{{ signal = "Pack.Current", {rest}')
+    assert read(little, raw.to_bytes(2, "little"))["Pack.Current"] == (pytest.approx(value), Quality.GOOD)
+    surface = f'{{ signal = "Temps.T1", {rest}'
+    found = read(config(tmp_path, '"Pack.Current"', surface), raw.to_bytes(2, "big"), 257)["Temps.T1"]
+    assert found == (pytest.approx(value), Quality.GOOD)
+
+
+@pytest.mark.parametrize("big_endian", [False, True])
+@pytest.mark.parametrize("mask", [0x1, 0x800, 0x0F0, 0xFFF, 0xFFC, 0x7FF])
+def test_a_mask_is_an_and_for_every_place(mask: int, big_endian: bool) -> None:
+    from bms_gateway.config.overrides import overridden
+    from bms_gateway.config.schema import Source
+    from bms_gateway.frames.bits import BitFields, Place, words_of
+    from bms_gateway.frames.dbc import parse
+
+    info = {s.name: s for m in parse("car.dbc", DBC) for s in m.signals.values()}["Odd"]
+    place = Place(33 if big_endian else 36, 12, big_endian=big_endian)
+    narrow = overridden(replace(info, place=place), Source(signal="Pack.Odd", mask=mask))
+    data = np.random.default_rng(1).integers(0, 256, (200, 8), np.uint8)
+    row, field = np.arange(200), np.zeros(200, np.intp)
+
+    def raw(p: Place) -> np.ndarray:
+        fields = BitFields.build([p], 1, big_endian=True)
+        return fields.raw(words_of(data, row, fields.words, fields.stride), row, field).astype(float)
+
+    whole = raw(place).astype(int)
+    assert (raw(narrow.place) * narrow.scale == (whole & mask)).all()
+
+
 @pytest.mark.parametrize("byte", range(256))
 def test_within_a_byte_both_orders_are_the_same_bits(byte: int) -> None:
     from bms_gateway.config.overrides import turned
@@ -88,6 +128,9 @@ def test_within_a_byte_both_orders_are_the_same_bits(byte: int) -> None:
         ('{ signal = "Pack.Odd", byte_order = "big_endian" }', "not of whole bytes"),
         ('{ signal = "Pack.Current", byte_order = "motorola" }', "byte_order"),
         ('{ signal = "Pack.Current", maximun = 5 }', "did you mean 'maximum'"),
+        ('{ signal = "Pack.Current", mask = 0x0F0F }', "not one run of ones"),
+        ('{ signal = "Pack.Current", mask = 0x1FFFF }', "has 16 bits; valid: up to 0xffff"),
+        ('{ signal = "Pack.Current", mask = 0 }', "mask"),
         ('{ signal = "Pack.Current", maximum = "5" }', "maximum"),
     ],
 )

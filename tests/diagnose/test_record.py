@@ -176,9 +176,9 @@ class TestCharge:
         r = record(c, string_model(capacity_Ah=8.0), current_A=c["current_A"] + 2.0)
         assert said(r, "State of charge", "as if the current read +2 A too much")
 
-    def test_counted_from_half_full_where_none_is_recorded(self):
+    def test_counted_from_half_full_where_neither_charge_nor_voltage_is_recorded(self):
         c = rows()
-        r = record(c, soc=None)
+        r = record(c, soc=None, voltage_V=None)
         true = 0.5 * (c["soc"][1:] + c["soc"][:-1])
         assert np.diff(r.drive.soc) == pytest.approx(np.diff(true), abs=1e-12)
         assert "soc" in r.drive.known

@@ -283,6 +283,7 @@ def truck() -> Vehicle:
         "HVESS_Data.HVESS_SOC": ("soc", None),
         "HVESS_Temps.HVESS_CoolantInletTemp": ("coolant_inlet", None),
     }
+    truth |= {f"HVESS_Temps.HVESS_{which}CellTemp": ("surface", None) for which in ("Highest", "Average")}
     return Vehicle("truck", "\n".join(lines), v, {"HVESS_Temps": 1.0}, truth, address=0xF3 ^ 0x56)
 
 

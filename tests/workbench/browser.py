@@ -192,3 +192,13 @@ class Window:
     def close(self) -> None:
         with suppress(AssertionError, OSError):
             self._call("DELETE", "")
+
+
+def faults(page, axe):
+    """Serious faults by axe: rule and place."""
+    page.run(axe + "; window.axe = axe;")
+    return page.run(
+        "const cb = await axe.run(document, {resultTypes: ['violations']});"
+        "return cb.violations.filter(v => ['serious', 'critical'].includes(v.impact))"
+        ".flatMap(v => v.nodes.map(n => v.id + ' ' + n.target.join(' ') + ': ' + n.failureSummary));"
+    )

@@ -4,11 +4,15 @@ import os
 import re
 import subprocess
 import sys
+import zipfile
 from contextlib import contextmanager
 
 import pytest
 
 from tests.workbench.browser import Driver, why_none
+
+AXE = "axe-playwright-python==0.1.8"
+"""Ships axe-core's script; nothing else of it is used."""
 
 
 @contextmanager
@@ -49,3 +53,17 @@ def window(driver):
     yield driver.window
     while driver.windows:
         driver.windows.pop().close()
+
+
+@pytest.fixture(scope="session")
+def axe(tmp_path_factory):
+    """Text of axe-core, fetched anew: foreign code is not kept here."""
+    folder = tmp_path_factory.mktemp("axe")
+    command = [sys.executable, "-m", "pip", "download", "-q", "--no-deps", "-d", str(folder), AXE]
+    found = subprocess.run(command, capture_output=True, text=True, check=False)
+    wheel = next(folder.glob("*.whl"), None)
+    if wheel is None:
+        why = f"axe-core cannot be fetched: {found.stderr.strip().splitlines()[-1:]}"
+        (pytest.fail if os.environ.get("CI") == "true" else pytest.skip)(why)
+    with zipfile.ZipFile(wheel) as z:
+        return z.read("axe_playwright_python/axe.min.js").decode()

@@ -1,8 +1,10 @@
 """The way from files to a better model, step by step, as the page asks for it; no browser, the real worker."""
 
+import csv
 import shlex
 import time
 
+import numpy as np
 import pytest
 
 from bms_gateway.cli.main import main
@@ -80,19 +82,37 @@ def added(desk, diagnosed, trials):
 def test_opening_compares_too(opened):
     assert opened["error"] == ""
     assert opened["opened"]["sensors"] == [1, 3]
-    cells = opened["compared"]["variants"]["refitted"]["cells"]
+    assert [s["name"] for s in opened["steps"]] == ["from its file", "refitted"]
+    cells = opened["steps"][1]["variant"]["cells"]
     assert [c["error_K"] is None for c in cells] == [False, True, False]
     assert {"surface-0-1", "surface-0-3", "drive-0", "core-0-2"} <= set(opened["figures"])
 
 
-def test_a_figure_has_both_models_with_their_bands(desk, opened):
-    data = desk.figure("surface-0-1")["data"]
-    for name in ("from its file", "refitted"):
-        mine = [d for d in data if d.get("legendgroup") == name]
-        low, high = (d["y"] for d in mine if d["line"].get("width") == 0)
+def test_a_figure_has_every_step_with_its_band(desk, opened):
+    figure = desk.figure("surface-0-1")
+    assert [x["name"] for x in figure["steps"]] == ["from its file", "refitted"]
+    for x in figure["steps"]:
+        low, high = x["low"]["y"], x["high"]["y"]
         assert all(a < b for a, b in zip(low, high, strict=True) if a is not None)
-        assert any(d.get("yaxis") == "y2" for d in mine)
+        assert len(x["model"]["x"]) == len(x["model"]["y"]) > 1000
+        left = [e for e in x["each"]["y"] if e is not None]
+        low, high = figure["layout"]["yaxis2"]["range"]
+        assert np.mean([low <= e <= high for e in left]) > 0.99
     assert desk.figure("surface-0-2") is None
+
+
+def test_a_window_of_a_figure_holds_every_sample(desk, opened, pack):
+    """Those of the table, as they were written; and one more on each side, so that the line reaches the edges."""
+    with pack.hidden.open(newline="") as f:
+        rows = [r for r in csv.DictReader(f) if 300.0 <= float(r["time_s"]) <= 330.0]
+    figure = desk.figure("surface-0-1", (5.0, 5.5))
+    measured = figure["data"][0]
+    assert measured["name"] == "measured"
+    inside = [y for x, y in zip(measured["x"], measured["y"], strict=True) if 5.0 <= x <= 5.5]
+    np.testing.assert_allclose(inside, [float(r["surface_1_C"]) for r in rows if r["surface_1_C"]], atol=1e-3)
+    assert len(measured["x"]) == len(inside) + 2
+    assert [len(s["model"]["x"]) for s in figure["steps"]] == [len(inside) + 2] * 2
+    assert figure["layout"]["yaxis"]["range"] == desk.figure("surface-0-1")["layout"]["yaxis"]["range"]
 
 
 def test_the_hidden_effect_is_named_and_drawn(desk, diagnosed):
@@ -110,15 +130,27 @@ def test_the_hidden_effect_is_named_and_drawn(desk, diagnosed):
 
 
 def test_the_error_falls_on_held_out_blocks(added):
-    before, after = (s["stair"] for s in added["stairs"])
+    filed, before, after = (s["stair"] for s in added["steps"])
+    assert filed["held_K"] > 3.0 * filed["floor_K"]
     assert after["held_K"] < 1.2 * after["floor_K"] < 0.5 * before["held_K"]
     assert after["core_K"] < before["core_K"]
     assert added["compared"] is not None
 
 
+def test_every_step_stays_in_the_picture_on_one_axis(desk, added):
+    assert [s["name"] for s in added["steps"]] == ["from its file", "refitted", "+ entropic_heat"]
+    figure = desk.figure("surface-0-3")
+    assert [x["name"] for x in figure["steps"]] == [s["name"] for s in added["steps"]]
+    sizes = [np.sqrt(np.mean([e**2 for e in x["each"]["y"] if e is not None])) for x in figure["steps"]]
+    assert sizes[2] < 0.2 * min(sizes[:2])
+    low, high = figure["layout"]["yaxis2"]["range"]
+    assert high - low > 4.0 * sizes[0] > 20.0 * sizes[2]  # that of the step which is furthest off
+    assert [x["name"] for x in desk.figure("core-0-2")["steps"]] == [s["name"] for s in added["steps"]]
+
+
 def test_the_errors_fall_while_it_is_fitted(added, trials):
     """From the model without, as the stairs have it, to what is kept; each step seen lower than the one before."""
-    before, after = (s["stair"] for s in added["stairs"])
+    _, before, after = (s["stair"] for s in added["steps"])
     held = [t["after"]["held_K"] for t in trials]
     assert len(trials) > 2
     assert all(t["before"] == before for t in trials)
@@ -129,22 +161,22 @@ def test_the_errors_fall_while_it_is_fitted(added, trials):
 
 def test_the_ranking_stays_in_sight_after_an_addition(added):
     assert added["diagnosed"]["selected"] == ["entropic_heat"]
-    assert added["diagnosed_of"] == "the model from its file"
+    assert added["diagnosed_of"] == "refitted"
 
 
 def test_what_the_gates_refuse_says_why_and_can_be_forced_and_undone(desk, added):
     desk.add(["current_offset"])
     refused = done(desk)
-    assert len(refused["stairs"]) == 2
+    assert len(refused["steps"]) == 3
     assert refused["refusal"]["refused"]
     desk.add(["current_offset"], force=True)
     forced = done(desk)
-    assert [s["forced"] for s in forced["stairs"]] == [False, False, True]
+    assert [s["forced"] for s in forced["steps"]] == [False, False, False, True]
     assert "--force" in forced["commands"][-1]
     assert "by force" in desk.model()
     desk.undo()
     back = done(desk)
-    assert [s["label"] for s in back["stairs"]] == ["the model from its file", "+ entropic_heat"]
+    assert [s["name"] for s in back["steps"]] == ["from its file", "refitted", "+ entropic_heat"]
     assert back["compared"] == added["compared"]
 
 
@@ -177,7 +209,7 @@ def test_files_that_cannot_be_read_leave_all_as_it_was(desk, added, tmp_path):
     after = done(desk)
     assert "bad.csv" in after["error"]
     assert "\n" not in after["error"]
-    assert after["stairs"] == before["stairs"]
+    assert after["steps"] == before["steps"]
 
 
 def test_one_thing_at_a_time_and_cancel_ends_it_at_once(desk, added):

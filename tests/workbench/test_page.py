@@ -1,23 +1,19 @@
 """The page in a real browser: the road on a record with a hidden effect, bad files, cancelling, two tabs, habits."""
 
 import json
-import os
 import subprocess
 import sys
-import zipfile
 
 import pytest
 
 from bms_gateway.config.model_file import read_model
 from tests.store.ring import drove
 from tests.truth.packs import pack as make_pack
-from tests.workbench.browser import come
+from tests.workbench.browser import come, faults
 from tests.workbench.conftest import served
 
 pytestmark = pytest.mark.slow  # a browser, and fits
 FIT_S = 300.0
-AXE = "axe-playwright-python==0.1.8"
-"""Ships axe-core's script; nothing else of it is used."""
 
 
 @pytest.fixture(scope="module")
@@ -29,20 +25,6 @@ def pack(tmp_path_factory):
 def url(pack):
     with served(pack.folder, *pack.words) as url:
         yield url
-
-
-@pytest.fixture(scope="module")
-def axe(tmp_path_factory):
-    """Text of axe-core, fetched anew: foreign code is not kept here."""
-    folder = tmp_path_factory.mktemp("axe")
-    command = [sys.executable, "-m", "pip", "download", "-q", "--no-deps", "-d", str(folder), AXE]
-    found = subprocess.run(command, capture_output=True, text=True, check=False)
-    wheel = next(folder.glob("*.whl"), None)
-    if wheel is None:
-        why = f"axe-core cannot be fetched: {found.stderr.strip().splitlines()[-1:]}"
-        (pytest.fail if os.environ.get("CI") == "true" else pytest.skip)(why)
-    with zipfile.ZipFile(wheel) as z:
-        return z.read("axe_playwright_python/axe.min.js").decode()
 
 
 def seen_compared(page):
@@ -57,16 +39,6 @@ new MutationObserver(() => {
   if (bar && seen.at(-1) !== Number(bar.textContent)) seen.push(Number(bar.textContent));
 }).observe(document.querySelector('#panel-add'), {subtree: true, childList: true, characterData: true});
 """
-
-
-def faults(page, axe):
-    """Serious faults by axe: rule and place."""
-    page.run(axe + "; window.axe = axe;")
-    return page.run(
-        "const cb = await axe.run(document, {resultTypes: ['violations']});"
-        "return cb.violations.filter(v => ['serious', 'critical'].includes(v.impact))"
-        ".flatMap(v => v.nodes.map(n => v.id + ' ' + n.target.join(' ') + ': ' + n.failureSummary));"
-    )
 
 
 def test_the_road_from_a_table_to_a_better_model(window, url, axe, pack, tmp_path):
@@ -107,17 +79,51 @@ def test_the_road_from_a_table_to_a_better_model(window, url, axe, pack, tmp_pat
 
     page.run(WATCH_BARS)
     page.click(".told button")
-    page.wait("return document.querySelectorAll('#panel-add .way li').length === 2", patience_s=FIT_S)
+    page.wait("return document.querySelectorAll('#panel-add .way li').length === 3", patience_s=FIT_S)
     fell = page.run("return window.seen")  # the held-out error, as the bar had it while the fit went on
     assert len(fell) > 1
     assert fell == sorted(fell, reverse=True)
     seen_compared(page)
     assert "by force" not in page.text("#panel-add")
     held = page.run("return document.querySelectorAll('.bars')[1].getAttribute('aria-label')")
-    first, second = (float(part.split()[-2]) for part in held.split(": ")[1].split(";")[0].split(", "))
+    _, first, second = (float(part.split()[-2]) for part in held.split(": ")[1].split(";")[0].split(", "))
     assert second < 0.5 * first
     assert fell[-1] == pytest.approx(second, rel=0.1)
     assert faults(page, axe) == []
+
+    # every step of the road in one picture, on axes that do not move
+    assert page.text("#variants").split("\n")[1:] == ["from its file", "refitted", "+ entropic_heat"]
+    names = "return [...new Set(document.querySelector('#plot-surface').data.map(d => d.name))].sort()"
+    ranges = "return ['yaxis', 'yaxis2'].map(a => document.querySelector('#plot-surface').layout[a].range.join())"
+    page.idle(FIT_S)
+    come(lambda: page.run(names) == ["+ entropic_heat", "from its file", "measured", "refitted"], "all steps")
+    axes = page.run(ranges)
+    page.click("#step-0")
+    page.wait("return !document.querySelector('#plot-surface').data.some(d => d.name === 'from its file')")
+    assert page.run(ranges) == axes
+    page.click("#step-0")
+    page.click("#leftover summary")
+    page.wait("return Number(document.querySelector('#plot-inlet').dataset.traces) > 3")
+    acf = "return document.querySelector('#plot-auto').data.find(x => x.name === arguments[0]).y.slice(1)"
+    bound = page.run("return document.querySelector('#plot-auto').data[0].y[0]")
+    outside = [
+        sum(abs(y) > bound for y in ys) / len(ys) for ys in (page.run(acf, n) for n in ("refitted", "+ entropic_heat"))
+    ]
+    assert outside[0] > 0.5 > 0.1 > outside[1]
+
+    # a zoom asks for the samples of the window, all of them
+    zoom = "Plotly.relayout(document.querySelector('#plot-surface'), {'xaxis.range': arguments[0]})"
+    inside = (
+        "const [a, b] = arguments[0];"
+        "return document.querySelector('#plot-surface').data.at(-1).x.filter(x => x >= a && x <= b).length"
+    )
+    took = []
+    for k in range(6):
+        page.run(zoom, [5 + k, 6 + k])
+        page.wait("return document.querySelector('#stage').dataset.window === arguments[0]", f"{5 + k},{6 + k}")
+        assert page.run(inside, [5 + k, 6 + k]) == 61
+        took.append(int(page.run("return document.querySelector('#stage').dataset.resampledMs")))
+    assert min(took) <= 300  # the machine may have other things to do
 
     page.click("#tab-take")
     assert "bms-gateway add entropic_heat" in page.text("#commands")
@@ -129,11 +135,11 @@ def test_the_road_from_a_table_to_a_better_model(window, url, axe, pack, tmp_pat
 
     # a reload keeps all of it
     page.reload()
-    page.wait("return document.querySelectorAll('#panel-add .way li').length === 2")
+    page.wait("return document.querySelectorAll('#panel-add .way li').length === 3")
     assert page.there("#panel-take")
     page.click("#tab-add")
     page.click("#undo")
-    page.wait("return document.querySelectorAll('#panel-add .way li').length === 1")
+    page.wait("return document.querySelectorAll('#panel-add .way li').length === 2")
     assert page.complaints() == []
 
 
@@ -149,7 +155,7 @@ def test_refused_by_the_gates_says_why_and_is_forced_only_when_told(window, url)
     page.wait("return document.querySelector('#refusal')", patience_s=FIT_S)
     assert "Not added" in page.text("#refusal")
     page.click("#force")
-    page.wait("return document.querySelectorAll('#panel-add .way li').length === 2", patience_s=FIT_S)
+    page.wait("return document.querySelectorAll('#panel-add .way li').length === 3", patience_s=FIT_S)
     assert "by force" in page.text("#panel-add")
 
 
@@ -214,7 +220,7 @@ def test_habits(window, url, axe):
     seen_compared(page)
     page.click("#theme")
     assert page.run("return document.documentElement.dataset.theme") == "dark"
-    for width in (1280, 800):
+    for width in (1280, 390, 800, 1024, 1920):
         page.cdp("Emulation.setDeviceMetricsOverride", width=width, height=720, deviceScaleFactor=1, mobile=False)
         for step in ("open", "compare", "diagnose", "add", "take"):
             page.click(f"#tab-{step}")
@@ -225,7 +231,7 @@ def test_habits(window, url, axe):
     for _ in range(60):
         page.press("Tab")
         reached.add(page.run("return document.activeElement.id || document.activeElement.className"))
-    assert {"cell-1", "cell-2", "variant-refitted", "theme", "keys", "tab-compare"} <= reached
+    assert {"cell-1", "cell-2", "step-1", "theme", "keys", "tab-compare"} <= reached
     page.click("#cell-1")
     page.press("Right")
     page.wait("return document.querySelector('#cell-2').getAttribute('aria-pressed') === 'true'")

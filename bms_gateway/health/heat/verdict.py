@@ -27,7 +27,7 @@ from bms_gateway.thermal import Floats
 
 SURE = 14.0
 """ln evidence from which heat is believed: some 5 sd, with a few dozen faults and onsets looked at each step."""
-ENOUGH = {Kind.SLOPE: 11.0, Kind.FLOW: 9.0, Kind.INLET: 9.0, Kind.LOAD: 9.0}
+ENOUGH = {Kind.SLOPE: 8.0, Kind.FLOW: 9.0, Kind.INLET: 9.0, Kind.LOAD: 9.0}
 """The same where a mistake costs less, or where what follows is looked at again before it is told."""
 ALONE, ALONE_HEAT = 0.95, 0.998
 """Share of all the evidence that one cause must have to be told at once: a thermocouple that comes off while its cell

@@ -363,7 +363,8 @@ class HeatWatch:
         top = w.ln.max(axis=(1, 2))
         of_note = self.course.take(self.filter, heat, inlet, heard) | (top > SUSPECT)
         sound = heard & ~new & np.array([not v.of_string for v in self.verdicts])
-        learnt = np.clip(top, 0.0, SURE) - self.course.ln
+        usual = w.ln[:, :, self.evidence.kinds != Kind.SLOPE].max(axis=(1, 2))  # what drifts for hours becomes no usual
+        learnt = np.clip(usual, 0.0, SURE) - self.course.ln
         self.course.ln = self.course.ln + np.where(sound, learnt * (self.filter.dt / USUAL_S), 0.0)
         found = []
         for v in self.verdicts:

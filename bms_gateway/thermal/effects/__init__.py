@@ -22,6 +22,7 @@ from bms_gateway.thermal.effects.coolant_delay import CoolantDelay
 from bms_gateway.thermal.effects.cooling_drift import CoolingDrift
 from bms_gateway.thermal.effects.current_offset import CurrentOffset
 from bms_gateway.thermal.effects.end_plate import EndPlate
+from bms_gateway.thermal.effects.entropic_curve import EntropicCurve
 from bms_gateway.thermal.effects.entropic_heat import EntropicHeat
 from bms_gateway.thermal.effects.flow_dependent_cooling import FlowDependentCooling
 from bms_gateway.thermal.effects.hysteresis import Hysteresis
@@ -76,6 +77,8 @@ BUILT_IN: tuple[type[Effect], ...] = (
     CurrentOffset,
 )
 """In the order in which the catalogue is shown."""
+UNLISTED: Mapping[str, Effect] = MappingProxyType({EntropicCurve.name: EntropicCurve()})
+"""What a fit may use beside the catalogue, and nobody is offered."""
 
 
 @cache
@@ -109,6 +112,8 @@ def effect_named(name: str) -> Effect:
     ConfigError
         There is none; says which is meant.
     """
+    if name in UNLISTED:
+        return UNLISTED[name]
     try:
         return catalogue()[name]
     except KeyError:

@@ -1,9 +1,13 @@
 // The live pack: cells coloured by their core, what is flagged in words, sensors, bus; or a log that is played.
 import { $, el, post, attempt, complain } from "./util.js";
+import * as past from "./past.js";
 
 // Cividis, told apart with any common colour blindness, dark to light as the core gets hotter.
 const SCALE = [[0, 34, 78], [53, 69, 108], [102, 105, 112], [148, 142, 119], [200, 184, 102], [254, 232, 56]];
 const SVG = "http://www.w3.org/2000/svg";
+// The scale ends at the limit of the cores and does not move; near the limit and over it cells have colours of their own.
+const BELOW_K = 50, NEAR_K = 10;
+const NEAR = [255, 152, 56], OVER = [176, 0, 32];
 let about = null;
 let view = "";
 let rows = [];
@@ -30,29 +34,32 @@ export function prepare(known) {
     el("input", { type: "range", id: "time", min: 0, max: 1, step: 1, value: 0,
       onpointerdown: () => { sliding = true; }, onpointerup: () => { sliding = false; },
       oninput: (e) => { $("at").textContent = clock(Number(e.target.value)); steer({ seek: Number(e.target.value) }); } }),
-    el("output", { id: "at", for: "time" }, "0:00:00"),
+    el("output", { id: "at", for: "time" }, "0:00:00"), el("span", { id: "wall", class: "muted" }),
     log ? "" : el("button", { type: "button", id: "follow", onclick: () => steer({ follow: true }) }, "Now"));
+  const limit = about.limits.core_C;
   const facts = el("dl", { id: "live-bus" }, ...["hottest", "bus", "refused", "model"].map((id) =>
     el("div", { class: "card" }, el("dt", { id: `${id}-title` }, ""), el("dd", { class: "value words", id: `${id}-value` }, "–"), el("dd", { id: `${id}-line` }, ""))));
   rows = about.strings.map((s) => string(s));
-  $("panel-live").append(controls, el("p", { id: "live-state", role: "status", class: "muted" }, "Waiting for frames…"), facts,
-    el("p", { class: "muted" }, "Core, °C, ± 95 % half width, K; coolant flows from left to right. ",
-      el("span", { class: "scale", id: "scale" }), " ", el("span", { id: "scale-ends" }), " · dashed: no sensor of its own · double frame: its sensor is not used · ring: hottest point"),
-    ...rows.map((r) => r.node), el("h3", {}, "What happened"), el("ul", { id: "notices" }));
+  $("panel-live").append(controls, el("section", { id: "banner", "aria-label": "Alerts", hidden: true }, el("h3", { id: "banner-title", role: "alert" }), el("ul", { id: "banner-list" })), el("p", { id: "live-state", role: "status", class: "muted" }, "Waiting for frames…"), facts,
+    el("p", { class: "muted", id: "live-key" }, "Cell, core in °C, ± 95 % half width in K; coolant flows from left to right. ",
+      `${String(limit - BELOW_K).replace("-", "−")} `, el("span", { class: "scale", id: "scale" }), ` ${limit - NEAR_K} °C · `,
+      el("span", { class: "patch", style: `background:rgb(${NEAR})` }), ` from ${limit - NEAR_K} °C · `, el("span", { class: "patch", style: `background:rgb(${OVER})` }), ` limit ${limit} °C and over`,
+      " · dashed: no sensor of its own · dotted, ?: core not proven · double frame: its sensor is not used · ring: hottest point · faded: nothing new, stale or parked"),
+    ...rows.map((r) => r.node), past.build(about, view, (t) => steer({ seek: t })), happened());
   $("scale").style.background = `linear-gradient(to right, ${SCALE.map((c) => `rgb(${c})`).join(",")})`;
 }
 
 function string(s) {
   const cells = Array.from({ length: s.cells }, (_, k) => {
     const parts = { core: document.createTextNode("–"), half: document.createTextNode("") };
-    const node = el("div", { class: "live-cell" }, el("b", {}, parts.core), el("span", {}, parts.half));
+    const node = el("div", { class: "live-cell" }, el("small", {}, `${k + 1}`), el("b", {}, parts.core), el("span", {}, parts.half));
     return { node, ...parts, k, last: "" };
   });
-  const hottest = el("p", {}), ahead = el("p", {}), resistance = el("p", {}), words = el("p", {}), trend = document.createElementNS(SVG, "svg");
+  const hottest = el("p", {}), ahead = el("p", { class: "ahead muted" }), resistance = el("p", {}), words = el("p", {}), heat = el("p", {}), trend = document.createElementNS(SVG, "svg");
   trend.setAttribute("width", 240); trend.setAttribute("height", 34); trend.setAttribute("role", "img");
-  const node = el("div", { class: "live-string" }, el("div", {}, el("b", {}, s.name), hottest, ahead), el("div", { class: "live-cells", role: "group", "aria-label": `cells of ${s.name}` }, ...cells.map((c) => c.node)),
-    el("div", { class: "live-facts" }, resistance, trend, words));
-  return { node, cells, hottest, ahead, resistance, trend, words, sensors: new Set(s.sensors), trended: "" };
+  const node = el("div", { class: "live-string" }, el("div", {}, el("b", {}, s.name), hottest), el("div", { class: "live-cells", role: "group", "aria-label": `cells of ${s.name}` }, ...cells.map((c) => c.node)),
+    el("div", { class: "live-facts" }, resistance, trend, heat, words), ahead);
+  return { node, cells, hottest, ahead, resistance, trend, heat, words, sensors: new Set(s.sensors), trended: "" };
 }
 
 // Listens while the page is looked at; a hidden page costs nothing.
@@ -74,19 +81,18 @@ const put = (node, text) => { if (node.textContent !== text) node.textContent = 
 function picture(p) {
   pictures += 1;
   $("panel-live").dataset.pictures = pictures;
-  put($("live-state"), p.problem || (p.ticks ? (about.kind === "log" && !p.whole ? "Still reading the log." : about.kind === "live" && p.following && p.at - p.last > 3 ? `Nothing new for ${Math.round(p.at - p.last)} s.` : p.ticks && about.kind === "live" && p.bus.link !== "up" ? `The interface is ${p.bus.link}.` : "") : `Waiting for frames; the interface is ${p.link}.`));
+  put($("live-state"), p.problem || condition(p));
   if (!p.ticks) return;
   if (!sliding) { $("time").max = Math.max(p.last, p.at); $("time").value = p.at; put($("at"), `${clock(p.at)} of ${clock(p.last)}`); }
   $("time").setAttribute("aria-valuetext", clock(p.at));
+  put($("wall"), p.wall_ms === null ? "" : moment(p.wall_ms));
   put($("play"), p.playing ? "Pause" : "Play");
   if (document.activeElement !== $("speed")) $("speed").value = p.speed;
   if ($("follow")) $("follow").disabled = p.following;
-  const all = p.strings.flatMap((s) => s.core).filter((x) => x !== null);
-  const low = all.length ? Math.floor(Math.min(...all)) : 0, high = all.length ? Math.max(Math.ceil(Math.max(...all)), low + 2) : 1;
-  put($("scale-ends"), `${low} … ${high} °C`);
+  banner(p);
   let hot = null;
   p.strings.forEach((s, i) => {
-    row(rows[i], s, low, high);
+    row(rows[i], s, p.state);
     if (s.hottest !== null && (hot === null || s.centre[s.hottest] > hot.centre)) hot = { string: about.strings[i].name, cell: s.hottest + 1, core: s.core[s.hottest], half: s.half[s.hottest], centre: s.centre[s.hottest], within: s.centre_half[s.hottest] };
   });
   card("hottest", "Hottest point", hot ? `${hot.centre.toFixed(1)} ± ${hot.within.toFixed(1)} °C` : "not available", hot ? `${hot.string}, cell ${hot.cell}; its core, the mean of the roll: ${hot.core.toFixed(1)} ± ${hot.half.toFixed(1)} °C` : "");
@@ -96,41 +102,91 @@ function picture(p) {
   card("refused", "Samples not used", String(refused.reduce((a, [, n]) => a + n, 0)), refused.map(([why, n]) => `${n}: ${why}`).join("; ") || "all are used");
   const worst = p.strings.reduce((a, s, i) => (s.mismatch !== null && (a === null || s.mismatch > a.m) ? { m: s.mismatch, name: about.strings[i].name } : a), null);
   card("model", "Model mismatch", worst ? `${worst.m.toFixed(2)} × its band` : "–", worst ? `${worst.name}; 1 is as it should be, from 2 on suspected` : "");
-  const list = p.notices.map((n) => `${clock(Math.max(n.at, 0))} ${n.string ? `[${n.string}] ` : ""}${n.text}`);
-  if (!list.length) list.push("Nothing so far.");
-  if ($("notices").dataset.said !== list.join("|")) {
-    $("notices").dataset.said = list.join("|");
-    $("notices").replaceChildren(...list.map((t) => el("li", {}, t)));
-  }
+  events(p);
+  past.follow(p);
+}
+
+function condition(p) {
+  if (!p.ticks) return `Waiting for frames; the interface is ${p.link}.`;
+  if (about.kind === "log" && !p.whole) return "Still reading the log.";
+  if (about.kind === "live" && p.following && p.bus.link !== "up") return `The interface is ${p.bus.link}.`;
+  if (p.state === "stale") return `Stale: nothing new for ${Math.round(p.age)} s.`;
+  return p.state === "parked" ? `Parked: the bus has been silent for ${clock(p.age)}; the last estimates are shown.` : "";
+}
+
+const moment = (ms) => new Date(ms).toLocaleString([], { dateStyle: "short", timeStyle: "medium" });
+const when = (p, at) => (p.wall_ms === null ? clock(Math.max(at, 0)) : new Date(p.wall_ms + 1e3 * (at - (p.at - p.age))).toLocaleTimeString());
+
+// What is wrong at the moment that is shown, the gravest first; and that what is shown is old.
+function banner(p) {
+  const alarms = p.alerts.filter((a) => a.level === "alarm").length, warnings = p.alerts.length - alarms;
+  const count = (n, word) => (n ? [`${n} ${word}${n > 1 ? "s" : ""}`] : []);
+  $("banner").hidden = !p.alerts.length;
+  $("banner").className = alarms ? "alarms" : "warnings";
+  put($("banner-title"), [...count(alarms, "alarm"), ...count(warnings, "warning")].join(", "));
+  const told = JSON.stringify(p.alerts);
+  if ($("banner-list").dataset.told === told) return;
+  $("banner-list").dataset.told = told;
+  const item = (a) => el("li", { class: a.level }, el("b", {}, `${a.level === "alarm" ? "Alarm" : "Warning"}${a.string ? `, ${a.string}` : ""}: `), a.text);
+  const [first, rest] = [p.alerts.slice(0, 3), p.alerts.slice(3)];
+  const open = $("banner-list").querySelector("details")?.open ?? false;
+  $("banner-list").replaceChildren(...first.map(item), ...(rest.length ? [el("li", {}, el("details", { open }, el("summary", {}, `and ${rest.length} more`), el("ul", {}, ...rest.map(item))))] : []));
+}
+
+let newest = null;
+function happened() {
+  const choice = (id, label, options) => [el("label", { for: id }, `${label} `), el("select", { id, onchange: () => newest && events(newest, true) }, ...options.map(([v, t]) => el("option", { value: v }, t)))];
+  return el("section", { "aria-label": "Events" }, el("div", { class: "heads" }, el("h3", {}, "What happened"),
+    ...choice("event-level", "Show", [["", "all"], ["warning", "warnings and alarms"], ["alarm", "alarms"]]),
+    ...choice("event-string", "of", [["", "all strings"], ...about.strings.map((s) => [s.name, s.name])])),
+    el("div", { class: "scroll", tabindex: "0", role: "group", "aria-label": "table of events" }, el("table", { id: "events" })));
+}
+
+function events(p, again = false) {
+  newest = p;
+  const level = $("event-level").value, string = $("event-string").value;
+  const list = p.events.filter((e) => (!string || e.string === string) && (!level || e.level === "alarm" || e.level === level));
+  const told = JSON.stringify(list);
+  if (!again && $("events").dataset.told === told) return;
+  $("events").dataset.told = told;
+  const head = el("thead", {}, el("tr", {}, ...["last", "first", "times", "", "string", "what"].map((t) => el("th", { scope: "col" }, t))));
+  $("events").replaceChildren(head, el("tbody", {}, ...(list.length ? list.map((e) => el("tr", { class: e.level },
+    el("td", {}, when(p, e.at)), el("td", {}, e.count > 1 ? when(p, e.first) : ""), el("td", { class: "n" }, e.count > 1 ? `${e.count} ×` : ""),
+    el("td", {}, el("b", {}, e.level === "note" ? "" : e.level), e.state === "over" ? " over" : ""), el("td", {}, e.string), el("td", {}, e.text)))
+    : [el("tr", {}, el("td", { colspan: 6 }, "Nothing so far."))])));
 }
 
 function card(id, title, value, line) {
   put($(`${id}-title`), title); put($(`${id}-value`), value); put($(`${id}-line`), line);
 }
 
-function row(r, s, low, high) {
+function row(r, s, state) {
+  r.node.className = `live-string ${state}`;
+  const limit = about.limits.core_C;
   for (const c of r.cells) {
-    const core = s.core[c.k], half = s.half[c.k], q = s.quality[c.k];
-    const now = `${core}|${half}|${s.centre[c.k]}|${q}|${s.hottest === c.k}|${low}|${high}`;
+    const core = s.core[c.k], half = s.half[c.k], q = s.quality[c.k], centre = s.centre[c.k];
+    const now = `${core}|${half}|${centre}|${q}|${s.hottest === c.k}`;
     if (c.last === now) continue;
     c.last = now;
-    put(c.core, degrees(core)); put(c.half, half === null ? "" : `± ${half.toFixed(1)}`);
-    const share = core === null ? null : (core - low) / (high - low);
-    const [red, green, blue] = share === null ? [255, 255, 255] : mixed(share);
+    const word = about.words[q], hottest = Math.max(core ?? -Infinity, centre ?? -Infinity);
+    put(c.core, degrees(core)); put(c.half, half === null ? (word === "good" ? "" : word) : `${word === "doubtful" ? "? " : ""}± ${half.toFixed(1)}`);
+    const [red, green, blue] = core === null ? [255, 255, 255] : hottest >= limit ? OVER : hottest >= limit - NEAR_K ? NEAR : mixed((core - limit + BELOW_K) / (BELOW_K - NEAR_K));
     c.node.style.background = `rgb(${red},${green},${blue})`;
     c.node.style.color = 0.3 * red + 0.59 * green + 0.11 * blue > 128 ? "#000" : "#fff";
-    const word = about.words[q];
-    c.node.className = `live-cell ${word === "estimated" ? "estimated" : word === "good" ? "" : word === "doubtful" ? "doubtful" : "bad"}${s.hottest === c.k ? " hottest" : ""}`;
-    c.node.title = `cell ${c.k + 1}: ${word} (${about.why[q] ?? ""}); surface ${degrees(s.surface[c.k])} °C; hottest point ${degrees(s.centre[c.k])} °C`;
+    c.node.className = `live-cell ${["estimated", "doubtful"].includes(word) ? word : word === "good" ? "" : `bad ${word.replaceAll(" ", "-")}`}${s.hottest === c.k ? " hottest" : ""}${hottest >= limit ? " over" : ""}`;
+    c.node.title = `cell ${c.k + 1}: ${word} (${about.why[q] ?? ""}); surface ${degrees(s.surface[c.k])} °C; hottest point ${degrees(centre)} °C${hottest >= limit ? `, over its limit of ${limit} °C` : ""}`;
   }
   put(r.hottest, s.hottest === null ? "no core known" : `hottest: cell ${s.hottest + 1}, core ${degrees(s.core[s.hottest])} °C, hottest point ${degrees(s.centre[s.hottest])} °C`);
   const f = s.ahead;
-  put(r.ahead, f ? `at ${Math.abs(f.load_A ?? 0).toFixed(0)} A${f.load_A < 0 ? " charging" : ""}: hottest point in 1, 5, 10 min ${f.point.map((x, i) => `${degrees(x)} ± ${(f.half[i] ?? 0).toFixed(1)}`).join(", ")} °C (cell ${f.cell})${f.limit_s ? `; cell ${f.limit_s[0]} reaches its limit in ${f.limit_s[1]} s` : ""}; for 10 min ${f.discharge[2]} A discharge, ${f.charge[2]} A charge` : "");
+  put(r.ahead, f ? `forecast at ${Math.abs(f.load_A ?? 0).toFixed(0)} A${f.load_A < 0 ? " charging" : ""}: hottest point in 1, 5, 10 min ${f.point.map((x, i) => `${degrees(x)} ± ${(f.half[i] ?? 0).toFixed(1)}`).join(", ")} °C (cell ${f.cell})${f.limit_s ? (f.limit_s[1] > 0 ? `; cell ${f.limit_s[0]} reaches its limit in ${f.limit_s[1]} s` : "; the limit is reached") : ""}; for 10 min ${f.discharge[2]} A discharge, ${f.charge[2]} A charge` : "");
   put(r.resistance, s.R_e ? `R_e ${s.R_e[0].toFixed(2)} ± ${s.R_e[1].toFixed(2)} mΩ, ${s.R_e[2]}${s.growth === null ? "" : `; ${s.growth > 0 ? "+" : ""}${s.growth.toFixed(1)} % since commissioning`}` : "");
   const bad = s.quality.map((q, k) => [k + 1, about.words[q]]).filter(([k, w]) => r.sensors.has(k) && w !== "good" && w !== "doubtful").map(([k, w]) => `sensor ${k} is ${w}`);
   if (s.quality.some((q) => about.words[q] === "doubtful")) bad.unshift("core not proven");
-  put(r.words, [s.flags.length ? s.words || s.flags.join(", ") : "no health flag", ...bad].join("; "));
-  r.words.className = s.flags.length || bad.length ? "alarm" : "";
+  put(r.heat, s.heat ? `heat that no current makes: ${s.heat[1].toFixed(2)} ± ${s.heat[2].toFixed(2)} W in cell ${s.heat[0]}` : "");
+  const flags = s.flags.map((f) => f.replaceAll("_", " "));
+  const alerts = s.words.length ? [`${s.words.length} alert${s.words.length > 1 ? "s" : ""}, see above`] : [];
+  put(r.words, [...alerts, flags.length ? flags.join(", ") : "no health flag", ...bad].join("; "));
+  r.words.className = s.words.length || s.flags.length || bad.length ? "alarm" : "";
   const told = JSON.stringify(s.trend);
   if (told !== r.trended) { r.trended = told; trend(r.trend, s.trend); }
 }

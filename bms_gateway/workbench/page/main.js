@@ -84,6 +84,8 @@ async function claim() {
     try { await get("state"); return; } catch { /* a fresh one, below */ }
   }
   keep({ desk: (await post("desk")).desk });
+  // the program was started anew: the work goes its way again
+  if (ui.session) await post("resume", ui.session).catch((e) => complain(e.message));
 }
 
 function keys(e) {

@@ -7,7 +7,13 @@ const CONFIG = { displaylogo: false, responsive: true,
 const DARK = { "#ffffff": "#16181b", "#1a1a1a": "#e8e8e8", "#000000": "#f2f2f2", "#4d4d4d": "#d0d0d0", "#e3e3e3": "#33373c",
   "#777777": "#9a9a9a", "#0072b2": "#6cb8ea", "#d55e00": "#ff9248", "rgba(0,0,0,0.075)": "rgba(255,255,255,0.09)",
   "#009e73": "#54c9a4", "#cc79a7": "#e3a0c6" };
-const PLACES = ["surface", "drive", "core"];
+const TIMED = ["surface", "drive", "core", "map"], LEFT = ["auto", "noise", "heat", "inlet"];
+const PLACES = [...TIMED, ...LEFT];
+const NARROW = 600; // px, below which a plot has no room for buttons
+// Blue below, orange above; small values get colour sooner than large ones.
+const rgb = (color) => [1, 3, 5].map((i) => parseInt(color.slice(i, i + 2), 16));
+const between = (a, b, share) => `rgb(${rgb(a).map((x, i) => Math.round(x + (rgb(b)[i] - x) * share)).join()})`;
+const DIVERGING = (middle) => [-4, -3, -2, -1, 0, 1, 2, 3, 4].map((k) => [0.5 + (Math.sign(k) * k * k) / 32, between(middle, k < 0 ? "#0072b2" : "#d55e00", Math.abs(k) / 4)]);
 let state = null;
 let specs = {};
 let curves = new Map();
@@ -40,7 +46,35 @@ const seen = () => {
   page.firstPicture ??= Math.round(performance.now());
 };
 
-const wanted = (trace) => ui.variant === "both" || !trace.legendgroup || trace.legendgroup === ui.variant;
+// Colour and line of each step by its place on the road: they stay the same whichever steps are shown.
+const STYLES = [["#d55e00", "dash"], ["#0072b2", "solid"], ["#009e73", "solid"], ["#cc79a7", "dashdot"], ["#e69f00", "solid"], ["#56b4e9", "dash"]];
+const styleOf = (i) => STYLES[i % STYLES.length];
+export const colorOf = (i) => themed(styleOf(i)[0]);
+const faint = (color, share) => `rgba(${rgb(color).join()},${share})`;
+
+// Steps that are ticked; the newest of them is drawn in full, with its band, the others as ghosts.
+export const ticked = (all) => { const on = all.filter((s) => !ui.off.includes(s.name)); return on.length ? on : all.slice(-1); };
+
+function ofSteps(figure, place) {
+  const order = state.steps.map((s) => s.name), names = ticked(state.steps).map((s) => s.name);
+  const top = names.at(-1), found = [];
+  if (place === "map") return (figure.steps ?? []).filter((s) => s.name === top).map((s) => ({ type: "heatmap", ...s.map, coloraxis: "coloraxis", hovertemplate: "cell %{y}, %{x}: %{z} K<extra></extra>" }));
+  for (const s of (figure.steps ?? []).filter((x) => names.includes(x.name))) {
+    const [color, dash] = styleOf(order.indexOf(s.name)), ghost = s.name !== top;
+    const line = (of, width, more = {}) => ({ type: "scatter", mode: "lines", ...of, name: s.name, legendgroup: s.name, opacity: ghost ? 0.75 : 1, ...more, line: { color, dash: more.dash ?? dash, width, shape: of.shape ?? "linear" } });
+    const silent = { showlegend: false, hoverinfo: "skip" };
+    if (s.low && (!ghost || place === "core")) {
+      const fill = faint(color, ghost ? 0.08 : 0.16);
+      const hatched = place === "core" && !s.proven ? { fillpattern: { shape: "/", size: 8, solidity: 0.25, fgcolor: faint(color, 0.55), bgcolor: fill } } : { fillcolor: fill };
+      found.push(line(s.low, 0, silent), line(s.high, 0, { ...silent, fill: "tonexty", ...hatched }));
+    }
+    if (s.each && !ghost) found.push(line(s.each, 0.7, { ...silent, yaxis: "y2", opacity: 0.4, dash: "solid" }));
+    if (s.mean) found.push(line(s.mean, ghost ? 1.6 : 2.6, { ...silent, yaxis: "y2" }));
+    found.push(line(s.model, ghost ? 1.4 : 2));
+    if (s.outside && !ghost) found.push({ ...line(s.outside, 3.2, { dash: "solid", opacity: 1 }), name: "thermocouple outside the band", legendgroup: "", line: { color: "#b00020", width: 3.2 } });
+  }
+  return found;
+}
 
 function laidOver(place) {
   const own = over && place === "surface" ? curves.get(over)?.[specs.surface?.name] : null;
@@ -56,20 +90,32 @@ function laidOver(place) {
 async function draw(place) {
   const node = $(`plot-${place}`);
   const spec = specs[place];
+  if (LEFT.includes(place) && !$("leftover").open) return;
   node.parentElement.hidden = !spec?.figure;
   if (!spec?.figure) return;
   const figure = themed(spec.figure);
   const layout = structuredClone(figure.layout);
-  layout.xaxis.range = range ?? layout.xaxis.range;
+  if (TIMED.includes(place)) layout.xaxis.range = range ?? layout.xaxis.range;
   layout.uirevision = `${ui.record}`;
   // what was measured lies on top: a model that fits would hide it
   const measured = figure.data.filter((t) => t.name === "measured" && !t.yaxis);
-  const data = [...figure.data.filter((t) => wanted(t) && !measured.includes(t)), ...laidOver(place), ...measured.map((t) => ({ ...t, legendrank: 1 }))];
+  const over = figure.data.filter((t) => t.name === "thermocouple in the core");
+  const data = [...figure.data.filter((t) => !measured.includes(t) && !over.includes(t)), ...over, ...themed(ofSteps(figure, place)), ...laidOver(place), ...measured.map((t) => ({ ...t, legendrank: 1 }))];
+  if (place === "map") {
+    const [low, high] = layout.coloraxis.range;
+    layout.coloraxis = { ...layout.coloraxis, cmin: low, cmax: high, colorscale: DIVERGING(dark() ? "#16181b" : "#ffffff") };
+    layout.title = { text: `Residual of all sensors, K: ${ticked(state.steps).at(-1).name}`, font: { size: 13 }, x: 0.01, xanchor: "left" };
+  }
   node.style.height = `${layout.height}px`;
   node.setAttribute("role", "group");
   node.setAttribute("aria-label", { surface: `Surface temperature of cell ${ui.cell}, measured and modelled, over time; below it the residual`,
     drive: "What drove the string: current, coolant inlet and what else is known, over time",
-    core: `Core temperature of cell ${ui.cell} over time with its 95 percent band` }[place]);
+    core: `Core temperature of cell ${ui.cell} over time with its 95 percent band`,
+    map: "Reading minus model of all sensors over time, as a map; a click shows a cell",
+    auto: `Autocorrelation of the residual of cell ${ui.cell} with the bounds of white noise`,
+    noise: `Histogram of the residual of cell ${ui.cell} against the noise of its sensor`,
+    heat: `Correlation of the residual of cell ${ui.cell} with the square of the current`,
+    inlet: `Correlation of the residual of cell ${ui.cell} with the inlet` }[place]);
   if (!window.Plotly) {
     if (place === "surface" && sketch(node, figure)) {
       await painted();
@@ -78,15 +124,16 @@ async function draw(place) {
     await plotly();
   }
   if (node.firstElementChild?.tagName === "svg") node.replaceChildren();
-  await Plotly.react(node, data, layout, CONFIG);
+  await Plotly.react(node, data, layout, TIMED.includes(place) && place !== "map" && innerWidth > NARROW ? CONFIG : { ...CONFIG, displayModeBar: false });
   if (place === "surface") {
     seen();
     document.documentElement.dataset.firstPlot ??= Math.round(performance.now());
   }
   node.dataset.traces = data.length;
   node.dataset.name = spec.name;
-  if (!node.dataset.linked) {
+  if (!node.dataset.linked && TIMED.includes(place)) {
     node.dataset.linked = "1";
+    if (place === "map") node.on("plotly_click", (e) => pick(Number(e.points[0].y)));
     node.on("plotly_relayout", (change) => zoomed(node, change));
   }
 }
@@ -99,14 +146,40 @@ async function zoomed(one, change) {
   range = change["xaxis.autorange"] ? null : to.map(Number);
   linking = true;
   const whole = specs.drive?.figure?.layout.xaxis.range;
-  const others = PLACES.map((p) => $(`plot-${p}`)).filter((p) => p !== one && p.dataset.linked && !p.parentElement.hidden);
+  const others = TIMED.map((p) => $(`plot-${p}`)).filter((p) => p !== one && p.dataset.linked && !p.parentElement.hidden);
   await Promise.all(others.map((p) => Plotly.relayout(p, { "xaxis.range": range ?? whole })));
   linking = false;
+  await resampled().catch((e) => complain(e.message));
 }
+
+// Asks for the samples of the window that is shown: of a short one all of them.
+let sampling = 0;
+async function resampled() {
+  const mine = ++sampling, began = performance.now();
+  const there = TIMED.filter((p) => specs[p]?.figure);
+  const found = await Promise.all(there.map((p) => figureOf(p, specs[p].name)));
+  if (mine !== sampling) return;
+  linking = true;
+  for (const [i, p] of there.entries()) {
+    if (specs[p]?.figure) specs[p].figure = found[i];
+    await draw(p);
+  }
+  linking = false;
+  $("stage").dataset.resampledMs = Math.round(performance.now() - began);
+  $("stage").dataset.window = range ? range.join() : "";
+}
+
+const figureOf = async (place, name) =>
+  (await get("figure", { name, ...(range && TIMED.includes(place) ? { from: range[0], to: range[1] } : {}) })).figure;
+
+let resizing = 0;
+addEventListener("resize", () => { clearTimeout(resizing); resizing = setTimeout(() => { if (window.Plotly && state?.opened) redraw(); }, 250); });
 
 export async function redraw() {
   for (const place of PLACES) await draw(place);
 }
+
+$("leftover").addEventListener("toggle", () => { if (state && $("leftover").open) show(state).catch((e) => complain(e.message)); });
 
 // Fetches the figures of the chosen record and cell, and draws them.
 export async function show(next, fresh) {
@@ -126,10 +199,9 @@ export async function show(next, fresh) {
   string();
   regimes();
   const mine = ++drawing;
-  const names = { surface: `surface-${ui.record}-${ui.cell}`, drive: `drive-${ui.record}`, core: `core-${ui.record}-${ui.cell}` };
   for (const place of PLACES) {
-    const name = names[place];
-    const found = state.figures.includes(name) ? (await get("figure", { name })).figure : null;
+    const name = ["drive", "map"].includes(place) ? `${place}-${ui.record}` : `${place}-${ui.record}-${ui.cell}`;
+    const found = state.figures.includes(name) && (TIMED.includes(place) || $("leftover").open) ? await figureOf(place, name) : null;
     if (mine !== drawing) return;
     specs[place] = { name, figure: found };
     await draw(place);
@@ -137,10 +209,11 @@ export async function show(next, fresh) {
   $("stage").dataset.version = state.version;
 }
 
-const cells = () => state.compared?.variants[ui.variant === "from its file" ? "from its file" : "refitted"].cells;
+const shown = () => ticked(state.steps).at(-1)?.variant;
+const cells = () => shown()?.cells;
 
 function worst() {
-  const seen = (state.compared?.variants.refitted.cells ?? []).filter((c) => c.ratio !== null);
+  const seen = (cells() ?? []).filter((c) => c.ratio !== null);
   return seen.length ? seen.reduce((a, b) => (b.ratio > a.ratio ? b : a)).cell : null;
 }
 
@@ -149,17 +222,27 @@ function choices() {
   $("record-choice").hidden = state.opened.records.length < 2;
   select.replaceChildren(...state.opened.records.map((r, i) => el("option", { value: i, selected: i === ui.record }, r.source)));
   select.onchange = () => { range = null; keep({ record: Number(select.value) }); show(state); };
-  const box = $("variants");
-  box.hidden = !state.compared;
-  if (box.childElementCount < 2) {
-    for (const name of ["refitted", "from its file", "both"]) {
-      const id = `variant-${name.replaceAll(" ", "-")}`;
-      const radio = el("input", { type: "radio", name: "variant", id, value: name, checked: ui.variant === name,
-        onchange: () => { keep({ variant: name }); show(state); dispatchEvent(new Event("variant")); } });
-      box.append(el("span", {}, radio, " ", el("label", { for: id }, name === "both" ? "both" : `model ${name}`)));
-    }
+  const box = $("variants"), told = JSON.stringify([state.steps.map((s) => [s.name, s.core?.proven]), ui.off, dark()]);
+  box.hidden = state.steps.length < 2;
+  if (box.dataset.told !== told) {
+    box.dataset.told = told;
+    const focused = document.activeElement?.id;
+    box.replaceChildren(el("legend", { class: "hidden" }, "Steps shown"), ...state.steps.map(tick));
+    if (focused?.startsWith("step-")) $(focused)?.focus();
   }
-  $("legend").textContent = state.compared ? "Colour of a cell: its error over the noise of its sensor. Grey ground: held out, never fitted to. Thin: reading minus model; thick: its mean over a minute; dotted: ± 2 sd of the sensor." : "";
+  const top = ticked(state.steps).at(-1);
+  $("legend").textContent = top?.variant ? `In full: ${top.name}; the other ticked steps as ghosts, on the same axes. Colour of a cell: its error over the noise of its sensor. Grey ground: held out, never fitted to. Thin: reading minus model; thick: its mean over a minute; dotted: ± 2 sd of the sensor.${top.core?.proven === false ? " Hatched band: core not proven." : ""}` : "";
+}
+
+// A box to tick for one step, with its line and, where its core is not proven, a hatched band behind it.
+function tick(s, i) {
+  const [color, dash] = styleOf(i), box = el("input", { type: "checkbox", id: `step-${i}`, checked: !ui.off.includes(s.name), onchange: () => {
+    const rest = ui.off.filter((x) => x !== s.name);
+    keep({ off: box.checked ? rest : [...rest, s.name] });
+    show(state); dispatchEvent(new Event("variant"));
+  } });
+  const line = el("i", { class: `line ${s.core?.proven === false ? "unproven" : ""}`, style: `--c:${themed(color)};border-top-style:${dash === "solid" ? "solid" : "dashed"}` });
+  return el("label", { class: "tick", for: `step-${i}` }, box, line, s.name);
 }
 
 function tint(ratio) {
@@ -196,11 +279,11 @@ export function pick(k) {
 }
 
 function regimes() {
-  const html = state.compared?.variants[ui.variant === "from its file" ? "from its file" : "refitted"].regimes;
+  const html = shown()?.regimes, name = ticked(state.steps).at(-1)?.name;
   $("regimes").hidden = !html;
-  if (html && $("regimes").dataset.html !== html.length + ui.variant + state.version) {
-    $("regimes").dataset.html = html.length + ui.variant + state.version;
-    $("regimes").replaceChildren(el("h2", {}, "Error by regime"), el("div", { class: "scroll", tabindex: "0", role: "group", "aria-label": "table of errors by regime", html }));
+  if (html && $("regimes").dataset.html !== html.length + name + state.version) {
+    $("regimes").dataset.html = html.length + name + state.version;
+    $("regimes").replaceChildren(el("h2", {}, `Error by regime: ${name}`), el("div", { class: "scroll", tabindex: "0", role: "group", "aria-label": "table of errors by regime", html }));
   }
 }
 

@@ -1,6 +1,6 @@
 // The panels of the road: open, compare, diagnose, add, take away.
 import { $, el, get, post, upload, attempt, ui, keep, K, complain } from "./util.js";
-import { preview } from "./plots.js";
+import { colorOf, preview, ticked } from "./plots.js";
 
 let state = null;
 export const busy = () => Boolean(state?.job);
@@ -28,6 +28,13 @@ export function prepare() {
       e.target.value = "";
     }));
   }
+  $("session-file").addEventListener("change", attempt(async (e) => {
+    const [file] = e.target.files;
+    e.target.value = "";
+    let session = null;
+    try { session = JSON.parse(await file.text()); } catch { throw new Error(`${file.name}: no session file of the workbench`); }
+    await post("resume", session);
+  }));
   addEventListener("dragover", (e) => e.preventDefault());
   addEventListener("drop", attempt(async (e) => { e.preventDefault(); await take([...e.dataTransfer.files]); }));
   addEventListener("variant", () => state && compare());
@@ -46,9 +53,11 @@ async function take(files, field = null) {
 const short = (path) => path.split(/[\\/]/).pop();
 
 export function show(next) {
-  if (state && next.stairs.length > state.stairs.length) field.value = "";
+  if (state && next.steps.length > state.steps.length) field.value = "";
   const first = state?.files !== next.files && JSON.stringify(state?.files) !== JSON.stringify(next.files);
   state = next;
+  // what a restart of the program needs; while it goes its way again the longer way is kept
+  if (state.session && !state.job) keep({ session: state.session });
   if (first && state.files) {
     $("tables").value = state.files.tables.join("\n");
     for (const field of ["model", "config", "string"]) $(field).value = state.files[field];
@@ -57,14 +66,24 @@ export function show(next) {
     $("columns").value = state.files.columns.join(",");
     $("more").open = Boolean(state.files.config || state.files.columns.length || state.files.recent?.store);
   }
-  const top = state.stairs.at(-1);
-  $("what").textContent = state.opened ? `${state.opened.records.map((r) => short(r.source)).join(", ")} · ${short(state.files.model)}${state.stairs.slice(1).map((s) => ` ${s.label}`).join("")}` : "";
+  const added = state.steps.filter((s) => s.words.length);
+  $("what").textContent = state.opened ? `${state.opened.records.map((r) => short(r.source)).join(", ")} · ${short(state.files.model)}${added.map((s) => ` ${s.name}`).join("")}` : "";
   $("what").title = $("what").textContent;
-  document.title = top ? `${state.stairs.length > 1 ? top.label : "Workbench"} · bms-gateway` : "Workbench · bms-gateway";
+  document.title = `${added.at(-1)?.name ?? "Workbench"} · bms-gateway`;
   const focused = document.activeElement?.id;
-  opened(); compare(); verdict(); adding(); away();
+  doubt(); opened(); compare(); verdict(); adding(); away();
   for (const b of document.querySelectorAll("[data-work]")) b.disabled = busy() || b.dataset.off === "1";
   if (focused && document.activeElement?.id !== focused) $(focused)?.focus({ preventScroll: true });
+}
+
+// What is to be doubted of the newest model: said on every step, until it is no longer so.
+function doubt() {
+  const top = state.steps.at(-1), probes = top?.variant?.core_measured.filter((m) => m.alarm) ?? [];
+  $("doubt").hidden = !top || (!top.remains && !probes.length && top.core?.proven !== false);
+  $("doubt").replaceChildren(...[
+    top?.remains && el("span", { title: top.remains }, "Something unknown remains. "),
+    top?.core?.proven === false && el("span", { title: top.core.why.join(" ") }, `${top.core.sentence} `),
+    ...probes.map((m) => el("span", { class: "danger" }, `${m.sentence} `))].filter(Boolean));
 }
 
 function opened() {
@@ -96,15 +115,11 @@ function compare() {
     if (state.opened) box.append(el("button", { class: "main", type: "button", id: "compare", "data-work": true, onclick: () => work("compare") }, "Compare"));
     return;
   }
-  box.append(...core(c.core));
-  const names = ui.variant === "both" ? ["from its file", "refitted"] : [ui.variant in c.variants ? ui.variant : "refitted"];
-  for (const name of names) {
-    const v = c.variants[name];
-    box.append(el("h3", {}, name === "from its file" ? "The model with the parameters from its file" : "Refitted to these data, within what the model declares"),
-      el("ul", { class: "found" }, ...v.findings.map((f) => el("li", {}, f))),
-      el("div", { html: v.cards }));
-    if (v.core_measured.length) box.append(el("p", {}, ...v.core_measured.map((m) => `Thermocouple in the core of cell ${m.cell}, never fitted to: ${K(m.error_K)} off. `)));
-  }
+  const { name, variant: v, remains, core: known } = ticked(state.steps).at(-1);
+  if (remains) box.append(el("p", { class: "alarm" }, remains));
+  box.append(...core(known), el("h3", {}, { "from its file": "The model with the parameters from its file", refitted: "Refitted to these data, within what the model declares" }[name] ?? name));
+  if (v) box.append(el("ul", { class: "found" }, ...v.findings.map((f) => el("li", {}, f))), el("div", { html: v.cards }),
+    ...v.core_measured.map((m) => el("p", { class: m.alarm ? "danger" : "" }, m.sentence)));
   box.append(fold("errors", "Errors by sensor", scroll("errors by sensor", c.errors)),
     fold("parameters", "Parameters, refitted", scroll("parameters", c.parameters)));
   if (c.thermocouples) box.append(fold("thermocouples", "Thermocouples in cores", scroll("thermocouples in cores", c.thermocouples)));
@@ -140,7 +155,7 @@ function verdict() {
   box.append(button);
 }
 
-const inModel = (key) => state.stairs.slice(1).some((s) => s.words.some((w) => w === key || w === key.split(":")[0])) || state.opened?.effects.includes(key);
+const inModel = (key) => state.steps.some((s) => s.words.some((w) => w === key || w === key.split(":")[0])) || state.opened?.effects.includes(key);
 
 function effect(r, i, d) {
   const id = `effect-${i}`;
@@ -149,7 +164,7 @@ function effect(r, i, d) {
   const point = () => { if (r.drawn) preview(r.name); };
   const leave = () => preview(null);
   const button = el("button", { type: "button", id, "aria-expanded": String(open), onmouseenter: point, onmouseleave: leave, onfocus: point, onblur: leave,
-    "aria-label": `${r.name}, log-odds ${odds}${r.refused ? `, refused: ${r.refused}` : ""}`,
+    "aria-label": `${named(r)}, log-odds ${odds}${r.refused ? `, refused: ${r.refused}` : ""}`,
     onclick: () => {
       const rest = ui.open.filter((x) => x !== id);
       keep({ open: ui.open.includes(id) ? rest : [...rest, id] });
@@ -157,13 +172,16 @@ function effect(r, i, d) {
       for (const b of document.querySelectorAll("[data-work]")) b.disabled = busy() || b.dataset.off === "1";
       $(id)?.focus({ preventScroll: true });
     } },
-    el("span", { class: "name" }, r.name),
+    el("span", { class: "name" }, named(r)),
     el("span", { class: "track" }, el("span", { class: "fill", style: `width:${100 * r.reach}%` }), el("span", { class: "need", style: `left:${100 * d.needs}%` })),
     el("span", { class: "odds" }, odds));
   const item = el("li", { class: `effect ${r.role}${r.refused ? " refused" : ""}` }, button);
   if (open) item.append(told(r, d));
   return item;
 }
+
+// In plain words first, the word of the catalogue in brackets.
+const named = (r) => (r.effects.length ? r.effects.map((e) => `${e.title} (${e.key})`).join(" and ") : r.name);
 
 function told(r, d) {
   const list = el("dl", {});
@@ -174,7 +192,7 @@ function told(r, d) {
   say("Its numbers", r.numbers.join("; "));
   say("These data cannot tell it from", r.tied.join(", "));
   for (const e of r.effects) {
-    list.append(el("dt", {}, e.title), el("dd", {}, el("pre", {}, e.equation)));
+    list.append(el("dt", {}, "Equation"), el("dd", {}, el("pre", {}, e.equation)));
     say("How it shows", e.signature);
     say("Parameters", e.parameters.join("; "));
     say("Needs", e.needs);
@@ -195,9 +213,10 @@ const KINDS = [["trained_K", "error where fitted"], ["held_K", "error held out"]
 // The models so far, and behind them the one that is being fitted or was refused.
 function steps() {
   const r = state.refusal ?? state.job?.trial;
-  const all = state.stairs.map((s, i) => (i === 0 && r && !s.stair ? { ...s, stair: r.before } : s));
-  if (state.job?.trial) all.push({ label: `+ ${r.names}, being fitted`, kind: "fitting", stair: state.job.trial.after });
-  else if (r) all.push({ label: `${r.names} (not added)`, kind: "tried", stair: r.after });
+  const all = state.steps.map((s) => ({ ...s, kind: s.forced ? "forced" : s.core?.proven === false ? "unproven" : "" }));
+  if (r && all.length === 2) all[1].stair = r.before; // measured by the same yardstick as what is added to it
+  if (state.job?.trial) all.push({ name: `+ ${r.names}, being fitted`, kind: "fitting", stair: state.job.trial.after });
+  else if (r) all.push({ name: `+ ${r.names} (not added)`, kind: "tried", stair: r.after });
   return all;
 }
 
@@ -216,12 +235,13 @@ function climb() {
     const top = Math.max(...values, floor ?? 0) || 1;
     const [caption, bars] = stairs.children[i].children;
     caption.textContent = `${title[0].toUpperCase()}${title.slice(1)}, K${floor ? "; dotted: noise alone" : ""}`;
-    bars.setAttribute("aria-label", `${title}: ${values.map((v, j) => `${all[j].label} ${K(v)}`).join(", ")}${floor ? `; noise ${K(floor)}` : ""}`);
+    bars.setAttribute("aria-label", `${title}: ${values.map((v, j) => `${all[j].name} ${K(v)}`).join(", ")}${floor ? `; noise ${K(floor)}` : ""}`);
     values.forEach((v, j) => {
       const bar = bars.children[j];
-      bar.className = `bar ${all[j].kind ?? (all[j].forced ? "forced" : "")}`;
-      bar.title = all[j].label;
+      bar.className = `bar ${all[j].kind}`;
+      bar.title = `${all[j].name}${all[j].kind === "unproven" ? ": core not proven" : ""}`;
       bar.lastChild.textContent = v === null ? "–" : K(v, 2).replace(" K", "");
+      bar.style.setProperty("--c", colorOf(j));
       bar.style.setProperty("--h", `${v === null ? 0 : (100 * v) / top}%`);
     });
     bars.lastChild.style.bottom = `${(100 * (floor ?? 0)) / top}%`;
@@ -257,19 +277,22 @@ function adding() {
   if (!stairs.isConnected) $("panel-add").replaceChildren(el("h2", {}, "Add"), stairs, underStairs);
   const box = underStairs;
   box.replaceChildren();
-  stairs.hidden = !(state.stairs.length > 1 || state.refusal || state.job?.trial);
-  if (!state.stairs.length) { box.append(...none(NOTHING)); return; }
+  stairs.hidden = !(state.steps.some((s) => s.words.length) || state.refusal || state.job?.trial);
+  if (!state.steps.length) { box.append(...none(NOTHING)); return; }
   if (!stairs.hidden) climb();
   else box.append(el("p", { class: "muted" }, "Nothing is added yet. This place shows what an addition does to the errors, where fitted and where held out, and to the band of the core."));
+  const hatched = !stairs.hidden && state.steps.some((s) => s.core?.proven === false);
+  if (hatched) box.append(el("p", { class: "muted", id: "hatched" }, el("i", { class: "line unproven", style: "--c:var(--after);display:inline-block" }), " hatched: the surface may be better, the core is not proven"));
   const way = el("ol", { class: "way" });
-  for (const s of state.stairs) {
-    const item = el("li", {}, s.label, s.forced ? el("b", { class: "alarm" }, " by force") : "");
+  for (const s of state.steps) {
+    const item = el("li", {}, s.name, s.forced ? el("b", { class: "alarm" }, " by force") : "");
+    if (s.remains) item.append(el("br"), el("b", { class: "alarm" }, s.remains));
     if (s.told) {
       item.append(el("br"), s.told.headline);
       if (!s.told.core.proven) item.append(el("br"), el("b", { class: "alarm" }, `${s.told.tag}. ${s.told.core.sentence}`), ...s.told.core.why.flatMap((t) => [el("br"), t]));
       if (s.forced) item.append(el("br"), el("span", { class: "alarm" }, `Though: ${s.told.refused}.`));
       if (s.told.remark) item.append(el("br"), el("span", { class: "muted" }, s.told.remark));
-      for (const m of s.told.core_measured) item.append(el("br"), `Thermocouple in the core of cell ${m.cell}, never fitted to: ${K(m.before_K)} → ${K(m.after_K)} off.`);
+      for (const m of s.told.core_measured) item.append(el("br"), el("span", { class: m.alarm ? "danger" : "" }, `${m.sentence} Before: ${K(m.before_K)} off.`));
     }
     way.append(item);
   }
@@ -286,9 +309,9 @@ function adding() {
   box.append(el("label", { for: "effect-name" }, "An effect of the catalogue; EFFECT:CELL where it sits on one cell"),
     el("div", { class: "row" }, field,
       el("button", { type: "button", id: "add", class: "main", "data-work": true, onclick: chosenOne }, "Add")),
-    el("datalist", { id: "effect-names" }, ...offered.map((k) => el("option", { value: k }))),
-    el("p", {}, el("button", { type: "button", id: "undo", "data-work": true, "data-off": r || state.stairs.length > 1 ? null : "1", onclick: undo }, r ? "Discard the refused addition" : "Undo the last addition")));
-  const last = state.stairs.at(-1).told;
+    el("datalist", { id: "effect-names" }, ...offered.map((k) => el("option", { value: k, label: catalogue.find((e) => e.name === k.split(":")[0])?.title }))),
+    el("p", {}, el("button", { type: "button", id: "undo", "data-work": true, "data-off": r || state.steps.some((s) => s.words.length) ? null : "1", onclick: undo }, r ? "Discard the refused addition" : "Undo the last addition")));
+  const last = state.steps.at(-1).told;
   if (last) box.append(fold("numbers", "Numbers of the newest model", scroll("numbers", last.parameters)));
 }
 
@@ -301,12 +324,13 @@ function chosenOne() {
 function away() {
   const box = $("panel-take");
   box.replaceChildren(el("h2", {}, "Take away"));
-  if (!state.stairs.length) { box.append(...none(NOTHING)); return; }
+  if (!state.steps.length) { box.append(...none(NOTHING)); return; }
   const name = state.config.match(/model = "(.*)"/)?.[1] ?? "model.toml";
   const url = (what) => `/api/take?${new URLSearchParams({ desk: ui.desk, what, name })}`;
   box.append(
     el("p", {}, el("a", { href: url("model"), id: "take-model", download: name }, `Model file: ${name}`)),
     el("p", {}, el("button", { type: "button", id: "take-report", "data-work": true, onclick: attempt(report) }, "HTML report of what is shown")),
+    el("p", {}, el("a", { href: url("session"), id: "take-session", download: "session.json" }, "Session file: the names of the files and the steps, to go on later or elsewhere")),
     el("h3", {}, "The same by commands"), el("pre", { id: "commands" }, state.commands.join("\n")),
     el("button", { type: "button", onclick: attempt(async () => navigator.clipboard.writeText(state.commands.join("\n"))) }, "Copy"),
     el("h3", {}, "In the gateway's config"), el("pre", { id: "config-lines" }, state.config),

@@ -1,0 +1,94 @@
+// The past of one string on the live page: hottest point with its band, limit and alerts; current and inlet; export.
+import { $, el, complain } from "./util.js";
+
+const SVG = "http://www.w3.org/2000/svg";
+const EVERY_MS = 4000;
+const LEFT = 62, RIGHT = 12;
+// Panels from the top: what is drawn, its name, top and bottom in px.
+const PANELS = [["hottest", "hottest point, °C", 8, 128], ["current", "current, A", 142, 192], ["inlet", "inlet, °C", 206, 246]];
+const HEIGHT = 270;
+const SPANS = [[600, "last 10 min"], [3600, "last hour"], [0, "all that is kept"]];
+let about = null, view = "", seek = null, shown = null, asked = 0, key = "", busy = false;
+
+export function build(known, name, jump) {
+  about = known; view = name; seek = jump;
+  const choice = (id, options) => el("select", { id, onchange: () => { asked = 0; link(); if (latest) follow(latest); } }, ...options.map(([v, t]) => el("option", { value: v }, t)));
+  const svg = document.createElementNS(SVG, "svg");
+  for (const [k, v] of Object.entries({ id: "past", height: HEIGHT, width: "100%", role: "img" })) svg.setAttribute(k, v);
+  svg.addEventListener("click", (e) => {
+    if (!shown?.t.length) return;
+    const box = svg.getBoundingClientRect(), [t0, t1] = ends();
+    seek(Math.min(Math.max(t0 + ((e.clientX - box.left - LEFT) / (box.width - LEFT - RIGHT)) * (t1 - t0), t0), t1));
+  });
+  const section = el("section", { "aria-label": "Past" }, el("div", { class: "heads" }, el("h3", {}, "Hottest point over time"),
+    el("label", { for: "past-string" }, "String "), choice("past-string", about.strings.map((s, i) => [i, s.name])),
+    el("label", { for: "past-span" }, "of the "), choice("past-span", SPANS),
+    el("a", { id: "export", class: "file", download: "window.csv" }, "Export this window (CSV)")),
+    svg, el("p", { class: "muted" }, "Band: 95 %. Dashed: limit. Upright lines: alerts raised, orange for warnings, red for alarms. A click goes to that moment."));
+  queueMicrotask(link);
+  return section;
+}
+
+const link = () => { $("export").href = `/api/window?${new URLSearchParams({ view, span: $("past-span").value })}`; };
+const ends = () => [shown.t[0], Math.max(shown.t.at(-1), shown.t[0] + 1)];
+
+// Asks anew now and then while the picture goes on, and soon after another stretch is wanted.
+let latest = null, later = 0;
+export function follow(p) {
+  latest = p;
+  const now = `${$("past-string").value}|${$("past-span").value}|${p.following ? p.ticks : p.at}`;
+  if (busy || now === key) return;
+  const wait = asked ? EVERY_MS - (performance.now() - asked) : 0;
+  clearTimeout(later);
+  if (wait > 0) { later = setTimeout(() => follow(latest), wait); return; }
+  key = now; asked = performance.now(); busy = true;
+  const query = new URLSearchParams({ view, string: $("past-string").value, span: $("past-span").value });
+  fetch(`/api/history?${query}`).then((r) => r.json()).then((found) => { shown = found; draw(); $("past").dataset.points = found.t.length; })
+    .catch((e) => complain(e.message)).finally(() => { busy = false; follow(latest); });
+}
+
+function draw() {
+  const svg = $("past");
+  svg.replaceChildren();
+  if (shown.t.length < 2) return;
+  const width = Math.max(svg.clientWidth, 200), [t0, t1] = ends(), limit = about.limits.core_C;
+  const x = (t) => LEFT + ((width - LEFT - RIGHT) * (t - t0)) / (t1 - t0);
+  const put = (tag, more, text = "") => { const n = document.createElementNS(SVG, tag); for (const [k, v] of Object.entries(more)) n.setAttribute(k, v); n.textContent = text; svg.append(n); return n; };
+  for (const [name, title, top, bottom] of PANELS) {
+    const y = shown[name], there = y.map((v, i) => [i, v]).filter(([, v]) => v !== null);
+    if (!there.length) continue;
+    const half = (i) => (name === "hottest" ? shown.half[i] ?? 0 : 0);
+    let low = Math.min(...there.map(([i, v]) => v - half(i))), high = Math.max(...there.map(([i, v]) => v + half(i)));
+    if (name === "hottest" && limit < high + 20) high = Math.max(high, limit + 1);
+    const middle = (low + high) / 2, spread = Math.max(high - low, 1) / 2;
+    low = middle - spread; high = middle + spread;
+    const at = (v) => bottom - ((bottom - top) * (v - low)) / (high - low);
+    put("rect", { x: LEFT, y: top, width: width - LEFT - RIGHT, height: bottom - top, fill: "none", stroke: "var(--line)" });
+    put("text", { x: LEFT - 5, y: top + 10, "text-anchor": "end" }, high.toFixed(spread < 5 ? 1 : 0));
+    put("text", { x: LEFT - 5, y: bottom, "text-anchor": "end" }, low.toFixed(spread < 5 ? 1 : 0));
+    put("text", { x: LEFT + 6, y: top + 13, fill: "var(--soft)" }, title);
+    if (name === "hottest") {
+      const edge = (sign, list) => list.map(([i, v]) => `${x(shown.t[i]).toFixed(1)},${at(v + sign * half(i)).toFixed(1)}`);
+      put("polygon", { points: [...edge(1, there), ...edge(-1, [...there].reverse())].join(" "), fill: "var(--after)", "fill-opacity": 0.2 });
+      if (limit <= high) put("line", { x1: LEFT, x2: width - RIGHT, y1: at(limit), y2: at(limit), stroke: "var(--danger)", "stroke-dasharray": "6 4", class: "limit" });
+    }
+    for (const run of runs(y)) put("polyline", { points: run.map((i) => `${x(shown.t[i]).toFixed(1)},${at(y[i]).toFixed(1)}`).join(" "), fill: "none", stroke: name === "current" ? "var(--ink)" : "var(--after)", "stroke-width": name === "hottest" ? 2 : 1.2 });
+  }
+  for (const m of shown.marks.filter((k) => k.state !== "over")) {
+    const line = put("line", { x1: x(m.at), x2: x(m.at), y1: PANELS[0][2], y2: PANELS.at(-1)[3], stroke: m.level === "alarm" ? "var(--danger)" : "var(--before)", "stroke-width": 2, class: `mark ${m.level}` });
+    line.append(Object.assign(document.createElementNS(SVG, "title"), { textContent: m.text }));
+  }
+  const bottom = PANELS.at(-1)[3] + 18;
+  for (const share of [0, 0.5, 1]) put("text", { x: x(t0 + share * (t1 - t0)), y: bottom, "text-anchor": ["start", "middle", "end"][2 * share] }, clock(t0 + share * (t1 - t0)));
+  const hot = shown.hottest.filter((v) => v !== null);
+  svg.setAttribute("aria-label", `hottest point of ${about.strings[$("past-string").value].name} from ${clock(t0)} to ${clock(t1)}: ${Math.min(...hot).toFixed(1)} to ${Math.max(...hot).toFixed(1)} °C, limit ${limit} °C, ${shown.marks.length} changes of alerts`);
+}
+
+// Stretches of indices without a gap.
+function runs(y) {
+  const found = [[]];
+  y.forEach((v, i) => { if (v === null) { if (found.at(-1).length) found.push([]); } else found.at(-1).push(i); });
+  return found.filter((r) => r.length);
+}
+
+const clock = (s) => `${Math.floor(s / 3600)}:${String(Math.floor(s / 60) % 60).padStart(2, "0")}:${String(Math.floor(s % 60)).padStart(2, "0")}`;

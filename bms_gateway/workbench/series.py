@@ -1,0 +1,120 @@
+"""Long series of a tab: the worker keeps them whole in files, the server takes a window of them for a picture.
+
+A trace of a figure then holds the keys of its series in place of numbers. Zooming needs no worker, which may be busy,
+and shows every sample of a short window.
+"""
+
+import secrets
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bms_gateway.report.page import numbers
+from bms_gateway.workbench.steps import SERIES, Window
+
+POINTS = 2400
+"""Of one trace in one picture: more than a screen has columns."""
+Kept = dict[str, str]
+"""Where a trace's series are: `file`, `x`, `y`."""
+Floats = NDArray[np.floating[Any]]
+
+
+class Shelf:
+    """Keeps series of one answer; equal ones once.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the tab.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._path = folder / f"{SERIES}{secrets.token_hex(8)}.npz"
+        self._series: dict[str, NDArray[Any]] = {}
+        self._known: dict[bytes, str] = {}
+
+    def keep(self, x: Floats, y: Floats) -> Kept:
+        """Keep one trace: `x` (K,) in order, `y` (K,) with NaN where a line is broken."""
+        return {
+            "file": self._path.name,
+            "x": self._key(np.asarray(x, np.float64)),
+            "y": self._key(np.asarray(y, np.float32)),
+        }
+
+    def save(self) -> None:
+        """Write the file."""
+        np.savez(self._path, **self._series)  # type: ignore[arg-type]  # numpy takes the names for its own options
+
+    def _key(self, x: NDArray[Any]) -> str:
+        content = x.tobytes()
+        if content not in self._known:
+            self._known[content] = f"s{len(self._series)}"
+            self._series[self._known[content]] = x
+        return self._known[content]
+
+
+def drawn(document: Any, folder: Path, window: Window | None = None) -> Any:
+    """Put numbers in the place of every `kept` of a document.
+
+    Parameters
+    ----------
+    document : JSON-able
+    folder : Path
+    window : tuple of float, optional
+        Shown part of the axis; all of it where left out.
+    """
+    open_files: dict[str, Any] = {}
+
+    def fill(x: Any) -> Any:
+        if isinstance(x, Mapping):
+            found = {k: fill(v) for k, v in x.items() if k != "kept"}
+            return {**found, **points(x["kept"])} if "kept" in x else found
+        return [fill(v) for v in x] if isinstance(x, list) and x and isinstance(x[0], dict) else x
+
+    def points(kept: Kept) -> dict[str, Any]:
+        name = kept["file"]
+        if name not in open_files:
+            open_files[name] = np.load(folder / name)
+        t, y = open_files[name][kept["x"]], open_files[name][kept["y"]]
+        t, y = thinned(*windowed(t, y, window), POINTS)
+        return {"x": [round(v, 5) for v in t.tolist()], "y": numbers(y.astype(np.float64), 4)}
+
+    try:
+        return fill(document)
+    finally:
+        for f in open_files.values():
+            f.close()
+
+
+def windowed(t: Floats, y: Floats, window: Window | None) -> tuple[Floats, Floats]:
+    """Take what lies in a window, and one sample on each side, so that lines reach its edges."""
+    if window is None or not len(t):
+        return t, y
+    first, last = np.searchsorted(t, window[0]) - 1, np.searchsorted(t, window[1], side="right") + 1
+    part = slice(max(int(first), 0), int(last))
+    return t[part], y[part]
+
+
+def thinned(t: Floats, y: Floats, most: int) -> tuple[Floats, Floats]:
+    """Thin a series to about `most` points: least and greatest value of each stretch, and every break of the line.
+
+    Examples
+    --------
+    >>> t = np.arange(1000.0)
+    >>> y = np.where(t == 321.0, 5.0, 0.0)
+    >>> len(thinned(t, y, 100)[0]) <= 100, thinned(t, y, 100)[1].max()
+    (True, np.float64(5.0))
+    """
+    n = len(y)
+    if n <= most:
+        return t, y
+    size = -(-n // (most // 2))
+    gap = np.isnan(y)
+    low, high = (np.pad(np.where(gap, x, y), (0, -n % size), constant_values=x) for x in (np.inf, -np.inf))
+    stretches = size * np.arange(len(low) // size)
+    ends = [stretches + low.reshape(-1, size).argmin(axis=1), stretches + high.reshape(-1, size).argmax(axis=1)]
+    rows = np.unique(np.concatenate([*ends, np.flatnonzero(gap)]))
+    return t[rows], y[rows]

@@ -1,0 +1,190 @@
+"""The live page as a control room: alerts with the limits of the config, events in groups, the past, export."""
+
+import csv
+import io
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bms_gateway.bus.logfile import read_log, write_log
+from bms_gateway.config import load_config, shipped
+from bms_gateway.engine import Engine, Estimated, drive
+from bms_gateway.frames.batch import FrameBatch
+from bms_gateway.workbench.sources import Playback
+from bms_gateway.workbench.watch import Watch
+from tests.workbench.browser import come, faults
+from tests.workbench.conftest import served
+from tests.workbench.test_live_vcan import traffic
+
+SECOND = 1_000_000_000
+BEGAN_NS = 1_700_000_000 * SECOND
+"""Wall clock of the log's first frame."""
+DEAD_S = 30
+"""From which on the inlet of string 1 is not sent any more."""
+CORE_MAX_C = 24.0
+"""Below the cores of the log: every string is over."""
+EXAMPLE = "deploy/example/gateway.toml"
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory):
+    """A minute and a half of sixty cells whose first string loses its inlet."""
+    frames = traffic(90.0)
+    message = load_config(shipped(EXAMPLE)).database.message("string_1_coolant")
+    lost = (frames.can_id == message.can_id) & (frames.time_ns > DEAD_S * SECOND)
+    kept = frames[~lost]
+    shifted = FrameBatch(kept.time_ns + BEGAN_NS, kept.can_id, kept.length, kept.data)
+    path = tmp_path_factory.mktemp("log") / "drive.log"
+    write_log(path, [shifted])
+    return path
+
+
+@pytest.fixture(scope="module")
+def plan():
+    plan = load_config(shipped(EXAMPLE)).plan
+    return replace(plan, alerts=replace(plan.alerts, core_max_C=CORE_MAX_C))
+
+
+def watched(plan, log):
+    engine = Engine(plan, load_config(shipped(EXAMPLE)).database)
+    source = Playback([log])
+    watch = Watch(engine, "log", log.name, 500e3, source.traffic)
+    source.start(engine, watch)
+    come(lambda: watch.whole, "the end of the log")
+    return watch
+
+
+@pytest.fixture(scope="module")
+def watch(plan, log):
+    return watched(plan, log)
+
+
+def at(watch, seconds, view="test"):
+    watch.steer(view, {"play": False, "seek": seconds})
+    return json.loads(next(watch.stream(view)))
+
+
+def test_the_limit_of_the_config_raises_alarms(watch):
+    assert watch.about()["limits"]["core_C"] == CORE_MAX_C
+    alerts = at(watch, 80)["alerts"]
+    over = {a["string"] for a in alerts if a["level"] == "alarm" and "the limit is 24" in a["text"]}
+    assert over == {f"string_{k}" for k in range(1, 6)}
+    assert at(watch, 1)["alerts"] == []  # of the past nothing is told that was raised later
+
+
+def test_a_dead_inlet_is_a_warning_of_its_string_alone(log):
+    watch = watched(load_config(shipped(EXAMPLE)).plan, log)
+    assert at(watch, DEAD_S - 5)["alerts"] == []
+    alerts = at(watch, 85)["alerts"]  # of all that the message carries
+    assert {(a["string"], a["level"]) for a in alerts} == {("string_1", "warning")}
+    assert any("coolant inlet not used" in a["text"] for a in alerts)
+
+
+def test_events_are_grouped_and_none_is_of_the_future(watch):
+    shown = at(watch, 85)
+    keys = [(e["code"], e["string"], bool(e["state"])) for e in shown["events"]]
+    assert len(keys) == len(set(keys))
+    assert all(e["at"] <= shown["at"] for e in shown["events"])
+    assert [e["at"] for e in shown["events"]] == sorted((e["at"] for e in shown["events"]), reverse=True)
+    assert {e["level"] for e in shown["events"] if e["state"]} >= {"alarm", "warning"}
+    assert at(watch, 0)["events"] == []
+
+
+def test_the_time_of_day_is_that_of_the_frames(watch):
+    shown = at(watch, 40)
+    assert shown["wall_ms"] * 1_000_000 == pytest.approx(BEGAN_NS + 41 * SECOND, abs=2 * SECOND)
+
+
+def test_the_past_is_what_the_engine_said(watch, plan, log):
+    database = load_config(shipped(EXAMPLE)).database
+    said = [e for e in drive(Engine(plan, database), read_log(log)) if isinstance(e, Estimated)]
+    at(watch, 80)
+    past = watch.history("test", 2, 20.0)
+    assert past["t"][0] == pytest.approx(60.0)
+    assert past["t"][-1] == pytest.approx(80.0)
+    first = said[0].time_ns
+    for t, hottest, half, cell in zip(past["t"], past["hottest"], past["half"], past["cell"], strict=True):
+        e = next(x for x in said if x.time_ns == first + round(t) * SECOND)
+        mine = e.layout.parts[2]
+        k = int(np.nanargmax(e.centre[mine]))
+        assert (hottest, half) == pytest.approx((e.centre[mine][k], 1.96 * e.centre_sd[mine][k]), abs=2e-3)
+        assert cell == k + 1
+    assert all(x is not None for x in past["current"] + past["inlet"])
+    whole = watch.history("test", 0, 0.0)
+    assert whole["t"][0] == 0.0
+    assert any(m["level"] == "warning" and m["at"] > DEAD_S for m in whole["marks"])
+
+
+def test_the_exported_window_holds_every_cell_of_every_tick(watch):
+    shown = at(watch, 80)
+    rows = list(csv.DictReader(io.StringIO(b"".join(watch.table("test", 10.0)).decode())))
+    assert len(rows) == 11 * 60
+    last = rows[-60:]
+    assert float(last[0]["time_s"]) == pytest.approx(shown["at"])
+    assert last[0]["wall_clock"].startswith("2023-11-14T22:1")
+    cores = [x for s in shown["strings"] for x in s["core"]]
+    np.testing.assert_allclose([float(r["core_C"]) for r in last], cores, atol=0.006)
+    assert {r["string"] for r in rows} == {f"string_{k}" for k in range(1, 6)}
+
+
+def test_what_is_old_is_told(watch, monkeypatch):
+    shown = at(watch, 50)
+    assert (shown["state"], shown["age"]) == ("now", 0.0)
+    now = watch._kept + 12.0
+    monkeypatch.setattr("bms_gateway.workbench.watch.time.monotonic", lambda: now)
+    watch.whole = False  # as a bus that may still send
+    try:
+        watch.steer("follows", {"follow": True})
+        assert json.loads(next(watch.stream("follows")))["state"] == "stale"
+        now += 100.0
+        assert json.loads(next(watch.stream("follows")))["state"] == "parked"
+    finally:
+        watch.whole = True
+
+
+@pytest.mark.slow
+def test_the_page_is_a_control_room(window, log, axe, tmp_path):
+    text = shipped(EXAMPLE).read_text().replace("# [alerts]", f"[alerts]\ncore_max_C = {CORE_MAX_C}\n#", 1)
+    (tmp_path / "gateway.toml").write_text(text)
+    (tmp_path / "string.toml").write_text((shipped(EXAMPLE).parent / "string.toml").read_text())
+    with served(tmp_path, "--live", log, "--config", tmp_path / "gateway.toml") as url:
+        page = window(url, (1280, 900))
+        page.wait("return document.querySelectorAll('.live-cell').length === 60")
+        page.wait("return !document.querySelector('#live-state').innerText")
+        page.click("#play")
+        seek = "const t = document.querySelector('#time'); t.value = arguments[0]; t.dispatchEvent(new Event('input'));"
+        page.run(seek, "85")
+        page.wait("return document.querySelector('#banner-title').innerText.includes('alarms')")
+        assert "the limit is 24 °C" in page.text("#banner")
+        page.click("#banner-list summary")
+        assert "coolant inlet" in page.text("#banner")
+        assert page.run("return document.querySelectorAll('.live-cell.over').length") == 60
+        color = "return getComputedStyle(document.querySelector('.live-cell')).backgroundColor"
+        assert page.run(color) == "rgb(176, 0, 32)"
+        assert page.text(".live-cell:nth-child(7) small") == "7"
+        assert page.text("#wall")
+        page.wait("return Number(document.querySelector('#past').dataset.points) > 50")
+        assert page.run("return document.querySelectorAll('#past .mark.alarm').length") > 0
+        assert page.there("#past .limit")
+        rows = "return document.querySelectorAll('#events tbody tr').length"
+        every = page.run(rows)
+        choose = (
+            "const s = document.querySelector(arguments[0]);"
+            "s.value = arguments[1]; s.dispatchEvent(new Event('change'));"
+        )
+        page.run(choose, "#event-level", "alarm")
+        page.run(choose, "#event-string", "string_2")
+        assert 0 < page.run(rows) < every
+        got = page.run("return fetch(document.querySelector('#export').href).then(r => r.text())")
+        assert got.count("\n") == 1 + 60 * 86
+        for dark in (False, True):
+            for width in (390, 1024, 1280, 1920):
+                page.cdp(
+                    "Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False
+                )
+                assert page.run("return document.documentElement.scrollWidth - innerWidth") <= 0, width
+            assert faults(page, axe) == [], dark
+            page.click("#theme")
+        assert page.complaints() == []

@@ -1,0 +1,84 @@
+"""A session goes its way again: from its file, and after the program was started anew."""
+
+import json
+
+import pytest
+
+from bms_gateway.errors import UsageError
+from bms_gateway.workbench.desk import Desk
+from bms_gateway.workbench.session import additions_of, session_of
+from bms_gateway.workbench.steps import Frame
+from tests.truth.packs import pack as make_pack
+from tests.workbench.conftest import served
+from tests.workbench.test_desk import done, files
+from tests.workbench.test_page import FIT_S, seen_compared
+
+
+@pytest.fixture(scope="module")
+def pack(tmp_path_factory):
+    return make_pack(tmp_path_factory.mktemp("pack"))
+
+
+def test_a_session_names_files_and_steps():
+    named = {"tables": ["a.csv", "recent.csv"], "model": "m.toml", "config": "", "string": "", "columns": []}
+    recent = {"last": "2h", "store": "", "table": "recent.csv"}
+    frames = [Frame("", "refitted"), Frame("", "+ a", words=["a", "b:3"]), Frame("", "+ c", words=["c"], forced=True)]
+    session = json.loads(json.dumps(session_of({**named, "recent": recent}, frames)))
+    assert session["files"]["tables"] == ["a.csv"]
+    assert session["files"]["recent"] == "2h"
+    assert additions_of(session) == [(["a", "b:3"], False), (["c"], True)]
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {},
+        {"workbench_session": 2, "files": {}},
+        {"workbench_session": 1, "files": []},
+        {"workbench_session": 1, "files": {}, "added": [{"effects": "a"}]},
+        {"workbench_session": 1, "files": {}, "added": [{"effects": []}]},
+        {"workbench_session": 1, "files": {}, "added": "a"},
+    ],
+)
+def test_what_is_no_session_is_one_line(wrong):
+    with pytest.raises(UsageError, match="session"):
+        additions_of(wrong)
+
+
+def test_a_refusal_ends_the_way(pack):
+    desk = Desk("resumes")
+    try:
+        desk.resume(files(pack), [(["coolant_delay"], False), (["current_offset"], True)])
+        state = done(desk)
+        assert state["refusal"]["names"] == "coolant_delay"
+        assert [s["name"] for s in state["steps"]] == ["from its file", "refitted"]
+    finally:
+        desk.close()
+
+
+@pytest.mark.slow
+def test_the_work_is_there_again(window, driver, pack, tmp_path):
+    with served(pack.folder, *pack.words) as url:
+        page = window(url)
+        seen_compared(page)
+        page.idle(FIT_S)
+        page.click("#tab-add")
+        page.type("#effect-name", "entropic_heat")
+        page.press("Enter")
+        page.wait("return document.querySelectorAll('#panel-add .way li').length === 3", patience_s=FIT_S)
+        page.idle(FIT_S)
+        page.click("#tab-take")
+        session = page.run("return fetch(document.querySelector('#take-session').href).then(r => r.text())")
+        kept = page.run("return sessionStorage.workbench")
+    (tmp_path / "session.json").write_text(session)
+    with served(tmp_path) as url:
+        page = window(url)  # another browser
+        page.upload("#session-file", tmp_path / "session.json")
+        page.wait("return document.querySelectorAll('#panel-add .way li').length === 3", patience_s=FIT_S)
+        page.idle(FIT_S)
+        assert "+ entropic_heat" in page.text("#what")
+        other = window(url)  # the same browser, of which the server knows nothing any more
+        other.run("sessionStorage.workbench = arguments[0]", kept)
+        other.reload()
+        other.wait("return document.querySelectorAll('#panel-add .way li').length === 3", patience_s=FIT_S)
+        assert other.text("#error-text") == ""
