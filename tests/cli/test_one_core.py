@@ -8,6 +8,7 @@ import pytest
 from bms_gateway.config.model_file import read_model
 from bms_gateway.report.show import number
 from bms_gateway.workbench.bench import Bench
+from bms_gateway.workbench.steps import REFITTED
 from tests.cli.test_road import call, told
 from tests.truth.packs import pack as packed
 
@@ -35,6 +36,7 @@ def road(tmp_path_factory):
     tell = {"tell": lambda *_: None, "show": lambda _: None}
     bench, text = Bench(), pack.model.read_text()
     request = {"files": files, "folder": str(tmp_path_factory.mktemp("uploads")), "words": ["entropic_heat"]}
+    request["name"] = REFITTED
     page = {do: bench.answer({**request, "do": do, "text": text}, **tell) for do in ("compare", "add")}
     page["compare added"] = bench.answer({**request, "do": "compare", "text": page["add"]["text"]}, **tell)
     return pack, written, found, page

@@ -186,18 +186,6 @@ def test_readings_of_a_fire_break_nothing(seed: int) -> None:
     assert (np.einsum("skk->sk", watch.filter.P) >= 0.0).all()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("pack", ["small", "liquid"])
-def test_a_thermocouple_that_drifts_by_two_kelvin_an_hour_is_told(pack: str) -> None:
-    # Bug: what the drift itself said for it became usual, and weighed less and less.
-    case = Case(pack, 0, 6300, drive="us06", fault="drift", size=2.0)
-    right = 0
-    for alerts in raised(case, range(60, 66)):
-        told = [t - case.at for t, code, cell in alerts if (code, cell) == ("thermocouple", case.cell)]
-        right += bool(told) and told[0] > 600 and not any(code == "unexplained_heat" for _, code, _ in alerts)
-    assert right >= 5  # in the first ten minutes a drift can look like heat
-
-
 def parked(watch: HeatWatch, surface: np.ndarray, hours: range, start_s: int = 0) -> list[tuple[int, str, int | None]]:
     """Wake a string once an hour for twenty seconds; surface (12,) of each hour, °C, from a function of the hour."""
     told, rng = [], np.random.default_rng(8)
@@ -268,3 +256,15 @@ def test_damaged_states_of_a_string_at_rest_are_refused() -> None:
         state = {**sound, "rest": [{**sound["rest"][0], **spoil}]}
         with pytest.raises(ValueError, match=r"heat|base64|padding|buffer"):
             HeatWatch([model("small")], 1.0).restore(state)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("pack", ["small", "liquid"])
+def test_a_thermocouple_that_drifts_by_two_kelvin_an_hour_is_told(pack: str) -> None:
+    # Bug: what the drift itself said for it became usual, and weighed less and less.
+    case = Case(pack, 0, 6300, drive="us06", fault="drift", size=2.0)
+    right = 0
+    for alerts in raised(case, range(60, 66)):
+        told = [t - case.at for t, code, cell in alerts if (code, cell) == ("thermocouple", case.cell)]
+        right += bool(told) and told[0] > 600 and not any(code == "unexplained_heat" for _, code, _ in alerts)
+    assert right >= 5  # in the first ten minutes a drift can look like heat
