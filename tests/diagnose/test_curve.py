@@ -14,15 +14,15 @@ from bms_gateway.thermal.effects import effect_named
 from tests.truth.pack import CAPACITY_AH, NOMINAL, integrate, terms
 
 AMPS = 16.0
-NUMBERS = {**NOMINAL, "R_u": 6.0}
-"""In still air, as on a bench: R_c is a fifth of R_u there, so that the heat capacity tells how much heat there is."""
-MODEL = StringModel(
-    1,
-    (1,),
-    "single",
-    {k: Prior(NUMBERS[k], 0.05 if k in ("C_c", "C_s") else 0.6) for k in ("C_c", "C_s", "R_e", "R_c", "R_u")},
-    capacity_Ah=CAPACITY_AH,
-)
+STILL_AIR = 6.0
+"""K/W, as on a bench: R_c is a fifth of R_u there, so that the heat capacity tells how much heat there is."""
+
+
+def model(R_u=STILL_AIR):
+    """A cell cooled so, its heat capacity known to 5 % and its resistances to 60 %."""
+    numbers = {**NOMINAL, "R_u": R_u}
+    sd = {"C_c": 0.05, "C_s": 0.05, "R_e": 0.6, "R_c": 0.6, "R_u": 0.6}
+    return StringModel(1, (1,), "single", {k: Prior(numbers[k], sd[k]) for k in sd}, capacity_Ah=CAPACITY_AH)
 
 
 def wound(seed):
@@ -35,7 +35,7 @@ def wound(seed):
     )
 
 
-def record(seed, law, soc_known=True, span=(0.95, 0.05)):
+def record(seed, law, soc_known=True, span=(0.95, 0.05), R_u=STILL_AIR):
     """Steps of a tenth of the charge with rests, out and in again; the truth integrated by its own code."""
     high, low = span
     amps = []
@@ -43,7 +43,7 @@ def record(seed, law, soc_known=True, span=(0.95, 0.05)):
         for _ in range(round((high - low) / 0.1)):
             amps += [AMPS * sign] * round(0.1 * CAPACITY_AH * 3600 / AMPS) + [0.0] * 240
     amps = np.array([0.0] * 200 + amps)
-    t = terms(1, amps, np.full(len(amps) + 1, 25.0), np.ones(len(amps)), high, start=25.0, R_u=NUMBERS["R_u"])
+    t = terms(1, amps, np.full(len(amps) + 1, 25.0), np.ones(len(amps)), high, start=25.0, R_u=R_u)
     t.entropic += law(t.soc)
     (trace,) = integrate([t])
     rng = np.random.default_rng([seed, 6])
@@ -53,22 +53,25 @@ def record(seed, law, soc_known=True, span=(0.95, 0.05)):
         coolant_inlet_C=np.full(len(amps), 25.0),
         soc=t.soc if soc_known else None,
         surface_C={1: np.asarray(trace.surface)[:-1, 0] + 0.02 * rng.standard_normal(len(amps))},
-        model=MODEL,
+        model=model(R_u),
         source="log",
     )
 
 
-def curve(r, charge_sd=0.0, effect="entropic_heat"):
-    m = measured(r, MODEL)
+def curve(r, charge_sd=0.0, effect="entropic_heat", R_u=STILL_AIR):
+    m = measured(r, model(R_u))
     e = effect_named(effect)
-    return entropic_curve(fitted(Problem(Candidate(e, free=e.determined(m.drive)).put_into(MODEL), [m])), charge_sd)
+    free = Candidate(e, free=e.determined(m.drive)).put_into(model(R_u))
+    return entropic_curve(fitted(Problem(free, [m])), charge_sd)
 
 
-def test_the_truth_lies_within_the_band_of_a_tenth_of_a_millivolt():
+@pytest.mark.parametrize("R_u", [NOMINAL["R_u"], *(pytest.param(x, marks=pytest.mark.slow) for x in (2.0, STILL_AIR))])
+def test_the_truth_lies_within_the_band_of_a_tenth_of_a_millivolt(R_u):
+    # Bug: with R_c > R_u a second set of numbers explains the surface too; the curve was 39 % low, 7 sd away.
     inside, sd = [], []
     for seed in range(6):
         law = wound(seed)
-        c = curve(record(seed, law))
+        c = curve(record(seed, law, R_u=R_u), R_u=R_u)
         inside.append(np.abs(c.value - 1e3 * law(c.soc)) <= 2.0 * c.sd)
         sd.append(c.sd)
         assert np.abs(c.value - 1e3 * law(c.soc)).max() < 0.15
