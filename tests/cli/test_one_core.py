@@ -3,6 +3,7 @@
 import json
 import re
 
+import numpy as np
 import pytest
 
 from bms_gateway.config.model_file import read_model
@@ -11,6 +12,8 @@ from bms_gateway.workbench.bench import Bench
 from bms_gateway.workbench.steps import REFITTED
 from tests.cli.test_road import call, told
 from tests.truth.packs import pack as packed
+
+STRONG = 0.55  # mV/K, of the hidden effect
 
 
 @pytest.fixture(scope="module")
@@ -161,3 +164,17 @@ def test_the_band_does_not_hang_on_who_has_worked_something_out_already(road):
     plain = known_core(model, records)
     spared = known_core(model, records, identify(model, records), diagnose(model, records).search.rounds)
     assert (spared.sd_K, spared.why) == (plain.sd_K, plain.why) == (plain.sd_K, ())
+
+
+def test_the_coefficient_comes_out_as_a_curve_with_a_band_in_document_words_and_page(road):
+    _, _, found, _ = road
+    document, text, html = found["diagnose"]
+    (curve,) = document["curves"]
+    assert (curve["effect"], curve["unit"]) == ("entropic_heat", "mV/K")
+    value, sd, soc = (np.array(curve[k]) for k in ("value", "sd", "soc"))
+    assert np.allclose(np.diff(soc), 0.05)
+    assert (sd > 0.0).all()
+    assert np.mean(np.abs(np.abs(value) - STRONG) <= 2.0 * sd) >= 0.8
+    assert "dU/dT" in text
+    assert "dU/dT over the state of charge" in html
+    assert found["diagnose added"][0]["curves"] == []
