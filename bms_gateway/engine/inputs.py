@@ -479,7 +479,5 @@ class Inputs:
         for meter in self._meters.values():
             meter.forget()
         self._cells.forget()
-        for one in self._several:
-            one.forget()
         for inlet in self._inlets.values():
             inlet.forget()

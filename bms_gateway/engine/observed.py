@@ -1,7 +1,7 @@
 """Observers as a group of strings drives them: what each takes in, and what it leaves for those who identify."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
@@ -22,13 +22,6 @@ from bms_gateway.thermal import Disturbance, Floats
 if TYPE_CHECKING:
     from bms_gateway.health.heat.effects import EffectShare
     from bms_gateway.observe.effects import EffectObserver
-
-
-OF_SEVERAL_K = 2.0
-COOLED_UNLIKE_K = 1.0
-COARSE_K = 0.3
-"""Where only the greatest, least or mean surface is known: how far the coolant of all cells, and that of each on its
-own, may be from the model's, and the error of a reading in steps of 1 K."""
 
 
 class Driven(NamedTuple):
@@ -160,27 +153,11 @@ class StringWithEffects:
         return EffectOutlook()
 
 
-def of_several(d: Disturbance) -> Disturbance:
-    """Give what disturbs a string whose readings are of some cell among several.
-
-    That cell stands out by its cooling: a reading then moves surface and core alike, where heat would move the core
-    more.
-    """
-    return replace(
-        d,
-        inlet=max(d.inlet, OF_SEVERAL_K),
-        coolant_cell=max(d.coolant_cell, COOLED_UNLIKE_K),
-        sensor=max(d.sensor, COARSE_K),
-    )
-
-
 def plain_strings(
     strings: Sequence[StringEstimator], members: Sequence[int], dt: float, disturbance: Disturbance
 ) -> PlainStrings:
     """Stack strings numbered `members`, with what was kept of their cells."""
     mine = [strings[i] for i in members]
-    if any(s.plan.of_several for s in mine):
-        disturbance = of_several(disturbance)
     observer = AdaptiveObserver([s.plan.model for s in mine], dt, disturbance)
     for j, s in enumerate(mine):
         if s.kept is not None:

@@ -189,19 +189,17 @@ def stack(
     for p in parameters:
         key = (*(v.tobytes() for v in (p.C_c, p.C_s, p.R_e, p.R_c, p.R_u)), p.R_cc, p.C_f, p.coolant)
         if key not in done:
-            done[key] = _discretized(
-                augmented(p, disturbance, by_resistance=by_resistance), p.R_u * p.C_s, dt, disturbance
-            )
+            done[key] = _discretized(augmented(p, disturbance, by_resistance=by_resistance), dt, disturbance)
         parts.append(done[key])
     G, Q, Q_unknown = (np.stack(column) for column in zip(*parts, strict=True))
     return StackedModel(G, Q, Q_unknown.swapaxes(0, 1), float(dt), disturbance)
 
 
-def _discretized(s: ContinuousString, tau_u: Floats, dt: float, d: Disturbance) -> tuple[Floats, Floats, Floats]:
+def _discretized(s: ContinuousString, dt: float, d: Disturbance) -> tuple[Floats, Floats, Floats]:
     M = s.A.shape[0]
     step = discretize(s, dt)
     G = np.concatenate((step.A, step.B_q, step.B_f0[:, None], step.B_f1[:, None]), axis=1)
-    W = noise_intensity(s.B_q, tau_u, d)
+    W = noise_intensity(s.B_q, d)
     more = np.zeros((OFFSETS, M, M))
     more[0, _INLET, _INLET] = 2.0 * max(d.inlet_unknown**2 - d.inlet**2, 0.0) / d.correlation
     more[1, _HEAT, _HEAT] = 2.0 * max(d.heat_unknown**2 - d.heat_common**2, 0.0) / d.correlation
@@ -209,20 +207,16 @@ def _discretized(s: ContinuousString, tau_u: Floats, dt: float, d: Disturbance) 
     return G, gathered_noise(s.A, W, dt)[1], unknown
 
 
-def noise_intensity(B_q: Floats, tau_u: Floats, d: Disturbance) -> Floats:
+def noise_intensity(B_q: Floats, d: Disturbance) -> Floats:
     """Intensity (M, M) of the white noise behind what disturbs a string whose inputs are measured.
 
     Parameters
     ----------
     B_q : ndarray (M, n), K/J
         Rates of the states by the heat of each cell.
-    tau_u : ndarray (n,), s
-        R_u C_s: how fast the coolant moves each casing.
     d : Disturbance
     """
     W: Floats = 2.0 * d.correlation * d.heat_cell**2 * (B_q @ B_q.T)
-    casings = np.arange(1, 2 * len(tau_u), 2)
-    W[casings, casings] += 2.0 * d.correlation * (d.coolant_cell / tau_u) ** 2
     W[_INLET, _INLET] = 2.0 * d.inlet**2 / d.correlation
     W[_HEAT, _HEAT] = 2.0 * d.heat_common**2 / d.correlation
     return W

@@ -183,9 +183,7 @@ def _reach(p: StringParameters, level: int, phi: float, disturbance: Disturbance
     p = at_level(p, level)
     system = augmented(p, disturbance)
     B = np.hstack((system.B_q, system.B_f[:, None]))
-    return Reach.of(
-        system.A, B, noise_intensity(system.B_q, p.R_u * p.C_s, disturbance), time_constant(phi, p.R_c, p.C_c)
-    )
+    return Reach.of(system.A, B, noise_intensity(system.B_q, disturbance), time_constant(phi, p.R_c, p.C_c))
 
 
 def _inputs(x: Floats, heat: Floats, inlet: Floats) -> Floats:

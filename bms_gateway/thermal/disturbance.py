@@ -22,9 +22,6 @@ class Disturbance:
         Heat error shared by the cells of a string.
     heat_cell : float, W
         Heat error of each cell on its own.
-    coolant_cell : float, K
-        Coolant at each cell on its own against the model's: the hottest or coldest of many cells is cooled worse or
-        better than they are.
     inlet : float, K
         Measured inlet against the coolant that meets the first cell.
     inlet_unknown : float, K
@@ -43,7 +40,6 @@ class Disturbance:
 
     heat_common: float = 0.5
     heat_cell: float = 0.15
-    coolant_cell: float = 0.0
     inlet: float = 0.5
     inlet_unknown: float = 5.0
     heat_unknown: float = 10.0
