@@ -27,6 +27,9 @@ LOOSE_SHARE = 0.3  # of the coolant in the reading of a thermocouple that is loo
 FILM_POWER = 0.63  # by which a film's conductance goes with the flow
 REFERENCE = 3
 FEW = "with fewer than three thermocouples on the string, only what happens at rest is told"
+FEW_AT_REST = (
+    "with fewer than three thermocouples on the string, heat at rest is told in a time that nobody has measured"
+)
 HEAT, OTHERS = "unexplained_heat", ("missing_heat", "cooling", "inlet")
 
 
@@ -71,7 +74,7 @@ def _shorts(facts: Facts) -> list[Scenario]:
         later = next((s for least, s in BESIDE if rate >= least), None)
         places = (
             ("", sensed, "cell {} has a short of {:g} W", soon, few),
-            ("-rest", sensed, "at rest, cell {} has a short of {:g} W", soon, ""),
+            ("-rest", sensed, "at rest, cell {} has a short of {:g} W", soon, few and FEW_AT_REST),
             ("-beside", beside, "cell {}, beside a thermocouple, has a short of {:g} W", later, few),
         )
         for suffix, cell, what, within_s, why in places:
