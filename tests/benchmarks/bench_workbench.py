@@ -1,4 +1,4 @@
-"""Workbench: time to the first picture of an hour of twelve cells, and what the live page of sixty cells costs.
+"""Workbench: times to the first picture and of a zoom, of an hour of twelve cells, and what the live page costs.
 
 `python -m tests.benchmarks.bench_workbench`. The browser is real; the live bus is a socket pair under the real port,
 fed by another process, in its own time.
@@ -33,11 +33,13 @@ from tests.workbench.browser import Driver, why_none
 from tests.workbench.test_live_vcan import traffic
 
 ROUNDS = 7
+ZOOM = "Plotly.relayout(document.querySelector('#plot-surface'), {'xaxis.range': arguments[0]})"
+ZOOMED = "return document.querySelector('#stage').dataset.window === arguments[0]"
 LIVE_S = 30.0
 
 
-def first_pictures(folder: Path) -> tuple[list[float], list[float]]:
-    """Time from opening the page to the measured curve, and to the plot that can be zoomed, s."""
+def pictures(folder: Path) -> tuple[list[float], list[float], list[float]]:
+    """Times from opening the page to the measured curve and to the plot that can be zoomed, and of zooms to a minute, s."""
     scenario = Scenario(
         {"resistance_temperature": ("strong", None)}, cells=12, sensors=tuple(range(1, 13)), seconds=3600
     )
@@ -46,7 +48,7 @@ def first_pictures(folder: Path) -> tuple[list[float], list[float]]:
     (folder / "pack.toml").write_text(log.model)
     words = [sys.executable, "-m", "bms_gateway", "workbench", "--port", "0", folder / "hour.csv", "--model"]
     driver = Driver(folder)
-    curves, plots = [], []
+    curves, plots, zooms = [], [], []
     try:
         for _ in range(ROUNDS):
             page = driver.window("about:blank")
@@ -57,13 +59,17 @@ def first_pictures(folder: Path) -> tuple[list[float], list[float]]:
             page.wait("return document.documentElement.dataset.firstPlot")
             for times, name in ((curves, "firstPicture"), (plots, "firstPlot")):
                 times.append(int(page.run("return document.documentElement.dataset[arguments[0]]", name)) / 1e3)
+            for minute in (5, 6, 7):
+                page.run(ZOOM, [minute, minute + 1])
+                page.wait(ZOOMED, f"{minute},{minute + 1}")
+                zooms.append(int(page.run("return document.querySelector('#stage').dataset.resampledMs")) / 1e3)
             driver.windows.pop().close()
             process.terminate()
             process.wait()
             process.stdout.close()
     finally:
         driver.close()
-    return curves, plots
+    return curves, plots, zooms
 
 
 def feed(sock: socket.socket, seconds: float) -> None:
@@ -121,20 +127,18 @@ def main() -> None:
     """Print both."""
     result: dict[str, object] = {}
     bare, _ = live(False)
-    with_page, pictures = live(True)
-    print(
-        f"live, 60 cells: {bare:.1f} % of a core without a page, {with_page:.1f} % with one; {pictures:.2f} pictures/s"
-    )
-    result["live"] = {"bare_pct": bare, "with_page_pct": with_page, "pictures_per_s": pictures}
+    with_page, shown = live(True)
+    print(f"live, 60 cells: {bare:.1f} % of a core without a page, {with_page:.1f} % with one; {shown:.2f} pictures/s")
+    result["live"] = {"bare_pct": bare, "with_page_pct": with_page, "pictures_per_s": shown}
     if why := why_none():
         print(f"first picture: {why}")
     else:
         with tempfile.TemporaryDirectory() as folder:
-            curves, plots = first_pictures(Path(folder))
-        for what, found in (("first picture", curves), ("to be zoomed", plots)):
+            curves, plots, zooms = pictures(Path(folder))
+        for what, found in (("first picture", curves), ("to be zoomed", plots), ("a zoom to a minute", zooms)):
             middle = statistics.median(found)
             print(f"{what}, 1 h of 12 cells: median {middle:.2f} s, {min(found):.2f} to {max(found):.2f} s")
-        result["first_picture_s"], result["first_plot_s"] = curves, plots
+        result["first_picture_s"], result["first_plot_s"], result["zoom_s"] = curves, plots, zooms
     print(json.dumps(result))
 
 

@@ -11,36 +11,13 @@ from bms_gateway.cli.main import main
 from bms_gateway.config.load import load_config
 from bms_gateway.engine.several import OneOfSeveral
 from bms_gateway.errors import ConfigError
-from tests.benchmarks.bench_several import CASES, score
+from tests.benchmarks.bench_several import CASES, DBC, MODEL, hottest, score
 from tests.truth.cycle import repeated
 from tests.truth.string import TruthString, rk4
 
-MODEL = """cells = {cells}
-sensors = []
-condition = "natural"
-effects = []
-[parameters]
-C_c  = {{ value = 268.0, unit = "J/K", rel_sd = 0.1 }}
-C_s  = {{ value = 18.8, unit = "J/K", rel_sd = 0.3 }}
-R_e  = {{ value = 3.5, unit = "mOhm", rel_sd = 0.2 }}
-R_c  = {{ value = 1.266, unit = "K/W", rel_sd = 0.2 }}
-R_u  = {{ value = 0.79, unit = "K/W", rel_sd = 0.3 }}
-R_cc = {{ value = 4.0, unit = "K/W", rel_sd = 0.3 }}
-"""
-DBC = """VERSION ""
-BU_: B
-BO_ 256 P: 8 B
- SG_ I : 0|16@1- (0.1,0) [-3000|3000] "A" B
- SG_ In : 16|16@1- (0.01,0) [-40|100] "C" B
-BO_ 257 T: 8 B
- SG_ Hi : 0|8@1+ (0.5,-40) [-40|80] "C" B
- SG_ Lo : 8|8@1+ (0.5,-40) [-40|80] "C" B
- SG_ Av : 16|8@1+ (0.5,-40) [-40|80] "C" B
-"""
-
 
 def config(folder: Path, cells: int, surface: str, extra: str = "") -> Path:
-    (folder / "car.dbc").write_text(DBC)
+    (folder / "car.dbc").write_text(DBC.format(step=0.5))
     (folder / "string.toml").write_text(MODEL.format(cells=cells))
     path = folder / "gateway.toml"
     path.write_text(
@@ -77,20 +54,6 @@ def drive(folder: Path, cells: int, seed: int, minutes: int = 40) -> tuple[Path,
     return log, core.max(axis=1)
 
 
-def hottest(folder: Path, log: Path, path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Time, hottest core and its sd by tick."""
-    assert main(["analyze", str(log), "--config", str(path), "--out", str(folder / "out")]) == 0
-    with (folder / "out" / "estimates.csv").open() as f:
-        rows = [
-            (float(r["time_s"]), float(r["core_C"] or "nan"), float(r["core_sd_K"] or "nan")) for r in csv.DictReader(f)
-        ]
-    t, core, sd = np.array(rows).T
-    times = np.unique(t)
-    core, sd = core.reshape(len(times), -1), sd.reshape(len(times), -1)
-    at = np.nanargmax(np.where(np.isnan(core), -np.inf, core), axis=1)
-    return times - 1_700_000_000, core[np.arange(len(times)), at], sd[np.arange(len(times)), at]
-
-
 ALL = """[string.signals.surface]
 hot = {{ max_of = "1-{0}", signal = "T.Hi" }}
 cold = {{ min_of = "1-{0}", signal = "T.Lo" }}
@@ -102,7 +65,9 @@ def error_of(cells: int, form: str, seed: int, minutes: int, folder: Path) -> tu
     """RMSE of the hottest core from minute 5 on, K, and the share inside 2 sd."""
     folder.mkdir(exist_ok=True)
     log, truth = drive(folder, cells, seed, minutes)
-    t, core, sd = hottest(folder, log, config(folder, cells, form.format(cells)))
+    path = config(folder, cells, form.format(cells))
+    assert main(["analyze", str(log), "--config", str(path), "--out", str(folder / "out")]) == 0
+    t, core, sd = hottest(folder / "out" / "estimates.csv")
     late = (t > 300) & (t < len(truth))
     error = core[late] - truth[t[late].astype(int)]
     rmse, inside = float(np.sqrt(np.mean(error**2))), float(np.mean(np.abs(error) < 2 * sd[late]))

@@ -117,13 +117,10 @@ def test_the_road_from_a_table_to_a_better_model(window, url, axe, pack, tmp_pat
         "const [a, b] = arguments[0];"
         "return document.querySelector('#plot-surface').data.at(-1).x.filter(x => x >= a && x <= b).length"
     )
-    took = []
     for k in range(6):
         page.run(zoom, [5 + k, 6 + k])
         page.wait("return document.querySelector('#stage').dataset.window === arguments[0]", f"{5 + k},{6 + k}")
         assert page.run(inside, [5 + k, 6 + k]) == 61
-        took.append(int(page.run("return document.querySelector('#stage').dataset.resampledMs")))
-    assert min(took) <= 300  # the machine may have other things to do
 
     page.click("#tab-take")
     assert "bms-gateway add entropic_heat" in page.text("#commands")
