@@ -39,7 +39,7 @@ LIVE_S = 30.0
 
 
 def pictures(folder: Path) -> tuple[list[float], list[float], list[float]]:
-    """Times from opening the page to the measured curve and to the plot that can be zoomed, and of zooms to a minute, s."""
+    """Times to the measured curve, to the plot that can be zoomed, and of zooms to a minute, s."""
     scenario = Scenario(
         {"resistance_temperature": ("strong", None)}, cells=12, sensors=tuple(range(1, 13)), seconds=3600
     )
