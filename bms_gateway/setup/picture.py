@@ -42,10 +42,8 @@ class Cores:
         k = int(np.nanargmax(e.core))
         self.time_ns.append(e.time_ns)
         surface = e.surface[np.isfinite(e.surface)]
-        self.rows.append(
-            (float(e.core[k]), float(e.core_sd[k]), float(surface.max(initial=np.nan)) if len(surface) else np.nan,
-             float(surface.min(initial=np.inf)) if len(surface) else np.nan)
-        )  # fmt: skip
+        warmest, coolest = (float(surface.max()), float(surface.min())) if len(surface) else (np.nan, np.nan)
+        self.rows.append((float(e.core[k]), float(e.core_sd[k]), warmest, coolest))
         if (e.time_ns - self.time_ns[0]) * 1e-9 < SETTLING_S:
             return
         if self.hottest is None or e.core[k] > self.hottest.core_C:
@@ -70,7 +68,7 @@ def draw(cores: Cores, path: Path) -> Path | None:
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     if np.isfinite(coolest).any():  # all may be stuck
-        axes.fill_between(t, coolest, warmest, color="0.8", label="measured surfaces")
+        axes.fill_between(t, coolest, warmest, color="0.8", label="surfaces")
     axes.fill_between(t, core - 2 * sd, core + 2 * sd, color="tab:red", alpha=0.2, label="± 2 sd")
     axes.plot(t, core, color="tab:red", label="hottest core")
     axes.set_xlabel("time, s")

@@ -1,0 +1,53 @@
+"""What the picture of a new vehicle's first cores is drawn from."""
+
+import numpy as np
+import pytest
+
+from bms_gateway.engine.events import Estimated
+from bms_gateway.engine.readings import Layout
+from bms_gateway.setup.picture import Cores, draw
+
+NAN = np.nan
+
+
+def estimated(second: int, core: list[float], surface: list[float]) -> Estimated:
+    """A tick of two strings of two cells."""
+    row, zero = np.array(core), np.zeros(4)
+    layout = Layout.of(["front", "rear"], [2, 2])
+    rest = np.zeros(4, np.uint8), row, zero + 0.5, zero, zero
+    return Estimated(second * 10**9, layout, row, zero + 0.5, np.array(surface), *rest)
+
+
+def taken() -> Cores:
+    cores = Cores()
+    cores.take(estimated(0, [20.0, 21.0, 22.0, NAN], [20.0, 20.5, 21.0, NAN]))
+    cores.take(estimated(100, [30.0, 31.0, 34.0, 33.0], [25.0, 26.0, 28.0, 27.0]))
+    cores.take(estimated(101, [30.0, 31.0, 33.0, 32.0], [NAN, NAN, NAN, NAN]))
+    return cores
+
+
+def test_a_row_has_the_hottest_core_and_the_range_of_the_surfaces() -> None:
+    # Bug: the warmest surface was always unknown, so the picture's legend named a band that was not there.
+    np.testing.assert_array_equal(
+        taken().rows, [(22.0, 0.5, 21.0, 20.0), (34.0, 0.5, 28.0, 25.0), (33.0, 0.5, NAN, NAN)]
+    )
+
+
+def test_the_hottest_is_that_after_settling_with_its_own_string_and_cell() -> None:
+    hottest = taken().hottest
+    assert (hottest.string, hottest.cell, hottest.core_C, hottest.at_s) == ("rear", 1, 34.0, 100.0)
+
+
+def test_the_surfaces_are_drawn(tmp_path, monkeypatch) -> None:
+    pytest.importorskip("matplotlib")
+    from matplotlib.axes import Axes
+
+    drawn, plain = {}, Axes.fill_between
+
+    def fill_between(axes, t, low, high, **how):
+        drawn[how["label"]] = np.stack((low, high))
+        return plain(axes, t, low, high, **how)
+
+    monkeypatch.setattr(Axes, "fill_between", fill_between)
+    assert draw(taken(), tmp_path / "cores.png").stat().st_size > 1000
+    np.testing.assert_array_equal(drawn["surfaces"][:, :2], [[20.0, 25.0], [21.0, 28.0]])
