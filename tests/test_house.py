@@ -1,5 +1,6 @@
 """The house itself: files that a person can read at a sitting, no empty rooms, nothing beside the agreed top level."""
 
+import re
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -22,8 +23,11 @@ def test_every_room_has_something_in_it() -> None:
         assert (room / "__init__.py").read_text().startswith('"""'), f"{room.name} does not say what it is for"
 
 
-def test_nothing_lies_beside_the_agreed_top_level() -> None:
-    assert {p.name for p in ROOT.iterdir() if not p.name.startswith(".")} <= TOP
+def test_nothing_lies_beside_the_agreed_top_level_but_what_the_readme_has_one_make() -> None:
+    made = set(re.findall(r"--out (\w+)$", (ROOT / "README.md").read_text(encoding="utf-8"), re.MULTILINE))
+    assert made == {"my_vehicle", "results"}
+    assert all(f"/{name}/" in (ROOT / ".gitignore").read_text(encoding="utf-8").split() for name in made)
+    assert {p.name for p in ROOT.iterdir() if not p.name.startswith(".")} <= TOP | made
 
 
 def test_what_libraries_do_well_is_left_to_them() -> None:
