@@ -66,7 +66,7 @@ LATE_S = 90.0
 """A thermocouple that has come off its cell follows it so late; less lag is a smaller share."""
 SLOPE_S = 600.0
 """A drift is told from heat by its shape after so long: heat has come to rest by then."""
-MOST = {Kind.LOOSE: 1.3, Kind.LAG: 1.6}
+MOST = {Kind.LOOSE: 1.3, Kind.LAG: 1.6, Kind.FLOW: 1.0}
 """Amplitudes beyond are none."""
 
 

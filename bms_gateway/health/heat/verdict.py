@@ -43,10 +43,11 @@ HOLD_S, HOLD_COMMON_S = 20.0, 60.0
 """One step's surprise is no fault: what is told has been the likeliest for as long."""
 USUAL = {Kind.FLOW: 4.0, Kind.INLET: 0.0, Kind.LOAD: 2.0, Kind.SLOPE: -2.0, Kind.LAG: 3.0}
 """ln of how much more often this changes in sound packs than a fault comes."""
-LEAST_RATE, LEAST_SHARE = 1e-3, 0.1
-"""Heat below this rate of the cell's capacity, K/s, or share of the heat by its current, is no fault. Where no other
-cells tell what the current makes, or nobody measures the coolant, only heat at rest is one: a cell that is nearly empty
-or cold, or cooled otherwise than its neighbours, seems to make several times its usual heat."""
+LEAST_RATE, LEAST_SHARE, ALONE_SHARE = 1e-3, 0.1, 3.0
+"""Heat below this rate of the cell's capacity, K/s, or share of the heat by its current, is no fault. The last share
+holds where no other cells tell what the current makes: a cell that is nearly empty or cold seems to make several times
+its usual heat. Where nobody measures the coolant, only heat at rest is a fault: cooling that is switched on or off looks
+like any heat."""
 GROUP, TEMPERED = 2, 8.0
 """Heat in a cell may sit in one so far away that shares a sensor with it; and by what evidence between these counts."""
 LEAST_JUMP, BACK_JUMP = 0.7, 0.4
@@ -247,8 +248,8 @@ class Verdict:
         s, f, place = self.s, self.of, new.place
         cell = int(f.at.told[s, place])
         load, rest = float(self.course.load[s, cell]), LEAST_RATE * float(f.C[s, place])
-        vague = f.alone[s] or self.course.constant_inlet[s]
-        if new.size < max(rest, LEAST_SHARE * load) or (vague and load > rest):
+        unsure = self.course.constant_inlet[s] or (f.alone[s] and f.z[s, f.at.load] < -1.0)  # a model that needs cold
+        if new.size < max(rest, (ALONE_SHARE if f.alone[s] else LEAST_SHARE) * load) or (unsure and load > rest):
             return False
         for j in new.places:
             f.open_heat(s, j, new.size)
