@@ -65,12 +65,10 @@ def follow(made: list[Made]) -> list[Told]:
             count += known[:, 0]
     share = inside / np.maximum(count, 1)[:, None]
     others = np.arange(case.cells) != case.cell - 1
-    return [
-        Told(a, *(x if n else (np.nan, np.nan)))
-        for a, n, x in zip(
-            alerts, count, zip(share[:, case.cell - 1], share[:, others].mean(axis=1), strict=True), strict=True
-        )
-    ]
+    unheard = np.full(S, np.nan)
+    sick, healthy = share[:, case.cell - 1], share[:, others].mean(axis=1) if others.any() else unheard
+    judged = np.where(count > 0, [sick, healthy], np.nan).T.tolist()
+    return [Told(a, *x) for a, x in zip(alerts, judged, strict=True)]
 
 
 def score(cases: list[Case]) -> dict[str, object]:
@@ -105,7 +103,8 @@ def score(cases: list[Case]) -> dict[str, object]:
     if c.fault == "heat":
         out["group_right"] = place
         out["sick_inside"] = round(float(np.nanmean([x.sick for x in told])), 3)
-        out["healthy_inside"] = round(float(np.nanmean([x.healthy for x in told])), 3)
+        if c.cells > 1:
+            out["healthy_inside"] = round(float(np.nanmean([x.healthy for x in told])), 3)
     return out
 
 

@@ -134,6 +134,7 @@ class HeatFilter:
         sd[:, at.inlet], sd[:, at.entropy] = INLET_SD, ENTROPY_SD
         known = [np.hypot(m.priors["R_c"].rel_sd, m.tolerances["cell_R_c"]) for m in models]
         self.gap_sd = np.maximum(LEAST_GAP_SD, np.array(known))
+        self.beside_sd = np.array([m.priors["R_cc"].rel_sd if m.cells > 1 else 0.0 for m in models])
         self.alone = np.array([len(m.sensors) < REFERENCE for m in models])
         sd[:, at.brisk] = np.where(self.alone, BRISK_ALONE_SD, BRISK_SD)
         row = np.arange(S)[:, None]
@@ -272,7 +273,8 @@ class HeatFilter:
     def open_heat(self, s: int, k: int, watts: float) -> None:
         """Let cell number `k` of those told of heat by itself from now on."""
         self.open[s, k] = True
-        self._open_sd[s, k] = max(OPEN_RATE * self.C[s, k], 0.5 * abs(watts))
+        held = abs(float(self.z[s, self.at.heat.start + k]))  # where it may sit in several cells, each has its own
+        self._open_sd[s, k] = max(OPEN_RATE * self.C[s, k], 0.5 * abs(watts), 0.5 * held)
 
     def close_heat(self, s: int, k: int) -> None:
         """Let cell number `k` be sound again."""

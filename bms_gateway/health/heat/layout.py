@@ -117,6 +117,12 @@ class Layout:
         """Places of the cells' own u."""
         return slice(self.own_load.stop, self.own_load.stop + self.near)
 
+    def nearest(self) -> Ints:
+        """For each cell (S, n) the cell with the nearest thermocouple, 0-based."""
+        apart = np.abs(np.arange(self.cells)[:, None] - self.sensors[:, None, :])
+        apart = np.where(self.fitted[:, None, :], apart, self.cells)
+        return np.take_along_axis(self.sensors, apart.argmin(axis=2), axis=1)
+
     def readings(self) -> Floats:
         """Which numbers a thermocouple reads: H (S, m, N), its cell's surface and its own offset."""
         H = np.zeros((self.strings, self.sensed, self.states))

@@ -46,8 +46,11 @@ USUAL = {Kind.FLOW: 4.0, Kind.INLET: 0.0, Kind.LOAD: 2.0, Kind.SLOPE: -2.0, Kind
 LEAST_RATE, LEAST_SHARE, ALONE_SHARE = 1e-3, 0.1, 3.0
 """Heat below this rate of the cell's capacity, K/s, or share of the heat by its current, is no fault. The last share
 holds where no other cells tell what the current makes: a cell that is nearly empty or cold seems to make several times
-its usual heat. Where nobody measures the coolant, only heat at rest is a fault: cooling that is switched on or off looks
-like any heat."""
+its usual heat. Where nobody measures the coolant, only heat at rest is a fault: cooling that is switched looks like
+heat."""
+SIZE_SD = 0.2
+"""Of new heat, relative: its first half minute shows how fast heat reaches the surface, by C_s and R_c, as much as how
+much it is."""
 GROUP, TEMPERED = 2, 8.0
 """Heat in a cell may sit in one so far away that shares a sensor with it; and by what evidence between these counts."""
 LEAST_JUMP, BACK_JUMP = 0.7, 0.4
@@ -307,6 +310,8 @@ class Verdict:
         off = moves - mean
         f.z[s] += mean
         f.P[s] += (off.T * chance) @ off + (along.T * (chance * var)) @ along
+        h = f.at.heat.start + e.place[group]
+        f.P[s, h, h] += chance * np.square(SIZE_SD * amplitude)
         return tuple(int(e.place[j]) for j, c in zip(group, chance.tolist(), strict=True) if c > 0.02)
 
     def _others(self, share: Floats, kind: Kind, place: int) -> tuple[tuple[str, float], ...]:
