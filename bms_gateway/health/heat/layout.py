@@ -98,9 +98,14 @@ class Layout:
         return self.nodes + 4
 
     @property
+    def common(self) -> slice:
+        """Places of what is common to all cells."""
+        return slice(self.nodes, self.nodes + COMMON)
+
+    @property
     def bias(self) -> slice:
         """Places of b_j."""
-        return slice(self.nodes + COMMON, self.nodes + COMMON + self.sensed)
+        return slice(self.common.stop, self.common.stop + self.sensed)
 
     @property
     def heat(self) -> slice:

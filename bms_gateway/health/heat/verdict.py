@@ -37,6 +37,9 @@ WAIT_S = 180.0
 UNTOLD = 3.0
 """ln: a cell that warmed in a sleep looks like a thermocouple that jumped; heat, the worse of the two, is told
 unless it is by so much less likely."""
+LIKE_HEAT, MOST_STOPPED = 1.5, 0.85
+"""A lone thermocouple reads much the same of heat and of films that are lost. Fans and pumps stop more often than cells
+short, so the evidence for films counts so much more. A fan that stands takes no more than the second share."""
 ALIKE = 1.0
 """ln: onsets between which evidence does not choose."""
 HOLD_S, HOLD_COMMON_S = 20.0, 60.0
@@ -172,6 +175,10 @@ class Verdict:
     def _weighed(self, each: Floats, w: Weighed, now_ns: int) -> list[Finding]:
         kinds, place = self.evidence.kinds, self.evidence.place
         E = each + self.usual()
+        if self.of.alone[self.s]:
+            flow = int(np.flatnonzero(kinds == Kind.FLOW)[0])
+            lost = float(w.amplitude[self.s, w.ln[self.s, :, flow].argmax(), flow])
+            E[flow] *= LIKE_HEAT if lost < MOST_STOPPED else 1.0
         best = int(E.argmax())
         kind, j = Kind(int(kinds[best])), int(place[best])
         if each[best] < ENOUGH.get(kind, SURE):
@@ -254,6 +261,8 @@ class Verdict:
         unsure = self.course.constant_inlet[s] or (f.alone[s] and f.z[s, f.at.load] < -1.0)  # a model that needs cold
         if new.size < max(rest, (ALONE_SHARE if f.alone[s] else LEAST_SHARE) * load) or (unsure and load > rest):
             return False
+        if float(f.z[s, f.at.heat.start + np.array(new.places)].max()) <= 0.0:
+            return False  # what the numbers make of it is cold
         for j in new.places:
             f.open_heat(s, j, new.size)
         new.code, new.cell, new.level = "unexplained_heat", cell + 1, 2
@@ -312,6 +321,8 @@ class Verdict:
         f.P[s] += (off.T * chance) @ off + (along.T * (chance * var)) @ along
         h = f.at.heat.start + e.place[group]
         f.P[s, h, h] += chance * np.square(SIZE_SD * amplitude)
+        if f.alone[s]:  # nothing else has changed, however far a lone thermocouple took it
+            f.z[s, f.at.common] = e.before(s, int(w.ln[s, :, fault].argmax()))
         return tuple(int(e.place[j]) for j, c in zip(group, chance.tolist(), strict=True) if c > 0.02)
 
     def _others(self, share: Floats, kind: Kind, place: int) -> tuple[tuple[str, float], ...]:
