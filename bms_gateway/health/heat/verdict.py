@@ -37,9 +37,10 @@ WAIT_S = 180.0
 UNTOLD = 3.0
 """ln: a cell that warmed in a sleep looks like a thermocouple that jumped; heat, the worse of the two, is told
 unless it is by so much less likely."""
-LIKE_HEAT, MOST_STOPPED = 1.5, 0.85
+LIKE_HEAT, MOST_STOPPED, RARER = 1.5, 0.85, 4.0
 """A lone thermocouple reads much the same of heat and of films that are lost. Fans and pumps stop more often than cells
-short, so the evidence for films counts so much more. A fan that stands takes no more than the second share."""
+short: heat is rarer by so much (ln) unless its evidence is so many times that of films. A fan that stands takes no more
+than the second share."""
 ALIKE = 1.0
 """ln: onsets between which evidence does not choose."""
 HOLD_S, HOLD_COMMON_S = 20.0, 60.0
@@ -176,9 +177,10 @@ class Verdict:
         kinds, place = self.evidence.kinds, self.evidence.place
         E = each + self.usual()
         if self.of.alone[self.s]:
-            flow = int(np.flatnonzero(kinds == Kind.FLOW)[0])
+            heat, flow = kinds == Kind.HEAT, int(np.flatnonzero(kinds == Kind.FLOW)[0])
             lost = float(w.amplitude[self.s, w.ln[self.s, :, flow].argmax(), flow])
-            E[flow] *= LIKE_HEAT if lost < MOST_STOPPED else 1.0
+            if lost < MOST_STOPPED and E[heat].max() < LIKE_HEAT * E[flow]:
+                E[heat] = np.minimum(E[heat], E[flow] - RARER)
         best = int(E.argmax())
         kind, j = Kind(int(kinds[best])), int(place[best])
         if each[best] < ENOUGH.get(kind, SURE):
