@@ -92,7 +92,7 @@ class Finding:
     since_ns : int
     text : str
     heat, heat_sd : float
-        W; NaN but for heat.
+        W, of all cells in which it may sit; NaN but for heat.
     sure : float
         Share of the evidence that this cause had when it was told.
     """
@@ -456,8 +456,8 @@ class Verdict:
         elif g.kind is Kind.LOAD:
             g.size = min(g.size, max(0.0, 1.0 + float(f.z[s, at.load])))
         elif g.kind is Kind.HEAT:
-            h = at.heat.start + g.place
-            g.heat, g.heat_sd = float(f.z[s, h]), sqrt(float(f.P[s, h, h]))
+            h = at.heat.start + np.array(g.places)  # a sensor tells their sum better than where it sits
+            g.heat, g.heat_sd = float(f.z[s, h].sum()), sqrt(max(0.0, float(f.P[s][np.ix_(h, h)].sum())))
         g.text = sentence(g, at.cells, now_ns)
 
 
