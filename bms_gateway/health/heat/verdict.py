@@ -179,7 +179,7 @@ class Verdict:
         if self.of.alone[self.s]:
             heat, flow = kinds == Kind.HEAT, int(np.flatnonzero(kinds == Kind.FLOW)[0])
             lost = float(w.amplitude[self.s, w.ln[self.s, :, flow].argmax(), flow])
-            if lost < MOST_STOPPED and E[heat].max() < LIKE_HEAT * E[flow]:
+            if 0.0 < lost < MOST_STOPPED and E[heat].max() < LIKE_HEAT * E[flow]:
                 E[heat] = np.minimum(E[heat], E[flow] - RARER)
         best = int(E.argmax())
         kind, j = Kind(int(kinds[best])), int(place[best])
