@@ -6,7 +6,7 @@ The rooms, from the ground up; a room imports from the lines above its own only:
 * `thermal`: the physics and its catalogue of effects; `frames`: bytes and physical values.
 * `identify`: parameters; `observe`: temperatures and their bands; `sensors`: which surfaces to measure.
 * `health`: what an estimate means: ageing, faults, alerts.
-* `engine`: frames and time in, frames and events out; `diagnose`: which effect a model lacks; `reproduce`: the paper's
+* `engine`: frames and time in, frames and events out; `diagnosis`: which effect a model lacks; `reproduce`: the paper's
   figures and tables.
 * `bus`: where frames come from and go to; `config`: TOML files; `report`: results as text, tables and pages; `store`:
   what is kept on disk.

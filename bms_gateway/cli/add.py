@@ -10,8 +10,8 @@ from bms_gateway.cli.output import command_line, note, say, write_json
 from bms_gateway.errors import UsageError
 
 if TYPE_CHECKING:
-    from bms_gateway.diagnose.adding import Addition, Wanted
-    from bms_gateway.diagnose.record import Record
+    from bms_gateway.diagnosis.adding import Addition, Wanted
+    from bms_gateway.diagnosis.record import Record
     from bms_gateway.thermal import StringModel
 
 EXAMPLE = """\
@@ -38,7 +38,7 @@ def arguments(parser: Parser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Add; 1 where the measurements speak against it."""
     from bms_gateway.config.model_file import write_model
-    from bms_gateway.diagnose.adding import check_signals
+    from bms_gateway.diagnosis.adding import check_signals
     from bms_gateway.report.add_text import add_document, add_text
     from bms_gateway.report.added import added_report, heading
     from bms_gateway.report.examine import findings_and_notes, sound
@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _wanted(args: argparse.Namespace, model: "StringModel") -> "list[Wanted]":
-    from bms_gateway.diagnose.adding import wanted
+    from bms_gateway.diagnosis.adding import wanted
 
     words = list(args.effect)
     if args.cell is not None:
@@ -83,7 +83,7 @@ def _wanted(args: argparse.Namespace, model: "StringModel") -> "list[Wanted]":
 
 
 def _added(model: "StringModel", records: "list[Record]", wants: "list[Wanted]") -> "Addition":
-    from bms_gateway.diagnose.adding import add_effects
+    from bms_gateway.diagnosis.adding import add_effects
     from bms_gateway.report.progress import share_of
 
     with share_of("adding") as tell:

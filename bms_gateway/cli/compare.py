@@ -23,7 +23,7 @@ def arguments(parser: Parser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Compare."""
-    from bms_gateway.diagnose.compare import compare
+    from bms_gateway.diagnosis.compare import compare
     from bms_gateway.report.comparison_text import comparison_document, comparison_text
     from bms_gateway.report.examine import findings_and_notes, long_enough
 

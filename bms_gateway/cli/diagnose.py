@@ -34,9 +34,9 @@ def run(args: argparse.Namespace) -> int:
     with share_of("diagnosing") as tell:
         told = examine(model, records, tell)
     if args.html:
-        from bms_gateway.diagnose.adding import cores_with_named
-        from bms_gateway.diagnose.compare import compare
-        from bms_gateway.diagnose.latent import latent
+        from bms_gateway.diagnosis.adding import cores_with_named
+        from bms_gateway.diagnosis.compare import compare
+        from bms_gateway.diagnosis.latent import latent
         from bms_gateway.report.examine import card_of, experiment_of, usable
         from bms_gateway.report.html import write_diagnosis
 

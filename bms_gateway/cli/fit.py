@@ -10,7 +10,7 @@ from bms_gateway.cli.output import say, write_json
 from bms_gateway.errors import ConfigError, DataError, UsageError
 
 if TYPE_CHECKING:
-    from bms_gateway.diagnose.record import Record
+    from bms_gateway.diagnosis.record import Record
 
 EXAMPLE = """\
   bms-gateway fit bench.csv --model string_1.toml --out fitted.toml
@@ -43,10 +43,10 @@ def arguments(parser: Parser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Fit, and write the model."""
     from bms_gateway.config.model_file import write_model
-    from bms_gateway.diagnose.calibrate import changes, channel_errors, identify
-    from bms_gateway.diagnose.core_known import judged_model
-    from bms_gateway.diagnose.detect import absorbed
-    from bms_gateway.diagnose.diagnosis import errors
+    from bms_gateway.diagnosis.calibrate import changes, channel_errors, identify
+    from bms_gateway.diagnosis.core_known import judged_model
+    from bms_gateway.diagnosis.detect import absorbed
+    from bms_gateway.diagnosis.diagnosis import errors
     from bms_gateway.report.core_text import NOT_PROVEN
     from bms_gateway.report.examine import findings_and_notes, sound
     from bms_gateway.report.fit_text import FitReport, fit_document, fit_text
@@ -94,7 +94,7 @@ def _cells(args: argparse.Namespace) -> int:
     """Find R_e of each cell, and write the model with these numbers."""
     from bms_gateway.config import load_config
     from bms_gateway.config.model_file import write_model
-    from bms_gateway.diagnose.cells import sensed_everywhere, tell_apart
+    from bms_gateway.diagnosis.cells import sensed_everywhere, tell_apart
     from bms_gateway.identify.cell_kept import kept
     from bms_gateway.identify.cell_prior import CellSettings
     from bms_gateway.report.cells_text import CellsReport, cells_document, cells_text

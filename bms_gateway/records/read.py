@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from bms_gateway.bus.logfile import read_log
 from bms_gateway.config import load_config
 from bms_gateway.config.load import LoadedConfig
-from bms_gateway.diagnose.record import Record, make_record
+from bms_gateway.diagnosis.record import Record, make_record
 from bms_gateway.engine import Decoded, Engine
 from bms_gateway.engine.plan import Channel, Quantity, StringPlan
 from bms_gateway.engine.reasons import REASONS

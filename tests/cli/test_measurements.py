@@ -9,7 +9,7 @@ import pytest
 from bms_gateway.cli.main import Parser, main
 from bms_gateway.cli.measurements import add_measurement_arguments, given_measurements
 from bms_gateway.config.model_file import parse_model, read_model
-from bms_gateway.diagnose.checks import check_record
+from bms_gateway.diagnosis.checks import check_record
 from bms_gateway.errors import ConfigError, DataError, UsageError
 from bms_gateway.records.read import read_measurements
 from tests.config.bench_cell import write_bench_table
@@ -17,7 +17,7 @@ from tests.config.files import MAPPED, OWN, write
 from tests.config.race_car import write_race_car
 from tests.config.test_model_file import EXAMPLE
 from tests.data import need
-from tests.diagnose.logs import rows
+from tests.diagnosis.logs import rows
 
 CELLS = 5
 MODEL = parse_model(EXAMPLE)

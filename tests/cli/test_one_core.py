@@ -153,9 +153,9 @@ def test_a_page_calls_the_same_numbers_not_identifiable_as_the_terminal(road):
 
 
 def test_the_band_does_not_hang_on_who_has_worked_something_out_already(road):
-    from bms_gateway.diagnose.calibrate import identify
-    from bms_gateway.diagnose.core_known import known_core
-    from bms_gateway.diagnose.diagnosis import diagnose
+    from bms_gateway.diagnosis.calibrate import identify
+    from bms_gateway.diagnosis.core_known import known_core
+    from bms_gateway.diagnosis.diagnosis import diagnose
     from bms_gateway.records.read import read_measurements
 
     pack, *_ = road

@@ -1,0 +1,19 @@
+"""A drive whose parts do not fit together is refused where it is made."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bms_gateway.diagnosis.record import make_record
+from tests.diagnosis.logs import rows, string_model
+
+
+@pytest.mark.parametrize(
+    ("wrong", "word"),
+    [({"I2": np.ones(3)}, "I2"), ({"dt": 0.0}, "last"), ({"known": frozenset({"humidity"})}, "humidity")],
+)
+def test_parts_that_do_not_fit_are_refused(wrong, word):
+    drive = make_record(**rows(600), model=string_model(), source="log").drive
+    with pytest.raises(ValueError, match=word):
+        replace(drive, **wrong)
