@@ -1,6 +1,7 @@
 """From rows of current, voltage, inlet, flow and charge to the means that drive a string."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -46,18 +47,87 @@ class Sampling:
     doubt: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class Rows:
-    """Columns of a table or a log, K rows; NaN where missing."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Columns:
+    """Measurements of one string, K rows: columns of a table, samples of a log, or arrays that a person has.
 
-    source: str
+    NaN is a missing value, so that each quantity may have stamps of its own. Lists are taken too.
+
+    Attributes
+    ----------
+    time_s : ndarray (K,)
+        Increasing, s.
+    current_A : ndarray (K,)
+        Discharge positive.
+    coolant_inlet_C : ndarray (K,)
+        Temperature of the coolant where it reaches the first cell, or of the ambient air, °C.
+    surface_C : mapping of cell (from 1) to ndarray (K,)
+        Thermocouples on the cells, °C.
+    voltage_V : ndarray (K,), optional
+        Of the whole string, its cells in series, as the gateway takes it; the mean of its cells where a share of it
+        would be too low for lithium-ion and it itself is not.
+    soc : ndarray (K,), optional
+        State of charge, 0…1.
+    coolant_flow_m3_s : ndarray (K,), optional
+    core_C : mapping of cell (from 1) to ndarray (K,)
+        Thermocouples in the cores, °C: never to choose by.
+    cell_voltage_V : mapping of cell (from 1) to ndarray (K,)
+        Tells the cells apart; no other use is made of it.
+    mean_square_current : ndarray (K,), optional
+        A², of the time that a row stands for; the square of the rows otherwise.
+    source : str
+        What reports and errors call the measurements.
+
+    Raises
+    ------
+    DataError
+        A column is no row of numbers, or has another number of rows than `time_s`.
+
+    Examples
+    --------
+    >>> drive = Columns(time_s=[0, 1, 2], current_A=[0, 9, 9], coolant_inlet_C=[25] * 3, surface_C={1: [25] * 3})
+    >>> drive.current_A
+    array([0., 9., 9.])
+    """
+
     time_s: Floats
     current_A: Floats
     coolant_inlet_C: Floats
-    voltage_V: Floats | None
-    soc: Floats | None
-    coolant_flow_m3_s: Floats | None
-    mean_square_current: Floats | None
+    surface_C: Mapping[int, Floats]
+    voltage_V: Floats | None = None
+    soc: Floats | None = None
+    coolant_flow_m3_s: Floats | None = None
+    core_C: Mapping[int, Floats] = field(default_factory=dict)
+    cell_voltage_V: Mapping[int, Floats] = field(default_factory=dict)
+    mean_square_current: Floats | None = None
+    source: str = "arrays"
+
+    def __post_init__(self) -> None:
+        rows = self._row("time_s", self.time_s, None)
+        object.__setattr__(self, "time_s", rows)
+        for name in ROWS:
+            if (given := getattr(self, name)) is not None:
+                object.__setattr__(self, name, self._row(name, given, len(rows)))
+        for name, of_cell in ROWS_OF_CELLS.items():
+            columns = {k: self._row(of_cell.format(k), x, len(rows)) for k, x in getattr(self, name).items()}
+            object.__setattr__(self, name, columns)
+
+    def _row(self, name: str, given: Floats, rows: int | None) -> Floats:
+        try:
+            x = np.asarray(given, np.float64)
+        except (TypeError, ValueError):
+            raise DataError(f"{self.source}: {name}: not a row of numbers") from None
+        if x.ndim != 1:
+            raise DataError(f"{self.source}: {name}: has the shape {x.shape}, expected one row of numbers")
+        if rows is not None and len(x) != rows:
+            raise DataError(f"{self.source}: {name}: {len(x)} values, but time_s has {rows}")
+        return x
+
+
+ROWS = ("current_A", "coolant_inlet_C", "voltage_V", "soc", "coolant_flow_m3_s", "mean_square_current")
+"""Columns of the whole string."""
+ROWS_OF_CELLS = {"surface_C": "surface_{}_C", "core_C": "core_{}_C", "cell_voltage_V": "cell_voltage_{}_V"}
+"""Columns of single cells, and what a table calls each."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,12 +193,12 @@ class Signals:
         return drive, soc_sd
 
 
-def draw_inputs(rows: Rows, model: StringModel, half_way: bool | None, notes: list[str]) -> Signals:
+def draw_inputs(rows: Columns, model: StringModel, half_way: bool | None, notes: list[str]) -> Signals:
     """Draw every input through its believable rows.
 
     Parameters
     ----------
-    rows : Rows
+    rows : Columns
     model : StringModel
         Cells, nominal flow.
     half_way : bool or None
@@ -170,7 +240,7 @@ def draw_inputs(rows: Rows, model: StringModel, half_way: bool | None, notes: li
     )
 
 
-def _believable(rows: Rows, x: Floats, quantity: str, name: str, notes: list[str]) -> tuple[Floats, Floats]:
+def _believable(rows: Columns, x: Floats, quantity: str, name: str, notes: list[str]) -> tuple[Floats, Floats]:
     """Stamps and values within the plausible range."""
     low, high = PLAUSIBLE[quantity]
     known = np.isfinite(x)
@@ -218,7 +288,7 @@ def _tell_reach(t: Floats, own: Floats, name: str, notes: list[str]) -> None:
         notes.append(f"The {name} is missing for {max(missing):.0f} s {where}: taken as constant there.")
 
 
-def _mean_square(rows: Rows, half_way: bool) -> Path | None:
+def _mean_square(rows: Columns, half_way: bool) -> Path | None:
     if rows.mean_square_current is None:
         return None
     known = np.isfinite(rows.mean_square_current)
@@ -228,7 +298,7 @@ def _mean_square(rows: Rows, half_way: bool) -> Path | None:
 
 
 def _voltage(
-    rows: Rows, model: StringModel, t_I: Floats, amps: Floats, half_way: bool, notes: list[str]
+    rows: Columns, model: StringModel, t_I: Floats, amps: Floats, half_way: bool, notes: list[str]
 ) -> tuple[Path | None, Terminal | None]:
     """Voltage of a cell: the string's, shared out evenly as in the gateway, unless it plainly is a cell's already."""
     if rows.voltage_V is None:
@@ -260,7 +330,7 @@ def _voltage(
     return path(t, V, creeps | (np.diff(t) > bridged(t)[0]), half_way=half_way), terminal
 
 
-def _flow(rows: Rows, model: StringModel, notes: list[str]) -> Path | None:
+def _flow(rows: Columns, model: StringModel, notes: list[str]) -> Path | None:
     """Flow as a ratio to nominal; a unit other than m³/s shows by its factor."""
     if rows.coolant_flow_m3_s is None:
         return None
@@ -289,7 +359,7 @@ def _flow(rows: Rows, model: StringModel, notes: list[str]) -> Path | None:
     return path(t, np.maximum(smooth(t, flow), 0.0) / nominal, True)
 
 
-def _recorded_charge(rows: Rows, notes: list[str]) -> Path | None:
+def _recorded_charge(rows: Columns, notes: list[str]) -> Path | None:
     if rows.soc is None:
         return None
     t, soc = _believable(rows, rows.soc, "soc", "soc", notes)

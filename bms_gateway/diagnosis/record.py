@@ -10,7 +10,6 @@ How rows become a signal, decided here once:
   parts lie in one row of intervals, parted by one that stands for the gap, and each starts anew.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 
 from bms_gateway.diagnosis.cell_rows import CellRows
 from bms_gateway.diagnosis.grid import Grid, lay_grid
-from bms_gateway.diagnosis.inputs import Rows, Sampling, Signals, draw_inputs
+from bms_gateway.diagnosis.inputs import Columns, Sampling, Signals, draw_inputs
 from bms_gateway.diagnosis.noise import Noise, estimate_noise
 from bms_gateway.diagnosis.readings import Readings, gather_readings
 from bms_gateway.errors import DataError
@@ -117,45 +116,14 @@ def in_held_out(share: Floats) -> NDArray[np.bool_]:
     return inside
 
 
-def make_record(
-    *,
-    time_s: Floats,
-    current_A: Floats,
-    coolant_inlet_C: Floats,
-    voltage_V: Floats | None = None,
-    soc: Floats | None = None,
-    coolant_flow_m3_s: Floats | None = None,
-    surface_C: Mapping[int, Floats],
-    core_C: Mapping[int, Floats] | None = None,
-    mean_square_current: Floats | None = None,
-    cell_voltage_V: Mapping[int, Floats] | None = None,
-    model: StringModel,
-    source: str,
-    half_way: bool | None = None,
-) -> Record:
+def make_record(rows: Columns, model: StringModel, half_way: bool | None = None) -> Record:
     """Make a record from rows.
 
     Parameters
     ----------
-    time_s : ndarray (K,)
-        Increasing, s. NaN in any of the others is a missing value, so that quantities may have stamps of their own.
-    current_A, coolant_inlet_C : ndarray (K,)
-        Discharge positive; °C.
-    voltage_V : ndarray (K,), optional
-        Of the whole string, its cells in series, as the gateway takes it; the mean of its cells where a share of it
-        would be too low for lithium-ion and it itself is not.
-    soc : ndarray (K,), optional
-        0…1.
-    coolant_flow_m3_s : ndarray (K,), optional
-    surface_C, core_C : mapping of cell (from 1) to ndarray (K,)
-    mean_square_current : ndarray (K,), optional
-        A², of the time that a row stands for; the square of the rows otherwise.
-    cell_voltage_V : mapping of cell (from 1) to ndarray (K,), optional
-        Tells the cells apart; no other use is made of it.
+    rows : Columns
     model : StringModel
         Which cells have sensors, nominal flow, capacity.
-    source : str
-        What it is called in reports and errors.
     half_way : bool, optional
         Whether a step lies half-way between its rows, or at the later one. Default: by the pattern of the stamps.
 
@@ -169,25 +137,16 @@ def make_record(
         Time does not increase, or there is no current, inlet or surface to work with.
     """
     notes: list[str] = []
+    source, time_s = rows.source, rows.time_s
     _check_time(source, time_s)
-    rows = Rows(
-        source,
-        time_s,
-        current_A,
-        coolant_inlet_C,
-        voltage_V,
-        soc,
-        coolant_flow_m3_s,
-        mean_square_current,
-    )
     signals: Signals = draw_inputs(rows, model, half_way, notes)
     grid: Grid = lay_grid(source, signals.current_s, model.cells, notes)
     drive, charge_sd = signals.drive(grid, model, notes)
-    surface = gather_readings(time_s, surface_C, model.sensors, grid, notes)
+    surface = gather_readings(time_s, rows.surface_C, model.sensors, grid, notes)
     if not len(surface.y):
         wanted = ", ".join(f"surface_{k}_C" for k in model.sensors)
         raise DataError(f"{source}: no readings of a sensor of the model ({wanted}) while the current is known")
-    core = gather_readings(time_s, core_C or {}, tuple(range(1, model.cells + 1)), grid, [], what="core")
+    core = gather_readings(time_s, rows.core_C, tuple(range(1, model.cells + 1)), grid, [], what="core")
     noise = estimate_noise(surface.at(grid.instants), surface.y, surface.sensor, len(surface.cells))
     held = in_held_out((surface.left + surface.share) / drive.N)
     return Record(
@@ -202,7 +161,7 @@ def make_record(
         grid.segments,
         tuple(notes),
         signals.sampling,
-        CellRows(time_s, current_A, cell_voltage_V) if cell_voltage_V else None,
+        CellRows(time_s, rows.current_A, rows.cell_voltage_V) if rows.cell_voltage_V else None,
         charge_sd,
     )
 

@@ -4,6 +4,7 @@ from functools import cache
 
 from bms_gateway.config.model_file import parse_model
 from bms_gateway.diagnosis.candidates import Candidate
+from bms_gateway.diagnosis.inputs import Columns
 from bms_gateway.diagnosis.record import make_record
 from bms_gateway.thermal.effects import effect_named
 from tests.truth.hidden import Scenario, make_log
@@ -13,16 +14,18 @@ def record_of(log, *, core=False):
     """Record and nominal model of a log; with the cores' temperatures as if thermocouples sat in them."""
     t, model = log.table, parse_model(log.model)
     record = make_record(
-        time_s=t["time_s"],
-        current_A=t["current_A"],
-        coolant_inlet_C=t["coolant_inlet_C"],
-        voltage_V=t.get("voltage_V"),
-        soc=t.get("soc"),
-        coolant_flow_m3_s=t.get("coolant_flow_m3_s"),
-        surface_C={int(k.split("_")[1]): v for k, v in t.items() if k.startswith("surface_")},
-        core_C={k + 1: log.core[:, k] for k in range(log.core.shape[1])} if core else None,
-        model=model,
-        source=log.scenario.name,
+        Columns(
+            time_s=t["time_s"],
+            current_A=t["current_A"],
+            coolant_inlet_C=t["coolant_inlet_C"],
+            voltage_V=t.get("voltage_V"),
+            soc=t.get("soc"),
+            coolant_flow_m3_s=t.get("coolant_flow_m3_s"),
+            surface_C={int(k.split("_")[1]): v for k, v in t.items() if k.startswith("surface_")},
+            core_C={k + 1: log.core[:, k] for k in range(log.core.shape[1])} if core else {},
+            source=log.scenario.name,
+        ),
+        model,
     )
     return record, model
 

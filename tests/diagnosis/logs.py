@@ -14,7 +14,7 @@ def string_model(cells=3, sensors=(1, 3), *, capacity_Ah=8.0, flow=0.0095):
 
 
 def rows(seconds=3000, *, sensors=(1, 3), noise=0.05, seed=0, dt=1.0):
-    """Columns by the names of `make_record`: rest, pulses of both signs at 60 A, an inlet in steps, flow and charge."""
+    """Columns by their names: rest, pulses of both signs at 60 A, an inlet in steps, flow and charge."""
     rng = np.random.default_rng([seed, 31])
     t = np.arange(0.0, seconds + dt / 2, dt)
     level = rng.choice([-60.0, 0.0, 20.0, 60.0], seconds // 20 + 2)

@@ -8,6 +8,7 @@ from functools import cache
 
 import numpy as np
 
+from bms_gateway.diagnosis.inputs import Columns
 from bms_gateway.diagnosis.prepare import measured
 from bms_gateway.diagnosis.record import make_record
 from bms_gateway.thermal import Prior, StringModel
@@ -61,13 +62,15 @@ def bench_record(name, *, voltage=False, every=1, share=1.0, noise=0.0, **scaled
         return out
 
     record = make_record(
-        time_s=stamps,
-        current_A=-at(t_fast, fast["I_A"]),
-        coolant_inlet_C=at(t[kept], slow["T_amb_C"][kept]),
-        voltage_V=at(t_fast, fast["V_V"]) if voltage else None,
-        surface_C={1: at(t[kept], surface[kept])},
-        model=model,
-        source=name,
+        Columns(
+            time_s=stamps,
+            current_A=-at(t_fast, fast["I_A"]),
+            coolant_inlet_C=at(t[kept], slow["T_amb_C"][kept]),
+            voltage_V=at(t_fast, fast["V_V"]) if voltage else None,
+            surface_C={1: at(t[kept], surface[kept])},
+            source=name,
+        ),
+        model,
     )
     core = np.interp(record.instants, t, slow["T_core_C"])
     return model, record, core

@@ -7,6 +7,7 @@ import pytest
 
 from bms_gateway.diagnosis.adding import check_signals, wanted
 from bms_gateway.diagnosis.calibrate import changes, channel_errors, fitted_model, identify, posterior
+from bms_gateway.diagnosis.inputs import Columns
 from bms_gateway.diagnosis.record import make_record
 from bms_gateway.errors import ConfigError, DataError
 from bms_gateway.identify.problem import Problem
@@ -22,14 +23,16 @@ def record(log, model=WIDE):
     t = log.table
     names = {k: f"surface_{k}_C" for k in log.scenario.sensors}
     return make_record(
-        time_s=t["time_s"],
-        current_A=t["current_A"],
-        coolant_inlet_C=t["coolant_inlet_C"],
-        soc=t["soc"],
-        coolant_flow_m3_s=t["coolant_flow_m3_s"],
-        surface_C={k: t[name] for k, name in names.items()},
-        model=model,
-        source=log.scenario.name,
+        Columns(
+            time_s=t["time_s"],
+            current_A=t["current_A"],
+            coolant_inlet_C=t["coolant_inlet_C"],
+            soc=t["soc"],
+            coolant_flow_m3_s=t["coolant_flow_m3_s"],
+            surface_C={k: t[name] for k, name in names.items()},
+            source=log.scenario.name,
+        ),
+        model,
     )
 
 
@@ -146,7 +149,7 @@ class TestWanted:
     def test_signals_that_are_not_there(self):
         columns = {k: v for k, v in rows(600).items() if k not in ("soc", "voltage_V")}
         bare = string_model(3, (1, 3), capacity_Ah=None)
-        r = make_record(**columns, model=bare, source="bench.csv")
+        r = make_record(Columns(**columns, source="bench.csv"), bare)
         with pytest.raises(DataError, match=r"bench.csv: resistance_soc needs the column soc, or cell.capacity_Ah"):
             check_signals([wanted("resistance_soc", bare)], [r])
         with pytest.raises(DataError, match="voltage_heat needs the column voltage_V"):

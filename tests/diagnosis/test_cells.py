@@ -8,6 +8,7 @@ import pytest
 
 from bms_gateway.diagnosis.cell_rows import CellRows
 from bms_gateway.diagnosis.cells import sensed_everywhere, tell_apart
+from bms_gateway.diagnosis.inputs import Columns
 from bms_gateway.diagnosis.record import Record, make_record
 from bms_gateway.identify.cell_prior import CellSettings
 from bms_gateway.thermal import Disturbance, Prior, StringModel
@@ -41,7 +42,7 @@ def columns() -> dict:
 
 
 def record(c: dict, m: StringModel | None = None) -> Record:
-    return make_record(**c, model=sensed_everywhere(m or model()), source="run.csv")
+    return make_record(Columns(**c, source="run.csv"), sensed_everywhere(m or model()))
 
 
 def found(r: Record, m: StringModel | None = None):

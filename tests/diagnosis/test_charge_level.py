@@ -6,6 +6,7 @@ The truth's open-circuit curves and overpotential are those of `tests.truth` and
 import numpy as np
 import pytest
 
+from bms_gateway.diagnosis.inputs import Columns
 from bms_gateway.diagnosis.record import make_record
 from bms_gateway.thermal import Prior, StringModel
 from tests.truth.hidden import open_circuit
@@ -43,14 +44,16 @@ def record(amps, soc, *, phosphate, model=None, volts=True, time_s=None, soc_kno
     t = np.arange(len(amps), dtype=float) if time_s is None else time_s
     rng = np.random.default_rng(1)
     return make_record(
-        time_s=t,
-        current_A=amps,
-        coolant_inlet_C=np.full(len(amps), 25.0),
-        voltage_V=V if volts else None,
-        soc=soc if soc_known else None,
-        surface_C={1: 25.0 + 1e-3 * t + 0.05 * rng.standard_normal(len(t))},
-        model=model or cell(),
-        source="log",
+        Columns(
+            time_s=t,
+            current_A=amps,
+            coolant_inlet_C=np.full(len(amps), 25.0),
+            voltage_V=V if volts else None,
+            soc=soc if soc_known else None,
+            surface_C={1: 25.0 + 1e-3 * t + 0.05 * rng.standard_normal(len(t))},
+            source="log",
+        ),
+        model or cell(),
     )
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from bms_gateway.diagnosis.checks import check_record
+from bms_gateway.diagnosis.inputs import Columns
 from bms_gateway.diagnosis.record import make_record
 from bms_gateway.thermal import Prior, StringModel
 from tests.diagnosis.logs import rows, string_model
@@ -13,7 +14,7 @@ from tests.diagnosis.logs import rows, string_model
 
 def findings(columns, model=None, **more):
     model = model or string_model()
-    found = check_record(make_record(**{**columns, **more}, model=model, source="log"), model)
+    found = check_record(make_record(Columns(**{**columns, **more}, source="log"), model), model)
     return {f.kind: f for f in found}
 
 
@@ -29,7 +30,7 @@ def test_a_sound_record_raises_no_suspicion():
 def test_the_worst_comes_first():
     model = string_model()
     c = first(rows(), 200)
-    found = check_record(make_record(**c, model=model, source="log"), model)
+    found = check_record(make_record(Columns(**c, source="log"), model), model)
     order = ["stop", "warn", "note"]
     assert [order.index(f.severity) for f in found] == sorted(order.index(f.severity) for f in found)
     assert found[0].severity == "stop"

@@ -5,6 +5,7 @@ import pytest
 
 from bms_gateway.diagnosis.candidates import Candidate
 from bms_gateway.diagnosis.curve import entropic_curve
+from bms_gateway.diagnosis.inputs import Columns
 from bms_gateway.diagnosis.prepare import measured
 from bms_gateway.diagnosis.record import make_record
 from bms_gateway.identify.map_fit import fitted
@@ -48,13 +49,15 @@ def record(seed, law, soc_known=True, span=(0.95, 0.05), R_u=STILL_AIR):
     (trace,) = integrate([t])
     rng = np.random.default_rng([seed, 6])
     return make_record(
-        time_s=np.arange(len(amps), dtype=float),
-        current_A=amps,
-        coolant_inlet_C=np.full(len(amps), 25.0),
-        soc=t.soc if soc_known else None,
-        surface_C={1: np.asarray(trace.surface)[:-1, 0] + 0.02 * rng.standard_normal(len(amps))},
-        model=model(R_u),
-        source="log",
+        Columns(
+            time_s=np.arange(len(amps), dtype=float),
+            current_A=amps,
+            coolant_inlet_C=np.full(len(amps), 25.0),
+            soc=t.soc if soc_known else None,
+            surface_C={1: np.asarray(trace.surface)[:-1, 0] + 0.02 * rng.standard_normal(len(amps))},
+            source="log",
+        ),
+        model(R_u),
     )
 
 

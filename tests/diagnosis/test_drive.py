@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bms_gateway.diagnosis.inputs import Columns
 from bms_gateway.diagnosis.record import make_record
 from tests.diagnosis.logs import rows, string_model
 
@@ -14,6 +15,6 @@ from tests.diagnosis.logs import rows, string_model
     [({"I2": np.ones(3)}, "I2"), ({"dt": 0.0}, "last"), ({"known": frozenset({"humidity"})}, "humidity")],
 )
 def test_parts_that_do_not_fit_are_refused(wrong, word):
-    drive = make_record(**rows(600), model=string_model(), source="log").drive
+    drive = make_record(Columns(**rows(600), source="log"), string_model()).drive
     with pytest.raises(ValueError, match=word):
         replace(drive, **wrong)

@@ -6,13 +6,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bms_gateway.diagnosis.checks import check_record
+from bms_gateway.diagnosis.inputs import Columns
 from bms_gateway.diagnosis.record import make_record
 from bms_gateway.errors import DataError
 from tests.diagnosis.logs import rows, string_model
 
 
 def record(columns, model=None, **more):
-    return make_record(**{**columns, **more}, model=model or string_model(), source="log")
+    return make_record(Columns(**{**columns, **more}, source="log"), model or string_model())
 
 
 def said(r, *words):
@@ -65,12 +66,8 @@ def test_ten_rows_a_second_keep_their_mean_square_and_the_readings_their_mean():
     fast = rng.normal(0, 40, 6001)
     y = 25 + t / 60 + 0.1 * rng.standard_normal(6001)
     r = make_record(
-        time_s=t,
-        current_A=fast,
-        coolant_inlet_C=np.full(6001, 20.0),
-        surface_C={1: y},
-        model=string_model(1, (1,)),
-        source="fast",
+        Columns(time_s=t, current_A=fast, coolant_inlet_C=np.full(6001, 20.0), surface_C={1: y}, source="fast"),
+        string_model(1, (1,)),
     )
     assert r.drive.N == 600
     assert pytest.approx((fast[:6000] ** 2).reshape(600, 10).mean(axis=1), rel=1e-12) == r.drive.I2
@@ -89,12 +86,14 @@ def test_a_tester_that_logs_in_bursts_has_its_steps_half_way():
     t = np.sort(np.concatenate([np.arange(0.0, 600.0), np.arange(9.9996, 600.0, 10)]))
     amps = np.where((t // 20) % 2 == 0, 10.0, -10.0)
     r = make_record(
-        time_s=t,
-        current_A=amps,
-        coolant_inlet_C=np.full(len(t), 20.0),
-        surface_C={1: 20 + t / 100},
-        model=string_model(1, (1,)),
-        source="tester",
+        Columns(
+            time_s=t,
+            current_A=amps,
+            coolant_inlet_C=np.full(len(t), 20.0),
+            surface_C={1: 20 + t / 100},
+            source="tester",
+        ),
+        string_model(1, (1,)),
     )
     assert said(r, "half-way")
     assert np.mean(r.drive.I2) == pytest.approx(100.0, rel=1e-3)
@@ -277,16 +276,18 @@ def test_whatever_is_missing_the_outcome_is_a_sound_record_or_one_line(data):
     model = string_model(capacity_Ah=data.draw(st.sampled_from([None, 8.0])))
     try:
         r = make_record(
-            time_s=t,
-            current_A=column(50, 0.0),
-            coolant_inlet_C=column(1, 22.0),
-            voltage_V=column(0.1, data.draw(st.sampled_from([0.0, 3.3, 9.9, 400.0]))),
-            soc=column(0.1, 0.5),
-            coolant_flow_m3_s=column(0.001, data.draw(st.sampled_from([0.0, 0.0095, 9.5]))),
-            surface_C={1: column(1, 25.0), 3: column(600, 25.0)},
-            core_C={2: column(1, 30.0)},
-            model=model,
-            source="log",
+            Columns(
+                time_s=t,
+                current_A=column(50, 0.0),
+                coolant_inlet_C=column(1, 22.0),
+                voltage_V=column(0.1, data.draw(st.sampled_from([0.0, 3.3, 9.9, 400.0]))),
+                soc=column(0.1, 0.5),
+                coolant_flow_m3_s=column(0.001, data.draw(st.sampled_from([0.0, 0.0095, 9.5]))),
+                surface_C={1: column(1, 25.0), 3: column(600, 25.0)},
+                core_C={2: column(1, 30.0)},
+                source="log",
+            ),
+            model,
         )
     except DataError as e:
         line = str(e)

@@ -19,6 +19,7 @@ from bms_gateway.diagnosis.calibrate import channel_errors
 from bms_gateway.diagnosis.checks import Finding, check_record
 from bms_gateway.diagnosis.compare import compare
 from bms_gateway.diagnosis.diagnosis import diagnose, errors
+from bms_gateway.diagnosis.inputs import Columns
 from bms_gateway.diagnosis.judge import Settings
 from bms_gateway.diagnosis.latent import latent
 from bms_gateway.diagnosis.record import HELD_OUT, make_record
@@ -97,14 +98,16 @@ def measured_log():
     )
     model, t = parse_model(log.model), log.table
     record = make_record(
-        time_s=t["time_s"],
-        current_A=t["current_A"],
-        coolant_inlet_C=t["coolant_inlet_C"],
-        soc=t["soc"],
-        surface_C={k: t[f"surface_{k}_C"] for k in model.sensors},
-        core_C={3: log.core[: len(t["time_s"]), 2]},
-        model=model,
-        source="bench <1>.csv",
+        Columns(
+            time_s=t["time_s"],
+            current_A=t["current_A"],
+            coolant_inlet_C=t["coolant_inlet_C"],
+            soc=t["soc"],
+            surface_C={k: t[f"surface_{k}_C"] for k in model.sensors},
+            core_C={3: log.core[: len(t["time_s"]), 2]},
+            source="bench <1>.csv",
+        ),
+        model,
     )
     return model, record
 
