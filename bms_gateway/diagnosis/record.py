@@ -78,6 +78,25 @@ class Record:
     voltages: CellRows | None = None
     charge_sd: float = 0.0
 
+    @staticmethod
+    def of(rows: Columns, model: StringModel, half_way: bool | None = None) -> "Record":
+        """Make a record from columns; see `make_record`.
+
+        Examples
+        --------
+        >>> from bms_gateway.thermal import Prior
+        >>> numbers = {"C_c": 60.0, "C_s": 5.0, "R_e": 0.025, "R_c": 2.0, "R_u": 8.0}
+        >>> model = StringModel(1, (1,), "single", {name: Prior(value, 0.3) for name, value in numbers.items()})
+        >>> t = np.arange(601.0)
+        >>> warm = 25.0 + 3.0 * (1.0 - np.exp(-t / 300.0))
+        >>> inlet = np.full(601, 25.0)
+        >>> drive = Columns(time_s=t, current_A=15.0 * (t < 300), coolant_inlet_C=inlet, surface_C={1: warm})
+        >>> record = Record.of(drive, model)
+        >>> record.cells, record.drive.N, record.drive.dt
+        ((1,), 600, 1.0)
+        """
+        return make_record(rows, model, half_way)
+
     @property
     def cells(self) -> tuple[int, ...]:
         """Cells (from 1) whose surface was measured."""

@@ -116,21 +116,8 @@ def _from_table(
     if table.time_s[0] >= 0.0:
         check_time(table)
     check_kelvin(table)
-    record = make_record(
-        Columns(
-            time_s=table.time_s,
-            current_A=table.current_A,
-            coolant_inlet_C=table.coolant_inlet_C,
-            voltage_V=_whole_voltage(table, model),
-            soc=table.soc,
-            coolant_flow_m3_s=table.coolant_flow_m3_s,
-            surface_C=_cells_of(table, model),
-            core_C=table.core_C,
-            cell_voltage_V=table.cell_voltage_V,
-            source=table.source,
-        ),
-        model,
-    )
+    rows = replace(table, voltage_V=_whole_voltage(table, model), surface_C=_cells_of(table, model))
+    record = make_record(rows, model)
     if table.notes:
         record = replace(record, notes=(*record.notes, f"The table: {'; '.join(table.notes)}."))
     if table.ignored:
