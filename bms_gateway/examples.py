@@ -3,7 +3,7 @@
 import sys
 
 import bms_gateway as bms
-from bms_gateway.config.dbc import shipped
+from bms_gateway.config.dbc_files import shipped
 
 
 def main(table: str, model_file: str) -> None:

@@ -10,14 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bms_gateway.diagnosis.inputs import Columns
+from bms_gateway.diagnosis.record_inputs import Columns
 from bms_gateway.engine.plan import Channel, Plan, StringPlan
-from bms_gateway.engine.several import statistic_of
+from bms_gateway.engine.statistics import statistic_of
 from bms_gateway.errors import UsageError
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.database import Database
 from bms_gateway.frames.encode import Encoder
-from bms_gateway.frames.signals import SignalInfo
+from bms_gateway.frames.signal_info import SignalInfo
 from bms_gateway.thermal import Floats
 
 SECOND = 1_000_000_000

@@ -75,7 +75,7 @@ def _cells(args: argparse.Namespace) -> int:
     """Find R_e of each cell, and write the model with these numbers."""
     from bms_gateway.config import load_config
     from bms_gateway.config.model_file import write_model
-    from bms_gateway.diagnosis.cells import sensed_everywhere, tell_apart
+    from bms_gateway.diagnosis.cells_apart import sensed_everywhere, tell_apart
     from bms_gateway.identify.cell_kept import kept
     from bms_gateway.identify.cell_prior import CellSettings
     from bms_gateway.report.cells_text import CellsReport, cells_document, cells_text

@@ -15,13 +15,13 @@ from bms_gateway.diagnosis.candidates import INSTEAD, Candidate, candidates, exc
 from bms_gateway.diagnosis.core_band import posterior
 from bms_gateway.diagnosis.core_known import KnownCore, judged_model, known_core
 from bms_gateway.diagnosis.diagnosis import Diagnosis, diagnose
-from bms_gateway.diagnosis.judge import HALF, Settings, gate, prior_odds
+from bms_gateway.diagnosis.error_words import falls, why_not
 from bms_gateway.diagnosis.record import Record
 from bms_gateway.diagnosis.residuals import rmse, structure
 from bms_gateway.diagnosis.screen import screen
 from bms_gateway.diagnosis.search import Progress, refit, refit_from_nominal
-from bms_gateway.diagnosis.second import SecondSearch
-from bms_gateway.diagnosis.words import falls, why_not
+from bms_gateway.diagnosis.second_search import SecondSearch
+from bms_gateway.diagnosis.weighing import HALF, Settings, gate, prior_odds
 from bms_gateway.errors import ConfigError, DataError
 from bms_gateway.identify.map_fit import MapFit, refreshed, stacked
 from bms_gateway.thermal import Floats, StringModel

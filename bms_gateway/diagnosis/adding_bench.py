@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from bms_gateway.diagnosis.candidates import Candidate
-from bms_gateway.diagnosis.second import SecondSearch
+from bms_gateway.diagnosis.second_search import SecondSearch
 from bms_gateway.identify.coordinates import Measured
 from bms_gateway.identify.map_fit import MapFit
 

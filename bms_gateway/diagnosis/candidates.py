@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from bms_gateway.diagnosis.ammeter import rests_at_zero
+from bms_gateway.diagnosis.current_sensor import rests_at_zero
 from bms_gateway.thermal import AddedEffect, StringModel
 from bms_gateway.thermal.drive import Drive
 from bms_gateway.thermal.effects import Effect, EffectParameter, catalogue

@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from bms_gateway.diagnosis.inputs import MINUTE_S
 from bms_gateway.diagnosis.record import Record
+from bms_gateway.diagnosis.record_inputs import MINUTE_S
 from bms_gateway.identify.coordinates import Measured
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.identify.problem import Problem

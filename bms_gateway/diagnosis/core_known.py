@@ -30,12 +30,12 @@ from bms_gateway.diagnosis.checks import check_record
 from bms_gateway.diagnosis.coarse_rows import HOPELESS, doubt, left_open
 from bms_gateway.diagnosis.core_band import LUMPED, UNPROVEN, CoreBand, core_bands, half_width_K, posterior, typical_K
 from bms_gateway.diagnosis.geometry import odd_fitted
-from bms_gateway.diagnosis.judge import Settings, Trial
 from bms_gateway.diagnosis.misfit import nearest, sensors
 from bms_gateway.diagnosis.prepare import measured
 from bms_gateway.diagnosis.record import Record
 from bms_gateway.diagnosis.residuals import unexplained
 from bms_gateway.diagnosis.search import search
+from bms_gateway.diagnosis.weighing import Settings, Trial
 from bms_gateway.identify.coordinates import Coordinate
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.thermal import KINDS, Floats, StringModel

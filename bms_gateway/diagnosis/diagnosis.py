@@ -22,8 +22,8 @@ from bms_gateway.diagnosis.calibrate import seen_on
 from bms_gateway.diagnosis.candidates import INSTEAD, Candidate
 from bms_gateway.diagnosis.coarse_rows import doubt
 from bms_gateway.diagnosis.core_band import core_moved
+from bms_gateway.diagnosis.error_words import course, falls, rises, why_not
 from bms_gateway.diagnosis.geometry import odd_fitted
-from bms_gateway.diagnosis.judge import Settings, Trial
 from bms_gateway.diagnosis.prepare import measured
 from bms_gateway.diagnosis.record import Record
 from bms_gateway.diagnosis.residuals import (
@@ -36,8 +36,8 @@ from bms_gateway.diagnosis.residuals import (
     within,
 )
 from bms_gateway.diagnosis.search import Progress, Search, search
-from bms_gateway.diagnosis.second import SecondSearch, needs_second, second_search
-from bms_gateway.diagnosis.words import course, falls, rises, why_not
+from bms_gateway.diagnosis.second_search import SecondSearch, needs_second, second_search
+from bms_gateway.diagnosis.weighing import Settings, Trial
 from bms_gateway.identify.coordinates import Measured
 from bms_gateway.identify.map_fit import MapFit, stacked
 from bms_gateway.thermal import StringModel

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from bms_gateway.diagnosis.candidates import Candidate
 from bms_gateway.diagnosis.core_band import tempered
 from bms_gateway.diagnosis.feasible import Plan, limits_of, plans
-from bms_gateway.diagnosis.judge import Trial
 from bms_gateway.diagnosis.residuals import structure
 from bms_gateway.diagnosis.search import Search
+from bms_gateway.diagnosis.weighing import Trial
 from bms_gateway.identify.coordinates import OWN, Channel, Measured
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.identify.problem import Problem

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bms_gateway.diagnosis.ammeter import charge_too_much
 from bms_gateway.diagnosis.candidates import INSTEAD, Candidate, candidates, excluded
+from bms_gateway.diagnosis.current_sensor import charge_too_much
 from bms_gateway.diagnosis.geometry import odd_fitted
 from bms_gateway.diagnosis.model_error import REFINEMENTS, Bench, Fit, fit
 from bms_gateway.diagnosis.screen import Gain, extended, screen

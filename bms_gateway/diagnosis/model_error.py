@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from bms_gateway.diagnosis.discrepancy import START, Discrepancy, Noise
+from bms_gateway.diagnosis.slow_error import START, Discrepancy, Noise
 from bms_gateway.identify.coordinates import Belief, Measured
 from bms_gateway.identify.map_fit import GAIN, Linear, MapFit, map_fit, weighed
 from bms_gateway.identify.problem import Problem

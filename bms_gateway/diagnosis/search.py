@@ -1,6 +1,6 @@
 """The search for missing effects: screen all, refit the best, let evidence and held-out readings decide, repeat.
 
-Evidence and held-out readings decide as `judge` says. After each addition the earlier ones are tried again: dropped
+Evidence and held-out readings decide as `weighing` says. After each addition the earlier ones are tried again: dropped
 when superfluous, exchanged when another does their work better.
 """
 
@@ -11,9 +11,9 @@ import numpy as np
 
 from bms_gateway.diagnosis.candidates import INSTEAD, Candidate, candidates
 from bms_gateway.diagnosis.coarse_rows import HOPELESS, left_open
-from bms_gateway.diagnosis.judge import HALF, Settings, Trial, judge, prior_odds, worth
 from bms_gateway.diagnosis.residuals import log_density, rmse, structure, within
 from bms_gateway.diagnosis.screen import Gain, extended, screen
+from bms_gateway.diagnosis.weighing import HALF, Settings, Trial, judge, prior_odds, worth
 from bms_gateway.identify.coordinates import Measured
 from bms_gateway.identify.map_fit import MapFit, annealed, converged, fitted, map_fit, refreshed, stacked
 from bms_gateway.identify.problem import Problem

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.bus.logfile import read_log
-from bms_gateway.config.dbc import dbc_text, read_dbc
+from bms_gateway.config.dbc_files import dbc_text, read_dbc
 from bms_gateway.errors import UsageError
 from bms_gateway.frames import decode as frames
 from bms_gateway.frames.database import Database

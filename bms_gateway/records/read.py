@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from bms_gateway.bus.logfile import read_log
 from bms_gateway.config import load_config
 from bms_gateway.config.load import LoadedConfig
-from bms_gateway.diagnosis.inputs import Columns
 from bms_gateway.diagnosis.record import Record, make_record
+from bms_gateway.diagnosis.record_inputs import Columns
 from bms_gateway.engine import Decoded, Engine
 from bms_gateway.engine.plan import Channel, Quantity, StringPlan
 from bms_gateway.engine.reasons import REASONS
-from bms_gateway.engine.several import stand_in
+from bms_gateway.engine.statistics import stand_in
 from bms_gateway.errors import ConfigError, DataError, UsageError, did_you_mean
 from bms_gateway.frames.quality import Quality
 from bms_gateway.records.kind import check_kelvin, check_time, log_kind

@@ -12,7 +12,7 @@ from bms_gateway.diagnosis.checks import Finding
 from bms_gateway.diagnosis.compare import CoreCheck
 from bms_gateway.diagnosis.core_known import KnownCore
 from bms_gateway.diagnosis.diagnosis import Errors
-from bms_gateway.diagnosis.words import course
+from bms_gateway.diagnosis.error_words import course
 from bms_gateway.report.core_text import NOT_PROVEN, core_document, core_text
 from bms_gateway.report.diagnosis_text import finite, told_aside, warned
 from bms_gateway.report.fit_text import change_document, changes_table

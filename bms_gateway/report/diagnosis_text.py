@@ -10,7 +10,7 @@ from bms_gateway.diagnosis.checks import Finding
 from bms_gateway.diagnosis.core_known import KnownCore
 from bms_gateway.diagnosis.curve import Curve
 from bms_gateway.diagnosis.diagnosis import Diagnosis, Errors, Number, Selected
-from bms_gateway.diagnosis.standing import Standing
+from bms_gateway.diagnosis.ranking import Standing
 from bms_gateway.report.core_text import core_document, core_text
 from bms_gateway.report.show import number, text_table
 

@@ -11,9 +11,9 @@ from bms_gateway.diagnosis.curve import Curve, entropic_curve
 from bms_gateway.diagnosis.detect import Card, detectability
 from bms_gateway.diagnosis.diagnosis import Diagnosis, diagnose
 from bms_gateway.diagnosis.experiment import Experiment, next_experiment
+from bms_gateway.diagnosis.ranking import ranking
 from bms_gateway.diagnosis.record import Record
 from bms_gateway.diagnosis.search import Progress
-from bms_gateway.diagnosis.standing import ranking
 from bms_gateway.errors import DataError
 from bms_gateway.identify.map_fit import MapFit, stacked
 from bms_gateway.report.diagnosis_text import Told

@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bms_gateway.diagnosis.inputs import Columns
+from bms_gateway.diagnosis.record_inputs import Columns
 from bms_gateway.errors import DataError, UsageError, did_you_mean
 from bms_gateway.report.columns import Column, find_columns, lookalike
 from bms_gateway.report.dates import DateForm, date_form
+from bms_gateway.report.file_rows import Piece, Rows, open_csv, open_parquet
 from bms_gateway.report.progress import progress
-from bms_gateway.report.rows import Piece, Rows, open_csv, open_parquet
 
 Floats = NDArray[np.float64]
 

@@ -21,7 +21,7 @@ from bms_gateway.diagnosis.prepare import measured
 from bms_gateway.diagnosis.record import Record
 from bms_gateway.errors import UsageError
 from bms_gateway.records.read import read_measurements
-from bms_gateway.records.recent import given_span, state_directory, write_recent
+from bms_gateway.records.recent_signals import given_span, state_directory, write_recent
 from bms_gateway.report.add_text import AddReport
 from bms_gateway.report.added import added_report, heading
 from bms_gateway.report.diagnosis_text import Told

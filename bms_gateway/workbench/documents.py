@@ -13,8 +13,8 @@ from bms_gateway.diagnosis.compare import Comparison, CoreCheck, Variant
 from bms_gateway.diagnosis.core_band import half_width_K
 from bms_gateway.diagnosis.core_known import KnownCore
 from bms_gateway.diagnosis.diagnosis import Diagnosis
+from bms_gateway.diagnosis.ranking import Standing
 from bms_gateway.diagnosis.record import Record
-from bms_gateway.diagnosis.standing import Standing
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.report.add_text import AddReport, headline
 from bms_gateway.report.core_text import core_document, core_sentence, outside, thermocouple_sentence

@@ -11,11 +11,11 @@ from bms_gateway.diagnosis.candidates import Candidate, candidates
 from bms_gateway.diagnosis.compare import as_filed
 from bms_gateway.diagnosis.detect import absorbed
 from bms_gateway.diagnosis.diagnosis import Diagnosis, diagnose
-from bms_gateway.diagnosis.judge import HALF, Settings, prior_odds
 from bms_gateway.diagnosis.prepare import measured
 from bms_gateway.diagnosis.residuals import structure
 from bms_gateway.diagnosis.screen import screen
 from bms_gateway.diagnosis.search import refit, refit_from_nominal
+from bms_gateway.diagnosis.weighing import HALF, Settings, prior_odds
 from bms_gateway.identify.map_fit import MapFit, fitted, stacked
 from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal.effects import effect_named

@@ -6,8 +6,8 @@ import pytest
 
 from bms_gateway.diagnosis import diagnosis
 from bms_gateway.diagnosis.diagnosis import diagnose
-from bms_gateway.diagnosis.judge import Settings
-from bms_gateway.diagnosis.second import SecondSettings, second_search
+from bms_gateway.diagnosis.second_search import SecondSettings, second_search
+from bms_gateway.diagnosis.weighing import Settings
 from tests.diagnosis.hidden_record import record_of
 from tests.truth.hidden import Scenario, make_log
 

@@ -4,8 +4,8 @@ from functools import cache
 
 from bms_gateway.config.model_file import parse_model
 from bms_gateway.diagnosis.candidates import Candidate
-from bms_gateway.diagnosis.inputs import Columns
 from bms_gateway.diagnosis.record import make_record
+from bms_gateway.diagnosis.record_inputs import Columns
 from bms_gateway.thermal.effects import effect_named
 from tests.truth.hidden import Scenario, make_log
 

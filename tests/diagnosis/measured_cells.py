@@ -8,9 +8,9 @@ from functools import cache
 
 import numpy as np
 
-from bms_gateway.diagnosis.inputs import Columns
 from bms_gateway.diagnosis.prepare import measured
 from bms_gateway.diagnosis.record import make_record
+from bms_gateway.diagnosis.record_inputs import Columns
 from bms_gateway.thermal import Prior, StringModel
 from tests.data import need
 

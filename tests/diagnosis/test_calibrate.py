@@ -7,8 +7,8 @@ import pytest
 
 from bms_gateway.diagnosis.adding import check_signals, wanted
 from bms_gateway.diagnosis.calibrate import changes, channel_errors, fitted_model, identify, posterior
-from bms_gateway.diagnosis.inputs import Columns
 from bms_gateway.diagnosis.record import make_record
+from bms_gateway.diagnosis.record_inputs import Columns
 from bms_gateway.errors import ConfigError, DataError
 from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal import AddedEffect, Prior

@@ -6,8 +6,8 @@ The truth's open-circuit curves and overpotential are those of `tests.truth` and
 import numpy as np
 import pytest
 
-from bms_gateway.diagnosis.inputs import Columns
 from bms_gateway.diagnosis.record import make_record
+from bms_gateway.diagnosis.record_inputs import Columns
 from bms_gateway.thermal import Prior, StringModel
 from tests.truth.hidden import open_circuit
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from bms_gateway.diagnosis.checks import check_record
-from bms_gateway.diagnosis.inputs import Columns
 from bms_gateway.diagnosis.record import make_record
+from bms_gateway.diagnosis.record_inputs import Columns
 from bms_gateway.thermal import Prior, StringModel
 from tests.diagnosis.logs import rows, string_model
 

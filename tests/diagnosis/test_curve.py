@@ -5,9 +5,9 @@ import pytest
 
 from bms_gateway.diagnosis.candidates import Candidate
 from bms_gateway.diagnosis.curve import entropic_curve
-from bms_gateway.diagnosis.inputs import Columns
 from bms_gateway.diagnosis.prepare import measured
 from bms_gateway.diagnosis.record import make_record
+from bms_gateway.diagnosis.record_inputs import Columns
 from bms_gateway.identify.map_fit import fitted
 from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal import Prior, StringModel

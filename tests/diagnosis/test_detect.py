@@ -5,11 +5,11 @@ import pytest
 
 from bms_gateway.diagnosis.candidates import candidates
 from bms_gateway.diagnosis.detect import Projection, absorbed, detectability
-from bms_gateway.diagnosis.judge import prior_odds
 from bms_gateway.diagnosis.prepare import measured
 from bms_gateway.diagnosis.residuals import structure
 from bms_gateway.diagnosis.screen import screen
 from bms_gateway.diagnosis.search import refit
+from bms_gateway.diagnosis.weighing import prior_odds
 from bms_gateway.identify.map_fit import fitted
 from bms_gateway.identify.problem import Problem
 from tests.diagnosis.hidden_record import hidden, named

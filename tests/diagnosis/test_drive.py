@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bms_gateway.diagnosis.inputs import Columns
 from bms_gateway.diagnosis.record import make_record
+from bms_gateway.diagnosis.record_inputs import Columns
 from tests.diagnosis.logs import rows, string_model
 
 

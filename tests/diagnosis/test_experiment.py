@@ -7,10 +7,10 @@ import pytest
 
 from bms_gateway.diagnosis.experiment import next_experiment, separation
 from bms_gateway.diagnosis.feasible import limits_of, plans
-from bms_gateway.diagnosis.judge import Trial
 from bms_gateway.diagnosis.prepare import measured
 from bms_gateway.diagnosis.screen import screen
 from bms_gateway.diagnosis.search import Chosen, Search, refit, refit_from_nominal
+from bms_gateway.diagnosis.weighing import Trial
 from bms_gateway.identify.map_fit import fitted, refreshed
 from bms_gateway.identify.problem import Problem
 from tests.benchmarks.diagnosis_experiment import as_driven, gained

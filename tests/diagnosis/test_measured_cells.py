@@ -8,7 +8,7 @@ import pytest
 from bms_gateway.diagnosis.adding import cores_with_named
 from bms_gateway.diagnosis.core_band import UNPROVEN, core_bands
 from bms_gateway.diagnosis.diagnosis import diagnose
-from bms_gateway.diagnosis.second import second_search
+from bms_gateway.diagnosis.second_search import second_search
 from tests.diagnosis.measured_cells import CELLS, bench, bench_record
 
 NAMES = {

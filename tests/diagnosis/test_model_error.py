@@ -9,7 +9,7 @@ from bms_gateway.diagnosis.core_band import UNPROVEN, core_bands
 from bms_gateway.diagnosis.model_error import ModelError, averaged, first_part
 from bms_gateway.diagnosis.prepare import measured
 from bms_gateway.diagnosis.search import search
-from bms_gateway.diagnosis.second import needs_second, second_search
+from bms_gateway.diagnosis.second_search import needs_second, second_search
 from tests.diagnosis.hidden_record import hidden
 
 ALONE = {"cells": 1, "sensors": (1,), "columns": ("soc",)}

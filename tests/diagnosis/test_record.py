@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bms_gateway.diagnosis.checks import check_record
-from bms_gateway.diagnosis.inputs import Columns
 from bms_gateway.diagnosis.record import make_record
+from bms_gateway.diagnosis.record_inputs import Columns
 from bms_gateway.errors import DataError
 from tests.diagnosis.logs import rows, string_model
 

@@ -9,12 +9,12 @@ import pytest
 from bms_gateway.diagnosis.adding import Wanted, _step
 from bms_gateway.diagnosis.compare import compare
 from bms_gateway.diagnosis.diagnosis import _judged_again, judged
+from bms_gateway.diagnosis.error_words import course
 from bms_gateway.diagnosis.hypotheses import UNCLEAN, Board, Hypothesis
-from bms_gateway.diagnosis.judge import Settings
 from bms_gateway.diagnosis.prepare import measured
 from bms_gateway.diagnosis.search import search
-from bms_gateway.diagnosis.second import SecondSearch, _probability
-from bms_gateway.diagnosis.words import course
+from bms_gateway.diagnosis.second_search import SecondSearch, _probability
+from bms_gateway.diagnosis.weighing import Settings
 from tests.diagnosis.decided import by_first, by_second, pair
 from tests.diagnosis.hidden_record import hidden, named
 

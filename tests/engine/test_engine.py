@@ -12,7 +12,7 @@ from bms_gateway.bus.virtual import VirtualPack
 from bms_gateway.engine import Cells, Engine, Estimated, Event, Notice, Parameters, SendFrames, StartJob, drain, drive
 from bms_gateway.errors import StateError
 from bms_gateway.frames.batch import FrameBatch
-from bms_gateway.frames.own import own_signal
+from bms_gateway.frames.own_dbc import own_signal
 from bms_gateway.frames.quality import Quality
 from bms_gateway.identify.window import WindowJob
 from tests.engine.packs import EPOCH_S, cut, database, plan, text, traffic

@@ -11,7 +11,7 @@ from bms_gateway.engine.inputs import Inputs, identifies_cells
 from bms_gateway.engine.readings import Readings
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.encode import Encoder
-from bms_gateway.frames.own import own_signal
+from bms_gateway.frames.own_dbc import own_signal
 from bms_gateway.frames.quality import Quality
 from bms_gateway.thermal import AddedEffect
 from tests.engine.packs import EPOCH_S, database, plan

@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 
 from bms_gateway.engine import Notice, Parameters, Plan, StringPlan
-from bms_gateway.engine.estimate import Estimators, TickResult
+from bms_gateway.engine.core_floor import Floor
+from bms_gateway.engine.estimators import Estimators, TickResult
 from bms_gateway.engine.group import _at
 from bms_gateway.engine.inputs import Wire
 from bms_gateway.engine.readings import Layout, Readings
-from bms_gateway.engine.sense import Floor
 from bms_gateway.frames.quality import Quality
 from bms_gateway.health import mismatch
 from bms_gateway.health.mismatch import Mismatches
 from bms_gateway.identify import Tick, VoltageTracker, WindowIdentifier, build, string_parameters, voltage
 from bms_gateway.observe import AdaptiveObserver, Measured
-from bms_gateway.observe.effects import EffectObserver
+from bms_gateway.observe.effect_observer import EffectObserver
 from bms_gateway.thermal import AddedEffect, Disturbance, Prior, StringModel
 
 S = 1_000_000_000

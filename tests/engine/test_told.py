@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from bms_gateway.engine import Channel, Engine, Estimated, Notice, Parameters, Plan, SendFrames, drain, drive
-from bms_gateway.engine.estimate import Estimators
+from bms_gateway.engine.estimators import Estimators
 from bms_gateway.engine.events import Decoded, Judged, Level
 from bms_gateway.engine.inputs import Inputs
 from bms_gateway.errors import ConfigError
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.encode import Encoder
-from bms_gateway.frames.own import own_signal
+from bms_gateway.frames.own_dbc import own_signal
 from bms_gateway.frames.quality import Quality
 from bms_gateway.health.string_health import Change, HealthResult, StringHealth
 from bms_gateway.identify.cell_prior import Layout

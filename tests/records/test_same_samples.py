@@ -11,7 +11,7 @@ from bms_gateway.cli.main import main
 from bms_gateway.config import load_config
 from bms_gateway.config.model_file import read_model
 from bms_gateway.engine import Decoded, Engine
-from bms_gateway.engine.drive import drive
+from bms_gateway.engine.driver import drive
 from bms_gateway.records import read
 from tests.acceptance.test_race_car import LOGS
 from tests.cli.test_measurements import MODEL, encoded, table

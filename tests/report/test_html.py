@@ -19,12 +19,12 @@ from bms_gateway.diagnosis.calibrate import channel_errors
 from bms_gateway.diagnosis.checks import Finding, check_record
 from bms_gateway.diagnosis.compare import compare
 from bms_gateway.diagnosis.diagnosis import diagnose, errors
-from bms_gateway.diagnosis.inputs import Columns
-from bms_gateway.diagnosis.judge import Settings
 from bms_gateway.diagnosis.latent import latent
+from bms_gateway.diagnosis.ranking import ranking
 from bms_gateway.diagnosis.record import HELD_OUT, make_record
+from bms_gateway.diagnosis.record_inputs import Columns
 from bms_gateway.diagnosis.residuals import rmse
-from bms_gateway.diagnosis.standing import ranking
+from bms_gateway.diagnosis.weighing import Settings
 from bms_gateway.errors import MissingExtraError, UsageError
 from bms_gateway.identify.problem import Problem
 from bms_gateway.report.add_text import AddReport, Side, headline

@@ -6,7 +6,7 @@ from bms_gateway.cli.main import main
 from bms_gateway.config.load import load_config
 from bms_gateway.setup.proposal import Proposal
 from bms_gateway.setup.propose import propose
-from bms_gateway.setup.traffic import read_traffic
+from bms_gateway.setup.vehicle_logs import read_traffic
 from tests.setup.vehicles import Vehicle, parallel, write
 
 

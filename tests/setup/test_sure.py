@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from bms_gateway.cli.main import main
-from bms_gateway.setup.charge import sign_by_charge
+from bms_gateway.setup.find_charge import sign_by_charge
 from bms_gateway.setup.propose import propose
-from bms_gateway.setup.traffic import read_traffic
+from bms_gateway.setup.vehicle_logs import read_traffic
 from tests.setup.test_strings import proposed
 from tests.setup.vehicles import SECONDS, drive, plain, write
 
