@@ -2,8 +2,9 @@
 
 A forecast starts from what the engine holds at that tick: the observer's state and covariance, its parameters and how
 far off these may be, the common heat; the cores of the watch over heat where it knows better, and the heat that it has
-found in a cell; what is doubted of the model. The load is that of now (`load_ahead`), or steady at a current that is asked
-for. Courses are renewed every ten seconds, variances, which are most of the work and change slowly, once a minute.
+found in a cell; what is doubted of the model. The load is that of now (`load_ahead`), or steady at a current that is
+asked for. Courses are renewed every ten seconds; variances, which are most of the work and change slowly, once a
+minute.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,8 @@
 r"""Fit of one window: maximum a posteriori over parameters, start, drift of the heat and swing of the inlet.
 
 With φ = ln of the physical values common to the cells, v the coefficients of the effects that every cell may have
-(`carried`), ξ = (x_0, b, κ) the window's nuisances and z(φ) the lumped coordinates (`identifiable`), Gauss–Newton minimises
+(`carried`), ξ = (x_0, b, κ) the window's nuisances and z(φ) the lumped coordinates (`identifiable`), Gauss–Newton
+minimises
 
 .. math::
     \tfrac12 \| W (y - f(\varphi, \xi) - C v) \|^2 + \tfrac12 (\xi - \bar\xi)^T P^{-1} (\xi - \bar\xi)

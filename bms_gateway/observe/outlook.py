@@ -1,7 +1,7 @@
 r"""Forecasts of plain strings: two nodes a cell, heat that goes with the square of the current.
 
-The matrices are those of `transitions`, made anew for a string whose parameters or flow have changed. The sensitivities go on
-by :math:`J_{b} = \Phi_{b-a} J_a + \Gamma_{b-a} F`, with F their forcing in the middle of the segment; as this is
+The matrices are those of `transitions`, made anew for a string whose parameters or flow have changed. The sensitivities
+go on by :math:`J_{b} = \Phi_{b-a} J_a + \Gamma_{b-a} F`, with F their forcing in the middle of the segment; as this is
 linear in state and load, one call serves the course without a load and the response to one A².
 
 Beyond Lin et al., whose observer tells of now.

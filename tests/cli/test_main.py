@@ -158,10 +158,8 @@ def test_the_service_starts_without_what_only_other_commands_need():
         *("engine", "bus", "config", "store", "service", "cli"),
     }
     needless = {f"thermal.{m}" for m in ("effects", "physics", "trajectory", "cycles")}
-    needless |= {
+    needless |= {f"identify.{m}" for m in ("recursive", "regression", "least_squares", "map_fit", "problem")}
     needless |= {"identify.likelihood"}
-        f"identify.{m}" for m in ("recursive", "regression", "least_squares", "map_fit", "problem")
-    }
     needless |= {f"observe.{m}" for m in ("effect_observer", "tangent", "open_loop", "luenberger")}
     assert all(importlib.util.find_spec(f"bms_gateway.{m}") for m in needless)
     needless |= {"bus.pythoncan", "bus.candump", "bus.logfile", "bus.traffic", "service.mqtt"}
