@@ -14,7 +14,7 @@ from bms_gateway.diagnosis.record import Record, in_held_out
 from bms_gateway.diagnosis.residuals import LEAST_Z, structure
 from bms_gateway.identify.coordinates import OWN, Measured
 from bms_gateway.identify.likelihood import generalised
-from bms_gateway.identify.map_fit import ITERATIONS, MapFit, fitted, stacked
+from bms_gateway.identify.map_fit import TO_THE_END, MapFit, fitted, stacked
 from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal import KINDS, AddedEffect, Floats, Posterior, Prior, StringModel
 from bms_gateway.thermal.effects import EffectParameter, effect_named
@@ -128,7 +128,7 @@ def identify(model: StringModel, records: Sequence[Record], *, core: bool = Fals
     settings = ModelError()
     bench = Bench([held_out(averaged(m, settings)) for m in ready], settings)
     problem = Problem(start, bench.records, bench.beliefs)
-    found = fit_with_error(bench, problem, problem.begin, iterations=ITERATIONS)
+    found = fit_with_error(bench, problem, problem.begin, TO_THE_END)
     return Identified(found.map, seen_on(found.map, ready), fit, found.discrepancy.size)
 
 

@@ -18,7 +18,7 @@ from bms_gateway.diagnosis.core_band import posterior
 from bms_gateway.diagnosis.model_error import Bench, ModelError
 from bms_gateway.diagnosis.model_error import fit as fit_with_error
 from bms_gateway.diagnosis.witness import strain_of
-from bms_gateway.identify.map_fit import ITERATIONS, MapFit, fitted, map_fit
+from bms_gateway.identify.map_fit import FitEffort, FitStart, MapFit, fitted, map_fit
 from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal import AddedEffect, Floats
 from bms_gateway.thermal.effects.entropic_curve import FINE, SHAPES, EntropicCurve
@@ -27,6 +27,7 @@ from bms_gateway.thermal.effects.laws import by_knots
 
 TEMPERED = 5.0
 """By what the evidence between two ends counts: the model errs by more than its readings' noise."""
+EFFORT = FitEffort(iterations=30)
 LOADED = 0.05
 """Share of the greatest current from which a record tells something of the charge that it stands at."""
 
@@ -101,10 +102,10 @@ def _with_curve(found: MapFit, error: ModelError | None) -> list[MapFit]:
     problem = Problem(model, records, found.problem.beliefs)
     if error is not None:
         theta, bench = np.concatenate([found.theta, np.zeros(len(shapes))]), Bench(records, error)
-        on = fit_with_error(bench, problem, theta, guess=found.prediction.X, iterations=30)
-        return [on.map, fit_with_error(bench, problem, problem.begin, iterations=30).map]
+        on = fit_with_error(bench, problem, theta, EFFORT, guess=found.prediction.X)
+        return [on.map, fit_with_error(bench, problem, problem.begin, EFFORT).map]
     # anew: what the straight lines lacked has bent the other numbers
-    return [fitted(problem), map_fit(problem, problem.begin, iterations=ITERATIONS)]
+    return [fitted(problem), map_fit(problem, FitStart(problem.begin))]
 
 
 def _shape(name: str) -> Floats:

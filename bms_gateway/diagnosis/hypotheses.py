@@ -11,6 +11,7 @@ from bms_gateway.diagnosis.geometry import odd_fitted
 from bms_gateway.diagnosis.model_error import REFINEMENTS, Bench, Fit, fit
 from bms_gateway.diagnosis.screen import Gain, extended, screen
 from bms_gateway.identify.coordinates import Coordinate, Measured
+from bms_gateway.identify.map_fit import FitEffort
 from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal import Floats, StringModel
 from bms_gateway.thermal.effects import effect_named
@@ -167,7 +168,7 @@ class Board:
         self.bench = bench
         problem = Problem(model, bench.records, bench.beliefs)
         self.offered = offered_by(model, bench)
-        self.base = judged((), fit(bench, problem, problem.begin, iterations=12), self.offered, None)
+        self.base = judged((), fit(bench, problem, problem.begin, FitEffort(12)), self.offered, None)
         self.found: dict[tuple[str, ...], Hypothesis] = {(): self.base}
 
     def of(self, effects: int) -> list[Hypothesis]:
@@ -219,7 +220,7 @@ class Board:
             if c.effect is not None:
                 nominal[i] = h.fit.map.theta[i]
         for theta in (h.fit.map.theta, nominal):
-            found = fit(self.bench, problem, theta, iterations=40, least_gain=digits, refinements=REFINEMENTS)
+            found = fit(self.bench, problem, theta, FitEffort(40, least_gain=digits, refinements=REFINEMENTS))
             self._keep(judged(h.effects, found, self.offered, self.base if h.effects else None))
         if not h.effects:
             self.base = self.found[()]

@@ -12,7 +12,7 @@ import numpy as np
 
 from bms_gateway.diagnosis.slow_error import START, Discrepancy, Noise
 from bms_gateway.identify.coordinates import Belief, Measured
-from bms_gateway.identify.map_fit import GAIN, Linear, MapFit, map_fit, weighed
+from bms_gateway.identify.map_fit import FitEffort, FitStart, Linear, MapFit, map_fit, weighed
 from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal import Floats
 from bms_gateway.thermal.drive import Drive
@@ -129,16 +129,18 @@ class Fit:
     log_evidence: float
 
 
+EACH = FitEffort(iterations=8)
+"""Of a fit of the numbers: the noise is found anew after it."""
+
+
 def fit(
     bench: Bench,
     problem: Problem,
     theta: Floats,
+    effort: FitEffort = EACH,
     *,
     parent: Fit | None = None,
     guess: Sequence[Floats] | None = None,
-    iterations: int = 8,
-    least_gain: float = GAIN,
-    refinements: int = 1,
 ) -> Fit:
     """Fit numbers and discrepancy in turn, until they agree.
 
@@ -149,16 +151,12 @@ def fit(
         Of the bench's records and beliefs.
     theta : ndarray (P,)
         Where to start.
+    effort : FitEffort
+        Of each fit of the numbers.
     parent : Fit, optional
         Of the same problem with fewer coordinates at the end: lends its discrepancy, nuisances and columns.
     guess : sequence of ndarray, optional
         Trajectories near the start's.
-    iterations : int
-        Of each fit of the numbers.
-    least_gain : float
-        Cost at which each of them ends.
-    refinements : int
-        Of the sensitivities.
     """
     d = START if parent is None else parent.discrepancy
     if d.size < bench.least:
@@ -178,15 +176,10 @@ def fit(
             noise = bench.noise.at(d)
             found = map_fit(
                 problem,
-                theta,
+                FitStart(theta, nu, guess, J),
+                effort,
                 linear=Linear.of(columns, sd, weighed(problem, noise, columns)),
-                nu=nu,
-                guess=guess,
-                J=J,
-                iterations=iterations,
                 noise=noise,
-                least_gain=least_gain,
-                refinements=refinements,
             )
             trial = Fit(found, d, found.log_evidence - 0.5 * d.strain)
             if best is None or trial.log_evidence > best.log_evidence:

@@ -15,7 +15,17 @@ from bms_gateway.diagnosis.residuals import log_density, rmse, structure, within
 from bms_gateway.diagnosis.screen import Gain, extended, screen
 from bms_gateway.diagnosis.weighing import HALF, Settings, Trial, judge, prior_odds, worth
 from bms_gateway.identify.coordinates import Measured
-from bms_gateway.identify.map_fit import MapFit, annealed, converged, fitted, map_fit, refreshed, stacked
+from bms_gateway.identify.map_fit import (
+    FitEffort,
+    FitStart,
+    MapFit,
+    annealed,
+    converged,
+    fitted,
+    map_fit,
+    refreshed,
+    stacked,
+)
 from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal import StringModel
 from bms_gateway.thermal.effects import effect_named
@@ -193,14 +203,9 @@ def refit(
     ]
     return map_fit(
         problem,
-        theta,
+        FitStart(theta, parent.nu, guess, parent.J),
+        FitEffort(iterations, give_up, outclassed),
         linear=parent.linear,
-        nu=parent.nu,
-        guess=guess,
-        J=parent.J,
-        iterations=iterations,
-        give_up=give_up,
-        outclassed=outclassed,
     )
 
 
@@ -212,12 +217,9 @@ def refit_from_nominal(fit: MapFit, parent: MapFit, *, give_up: float = np.inf) 
     rough = annealed(fit.problem, theta)
     return map_fit(
         fit.problem,
-        rough.theta,
+        FitStart(rough.theta, rough.nu, rough.prediction.X),
+        FitEffort(8, give_up),
         linear=rough.linear,
-        nu=rough.nu,
-        guess=rough.prediction.X,
-        iterations=8,
-        give_up=give_up,
     )
 
 
@@ -355,7 +357,7 @@ def without(fit: MapFit, key: str) -> MapFit:
     less = replace(model, effects=tuple(e for e in model.effects if e.key != key))
     problem = Problem(less, fit.problem.records, fit.problem.beliefs)
     theta = np.array([fit.theta[fit.problem.index(c.name)] for c in problem.coordinates])
-    return refreshed(map_fit(problem, theta, linear=fit.linear, nu=fit.nu, iterations=8))
+    return refreshed(map_fit(problem, FitStart(theta, fit.nu), FitEffort(8), linear=fit.linear))
 
 
 def _redeemed(found: Search) -> bool:

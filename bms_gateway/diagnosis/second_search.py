@@ -22,7 +22,7 @@ from bms_gateway.diagnosis.residuals import rmse, structure
 from bms_gateway.diagnosis.search import Chosen, Search
 from bms_gateway.diagnosis.witness import Witness, agreement, by_voltage, witnesses
 from bms_gateway.identify.coordinates import Coordinate, Measured
-from bms_gateway.identify.map_fit import ITERATIONS, MapFit, stacked
+from bms_gateway.identify.map_fit import TO_THE_END, FitEffort, MapFit, stacked
 from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal import Floats, StringModel
 from bms_gateway.thermal.effects import effect_named
@@ -335,15 +335,8 @@ def _clean(best: Hypothesis, records: Sequence[Measured]) -> bool:
 
 def _finished(best: Hypothesis, fine: Bench, s: SecondSettings) -> Fit:
     problem = Problem(best.fit.map.problem.model, fine.records, fine.beliefs)
-    return fit(
-        fine,
-        problem,
-        best.fit.map.theta,
-        guess=best.fit.map.prediction.X,
-        iterations=60,
-        least_gain=s.digits,
-        refinements=REFINEMENTS,
-    )
+    effort = FitEffort(60, least_gain=s.digits, refinements=REFINEMENTS)
+    return fit(fine, problem, best.fit.map.theta, effort, guess=best.fit.map.prediction.X)
 
 
 def _by_voltage(board: Board, best: Hypothesis) -> list[Witness]:
@@ -366,7 +359,7 @@ def _alone(joint: Fit, m: Measured, settings: ModelError) -> MapFit:
     known = {c.name: float(z) for c, z in zip(joint.map.problem.coordinates, joint.map.theta, strict=True)}
     for i, c in enumerate(problem.coordinates):
         theta[i] = known.get(c.name, theta[i])
-    return fit(bench, problem, theta, iterations=40, refinements=REFINEMENTS).map
+    return fit(bench, problem, theta, FitEffort(40, refinements=REFINEMENTS)).map
 
 
 @dataclass(frozen=True, slots=True)
@@ -420,7 +413,7 @@ def _blocks(bench: Bench, f: Fit, records: Sequence[Measured], *, anew: bool = F
     part = Bench([held_out(m) for m in bench.records], bench.settings)
     problem = Problem(f.map.problem.model, part.records, bench.beliefs)
     if anew:
-        found = fit(part, problem, problem.begin, iterations=ITERATIONS)
+        found = fit(part, problem, problem.begin, TO_THE_END)
     else:
         found = fit(part, problem, f.map.theta, guess=f.map.prediction.X)
     return seen_on(found.map, records)

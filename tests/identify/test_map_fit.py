@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bms_gateway.identify.coordinates import Measured
-from bms_gateway.identify.map_fit import converged, fitted, map_fit, nuisance_columns, solved
+from bms_gateway.identify.map_fit import FitStart, converged, fitted, map_fit, nuisance_columns, solved
 from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal import AddedEffect, Prior, StringModel
 from bms_gateway.thermal.drive import Drive
@@ -136,7 +136,7 @@ def test_held_out_readings_do_not_move_a_fit():
     m, _, _ = record(seed=6)
     held = replace(m, used=np.arange(len(m.y)) < len(m.y) // 2)
     wild = replace(held, y=np.where(held.used, held.y, held.y + 40.0))
-    one, other = (map_fit(Problem(model(), [x]), Problem(model(), [x]).begin) for x in (held, wild))
+    one, other = (map_fit(Problem(model(), [x]), FitStart(Problem(model(), [x]).begin)) for x in (held, wild))
     assert np.allclose(one.theta, other.theta, atol=1e-12)
     assert one.log_evidence == pytest.approx(other.log_evidence, abs=1e-9)
 
