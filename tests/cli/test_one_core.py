@@ -10,7 +10,7 @@ from bms_gateway.config.model_file import read_model
 from bms_gateway.report.show import number
 from bms_gateway.workbench.bench import Bench
 from bms_gateway.workbench.steps import REFITTED
-from tests.cli.test_road import call, told
+from tests.cli.calls import call, told
 from tests.truth.packs import pack as packed
 
 STRONG = 0.55  # mV/K, of the hidden effect

@@ -14,7 +14,7 @@ from bms_gateway.errors import ConfigError
 from bms_gateway.frames.dbc import parse
 from bms_gateway.frames.own_dbc import OWN_DBC
 from tests.frames.payloads import OWN, ROOT, text_of
-from tests.frames.test_packed import same
+from tests.frames.same_messages import same
 
 TEXT = (
     'VERSION ""\nBS_:\nBU_: A\nBO_ 291 M: 8 A\n SG_ m M : 0|4@1+ (1,0) [0|0] "" A\n'

@@ -15,7 +15,7 @@ from bms_gateway.identify.cell_kept import numbers_kept
 from bms_gateway.identify.cell_live import CellResult
 from bms_gateway.identify.cell_prior import Layout
 from tests.engine.packs import database
-from tests.engine.test_told import commissioned
+from tests.engine.told_strings import commissioned
 
 R_E = np.array([1.0, 1.1, 1.3, 0.9]) * 4e-3
 

@@ -9,8 +9,8 @@ from scipy.integrate import solve_ivp
 from bms_gateway.engine.core_floor import Floor
 from bms_gateway.frames.quality import Quality
 from bms_gateway.thermal import Prior, StringModel
+from tests.engine.doubtful_runs import run
 from tests.engine.packs import plan
-from tests.engine.test_doubtful import run
 
 C_c, C_s, R_e, R_c, R_u = 268.0, 18.8, 3.5e-3, 1.266, 0.79
 MODEL = StringModel(

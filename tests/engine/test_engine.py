@@ -15,14 +15,11 @@ from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.own_dbc import own_signal
 from bms_gateway.frames.quality import Quality
 from bms_gateway.identify.window import WindowJob
+from tests.engine.engines import engine
 from tests.engine.packs import EPOCH_S, cut, database, plan, text, traffic
 from tests.truth.string import TruthString, rk4
 
 S = 1_000_000_000
-
-
-def engine(strings: int = 2) -> Engine:
-    return Engine(plan(strings), database())
 
 
 def estimates(events: list, string: str = "string_1") -> list[Cells]:

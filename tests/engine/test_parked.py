@@ -15,7 +15,7 @@ from bms_gateway.frames.own_dbc import own_signal
 from bms_gateway.thermal import StringModel
 from tests.benchmarks.heat_case import CELLS, SENSORS, Case, make, model
 from tests.engine.packs import EPOCH_S, database
-from tests.health.test_self_discharge import AH, night
+from tests.health.nights import AH, night
 
 HEATS = Case("small", 77, seconds=11000, drive="rest", fault="heat", cell=6, size=1.0, at=4000)
 

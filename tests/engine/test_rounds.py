@@ -16,7 +16,7 @@ from bms_gateway.errors import StateError
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.quality import Quality
 from tests.engine.packs import EPOCH_S, database, plan
-from tests.engine.test_told import said, with_channels
+from tests.engine.told_strings import said, with_channels
 
 S = 1_000_000_000
 START = EPOCH_S * S

@@ -25,8 +25,8 @@ from bms_gateway.observe import AdaptiveObserver
 from bms_gateway.observe.effect_observer import EffectObserver
 from bms_gateway.thermal import Prior
 from tests.engine.packs import plan
-from tests.engine.test_side_by_side import FALLING, LATE, PLAN, START, VOLTAGE, WIRES, S, driven, readings
-from tests.engine.test_told import commissioned
+from tests.engine.strings_side_by_side import FALLING, LATE, PLAN, START, VOLTAGE, WIRES, S, driven, readings
+from tests.engine.told_strings import commissioned
 
 NAMES = [s.name for s in PLAN.strings]
 PLACES = {0: (4, 0), 1: (3, 0), 2: (4, 1), 4: (3, 1), 5: (4, 2)}  # cells of the group and place in it

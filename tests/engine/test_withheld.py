@@ -3,8 +3,8 @@
 import numpy as np
 
 from bms_gateway.engine.string_estimator import Newest
+from tests.engine.doubtful_runs import run
 from tests.engine.packs import plan
-from tests.engine.test_doubtful import run
 
 
 def test_what_is_not_sent_is_kept_beside_what_is():

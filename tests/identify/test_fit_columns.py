@@ -16,7 +16,7 @@ from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal import AddedEffect
 from bms_gateway.thermal.drive import Drive
 from bms_gateway.thermal.trajectory import Span
-from tests.identify.test_map_fit import model, record
+from tests.identify.fit_records import model, record
 
 
 def part(lengths, dt, *, channels=2, pace=1.0, seed=0, held=0.2):

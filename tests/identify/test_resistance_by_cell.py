@@ -14,19 +14,12 @@ from bms_gateway.identify.cell_prior import CellSettings, Layout, cell_prior
 from bms_gateway.identify.cells_in_words import cell_estimates, combinations, sentence
 from bms_gateway.identify.doubt import HOPELESS
 from bms_gateway.identify.resistance_by_cell import CellRecord, fit_cells, numbers_of
-from bms_gateway.thermal import Disturbance, Prior, Start, StringModel
+from bms_gateway.thermal import Disturbance, Prior, Start
+from tests.identify.cell_strings import ALL, ENDS, model
 from tests.truth.string import C_F, TABLE_1
 from tests.truth.unequal import FIG_10, Scatter, drives
 
-REL_SD = {"C_c": 0.05, "C_s": 0.05, "R_e": 0.6, "R_c": 0.05, "R_u": 0.1, "R_cc": 0.2, "C_f": 0.05}
-ENDS, ALL = (1, 5), (1, 2, 3, 4, 5)
 MINUTES = 45
-
-
-def model(sensors=ENDS, cells=5, condition="full", **rel_sd):
-    values = {**TABLE_1, "R_cc": 4.0, "C_f": C_F}
-    sd = {**REL_SD, **rel_sd}
-    return StringModel(cells, sensors, condition, {k: Prior(v, sd[k]) for k, v in values.items()}, coolant="ntu")
 
 
 def record(d, i, sensors):

@@ -15,7 +15,7 @@ from bms_gateway.identify.resistance_by_cell import CellRecord, CellSettings, _P
 from bms_gateway.identify.window import WindowIdentifier
 from bms_gateway.identify.window_readings import TOGETHER, Gathered
 from bms_gateway.thermal import Disturbance, Start
-from tests.identify.test_resistance_by_cell import model
+from tests.identify.cell_strings import model
 
 NAN = float("nan")
 CELLS, STRINGS, SENSED = 12, 5, (0, 11)

@@ -13,8 +13,8 @@ from bms_gateway.config.model_file import read_model
 from bms_gateway.engine import Decoded, Engine
 from bms_gateway.engine.driver import drive
 from bms_gateway.records import read
-from tests.acceptance.test_race_car import LOGS
-from tests.cli.test_measurements import MODEL, encoded, table
+from tests.acceptance.race_logs import LOGS
+from tests.cli.measured_tables import MODEL, encoded, table
 from tests.config.files import OWN, write
 from tests.config.race_car import write_race_car
 from tests.data import need

@@ -7,7 +7,7 @@ from bms_gateway.cli.main import main
 from bms_gateway.setup.propose import propose
 from bms_gateway.setup.vehicle_logs import read_traffic
 from bms_gateway.setup.write import write_setup
-from tests.setup.test_strings import proposed
+from tests.setup.proposals import proposed
 from tests.setup.vehicles import CELLS, drive, plain, write
 
 WARM = drive(8).surface
