@@ -14,7 +14,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from bms_gateway.observe import AdaptiveObserver, surprise
+from bms_gateway.observe import AdaptiveObserver, innovation_check
 from tests.benchmarks.heat_case import LAYOUTS, Case, make, model, with_seeds
 
 WATTS = (10.0, 30.0, 100.0, 200.0)
@@ -41,7 +41,7 @@ def main() -> None:
     ask.add_argument("--never", action="store_true")
     args = ask.parse_args()
     if args.never:
-        surprise.ODD = np.inf  # type: ignore[misc]
+        innovation_check.ODD = np.inf  # type: ignore[misc]
     seeds = range(args.first, args.first + args.seeds)
     for pack in ("liquid", "small"):
         for layout, (cells, sensors, cell) in LAYOUTS.items():

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bms_gateway.health.heat import HeatWatch
-from bms_gateway.health.heat.evidence import Evidence, Kind
+from bms_gateway.health.heat.fault_evidence import Evidence, Kind
 from bms_gateway.health.heat.filter import HeatFilter, Step
 from bms_gateway.thermal import Prior, StringModel
 from tests.benchmarks.bench_heat import follow

@@ -2,7 +2,7 @@
 
 It runs on a grid of some seconds: what heat of a cell's own does takes minutes. Beyond the temperatures it carries what
 is common to all cells and what cells and thermocouples differ by (`layout`), each with the size that it has in sound
-packs. What it is surprised by is judged elsewhere (`evidence`), against a list of faults.
+packs. What it is surprised by is judged elsewhere (`fault_evidence`), against a list of faults.
 
 The method of Lin et al., Eq 18 (string) under a Kalman filter; the numbers beside the temperatures are ours.
 """
@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bms_gateway.health.heat.balances import LEAST_LOSS, MOST_LOSS, Balances, coupling
 from bms_gateway.health.heat.layout import COMMON, Bools, Layout
-from bms_gateway.health.heat.physics import LEAST_LOSS, MOST_LOSS, Balances, coupling
 from bms_gateway.thermal import Floats, Start, StringModel, StringParameters, start_spread
 
 HOUR_S = 3600.0

@@ -19,10 +19,10 @@ from bms_gateway.health.heat.course import (
     SOUND_INLET,
     Course,
 )
-from bms_gateway.health.heat.evidence import ONSETS, Evidence, Kind, Weighed
+from bms_gateway.health.heat.fault_evidence import ONSETS, Evidence, Kind, Weighed
 from bms_gateway.health.heat.filter import HeatFilter
 from bms_gateway.health.heat.layout import Bools
-from bms_gateway.health.heat.words import sentence
+from bms_gateway.health.heat.sentences import sentence
 from bms_gateway.thermal import Floats
 
 SURE = 14.0
