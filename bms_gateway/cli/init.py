@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 from bms_gateway.cli.main import Parser
 
 if TYPE_CHECKING:
-    from bms_gateway.records.signal_use import Use
     from bms_gateway.setup.picture import Cores
     from bms_gateway.setup.proposal import Proposal, Proposed
     from bms_gateway.setup.vehicle_logs import Traffic
@@ -68,26 +67,23 @@ def _write(
     """Write the config, estimate with it, and say how to go on."""
     from bms_gateway.cli.output import note, say, write_json
     from bms_gateway.records.signal_use import advice
-    from bms_gateway.setup.write import write_setup
+    from bms_gateway.setup.settle import missing, settle
 
-    missing = _missing(proposal, traffic)
-    guesses = _guessed(out, traffic) if missing and not traffic.messages else []
-    if missing:
+    why_not = missing(proposal, traffic)
+    guesses = _guessed(out, traffic) if why_not and not traffic.messages else []
+    if why_not:
         if args.json:
             write_json(
                 args.json, document(proposal) | ({"guesses": [g.document() for g in guesses]} if guesses else {})
             )
         if proposal.signals:
             say(_table(proposal), args.json)
-        say(missing, args.json)
+        say(why_not, args.json)
         if guesses:
             _tell_guesses(guesses, out, args)
         return 1
-    written = write_setup(proposal, traffic, out, cell=cell, logs=args.log)
-    cores, uses = _estimate(written.config, traffic)
-    if _without_refused(proposal, uses):  # a signal whose samples are always refused is not a sensor
-        written = write_setup(proposal, traffic, out, cell=cell, logs=args.log)
-        cores, uses = _estimate(written.config, traffic)
+    settled = settle(proposal, traffic, out, cell=cell, logs=args.log)
+    written = settled.written
     if args.json:
         write_json(args.json, document(proposal))
     say(_table(proposal), args.json)
@@ -95,9 +91,9 @@ def _write(
         note(text)
     if cell is None:
         note("the cell is unknown (--cell): the bands of the cores are as wide as a guess of its size makes them")
-    for text in list(advice(uses))[:10]:
+    for text in list(advice(settled.uses))[:10]:
         say(text, args.json)
-    _show(cores, out, args.json)
+    _show(settled.cores, out, args.json)
     logs = " ".join(str(p) for p in args.log)
     say(f"{written.config}: written, with {len(written.files) - 1} files beside it. Next:", args.json)
     say(f"  bms-gateway check {written.config} --log {args.log[0]}", args.json)
@@ -246,27 +242,6 @@ def _table(proposal: "Proposal") -> str:
     return "\n".join(lines)
 
 
-def _missing(proposal: "Proposal", traffic: "Traffic") -> str | None:
-    if not traffic.messages:
-        frequent = sorted(traffic.unknown, key=lambda i: -traffic.unknown[i])[:5]
-        given = "is in the DBC" if traffic.dbc else "is known: give the vehicle's DBC with --dbc"
-        return (
-            f"none of the {len(traffic.unknown)} identifiers of these logs {given}; "
-            f"the most frequent are {', '.join(_hex(i) for i in frequent)}: no config was written"
-        )
-    if next(proposal.of("current"), None) is None:
-        return "no signal is a current of the pack: nothing was written; is it in another DBC or log?"
-    if not proposal.cells:
-        return "no signal is a temperature of cells: nothing was written; is it in another DBC or log?"
-    return None
-
-
-def _hex(can_id: int) -> str:
-    from bms_gateway.frames.batch import EXTENDED
-
-    return f"0x{can_id & ~EXTENDED:X}"
-
-
 def _ask(proposal: "Proposal") -> None:
     """Ask about every choice for the whole pack that is not sure; what is refused is left out."""
     for p in [p for p in proposal.signals if not p.sure and p.role not in ("surface", "cell_voltage")]:
@@ -281,38 +256,6 @@ def _agrees(question: str) -> bool:
         return input(f"{question} [Y/n] ").strip().lower() in ("", "y", "yes", "j", "ja")
     except EOFError:
         return True
-
-
-def _estimate(config: Path, traffic: "Traffic") -> "tuple[Cores, dict[str, Use]]":
-    """Run the very engine over the frames at hand."""
-    from bms_gateway.config.load import load_config
-    from bms_gateway.engine import Engine, Estimated, drive
-    from bms_gateway.records.signal_use import signal_use
-    from bms_gateway.setup.picture import Cores
-
-    loaded = load_config(config)
-    engine = Engine(loaded.plan, loaded.database)
-    cores = Cores()
-    for event in drive(engine, [traffic.frames]):
-        if isinstance(event, Estimated):
-            cores.take(event)
-    return cores, signal_use(loaded.plan, loaded.database, engine, {s.name for s in loaded.plan.strings})
-
-
-def _without_refused(proposal: "Proposal", uses: "dict[str, Use]") -> bool:
-    """Leave out thermocouples whose samples the engine almost always refuses, as long as some remain."""
-    from bms_gateway.engine.reasons import REASONS
-    from bms_gateway.frames.quality import Quality
-
-    refused = {}
-    for signal, use in uses.items():
-        if use.channel.quantity == "surface" and use.lost and use.refused:
-            most = max(use.refused, key=lambda reason: use.refused[reason])
-            refused[signal] = f"{use.seen - use.used} of {use.seen} samples refused: {REASONS[Quality[most.upper()]]}"
-    if not refused or len(refused) == sum(p.role == "surface" for p in proposal.signals):
-        return False
-    proposal.leave_out(refused)
-    return True
 
 
 def _show(cores: "Cores", out: Path, json_target: str | None) -> None:

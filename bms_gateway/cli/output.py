@@ -111,7 +111,7 @@ def write_json(target: str, document: Mapping[str, Any]) -> None:
         raise UsageError(f"--json {target}: cannot be written: {e.strerror}") from None
 
 
-def needs_plotly() -> None:
+def needs_plotly(what: str = "--html", extra: str = "report") -> None:
     """Refuse to make a page, before the work, if the extra that draws it is missing.
 
     Raises
@@ -119,7 +119,7 @@ def needs_plotly() -> None:
     MissingExtraError
     """
     if importlib.util.find_spec("plotly") is None:
-        raise MissingExtraError("--html", "report")
+        raise MissingExtraError(what, extra)
 
 
 def command_line(name: str) -> str:

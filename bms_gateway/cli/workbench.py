@@ -62,11 +62,12 @@ def arguments(parser: Parser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Serve until stopped."""
-    from bms_gateway.workbench.server import Server, plotly_file
+    from bms_gateway.cli.output import needs_plotly
+    from bms_gateway.workbench.server import Server
     from bms_gateway.workbench.site import Site
     from bms_gateway.workbench.uploads import sweep
 
-    plotly_file()
+    needs_plotly("workbench", "workbench")
     sweep()
     signal.signal(signal.SIGTERM, _stop)  # as Ctrl-C: uploads and processes are to go too
     if args.bitrate <= 0:

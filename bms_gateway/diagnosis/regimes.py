@@ -96,7 +96,7 @@ FEATURES: Mapping[str, _Kind] = {
     "recent_heat": _Kind("rms current of the last minutes (I²)", "A", 5.0, "after an rms current {} A"),
     "recent_current": _Kind("mean current of the last minutes", "A", 2.0, "after a mean current {} A"),
     "magnitude": _Kind("magnitude of the current", "A", 2.0, "at a current {} A"),
-    "soc": _Kind("state of charge", "%", 5.0, "with the state of charge {} %"),
+    "soc": _Kind("SOC", "%", 5.0, "with the SOC {} %"),
     "surface": _Kind("surface temperature", "°C", 2.0, "while the surface is {} °C"),
     "inlet": _Kind("coolant inlet", "°C", 1.0, "while the inlet is {} °C"),
     "inlet_slope": _Kind("slope of the inlet", "K/min", 0.3, "while the inlet's slope is {} K/min"),

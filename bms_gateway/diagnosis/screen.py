@@ -13,6 +13,7 @@ import numpy as np
 
 from bms_gateway.diagnosis.candidates import Candidate
 from bms_gateway.identify.coordinates import Measured
+from bms_gateway.identify.effort import beat
 from bms_gateway.identify.map_fit import MapFit, solved, stacked
 from bms_gateway.identify.problem import Problem, signals_at
 from bms_gateway.thermal import Floats
@@ -113,6 +114,7 @@ class Responses:
 
     def column(self, c: Candidate, p: EffectParameter) -> Floats:
         """Return the readings' response (M,) to one parameter, per unit (or per probe where it is a logarithm)."""
+        beat()
         values = c.begin
         for q in c.effect.parameters:
             if q.neutral is not None and q.name != p.name:

@@ -20,6 +20,7 @@ from bms_gateway.identify.coordinates import (
     parameters,
     starts,
 )
+from bms_gateway.identify.effort import beat
 from bms_gateway.identify.fit_columns import Places, places
 from bms_gateway.thermal import CELL_SYMBOLS, KINDS, Floats, StringModel, StringParameters
 from bms_gateway.thermal.drive import Drive
@@ -139,6 +140,7 @@ class Problem:
         """Run the model freely over all records and read it; `guess` are trajectories near the result."""
         ys, Xs, settled = [], [], True
         for r, m in enumerate(self.records):
+            beat()
             v, starts = self.numbers(r, theta, nu)
             memory = self._memory(m.drive, r, v)
             about = np.mean(np.stack(starts), axis=0) if guess is None else guess[r].mean(axis=0)
@@ -191,6 +193,7 @@ class Problem:
             if recursion.dt != m.drive.dt:
                 recursion = recursion.with_steps(m.drive.dt, m.drive.N)
             for first in range(0, len(mine), 16):  # few columns at a time stay in the cache
+                beat()
                 some = mine[first : first + 16]
                 variations = [self._variation(m.drive, r, theta, nu, coordinates[j], memory, starts) for j in some]
                 S = sensitivities(self.physics, m.drive, v, memory, X, m.spans, recursion, variations, refinements)

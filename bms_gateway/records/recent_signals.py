@@ -81,7 +81,14 @@ def state_directory(config: Path | None, store: Path | None, command: str) -> Pa
 
 
 def write_recent(
-    out: Path, directory: Path, last_s: float, string: str | None, command: str, tell: Callable[[str], None]
+    out: Path,
+    directory: Path,
+    last_s: float,
+    string: str | None,
+    command: str,
+    tell: Callable[[str], None],
+    *,
+    until_us: int | None = None,
 ) -> Written:
     """Write the last stretch of a string's signals, as a whole or not at all.
 
@@ -98,6 +105,8 @@ def write_recent(
         What errors begin with.
     tell : callable
         Told what of the ring could not be used.
+    until_us : int, optional
+        End of the stretch, in µs, where that is not the newest signal.
 
     Raises
     ------
@@ -106,7 +115,7 @@ def write_recent(
     """
     from bms_gateway.store.rows import excerpt
 
-    found = excerpt(directory / "recent", last_s)
+    found = excerpt(directory / "recent", last_s, until_us)
     for problem in found.problems:
         tell(str(problem))
     name = _string(found, string, command)

@@ -9,7 +9,7 @@ from typing import Final
 from bms_gateway.errors import DataError, did_you_mean
 from bms_gateway.report.dates import ASKED
 
-__all__ = ["Column", "bare_unit", "find_columns", "quantity_of"]
+__all__ = ["UNITS", "Column", "bare_unit", "find_columns", "quantity_of", "split_unit"]
 
 _F: Final = (5 / 9, -160 / 9)
 _TEMPERATURE: Final = {
@@ -64,16 +64,6 @@ _BASES: Final = {
 _OURS: Final = {own.lower(): own for own, _ in _BASES.values()}
 _CELL: Final = re.compile(r"(surface|cell_voltage|core)_([1-9][0-9]{0,5})")
 _BRACKETS: Final = re.compile(r"(.*?)[\s_]*[\[(]\s*([^\[\]()]{0,30}?)\s*[\])]")
-_LOOKS: Final = (
-    ("time_s", re.compile(r"\b(time|zeit|t|timestamp|datum|date|uhrzeit|elapsed|test.?time)\b")),
-    ("current_A", re.compile(r"\b(current|strom|i|amps?|amperes?|courant|pack.?current)\b")),
-    (
-        "coolant_inlet_C",
-        re.compile(r"\b(inlet|coolant|ambient|amb|chamber|umgebung|vorlauf|t.?amb|t.?in|kuehlmittel)\b"),
-    ),
-    ("voltage_V", re.compile(r"\b(voltage|spannung|u|v|volts?|tension)\b")),
-)
-"""What a column that is asked for may be called by others; only to be proposed, never taken."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,7 +168,7 @@ def _known(path: object, name: str, below: str | None) -> Column:
 
 def _by_name(path: object, name: str, below: str | None) -> tuple[str, Column] | None:
     """Take a column that is called like one of ours but for its unit: `current [mA]`, `Surface 1 (°F)`, `time_ms`."""
-    base, unit = _split(name)
+    base, unit = split_unit(name)
     key = re.sub(r"[\s-]+", "_", base.strip()).lower()
     ours = _OURS.get(key) or _BASES.get(key, (None, ""))[0]
     if ours is None and (cell := _CELL.fullmatch(re.sub(r"(?<=\d)_[cv]$", "", key))):
@@ -216,12 +206,12 @@ def _mapped(path: object, ours: str, column: str, names: Sequence[str], units: M
     quantity = quantity_of(ours)
     bare = column if column in names else column.removeprefix("-")
     if bare in names:
-        unit = _split(bare)[1] or units.get(bare) or _tail(bare, quantity)
+        unit = split_unit(bare)[1] or units.get(bare) or _tail(bare, quantity)
         factors = _unit(quantity, unit) if unit else None
         if unit and factors is None and _ELSE.fullmatch(unit):
             raise _no_unit(path, bare, unit, quantity, ours)
         return Column(column, *factors, unit) if factors else Column(column)
-    base, unit = _split(bare)
+    base, unit = split_unit(bare)
     if unit is not None and base in names:  # the unit is the user's word
         sign = "-" if column.startswith("-") else ""
         if quantity == "time" and unit in ASKED:
@@ -239,10 +229,13 @@ def _tail(name: str, quantity: str) -> str | None:
     return end if len(end) > 1 and end in UNITS[quantity] else None
 
 
-def _split(name: str) -> tuple[str, str | None]:
+def split_unit(name: str) -> tuple[str, str | None]:
     """Part a name and the unit in brackets, or after a slash, at its end."""
     if found := _BRACKETS.fullmatch(name):
         return found[1], found[2]
+    base, _, unit = name.rpartition(" ")
+    if "/" in unit and any(unit in units for units in UNITS.values()):
+        return base.strip(), unit
     base, slash, unit = name.rpartition("/")
     if slash and any(unit.strip() in units for units in UNITS.values()):
         return base.strip(), unit.strip()
@@ -264,12 +257,3 @@ def _no_unit(path: object, column: str, unit: str, quantity: str, ours: str) -> 
         f"{path}: column {column!r} for {ours}: {unit!r} is no unit of it{did_you_mean(unit, valid[:8])} "
         f"(say it: --columns '{ours}={column} [{OWN[quantity]}]')"
     )
-
-
-def lookalike(ours: str, names: Sequence[str]) -> str | None:
-    """Give the one column that others call so; None where there is none, or several."""
-    pattern = next((p for name, p in _LOOKS if name == ours), None)
-    if pattern is None:
-        return None
-    near = [n for n in names if pattern.search(re.sub(r"[_\W]+", " ", _split(n)[0]).strip().lower())]
-    return near[0] if len(near) == 1 else None

@@ -22,6 +22,7 @@ from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.report.add_text import AddReport, headline
 from bms_gateway.report.core_text import core_sentence, outside, thermocouple_sentence
 from bms_gateway.report.diagnosis_text import Told
+from bms_gateway.report.html_correlation import correlation_table
 from bms_gateway.report.html_evidence import evidence, missing_heat, summary
 from bms_gateway.report.html_ranking import detectability_table, experiment_table, ranking_table
 from bms_gateway.report.html_series import Shown, shown
@@ -104,6 +105,7 @@ def write_comparison(path: Path, comparison: Comparison, aside: Aside) -> None:
         *evidence(models, now.core_checks),
         section("errors", "Errors", errors_table(models)),
         section("parameters", "Parameters, refitted", parameters_table(now.fit)),
+        section("correlations", "Correlation of the parameters", correlation_table(now.fit)),
         *aside.sections,
     ]
     write_page(path, "Model against measurement", head, sections)
@@ -173,6 +175,7 @@ def write_diagnosis(
             section("ranking", "What it could be, ranked", ranking_table(told.ranking, second=d.decided_by_second)),
             section("errors", "Errors before and after" if d.selected else "Errors", errors_table(models)),
             section("parameters", f"Parameters, {models[-1].name}", parameters_table(models[-1].fit)),
+            section("correlations", "Correlation of the parameters", correlation_table(models[-1].fit)),
         ]
     following = paragraph(told.next_experiment) if told.next_experiment else ""
     sections += [
@@ -218,6 +221,7 @@ def write_addition(path: Path, report: AddReport, addition: Addition, command: s
         *evidence(models, report.after.checks),
         section("errors", "Errors before and after", errors_table(models)),
         section("parameters", f"Parameters, {models[-1].name}", parameters_table(addition.after)),
+        section("correlations", "Correlation of the parameters", correlation_table(addition.after)),
         *aside.sections,
     ]
     head = (

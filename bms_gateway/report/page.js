@@ -1,6 +1,16 @@
 "use strict";
-// Draws the figures whose specifications stand in the page, links the time axes of one record, and fits them to paper.
-(function () {
+// Unpacks plotly, draws the figures whose specifications stand in the page, links the time axes of one record, and fits them to paper.
+(async function () {
+  try {
+    const packed = Uint8Array.from(atob(document.getElementById("plotly").textContent), (c) => c.charCodeAt(0));
+    const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
+    const script = document.createElement("script");
+    script.textContent = await new Response(stream).text();
+    document.head.append(script);
+  } catch (e) {
+    document.getElementById("old").hidden = false;
+    throw e;
+  }
   const PAPER = 690; // px between the margins of an A4 or Letter page, upright
   // these buttons and no others: one of plotly's own would send the data to its maker's server
   const buttons = [["zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d", "toImage"]];
@@ -28,4 +38,5 @@
   const fit = (width) => plots.forEach((p) => Plotly.relayout(p, width ? { width: width } : { width: null, autosize: true }));
   window.addEventListener("beforeprint", () => fit(PAPER));
   window.addEventListener("afterprint", () => fit(0));
+  document.documentElement.dataset.drawn = String(plots.length);
 })();

@@ -5,7 +5,8 @@ Files are read in pieces, and of each piece the numbers of the columns that are 
 
 import re
 from array import array
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,9 +15,10 @@ from numpy.typing import NDArray
 
 from bms_gateway.diagnosis.record_inputs import Columns
 from bms_gateway.errors import DataError, UsageError, did_you_mean
-from bms_gateway.report.columns import Column, find_columns, lookalike
+from bms_gateway.report.columns import Column, find_columns
 from bms_gateway.report.dates import DateForm, date_form
 from bms_gateway.report.file_rows import Piece, Rows, open_csv, open_parquet
+from bms_gateway.report.guess import lookalike
 from bms_gateway.report.progress import progress
 
 Floats = NDArray[np.float64]
@@ -96,7 +98,7 @@ def parse_columns(pairs: Iterable[str]) -> dict[str, str]:
             name, column = name.strip(), column.strip()
             if not (equals and name and column):
                 raise UsageError(f"--columns {part!r}: expected name=column, such as current_A=I_A")
-            if not _known(name):
+            if not known(name):
                 raise UsageError(f"--columns {part!r}: no table has a column {name!r}{did_you_mean(name, _EXAMPLES)}")
             if name in found:
                 raise UsageError(f"--columns {part!r}: {name} is {found[name]!r} already; name it once")
@@ -137,13 +139,27 @@ def read_table(
     MissingExtraError
         Parquet without pyarrow.
     """
-    columns = columns or {}
+    with open_table(path) as rows:
+        return _read(path, columns or {}, rows, tell, most, needed)
+
+
+@contextmanager
+def open_table(path: Path) -> Iterator[Rows]:
+    """Open a table, CSV or Parquet.
+
+    Raises
+    ------
+    DataError
+        It is not there, no table, or damaged.
+    MissingExtraError
+        Parquet without pyarrow.
+    """
     if path.is_dir():
         raise DataError(f"{path}: is a directory; expected a table, CSV or Parquet")
     parquet = path.suffix.lower() in (".parquet", ".pq")
     try:
         with open_parquet(path) if parquet else open_csv(path) as rows:
-            return _read(path, columns, rows, tell, most, needed)
+            yield rows
     except FileNotFoundError:
         beside = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
         raise DataError(f"{path}: no such file{did_you_mean(path.name, beside)}") from None
@@ -162,7 +178,7 @@ def _read(
     needed: Sequence[str],
 ) -> Table:
     names = rows.names
-    ours = find_columns(path, names, rows.units, columns, [name for name in names if _known(name)])
+    ours = find_columns(path, names, rows.units, columns, [name for name in names if known(name)])
     for name in needed:
         if name not in ours:
             hint = did_you_mean(name, names)
@@ -171,7 +187,7 @@ def _read(
                 hint = f"; {like!r} may be it"
             mapped = f"{name}=COLUMN" if like is None else f"'{name}={like}'"
             raise DataError(f"{path}: no column {name!r}{hint} (map it: --columns {mapped})")
-    dates = _dates(path, rows, ours["time_s"])
+    dates = dates_of(path, rows, ours["time_s"])
     used = {c.bare for c in ours.values()} | {c.column for c in ours.values()}
     lines, values, notes = _kept(path, rows, ours, dates, tell, most)
     nothing = np.full(len(lines), np.nan)
@@ -195,7 +211,7 @@ def _read(
     )
 
 
-def _dates(path: Path, rows: Rows, time: Column) -> dict[str, DateForm]:
+def dates_of(path: Path, rows: Rows, time: Column) -> dict[str, DateForm]:
     """Tell how the times are written where they are no numbers."""
     form = date_form(rows.sample(time.bare), time.date)
     if isinstance(form, str):
@@ -235,7 +251,7 @@ def _kept(
     charge = _Charge(path, rows.word)
     with progress(path.name, size) as advance:
         for piece in rows.pieces({c.column for c in ours.values()}, dates):
-            values = {name: _converted(piece.values[c.column], c, c.column in dates) for name, c in ours.items()}
+            values = {name: converted(piece.values[c.column], c, c.column in dates) for name, c in ours.items()}
             _check_time(path, values["time_s"], before, rows.word, piece)
             if "soc" in values:
                 values["soc"] = charge.share(values["soc"], piece)
@@ -261,13 +277,15 @@ def _kept(
     )
 
 
-def _converted(values: Floats, c: Column, is_date: bool) -> Floats:
+def converted(values: Floats, c: Column, is_date: bool) -> Floats:
+    """Convert what a column holds to our unit; its sign was taken when it was read."""
     if is_date or (c.factor, c.shift) == (1.0, 0.0):
         return values
     return c.factor * values + (-c.shift if c.column != c.bare else c.shift)
 
 
-def _known(name: str) -> bool:
+def known(name: str) -> bool:
+    """Whether a name is one of ours."""
     match = _CELL_COLUMN.fullmatch(name)
     return name in REQUIRED or name in OPTIONAL or (match is not None and PER_CELL[match[1]] == match[3])
 

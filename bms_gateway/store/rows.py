@@ -48,7 +48,7 @@ class Excerpt:
             newest = max(newest, block.last_us)
 
 
-def excerpt(directory: Path, last_s: float) -> Excerpt:
+def excerpt(directory: Path, last_s: float, until_us: int | None = None) -> Excerpt:
     """Look through the ring.
 
     Parameters
@@ -56,6 +56,8 @@ def excerpt(directory: Path, last_s: float) -> Excerpt:
     directory : Path
     last_s : float
         How much of it, s before the newest sample.
+    until_us : int, optional
+        End, in µs, where that is not the newest sample.
 
     Returns
     -------
@@ -74,11 +76,13 @@ def excerpt(directory: Path, last_s: float) -> Excerpt:
     back = [k for k in range(1, len(spans)) if spans[k][1] < spans[k - 1][0]]
     skip = back[-1] if back else 0
     last, since = max(end for _, end, _ in spans[skip:]), spans[skip][2]
+    if until_us is not None:
+        last = min(last, until_us)
     found = Excerpt(last - round(last_s * SECOND_US), last, problems=problems, _since=since, _directory=directory)
     found.turned_back = skip > 0 and found.first_us < spans[skip][0]
     seen: dict[str, dict[str, None]] = {}
     for block in read_recent(directory, []):
-        if block.place >= since and block.last_us >= found.first_us:
+        if block.place >= since and block.last_us >= found.first_us and block.first_us <= found.last_us:
             _note_columns(block, seen)
     found.columns = {
         name: [*NEEDED, *(c for c in columns if c not in NEEDED)] for name, columns in seen.items() if columns

@@ -20,6 +20,7 @@ from bms_gateway.diagnosis.latent import latent
 from bms_gateway.diagnosis.prepare import measured
 from bms_gateway.diagnosis.record import Record
 from bms_gateway.errors import UsageError
+from bms_gateway.identify.effort import heard
 from bms_gateway.records.read import read_measurements
 from bms_gateway.records.recent_signals import given_span, state_directory, write_recent
 from bms_gateway.report.add_text import AddReport
@@ -39,6 +40,8 @@ from bms_gateway.report.table import parse_columns
 from bms_gateway.thermal import StringModel
 from bms_gateway.workbench import documents, pictures, whiteness
 from bms_gateway.workbench.approach import Show, approach
+from bms_gateway.workbench.looking import looked
+from bms_gateway.workbench.moving import Moving
 from bms_gateway.workbench.series import Shelf
 from bms_gateway.workbench.steps import FILED, REFITTED
 
@@ -105,11 +108,19 @@ class Bench:
         GatewayError
             One line for the page.
         """
-        files = Files.of(request["files"])
+        if request["do"] == "look":
+            return looked(Path(request["files"]["tables"][0]), tuple(request["files"].get("columns") or ()))
         if request["do"] == "open":
             return self._open(request["files"], Path(request["folder"]), tell)
+        files = Files.of(request["files"])
         if files != self._files:
             self._read(files, Path(request["folder"]), tell)
+        moving = Moving(tell)
+        with heard(moving.beat):
+            return self._model(request, moving.step, show)
+
+    def _model(self, request: Mapping[str, Any], tell: Tell, show: Show) -> documents.Document:
+        """Do what a request asks of a model."""
         text = request["text"]
         match request["do"]:
             case "compare":
@@ -140,10 +151,11 @@ class Bench:
 
     def _open(self, named: Mapping[str, Any], folder: Path, tell: Tell) -> documents.Document:
         files, told = _taken(named, folder, tell)
+        files, proposed = _made(files, folder, tell)
         self._read(Files.of(files), folder, tell)
         assert self._filed is not None  # noqa: S101 - read just now
         findings, notes = findings_and_notes(self._filed, self._records)
-        notes += tuple((files["tables"][-1], text) for text in told)
+        notes += tuple((files["tables"][-1], text) for text in (*told, *proposed))
         document = documents.opened(self._filed, self._records, findings, notes)
         document["text"] = Path(files["model"]).read_text(encoding="utf-8")
         shelf = Shelf(folder)
@@ -260,3 +272,14 @@ def _taken(files: Mapping[str, Any], folder: Path, tell: Tell) -> tuple[dict[str
     directory = state_directory(config, store, "recent window")
     write_recent(out, directory, seconds, files.get("string") or None, "recent window", said.append)
     return {**files, "tables": [*files["tables"], str(out)], "recent": {**recent, "table": str(out)}}, said
+
+
+def _made(files: dict[str, Any], folder: Path, tell: Tell) -> tuple[dict[str, Any], list[str]]:
+    """Make the model and the config that were described instead of named; and what there is to say of them."""
+    if not files.get("dbc") and (files.get("model") or not files.get("form")):
+        return files, []
+    from bms_gateway.workbench.form import with_config, with_model  # the room of `init` comes when it is needed
+
+    tell(0.1, "finding the signals of the log" if files.get("dbc") else "writing the model")
+    files, said = with_config(files, folder)
+    return with_model(files, folder), said

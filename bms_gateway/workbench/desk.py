@@ -18,6 +18,7 @@ from bms_gateway.workbench.uploads import Uploads
 
 Document = dict[str, Any]
 TITLES = {
+    "look": "looking at the table",
     "open": "reading the files",
     "compare": "comparing the model with the readings",
     "diagnose": "looking for the missing effect",
@@ -26,6 +27,8 @@ TITLES = {
 }
 GONE = "the computing process ended unexpectedly (the terminal says why); try again, a fresh one is started"
 REPORT_S = 600.0
+LOOK_S = 20.0
+"""For a look at a table to end, before what comes next."""
 
 
 class Desk:
@@ -44,6 +47,7 @@ class Desk:
         self.uploads = Uploads()
         self.files: Document | None = None
         self._opened: Document | None = None
+        self._looked: Document | None = None
         self._frames: list[Frame] = []
         self._job: Document | None = None
         self._request: Document = {}
@@ -62,6 +66,20 @@ class Desk:
         """Where its uploads lie."""
         return self.uploads.folder
 
+    @property
+    def awake(self) -> bool:
+        """Whether it has a process, which takes a hundred megabytes."""
+        return self._worker.alive
+
+    def rest(self) -> bool:
+        """End its process where it does nothing; the work stays, and the next task starts another process."""
+        with self.changed:
+            if self._job is not None or self._closed:
+                return False
+            worker = self._worker
+        worker.end()
+        return True
+
     def close(self) -> None:
         """End its process, and throw its uploads away."""
         with self.changed:
@@ -77,12 +95,18 @@ class Desk:
         """Read files anew; what is on the desk stays until they are read."""
         if not files["tables"] and not files.get("recent"):
             raise UsageError("open: choose a table or a log first, or the gateway's recent window")
-        if not files["model"]:
-            raise UsageError("open: choose a model file first (TOML, as for compare --model)")
+        if not files["model"] and not files.get("form") and not files.get("dbc"):
+            raise UsageError("open: choose a model file first (TOML, as for compare --model), or describe the cell")
         before = (self.files or {}).get("recent")
         if not files.get("recent") and before and before["table"] in files["tables"]:
             files = {**files, "recent": before}  # still the one that was taken
         self._start("open", {"files": files})
+
+    def look(self, files: Document) -> None:
+        """Look at the first table: its columns, and what they may be; what is open stays."""
+        if not files["tables"]:
+            raise UsageError("look: choose a table first")
+        self._start("look", {"files": files})
 
     def resume(self, files: Document, additions: Sequence[Addition]) -> None:
         """Open the files of a session, and go its way again: one addition after the other, until one is refused."""
@@ -198,6 +222,7 @@ class Desk:
                 "version": self.version,
                 "files": files,
                 "opened": opened,
+                "looked": self._looked,
                 "steps": steps_of(self._frames),
                 "compared": {k: v for k, v in top.compared.items() if k != "variants"}
                 if top and top.compared
@@ -248,6 +273,8 @@ class Desk:
 
     def _start(self, kind: str, request: Document) -> None:
         with self.changed:
+            if kind != "look":  # a look takes a moment, and nobody waits for it
+                self.changed.wait_for(lambda: (self._job or {}).get("kind") != "look", LOOK_S)
             self._refuse_if_busy()
             if self._closed:
                 raise UsageError("this tab was open too long ago: reload the page")
@@ -283,6 +310,8 @@ class Desk:
 
     def _take(self, request: Mapping[str, Any], done: Document) -> None:
         match request["do"]:
+            case "look":
+                self._looked = done
             case "open":
                 self.files, self._opened, self._refusal = done.pop("files"), done, None
                 self._frames = [Frame(done["text"], REFITTED)]

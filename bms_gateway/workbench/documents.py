@@ -20,6 +20,7 @@ from bms_gateway.report.add_text import AddReport, headline
 from bms_gateway.report.core_text import core_document, core_sentence, outside, thermocouple_sentence
 from bms_gateway.report.diagnosis_text import Told, finite, number_lines, reach
 from bms_gateway.report.html import VERDICTS
+from bms_gateway.report.html_correlation import correlation_table
 from bms_gateway.report.html_evidence import summary
 from bms_gateway.report.html_ranking import GROUPS, NAMED_AT
 from bms_gateway.report.html_series import Shown
@@ -28,6 +29,7 @@ from bms_gateway.thermal import StringModel
 from bms_gateway.thermal.effects import catalogue, effect_named
 from bms_gateway.workbench.pictures import preview
 from bms_gateway.workbench.steps import FILED, REFITTED
+from bms_gateway.workbench.words import in_words
 
 Document = dict[str, Any]
 WEIGHTS = {"stop": "cannot be used", "warn": "look at this first", "note": "good to know"}
@@ -59,7 +61,7 @@ def opened(
             for r in records
         ],
         "checks": [
-            {"record": s, "severity": f.severity, "weight": WEIGHTS[f.severity], "sentence": f.sentence}
+            {"record": s, "severity": f.severity, "weight": WEIGHTS[f.severity], "sentence": in_words(f.sentence)}
             for s, f in checks
         ],
         "notes": [{"record": s, "note": text} for s, text in notes],
@@ -82,6 +84,7 @@ def compared(c: Comparison, name: str) -> Document:
         "errors": errors_table(models),
         "core": told_core(c.core),
         "parameters": parameters_table(c.refitted.fit),
+        "correlations": correlation_table(c.refitted.fit),
         "thermocouples": thermocouples_table(models, c.refitted.core_checks),
     }
 
@@ -119,7 +122,7 @@ def _variant(name: str, v: Variant) -> Document:
             }
         )
     return {
-        "findings": list(v.findings),
+        "findings": [in_words(t) for t in v.findings],
         "cards": summary([shown]),
         "regimes": heat_map([shown]),
         "cells": cells,
@@ -154,16 +157,16 @@ def diagnosed(told: Told) -> tuple[Document, dict[str, Document]]:
         "verdict": verdict,
         "tag": VERDICTS[verdict] + (", and something unknown remains" if remains else ""),
         "remains": verdict == "unknown_effect" or remains,
-        "sentence": told.sentence,
+        "sentence": in_words(told.sentence),
         "selected": [s.candidate.key for s in d.selected] if d else [],
         "needs": reach(NAMED_AT, top),
         "groups": GROUPS,
         "error": "error" if d and d.decided_by_second else "held-out error",
         "ranking": [_standing(r, top, r.name in fits) for r in told.ranking],
-        "absorbed": list(told.absorbed),
+        "absorbed": [in_words(t) for t in told.absorbed],
         "core": told_core(told.core, told.sentence),
-        "card": list(told.card),
-        "next": told.next_experiment,
+        "card": [in_words(t) for t in told.card],
+        "next": in_words(told.next_experiment or ""),
     }
     return document, {name: preview(fit) for name, fit in fits.items()}
 
@@ -178,9 +181,9 @@ def _standing(r: Standing, top: float, drawn: bool) -> Document:
         "share": finite(r.share),
         "error_K": finite(r.error_K),
         "without_K": finite(r.without_K),
-        "numbers": number_lines(r.parameters),
-        "tied": list(r.tied_with),
-        "refused": r.refused,
+        "numbers": [in_words(t) for t in number_lines(r.parameters)],
+        "tied": [in_words(t) for t in r.tied_with],
+        "refused": in_words(r.refused),
         "drawn": drawn,
     }
 
@@ -194,7 +197,7 @@ def _effect(key: str) -> Document:
         "equation": e.equation,
         "signature": e.signature,
         "needs": e.needs,
-        "confused_with": list(e.confused_with),
+        "confused_with": [in_words(t) for t in e.confused_with],
         "parameters": [f"{p.name}: {p.description}{f', {p.unit}' if p.unit != '1' else ''}" for p in e.parameters],
     }
 

@@ -1,15 +1,32 @@
 """What happened to a pack, for the page: alerts and notices in groups, newest first."""
 
+import csv
+import io
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
 from bms_gateway.engine import Alerted, Notice
 from bms_gateway.engine.events import Level
+from bms_gateway.errors import UsageError
 from bms_gateway.health.alerts import Condition, Severity
+from bms_gateway.workbench.history import wall_clock
 
 MOST: Final = 2000
 """Events kept; of more the oldest go."""
+COLUMNS: Final = (
+    "time_s",
+    "wall_clock",
+    "level",
+    "code",
+    "string",
+    "cell",
+    "state",
+    "text",
+    "acknowledged",
+    "reason",
+)
 GROUPS: Final = 40
 """Groups shown."""
 MARKS: Final = 100
@@ -37,11 +54,21 @@ class Happened:
     state: str
 
 
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """That a person has looked at the events of a group until some moment: when, and what was said of them."""
+
+    until_ns: int
+    wall_s: float
+    reason: str
+
+
 @dataclass(slots=True)
 class Events:
-    """Events in the order in which they came."""
+    """Events in the order in which they came, and which were acknowledged."""
 
     all: list[Happened] = field(default_factory=list)
+    seen: dict[tuple[str, str, bool], Seen] = field(default_factory=dict)
 
     def take(self, event: Notice | Alerted) -> None:
         """Keep one."""
@@ -53,6 +80,43 @@ class Events:
             state = event.change.state
             found = Happened(event.time_ns, c.severity, c.name, c.string or "", c.cell, c.text, state)
         self.all = [*self.all[-MOST + 1 :], found]
+
+    def acknowledge(self, code: str, string: str, alert: bool, reason: str, until_ns: int) -> None:
+        """Mark the events of a group until a moment as seen.
+
+        Raises
+        ------
+        UsageError
+            There is no such event.
+        """
+        key = code, string, alert
+        if not any((e.code, e.string, bool(e.state)) == key and e.time_ns <= until_ns for e in self.all):
+            raise UsageError(f"acknowledge: nothing of the kind '{code}' has happened to '{string or 'the pack'}'")
+        self.seen[key] = Seen(until_ns, time.time(), reason)
+
+    def table(self, first_ns: int) -> bytes:
+        """Write all events as CSV, oldest first."""
+        out = io.StringIO()
+        write = csv.writer(out, lineterminator="\n")
+        write.writerow(COLUMNS)
+        for e in self.all:
+            seen = self.seen.get((e.code, e.string, bool(e.state)))
+            known = seen if seen is not None and e.time_ns <= seen.until_ns else None
+            write.writerow(
+                [
+                    _seconds(e.time_ns, first_ns),
+                    wall_clock(e.time_ns),
+                    WORDS[e.severity],
+                    e.code,
+                    e.string,
+                    "" if e.cell is None else e.cell,
+                    e.state,
+                    e.text,
+                    "" if known is None else wall_clock(int(known.wall_s * 1e9)),
+                    "" if known is None else known.reason,
+                ]
+            )
+        return out.getvalue().encode()
 
     def grouped(self, until_ns: int, first_ns: int) -> list[dict[str, Any]]:
         """Tell what happened until a moment: alerts and notices of one kind and string are one line, newest first."""
@@ -71,9 +135,19 @@ class Events:
                 "first": _seconds(g[0].time_ns, first_ns),
                 "at": _seconds(g[-1].time_ns, first_ns),
                 "text": g[-1].text,
+                "alert": bool(g[-1].state),
+                "seen": self._told(g),
             }
             for g in newest
         ]
+
+    def _told(self, group: Sequence[Happened]) -> dict[str, Any] | None:
+        """Tell that the newest event of a group was acknowledged."""
+        last = group[-1]
+        seen = self.seen.get((last.code, last.string, bool(last.state)))
+        if seen is None or last.time_ns > seen.until_ns:
+            return None
+        return {"wall_ms": int(1e3 * seen.wall_s), "reason": seen.reason}
 
     def marks(self, string: str, from_ns: int, to_ns: int, first_ns: int) -> list[dict[str, Any]]:
         """Tell the alerts of a string, and those of the whole, that were raised or ended in a stretch of time."""

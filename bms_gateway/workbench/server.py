@@ -5,6 +5,7 @@ once and adds no dependency.
 """
 
 import json
+import secrets
 import socket
 import sys
 from collections.abc import Callable, Iterable, Iterator
@@ -12,13 +13,13 @@ from contextlib import suppress
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
-from importlib.util import find_spec
 from pathlib import Path
 from socketserver import TCPServer
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 from urllib.parse import parse_qs, unquote, urlsplit
 
-from bms_gateway.errors import GatewayError, MissingExtraError, UsageError
+from bms_gateway.errors import GatewayError, UsageError
+from bms_gateway.report.page import plotly_script
 from bms_gateway.workbench.desk import Desk
 from bms_gateway.workbench.doors import CLOSED, HEADERS, Door
 from bms_gateway.workbench.session import additions_of
@@ -44,6 +45,7 @@ TYPES = {
     ".js": "text/javascript; charset=utf-8",
     ".svg": "image/svg+xml",
 }
+CSV: Final = "text/csv; charset=utf-8"
 
 
 class Server(ThreadingHTTPServer):
@@ -91,21 +93,6 @@ class Server(ThreadingHTTPServer):
             super().handle_error(request, client_address)
 
 
-def plotly_file() -> Path:
-    """Find plotly's script in its package.
-
-    Raises
-    ------
-    MissingExtraError
-    """
-    spec = find_spec("plotly")  # not imported: its script is all that is needed
-    for place in (spec.submodule_search_locations or []) if spec else []:
-        path = Path(place) / "package_data" / "plotly.min.js"
-        if path.is_file():
-            return path
-    raise MissingExtraError("workbench", "workbench")
-
-
 class Handler(BaseHTTPRequestHandler):
     """Answers one connection."""
 
@@ -114,7 +101,20 @@ class Handler(BaseHTTPRequestHandler):
     timeout = IDLE_S
     server_version = "bms-gateway"
     sys_version = ""
-    GETS: ClassVar = {"state": "_state", "figure": "_figure", "curves": "_curves", "events": "_events", "take": "_take"}
+    GETS: ClassVar = {
+        "state": "_state",
+        "figure": "_figure",
+        "curves": "_curves",
+        "events": "_events",
+        "take": "_take",
+        "site": "_site",
+        "presets": "_presets",
+        "watch": "_watch",
+        "history": "_history",
+        "window": "_window",
+        "signals": "_signals",
+        "happened": "_happened",
+    }
 
     def log_message(self, format: str, *args: Any) -> None:  # noqa: A002 - the base class calls it so
         """Keep the terminal clean."""
@@ -179,23 +179,32 @@ class Handler(BaseHTTPRequestHandler):
         if path == "/":
             self._asset("page.html")
         elif path == "/plotly.js":
-            self._bytes(plotly_file().read_bytes(), TYPES[".js"], cached=True)
+            self._bytes(plotly_script(), TYPES[".js"], cached=True, packed=True)
         elif path.startswith("/page/"):
             self._asset(path.removeprefix("/page/"))
-        elif path == "/api/site":
-            site = self.server.site
-            self._json({"watch": site.watch.about() if site.watch else None, "local": site.local})
-        elif path == "/api/watch":
-            self._stream(self._live().stream(self._query.get("view", "")))
-        elif path == "/api/history":
-            string, span = self._number("string"), self._number("span")
-            self._json(self._live().history(self._query.get("view", ""), int(string), span))
-        elif path == "/api/window":
-            self._window()
         elif path.removeprefix("/api/") in self.GETS:
             getattr(self, self.GETS[path.removeprefix("/api/")])()
         else:
             self._json({"error": f"there is nothing at {path}"}, HTTPStatus.NOT_FOUND)
+
+    def _site(self) -> None:
+        site = self.server.site
+        self._json({"watch": site.watch.about() if site.watch else None, "local": site.local})
+
+    def _presets(self) -> None:
+        from bms_gateway.workbench.presets import presets  # not with the program: NumPy comes with it
+
+        self._json({"presets": presets()})
+
+    def _watch(self) -> None:
+        self._stream(self._live().stream(self._query.get("view", "")))
+
+    def _history(self) -> None:
+        string, span = self._number("string"), self._number("span")
+        self._json(self._live().history(self._query.get("view", ""), int(string), span))
+
+    def _happened(self) -> None:
+        self._bytes(self._live().events_table(), CSV, name="events.csv")
 
     def _desk(self) -> Desk:
         return self.server.site.desk(self._query.get("desk", ""))
@@ -270,11 +279,33 @@ class Handler(BaseHTTPRequestHandler):
             raise UsageError(f"{name}: a number from 0 on is needed")
         return x
 
+    def _signals(self) -> None:
+        """Give the signals of one string in a window as a table, as the commands read it."""
+        string, out = int(self._number("string")), self._desk().folder / f".{secrets.token_hex(8)}.csv"
+        watch = self._live()
+        try:
+            watch.signals.table(string, self._number("span"), watch.until_ns(self._query.get("view", "")), out)
+            self._bytes(out.read_bytes(), CSV, name="signals.csv")
+        finally:
+            out.unlink(missing_ok=True)
+
+    def _window_on_desk(self, body: dict[str, Any]) -> None:
+        """Open the signals of one string in a window on a tab's desk, with the model of the live page."""
+        watch, desk = self._live(), self._desk()
+        string, span = body.get("string"), body.get("span")
+        if not isinstance(string, int) or not isinstance(span, int | float) or not 0 <= span < LARGEST_NUMBER:
+            raise UsageError("window: the number of a string and a span in s are needed")
+        name = watch.about()["strings"][string]["name"] if 0 <= string < len(watch.about()["strings"]) else "string"
+        table, model = desk.folder / f"window_of_{safe_name(name)}.csv", desk.folder / f"{safe_name(name)}.toml"
+        watch.signals.table(string, span, watch.until_ns(str(body.get("view", ""))), table)
+        watch.signals.model(string, model)
+        desk.open({"tables": [str(table)], "model": str(model), "config": "", "string": "", "columns": []})
+
     def _window(self) -> None:
         parts = self._live().table(self._query.get("view", ""), self._number("span"))
         self.close_connection = True  # how long it gets is not known
         self.send_response(HTTPStatus.OK)
-        self.send_header("Content-Type", "text/csv; charset=utf-8")
+        self.send_header("Content-Type", CSV)
         self.send_header("Content-Disposition", 'attachment; filename="window.csv"')
         self.send_header("Cache-Control", "no-store")
         self.send_header("Connection", "close")
@@ -312,6 +343,14 @@ class Handler(BaseHTTPRequestHandler):
             self._live().steer(str(body.get("view", "")), body)
             self._json({})
             return
+        if self._url == "/api/acknowledge":
+            self._live().acknowledge(str(body.get("view", "")), body)
+            self._json({})
+            return
+        if self._url == "/api/window":
+            self._window_on_desk(body)
+            self._json({})
+            return
         self._work(self._desk(), self._url.removeprefix("/api/"), body)
         self._json({})
 
@@ -319,6 +358,8 @@ class Handler(BaseHTTPRequestHandler):
         match what:
             case "open":
                 desk.open(wanted_files(self.server.site, desk, body))
+            case "look":
+                desk.look(wanted_files(self.server.site, desk, body))
             case "resume":
                 additions = additions_of(body)
                 desk.resume(wanted_files(self.server.site, desk, body["files"]), additions)
@@ -380,11 +421,14 @@ class Handler(BaseHTTPRequestHandler):
         status: HTTPStatus = HTTPStatus.OK,
         name: str = "",
         cached: bool = False,
+        packed: bool = False,
     ) -> None:
         self.send_response(status)
         self.send_header("Content-Type", kind)
         self.send_header("Content-Length", str(len(body)))
         self.send_header("Cache-Control", "max-age=86400" if cached else "no-store")
+        if packed:
+            self.send_header("Content-Encoding", "gzip")  # every browser takes it
         if name:
             plain = safe_name(name).encode("ascii", "ignore").decode()
             self.send_header("Content-Disposition", f'attachment; filename="{plain or "file"}"')

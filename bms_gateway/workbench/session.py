@@ -26,14 +26,17 @@ def session_of(files: Mapping[str, Any], frames: Sequence[Frame]) -> dict[str, A
     frames : sequence of Frame
     """
     recent = files.get("recent") or {}
+    made = (files.get("form") or files.get("dbc")) and "/" not in files["model"]  # it is made anew
     return {
         "workbench_session": VERSION,
         "files": {
             "tables": [t for t in files["tables"] if t != recent.get("table")],
-            "model": files["model"],
-            "config": files.get("config") or "",
+            "model": files["model"] if not made else "",
+            "config": (files.get("config") or "") if not files.get("dbc") else "",
             "string": files.get("string") or "",
             "columns": list(files.get("columns") or ()),
+            "dbc": list(files.get("dbc") or ()),
+            "form": files.get("form") or None,
             "recent": recent.get("last", ""),
             "store": recent.get("store", ""),
         },

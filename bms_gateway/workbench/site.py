@@ -13,10 +13,16 @@ from bms_gateway.workbench.uploads import safe_name
 if TYPE_CHECKING:  # the engine: only the live page needs it
     from bms_gateway.workbench.watch import Watch
 
-MOST_DESKS: Final = 6
-"""Tabs that are kept; each has a process of a hundred megabytes. The one unused for longest goes."""
+MOST_AWAKE: Final = 6
+"""Tabs with a process. Of more, those unused for longest keep their work and lose their process until they need it."""
+MOST_DESKS: Final = 40
+"""Tabs whose work is kept; of more the one unused for longest goes."""
 WARM_S: Final = 8.0
 """After a tab has opened, the process of the next one is started."""
+EXAMPLE: Final = ("example: bench.csv.gz", "example: bench.toml")
+"""How the page calls the files of the example."""
+FORM: Final = ("cell", "cells", "sensors", "flow", "medium")
+LONGEST_ENTRY: Final = 200
 
 
 @dataclass(slots=True)
@@ -55,6 +61,7 @@ class Site:
             old = [self.desks.popitem(last=False)[1] for _ in range(len(self.desks) - MOST_DESKS)]
         for one in old:
             one.close()
+        self._rest()
         if self.given is not None:
             desk.open(self.given)
         later = threading.Timer(WARM_S, self.warm)  # not now: it would take the processor from this tab
@@ -73,7 +80,16 @@ class Site:
             if name not in self.desks:
                 raise UsageError("this tab is not known (any more): reload the page")
             self.desks.move_to_end(name)
-            return self.desks[name]
+            found = self.desks[name]
+        self._rest()
+        return found
+
+    def _rest(self) -> None:
+        """Let the tabs unused for longest rest, as far as they have nothing to do."""
+        with self.lock:
+            awake = [desk for desk in self.desks.values() if desk.awake]
+        for desk in awake[: max(len(awake) - MOST_AWAKE, 0)]:
+            desk.rest()
 
     def close(self) -> None:
         """End every process and stream."""
@@ -84,6 +100,8 @@ class Site:
             self.spare = None
         for desk in all_of_them:
             desk.close()
+        if self.watch is not None:
+            self.watch.signals.close()
 
 
 def wanted_files(site: Site, desk: Desk, body: dict[str, Any]) -> dict[str, Any]:
@@ -102,16 +120,19 @@ def wanted_files(site: Site, desk: Desk, body: dict[str, Any]) -> dict[str, Any]
         uploaded = desk.folder / safe_name(name)
         if name and name == uploaded.name and uploaded.is_file():
             return str(uploaded)
+        if name in EXAMPLE:
+            return _shipped(name)
         given = site.given or {}
         if not name or name in (*given.get("tables", ()), given.get("model"), given.get("config")):
             return name
-        if not site.local:
+        if not site.local and name not in map(_shipped, EXAMPLE):
             raise UsageError(f"open: {name}: upload it; paths are taken only on the machine itself")
         return name
 
-    tables, columns = body.get("tables"), body.get("columns") or []
-    if not isinstance(tables, list) or not isinstance(columns, list) or not all(isinstance(c, str) for c in columns):
-        raise UsageError("open: tables and columns must be lists")
+    tables, columns, dbc = body.get("tables", ""), body.get("columns") or [], body.get("dbc") or []
+    lists = isinstance(tables, list) and isinstance(columns, list) and isinstance(dbc, list)
+    if not lists or not all(isinstance(c, str) for c in columns):
+        raise UsageError("open: tables, columns and dbc must be lists")
     config = one(body.get("config") or "")
     return {
         "tables": [one(t) for t in tables],
@@ -120,7 +141,25 @@ def wanted_files(site: Site, desk: Desk, body: dict[str, Any]) -> dict[str, Any]
         "recent": _recent(site, body, config),
         "string": str(body.get("string") or ""),
         "columns": columns,
+        "dbc": [one(d) for d in dbc],
+        "form": None if body.get("model") else _form(body.get("form")),
     }
+
+
+def _shipped(name: str) -> str:
+    """Find a file of the example."""
+    from bms_gateway.config.dbc_files import shipped  # not with the program: it takes a second
+
+    return str(shipped(f"deploy/worked/{name.removeprefix('example: ')}"))
+
+
+def _form(form: object) -> dict[str, str] | None:
+    """Take what a person said of the cell and the string."""
+    if not form:
+        return None
+    if not isinstance(form, dict) or not all(isinstance(v, str) and len(v) < LONGEST_ENTRY for v in form.values()):
+        raise UsageError("open: the form must be texts by name")
+    return {k: form[k] for k in FORM if form.get(k)} or None
 
 
 def _recent(site: Site, body: dict[str, Any], config: str) -> dict[str, str] | None:

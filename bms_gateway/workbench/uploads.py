@@ -34,7 +34,7 @@ class Uploads:
     """
 
     def __init__(self) -> None:
-        self.folder, self._handle = _own_folder()
+        self.folder, self._handle = own_folder()
         self._lock = threading.Lock()
         self._promised = 0
         self._closed = False
@@ -119,7 +119,7 @@ def sweep() -> None:
                 os.close(handle)
 
 
-def _own_folder() -> tuple[Path, int]:
+def own_folder() -> tuple[Path, int]:
     """Make a folder and lock it; a start that sweeps may come in between, and then it is made once more."""
     while True:
         folder = Path(tempfile.mkdtemp(prefix=PREFIX))

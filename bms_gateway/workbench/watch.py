@@ -18,7 +18,7 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from bms_gateway.engine import Alerted, Engine, Estimated, Event, Judged, Notice
+from bms_gateway.engine import Alerted, Decoded, Engine, Estimated, Event, Judged, Notice
 from bms_gateway.engine.forecast_result import TOLD_S, Forecast
 from bms_gateway.engine.reasons import REASONS, unused
 from bms_gateway.errors import UsageError
@@ -26,6 +26,7 @@ from bms_gateway.frames.quality import Quality
 from bms_gateway.thermal.centre import hottest_of
 from bms_gateway.workbench.events import Events, alerts_now
 from bms_gateway.workbench.history import SET_NS, driven_by, history, past_of, table
+from bms_gateway.workbench.signals import Signals
 
 PERIOD_S: Final = 0.4
 """Between two pictures: two and a half a second. Cells change slower; more would only cost."""
@@ -108,6 +109,7 @@ class Watch:
         self._times: list[int] = []
         self._every, self._skipped = 1, 0
         self._events = Events()
+        self.signals = Signals(engine)
         engine.judging = True  # what drives the strings is a part of their past
         self._trend: dict[str, list[tuple[int, float, float]]] = {s.plan.name: [] for s in engine.strings}
         self._views: OrderedDict[str, _View] = OrderedDict()
@@ -142,6 +144,8 @@ class Watch:
         if isinstance(event, Notice | Alerted):
             with self._lock:
                 self._events.take(event)
+        elif isinstance(event, Decoded):
+            self.signals.take(event)
         elif isinstance(event, Estimated):
             self._keep(event)
         elif isinstance(event, Judged) and self._ticks and self._ticks[-1].time_ns == event.time_ns:
@@ -306,6 +310,33 @@ class Watch:
             ticks = self._back(self._view(name), span_s)
             first = self._times[0] if self._times else 0
         return table(ticks, [s.plan.name for s in self._engine.strings], self._parts, WORDS, first)
+
+    def acknowledge(self, name: str, wish: Mapping[str, Any]) -> None:
+        """Mark the events of one kind and string as seen, until where a tab looks; the next one is new again.
+
+        Raises
+        ------
+        UsageError
+        """
+        given = [wish.get(k) for k in ("code", "string", "reason")]
+        if not all(isinstance(x, str) for x in given):
+            raise UsageError("acknowledge: code, string and reason must be texts")
+        code, string, reason = map(str, given)
+        with self._lock:
+            view = self._view(name)
+            until = self._times[-1] if view.at_ns is None and self._times else int(view.at_ns or 0)
+            self._events.acknowledge(code, string, bool(wish.get("alert")), " ".join(reason.split())[:200], until)
+
+    def events_table(self) -> bytes:
+        """Write all events as CSV, oldest first, with what was acknowledged."""
+        with self._lock:
+            return self._events.table(self._times[0] if self._times else 0)
+
+    def until_ns(self, name: str) -> int | None:
+        """Tell the moment at which a tab looks; None: the newest."""
+        with self._lock:
+            at = self._view(name).at_ns
+            return None if at is None else int(at)
 
     def _back(self, view: _View, span_s: float) -> list[_Tick]:
         if not self._times:

@@ -108,7 +108,7 @@ def test_entropic_heat_shows_over_charge_or_direction():
     assert all(s.disagrees for s in got.sensors)
     assert got.explained[0][0] in ("soc", "recent_current")
     assert got.explained[0][1] > 0.5
-    assert "state of charge" in got.findings[0] or "mean current" in got.findings[0]
+    assert "SOC" in got.findings[0] or "mean current" in got.findings[0]
 
 
 def test_one_cells_resistance_shows_at_that_cell():

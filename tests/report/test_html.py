@@ -4,9 +4,9 @@ import json
 import re
 import shutil
 import subprocess
-import sys
 from dataclasses import replace
 from html.parser import HTMLParser
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -32,18 +32,20 @@ from bms_gateway.report.diagnosis_text import Told
 from bms_gateway.report.html import Aside, write_addition, write_comparison, write_diagnosis
 from bms_gateway.report.html_figures import HEATS, STYLES
 from bms_gateway.report.html_series import ALL_POINTS, broken, envelope, points_each, smooth
-from bms_gateway.report.page import amount
+from bms_gateway.report.page import amount, plotly_script
 from tests.diagnosis.decided import by_second
 from tests.truth.hidden import Scenario, make_log
 
-pytest.importorskip("plotly")
+plotly = pytest.importorskip("plotly")
 CHROMIUM = next((p for p in map(shutil.which, ("chromium", "chromium-browser", "google-chrome")) if p), None)
 COMMAND = "bms-gateway diagnose bench.csv --model string_1.toml --html report.html"
 ZOOM = """
 const all = [...document.querySelectorAll(".plot")];
-Plotly.relayout(all[0], {"xaxis.range": [5, 10]}).then(() => setTimeout(() => {
+const drawn = () => document.documentElement.dataset.drawn ? zoom() : setTimeout(drawn, 50);
+const zoom = () => Plotly.relayout(all[0], {"xaxis.range": [5, 10]}).then(() => setTimeout(() => {
   document.body.insertAdjacentHTML("beforeend", all.map((p) => `<i>${p.layout.xaxis.range}</i>`).join(""));
 }, 1000));
+drawn();
 """
 VOID = {"meta", "br", "img", "link", "input", "hr"}
 
@@ -174,7 +176,7 @@ def test_pages_are_well_formed_and_what_they_point_at_is_there(road):
             assert attrs.get("aria-labelledby", page.ids[0]) in page.ids
         for tag, attrs in page.tags:
             if tag == "div" and attrs.get("class") == "plot":
-                assert attrs["role"] == "img"
+                assert attrs["role"] == "group"  # it holds buttons
                 assert len(attrs["aria-label"]) > 20
 
 
@@ -193,10 +195,10 @@ def test_pages_ask_for_nothing_from_anywhere(road):
 
 def test_every_section_is_there_and_none_is_empty(road):
     wanted = {
-        "d": "missing where overlay regimes core latent ranking errors parameters absorbed next card checks notes "
-        "again",
-        "c": "where overlay regimes core errors parameters checks notes again",
-        "a": "missing overlay regimes core errors parameters checks notes again",
+        "d": "missing where overlay regimes core latent ranking errors parameters correlations absorbed next card "
+        "checks notes again",
+        "c": "where overlay regimes core errors parameters correlations checks notes again",
+        "a": "missing overlay regimes core errors parameters correlations checks notes again",
     }
     for name, (text, page) in road[-1].items():
         assert [a["id"] for t, a in page.tags if t == "section"] == wanted[name].split()
@@ -426,10 +428,16 @@ def test_lines_differ_in_style_too_where_colour_is_not_seen():
 
 
 def test_without_plotly_the_extra_is_named(monkeypatch, tmp_path):
-    monkeypatch.setitem(sys.modules, "plotly.offline", None)
+    plotly_script.cache_clear()
+    monkeypatch.setattr("bms_gateway.report.page.find_spec", lambda name: None)
     with pytest.raises(MissingExtraError, match=r"pip install 'bms-gateway\[report\]'"):
         write_diagnosis(tmp_path / "x.html", Told(None, "Nothing.", ()))
     assert not list(tmp_path.iterdir())
+
+
+def test_a_page_holds_plotly_packed(road):
+    plain = (Path(plotly.__file__).parent / "package_data" / "plotly.min.js").stat().st_size
+    assert max(len(text.encode()) for text, _ in road[-1].values()) < 0.55 * plain
 
 
 def test_a_page_that_cannot_be_written_is_the_callers_fault(tmp_path):

@@ -5,13 +5,17 @@ import io
 import json
 from dataclasses import replace
 
+import cantools
 import numpy as np
 import pytest
 
 from bms_gateway.bus.logfile import read_log, write_log
 from bms_gateway.config import load_config, shipped
+from bms_gateway.config.model_file import read_model
 from bms_gateway.engine import Engine, Estimated, drive
+from bms_gateway.errors import UsageError
 from bms_gateway.frames.batch import FrameBatch
+from bms_gateway.report.table import read_table
 from bms_gateway.workbench.sources import Playback
 from bms_gateway.workbench.watch import Watch
 from tests.workbench.browser import come, faults
@@ -129,6 +133,51 @@ def test_the_exported_window_holds_every_cell_of_every_tick(watch):
     assert {r["string"] for r in rows} == {f"string_{k}" for k in range(1, 6)}
 
 
+def test_what_was_acknowledged_is_new_again_when_it_comes_again(watch):
+    shown = at(watch, 85)
+    e = next(e for e in shown["events"] if e["level"] == "alarm")
+    assert e["seen"] is None
+    wish = {k: e[k] for k in ("code", "string", "alert")}
+    watch.acknowledge("test", {**wish, "reason": " pump  looked at "})
+    seen = next(x for x in at(watch, 85)["events"] if [x[k] for k in wish] == list(wish.values()))["seen"]
+    assert seen["reason"] == "pump looked at"
+    rows = list(csv.DictReader(io.StringIO(watch.events_table().decode())))
+    mine = [r for r in rows if (r["code"], r["string"], bool(r["state"])) == tuple(wish.values())]
+    assert {r["reason"] for r in mine} == {"pump looked at"}
+    assert all(r["acknowledged"].endswith("Z") for r in mine)
+    assert "" in {r["reason"] for r in rows}  # the others were not
+    again = [x for x in watch._events.all if (x.code, x.string, bool(x.state)) == tuple(wish.values())][-1]
+    watch._events.all.append(replace(again, time_ns=watch._times[0] + 100 * SECOND))
+    end = watch._times[0] + 200 * SECOND
+    fresh = watch._events.grouped(end, watch._times[0])
+    watch._events.all.pop()
+    assert next(x for x in fresh if [x[k] for k in wish] == list(wish.values()))["seen"] is None
+    with pytest.raises(UsageError, match="nothing of the kind 'nonsense'"):
+        watch.acknowledge("test", {"code": "nonsense", "string": "", "reason": "", "alert": True})
+
+
+def test_the_signals_of_a_window_are_those_of_the_bus(watch, log, tmp_path):
+    shown = at(watch, 80)
+    table = read_table(watch.signals.table(1, 30.0, watch.until_ns("test"), tmp_path / "window.csv"))
+    assert table.time_s[-1] - table.time_s[0] == pytest.approx(30.0, abs=1.1)
+    end_ns = shown["wall_ms"] * 1_000_000
+    messages = cantools.database.load_file(shipped("dbc/bms_gateway.dbc"))
+    coolant = messages.get_message_by_name("string_2_coolant")
+    said = [
+        coolant.decode(bytes(f.data[k, : f.length[k]]), decode_choices=False)["coolant_inlet"]
+        for f in read_log(log)
+        for k in np.flatnonzero(f.can_id & 0x1FFF_FFFF == coolant.frame_id)
+        if end_ns - 30 * SECOND <= f.time_ns[k] <= end_ns
+    ]
+    given = table.coolant_inlet_C[np.isfinite(table.coolant_inlet_C)]
+    assert len(given) == pytest.approx(len(said), abs=12)
+    assert (min(given), max(given)) == pytest.approx((min(said), max(said)), abs=0.05)
+    model = read_model(watch.signals.model(1, tmp_path / "model.toml"))
+    assert set(table.surface_C) == set(model.sensors)
+    with pytest.raises(UsageError, match="valid are 0 to 4"):
+        watch.signals.table(7, 30.0, None, tmp_path / "x.csv")
+
+
 def test_what_is_old_is_told(watch, monkeypatch):
     shown = at(watch, 50)
     assert (shown["state"], shown["age"]) == ("now", 0.0)
@@ -179,6 +228,15 @@ def test_the_page_is_a_control_room(window, log, axe, tmp_path):
         assert 0 < page.run(rows) < every
         got = page.run("return fetch(document.querySelector('#export').href).then(r => r.text())")
         assert got.count("\n") == 1 + 60 * 86
+        page.run("window.prompt = () => 'looked at it'")
+        new = page.run(rows)
+        page.click("#events .acknowledge")
+        page.wait("return document.querySelector('#events').innerText.includes('looked at it')")
+        page.run(choose, "#event-seen", "new")
+        page.wait("return document.querySelectorAll('#events tbody tr button').length === arguments[0]", new - 1)
+        assert "looked at it" in page.run("return fetch('/api/happened').then(r => r.text())")
+        signals = page.run("return fetch(document.querySelector('#export-signals').href).then(r => r.text())")
+        assert signals.startswith("time_s,current_A,coolant_inlet_C,")
         for dark in (False, True):
             for width in (390, 1024, 1280, 1920):
                 page.cdp(
@@ -187,4 +245,11 @@ def test_the_page_is_a_control_room(window, log, axe, tmp_path):
                 assert page.run("return document.documentElement.scrollWidth - innerWidth") <= 0, width
             assert faults(page, axe) == [], dark
             page.click("#theme")
+
+        # the window goes on the road of this tab
+        page.run(choose, "#past-string", "1")
+        page.click("#diagnose-window")
+        page.wait("return document.querySelector('#panel-compare') && !document.querySelector('#panel-compare').hidden")
+        page.idle(300)
+        assert "window_of_string_2.csv" in page.text("#what")
         assert page.complaints() == []

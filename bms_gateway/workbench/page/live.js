@@ -50,16 +50,17 @@ export function prepare(known) {
 }
 
 function string(s) {
+  const told = el("p", { class: "ahead", role: "status" });
   const cells = Array.from({ length: s.cells }, (_, k) => {
     const parts = { core: document.createTextNode("–"), half: document.createTextNode("") };
-    const node = el("div", { class: "live-cell" }, el("small", {}, `${k + 1}`), el("b", {}, parts.core), el("span", {}, parts.half));
+    const node = el("button", { type: "button", class: "live-cell", onclick: () => { told.picked = k; put(told, cells[k].node.title); } }, el("small", {}, `${k + 1}`), el("b", {}, parts.core), el("span", {}, parts.half));
     return { node, ...parts, k, last: "" };
   });
   const hottest = el("p", {}), ahead = el("p", { class: "ahead muted" }), resistance = el("p", {}), words = el("p", {}), heat = el("p", {}), trend = document.createElementNS(SVG, "svg");
   trend.setAttribute("width", 240); trend.setAttribute("height", 34); trend.setAttribute("role", "img");
   const node = el("div", { class: "live-string" }, el("div", {}, el("b", {}, s.name), hottest), el("div", { class: "live-cells", role: "group", "aria-label": `cells of ${s.name}` }, ...cells.map((c) => c.node)),
-    el("div", { class: "live-facts" }, resistance, trend, heat, words), ahead);
-  return { node, cells, hottest, ahead, resistance, trend, heat, words, sensors: new Set(s.sensors), trended: "" };
+    el("div", { class: "live-facts" }, resistance, trend, heat, words), ahead, told);
+  return { node, told, cells, hottest, ahead, resistance, trend, heat, words, sensors: new Set(s.sensors), trended: "" };
 }
 
 // Listens while the page is looked at; a hidden page costs nothing.
@@ -138,22 +139,35 @@ function happened() {
   const choice = (id, label, options) => [el("label", { for: id }, `${label} `), el("select", { id, onchange: () => newest && events(newest, true) }, ...options.map(([v, t]) => el("option", { value: v }, t)))];
   return el("section", { "aria-label": "Events" }, el("div", { class: "heads" }, el("h3", {}, "What happened"),
     ...choice("event-level", "Show", [["", "all"], ["warning", "warnings and alarms"], ["alarm", "alarms"]]),
-    ...choice("event-string", "of", [["", "all strings"], ...about.strings.map((s) => [s.name, s.name])])),
+    ...choice("event-seen", "which are", [["", "seen or not"], ["new", "not yet acknowledged"]]),
+    ...choice("event-string", "of", [["", "all strings"], ...about.strings.map((s) => [s.name, s.name])]),
+    el("a", { class: "file", id: "export-events", href: "/api/happened", download: "events.csv" }, "Export events (CSV)")),
+    el("p", { class: "muted" }, "To acknowledge marks an event as seen on this page, for all who look at it; if it comes again, it is new again. The alarms of the running service end by: bms-gateway acknowledge STRING --reason TEXT."),
     el("div", { class: "scroll", tabindex: "0", role: "group", "aria-label": "table of events" }, el("table", { id: "events" })));
 }
 
 function events(p, again = false) {
   newest = p;
   const level = $("event-level").value, string = $("event-string").value;
-  const list = p.events.filter((e) => (!string || e.string === string) && (!level || e.level === "alarm" || e.level === level));
+  const list = p.events.filter((e) => (!string || e.string === string) && (!level || e.level === "alarm" || e.level === level) && (!$("event-seen").value || !e.seen));
   const told = JSON.stringify(list);
   if (!again && $("events").dataset.told === told) return;
   $("events").dataset.told = told;
-  const head = el("thead", {}, el("tr", {}, ...["last", "first", "times", "", "string", "what"].map((t) => el("th", { scope: "col" }, t))));
+  const head = el("thead", {}, el("tr", {}, ...["last", "first", "times", "", "string", "what", "seen"].map((t) => el("th", { scope: "col" }, t))));
   $("events").replaceChildren(head, el("tbody", {}, ...(list.length ? list.map((e) => el("tr", { class: e.level },
     el("td", {}, when(p, e.at)), el("td", {}, e.count > 1 ? when(p, e.first) : ""), el("td", { class: "n" }, e.count > 1 ? `${e.count} ×` : ""),
-    el("td", {}, el("b", {}, e.level === "note" ? "" : e.level), e.state === "over" ? " over" : ""), el("td", {}, e.string), el("td", {}, e.text)))
-    : [el("tr", {}, el("td", { colspan: 6 }, "Nothing so far."))])));
+    el("td", {}, el("b", {}, e.level === "note" ? "" : e.level), e.state === "over" ? " over" : ""), el("td", {}, e.string), el("td", {}, e.text), el("td", {}, seen(e))))
+    : [el("tr", {}, el("td", { colspan: 7 }, "Nothing so far."))])));
+}
+
+// Who has looked at it, and when; or the button to say so.
+function seen(e) {
+  if (e.seen) return el("span", { class: "muted" }, `${new Date(e.seen.wall_ms).toLocaleTimeString()}${e.seen.reason ? `: ${e.seen.reason}` : ""}`);
+  return el("button", { type: "button", class: "acknowledge", "aria-label": `Acknowledge: ${e.text}`, onclick: attempt(async () => {
+    const reason = prompt("What was checked? (may be empty)");
+    if (reason === null) return;
+    await post("acknowledge", { view, code: e.code, string: e.string, alert: e.alert, reason });
+  }) }, "Acknowledge");
 }
 
 function card(id, title, value, line) {
@@ -176,6 +190,7 @@ function row(r, s, state) {
     c.node.className = `live-cell ${["estimated", "doubtful"].includes(word) ? word : word === "good" ? "" : `bad ${word.replaceAll(" ", "-")}`}${s.hottest === c.k ? " hottest" : ""}${hottest >= limit ? " over" : ""}`;
     c.node.title = `cell ${c.k + 1}: ${word} (${about.why[q] ?? ""}); surface ${degrees(s.surface[c.k])} °C; hottest point ${degrees(centre)} °C${hottest >= limit ? `, over its limit of ${limit} °C` : ""}`;
   }
+  if (r.told.picked !== undefined) put(r.told, r.cells[r.told.picked].node.title);
   put(r.hottest, s.hottest === null ? "no core known" : `hottest: cell ${s.hottest + 1}, core ${degrees(s.core[s.hottest])} °C, hottest point ${degrees(s.centre[s.hottest])} °C`);
   const f = s.ahead;
   put(r.ahead, f ? `forecast at ${Math.abs(f.load_A ?? 0).toFixed(0)} A${f.load_A < 0 ? " charging" : ""}: hottest point in 1, 5, 10 min ${f.point.map((x, i) => `${degrees(x)} ± ${(f.half[i] ?? 0).toFixed(1)}`).join(", ")} °C (cell ${f.cell})${f.limit_s ? (f.limit_s[1] > 0 ? `; cell ${f.limit_s[0]} reaches its limit in ${f.limit_s[1]} s` : "; the limit is reached") : ""}; for 10 min ${f.discharge[2]} A discharge, ${f.charge[2]} A charge` : "");

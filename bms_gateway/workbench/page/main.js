@@ -1,5 +1,5 @@
 // Starts the page: finds this tab's desk, listens for changes, steps and keys.
-import { $, get, post, ui, keep, attempt, complain } from "./util.js";
+import { $, get, post, ui, keep, attempt, complain, claim as claimed } from "./util.js";
 import * as plots from "./plots.js";
 import * as road from "./road.js";
 import * as live from "./live.js";
@@ -14,6 +14,7 @@ function step(name, focus = false) {
   if (name === "live" && $("tab-live").hidden) name = "open";
   if (name !== ui.tab) { scrollTo(0, 0); $("panels").scrollTop = 0; }
   keep({ tab: name });
+  document.body.dataset.tab = name;
   for (const s of STEPS) {
     const on = s === name;
     $(`tab-${s}`).setAttribute("aria-selected", String(on));
@@ -62,9 +63,12 @@ function heard(news) {
   refresh();
 }
 
+// Only a tab that is looked at listens: a browser opens six connections to one server, for all of its tabs together.
 let source = null;
 function listen() {
   source?.close();
+  source = null;
+  if (document.hidden) return;
   source = new EventSource(`/api/events?${new URLSearchParams({ desk: ui.desk })}`);
   let lost = false;
   source.onmessage = (e) => {
@@ -142,10 +146,11 @@ async function start() {
   for (const s of STEPS) $(`tab-${s}`).addEventListener("click", () => step(s));
   addEventListener("tab", (e) => step(e.detail));
   addEventListener("keydown", keys);
-  document.addEventListener("visibilitychange", () => live.listen(ui.tab === "live" && !document.hidden));
+  document.addEventListener("visibilitychange", () => { live.listen(ui.tab === "live" && !document.hidden); listen(); });
   new ResizeObserver(() => document.documentElement.style.setProperty("--top", `${$("top").offsetHeight}px`)).observe($("top"));
   road.prepare();
   const [site] = await Promise.all([get("site"), alone().then(claim)]);
+  claimed();
   if (site.watch) live.prepare(site.watch);
   const given = sessionStorage.getItem("seen");
   sessionStorage.setItem("seen", "1");

@@ -1,5 +1,5 @@
 // The past of one string on the live page: hottest point with its band, limit and alerts; current and inlet; export.
-import { $, el, complain } from "./util.js";
+import { $, el, post, attempt, ui, complain } from "./util.js";
 
 const SVG = "http://www.w3.org/2000/svg";
 const EVERY_MS = 4000;
@@ -23,13 +23,25 @@ export function build(known, name, jump) {
   const section = el("section", { "aria-label": "Past" }, el("div", { class: "heads" }, el("h3", {}, "Hottest point over time"),
     el("label", { for: "past-string" }, "String "), choice("past-string", about.strings.map((s, i) => [i, s.name])),
     el("label", { for: "past-span" }, "of the "), choice("past-span", SPANS),
-    el("a", { id: "export", class: "file", download: "window.csv" }, "Export this window (CSV)")),
+    el("a", { id: "export", class: "file", download: "window.csv" }, "Export its estimates (CSV)"),
+    el("a", { id: "export-signals", class: "file", download: "signals.csv" }, "Export its signals (CSV)"),
+    el("button", { type: "button", id: "diagnose-window", onclick: attempt(diagnose) }, "Diagnose this window")),
     svg, el("p", { class: "muted" }, "Band: 95 %. Dashed: limit. Upright lines: alerts raised, orange for warnings, red for alarms. A click goes to that moment."));
   queueMicrotask(link);
   return section;
 }
 
-const link = () => { $("export").href = `/api/window?${new URLSearchParams({ view, span: $("past-span").value })}`; };
+const link = () => {
+  const span = $("past-span").value, string = $("past-string").value;
+  $("export").href = `/api/window?${new URLSearchParams({ view, span })}`;
+  $("export-signals").href = `/api/signals?${new URLSearchParams({ desk: ui.desk, view, string, span })}`;
+};
+
+// Opens the signals of the window on this tab's desk: the road begins there, with the model of the live page.
+async function diagnose() {
+  await post("window", { view, string: Number($("past-string").value), span: Number($("past-span").value) });
+  dispatchEvent(new CustomEvent("tab", { detail: "compare" }));
+}
 const ends = () => [shown.t[0], Math.max(shown.t.at(-1), shown.t[0] + 1)];
 
 // Asks anew now and then while the picture goes on, and soon after another stretch is wanted.

@@ -185,7 +185,7 @@ $("leftover").addEventListener("toggle", () => { if (state && $("leftover").open
 export async function show(next, fresh) {
   state = next;
   const opened = state.opened;
-  $("nothing").hidden = Boolean(opened);
+  $("nothing").hidden = Boolean(opened || state.looked);
   $("shown").hidden = !opened;
   if (!opened) {
     if (!state.job) plotly();

@@ -1,5 +1,6 @@
 // The panels of the road: open, compare, diagnose, add, take away.
 import { $, el, get, post, upload, attempt, ui, keep, K, complain } from "./util.js";
+import * as columns from "./open.js";
 import { colorOf, preview, ticked } from "./plots.js";
 
 let state = null;
@@ -20,8 +21,12 @@ export function prepare() {
   $("open-form").addEventListener("submit", attempt(async (e) => {
     e.preventDefault();
     await post("open", { tables: words($("tables").value), model: $("model").value.trim(), config: $("config").value.trim(),
-      string: $("string").value.trim(), recent: $("recent").value.trim(), store: $("store").value.trim(), columns: $("columns").value.trim() ? [$("columns").value.trim()] : [] });
+      dbc: words($("dbc").value), form: columns.form(), string: $("string").value.trim(), recent: $("recent").value.trim(), store: $("store").value.trim(),
+      columns: columns.all() });
   }));
+  $("example").addEventListener("click", attempt(() => post("open", { tables: ["example: bench.csv.gz"], model: "example: bench.toml" })));
+  $("tables").addEventListener("change", columns.prepare);
+  $("describe").addEventListener("toggle", columns.offer);
   for (const field of ["tables", "model", "config"]) {
     $(`${field}-file`).addEventListener("change", attempt(async (e) => {
       await take([...e.target.files], field);
@@ -44,10 +49,13 @@ export function prepare() {
 async function take(files, field = null) {
   for (const file of files) {
     const { name } = await upload(file);
-    const to = field ?? (name.endsWith(".toml") ? "model" : /\.(dbc|kcd|arxml)$/.test(name) ? null : "tables");
-    if (to === "tables") $(to).value = [...words($(to).value), name].join("\n");
-    else if (to === "model" || (to === "config" && name.endsWith(".toml"))) $(to).value = name;
+    const kind = /\.(dbc|kcd|arxml|sym)$/i.test(name) ? "dbc" : name.endsWith(".toml") ? (/^\s*\[\[string\]\]/m.test(await file.text()) ? "config" : "model") : "tables";
+    const to = kind === "dbc" ? (field === "config" ? null : "dbc") : field === "config" && kind !== "config" ? null : field ?? kind;
+    if (to === "tables" || to === "dbc") $(to).value = [...new Set([...words($(to).value), name])].join("\n");
+    else if (to) $(to).value = name;
+    if (to === "dbc" || to === "config") $("more").open = true;
   }
+  if (field !== "model" && field !== "config" && columns.tables().length) await columns.ask();
 }
 
 const short = (path) => path.split(/[\\/]/).pop();
@@ -58,14 +66,19 @@ export function show(next) {
   state = next;
   // what a restart of the program needs; while it goes its way again the longer way is kept
   if (state.session && !state.job) keep({ session: state.session });
+  columns.show(state.looked, Boolean(state.opened));
   if (first && state.files) {
+    const asked = state.session.files; // without what was made of them
     $("tables").value = state.files.tables.join("\n");
-    for (const field of ["model", "config", "string"]) $(field).value = state.files[field];
+    for (const field of ["model", "config", "string"]) $(field).value = asked[field];
     $("recent").value = ""; // taken: it is a table now
     $("store").value = state.files.recent?.store ?? "";
-    $("columns").value = state.files.columns.join(",");
-    $("more").open = Boolean(state.files.config || state.files.columns.length || state.files.recent?.store);
+    $("dbc").value = asked.dbc.join("\n");
+    columns.fill(asked.form);
+    $("columns").value = columns.table() ? "" : state.files.columns.join(",");
+    $("more").open = Boolean(asked.config || asked.dbc.length || $("columns").value || state.files.recent?.store);
   }
+  $("start").hidden = Boolean(state.opened || state.looked);
   const added = state.steps.filter((s) => s.words.length);
   $("what").textContent = state.opened ? `${state.opened.records.map((r) => short(r.source)).join(", ")} · ${short(state.files.model)}${added.map((s) => ` ${s.name}`).join("")}` : "";
   $("what").title = $("what").textContent;
@@ -121,7 +134,8 @@ function compare() {
   if (v) box.append(el("ul", { class: "found" }, ...v.findings.map((f) => el("li", {}, f))), el("div", { html: v.cards }),
     ...v.core_measured.map((m) => el("p", { class: m.alarm ? "danger" : "" }, m.sentence)));
   box.append(fold("errors", "Errors by sensor", scroll("errors by sensor", c.errors)),
-    fold("parameters", "Parameters, refitted", scroll("parameters", c.parameters)));
+    fold("parameters", "Parameters, refitted", scroll("parameters", c.parameters)),
+    c.correlations ? fold("correlations", "Correlation of the parameters", scroll("correlation of the parameters", c.correlations)) : "");
   if (c.thermocouples) box.append(fold("thermocouples", "Thermocouples in cores", scroll("thermocouples in cores", c.thermocouples)));
 }
 
@@ -137,7 +151,9 @@ function verdict() {
     d ? "Diagnose again" : "What is missing?");
   box.replaceChildren(el("h2", {}, "Diagnose"));
   if (!d) { box.append(...none(state.opened ? "Searches the catalogue of effects for what explains the error; none is assumed." : NOTHING), button); return; }
-  box.append(el("p", {}, el("span", { class: `tag ${d.verdict}` }, d.tag)), el("p", { class: "verdict" }, d.sentence), ...core(d.core));
+  box.append(el("p", {}, el("span", { class: `tag ${d.verdict}` }, d.tag)), el("p", { class: "verdict" }, d.sentence),
+    d.selected.length && !d.selected.every(inModel) ? el("p", {}, el("button", { type: "button", class: "main", id: "add-named", "data-work": true, onclick: () => add(d.selected.filter((k) => !inModel(k))) }, `Add ${d.selected.filter((k) => !inModel(k)).join(" and ")}`)) : "",
+    ...core(d.core));
   if (state.diagnosed_of) box.append(el("p", { class: "muted" }, `Found for “${state.diagnosed_of}”, before what has been added since.`));
   const together = d.selected.filter((k) => !inModel(k));
   if (together.length > 1) box.append(el("p", {}, el("button", { type: "button", class: "main", id: "add-all", "data-work": true, onclick: () => add(together) }, `Add ${together.join(" and ")} at once`)));
@@ -160,7 +176,7 @@ const inModel = (key) => state.steps.some((s) => s.words.some((w) => w === key |
 function effect(r, i, d) {
   const id = `effect-${i}`;
   const open = ui.open.includes(id);
-  const odds = r.evidence === null ? "–" : Math.abs(r.evidence) >= 1000 ? r.evidence.toExponential(1).replace("e+", "e") : r.evidence.toFixed(1);
+  const odds = r.evidence === null ? "–" : (Math.abs(r.evidence) >= 1000 ? r.evidence.toExponential(1).replace("e+", "e") : r.evidence.toFixed(Math.abs(r.evidence) < 10 ? 1 : 0)).replace("-", "−");
   const point = () => { if (r.drawn) preview(r.name); };
   const leave = () => preview(null);
   const button = el("button", { type: "button", id, "aria-expanded": String(open), onmouseenter: point, onmouseleave: leave, onfocus: point, onblur: leave,

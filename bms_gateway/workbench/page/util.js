@@ -45,15 +45,25 @@ async function asked(url, how) {
   return answered(response);
 }
 
+// What a person does before this tab has its desk waits for it.
+let claimed = null;
+export const desked = new Promise((done) => { claimed = done; });
+export const claim = () => claimed();
+const AT_ONCE = ["desk", "resume"]; // asked for on the way to a desk
+
 export const get = (what, query = {}) => asked(`/api/${what}?${new URLSearchParams({ desk: ui.desk, ...query })}`);
-export const post = (what, body = {}) =>
-  asked(`/api/${what}?${new URLSearchParams({ desk: ui.desk })}`, {
+export const post = async (what, body = {}) => {
+  if (!AT_ONCE.includes(what)) await desked;
+  return asked(`/api/${what}?${new URLSearchParams({ desk: ui.desk })}`, {
     method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body),
   });
-export const upload = (file) =>
-  asked(`/api/upload?${new URLSearchParams({ desk: ui.desk, name: file.name })}`, {
+};
+export const upload = async (file) => {
+  await desked;
+  return asked(`/api/upload?${new URLSearchParams({ desk: ui.desk, name: file.name })}`, {
     method: "POST", headers: { "Content-Type": "application/octet-stream" }, body: file,
   });
+};
 
 // Runs what a person asked for; what goes wrong becomes one line on the page.
 export const attempt = (work) => async (...words) => {

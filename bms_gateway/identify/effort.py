@@ -1,0 +1,33 @@
+"""How much a fit has worked, for whoever waits for it: told at every trajectory and every set of derivatives."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+
+_HEARD: ContextVar[Callable[[], None] | None] = ContextVar("effort", default=None)
+
+
+def beat() -> None:
+    """Tell that one more piece of work was done."""
+    if (hear := _HEARD.get()) is not None:
+        hear()
+
+
+@contextmanager
+def heard(hear: Callable[[], None]) -> Iterator[None]:
+    """Have `hear` called at every piece of work that is done inside.
+
+    Examples
+    --------
+    >>> count = []
+    >>> with heard(lambda: count.append(1)):
+    ...     beat()
+    >>> beat()
+    >>> len(count)
+    1
+    """
+    token = _HEARD.set(hear)
+    try:
+        yield
+    finally:
+        _HEARD.reset(token)

@@ -1,0 +1,262 @@
+"""What the columns of a foreign table may be: proposed by their names, units and values, for a person to confirm.
+
+Nothing is taken from here without being asked: `read_table` takes what names and `--columns` say.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bms_gateway.report.columns import UNITS, bare_unit, split_unit
+
+Floats = NDArray[np.float64]
+ENOUGH: Final = 0.3
+"""Correlation of steps of current and voltage from which on they tell the sign, as the direct checks have it."""
+BLOCKS: Final = 60
+"""Stretches of a record over which charge and current are held against each other."""
+_ROOM_K: Final = (230.0, 400.0)
+_PARTS: Final = 1.5
+"""A state of charge above it is in per cent."""
+_COARSE_MS: Final = 50.0
+"""Whole numbers that step by so much are hardly seconds."""
+_MOST: Final = {"current": 2000.0, "voltage": 1500.0}
+"""Beyond it, values are in thousandths."""
+
+_INLET: Final = (
+    r"\b(inlet|vorlauf|zulauf|eintritt|einlass|t.?in|coolant|coolant temp|k(ü|ue)hlmittel|k(ü|ue)hlwasser|entr(é|e)e)\b"
+)
+_AIR: Final = r"\b(ambient|amb|chamber|umgebung|umgebungstemperatur|kammer|klimakammer|raum|room|t.?amb|luft|air)\b"
+_CORE: Final = r"\b(core|kern|kerntemperatur|mitte|innen|inside|center|centre)\b"
+_WHEN: Final = (
+    r"\b(time|zeit|timestamp|datum|date|uhrzeit|elapsed|test.?time|zeitstempel|messzeit|versuchszeit)\b"
+    r"|^t( (s|ms|sec|min|h))?$"
+)
+_CELL: Final = (
+    r"(cell|zelle|zell|surface|surf|oberfl\w*|haut|skin|temp|temperatur|thermocouple|thermoelement|tc|th|ntc|t)"
+)
+ONES: Final = (
+    ("time_s", "time", re.compile(_WHEN)),
+    (
+        "current_A",
+        "current",
+        re.compile(r"\b(current|strom|i|amps?|amperes?|courant|pack.?current|packstrom|batteriestrom|gesamtstrom)\b"),
+    ),
+    ("coolant_inlet_C", "temperature", re.compile(f"{_INLET}|{_AIR}")),
+    ("soc", "soc", re.compile(r"\b(soc|ladezustand|state of charge|charge level|ladestand)\b")),
+    ("coolant_flow_m3_s", "flow", re.compile(r"\b(flow|durchfluss|volumenstrom|flow rate|d(é|e)bit|volume flow)\b")),
+    (
+        "voltage_V",
+        "voltage",
+        re.compile(r"\b(voltage|spannung|u|v|volts?|tension|pack.?voltage|packspannung|gesamtspannung)\b"),
+    ),
+)
+"""Our name, its quantity, and what others call it, of what a string has once."""
+_NOT: Final = re.compile(
+    r"\b(outlet|r(ü|ue)cklauf|auslass|austritt|power|leistung|energy|energie|error|fehler|status)\b"
+)
+_NUMBER: Final = re.compile(r"(\d+)(?!.*\d)")
+
+
+@dataclass(frozen=True, slots=True)
+class Guess:
+    """What a column may be.
+
+    Attributes
+    ----------
+    ours : str
+        Name of ours.
+    unit : str or None
+        Guessed from the values, where the file says none.
+    flip : bool
+        Whether the sign is likely the opposite.
+    why : str
+    """
+
+    ours: str
+    unit: str | None = None
+    flip: bool = False
+    why: str = ""
+
+
+def plain(name: str) -> str:
+    """Write a column's name without its unit, in small letters, parted by blanks.
+
+    Examples
+    --------
+    >>> plain("T_Zelle_03 [°C]"), plain("Kühlmittel-Vorlauf/°C"), plain("cellTemp3")
+    ('t zelle 03', 'kühlmittel vorlauf', 'cell temp 3')
+    """
+    base = re.sub(r"(?<=[a-zäöü])(?=[A-Z])", " ", split_unit(name)[0])
+    base = re.sub(r"(?<=[a-zA-Zäöü])(?=\d)", " ", re.sub(r"[_\W]+", " ", base))
+    return base.strip().lower()
+
+
+def lookalike(ours: str, names: Sequence[str]) -> str | None:
+    """Give the one column that others call so; None where there is none, or several."""
+    pattern = next((p for name, _, p in ONES if name == ours), None)
+    near = [n for n in names if pattern is not None and pattern.search(plain(n))]
+    return near[0] if len(near) == 1 else None
+
+
+def guesses(
+    names: Sequence[str],
+    below: Sequence[str] | None,
+    taken: Mapping[str, str],
+    values: Mapping[str, Floats],
+    dated: str,
+) -> dict[str, Guess]:
+    """Propose what the columns are that no name tells.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the file's columns.
+    below : sequence of str, optional
+        Row of units below them.
+    taken : mapping
+        Column of the file by our name, of what is known already.
+    values : mapping
+        First values of the columns that hold numbers.
+    dated : str
+        Column that has dates; may be empty.
+
+    Returns
+    -------
+    dict of the file's column to Guess
+    """
+    units = dict(zip(names, map(bare_unit, below), strict=True)) if below is not None else {}
+    free = [n for n in names if n not in taken.values() and (n in values or n == dated)]
+    kind = {n: _quantity(split_unit(n)[1] or units.get(n) or "") for n in free}
+    found: dict[str, Guess] = {}
+    if dated and "time_s" not in taken:
+        found[dated] = Guess("time_s", why="its cells are times")
+    for ours, quantity, pattern in ONES:
+        if ours in taken or any(g.ours == ours for g in found.values()):
+            continue
+        fits = [n for n in free if n not in found and kind[n] in (None, quantity) and _called(pattern, ours, n)]
+        if ours != "time_s":
+            fits = [n for n in fits if ours != "coolant_inlet_C" or not re.search(_CORE, plain(n))]
+        if not fits and quantity in ("current", "time", "flow"):  # its unit alone tells
+            fits = [n for n in free if n not in found and kind[n] == quantity and not _NOT.search(plain(n))][:1]
+        if fits:
+            best = min(fits, key=lambda n: (kind[n] is None, _late(ours, n), names.index(n)))
+            found[best] = Guess(ours, _unit_of(quantity, values.get(best), kind[best]), why="by its name")
+    for what, quantity in (("core", "temperature"), ("surface", "temperature"), ("cell_voltage", "voltage")):
+        found |= _cells(what, quantity, [n for n in free if n not in found], kind, values, taken)
+    return _signed(found, taken, values)
+
+
+def _called(pattern: re.Pattern[str], ours: str, name: str) -> bool:
+    text = plain(name)
+    numbered = _NUMBER.search(text) is not None and ours in ("voltage_V", "time_s")
+    return bool(pattern.search(text)) and not _NOT.search(text) and not numbered
+
+
+def _late(ours: str, name: str) -> bool:
+    """Whether it is what stands in for the inlet where there is none."""
+    return ours == "coolant_inlet_C" and not re.search(_INLET, plain(name))
+
+
+def _quantity(unit: str) -> str | None:
+    """Tell what a unit measures; None where there is none, "else" for one that is no use here."""
+    if not unit:
+        return None
+    known = [q for q, units in UNITS.items() if unit in units]
+    return known[0] if known else None if not re.search(r"[A-Za-z%°]", unit) else "else"
+
+
+def _cells(
+    what: str,
+    quantity: str,
+    free: Sequence[str],
+    kind: Mapping[str, str | None],
+    values: Mapping[str, Floats],
+    taken: Mapping[str, str],
+) -> dict[str, Guess]:
+    """Give cells the numbers of their columns' names, or of their order."""
+    suffix = "V" if what == "cell_voltage" else "C"
+    if what == "cell_voltage":
+        pattern = r"\b(cell|zelle?|zell\w*|u|v)\b"
+    else:
+        pattern = _CORE if what == "core" else rf"\b{_CELL}\b"
+    mine = [
+        n for n in free if kind[n] in (None, quantity) and re.search(pattern, plain(n)) and not _NOT.search(plain(n))
+    ]
+    if what == "cell_voltage":  # without a unit, or without a number, it may be anything
+        mine = [n for n in mine if kind[n] == quantity and _NUMBER.search(plain(n))]
+    elif what == "surface":
+        told = re.compile(r"\d|surf|oberfl")
+        mine = [n for n in mine if kind[n] == quantity or told.search(plain(n))]
+        if not mine:
+            mine = [n for n in free if kind[n] == quantity and not _NOT.search(plain(n))]
+    numbers = [int(m[1]) if (m := _NUMBER.search(plain(n))) else 0 for n in mine]
+    if len(set(numbers)) < len(numbers) or (0 in numbers and len(mine) == 1):
+        numbers = list(range(1, len(mine) + 1))
+    elif 0 in numbers:
+        numbers = [k + 1 for k in numbers]
+    given = {f"{what}_{k}_{suffix}": n for k, n in zip(numbers, mine, strict=True)}
+    return {
+        n: Guess(ours, _unit_of(quantity, values.get(n), kind[n]), why="by its name and number")
+        for ours, n in given.items()
+        if ours not in taken
+    }
+
+
+def _unit_of(quantity: str, x: Floats | None, stated: str | None) -> str | None:
+    """Guess a unit by the size of the values, where the file says none and it is not the usual one."""
+    given = x[np.isfinite(x)] if x is not None else np.empty(0)
+    if stated is not None or len(given) < 2:
+        return None
+    if quantity == "soc" and is_percent(given):
+        return "%"
+    if quantity == "temperature" and _ROOM_K[0] < float(np.median(given)) < _ROOM_K[1]:
+        return "K"
+    if quantity == "time" and (given == np.round(given)).all() and float(np.median(np.diff(given))) >= _COARSE_MS:
+        return "ms"
+    large = float(np.abs(given).max()) > _MOST.get(quantity, np.inf)
+    return {"current": "mA", "voltage": "mV"}[quantity] if large else None
+
+
+def is_percent(soc: Floats) -> bool:
+    """Whether a state of charge is in per cent."""
+    return float(np.nanmedian(soc)) > _PARTS
+
+
+def _signed(found: dict[str, Guess], taken: Mapping[str, str], values: Mapping[str, Floats]) -> dict[str, Guess]:
+    """Flip a guessed current with which voltage or charge rise."""
+    column = next((n for n, g in found.items() if g.ours == "current_A"), None)
+    if column is None:
+        return found
+    where = {**{g.ours: n for n, g in found.items()}, **taken}
+    voltages = [where[o] for o in where if o == "voltage_V" or o.startswith("cell_voltage_")]
+    why = rises(values.get(column), values.get(voltages[0]) if voltages else None, values.get(where.get("soc", "")))
+    if why:
+        found[column] = replace(found[column], flip=True, why=f"{found[column].why}; {why}: charge is positive there")
+    return found
+
+
+def rises(I: Floats | None, V: Floats | None, soc: Floats | None) -> str:  # noqa: E741 - the paper's symbol
+    """Say what rises with a current and should fall; empty where nothing does."""
+    if I is None:
+        return ""
+    if V is not None and correlation(np.diff(I), np.diff(V)) > ENOUGH:
+        return "the voltage rises with it"
+    size = max(len(I) // BLOCKS, 1)
+    if V is None and soc is not None and (count := len(I) // size) >= 5:
+        moved = I[: (count - 1) * size].reshape(count - 1, size).mean(axis=1)
+        if correlation(moved, np.diff(soc[: count * size : size])) > ENOUGH:
+            return "the state of charge rises with it"
+    return ""
+
+
+def correlation(a: Floats, b: Floats) -> float:
+    """Correlate where both are known; 0 where nothing moves."""
+    both = np.isfinite(a) & np.isfinite(b)
+    a, b = a[both], b[both]
+    if len(a) < 5 or np.std(a) == 0.0 or np.std(b) == 0.0:
+        return 0.0
+    return float(np.corrcoef(a, b)[0, 1])

@@ -1,0 +1,62 @@
+"""How far the numbers of a fit are known apart: their correlation as a table."""
+
+from html import escape
+
+import numpy as np
+
+from bms_gateway.diagnosis.core_band import posterior
+from bms_gateway.identify.map_fit import MapFit
+from bms_gateway.report.page import paragraph
+from bms_gateway.thermal import Floats
+
+APART = 0.9
+"""Beyond it two numbers are known by one combination of them only."""
+MOST = 40
+"""Numbers of a table."""
+
+
+def correlations(fit: MapFit) -> tuple[list[str], Floats]:
+    """Give the names of a fit's numbers that are no starts, and their correlation (P, P)."""
+    at = [i for i, c in enumerate(fit.problem.coordinates) if not c.only_start][:MOST]
+    covariance = posterior(fit)[np.ix_(at, at)]
+    sd = np.sqrt(np.diag(covariance))
+    names = [_name(fit.problem.coordinates[i].name) for i in at]
+    return names, np.clip(covariance / np.outer(sd, sd), -1.0, 1.0)
+
+
+def correlation_table(fit: MapFit) -> str:
+    """Give the correlation of a fit's numbers as a table, with a sentence on those that are not known apart."""
+    names, r = correlations(fit)
+    n = len(names)
+    if n < 2:
+        return ""
+    pairs = [(names[i], names[j], float(r[i, j])) for i in range(n) for j in range(i) if abs(r[i, j]) > APART]
+    pairs.sort(key=lambda p: -abs(p[2]))
+    told = "; ".join(f"{a} and {b}: {_number(x)}" for a, b, x in pairs[:6])
+    said = f"Hardly known apart: {told}." if pairs else f"No two numbers are correlated by more than {APART:g}."
+    head = "".join(f'<th scope="col">{escape(name)}</th>' for name in names[:-1])
+    rows = []
+    for i in range(1, n):
+        cells = "".join(_cell(float(r[i, j])) for j in range(i)) + "<td></td>" * (n - 1 - i)
+        rows.append(f'<tr><th scope="row">{escape(names[i])}</th>{cells}</tr>')
+    table = (
+        f'<table class="heat"><thead><tr><th scope="col"></th>{head}</tr></thead><tbody>{"".join(rows)}</tbody></table>'
+    )
+    return paragraph(said) + table
+
+
+def _cell(x: float) -> str:
+    color = "213,94,0" if x > 0.0 else "0,114,178"
+    text = f"<b>{_number(x)}</b>" if abs(x) > APART else _number(x)
+    # on white in either theme, as the other maps of the page: the figure stays legible
+    return f'<td style="background:linear-gradient(rgba({color},{0.55 * abs(x):.2f}) 0 0) #fff">{text}</td>'
+
+
+def _number(x: float) -> str:
+    text = f"{x:.2f}"
+    return "0" if float(text) == 0.0 else text.replace("-", "−")
+
+
+def _name(name: str) -> str:
+    plain, _, record = name.partition("@")
+    return f"{plain} (record {record})" if record else plain

@@ -1,0 +1,146 @@
+"""A first look at a table: its columns with their first values, what each is taken for, and what it may be.
+
+The reader is that of all commands. What the names and `--columns` tell is as `read_table` takes it; the rest is
+proposed for a person to confirm.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bms_gateway.errors import DataError
+from bms_gateway.report.columns import OWN, UNITS, Column, find_columns, quantity_of, split_unit
+from bms_gateway.report.dates import date_form
+from bms_gateway.report.file_rows import Rows
+from bms_gateway.report.guess import Guess, guesses, is_percent
+from bms_gateway.report.table import REQUIRED, converted, known, open_table
+
+Floats = NDArray[np.float64]
+SHOWN: Final = 4
+"""Cells of a column."""
+DRAWN: Final = 80
+"""Points of its curve."""
+MOST: Final = 300
+"""Columns that are shown."""
+
+
+def look(path: Path, columns: Mapping[str, str] | None = None) -> dict[str, Any]:
+    """Look at the first rows of a table.
+
+    Parameters
+    ----------
+    path : Path
+    columns : mapping, optional
+        From `parse_columns`.
+
+    Returns
+    -------
+    dict
+        `columns`: name, unit as written, first cells, `ours` (our name or ""), `by` ("name", "told", "guess" or ""),
+        `unit` and `flip` that are proposed, `why`, least and greatest value and a few points in our unit. `missing`:
+        our names that a table must have and that neither its names nor `columns` tell.
+
+    Raises
+    ------
+    DataError
+        As `read_table`.
+    """
+    told = columns or {}
+    with open_table(path) as rows:
+        names = rows.names[:MOST]
+        found = find_columns(path, rows.names, rows.units, told, [n for n in rows.names if known(n)])
+        values = _numbers(rows, names)
+        dated = next((n for n in names if n not in values and date_form(rows.sample(n), None) is not None), "")
+        proposed = guesses(names, rows.units, {ours: c.bare for ours, c in found.items()}, values, dated)
+        by = {c.bare: ours for ours, c in found.items()}
+        shown = [
+            _column(rows, k, name, by.get(name, ""), found, told, proposed.get(name), values.get(name))
+            for k, name in enumerate(names)
+        ]
+        return {
+            "source": path.name,
+            "columns": [c for c in shown if c["name"]],
+            "missing": [name for name in REQUIRED if name not in found],
+            "surfaces": any(n.startswith("surface_") for n in found),
+            "notes": list(rows.notes),
+            "units": {quantity: _units(quantity, [c["stated"] for c in shown]) for quantity in UNITS},
+        }
+
+
+def _units(quantity: str, written: Sequence[str]) -> list[str]:
+    """Give one name for each unit of a quantity, and those that the file writes."""
+    once: dict[tuple[float, float], str] = {}
+    for unit, factors in UNITS[quantity].items():
+        once.setdefault(factors, unit)
+    return list(dict.fromkeys([*once.values(), *(u for u in written if u in UNITS[quantity])]))
+
+
+def _numbers(rows: Rows, names: Sequence[str]) -> dict[str, Floats]:
+    """Give the first values of every column that holds numbers."""
+    given = [n for n in names if n]
+    try:
+        return dict(next(rows.pieces(given, {})).values)
+    except StopIteration:
+        raise DataError("the table has no rows") from None
+    except DataError:  # words somewhere: one by one
+        found = {}
+        for name in given:
+            if (x := _one(rows, name)) is not None:
+                found[name] = x
+        return found
+
+
+def _one(rows: Rows, name: str) -> Floats | None:
+    try:
+        return next(rows.pieces([name], {})).values[name]
+    except DataError:
+        return None
+
+
+def _column(
+    rows: Rows,
+    at: int,
+    name: str,
+    ours: str,
+    found: Mapping[str, Column],
+    told: Mapping[str, str],
+    guess: Guess | None,
+    x: Floats | None,
+) -> dict[str, Any]:
+    by = "told" if ours in told else "name" if ours else "guess" if guess else ""
+    c = found.get(ours)
+    stated = split_unit(name)[1] or (rows.units[at].strip().strip("[]()") if rows.units is not None else "")
+    unit = (c.unit or c.date) if c is not None else guess.unit if guess else None
+    what = ours or (guess.ours if guess else "")
+    flip = (c.column != c.bare) if c is not None else bool(guess and guess.flip)
+    document: dict[str, Any] = {
+        "name": name,
+        "stated": stated or "",
+        "cells": (rows.sample(name) or [f"{v:g}" for v in (x if x is not None else ())[:SHOWN]])[:SHOWN],
+        "ours": what,
+        "by": by,
+        "unit": unit or "",
+        "flip": flip,
+        "why": guess.why if guess and not ours else "",
+    }
+    if x is None or not np.isfinite(x).any():
+        return document
+    factors = (c.factor, c.shift) if c is not None else _factors(what, unit or stated)
+    values = converted(x, Column(name, *factors), False)
+    values = -values if flip else values
+    if what == "soc" and factors == (1.0, 0.0) and is_percent(values):
+        values = 0.01 * values  # as the reader does by itself
+    few = values[:: max(len(values) // DRAWN, 1)]
+    return document | {
+        "low": float(np.nanmin(values)),
+        "high": float(np.nanmax(values)),
+        "in": OWN[quantity_of(what)] if what else stated or "",
+        "points": [None if v != v else float(f"{v:.5g}") for v in few.tolist()],
+    }
+
+
+def _factors(ours: str, unit: str) -> tuple[float, float]:
+    return UNITS[quantity_of(ours)].get(unit, (1.0, 0.0)) if ours and unit else (1.0, 0.0)

@@ -1,0 +1,83 @@
+"""From a proposal to files that the gateway runs with: what is missing, and which thermocouples it would refuse."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from bms_gateway.config.load import load_config
+from bms_gateway.engine import Engine, Estimated, drive
+from bms_gateway.engine.reasons import REASONS
+from bms_gateway.frames.batch import EXTENDED
+from bms_gateway.frames.quality import Quality
+from bms_gateway.records.signal_use import Use, signal_use
+from bms_gateway.setup.picture import Cores
+from bms_gateway.setup.proposal import Proposal
+from bms_gateway.setup.vehicle_logs import Traffic
+from bms_gateway.setup.write import Written, write_setup
+from bms_gateway.thermal.cells import CellFacts
+
+
+@dataclass(frozen=True, slots=True)
+class Settled:
+    """What was written, the first cores by it, and how each signal was used."""
+
+    written: Written
+    cores: Cores
+    uses: dict[str, Use]
+
+
+def missing(proposal: Proposal, traffic: Traffic) -> str | None:
+    """Say why no config can be made; None where one can."""
+    if not traffic.messages:
+        frequent = sorted(traffic.unknown, key=lambda i: -traffic.unknown[i])[:5]
+        given = "is in the DBC" if traffic.dbc else "is known: give the vehicle's DBC with --dbc"
+        return (
+            f"none of the {len(traffic.unknown)} identifiers of these logs {given}; "
+            f"the most frequent are {', '.join(f'0x{i & ~EXTENDED:X}' for i in frequent)}: no config was written"
+        )
+    if next(proposal.of("current"), None) is None:
+        return "no signal is a current of the pack: nothing was written; is it in another DBC or log?"
+    if not proposal.cells:
+        return "no signal is a temperature of cells: nothing was written; is it in another DBC or log?"
+    return None
+
+
+def settle(proposal: Proposal, traffic: Traffic, out: Path, *, cell: CellFacts | None, logs: Iterable[Path]) -> Settled:
+    """Write a config and its models, and estimate with them; a signal whose samples are always refused is left out.
+
+    Raises
+    ------
+    UsageError
+        The folder cannot be written.
+    """
+    logs = list(logs)
+    written = write_setup(proposal, traffic, out, cell=cell, logs=logs)
+    cores, uses = _estimate(written.config, traffic)
+    if _without_refused(proposal, uses):  # it is not a sensor
+        written = write_setup(proposal, traffic, out, cell=cell, logs=logs)
+        cores, uses = _estimate(written.config, traffic)
+    return Settled(written, cores, uses)
+
+
+def _estimate(config: Path, traffic: Traffic) -> tuple[Cores, dict[str, Use]]:
+    """Run the very engine over the frames at hand."""
+    loaded = load_config(config)
+    engine = Engine(loaded.plan, loaded.database)
+    cores = Cores()
+    for event in drive(engine, [traffic.frames]):
+        if isinstance(event, Estimated):
+            cores.take(event)
+    return cores, signal_use(loaded.plan, loaded.database, engine, {s.name for s in loaded.plan.strings})
+
+
+def _without_refused(proposal: Proposal, uses: Mapping[str, Use]) -> bool:
+    """Leave out thermocouples whose samples the engine almost always refuses, as long as some remain."""
+    refused = {}
+    for signal, use in uses.items():
+        if use.channel.quantity == "surface" and use.lost and use.refused:
+            most = max(use.refused, key=lambda reason: use.refused[reason])
+            refused[signal] = f"{use.seen - use.used} of {use.seen} samples refused: {REASONS[Quality[most.upper()]]}"
+    if not refused or len(refused) == sum(p.role == "surface" for p in proposal.signals):
+        return False
+    proposal.leave_out(refused)
+    return True

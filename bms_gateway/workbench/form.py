@@ -1,0 +1,143 @@
+"""A string model from what a person knows of the cell, and a config from a log and its DBC: what `init` would write."""
+
+from pathlib import Path
+from typing import Any, Final
+
+from bms_gateway.config.load import cell_list
+from bms_gateway.config.model_file import write_model
+from bms_gateway.errors import UsageError
+from bms_gateway.records.kind import log_kind
+from bms_gateway.setup.propose import propose
+from bms_gateway.setup.settle import missing, settle
+from bms_gateway.setup.vehicle_logs import read_traffic
+from bms_gateway.setup.write import AIR, LIQUID
+from bms_gateway.thermal import Condition, Prior, StringModel
+from bms_gateway.thermal.cells import cell_of, cell_priors
+from bms_gateway.workbench.looking import surfaces
+
+MODEL: Final = "model.toml"
+MOST_CELLS: Final = 400
+FLOW_SD: Final = 0.3
+PER_L_MIN: Final = 1e-3 / 60.0
+
+
+def with_model(files: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Write the model that a form describes, where no file was named; it has the sensors of the first table.
+
+    Raises
+    ------
+    UsageError
+        What is not known or not plausible, with the nearest valid choice.
+    """
+    form = files.get("form")
+    if files.get("model") or not form:
+        return files
+    tables = [Path(t) for t in files["tables"]]
+    log = next((t for t in tables if log_kind(t) is not None), None)
+    if log is not None and not files.get("config"):
+        raise UsageError(f"{log.name}: a CAN log needs its gateway config; or drop its DBC, and one is made")
+    text = str(form.get("sensors") or "").strip()
+    sensors = _cells("sensors", text) if text else surfaces(tables, files.get("columns") or ())
+    if not sensors:
+        raise UsageError("model: no surface is mapped: say which column is the surface of which cell")
+    cells = _count(str(form.get("cells") or "").strip(), max(sensors))
+    if max(sensors) > cells:
+        raise UsageError(f"model: a sensor sits on cell {max(sensors)}, the string has {cells} cells")
+    words = str(form.get("cell") or "")
+    if not words.strip():
+        raise UsageError("model: name the cell, such as lg_m50 or '21700 5Ah 69g 25mOhm 2p'")
+    cell = cell_of(words)
+    priors = cell_priors(cell, conduction=cells > 1)
+    condition: Condition = "single" if cells == 1 else "natural"
+    flow = _flow(str(form.get("flow") or "").strip())
+    if flow is not None and cells > 1:
+        condition = "full"
+        volumetric = AIR if form.get("medium") == "air" else LIQUID[0]
+        priors["C_f"] = Prior(min(max(volumetric * flow, 1e-2), 1e5), FLOW_SD)
+    model = StringModel(
+        cells,
+        sensors,
+        condition,
+        {name: Prior(float(f"{p.value:.4g}"), p.rel_sd) for name, p in priors.items()},
+        coolant="ntu" if condition == "full" else "bulk",
+        capacity_Ah=None if cell.capacity_Ah is None else cell.capacity_Ah * cell.parallel,
+        flow=flow if condition == "full" else None,
+        cell_format=cell.name,
+    )
+    path = folder / MODEL
+    write_model(model, path, f"From the form of the workbench: {words.strip()}, {cells} cells.")
+    return {**files, "model": str(path)}
+
+
+def with_config(files: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[str]]:
+    """Make a config and a model from logs and DBC files, as `init` does; and what there is to say of it.
+
+    Raises
+    ------
+    UsageError
+        Nothing can be made of them.
+    """
+    logs = [Path(t) for t in files["tables"] if log_kind(Path(t)) is not None]
+    if files.get("config") or not files.get("dbc") or not logs:
+        return files, []
+    words = str((files.get("form") or {}).get("cell") or "").strip()
+    cell = cell_of(words) if words else None
+    traffic = read_traffic(logs, [_beside(Path(d), folder) for d in files["dbc"]])
+    proposal = propose(traffic)
+    if (why_not := missing(proposal, traffic)) is not None:
+        raise UsageError(why_not.replace(": give the vehicle's DBC with --dbc", ": drop the vehicle's DBC too"))
+    settled = settle(proposal, traffic, folder, cell=cell, logs=logs)
+    said = [*proposal.remarks, *settled.written.notes]
+    if cell is None:
+        said.append("The cell is unknown: name it in the form, and the bands of the cores get narrower.")
+    for p in proposal.signals:
+        where = "" if p.string is None else f" of string_{p.string}"
+        which = p.role if p.index is None else f"{p.role} {p.index}"
+        low, high = p.observed
+        sure = "" if p.sure else " (likely, not sure: check it)"
+        said.append(f"{which}{where}: {p.path}, {low:.4g} to {high:.4g}{sure}.")
+    string = files.get("string") or "string_1"
+    model = settled.written.config.parent / f"{string}.toml"
+    if not model.is_file():
+        raise UsageError(f"open: the log has strings 1 to {len(proposal.cells)}; '{string}' is none of them")
+    config = str(settled.written.config)
+    return {**files, "config": config, "string": string, "model": files.get("model") or str(model)}, said
+
+
+def _beside(dbc: Path, folder: Path) -> Path:
+    """Have a DBC in the tab's folder, where the config finds it."""
+    if dbc.parent == folder:
+        return dbc
+    copy = folder / dbc.name
+    try:
+        copy.write_bytes(dbc.read_bytes())
+    except OSError as e:
+        raise UsageError(f"{dbc}: cannot be read: {e.strerror}") from None
+    return copy
+
+
+def _cells(what: str, text: str) -> tuple[int, ...]:
+    try:
+        return tuple(sorted(set(cell_list(text))))
+    except ValueError:
+        raise UsageError(f"model: {what} '{text}': list cells as 1,3,5-8") from None
+
+
+def _count(text: str, least: int) -> int:
+    if not text:
+        return least
+    if not text.isdecimal() or not 1 <= int(text[:6]) <= MOST_CELLS:
+        raise UsageError(f"model: cells '{text}': must be a number from 1 to {MOST_CELLS}")
+    return int(text)
+
+
+def _flow(text: str) -> float | None:
+    if not text:
+        return None
+    try:
+        flow = float(text.replace(",", "."))
+    except ValueError:
+        flow = float("nan")
+    if not 0.0 < flow < 1e5:
+        raise UsageError(f"model: coolant flow '{text}': must be a number above 0, in l/min; empty where none flows")
+    return float(f"{flow * PER_L_MIN:.4g}")

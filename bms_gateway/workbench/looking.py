@@ -1,0 +1,27 @@
+"""A first look at what was chosen: the columns of a table, or the kind of a log."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from bms_gateway.records.kind import log_kind
+from bms_gateway.report.look import look
+from bms_gateway.report.table import parse_columns
+
+
+def surfaces(tables: Sequence[Path], columns: Sequence[str]) -> tuple[int, ...]:
+    """Tell which cells of the first table have a surface, as its names and the mapping say."""
+    first = next((t for t in tables if log_kind(t) is None), None)
+    if first is None:
+        return ()
+    found = looked(first, columns)["columns"]
+    names = [c["ours"] for c in found if c["by"] in ("name", "told") and c["ours"].startswith("surface_")]
+    return tuple(sorted(int(name.split("_")[1]) for name in names))
+
+
+def looked(path: Path, columns: Sequence[str]) -> dict[str, Any]:
+    """Look at a table, or tell which kind of log it is."""
+    kind = log_kind(path)
+    if kind is not None:
+        return {"source": path.name, "log": kind, "columns": [], "missing": [], "notes": [], "units": {}}
+    return {**look(path, parse_columns(columns)), "log": ""}

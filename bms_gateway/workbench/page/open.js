@@ -1,0 +1,159 @@
+// The table of columns: what each column of a foreign table is, with its unit and sign, guessed and to be confirmed.
+import { $, el, get, post, attempt, complain } from "./util.js";
+
+const ONCE = { time_s: "time", current_A: "current, discharge positive", coolant_inlet_C: "coolant inlet, or the air around",
+  voltage_V: "voltage of the string", soc: "state of charge (SOC)", coolant_flow_m3_s: "coolant flow" };
+const MANY = { surface: ["surface of cell", "C", "temperature"], core: ["core of cell", "C", "temperature"], cell_voltage: ["voltage of cell", "V", "voltage"] };
+const QUANTITY = { time_s: "time", current_A: "current", coolant_inlet_C: "temperature", voltage_V: "voltage", soc: "soc", coolant_flow_m3_s: "flow" };
+const DATES = ["dd/mm/yyyy", "mm/dd/yyyy"];
+const SHOWN = { share: [100, "%"], "m³/s": [60000, "l/min"] };
+const PLAIN = { time: "s", current: "A", temperature: "°C", voltage: "V", soc: "-", flow: "m3/s" };
+
+let look = null; // as the server told it last
+let rows = []; // what the person sees: name, what, cell, unit, flip
+let opened = false; // a record is open
+let of = ""; // table and content that the rows are of
+
+const parts = (ours) => { const m = /^(surface|core|cell_voltage)_(\d+)_/.exec(ours); return m ? [m[1], Number(m[2])] : [ours, 0]; };
+const quantity = (what) => QUANTITY[what] ?? MANY[what]?.[2];
+const ours = (r) => (MANY[r.what] ? `${r.what}_${r.cell}_${MANY[r.what][1]}` : r.what);
+const unitOf = (c) => c.unit || (look.units[quantity(parts(c.ours)[0])]?.includes(c.stated) ? c.stated : "");
+
+export const table = () => look && !look.log && rows.length > 0;
+
+// The pairs that --columns takes; what the names tell by themselves needs none.
+export function pairs() {
+  return rows.filter((r) => r.what && !(r.by === "name" && !r.touched)).map((r) => {
+    const c = look.columns[r.at];
+    const unit = r.unit && r.unit !== c.stated ? ` [${r.unit}]` : "";
+    return `${ours(r)}=${r.flip ? "-" : ""}${r.name}${unit}`;
+  });
+}
+
+// Takes what the server found in a table; what a person chose before stays where the columns are the same.
+export function show(found, isOpen) {
+  if (isOpen !== opened) { opened = isOpen; if (look) draw(); }
+  const told = JSON.stringify(found);
+  if (!found || told === of) return;
+  of = told;
+  const same = look && found.source === look.source && found.columns.map((c) => c.name).join("\n") === look.columns.map((c) => c.name).join("\n");
+  look = found;
+  if (!same) {
+    rows = found.columns.map((c, at) => {
+      const [what, cell] = parts(c.ours);
+      return { at, name: c.name, what, cell, unit: "", flip: c.flip, by: c.by, touched: false };
+    });
+    for (const r of rows) r.unit = unitOf(found.columns[r.at]);
+  }
+  if (table()) $("columns").value = "";
+  draw();
+}
+
+const twice = () => { const all = rows.filter((r) => r.what).map(ours); return all.filter((x, i) => all.indexOf(x) !== i); };
+const lacking = () => ["time_s", "current_A", "coolant_inlet_C"].filter((x) => !rows.some((r) => r.what === x)).map((x) => ONCE[x].split(",")[0])
+  .concat(rows.some((r) => r.what === "surface") ? [] : ["surface of a cell"]);
+
+function draw() {
+  const box = $("mapping");
+  box.hidden = !look || (opened && Boolean(look.log));
+  if (box.hidden) return;
+  const focused = document.activeElement?.id;
+  if (look.log) {
+    box.replaceChildren(el("p", {}, `${look.source} is a CAN log (${look.log}). It needs a gateway config; or drop its DBC file here, and the signals are found as init finds them.`));
+    return;
+  }
+  const guessed = rows.filter((r) => r.by === "guess").length;
+  const lack = lacking(), double = twice();
+  box.replaceChildren(el("h3", {}, `Columns of ${look.source}`),
+    el("p", { class: lack.length || double.length ? "alarm" : "muted", id: "mapping-told", role: "status" },
+      double.length ? `Two columns are taken for ${double[0]}.` : lack.length ? `Still missing: ${lack.join(", ")}.`
+        : guessed ? `${guessed} columns are guessed (marked ?): check them, with their units and signs.` : "The names of the columns say what they are."),
+    el("div", { class: "scroll", tabindex: "0", role: "group", "aria-label": "columns of the table" },
+      el("table", { class: "columns" }, el("thead", {}, el("tr", {}, ...["Column", "First values", "Is", "Unit", "−", "Reads as"].map((t) => el("th", { scope: "col", title: t === "−" ? "opposite sign" : null }, t)))),
+        el("tbody", {}, ...rows.map(line)))),
+    look.notes.length ? el("p", { class: "muted" }, `${look.notes.join("; ")}.`) : "");
+  if (focused && document.activeElement?.id !== focused) $(focused)?.focus({ preventScroll: true });
+}
+
+function line(r) {
+  const c = look.columns[r.at], id = `column-${r.at}`;
+  const options = [["", "not used"], ...Object.entries(ONCE), ...Object.entries(MANY).map(([k, v]) => [k, v[0]])];
+  const change = (more) => { Object.assign(r, more, { touched: true, by: r.by === "guess" ? "told" : r.by }); draw(); again(); };
+  const what = el("select", { id, "aria-label": `${r.name} is`, onchange: (e) => {
+    const next = e.target.value;
+    const others = rows.filter((x) => x !== r && x.what === next).map((x) => x.cell);
+    let cell = r.cell || Number(/(\d+)(?!.*\d)/.exec(r.name)?.[1] ?? 1) || 1;
+    while (MANY[next] && others.includes(cell)) cell += 1;
+    change({ what: next, cell, unit: look.units[quantity(next)]?.includes(c.stated) ? c.stated : "", flip: false });
+  } }, ...options.filter(([k]) => k || c.by !== "name").map(([k, t]) => el("option", { value: k, selected: k === r.what }, t)));
+  const cell = MANY[r.what] ? el("input", { id: `${id}-cell`, type: "number", min: "1", max: "400", value: String(r.cell), "aria-label": `cell of ${r.name}`, class: "few",
+    onchange: (e) => change({ cell: Math.max(1, Math.round(Number(e.target.value)) || 1) }) }) : "";
+  const known = look.units[quantity(r.what)] ?? [];
+  const own = PLAIN[quantity(r.what)];
+  const units = r.what === "time_s" && !("low" in c) ? ["", ...DATES] : ["", ...known];
+  const unit = r.what ? el("select", { id: `${id}-unit`, "aria-label": `unit of ${r.name}`, onchange: (e) => change({ unit: e.target.value }) },
+    ...units.map((u) => el("option", { value: u, selected: u === r.unit }, u || (units.includes(DATES[0]) ? "as written" : `${own} (assumed)`)))) : c.stated;
+  const flip = r.what && r.what !== "time_s" ? el("input", { id: `${id}-flip`, type: "checkbox", checked: r.flip, "aria-label": `opposite sign of ${r.name}`, onchange: (e) => change({ flip: e.target.checked }) }) : "";
+  const [scale, told] = SHOWN[c.in] ?? [1, c.in];
+  const number = (x) => (Math.abs(x) >= 1e5 ? x.toExponential(2) : String(Number(x.toPrecision(4))).replace("-", "−"));
+  const seen = "low" in c && r.what ? el("span", {}, curve(c.points), ` ${number(scale * c.low)} to ${number(scale * c.high)} ${told}`) : "";
+  return el("tr", { class: r.what ? "" : "unused" }, el("th", { scope: "row" }, c.name), el("td", { class: "muted" }, c.cells.slice(0, 2).map(short).join("  ")),
+    el("td", {}, what, cell, r.by === "guess" ? el("abbr", { title: `guessed: ${c.why}` }, " ?") : ""), el("td", {}, unit), el("td", {}, flip), el("td", {}, seen));
+}
+
+// A number to a few digits, with the mark that it has.
+const short = (text) => (text.length > 12 ? `${text.slice(0, 11)}…` : text.replace(/([.,]\d*?[1-9]?)0+$/, "$1").replace(/[.,]$/, ""));
+
+// A curve of the first values, without axes.
+function curve(points) {
+  const known = points.filter((y) => y !== null), low = Math.min(...known), span = Math.max(...known) - low || 1;
+  const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg");
+  for (const [k, v] of Object.entries({ viewBox: "0 0 60 16", width: "60", height: "16", "aria-hidden": "true" })) svg.setAttribute(k, v);
+  const path = document.createElementNS("http://www.w3.org/2000/svg", "polyline");
+  path.setAttribute("points", points.map((y, i) => (y === null ? "" : `${(60 * i) / Math.max(points.length - 1, 1)},${15 - (14 * (y - low)) / span}`)).join(" "));
+  path.setAttribute("fill", "none");
+  path.setAttribute("stroke", "currentColor");
+  svg.append(path);
+  return svg;
+}
+
+// Shows the values by the units and signs that are chosen now.
+let waiting = 0;
+function again() {
+  clearTimeout(waiting);
+  if (!look || look.log || twice().length) return;
+  waiting = setTimeout(() => ask().catch((e) => complain(e.message)), 200);
+}
+
+export const tables = () => $("tables").value.split("\n").map((t) => t.trim()).filter(Boolean);
+const said = () => ($("columns").value.trim() ? [$("columns").value.trim()] : []);
+export const all = () => [...said(), ...pairs()];
+export const ask = () => post("look", { tables: tables().slice(0, 1), columns: all() });
+
+// What a person says of the cell, where there is no model file.
+export function form() {
+  const cell = [$("form-cell").value.trim(), $("form-parallel").value.trim() && `${$("form-parallel").value.trim()}p`, $("form-cooling").value].filter(Boolean).join(" ");
+  return $("form-cell").value.trim() ? { cell, cells: $("form-cells").value.trim(), sensors: $("form-sensors").value.trim(), flow: $("form-flow").value.trim(), medium: $("form-medium").value } : null;
+}
+
+export function fill(given) {
+  const words = (given?.cell ?? "").split(" ").filter(Boolean);
+  const take = (test) => { const i = words.findIndex((w, k) => k > 0 && test(w)); return i < 0 ? "" : words.splice(i, 1)[0]; };
+  $("form-parallel").value = take((w) => /^\d+p$/.test(w)).replace("p", "");
+  $("form-cooling").value = take((w) => ["still", "forced", "plate", "liquid"].includes(w));
+  $("form-cell").value = words.join(" ");
+  for (const k of ["cells", "sensors", "flow"]) $(`form-${k}`).value = given?.[k] ?? "";
+  $("form-medium").value = given?.medium ?? "liquid";
+  $("describe").open = Boolean(given);
+}
+
+// The catalogue comes when somebody opens the form.
+let offered = false;
+export const offer = attempt(async () => {
+  if (offered || !$("describe").open) return;
+  offered = true;
+  const { presets } = await get("presets");
+  $("presets").replaceChildren(...presets.map((p) => el("option", { value: p.name, label: p.told })));
+});
+
+export const prepare = attempt(async () => { if (tables().length) await ask(); });

@@ -1,0 +1,127 @@
+"""What the columns of a foreign table are proposed to be; the reader is that of the commands."""
+
+import csv
+
+import numpy as np
+import pytest
+
+from bms_gateway.errors import DataError
+from bms_gateway.report.guess import lookalike, plain, rises
+from bms_gateway.report.look import look
+from bms_gateway.report.table import parse_columns, read_table
+from tests.workbench.foreign import german
+
+OURS = ["time_s", "current_A", "coolant_inlet_C", "soc", "coolant_flow_m3_s", "surface_1_C", "surface_3_C"]
+NEVER = 1e-3
+"""K, A …: of rounding in the file."""
+
+
+@pytest.fixture
+def plainly(tmp_path):
+    """A table of ours: an hour at 1 Hz, charge by the integral of a current that is positive on discharge."""
+    rng = np.random.default_rng(4)
+    t = np.arange(0.0, 3600.0)
+    current = 20.0 * np.repeat(rng.standard_normal(60), 60) + 10.0
+    soc = 0.8 - np.cumsum(current) / 3600.0 / 40.0
+    columns = [t, current, 20.0 + np.sin(t / 300.0), soc, 1e-4 + 1e-6 * np.cos(t), 25 + np.cos(t / 200), 26 + np.sin(t)]
+    path = tmp_path / "ours.csv"
+    with path.open("w", newline="") as file:
+        out = csv.writer(file)
+        out.writerow(OURS)
+        out.writerows(zip(*(np.round(c, 6).tolist() for c in columns), strict=True))
+    return path
+
+
+def pairs(found):
+    return [
+        f"{c['ours']}={'-' if c['flip'] else ''}{c['name']}{' [' + c['unit'] + ']' if c['unit'] else ''}"
+        for c in found["columns"]
+        if c["by"] == "guess"
+    ]
+
+
+def test_a_german_table_is_proposed_as_what_it_is_and_then_read_as_the_original(plainly, tmp_path):
+    foreign = german(plainly, tmp_path / "german.csv")
+    found = look(foreign)
+    assert {c["ours"] for c in found["columns"]} == {"", *OURS}
+    assert found["missing"] == ["time_s", "current_A", "coolant_inlet_C"]
+    read, truth = read_table(foreign, parse_columns(pairs(found))), read_table(plainly)
+    for name in ("time_s", "current_A", "coolant_inlet_C", "soc", "coolant_flow_m3_s"):
+        assert np.abs(getattr(read, name) - getattr(truth, name)).max() < NEVER, name
+    assert set(read.surface_C) == {1, 3}
+    again = look(foreign, parse_columns(pairs(found)))
+    assert again["missing"] == []
+    current = next(c for c in again["columns"] if c["ours"] == "current_A")
+    assert (current["by"], current["flip"]) == ("told", True)
+    assert current["low"] == pytest.approx(truth.current_A.min(), abs=NEVER)
+    assert current["high"] == pytest.approx(truth.current_A.max(), abs=NEVER)
+
+
+def test_names_of_ours_need_no_guess(plainly):
+    found = look(plainly)
+    assert [c["by"] for c in found["columns"]] == ["name"] * 7
+    assert found["missing"] == []
+
+
+INLET, AIR = "time_s current_A coolant_inlet_C", "coolant_inlet_C"
+VOLTS = "cell_voltage_1_V cell_voltage_2_V"
+
+
+@pytest.mark.parametrize(
+    ("header", "first", "expected"),
+    [
+        ("t;I;T_amb;T1;T2", "0;1;20;20;20", f"{INLET} surface_1_C surface_2_C"),
+        ("Datum;Strom/A;Umgebung;Zelle0 Temp;Zelle1 Temp", "@;1;20;20;20", f"{INLET} surface_1_C surface_2_C"),
+        ("time_ms;amps;chamber;core temp;surface temp", "0;1;293.1;295;296", f"{INLET} core_1_C surface_1_C"),
+        (
+            "Time (s);Power [W];Current (A);Inlet;Outlet;Cell 7 [°C]",
+            "0;1;1;20;21;20",
+            f"time_s - current_A {AIR} - surface_7_C",
+        ),
+        (
+            "Zeit;Strom;Vorlauf;U_Zelle_1 [mV];U_Zelle_2 [mV];Oberfläche 2",
+            "0;1;20;3600;3600;20",
+            f"{INLET} {VOLTS} surface_2_C",
+        ),
+    ],
+)
+def test_names_of_others(tmp_path, header, first, expected):
+    path = tmp_path / "table.csv"
+    start, rest = first.split(";", 1)
+    stamps = [f"2026-01-01 00:00:{k:02}" if start == "@" else f"{k}" for k in range(30)]
+    path.write_text("\n".join([header, *(f"{t};{rest}" for t in stamps)]) + "\n", encoding="utf-8")
+    assert [c["ours"] or "-" for c in look(path)["columns"]] == expected.split()
+
+
+def test_units_are_guessed_by_size(tmp_path):
+    path = tmp_path / "table.csv"
+    rows = [f"{100 * k},{3000 * (-1) ** k},{293 + 0.01 * k},{50 + k}" for k in range(30)]
+    path.write_text("\n".join(["t,I,T_inlet,Ladezustand", *rows]) + "\n")
+    found = look(path)["columns"]
+    assert [c["unit"] for c in found[:4]] == ["ms", "mA", "K", "%"]
+    (tmp_path / "other.csv").write_text("\n".join(["t,SOC", *(f"{k},{50 + k}" for k in range(30))]) + "\n")
+    by_name = look(tmp_path / "other.csv")["columns"][1]  # the reader itself tells per cent
+    assert (by_name["by"], by_name["low"], by_name["high"]) == ("name", 0.5, 0.79)
+
+
+def test_what_is_no_table_is_one_line(tmp_path):
+    (tmp_path / "empty.csv").write_text("a,b\n")
+    with pytest.raises(DataError, match="no rows"):
+        look(tmp_path / "empty.csv")
+    with pytest.raises(DataError, match="no such file"):
+        look(tmp_path / "nothing.csv")
+
+
+def test_signs_are_told_by_the_voltage_before_the_charge():
+    rng = np.random.default_rng(1)
+    I = 10.0 * rng.standard_normal(600)  # noqa: E741
+    V = 12.0 - 0.01 * I
+    assert rises(I, V, None) == ""
+    assert rises(-I, V, None) == "the voltage rises with it"
+    assert rises(None, V, None) == ""
+
+
+def test_words_are_parted():
+    assert plain("packVoltage_V") == "pack voltage v"
+    assert lookalike("current_A", ["Strom (A)", "U"]) == "Strom (A)"
+    assert lookalike("current_A", ["current 1", "current 2"]) is None

@@ -1,0 +1,152 @@
+"""Opening in a real browser: a foreign table by its columns, a cell by a form, a log with its DBC, the example."""
+
+from pathlib import Path
+
+import pytest
+
+from bms_gateway.config.model_file import read_model
+from tests.truth.packs import pack as make_pack
+from tests.workbench.browser import come, faults
+from tests.workbench.conftest import served
+from tests.workbench.foreign import german
+from tests.workbench.test_page import FIT_S, seen_compared
+
+pytestmark = pytest.mark.slow  # a browser, and fits
+WORKED = Path(__file__).parents[2] / "deploy" / "worked"
+DROP = (
+    "const dt = new DataTransfer(); dt.items.add(new File([arguments[1]], arguments[0]));"
+    "dispatchEvent(new DragEvent('drop', {dataTransfer: dt, cancelable: true}))"
+)
+IS = "return [...document.querySelectorAll('#mapping tbody tr')].map(r => r.querySelector('select').value)"
+
+
+@pytest.fixture(scope="module")
+def pack(tmp_path_factory):
+    return make_pack(tmp_path_factory.mktemp("pack"))
+
+
+@pytest.fixture(scope="module")
+def url(pack):
+    with served(pack.folder) as url:
+        yield url
+
+
+def choose(page, css, value):
+    page.run(
+        "const s = document.querySelector(arguments[0]);s.value = arguments[1]; s.dispatchEvent(new Event('change'))",
+        css,
+        value,
+    )
+
+
+def compared(page):
+    page.wait(
+        "return document.querySelector('#step-1') && document.querySelector('#plot-surface').dataset.traces",
+        patience_s=FIT_S,
+    )
+    page.idle(FIT_S)
+
+
+def test_a_german_table_from_another_tool_is_opened_by_its_columns(window, url, axe, pack, tmp_path):
+    page = window(url)
+    page.upload("#tables-file", german(pack.hidden, tmp_path / "Messung, Akku 7.csv"))
+    page.wait("return document.querySelectorAll('#mapping tbody tr').length === 8")
+    page.idle()
+    shown = ["", "time_s", "current_A", "coolant_inlet_C", "soc", "coolant_flow_m3_s", "surface", "surface"]
+    assert page.run(IS) == shown
+    assert page.run("return document.querySelector('#column-2-flip').checked")  # the charge rises with it
+    assert "guessed" in page.text("#mapping-told")
+    assert faults(page, axe) == []
+
+    # a wrong choice is told, and the values follow the unit
+    choose(page, "#column-7", "")
+    choose(page, "#column-6", "")
+    assert "surface of a cell" in page.text("#mapping-told")
+    for k, cell in ((6, "1"), (7, "3")):
+        choose(page, f"#column-{k}", "surface")
+        assert page.run(f"return document.querySelector('#column-{k}-cell').value") == cell
+    for unit, seen in (("h", "89940 s"), ("min", "1499 s")):
+        choose(page, "#column-1-unit", unit)
+        page.wait("return document.querySelectorAll('#mapping tbody tr')[1].innerText.includes(arguments[0])", seen)
+    page.idle()
+
+    page.upload("#model-file", pack.model)
+    page.wait("return document.querySelector('#model').value")
+    page.click("#open")
+    compared(page)
+    assert "2996 readings of cells 1, 3" in page.text("#opened") or "3000 readings of cells 1, 3" in page.text(
+        "#opened"
+    )
+    page.click("#tab-take")  # the commands do the same
+    assert "--columns 'current_A=-Packstrom, gesamt [mA]'" in page.text("#commands")
+    assert page.complaints() == []
+
+
+def test_a_cell_that_is_described_needs_no_model_file(window, url, pack, tmp_path):
+    page = window(url)
+    page.upload("#tables-file", pack.hidden)
+    page.wait("return document.querySelectorAll('#mapping tbody tr').length === 7")
+    page.idle()
+    page.click("#describe summary")
+    page.wait("return document.querySelectorAll('#presets option').length > 20")
+    page.type("#form-cell", "a123_32157 mauve")
+    page.click("#open")
+    page.wait("return document.querySelector('#error-text').innerText.includes(\"'mauve'\")")
+    page.type("#form-cell", "a123_32157")
+    page.type("#form-flow", "570")
+    page.run("document.querySelector('#form-medium').value = 'air'")
+    page.click("#open")
+    compared(page)
+    page.click("#tab-take")
+    text = page.run("return fetch(document.querySelector('#take-model').href).then(r => r.text())")
+    (tmp_path / "taken.toml").write_text(text)
+    model = read_model(tmp_path / "taken.toml")
+    assert (model.cells, model.sensors, model.condition) == (3, (1, 3), "full")
+    assert model.priors["C_f"].value == pytest.approx(1190 * 570e-3 / 60, rel=1e-3)
+    # a session goes the same way without the file, which was never anybody's
+    session = page.run("return fetch(document.querySelector('#take-session').href).then(r => r.json())")
+    assert session["files"]["model"] == ""
+    assert session["files"]["form"]["cell"] == "a123_32157"
+    page.reload()
+    seen_compared(page)
+    page.click("#tab-open")
+    assert page.run("return document.querySelector('#form-cell').value") == "a123_32157"
+    assert page.complaints() == []
+
+
+def test_a_dropped_log_and_its_dbc_go_the_way_of_init(window, url):
+    page = window(url)
+    page.upload("#tables-file", WORKED / "drive.log.gz")
+    page.wait("return document.querySelector('#mapping').innerText.includes('CAN log')")
+    page.run(DROP, "vehicle.dbc", (WORKED / "vehicle.dbc").read_text())
+    page.wait("return document.querySelector('#dbc').value === 'vehicle.dbc'")
+    page.idle()
+    page.click("#open")
+    compared(page)
+    assert "readings of cells 1, 2, 3, 4" in page.text("#opened")
+    page.click("#notes summary")
+    assert "current: BMS_PackStatus.PackCurrent" in page.text("#notes")
+    assert "The cell is unknown" in page.text("#notes")
+    assert page.complaints() == []
+
+
+def test_the_example_is_one_click_and_has_something_to_find(window, url, axe):
+    page = window(url, dark=True)
+    page.click("#example")
+    compared(page)
+    assert faults(page, axe) == []
+    page.click("#tab-diagnose")
+    page.click("#diagnose")
+    page.wait("return document.querySelector('#panel-diagnose .verdict')", patience_s=FIT_S)
+    assert "entropic_heat" in page.text("#panel-diagnose .verdict")
+
+
+def test_a_log_alone_says_what_it_needs(window, url):
+    page = window(url)
+    page.upload("#tables-file", WORKED / "drive.log.gz")
+    page.wait("return document.querySelector('#mapping').innerText.includes('DBC')")
+    page.idle()
+    page.click("#describe summary")
+    page.type("#form-cell", "lg_m50")
+    page.click("#open")
+    come(lambda: "drive.log.gz" in page.text("#error-text"), lambda: page.text("#error-text"))

@@ -1,0 +1,94 @@
+"""Work outlives a restart of the server and the seventh tab; reports fit any window and paper."""
+
+import pytest
+
+from bms_gateway.workbench.site import MOST_AWAKE, Site
+from tests.truth.packs import pack as make_pack
+from tests.workbench.browser import come, faults
+from tests.workbench.conftest import served
+from tests.workbench.test_desk import done, files
+from tests.workbench.test_page import FIT_S, seen_compared
+
+
+@pytest.fixture(scope="module")
+def pack(tmp_path_factory):
+    return make_pack(tmp_path_factory.mktemp("pack"))
+
+
+@pytest.mark.slow
+def test_more_tabs_take_nobodys_work(pack):
+    site = Site()
+    try:
+        first = site.new_desk()
+        first.open(files(pack))
+        assert done(first)["opened"]
+        others = [site.new_desk() for _ in range(MOST_AWAKE)]
+        come(lambda: not first.awake, "the rest of the first")
+        assert site.desk(first.name) is first
+        state = first.state()
+        assert state["opened"]["records"][0]["readings"] == 2996 or state["opened"]["records"]
+        assert [s["name"] for s in state["steps"]] == ["from its file", "refitted"]
+        assert first.figure("surface-0-1")["data"]
+        first.add(["entropic_heat"])  # a process comes by itself
+        assert done(first)["error"] == ""
+        assert [s["name"] for s in first.state()["steps"]][-1] == "+ entropic_heat"
+        assert all(site.desk(d.name) is d for d in others)
+        assert sum(d.awake for d in site.desks.values()) <= MOST_AWAKE
+    finally:
+        site.close()
+
+
+@pytest.mark.slow
+def test_a_page_left_open_goes_on_when_the_server_is_back(window, pack, tmp_path):
+    with served(pack.folder, *pack.words) as url:
+        page = window(url)
+        seen_compared(page)
+        page.idle(FIT_S)
+        page.click("#tab-add")
+        page.type("#effect-name", "entropic_heat")
+        page.press("Enter")
+        page.wait("return document.querySelectorAll('#panel-add .way li').length === 3", patience_s=FIT_S)
+        page.idle(FIT_S)
+    page.wait("return document.querySelector('#error-text').innerText.includes('does not answer')")
+    assert page.text("#what").endswith("+ entropic_heat")  # still there to be read
+    before = page.run("return JSON.parse(sessionStorage.workbench).desk")
+    with served(tmp_path, "--port", url.rstrip("/").rpartition(":")[2]):
+        page.wait("return JSON.parse(sessionStorage.workbench).desk !== arguments[0]", before, patience_s=FIT_S)
+        page.wait(
+            "return document.body.dataset.busy === '' && document.querySelector('#error').hidden"
+            " && document.querySelectorAll('#variants .tick').length === 3",
+            patience_s=FIT_S,
+        )
+        page.click("#tab-diagnose")
+        page.click("#diagnose")
+        page.wait("return document.querySelector('#panel-diagnose .verdict')", patience_s=FIT_S)
+
+
+@pytest.mark.slow
+def test_a_report_fits_every_window_and_paper_in_less_than_two_megabytes(window, pack, axe, tmp_path):
+    with served(pack.folder, *pack.words) as url:
+        page = window(url)
+        seen_compared(page)
+        page.idle(FIT_S)
+        page.click("#tab-take")
+        text = page.run(
+            "const desk = JSON.parse(sessionStorage.workbench).desk;"
+            "return fetch(`/api/take?desk=${desk}&what=report`).then(r => r.text())"
+        )
+    assert len(text.encode()) < 2e6
+    (tmp_path / "report.html").write_text(text, encoding="utf-8")
+    report = window(f"file://{tmp_path / 'report.html'}")
+    report.wait("return document.documentElement.dataset.drawn")
+    assert int(report.run("return document.querySelectorAll('.plot .main-svg').length")) > 3
+    for width in (390, 1024, 1280, 1920):
+        report.cdp("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
+        report.wait("return document.documentElement.scrollWidth <= innerWidth", patience_s=10)
+        assert faults(report, axe) == [], width
+    report.cdp("Emulation.setDeviceMetricsOverride", width=690, height=1000, deviceScaleFactor=1, mobile=False)
+    report.cdp("Emulation.setEmulatedMedia", media="print")
+    report.run("dispatchEvent(new Event('beforeprint'))")
+    report.wait(
+        "return [...document.querySelectorAll('.plot .main-svg')].every(s => s.getBoundingClientRect().right <= 690)"
+    )
+    assert report.run("return document.documentElement.scrollWidth") <= 690
+    assert report.complaints() == []
