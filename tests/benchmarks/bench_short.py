@@ -15,9 +15,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 from bms_gateway.observe import AdaptiveObserver, innovation_check
-from tests.benchmarks.heat_case import Case, make, model, with_seeds
+from tests.benchmarks.heat_case import LAYOUTS, Case, make, model, with_seeds
 
-LAYOUTS = {"one cell": (1, (1,), 1), "one sensor": (12, (6,), 6), "three sensors": (12, (2, 6, 10), 6)}
 WATTS = (10.0, 30.0, 100.0, 200.0)
 AT, LATER = 900, 300
 

@@ -28,6 +28,7 @@ from enum import IntEnum
 import numpy as np
 
 from bms_gateway.health.heat.filter import HeatFilter, Linear
+from bms_gateway.health.heat.layout import COMMON
 from bms_gateway.thermal import Floats
 
 ONSETS = 10
@@ -66,7 +67,7 @@ LATE_S = 90.0
 """A thermocouple that has come off its cell follows it so late; less lag is a smaller share."""
 SLOPE_S = 600.0
 """A drift is told from heat by its shape after so long: heat has come to rest by then."""
-MOST = {Kind.LOOSE: 1.3, Kind.LAG: 1.6}
+MOST = {Kind.LOOSE: 1.3, Kind.LAG: 1.6, Kind.FLOW: 1.0}
 """Amplitudes beyond are none."""
 
 
@@ -123,6 +124,7 @@ class Evidence:
         self._s = np.zeros((S, at.states, ONSETS, H))
         self._C, self._D = np.zeros((2, S, ONSETS, H))
         self._born = np.zeros((S, ONSETS))  # s, of the onset
+        self._before = np.zeros((S, ONSETS, COMMON))
         self._late = np.full((S, m, ONSETS), np.nan)
         self._slots: list[int] = []  # in the order of their age, the oldest first
         self._birth: list[float] = []
@@ -136,7 +138,7 @@ class Evidence:
         """Begin anew with string `s`."""
         self._s[s] = self._first[:, None, :]
         self._C[s], self._D[s] = 0.0, 0.0
-        self._born[s] = self.now
+        self._born[s], self._before[s] = self.now, self._of.before[s]
         self._late[s] = np.nan
 
     def take(self, x: Linear, *, read: bool = True) -> None:
@@ -194,7 +196,7 @@ class Evidence:
         self._read_before.append(self._read)
         self._s[:, :, slot] = self._first
         self._C[:, slot], self._D[:, slot] = 0.0, 0.0
-        self._born[:, slot] = self.now
+        self._born[:, slot], self._before[:, slot] = self.now, self._of.before
         self._late[:, :, slot] = np.nan
 
     def weigh(self) -> Weighed:
@@ -210,6 +212,10 @@ class Evidence:
     def moved(self, s: int, onset: int, fault: int) -> Floats:
         """Tell what the fault of amplitude 1 has done to the numbers (N,) of string `s`."""
         return np.asarray(self._s[s, :, onset, fault], dtype=np.float64)
+
+    def before(self, s: int, onset: int) -> Floats:
+        """Tell what was common to all cells (5,) of string `s` before an onset."""
+        return np.asarray(self._before[s, onset], dtype=np.float64)
 
     def ages(self, s: int) -> Floats:
         """Tell how many seconds ago each onset (onsets,) of string `s` was."""

@@ -105,7 +105,7 @@ class HeatWatch:
         self.course = Course.of(self.filter, fixed)
         self.verdicts = [Verdict(s, self.filter, self.evidence, self.course) for s in range(S)]
         self._age = np.zeros(S)
-        self._row = np.arange(S)[:, None]
+        self._row, self._nearest = np.arange(S)[:, None], self.filter.at.nearest()
         self._inlet, self._heard_inlet = np.full((2, S), np.nan)
         self._last, self._newest = np.full((2, S, m), np.nan)
         self._fine = np.full((S, m), np.inf)
@@ -408,7 +408,8 @@ class HeatWatch:
                 core_sd[s] = np.sqrt(more[T] + np.square(mean[T] - z[T]))
             else:
                 gap = f.gap_sd[s] * (mean[T] - mean[T + 1])
-                core[s], core_sd[s] = mean[T], np.sqrt(P[T, T] + more[T] + np.square(gap))
+                beside = f.beside_sd[s] * (mean[T + 1] - mean[T + 1][self._nearest[s]])
+                core[s], core_sd[s] = mean[T], np.sqrt(P[T, T] + more[T] + np.square(gap) + np.square(beside))
         row, place = at.seen.nonzero()
         running = f.running[row]
         heat[row, at.told[row, place]] = np.where(running, value[row, place], np.nan)

@@ -37,8 +37,8 @@ def sentence(f: "Finding", cells: int, now_ns: int, *, over: bool = False) -> st
         near = [k for k in ((f.cell or 0) - 1, (f.cell or 0) + 1) if 1 <= k <= cells]
         beside = " or " + " or ".join(map(str, near)) if near else ""
         return (
-            f"cell {f.cell} heats by itself: {f.heat:.2g} ± {f.heat_sd:.1g} W that no current makes, since "
-            f"{_how_long(now_ns - f.since_ns)} ({f.sure:.0%} sure; it may sit in neighbour{beside}){else_}: an "
+            f"cell {f.cell} heats by itself: {_watts(f.heat, 2)} ± {_watts(f.heat_sd, 1)} W that no current makes, "
+            f"since {_how_long(now_ns - f.since_ns)} ({f.sure:.0%} sure; it may sit in neighbour{beside}){else_}: an "
             "internal short is likely, stop, cool the string and watch the cell"
         )
     if f.code == "missing_heat":
@@ -57,6 +57,11 @@ def sentence(f: "Finding", cells: int, now_ns: int, *, over: bool = False) -> st
         )
     what = TROUBLE[f.kind].format(f.size)
     return f"thermocouple of cell {f.cell} {what}{else_}: check its seat, wire and plug"
+
+
+def _watts(value: float, digits: int) -> str:
+    """Tell a heat to so many digits, and never by a power of ten."""
+    return f"{value:.0f}" if abs(value) >= 9.5 * 10.0 ** (digits - 2) else f"{value:.{digits}g}"
 
 
 def _how_long(ns: int) -> str:
