@@ -30,7 +30,7 @@ from bms_gateway.engine.events import Job
 from bms_gateway.errors import BusError
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.database import Database
-from bms_gateway.service.aside import Aside
+from bms_gateway.service.fit_process import Aside
 from bms_gateway.service.live import Gateway
 from bms_gateway.service.reread import reread
 from bms_gateway.store import StateStore

@@ -64,11 +64,11 @@ def _assembled(config: Path, signals: "Signals") -> "tuple[Gateway, Port, StateS
 
     from bms_gateway.config.load import load_config
     from bms_gateway.engine import Decoded
-    from bms_gateway.service.aside import Aside
     from bms_gateway.service.baseline import BaselineRequests
-    from bms_gateway.service.beside import accompany
+    from bms_gateway.service.fit_process import Aside
     from bms_gateway.service.journal import start_logging
     from bms_gateway.service.live import Gateway
+    from bms_gateway.service.reporting import accompany
     from bms_gateway.store import StateStore
 
     start_logging()
@@ -166,7 +166,7 @@ async def reloaded(config: Path, running: "Engine", log: Any, started: "LoadedCo
         The config is wrong, or needs another port than the one that is open.
     """
     from bms_gateway.errors import ConfigError
-    from bms_gateway.service.beside import same_beside
+    from bms_gateway.service.reporting import same_beside
     from bms_gateway.service.reread import reread
 
     found = await reread(config)

@@ -25,9 +25,9 @@ from bms_gateway.engine.events import Alerted, Estimated, Event, Job, Notice, Se
 from bms_gateway.errors import GatewayError
 from bms_gateway.health.alerts import Change
 from bms_gateway.service import lines
-from bms_gateway.service.aside import NotDone
 from bms_gateway.service.boot import noted
 from bms_gateway.service.engine import LiveEngine
+from bms_gateway.service.fit_process import NotDone
 from bms_gateway.service.notify import notify, reloading, watchdog_s
 from bms_gateway.service.signals import ENDING, Signals
 from bms_gateway.service.tally import Tally

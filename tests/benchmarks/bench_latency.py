@@ -84,7 +84,7 @@ class Busy:
 
 async def gateway(place, seconds, jobs, *, in_thread=False):
     """The service's own loop; gives fits done, frames lost and CPU time."""
-    from bms_gateway.service.aside import Aside
+    from bms_gateway.service.fit_process import Aside
     from bms_gateway.service.live import Gateway, run_here
 
     busy = Busy(engine(), jobs)

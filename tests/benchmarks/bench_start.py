@@ -86,7 +86,7 @@ print(before, peak_mib(), scipy or "scipy" in sys.modules)
 """
 ASIDE = """
 import io, sys
-from bms_gateway.service.aside import work
+from bms_gateway.service.fit_process import work
 from tests.memory import peak_mib
 work(sys.stdin.buffer, io.BytesIO())
 print(peak_mib())

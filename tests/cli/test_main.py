@@ -134,8 +134,8 @@ def test_help_and_errors_need_nothing_heavy():
 STARTED = (
     "import logging, sys; bare = set(sys.modules); from pathlib import Path; "
     "import bms_gateway.cli.run; from bms_gateway.config.load import load_config; "
-    "import bms_gateway.bus.socketcan, bms_gateway.service.live, bms_gateway.service.aside; "
-    "import bms_gateway.service.beside, bms_gateway.service.baseline, bms_gateway.store; "
+    "import bms_gateway.bus.socketcan, bms_gateway.service.live, bms_gateway.service.fit_process; "
+    "import bms_gateway.service.reporting, bms_gateway.service.baseline, bms_gateway.store; "
     "load_config(Path('deploy/example/gateway.toml')).engine(); "
     "print(*set(sys.modules) - bare)"
 )

@@ -10,7 +10,7 @@ import pytest
 
 from bms_gateway.engine import Notice, Parameters, Plan, estimators
 from bms_gateway.engine.backlog import Backlog
-from bms_gateway.engine.estimators import Estimators
+from bms_gateway.engine.estimators import RESTED_S, Estimators
 from bms_gateway.engine.events import Level
 from bms_gateway.engine.readings import Layout, Readings
 from bms_gateway.engine.string_estimator import StringEstimator
@@ -153,7 +153,7 @@ def test_time_without_frames_passes_for_all(monkeypatch: pytest.MonkeyPatch, gap
     assert len(reset) == len({id(x) for x in reset}) == len(VOLTAGE) - 1  # one of them has effects
     assert all(np.isnan(s.mismatch.excess) for s in estimators.strings)
     driven(estimators, ticks[12:], 13)
-    since = 1.0 + (gap if gap is not None else estimators.RESTED_S)
+    since = 1.0 + (gap if gap is not None else RESTED_S)
     assert dts == [since] * groups + [1.0] * groups
 
 

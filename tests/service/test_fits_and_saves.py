@@ -11,7 +11,7 @@ import numpy as np
 
 from bms_gateway.errors import StateError
 from bms_gateway.service import live
-from bms_gateway.service.aside import NotDone
+from bms_gateway.service.fit_process import NotDone
 from bms_gateway.service.live import Gateway
 from tests.service.engine import TICK_NS, TickEngine
 from tests.service.test_live import PATIENCE_S, bus, come, run, traffic  # noqa: F401 (bus is a fixture)

@@ -404,7 +404,7 @@ def test_saves_jobs_reloads_and_lateness_are_counted(monkeypatch):
 
 def test_what_the_config_does_not_want_is_not_loaded():
     code = (
-        "import sys, bms_gateway.service.beside; "
+        "import sys, bms_gateway.service.reporting; "
         "print([m for m in ('prometheus_client', 'aiomqtt', 'bms_gateway.service.metrics', "
         "'bms_gateway.service.http') if m in sys.modules])"
     )

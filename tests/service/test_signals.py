@@ -121,10 +121,10 @@ import asyncio, os, socket, sys, threading
 from bms_gateway.bus.socketcan import SocketCanPort
 from bms_gateway.cli.run import END_MOST_S, INTERRUPT_MOST_S
 from bms_gateway.service import live
-from bms_gateway.service.aside import Aside
+from bms_gateway.service.fit_process import Aside
 from bms_gateway.service.signals import Signals
 from tests.service.engine import TickEngine
-from tests.service.test_aside import EndedBy
+from tests.service.test_fit_process import EndedBy
 
 live.SAVE_S = 0.1
 pipe = os.pipe()

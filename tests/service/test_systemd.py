@@ -22,10 +22,10 @@ import aiomqtt
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from bms_gateway.service.aside import NICE
+from bms_gateway.service.fit_process import NICE
 from bms_gateway.store import StateStore
 from tests.service.broker import make_broker
-from tests.service.test_aside import windows
+from tests.service.test_fit_process import windows
 
 pytestmark = [pytest.mark.systemd, pytest.mark.slow]
 
@@ -449,7 +449,7 @@ def test_networkd_understands_the_interface_file(installed):
 ASIDE = """
 import asyncio, os, pickle
 from pathlib import Path
-from bms_gateway.service.aside import Aside
+from bms_gateway.service.fit_process import Aside
 from priority import Priority
 
 async def main():  # in a thread, as the gateway does it

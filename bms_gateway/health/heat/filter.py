@@ -138,7 +138,7 @@ class HeatFilter:
         sd[:, at.inlet], sd[:, at.entropy] = INLET_SD, ENTROPY_SD
         known = [np.hypot(m.priors["R_c"].rel_sd, m.tolerances["cell_R_c"]) for m in models]
         self.gap_sd = np.maximum(LEAST_GAP_SD, np.array(known))
-        self.beside_sd = np.array([m.priors["R_cc"].rel_sd if m.cells > 1 else 0.0 for m in models])
+        self.beside_sd = np.array([m.priors["R_cc"].rel_sd if m.has_conduction else 0.0 for m in models])
         self.alone = np.array([len(m.sensors) < REFERENCE for m in models])
         sd[:, at.brisk] = np.where(self.alone, BRISK_ALONE_SD, BRISK_SD)
         row = np.arange(S)[:, None]

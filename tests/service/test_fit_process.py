@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 from bms_gateway.engine import Engine, StartJob
-from bms_gateway.service import aside
-from bms_gateway.service.aside import Aside, NotDone, work
+from bms_gateway.service import fit_process
+from bms_gateway.service.fit_process import Aside, NotDone, work
 from bms_gateway.service.live import Gateway, run_here
 from tests.engine.packs import database, plan, traffic
 from tests.service.engine import TickEngine
@@ -74,7 +74,7 @@ def test_a_job_runs_in_another_process_at_a_lower_priority_with_the_same_result(
     value, process, priority, score = Aside().run(job)
     assert value == job.run()[0]
     assert process != os.getpid()
-    assert priority == min(os.nice(0) + aside.NICE, 19)
+    assert priority == min(os.nice(0) + fit_process.NICE, 19)
     assert score == 1000  # where memory is short the kernel ends it, and not the service
 
 
@@ -130,8 +130,8 @@ def test_at_the_end_a_fit_is_killed_and_none_is_started_any_more(path):
 
 PARENT = """
 import sys, threading, time
-from bms_gateway.service.aside import Aside
-from tests.service.test_aside import EndedBy
+from bms_gateway.service.fit_process import Aside
+from tests.service.test_fit_process import EndedBy
 one = Aside()
 threading.Thread(target=one.run, args=(EndedBy(19),), daemon=True).start()
 while one.process is None:

@@ -8,9 +8,9 @@ from bms_gateway.bus.in_process import MemoryBus
 from bms_gateway.config import load_config, shipped
 from bms_gateway.engine import Engine
 from bms_gateway.errors import ConfigError, MissingExtraError
-from bms_gateway.service import beside
-from bms_gateway.service.beside import accompany, same_beside
+from bms_gateway.service import reporting
 from bms_gateway.service.live import Gateway
+from bms_gateway.service.reporting import accompany, same_beside
 from tests.config.files import MAPPED, write
 
 BROKER = '[mqtt]\nhost = "localhost"'
@@ -51,7 +51,7 @@ def test_the_settings_of_alerts_are_those_of_the_config(loaded):
 
 
 def test_mqtt_without_its_extra_is_one_line_with_the_command(loaded, monkeypatch):
-    monkeypatch.setattr(beside, "find_spec", lambda name: None)
+    monkeypatch.setattr(reporting, "find_spec", lambda name: None)
     with pytest.raises(MissingExtraError, match=r"gateway.toml: \[mqtt\] needs .* pip install 'bms-gateway\[mqtt\]'"):
         parts(loaded(BROKER))
 

@@ -28,7 +28,7 @@ from bms_gateway.service.memory import first_to_go
 DEADLINE_S: Final = 60.0  # twice what a result may take to count in time; on a slow core it takes some seconds
 REAP_S: Final = 1.0  # what is killed is gone in milliseconds, unless the kernel itself hangs
 NICE: Final = 5  # the loop goes first; and beside a busy program a fit still ends long before it is due
-CHILD: Final = (sys.executable, "-P", "-m", "bms_gateway.service.aside")  # nothing from where it happens to run
+CHILD: Final = (sys.executable, "-P", "-m", "bms_gateway.service.fit_process")  # nothing from where it happens to run
 PR_SET_PDEATHSIG: Final = 1
 
 
