@@ -7,9 +7,9 @@ another DBC is never believed: its first line holds the check sum of the one it 
 from hashlib import sha256
 from pathlib import Path
 
-from bms_gateway.config.dbc import shipped_head, table
+from bms_gateway.config.dbc_files import shipped_head, table
 from bms_gateway.frames.dbc import parse
-from bms_gateway.frames.own import OWN_DBC
+from bms_gateway.frames.own_dbc import OWN_DBC
 
 SOURCE = Path(__file__).with_name(OWN_DBC)
 TARGET = SOURCE.with_suffix(".table")

@@ -10,12 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bms_gateway.engine.plan import Channel, Plan
+from bms_gateway.diagnosis.record_inputs import Columns
+from bms_gateway.engine.plan import Channel, Plan, StringPlan
+from bms_gateway.engine.statistics import statistic_of
 from bms_gateway.errors import UsageError
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.database import Database
 from bms_gateway.frames.encode import Encoder
-from bms_gateway.frames.signals import SignalInfo
+from bms_gateway.frames.signal_info import SignalInfo
 from bms_gateway.thermal import Floats
 
 SECOND = 1_000_000_000
@@ -99,6 +101,35 @@ def voltage_steps(time_s: Floats, voltage: Floats, current: Floats) -> Series:
     i = steps(time_s, current).at(t)
     level = SAME_CURRENT * float(np.nanmax(np.abs(current), initial=0.0))
     return steps(t, v, np.abs(np.diff(i, prepend=i[:1])) > level)
+
+
+def feed_of(rows: Columns, string: StringPlan) -> dict[Key, Series]:
+    """Series of all that a person has measured of a string, by what its channels call them.
+
+    Parameters
+    ----------
+    rows : Columns
+    string : StringPlan
+        Its channels say which greatest, least and mean surfaces it takes.
+    """
+    t = rows.time_s
+    feed: dict[Key, Series] = {
+        ("current", None): steps(t, rows.current_A),
+        ("coolant_inlet", None): lines(t, rows.coolant_inlet_C),
+    }
+    if rows.voltage_V is not None:
+        feed["voltage", None] = voltage_steps(t, rows.voltage_V, rows.current_A)
+    if rows.soc is not None:
+        feed["soc", None] = lines(t, rows.soc)
+    if rows.coolant_flow_m3_s is not None:
+        feed["coolant_flow", None] = lines(t, rows.coolant_flow_m3_s)
+    feed |= {("surface", k): lines(t, x) for k, x in rows.surface_C.items()}
+    feed |= {("cell_voltage", k): voltage_steps(t, x, rows.current_A) for k, x in rows.cell_voltage_V.items()}
+    for c in string.channels:
+        columns = [rows.surface_C[k] for k in c.among if k in rows.surface_C]
+        if c.statistic is not None and columns:
+            feed[c.key] = lines(t, statistic_of(c.statistic, columns))
+    return feed
 
 
 def _hole(t: Floats) -> float:

@@ -12,7 +12,7 @@ import numpy as np
 
 from bms_gateway.bus.traffic import Key, Series, lines, steps
 from bms_gateway.engine.plan import Plan, StringPlan
-from bms_gateway.engine.several import statistic_of
+from bms_gateway.engine.statistics import statistic_of
 from bms_gateway.thermal import Floats, StringParameters, continuous, discretize, simulate
 from bms_gateway.thermal.cycles import CAPACITY_AH, CYCLES
 

@@ -8,7 +8,7 @@ from bms_gateway.bus.virtual import VirtualPack
 from bms_gateway.chaos.drive import CYCLE
 from bms_gateway.engine.plan import Channel, Plan, Quantity
 from bms_gateway.frames.database import Database
-from bms_gateway.frames.signals import MessageInfo
+from bms_gateway.frames.signal_info import MessageInfo
 
 
 @dataclass(frozen=True, slots=True)

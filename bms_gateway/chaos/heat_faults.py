@@ -26,7 +26,7 @@ FAULT_S, SLOW_FAULT_S, MISSING_S = 300.0, 1200.0, 120.0
 LOOSE_SHARE = 0.3  # of the coolant in the reading of a thermocouple that is loose
 FILM_POWER = 0.63  # by which a film's conductance goes with the flow
 REFERENCE = 3
-FEW = "with fewer than three thermocouples on the string, only what happens at rest is told"
+FEW = "with fewer than three thermocouples on the string, only heat far above that of the current is told"
 FEW_AT_REST = (
     "with fewer than three thermocouples on the string, heat at rest is told in a time that nobody has measured"
 )

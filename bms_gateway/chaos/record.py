@@ -10,7 +10,7 @@ from bms_gateway.engine.plan import Plan
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.database import Database
 from bms_gateway.frames.decode import decode
-from bms_gateway.frames.own import GATEWAY_STATUS, core_message
+from bms_gateway.frames.own_dbc import GATEWAY_STATUS, core_message
 from bms_gateway.frames.quality import Quality
 from bms_gateway.thermal import Floats
 

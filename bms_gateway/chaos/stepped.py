@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from bms_gateway.bus.clock import BusClock
-from bms_gateway.bus.memory import MemoryBus
+from bms_gateway.bus.in_process import MemoryBus
 from bms_gateway.bus.replay import SocketCanSender
 from bms_gateway.bus.socketcan import SocketCanPort
 from bms_gateway.bus.traffic import SECOND

@@ -10,7 +10,7 @@ from bms_gateway.chaos.reaction import Counted, Quiet, Reaction, Told, Unmoved
 from bms_gateway.chaos.scenario import Injection, Scenario
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.e2e import id_crc, protect
-from bms_gateway.frames.signals import MessageInfo, SignalInfo
+from bms_gateway.frames.signal_info import MessageInfo, SignalInfo
 
 Change = Callable[[FrameBatch, np.random.Generator], FrameBatch]
 LASTS_S, RECOVERS_S = 60.0, 60.0

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from bms_gateway.cli.main import Parser
 from bms_gateway.errors import ConfigError, UsageError, did_you_mean
-from bms_gateway.records.recent import STATE_DIRECTORY
+from bms_gateway.records.recent_signals import STATE_DIRECTORY
 
 DEFAULT_CONFIG = Path("/etc/bms-gateway/gateway.toml")
 EXAMPLE = """

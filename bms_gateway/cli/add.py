@@ -1,18 +1,13 @@
 """`add`: add an effect of the catalogue to a model, if the measurements support it."""
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from bms_gateway.cli.main import Parser
 from bms_gateway.cli.measurements import add_measurement_arguments, given_measurements, given_model
 from bms_gateway.cli.output import command_line, note, say, write_json
 from bms_gateway.errors import UsageError
-
-if TYPE_CHECKING:
-    from bms_gateway.diagnose.adding import Addition, Wanted
-    from bms_gateway.diagnose.record import Record
-    from bms_gateway.thermal import StringModel
 
 EXAMPLE = """\
   bms-gateway add entropic_heat --model string_1.toml --data bench.csv --out string_1b.toml
@@ -38,53 +33,38 @@ def arguments(parser: Parser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Add; 1 where the measurements speak against it."""
     from bms_gateway.config.model_file import write_model
-    from bms_gateway.diagnose.adding import check_signals
+    from bms_gateway.library.modelling import add, asked_for
     from bms_gateway.report.add_text import add_document, add_text
-    from bms_gateway.report.added import added_report, heading
-    from bms_gateway.report.examine import findings_and_notes, sound
+    from bms_gateway.report.added import heading
+    from bms_gateway.report.progress import share_of
 
     model = given_model(args)
-    wants = _wanted(args, model)
+    words = _words(args)
+    asked_for(words, model)  # a wrong name is told before the tables are read
     records = given_measurements(args, model)
-    findings, notes = findings_and_notes(model, records)
-    sound(findings)
-    check_signals(wants, records)
-    addition = _added(model, records, wants)
-    report = added_report(addition, records, findings, notes, out=str(args.out), force=args.force)
+    with share_of("adding") as tell:
+        found = add(model, records, *words, force=args.force, progress=tell)
+    report = replace(found.report, out=str(args.out))
     if report.written:
-        write_model(addition.model, Path(args.out), heading(report, args.effect))
+        write_model(found.model, Path(args.out), heading(report, args.effect))
     if args.html:
         from bms_gateway.report.html import write_addition
 
-        write_addition(Path(args.html), report, addition, command_line("add"))
+        write_addition(Path(args.html), report, found.addition, command_line("add"))
     if args.json:
         write_json(args.json, add_document(report))
     if not report.written:
-        note(f"not added: {report.names}: {addition.refused} (--force adds it all the same)")
+        note(f"not added: {report.names}: {found.addition.refused} (--force adds it all the same)")
         return 1
     say(add_text(report), args.json)
     say(f"\n{args.out}: written", args.json)
     return 0
 
 
-def _wanted(args: argparse.Namespace, model: "StringModel") -> "list[Wanted]":
-    from bms_gateway.diagnose.adding import wanted
-
-    words = list(args.effect)
-    if args.cell is not None:
-        if len(words) > 1 or ":" in words[0]:
-            raise UsageError("add: --cell goes with one EFFECT; write EFFECT:CELL for each")
-        words = [f"{words[0]}:{args.cell}"]
-    found = [wanted(word, model) for word in words]
-    twice = next((w.key for i, w in enumerate(found) if w.key in [x.key for x in found[:i]]), None)
-    if twice:
-        raise UsageError(f"add: {twice} is there twice")
-    return found
-
-
-def _added(model: "StringModel", records: "list[Record]", wants: "list[Wanted]") -> "Addition":
-    from bms_gateway.diagnose.adding import add_effects
-    from bms_gateway.report.progress import share_of
-
-    with share_of("adding") as tell:
-        return add_effects(model, records, wants, tell)
+def _words(args: argparse.Namespace) -> list[str]:
+    words: list[str] = list(args.effect)
+    if args.cell is None:
+        return words
+    if len(words) > 1 or ":" in words[0]:
+        raise UsageError("add: --cell goes with one EFFECT; write EFFECT:CELL for each")
+    return [f"{words[0]}:{args.cell}"]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from bms_gateway.cli.main import Parser
 from bms_gateway.errors import ConfigError, UsageError, did_you_mean
-from bms_gateway.records.recent import STATE_DIRECTORY
+from bms_gateway.records.recent_signals import STATE_DIRECTORY
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -109,7 +109,7 @@ def _stored(store: Path) -> "Mapping[str, Any]":
 
 def _health(string: "StringPlan", state: "Mapping[str, Any]") -> "StringHealth":
     """Health as stored; as new where nothing is."""
-    from bms_gateway.engine.string import health_of
+    from bms_gateway.engine.string_estimator import health_of
 
     health = health_of(string)
     kept = state.get("estimators", {}).get("strings", {}).get(string.name, {}).get("health")

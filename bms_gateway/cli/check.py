@@ -188,7 +188,7 @@ def _tell(uses: "dict[str, Use]", json_target: str | None) -> None:
 
 def _sensed(string: "StringPlan") -> tuple[int, ...]:
     """Cells with a sensor; of a reading that is one of several cells, the one that stands for them."""
-    from bms_gateway.engine.several import stand_in
+    from bms_gateway.engine.statistics import stand_in
 
     own = {c.cell for c in string.channels if c.quantity == "surface" and c.cell is not None}
     several = {stand_in(c.statistic, c.among) for c in string.channels if c.statistic is not None}

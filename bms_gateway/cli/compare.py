@@ -23,21 +23,17 @@ def arguments(parser: Parser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Compare."""
-    from bms_gateway.diagnose.compare import compare
-    from bms_gateway.report.comparison_text import comparison_document, comparison_text
-    from bms_gateway.report.examine import findings_and_notes, long_enough
+    from bms_gateway.library.modelling import compare
 
     model = given_model(args)
-    records = given_measurements(args, model)
-    findings, notes = findings_and_notes(model, records)
-    long_enough(findings)
-    comparison = compare(model, records)
+    found = compare(model, given_measurements(args, model))
     if args.html:
         from bms_gateway.report.html import Aside, write_comparison
 
-        aside = Aside(comparison.sources, findings, notes, command_line("compare"))
+        comparison = found.comparison
+        aside = Aside(comparison.sources, found.findings, found.notes, command_line("compare"))
         write_comparison(Path(args.html), comparison, aside)
     if args.json:
-        write_json(args.json, comparison_document(comparison, findings, notes))
-    say(comparison_text(comparison, findings, notes), args.json)
+        write_json(args.json, found.document())
+    say(str(found), args.json)
     return 0

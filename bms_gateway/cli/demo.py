@@ -123,7 +123,7 @@ def _truth(pack: "VirtualPack", seconds: float) -> "dict[str, Floats]":
 
 
 def _drive_in_process(engine: "Engine", pack: "VirtualPack", traffic: "Traffic", seconds: float, score: Score) -> None:
-    from bms_gateway.bus.memory import MemoryBus
+    from bms_gateway.bus.in_process import MemoryBus
     from bms_gateway.engine import drain
     from bms_gateway.report.progress import progress
     from bms_gateway.report.show import live_view

@@ -25,18 +25,19 @@ def arguments(parser: Parser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Diagnose; exit status 0 for every verdict, an error for records that are too short for a verdict."""
-    from bms_gateway.report.diagnosis_text import diagnosis_document, diagnosis_text
-    from bms_gateway.report.examine import examine, long_enough
+    from bms_gateway.library.modelling import diagnose
+    from bms_gateway.report.examine import long_enough
     from bms_gateway.report.progress import share_of
 
     model = given_model(args)
     records = given_measurements(args, model)
     with share_of("diagnosing") as tell:
-        told = examine(model, records, tell)
+        found = diagnose(model, records, tell)
+    told = found.told
     if args.html:
-        from bms_gateway.diagnose.adding import cores_with_named
-        from bms_gateway.diagnose.compare import compare
-        from bms_gateway.diagnose.latent import latent
+        from bms_gateway.diagnosis.adding import cores_with_named
+        from bms_gateway.diagnosis.compare import compare
+        from bms_gateway.diagnosis.latent import latent
         from bms_gateway.report.examine import card_of, experiment_of, usable
         from bms_gateway.report.html import write_diagnosis
 
@@ -55,8 +56,8 @@ def run(args: argparse.Namespace) -> int:
                 cores=cores_with_named(model, usable(records, told.findings), d),
             )
     if args.json:
-        write_json(args.json, diagnosis_document(told))
-    say(diagnosis_text(told), args.json)
+        write_json(args.json, found.document())
+    say(str(found), args.json)
     if told.diagnosis is None:
         long_enough(told.findings)
     return 0

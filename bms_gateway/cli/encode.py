@@ -107,27 +107,10 @@ def _string(plan: "Plan", name: str | None) -> int:
 
 def _feed(plan: "Plan", index: int, table: "Table") -> "dict[Key, Series]":
     """Series of the inputs of the string; a sensor without a column is an error, an unused column a note."""
-    from bms_gateway.bus.traffic import lines, steps, voltage_steps
+    from bms_gateway.bus.traffic import feed_of
 
-    t, string = table.time_s, plan.strings[index]
-    from bms_gateway.engine.several import statistic_of
-
-    feed: dict[Key, Series] = {
-        ("current", None): steps(t, table.current_A),
-        ("coolant_inlet", None): lines(t, table.coolant_inlet_C),
-    }
-    if table.voltage_V is not None:
-        feed["voltage", None] = voltage_steps(t, table.voltage_V, table.current_A)
-    if table.soc is not None:
-        feed["soc", None] = lines(t, table.soc)
-    if table.coolant_flow_m3_s is not None:
-        feed["coolant_flow", None] = lines(t, table.coolant_flow_m3_s)
-    feed |= {("surface", k): lines(t, x) for k, x in table.surface_C.items()}
-    feed |= {("cell_voltage", k): voltage_steps(t, x, table.current_A) for k, x in table.cell_voltage_V.items()}
-    for c in string.channels:
-        columns = [table.surface_C[k] for k in c.among if k in table.surface_C]
-        if c.statistic is not None and columns:
-            feed[c.key] = lines(t, statistic_of(c.statistic, columns))
+    string = plan.strings[index]
+    feed = feed_of(table, string)
     wanted = {(c.quantity, c.cell) for c in string.channels if c.signal is not None}
     missing = sorted(k for q, k in wanted if q == "surface" and ("surface", k) not in feed and k is not None)
     if missing:

@@ -6,7 +6,7 @@ from pathlib import Path
 from bms_gateway.cli.main import Parser
 from bms_gateway.cli.output import distinct, note, say, writable, write_json
 from bms_gateway.errors import UsageError
-from bms_gateway.records.recent import STATE_DIRECTORY, given_span, state_directory, write_recent
+from bms_gateway.records.recent_signals import STATE_DIRECTORY, given_span, state_directory, write_recent
 
 EXAMPLE = """\
   bms-gateway export --last 2h --out drive.csv --config /etc/bms-gateway/gateway.toml --string string_1

@@ -1,6 +1,7 @@
 """`fit`: batch identification of a string model from measurements."""
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,7 +11,7 @@ from bms_gateway.cli.output import say, write_json
 from bms_gateway.errors import ConfigError, DataError, UsageError
 
 if TYPE_CHECKING:
-    from bms_gateway.diagnose.record import Record
+    from bms_gateway.diagnosis.record import Record
 
 EXAMPLE = """\
   bms-gateway fit bench.csv --model string_1.toml --out fitted.toml
@@ -43,46 +44,26 @@ def arguments(parser: Parser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Fit, and write the model."""
     from bms_gateway.config.model_file import write_model
-    from bms_gateway.diagnose.calibrate import changes, channel_errors, identify
-    from bms_gateway.diagnose.core_known import judged_model
-    from bms_gateway.diagnose.detect import absorbed
-    from bms_gateway.diagnose.diagnosis import errors
+    from bms_gateway.library.modelling import fit
     from bms_gateway.report.core_text import NOT_PROVEN
-    from bms_gateway.report.examine import findings_and_notes, sound
-    from bms_gateway.report.fit_text import FitReport, fit_document, fit_text
+    from bms_gateway.report.fit_text import fit_document, fit_text
     from bms_gateway.report.progress import progress
 
     if args.cells:
         return _cells(args)
     model = given_model(args)
     records = given_measurements(args, model)
-    findings, notes = findings_and_notes(model, records)
-    sound(findings)
     if args.calibrate:
         _with_cores(records)
     with progress("fitting", None) as advance:
         advance(1)
-        found = identify(model, records, core=args.calibrate)
-    # earlier statements about effects stay, unless a thermocouple in the core has been used since
-    said = model.doubts if model.effects and not args.calibrate else ()
-    same = None if args.calibrate or model.effects else found
-    written, core = judged_model(found.fit, model, records, said, calibrated=args.calibrate, identified=same)
-    report = FitReport(
-        args.out,
-        tuple(r.source for r in records),
-        args.calibrate,
-        changes(found.fit),
-        absorbed(found.fit).combinations,
-        channel_errors(found.seen),
-        errors(found.seen),
-        found.model_error_K,
-        findings,
-        notes,
-        core,
-    )
+        found = fit(model, records, calibrate=args.calibrate)
+    report = replace(found.report, out=args.out)
     how = "calibrated with the core on" if args.calibrate else "fitted to"
     heading = f"{how} {', '.join(report.sources)}"
-    write_model(written, Path(args.out), heading if core.proven else f"{heading}\n{NOT_PROVEN}: see [posterior]")
+    write_model(
+        found.model, Path(args.out), heading if report.core.proven else f"{heading}\n{NOT_PROVEN}: see [posterior]"
+    )
     if args.json:
         write_json(args.json, fit_document(report))
     say(fit_text(report), args.json)
@@ -94,7 +75,7 @@ def _cells(args: argparse.Namespace) -> int:
     """Find R_e of each cell, and write the model with these numbers."""
     from bms_gateway.config import load_config
     from bms_gateway.config.model_file import write_model
-    from bms_gateway.diagnose.cells import sensed_everywhere, tell_apart
+    from bms_gateway.diagnosis.cells_apart import sensed_everywhere, tell_apart
     from bms_gateway.identify.cell_kept import kept
     from bms_gateway.identify.cell_prior import CellSettings
     from bms_gateway.report.cells_text import CellsReport, cells_document, cells_text

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from bms_gateway.fleet.atlas import Atlas
     from bms_gateway.fleet.day import Row
-    from bms_gateway.fleet.run import Run
+    from bms_gateway.fleet.whole_fleet import Run
 
 EXAMPLE = """
   bms-gateway fleet logs/*/*.log.gz --config gateway.toml --out fleet --vehicle folder
@@ -51,10 +51,10 @@ def run(args: argparse.Namespace) -> int:
     """Analyse the fleet; 1 where a log could not be used."""
     from bms_gateway.cli.output import distinct, note, say, writable, write_json
     from bms_gateway.config.load import load_config
-    from bms_gateway.fleet import columns
-    from bms_gateway.fleet import run as fleet
+    from bms_gateway.fleet import parquet
+    from bms_gateway.fleet import whole_fleet as fleet
     from bms_gateway.fleet.atlas import draw_atlas
-    from bms_gateway.fleet.names import vehicle_of
+    from bms_gateway.fleet.vehicle_names import vehicle_of
     from bms_gateway.report.progress import progress
 
     if not args.out:
@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
     seen = _Seen()
     atlas = draw_atlas(seen.passing(done.rows()), str(args.config), models)
     try:
-        columns.write_rows(out / fleet.ATLAS_FILE, _positions(atlas), columns.ATLAS)
+        parquet.write_rows(out / fleet.ATLAS_FILE, _positions(atlas), parquet.ATLAS)
     except OSError as e:
         raise UsageError(f"--out {out}: cannot be written: {e.strerror}") from None
     summary = _summary(done, seen, atlas)

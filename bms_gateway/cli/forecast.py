@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from bms_gateway.bus.logfile import LogNotes
     from bms_gateway.engine import Engine
-    from bms_gateway.engine.foreseen import Foreseen
+    from bms_gateway.engine.forecast_result import Foreseen
     from bms_gateway.frames.batch import FrameBatch
     from bms_gateway.observe.ahead import Ahead
     from bms_gateway.records.span import Span
@@ -169,7 +169,7 @@ def _planned(last: "Foreseen", current: Any, square: Any, inlet: Any) -> "dict[i
     """Forecast of each string, by its number, under the profile."""
     import numpy as np
 
-    from bms_gateway.observe.standing import Profile
+    from bms_gateway.observe.forecast_start import Profile
 
     found = {}
     for origin in last.origins:

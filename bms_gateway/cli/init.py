@@ -9,10 +9,10 @@ from bms_gateway.cli.main import Parser
 
 if TYPE_CHECKING:
     from bms_gateway.records.signal_use import Use
-    from bms_gateway.setup.blind import Guess
     from bms_gateway.setup.picture import Cores
     from bms_gateway.setup.proposal import Proposal, Proposed
-    from bms_gateway.setup.traffic import Traffic
+    from bms_gateway.setup.vehicle_logs import Traffic
+    from bms_gateway.setup.without_dbc import Guess
     from bms_gateway.thermal.cells import CellFacts
 
 EXAMPLE = """
@@ -40,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
     from bms_gateway.cli.output import distinct, note, writable
     from bms_gateway.errors import UsageError
     from bms_gateway.setup.propose import propose
-    from bms_gateway.setup.traffic import read_traffic
+    from bms_gateway.setup.vehicle_logs import read_traffic
     from bms_gateway.thermal.cells import cell_of
 
     if not args.out:
@@ -110,8 +110,8 @@ def _guessed(out: Path, traffic: "Traffic") -> "list[Guess]":
     import numpy as np
 
     from bms_gateway.errors import UsageError
-    from bms_gateway.setup.blind import guess
-    from bms_gateway.setup.guessed import guessed_dbc
+    from bms_gateway.setup.guessed_dbc import guessed_dbc
+    from bms_gateway.setup.without_dbc import guess
 
     frames = traffic.frames
     guesses = guess(frames)
@@ -129,7 +129,7 @@ def _guessed(out: Path, traffic: "Traffic") -> "list[Guess]":
 def _tell_guesses(guesses: "list[Guess]", out: Path, args: argparse.Namespace) -> None:
     from bms_gateway.cli.output import say
     from bms_gateway.report.show import text_table
-    from bms_gateway.setup.blind import name_of
+    from bms_gateway.setup.without_dbc import name_of
 
     rank = dict.fromkeys(("current", "voltage", "surface"), 0)
     rows = []

@@ -8,7 +8,7 @@ from bms_gateway.cli.main import Parser
 from bms_gateway.cli.output import distinct, needs_plotly, writable
 
 if TYPE_CHECKING:
-    from bms_gateway.diagnose.record import Record
+    from bms_gateway.diagnosis.record import Record
     from bms_gateway.thermal import StringModel
 
 

@@ -26,9 +26,8 @@ def arguments(parser: Parser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Place sensors; exit status 1 if the wanted standard deviation cannot be reached."""
+    from bms_gateway.library.placing import placed_on
     from bms_gateway.report.progress import progress
-    from bms_gateway.report.sensors_text import PlaceReport, place_document, place_text
-    from bms_gateway.sensors.placement import PlacementProblem, observable_sets
 
     if args.sensors is None and args.wanted is None:
         raise UsageError("--sensors M is needed, how many to place, or --wanted SD, how well to know every core")
@@ -40,15 +39,8 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f"--sensors {args.sensors}: a string of {n} cells takes 1 to {n}")
     with progress("placing", None) as advance:
         advance(1)
-        problem = PlacementProblem(asked.parameters, asked.disturbance)
-        enough = None if args.wanted is None else problem.fewest(args.wanted)
-        count = args.sensors if enough is None or args.sensors is not None else max(1, len(enough.sensors))
-        placements = problem.best(count)
-        exact, paper = observable_sets(asked.parameters, count)
-    report = PlaceReport(
-        placements, exact, paper, args.wanted, enough, asked.condition, asked.disturbance, asked.origin
-    )
+        found = placed_on(asked, args.sensors, args.wanted)
     if args.json:
-        write_json(args.json, place_document(report))
-    say(place_text(report), args.json)
-    return 0 if enough is None or enough.worst_sd <= args.wanted else 1
+        write_json(args.json, found.document())
+    say(str(found), args.json)
+    return 0 if found.reached else 1

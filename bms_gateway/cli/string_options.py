@@ -1,7 +1,7 @@
 """The string of `observability` and `place`: the paper's cells or a model file, and the unknown errors."""
 
 import argparse
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,7 +10,8 @@ from bms_gateway.cli.output import distinct, writable
 from bms_gateway.errors import UsageError, did_you_mean
 
 if TYPE_CHECKING:
-    from bms_gateway.thermal import Condition, Disturbance, StringModel, StringParameters
+    from bms_gateway.library.placing import AskedString
+    from bms_gateway.thermal import Condition, Disturbance, StringModel
 
 MAX_CELLS = 1000
 """As in a model file."""
@@ -22,28 +23,6 @@ UNKNOWN = {
     "noise": ("sensor", "K", 1e-4, 50.0, "noise of a thermocouple reading"),
 }
 """Option, field of `thermal.Disturbance`, unit, bounds (those of the gateway's config) and meaning."""
-
-
-@dataclass(frozen=True, slots=True)
-class AskedString:
-    """A string as the command line describes it.
-
-    Attributes
-    ----------
-    parameters : StringParameters
-    condition : Condition
-    sensors : tuple of int or None
-        Of the model file.
-    disturbance : Disturbance
-    origin : str
-        Where the numbers come from, for people.
-    """
-
-    parameters: "StringParameters"
-    condition: "Condition"
-    sensors: tuple[int, ...] | None
-    disturbance: "Disturbance"
-    origin: str
 
 
 def add_string_arguments(parser: Parser) -> None:
@@ -62,7 +41,7 @@ def add_string_arguments(parser: Parser) -> None:
     parser.option("--json", metavar="FILE", help="write the result as JSON; - is standard output")
 
 
-def given_string(args: argparse.Namespace) -> AskedString:
+def given_string(args: argparse.Namespace) -> "AskedString":
     """Read what `add_string_arguments` was given.
 
     Raises
@@ -82,6 +61,7 @@ def given_string(args: argparse.Namespace) -> AskedString:
         return _of_model(args, disturbance)
     if args.cells is None:
         raise UsageError("--cells N is needed, or --model M, a string model that says how many")
+    from bms_gateway.library.placing import AskedString
     from bms_gateway.sensors.paper import R_CC, paper_string
 
     condition: Condition = args.condition or "full"
@@ -92,8 +72,9 @@ def given_string(args: argparse.Namespace) -> AskedString:
     return AskedString(paper_string(args.cells, condition, R_cc), condition, None, disturbance, origin)
 
 
-def _of_model(args: argparse.Namespace, disturbance: "Disturbance") -> AskedString:
+def _of_model(args: argparse.Namespace, disturbance: "Disturbance") -> "AskedString":
     from bms_gateway.config.model_file import read_model
+    from bms_gateway.library.placing import AskedString
     from bms_gateway.thermal import Prior
 
     distinct({"--json": args.json}, [args.model])

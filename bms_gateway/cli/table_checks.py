@@ -10,7 +10,7 @@ from bms_gateway.engine.plan import Channel, StringPlan
 from bms_gateway.errors import DataError, UsageError
 from bms_gateway.frames.database import Database
 from bms_gateway.frames.rules import PLAUSIBLE
-from bms_gateway.frames.signals import SignalInfo
+from bms_gateway.frames.signal_info import SignalInfo
 from bms_gateway.records.kind import log_kind
 from bms_gateway.report.table import Table
 

@@ -119,7 +119,7 @@ def _given(args: argparse.Namespace) -> dict[str, Any] | None:
 def _recent(args: argparse.Namespace) -> dict[str, str] | None:
     if args.recent is None:
         return None
-    from bms_gateway.records.recent import given_span, state_directory
+    from bms_gateway.records.recent_signals import given_span, state_directory
 
     given_span(args.recent, "workbench: --recent")
     config, store = (Path(x) if x else None for x in (args.config, args.store))

@@ -1,6 +1,6 @@
 """From the user's TOML files to the engine's plan."""
 
-from bms_gateway.config.dbc import own_dbc_text, shipped
+from bms_gateway.config.dbc_files import own_dbc_text, shipped
 from bms_gateway.config.load import LoadedConfig, load_config
 from bms_gateway.config.model_file import format_model, parse_model, read_model, write_model
 from bms_gateway.config.schema import GatewayConfig

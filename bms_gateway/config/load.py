@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 from bms_gateway.config.bounds import bounded
 from bms_gateway.config.credential import SECRET_KEYS, check_secret, credential
-from bms_gateway.config.dbc import dbc_text, own_dbc_text, read_dbc
+from bms_gateway.config.dbc_files import dbc_text, own_dbc_text, read_dbc
 from bms_gateway.config.model_file import read_model
 from bms_gateway.config.overrides import put_right
 from bms_gateway.config.schema import GatewayConfig, Signals, Source, String
@@ -19,8 +19,8 @@ from bms_gateway.engine.plan import Channel, Plan, Quantity, StringPlan
 from bms_gateway.errors import ConfigError, clipped, did_you_mean
 from bms_gateway.frames.database import Database, Read
 from bms_gateway.frames.j1939 import PROTOCOL, sent_from
-from bms_gateway.frames.own import MAX_CELLS, MAX_STRINGS, OWN_DBC, own_signal
-from bms_gateway.frames.signals import MessageInfo
+from bms_gateway.frames.own_dbc import MAX_CELLS, MAX_STRINGS, OWN_DBC, own_signal
+from bms_gateway.frames.signal_info import MessageInfo
 from bms_gateway.thermal import StringModel
 
 if TYPE_CHECKING:

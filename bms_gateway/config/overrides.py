@@ -6,7 +6,7 @@ from bms_gateway.config.schema import GatewayConfig, Source
 from bms_gateway.errors import ConfigError
 from bms_gateway.frames.bits import Place
 from bms_gateway.frames.database import Database
-from bms_gateway.frames.signals import SignalInfo
+from bms_gateway.frames.signal_info import SignalInfo
 
 
 def put_right(where: str, config: GatewayConfig, database: Database) -> Database:

@@ -1,6 +1,6 @@
 """Frames and time in, frames and events out: no I/O, no clock."""
 
-from bms_gateway.engine.drive import drain, drive
+from bms_gateway.engine.driver import drain, drive
 from bms_gateway.engine.engine import Engine
 from bms_gateway.engine.events import (
     Alerted,
@@ -17,7 +17,7 @@ from bms_gateway.engine.events import (
     SendFrames,
     StartJob,
 )
-from bms_gateway.engine.foreseen import Forecast, Foreseen
+from bms_gateway.engine.forecast_result import Forecast, Foreseen
 from bms_gateway.engine.plan import Channel, Plan, StringPlan
 from bms_gateway.engine.readings import Layout
 

@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from bms_gateway.engine.conditions import of_inputs, of_strings
-from bms_gateway.engine.estimate import Estimators
+from bms_gateway.engine.estimators import Estimators
 from bms_gateway.engine.events import Alerted, Event, Level, Notice
 from bms_gateway.engine.inputs import Inputs
 from bms_gateway.engine.readings import Readings

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bms_gateway.engine.events import Job
-from bms_gateway.engine.string import StringEstimator
+from bms_gateway.engine.string_estimator import StringEstimator
 from bms_gateway.identify import PairMeans, Tick, Ticks
 from bms_gateway.identify.ticks import ENDLESS
 from bms_gateway.observe.model import Bools

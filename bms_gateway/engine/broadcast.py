@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway import __version__
-from bms_gateway.engine.estimate import Estimators
+from bms_gateway.engine.estimators import Estimators
 from bms_gateway.engine.plan import Plan
-from bms_gateway.engine.string import StringEstimator
+from bms_gateway.engine.string_estimator import StringEstimator
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.database import Database
 from bms_gateway.frames.encode import Encoder
-from bms_gateway.frames.own import (
+from bms_gateway.frames.own_dbc import (
     GATEWAY_INFO,
     GATEWAY_STATUS,
     PARAMETER_MUX,

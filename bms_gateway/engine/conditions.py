@@ -13,7 +13,7 @@ import numpy as np
 from bms_gateway.engine.inputs import Inputs
 from bms_gateway.engine.plan import Channel
 from bms_gateway.engine.reasons import REASONS
-from bms_gateway.engine.string import StringEstimator, unproven
+from bms_gateway.engine.string_estimator import StringEstimator, unproven
 from bms_gateway.frames.quality import Quality
 from bms_gateway.health.alerts import Condition, Severity
 

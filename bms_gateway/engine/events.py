@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from bms_gateway.engine.foreseen import Foreseen
+from bms_gateway.engine.forecast_result import Foreseen
 from bms_gateway.engine.readings import Layout
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.health.alerts import Change

@@ -2,8 +2,9 @@
 
 A forecast starts from what the engine holds at that tick: the observer's state and covariance, its parameters and how
 far off these may be, the common heat; the cores of the watch over heat where it knows better, and the heat that it has
-found in a cell; what is doubted of the model. The load is that of now (`load`), or steady at a current that is asked
-for. Courses are renewed every ten seconds, variances, which are most of the work and change slowly, once a minute.
+found in a cell; what is doubted of the model. The load is that of now (`load_ahead`), or steady at a current that is
+asked for. Courses are renewed every ten seconds; variances, which are most of the work and change slowly, once a
+minute.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,8 +14,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from bms_gateway.engine.foreseen import Forecast, Foreseen, LooksAhead, Origin
-from bms_gateway.engine.load import Load
+from bms_gateway.engine.forecast_result import Forecast, Foreseen, LooksAhead, Origin
+from bms_gateway.engine.load_ahead import Load
 from bms_gateway.frames.quality import Quality
 from bms_gateway.observe.ahead import (
     AT_ENDS,
@@ -28,15 +29,15 @@ from bms_gateway.observe.ahead import (
     Certainty,
     first_crossing,
 )
+from bms_gateway.observe.forecast_start import Coming, Standing
 from bms_gateway.observe.model import Bools
-from bms_gateway.observe.standing import Coming, Standing
 from bms_gateway.observe.unseen import SPREAD
 from bms_gateway.thermal import Floats
 
 if TYPE_CHECKING:
     from bms_gateway.engine.group import Group
     from bms_gateway.engine.readings import Readings
-    from bms_gateway.engine.string import StringEstimator
+    from bms_gateway.engine.string_estimator import StringEstimator
 
 STEP_NS: Final = round(STEP_S * 1e9)
 DOUBTFUL: Final = np.uint8(Quality.DOUBTFUL)

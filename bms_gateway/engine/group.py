@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.engine.backlog import Backlog
+from bms_gateway.engine.core_floor import Floor
 from bms_gateway.engine.observed import Observed
 from bms_gateway.engine.readings import Readings
-from bms_gateway.engine.sense import Floor
-from bms_gateway.engine.string import StringEstimator
+from bms_gateway.engine.string_estimator import StringEstimator
 from bms_gateway.frames.quality import Quality
 from bms_gateway.health.heat import HeatWatch
-from bms_gateway.health.heat.watch import Share
+from bms_gateway.health.heat.heat_watch import Share
 from bms_gateway.observe import Errors
 from bms_gateway.thermal import Floats
 

@@ -18,7 +18,7 @@ from bms_gateway.engine.line import Line
 from bms_gateway.engine.plan import Channel, Plan, StringPlan
 from bms_gateway.engine.readings import Layout, Readings
 from bms_gateway.engine.reasons import CURRENT_STANDS, REASONS, REPEATED, RIGHT_SIGN, UNKNOWN_MUX, WRONG_SIGN
-from bms_gateway.engine.several import OneOfSeveral
+from bms_gateway.engine.statistics import OneOfSeveral
 from bms_gateway.frames.ammeter import Ammeter
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.counter import CounterGuard

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
-from bms_gateway.engine.foreseen import LooksAhead
+from bms_gateway.engine.forecast_result import LooksAhead
 from bms_gateway.engine.readings import Readings
-from bms_gateway.engine.string import StringEstimator
-from bms_gateway.health.heat.watch import Share, step_of
+from bms_gateway.engine.string_estimator import StringEstimator
+from bms_gateway.health.heat.heat_watch import Share, step_of
 from bms_gateway.identify import Estimate as Parameter
 from bms_gateway.identify.contract import FIXED_OFFLINE
 from bms_gateway.observe import AdaptiveObserver
@@ -20,8 +20,8 @@ from bms_gateway.observe.outlook import Outlook
 from bms_gateway.thermal import Disturbance, Floats
 
 if TYPE_CHECKING:
-    from bms_gateway.health.heat.effects import EffectShare
-    from bms_gateway.observe.effects import EffectObserver
+    from bms_gateway.health.heat.effect_share import EffectShare
+    from bms_gateway.observe.effect_observer import EffectObserver
 
 
 class Driven(NamedTuple):
@@ -115,9 +115,9 @@ class StringWithEffects:
     @classmethod
     def of(cls, s: StringEstimator, number: int, dt: float, disturbance: Disturbance) -> "StringWithEffects":
         """Build it for a string, which is given the effects' numbers."""
-        from bms_gateway.health.heat.effects import EffectShare  # the catalogue doubles the time of a start
-        from bms_gateway.identify.effective import heat_only
-        from bms_gateway.observe.effects import EffectObserver
+        from bms_gateway.health.heat.effect_share import EffectShare  # the catalogue doubles the time of a start
+        from bms_gateway.identify.window_effects import heat_only
+        from bms_gateway.observe.effect_observer import EffectObserver
 
         model, soc = s.plan.model, s.wire.constants.get("soc", SOC_UNKNOWN)
         observer = EffectObserver(model, dt, disturbance, soc=soc)

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from bms_gateway.frames.decode import Samples
 from bms_gateway.frames.e2e import COUNTER_STATES, MAX_DELTA
 from bms_gateway.frames.quality import Quality
-from bms_gateway.frames.table import SignalTable
+from bms_gateway.frames.signal_table import SignalTable
 
 __all__ = ["CounterGuard"]
 

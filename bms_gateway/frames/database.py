@@ -7,8 +7,8 @@ from dataclasses import replace
 from bms_gateway.errors import ConfigError, did_you_mean
 from bms_gateway.frames.batch import EXTENDED
 from bms_gateway.frames.dbc import parse
-from bms_gateway.frames.signals import MessageInfo, SignalInfo
-from bms_gateway.frames.table import SignalTable
+from bms_gateway.frames.signal_info import MessageInfo, SignalInfo
+from bms_gateway.frames.signal_table import SignalTable
 
 __all__ = ["Database"]
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, cast
 from bms_gateway.errors import ConfigError
 from bms_gateway.frames.batch import EXTENDED
 from bms_gateway.frames.bits import Place
-from bms_gateway.frames.signals import E2E, MessageInfo, SignalInfo, Switch
+from bms_gateway.frames.signal_info import E2E, MessageInfo, SignalInfo, Switch
 
 if TYPE_CHECKING:
     from cantools.database.can import Database as Parsed

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 
 from bms_gateway.frames.batch import EXTENDED
-from bms_gateway.frames.signals import MessageInfo, SignalInfo
+from bms_gateway.frames.signal_info import MessageInfo, SignalInfo
 
 __all__ = ["format_dbc"]
 

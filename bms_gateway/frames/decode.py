@@ -10,7 +10,7 @@ from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.bits import words_of
 from bms_gateway.frames.e2e import check
 from bms_gateway.frames.quality import Quality
-from bms_gateway.frames.table import SignalTable
+from bms_gateway.frames.signal_table import SignalTable
 
 __all__ = ["Protected", "Samples", "decode"]
 

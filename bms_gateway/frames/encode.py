@@ -15,7 +15,7 @@ from bms_gateway.errors import ConfigError, did_you_mean
 from bms_gateway.frames.bits import BitFields
 from bms_gateway.frames.database import Database
 from bms_gateway.frames.e2e import COUNTER_STATES, id_crc, protect
-from bms_gateway.frames.signals import MessageInfo, SignalInfo, j1939_limits
+from bms_gateway.frames.signal_info import MessageInfo, SignalInfo, j1939_limits
 
 __all__ = ["Encoder"]
 

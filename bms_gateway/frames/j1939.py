@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import Final
 
 from bms_gateway.frames.batch import EXTENDED
-from bms_gateway.frames.signals import MessageInfo
+from bms_gateway.frames.signal_info import MessageInfo
 
 __all__ = ["LAST_ADDRESS", "PROTOCOL", "parameter_group", "sent_from"]
 

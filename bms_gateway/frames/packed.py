@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from bms_gateway.frames.bits import Place
-from bms_gateway.frames.signals import E2E, MessageInfo, SignalInfo, Switch
+from bms_gateway.frames.signal_info import E2E, MessageInfo, SignalInfo, Switch
 
 __all__ = ["pack", "unpack"]
 

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from bms_gateway.frames.signals import SignalInfo
+from bms_gateway.frames.signal_info import SignalInfo
 
 __all__ = ["Rule", "default_rule"]
 

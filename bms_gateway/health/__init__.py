@@ -1,7 +1,7 @@
 """What the estimates mean: resistance growth, and what else could look like it; model mismatch."""
 
 from bms_gateway.health.ageing import Ageing, History
-from bms_gateway.health.cells import CellGrowth
+from bms_gateway.health.cell_growth import CellGrowth
 from bms_gateway.health.flag import Flag, Thresholds
 from bms_gateway.health.mismatch import Mismatch, Mismatches
 from bms_gateway.health.string_health import Change, HealthJob, HealthResult, StringHealth

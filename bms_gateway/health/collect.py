@@ -7,8 +7,8 @@ import numpy as np
 
 from bms_gateway.health.window_fit import DriveWindow
 from bms_gateway.identify import Tick, Ticks
-from bms_gateway.identify.gathered import Gathered
 from bms_gateway.identify.ticks import before_full
+from bms_gateway.identify.window_readings import Gathered
 from bms_gateway.thermal import Floats
 
 WINDOW_S, SHORTEST_S = 1200.0, 600.0  # two slow time constants of a cell; one

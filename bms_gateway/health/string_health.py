@@ -10,7 +10,7 @@ import numpy as np
 from bms_gateway.errors import StateError
 from bms_gateway.health.ageing import Ageing, History
 from bms_gateway.health.causes import Cooling, CurrentWatch, Drift, current_shape
-from bms_gateway.health.cells import CellGrowth
+from bms_gateway.health.cell_growth import CellGrowth
 from bms_gateway.health.collect import WINDOW_S, Collector
 from bms_gateway.health.heat.verdict import Finding
 from bms_gateway.health.mismatch import Mismatch

@@ -25,8 +25,8 @@ from functools import partial
 
 import numpy as np
 
-from bms_gateway.identify.discrepancy import SIZES, Whitener, white_sd
 from bms_gateway.identify.inlet_noise import inlet_noise, of_swing, slopes_by_noise
+from bms_gateway.identify.model_noise import SIZES, Whitener, white_sd
 from bms_gateway.identify.response import Inputs, Response, respond
 from bms_gateway.identify.window_start import (
     FRESH,

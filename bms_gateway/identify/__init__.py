@@ -44,7 +44,7 @@ def build(method: str, model: StringModel, settings: Settings | None = None) -> 
     method : {"window", "rls", "off"}
     model : StringModel
         One whose effects change more than the heat in the cores keeps its numbers, whatever the method: these know two
-        nodes and I²R_e, and would take the effect for another resistance. See `effective`.
+        nodes and I²R_e, and would take the effect for another resistance. See `window_effects`.
     settings : Settings or None
         Of the windowed method; the others have none.
 
@@ -58,7 +58,7 @@ def build(method: str, model: StringModel, settings: Settings | None = None) -> 
     Lin et al., Eq 3–9 for "rls"; "window" is ours.
     """
     if model.effects and method != "off":
-        from bms_gateway.identify.effective import heat_only  # brings the catalogue along
+        from bms_gateway.identify.window_effects import heat_only  # brings the catalogue along
 
         if method != "window" or not heat_only(model):
             return FixedIdentifier(model, FIXED_OFFLINE)

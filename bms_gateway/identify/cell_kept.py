@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from bms_gateway.identify.cell_prior import Baseline, CellSettings, Layout
-from bms_gateway.identify.cell_resistance import CellFit, CellNumbers, numbers_of
+from bms_gateway.identify.resistance_by_cell import CellFit, CellNumbers, numbers_of
 from bms_gateway.thermal import KINDS, Commissioning, Floats, Prior, StringModel
 
 GROWN = 0.15

@@ -17,12 +17,12 @@ import numpy as np
 from bms_gateway.errors import StateError
 from bms_gateway.identify.cell_kept import baseline_of
 from bms_gateway.identify.cell_prior import Baseline, CellPrior, CellSettings, Layout
-from bms_gateway.identify.cell_resistance import CellFit, CellNumbers, CellRecord, fit_cells, numbers_of
 from bms_gateway.identify.cells_in_words import cell_estimates
 from bms_gateway.identify.contract import Estimate, Posterior, Tick
 from bms_gateway.identify.doubt import HOPELESS
 from bms_gateway.identify.electrical import ElectricalResistance, ElectricalSums, PairMeans
-from bms_gateway.identify.gathered import Gathered
+from bms_gateway.identify.resistance_by_cell import CellFit, CellNumbers, CellRecord, fit_cells, numbers_of
+from bms_gateway.identify.window_readings import Gathered
 from bms_gateway.thermal import Disturbance, Floats, StringModel
 
 MILESTONES_S = (1800.0, 3600.0, 5400.0)

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from bms_gateway.identify.cell_prior import CellSettings
-from bms_gateway.identify.cell_resistance import CellFit
 from bms_gateway.identify.contract import IDENTIFIED, Estimate, not_identifiable
 from bms_gateway.identify.doubt import HOPELESS
+from bms_gateway.identify.resistance_by_cell import CellFit
 from bms_gateway.thermal import KINDS, Floats
 
 TOLD = 1.0

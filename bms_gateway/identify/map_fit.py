@@ -208,49 +208,76 @@ def gathered(problem: Problem, noise: Whitening | None, r: Floats) -> Floats:
     return r if noise is not None else problem.gathered(r)
 
 
-def map_fit(
-    problem: Problem,
-    theta: Floats,
-    *,
-    linear: Linear | None = None,
-    nu: Floats | None = None,
-    guess: Sequence[Floats] | None = None,
-    J: Floats | None = None,
-    iterations: int = ITERATIONS,
-    give_up: float = np.inf,
-    outclassed: float = np.inf,
-    noise: Whitening | None = None,
-    least_gain: float = GAIN,
-    refinements: int = 1,
-    trust: float = 1.0,
-) -> MapFit:
-    """Fit.
+@dataclass(frozen=True, slots=True)
+class FitStart:
+    """Where a fit starts.
 
-    Parameters
+    Attributes
     ----------
-    problem : Problem
     theta : ndarray (P,)
-        Where to start.
-    linear : Linear, optional
-        The nuisances' columns: being small they need not be taken anew in each step. None are fitted without.
     nu : ndarray (Q,), optional
+        Nuisances; 0 without.
     guess : sequence of ndarray, optional
         Trajectories near the start's, one per record.
     J : ndarray (M', P'), optional
         Columns of the first P' coordinates near the start: spares taking them in the first iteration.
+    """
+
+    theta: Floats
+    nu: Floats | None = None
+    guess: Sequence[Floats] | None = None
+    J: Floats | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class FitEffort:
+    """How far a fit is taken.
+
+    Attributes
+    ----------
     iterations : int
     give_up : float
         Stop as soon as the cost is unlikely to fall below: the fit is then only good for ranking.
     outclassed : float
         Stop where even what the second step, or a later one, promises would leave the cost above this.
-    noise : Whitening, optional
-        Takes the place of the records' own noise.
     least_gain : float
         Cost: a step that gains less ends the fit. In a long flat valley the core still moves by a kelvin for GAIN.
     refinements : int
         Of the sensitivities: more where the balances are far from linear.
     trust : float
         Weight of the data: below 1 the priors hold on, and a start far off is led in along the curved valley.
+    """
+
+    iterations: int = ITERATIONS
+    give_up: float = np.inf
+    outclassed: float = np.inf
+    least_gain: float = GAIN
+    refinements: int = 1
+    trust: float = 1.0
+
+
+TO_THE_END = FitEffort()
+
+
+def map_fit(
+    problem: Problem,
+    start: FitStart,
+    effort: FitEffort = TO_THE_END,
+    *,
+    linear: Linear | None = None,
+    noise: Whitening | None = None,
+) -> MapFit:
+    """Fit.
+
+    Parameters
+    ----------
+    problem : Problem
+    start : FitStart
+    effort : FitEffort
+    linear : Linear, optional
+        The nuisances' columns: being small they need not be taken anew in each step. None are fitted without.
+    noise : Whitening, optional
+        Takes the place of the records' own noise.
 
     Returns
     -------
@@ -264,8 +291,8 @@ def map_fit(
     )
     lower, upper = np.concatenate([lower, -LIMIT * linear.sd]), np.concatenate([upper, LIMIT * linear.sd])
     prior, sd = np.concatenate([prior, np.zeros(len(linear.sd))]), np.concatenate([sd, linear.sd])
-    P = len(problem.coordinates)
-    z = np.concatenate([theta, np.zeros(len(linear.sd)) if nu is None else nu])
+    P, trust = len(problem.coordinates), effort.trust
+    z = np.concatenate([start.theta, np.zeros(len(linear.sd)) if start.nu is None else start.nu])
     z = np.clip(z, lower, upper)
 
     def judge(z: Floats, p: Prediction) -> tuple[float, Floats]:
@@ -276,22 +303,22 @@ def map_fit(
         r, deviance = generalised(y - p.y, sigma0, step)
         return trust * float(np.sum(deviance[used])) + strain, r
 
-    prediction = problem.predict(z[:P], guess, z[P:])
+    prediction = problem.predict(z[:P], start.guess, z[P:])
     cost, r = judge(z, prediction)
     columns, own, H, slope = none, none, np.eye(len(z)), np.zeros(len(z))
     damping, steep, kept = DAMPING, 1.0, False
-    for iteration in range(iterations):
+    for iteration in range(effort.iterations):
         with np.errstate(over="ignore", invalid="ignore"):  # of columns that ran away; seen and told below
             pull = gathered(problem, noise, np.where(used, trust * r, 0.0))
             if kept:
                 slope = np.concatenate([pull @ own, pull @ linear.weighed])
             else:
-                columns = _columns(problem, z, prediction, None if iteration else J, refinements)
+                columns = _columns(problem, z, prediction, None if iteration else start.J, effort.refinements)
                 steep = 1.0 if noise is not None else curvature((y - prediction.y)[used], sigma0[used], step[used])
                 own = weighed(problem, noise, columns)
                 H, slope = _normal(own, linear, sd, trust * steep, pull)
             gradient = slope - (z - prior) / sd**2
-        if iteration and cost - _promise(H, gradient) > outclassed:
+        if iteration and cost - _promise(H, gradient) > effort.outclassed:
             break
         before, promised = cost, 0.0
         if not (np.isfinite(H).all() and np.isfinite(gradient).all()):
@@ -306,8 +333,8 @@ def map_fit(
                 damping = max(0.1 * damped, DAMPING)
                 break
         gain = before - cost
-        slow = cost > give_up and max(gain, promised) < 0.3 * (cost - give_up)
-        settled = gain < least_gain or (iteration > 0 and slow)
+        slow = cost > effort.give_up and max(gain, promised) < 0.3 * (cost - effort.give_up)
+        settled = gain < effort.least_gain or (iteration > 0 and slow)
         if settled and not kept:
             break
         # columns that foretold the gain will do for another step, but not to end on
@@ -321,9 +348,8 @@ def refreshed(fit: MapFit, iterations: int = 6) -> MapFit:
     fit.problem.renew(fit.prediction, fit.theta, fit.nu)
     prediction = fit.problem.predict(fit.theta, fit.prediction.X, fit.nu)
     linear = nuisance_columns(fit.problem, fit.theta, prediction, fit.noise, fit.nu)
-    return map_fit(
-        fit.problem, fit.theta, linear=linear, nu=fit.nu, guess=prediction.X, iterations=iterations, noise=fit.noise
-    )
+    start = FitStart(fit.theta, fit.nu, prediction.X)
+    return map_fit(fit.problem, start, FitEffort(iterations), linear=linear, noise=fit.noise)
 
 
 def converged(fit: MapFit) -> MapFit:
@@ -351,9 +377,8 @@ def annealed(problem: Problem, theta: Floats) -> MapFit:
         if fit is not None:  # at first what is off is far more than tolerances can make
             nu = np.zeros(len(problem.nuisances))
             linear = nuisance_columns(problem, theta, prediction, nu=nu)
-        fit = map_fit(
-            problem, theta, linear=linear, nu=nu, guess=prediction.X, iterations=4, trust=trust, least_gain=1.0
-        )
+        effort = FitEffort(iterations=4, trust=trust, least_gain=1.0)
+        fit = map_fit(problem, FitStart(theta, nu, prediction.X), effort, linear=linear)
         theta, nu, guess = fit.theta, fit.nu, fit.prediction.X
     assert fit is not None  # noqa: S101 - there are steps of annealing
     return fit

@@ -1,7 +1,8 @@
 r"""Fit of one window: maximum a posteriori over parameters, start, drift of the heat and swing of the inlet.
 
 With φ = ln of the physical values common to the cells, v the coefficients of the effects that every cell may have
-(`carried`), ξ = (x_0, b, κ) the window's nuisances and z(φ) the lumped coordinates (`lumped`), Gauss–Newton minimises
+(`carried`), ξ = (x_0, b, κ) the window's nuisances and z(φ) the lumped coordinates (`identifiable`), Gauss–Newton
+minimises
 
 .. math::
     \tfrac12 \| W (y - f(\varphi, \xi) - C v) \|^2 + \tfrac12 (\xi - \bar\xi)^T P^{-1} (\xi - \bar\xi)
@@ -21,7 +22,7 @@ With φ = ln of the physical values common to the cells, v the coefficients of t
 * What noise of the inlet's readings is expected to add to the first term is taken off it (`inlet_noise`).
 
 Cells are alike while the modes are sought; what their differences do to the mean and its band is reckoned at the mode
-(`evidence`), from one more simulation and one linear step.
+(`window_evidence`), from one more simulation and one linear step.
 
 The sizes of b and of the discrepancy are chosen by the marginal likelihood with its determinants: a profile over the
 nuisances prefers whatever lets them swallow the data, and biases R_e by tens of per cent.
@@ -38,8 +39,8 @@ from typing import Literal
 import numpy as np
 
 from bms_gateway.identify.doubt import HOPELESS
-from bms_gateway.identify.evidence import Evidence
-from bms_gateway.identify.lumped import alias, fold_distance, lumped, lumped_jacobian
+from bms_gateway.identify.identifiable import alias, fold_distance, lumped, lumped_jacobian
+from bms_gateway.identify.window_evidence import Evidence
 from bms_gateway.identify.window_problem import ANNEAL, MODEL_SD, Point, Problem, Sizes, Window
 from bms_gateway.thermal import Floats, StringModel
 

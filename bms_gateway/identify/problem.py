@@ -20,7 +20,7 @@ from bms_gateway.identify.coordinates import (
     parameters,
     starts,
 )
-from bms_gateway.identify.places import Places, places
+from bms_gateway.identify.fit_columns import Places, places
 from bms_gateway.thermal import CELL_SYMBOLS, KINDS, Floats, StringModel, StringParameters
 from bms_gateway.thermal.drive import Drive
 from bms_gateway.thermal.effects import effect_named

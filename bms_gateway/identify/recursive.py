@@ -26,7 +26,7 @@ from bms_gateway.identify.contract import (
     log_prior,
     not_identifiable,
 )
-from bms_gateway.identify.lumped import C_C, C_S, R_C, R_E, R_U, lumped
+from bms_gateway.identify.identifiable import C_C, C_S, R_C, R_E, R_U, lumped
 from bms_gateway.identify.regression import (
     LAMBDA,
     SCALE,

@@ -26,12 +26,12 @@ from bms_gateway.identify.contract import (
     log_prior,
     not_identifiable,
 )
-from bms_gateway.identify.evidence import Evidence, departures
-from bms_gateway.identify.gathered import Gathered
-from bms_gateway.identify.lumped import R_E, R_U, fold_distance, fold_gradient, lumped_jacobian
+from bms_gateway.identify.identifiable import R_E, R_U, fold_distance, fold_gradient, lumped_jacobian
 from bms_gateway.identify.posterior_fit import Fit, Root, fit_window
 from bms_gateway.identify.ticks import Ticks, before_full
+from bms_gateway.identify.window_evidence import Evidence, departures
 from bms_gateway.identify.window_problem import MODEL_SD, WALK_S, Window
+from bms_gateway.identify.window_readings import Gathered
 from bms_gateway.thermal import KINDS, Floats, Prior, StringModel
 
 CLOGGED = 0.05

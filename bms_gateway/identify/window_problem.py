@@ -9,12 +9,12 @@ import numpy as np
 
 from bms_gateway.identify.carried import CAPACITY_AH, NAMES, Carried, Course, columns
 from bms_gateway.identify.contract import log_prior, string_parameters
-from bms_gateway.identify.discrepancy import SIZES, TAUS, Whitener, white_sd
 from bms_gateway.identify.doubt import noise_factor, sound_sd
-from bms_gateway.identify.evidence import UNLIKE, Evidence, unlike
+from bms_gateway.identify.identifiable import R_E, R_U, lumped, lumped_jacobian
 from bms_gateway.identify.inlet_noise import inlet_noise, of_swing, slopes_by_noise
-from bms_gateway.identify.lumped import R_E, R_U, lumped, lumped_jacobian
+from bms_gateway.identify.model_noise import SIZES, TAUS, Whitener, white_sd
 from bms_gateway.identify.response import Inputs, Response, respond
+from bms_gateway.identify.window_evidence import UNLIKE, Evidence, unlike
 from bms_gateway.identify.window_start import (
     FRESH,
     at_readings,

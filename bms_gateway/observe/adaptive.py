@@ -20,18 +20,18 @@ import numpy as np
 from bms_gateway.errors import StateError
 from bms_gateway.observe.bands import Bands, Deviations, Levers
 from bms_gateway.observe.blocks import BLOCK, Blocks, chosen
+from bms_gateway.observe.cell_scatter import apart_by, exchanged, own_rise, prior_covariance, root
 from bms_gateway.observe.consider import Belief
+from bms_gateway.observe.covariance_steps import EVERY, READ_WITHIN
 from bms_gateway.observe.estimate import Errors, Estimate
 from bms_gateway.observe.flow import at_level, flow_levels
+from bms_gateway.observe.forecast_start import Standing
 from bms_gateway.observe.gap import resumed, unknown_heat, unseen_phases
+from bms_gateway.observe.innovation_check import Surprise
 from bms_gateway.observe.kalman import Innovation, Kalman, KalmanState, Predicted
 from bms_gateway.observe.model import OFFSETS, Bools, Ints, StackedModel, augmented, stack, start_covariance
-from bms_gateway.observe.pace import EVERY, READ_WITHIN
 from bms_gateway.observe.sensitivity import PARAMETERS, Flows, bridged, carried, corrected
-from bms_gateway.observe.spread import apart_by, exchanged, own_rise, prior_covariance, root
-from bms_gateway.observe.standing import Standing
 from bms_gateway.observe.stored import like, plain
-from bms_gateway.observe.surprise import Surprise
 from bms_gateway.observe.unseen import JUST_LEFT_S, RESTED_S, Usual, either, faded, opened
 from bms_gateway.thermal import HEAT_GAIN_SD, Disturbance, Floats, Start, StringModel, StringParameters
 

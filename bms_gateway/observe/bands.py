@@ -16,9 +16,9 @@ import numpy as np
 
 from bms_gateway.observe.ahead import Unlike
 from bms_gateway.observe.blocks import chosen
+from bms_gateway.observe.cell_scatter import as_tolerated, between_cells, of_centre, scatter, weights
 from bms_gateway.observe.model import Bools, Ints
 from bms_gateway.observe.sensitivity import Flows
-from bms_gateway.observe.spread import as_tolerated, between_cells, of_centre, scatter, weights
 from bms_gateway.observe.stored import like, plain
 from bms_gateway.thermal import Floats, StringModel, StringParameters
 from bms_gateway.thermal.centre import centre_share, followed, hottest, time_constant

@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
+from bms_gateway.observe.covariance_steps import EVERY, LAG_STEPS
 from bms_gateway.observe.kalman import NONE, Kalman, KalmanState, Predicted
 from bms_gateway.observe.model import OFFSETS, Bools, Ints
-from bms_gateway.observe.pace import EVERY, LAG_STEPS
 from bms_gateway.observe.sensitivity import PARAMETERS, Flows, carried, corrected
 from bms_gateway.observe.stored import like, plain
 from bms_gateway.thermal import Floats

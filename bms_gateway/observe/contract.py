@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
 from bms_gateway.observe.estimate import Estimate
-from bms_gateway.observe.standing import Standing
+from bms_gateway.observe.forecast_start import Standing
 from bms_gateway.thermal import Floats, StringParameters
 
 

@@ -6,8 +6,8 @@ Beyond Lin et al., who give no bands.
 import numpy as np
 
 from bms_gateway.observe.ahead import Unlike
+from bms_gateway.observe.cell_scatter import of_centre, of_unlike
 from bms_gateway.observe.consider import Belief
-from bms_gateway.observe.spread import of_centre, of_unlike
 from bms_gateway.thermal import Floats, Share
 
 
@@ -25,7 +25,7 @@ def deviations(
     base : ndarray (n,), °C
         What the cells' own numbers raise them over.
     scattered : ndarray (4,)
-        Variances by which cells differ (`spread.scatter`).
+        Variances by which cells differ (`cell_scatter.scatter`).
     share : Share
         φ.
     lag : ndarray (n,), K

@@ -15,17 +15,17 @@ that P stays symmetric.
 The gain and the covariance do not depend on the readings, only on which there are. While the same ones keep coming
 (same lag to a fifth of a step), what still changes does so the slower the longer they have. After `EVERY` steps the
 covariance is therefore brought up to date in strides, exactly (`strides`), which grow with the time since the last
-change and with calm (`pace`); in between, gain and covariance are those of the last one, late by 1/32 of that time at
-most. A variance that grows from nothing in proportion to time is thus stated 3 % too small and its band 1.5 %, others
-by less; what shrinks stays too wide by as little.
+change and with calm (`covariance_steps`); in between, gain and covariance are those of the last one, late by 1/32 of
+that time at most. A variance that grows from nothing in proportion to time is thus stated 3 % too small and its band
+1.5 %, others by less; what shrinks stays too wide by as little.
 """
 
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from bms_gateway.observe.covariance_steps import EVERY, LAG_HOLD, LAG_STEPS, Calm, due, stilled
 from bms_gateway.observe.model import OFFSETS, Bools, Ints, StackedModel
-from bms_gateway.observe.pace import EVERY, LAG_HOLD, LAG_STEPS, Calm, due, stilled
 from bms_gateway.observe.strides import Ladder, Stride
 from bms_gateway.thermal import Floats
 

@@ -1,7 +1,7 @@
 r"""Forecasts of plain strings: two nodes a cell, heat that goes with the square of the current.
 
-The matrices are those of `reach`, made anew for a string whose parameters or flow have changed. The sensitivities go on
-by :math:`J_{b} = \Phi_{b-a} J_a + \Gamma_{b-a} F`, with F their forcing in the middle of the segment; as this is
+The matrices are those of `transitions`, made anew for a string whose parameters or flow have changed. The sensitivities
+go on by :math:`J_{b} = \Phi_{b-a} J_a + \Gamma_{b-a} F`, with F their forcing in the middle of the segment; as this is
 linear in state and load, one call serves the course without a load and the response to one A².
 
 Beyond Lin et al., whose observer tells of now.
@@ -13,10 +13,10 @@ import numpy as np
 
 from bms_gateway.observe.ahead import AT_ENDS, ENDS, PATH, STEP_S, Ahead, Certainty, Course, Spread, certainty
 from bms_gateway.observe.flow import at_level
+from bms_gateway.observe.forecast_start import Coming, Profile, Standing
 from bms_gateway.observe.model import augmented, noise_intensity
-from bms_gateway.observe.reach import SEGMENTS, Reach, course
 from bms_gateway.observe.sensitivity import PARAMETERS, Flows
-from bms_gateway.observe.standing import Coming, Profile, Standing
+from bms_gateway.observe.transitions import SEGMENTS, Reach, course
 from bms_gateway.thermal import Disturbance, Floats, StringParameters
 from bms_gateway.thermal.centre import followed, time_constant
 

@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bms_gateway.observe.ahead import AT_ENDS, ENDS, PATH, STEP_S, Ahead, Certainty, Course, Spread, certainty
-from bms_gateway.observe.reach import SEGMENTS, Reach, course
-from bms_gateway.observe.standing import Coming, Profile, Standing
+from bms_gateway.observe.forecast_start import Coming, Profile, Standing
 from bms_gateway.observe.tangent import ROW, Tangent, disturbed, drive_of
+from bms_gateway.observe.transitions import SEGMENTS, Reach, course
 from bms_gateway.thermal import Floats
 from bms_gateway.thermal.centre import followed, time_constant
 from bms_gateway.thermal.physics import Memory, Numbers, Physics

@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 from bms_gateway.bus.logfile import read_log
 from bms_gateway.config import load_config
 from bms_gateway.config.load import LoadedConfig
-from bms_gateway.diagnose.record import Record, make_record
+from bms_gateway.diagnosis.record import Record, make_record
+from bms_gateway.diagnosis.record_inputs import Columns
 from bms_gateway.engine import Decoded, Engine
 from bms_gateway.engine.plan import Channel, Quantity, StringPlan
 from bms_gateway.engine.reasons import REASONS
-from bms_gateway.engine.several import stand_in
+from bms_gateway.engine.statistics import stand_in
 from bms_gateway.errors import ConfigError, DataError, UsageError, did_you_mean
 from bms_gateway.frames.quality import Quality
 from bms_gateway.records.kind import check_kelvin, check_time, log_kind
@@ -115,19 +116,8 @@ def _from_table(
     if table.time_s[0] >= 0.0:
         check_time(table)
     check_kelvin(table)
-    record = make_record(
-        time_s=table.time_s,
-        current_A=table.current_A,
-        coolant_inlet_C=table.coolant_inlet_C,
-        voltage_V=_whole_voltage(table, model),
-        soc=table.soc,
-        coolant_flow_m3_s=table.coolant_flow_m3_s,
-        surface_C=_cells_of(table, model),
-        core_C=table.core_C,
-        cell_voltage_V=table.cell_voltage_V,
-        model=model,
-        source=table.source,
-    )
+    rows = replace(table, voltage_V=_whole_voltage(table, model), surface_C=_cells_of(table, model))
+    record = make_record(rows, model)
     if table.notes:
         record = replace(record, notes=(*record.notes, f"The table: {'; '.join(table.notes)}."))
     if table.ignored:
@@ -201,16 +191,18 @@ def _from_log(path: Path, model: StringModel, loaded: LoadedConfig, string: Stri
     cell_voltage = {k: x for (q, k), x in columns.items() if q == "cell_voltage" and k is not None}
     voltage = columns.get(("voltage", None))
     record = make_record(
-        time_s=np.asarray(time_ns * 1e-9, np.float64),
-        current_A=columns.get(("current", None), unknown),
-        coolant_inlet_C=columns.get(("coolant_inlet", None), unknown),
-        voltage_V=_from_cells(cell_voltage, model) if voltage is None else voltage,
-        soc=columns.get(("soc", None)),
-        coolant_flow_m3_s=columns.get(("coolant_flow", None)),
-        surface_C={k: x for (q, k), x in columns.items() if q == "surface" and k is not None},
-        cell_voltage_V=cell_voltage,
-        model=model,
-        source=str(path),
+        Columns(
+            time_s=np.asarray(time_ns * 1e-9, np.float64),
+            current_A=columns.get(("current", None), unknown),
+            coolant_inlet_C=columns.get(("coolant_inlet", None), unknown),
+            voltage_V=_from_cells(cell_voltage, model) if voltage is None else voltage,
+            soc=columns.get(("soc", None)),
+            coolant_flow_m3_s=columns.get(("coolant_flow", None)),
+            surface_C={k: x for (q, k), x in columns.items() if q == "surface" and k is not None},
+            cell_voltage_V=cell_voltage,
+            source=str(path),
+        ),
+        model,
         half_way=True,
     )
     return replace(record, notes=(*record.notes, *_told(heard, string)))

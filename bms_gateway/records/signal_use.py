@@ -11,7 +11,7 @@ from bms_gateway.engine.reasons import REASONS
 from bms_gateway.frames.database import Database
 from bms_gateway.frames.quality import Quality
 from bms_gateway.frames.rules import PLAUSIBLE
-from bms_gateway.frames.signals import SignalInfo
+from bms_gateway.frames.signal_info import SignalInfo
 
 WORTH_A_WORD: Final = 0.05
 """Share of refused samples from which on a signal is named; every start refuses a few."""

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from bms_gateway.diagnose.calibrate import Change, ChannelError
-from bms_gateway.diagnose.candidates import Candidate
-from bms_gateway.diagnose.checks import Finding
-from bms_gateway.diagnose.compare import CoreCheck
-from bms_gateway.diagnose.core_known import KnownCore
-from bms_gateway.diagnose.diagnosis import Errors
-from bms_gateway.diagnose.words import course
+from bms_gateway.diagnosis.calibrate import Change, ChannelError
+from bms_gateway.diagnosis.candidates import Candidate
+from bms_gateway.diagnosis.checks import Finding
+from bms_gateway.diagnosis.compare import CoreCheck
+from bms_gateway.diagnosis.core_known import KnownCore
+from bms_gateway.diagnosis.diagnosis import Errors
+from bms_gateway.diagnosis.error_words import course
 from bms_gateway.report.core_text import NOT_PROVEN, core_document, core_text
 from bms_gateway.report.diagnosis_text import finite, told_aside, warned
 from bms_gateway.report.fit_text import change_document, changes_table

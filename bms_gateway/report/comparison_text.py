@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from bms_gateway.diagnose.checks import Finding
-from bms_gateway.diagnose.compare import Comparison, CoreCheck, Variant
-from bms_gateway.diagnose.core_band import CoreBand, half_width_K, typical_K
-from bms_gateway.diagnose.misfit import Level
-from bms_gateway.diagnose.regimes import Regime
+from bms_gateway.diagnosis.checks import Finding
+from bms_gateway.diagnosis.compare import Comparison, CoreCheck, Variant
+from bms_gateway.diagnosis.core_band import CoreBand, half_width_K, typical_K
+from bms_gateway.diagnosis.misfit import Level
+from bms_gateway.diagnosis.regimes import Regime
 from bms_gateway.report.core_text import core_document, core_text
 from bms_gateway.report.diagnosis_text import finite, told_aside, warned
 from bms_gateway.report.show import number, text_table

@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from bms_gateway.diagnose.compare import CoreCheck
-from bms_gateway.diagnose.core_known import KnownCore
+from bms_gateway.diagnosis.compare import CoreCheck
+from bms_gateway.diagnosis.core_known import KnownCore
 from bms_gateway.report.show import number
 
 NOT_PROVEN = "core not proven"

@@ -6,11 +6,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from bms_gateway.diagnose.checks import Finding
-from bms_gateway.diagnose.core_known import KnownCore
-from bms_gateway.diagnose.curve import Curve
-from bms_gateway.diagnose.diagnosis import Diagnosis, Errors, Number, Selected
-from bms_gateway.diagnose.standing import Standing
+from bms_gateway.diagnosis.checks import Finding
+from bms_gateway.diagnosis.core_known import KnownCore
+from bms_gateway.diagnosis.curve import Curve
+from bms_gateway.diagnosis.diagnosis import Diagnosis, Errors, Number, Selected
+from bms_gateway.diagnosis.ranking import Standing
 from bms_gateway.report.core_text import core_document, core_text
 from bms_gateway.report.show import number, text_table
 

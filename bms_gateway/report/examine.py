@@ -4,16 +4,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bms_gateway.diagnose.candidates import candidates
-from bms_gateway.diagnose.checks import Finding, check_record
-from bms_gateway.diagnose.core_known import known_core
-from bms_gateway.diagnose.curve import Curve, entropic_curve
-from bms_gateway.diagnose.detect import Card, detectability
-from bms_gateway.diagnose.diagnosis import Diagnosis, diagnose
-from bms_gateway.diagnose.experiment import Experiment, next_experiment
-from bms_gateway.diagnose.record import Record
-from bms_gateway.diagnose.search import Progress
-from bms_gateway.diagnose.standing import ranking
+from bms_gateway.diagnosis.candidates import candidates
+from bms_gateway.diagnosis.checks import Finding, check_record
+from bms_gateway.diagnosis.core_known import known_core
+from bms_gateway.diagnosis.curve import Curve, entropic_curve
+from bms_gateway.diagnosis.detect import Card, detectability
+from bms_gateway.diagnosis.diagnosis import Diagnosis, diagnose
+from bms_gateway.diagnosis.experiment import Experiment, next_experiment
+from bms_gateway.diagnosis.ranking import ranking
+from bms_gateway.diagnosis.record import Record
+from bms_gateway.diagnosis.search import Progress
 from bms_gateway.errors import DataError
 from bms_gateway.identify.map_fit import MapFit, stacked
 from bms_gateway.report.diagnosis_text import Told

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from bms_gateway.diagnose.calibrate import Change, ChannelError
-from bms_gateway.diagnose.checks import Finding
-from bms_gateway.diagnose.core_known import KnownCore
-from bms_gateway.diagnose.detect import Combination
-from bms_gateway.diagnose.diagnosis import Errors
+from bms_gateway.diagnosis.calibrate import Change, ChannelError
+from bms_gateway.diagnosis.checks import Finding
+from bms_gateway.diagnosis.core_known import KnownCore
+from bms_gateway.diagnosis.detect import Combination
+from bms_gateway.diagnosis.diagnosis import Errors
 from bms_gateway.report.core_text import core_document, core_text
 from bms_gateway.report.diagnosis_text import finite, told_aside, warned, with_sd
 from bms_gateway.report.show import number, text_table

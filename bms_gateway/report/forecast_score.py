@@ -16,9 +16,9 @@ from typing import Any, Final
 import numpy as np
 
 from bms_gateway.engine import Estimated, Event, Foreseen
-from bms_gateway.engine.foreseen import Origin
+from bms_gateway.engine.forecast_result import Origin
 from bms_gateway.observe.ahead import AT_ENDS, CENTRE, CORE, ENDS, HORIZONS_S, SURFACE
-from bms_gateway.observe.standing import Profile
+from bms_gateway.observe.forecast_start import Profile
 from bms_gateway.thermal import Floats
 
 STEP_NS: Final = 10_000_000_000

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.engine import Forecast
-from bms_gateway.engine.foreseen import FOR_S
+from bms_gateway.engine.forecast_result import FOR_S
 from bms_gateway.frames.quality import Quality
 from bms_gateway.observe.ahead import AT_ENDS, CENTRE, CORE, HORIZONS_S, Ahead, first_crossing
 from bms_gateway.report.forecast_score import ACTUAL, HELD, SCORED, STAYS, Row

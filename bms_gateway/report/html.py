@@ -10,14 +10,14 @@ from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
 
-from bms_gateway.diagnose.adding import Addition
-from bms_gateway.diagnose.candidates import Candidate
-from bms_gateway.diagnose.checks import Finding
-from bms_gateway.diagnose.compare import Comparison, CoreCheck, Variant
-from bms_gateway.diagnose.core_known import KnownCore
-from bms_gateway.diagnose.detect import Card
-from bms_gateway.diagnose.experiment import Experiment
-from bms_gateway.diagnose.latent import Latent
+from bms_gateway.diagnosis.adding import Addition
+from bms_gateway.diagnosis.candidates import Candidate
+from bms_gateway.diagnosis.checks import Finding
+from bms_gateway.diagnosis.compare import Comparison, CoreCheck, Variant
+from bms_gateway.diagnosis.core_known import KnownCore
+from bms_gateway.diagnosis.detect import Card
+from bms_gateway.diagnosis.experiment import Experiment
+from bms_gateway.diagnosis.latent import Latent
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.report.add_text import AddReport, headline
 from bms_gateway.report.core_text import core_sentence, outside, thermocouple_sentence

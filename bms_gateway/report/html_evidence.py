@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from html import escape
 
-from bms_gateway.diagnose.compare import CoreCheck
-from bms_gateway.diagnose.latent import MISSING_Z, Latent
-from bms_gateway.diagnose.residuals import structure
+from bms_gateway.diagnosis.compare import CoreCheck
+from bms_gateway.diagnosis.latent import MISSING_Z, Latent
+from bms_gateway.diagnosis.residuals import structure
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.report.html_figures import WORTH, cores, drive, latent, overlay
 from bms_gateway.report.html_ranking import follows_table

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from bms_gateway.diagnose.core_band import BAND_SD, CoreBand
-from bms_gateway.diagnose.latent import Latent
-from bms_gateway.diagnose.regimes import instants_of
+from bms_gateway.diagnosis.core_band import BAND_SD, CoreBand
+from bms_gateway.diagnosis.latent import Latent
+from bms_gateway.diagnosis.regimes import instants_of
 from bms_gateway.identify.coordinates import Measured
 from bms_gateway.report.html_series import Clock, Trace, broken, envelope, held_out, smooth
 from bms_gateway.report.page import Figure, numbers

@@ -5,11 +5,11 @@ from html import escape
 
 import numpy as np
 
-from bms_gateway.diagnose.detect import Card, Detectable
-from bms_gateway.diagnose.diagnosis import Number
-from bms_gateway.diagnose.experiment import ENOUGH_ODDS, Experiment
-from bms_gateway.diagnose.latent import Latent
-from bms_gateway.diagnose.standing import Standing
+from bms_gateway.diagnosis.detect import Card, Detectable
+from bms_gateway.diagnosis.diagnosis import Number
+from bms_gateway.diagnosis.experiment import ENOUGH_ODDS, Experiment
+from bms_gateway.diagnosis.latent import Latent
+from bms_gateway.diagnosis.ranking import Standing
 from bms_gateway.report.diagnosis_text import LINEAR, meaning, reach, with_sd
 from bms_gateway.report.html_figures import WORTH
 from bms_gateway.report.html_tables import unit

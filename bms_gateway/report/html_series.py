@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bms_gateway.diagnose.core_band import CoreBand, core_bands, half_width_K
-from bms_gateway.diagnose.misfit import Level, Sensor, level, nearest, sensors
-from bms_gateway.diagnose.regimes import instants_of, seconds_of
+from bms_gateway.diagnosis.core_band import CoreBand, core_bands, half_width_K
+from bms_gateway.diagnosis.misfit import Level, Sensor, level, nearest, sensors
+from bms_gateway.diagnosis.regimes import instants_of, seconds_of
 from bms_gateway.identify.coordinates import Measured
 from bms_gateway.identify.map_fit import MapFit, stacked
 from bms_gateway.thermal import Floats

@@ -5,12 +5,12 @@ from html import escape
 
 import numpy as np
 
-from bms_gateway.diagnose.calibrate import AGAINST_FORMAT, AT_BOUND, UNIDENTIFIABLE, statuses
-from bms_gateway.diagnose.compare import CoreCheck
-from bms_gateway.diagnose.core_band import BAND_SD, at_times, half_width_K, posterior
-from bms_gateway.diagnose.curve import Curve
-from bms_gateway.diagnose.misfit import Level, Sensor
-from bms_gateway.diagnose.regimes import Bin, Regime
+from bms_gateway.diagnosis.calibrate import AGAINST_FORMAT, AT_BOUND, UNIDENTIFIABLE, statuses
+from bms_gateway.diagnosis.compare import CoreCheck
+from bms_gateway.diagnosis.core_band import BAND_SD, at_times, half_width_K, posterior
+from bms_gateway.diagnosis.curve import Curve
+from bms_gateway.diagnosis.misfit import Level, Sensor
+from bms_gateway.diagnosis.regimes import Bin, Regime
 from bms_gateway.identify.coordinates import Coordinate
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.report.core_text import OUTSIDE

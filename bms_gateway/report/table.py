@@ -12,11 +12,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from bms_gateway.diagnosis.record_inputs import Columns
 from bms_gateway.errors import DataError, UsageError, did_you_mean
 from bms_gateway.report.columns import Column, find_columns, lookalike
 from bms_gateway.report.dates import DateForm, date_form
+from bms_gateway.report.file_rows import Piece, Rows, open_csv, open_parquet
 from bms_gateway.report.progress import progress
-from bms_gateway.report.rows import Piece, Rows, open_csv, open_parquet
 
 Floats = NDArray[np.float64]
 
@@ -34,40 +35,20 @@ _MOSTLY = 10
 _EXAMPLES = (*REQUIRED, *OPTIONAL, "surface_1_C", "cell_voltage_1_V", "core_1_C")
 
 
-@dataclass(frozen=True, slots=True)
-class Table:
-    """N rows of one string's measurements.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Table(Columns):
+    """The columns of a file, with where they come from; `time_s` has no blanks.
 
     Attributes
     ----------
-    source : str
-        What error lines call it.
-    time_s : ndarray (N,)
-        Strictly increasing, s; sampling may be irregular.
-    current_A : ndarray (N,)
-        Discharge positive; NaN where missing, as everywhere but in `time_s`.
-    coolant_inlet_C : ndarray (N,)
-    voltage_V, soc, coolant_flow_m3_s : ndarray (N,) or None
-        None where the table has no such column. `soc` is 0…1.
-    surface_C, cell_voltage_V, core_C : mapping of cell (from 1) to ndarray (N,)
     ignored : tuple of str
         Columns that mean nothing here; worth a word to the user, who may have misspelt one.
-    word, lines : str, ndarray of int (N,)
+    word, lines : str, ndarray of int (K,)
         What the file's rows are called, and the number of each.
     notes : tuple of str
         What was recognised and is not as a table should be, a sentence each.
     """
 
-    source: str
-    time_s: Floats
-    current_A: Floats
-    coolant_inlet_C: Floats
-    voltage_V: Floats | None
-    soc: Floats | None
-    coolant_flow_m3_s: Floats | None
-    surface_C: Mapping[int, Floats]
-    cell_voltage_V: Mapping[int, Floats]
-    core_C: Mapping[int, Floats]
     ignored: tuple[str, ...]
     word: str
     lines: NDArray[np.int64]
@@ -197,16 +178,16 @@ def _read(
     notes = [*_said(ours, dates), *rows.notes, *notes]
     cells = {what: {k: values[f"{what}_{k}_{unit}"] for k in _cells(values, what)} for what, unit in PER_CELL.items()}
     return Table(
-        str(path),
-        values["time_s"],
-        values.get("current_A", nothing),
-        values.get("coolant_inlet_C", nothing),
-        values.get("voltage_V"),
-        values.get("soc"),
-        values.get("coolant_flow_m3_s"),
-        cells["surface"],
-        cells["cell_voltage"],
-        cells["core"],
+        source=str(path),
+        time_s=values["time_s"],
+        current_A=values.get("current_A", nothing),
+        coolant_inlet_C=values.get("coolant_inlet_C", nothing),
+        voltage_V=values.get("voltage_V"),
+        soc=values.get("soc"),
+        coolant_flow_m3_s=values.get("coolant_flow_m3_s"),
+        surface_C=cells["surface"],
+        cell_voltage_V=cells["cell_voltage"],
+        core_C=cells["core"],
         ignored=tuple(n for n in names if n not in used),
         word=rows.word,
         lines=lines,

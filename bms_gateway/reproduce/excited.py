@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from bms_gateway.identify import Settings, WindowIdentifier
-from bms_gateway.identify.batch import rows as filtered_rows
 from bms_gateway.identify.excitation import excitation
+from bms_gateway.identify.least_squares import rows as filtered_rows
 from bms_gateway.identify.regression import SCALE
 from bms_gateway.reproduce.result import Row, Section, Verdict, kept
 from bms_gateway.reproduce.setting import INLET, Size, cell, drive, identify, run, start_model, ticks

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bms_gateway.identify.cell_prior import SPREAD, CellSettings
-from bms_gateway.identify.cell_resistance import CellFit, CellRecord, fit_cells, numbers_of
+from bms_gateway.identify.resistance_by_cell import CellFit, CellRecord, fit_cells, numbers_of
 from bms_gateway.observe import AdaptiveObserver
 from bms_gateway.sensors.paper import C_F, R_CC, TABLE_1
 from bms_gateway.thermal import (

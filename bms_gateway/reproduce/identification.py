@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from bms_gateway.identify.batch import solve
-from bms_gateway.identify.lumped import alias
+from bms_gateway.identify.identifiable import alias
+from bms_gateway.identify.least_squares import solve
 from bms_gateway.identify.recursive import RecursiveIdentifier
 from bms_gateway.identify.regression import roots
 from bms_gateway.reproduce.result import Curve, Figure, Panel, Row, Section, agreeing, disproved, kept, several, span

@@ -18,7 +18,7 @@ import numpy as np
 from bms_gateway import __version__
 from bms_gateway.bus.canframe import ERROR_CLASSES
 from bms_gateway.bus.port import Link
-from bms_gateway.engine.foreseen import FOR_S, TOLD_S
+from bms_gateway.engine.forecast_result import FOR_S, TOLD_S
 from bms_gateway.frames.quality import Quality
 from bms_gateway.health.alerts import Severity
 from bms_gateway.service.exposition import Family, Sample, page

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from bms_gateway.bus.port import Link
-from bms_gateway.engine.foreseen import FOR_S, TOLD_S, Forecast
+from bms_gateway.engine.forecast_result import FOR_S, TOLD_S, Forecast
 from bms_gateway.service.live import Gateway
 from bms_gateway.service.watch import Watch, WatchedEngine, WatchedString
 from bms_gateway.thermal.centre import hottest_of

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.bus.port import Link
-from bms_gateway.engine.foreseen import Forecast
+from bms_gateway.engine.forecast_result import Forecast
 from bms_gateway.engine.plan import Channel
 from bms_gateway.frames.quality import Quality
 from bms_gateway.health import StringHealth
@@ -46,7 +46,7 @@ class WatchedPlan(Protocol):
 
 
 class WatchedString(Protocol):
-    """What is looked at of a string; `engine.string.StringEstimator` has it."""
+    """What is looked at of a string; `engine.string_estimator.StringEstimator` has it."""
 
     @property
     def plan(self) -> WatchedPlan:

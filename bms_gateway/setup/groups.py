@@ -5,8 +5,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
-from bms_gateway.setup.names import lettered, numbers
-from bms_gateway.setup.series import Series
+from bms_gateway.setup.signal_series import Series
+from bms_gateway.setup.signal_words import lettered, numbers
 
 LETTERS: Final = "ABCDEFGH"
 Entry = tuple[Series, tuple[int, ...], tuple[int, ...]]

@@ -6,8 +6,8 @@ from typing import Literal
 
 from bms_gateway.config.units import signal_conversion
 from bms_gateway.errors import ConfigError
-from bms_gateway.frames.signals import SignalInfo
-from bms_gateway.setup.series import Series
+from bms_gateway.frames.signal_info import SignalInfo
+from bms_gateway.setup.signal_series import Series
 
 Role = Literal["current", "voltage", "soc", "coolant_inlet", "coolant_flow", "surface", "cell_voltage"]
 

@@ -7,11 +7,11 @@ from typing import Final, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from bms_gateway.frames.own import MAX_CELLS
+from bms_gateway.frames.own_dbc import MAX_CELLS
 from bms_gateway.frames.rules import PLAUSIBLE
-from bms_gateway.setup.bits import range_of, read_right
-from bms_gateway.setup.charge import charges, sign_by_charge
-from bms_gateway.setup.electrical import (
+from bms_gateway.setup.bit_contradictions import range_of, read_right
+from bms_gateway.setup.find_charge import charges, sign_by_charge
+from bms_gateway.setup.find_electrical import (
     ADDS_UP,
     CELL_OHM,
     CELL_V,
@@ -24,16 +24,16 @@ from bms_gateway.setup.electrical import (
     together,
     while_on,
 )  # fmt: skip
+from bms_gateway.setup.find_statistics import of_several
+from bms_gateway.setup.find_temperatures import Surfaces, flows, inlet_of_each, inlets, is_temperature, surfaces
 from bms_gateway.setup.groups import Member, alike
-from bms_gateway.setup.guessed import GUESS
-from bms_gateway.setup.names import OTHER_THINGS, around, has, named, unit_of
-from bms_gateway.setup.own import own_signals
+from bms_gateway.setup.guessed_dbc import GUESS
+from bms_gateway.setup.own_traffic import own_signals
 from bms_gateway.setup.proposal import Proposal, Proposed, Role, fits
-from bms_gateway.setup.series import Series, all_series
-from bms_gateway.setup.several import of_several
+from bms_gateway.setup.signal_series import Series, all_series
+from bms_gateway.setup.signal_words import OTHER_THINGS, around, has, named, unit_of
 from bms_gateway.setup.strings import Strings, own_strings
-from bms_gateway.setup.traffic import Traffic
-from bms_gateway.setup.warmth import Surfaces, flows, inlet_of_each, inlets, is_temperature, surfaces
+from bms_gateway.setup.vehicle_logs import Traffic
 
 CLEAR: Final = 2.0
 """Lead over the next candidate from which on a choice is sure."""

@@ -6,11 +6,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bms_gateway.setup.charge import charges
-from bms_gateway.setup.electrical import Electrical, Scored, together
+from bms_gateway.setup.find_charge import charges
+from bms_gateway.setup.find_electrical import Electrical, Scored, together
 from bms_gateway.setup.groups import Member, alike
-from bms_gateway.setup.names import has, words
-from bms_gateway.setup.series import Series
+from bms_gateway.setup.signal_series import Series
+from bms_gateway.setup.signal_words import has, words
 
 STRING: Final = ("string", "str", "strang", "stg", "rack", "pack", "batt", "battery", "bat", "akku")
 LEAST: Final = 1.5

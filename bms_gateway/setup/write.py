@@ -9,11 +9,11 @@ from typing import Final
 
 from bms_gateway.config.model_file import write_model
 from bms_gateway.engine.plan import Statistic
-from bms_gateway.engine.several import stand_in
+from bms_gateway.engine.statistics import stand_in
 from bms_gateway.errors import UsageError
 from bms_gateway.frames.dbc_text import format_dbc
 from bms_gateway.setup.proposal import Proposal, Proposed
-from bms_gateway.setup.traffic import Traffic
+from bms_gateway.setup.vehicle_logs import Traffic
 from bms_gateway.thermal import Condition, Prior, StringModel
 from bms_gateway.thermal.cells import CellFacts, cell_of, cell_priors, stated_parameters
 

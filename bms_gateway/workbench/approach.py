@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from bms_gateway.diagnose.adding import Wanted
-from bms_gateway.diagnose.candidates import candidates
-from bms_gateway.diagnose.core_band import UNPROVEN, CoreBand, core_bands, half_width_K
-from bms_gateway.diagnose.core_known import known_core
-from bms_gateway.diagnose.diagnosis import Diagnosis, errors
-from bms_gateway.diagnose.misfit import nearest, sensors
-from bms_gateway.diagnose.prepare import measured
-from bms_gateway.diagnose.record import Record
-from bms_gateway.diagnose.screen import screen
-from bms_gateway.diagnose.search import refit
+from bms_gateway.diagnosis.adding import Wanted
+from bms_gateway.diagnosis.candidates import candidates
+from bms_gateway.diagnosis.core_band import UNPROVEN, CoreBand, core_bands, half_width_K
+from bms_gateway.diagnosis.core_known import known_core
+from bms_gateway.diagnosis.diagnosis import Diagnosis, errors
+from bms_gateway.diagnosis.misfit import nearest, sensors
+from bms_gateway.diagnosis.prepare import measured
+from bms_gateway.diagnosis.record import Record
+from bms_gateway.diagnosis.screen import screen
+from bms_gateway.diagnosis.search import refit
 from bms_gateway.identify.map_fit import MapFit, fitted, refreshed, stacked
 from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal import StringModel

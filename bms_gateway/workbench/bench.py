@@ -13,15 +13,15 @@ from pathlib import Path
 from typing import Any
 
 from bms_gateway.config.model_file import format_model, parse_model, read_model
-from bms_gateway.diagnose.adding import Addition, add_effects, check_signals, cores_with_named, wanted
-from bms_gateway.diagnose.compare import Comparison, compare
-from bms_gateway.diagnose.diagnosis import Diagnosis, diagnose
-from bms_gateway.diagnose.latent import latent
-from bms_gateway.diagnose.prepare import measured
-from bms_gateway.diagnose.record import Record
+from bms_gateway.diagnosis.adding import Addition, add_effects, check_signals, cores_with_named, wanted
+from bms_gateway.diagnosis.compare import Comparison, compare
+from bms_gateway.diagnosis.diagnosis import Diagnosis, diagnose
+from bms_gateway.diagnosis.latent import latent
+from bms_gateway.diagnosis.prepare import measured
+from bms_gateway.diagnosis.record import Record
 from bms_gateway.errors import UsageError
 from bms_gateway.records.read import read_measurements
-from bms_gateway.records.recent import given_span, state_directory, write_recent
+from bms_gateway.records.recent_signals import given_span, state_directory, write_recent
 from bms_gateway.report.add_text import AddReport
 from bms_gateway.report.added import added_report, heading
 from bms_gateway.report.diagnosis_text import Told

@@ -5,16 +5,16 @@ from typing import Any
 
 import numpy as np
 
-from bms_gateway.diagnose.adding import Addition
-from bms_gateway.diagnose.adding_bench import all_used, fit_with
-from bms_gateway.diagnose.calibrate import seen_on
-from bms_gateway.diagnose.checks import Finding
-from bms_gateway.diagnose.compare import Comparison, CoreCheck, Variant
-from bms_gateway.diagnose.core_band import half_width_K
-from bms_gateway.diagnose.core_known import KnownCore
-from bms_gateway.diagnose.diagnosis import Diagnosis
-from bms_gateway.diagnose.record import Record
-from bms_gateway.diagnose.standing import Standing
+from bms_gateway.diagnosis.adding import Addition
+from bms_gateway.diagnosis.adding_bench import all_used, fit_with
+from bms_gateway.diagnosis.calibrate import seen_on
+from bms_gateway.diagnosis.checks import Finding
+from bms_gateway.diagnosis.compare import Comparison, CoreCheck, Variant
+from bms_gateway.diagnosis.core_band import half_width_K
+from bms_gateway.diagnosis.core_known import KnownCore
+from bms_gateway.diagnosis.diagnosis import Diagnosis
+from bms_gateway.diagnosis.ranking import Standing
+from bms_gateway.diagnosis.record import Record
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.report.add_text import AddReport, headline
 from bms_gateway.report.core_text import core_document, core_sentence, outside, thermocouple_sentence

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from bms_gateway.diagnose.compare import Comparison, CoreCheck, Variant
-from bms_gateway.diagnose.core_band import BAND_SD, at_times
-from bms_gateway.diagnose.regimes import seconds_of
+from bms_gateway.diagnosis.compare import Comparison, CoreCheck, Variant
+from bms_gateway.diagnosis.core_band import BAND_SD, at_times
+from bms_gateway.diagnosis.regimes import seconds_of
 from bms_gateway.identify.coordinates import Measured
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.report.html_figures import axis, cores, drive, layout, overlay

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.engine import Alerted, Engine, Estimated, Event, Judged, Notice
-from bms_gateway.engine.foreseen import TOLD_S, Forecast
+from bms_gateway.engine.forecast_result import TOLD_S, Forecast
 from bms_gateway.engine.reasons import REASONS, unused
 from bms_gateway.errors import UsageError
 from bms_gateway.frames.quality import Quality

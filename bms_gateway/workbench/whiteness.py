@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from bms_gateway.diagnose.core_band import BAND_SD
-from bms_gateway.diagnose.regimes import interval_of, seconds_of
+from bms_gateway.diagnosis.core_band import BAND_SD
+from bms_gateway.diagnosis.regimes import interval_of, seconds_of
 from bms_gateway.identify.coordinates import Measured
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.report.html_figures import HELD, axis, line

@@ -6,7 +6,7 @@ cell's parameters to one per cent, and the effect's numbers to a tenth.
 
 import csv
 import json
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,29 +19,7 @@ from bms_gateway.thermal import AddedEffect, Prior
 from bms_gateway.thermal.effects import catalogue
 from tests.acceptance.drives import analyze, string_drive
 from tests.acceptance.effects import config_with, encoded, hidden, models
-from tests.truth.hidden import HiddenLog
-
-SETTLED_S = 300
-
-
-@dataclass
-class Core:
-    """Root mean square error of the cores, K; share of them within two stated sd; median of that sd."""
-
-    rms: float
-    inside: float
-    sd: float
-
-
-def judged(log: HiddenLog, estimates: dict[str, np.ndarray], stated: float) -> Core:
-    """Judge the cores that are stated: at least this share of them."""
-    second = np.rint(estimates["time_s"]).astype(int)
-    use = (second >= SETTLED_S) & (second < len(log.core))
-    assert np.mean(np.isfinite(estimates["core_C"][use])) >= stated
-    use &= np.isfinite(estimates["core_C"])
-    error = estimates["core_C"][use] - log.core[second[use], estimates["cell"][use].astype(int) - 1]
-    sd = estimates["core_sd_K"][use]
-    return Core(float(np.sqrt(np.mean(error**2))), float(np.mean(np.abs(error) < 2 * sd)), float(np.median(sd)))
+from tests.acceptance.live_effects import Core, judged
 
 
 def before_and_after(name: str, directory: Path, seed: int = 3, seconds: int = 2400) -> tuple[Core, Core]:

@@ -8,10 +8,9 @@ import pytest
 
 from bms_gateway.bus.logfile import read_log
 from tests.acceptance.drives import analyze
+from tests.acceptance.race_logs import LOGS
 from tests.config.race_car import PER_STRING, THERMISTORS, write_race_car
 from tests.data import need
-
-LOGS = ["uwfe_autocross_2025-04-30_run10", "uwfe_july7_run12", "uwfe_pitt_autocross_02"]
 
 
 @pytest.mark.parametrize("name", LOGS)

@@ -25,7 +25,7 @@ HIDDEN = {
 def main() -> None:
     """Print the times."""
     from bms_gateway.config.model_file import parse_model
-    from bms_gateway.diagnose.diagnosis import diagnose
+    from bms_gateway.diagnosis.diagnosis import diagnose
     from bms_gateway.records.read import read_measurements
     from tests.truth.hidden import Scenario, make_logs
 

@@ -16,7 +16,7 @@ import time
 from pathlib import Path
 
 from bms_gateway.config.load import load_config
-from bms_gateway.fleet.run import run_fleet
+from bms_gateway.fleet.whole_fleet import run_fleet
 from tests.benchmarks.rounds import ROUNDS
 from tests.fleet.packs import logs
 from tests.truth.hidden import Scenario

@@ -28,7 +28,7 @@ from tests.benchmarks.honesty_case import model_text
 from tests.benchmarks.honesty_measured import PRIORS, SISTERS, MeasuredCell, measured_cells, read
 from tests.benchmarks.honesty_road import ROOT
 from tests.config.bench_cell import write_string
-from tests.diagnose.measured_cells import CELLS
+from tests.diagnosis.measured_cells import CELLS
 from tests.truth.string import TruthString, rk4
 
 SETTLED_S, EVERY_S = 600.0, 30

@@ -1,6 +1,6 @@
 """Heat that no current makes, and what looks like it: minutes to the alert, causes, false alarms, cores.
 
-`python -m tests.benchmarks.bench_heat [--seeds N] [--first S] [--life HOURS] [--records] [--json F]`
+`python -m tests.benchmarks.bench_heat [--seeds N] [--first S] [--life HOURS] [--layout NAME] [--json F]`
 
 Strings come from `heat_case`, whose truth is no code of the package. Seeds below 1000 were used while settings were
 chosen; the figures are of seeds from there on. An alert that comes before the fault, or in a string without one, counts
@@ -18,7 +18,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 from bms_gateway.health.heat import HeatWatch
-from tests.benchmarks.heat_case import CELLS, SENSORS, Case, Made, make, model, with_seeds
+from tests.benchmarks.heat_case import LAYOUTS, Case, Made, make, model, with_seeds
 
 FIRST_SEED = 1000
 RIGHT = {
@@ -47,37 +47,35 @@ class Told:
 def follow(made: list[Made]) -> list[Told]:
     """Watch strings of one pack and length, tick by tick."""
     S, case = len(made), made[0].case
-    watch = HeatWatch([model(case.pack)] * S, 1.0)
+    watch = HeatWatch([model(case.pack, case.cells, case.sensors)] * S, 1.0)
     I, inlet, y = (np.stack([getattr(x, k) for x in made]) for k in ("current", "inlet", "y"))  # noqa: E741
     alerts: list[list[tuple[int, str, int | None]]] = [[] for _ in made]
-    inside = np.zeros((S, CELLS))
-    count, age = np.zeros(S), np.zeros((S, CELLS))
-    nothing = np.full((S, CELLS), np.nan)
+    inside = np.zeros((S, case.cells))
+    count, age = np.zeros(S), np.zeros((S, case.cells))
+    nothing = np.full((S, case.cells), np.nan)
     for k in range(case.seconds):
         for s, f in watch.add((k + 1) * 10**9, I[:, k] ** 2, None, I[:, k], inlet[:, k], y[:, k], age) or ():
             if f.level:
                 alerts[s].append((k + 1, f.code, f.cell))
         if k >= case.at + 300 and k % 30 == 0:
-            core, sd = watch.cores(nothing, np.zeros((S, CELLS)))
+            core, sd = watch.cores(nothing, np.zeros((S, case.cells)))
             truth = np.stack([x.core[k] for x in made])
             known = np.isfinite(core)
             inside += np.where(known, np.abs(core - truth) <= 2 * sd, 0.0)
             count += known[:, 0]
     share = inside / np.maximum(count, 1)[:, None]
-    others = np.arange(CELLS) != case.cell - 1
-    return [
-        Told(a, *(x if n else (np.nan, np.nan)))
-        for a, n, x in zip(
-            alerts, count, zip(share[:, case.cell - 1], share[:, others].mean(axis=1), strict=True), strict=True
-        )
-    ]
+    others = np.arange(case.cells) != case.cell - 1
+    unheard = np.full(S, np.nan)
+    sick, healthy = share[:, case.cell - 1], share[:, others].mean(axis=1) if others.any() else unheard
+    judged = np.where(count > 0, [sick, healthy], np.nan).T.tolist()
+    return [Told(a, *x) for a, x in zip(alerts, judged, strict=True)]
 
 
 def score(cases: list[Case]) -> dict[str, object]:
     """Figures of strings alike but for their seed."""
     told, c = follow(make(cases)), cases[0]
     first, right, heat, place, early = [], 0, 0, 0, 0
-    near = {k + d for k in SENSORS if abs(k - c.cell) <= 1 for d in (-1, 0, 1)}
+    near = {k + d for k in c.sensors if abs(k - c.cell) <= 1 for d in (-1, 0, 1)}
     for x in told:
         early += any(t <= c.at for t, _, _ in x.alerts)
         after = [a for a in x.alerts if a[0] > c.at]
@@ -105,8 +103,23 @@ def score(cases: list[Case]) -> dict[str, object]:
     if c.fault == "heat":
         out["group_right"] = place
         out["sick_inside"] = round(float(np.nanmean([x.sick for x in told])), 3)
-        out["healthy_inside"] = round(float(np.nanmean([x.healthy for x in told])), 3)
+        if c.cells > 1:
+            out["healthy_inside"] = round(float(np.nanmean([x.healthy for x in told])), 3)
     return out
+
+
+def few(layout: str) -> list[Case]:
+    """One case of each row of a string with fewer than three thermocouples."""
+    cells, sensors, cell = LAYOUTS[layout]
+    at = {"cells": cells, "sensors": sensors, "cell": cell}
+    rows = []
+    for pack, watts in (("small", (1.0, 3.0, 10.0)), ("liquid", (10.0, 30.0, 100.0))):
+        rows += [Case(pack, 0, drive=d, fault="heat", size=w, **at) for d in ("urban", "rest") for w in watts]
+        rows += [Case(pack, 0, drive="us06", fault=f, **at) for f in ("fan", "pump", "frozen", "off")]
+        rows.append(Case(pack, 0, drive="us06", fault="loose", size=0.3, **at))
+        rows += [Case(pack, 0, drive="us06", fault="jump", size=w, **at) for w in (1.5, -1.5)]
+        rows.append(Case(pack, 0, drive="us06", fault="stuck", **at))
+    return rows
 
 
 def table() -> list[Case]:
@@ -130,14 +143,16 @@ def table() -> list[Case]:
     return rows
 
 
-def life(hours: float, first: int) -> dict[str, object]:
+def life(hours: float, first: int, layout: str) -> dict[str, object]:
     """False alarms of strings with nothing wrong, by code."""
+    cells, sensors, cell = LAYOUTS[layout]
     counts: dict[str, int] = {}
     seen, seed, seconds, batch = 0.0, first, 10800, 24
     kinds = [(p, d, s) for p in ("small", "liquid") for d in ("urban", "us06", "udds", "rest") for s in (0.1, 0.5)]
     while seen < hours:
         pack, drive, step = kinds[(seed // batch) % len(kinds)]
-        made = make(with_seeds(Case(pack, 0, seconds, drive, at=seconds, step=step), range(seed, seed + batch)))
+        sound = Case(pack, 0, seconds, drive, at=seconds, step=step, cells=cells, sensors=sensors, cell=cell)
+        made = make(with_seeds(sound, range(seed, seed + batch)))
         for x in follow(made):
             for _, code, _ in x.alerts:
                 counts[code] = counts.get(code, 0) + 1
@@ -152,15 +167,16 @@ def main() -> None:
     ask.add_argument("--first", type=int, default=FIRST_SEED)
     ask.add_argument("--life", type=float, default=0.0, help="hours of strings with nothing wrong")
     ask.add_argument("--only", nargs="*", default=[], help="faults")
+    ask.add_argument("--layout", choices=LAYOUTS, default="three sensors", help="which cells have a thermocouple")
     ask.add_argument("--json")
     args = ask.parse_args()
     rows = []
-    for c in table():
+    for c in table() if args.layout == "three sensors" else few(args.layout):
         if args.only and c.fault not in args.only:
             continue
         rows.append(score(with_seeds(c, range(args.first, args.first + args.seeds))))
         print(" ".join(f"{k}={v}" for k, v in rows[-1].items()), flush=True)
-    found = life(args.life, args.first) if args.life else None
+    found = life(args.life, args.first, args.layout) if args.life else None
     print(found or "")
     if args.json:
         with open(args.json, "w", encoding="utf-8") as f:

@@ -14,10 +14,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from bms_gateway.observe import AdaptiveObserver, surprise
-from tests.benchmarks.heat_case import Case, make, model, with_seeds
+from bms_gateway.observe import AdaptiveObserver, innovation_check
+from tests.benchmarks.heat_case import LAYOUTS, Case, make, model, with_seeds
 
-LAYOUTS = {"one cell": (1, (1,), 1), "one sensor": (12, (6,), 6), "three sensors": (12, (2, 6, 10), 6)}
 WATTS = (10.0, 30.0, 100.0, 200.0)
 AT, LATER = 900, 300
 
@@ -42,7 +41,7 @@ def main() -> None:
     ask.add_argument("--never", action="store_true")
     args = ask.parse_args()
     if args.never:
-        surprise.ODD = np.inf  # type: ignore[misc]
+        innovation_check.ODD = np.inf  # type: ignore[misc]
     seeds = range(args.first, args.first + args.seeds)
     for pack in ("liquid", "small"):
         for layout, (cells, sensors, cell) in LAYOUTS.items():

@@ -28,7 +28,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from bms_gateway.engine.estimate import Estimators
+from bms_gateway.engine.estimators import Estimators
 from bms_gateway.engine.inputs import Wire
 from bms_gateway.engine.plan import Plan, StringPlan
 from bms_gateway.engine.readings import Layout, Readings

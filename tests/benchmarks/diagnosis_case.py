@@ -5,21 +5,21 @@ from dataclasses import replace
 
 import numpy as np
 
-from bms_gateway.diagnose.adding_bench import all_used
-from bms_gateway.diagnose.calibrate import seen_on
-from bms_gateway.diagnose.candidates import Candidate, candidates
-from bms_gateway.diagnose.compare import as_filed
-from bms_gateway.diagnose.detect import absorbed
-from bms_gateway.diagnose.diagnosis import Diagnosis, diagnose
-from bms_gateway.diagnose.judge import HALF, Settings, prior_odds
-from bms_gateway.diagnose.prepare import measured
-from bms_gateway.diagnose.residuals import structure
-from bms_gateway.diagnose.screen import screen
-from bms_gateway.diagnose.search import refit, refit_from_nominal
+from bms_gateway.diagnosis.adding_bench import all_used
+from bms_gateway.diagnosis.calibrate import seen_on
+from bms_gateway.diagnosis.candidates import Candidate, candidates
+from bms_gateway.diagnosis.compare import as_filed
+from bms_gateway.diagnosis.detect import absorbed
+from bms_gateway.diagnosis.diagnosis import Diagnosis, diagnose
+from bms_gateway.diagnosis.prepare import measured
+from bms_gateway.diagnosis.residuals import structure
+from bms_gateway.diagnosis.screen import screen
+from bms_gateway.diagnosis.search import refit, refit_from_nominal
+from bms_gateway.diagnosis.weighing import HALF, Settings, prior_odds
 from bms_gateway.identify.map_fit import MapFit, fitted, stacked
 from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal.effects import effect_named
-from tests.diagnose.hidden_record import record_of
+from tests.diagnosis.hidden_record import record_of
 from tests.truth.hidden import ABSORBED
 from tests.truth.sizes import SIZES
 

@@ -11,13 +11,13 @@ from unittest.mock import patch
 
 import numpy as np
 
-from bms_gateway.diagnose.diagnosis import diagnose
-from bms_gateway.diagnose.experiment import next_experiment
-from bms_gateway.diagnose.prepare import measured
-from bms_gateway.diagnose.residuals import structure
+from bms_gateway.diagnosis.diagnosis import diagnose
+from bms_gateway.diagnosis.experiment import next_experiment
+from bms_gateway.diagnosis.prepare import measured
+from bms_gateway.diagnosis.residuals import structure
 from bms_gateway.identify.map_fit import converged, fitted
 from bms_gateway.identify.problem import Problem
-from tests.diagnose.hidden_record import record_of
+from tests.diagnosis.hidden_record import record_of
 from tests.truth import hidden
 from tests.truth.drives import Drive
 from tests.truth.hidden import make_log, new_drive

@@ -11,13 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from bms_gateway.diagnose.adding import add_effects, wanted
-from bms_gateway.diagnose.calibrate import fitted_model, identify
-from bms_gateway.diagnose.diagnosis import diagnose
+from bms_gateway.diagnosis.adding import add_effects, wanted
+from bms_gateway.diagnosis.calibrate import fitted_model, identify
+from bms_gateway.diagnosis.diagnosis import diagnose
 from tests.acceptance.drives import analyze
-from tests.acceptance.test_effects_live import config_with, encoded, judged
+from tests.acceptance.live_effects import judged
+from tests.acceptance.test_effects_live import config_with, encoded
 from tests.benchmarks.diagnosis_case import core_error
-from tests.diagnose.hidden_record import record_of
+from tests.diagnosis.hidden_record import record_of
 from tests.truth.hidden import make_log
 from tests.truth.sizes import SIZES
 from tests.truth.suites import suited

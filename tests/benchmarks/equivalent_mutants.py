@@ -44,7 +44,7 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         ),
         "_rounds: 1  ->  2  #4": "one empty round more",
     },
-    "bms_gateway/engine/clock.py": {
+    "bms_gateway/engine/stamps.py": {
         "Clock.straighten: steps.min() >= 0  ->  steps.min() > 0": ONE_BY_ONE,
         "Clock.straighten: 0  ->  1  #3": ONE_BY_ONE,
         "Clock.straighten: steps.max() <= AHEAD_NS  ->  steps.max() < AHEAD_NS": ONE_BY_ONE,
@@ -101,13 +101,13 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "Broadcast.encode: True  ->  False": STRICT,
         "Broadcast.encode: True  ->  False  #2": STRICT,
     },
-    "bms_gateway/engine/estimate.py": {
+    "bms_gateway/engine/estimators.py": {
         "Estimators.__init__: True  ->  False": STRICT,
         "Estimators._step_group: True  ->  False": STRICT,
         "Estimators.restore: True  ->  False": STRICT,
         ": if TYPE_CHECKING:  ->  if not TYPE_CHECKING:": ANNOTATIONS,
     },
-    "bms_gateway/engine/string.py": {
+    "bms_gateway/engine/string_estimator.py": {
         "StringEstimator._as_kept: True  ->  False": STRICT,
     },
     "bms_gateway/engine/inputs.py": {

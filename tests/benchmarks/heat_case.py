@@ -17,6 +17,13 @@ PACKS = {
     "liquid": {"C_c": 268.0, "C_s": 18.8, "R_e": 3.5e-3, "R_c": 1.266, "R_u": 0.8, "R_cc": 4.0, "C_f": 60.0},
     "small": {"C_c": 42.0, "C_s": 3.0, "R_e": 35e-3, "R_c": 2.0, "R_u": 15.0, "R_cc": 10.0, "C_f": 1e6},
 }
+LAYOUTS = {
+    "one cell": (1, (1,), 1),
+    "one sensor": (12, (6,), 6),
+    "two sensors": (12, (2, 10), 2),
+    "three sensors": (CELLS, SENSORS, 6),
+}
+"""Cells of a string, which have a thermocouple, and which of these is at fault."""
 AMPS = {"liquid": 1.0, "small": 0.065}
 """Current over that of the drive cycles, whose 62 A rms belong to a cell of 8 Ah."""
 

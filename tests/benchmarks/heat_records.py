@@ -116,7 +116,7 @@ def told(r: Record) -> list[tuple[float, str, str]]:
     out, age = [], np.zeros((1, r.y.shape[1]))
     for k in range(len(r.square)):
         if k in r.pauses:
-            w.pause()
+            w.pass_time(None)
         now = (r.square[k : k + 1], None, r.current[k : k + 1], r.inlet[k : k + 1], r.y[k : k + 1], age)
         out += [(k / 3600.0, f.code, f.text) for _, f in w.add(k * 10**9, *now) or () if f.level]
     return out

@@ -8,7 +8,7 @@ import numpy as np
 from tests.benchmarks.honesty_case import model_text
 from tests.config.bench_cell import write_bench_table, write_string
 from tests.data import need
-from tests.diagnose.measured_cells import CELLS
+from tests.diagnosis.measured_cells import CELLS
 
 HEV2 = "a123_26650_hev2"
 SISTERS = {"lfp_32113_insulated_1": "lfp_32113_uninsulated_2", "lfp_32113_uninsulated_2": "lfp_32113_insulated_1"}

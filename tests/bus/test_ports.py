@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bms_gateway.bus.canframe import to_wire
-from bms_gateway.bus.memory import MemoryBus
+from bms_gateway.bus.in_process import MemoryBus
 from bms_gateway.bus.port import Link
 from bms_gateway.bus.pythoncan import PythonCanPort
 from bms_gateway.bus.receiver import DEPTH

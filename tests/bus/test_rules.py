@@ -12,7 +12,7 @@ from bms_gateway.bus.pace import BURST, ID_BURST, ID_SHARE, QUEUE, RATE, REST_NS
 from bms_gateway.bus.port import Counters
 from bms_gateway.errors import UsageError
 from bms_gateway.frames.batch import EXTENDED
-from bms_gateway.frames.own import MAX_CELLS
+from bms_gateway.frames.own_dbc import MAX_CELLS
 from tests.bus.frames import ids, make
 
 SECOND = 1_000_000_000

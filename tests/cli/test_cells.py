@@ -6,7 +6,7 @@ import pytest
 
 from bms_gateway.cli.main import main
 from bms_gateway.config.model_file import format_model, parse_model
-from bms_gateway.diagnose.geometry import odd_declared
+from bms_gateway.diagnosis.geometry import odd_declared
 from bms_gateway.thermal.cells import PUBLISHED, cell_of
 
 

@@ -12,7 +12,7 @@ from bms_gateway.config import load_config
 from bms_gateway.config.model_file import parse_model
 from bms_gateway.thermal.effects import catalogue
 from tests.config.files import OWN, write
-from tests.config.test_model_file import EXAMPLE, WITH_EFFECTS
+from tests.config.model_texts import EXAMPLE, WITH_EFFECTS
 
 
 def test_the_readmes_table_is_the_catalogue():

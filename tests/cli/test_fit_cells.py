@@ -15,7 +15,7 @@ from bms_gateway.cli.main import main
 from bms_gateway.config.model_file import format_model, read_model
 from bms_gateway.engine import Channel, Engine, Estimated, Parameters, Plan, StringPlan, drive
 from bms_gateway.frames.batch import FrameBatch
-from bms_gateway.frames.own import own_signal
+from bms_gateway.frames.own_dbc import own_signal
 from bms_gateway.thermal import AddedEffect, Prior, StringModel
 from tests.engine.packs import EPOCH_S, cut, database
 from tests.truth.string import C_F, TABLE_1

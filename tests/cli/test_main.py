@@ -1,6 +1,7 @@
 """Whatever is typed, the program answers with the right exit status and without a traceback."""
 
 import errno
+import importlib.util
 import json
 import os
 import subprocess
@@ -213,8 +214,10 @@ def test_the_service_starts_without_what_only_other_commands_need():
         *("engine", "bus", "config", "store", "service", "cli"),
     }
     needless = {f"thermal.{m}" for m in ("effects", "physics", "trajectory", "cycles")}
-    needless |= {f"identify.{m}" for m in ("recursive", "regression", "batch", "map_fit", "problem", "likelihood")}
-    needless |= {f"observe.{m}" for m in ("effects", "tangent", "open_loop", "luenberger")}
+    needless |= {f"identify.{m}" for m in ("recursive", "regression", "least_squares", "map_fit", "problem")}
+    needless |= {"identify.likelihood"}
+    needless |= {f"observe.{m}" for m in ("effect_observer", "tangent", "open_loop", "luenberger")}
+    assert all(importlib.util.find_spec(f"bms_gateway.{m}") for m in needless)
     needless |= {"bus.pythoncan", "bus.candump", "bus.logfile", "bus.traffic", "service.mqtt"}
     assert not loaded & {"numpy.ma", *(f"bms_gateway.{m}" for m in needless)}
 
@@ -222,8 +225,8 @@ def test_the_service_starts_without_what_only_other_commands_need():
 def test_fits_and_effects_of_the_service_need_no_scipy():
     """It would take 27 MiB, in the service or in each process of a fit."""
     code = (
-        "import sys, bms_gateway.identify.posterior_fit, bms_gateway.identify.cell_resistance, "
-        "bms_gateway.identify.recursive, bms_gateway.health.window_fit, bms_gateway.observe.effects; "
+        "import sys, bms_gateway.identify.posterior_fit, bms_gateway.identify.resistance_by_cell, "
+        "bms_gateway.identify.recursive, bms_gateway.health.window_fit, bms_gateway.observe.effect_observer; "
         "print(*sys.modules)"
     )
     assert not {m.split(".")[0] for m in loaded_by(code)} & {"scipy", "cantools", "can"}

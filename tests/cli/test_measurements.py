@@ -6,40 +6,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bms_gateway.cli.main import Parser, main
+from bms_gateway.cli.main import Parser
 from bms_gateway.cli.measurements import add_measurement_arguments, given_measurements
-from bms_gateway.config.model_file import parse_model, read_model
-from bms_gateway.diagnose.checks import check_record
+from bms_gateway.config.model_file import read_model
+from bms_gateway.diagnosis.checks import check_record
 from bms_gateway.errors import ConfigError, DataError, UsageError
 from bms_gateway.records.read import read_measurements
+from tests.cli.measured_tables import CELLS, MODEL, encoded, table
 from tests.config.bench_cell import write_bench_table
 from tests.config.files import MAPPED, OWN, write
+from tests.config.model_texts import EXAMPLE
 from tests.config.race_car import write_race_car
-from tests.config.test_model_file import EXAMPLE
 from tests.data import need
-from tests.diagnose.logs import rows
-
-CELLS = 5
-MODEL = parse_model(EXAMPLE)
-
-
-def table(folder: Path, *, seconds=1500, name="bench.csv", flow=MODEL.flow or 0.0095) -> Path:
-    """Half an hour of a five-cell string as a CSV; returns its path."""
-    c = rows(seconds, sensors=(1, 3, 5))
-    columns = {k: v for k, v in c.items() if k != "surface_C"}
-    columns["voltage_V"] = columns["voltage_V"] / 3 * CELLS
-    columns["coolant_flow_m3_s"] = np.full(seconds + 1, flow)
-    columns |= {f"surface_{k}_C": x for k, x in c["surface_C"].items()}
-    file = folder / name
-    text = [",".join(columns), *(",".join(f"{x:.5f}" for x in row) for row in zip(*columns.values(), strict=True))]
-    file.write_text("\n".join(text) + "\n")
-    return file
-
-
-def encoded(folder: Path, file: Path, config: Path) -> Path:
-    log = folder / "bench.log"
-    assert main(["encode", str(file), "--config", str(config), "--out", str(log)]) == 0
-    return log
 
 
 def test_a_table_and_the_log_made_of_it_are_the_same_record(tmp_path):

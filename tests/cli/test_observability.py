@@ -10,7 +10,7 @@ from bms_gateway.cli.main import main
 from bms_gateway.config.model_file import read_model
 from bms_gateway.sensors import steady_core_sd
 from bms_gateway.thermal import Disturbance
-from tests.config.test_model_file import EXAMPLE
+from tests.config.model_texts import EXAMPLE
 from tests.sensors.strings import cells, riccati
 
 KEYS = ["cells", "sensors", "condition", "states", "exact_rank", "paper_rank", "observable", "core_sd_K"]

@@ -10,7 +10,7 @@ from bms_gateway.config.model_file import read_model
 from bms_gateway.report.show import number
 from bms_gateway.workbench.bench import Bench
 from bms_gateway.workbench.steps import REFITTED
-from tests.cli.test_road import call, told
+from tests.cli.calls import call, told
 from tests.truth.packs import pack as packed
 
 STRONG = 0.55  # mV/K, of the hidden effect
@@ -153,9 +153,9 @@ def test_a_page_calls_the_same_numbers_not_identifiable_as_the_terminal(road):
 
 
 def test_the_band_does_not_hang_on_who_has_worked_something_out_already(road):
-    from bms_gateway.diagnose.calibrate import identify
-    from bms_gateway.diagnose.core_known import known_core
-    from bms_gateway.diagnose.diagnosis import diagnose
+    from bms_gateway.diagnosis.calibrate import identify
+    from bms_gateway.diagnosis.core_known import known_core
+    from bms_gateway.diagnosis.diagnosis import diagnose
     from bms_gateway.records.read import read_measurements
 
     pack, *_ = road

@@ -6,7 +6,7 @@ import re
 import pytest
 
 from bms_gateway.cli.main import main
-from tests.config.test_model_file import EXAMPLE
+from tests.config.model_texts import EXAMPLE
 from tests.sensors.strings import cells, riccati
 
 

@@ -1,15 +1,14 @@
 """The road of a user, one command a step: fit, compare, diagnose, add, diagnose again, until nothing is missing."""
 
-import contextlib
-import io
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from bms_gateway.cli.main import COMMANDS, main
+from bms_gateway.cli.main import COMMANDS
 from bms_gateway.config.model_file import format_model, parse_model, read_model
+from tests.cli.calls import call, told
 from tests.truth.hidden import Scenario, make_logs
 from tests.truth.packs import Pack
 from tests.truth.packs import pack as packed
@@ -31,21 +30,6 @@ RANKED = ["effect", "cell", "heldout_rmse_K", "evidence", "parameters", "tied_wi
 @pytest.fixture(scope="module")
 def pack(tmp_path_factory) -> Pack:
     return packed(tmp_path_factory.mktemp("road"), seconds=2400, sensors=(1, 2, 3))
-
-
-def call(*words) -> tuple[int, str, str]:
-    """Exit status, standard output, standard error."""
-    out, err = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        status = main([str(w) for w in words])
-    return status, out.getvalue(), err.getvalue()
-
-
-def told(*words) -> dict:
-    """Document that a command writes to standard output."""
-    status, out, err = call(*words, "--json", "-")
-    assert status == 0, err
-    return json.loads(out)
 
 
 @pytest.fixture(scope="module")

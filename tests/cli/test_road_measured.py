@@ -2,11 +2,10 @@
 
 import pytest
 
-from tests.cli.test_road import told
-from tests.config.bench_cell import one_cell
+from tests.cli.calls import told
+from tests.cli.measured_model import MODEL
 from tests.data import need
 
-MODEL = one_cell(4.4, C_c=(140.0, 0.1), C_s=(12.0, 0.25), R_e=(8.0, 0.7), R_c=(2.5, 0.7), R_u=(5.0, 0.7))
 COLUMNS = "time_s=t_s,current_A=-I_A,coolant_inlet_C=T_amb_C,surface_1_C=T_surf_C,core_1_C=T_core_C"
 
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from tests.config.test_model_file import EXAMPLE
+from tests.config.model_texts import EXAMPLE
 
 DBC = """\
 VERSION "1.0"

@@ -1,7 +1,7 @@
 """Files that once ended the service or kept `check` busy for minutes, each with what is told of it."""
 
 from tests.config.files import DBC, MAPPED
-from tests.config.test_model_file import EXAMPLE
+from tests.config.model_texts import EXAMPLE
 
 ATTRIBUTES = """
 BA_DEF_ BO_ "E2EProfile" ENUM "None","AUTOSAR_P01_1A";

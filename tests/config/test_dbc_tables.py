@@ -8,13 +8,13 @@ import sys
 import numpy as np
 import pytest
 
-from bms_gateway.config import dbc, own_dbc_text
-from bms_gateway.config.dbc import read_dbc
+from bms_gateway.config import dbc_files, own_dbc_text
+from bms_gateway.config.dbc_files import read_dbc
 from bms_gateway.errors import ConfigError
 from bms_gateway.frames.dbc import parse
-from bms_gateway.frames.own import OWN_DBC
+from bms_gateway.frames.own_dbc import OWN_DBC
 from tests.frames.payloads import OWN, ROOT, text_of
-from tests.frames.test_packed import same
+from tests.frames.same_messages import same
 
 TEXT = (
     'VERSION ""\nBS_:\nBU_: A\nBO_ 291 M: 8 A\n SG_ m M : 0|4@1+ (1,0) [0|0] "" A\n'
@@ -38,7 +38,7 @@ def parsed(monkeypatch):
         names.append(name)
         return parse(name, text)
 
-    monkeypatch.setattr(dbc, "parse", told)
+    monkeypatch.setattr(dbc_files, "parse", told)
     return names
 
 
@@ -59,7 +59,7 @@ def test_our_own_dbc_is_never_parsed_as_long_as_its_table_is_of_it(parsed, folde
 
 @pytest.mark.parametrize("content", [None, b"", b"rubbish\n[]\n"])
 def test_without_a_sound_table_our_own_dbc_is_parsed(parsed, folder, monkeypatch, content) -> None:
-    monkeypatch.setattr(dbc, "_shipped_table", lambda: content)
+    monkeypatch.setattr(dbc_files, "_shipped_table", lambda: content)
     assert same(read_dbc(OWN_DBC, TEXT), parse(OWN_DBC, TEXT))
     assert parsed == [OWN_DBC]
 
@@ -78,11 +78,11 @@ def test_a_dbc_is_parsed_once_and_known_by_its_text_alone(parsed, folder) -> Non
 
 def test_another_version_parses_anew(parsed, folder, monkeypatch) -> None:
     read_dbc("a.dbc", TEXT)
-    monkeypatch.setattr(dbc, "__version__", "99.0")
+    monkeypatch.setattr(dbc_files, "__version__", "99.0")
     read_dbc("a.dbc", TEXT)
-    monkeypatch.setattr(dbc, "_version_of_cantools", lambda: "99.0")
+    monkeypatch.setattr(dbc_files, "_version_of_cantools", lambda: "99.0")
     read_dbc("a.dbc", TEXT)
-    monkeypatch.setattr(dbc, "FORMAT", 99)
+    monkeypatch.setattr(dbc_files, "FORMAT", 99)
     read_dbc("a.dbc", TEXT)
     assert len(parsed) == 4
 
@@ -116,7 +116,7 @@ def test_a_table_with_a_right_check_sum_and_nothing_right_in_it_is_parsed_over(p
     truth = read_dbc("a.dbc", TEXT)
     (file,) = folder.iterdir()
     head = file.read_text(encoding="utf-8").split("\n")[0].rsplit(" ", 1)[0]
-    file.write_text(f"{head} {dbc._sha256(body)}\n{body}", encoding="utf-8")
+    file.write_text(f"{head} {dbc_files._sha256(body)}\n{body}", encoding="utf-8")
     assert same(read_dbc("a.dbc", TEXT), truth)
     assert len(parsed) == 2
 
@@ -171,12 +171,12 @@ def test_a_user_without_systemd_has_them_in_the_own_cache(parsed, tmp_path, monk
 
 
 def test_the_oldest_tables_go(folder) -> None:
-    for k in range(dbc.KEPT + 3):
+    for k in range(dbc_files.KEPT + 3):
         read_dbc("a.dbc", TEXT.replace("-40.3", f"-{k}.25"))
         for file in folder.iterdir():
             os.utime(file, ns=(0, file.stat().st_mtime_ns - 10**9))
-    assert len(list(folder.iterdir())) == dbc.KEPT
-    last = dbc.KEPT + 2
+    assert len(list(folder.iterdir())) == dbc_files.KEPT
+    last = dbc_files.KEPT + 2
     assert any(f"-{last}.25," in f.read_text(encoding="utf-8") for f in folder.iterdir())
 
 
@@ -195,7 +195,7 @@ def test_a_second_start_with_a_dbc_of_the_user_loads_no_parser(tmp_path, monkeyp
     path = tmp_path / "user.dbc"
     path.write_text(TEXT, encoding="utf-8")
     code = (
-        "import sys; from pathlib import Path; from bms_gateway.config.dbc import dbc_text, read_dbc; "
+        "import sys; from pathlib import Path; from bms_gateway.config.dbc_files import dbc_text, read_dbc; "
         f"print(read_dbc('u', dbc_text(Path({str(path)!r})))); print('cantools' in sys.modules, 'can' in sys.modules)"
     )
     cold, warm = (

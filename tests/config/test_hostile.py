@@ -17,7 +17,7 @@ from bms_gateway.config.bounds import bounded
 from bms_gateway.errors import ConfigError
 from tests.config.files import DBC, MAPPED, write
 from tests.config.hostile import HOSTILE, SLOW, many_signals
-from tests.config.test_model_file import EXAMPLE
+from tests.config.model_texts import EXAMPLE
 
 # A bound that strikes within a destructor or a callback of the garbage collector is lost there, and told all the same.
 pytestmark = pytest.mark.filterwarnings(r"ignore:[\s\S]*_BeyondError:pytest.PytestUnraisableExceptionWarning")

@@ -10,8 +10,8 @@ from bms_gateway.errors import ConfigError
 from bms_gateway.thermal import Disturbance
 from tests.config.bench_cell import write_bench_cell
 from tests.config.files import MAPPED, OWN, write
+from tests.config.model_texts import EXAMPLE
 from tests.config.race_car import THERMISTORS, write_race_car
-from tests.config.test_model_file import EXAMPLE
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -7,7 +7,7 @@ from bms_gateway.config import load_config
 from bms_gateway.errors import ConfigError
 from bms_gateway.frames.batch import EXTENDED
 from tests.config.files import DBC, MAPPED, write
-from tests.config.test_model_file import EXAMPLE
+from tests.config.model_texts import EXAMPLE
 
 PGN = (
     'BA_DEF_ BO_ "VFrameFormat" ENUM "StandardCAN","ExtendedCAN","reserved","J1939PG";\nBA_ "VFrameFormat" BO_ {} 3;\n'

@@ -12,7 +12,7 @@ from bms_gateway.config import own_dbc_text
 from bms_gateway.engine import Channel, Event, Plan, StringPlan
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.database import Database
-from bms_gateway.frames.own import OWN_DBC, own_signal
+from bms_gateway.frames.own_dbc import OWN_DBC, own_signal
 from bms_gateway.thermal import Prior, StringModel
 
 CELLS = 4

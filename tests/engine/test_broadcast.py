@@ -9,7 +9,7 @@ import pytest
 
 from bms_gateway import __version__
 from bms_gateway.engine.broadcast import Broadcast, Counts, State
-from bms_gateway.engine.estimate import AVAILABLE_SD_K, Estimators
+from bms_gateway.engine.estimators import AVAILABLE_SD_K, Estimators
 from bms_gateway.engine.inputs import Inputs
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.identify import Estimate

@@ -10,7 +10,7 @@ import pytest
 from bms_gateway.bus.traffic import SECOND, Traffic, lines, steps
 from bms_gateway.engine import Channel, Engine, Estimated, Notice, Parameters, Plan, StringPlan, drive
 from bms_gateway.frames.batch import FrameBatch
-from bms_gateway.frames.own import own_signal
+from bms_gateway.frames.own_dbc import own_signal
 from bms_gateway.thermal import Prior, StringModel
 from tests.engine.packs import EPOCH_S, cut, database, text
 from tests.truth.string import C_F, TABLE_1

@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bms_gateway.engine import Notice, Parameters, estimate
+from bms_gateway.engine import Notice, Parameters
 from bms_gateway.engine.cell_voltage import CellVoltages
-from bms_gateway.engine.estimate import Estimators
+from bms_gateway.engine.estimators import Estimators
 from bms_gateway.engine.events import Level
 from bms_gateway.engine.inputs import Inputs
 from bms_gateway.health.string_health import Change, StringHealth
@@ -15,7 +15,7 @@ from bms_gateway.identify.cell_kept import numbers_kept
 from bms_gateway.identify.cell_live import CellResult
 from bms_gateway.identify.cell_prior import Layout
 from tests.engine.packs import database
-from tests.engine.test_told import commissioned
+from tests.engine.told_strings import commissioned
 
 R_E = np.array([1.0, 1.1, 1.3, 0.9]) * 4e-3
 
@@ -40,12 +40,12 @@ def accepted(monkeypatch: pytest.MonkeyPatch, *results: CellResult, known: bool 
     """Events of results one after the other, and what the health was given."""
     given = []
     plan = commissioned(0.05)
-    monkeypatch.setattr(estimate, "sentence", lambda fit: f"so it is {fit.layout.cells}")
+    monkeypatch.setattr("bms_gateway.engine.estimators.sentence", lambda fit: f"so it is {fit.layout.cells}")
     monkeypatch.setattr(
         StringHealth, "fitted", lambda _, *what: given.append(what) or [Change("cell_ageing", 1, "grown", 3)]
     )
     if not kept:
-        monkeypatch.setattr(estimate, "baseline_of", lambda _: None)
+        monkeypatch.setattr("bms_gateway.engine.estimators.baseline_of", lambda _: None)
     estimators = Estimators(plan, Inputs(plan, database()).wires)
     estimators.strings[0].cells = Fitted(plan.strings[0].model, known)
     return [estimators.accept(0, result, 7) for result in results], given

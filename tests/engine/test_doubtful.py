@@ -6,13 +6,11 @@ import cantools
 import numpy as np
 
 from bms_gateway.config import own_dbc_text
-from bms_gateway.engine import Engine, Estimated, SendFrames
-from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.quality import Quality
 from bms_gateway.thermal import Posterior
-from tests.engine.packs import database, plan, traffic
+from tests.engine.doubtful_runs import run
+from tests.engine.packs import plan
 
-S = 1_000_000_000
 WHY = ("The model does not explain the surfaces.",)
 
 
@@ -22,19 +20,6 @@ def doubted(share=0.0, why=WHY):
     first = p.strings[0]
     m = replace(first.model, posterior=Posterior(*first.model.free_numbers, 0.1, share, False, why))
     return replace(p, strings=(replace(first, model=m), p.strings[1]))
-
-
-def run(the_plan, seconds=30):
-    """Newest estimate of each tick, and all frames sent."""
-    engine = Engine(the_plan, database())
-    engine.receive(traffic(seconds), now_ns=2_000_000_000 * S)
-    found, sent = [], []
-    while (event := engine.next_output()) is not None:
-        if isinstance(event, Estimated):
-            found.append(event)
-        if isinstance(event, SendFrames):
-            sent.append(event.batch)
-    return found, FrameBatch.concat(sent)
 
 
 def test_estimates_of_a_string_that_is_not_proven_are_doubtful_and_those_beside_it_are_not():

@@ -9,7 +9,7 @@ import pytest
 from bms_gateway.engine import Cells, Channel, Engine, Estimated, Notice, Parameters, Plan, drain, drive
 from bms_gateway.engine.broadcast import STATUS_CODES
 from bms_gateway.frames.batch import FrameBatch
-from bms_gateway.frames.own import own_signal
+from bms_gateway.frames.own_dbc import own_signal
 from bms_gateway.frames.quality import Quality
 from bms_gateway.thermal import AddedEffect
 from tests.engine.packs import EPOCH_S, cut, database, plan, text, traffic

@@ -12,17 +12,14 @@ from bms_gateway.bus.virtual import VirtualPack
 from bms_gateway.engine import Cells, Engine, Estimated, Event, Notice, Parameters, SendFrames, StartJob, drain, drive
 from bms_gateway.errors import StateError
 from bms_gateway.frames.batch import FrameBatch
-from bms_gateway.frames.own import own_signal
+from bms_gateway.frames.own_dbc import own_signal
 from bms_gateway.frames.quality import Quality
 from bms_gateway.identify.window import WindowJob
+from tests.engine.engines import engine
 from tests.engine.packs import EPOCH_S, cut, database, plan, text, traffic
 from tests.truth.string import TruthString, rk4
 
 S = 1_000_000_000
-
-
-def engine(strings: int = 2) -> Engine:
-    return Engine(plan(strings), database())
 
 
 def estimates(events: list, string: str = "string_1") -> list[Cells]:

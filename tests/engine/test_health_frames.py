@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bms_gateway.engine import Engine, SendFrames, drive
-from bms_gateway.frames.own import flags_message, growth_message
+from bms_gateway.frames.own_dbc import flags_message, growth_message
 from tests.engine.packs import database, plan, traffic
 from tests.frames.payloads import OWN, parsed
 

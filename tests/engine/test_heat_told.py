@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bms_gateway.engine.conditions import of_strings
-from bms_gateway.engine.estimate import Estimators
+from bms_gateway.engine.estimators import Estimators
 from bms_gateway.engine.events import Estimated, Notice
 from bms_gateway.engine.inputs import Wire
 from bms_gateway.engine.plan import Plan, StringPlan

@@ -11,10 +11,10 @@ from bms_gateway.engine.events import Level, Notice
 from bms_gateway.engine.inputs import Inputs
 from bms_gateway.engine.reasons import REASONS
 from bms_gateway.frames.batch import FrameBatch
-from bms_gateway.frames.own import own_signal
+from bms_gateway.frames.own_dbc import own_signal
 from bms_gateway.frames.quality import Quality
+from tests.engine.input_frames import START, S, amps, frames, put, strings, ticks, volts
 from tests.engine.packs import database
-from tests.engine.test_inputs import START, S, amps, frames, put, strings, ticks, volts
 
 
 def inputs() -> Inputs:

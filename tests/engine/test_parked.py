@@ -11,11 +11,11 @@ import pytest
 from bms_gateway.bus.traffic import SECOND, Traffic, lines, steps
 from bms_gateway.engine import Channel, Engine, Notice, Plan, StringPlan, drain
 from bms_gateway.frames.batch import FrameBatch
-from bms_gateway.frames.own import own_signal
+from bms_gateway.frames.own_dbc import own_signal
 from bms_gateway.thermal import StringModel
 from tests.benchmarks.heat_case import CELLS, SENSORS, Case, make, model
 from tests.engine.packs import EPOCH_S, database
-from tests.health.test_self_discharge import AH, night
+from tests.health.nights import AH, night
 
 HEATS = Case("small", 77, seconds=11000, drive="rest", fault="heat", cell=6, size=1.0, at=4000)
 

@@ -10,13 +10,13 @@ from bms_gateway.engine import Engine, Notice, StartJob
 from bms_gateway.engine import engine as module
 from bms_gateway.engine.broadcast import Counts, State
 from bms_gateway.engine.engine import AT_ONCE_NS, CLOCK_SET_NS, GRACE_TICKS, JOB_DUE_TICKS, LATEST_NS
-from bms_gateway.engine.estimate import TickResult
+from bms_gateway.engine.estimators import TickResult
 from bms_gateway.engine.events import Decoded, Level
 from bms_gateway.errors import StateError
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.quality import Quality
 from tests.engine.packs import EPOCH_S, database, plan
-from tests.engine.test_told import said, with_channels
+from tests.engine.told_strings import said, with_channels
 
 S = 1_000_000_000
 START = EPOCH_S * S

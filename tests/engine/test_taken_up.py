@@ -8,12 +8,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bms_gateway.engine import Notice, Parameters, Plan, estimate
+from bms_gateway.engine import Notice, Parameters, Plan, estimators
 from bms_gateway.engine.backlog import Backlog
-from bms_gateway.engine.estimate import Estimators
+from bms_gateway.engine.estimators import Estimators
 from bms_gateway.engine.events import Level
 from bms_gateway.engine.readings import Layout, Readings
-from bms_gateway.engine.string import StringEstimator
+from bms_gateway.engine.string_estimator import StringEstimator
 from bms_gateway.errors import StateError
 from bms_gateway.health import HealthResult
 from bms_gateway.health.mismatch import Mismatches
@@ -22,11 +22,11 @@ from bms_gateway.identify import Estimate, VoltageTracker
 from bms_gateway.identify.cell_live import CellResult
 from bms_gateway.identify.contract import Posterior
 from bms_gateway.observe import AdaptiveObserver
-from bms_gateway.observe.effects import EffectObserver
+from bms_gateway.observe.effect_observer import EffectObserver
 from bms_gateway.thermal import Prior
 from tests.engine.packs import plan
-from tests.engine.test_side_by_side import FALLING, LATE, PLAN, START, VOLTAGE, WIRES, S, driven, readings
-from tests.engine.test_told import commissioned
+from tests.engine.strings_side_by_side import FALLING, LATE, PLAN, START, VOLTAGE, WIRES, S, driven, readings
+from tests.engine.told_strings import commissioned
 
 NAMES = [s.name for s in PLAN.strings]
 PLACES = {0: (4, 0), 1: (3, 0), 2: (4, 1), 4: (3, 1), 5: (4, 2)}  # cells of the group and place in it
@@ -153,7 +153,7 @@ def test_time_without_frames_passes_for_all(monkeypatch: pytest.MonkeyPatch, gap
     assert len(reset) == len({id(x) for x in reset}) == len(VOLTAGE) - 1  # one of them has effects
     assert all(np.isnan(s.mismatch.excess) for s in estimators.strings)
     driven(estimators, ticks[12:], 13)
-    since = 1.0 + (gap if gap is not None else estimate.RESTED_S)
+    since = 1.0 + (gap if gap is not None else estimators.RESTED_S)
     assert dts == [since] * groups + [1.0] * groups
 
 
@@ -186,7 +186,7 @@ def test_a_core_known_to_within_its_limit_is_sent_and_none_beyond(monkeypatch: p
     one = Estimators(PLAN, WIRES)
     driven(one, ticks)
     limit = float(np.nanmedian(one.newest.core_sd))
-    monkeypatch.setattr(estimate, "AVAILABLE_SD_K", limit)
+    monkeypatch.setattr("bms_gateway.engine.estimators.AVAILABLE_SD_K", limit)
     two = Estimators(PLAN, WIRES)
     driven(two, ticks)
     known = one.newest.core_sd <= limit
@@ -195,7 +195,7 @@ def test_a_core_known_to_within_its_limit_is_sent_and_none_beyond(monkeypatch: p
     for name in ("core", "core_sd", "surface", "centre", "centre_sd"):
         ours = getattr(two.newest, name)
         np.testing.assert_array_equal(ours, np.where(known, getattr(one.newest, name), nan))
-    assert ((two.newest.quality == estimate.NOT_AVAILABLE) == ~known).all()
+    assert ((two.newest.quality == estimators.NOT_AVAILABLE) == ~known).all()
 
 
 def stored(count: int = 14) -> tuple[Estimators, dict]:
@@ -255,16 +255,16 @@ def test_a_state_belongs_to_every_number_of_the_model_and_to_the_method() -> Non
     models = [m, replace(m, flow=2e-4), replace(m, priors=dear), replace(m, priors=vague), replace(m, sensors=(1, 3))]
     models += [replace(m, effects=e) for e in ((), (FALLING,), (replace(FALLING, values={"B": 1.0}), LATE))]
     models += [replace(m, effects=(replace(FALLING, sd={"B": 1.0}), LATE))]
-    sums = [estimate._fingerprint(replace(one, model=x)) for x in models]
-    sums.append(estimate._fingerprint(replace(one, model=m, identify="off")))
+    sums = [estimators._fingerprint(replace(one, model=x)) for x in models]
+    sums.append(estimators._fingerprint(replace(one, model=m, identify="off")))
     told = [commissioned(error).strings[0] for error in (0.05, 0.06)]
-    sums += [estimate._fingerprint(s) for s in told]
-    sums.append(estimate._fingerprint(replace(told[0], model=replace(told[0].model, commissioning=None))))
+    sums += [estimators._fingerprint(s) for s in told]
+    sums.append(estimators._fingerprint(replace(told[0], model=replace(told[0].model, commissioning=None))))
     assert len(set(sums)) == len(sums)
     assert all(len(x) == 16 for x in sums)
     turned = replace(m, priors=dict(reversed(m.priors.items())))
     renamed = replace(one, model=turned, name="string_9", number=9, channels=())
-    assert estimate._fingerprint(renamed) == sums[0]
+    assert estimators._fingerprint(renamed) == sums[0]
 
 
 def test_a_single_string_of_its_own_length_is_a_group() -> None:
@@ -417,7 +417,7 @@ def test_every_whole_minute_what_moves_with_each_tick_is_taken_up_and_told(done:
 
 
 def test_a_fit_of_cells_goes_to_the_observer_at_once(done: list, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(estimate, "sentence", lambda _: "so it is")
+    monkeypatch.setattr("bms_gateway.engine.estimators.sentence", lambda _: "so it is")
     estimators = Estimators(PLAN, WIRES)
     s = estimators.strings[2]
     numbers = SimpleNamespace(values={"R_e": np.ones(4)}, names=("R_e",), common=np.eye(1), own=np.zeros((4, 3, 3)))

@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from bms_gateway.engine.clock import Clock
 from bms_gateway.engine.line import Line
+from bms_gateway.engine.stamps import Clock
 from bms_gateway.frames.batch import FrameBatch
 
 S = 1_000_000_000

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from bms_gateway.engine.string import Newest
+from bms_gateway.engine.string_estimator import Newest
+from tests.engine.doubtful_runs import run
 from tests.engine.packs import plan
-from tests.engine.test_doubtful import run
 
 
 def test_what_is_not_sent_is_kept_beside_what_is():
@@ -26,7 +26,7 @@ def test_what_is_not_sent_is_kept_beside_what_is():
 def test_limits_see_every_core_however_little_is_known_of_it(monkeypatch):
     # Bug: at data-sheet priors a cell at 92 °C became unknown before it became too hot, and no alarm was raised.
     seen = []
-    monkeypatch.setattr("bms_gateway.engine.estimate.AVAILABLE_SD_K", 0.01)
+    monkeypatch.setattr("bms_gateway.engine.estimators.AVAILABLE_SD_K", 0.01)
     step = "bms_gateway.health.limits.Limits.step"
     monkeypatch.setattr(step, lambda self, now, point, sd, core, *_: seen.append((point, sd, core)))
     found, _ = run(plan(1))

@@ -116,7 +116,7 @@ def contents(out):
 
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::DeprecationWarning")
 def test_a_scheduler_that_is_not_there_is_told_in_one_line(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("bms_gateway.fleet.spread.CONNECT_S", 0.5)
+    monkeypatch.setattr("bms_gateway.fleet.pool.CONNECT_S", 0.5)
     config, made = logs(tmp_path, {"v": Scenario(seed=1, seconds=20)})
     words = ["fleet", str(made[0]), "--config", str(config), "--out", str(tmp_path / "out")]
     for address in ("tcp://127.0.0.1:1", "nonsense://x"):

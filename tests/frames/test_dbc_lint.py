@@ -11,7 +11,7 @@ from cantools.database.can import Message, Signal
 
 from bms_gateway.frames.batch import EXTENDED
 from bms_gateway.frames.database import Database
-from bms_gateway.frames.own import (
+from bms_gateway.frames.own_dbc import (
     GATEWAY_INFO,
     GATEWAY_STATUS,
     MAX_CELLS,

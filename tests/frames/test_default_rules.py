@@ -6,7 +6,7 @@ import pytest
 
 from bms_gateway.frames.database import Database
 from bms_gateway.frames.rules import Rule, default_rule
-from bms_gateway.frames.signals import SignalInfo
+from bms_gateway.frames.signal_info import SignalInfo
 
 S = 1_000_000_000
 DBC = (

@@ -9,7 +9,7 @@ from bms_gateway.frames.counter import CounterGuard
 from bms_gateway.frames.database import Database
 from bms_gateway.frames.decode import decode
 from bms_gateway.frames.encode import Encoder
-from bms_gateway.frames.own import MAX_CELLS, MAX_STRINGS, input_messages, own_signal
+from bms_gateway.frames.own_dbc import MAX_CELLS, MAX_STRINGS, input_messages, own_signal
 from bms_gateway.frames.quality import Quality
 from bms_gateway.frames.rules import default_rule
 from tests.frames.payloads import OWN, batch_of, text_of

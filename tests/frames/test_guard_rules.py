@@ -3,12 +3,10 @@
 import numpy as np
 import pytest
 
-from bms_gateway.frames.guard import Guard
 from bms_gateway.frames.quality import Quality
 from bms_gateway.frames.rules import Rule
-from tests.frames.plain_guard import PlainGuard
+from tests.frames.guard_pair import Both, S
 
-S = 1_000_000_000
 FINE = Rule("surface", 0, -40.0, 150.0, -50.0, 200.0, 5 * S, 2.5, 0.25, 4.0, needs_proof=True)
 INLET = Rule("coolant_inlet", 0, -40.0, 120.0, -60.0, 210.0, 10 * S, 10.0, 1.0)
 COARSE = Rule("surface", 1, -40.0, 150.0, -50.0, 200.0, 5 * S, 2.5, 0.25, 4.0)
@@ -16,7 +14,6 @@ CURRENT = Rule("current", 0, -500.0, 500.0, stale_after_ns=2 * S)
 RULES = (FINE, FINE, INLET, FINE, CURRENT, COARSE, COARSE, FINE)
 ALONE = (CURRENT, FINE)
 STEP = 1 / 64
-Sample = tuple[int, int, float, Quality]
 COARSE_STEP = 1 / 16  # over a twentieth of a kelvin: no proof that the signal is fine
 
 
@@ -58,38 +55,6 @@ class Sensor:
             return float(rng.choice([-40.0, 150.0])), flag
         self.at = float(np.clip(value, -40.0, 150.0))
         return self.at, flag
-
-
-class Both:
-    """The guard and the rules in words, given the same samples."""
-
-    def __init__(self, rules: tuple[Rule, ...]) -> None:
-        self.rules = rules
-        self.guard, self.plain = Guard(rules), PlainGuard(list(rules))
-
-    def judge(self, samples: list[Sample], t1_ns: int, active: bool | list[bool]) -> list[Quality]:
-        on = [active] * len(self.rules) if isinstance(active, bool) else active
-        told = self.guard.update(
-            np.array([s[0] for s in samples], np.int64),
-            np.array([s[1] for s in samples], np.intp),
-            np.array([s[2] for s in samples], np.float64),
-            np.array([s[3] for s in samples], np.uint8),
-            t1_ns,
-            active if isinstance(active, bool) else np.array(active),
-        )
-        expected = self.plain.update(samples, t1_ns, on)
-        channels = self.plain.channels
-        assert told.quality.tolist() == expected
-        np.testing.assert_array_equal(told.value, [c.value for c in channels])
-        assert told.time_ns.tolist() == [c.value_ns for c in channels]
-        assert told.channel_quality.tolist() == [self.plain.quality_at(c, t1_ns) for c in range(len(channels))]
-        assert told.rejected.tolist() == [[c.rejected.get(q, 0) for q in range(16)] for c in channels]
-        return expected
-
-    def restart(self) -> None:
-        state = self.guard.snapshot()
-        self.guard = Guard(self.rules)
-        self.guard.restore(state)
 
 
 def compare(rules: tuple[Rule, ...], steps: tuple[float, ...], seed: int, intervals: int, restart: bool) -> set[int]:

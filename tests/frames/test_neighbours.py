@@ -8,7 +8,7 @@ import pytest
 
 from bms_gateway.frames.quality import Quality
 from bms_gateway.frames.rules import Rule
-from tests.frames.test_guard_rules import Both, S
+from tests.frames.guard_pair import Both, S
 
 FINE = Rule("surface", 0, -38.5, 150.0, -38.9, 200.0, 5 * S, 2.5, 0.2, 20.0, needs_proof=True)
 REST, DRIVE = 40, 200

@@ -14,7 +14,7 @@ import pytest
 from bms_gateway.frames.database import Database
 from bms_gateway.frames.guard import SETTLED, Guard, Rule, default_rule
 from bms_gateway.frames.quality import Quality
-from tests.frames.test_guard import FINE, run
+from tests.frames.guard_runs import FINE, run
 
 S = 1_000_000_000
 HOURS = 1e4

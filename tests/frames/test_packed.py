@@ -9,11 +9,7 @@ from bms_gateway.frames.database import Database
 from bms_gateway.frames.dbc import parse
 from bms_gateway.frames.packed import pack, unpack
 from tests.frames.payloads import OWN, all_dbc, text_of
-
-
-def same(found, truth) -> bool:
-    """Alike to the order of signals, of labels, and to the bit."""
-    return repr(found) == repr(truth) and found == truth
+from tests.frames.same_messages import same
 
 
 @pytest.mark.parametrize("path", all_dbc(), ids=lambda p: p.name)

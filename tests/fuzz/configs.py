@@ -6,7 +6,7 @@ from pathlib import Path
 
 from tests.config.files import DBC, MAPPED, OWN, write
 from tests.config.hostile import ATTRIBUTES, DATA_ID, LOOP
-from tests.config.test_model_file import EXAMPLE
+from tests.config.model_texts import EXAMPLE
 from tests.fuzz.mutate import apply, random_edits
 
 FILES = ("gateway.toml", "string_1.toml", "vehicle.dbc")

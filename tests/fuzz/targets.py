@@ -24,7 +24,7 @@ from bms_gateway.frames.database import Database
 from bms_gateway.report.table import read_table
 from bms_gateway.store import StateStore
 from tests.config.files import DBC, MAPPED, write
-from tests.config.test_model_file import EXAMPLE
+from tests.config.model_texts import EXAMPLE
 from tests.engine.packs import database, plan, traffic
 
 

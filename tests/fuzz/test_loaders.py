@@ -18,6 +18,7 @@ from bms_gateway.bus.logfile import LogNotes, read_log
 from bms_gateway.cli.main import main
 from bms_gateway.errors import DataError
 from tests.fuzz.configs import lay, spoilt
+from tests.fuzz.limits import BOUND_MIB, GIB
 from tests.fuzz.mutate import KINDS, apply
 from tests.fuzz.targets import LONGEST, log, survives, targets
 
@@ -78,11 +79,6 @@ def test_check_answers_for_whatever_is_in_the_files_of_a_config(seed, tmp_path, 
         assert status in (0, 1, 2), content
         assert "error: " not in told.err or (status == 2 and told.err.count("\n") == 1), (told.err, content)
         assert len(told.err) < LONGEST
-
-
-GIB = 1 << 30
-BOUND_MIB = 400
-"""Of a whole process that reads it, numpy and python-can loaded."""
 
 
 def zeros_gz(path: Path, head: bytes, size: int, fill: bytes = b"\0") -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.fuzz.test_loaders import BOUND_MIB, GIB
+from tests.fuzz.limits import BOUND_MIB, GIB
 
 ROOT = Path(__file__).resolve().parents[2]
 HEAD = b"time_s,current_A,coolant_inlet_C"

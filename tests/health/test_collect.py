@@ -7,7 +7,7 @@ import pytest
 
 from bms_gateway.health.collect import WINDOW_S, Collector, Drive
 from bms_gateway.identify import Ticks
-from tests.health.test_string_health import tick
+from tests.health.health_ticks import tick
 
 NAN = float("nan")
 

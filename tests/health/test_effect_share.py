@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bms_gateway.health.heat.effects import EffectShare
+from bms_gateway.health.heat.effect_share import EffectShare
 from bms_gateway.observe import Measured
 from bms_gateway.thermal import AddedEffect
 from tests.observe.rig import STRING, model

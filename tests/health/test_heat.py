@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from bms_gateway.health.heat import HeatWatch
-from bms_gateway.health.heat.evidence import Evidence, Kind
+from bms_gateway.health.heat.fault_evidence import Evidence, Kind
 from bms_gateway.health.heat.filter import HeatFilter, Step
 from bms_gateway.thermal import Prior, StringModel
 from tests.benchmarks.bench_heat import follow
-from tests.benchmarks.heat_case import CELLS, SENSORS, Case, make, model, with_seeds
+from tests.benchmarks.heat_case import CELLS, LAYOUTS, SENSORS, Case, make, model, with_seeds
 
 SHORT = Case("small", 0, seconds=1800, drive="us06", at=1200)
 
@@ -38,6 +38,26 @@ def test_a_short_beside_a_sensed_cell_is_told_within_ten_minutes_at_rest() -> No
         assert alerts
         assert alerts[0][1] == "unexplained_heat"
         assert alerts[0][2] in (5, 6, 7)
+
+
+@pytest.mark.parametrize("layout", ["one cell", "one sensor", "two sensors"])
+def test_a_short_that_is_far_above_the_current_s_heat_is_told_with_few_sensors_too(layout: str) -> None:
+    # Bug: with fewer than three thermocouples, no heat was told while a current flowed, whatever its size.
+    cells, sensors, cell = LAYOUTS[layout]
+    case = replace(SHORT, fault="heat", size=5.0, cells=cells, sensors=sensors, cell=cell)
+    for told in follow(make(with_seeds(case, range(40, 44)))):
+        t, code, _ = told.alerts[0]
+        assert code == "unexplained_heat"
+        assert 0 < t - case.at <= 120
+        assert told.sick >= 0.9
+
+
+@pytest.mark.parametrize("layout", ["one cell", "one sensor", "two sensors"])
+@pytest.mark.parametrize("pack", ["small", "liquid"])
+def test_no_heat_is_told_of_sound_strings_with_few_sensors(pack: str, layout: str) -> None:
+    cells, sensors, cell = LAYOUTS[layout]
+    case = Case(pack, 0, seconds=2700, drive="us06", at=2700, cells=cells, sensors=sensors, cell=cell)
+    assert [a for x in raised(case, range(60, 64)) for a in x if a[1] == "unexplained_heat"] == []
 
 
 def test_cores_of_a_string_with_a_short_stay_inside_their_band_from_five_minutes_on() -> None:

@@ -11,8 +11,8 @@ from bms_gateway.health import HealthJob, HealthResult, StringHealth
 from bms_gateway.health.causes import current_shape
 from bms_gateway.health.trend import Kind, L, S
 from bms_gateway.health.window_fit import DriveWindow
-from bms_gateway.identify import Tick
 from bms_gateway.thermal import AddedEffect
+from tests.health.health_ticks import tick
 from tests.health.observed import unsure_of_heat
 from tests.health.strings import DAY_NS, Life, model
 
@@ -206,11 +206,6 @@ def test_a_string_is_commissioned_once_its_identifier_has_known_it_for_some_wind
     assert h.parameters.R_u[0] == pytest.approx(0.79 * np.exp(0.1))
     assert h.baseline == pytest.approx(4e-3)
     assert not StringHealth(model(), thermal=False).offer(NAMES, MEAN, cov, 4e-3, True)
-
-
-def tick(dt: float = 1.0, square: float = 3600.0, inlet: float = 20.0) -> Tick:
-    surface = np.array([25.0, np.nan, 26.0])
-    return Tick(0, dt, square, float("nan"), inlet, surface, np.zeros(3))
 
 
 def test_a_full_window_becomes_a_job_and_a_cool_one_does_not() -> None:

@@ -11,7 +11,7 @@ from bms_gateway.identify import WindowIdentifier, string_parameters
 from bms_gateway.identify.cell_kept import baseline_of, kept, numbers_kept
 from bms_gateway.identify.cell_live import CellIdentifier
 from bms_gateway.identify.cell_prior import AGED_APART, AGED_TOGETHER
-from bms_gateway.identify.cell_resistance import CellFit, CellRecord, fit_cells
+from bms_gateway.identify.resistance_by_cell import CellFit, CellRecord, fit_cells
 from bms_gateway.observe import AdaptiveObserver
 from bms_gateway.thermal import AddedEffect, Prior, StringModel
 from tests.truth.string import C_F, TABLE_1

@@ -11,7 +11,7 @@ from bms_gateway.errors import StateError
 from bms_gateway.identify import PairMeans, Tick
 from bms_gateway.identify.cell_live import MILESTONES_S, STALE_S, CellIdentifier
 from bms_gateway.identify.contract import Posterior, log_prior
-from tests.identify.test_cell_resistance import ENDS, model
+from tests.identify.cell_strings import ENDS, model
 from tests.truth.unequal import drives
 
 MINUTES = 31

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bms_gateway.identify import batch
+from bms_gateway.identify import least_squares
 from bms_gateway.identify.recursive import RecursiveIdentifier
 from bms_gateway.identify.regression import choose_root, roots, with_moving_inlet
 from tests.identify.drive import drive, measured, model, ticks
@@ -20,20 +20,20 @@ def off(cell):
 def test_discretisation_error_is_below_a_thousandth_without_noise():
     square, inlet, y, _ = measured(1, minutes=45, noise=0, amplitude=0, start=25.0)
     inlet[:] = 25.0
-    theta, _ = batch.solve(square, y[:, 0], inlet)
+    theta, _ = least_squares.solve(square, y[:, 0], inlet)
     assert off(choose_root(roots(*theta, C_c, C_s), 1.2, 0.7)) < 1e-3
 
 
 def test_moving_inlet_needs_no_choice_of_root_and_no_equal_start():
     square, inlet, y, _ = measured(2, minutes=45, noise=0, start=33.0)
-    theta, _ = batch.solve(square, y[:, 0], inlet, moving_inlet=True, transient=True)
+    theta, _ = least_squares.solve(square, y[:, 0], inlet, moving_inlet=True, transient=True)
     assert off(with_moving_inlet(*theta[:4], C_c + C_s)) < 1e-3
 
 
 def test_a_wrong_start_is_absorbed_by_the_impulse_response_only():
     square, inlet, y, _ = measured(2, minutes=20, noise=0, amplitude=0, start=(45.0, 35.0))
-    with_it, _ = batch.solve(square, y[:, 0], inlet, transient=True)
-    without, _ = batch.solve(square, y[:, 0], inlet)
+    with_it, _ = least_squares.solve(square, y[:, 0], inlet, transient=True)
+    without, _ = least_squares.solve(square, y[:, 0], inlet)
     assert off(choose_root(roots(*with_it[:3], C_c, C_s), 1.2, 0.7)) < 2e-3
     assert np.abs(without[:3] / with_it[:3] - 1).max() > 0.01
     rate = (-(35.0 - inlet[0]) / 0.79 + 10.0 / 1.266) / C_s
@@ -75,7 +75,7 @@ def test_noise_in_the_regressors_biases_and_then_folds_least_squares():
     # Kept as a warning: this is why the windowed method exists.
     def fit(noise, seed):
         square, inlet, y, _ = measured(seed, minutes=89, noise=noise, amplitude=0)
-        theta, _ = batch.solve(square, y[:, 0], inlet, transient=True)
+        theta, _ = least_squares.solve(square, y[:, 0], inlet, transient=True)
         return choose_root(roots(*theta[:3], C_c, C_s), 1.2, 0.7)
 
     assert all(off(fit(0.02, seed)) < 0.02 for seed in (4, 5, 6))

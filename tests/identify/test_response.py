@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from bms_gateway.identify.evidence import Evidence
-from bms_gateway.identify.lumped import alias, fold_distance, fold_gradient, lumped, lumped_jacobian
+from bms_gateway.identify.identifiable import alias, fold_distance, fold_gradient, lumped, lumped_jacobian
 from bms_gateway.identify.response import Inputs, respond
+from bms_gateway.identify.window_evidence import Evidence
 from bms_gateway.thermal import StringParameters
 from tests.truth.cycle import repeated
 from tests.truth.string import C_F, TABLE_1, TruthString, rk4, wavy_inlet

@@ -7,8 +7,8 @@ import pytest
 
 from bms_gateway.observe import AdaptiveObserver
 from bms_gateway.observe.ahead import AT_ENDS, CENTRE, CORE, HORIZONS_S, PATH_S, SURFACE
+from bms_gateway.observe.forecast_start import Coming, Profile
 from bms_gateway.observe.outlook import Outlook
-from bms_gateway.observe.standing import Coming, Profile
 from tests.observe.rig import Drive, follow, model, truth, wander
 
 CELLS, NOW, LOAD = 4, 900, 90.0

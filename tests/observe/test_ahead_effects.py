@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from bms_gateway.observe.ahead import CENTRE, CORE, PATH_S, SURFACE
-from bms_gateway.observe.effects import EffectObserver
+from bms_gateway.observe.effect_observer import EffectObserver
+from bms_gateway.observe.forecast_start import Coming, Profile
 from bms_gateway.observe.measured import Measured
 from bms_gateway.observe.outlook_effects import EffectOutlook
-from bms_gateway.observe.standing import Coming, Profile
 from bms_gateway.thermal import AddedEffect, Prior, StringModel
 from tests.truth.string import TABLE_1, TruthString, rk4
 

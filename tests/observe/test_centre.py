@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bms_gateway.observe import AdaptiveObserver
-from bms_gateway.observe.effects import EffectObserver
+from bms_gateway.observe.cell_scatter import between_cells, of_centre, weights
+from bms_gateway.observe.effect_observer import EffectObserver
 from bms_gateway.observe.measured import Measured
-from bms_gateway.observe.spread import between_cells, of_centre, weights
 from bms_gateway.thermal import AddedEffect, Share
 from tests.observe.rig import Drive, follow, model, stacked, truth
 from tests.thermal.cylinder import cylinder

@@ -9,7 +9,7 @@ import pytest
 
 from bms_gateway.errors import StateError
 from bms_gateway.observe import AdaptiveObserver, Measured
-from bms_gateway.observe.effects import EffectObserver
+from bms_gateway.observe.effect_observer import EffectObserver
 from bms_gateway.thermal import AddedEffect
 from bms_gateway.thermal.effects import catalogue
 from tests.observe.rig import Drive, follow, model, stacked, truth, wander

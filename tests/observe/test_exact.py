@@ -7,7 +7,7 @@ import pytest
 
 from bms_gateway.observe import PARAMETERS, AdaptiveObserver, Disturbance, Kalman, Start, stack, start_covariance
 from bms_gateway.observe.blocks import BLOCK
-from bms_gateway.observe.pace import due, steps_left
+from bms_gateway.observe.covariance_steps import due, steps_left
 from bms_gateway.observe.sensitivity import Flows, carried, corrected
 from tests.observe.rig import Drive, follow, model, stacked, truth, wander
 

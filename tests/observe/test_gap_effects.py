@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bms_gateway.observe import Measured
-from bms_gateway.observe.effects import EffectObserver
+from bms_gateway.observe.effect_observer import EffectObserver
 from bms_gateway.thermal import AddedEffect
 from tests.observe.rig import model, truth
 from tests.truth.string import C_F, TABLE_1, rk4

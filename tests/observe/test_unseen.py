@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from bms_gateway.errors import StateError
 from bms_gateway.observe import AdaptiveObserver, Disturbance, Measured
-from bms_gateway.observe.effects import EffectObserver
+from bms_gateway.observe.effect_observer import EffectObserver
 from bms_gateway.observe.unseen import FULL, Usual
 from bms_gateway.thermal import AddedEffect
 from tests.observe.rig import model, truth

@@ -6,9 +6,9 @@ from bms_gateway.cli.main import main
 from bms_gateway.errors import DataError
 from bms_gateway.records import read
 from bms_gateway.workbench import bench
-from tests.cli.test_measurements import MODEL, encoded, table
+from tests.cli.measured_tables import MODEL, encoded, table
 from tests.config.files import OWN, write
-from tests.config.test_model_file import EXAMPLE
+from tests.config.model_texts import EXAMPLE
 
 SECONDS = 100
 

@@ -11,10 +11,10 @@ from bms_gateway.cli.main import main
 from bms_gateway.config import load_config
 from bms_gateway.config.model_file import read_model
 from bms_gateway.engine import Decoded, Engine
-from bms_gateway.engine.drive import drive
+from bms_gateway.engine.driver import drive
 from bms_gateway.records import read
-from tests.acceptance.test_race_car import LOGS
-from tests.cli.test_measurements import MODEL, encoded, table
+from tests.acceptance.race_logs import LOGS
+from tests.cli.measured_tables import MODEL, encoded, table
 from tests.config.files import OWN, write
 from tests.config.race_car import write_race_car
 from tests.data import need
@@ -48,19 +48,19 @@ def used(log: Path, config: Path, model, name: str, monkeypatch) -> set[Sample]:
     found: set[Sample] = set()
     make = read.make_record
 
-    def noted(**given):
-        columns = {("current", None): given["current_A"], ("coolant_inlet", None): given["coolant_inlet_C"]}
-        columns |= {("voltage", None): given["voltage_V"], ("soc", None): given["soc"]}
-        columns |= {("coolant_flow", None): given["coolant_flow_m3_s"]}
-        columns |= {("surface", k): x for k, x in given["surface_C"].items()}
+    def noted(given, *more, **how):
+        columns = {("current", None): given.current_A, ("coolant_inlet", None): given.coolant_inlet_C}
+        columns |= {("voltage", None): given.voltage_V, ("soc", None): given.soc}
+        columns |= {("coolant_flow", None): given.coolant_flow_m3_s}
+        columns |= {("surface", k): x for k, x in given.surface_C.items()}
         for place, values in columns.items():
             if values is not None:
                 found.update(
                     (round(t, 6), *place, v)
-                    for t, v in zip(given["time_s"].tolist(), values.tolist(), strict=True)
+                    for t, v in zip(given.time_s.tolist(), values.tolist(), strict=True)
                     if v == v
                 )
-        return make(**given)
+        return make(given, *more, **how)
 
     monkeypatch.setattr(read, "make_record", noted)
     read.read_measurements([log], model=model, config=config, string=name)

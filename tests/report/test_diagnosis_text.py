@@ -4,11 +4,11 @@ import json
 
 import pytest
 
-from bms_gateway.diagnose.candidates import Candidate
-from bms_gateway.diagnose.checks import Finding
-from bms_gateway.diagnose.diagnosis import Diagnosis, Errors, Number, Selected
-from bms_gateway.diagnose.residuals import Structure
-from bms_gateway.diagnose.standing import Standing
+from bms_gateway.diagnosis.candidates import Candidate
+from bms_gateway.diagnosis.checks import Finding
+from bms_gateway.diagnosis.diagnosis import Diagnosis, Errors, Number, Selected
+from bms_gateway.diagnosis.ranking import Standing
+from bms_gateway.diagnosis.residuals import Structure
 from bms_gateway.report.diagnosis_text import Told, diagnosis_document, diagnosis_text, with_sd
 from bms_gateway.thermal.effects import effect_named
 

@@ -58,7 +58,7 @@ def test_encodings_read_alike(tmp_path, codec):
 
 @pytest.mark.parametrize("codec", ["utf-16", "cp1252"])
 def test_an_encoding_survives_how_a_file_is_cut(tmp_path, codec, monkeypatch):
-    monkeypatch.setattr("bms_gateway.report.rows.CHUNK", 33)
+    monkeypatch.setattr("bms_gateway.report.file_rows.CHUNK", 33)
     content = text(names=("time_s", "current_A", "coolant_inlet_C", "soc", "surface 1 (°C)"))
     reads_alike(read_table(put(tmp_path, content, codec)))
 

@@ -14,16 +14,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bms_gateway.config.model_file import parse_model
-from bms_gateway.diagnose.adding import Addition
-from bms_gateway.diagnose.calibrate import channel_errors
-from bms_gateway.diagnose.checks import Finding, check_record
-from bms_gateway.diagnose.compare import compare
-from bms_gateway.diagnose.diagnosis import diagnose, errors
-from bms_gateway.diagnose.judge import Settings
-from bms_gateway.diagnose.latent import latent
-from bms_gateway.diagnose.record import HELD_OUT, make_record
-from bms_gateway.diagnose.residuals import rmse
-from bms_gateway.diagnose.standing import ranking
+from bms_gateway.diagnosis.adding import Addition
+from bms_gateway.diagnosis.calibrate import channel_errors
+from bms_gateway.diagnosis.checks import Finding, check_record
+from bms_gateway.diagnosis.compare import compare
+from bms_gateway.diagnosis.diagnosis import diagnose, errors
+from bms_gateway.diagnosis.latent import latent
+from bms_gateway.diagnosis.ranking import ranking
+from bms_gateway.diagnosis.record import HELD_OUT, make_record
+from bms_gateway.diagnosis.record_inputs import Columns
+from bms_gateway.diagnosis.residuals import rmse
+from bms_gateway.diagnosis.weighing import Settings
 from bms_gateway.errors import MissingExtraError, UsageError
 from bms_gateway.identify.problem import Problem
 from bms_gateway.report.add_text import AddReport, Side, headline
@@ -32,7 +33,7 @@ from bms_gateway.report.html import Aside, write_addition, write_comparison, wri
 from bms_gateway.report.html_figures import HEATS, STYLES
 from bms_gateway.report.html_series import ALL_POINTS, broken, envelope, points_each, smooth
 from bms_gateway.report.page import amount
-from tests.diagnose.decided import by_second
+from tests.diagnosis.decided import by_second
 from tests.truth.hidden import Scenario, make_log
 
 pytest.importorskip("plotly")
@@ -97,14 +98,16 @@ def measured_log():
     )
     model, t = parse_model(log.model), log.table
     record = make_record(
-        time_s=t["time_s"],
-        current_A=t["current_A"],
-        coolant_inlet_C=t["coolant_inlet_C"],
-        soc=t["soc"],
-        surface_C={k: t[f"surface_{k}_C"] for k in model.sensors},
-        core_C={3: log.core[: len(t["time_s"]), 2]},
-        model=model,
-        source="bench <1>.csv",
+        Columns(
+            time_s=t["time_s"],
+            current_A=t["current_A"],
+            coolant_inlet_C=t["coolant_inlet_C"],
+            soc=t["soc"],
+            surface_C={k: t[f"surface_{k}_C"] for k in model.sensors},
+            core_C={3: log.core[: len(t["time_s"]), 2]},
+            source="bench <1>.csv",
+        ),
+        model,
     )
     return model, record
 

@@ -214,7 +214,7 @@ def test_how_a_file_is_cut_into_pieces_changes_nothing(tmp_path, monkeypatch, ch
     file = tmp_path / "t.csv"
     file.write_bytes(ending.join(["\ufefftime_s,current_A,coolant_inlet_C,\u00e4", *rows]).encode())
     whole = read_table(file)
-    monkeypatch.setattr("bms_gateway.report.rows.CHUNK", chunk)
+    monkeypatch.setattr("bms_gateway.report.file_rows.CHUNK", chunk)
     cut = read_table(file)
     assert len(whole) == 200
     assert whole.place(199) == "line 204"
@@ -224,7 +224,7 @@ def test_how_a_file_is_cut_into_pieces_changes_nothing(tmp_path, monkeypatch, ch
 
 
 def test_a_fault_is_found_wherever_a_file_is_cut(tmp_path, monkeypatch):
-    monkeypatch.setattr("bms_gateway.report.rows.CHUNK", 20)
+    monkeypatch.setattr("bms_gateway.report.file_rows.CHUNK", 20)
     rows = [f"{k},1,25" for k in range(40)]
     for at, row, says in (
         (20, "19,1,25", "line 22: time_s stands still"),

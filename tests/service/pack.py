@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from bms_gateway.bus.memory import MemoryBus
+from bms_gateway.bus.in_process import MemoryBus
 from bms_gateway.engine import Engine
 from bms_gateway.frames.batch import FrameBatch
-from bms_gateway.frames.own import input_messages
+from bms_gateway.frames.own_dbc import input_messages
 from bms_gateway.health.alerts import AlertSettings
 from bms_gateway.service.live import Gateway
 from bms_gateway.service.watch import Watch

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from bms_gateway.bus.memory import MemoryBus
+from bms_gateway.bus.in_process import MemoryBus
 from bms_gateway.config import load_config, shipped
 from bms_gateway.engine import Engine
 from bms_gateway.errors import ConfigError, MissingExtraError

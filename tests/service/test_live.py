@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bms_gateway.bus.canframe import from_wire
-from bms_gateway.bus.memory import MemoryBus
+from bms_gateway.bus.in_process import MemoryBus
 from bms_gateway.bus.port import Link
 from bms_gateway.bus.socketcan import SocketCanPort
 from bms_gateway.engine.events import SendFrames

@@ -20,7 +20,7 @@ from bms_gateway.service.reread import reread
 from tests.benchmarks.bench_start import SERVICE
 from tests.config.files import DBC, MAPPED, write
 from tests.config.hostile import HOSTILE, SLOW
-from tests.config.test_model_file import EXAMPLE
+from tests.config.model_texts import EXAMPLE
 
 ROOT = Path(__file__).resolve().parents[2]
 PATIENCE_S = 60.0

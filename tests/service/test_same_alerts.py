@@ -5,12 +5,12 @@ import json
 import numpy as np
 import pytest
 
+from bms_gateway.bus.in_process import MemoryBus
 from bms_gateway.bus.logfile import read_log, write_log
-from bms_gateway.bus.memory import MemoryBus
 from bms_gateway.cli.main import main
 from bms_gateway.config import load_config, shipped
 from bms_gateway.frames.batch import FrameBatch
-from bms_gateway.frames.own import input_messages
+from bms_gateway.frames.own_dbc import input_messages
 from bms_gateway.service.live import Gateway
 from bms_gateway.service.watch import Watch
 

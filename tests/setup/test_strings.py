@@ -4,15 +4,8 @@ import pytest
 
 from bms_gateway.cli.main import main
 from bms_gateway.config.load import load_config
-from bms_gateway.setup.proposal import Proposal
-from bms_gateway.setup.propose import propose
-from bms_gateway.setup.traffic import read_traffic
-from tests.setup.vehicles import Vehicle, parallel, write
-
-
-def proposed(vehicle: Vehicle, folder) -> Proposal:
-    log, dbc = write(vehicle, folder)
-    return propose(read_traffic([log], [dbc]))
+from tests.setup.proposals import proposed
+from tests.setup.vehicles import parallel, write
 
 
 @pytest.mark.parametrize(

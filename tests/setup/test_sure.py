@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from bms_gateway.cli.main import main
-from bms_gateway.setup.charge import sign_by_charge
+from bms_gateway.setup.find_charge import sign_by_charge
 from bms_gateway.setup.propose import propose
-from bms_gateway.setup.traffic import read_traffic
-from tests.setup.test_strings import proposed
+from bms_gateway.setup.vehicle_logs import read_traffic
+from tests.setup.proposals import proposed
 from tests.setup.vehicles import SECONDS, drive, plain, write
 
 SOC = '\nBO_ 900 State: 8 B\n SG_ BatterySOC : 0|16@1+ (0.01,0) [0|100] "%" B'

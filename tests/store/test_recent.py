@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from bms_gateway.engine import Decoded, Engine
 from bms_gateway.errors import DataError, StateError
-from bms_gateway.records.recent import write_recent
+from bms_gateway.records.recent_signals import write_recent
 from bms_gateway.store.recent import Recent, read_recent
 from bms_gateway.store.rows import excerpt
 from tests.engine.packs import database, plan

@@ -10,6 +10,7 @@ from bms_gateway.thermal import effects
 from bms_gateway.thermal.effects import Effect, EffectParameter, catalogue, effect_named
 from bms_gateway.thermal.physics import Physics
 from tests.thermal.balances import drive, model, place, states, values
+from tests.thermal.effect_fields import FIELDS
 
 # name: (node, place, plausibility), then each parameter as (shown unit, prior, sd, lower, upper), in that unit
 INF_A = 1e5
@@ -180,9 +181,6 @@ def test_one_interval_or_many_at_once_are_the_same(name, N, cells):
         here = {key: m[k : k + 1] for key, m in memory.items()}
         assert np.allclose(own.rates(X[k : k + 1], one, v, here)[0], rates[k], rtol=1e-13, atol=1e-13)
         assert np.allclose(own.readings(X[k : k + 1], one, v, here)[0], readings[k], rtol=1e-13, atol=1e-13)
-
-
-FIELDS = ("I", "I2", "I_abs", "T_in", "flow", "soc", "V", "IV", "hours")
 
 
 @pytest.mark.parametrize("name", CONTRACT)

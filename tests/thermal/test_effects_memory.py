@@ -14,7 +14,7 @@ from bms_gateway.thermal.effects import effect_named
 from bms_gateway.thermal.effects.laws import FEW, lag
 from bms_gateway.thermal.physics import Physics
 from tests.thermal.balances import VALUES, drive, model
-from tests.thermal.test_effects import FIELDS
+from tests.thermal.effect_fields import FIELDS
 
 
 def stretch(u, first, last):

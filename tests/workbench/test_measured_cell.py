@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bms_gateway.cli.main import main
-from tests.cli.test_road_measured import MODEL
+from tests.cli.measured_model import MODEL
 from tests.data import need
 from tests.workbench.conftest import served
 

@@ -24,7 +24,7 @@ from bms_gateway.workbench.desk import Desk
 from bms_gateway.workbench.site import Site, wanted_files
 from bms_gateway.workbench.uploads import PREFIX, Uploads, safe_name, sweep
 from tests.config.files import MAPPED, write
-from tests.config.test_model_file import EXAMPLE
+from tests.config.model_texts import EXAMPLE
 from tests.workbench.test_desk import done
 from tests.workbench.test_doors import ask, serving
 

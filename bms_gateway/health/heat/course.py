@@ -6,9 +6,9 @@ from math import exp
 
 import numpy as np
 
+from bms_gateway.health.heat.balances import MOST_LOSS
 from bms_gateway.health.heat.filter import HeatFilter
 from bms_gateway.health.heat.layout import Bools, Ints
-from bms_gateway.health.heat.physics import MOST_LOSS
 from bms_gateway.thermal import Floats
 
 LEAP_K, LEAP_S, SOUND_INLET = 1.0, 900.0, -6.0

@@ -2,7 +2,7 @@
 
 It runs on a grid of some seconds: what heat of a cell's own does takes minutes. Beyond the temperatures it carries what
 is common to all cells and what cells and thermocouples differ by (`layout`), each with the size that it has in sound
-packs. What it is surprised by is judged elsewhere (`evidence`), against a list of faults.
+packs. What it is surprised by is judged elsewhere (`fault_evidence`), against a list of faults.
 
 The method of Lin et al., Eq 18 (string) under a Kalman filter; the numbers beside the temperatures are ours.
 """
@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bms_gateway.health.heat.layout import Bools, Layout
-from bms_gateway.health.heat.physics import Balances, coupling
+from bms_gateway.health.heat.balances import LEAST_LOSS, MOST_LOSS, Balances, coupling
+from bms_gateway.health.heat.layout import COMMON, Bools, Layout
 from bms_gateway.thermal import Floats, Start, StringModel, StringParameters, start_spread
 
 HOUR_S = 3600.0
@@ -33,6 +33,8 @@ BIAS_SD, BIAS_WALK = 0.3, 0.1
 OWN_SD, OWN_FIRST, OWN_S = 0.03, 0.12, 12 * HOUR_S
 """ln: by so much are cells of one string unlike, in heat and in R_u, or come to be; and places of a
 thermocouple that nobody has seen yet."""
+MOST_OWN = 0.5
+"""Share by which a cell's own film differs at most: beyond, a step of the grid would not be stable."""
 HEAT_RATE, HEAT_S = 1e-4, HOUR_S
 """K/s of a cell's own heat capacity: what no model has, always there. Faults are far above."""
 OPEN_RATE, OPEN_S = 1e-2, 1200.0
@@ -118,6 +120,8 @@ class HeatFilter:
         Cells with a fault that heats.
     flows : ndarray (S,)
         Coolant flow, over nominal.
+    before : ndarray (S, 5)
+        What is common to all cells, as it was before the last step.
     """
 
     def __init__(self, models: Sequence[StringModel], dt: float) -> None:
@@ -134,6 +138,7 @@ class HeatFilter:
         sd[:, at.inlet], sd[:, at.entropy] = INLET_SD, ENTROPY_SD
         known = [np.hypot(m.priors["R_c"].rel_sd, m.tolerances["cell_R_c"]) for m in models]
         self.gap_sd = np.maximum(LEAST_GAP_SD, np.array(known))
+        self.beside_sd = np.array([m.priors["R_cc"].rel_sd if m.cells > 1 else 0.0 for m in models])
         self.alone = np.array([len(m.sensors) < REFERENCE for m in models])
         sd[:, at.brisk] = np.where(self.alone, BRISK_ALONE_SD, BRISK_SD)
         row = np.arange(S)[:, None]
@@ -154,6 +159,7 @@ class HeatFilter:
         self.open: Bools = np.zeros((S, at.near), np.bool_)
         self._open_sd = np.zeros((S, at.near))
         self.running: Bools = np.zeros(S, np.bool_)
+        self.before: Floats = np.zeros((S, COMMON))
         for s in range(S):
             self._forget(s)
 
@@ -214,6 +220,7 @@ class HeatFilter:
         """Advance one step and take its readings in."""
         at, b, z = self.at, self.balances, self.z
         N = at.nodes
+        self.before = z[:, at.common].copy()
         T_s = z[:, 1:N:2]
         # an offset of the inlet as it has been: what a loss of cooling first passes for would hide its own lever
         self._usual_inlet += (z[:, at.inlet] - self._usual_inlet) * (self.dt / INLET_S)
@@ -236,8 +243,15 @@ class HeatFilter:
         S[:, k, k] += np.where(there, m.R, DEAF)
         S_inv = np.linalg.inv(S)
         K = np.matmul(PHt, S_inv)
+        # a lone thermocouple cannot tell a cell's heat from what else changes meanwhile: nothing else does
+        held = np.flatnonzero(self.alone & self.open.any(axis=1))
+        K[held, at.common] = 0.0
         self.z = z1 + np.matmul(K, nu[:, :, None])[:, :, 0]
-        P -= np.matmul(K, PHt.transpose(0, 2, 1))
+        self.z[:, at.flow] = np.clip(self.z[:, at.flow], LEAST_LOSS, MOST_LOSS)
+        self.z[:, at.own_flow] = np.clip(self.z[:, at.own_flow], -MOST_OWN, MOST_OWN)
+        less = np.matmul(K, PHt.transpose(0, 2, 1))
+        less[held, at.common] = less[held, :, at.common].transpose(0, 2, 1)  # Schmidt's filter: as uncertain as before
+        P -= less
         self.P = (P + P.transpose(0, 2, 1)) / 2.0
         coolant = b.coolant(z1[:, 1:N:2], m.inlet1 + z1[:, at.inlet])[row, at.sensors]
         return Linear(G, K, S_inv, nu, coolant, after, rate)
@@ -272,7 +286,8 @@ class HeatFilter:
     def open_heat(self, s: int, k: int, watts: float) -> None:
         """Let cell number `k` of those told of heat by itself from now on."""
         self.open[s, k] = True
-        self._open_sd[s, k] = max(OPEN_RATE * self.C[s, k], 0.5 * abs(watts))
+        held = abs(float(self.z[s, self.at.heat.start + k]))  # where it may sit in several cells, each has its own
+        self._open_sd[s, k] = max(OPEN_RATE * self.C[s, k], 0.5 * abs(watts), 0.5 * held)
 
     def close_heat(self, s: int, k: int) -> None:
         """Let cell number `k` be sound again."""

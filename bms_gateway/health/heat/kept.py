@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from bms_gateway.health.heat.evidence import Kind
+from bms_gateway.health.heat.fault_evidence import Kind
 from bms_gateway.health.heat.filter import HeatFilter
 from bms_gateway.health.heat.verdict import Finding, Verdict
 from bms_gateway.thermal import Floats

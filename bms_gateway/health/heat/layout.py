@@ -98,9 +98,14 @@ class Layout:
         return self.nodes + 4
 
     @property
+    def common(self) -> slice:
+        """Places of what is common to all cells."""
+        return slice(self.nodes, self.nodes + COMMON)
+
+    @property
     def bias(self) -> slice:
         """Places of b_j."""
-        return slice(self.nodes + COMMON, self.nodes + COMMON + self.sensed)
+        return slice(self.common.stop, self.common.stop + self.sensed)
 
     @property
     def heat(self) -> slice:
@@ -116,6 +121,12 @@ class Layout:
     def own_flow(self) -> slice:
         """Places of the cells' own u."""
         return slice(self.own_load.stop, self.own_load.stop + self.near)
+
+    def nearest(self) -> Ints:
+        """For each cell (S, n) the cell with the nearest thermocouple, 0-based."""
+        apart = np.abs(np.arange(self.cells)[:, None] - self.sensors[:, None, :])
+        apart = np.where(self.fitted[:, None, :], apart, self.cells)
+        return np.take_along_axis(self.sensors, apart.argmin(axis=2), axis=1)
 
     def readings(self) -> Floats:
         """Which numbers a thermocouple reads: H (S, m, N), its cell's surface and its own offset."""

@@ -19,10 +19,10 @@ from bms_gateway.health.heat.course import (
     SOUND_INLET,
     Course,
 )
-from bms_gateway.health.heat.evidence import ONSETS, Evidence, Kind, Weighed
+from bms_gateway.health.heat.fault_evidence import ONSETS, Evidence, Kind, Weighed
 from bms_gateway.health.heat.filter import HeatFilter
 from bms_gateway.health.heat.layout import Bools
-from bms_gateway.health.heat.words import sentence
+from bms_gateway.health.heat.sentences import sentence
 from bms_gateway.thermal import Floats
 
 SURE = 14.0
@@ -37,16 +37,24 @@ WAIT_S = 180.0
 UNTOLD = 3.0
 """ln: a cell that warmed in a sleep looks like a thermocouple that jumped; heat, the worse of the two, is told
 unless it is by so much less likely."""
+LIKE_HEAT, MOST_STOPPED, RARER = 1.5, 0.85, 4.0
+"""A lone thermocouple reads much the same of heat and of films that are lost. Fans and pumps stop more often than cells
+short: heat is rarer by so much (ln) unless its evidence is so many times that of films. A fan that stands takes no more
+than the second share."""
 ALIKE = 1.0
 """ln: onsets between which evidence does not choose."""
 HOLD_S, HOLD_COMMON_S = 20.0, 60.0
 """One step's surprise is no fault: what is told has been the likeliest for as long."""
 USUAL = {Kind.FLOW: 4.0, Kind.INLET: 0.0, Kind.LOAD: 2.0, Kind.SLOPE: -2.0, Kind.LAG: 3.0}
 """ln of how much more often this changes in sound packs than a fault comes."""
-LEAST_RATE, LEAST_SHARE = 1e-3, 0.1
-"""Heat below this rate of the cell's capacity, K/s, or share of the heat by its current, is no fault. Where no other
-cells tell what the current makes, or nobody measures the coolant, only heat at rest is one: a cell that is nearly empty
-or cold, or cooled otherwise than its neighbours, seems to make several times its usual heat."""
+LEAST_RATE, LEAST_SHARE, ALONE_SHARE = 1e-3, 0.1, 3.0
+"""Heat below this rate of the cell's capacity, K/s, or share of the heat by its current, is no fault. The last share
+holds where no other cells tell what the current makes: a cell that is nearly empty or cold seems to make several times
+its usual heat. Where nobody measures the coolant, only heat at rest is a fault: cooling that is switched looks like
+heat."""
+SIZE_SD = 0.2
+"""Of new heat, relative: its first half minute shows how fast heat reaches the surface, by C_s and R_c, as much as how
+much it is."""
 GROUP, TEMPERED = 2, 8.0
 """Heat in a cell may sit in one so far away that shares a sensor with it; and by what evidence between these counts."""
 LEAST_JUMP, BACK_JUMP = 0.7, 0.4
@@ -84,7 +92,7 @@ class Finding:
     since_ns : int
     text : str
     heat, heat_sd : float
-        W; NaN but for heat.
+        W, of all cells in which it may sit; NaN but for heat.
     sure : float
         Share of the evidence that this cause had when it was told.
     """
@@ -168,6 +176,11 @@ class Verdict:
     def _weighed(self, each: Floats, w: Weighed, now_ns: int) -> list[Finding]:
         kinds, place = self.evidence.kinds, self.evidence.place
         E = each + self.usual()
+        if self.of.alone[self.s]:
+            heat, flow = kinds == Kind.HEAT, int(np.flatnonzero(kinds == Kind.FLOW)[0])
+            lost = float(w.amplitude[self.s, w.ln[self.s, :, flow].argmax(), flow])
+            if 0.0 < lost < MOST_STOPPED and E[heat].max() < LIKE_HEAT * E[flow]:
+                E[heat] = np.minimum(E[heat], E[flow] - RARER)
         best = int(E.argmax())
         kind, j = Kind(int(kinds[best])), int(place[best])
         if each[best] < ENOUGH.get(kind, SURE):
@@ -247,9 +260,11 @@ class Verdict:
         s, f, place = self.s, self.of, new.place
         cell = int(f.at.told[s, place])
         load, rest = float(self.course.load[s, cell]), LEAST_RATE * float(f.C[s, place])
-        vague = f.alone[s] or self.course.constant_inlet[s]
-        if new.size < max(rest, LEAST_SHARE * load) or (vague and load > rest):
+        unsure = self.course.constant_inlet[s] or (f.alone[s] and f.z[s, f.at.load] < -1.0)  # a model that needs cold
+        if new.size < max(rest, (ALONE_SHARE if f.alone[s] else LEAST_SHARE) * load) or (unsure and load > rest):
             return False
+        if float(f.z[s, f.at.heat.start + np.array(new.places)].max()) <= 0.0:
+            return False  # what the numbers make of it is cold
         for j in new.places:
             f.open_heat(s, j, new.size)
         new.code, new.cell, new.level = "unexplained_heat", cell + 1, 2
@@ -306,6 +321,10 @@ class Verdict:
         off = moves - mean
         f.z[s] += mean
         f.P[s] += (off.T * chance) @ off + (along.T * (chance * var)) @ along
+        h = f.at.heat.start + e.place[group]
+        f.P[s, h, h] += chance * np.square(SIZE_SD * amplitude)
+        if f.alone[s]:  # nothing else has changed, however far a lone thermocouple took it
+            f.z[s, f.at.common] = e.before(s, int(w.ln[s, :, fault].argmax()))
         return tuple(int(e.place[j]) for j, c in zip(group, chance.tolist(), strict=True) if c > 0.02)
 
     def _others(self, share: Floats, kind: Kind, place: int) -> tuple[tuple[str, float], ...]:
@@ -437,8 +456,8 @@ class Verdict:
         elif g.kind is Kind.LOAD:
             g.size = min(g.size, max(0.0, 1.0 + float(f.z[s, at.load])))
         elif g.kind is Kind.HEAT:
-            h = at.heat.start + g.place
-            g.heat, g.heat_sd = float(f.z[s, h]), sqrt(float(f.P[s, h, h]))
+            h = at.heat.start + np.array(g.places)  # a sensor tells their sum better than where it sits
+            g.heat, g.heat_sd = float(f.z[s, h].sum()), sqrt(max(0.0, float(f.P[s][np.ix_(h, h)].sum())))
         g.text = sentence(g, at.cells, now_ns)
 
 

@@ -1,9 +1,9 @@
 """What people know of a cell (format, mass, data sheet, how it is cooled), and the parameters that follow from it."""
 
+from bms_gateway.thermal.cells.cell_in_words import cell_of
 from bms_gateway.thermal.cells.facts import CellFacts, Chemistry, Cooling, Shape
 from bms_gateway.thermal.cells.priors import Stated, cell_priors, stated_parameters
 from bms_gateway.thermal.cells.published import FORMATS, PUBLISHED
-from bms_gateway.thermal.cells.words import cell_of
 
 __all__ = [
     "FORMATS",

@@ -1,0 +1,362 @@
+"""Adding effects to a model: which are meant, what a refit makes of them, and whether they may stay.
+
+What `diagnose` finds, and what it cannot tell from that, may be added. Anything else is fitted on its own and told why
+not: an effect that lowers the error of a surface can still take the core the wrong way.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from bms_gateway.diagnosis.adding_bench import all_used, fit_with, named_by
+from bms_gateway.diagnosis.calibrate import UNTOLD, seen_on
+from bms_gateway.diagnosis.candidates import INSTEAD, Candidate, candidates, excluded, places
+from bms_gateway.diagnosis.core_band import posterior
+from bms_gateway.diagnosis.core_known import KnownCore, judged_model, known_core
+from bms_gateway.diagnosis.diagnosis import Diagnosis, diagnose
+from bms_gateway.diagnosis.error_words import falls, why_not
+from bms_gateway.diagnosis.record import Record
+from bms_gateway.diagnosis.residuals import rmse, structure
+from bms_gateway.diagnosis.screen import screen
+from bms_gateway.diagnosis.search import Progress, refit, refit_from_nominal
+from bms_gateway.diagnosis.second_search import SecondSearch
+from bms_gateway.diagnosis.weighing import HALF, Settings, gate, prior_odds
+from bms_gateway.errors import ConfigError, DataError
+from bms_gateway.identify.map_fit import MapFit, refreshed, stacked
+from bms_gateway.thermal import Floats, StringModel
+from bms_gateway.thermal.effects import Effect, effect_named
+
+COLUMNS = {"flow": "coolant_flow_m3_s", "soc": "soc", "voltage": "voltage_V"}
+"""What an effect needs of a table."""
+FORCED = "Added by force, though"
+"""What was added against the records is never proven by them."""
+LACKING = "these records lack something that is in no catalogue"
+UNKNOWN = "Something unknown remains beside what was added."
+WAYS = 4
+"""Starts and places of one effect that are refitted; the others promise less."""
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """An effect that a user asks for; `cell` is None where it has no place, or where the best is to be found."""
+
+    effect: Effect
+    cell: int | None = None
+
+    @property
+    def key(self) -> str:
+        """As the user called it."""
+        return self.effect.name if self.cell is None else f"{self.effect.name}:{self.cell}"
+
+    def meets(self, c: Candidate) -> bool:
+        """Whether a candidate is what is asked for."""
+        return c.name == self.effect.name and self.cell in (None, c.cell)
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """What a refit with effects more gave.
+
+    Attributes
+    ----------
+    added : tuple of Candidate
+    before, after : MapFit
+    log_odds : float
+        For all that was added against nothing, tempered.
+    refused : str
+        Why it should not stay; empty where nothing speaks against it.
+    remark : str
+        What else these records say; may be empty.
+    seen : tuple of MapFit
+        Before and after against the readings themselves: only for errors.
+    held_K : tuple of float, or None
+        Error on the held-out blocks before and after, by fits without them: where `seen` was fitted to all readings.
+    doubts : tuple of str
+        What the search said against the core with these effects, a sentence each.
+    """
+
+    added: tuple[Candidate, ...]
+    before: MapFit
+    after: MapFit
+    log_odds: float
+    refused: str
+    remark: str
+    seen: tuple[MapFit, MapFit]
+    held_K: tuple[float, float] | None = None
+    doubts: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Addition(Step):
+    """A model with effects more, and what becomes of its cores.
+
+    Attributes
+    ----------
+    model : StringModel
+        With its posterior: what is written where nothing speaks against it.
+    core : tuple of KnownCore
+        Before and after. A band that is not proven is not narrower than the one before.
+    """
+
+    model: StringModel
+    core: tuple[KnownCore, KnownCore]
+
+    @property
+    def core_K(self) -> tuple[Floats, Floats]:
+        """95 % half width of each cell's core (n,) before and after, K."""
+        return self.core[0].half_width_K, self.core[1].half_width_K
+
+
+def wanted(word: str, model: StringModel) -> Wanted:
+    """Understand `EFFECT` or `EFFECT:CELL`.
+
+    Raises
+    ------
+    ConfigError
+        No such effect, no such place, or it is in the model already.
+    """
+    name, colon, text = word.partition(":")
+    effect = effect_named(name)
+    if model.cells < effect.least_cells:
+        raise ConfigError(f"{name} needs at least {effect.least_cells} cells; this model has {model.cells}")
+    valid = places(effect, model.cells, model.sensors)
+    if not valid:
+        raise ConfigError(f"{name}: the model has no {effect.place} where it could sit")
+    if colon and valid == (None,):
+        raise ConfigError(f"{name} sits on no cell; write {name}")
+    if colon and (not text.isdecimal() or int(text) not in valid):
+        raise ConfigError(f"{word}: no place for {name}; valid: {', '.join(map(str, valid))}")
+    found = Wanted(effect, int(text) if colon else None)
+    there = {e.key for e in model.effects}
+    if all((name if cell is None else f"{name}:{cell}") in there for cell in valid if not colon or cell == found.cell):
+        raise ConfigError(f"{word} is in the model already")
+    return found
+
+
+def check_signals(wants: Sequence[Wanted], records: Sequence[Record]) -> None:
+    """Refuse records without what an effect needs.
+
+    Raises
+    ------
+    DataError
+        Names the record and the column.
+    """
+    for w in wants:
+        for r in records:
+            for signal in w.effect.signals:
+                if signal not in r.drive.known:
+                    more = ", or cell.capacity_Ah in the model to count it" if signal == "soc" else ""
+                    raise DataError(f"{r.source}: {w.effect.name} needs the column {COLUMNS[signal]}{more}")
+        if why := next((why for r in records if (why := excluded(w.effect, r.drive))), ""):
+            raise DataError(f"{records[0].source}: {w.effect.name} cannot be: {why}")
+        if not any(w.effect.determined(r.drive) for r in records):
+            raise DataError(f"{records[0].source}: {w.effect.name} cannot show here: it needs {w.effect.needs}")
+
+
+def add_effects(
+    model: StringModel,
+    records: Sequence[Record],
+    wants: Sequence[Wanted],
+    progress: Progress | None = None,
+    ask: Callable[..., Diagnosis] = diagnose,
+) -> Addition:
+    """Add effects to a model, refit it, and judge.
+
+    Parameters
+    ----------
+    model : StringModel
+    records : sequence of Record
+    wants : sequence of Wanted
+        Judged together.
+    progress : callable, optional
+        Told the share of the work done and what is being done.
+    ask : callable, optional
+        Diagnoses as `diagnose` does: who has asked the same already, need not ask again.
+
+    Returns
+    -------
+    Addition
+        Fitted from what was known before any data.
+    """
+    d = ask(model.unfitted, records, progress=progress)
+    return _with_cores(_step(d, wants), model, records, d)
+
+
+def cores_with_named(model: StringModel, records: Sequence[Record], d: Diagnosis) -> tuple[KnownCore, ...]:
+    """Tell the cores of a diagnosed model as it is and, where effects are named, what adding them makes of them."""
+    if not d.selected:
+        return (known_core(model, records, rounds=d.search.asked),)
+    wants = [Wanted(s.candidate.effect, s.candidate.cell) for s in d.selected]
+    return _with_cores(_step(d, wants), model, records, d).core
+
+
+def _step(d: Diagnosis, wants: Sequence[Wanted]) -> Step:
+    """Fit the effects, and ask the search that decided what it makes of them."""
+    if d.second is not None and (d.search.baseline.problem.model.cells == 1 or not d.selected):
+        found = _on_bench(d, d.second, wants)
+        if found is not None:
+            return found
+    named = [s.candidate for s in d.selected]
+    if len(named) == len(wants) and all(any(w.meets(c) for c in named) for w in wants):
+        odds = min(s.log_odds for s in d.selected)
+        after = d.search.final
+        return _taken(named, d.search.baseline, after, odds, _unbelievable(after, named), "", _doubts(d))
+    return _fitted_alone(d, wants)
+
+
+def _doubts(d: Diagnosis) -> tuple[str, ...]:
+    """Say what a diagnosis has against the core with the effects that it names."""
+    said = list(d.alarms)
+    if d.verdict == "undecidable":
+        tied = sorted({t for s in d.selected for t in s.tied_with})
+        said.append(f"These records cannot tell what was added from {', '.join(tied)}.")
+    if d.unknown_remains:
+        said.append(UNKNOWN)
+    return tuple(said)
+
+
+def _with_cores(step: Step, model: StringModel, records: Sequence[Record], d: Diagnosis) -> Addition:
+    """Give the model that may be written, and the cores before and after: no narrower where they are not proven."""
+    before = known_core(model, records, rounds=d.search.asked)
+    # another step may prove what one could not, but nothing makes up for what was added against the records
+    said = [*(x for x in model.doubts if x.startswith(FORCED)), *step.doubts]
+    said += [f"{FORCED}: {step.refused}."] if step.refused else []
+    said += [] if _falls(step) else ["The error where nothing was fitted does not fall with what was added."]
+    written, after = judged_model(step.after, model, records, said, before=before)
+    own = {f.name: getattr(step, f.name) for f in fields(step)}
+    return Addition(**own, model=written, core=(before, after))
+
+
+def _falls(step: Step) -> bool:
+    """Whether the error falls where nothing was fitted; by fits without those readings."""
+    held = (rmse(f, ~stacked(f.problem)[4]) for f in step.seen)
+    before, after = step.held_K or tuple(held)
+    return falls(before, after)
+
+
+def _on_bench(d: Diagnosis, second: SecondSearch, wants: Sequence[Wanted]) -> Step | None:
+    """Take the fit from the search that lets the model err; None where it has none with these effects."""
+    named = named_by(second)
+    keys = [next((c.key for c in named if w.meets(c)), w.key) for w in wants]
+    after = fit_with(second, keys)
+    if after is None:
+        return None
+    chosen = {c.candidate.key: c for c in second.chosen}
+    tied = {name for c in second.chosen for name in c.tied}
+    remark = ""
+    others = [c.key for c in named if c.key not in keys]
+    refused = ""
+    ready = all_used(d.search.baseline.problem.records)
+    seen = seen_on(second.baseline, ready), seen_on(after, ready)
+    if not named:
+        refused = f"{why_not(*(rmse(f, stacked(f.problem)[4]) for f in seen))}; {LACKING}"
+    elif set(keys) <= set(chosen):
+        remark = f"These records ask for {' and '.join(others)} as well." if others else ""
+    elif not all(k in chosen or w.effect.name in tied for k, w in zip(keys, wants, strict=True)):
+        refused = f"these records speak for {' and '.join(c.key for c in named)} instead"
+    added = tuple(
+        Candidate(w.effect, int(k.partition(":")[2]) if ":" in k else None) for w, k in zip(wants, keys, strict=True)
+    )
+    odds = min((chosen[k].log_odds for k in keys if k in chosen), default=0.0)
+    return Step(
+        added,
+        second.baseline,
+        after,
+        odds,
+        refused,
+        remark,
+        seen,
+        (second.held_K[0], second.held_with(keys)),
+        (*second.alarms, *([remark] if remark else []), UNKNOWN),
+    )
+
+
+def _taken(
+    added: Sequence[Candidate],
+    before: MapFit,
+    after: MapFit,
+    odds: float,
+    refused: str,
+    remark: str,
+    doubts: Sequence[str],
+) -> Step:
+    return Step(tuple(added), before, after, odds, refused, remark, (before, after), None, tuple(doubts))
+
+
+def _fitted_alone(d: Diagnosis, wants: Sequence[Wanted]) -> Step:
+    s = Settings()
+    before = after = d.search.baseline
+    problem = before.problem
+    y = stacked(problem)[0]
+    surfaces = float(np.quantile(y, 0.05)), float(np.quantile(y, 0.95))
+    offered = candidates(problem.model, problem.records[0].drive, surfaces)
+    named = [x.candidate for x in d.selected]
+    added: list[Candidate] = []
+    for w in wants:
+        ways = [c for c in named if w.meets(c)] or [c for c in offered if w.meets(c)]
+        if not ways:
+            raise DataError(f"{problem.records[0].source}: {w.key} cannot show here: it needs {w.effect.needs}")
+        c, after = _best(after, ways, s)
+        added.append(c)
+    inflation = structure(after).inflation
+    odds = (after.log_evidence - before.log_evidence) / inflation
+    odds += sum(prior_odds(c, offered) for c in added) - HALF
+    refused = _unbelievable(after, added)
+    remark = ""
+    if all(any(w.meets(c) for c in named) for w in wants):
+        keys = " ".join(c.key for c in named)
+        others = " and ".join(c.key for c in named if not any(w.meets(c) for w in wants))
+        remark = f"These records ask for {others} as well."
+        refused = refused and f"alone, {refused}; these records ask for {others} as well: add {keys} at once"
+    else:
+        refused = refused or gate(before, after, odds, inflation, s) or _contradiction(d, wants, before, after)
+        them = ", ".join(c.key for c in named)
+        remark = "" if refused else f"These records cannot tell it from {them}."
+        if not refused and all(c.name in INSTEAD for c in added):
+            remark = f"Heat from the voltage in place of I²R_e: what that lacks is {them}."
+    return _taken(added, before, after, float(odds), refused, remark, [*_doubts(d), *([remark] if remark else [])])
+
+
+def _best(current: MapFit, ways: Sequence[Candidate], s: Settings) -> tuple[Candidate, MapFit]:
+    """Fit one effect from its starts and at its places, and keep the likeliest."""
+    fits = [(g.candidate, refit(current, g)) for g in screen(current, ways)[:WAYS]]
+    c, fit = max(fits, key=lambda x: x[1].log_evidence)
+    if structure(current).z > s.strong and structure(fit).z > s.strong:
+        other = refit_from_nominal(fit, current)
+        fit = other if other.log_evidence > fit.log_evidence else fit
+    return c, refreshed(fit)
+
+
+def _contradiction(d: Diagnosis, wants: Sequence[Wanted], before: MapFit, after: MapFit) -> str:
+    """Say why effects that pass the gates are still not what these records lack."""
+    if d.verdict == "adequate":
+        return "nothing is missing that these records could show"
+    if d.verdict == "unknown_effect":
+        return f"{why_not(*(rmse(f, ~stacked(f.problem)[4]) for f in (before, after)))}; {LACKING}"
+    tied = {name for x in d.selected for name in (x.candidate.name, *x.tied_with)} | INSTEAD
+    if all(w.effect.name in tied for w in wants):
+        return ""
+    return f"these records speak for {' and '.join(x.candidate.key for x in d.selected)} instead"
+
+
+def _unbelievable(fit: MapFit, added: Sequence[Candidate]) -> str:
+    """Say which number of an added effect nobody should believe."""
+    sd = np.sqrt(np.diag(posterior(fit)))
+    for c in added:
+        told = []
+        for p in c.effect.parameters:
+            name = f"{c.key}.{p.name}"
+            names = [x.name for x in fit.problem.coordinates]
+            if name not in names:
+                continue
+            i = names.index(name)
+            z = float(fit.theta[i])
+            value = float(np.exp(z)) if p.log else z
+            if fit.at_bound(name) and value != p.neutral:
+                return f"{p.name} ends at its bound, {value / p.to_si:.4g} {p.unit}: not believed"
+            if p.neutral is not None:
+                told.append(sd[i] < UNTOLD * fit.problem.coordinates[i].sd)
+        if told and not any(told):
+            return "not identifiable: the data say no more of its size than was known before"
+    return ""

@@ -1,0 +1,358 @@
+"""Identification of a string from whole records, and the way back from a fit to the model that the gateway loads."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bms_gateway.diagnosis.core_band import posterior
+from bms_gateway.diagnosis.geometry import OF, odd_fitted
+from bms_gateway.diagnosis.model_error import Bench, ModelError, averaged
+from bms_gateway.diagnosis.model_error import fit as fit_with_error
+from bms_gateway.diagnosis.prepare import measured
+from bms_gateway.diagnosis.record import Record, in_held_out
+from bms_gateway.diagnosis.residuals import LEAST_Z, structure
+from bms_gateway.identify.coordinates import OWN, Measured
+from bms_gateway.identify.likelihood import generalised
+from bms_gateway.identify.map_fit import TO_THE_END, MapFit, fitted, stacked
+from bms_gateway.identify.problem import Problem
+from bms_gateway.thermal import KINDS, AddedEffect, Floats, Posterior, Prior, StringModel
+from bms_gateway.thermal.effects import EffectParameter, effect_named
+
+LEAST_STRUCTURE = 0.18
+"""Structured error in units of the noise, and its z, above which a model does not explain the readings."""
+UNTOLD, WEAK = 0.9, 0.5
+"""Posterior over prior sd, from which a number is not identifiable, or only weakly."""
+UNIDENTIFIABLE, AT_BOUND = "not identifiable", "at its bound: not believed"
+AGAINST_FORMAT = "against the cell's format: not believed"
+FIRM = 0.1
+"""Relative prior sd up to which a parameter is known beforehand and need not be learnt."""
+LEARNT = 0.9
+"""The same of a cell's departure from the others, below which it goes into the model."""
+CALIBRATED = ("C_c", "C_s", "R_c")
+"""What a calibration with the core tells of the cell itself: its cooling and its resistance, which ages, stay open."""
+CELL_SD = 0.03
+"""Relative: cells of one type differ by as much, so that a calibration of one knows another no better."""
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """What a fit made of one number.
+
+    Attributes
+    ----------
+    name : str
+        Symbol, or `effect.parameter`.
+    of : str
+        The record that it belongs to where each has its own, else empty.
+    unit : str
+    before, before_sd, after, after_sd : float
+        In that unit; after_sd is that of the posterior, its evidence weakened by what the fit left over.
+    status : str
+        `identified`, `weakly identified`, `not identifiable: why`, `at its bound: not believed`,
+        `against the cell's format: not believed` or `fixed`.
+    """
+
+    name: str
+    of: str
+    unit: str
+    before: float
+    before_sd: float
+    after: float
+    after_sd: float
+    status: str
+
+
+@dataclass(frozen=True, slots=True)
+class Identified:
+    """A fit, what it says at the records' own readings, and how far the model errs by itself.
+
+    Attributes
+    ----------
+    fit : MapFit
+        Numbers and posterior.
+    seen : MapFit
+        The same numbers against all readings: only for errors.
+    plain : MapFit
+        The model taken for right; the same fit where it explains the readings.
+    model_error_K : float
+        Size of the slow error that the model was given; 0 where it explains the readings.
+    """
+
+    fit: MapFit
+    seen: MapFit
+    plain: MapFit
+    model_error_K: float
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelError:
+    """Errors of one thermocouple in one record, K; NaN where there is no reading.
+
+    Attributes
+    ----------
+    source : str
+    kind : {"surface", "core"}
+    cell : int
+    trained_K, held_K, floor_K : float
+    """
+
+    source: str
+    kind: str
+    cell: int
+    trained_K: float
+    held_K: float
+    floor_K: float
+
+
+def identify(model: StringModel, records: Sequence[Record], *, core: bool = False) -> Identified:
+    """Fit a string to records, from what was known before any data.
+
+    Where the model cannot follow the surfaces to within their noise, it is fitted with an error of its own: taken for
+    white noise, what it lacks drives its numbers and with them its core far off, and makes them look certain.
+
+    Parameters
+    ----------
+    model : StringModel
+    records : sequence of Record
+        Of one cell type: physics are shared, each has its own start, and its own cooling where there are several.
+    core : bool
+        Use thermocouples in cores too, and hold nothing out.
+    """
+    start = model.unfitted
+    ready = [measured(r, start, core=core) for r in records]
+    fit = fitted(Problem(start, ready))
+    left = structure(fit)
+    if core or left.z <= LEAST_Z or left.size <= LEAST_STRUCTURE:
+        return Identified(fit, fit, fit, 0.0)
+    settings = ModelError()
+    bench = Bench([held_out(averaged(m, settings)) for m in ready], settings)
+    problem = Problem(start, bench.records, bench.beliefs)
+    found = fit_with_error(bench, problem, problem.begin, TO_THE_END)
+    return Identified(found.map, seen_on(found.map, ready), fit, found.discrepancy.size)
+
+
+def seen_on(fit: MapFit, records: Sequence[Measured]) -> MapFit:
+    """Hold the numbers of a fit against other readings of its records: what the model says there, and what is left."""
+    problem = Problem(fit.problem.model, records, fit.problem.beliefs)
+    prediction = problem.predict(fit.theta, nu=fit.nu)
+    y, _, sigma0, step, _ = stacked(problem)
+    r, _ = generalised(y - prediction.y, sigma0, step)
+    return replace(fit, problem=problem, prediction=prediction, r=r, noise=None)
+
+
+def held_out(m: Measured) -> Measured:
+    """Hold out of averaged readings the blocks that are held out of every record."""
+    at = m.row + m.share
+    return replace(m, used=~in_held_out(at / max(float(at.max()), 1.0)))
+
+
+def fitted_model(
+    fit: MapFit,
+    model: StringModel,
+    *,
+    calibrated: bool = False,
+    doubt: float = 0.0,
+    model_error_K: float = 0.0,
+    not_proven: Sequence[str] = (),
+) -> StringModel:
+    """Return the model with the numbers of a fit, for the gateway to estimate with.
+
+    Parameters
+    ----------
+    fit : MapFit
+        Of the model or of it with more effects, from what was known before any data.
+    model : StringModel
+        What that was, is kept in `before`.
+    calibrated : bool
+        The fit has seen cores: what it tells of the cell is known from now on, to no better than cells are alike.
+    doubt : float
+        Share of the difference core to surface that may be wrong beyond what the numbers' covariance says.
+    model_error_K : float
+        Slow error of the surface that the fit allowed for.
+    not_proven : sequence of str
+        What speaks against the core.
+
+    Returns
+    -------
+    StringModel
+        Where each of several records has its own cooling, R_u is their geometric mean, and its sd covers the next one.
+        Cells differ where the readings tell it; the tolerances stay, for they are not known exactly then either.
+    """
+    problem = fit.problem
+    names, mix = _mixed(fit)
+    C = posterior(fit)
+    P = len(fit.theta)
+    z = mix @ fit.theta
+    covariance = mix @ C[:P, :P] @ mix.T + np.diag([_scatter(fit, name) for name in names])
+    sd = np.sqrt(np.diag(covariance))
+    priors = dict(problem.model.priors)
+    for name, x, spread in zip(names, z, sd, strict=True):
+        if name in priors:
+            value = np.asarray(priors[name].value) * np.exp(x) * _departures(fit, name, C)
+            kind = KINDS[name]
+            value = np.clip(_rounded(value, kind.to_si), kind.lower, kind.upper)
+            priors[name] = Prior(value if value.ndim else float(value), _short(spread))
+    before = dict(model.before or model.priors)
+    if calibrated:
+        for name in CALIBRATED:
+            if name in names:
+                value = float(np.exp(np.mean(np.log(priors[name].value))))
+                before[name] = Prior(
+                    float(_rounded(np.asarray(value), KINDS[name].to_si)), max(CELL_SD, priors[name].rel_sd)
+                )
+    spread_of = dict(zip(names, sd.tolist(), strict=True))
+    scale = np.outer(sd, sd)
+    found = replace(
+        problem.model,
+        priors=priors,
+        effects=tuple(_effect(fit, e, spread_of) for e in problem.model.effects),
+        before=before,
+        correlation=(tuple(names), _correlation(covariance / scale)) if len(names) > 1 else None,
+    )
+    left = Posterior(*found.free_numbers, model_error_K, doubt, calibrated, tuple(not_proven))
+    return replace(found, posterior=left)
+
+
+def changes(fit: MapFit) -> tuple[Change, ...]:
+    """List every number of a fit, what was known of it and what is known now."""
+    model = fit.problem.model
+    sd = np.sqrt(np.diag(posterior(fit)))
+    sources = [m.source for m in fit.problem.records]
+    odd = _against_format(fit)
+    found = []
+    for name, prior in model.priors.items():
+        kind = KINDS[name]
+        value = float(np.exp(np.mean(np.log(prior.value)))) / kind.to_si
+        if prior.fixed:
+            found.append(Change(name, "", kind.unit, value, 0.0, value, 0.0, "fixed"))
+            continue
+        for i, c in enumerate(fit.problem.coordinates):
+            if c.name.partition("@")[0] != name or c.effect is not None:
+                continue
+            now = value * float(np.exp(fit.theta[i]))
+            of = "" if c.record is None else sources[c.record]
+            status = AGAINST_FORMAT if name in odd else _status(fit, i, sd[i])
+            found.append(Change(name, of, kind.unit, value, value * prior.rel_sd, now, now * float(sd[i]), status))
+    for e in model.effects:
+        found += [_effect_change(fit, e, p, sd) for p in effect_named(e.name).parameters]
+    return tuple(found)
+
+
+def channel_errors(fit: MapFit) -> tuple[ChannelError, ...]:
+    """Errors of each thermocouple of each record."""
+    found, first = [], 0
+    _, sigma, _, _, _ = stacked(fit.problem)
+    for m in fit.problem.records:
+        part = slice(first, first + len(m.y))
+        first += len(m.y)
+        error, noise = m.y - fit.y[part], sigma[part]
+        for j, (kind, cell) in enumerate(m.channels):
+            mine = m.channel == j
+            found.append(
+                ChannelError(
+                    m.source,
+                    "surface" if kind == "surface" else "core",
+                    cell,
+                    root_mean_square(error[mine & m.used]),
+                    root_mean_square(error[mine & ~m.used]),
+                    root_mean_square(noise[mine]),
+                )
+            )
+    return tuple(found)
+
+
+def root_mean_square(x: Floats) -> float:
+    """Root mean square; NaN of nothing."""
+    return float(np.sqrt(np.mean(x**2))) if len(x) else float("nan")
+
+
+def _mixed(fit: MapFit) -> tuple[list[str], Floats]:
+    """Names of the model's free numbers, and the matrix that makes them of the coordinates: means over records."""
+    coordinates = fit.problem.coordinates
+    plain = [c.name.partition("@")[0] for c in coordinates]
+    names = [n for n in fit.problem.model.priors if n in plain]
+    names += [c.name for c in coordinates if c.effect is not None]
+    mix = np.array([[float(p == n) for p in plain] for n in names]).reshape(len(names), len(plain))
+    return names, mix / np.maximum(mix.sum(axis=1, keepdims=True), 1.0)
+
+
+def _scatter(fit: MapFit, name: str) -> float:
+    """Variance of a number between records: the next one is cooled in a way of its own too."""
+    own = [z for c, z in zip(fit.problem.coordinates, fit.theta, strict=True) if c.name.startswith(f"{name}@")]
+    return float(np.var(own, ddof=1)) if name in OWN and len(own) > 1 else 0.0
+
+
+def _departures(fit: MapFit, name: str, C: Floats) -> Floats | float:
+    """Factor of each cell (n,) on the string's value, 1 where the readings don't tell cells apart."""
+    at = [i for i, c in enumerate(fit.problem.nuisances) if c.name.startswith(f"{name}[")]
+    if not at or not len(fit.nu):
+        return 1.0
+    sd = np.sqrt(np.diag(C)[[len(fit.theta) + i for i in at]])
+    told = bool((sd < LEARNT * fit.linear.sd[at]).any())
+    return np.asarray(1.0 + fit.nu[at]) if told else 1.0
+
+
+def _effect(fit: MapFit, e: AddedEffect, spread: Mapping[str, float]) -> AddedEffect:
+    values, sd = dict(e.values), dict.fromkeys(e.values, 0.0)
+    for p in effect_named(e.name).parameters:
+        name = f"{e.key}.{p.name}"
+        if name in spread:
+            z = float(fit.theta[fit.problem.index(name)])
+            value = float(_rounded(np.asarray(np.exp(z) if p.log else z), p.to_si))
+            values[p.name] = min(max(value, p.lower), p.upper)
+            sd[p.name] = _short(spread[name]) if p.log else _short(spread[name] / p.to_si) * p.to_si
+    return replace(e, values=values, sd=sd)
+
+
+def _effect_change(fit: MapFit, e: AddedEffect, p: EffectParameter, sd: Floats) -> Change:
+    name = f"{e.key}.{p.name}"
+    before = p.prior / p.to_si
+    before_sd = before * p.sd if p.log else p.sd / p.to_si
+    if name not in [c.name for c in fit.problem.coordinates]:
+        value = e.values[p.name] / p.to_si
+        return Change(name, "", p.unit, value, 0.0, value, 0.0, "fixed")
+    i = fit.problem.index(name)
+    z = float(fit.theta[i])
+    value = (float(np.exp(z)) if p.log else z) / p.to_si
+    spread = value * float(sd[i]) if p.log else float(sd[i]) / p.to_si
+    return Change(name, "", p.unit, before, before_sd, value, spread, _status(fit, i, sd[i]))
+
+
+def statuses(fit: MapFit) -> list[str]:
+    """Say of each coordinate of a fit whether the records tell it: the one place that decides that."""
+    sd, odd = np.sqrt(np.diag(posterior(fit))), _against_format(fit)
+    names = [c.name for c in fit.problem.coordinates]
+    return [AGAINST_FORMAT if n in odd else _status(fit, i, float(sd[i])) for i, n in enumerate(names)]
+
+
+def _against_format(fit: MapFit) -> set[str]:
+    """Symbols of a fit that no cell of the model's format has."""
+    return {symbol for odd in odd_fitted(fit) if odd.excluded for symbol in OF[odd.name]}
+
+
+def _status(fit: MapFit, i: int, sd: float) -> str:
+    c = fit.problem.coordinates[i]
+    if fit.at_bound(c.name):
+        return AT_BOUND
+    if sd > UNTOLD * c.sd:
+        if c.effect is None and c.sd <= FIRM:
+            return f"{UNIDENTIFIABLE}: known to {100.0 * c.sd:.2g} % beforehand"
+        return f"{UNIDENTIFIABLE}: the data say no more than was known"
+    return "weakly identified" if sd > WEAK * c.sd else "identified"
+
+
+def _rounded(x: Floats, to_si: float) -> Floats:
+    """Six significant digits of the number shown: far below what is known, and a file that can be read."""
+    return np.asarray([float(f"{v / to_si:.6g}") * to_si for v in np.ravel(x)]).reshape(np.shape(x))
+
+
+def _short(sd: float) -> float:
+    return float(f"{max(sd, 1e-6):.4g}")  # zero would mean fixed
+
+
+def _correlation(R: Floats) -> Floats:
+    """Symmetric, ones on the diagonal, rounded."""
+    R = np.round(0.5 * (R + R.T), 6) + 0.0
+    np.fill_diagonal(R, 1.0)
+    return np.asarray(R)

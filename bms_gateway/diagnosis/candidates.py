@@ -1,0 +1,117 @@
+"""Effects of the catalogue as they could be added to a model: where, and from which numbers a fit starts."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+from bms_gateway.diagnosis.current_sensor import rests_at_zero
+from bms_gateway.thermal import AddedEffect, StringModel
+from bms_gateway.thermal.drive import Drive
+from bms_gateway.thermal.effects import Effect, EffectParameter, catalogue
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """One effect at one place, with the numbers its fit starts from.
+
+    Attributes
+    ----------
+    effect : Effect
+    cell : int or None
+    start : mapping of parameter to float, SI
+    free : tuple of str, optional
+        Parameters that the record can tell; the others stay neutral. All where left out.
+    """
+
+    effect: Effect
+    cell: int | None = None
+    start: Mapping[str, float] = field(default_factory=dict)
+    free: tuple[str, ...] | None = None
+
+    @property
+    def name(self) -> str:
+        """Of the effect."""
+        return self.effect.name
+
+    @property
+    def key(self) -> str:
+        """As `AddedEffect.key`."""
+        return self.name if self.cell is None else f"{self.name}:{self.cell}"
+
+    def is_free(self, p: EffectParameter) -> bool:
+        """Whether a fit may move the parameter."""
+        return self.free is None or p.name in self.free
+
+    @property
+    def strengths(self) -> tuple[EffectParameter, ...]:
+        """Free parameters with a value at which the effect vanishes: those that a score can speak of."""
+        return tuple(p for p in self.effect.parameters if p.neutral is not None and self.is_free(p))
+
+    @property
+    def follows_charge(self) -> bool:
+        """Whether its law goes by the state of charge: by nature, or with the numbers that it was given."""
+        return "soc" in self.effect.signals or (self.name == "entropic_heat" and len(self.strengths) > 1)
+
+    @property
+    def begin(self) -> dict[str, float]:
+        """Where a fit starts, by parameter (SI)."""
+        return {
+            p.name: p.neutral if p.neutral is not None and not self.is_free(p) else self.start.get(p.name, p.probe)
+            for p in self.effect.parameters
+        }
+
+    def added(self, values: Mapping[str, float] | None = None) -> AddedEffect:
+        """Return the effect as part of a model: numbers of the catalogue's start, or `values`."""
+        sd = {p.name: p.sd if self.is_free(p) else 0.0 for p in self.effect.parameters}
+        return AddedEffect(self.name, self.cell, {**self.begin, **(values or {})}, sd)
+
+    def put_into(self, model: StringModel, values: Mapping[str, float] | None = None) -> StringModel:
+        """Add the effect to a model, last."""
+        return replace(model, effects=(*model.effects, self.added(values)))
+
+
+def places(effect: Effect, cells: int, sensors: tuple[int, ...]) -> tuple[int | None, ...]:
+    """Cells on which an effect can sit."""
+    if effect.place == "string":
+        return (None,)
+    if effect.place == "sensor":
+        return sensors
+    if effect.place == "gap":
+        return tuple(range(1, cells - 1))  # what the stream loses after the last but one cell shows nowhere
+    return tuple(range(1, cells + 1))
+
+
+INSTEAD = frozenset({"voltage_heat"})
+"""No missing effect, but another way to the same heat: its source is chosen, its physics is not told by it."""
+
+
+def excluded(effect: Effect, drive: Drive) -> str:
+    """Say by what a record rules an effect out; empty where it does not."""
+    if effect.name == "current_offset" and rests_at_zero(drive):
+        return "the current reads zero where it rests"
+    return ""
+
+
+def candidates(model: StringModel, drive: Drive, surfaces: tuple[float, float]) -> tuple[Candidate, ...]:
+    """All that could be added to a model, given what the record knows.
+
+    Parameters
+    ----------
+    model : StringModel
+    drive : Drive
+        Its `known` tells which effects can be offered.
+    surfaces : float, float
+        Lowest and highest measured surface, °C.
+    """
+    there = {e.key for e in model.effects}
+    found = []
+    for effect in catalogue().values():
+        if model.cells < effect.least_cells or not set(effect.signals) <= drive.known or excluded(effect, drive):
+            continue
+        free = effect.determined(drive)
+        if not free:
+            continue
+        for cell in places(effect, model.cells, model.sensors):
+            found += [
+                c for start in effect.starts(*surfaces) if (c := Candidate(effect, cell, start, free)).key not in there
+            ]
+    return tuple(found)

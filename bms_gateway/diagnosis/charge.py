@@ -1,0 +1,127 @@
+"""State of charge over a record: recorded, or counted at the level that a record or the voltage tells."""
+
+from itertools import pairwise
+
+import numpy as np
+
+from bms_gateway.diagnosis.charge_level import Level, Terminal, by_voltage, within_capacity
+from bms_gateway.diagnosis.grid import Grid
+from bms_gateway.diagnosis.sensor_noise import resolution
+from bms_gateway.thermal import Floats
+
+APART = 0.05
+"""Of the capacity: how far counted and recorded charge may drift apart before counting is not believed."""
+EXPLAINED = 0.8
+"""Share of the drift that a single cause must explain to be named."""
+
+
+def state_of_charge(
+    recorded: Floats | None,
+    current: Floats,
+    grid: Grid,
+    capacity_Ah: float | None,
+    notes: list[str],
+    terminal: Terminal | None = None,
+) -> tuple[Floats | None, float]:
+    """State of charge at the middle of each interval, and how well its level is known.
+
+    Parameters
+    ----------
+    recorded : ndarray (N,) or None
+        0…1.
+    current : ndarray (N,)
+        Mean, discharge positive, A.
+    grid : Grid
+    capacity_Ah : float or None
+        Of the model file.
+    notes : list of str
+        Taken further.
+    terminal : Terminal, optional
+        Voltages that tell the level of a counted charge.
+
+    Returns
+    -------
+    ndarray (N,) or None
+        0…1; None where neither a record nor a capacity tells.
+    sd : float
+        Of the level of a counted charge; 0 for a recorded one.
+    """
+    if capacity_Ah is None:
+        if recorded is None:
+            notes.append("State of charge: not recorded, nor countable without cell.capacity_Ah in the model file.")
+        return recorded, 0.0
+    counted = _counted(current, grid, capacity_Ah)
+    parts = [slice(a, b) for a, b in pairwise([0, *grid.gaps, len(current)])]
+    if recorded is None:
+        return _at_a_level(counted, parts, current, grid, terminal, notes)
+    out = counted.copy()
+    for p in parts:
+        apart = recorded[p] - counted[p]
+        out[p] += float(np.median(apart))
+        drift = float(np.percentile(apart, 95) - np.percentile(apart, 5))
+        if drift > APART + resolution(recorded[p]):
+            hours: Floats = grid.dt / 3600.0 * np.arange(len(apart), dtype=np.float64)
+            notes.append(
+                f"State of charge: the recorded one and the counted one drift apart by {100.0 * drift:.0f} %"
+                f"{_cause(apart, hours, counted[p], capacity_Ah)}; the recorded one is used."
+            )
+            return recorded, 0.0
+    return np.clip(out, 0.0, 1.0), 0.0
+
+
+def _counted(current: Floats, grid: Grid, capacity_Ah: float) -> Floats:
+    """Charge at the middle of each interval, counted from the record's start; none flows in gaps."""
+    moved = -current * grid.dt / 3600.0 / capacity_Ah
+    moved[grid.gaps] = 0.0
+    return np.asarray(np.cumsum(moved) - 0.5 * moved)
+
+
+def _at_a_level(
+    counted: Floats, parts: list[slice], current: Floats, grid: Grid, terminal: Terminal | None, notes: list[str]
+) -> tuple[Floats | None, float]:
+    """Put each part at its own level: by the voltage, else half full at its start."""
+    if (span := max(float(np.ptp(counted[p])) for p in parts)) > 1.0 + APART:
+        notes.append(
+            f"State of charge: counting gives a change of {100.0 * span:.0f} %, more than the cell holds by "
+            "cell.capacity_Ah: not used."
+        )
+        return None, 0.0
+    out, levels = counted.copy(), []
+    for p in parts:
+        level = None if terminal is None else by_voltage(counted, p, current, grid, terminal)
+        levels.append(level or within_capacity(counted[p] - counted[p][0]))
+        out[p] += levels[-1].soc - counted[p][0]
+    notes.append(f"State of charge: counted from the current; {_told(levels)}.")
+    weight = np.array([p.stop - p.start for p in parts], dtype=np.float64)
+    sd = float(np.sqrt(np.average([x.sd**2 for x in levels], weights=weight)))
+    return np.clip(out, 0.0, 1.0), sd
+
+
+def _told(levels: list[Level]) -> str:
+    """Say where the level of a counted charge comes from."""
+    first, worst = levels[0], max(levels, key=lambda x: x.sd)
+    if first.told_by == "capacity":
+        return f"its level, half full at the start, is an assumption (± {100.0 * first.sd:.0f} %)"
+    what = "at rest" if first.told_by == "rest" else "under load"
+    text = f"{100.0 * first.soc:.0f} ± {100.0 * first.sd:.0f} % at the start, by the voltage {what}"
+    if len(levels) > 1:
+        text += f"; each of {len(levels)} parts has its own level, ± {100.0 * worst.sd:.0f} % at worst"
+    return text
+
+
+def _cause(apart: Floats, hours: Floats, counted: Floats, capacity_Ah: float) -> str:
+    """Name what would explain the drift: an offset of the current makes it grow in time, a capacity with the charge."""
+    offset, by_time = _line(hours, apart)
+    share, by_charge = _line(counted, apart)
+    if by_time >= max(by_charge, EXPLAINED):
+        return f", as if the current read {offset * capacity_Ah:+.2g} A too much"
+    if by_charge >= EXPLAINED and share > -1.0:
+        return f", as if the capacity were {capacity_Ah / (1.0 + share):.3g} Ah"
+    return ""
+
+
+def _line(x: Floats, y: Floats) -> tuple[float, float]:
+    """Slope of a straight line, and the share of the variance that it explains."""
+    x, y = x - x.mean(), y - y.mean()
+    xx, xy, yy = float(x @ x), float(x @ y), float(y @ y)
+    return (xy / xx, xy**2 / (xx * yy)) if xx > 0.0 and yy > 0.0 else (0.0, 0.0)

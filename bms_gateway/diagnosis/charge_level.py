@@ -1,0 +1,147 @@
+r"""Level of a counted state of charge: by the voltage where there is one, else by what the cell can hold.
+
+Counting tells how the charge moves, not where it starts. The voltage of a rested cell tells that, as well as the
+chemistry is known and as steep as its curve is: to a few per cent of a full NMC cell, hardly for half an LFP cell.
+A loaded cell is taken as rested after a correction by R_e, half of it at once and half of it slow, that may be wrong
+by its own size. A record must not run below empty or above full, which tells the level where most of the charge moves.
+
+All voltages of a part count as one: a curve that is wrong by 40 mV is wrong in all of them.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from bms_gateway.diagnosis.grid import Grid
+from bms_gateway.thermal import Floats
+from bms_gateway.thermal.cells.facts import Chemistry
+from bms_gateway.thermal.cells.open_circuit import REST_SD_V, REST_V, rest_voltage
+
+LEVELS = np.linspace(0.0, 1.0, 201)
+"""Grid of levels, of the capacity."""
+BEYOND = 0.02
+"""Of the capacity: sd of how far a record may seem to run below empty or above full, for capacities are rounded."""
+SLOW_S = 300.0
+"""s in which the slow half of an overpotential (diffusion) builds up and fades."""
+LEAST_DOUBT = 0.6
+"""Relative sd of R_e at least: it is two to three times as high in the cold as at 25 °C."""
+BIN = 0.02
+"""Of the capacity: voltages nearer to each other in charge tell the same; the least loaded of them speaks."""
+AS_GOOD = 1.5
+"""Times the sd of the best voltage up to which others are heard."""
+LEAST_SD = 0.01
+AT_REST = 0.01
+"""V of overpotential below which a cell counts as rested in words."""
+
+
+@dataclass(frozen=True, slots=True)
+class Terminal:
+    """Voltages of a cell as recorded, K of them, with the current that was in force.
+
+    Attributes
+    ----------
+    time_s, voltage_V, current_A : ndarray (K,)
+    resistance : float
+        R_e before any data, Ω.
+    resistance_sd : float
+        Of its logarithm.
+    chemistry : Chemistry or None
+    """
+
+    time_s: Floats
+    voltage_V: Floats
+    current_A: Floats
+    resistance: float
+    resistance_sd: float
+    chemistry: Chemistry | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Level:
+    """State of charge at the start of a part.
+
+    Attributes
+    ----------
+    soc, sd : float
+        0…1.
+    told_by : {"rest", "load", "capacity"}
+        Voltage of a rested cell, of a loaded one, or none: only what the cell can hold.
+    """
+
+    soc: float
+    sd: float
+    told_by: Literal["rest", "load", "capacity"]
+
+
+def within_capacity(counted: Floats) -> Level:
+    """Level (0…1) by what the cell can hold alone, with the sd of what that leaves open.
+
+    Half full at the start, which is an assumption, or as near to that as the cell's capacity lets it be.
+
+    Parameters
+    ----------
+    counted : ndarray (K,)
+        Charge of one part since its start, of the capacity.
+    """
+    low, high = max(-float(counted.min()), 0.0), min(1.0 - float(counted.max()), 1.0)
+    return Level(0.5 + max(low - 0.5, 0.0) - max(0.5 - high, 0.0), max(high - low, 0.0) / np.sqrt(12.0), "capacity")
+
+
+def by_voltage(counted: Floats, part: slice, current: Floats, grid: Grid, u: Terminal) -> Level | None:
+    """Level of one part by its voltages; None where it has none.
+
+    Parameters
+    ----------
+    counted : ndarray (N,)
+        Charge at the middle of each interval since the start of the record, of the capacity.
+    part : slice
+        Intervals.
+    current : ndarray (N,)
+        Mean over each interval, discharge positive, A.
+    grid : Grid
+    u : Terminal
+    """
+    middle = (grid.instants[part.start + 1 : part.stop + 1] + grid.instants[part.start : part.stop]) / 2.0
+    first, last = grid.instants[part.start], grid.instants[part.stop]
+    rows = np.flatnonzero((u.time_s >= first) & (u.time_s <= last) & np.isfinite(u.current_A))
+    if not len(rows):
+        return None
+    moved = counted[part] - counted[part.start]
+    Q = np.interp(u.time_s[rows], middle, moved)
+    fast = u.current_A[rows]
+    slow = np.interp(u.time_s[rows], middle, _faded(current[part], grid.dt))
+    drop = u.resistance * (0.5 * fast + 0.5 * slow)
+    doubt = max(LEAST_DOUBT, u.resistance_sd) * u.resistance * (0.5 * np.abs(fast) + 0.5 * np.abs(slow))
+    told = _told(Q, doubt)
+    Q, U, doubt = Q[told], (u.voltage_V[rows] + drop)[told], doubt[told]
+    soc = LEVELS[:, None] + Q
+    outside = np.maximum(np.max(moved) + LEVELS - 1.0, 0.0), np.maximum(-np.min(moved) - LEVELS, 0.0)
+    held = -0.5 * (outside[0] ** 2 + outside[1] ** 2) / BEYOND**2
+    log_p = []
+    for chemistry in REST_V if u.chemistry is None else (u.chemistry,):
+        sd = np.hypot(REST_SD_V[chemistry], doubt)
+        z = (U - rest_voltage(chemistry, soc)) / sd
+        log_p.append(held - 0.5 * np.mean(z**2, axis=1) - np.mean(np.log(sd)))
+    p = np.exp(np.array(log_p) - np.max(log_p)).sum(axis=0)
+    p /= p.sum()
+    mean = float(p @ LEVELS)
+    sd = float(np.sqrt(p @ (LEVELS - mean) ** 2))
+    return Level(mean, max(sd, LEAST_SD), "rest" if doubt.min() < AT_REST else "load")
+
+
+def _faded(current: Floats, dt: float) -> Floats:
+    """Let the current lag as its slow overpotential does."""
+    from scipy.signal import lfilter  # takes longer to load than all else: only who has a voltage pays
+
+    a = float(np.exp(-dt / SLOW_S))
+    return np.asarray(lfilter([1.0 - a], [1.0, -a], current))
+
+
+def _told(Q: Floats, doubt: Floats) -> np.ndarray:
+    """Choose the rows that are heard: of each small step of the charge the least loaded one, if as good as any."""
+    floor = float(min(REST_SD_V.values()))
+    order = np.lexsort((doubt, np.round(Q / BIN)))
+    first = order[np.diff(np.round(Q[order] / BIN), prepend=np.nan) != 0.0]
+    sd = np.hypot(floor, doubt[first])
+    return np.asarray(first[sd <= AS_GOOD * sd.min()])

@@ -1,0 +1,398 @@
+"""Cheap checks of a record before any statistics: what it cannot tell, and what looks wrong in it.
+
+Thresholds are wide on purpose: each finding is one that a person would agree with at a glance at the plot.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bms_gateway.diagnosis.coarse_rows import HOPELESS, doubt
+from bms_gateway.diagnosis.geometry import odd_declared
+from bms_gateway.diagnosis.record import Record
+from bms_gateway.thermal import Floats, StringModel, StringParameters, continuous, discretize, simulate
+from bms_gateway.thermal.drive import Drive
+
+Severity = Literal["stop", "warn", "note"]
+"""Nothing can be learnt; something is probably wrong; a limit worth knowing."""
+
+SHORTEST_S = 300.0
+"""Core and surface exchange heat in tens of seconds, surface and coolant in minutes: less shows neither."""
+RISE = 4.0
+"""Temperatures must move by so many times what one reading errs by."""
+ACTIVE, REST = 0.1, 0.03
+"""Shares of the greatest current, above which a string works and below which it rests."""
+REST_S = 30.0
+"""Rest in all that makes its level worth stating."""
+SOAK_S = 60.0
+"""Rest at the start after which temperatures that stand still can be compared."""
+STILL_S, STILL_COARSE_S, COARSE_K = 120.0, 1800.0, 0.1
+"""A fine sensor that shows the same number for so long under current is stuck; a coarse one may for half an hour."""
+MUST_MOVE = 3.0
+"""Times its step, or its noise: what a model whose resistance may be half as large must expect of a surface."""
+INLET_K = 0.5
+SOC_SPAN = 0.2
+STEADY = 0.05
+"""Scatter of the squared current, relative to its mean, below which the current counts as constant."""
+MISSING = 0.25
+"""Share of the readings."""
+LOOP = 0.8
+"""Correlation of flow with temperature from which on a fan is seen to follow it."""
+SWAPPED_K = 0.5
+SATURATED = 0.02
+LEVELS = 0.05
+"""Share of the time at exactly the greatest current that is no chance, in a drive of so many levels per interval."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing found.
+
+    Attributes
+    ----------
+    kind : str
+        Fixed word for programs.
+    severity : {"stop", "warn", "note"}
+    sentence : str
+        For people.
+    """
+
+    kind: str
+    severity: Severity
+    sentence: str
+
+
+def check_record(record: Record, model: StringModel) -> tuple[Finding, ...]:
+    """Check one record.
+
+    Returns
+    -------
+    tuple of Finding
+        The worst first, else in a fixed order. With a "stop" the data are insufficient for any verdict.
+    """
+    checks = (
+        _format,
+        _length,
+        _current,
+        _rise,
+        _rest,
+        _soak,
+        _stuck,
+        _sign,
+        _inlet,
+        _along,
+        _loop,
+        _charge,
+        _sampling,
+        _rows,
+    )
+    found = [f for check in checks for f in check(record, model)]
+    return tuple(sorted(found, key=lambda f: ("stop", "warn", "note").index(f.severity)))
+
+
+def _format(_: Record, model: StringModel) -> Iterator[Finding]:
+    """Look whether the model's own numbers are those of the cell that it names."""
+    for odd in odd_declared(model):
+        yield Finding("cell_format", "warn", f"Model file: {odd.says}")
+
+
+def _length(r: Record, model: StringModel) -> Iterator[Finding]:
+    seconds = r.drive.N * r.drive.dt
+    p = model.nominal
+    slow = float(np.median((p.C_c + p.C_s) * (p.R_u + p.R_c)))
+    if seconds < SHORTEST_S:
+        yield Finding("too_short", "stop", f"The record lasts {seconds:.0f} s; {SHORTEST_S:.0f} s are the least.")
+    elif seconds < 2.0 * slow:
+        yield Finding(
+            "short",
+            "warn",
+            f"The record lasts {seconds / 60:.0f} min, less than twice the {slow / 60:.0f} min in which the cells of "
+            "this model warm up: what acts slowly is hard to see.",
+        )
+
+
+def _current(r: Record, _: StringModel) -> Iterator[Finding]:
+    d = r.drive
+    peak = float(np.sqrt(d.I2.max()))
+    if peak < 1e-3:
+        yield Finding("no_current", "stop", "No current flows: there is no heat to explain.")
+        return
+    if float(np.std(d.I2)) < STEADY * float(np.mean(d.I2)):
+        said = f"The current is {float(np.median(d.I)):.3g} A all along"
+        if float(np.ptp(d.I)) > peak:
+            said = f"The current is {float(np.sqrt(np.mean(d.I2))):.3g} A all along, now one way and now the other"
+        yield Finding(
+            "constant_current",
+            "warn",
+            f"{said}: resistance, drift and everything that depends on the current's size look alike. Drive pulses "
+            "and rests.",
+        )
+    for way, one, other in (("discharged", d.I, "charging"), ("charged", -d.I, "discharging")):
+        if float(one.min()) > -REST * peak:
+            sentence = f"The cells are only {way}, or the signal cuts {other} off: nothing is learnt of it."
+            yield Finding("one_direction", "note", sentence)
+    level = float(np.abs(d.I).max())
+    at_end = float(np.mean(np.abs(d.I) >= (1.0 - 1e-6) * level))
+    # a profile of few levels is at one of them all the time
+    if at_end > SATURATED and len(np.unique(np.round(d.I / level, 4))) > LEVELS * d.N:
+        yield Finding(
+            "current_saturated",
+            "note",
+            f"The current stands at its greatest value, {level:.4g} A, for {100 * at_end:.0f} % of the time: a limit "
+            "of the drive, or of the sensor?",
+        )
+
+
+def _rise(r: Record, _: StringModel) -> Iterator[Finding]:
+    best = 0.0
+    for j in range(len(r.cells)):
+        y = r.y[r.sensor == j]
+        width = max(len(y) // 100, 1)
+        calm = np.convolve(y, np.full(width, 1.0 / width), "valid")
+        best = max(best, float(np.ptp(calm)) / float(r.noise.total[j]))
+    if best < RISE:
+        yield Finding(
+            "little_heat",
+            "stop",
+            f"No surface temperature moves by more than {best:.1f} times the error of a reading: there is nothing to "
+            "compare. Drive more current, or for longer.",
+        )
+
+
+def _rest(r: Record, _: StringModel) -> Iterator[Finding]:
+    """Look at what the current sensor reads where plainly nothing flows: a level held to within its last digits."""
+    d = r.drive
+    peak = float(np.sqrt(d.I2.max()))
+    steady = (np.abs(d.I) < REST * peak) & (np.sqrt(np.maximum(d.I2 - d.I**2, 0.0)) < 0.003 * peak)
+    if float(steady.sum()) * d.dt < REST_S:
+        return
+    levels = d.I[steady]
+    level = float(np.median(levels))
+    spread = 1.4826 * float(np.median(np.abs(levels - level)))
+    if abs(level) > max(0.003 * peak, 0.02) and spread < 0.5 * abs(level):
+        yield Finding(
+            "current_at_rest",
+            "note",
+            f"At rest the current reads {level:.3g} A: an offset of its sensor, or a current that never stops.",
+        )
+
+
+def _soak(r: Record, model: StringModel) -> Iterator[Finding]:
+    d = r.drive
+    loaded = np.flatnonzero(_above(d, REST))
+    end = int(loaded[0]) if len(loaded) else d.N
+    start = r.grid[: end + 1]
+    if end * d.dt < SOAK_S or not np.isfinite(start).any(axis=0).all():
+        return
+    level = np.nanmedian(start, axis=0)
+    third = max(len(start) // 3, 1)
+    drift = np.abs(_mean(start[-third:]) - _mean(start[:third]))
+    noise = r.noise.total
+    if (drift > 0.1 + 3.0 * noise / np.sqrt(third)).any():
+        yield Finding("no_soak", "note", "The record starts while temperatures still move: offsets cannot be read off.")
+        return
+    apart = level - float(np.median(d.T_in[:end]))
+    allowed = 2.0 * (model.tolerances["surface_offset_K"] + model.tolerances["inlet_offset_K"])
+    for cell, off, q in zip(r.cells, apart.tolist(), r.noise.step.tolist(), strict=True):
+        if abs(off) > max(allowed, q):
+            yield Finding(
+                "soak_offset",
+                "warn",
+                f"At rest at the start the surface of cell {cell} reads {off:+.2f} K against the inlet: an offset of a "
+                "sensor, or a pack that was not yet at the coolant's temperature.",
+            )
+
+
+def _stuck(r: Record, model: StringModel) -> Iterator[Finding]:
+    d = r.drive
+    t = r.surface.at(r.instants)
+    work = np.append(0.0, np.cumsum(_above(d, ACTIVE) * d.dt))
+    stuck = []
+    for j, cell in enumerate(r.cells):
+        mine = r.sensor == j
+        y, left = r.y[mine], r.left[mine]
+        edges = np.flatnonzero(np.diff(y, prepend=np.nan, append=np.nan) != 0.0)
+        held = work[left[edges[1:] - 1]] - work[left[edges[:-1]]]
+        limit = STILL_S if r.noise.step[j] < COARSE_K else STILL_COARSE_S
+        k = int(np.argmax(held))
+        if held[k] > limit and _must_move(r, model, cell, int(left[edges[k]]), int(left[edges[k + 1] - 1])):
+            stuck.append(cell)
+            first = float(t[mine][edges[k]] - r.instants[0])
+            yield Finding(
+                "stuck_sensor",
+                "warn",
+                f"The surface of cell {cell} reads {y[edges[k]]:g} °C for {held[k] / 60:.1f} min under current, from "
+                f"{first / 60:.1f} min on: is its sensor stuck?",
+            )
+    if len(stuck) == len(r.cells):
+        yield Finding("all_stuck", "stop", "Every surface sensor stands still under current.")
+
+
+def _must_move(r: Record, model: StringModel, cell: int, first: int, last: int) -> bool:
+    """Whether a surface that reads one value over some intervals cannot have stood still, by the model's numbers.
+
+    A slow charge warms a cell by less than a step of its sensor, and a steady one by nothing once it is warm.
+    """
+    d, p = r.drive, model.nominal
+    q = np.nan_to_num(d.I2)[:, None] * p.R_e
+    inlet = np.append(d.T_in, d.T_in[-1])
+    x = simulate(discretize(continuous(_passable(p)), d.dt), np.full(2 * p.cells, inlet[0]), q, inlet)
+    expected = x[first : last + 2, 2 * cell - 1]
+    reads = max(float(r.noise.step[r.cells.index(cell)]), float(r.noise.total[r.cells.index(cell)]))
+    return float(np.ptp(expected)) > MUST_MOVE * reads
+
+
+def _passable(p: StringParameters) -> StringParameters:
+    """Take the exact exchange where the bulk node would overshoot."""
+    return replace(p, coolant="ntu") if np.isfinite(p.C_f) else p
+
+
+def _sign(r: Record, _: StringModel) -> Iterator[Finding]:
+    d = r.drive
+    if "voltage" in d.known and (against := _correlation(np.diff(d.I), np.diff(d.V))) > 0.3:
+        yield Finding(
+            "current_sign",
+            "warn",
+            f"The voltage rises with the current (correlation {against:+.2f}): discharge must be positive. Flip it "
+            "with --columns current_A=-COLUMN.",
+        )
+    elif "soc" in d.known:
+        block = max(round(60.0 / d.dt), 1)
+        count = d.N // block
+        if count >= 5:
+            soc = d.soc[: count * block : block]
+            moved = d.I[: (count - 1) * block].reshape(count - 1, block).mean(axis=1)
+            if (with_charge := _correlation(moved, np.diff(soc))) > 0.3:
+                yield Finding(
+                    "current_sign",
+                    "warn",
+                    f"The state of charge rises with the current (correlation {with_charge:+.2f}): discharge must be "
+                    "positive. Flip it with --columns current_A=-COLUMN.",
+                )
+
+
+def _inlet(r: Record, _: StringModel) -> Iterator[Finding]:
+    d = r.drive
+    span = float(np.ptp(d.T_in))
+    if span < INLET_K:
+        yield Finding(
+            "inlet_constant",
+            "note",
+            f"The inlet moves by {span:.2f} K only: a delay of the coolant, losses to the surroundings and offsets of "
+            "sensors cannot be told from other effects.",
+        )
+    warm = np.append(False, _above(d, ACTIVE))
+    warm[: len(warm) // 2] = False
+    gap = r.grid[warm] - np.append(d.T_in[0], d.T_in)[warm, None]
+    if np.isfinite(gap).any() and (most := float(np.nanmax(_median(gap)))) < -SWAPPED_K:
+        yield Finding(
+            "inlet_warmer",
+            "warn",
+            f"Under current every surface is at least {-most:.1f} K colder than the coolant inlet: is the outlet or "
+            "another sensor mapped as inlet?",
+        )
+
+
+def _along(r: Record, model: StringModel) -> Iterator[Finding]:
+    """Look whether the cells get warmer along the coolant's way, as they must."""
+    if not model.has_coolant_path or len(r.cells) < 2:
+        return
+    half = r.grid[len(r.grid) // 2 :]
+    rise = _median(half - np.append(r.drive.T_in[0], r.drive.T_in)[len(r.grid) // 2 :, None])
+    first, last = float(rise[0]), float(rise[-1])
+    if first - last > max(1.0, 0.3 * abs(first)):
+        yield Finding(
+            "coolant_backwards",
+            "warn",
+            f"Cell {r.cells[0]} runs {first - last:.1f} K warmer than cell {r.cells[-1]}: does the coolant enter at "
+            "the other end?",
+        )
+
+
+def _loop(r: Record, _: StringModel) -> Iterator[Finding]:
+    d = r.drive
+    if "flow" not in d.known or float(np.ptp(d.flow)) < 0.05:
+        return
+    hottest = np.where(np.isfinite(r.grid), r.grid, -np.inf).max(axis=1)[:-1]
+    seen = np.isfinite(hottest)
+    if (together := _correlation(hottest[seen], d.flow[seen])) > LOOP:
+        yield Finding(
+            "flow_follows_temperature",
+            "warn",
+            f"The coolant flow follows the temperature (correlation {together:.2f}), as a controlled fan does: cause "
+            "and effect are hard to part. A run at fixed flow would tell more.",
+        )
+
+
+def _charge(r: Record, _: StringModel) -> Iterator[Finding]:
+    d = r.drive
+    if "soc" not in d.known:
+        yield Finding("no_soc", "note", "Without a state of charge nothing that depends on it can be found.")
+    elif (span := float(np.ptp(d.soc))) < SOC_SPAN:
+        yield Finding(
+            "soc_span",
+            "note",
+            f"The state of charge moves by {100 * span:.0f} % only: what depends on it looks constant.",
+        )
+
+
+def _sampling(r: Record, _: StringModel) -> Iterator[Finding]:
+    t = r.surface.at(r.instants)
+    seconds = float(r.drive.N * r.drive.dt)
+    lost = []
+    for j in range(len(r.cells)):
+        gaps = np.diff(t[r.sensor == j])
+        lost.append(1.0 - (len(gaps) + 1) * float(np.median(gaps)) / seconds)
+    if few := [cell for cell, share in zip(r.cells, lost, strict=True) if share > MISSING]:
+        yield Finding(
+            "readings_missing", "note", f"Up to {100 * max(lost):.0f} % of the readings of {_cells(few)} are missing."
+        )
+    if coarse := [cell for cell, q in zip(r.cells, r.noise.step.tolist(), strict=True) if q >= COARSE_K]:
+        yield Finding(
+            "coarse_sensor",
+            "note",
+            f"The surface of {_cells(coarse)} is measured in steps of {r.noise.step.max():g} K.",
+        )
+
+
+def _rows(r: Record, _: StringModel) -> Iterator[Finding]:
+    if (share := doubt(r)) > 0.0:
+        what = "nothing can be named" if share > HOPELESS else "only what stands out of that is named"
+        yield Finding(
+            "current_coarse",
+            "warn",
+            f"The current jumps between its rows, {r.sampling.seconds:.3g} s apart: a minute's heat is known to "
+            f"±{100.0 * share:.0f} % only, and {what}. Log it every second or faster.",
+        )
+
+
+def _cells(cells: Sequence[int]) -> str:
+    return f"cell{'s' if len(cells) > 1 else ''} {', '.join(map(str, cells))}"
+
+
+def _above(d: Drive, share: float) -> NDArray[np.bool_]:
+    """Intervals whose effective current is above a share of the greatest one."""
+    effective = np.sqrt(d.I2)
+    return np.asarray(effective > share * effective.max())
+
+
+def _correlation(a: Floats, b: Floats) -> float:
+    both = np.isfinite(a) & np.isfinite(b)
+    a, b = a[both], b[both]
+    if len(a) < 5 or np.std(a) == 0.0 or np.std(b) == 0.0:
+        return 0.0
+    return float(np.corrcoef(a, b)[0, 1])
+
+
+def _mean(y: Floats) -> Floats:
+    """Mean down the columns over what is known; NaN where nothing is."""
+    known = np.isfinite(y)
+    count = known.sum(axis=0)
+    return np.asarray(np.where(known, y, 0.0).sum(axis=0) / np.where(count > 0, count, np.nan))
+
+
+def _median(y: Floats) -> Floats:
+    return np.array([np.median(c[np.isfinite(c)]) if np.isfinite(c).any() else np.nan for c in y.T])

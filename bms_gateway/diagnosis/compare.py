@@ -1,0 +1,214 @@
+"""The measured and the free-running model side by side: where, when and in which regime they part.
+
+Two models are held against the readings: the one filed, with nothing free but where each record starts, and the same
+refitted within the spread that it declares itself. What the first shows and the second does not was a matter of
+numbers; what both show is a matter of structure.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bms_gateway.diagnosis.core_band import CoreBand, at_times, core_bands
+from bms_gateway.diagnosis.core_known import KnownCore, known_core
+from bms_gateway.diagnosis.findings import core_sentences, sensor_sentences
+from bms_gateway.diagnosis.misfit import Block, Level, Sensor, Series, level, series
+from bms_gateway.diagnosis.misfit import blocks as blocks_of
+from bms_gateway.diagnosis.misfit import sensors as sensors_of
+from bms_gateway.diagnosis.prepare import joined, measured
+from bms_gateway.diagnosis.record import Record
+from bms_gateway.diagnosis.regimes import FEATURES, seconds_of
+from bms_gateway.diagnosis.residuals import Structure, structure
+from bms_gateway.identify.map_fit import MapFit, fitted, stacked
+from bms_gateway.identify.problem import Problem
+from bms_gateway.thermal import Floats, StringModel
+from bms_gateway.thermal.centre import probe_lever
+
+
+@dataclass(frozen=True, slots=True)
+class CoreCheck:
+    """Model against a thermocouple in a core, which no fit has seen: read where `core_probe` says that it sits.
+
+    Attributes
+    ----------
+    record, cell : int
+    rmse_K, bias_K : float
+        Bias: thermocouple minus model.
+    covered : float
+        Share of the readings within 1.96 sd, of the band and of where the thermocouple sits.
+    time_s, measured : ndarray (K,)
+    """
+
+    record: int
+    cell: int
+    rmse_K: float
+    bias_K: float
+    covered: float
+    time_s: Floats
+    measured: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Variant:
+    """One model against the readings.
+
+    Attributes
+    ----------
+    name : {"filed", "refitted"}
+    fit : MapFit
+    trained, held : Level
+    structure : Structure
+    sensors : tuple of Sensor
+    blocks : tuple of Block
+        That carry most of the excess, in order of time; none where there is none.
+    explained : tuple of (feature, share)
+        How much of the excess of all sensors each feature's bins explain, most first; `always` is a constant error.
+    series : tuple of Series
+    cores : tuple of CoreBand, one per record
+    core_checks : tuple of CoreCheck
+    findings : tuple of str
+    """
+
+    name: str
+    fit: MapFit
+    trained: Level
+    held: Level
+    structure: Structure
+    sensors: tuple[Sensor, ...]
+    blocks: tuple[Block, ...]
+    explained: tuple[tuple[str, float], ...]
+    series: tuple[Series, ...]
+    cores: tuple[CoreBand, ...]
+    core_checks: tuple[CoreCheck, ...]
+    findings: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Measured and modelled.
+
+    Attributes
+    ----------
+    sources : tuple of str
+    filed, refitted : Variant
+        The filed one's cores carry the refitted one's sd and the distance to it: a model that is taken for exact does
+        not know how wrong it is.
+    core : KnownCore
+        By these records: what stands behind the bands, and whether it is proven.
+    """
+
+    sources: tuple[str, ...]
+    filed: Variant
+    refitted: Variant
+    core: KnownCore
+
+
+def compare(model: StringModel, records: Sequence[Record]) -> Comparison:
+    """Hold a model against records.
+
+    Parameters
+    ----------
+    model : StringModel
+    records : sequence of Record
+
+    Returns
+    -------
+    Comparison
+        Filed and refitted; readings of cores, where there are any, are used for `core_checks` only.
+    """
+    ready = [measured(r, model) for r in records]
+    core = known_core(model, records)
+    refitted = core.identified.seen
+    filed = fitted(Problem(as_filed(model), ready))
+    # what a model that is taken for exact does not know: how far refitting moves it, and what that leaves open
+    doubted = tuple(
+        replace(best, T_c=mine.T_c, gap_K=mine.gap_K, lag_K=mine.lag_K, sd_K=np.hypot(best.sd_K, mine.T_c - best.T_c))
+        for mine, best in zip(core_bands(filed), core.bands, strict=True)
+    )
+    return Comparison(
+        tuple(r.source for r in records),
+        _variant("filed", filed, sensors_of(filed), doubted, records),
+        _variant("refitted", refitted, sensors_of(refitted), core.bands, records),
+        core,
+    )
+
+
+def as_filed(model: StringModel) -> StringModel:
+    """Return the model with all its numbers taken for exact: nothing is left free but where a record starts."""
+    return replace(
+        model,
+        priors={name: replace(p, rel_sd=0.0) for name, p in model.priors.items()},
+        effects=tuple(replace(e, sd=dict.fromkeys(e.values, 0.0)) for e in model.effects),
+        tolerances=dict.fromkeys(model.tolerances, 0.0),
+    )
+
+
+def _variant(
+    name: str, fit: MapFit, sensors: tuple[Sensor, ...], bands: tuple[CoreBand, ...], records: Sequence[Record]
+) -> Variant:
+    y, sigma, _, _, used = stacked(fit.problem)
+    error = y - fit.y
+    blocks = blocks_of(fit)
+    trained, held, over_all = level(error, sigma, used), level(error, sigma, ~used), structure(fit)
+    weight = {s.cell: s.share for s in sensors}
+    names = ["always", *FEATURES]
+    totals = {k: sum(weight[s.cell] * r.share for s in sensors for r in s.regimes if r.feature == k) for k in names}
+    explained = tuple(sorted(((k, float(x)) for k, x in totals.items() if x > 0.0), key=lambda e: -e[1]))
+    findings = sensor_sentences(sensors, blocks, explained, len(records)) + core_sentences(bands, sensors, name)
+    checks = core_checks(records, fit, bands)
+    return Variant(
+        name,
+        fit,
+        trained,
+        held,
+        over_all,
+        sensors,
+        blocks,
+        explained,
+        series(fit),
+        bands,
+        checks,
+        findings,
+    )
+
+
+def core_checks(records: Sequence[Record], fit: MapFit, bands: Sequence[CoreBand]) -> tuple[CoreCheck, ...]:
+    """Hold a fit against the thermocouples in the cores of its records, where there are any.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    fit : MapFit
+        Of these records, in their order.
+    bands : sequence of CoreBand
+        Of the fit.
+    """
+    return tuple(c for r, record in enumerate(records) for c in _core_checks(record, fit, r, bands[r]))
+
+
+def _core_checks(record: Record, fit: MapFit, r: int, band: CoreBand) -> list[CoreCheck]:
+    if not len(record.core.y):
+        return []
+    with_core = measured(record, fit.problem.model, join=joined(record, fit.problem.model), core=True)
+    t = seconds_of(with_core)
+    found = []
+    for j, (kind, cell) in enumerate(with_core.channels):
+        mine = with_core.channel == j
+        if kind != "probe" or not mine.any():
+            continue
+        y = with_core.y[mine]
+        read, sd = at_times(band, cell, t[mine], probe_lever(fit.problem.model))
+        error = y - read
+        found.append(
+            CoreCheck(
+                r,
+                cell,
+                float(np.sqrt(np.mean(error**2))),
+                float(np.mean(error)),
+                float(np.mean(np.abs(error) <= 1.96 * np.maximum(sd, 1e-9))),
+                t[mine],
+                y,
+            )
+        )
+    return found

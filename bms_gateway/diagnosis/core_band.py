@@ -1,0 +1,252 @@
+r"""The core that a fitted model states, and how wrong it could be though the surface looks fine.
+
+.. math:: v = J \Sigma J^T + s^2 (1 + R_c/R_u)^2 + m^2 \, (T_c - T_s)^2
+
+The posterior Σ of a fit, coordinates and nuisances together, is carried to the cores by their sensitivities J. What the
+fit leaves over is not white: its evidence is tempered by the autocorrelation of its residual, as the search does, and
+a slow error s at the surface stands for s(1 + R_c/R_u) in the core. Of the difference core to surface two nodes may get
+a share m wrong, which no surface shows.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bms_gateway.diagnosis.regimes import instants_of
+from bms_gateway.diagnosis.residuals import structure
+from bms_gateway.identify.coordinates import Channel, Measured
+from bms_gateway.identify.map_fit import MapFit
+from bms_gateway.identify.problem import Problem
+from bms_gateway.thermal import Floats, Share, film
+from bms_gateway.thermal.centre import centre_share, hottest_point, lagged, time_constant
+from bms_gateway.thermal.trajectory import Span
+
+POINTS = 600
+"""Instants per record at which a core is stated with its sd: as many as a screen shows."""
+LUMPED = 0.05
+"""m of a model against which nothing speaks: position of the core's thermocouple, conduction along the axis …"""
+UNPROVEN = 0.35
+"""… and of one whose core is not proven: two sd are two thirds of its R_c, as much as one type of cell differs between
+two ways of cooling."""
+BAND_SD = 1.96
+"""Half width of a 95 % band."""
+
+
+@dataclass(frozen=True, slots=True)
+class CoreBand:
+    """Cores of one record.
+
+    Attributes
+    ----------
+    record : int
+    time_s : ndarray (K,), s since the record began
+    T_c : ndarray (K, n), °C
+    sd_K : ndarray (K, n)
+        From the fit's posterior.
+    remainder_K : ndarray (n,)
+        What the structure left at the surface may mean in the core.
+    lever_K : ndarray (K, n)
+        Difference core to surface, of which two nodes may get a share wrong; where it has just changed sign it is not
+        known any better, so half of its square is the record's mean.
+    gap_K, lag_K : ndarray (K, n)
+        Difference core to surface; the same as the profile within the roll has followed it.
+    roll : Share
+        φ of `thermal.centre`.
+    share : float
+        That share.
+    """
+
+    record: int
+    time_s: Floats
+    T_c: Floats
+    sd_K: Floats
+    remainder_K: Floats
+    lever_K: Floats
+    gap_K: Floats
+    lag_K: Floats
+    roll: Share
+    share: float = LUMPED
+
+    @property
+    def total_K(self) -> Floats:
+        """Standard deviation (K, n) of all three together."""
+        return np.asarray(np.sqrt(self.sd_K**2 + self.remainder_K**2 + (self.share * self.lever_K) ** 2))
+
+    @property
+    def T_centre(self) -> Floats:
+        """Hottest point (K, n) of each cell, °C."""
+        return hottest_point(self.T_c, self.T_c - self.gap_K, self.lag_K, self.roll.value)
+
+    @property
+    def centre_sd_K(self) -> Floats:
+        """Its standard deviation (K, n): the surface is read, so that a core is off by as much as its gap is."""
+        return np.asarray(np.hypot((1.0 + self.roll.value) * self.total_K, self.roll.sd * self.lag_K))
+
+
+def half_width_K(bands: Sequence[CoreBand]) -> Floats:
+    """95 % half width (n,) of each cell's core, root mean square over all records, K: what tables and sentences say."""
+    return np.asarray(BAND_SD * typical_K([b.total_K for b in bands]))
+
+
+def typical_K(x: Sequence[Floats]) -> Floats:
+    """Root mean square (n,) over all instants of all records: how a core's sd is told in one number."""
+    return np.asarray(np.sqrt(np.mean(np.concatenate(list(x)) ** 2, axis=0)))
+
+
+def seen_at(m: Measured, channels: Sequence[Channel], row: np.ndarray, share: Floats | None = None) -> Measured:
+    """Give a record that is read elsewhere: `channels` at each of the rows of its trajectory.
+
+    Its own channels stay, without readings: where it starts was taken from their thermocouples.
+    """
+    K, C, own = len(row), len(channels), len(m.channels)
+    share = np.zeros(K) if share is None else share
+    return replace(
+        m,
+        channels=(*m.channels, *channels),
+        channel=own + np.repeat(np.arange(C), K),
+        row=np.tile(row, C),
+        share=np.tile(share, C),
+        y=np.zeros(K * C),
+        used=np.ones(K * C, np.bool_),
+        sigma0=np.concatenate([m.sigma0, np.full(C, 0.1)]),
+        step=np.concatenate([m.step, np.zeros(C)]),
+    )
+
+
+def sensitivity(fit: MapFit, records: Sequence[Measured]) -> tuple[Floats, Floats]:
+    """Tell what other thermocouples would read, and how it depends on all numbers of a fit.
+
+    Parameters
+    ----------
+    fit : MapFit
+    records : sequence of Measured
+        The fit's own, read elsewhere (`seen_at`).
+
+    Returns
+    -------
+    y : ndarray (M,), °C
+    J : ndarray (M, P + Q)
+        Per unit of [θ, ν].
+    """
+    problem = Problem(fit.problem.model, records)
+    nuisances = problem.nuisances = fit.problem.nuisances  # offsets of sensors too, which are read elsewhere here
+    moved = problem.jacobian(fit.theta, fit.prediction, problem.coordinates, nu=fit.nu)
+    scatter = moved[:, :0]
+    if len(fit.nu):
+        scatter = problem.jacobian(fit.theta, fit.prediction, nuisances, refinements=0, nu=fit.nu)
+    y = problem.predict(fit.theta, fit.prediction.X, fit.nu).y
+    return y, np.concatenate([moved, scatter], axis=1)
+
+
+def tempered(fit: MapFit, inflation: float) -> Floats:
+    """Covariance (P + Q, P + Q) of all numbers, the data's weight divided by the inflation of their variance."""
+    sd = np.concatenate([[c.sd for c in fit.problem.coordinates], fit.linear.sd])
+    prior = np.diag(1.0 / sd**2)
+    return np.asarray(np.linalg.inv((fit.H - prior) / inflation + prior), dtype=np.float64)
+
+
+def posterior(fit: MapFit) -> Floats:
+    """Covariance (P + Q, P + Q) of coordinates and nuisances, evidence weakened where the residual is coloured."""
+    if fit.noise is not None:
+        return np.asarray(np.linalg.inv(fit.H), dtype=np.float64)
+    return tempered(fit, max(1.0, structure(fit).inflation))
+
+
+def core_bands(
+    fit: MapFit,
+    structured_K: Sequence[float] = (),
+    *,
+    covariance: Floats | None = None,
+    share: float = LUMPED,
+) -> tuple[CoreBand, ...]:
+    """State the cores of each record of a fit.
+
+    Parameters
+    ----------
+    fit : MapFit
+    structured_K : sequence of float, one per cell
+        Slow error of the surface; 0 where left out.
+    covariance : ndarray (P + Q, P + Q), optional
+        Of the fit's numbers, where it is not `posterior`'s.
+    share : float
+        Of the difference core to surface that may be wrong.
+    """
+    n = fit.problem.model.cells
+    channels: list[Channel] = [("core", k) for k in range(1, n + 1)]
+    records, times, levers, gaps = [], [], [], []
+    roll = centre_share(fit.problem.model)
+    for m, X in zip(fit.problem.records, fit.prediction.X, strict=True):
+        row = _thinned(m.spans)
+        records.append(seen_at(m, channels, row))
+        times.append(instants_of(m)[row])
+        gap = X[:, 0 : 2 * n : 2] - X[:, 1 : 2 * n : 2]
+        gaps.append(gap[row])
+        levers.append(np.sqrt((gap[row] ** 2 + np.mean(gap**2, axis=0)) / 2.0))
+    y, J = sensitivity(fit, records)
+    C = posterior(fit) if covariance is None else covariance
+    variance = np.einsum("mp,pq,mq->m", J, C, J, optimize=True)
+    left = np.asarray(structured_K) if len(structured_K) else np.zeros(n)
+    bands, first = [], 0
+    for r, (t, lever, gap) in enumerate(zip(times, levers, gaps, strict=True)):
+        K = len(t)
+        part = slice(first, first + n * K)
+        first += n * K
+        p = fit.problem.numbers(r, fit.theta, fit.nu)[0].string
+        lag = lagged(gap, np.diff(t, prepend=t[0]), time_constant(roll.value, p.R_c, p.C_c))
+        bands.append(
+            CoreBand(
+                r,
+                t,
+                y[part].reshape(n, K).T.copy(),
+                np.sqrt(variance[part]).reshape(n, K).T.copy(),
+                left * (1.0 + p.R_c * film(p)),
+                lever,
+                gap,
+                lag,
+                roll,
+                share,
+            )
+        )
+    return tuple(bands)
+
+
+def core_moved(before: MapFit, after: MapFit) -> tuple[float, float]:
+    r"""Tell how far effects move the cores, and how well these are known with them.
+
+    With s the standard deviation of a core and d the way that it moved, the move is one towards the truth with a
+    probability of :math:`\Phi(|d|/2s)`: a move within the band's half width says little about it.
+
+    Parameters
+    ----------
+    before, after : MapFit
+        Of the same records, without and with the effects.
+
+    Returns
+    -------
+    float, float
+        Root mean square over all cores and instants of the move, and of the 95 % half width, K.
+    """
+    n = after.problem.model.cells
+    moves = [
+        a[:, 0 : 2 * n : 2] - b[:, 0 : 2 * n : 2] for a, b in zip(after.prediction.X, before.prediction.X, strict=True)
+    ]
+    sd = np.concatenate([b.sd_K for b in core_bands(after)])
+    return float(np.sqrt(np.mean(np.concatenate(moves) ** 2))), float(1.96 * np.sqrt(np.mean(sd**2)))
+
+
+def at_times(band: CoreBand, cell: int, t: Floats, lever: Share | None = None) -> tuple[Floats, Floats]:
+    """Core of one cell (from 1) and its sd at other times; with `lever` what a thermocouple in it reads."""
+    T_c, sd, gap = (np.interp(t, band.time_s, x[:, cell - 1]) for x in (band.T_c, band.total_K, band.gap_K))
+    return (T_c, sd) if lever is None else (T_c + lever.value * gap, np.hypot(sd, lever.sd * gap))
+
+
+def _thinned(spans: Sequence[Span]) -> np.ndarray:
+    """Rows of a trajectory, few enough to be shown, with both ends of each span."""
+    rows = sum(len(s) + 1 for s in spans)
+    every = max(rows // POINTS, 1)
+    found, first = [], 0
+    for s in spans:
+        found.append(first + np.unique(np.append(np.arange(0, len(s) + 1, every), len(s))))
+        first += len(s) + 1
+    return np.concatenate(found)

@@ -1,0 +1,441 @@
+"""Which physical effect is missing: the verdict on one or several records of a string, with all that stands behind it.
+
+adequate
+    What the declared tolerances explain: nothing is missing that these records could show.
+missing_effect
+    Named, with the effects that these records cannot tell from it; `unknown_remains` where it does not explain all.
+undecidable
+    Something of the catalogue is missing, and several effects explain it about equally well.
+unknown_effect
+    Structure that no effect of the catalogue explains; what merely resembles it is told as such, never as the cause.
+insufficient_data
+    The records cannot show an effect at all.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from bms_gateway.diagnosis.calibrate import seen_on
+from bms_gateway.diagnosis.candidates import INSTEAD, Candidate
+from bms_gateway.diagnosis.coarse_rows import doubt
+from bms_gateway.diagnosis.core_band import core_moved
+from bms_gateway.diagnosis.error_words import course, falls, rises, why_not
+from bms_gateway.diagnosis.geometry import odd_fitted
+from bms_gateway.diagnosis.prepare import measured
+from bms_gateway.diagnosis.record import Record
+from bms_gateway.diagnosis.residuals import (
+    CHANCE,
+    Structure,
+    noise_floor,
+    rmse,
+    structure,
+    unexplained,
+    within,
+)
+from bms_gateway.diagnosis.search import Progress, Search, search
+from bms_gateway.diagnosis.second_search import SecondSearch, needs_second, second_search
+from bms_gateway.diagnosis.weighing import Settings, Trial
+from bms_gateway.identify.coordinates import Measured
+from bms_gateway.identify.map_fit import MapFit, stacked
+from bms_gateway.thermal import StringModel
+
+Verdict = Literal["adequate", "missing_effect", "undecidable", "unknown_effect", "insufficient_data"]
+
+ROWS_OPEN = " The rows of the current lie so far apart that {:.2g} K may be theirs."
+EXPLAINED, EXPLAINED_HELD = 0.95, 0.5
+"""Share of the structure's power, of the held-out excess, that an effect must take away to be named as the cause: a
+right name leaves less, unless the noise hides it all the same."""
+DECIDED = 0.5
+"""Posterior share of the first effect below which several explain the records about equally well."""
+LEVEL_KNOWN = 0.1
+"""sd of the level of a counted charge up to which a law that goes by it needs no word of doubt."""
+HALVED = 0.5
+"""Share of the error that effects may leave where the charge is known, to be worth another record."""
+SHORT_STRING = 5
+INPUT_ONLY = (
+    "Heat from the voltage explains it: that is a better input and no physics. What I²R_e lacks is none of the "
+    "catalogue's laws alone; look at R_e over temperature and charge, and at entropy."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Number:
+    """A fitted number of an effect as people read it: value, standard deviation, unit."""
+
+    value: float
+    sd: float
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class Ranked:
+    """An effect in the ranking.
+
+    Attributes
+    ----------
+    effect : str
+    cell : int or None
+    heldout_rmse_K : float
+    evidence : float
+        Tempered log-odds against nothing.
+    share : float
+        Posterior probability of the effect within its round.
+    parameters : mapping of str to Number
+    tied_with : tuple of str
+        Effects that these records cannot tell from it.
+    refused : str
+        Why it was not let in; empty where nothing speaks against it.
+    """
+
+    effect: str
+    cell: int | None
+    heldout_rmse_K: float
+    evidence: float
+    share: float
+    parameters: Mapping[str, Number]
+    tied_with: tuple[str, ...]
+    refused: str
+
+
+@dataclass(frozen=True, slots=True)
+class Errors:
+    """Root mean squares in K: trained readings, held-out readings, and what the noise alone would leave."""
+
+    train_rmse_K: float
+    heldout_rmse_K: float
+    noise_floor_K: float
+    structure: Structure
+
+
+@dataclass(frozen=True, slots=True)
+class Selected:
+    """An effect of the verdict, with the effects tied with it."""
+
+    candidate: Candidate
+    tied_with: tuple[str, ...]
+    parameters: Mapping[str, Number]
+    log_odds: float
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """The verdict and what stands behind it.
+
+    Attributes
+    ----------
+    verdict : Verdict
+    unknown_remains : bool
+    sentence : str
+        The verdict for a battery engineer.
+    selected : tuple of Selected
+    looks_like : tuple of str
+        What an unknown effect resembles.
+    ranking : tuple of Ranked
+    baseline, after : Errors
+    search : Search
+    second : SecondSearch or None
+        Where the model's own error, not the noise, sets what can be told.
+    alarms : tuple of str
+        What speaks against the core of the model with the selected effects, a sentence each.
+    """
+
+    verdict: Verdict
+    unknown_remains: bool
+    sentence: str
+    selected: tuple[Selected, ...]
+    looks_like: tuple[str, ...]
+    ranking: tuple[Ranked, ...]
+    baseline: Errors
+    after: Errors
+    search: Search
+    second: SecondSearch | None = None
+    alarms: tuple[str, ...] = ()
+
+    @property
+    def decided_by_second(self) -> bool:
+        """Whether names and fits are those of the second search: in a string it only casts doubt on the first."""
+        return self.second is not None and self.search.baseline.problem.model.cells == 1
+
+    @property
+    def fits(self) -> tuple[MapFit, MapFit]:
+        """The model as it is and with the selected effects, held against all readings; of the search that decided."""
+        ready = self.search.baseline.problem.records
+        if self.second is None or not self.decided_by_second:
+            return self.search.baseline, self.search.final if self.selected else self.search.baseline
+        ready = [replace(m, used=np.ones_like(m.used)) for m in ready]  # it held nothing out
+        before = seen_on(self.second.baseline, ready)
+        return before, seen_on(self.second.best, ready) if self.selected else before
+
+
+def diagnose(
+    model: StringModel,
+    records: Sequence[Record],
+    settings: Settings | None = None,
+    progress: Progress | None = None,
+) -> Diagnosis:
+    """Find the effect that a model lacks.
+
+    Parameters
+    ----------
+    model : StringModel
+    records : sequence of Record
+        Of one cell type; each with its own start, and its own cooling where there are several.
+    settings : Settings, optional
+    progress : callable, optional
+        Told the share of the work done and what is being done.
+
+    Returns
+    -------
+    Diagnosis
+    """
+    tell = progress or (lambda _share, _text: None)
+    d = _diagnosed(model, records, settings, tell)
+    tell(1.0, "done")
+    return _with_charge(d, max(r.charge_sd for r in records))
+
+
+def _diagnosed(model: StringModel, records: Sequence[Record], settings: Settings | None, tell: Progress) -> Diagnosis:
+    ready = [measured(r, model) for r in records]
+    found = search(model, ready, settings, lambda share, text: tell(0.6 * share, text), [doubt(r) for r in records])
+    first = judged(found)
+    if first.verdict == "unknown_effect" and not found.hopeless and _heat_by_voltage(ready):
+        other = search(model, ready, settings, doubts=[doubt(r) for r in records], voltage=True)
+        by_voltage = judged(other)
+        if _only_voltage(by_voltage):
+            other.physical = found.rounds
+            return _with_doubt(replace(by_voltage, sentence=f"{by_voltage.sentence} {INPUT_ONLY}"))
+    open_rows = found.hopeless or (found.left_open > 0.0 and first.verdict == "adequate")
+    if open_rows or not needs_second(found) or (model.cells > 1 and not _doubtful(first)):
+        return _with_doubt(first)
+    second = second_search(model, ready, progress=lambda share, text: tell(0.6 + 0.4 * share, text))
+    if model.cells > 1 and second.verdict == "missing_effect":
+        return replace(first, unknown_remains=True, second=second, alarms=second.alarms)
+    return _judged_again(first, second)
+
+
+def _heat_by_voltage(ready: Sequence[Measured]) -> bool:
+    return all({"voltage", "soc"} <= m.drive.known for m in ready)
+
+
+def _only_voltage(d: Diagnosis) -> bool:
+    """Whether heat by the voltage is what explains the readings, and all of them."""
+    return d.verdict == "missing_effect" and not d.unknown_remains and d.selected[0].candidate.name in INSTEAD
+
+
+def judged(found: Search) -> Diagnosis:
+    """Pass the verdict on what a search found."""
+    base, final = errors(found.baseline), errors(found.final)
+    held = within(found.final)
+    floor = float(np.mean(stacked(found.final.problem)[1][held] ** 2))
+    structured, fails_held = unexplained(found.final, found.left_open)
+    explained = 1.0 - max(final.structure.power, 0.0) / max(base.structure.power, 1e-9)
+    before, after = (max(rmse(f, held) ** 2 - floor, 0.0) for f in (found.baseline, found.final))
+    explained_held = 1.0 - after / max(before, 1e-9)
+    noise = float(np.hypot(final.noise_floor_K, CHANCE * found.left_open))
+    outside = bool(found.chosen) and final.heldout_rmse_K > max(1.3 * noise, 1.05 * base.heldout_rmse_K)
+    remains = structured or fails_held or outside
+    mimic = (structured and explained < EXPLAINED) or (fails_held and explained_held < EXPLAINED_HELD)
+    mimic |= after > 0.0 and rises(rmse(found.baseline, held), rmse(found.final, held))
+    selected = tuple(Selected(c.candidate, c.tied, numbers(found.final, c.candidate), c.log_odds) for c in found.chosen)
+    ranking = tuple(_ranked(t, r) for r in found.rounds[:1] for t in r)
+    if not found.chosen:
+        verdict: Verdict = "unknown_effect" if remains or found.orphan else "adequate"
+    elif mimic or found.hopeless:
+        verdict = "unknown_effect"
+    else:
+        first = next(t for t in found.rounds[0] if t.candidate is found.rounds[0][0].candidate)
+        verdict = "undecidable" if first.share < DECIDED and selected[0].tied_with else "missing_effect"
+    rows = ROWS_OPEN.format(found.left_open) if found.left_open else ""
+    looks = tuple(dict.fromkeys(t.candidate.name for r in found.rounds[:1] for t in r[:3] if t.log_odds > 3.0))
+    if verdict == "unknown_effect":
+        return Diagnosis(
+            verdict, True, _sentence(verdict, (), looks, True, base, base) + rows, (), looks, ranking, base, base, found
+        )
+    return Diagnosis(
+        verdict,
+        remains,
+        _sentence(verdict, selected, (), remains, base, final) + rows,
+        selected,
+        (),
+        ranking,
+        base,
+        final,
+        found,
+    )
+
+
+def _with_doubt(d: Diagnosis) -> Diagnosis:
+    """Say what speaks against the core with the named effects.
+
+    A number that no cell of the format has; or that they move it by less than it is known to: no surface tells which
+    is nearer.
+    """
+    if not d.selected:
+        return d
+    if odd := tuple(o.says for o in odd_fitted(d.search.final)):
+        d = replace(d, sentence=f"{d.sentence} {' '.join(odd)}", alarms=odd)
+    moved, half_width = core_moved(d.search.baseline, d.search.final)
+    if moved > half_width:
+        return d
+    doubt = (
+        f"With what is named the core moves by {moved:.2g} K, less than the ± {half_width:.2g} K to which it is known."
+    )
+    return replace(d, sentence=f"{d.sentence} The core is not known better by it: {doubt}", alarms=(*d.alarms, doubt))
+
+
+def _with_charge(d: Diagnosis, sd: float) -> Diagnosis:
+    """Say so where an effect is named whose law goes by a charge that may start elsewhere."""
+    names = [s.candidate.key for s in d.selected if s.candidate.follows_charge]
+    if sd <= LEVEL_KNOWN or not names:
+        return d
+    verb = "goes" if len(names) == 1 else "go"
+    doubt = (
+        f"{' and '.join(names)} {verb} by the state of charge, whose level is known to ± {100.0 * sd:.0f} % only: "
+        "record it, or name the cell in the model file ([cell] format)."
+    )
+    return replace(d, sentence=f"{d.sentence} {doubt}")
+
+
+def _doubtful(d: Diagnosis) -> bool:
+    """Whether a string's first search names what explains too little; in a long one a second would take minutes."""
+    left = d.after.structure.power / max(d.baseline.structure.power, 1e-9)
+    return bool(d.selected) and left > 1.0 - EXPLAINED and d.search.baseline.problem.model.cells <= SHORT_STRING
+
+
+def _judged_again(first: Diagnosis, second: SecondSearch) -> Diagnosis:
+    """Pass the verdict of the second search: its names, its errors, its doubts."""
+    floor = first.baseline.noise_floor_K
+    base, after = (
+        Errors(rmse(seen, stacked(seen.problem)[4]), held, floor, structure(f))
+        for f, seen, held in zip((second.baseline, second.best), second.blocks, second.held_K, strict=True)
+    )
+    predicted = f" Fitted to the first 60 %, it {course(*second.tail)} in the last 40 %."
+    if not falls(*second.tail) and second.known_K is not None:
+        predicted = predicted[:-1] + ", which holds charge that the first part does not."
+    names = tuple(c.candidate.name for c in second.chosen)
+    selected = tuple(
+        Selected(c.candidate, c.tied, numbers(second.best, c.candidate), c.log_odds) for c in second.chosen
+    )
+    probable = {s.candidate.key: second.probability.get(s.candidate.key, 1.0) for s in selected}
+    ranking = tuple(
+        Ranked(
+            s.candidate.name,
+            s.candidate.cell,
+            after.heldout_rmse_K,
+            s.log_odds,
+            probable[s.candidate.key],
+            s.parameters,
+            s.tied_with,
+            "",
+        )
+        for s in selected
+    )
+    if second.verdict == "unknown_effect":
+        why = why_not(base.heldout_rmse_K, after.heldout_rmse_K)
+        ranking = tuple(replace(r, refused=why) for r in ranking)
+        text = _sentence("unknown_effect", (), names, True, base, base)
+        if second.known_K is not None and second.known_K[1] < HALVED * second.known_K[0]:
+            text += (
+                f" It would explain held-out readings between trained ones (error {course(*second.known_K)}), but the "
+                "rest holds charge that no other reading covers: charge and discharge the cell once more, or add a "
+                "record at another rate."
+            )
+        return Diagnosis(
+            "unknown_effect", True, text, (), names, ranking, base, base, first.search, second, second.alarms
+        )
+    # an effect that is likelier to be another is one of several
+    doubtful = [s for s in selected if probable[s.candidate.key] < DECIDED]
+    verdict: Verdict = "undecidable" if doubtful else "missing_effect"
+    text = _sentence(verdict, selected, (), True, base, after, second.known_K) + predicted
+    for s in doubtful:
+        text += f" {s.candidate.key} is one of several: its probability is {100.0 * probable[s.candidate.key]:.0f} %."
+    if not second.core_claimed:
+        text += f" The core is not known better by it: {' '.join(second.alarms)}"
+    return Diagnosis(verdict, True, text, selected, (), ranking, base, after, first.search, second, second.alarms)
+
+
+def errors(fit: MapFit) -> Errors:
+    """Errors of a fit on trained and held-out readings."""
+    used = stacked(fit.problem)[4]
+    everything = np.ones_like(used)
+    return Errors(rmse(fit, used), rmse(fit, ~used), noise_floor(fit, everything), structure(fit))
+
+
+def numbers(fit: MapFit, c: Candidate) -> dict[str, Number]:
+    """Numbers of one effect of a fit in the units shown to people; sd by the delta method where it is a logarithm."""
+    sd = np.sqrt(np.diag(fit.covariance))
+    found = {}
+    for p in filter(c.is_free, c.effect.parameters):
+        i = fit.problem.index(f"{c.key}.{p.name}")
+        value = float(np.exp(fit.theta[i])) if p.log else float(fit.theta[i])
+        spread = value * float(sd[i]) if p.log else float(sd[i])
+        found[p.name] = Number(value / p.to_si, spread / p.to_si, p.unit)
+    return found
+
+
+def _ranked(t: Trial, trials: Sequence[Trial]) -> Ranked:
+    used = stacked(t.fit.problem)[4]
+    tied = tuple(
+        dict.fromkeys(
+            o.candidate.name
+            for o in trials
+            if o.candidate.name != t.candidate.name and abs(o.log_odds - t.log_odds) < 4.6 and o.log_odds > 3.0
+        )
+    )
+    return Ranked(
+        t.candidate.name,
+        t.candidate.cell,
+        rmse(t.fit, ~used),
+        t.log_odds,
+        t.share,
+        numbers(t.fit, t.candidate),
+        tied,
+        t.why,
+    )
+
+
+def named(c: Candidate) -> str:
+    """Return an effect as a sentence names it."""
+    place = "" if c.cell is None else f" (cell {c.cell})" if c.effect.place != "gap" else f" (after cell {c.cell})"
+    return f"{c.name}{place}: {c.effect.title}"
+
+
+def _sentence(
+    verdict: Verdict,
+    selected: Sequence[Selected],
+    looks: Sequence[str],
+    remains: bool,
+    base: Errors,
+    after: Errors,
+    known_K: tuple[float, float] | None = None,
+) -> str:
+    floor = base.noise_floor_K
+    if verdict == "adequate":
+        return (
+            f"The model explains these readings: {base.heldout_rmse_K:.2g} K on held-out blocks, "
+            f"noise {floor:.2g} K. Nothing is missing that they could show."
+        )
+    if verdict == "unknown_effect":
+        like = f" It looks partly like {', '.join(looks)}, but that does not explain it." if looks else ""
+        return (
+            f"Something is missing that no effect of the catalogue explains: {base.heldout_rmse_K:.2g} K on "
+            f"held-out blocks, noise {floor:.2g} K.{like}"
+        )
+    names = " and ".join(named(s.candidate) for s in selected)
+    tied = sorted({t for s in selected for t in s.tied_with})
+    them = "it" if len(selected) == 1 else "them"
+    moved = course(base.heldout_rmse_K, after.heldout_rmse_K)
+    text = f"Missing: {names}. With {them} the error on held-out blocks {moved} (noise {floor:.2g} K)."
+    if not falls(base.heldout_rmse_K, after.heldout_rmse_K) and known_K is not None and falls(*known_K):
+        text += (
+            " A part of them holds charge that no other reading covers, so that a law of the charge is only guessed "
+            f"there; elsewhere it {course(*known_K)}."
+        )
+    elif not falls(base.heldout_rmse_K, after.heldout_rmse_K):
+        text += " These readings speak for it only where it was fitted."
+    if tied:
+        text += f" These readings cannot tell it from {', '.join(tied)}."
+    return text + (" Something unknown remains." if remains else "")

@@ -1,0 +1,283 @@
+r"""What to drive next, or where to put a sensor, so that two explanations of a record part.
+
+Both are run over each test of a library with the numbers that they were fitted with. What refitting either could make
+good is taken off: with d the difference of what they predict and J the columns of all that the wrong one may adjust,
+
+.. math:: χ^2 = d^T W d - d^T W J (J^T W J + Λ)^{-1} J^T W d, \qquad \text{expected log-odds} = χ^2/2
+
+where Λ holds what the records at hand say of its numbers (the posterior where they stay what they are, the prior where
+a new record brings its own start, cooling and sensor offsets). The lesser of the two directions counts.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bms_gateway.diagnosis.candidates import Candidate
+from bms_gateway.diagnosis.core_band import tempered
+from bms_gateway.diagnosis.feasible import Plan, limits_of, plans
+from bms_gateway.diagnosis.residuals import structure
+from bms_gateway.diagnosis.search import Search
+from bms_gateway.diagnosis.weighing import Trial
+from bms_gateway.identify.coordinates import OWN, Channel, Measured
+from bms_gateway.identify.map_fit import MapFit
+from bms_gateway.identify.problem import Problem
+from bms_gateway.thermal import Floats
+from bms_gateway.thermal.trajectory import Span
+
+ENOUGH_ODDS = 3.0
+"""Expected log-odds from which a test decides."""
+CLEAR = 0.95
+"""Share of the first effect from which nothing needs to be told apart."""
+NEAR = 3.0
+"""Log-odds within which another cell may be meant."""
+MOST_PAIRS = 3
+START_SD = 1.0
+"""K: where each cell starts is read off its own sensor, whatever either explanation makes of that reading."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ranked:
+    """One test: the plan, and the log-odds it can be expected to bring."""
+
+    plan: Plan
+    log_odds: float
+
+
+@dataclass(frozen=True, slots=True)
+class Sensor:
+    """A surface sensor more: cell, and the log-odds that the best test would then bring."""
+
+    cell: int
+    log_odds: float
+    plan: Plan
+
+
+@dataclass(frozen=True, slots=True)
+class Parting:
+    """How two explanations can be told apart.
+
+    Attributes
+    ----------
+    one, other : str
+        Keys of the effects.
+    tests : tuple of Ranked
+        The best first.
+    sensor : Sensor or None
+        Where no test decides with the sensors at hand, and one more would help.
+    sentence : str
+    """
+
+    one: str
+    other: str
+    tests: tuple[Ranked, ...]
+    sensor: Sensor | None
+    sentence: str
+
+    @property
+    def decides(self) -> bool:
+        """Whether a test with the sensors at hand can be expected to decide."""
+        return bool(self.tests) and self.tests[0].log_odds >= ENOUGH_ODDS
+
+
+@dataclass(frozen=True, slots=True)
+class Experiment:
+    """What to do next: each pair with its tests, and one sentence."""
+
+    partings: tuple[Parting, ...]
+    sentence: str
+
+
+def next_experiment(found: Search, *, uncertain: bool = False) -> Experiment | None:
+    """Find the test that tells a search's tied explanations apart.
+
+    Parameters
+    ----------
+    found : Search
+    uncertain : bool
+        The verdict leaves doubt: the two best explanations are held against each other although nothing is tied.
+
+    Returns
+    -------
+    Experiment
+        Or None where nothing is to be told apart.
+    """
+    pairs = _pairs(found, uncertain)
+    if not pairs:
+        return None
+    library = plans(
+        limits_of(found.baseline.problem.records[0], found.baseline.problem.model), found.baseline.problem.model
+    )
+    forecasts: dict[str, list[_Forecast]] = {}
+    for trial in (t for pair in pairs for t in pair):
+        if trial.candidate.key not in forecasts:
+            known = _Known(trial.fit)
+            forecasts[trial.candidate.key] = [_Forecast(known, p) for p in library]
+    partings = tuple(
+        _part(a.candidate, b.candidate, library, forecasts[a.candidate.key], forecasts[b.candidate.key])
+        for a, b in pairs
+    )
+    return Experiment(partings, partings[0].sentence)
+
+
+def separation(one: MapFit, other: MapFit, plan: Plan) -> float:
+    """Log-odds that a test can be expected to bring between two fits of the same records."""
+    return _between(_Forecast(_Known(one), plan), _Forecast(_Known(other), plan), one.problem.model.sensors)
+
+
+def _pairs(found: Search, uncertain: bool) -> list[tuple[Trial, Trial]]:
+    pairs: list[tuple[Trial, Trial]] = []
+    for chosen in found.chosen:
+        trials = next((r for r in found.rounds if any(t.candidate.key == chosen.candidate.key for t in r)), None)
+        if trials is None:
+            continue
+        mine = next(t for t in trials if t.candidate.key == chosen.candidate.key)
+        others = [next((t for t in trials if t.candidate.name == name), None) for name in chosen.tied]
+        others += [
+            t
+            for t in trials
+            if t.candidate.name == mine.candidate.name
+            and t.candidate.cell != mine.candidate.cell
+            and t.log_odds > mine.log_odds - NEAR
+        ]
+        pairs += [(mine, t) for t in others if t is not None]
+    if not pairs and found.rounds:
+        trials = found.rounds[-1] if not found.chosen else found.rounds[0]
+        second = next((t for t in trials[1:] if t.candidate.name != trials[0].candidate.name), None)
+        doubtful = uncertain or found.orphan or (bool(found.chosen) and trials[0].share < CLEAR)
+        if second is not None and doubtful:
+            pairs = [(trials[0], second)]
+    return [p for p in pairs if _forecastable(p[0]) and _forecastable(p[1])][:MOST_PAIRS]
+
+
+def _forecastable(t: Trial) -> bool:
+    """Whether a plan says all that the effect needs: none says what the voltage will be."""
+    return "voltage" not in t.candidate.effect.signals
+
+
+def _part(
+    one: Candidate, other: Candidate, library: Sequence[Plan], a: Sequence["_Forecast"], b: Sequence["_Forecast"]
+) -> Parting:
+    model = a[0].problem.model
+    tests = [Ranked(p, _between(x, y, model.sensors)) for p, x, y in zip(library, a, b, strict=True)]
+    tests.sort(key=lambda t: -t.log_odds)
+    best = tests[0]
+    sensor = None
+    names = f"{_spoken(one)} from {_spoken(other)}"
+    if best.log_odds >= ENOUGH_ODDS:
+        text = f"To tell {names}: {best.plan.instruction} ({best.plan.minutes:.0f} min)."
+        return Parting(one.key, other.key, tuple(tests), sensor, text)
+    for k in range(1, model.cells + 1):
+        if k in model.sensors:
+            continue
+        more = tuple(sorted((*model.sensors, k)))
+        for p, x, y in zip(library, a, b, strict=True):
+            odds = _between(x, y, more)
+            if sensor is None or odds > sensor.log_odds:
+                sensor = Sensor(k, odds, p)
+    if sensor is not None and sensor.log_odds >= ENOUGH_ODDS:
+        text = f"No test tells {names} with these sensors: add one on cell {sensor.cell}, then "
+        text += f"{sensor.plan.instruction} ({sensor.plan.minutes:.0f} min)."
+    else:
+        sensor = None
+        text = f"No test and no further surface sensor tells {names}."
+    return Parting(one.key, other.key, tuple(tests), sensor, text)
+
+
+def _spoken(c: Candidate) -> str:
+    if c.cell is None:
+        return c.name
+    return f"{c.name} ({'after ' if c.effect.place == 'gap' else ''}cell {c.cell})"
+
+
+class _Known:
+    """What the records at hand say of one hypothesis: its fit, inflation of the residual, tempered covariance."""
+
+    def __init__(self, fit: MapFit) -> None:
+        self.fit = fit
+        self.inflation = structure(fit).inflation
+        self.covariance = tempered(fit, self.inflation)
+
+
+class _Forecast:
+    """What one fit says of one test, at sensors on all cells, and all that it might yet adjust."""
+
+    def __init__(self, known: _Known, plan: Plan) -> None:
+        fit = known.fit
+        model, m = fit.problem.model, fit.problem.records[0]
+        record = planned(m, plan, model.cells)
+        theta, _ = _carried(known, Problem(model, [record]))
+        # starts are taken from readings: those that sensors would give, as this fit knows them, on soaked cells
+        soaked = record.start[0]
+        state = Problem(model, [record]).numbers(0, theta)[1][0]
+        record = replace(record, start=(2.0 * soaked - state[1 : 2 * model.cells : 2],))
+        self.problem = Problem(model, [record])
+        theta, self._precision = _carried(known, self.problem)
+        shared = {c.name: float(v) for c, v in zip(fit.problem.nuisances, fit.nu, strict=True) if c.record is None}
+        nu = np.array([shared.get(c.name, 0.0) for c in self.problem.nuisances])
+        prediction = self.problem.predict(theta)
+        J = self.problem.jacobian(theta, prediction, self.problem.coordinates, refinements=0)
+        Jn = self.problem.jacobian(theta, prediction, self.problem.nuisances, refinements=0)
+        self.y = prediction.y + Jn @ nu
+        self.J = np.concatenate([J, Jn], axis=1)
+        self.inflation = known.inflation
+        self.cell = np.array([k for _, k in record.channels])[record.channel]
+        # a plan is read once per interval, the sensors of the record at their own pace
+        pace = len(m.y) / (m.drive.N * m.drive.dt * len(m.channels))
+        sigma = {k: s for (_, k), s in zip(m.channels, np.sqrt(m.sigma0**2 + m.step**2 / 12.0), strict=True)}
+        usual = float(np.median(list(sigma.values())))
+        of_cell = np.array([sigma.get(k, usual) for k in range(1, model.cells + 1)])
+        self.weight = np.sqrt(plan.drive.dt * pace) / of_cell[self.cell - 1]
+
+    def left(self, y: Floats, rows: NDArray[np.bool_]) -> float:
+        """Squared distance to readings `y` once this fit has adjusted itself, in units of the noise."""
+        w = self.weight[rows]
+        d, J = (y - self.y)[rows] * w, self.J[rows] * w[:, None]
+        b = J.T @ d
+        return float(d @ d - b @ np.linalg.solve(J.T @ J + self._precision, b))
+
+
+def _between(a: _Forecast, b: _Forecast, sensors: Sequence[int]) -> float:
+    rows = np.isin(a.cell, sensors)
+    chi2 = min(a.left(b.y, rows), b.left(a.y, rows))
+    return max(0.5 * chi2 / min(a.inflation, b.inflation), 0.0)
+
+
+def planned(m: Measured, plan: Plan, cells: int) -> Measured:
+    """Give a record-to-be: a plan, read on all cells at each instant, soaked when it begins."""
+    u = plan.drive
+    N = u.N
+    channels: list[Channel] = [("surface", k) for k in range(1, cells + 1)]
+    return replace(
+        m,
+        drive=u,
+        spans=(Span(0, N),),
+        channels=tuple(channels),
+        channel=np.repeat(np.arange(cells), N),
+        row=np.tile(np.arange(1, N + 1), cells),
+        share=np.zeros(N * cells),
+        y=np.zeros(N * cells),
+        used=np.ones(N * cells, np.bool_),
+        sigma0=np.full(cells, float(np.median(m.sigma0))),
+        step=np.full(cells, float(np.median(m.step))),
+        start=(np.full(cells, float(u.T_in[0])),),
+        start_sd=(np.full(cells, START_SD),),
+        source=plan.name,
+    )
+
+
+def _carried(known: _Known, new: Problem) -> tuple[Floats, Floats]:
+    """Coordinates (P,) that a fit takes into a new record, and the precision (P + Q, P + Q) of all of its numbers."""
+    fit, old = known.fit, known.fit.problem
+    before = [*old.coordinates, *old.nuisances]
+    at = {c.name: i for i, c in enumerate(before) if c.record is None and c.name not in OWN}
+    after = [*new.coordinates, *new.nuisances]
+    kept = [i for i, c in enumerate(after) if c.record is None and c.name in at]
+    source = [at[after[i].name] for i in kept]
+    precision = np.diag([1.0 / c.sd**2 for c in after])
+    precision[np.ix_(kept, kept)] = np.linalg.inv(known.covariance[np.ix_(source, source)])
+    values = {c.name.partition("@")[0]: float(z) for c, z in zip(old.coordinates, fit.theta, strict=True)}
+    begin = {c.name: c.begin for c in new.coordinates if c.record is not None}
+    return np.array([begin.get(c.name, values.get(c.name, c.begin)) for c in new.coordinates]), precision

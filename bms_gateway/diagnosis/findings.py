@@ -1,0 +1,204 @@
+"""What a comparison found, in plain sentences."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from bms_gateway.diagnosis.core_band import CoreBand, half_width_K
+from bms_gateway.diagnosis.misfit import Block, Sensor
+from bms_gateway.diagnosis.regimes import Bin, Regime
+
+WORTH = 0.1
+"""Share of the excess from which a regime is worth a sentence."""
+SPREAD = 0.3
+"""Share of the excess in three blocks below which no time stands out."""
+TOGETHER = 4
+"""Cells of one pattern from which on one sentence tells of all of them."""
+ALONG = 0.8
+"""Rank correlation of the error with the place along the coolant from which on it grows or falls."""
+LARGE_CORE_K = 1.0
+"""95 % half width of a core from which one is warned although the surface looks fine."""
+
+
+def sensor_sentences(
+    sensors: Sequence[Sensor],
+    blocks: Sequence[Block],
+    explained: Sequence[tuple[str, float]],
+    records: int,
+) -> tuple[str, ...]:
+    """Say where, in which regime and when a model fails.
+
+    Parameters
+    ----------
+    sensors : sequence of Sensor
+    blocks : sequence of Block
+    explained : sequence of (feature, share)
+    records : int
+        How many there are.
+    """
+    bad = [s for s in sensors if s.disagrees]
+    fine = [s.cell for s in sensors if not s.disagrees]
+    if not bad:
+        return ("The model agrees with every sensor to within its noise.",)
+    found = [text for group in _patterns(bad) for text in _told(group, len(sensors))]
+    if fine:
+        found.append(f"The model agrees with {_cells(fine)} to within the noise.")
+    if explained:
+        feature, share = explained[0]
+        titles = {r.feature: r.title for s in bad for r in s.regimes}
+        if feature in titles and share > WORTH:
+            what = "is a constant offset" if feature == "always" else f"follows the {titles[feature]}"
+            found.append(f"{100.0 * share:.0f} % of the squared error above the noise {what}.")
+    if blocks and (when := _when(blocks, records)):
+        found.append(when)
+    return tuple(found)
+
+
+def core_sentences(bands: Sequence[CoreBand], sensors: Sequence[Sensor], name: str) -> tuple[str, ...]:
+    """Say how wrong the core could be, and warn where a good surface hides it."""
+    half = half_width_K(bands)
+    k = int(np.argmax(half))
+    core = f"the core of cell {k + 1}"
+    if any(s.disagrees for s in sensors):
+        judged = ", by what refitting moves" if name == "filed" else ""
+        text = (
+            "The core estimates are unreliable while the model does not explain the surfaces: "
+            f"{core} may be {half[k]:.2g} K off or more{judged}."
+        )
+    elif half[k] > LARGE_CORE_K:
+        text = f"The surfaces agree, yet {core} could be {half[k]:.2g} K wrong (95 %): they alone do not settle it."
+    else:
+        text = f"The cores are known to {half[k]:.2g} K (95 %, cell {k + 1} least)."
+    return (text,)
+
+
+def _patterns(bad: Sequence[Sensor]) -> list[list[Sensor]]:
+    """Put sensors together that fail in the same way, the worst pattern and the worst sensor of each first."""
+    groups: dict[tuple[str, bool, str], list[Sensor]] = {}
+    for s in sorted(bad, key=lambda s: -s.structured_K):
+        regime, strong = _strongest(s)
+        if regime is None or strong is None:
+            key = ("", False, "")
+        else:
+            key = (regime.feature, strong.mean_K > 0.0, _place(regime.bins, strong))
+        groups.setdefault(key, []).append(s)
+    return list(groups.values())
+
+
+def _told(group: Sequence[Sensor], cells: int) -> list[str]:
+    """Tell of sensors that fail in the same way: of many in one sentence."""
+    if len(group) < TOGETHER:
+        return [_misfit(s) for s in group]
+    found = [(s, *_strongest(s)) for s in group]
+    order = sorted(s.cell for s in group)
+    who = "All cells" if len(group) == cells else f"{len(group)} cells ({_runs(order)})"
+    if found[0][1] is None or found[0][2] is None:
+        least, most = (f(abs(s.worst.error_K) for s in group) for f in (min, max))
+        return [f"{who} depart from the model by {_range(least, most)} K, and no single regime explains it."]
+    strong = {s.cell: b for s, _, b in found if b is not None}
+    size = {k: abs(b.mean_K) for k, b in strong.items()}
+    amount = f"{_range(min(size.values()), max(size.values()))} K {'more' if found[0][2].mean_K > 0.0 else 'less'}"
+    labels = {b.label for b in strong.values()}
+    regime = found[0][1]
+    if regime.feature == "always":
+        where = "all along"
+    elif len(labels) == 1:
+        where = next(iter(labels))
+    else:
+        where = f"where the {regime.title} is {_place(regime.bins, found[0][2])}"
+    return [f"{who} read {amount} than the model {where}{_along(size)}."]
+
+
+def _range(least: float, most: float) -> str:
+    few, many = f"{least:.2g}", f"{most:.2g}"
+    return few if few == many else f"{few} to {many}"
+
+
+def _place(bins: Sequence[Bin], one: Bin) -> str:
+    at = [b is one for b in bins].index(True)
+    return "low" if at < (len(bins) - 1) / 2 else "high" if at > (len(bins) - 1) / 2 else "in between"
+
+
+def _along(size: Mapping[int, float]) -> str:
+    """Say whether an error grows or falls from cell to cell."""
+    place, rank = (np.argsort(np.argsort(x)) for x in (list(size), list(size.values())))
+    together = float(np.corrcoef(place, rank)[0, 1])
+    if abs(together) < ALONG:
+        return ""
+    return ", growing along the coolant" if together > 0.0 else ", falling along the coolant"
+
+
+def _strongest(s: Sensor) -> tuple[Regime | None, Bin | None]:
+    """Find the regime that explains the error of a sensor best, and its bin with the largest error; none of either."""
+    always, *others = s.regimes
+    best = next((r for r in others if r.share > WORTH), None)
+    if always.share > 0.5 and always.bins[0].significant and (best is None or best.share < always.share):
+        return always, always.bins[0]
+    if best is None:
+        return None, None
+    return best, max((b for b in best.bins if b.significant), key=lambda b: abs(b.mean_K), default=None)
+
+
+def _misfit(s: Sensor) -> str:
+    """One sentence about one sensor: where it is worst, and where it agrees."""
+    who = f"Cell {s.cell}"
+    regime, strong = _strongest(s)
+    if regime is None or strong is None:
+        return (
+            f"{who} departs from the model by {abs(s.worst.error_K):.2g} K (structured error {s.structured_K:.2g} K), "
+            "and no single regime explains it."
+        )
+    if regime.feature == "always":
+        return f"{who} reads {_amount(strong.mean_K)} than the model all along."
+    return f"{who} reads {_amount(strong.mean_K)} than the model {strong.label}{_contrast(regime.bins, strong)}"
+
+
+def _contrast(bins: Sequence[Bin], strong: Bin) -> str:
+    others = [b for b in bins if b is not strong]
+    if not others:
+        return "."
+    opposite = [b for b in others if b.significant and b.mean_K * strong.mean_K < 0.0]
+    if opposite:
+        b = max(opposite, key=lambda b: abs(b.mean_K))
+        return f", and {_amount(b.mean_K)} {b.label}."
+    calm = min(others, key=lambda b: (b.label != "at rest" or b.significant, abs(b.mean_K)))
+    if abs(calm.mean_K) < 0.3 * abs(strong.mean_K):
+        return f"; {calm.label} they agree."
+    return f", {_amount(calm.mean_K)} {calm.label}."
+
+
+def _amount(mean_K: float) -> str:
+    return f"{abs(mean_K):.2g} K {'more' if mean_K > 0.0 else 'less'}"
+
+
+def _when(blocks: Sequence[Block], records: int) -> str:
+    most = sorted(blocks, key=lambda b: -b.share)[:3]
+    told = sum(b.share for b in most)
+    if len(blocks) > 6 or told < SPREAD:
+        return "The error is spread over the whole time."
+    parts = []
+    for b in sorted(most, key=lambda b: (b.record, b.first_s)):
+        where = f" of record {b.record + 1}" if records > 1 else ""
+        parts.append(f"{b.first_s / 60:.0f}-{b.last_s / 60:.0f} min{where}")
+    return f"{100.0 * told:.0f} % of the error lies at {', '.join(parts)}."
+
+
+def _cells(cells: Sequence[int]) -> str:
+    return f"cell {cells[0]}" if len(cells) == 1 else f"cells {_runs(cells)}"
+
+
+def _runs(cells: Sequence[int]) -> str:
+    """Name cells in order, neighbours from the third on as a stretch.
+
+    Examples
+    --------
+    >>> _runs([1, 2, 3, 4, 7, 9, 10])
+    '1 to 4, 7, 9, 10'
+    """
+    runs: list[list[int]] = []
+    for k in cells:
+        if runs and k == runs[-1][-1] + 1:
+            runs[-1].append(k)
+        else:
+            runs.append([k])
+    return ", ".join(f"{r[0]} to {r[-1]}" if len(r) > 2 else ", ".join(map(str, r)) for r in runs)

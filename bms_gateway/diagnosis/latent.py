@@ -1,0 +1,311 @@
+r"""The heat that a fitted model misses, as it would have to be over time, and what it follows.
+
+The residual u is taken for the response of the fitted string, linear about its mean, to a heat q(t) in the core or at
+the surface of each cell with a sensor: straight between knots, a random walk from knot to knot,
+
+.. math::
+    u = \sum_j h_j q_j + J \delta + e, \qquad q_{j+1} - q_j \sim N(0, s^2), \qquad e \sim N(0, \sigma^2),
+
+solved at once as a Gaussian regression, s by its marginal likelihood. That is what a Kalman smoother with the same
+walk gives, without its loop over the readings, with gaps and stamps between the instants for nothing, and with the
+evidence for core against surface beside it. The numbers of the fit move along (δ, with their priors): they have taken
+their part of what is missing, and may give it back.
+
+What it follows is not read off that curve, which is smooth and in part a matter of the priors, but asked of the
+readings: what share of the misfit goes when a heat proportional to the feature is added and all numbers are refitted.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import scipy.linalg
+
+from bms_gateway.diagnosis.regimes import slope
+from bms_gateway.diagnosis.residuals import structure
+from bms_gateway.identify.coordinates import Measured
+from bms_gateway.identify.map_fit import MapFit, stacked
+from bms_gateway.thermal import Floats
+from bms_gateway.thermal.drive import Drive
+from bms_gateway.thermal.trajectory import reference
+
+Node = Literal["core", "surface"]
+KNOTS, LEAST_S = 60, 30.0
+"""Knots per record, and the least time between two: the surface tells nothing faster of the core."""
+WALKS_W = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
+"""W from knot to knot, among which the marginal likelihood chooses."""
+START_W = 5.0
+"""W: sd of the heat at the first knot."""
+FOLLOWS = 0.3
+"""Share of the misfit from which the heat is said to follow a feature."""
+MISSING_Z = 6.0
+
+
+@dataclass(frozen=True, slots=True)
+class Heat:
+    """Missing heat at one cell over one record, as if it all were made at one node.
+
+    Attributes
+    ----------
+    node : {"core", "surface"}
+    record, cell : int
+    time_s : ndarray (K,), s since the record began
+    heat_W, sd_W : ndarray (K,)
+        Positive where the cell makes more than the model knows.
+    """
+
+    node: Node
+    record: int
+    cell: int
+    time_s: Floats
+    heat_W: Floats
+    sd_W: Floats
+
+    @property
+    def rms_W(self) -> float:
+        """Root mean square."""
+        return float(np.sqrt(np.mean(self.heat_W**2)))
+
+
+@dataclass(frozen=True, slots=True)
+class Follow:
+    """A feature, and what a heat proportional to it would explain.
+
+    Attributes
+    ----------
+    node : {"core", "surface"}
+    feature, title, unit : str
+    share : float
+        Of the misfit above the noise, 0…1, with all numbers of the fit refitted.
+    slope : float
+        W per unit.
+    correlation : float
+        Of the feature with the heat as drawn, for a scatter plot.
+    values : tuple of ndarray
+        The feature at the knots of each heat of that node in turn.
+    """
+
+    node: Node
+    feature: str
+    title: str
+    unit: str
+    share: float
+    slope: float
+    correlation: float
+    values: tuple[Floats, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Latent:
+    """Missing heat and what it follows.
+
+    Attributes
+    ----------
+    heats : tuple of Heat
+        The core's of all records and cells, then the surface's.
+    node : {"core", "surface"}
+        Where the heat that follows the best feature is made; where no feature does, what `odds` say.
+    odds : float
+        Log-odds of the core against the surface for a heat of any course, tempered.
+    follows : tuple of Follow
+        At either node, the one that explains most first.
+    sentence : str
+    """
+
+    heats: tuple[Heat, ...]
+    node: Node
+    odds: float
+    follows: tuple[Follow, ...]
+    sentence: str
+
+
+def latent(fit: MapFit) -> Latent:
+    """Find the heat that a fit misses.
+
+    Parameters
+    ----------
+    fit : MapFit
+    """
+    s = structure(fit)
+    nodes: tuple[Node, Node] = ("core", "surface")
+    solved = {node: _deconvolved(fit, node) for node in nodes}
+    odds = (solved["core"][1] - solved["surface"][1]) / s.inflation
+    asked = [f for node in nodes for f in _follows(fit, node, solved[node][0])]
+    follows = tuple(sorted(asked, key=lambda f: -f.share))
+    heats = (*solved["core"][0], *solved["surface"][0])
+    node: Node = "core" if odds > 0.0 else "surface"
+    if follows[0].share > FOLLOWS:  # a curve of so many knots fits at either node; a feature does not
+        node = follows[0].node
+    return Latent(heats, node, odds, follows, _sentence(node, heats, follows, missing=s.z > MISSING_Z))
+
+
+def _deconvolved(fit: MapFit, node: Node) -> tuple[list[Heat], float]:
+    """Heat at each sensed cell of each record, and the log evidence of its explaining the readings."""
+    y, sigma, _, _, _ = stacked(fit.problem)
+    weight = 1.0 / sigma
+    B = fit.problem.spread(np.concatenate([fit.J, fit.linear.J], axis=1)) * weight[:, None]
+    sd = np.concatenate([[c.sd for c in fit.problem.coordinates], fit.linear.sd])
+    away = np.concatenate([fit.theta - [c.prior for c in fit.problem.coordinates], fit.nu])
+    places, blocks = [], []
+    for r, m in enumerate(fit.problem.records):
+        rows = slice(sum(len(o.y) for o in fit.problem.records[:r]), None)
+        hats = _hats(3600.0 * m.drive.hours, _knots(m))
+        for k in sorted({cell for kind, cell in m.channels if kind == "surface"}):
+            heat = np.zeros((m.drive.N, fit.problem.model.cells, hats.shape[1]))
+            heat[:, k - 1] = hats
+            block = np.zeros((len(y), hats.shape[1]))
+            block[rows][: len(m.y)] = _response(fit, r, node, heat)
+            places.append((r, k))
+            blocks.append(block)
+    D = np.concatenate([*(x * weight[:, None] for x in blocks), B], axis=1)
+    A, b = D.T @ D, D.T @ ((y - fit.y) * weight)
+    b[-len(sd) :] -= away / sd**2
+    widths = [x.shape[1] for x in blocks]
+    best: tuple[float, Floats, Floats] | None = None
+    for walk in WALKS_W:
+        walks = [_walk(K, walk) for K in widths]
+        factor = scipy.linalg.cho_factor(A + scipy.linalg.block_diag(*walks, np.diag(1.0 / sd**2)))
+        q = scipy.linalg.cho_solve(factor, b)
+        log_det = 2.0 * float(np.sum(np.log(np.diag(factor[0]))))
+        log_det -= sum(float(np.linalg.slogdet(w)[1]) for w in walks)
+        log_evidence = 0.5 * float(b @ q) - 0.5 * log_det
+        if best is None or log_evidence > best[0]:
+            half = scipy.linalg.solve_triangular(factor[0], np.eye(len(b)), trans="T")
+            best = (log_evidence, q, np.sqrt(np.sum(half**2, axis=0)))
+    assert best is not None  # noqa: S101 - there are walks to choose from
+    heats, first = [], 0
+    for (r, k), K in zip(places, widths, strict=True):
+        part = slice(first, first + K)
+        first += K
+        heats.append(Heat(node, r, k, _knots(fit.problem.records[r]), best[1][part], best[2][part]))
+    return heats, best[0]
+
+
+def _walk(K: int, sd: float) -> Floats:
+    """Precision (K, K) of a random walk."""
+    step = np.diff(np.eye(K), axis=0)
+    prior = step.T @ step / sd**2
+    prior[0, 0] += 1.0 / START_W**2
+    return np.asarray(prior)
+
+
+def _knots(m: Measured) -> Floats:
+    end = 3600.0 * float(m.drive.hours[-1]) + 0.5 * m.drive.dt
+    return np.linspace(0.0, end, int(np.clip(end / LEAST_S, 2, KNOTS)) + 1)
+
+
+def _hats(t: Floats, knots: Floats) -> Floats:
+    """Straight lines between knots (N, K)."""
+    at = np.clip((t - knots[0]) / (knots[1] - knots[0]), 0.0, len(knots) - 1.0)
+    return np.asarray(np.maximum(1.0 - np.abs(at[:, None] - np.arange(len(knots))), 0.0))
+
+
+def _response(fit: MapFit, r: int, node: Node, heat: Floats) -> Floats:
+    """Run what one record's surface sensors read (M, K), K, under heats (N, n, K), W, at one node of each cell."""
+    problem, m = fit.problem, fit.problem.records[r]
+    v, _ = problem.numbers(r, fit.theta, fit.nu)
+    memory, _ = problem.physics.memory(m.drive, v)
+    recursion = reference(problem.physics, m.drive, v, memory, fit.prediction.X[r].mean(axis=0))
+    n, K = problem.model.cells, heat.shape[2]
+    capacity = v.string.C_c if node == "core" else v.string.C_s
+    w = np.zeros((m.drive.N, problem.physics.states, K))
+    w[:, int(node == "surface") : 2 * n : 2] = heat / capacity[:, None]
+    parts = []
+    for span in m.spans:
+        X = recursion.run(np.zeros((problem.physics.states, K)), w[span.first : span.last])
+        parts.append(X[:, 1 : 2 * n : 2])
+    surfaces = np.concatenate(parts)
+    at = np.array([k - 1 for _, k in m.channels])[m.channel]
+    after = np.minimum(m.row + 1, len(surfaces) - 1)
+    return np.asarray((1.0 - m.share)[:, None] * surfaces[m.row, at] + m.share[:, None] * surfaces[after, at])
+
+
+def _features(u: Drive, T_s: Floats, T_c: Floats) -> dict[str, tuple[str, str, Floats]]:
+    """Title, unit and values (N,) of what a missing heat may follow."""
+    found = {
+        "I2": ("I²", "A²", u.I2),
+        "I": ("I", "A", u.I),
+        "I_abs_I": ("|I|I", "A²", np.sign(u.I) * u.I2),
+        "I_abs": ("|I|", "A", u.I_abs),
+        "I2_warmth": ("I² times the core's warmth, I²(T − mean T)", "A² K", u.I2[:, None] * (T_c - T_c.mean())),
+        "T": ("core temperature, T − mean T", "K", T_c - T_c.mean()),
+        "gap": ("surface over inlet, T_s − T_in", "K", T_s - u.T_in[:, None]),
+        "inlet_slope": ("slope of the inlet, dT_in/dt", "K/min", 60.0 * slope(u)),
+        "I2_time": ("I² times time", "A² h", u.I2 * u.hours),
+        "time": ("time", "h", u.hours),
+        "constant": ("a constant", "W", np.ones(u.N)),
+    }
+    if "soc" in u.known:
+        found["soc"] = ("state of charge", "1", u.soc)
+        found["I_soc"] = ("I times state of charge, I(SOC − mean)", "A", u.I * (u.soc - u.soc.mean()))
+    if "flow" in u.known:
+        found["flow"] = ("coolant flow", "1", u.flow)
+    return found
+
+
+def _follows(fit: MapFit, node: Node, heats: Sequence[Heat]) -> list[Follow]:
+    """Ask the readings of heats proportional to each feature, in all cells alike."""
+    tables = [_table(fit, r) for r in range(len(fit.problem.records))]
+    names = [n for n in tables[0] if all(n in t and float(np.abs(t[n][2]).max()) > 0.0 for t in tables)]
+    columns = np.concatenate(
+        [_response(fit, r, node, np.stack([t[n][2] for n in names], axis=2)) for r, t in enumerate(tables)]
+    )
+    used = stacked(fit.problem)[4]
+    r = fit.gathered(np.where(used, fit.r, 0.0))
+    J, base = fit.weighed(fit.problem.averaged(columns)), fit.weighed(np.concatenate([fit.J, fit.linear.J], axis=1))
+    prior, sd = (np.array([getattr(c, k) for c in fit.problem.coordinates]) for k in ("prior", "sd"))
+    rest = base.T @ r - np.concatenate([(fit.theta - prior) / sd**2, fit.nu / fit.linear.sd**2])
+    cross = base.T @ J
+    factor = scipy.linalg.cho_factor(fit.H)
+    S = np.sum(J * J, axis=0) - np.sum(cross * scipy.linalg.cho_solve(factor, cross), axis=0)
+    slopes = (J.T @ r - cross.T @ scipy.linalg.cho_solve(factor, rest)) / np.maximum(S, 1e-12)
+    excess = max(float(r @ r) - float(used.sum()), 1.0)
+    found = []
+    for i, name in enumerate(names):
+        title, unit, _ = tables[0][name]
+        values = tuple(_at_knots(fit, h, tables[h.record][name][2]) for h in heats)
+        share = min(float(slopes[i] ** 2 * S[i]) / excess, 1.0)
+        correlation = _correlation(np.concatenate(values), np.concatenate([h.heat_W for h in heats]))
+        found.append(Follow(node, name, title, unit, share, float(slopes[i]), correlation, values))
+    return found
+
+
+def _table(fit: MapFit, r: int) -> dict[str, tuple[str, str, Floats]]:
+    """Features of one record: title, unit and values (N, n)."""
+    m, n = fit.problem.records[r], fit.problem.model.cells
+    T_c, T_s = np.zeros((m.drive.N, n)), np.zeros((m.drive.N, n))
+    for i, s in enumerate(m.spans):
+        rows = np.arange(s.first, s.last) + i
+        X = 0.5 * (fit.prediction.X[r][rows] + fit.prediction.X[r][rows + 1])
+        T_c[s.first : s.last], T_s[s.first : s.last] = X[:, 0 : 2 * n : 2], X[:, 1 : 2 * n : 2]
+    return {
+        name: (title, unit, np.broadcast_to(x if x.ndim == 2 else x[:, None], (m.drive.N, n)))
+        for name, (title, unit, x) in _features(m.drive, T_s, T_c).items()
+    }
+
+
+def _at_knots(fit: MapFit, h: Heat, x: Floats) -> Floats:
+    """Means of a feature (N, n) of a heat's cell about its knots."""
+    hats = _hats(3600.0 * fit.problem.records[h.record].drive.hours, h.time_s)
+    return np.asarray(hats.T @ x[:, h.cell - 1] / np.maximum(hats.sum(axis=0), 1e-9))
+
+
+def _correlation(x: Floats, q: Floats) -> float:
+    if float(np.ptp(x)) == 0.0 or float(np.ptp(q)) == 0.0:
+        return 0.0
+    return float(np.corrcoef(x, q)[0, 1])
+
+
+def _sentence(node: Node, heats: Sequence[Heat], follows: Sequence[Follow], *, missing: bool) -> str:
+    if not missing:
+        return "No heat is missing that the readings could show."
+    size = float(np.sqrt(np.mean([h.rms_W**2 for h in heats if h.node == node])))
+    where = "in the cores" if node == "core" else "at the surfaces"
+    if follows[0].share > FOLLOWS:
+        f = follows[0]
+        return (
+            f"{f.share:.0%} of the misfit goes with a heat {where} that follows {f.title} "
+            f"({f.slope:+.2g} W per {f.unit})."
+        ).replace(" per W)", ")")
+    return f"The readings ask for {size:.2g} W (rms) more or less heat {where}; it follows no single feature."

@@ -1,0 +1,292 @@
+"""Errors of a model at each sensor: how large, how much of it structure, where, when and in which regime."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bms_gateway.diagnosis.regimes import (
+    FEATURES,
+    Regime,
+    instants_of,
+    interval_of,
+    regimes,
+    seconds_of,
+    stretches,
+    string_features,
+)
+from bms_gateway.diagnosis.residuals import LAGS, Structure, structure, structure_of
+from bms_gateway.identify.map_fit import MapFit, stacked
+from bms_gateway.thermal import Floats
+
+BLOCKS = 24
+"""Blocks of time per record among which the excess is shared out."""
+MOST_EXCESS = 0.5
+"""Share of the excess that the blocks told of carry together."""
+APART_S = 1e4
+"""Between records, so that no stretch of time reaches from one into the next."""
+DISAGREES, DISAGREES_Z = 0.18, 6.0
+"""Structured error in units of the noise, and its z, from which a model fails at a sensor …"""
+DISAGREES_HELD = 1.2
+"""… or held-out error over the noise floor."""
+CHANCE_Z = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class Level:
+    """How far readings lie from a model.
+
+    Attributes
+    ----------
+    readings : int
+    rmse_K : float
+        NaN where there is no reading.
+    floor_K : float
+        What noise and rounding alone would leave.
+    """
+
+    readings: int
+    rmse_K: float
+    floor_K: float
+
+    @property
+    def ratio(self) -> float:
+        """Error over noise floor: 1 for a perfect model."""
+        return self.rmse_K / self.floor_K
+
+
+@dataclass(frozen=True, slots=True)
+class Worst:
+    """The largest error of a sensor, mean of about half a minute: record, time in s since its start, error in K."""
+
+    record: int
+    time_s: float
+    error_K: float
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """A stretch of time that carries much of what lies above the noise.
+
+    Attributes
+    ----------
+    record : int
+    first_s, last_s : float, s since the record began
+    share : float
+        Of the mean square above the noise, over all sensors and records.
+    rmse_K : float
+    """
+
+    record: int
+    first_s: float
+    last_s: float
+    share: float
+    rmse_K: float
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """One sensor over one record, for a plot.
+
+    Attributes
+    ----------
+    record, cell : int
+        Cell from 1.
+    time_s : ndarray (K,), s since the record began
+    measured, model : ndarray (K,), °C
+    held : ndarray of bool (K,)
+        Never fitted to.
+    """
+
+    record: int
+    cell: int
+    time_s: Floats
+    measured: Floats
+    model: Floats
+    held: NDArray[np.bool_]
+
+    @property
+    def residual(self) -> Floats:
+        """Reading minus model, K."""
+        return self.measured - self.model
+
+
+@dataclass(frozen=True, slots=True)
+class Sensor:
+    """One cell's sensor against a model, over all records.
+
+    Attributes
+    ----------
+    cell : int
+    trained, held : Level
+    structured_K, z : float
+        Error that is alike over some samples, and how many sd it is from chance.
+    share : float
+        Of the mean square above the noise, over all sensors.
+    worst : Worst
+    regimes : tuple of Regime
+        `always` first, then the one that explains most.
+    """
+
+    cell: int
+    trained: Level
+    held: Level
+    structured_K: float
+    z: float
+    share: float
+    worst: Worst
+    regimes: tuple[Regime, ...]
+
+    @property
+    def disagrees(self) -> bool:
+        """Whether the model fails here."""
+        structured = self.z > DISAGREES_Z and self.structured_K > DISAGREES * self.trained.floor_K
+        return structured or self.held.ratio > DISAGREES_HELD
+
+
+def level(error: Floats, sigma: Floats, rows: NDArray[np.bool_]) -> Level:
+    """Errors of some readings."""
+    n = int(rows.sum())
+    if not n:
+        return Level(0, float("nan"), float("nan"))
+    return Level(n, float(np.sqrt(np.mean(error[rows] ** 2))), float(np.sqrt(np.mean(sigma[rows] ** 2))))
+
+
+def series(fit: MapFit) -> tuple[Series, ...]:
+    """Gather readings and model of each sensor over each record."""
+    found, first = [], 0
+    for r, m in enumerate(fit.problem.records):
+        model = fit.y[first : first + len(m.y)]
+        first += len(m.y)
+        t = seconds_of(m)
+        for j, (_, cell) in enumerate(m.channels):
+            mine = m.channel == j
+            found.append(Series(r, cell, t[mine], m.y[mine], model[mine], ~m.used[mine]))
+    return tuple(found)
+
+
+def sensors(fit: MapFit) -> tuple[Sensor, ...]:
+    """One row per cell with a sensor; the readings of all records together."""
+    problem = fit.problem
+    _, sigma, _, _, used = stacked(problem)
+    sizes = [len(m.y) for m in problem.records]
+    record = np.repeat(np.arange(len(sizes)), sizes)
+    t = np.concatenate([seconds_of(m) for m in problem.records])
+    cell = np.concatenate([np.array([k for _, k in m.channels])[m.channel] for m in problem.records])
+    error = stacked(problem)[0] - fit.y
+    features = _features(fit)
+    peak = max(float(m.drive.I_abs.max()) for m in problem.records)
+    inflation = structure(fit).inflation
+    dt = problem.records[0].drive.dt
+    excess = {k: _excess(error[cell == k], sigma[cell == k]) for k in sorted(set(cell.tolist()))}
+    total = max(sum(excess.values()), 1e-12)
+    found = []
+    for k, own in excess.items():
+        mine = cell == k
+        runs = [fit.r[mine & used & (record == r)] for r in range(len(sizes))]
+        long = [r for r in runs if len(r) > max(LAGS)]
+        s = structure_of(long) if long else Structure(0.0, 0.0, 1.0)
+        offset = record[mine] * (APART_S + float(t.max()))
+        found.append(
+            Sensor(
+                k,
+                level(error, sigma, mine & used),
+                level(error, sigma, mine & ~used),
+                s.size * float(np.mean(sigma[mine])),
+                float(s.z),
+                own / total,
+                _worst(error[mine], t[mine], record[mine], s.inflation),
+                regimes(
+                    error[mine],
+                    sigma[mine],
+                    {name: x[mine] for name, x in features.items()},
+                    stretches(t[mine] + offset, inflation, dt),
+                    peak,
+                ),
+            )
+        )
+    return tuple(found)
+
+
+def _excess(error: Floats, sigma: Floats) -> float:
+    return max(float(np.sum(error**2) - np.sum(sigma**2)), 0.0)
+
+
+def _features(fit: MapFit) -> dict[str, Floats]:
+    """Features (M,) at the readings of all records; those that every record has."""
+    parts: list[dict[str, Floats]] = []
+    first = 0
+    for r, m in enumerate(fit.problem.records):
+        p = fit.problem.numbers(r, fit.theta)[0].string
+        tau = float(np.median((p.C_c + p.C_s) * (p.R_u + 0.5 * p.R_c)))
+        at = interval_of(m)
+        part = {name: x[at] for name, x in string_features(m.drive, tau).items()}
+        part["surface"] = fit.y[first : first + len(m.y)]
+        first += len(m.y)
+        parts.append(part)
+    return {name: np.concatenate([p[name] for p in parts]) for name in FEATURES if all(name in p for p in parts)}
+
+
+def _worst(error: Floats, t: Floats, record: NDArray[np.intp], inflation: float) -> Worst:
+    """Largest error of a moving mean, so that noise alone does not choose it."""
+    width = min(max(int(min(inflation, 30.0)), 5), len(error))
+    calm = np.convolve(error, np.full(width, 1.0 / width), "same")
+    inside = np.ones(len(error), np.bool_)
+    edge = width // 2
+    for r in np.unique(record):
+        rows = np.flatnonzero(record == r)
+        inside[rows[:edge]] = False
+        inside[rows[len(rows) - edge :]] = False
+    k = int(np.argmax(np.where(inside, np.abs(calm), -1.0)))
+    return Worst(int(record[k]), float(t[k]), float(calm[k]))
+
+
+def blocks(fit: MapFit) -> tuple[Block, ...]:
+    """Blocks of time that carry most of what lies above the noise, neighbours joined."""
+    found: list[Block] = []
+    y, sigma, _, _, _ = stacked(fit.problem)
+    square, white = (y - fit.y) ** 2, sigma**2
+    first = 0
+    for r, m in enumerate(fit.problem.records):
+        part = slice(first, first + len(m.y))
+        first += len(m.y)
+        t = seconds_of(m)
+        ends = instants_of(m)
+        edges = np.linspace(ends[0], ends[-1], BLOCKS + 1)
+        at = np.clip(np.searchsorted(edges, t, "right") - 1, 0, BLOCKS - 1)
+        n = np.maximum(np.bincount(at, minlength=BLOCKS), 1)
+        total, floor = np.bincount(at, square[part], BLOCKS), np.bincount(at, white[part], BLOCKS)
+        # a mean square of n white readings scatters by √(2/n): less than three times that is noise
+        above = np.where(total - floor > 3.0 * np.sqrt(2.0 / n) * floor, total - floor, 0.0)
+        found += [
+            Block(r, float(edges[b]), float(edges[b + 1]), float(above[b]), float(np.sqrt(total[b] / n[b])))
+            for b in range(BLOCKS)
+        ]
+    whole = sum(b.share for b in found)
+    if whole == 0.0:
+        return ()
+    chosen: list[Block] = []
+    carried = 0.0
+    for b in sorted(found, key=lambda b: -b.share):
+        if carried >= MOST_EXCESS * whole:
+            break
+        chosen.append(b)
+        carried += b.share
+    chosen.sort(key=lambda b: (b.record, b.first_s))
+    merged: list[Block] = []
+    for b in (replace(b, share=b.share / whole) for b in chosen):
+        last = merged[-1] if merged else None
+        if last is not None and last.record == b.record and abs(last.last_s - b.first_s) < 1e-6:
+            both = float(np.sqrt((last.rmse_K**2 + b.rmse_K**2) / 2.0))
+            merged[-1] = Block(b.record, last.first_s, b.last_s, last.share + b.share, both)
+        else:
+            merged.append(b)
+    return tuple(merged)
+
+
+def nearest(found: Sequence[Sensor], cells: int) -> list[float]:
+    """Structured error that is no chance of the sensor next to each cell, K."""
+    at = np.array([s.cell for s in found])
+    size = [s.structured_K if s.z > CHANCE_Z else 0.0 for s in found]
+    return [size[int(np.argmin(np.abs(at - k)))] for k in range(1, cells + 1)]

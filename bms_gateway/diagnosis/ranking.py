@@ -1,0 +1,185 @@
+"""One ranking over all that a diagnosis weighed: what is named, what would come next, what might be in its place.
+
+What each of several effects is worth shows when it alone is taken out and everything else is fitted anew: in the
+evidence that is lost, and in the error that is left.
+"""
+
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from math import nan
+from typing import Literal
+
+import numpy as np
+
+from bms_gateway.diagnosis.adding_bench import all_used, fit_with
+from bms_gateway.diagnosis.calibrate import seen_on
+from bms_gateway.diagnosis.candidates import Candidate, candidates
+from bms_gateway.diagnosis.diagnosis import Diagnosis, Number, Ranked, numbers
+from bms_gateway.diagnosis.residuals import rmse, structure
+from bms_gateway.diagnosis.search import without
+from bms_gateway.diagnosis.second_search import SecondSearch
+from bms_gateway.diagnosis.weighing import HALF, Settings, prior_odds, worth
+from bms_gateway.identify.map_fit import MapFit, stacked
+
+Role = Literal["named", "tied", "next", "instead", ""]
+"""Part of the verdict; not to be told from a part of it; one more beside the verdict; in its place; there is none."""
+OTHERS = 8
+"""Hypotheses of the second search that are told beside the one it chose."""
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """Where an effect, or several together, stand.
+
+    Attributes
+    ----------
+    effects : tuple of str
+        Keys as in model files.
+    role : Role
+    evidence : float
+        Log-odds: of what is named and what is next against leaving it out; of the rest against nothing, or, after the
+        second search, against what is named.
+    share : float
+        Posterior probability; NaN where it was not weighed.
+    heldout_rmse_K : float
+        With it; of what is named, with all of it; NaN where nothing was held out for it.
+    error_K : float
+        With it, on held-out readings, or on all where the second search decided, which holds nothing out.
+    without_K : float
+        The same with this one of what is named left out; NaN for the rest.
+    parameters : mapping of str to Number
+    tied_with : tuple of str
+    refused : str
+        Why it was not let in; empty where nothing speaks against it.
+    """
+
+    effects: tuple[str, ...]
+    role: Role
+    evidence: float
+    share: float
+    heldout_rmse_K: float
+    error_K: float
+    without_K: float
+    parameters: Mapping[str, Number]
+    tied_with: tuple[str, ...]
+    refused: str
+
+    @property
+    def name(self) -> str:
+        """As people read it."""
+        return " + ".join(self.effects)
+
+
+def ranking(d: Diagnosis) -> tuple[Standing, ...]:
+    """Rank everything that a diagnosis weighed, each effect at each place once.
+
+    Returns
+    -------
+    tuple of Standing
+        What is named first, in the order in which it was found, then what is tied with it, what would come next, and
+        what might be in its place; each from the likeliest down.
+
+    Notes
+    -----
+    Costs a refit for each effect where several are named.
+    """
+    if not d.selected:
+        return tuple(_once(_alone(r, "") for r in d.ranking))
+    second = d.second if d.decided_by_second else None
+    named = list(_named_by_second(d, second) if second else _named(d))
+    tied = {t for s in d.selected for t in s.tied_with}
+    rest = list(_hypotheses(d, second)) if second else [*_next(d), *_instead(d, tied)]
+    order: tuple[Role, ...] = ("tied", "next", "instead")
+    found = [*named, *(x for role in order for x in rest if x.role == role)]
+    return tuple(_once(found))
+
+
+def _once(found: Iterable[Standing]) -> Iterator[Standing]:
+    """Leave out what was there before: the likeliest of several starts is told, and in its foremost role."""
+    there = set()
+    for x in found:
+        if x.effects not in there:
+            there.add(x.effects)
+            yield x
+
+
+def _alone(r: Ranked, role: Role) -> Standing:
+    key = r.effect if r.cell is None else f"{r.effect}:{r.cell}"
+    held = r.heldout_rmse_K
+    return Standing((key,), role, r.evidence, r.share, held, held, nan, r.parameters, r.tied_with, r.refused)
+
+
+def _named(d: Diagnosis) -> Iterator[Standing]:
+    passed = [t for trials in d.search.rounds for t in trials if t.passed]
+    several = len(d.selected) > 1
+    for s in d.selected:
+        key = s.candidate.key
+        less = without(d.search.final, key) if several else d.search.baseline
+        odds = _odds(d, s.candidate, less) if several else s.log_odds
+        share = next((t.share for t in passed if t.candidate.key == key), nan)
+        held = d.after.heldout_rmse_K
+        yield Standing((key,), "named", odds, share, held, held, _held(less), s.parameters, s.tied_with, "")
+
+
+def _odds(d: Diagnosis, c: Candidate, less: MapFit) -> float:
+    """Log-odds for an effect beside all the others that are named, tempered as where the search lets effects in."""
+    base, final = d.search.baseline.problem, d.search.final
+    y = stacked(base)[0]
+    offered = candidates(
+        base.model, base.records[0].drive, (float(np.quantile(y, 0.002)), float(np.quantile(y, 0.998)))
+    )
+    gained = worth(less, final, d.search.baseline, structure(final).inflation, Settings())
+    return gained + prior_odds(c, offered) - HALF
+
+
+def _next(d: Diagnosis) -> Iterator[Standing]:
+    """Tell what the last round weighed beside all that is named, and did not let in."""
+    rounds = d.search.rounds
+    if len(rounds) > 1 and not any(t.passed for t in rounds[-1]):
+        for t in rounds[-1]:
+            held = _held(t.fit)
+            found = numbers(t.fit, t.candidate)
+            yield Standing((t.candidate.key,), "next", t.log_odds, t.share, held, held, nan, found, (), t.why)
+
+
+def _instead(d: Diagnosis, tied: Collection[str]) -> Iterator[Standing]:
+    for r in d.ranking:
+        yield _alone(r, "tied" if r.effect in tied else "instead")
+
+
+def _named_by_second(d: Diagnosis, second: SecondSearch) -> Iterator[Standing]:
+    error = _over_all(d, second.best)
+    keys = {s.candidate.key for s in d.selected}
+    for s in d.selected:
+        key = s.candidate.key
+        others = sorted(keys - {key})
+        less = fit_with(second, others) if others else second.baseline
+        # where the others alone were not to be believed, they still leave an error
+        bare = _over_all(d, without(second.best, key) if less is None else less)
+        held = d.after.heldout_rmse_K
+        share = second.probability.get(key, nan)
+        yield Standing((key,), "named", s.log_odds, share, held, error, bare, s.parameters, s.tied_with, "")
+
+
+def _hypotheses(d: Diagnosis, second: SecondSearch) -> Iterator[Standing]:
+    """Tell the hypotheses that come closest to the chosen one: with one effect more, and others."""
+    chosen = {s.candidate.key for s in d.selected}
+    tied = {frozenset(chosen - {s.candidate.key} | {t}) for s in d.selected for t in s.tied_with}
+    for r in [r for r in second.ranking if r.effects and set(r.effects) != chosen][:OTHERS]:
+        mine = set(r.effects)
+        effects = tuple(sorted(mine - chosen)) if mine > chosen else tuple(sorted(mine))
+        names = frozenset(e.partition(":")[0] for e in mine)
+        role: Role = "next" if mine > chosen else "tied" if names in tied and not r.refused else "instead"
+        fit = fit_with(second, r.effects)
+        error = nan if fit is None else _over_all(d, fit)
+        yield Standing(effects, role, r.log_odds, r.share, nan, error, nan, {}, (), r.refused)
+
+
+def _over_all(d: Diagnosis, fit: MapFit) -> float:
+    """RMSE on all readings as they came, K."""
+    found = seen_on(fit, all_used(d.search.baseline.problem.records))
+    return rmse(found, stacked(found.problem)[4])
+
+
+def _held(fit: MapFit) -> float:
+    return rmse(fit, ~stacked(fit.problem)[4])

@@ -1,0 +1,194 @@
+"""One record of measurements as the comparison and the diagnosis take it: inputs on one grid, readings at their stamps.
+
+How rows become a signal, decided here once:
+
+* A current holds from its row to the next, as tables of tests and simulations mean it and as `encode` sends it. Where
+  rows come in bursts (a tester that logs around each set point) or from a bus, whose frames know nothing of the steps,
+  a step is put half-way between its two rows.
+* A voltage steps where its current does and goes straight elsewhere; temperatures, flow and charge always go straight.
+* Gaps are bridged by straight lines and told. A gap of the current that is too long for that splits the record: both
+  parts lie in one row of intervals, parted by one that stands for the gap, and each starts anew.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bms_gateway.diagnosis.cell_rows import CellRows
+from bms_gateway.diagnosis.grid import Grid, lay_grid
+from bms_gateway.diagnosis.record_inputs import Columns, Sampling, Signals, draw_inputs
+from bms_gateway.diagnosis.sensor_noise import Noise, estimate_noise
+from bms_gateway.diagnosis.surface_readings import Readings, gather_readings
+from bms_gateway.errors import DataError
+from bms_gateway.thermal import Floats, StringModel
+from bms_gateway.thermal.drive import Drive
+
+HELD_OUT = ((0.22, 0.32), (0.55, 0.65), (0.88, 1.0))
+"""Parts of a record, in shares of its length, that are never fitted to. The last tells what lies beyond the training,
+the inner ones what lies within; all three together are a third of a record, which leaves enough to learn from."""
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """N intervals and N + 1 instants of one string.
+
+    Attributes
+    ----------
+    source : str
+        What it is called in reports.
+    drive : Drive
+        Means of the inputs over the intervals.
+    instants : ndarray (N + 1,)
+        s, on the clock of the source; `drive.dt` apart except across a gap between segments.
+    surface : Readings
+        Of the m sensors that the model has and the source has data of.
+    grid : ndarray (N + 1, m)
+        The same at the instants, from the readings on both sides; NaN where there is none near.
+    held : ndarray of bool (M,)
+        Readings that lie in a held-out part.
+    noise : Noise
+        Of each sensor.
+    core : Readings
+        Of thermocouples in cores. Never to choose by; empty in most records.
+    segments : tuple of int
+        Instants, the first being 0, at which the state is unknown. The interval before any but the first stands for a
+        gap and says nothing.
+    notes : tuple of str
+        What was found, bridged, left out or assumed.
+    sampling : Sampling
+        Of the current.
+    voltages : CellRows or None
+        Voltages of single cells, where there were any.
+    charge_sd : float
+        How well the level of the state of charge is known, 0…1; 0 where it was recorded.
+    """
+
+    source: str
+    drive: Drive
+    instants: Floats
+    surface: Readings
+    grid: Floats
+    held: NDArray[np.bool_]
+    noise: Noise
+    core: Readings
+    segments: tuple[int, ...]
+    notes: tuple[str, ...]
+    sampling: Sampling
+    voltages: CellRows | None = None
+    charge_sd: float = 0.0
+
+    @staticmethod
+    def of(rows: Columns, model: StringModel, half_way: bool | None = None) -> "Record":
+        """Make a record from columns; see `make_record`.
+
+        Examples
+        --------
+        >>> from bms_gateway.thermal import Prior
+        >>> numbers = {"C_c": 60.0, "C_s": 5.0, "R_e": 0.025, "R_c": 2.0, "R_u": 8.0}
+        >>> model = StringModel(1, (1,), "single", {name: Prior(value, 0.3) for name, value in numbers.items()})
+        >>> t = np.arange(601.0)
+        >>> warm = 25.0 + 3.0 * (1.0 - np.exp(-t / 300.0))
+        >>> inlet = np.full(601, 25.0)
+        >>> drive = Columns(time_s=t, current_A=15.0 * (t < 300), coolant_inlet_C=inlet, surface_C={1: warm})
+        >>> record = Record.of(drive, model)
+        >>> record.cells, record.drive.N, record.drive.dt
+        ((1,), 600, 1.0)
+        """
+        return make_record(rows, model, half_way)
+
+    @property
+    def cells(self) -> tuple[int, ...]:
+        """Cells (from 1) whose surface was measured."""
+        return self.surface.cells
+
+    @property
+    def sensor(self) -> NDArray[np.intp]:
+        """Index into `cells` of each reading (M,)."""
+        return self.surface.sensor
+
+    @property
+    def left(self) -> NDArray[np.intp]:
+        """Instant before each reading (M,)."""
+        return self.surface.left
+
+    @property
+    def share(self) -> Floats:
+        """How far each reading lies on the way to the next instant, 0…1 (M,)."""
+        return self.surface.share
+
+    @property
+    def y(self) -> Floats:
+        """The readings, °C (M,)."""
+        return self.surface.y
+
+    def held_intervals(self) -> NDArray[np.bool_]:
+        """Which intervals lie in a held-out part (N,)."""
+        return in_held_out((np.arange(self.drive.N) + 0.5) / self.drive.N)
+
+
+def in_held_out(share: Floats) -> NDArray[np.bool_]:
+    """Whether these shares of a record's length lie in a part that is held out."""
+    inside = np.zeros(share.shape, np.bool_)
+    for first, end in HELD_OUT:
+        inside |= (share >= first) & ((share < end) | (end == 1.0))
+    return inside
+
+
+def make_record(rows: Columns, model: StringModel, half_way: bool | None = None) -> Record:
+    """Make a record from rows.
+
+    Parameters
+    ----------
+    rows : Columns
+    model : StringModel
+        Which cells have sensors, nominal flow, capacity.
+    half_way : bool, optional
+        Whether a step lies half-way between its rows, or at the later one. Default: by the pattern of the stamps.
+
+    Returns
+    -------
+    Record
+
+    Raises
+    ------
+    DataError
+        Time does not increase, or there is no current, inlet or surface to work with.
+    """
+    notes: list[str] = []
+    source, time_s = rows.source, rows.time_s
+    _check_time(source, time_s)
+    signals: Signals = draw_inputs(rows, model, half_way, notes)
+    grid: Grid = lay_grid(source, signals.current_s, model.cells, notes)
+    drive, charge_sd = signals.drive(grid, model, notes)
+    surface = gather_readings(time_s, rows.surface_C, model.sensors, grid, notes)
+    if not len(surface.y):
+        wanted = ", ".join(f"surface_{k}_C" for k in model.sensors)
+        raise DataError(f"{source}: no readings of a sensor of the model ({wanted}) while the current is known")
+    core = gather_readings(time_s, rows.core_C, tuple(range(1, model.cells + 1)), grid, [], what="core")
+    noise = estimate_noise(surface.at(grid.instants), surface.y, surface.sensor, len(surface.cells))
+    held = in_held_out((surface.left + surface.share) / drive.N)
+    return Record(
+        source,
+        drive,
+        grid.instants,
+        surface,
+        surface.on_grid(grid.instants, drive.dt),
+        held,
+        noise,
+        core,
+        grid.segments,
+        tuple(notes),
+        signals.sampling,
+        CellRows(time_s, rows.current_A, rows.cell_voltage_V) if rows.cell_voltage_V else None,
+        charge_sd,
+    )
+
+
+def _check_time(source: str, time_s: Floats) -> None:
+    if len(time_s) < 2:
+        raise DataError(f"{source}: {len(time_s)} rows: nothing can be learnt from them")
+    back = np.flatnonzero(~(np.diff(time_s) > 0.0))
+    if len(back):
+        k = int(back[0]) + 1
+        raise DataError(f"{source}: row {k + 1}: time_s does not increase ({time_s[k - 1]:.10g} then {time_s[k]:.10g})")

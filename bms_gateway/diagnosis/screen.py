@@ -1,0 +1,176 @@
+"""Which effects would explain what a fit leaves over: the score test, for all candidates at a few trajectories' cost.
+
+The response of the readings to a candidate is found by running the model once more with the effect at a small probe
+value, about the fitted trajectory. Its gain is what the cost would fall by if the effect's strength and all numbers of
+the fit were free and everything were linear: the Gauss–Newton step of the joint problem, projected off the columns of
+the fit, so that what those numbers have absorbed counts in the effect's favour (Rao's score test with nuisances).
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bms_gateway.diagnosis.candidates import Candidate
+from bms_gateway.identify.coordinates import Measured
+from bms_gateway.identify.map_fit import MapFit, solved, stacked
+from bms_gateway.identify.problem import Problem, signals_at
+from bms_gateway.thermal import Floats
+from bms_gateway.thermal.drive import Drive
+from bms_gateway.thermal.effects import EffectParameter
+from bms_gateway.thermal.physics import Numbers, Physics
+from bms_gateway.thermal.trajectory import cut, reference, simulate
+
+AMPLITUDE_SD = 3.0
+"""Prior sd, in units of the probe, of an effect whose strength is a logarithm: how much stronger it may well be."""
+
+
+@dataclass(frozen=True, slots=True)
+class Gain:
+    """Score of one candidate.
+
+    Attributes
+    ----------
+    candidate : Candidate
+    gain : float
+        By how much the cost (−2 log posterior) would fall; infinite for an effect that never vanishes, which a score
+        cannot speak of.
+    values : mapping of parameter to float, SI
+        Where its strength would end: the start of a fit.
+    columns : ndarray (M', p)
+        Response of the readings at the fit's places to its strengths, K per unit.
+    """
+
+    candidate: Candidate
+    gain: float
+    values: Mapping[str, float]
+    columns: Floats
+
+
+def screen(fit: MapFit, candidates: Sequence[Candidate]) -> list[Gain]:
+    """Score candidates against a fit, best first."""
+    used = stacked(fit.problem)[4]
+    steep = np.sqrt(fit.steep)  # as in the fit's H
+    base = fit.weighed(np.concatenate([fit.J, fit.linear.J], axis=1)) * steep
+    free = fit.free  # what stands on a bound cannot make way for a candidate
+    base = base[:, free]
+    r = fit.gathered(np.where(used, fit.r, 0.0)) / steep
+    prior = np.array([c.prior for c in fit.problem.coordinates])
+    sd = np.array([c.sd for c in fit.problem.coordinates])
+    pull = np.concatenate([(fit.theta - prior) / sd**2, fit.nu / fit.linear.sd**2])
+    rest = base.T @ r - pull[free]  # zero at a converged optimum inside its bounds
+    responses = Responses(fit)
+    scored = [c for c in candidates if c.strengths]
+    found = [Gain(c, np.inf, c.begin, fit.J[:, :0]) for c in candidates if not c.strengths]
+    if not scored:
+        return found
+    columns = np.stack([fit.problem.averaged(responses.column(c, p)) for c in scored for p in c.strengths], axis=1)
+    J = fit.weighed(columns) * steep
+    cross = base.T @ J
+    absorbed = solved(fit.H[np.ix_(free, free)], cross)
+    score = J.T @ r - absorbed.T @ rest
+    last = 0
+    for c in scored:
+        ps = c.strengths
+        own = slice(last, last + len(ps))
+        last = own.stop
+        scales = np.array([AMPLITUDE_SD if p.log else p.sd for p in ps])
+        S = J[:, own].T @ J[:, own] + np.diag(1.0 / scales**2) - cross[:, own].T @ absorbed[:, own]
+        step = np.linalg.solve(S, score[own])
+        gain = float(score[own] @ step)
+        if c.effect.one_sided and step[0] < 0.0:
+            gain = 0.0
+        found.append(Gain(c, gain, _start(c, ps, step), columns[:, own]))
+    return sorted(found, key=lambda g: -g.gain)
+
+
+def _start(c: Candidate, strengths: Sequence[EffectParameter], step: Floats) -> dict[str, float]:
+    values = c.begin
+    for p, s in zip(strengths, step, strict=True):
+        if not p.log and p.name not in c.start:
+            values[p.name] = float(np.clip(s, max(p.lower, -1.5 * p.sd), min(p.upper, 1.5 * p.sd)))
+    if c.effect.one_sided and not strengths[0].log:
+        least = 0.3 * strengths[0].sd
+        values[strengths[0].name] = max(values[strengths[0].name], least)
+    return values
+
+
+class Responses:
+    """Responses of one fit's readings to candidates; what they share is computed once."""
+
+    def __init__(self, fit: MapFit) -> None:
+        self._fit = fit
+        self._problem = fit.problem
+        self._records = []
+        for r, m in enumerate(fit.problem.records):
+            v, starts = fit.problem.numbers(r, fit.theta, fit.nu)
+            memory, _ = fit.problem.physics.memory(m.drive, v)
+            X = fit.prediction.X[r]
+            recursion = reference(fit.problem.physics, m.drive, v, memory, X.mean(axis=0))
+            y = signals_at(m, fit.problem.physics, v, memory, X)
+            f = [fit.problem.physics.rates(x, u, v, mem) for x, u, mem in _spans(m, X, memory)]
+            self._records.append((m, v, starts, X, recursion, y, f))
+
+    def column(self, c: Candidate, p: EffectParameter) -> Floats:
+        """Return the readings' response (M,) to one parameter, per unit (or per probe where it is a logarithm)."""
+        values = c.begin
+        for q in c.effect.parameters:
+            if q.neutral is not None and q.name != p.name:
+                values[q.name] = q.neutral
+        values[p.name] = p.probe
+        assert p.neutral is not None  # noqa: S101 - strengths only
+        unit = 1.0 if p.log else p.probe - p.neutral
+        physics = Physics(c.put_into(self._problem.model, values))
+        begins = self._begins(c, values)
+        parts = []
+        for (m, v, starts, X, recursion, y, f), begin in zip(self._records, begins, strict=True):
+            with_it = replace(v, effects={**v.effects, c.key: values})
+            memory, _ = physics.memory(m.drive, with_it)
+            if c.effect.states:
+                moved = self._whole(physics, m, with_it, memory, starts, X)
+            else:
+                moved = X + np.concatenate(
+                    [
+                        recursion.run((b - a)[:, None], (physics.rates(x, u, with_it, mem) - f0)[..., None])[..., 0]
+                        for (x, u, mem), f0, a, b in zip(_spans(m, X, memory), f, starts, begin, strict=True)
+                    ]
+                )
+            parts.append((signals_at(m, physics, with_it, memory, moved) - y) / unit)
+        return np.concatenate(parts)
+
+    def _begins(self, c: Candidate, values: Mapping[str, float]) -> list[tuple[Floats, ...]]:
+        """Return the starts with the effect: what a thermocouple adds has gone into the start taken from it."""
+        if c.effect.states or "reading" not in c.effect.hooks():
+            return [starts for _, _, starts, *_ in self._records]
+        with_it = Problem(c.put_into(self._problem.model, values), self._problem.records, self._problem.beliefs)
+        theta = np.concatenate([self._fit.theta, with_it.begin[len(self._fit.theta) :]])
+        return [with_it.numbers(r, theta, self._fit.nu)[1] for r in range(len(self._records))]
+
+    @staticmethod
+    def _whole(
+        physics: Physics, m: Measured, v: Numbers, memory: Mapping[str, Floats], starts: Sequence[Floats], X: Floats
+    ) -> Floats:
+        """Trajectory with an effect that has states of its own."""
+        n = physics.cells
+        # states that the model had before stay where they are: the new effect's come last
+        guess = extended(physics, X, v, n)
+        begins = [extended(physics, s, v, n) for s in starts]
+        recursion = reference(physics, m.drive, v, memory, guess.mean(axis=0))
+        return simulate(physics, m.drive, v, memory, begins, m.spans, recursion, guess)[0]
+
+
+def extended(physics: Physics, X: Floats, v: Numbers, n: int) -> Floats:
+    """States with room for the new effect's own, in balance with core and surface."""
+    full = physics.start(X[..., 0 : 2 * n : 2], X[..., 1 : 2 * n : 2], v)
+    full[..., : X.shape[-1]] = X
+    return full
+
+
+def _spans(m: Measured, X: Floats, memory: Mapping[str, Floats]) -> Iterator[tuple[Floats, Drive, dict[str, Floats]]]:
+    """Mean states, inputs and memories of each span's intervals."""
+    row = 0
+    for span in m.spans:
+        x = X[row : row + len(span) + 1]
+        row += len(span) + 1
+        at = slice(span.first, span.last)
+        yield (x[1:] + x[:-1]) / 2.0, cut(m.drive, span.first, span.last), {k: a[at] for k, a in memory.items()}

@@ -1,0 +1,367 @@
+"""The search for missing effects: screen all, refit the best, let evidence and held-out readings decide, repeat.
+
+Evidence and held-out readings decide as `weighing` says. After each addition the earlier ones are tried again: dropped
+when superfluous, exchanged when another does their work better.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from bms_gateway.diagnosis.candidates import INSTEAD, Candidate, candidates
+from bms_gateway.diagnosis.coarse_rows import HOPELESS, left_open
+from bms_gateway.diagnosis.residuals import log_density, rmse, structure, within
+from bms_gateway.diagnosis.screen import Gain, extended, screen
+from bms_gateway.diagnosis.weighing import HALF, Settings, Trial, judge, prior_odds, worth
+from bms_gateway.identify.coordinates import Measured
+from bms_gateway.identify.map_fit import (
+    FitEffort,
+    FitStart,
+    MapFit,
+    annealed,
+    converged,
+    fitted,
+    map_fit,
+    refreshed,
+    stacked,
+)
+from bms_gateway.identify.problem import Problem
+from bms_gateway.thermal import StringModel
+from bms_gateway.thermal.effects import effect_named
+
+Progress = Callable[[float, str], None]
+EXPLAINED = 1.05
+"""Cost per reading of a fit that leaves nothing to be explained."""
+OUTCLASSED = 0.25
+"""Share of what the best fit gains that another may lack after what its next step promises, to be fitted to its end."""
+STRAINED = 3.0
+"""sd of a tolerance: one in four hundred, and what a missing effect is put down to."""
+
+
+@dataclass(frozen=True, slots=True)
+class Chosen:
+    """An effect that the search added.
+
+    Attributes
+    ----------
+    candidate : Candidate
+    tied : tuple of str
+        Other effects that this record cannot tell from it.
+    log_odds : float
+    """
+
+    candidate: Candidate
+    tied: tuple[str, ...]
+    log_odds: float
+
+
+@dataclass(slots=True)
+class Search:
+    """What a search found.
+
+    Attributes
+    ----------
+    baseline, final : MapFit
+    chosen : list of Chosen
+    rounds : list of list of Trial
+        Ranked by probability, the first round's first.
+    gains : list of Gain
+        Scores of all candidates against the baseline.
+    orphan : bool
+        Strong evidence for something, and nothing that the gates let in.
+    left_open : float, K
+        What the readings may be off because the current is not known between its rows.
+    hopeless : bool
+        Whether that is too much for any name.
+    physical : list of list of Trial, or None
+        Rounds of the search before this one, which had no other source of the heat to offer; None where this is it.
+    """
+
+    baseline: MapFit
+    final: MapFit
+    chosen: list[Chosen] = field(default_factory=list)
+    rounds: list[list[Trial]] = field(default_factory=list)
+    gains: list[Gain] = field(default_factory=list)
+    orphan: bool = False
+    left_open: float = 0.0
+    hopeless: bool = False
+    physical: list[list[Trial]] | None = None
+
+    @property
+    def asked(self) -> list[list[Trial]]:
+        """Rounds over effects that are physics, and not another source of the heat."""
+        return self.rounds if self.physical is None else self.physical
+
+
+def search(
+    model: StringModel,
+    records: Sequence[Measured],
+    settings: Settings | None = None,
+    progress: Progress | None = None,
+    doubts: Sequence[float] = (),
+    voltage: bool = False,
+) -> Search:
+    """Search for the effects that a model lacks.
+
+    Parameters
+    ----------
+    model : StringModel
+        With the priors from which it is fitted.
+    records : sequence of Measured
+    settings : Settings, optional
+    progress : callable, optional
+        Told the share of the work done and what is being done.
+    doubts : sequence of float, optional
+        Of a minute's heat in each record, relative: rows of the current that lie too far apart (`coarse_rows`).
+    voltage : bool
+        Offer heat by the voltage in place of I²R_e too: which tells how much heat there is, and not what makes it.
+
+    Returns
+    -------
+    Search
+        The same for the same arguments, to the last bit.
+    """
+    s = settings or Settings()
+    tell = progress or (lambda _share, _text: None)
+    tell(0.0, "fitting the model as it is")
+    baseline = fitted(Problem(model, records))
+    found = Search(baseline, baseline)
+    found.left_open, found.hopeless = left_open(baseline, doubts), max(doubts, default=0.0) > HOPELESS
+    s = replace(s, left_open=found.left_open)
+    y = stacked(baseline.problem)[0]
+    surfaces = (float(np.quantile(y, 0.002)), float(np.quantile(y, 0.998)))
+    offered = [c for c in candidates(model, records[0].drive, surfaces) if voltage or c.name not in INSTEAD]
+    _climb(found, offered, s, tell)
+    for rival in _rivals(found, s):
+        tell(0.9, f"beginning with {rival.candidate.key}")
+        other = Search(baseline, _settled(rival.fit, baseline, s), gains=found.gains, rounds=found.rounds[:1])
+        other.chosen.append(_chosen(rival, found.rounds[0]))
+        _climb(other, offered, s, tell)
+        if structure(other.final).z <= s.white and _posterior(other, offered) > _posterior(found, offered) + s.ahead:
+            other.left_open, other.hopeless, found = found.left_open, found.hopeless, other
+            break
+    found.orphan = not found.chosen and any(t.log_odds > s.ahead for r in found.rounds for t in r)
+    tell(1.0, "done")
+    return found
+
+
+def _climb(found: Search, offered: Sequence[Candidate], s: Settings, tell: Progress) -> None:
+    """Add effects one by one as long as evidence and held-out readings let one in."""
+    baseline, on_trial = found.baseline, False
+    for number in range(len(found.chosen), s.effects):
+        current = found.final
+        tell(0.15 + 0.8 * number / s.effects, "screening the catalogue")
+        there = {c.candidate.key for c in found.chosen}
+        gains = screen(current, [c for c in offered if c.key not in there])
+        if number == 0:
+            found.gains = gains
+        trials = _round(current, baseline, gains, offered, s, number, tell)
+        if not trials:
+            break
+        found.rounds.append(trials)
+        accepted = next((t for t in trials if t.passed), None)
+        if accepted is None and number == 0 and trials[0].log_odds > s.ahead:
+            accepted, on_trial = trials[0], True  # two effects may only generalise together
+        if accepted is None:
+            break
+        found.chosen.append(_chosen(accepted, trials))
+        found.final = _settled(accepted.fit, baseline, s)
+        if len(found.chosen) > 1:
+            _exchange(found, offered, s)
+    if on_trial and not _redeemed(found):
+        found.chosen, found.final = [], baseline
+
+
+def _rivals(found: Search, s: Settings) -> list[Trial]:
+    """Other first effects that explained nearly as much, where what was found leaves structure.
+
+    With two effects hidden the one that mimics both best comes first, and with it in the model neither of them is
+    worth much more: the way up leads over the other.
+    """
+    if not found.chosen or structure(found.final).z <= s.white:
+        return []
+    there = {c.candidate.name for c in found.chosen}
+    near = [t for t in found.rounds[0] if t.candidate.name not in there]
+    near = [t for t in near if t.log_odds > s.near * found.rounds[0][0].log_odds]
+    return list({t.candidate.name: t for t in reversed(near)}.values())[::-1][: s.ways]
+
+
+def _posterior(found: Search, offered: Sequence[Candidate]) -> float:
+    return found.final.log_evidence + sum(prior_odds(c.candidate, offered) for c in found.chosen)
+
+
+def refit(
+    parent: MapFit, gain: Gain, *, iterations: int = 8, give_up: float = np.inf, outclassed: float = np.inf
+) -> MapFit:
+    """Fit a model with one effect more, from the optimum without it."""
+    problem = Problem(gain.candidate.put_into(parent.problem.model, gain.values), parent.problem.records)
+    theta = np.concatenate([parent.theta, problem.begin[len(parent.theta) :]])
+    guess = [
+        extended(problem.physics, X, problem.numbers(r, theta, parent.nu)[0], problem.model.cells)
+        for r, X in enumerate(parent.prediction.X)
+    ]
+    return map_fit(
+        problem,
+        FitStart(theta, parent.nu, guess, parent.J),
+        FitEffort(iterations, give_up, outclassed),
+        linear=parent.linear,
+    )
+
+
+def refit_from_nominal(fit: MapFit, parent: MapFit, *, give_up: float = np.inf) -> MapFit:
+    """Fit the same model from the priors' medians: a strong effect biases the optimum that others start from."""
+    P = len(parent.theta)
+    theta = fit.problem.begin
+    theta[P:] = fit.theta[P:]
+    rough = annealed(fit.problem, theta)
+    return map_fit(
+        fit.problem,
+        FitStart(rough.theta, rough.nu, rough.prediction.X),
+        FitEffort(8, give_up),
+        linear=rough.linear,
+    )
+
+
+def _settled(fit: MapFit, baseline: MapFit, s: Settings) -> MapFit:
+    """Fit to the end; an effect with a shape is led in anew as long as it leaves structure and that helps."""
+    best = converged(fit)
+    shaped = any(p.neutral is None for e in fit.problem.model.effects for p in effect_named(e.name).parameters)
+    for _ in range(s.restarts if shaped else 0):
+        if structure(best).z <= s.strong:
+            break
+        other = converged(refit_from_nominal(best, baseline))
+        if other.log_evidence <= best.log_evidence:
+            break
+        best = other
+    return best
+
+
+def _round(
+    current: MapFit,
+    baseline: MapFit,
+    gains: Sequence[Gain],
+    offered: Sequence[Candidate],
+    s: Settings,
+    number: int,
+    tell: Progress,
+) -> list[Trial]:
+    chosen: list[Gain] = []
+    for g in gains:
+        family = sum(c.candidate.name == g.candidate.name for c in chosen)
+        if _promising(g, offered, s, number) and family < s.per_family and len(chosen) < s.refits:
+            chosen.append(g)
+    fits: list[tuple[Candidate, MapFit]] = []
+    best = np.inf
+    for i, g in enumerate(chosen):
+        tell(0.15 + 0.8 * (number + 0.1 + 0.8 * i / len(chosen)) / s.effects, f"refitting with {g.candidate.key}")
+        # beside one that explains everything, another that does not soon come near it is no rival
+        explained = best < EXPLAINED * current.readings < current.cost
+        outclassed = best + OUTCLASSED * (current.cost - best) if explained else np.inf
+        fit = refit(current, g, give_up=best + 60.0, outclassed=outclassed)
+        best = min(best, fit.cost)
+        fits.append((g.candidate, fit))
+    if not fits:
+        return []
+
+    def posterior(c: Candidate, fit: MapFit) -> float:
+        return fit.log_evidence + prior_odds(c, offered)
+
+    fits.sort(key=lambda x: -posterior(*x))
+    # later rounds start from an optimum that holds the strongest effect already
+    biased = number == 0 and structure(current).z > s.strong
+    if biased and structure(fits[0][1]).z > s.strong:
+        fits[0] = (fits[0][0], converged(fits[0][1]))
+    if strained(current) or (biased and structure(fits[0][1]).z > s.strong):
+        _restart(fits, current, s)
+        fits.sort(key=lambda x: -posterior(*x))
+    return judge(current, baseline, fits, offered, s, number)
+
+
+def _restart(fits: list[tuple[Candidate, MapFit]], current: MapFit, s: Settings) -> None:
+    """Fit the best, which stand first, from nominal too, and keep what is better.
+
+    Where the first then explains everything, others far behind are left as they are: what biased its start biased
+    theirs, and a restart brings them nearer, not past it.
+    """
+    first, gained, whole = fits[0][1], 0.0, False
+    for i in range(min(s.restarts, len(fits))):
+        c, fit = fits[i]
+        if whole and first.log_evidence - fit.log_evidence > s.far + 10.0 * gained:
+            continue
+        other = refit_from_nominal(fit, current, give_up=fits[0][1].cost + 60.0)
+        if other.log_evidence > fit.log_evidence:
+            fits[i] = (c, other)
+        if i == 0:
+            gained = fits[0][1].log_evidence - first.log_evidence
+            whole = structure(fits[0][1]).z <= s.strong
+
+
+def strained(fit: MapFit) -> bool:
+    """Whether cells or sensors stand at the limits of their tolerances: the way back from there is long and curved."""
+    return bool(np.any(np.abs(fit.nu) > STRAINED * fit.linear.sd))
+
+
+def _promising(g: Gain, offered: Sequence[Candidate], s: Settings, number: int) -> bool:
+    needed = s.odds(number) + HALF - prior_odds(g.candidate, offered)
+    return g.gain >= 2.0 * s.promise * needed
+
+
+def _chosen(accepted: Trial, trials: Sequence[Trial]) -> Chosen:
+    tied = [t.candidate.name for t in trials if t.share >= 0.01 and t.candidate.name != accepted.candidate.name]
+    return Chosen(accepted.candidate, tuple(dict.fromkeys(tied)), accepted.log_odds)
+
+
+def _exchange(found: Search, offered: Sequence[Candidate], s: Settings) -> None:
+    """Try each earlier effect again: it may be superfluous now, or another does its work better."""
+    inflation = structure(found.final).inflation
+    for old in found.chosen[:-1]:
+        keep = [c for c in found.chosen if c is not old]  # an exchange puts the new one last
+        less = without(found.final, old.candidate.key)
+        odds = worth(less, found.final, found.baseline, inflation, s) + prior_odds(old.candidate, offered) - HALF
+        if odds < s.first_odds:
+            found.chosen, found.final = keep, converged(less)
+            return
+        there = {c.candidate.key for c in keep}
+        gains = screen(less, [c for c in offered if c.key not in there])
+        seen: dict[str, Gain] = {}
+        for g in gains:
+            if _promising(g, offered, s, 1) and len(seen) < 6:
+                seen.setdefault(g.candidate.name, g)
+        fits = [(g.candidate, refit(less, g)) for g in seen.values()]
+        if not fits:
+            continue
+
+        def posterior(x: tuple[Candidate, MapFit]) -> float:
+            return x[1].log_evidence + prior_odds(x[0], offered)
+
+        fits.sort(key=posterior, reverse=True)
+        # which of those that are near is the best, a few steps cannot tell
+        near = [posterior(x) > posterior(fits[0]) - s.far for x in fits[: s.restarts]]
+        fits = [(c, converged(fit)) if ok else (c, fit) for (c, fit), ok in zip(fits, near, strict=False)] + fits[
+            len(near) :
+        ]
+        best, fit = max(fits, key=posterior)
+        won = fit.log_evidence + prior_odds(best, offered)
+        won -= found.final.log_evidence + prior_odds(old.candidate, offered)
+        if won > s.first_odds * inflation and best.key != old.candidate.key:
+            trials = judge(less, found.baseline, sorted(fits, key=lambda x: -x[1].log_evidence), offered, s, 1)
+            trial = next(t for t in trials if t.candidate is best)
+            found.chosen = [*keep, _chosen(trial, trials)]
+            found.final = fit
+
+
+def without(fit: MapFit, key: str) -> MapFit:
+    """Refit with one effect, called as in model files, taken out of the model."""
+    model = fit.problem.model
+    less = replace(model, effects=tuple(e for e in model.effects if e.key != key))
+    problem = Problem(less, fit.problem.records, fit.problem.beliefs)
+    theta = np.array([fit.theta[fit.problem.index(c.name)] for c in problem.coordinates])
+    return refreshed(map_fit(problem, FitStart(theta, fit.nu), FitEffort(8), linear=fit.linear))
+
+
+def _redeemed(found: Search) -> bool:
+    """Whether effects taken on trial generalise together."""
+    held = within(found.baseline)
+    better = log_density(found.final, held) - log_density(found.baseline, held) >= 10.0
+    return len(found.chosen) > 1 and better and rmse(found.final, held) <= 1.05 * rmse(found.baseline, held)

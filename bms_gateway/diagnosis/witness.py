@@ -1,0 +1,324 @@
+r"""What can testify against a core that no thermocouple sees, when the surface's residual says nothing.
+
+A wrong heat and a wrong way from core to surface can cancel in the surface. They do not cancel in what else is known:
+
+* each number has a plausible range, from the data sheet or from what lithium-ion cells have in common;
+* R_c and the heat capacity have the format and the mass of the cell, where the model file names them;
+* all of them together: the strain :math:`\sum ((\theta - \mu)/s)^2` of the directions that the record has moved, a
+  χ² of as many degrees of freedom as it has determined;
+* the energy: what the terminals took in and did not store has become heat;
+* the activation: the overpotential falls with temperature as the heat does;
+* the last part of the record, predicted from the first;
+* other records of the same cells under other cooling, whose physics is the same.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import chdtrc
+
+from bms_gateway.diagnosis.core_band import core_bands
+from bms_gateway.diagnosis.geometry import DOUBTED, odd_fitted
+from bms_gateway.identify.coordinates import Coordinate, Measured
+from bms_gateway.identify.map_fit import MapFit
+from bms_gateway.thermal import KINDS, Floats
+from bms_gateway.thermal.drive import Drive
+from bms_gateway.thermal.effects import effect_named
+from bms_gateway.thermal.effects.laws import KELVIN, REFERENCE
+from bms_gateway.thermal.physics import with_effect
+from bms_gateway.thermal.trajectory import cut
+
+FAR = 2.5
+"""sd of its prior beyond which a number of a data sheet is an alarm: one in eighty."""
+ACTIVATION = frozenset({"resistance_temperature.B", "charge_transfer.E"})
+"""Numbers, K, of which the catalogue's prior is a plausible range: lithium-ion cells have no other chemistry."""
+BEYOND = 2.0
+"""sd of a plausible range."""
+STRAINED = 0.05
+"""Probability of the strain of all numbers together from which on it is an alarm."""
+DISAGREE = 0.05
+"""Probability of the distance between one record alone and all together, over all records, from which they disagree."""
+LEAST_MORE = 0.05
+"""Share of a variance that the other records must have taken away, for a difference to mean anything."""
+ENERGY = 0.35
+"""Share by which heat by temperature and by voltage may differ: heat capacities are known to 10 %, the open-circuit
+voltage under load to some millivolts, and both errors go into it."""
+HEARD = 10.0
+"""Log-odds by which the voltage's heat may follow the surface worse, for its core to be heard."""
+LOAD_S = 30.0
+"""s: what of the overpotential is slower than a step and still no open-circuit voltage."""
+APART = 0.3
+"""Share of the current that must not go with the charge."""
+WINDOW_S = 300.0
+"""s: over which losses are averaged to see them fall with temperature."""
+
+
+@dataclass(frozen=True, slots=True)
+class Witness:
+    """What one of them says.
+
+    Attributes
+    ----------
+    name : str
+    says : str
+        One sentence.
+    value, limit : float
+        The figure, and where it becomes an alarm.
+    alarm : bool
+        Whether it speaks against the core.
+    """
+
+    name: str
+    says: str
+    value: float
+    limit: float
+    alarm: bool
+
+
+def witnesses(f: MapFit, records: Sequence[Measured], tail: tuple[float, float] | None) -> tuple[Witness, ...]:
+    """Ask all witnesses that one fit has.
+
+    Parameters
+    ----------
+    f : MapFit
+        The chosen model with its finest numbers, on averaged records.
+    records : sequence of Measured
+        As given, not averaged.
+    tail : float, float or None
+        RMSE of the last part without and with the chosen effects, K; None where none is chosen.
+    """
+    found = [*implausible(f), *(Witness(f"format {o.name}", o.says, o.off, DOUBTED, True) for o in odd_fitted(f))]
+    found.append(strain(f))
+    if tail is not None:
+        found.append(_tail(tail))
+    for r, m in enumerate(records):
+        if "voltage" in m.drive.known:
+            found += [w for w in (energy(f, r, m), activation(f, r, m)) if w is not None]
+    return tuple(found)
+
+
+def implausible(f: MapFit) -> list[Witness]:
+    """Numbers of a fit that are far from what is declared or usual; one that does not alarm is not named."""
+    found = []
+    for c, z in zip(f.problem.coordinates, f.theta.tolist(), strict=True):
+        if c.name in ACTIVATION:
+            p = effect_named(c.name.partition(".")[0]).parameter(c.name.rpartition(".")[2])
+            off = (z - p.prior) / p.sd
+            text = f"{c.name} = {z:.0f} K is not plausible: usual are {p.prior:.0f} ± {p.sd:.0f} K"
+            limit = BEYOND
+        elif c.effect is None or c.name.startswith("current_offset"):
+            off, limit = (z - c.prior) / c.sd, FAR
+            text = _far(c, z)
+        else:
+            continue
+        if abs(off) > limit:
+            found.append(Witness(f"number {c.name}", text + ".", abs(off), limit, True))
+    return found
+
+
+def _far(c: Coordinate, z: float) -> str:
+    symbol = c.name.split("@")[0]
+    if symbol in KINDS:
+        change = 100.0 * np.expm1(z - c.prior)
+        return f"{symbol} ends {change:+.0f} % off what is declared ({100.0 * c.sd:.0f} % tolerance)"
+    if c.effect is not None:
+        return f"{c.name} = {z:.2f} A is more than a current sensor's offset ({c.sd:.2g} A)"
+    what = "the core starts" if c.name.startswith("T_c0") else "the surface starts"
+    return f"{what} {z:+.1f} K off ({c.sd:.1f} K are usual after a rest)"
+
+
+def strain(f: MapFit) -> Witness:
+    """All numbers together: how probable it is that they lie so far from what was known of them."""
+    square, freedom = strain_of(f)
+    p = float(chdtrc(max(freedom, 1), square))
+    text = (
+        f"All numbers together lie {np.sqrt(square):.1f} sd from what was known of them "
+        f"({freedom} directions, p = {p:.2g})"
+    )
+    return Witness("strain", text + ".", p, STRAINED, p < STRAINED)
+
+
+def strain_of(f: MapFit) -> tuple[float, int]:
+    """Square of the distance of all numbers of a fit from what was known of them, and its degrees of freedom."""
+    keep = [i for i, c in enumerate(f.problem.coordinates) if c.record is None or not c.name.startswith("T_")]
+    prior, sd = (np.array([getattr(f.problem.coordinates[i], k) for i in keep]) for k in ("prior", "sd"))
+    u = (f.theta[keep] - prior) / sd
+    posterior = f.covariance[np.ix_(keep, keep)] / np.outer(sd, sd)
+    # directions that the record has determined: what is left of their prior variance is below half
+    value, axes = np.linalg.eigh(posterior)
+    known = np.clip(1.0 - value, 0.0, 1.0)
+    # the estimate varies by the prior's variance less the posterior's, if the prior is right
+    return float(np.sum((axes.T @ u)[known > 0.5] ** 2 / known[known > 0.5])), int(np.sum(known > 0.5))
+
+
+def agreement(joint: MapFit, alone: Sequence[MapFit]) -> tuple[Witness, ...]:
+    r"""Whether each record alone says what all say together, in the numbers that they share.
+
+    A record alone is known to :math:`C_i`, all together to :math:`C`; if they are one physics, the difference of
+    the two estimates has the covariance :math:`C_i - C` (Hausman, Specification tests in econometrics, 1978).
+
+    Parameters
+    ----------
+    joint : MapFit
+    alone : sequence of MapFit
+        Of the same model, one per record.
+    """
+    names = [c.name for c in joint.problem.coordinates if c.record is None]
+    limit = DISAGREE / len(alone)
+    found = []
+    for one in alone:
+        i, j = ([f.problem.index(n) for n in names] for f in (one, joint))
+        apart = one.theta[i] - joint.theta[j]
+        spread = one.covariance[np.ix_(i, i)]
+        scale = np.sqrt(np.diag(spread))
+        more = (spread - joint.covariance[np.ix_(j, j)]) / np.outer(scale, scale)
+        value, axes = np.linalg.eigh(more)
+        told = value > LEAST_MORE
+        square = float(np.sum((axes.T @ (apart / scale))[told] ** 2 / value[told]))
+        p = float(chdtrc(max(int(told.sum()), 1), square))
+        z = np.abs(apart) / (scale * np.sqrt(np.maximum(np.diag(more), LEAST_MORE)))
+        said = ", ".join(_compared(joint.problem.coordinates[j[k]], apart[k], z[k]) for k in np.argsort(-z)[:2])
+        source = one.problem.records[0].source
+        text = f"Alone, {source} asks for other numbers than all records together: {said} (all numbers: p = {p:.2g})"
+        if p >= limit:
+            text = f"Alone, {source} asks for the same numbers as all records together (p = {p:.2g})"
+        found.append(Witness(f"records: {source}", text + ".", p, limit, p < limit))
+    return tuple(found)
+
+
+def _compared(c: Coordinate, apart: float, z: float) -> str:
+    p = None if c.effect is None else effect_named(c.effect.partition(":")[0]).parameter(c.name.rpartition(".")[2])
+    if p is None or p.log:
+        return f"{c.name} {100.0 * np.expm1(apart):+.0f} % ({z:.1f} sd)"
+    return f"{c.name} {apart / p.to_si:+.3g} {p.unit} ({z:.1f} sd)"
+
+
+def _tail(tail: tuple[float, float]) -> Witness:
+    ratio = tail[1] / max(tail[0], 1e-9)
+    text = f"Fitted to the first 60 %, the error in the rest is {tail[1]:.2g} K, without the effects {tail[0]:.2g} K"
+    return Witness("tail", text + ".", ratio, float(np.sqrt(0.5)), ratio > np.sqrt(0.5))
+
+
+def heats(f: MapFit, r: int) -> Floats:
+    """Irreversible heat (N, n), W, along a fitted trajectory: the reversible part comes and goes with the charge."""
+    problem = f.problem
+    v, _ = problem.numbers(r, f.theta)
+    for e in problem.model.effects:
+        if e.name == "entropic_heat":
+            v = with_effect(v, e.key, dict.fromkeys(e.values, 0.0))
+    m = problem.records[r]
+    memory, _ = problem.physics.memory(m.drive, v)
+    parts, row = [], 0
+    for span in m.spans:
+        X = f.prediction.X[r][row : row + len(span) + 1]
+        row += len(span) + 1
+        at = slice(span.first, span.last)
+        z = problem.physics.point(
+            (X[1:] + X[:-1]) / 2.0, cut(m.drive, at.start, at.stop), v, {k: a[at] for k, a in memory.items()}
+        )
+        parts.append(z.core + np.zeros_like(z.T_c))
+    return np.concatenate(parts)
+
+
+def electric_heat(u: Drive) -> Floats | None:
+    """Heat (N,) of one cell by its voltage, W: current times the gap from the open-circuit voltage.
+
+    The open-circuit voltage is what of the voltage follows the charge, beside what follows the current at once and
+    within half a minute. None where the voltage is not known over half of the record, or where the current hardly
+    moves about its trend: a discharge at one current does not tell the two apart.
+    """
+    known = np.isfinite(u.V) & np.isfinite(u.IV)
+    if known.mean() < 0.5:
+        return None
+    from scipy.signal import lfilter  # takes longer to load than all else: only who has a voltage pays
+
+    charge = np.cumsum(u.I) * u.dt / 3600.0
+    a = float(np.exp(-u.dt / LOAD_S))
+    slow = lfilter([1.0 - a], [1.0, -a], u.I)
+    columns = np.stack([np.ones(u.N), charge, charge**2, -u.I, -slow], axis=1)
+    steady = known & (np.abs(u.I2 - u.I**2) <= 1.0)
+    rows = steady if steady.sum() > 10 * columns.shape[1] else known
+    own = u.I[rows] - columns[rows, :3] @ np.linalg.lstsq(columns[rows, :3], u.I[rows], rcond=None)[0]
+    if np.sqrt(np.mean(own**2)) < APART * np.sqrt(np.mean(u.I2[rows])):
+        return None
+    k = np.linalg.lstsq(columns[rows], u.V[rows], rcond=None)[0]
+    return np.asarray(np.where(known, u.I * (columns[:, :3] @ k[:3]) - u.IV, np.nan))
+
+
+def energy(f: MapFit, r: int, m: Measured) -> Witness | None:
+    """Compare the energy that became heat by temperature and by voltage."""
+    q = electric_heat(m.drive)
+    if q is None:
+        return None
+    known = np.isfinite(q)
+    square = float(np.sum(m.drive.I2[known]))
+    by_voltage = float(np.sum(q[known])) / square
+    thermal = heats(f, r).mean(axis=1)
+    by_temperature = float(np.sum(thermal) / np.sum(f.problem.records[r].drive.I2))
+    off = by_temperature / by_voltage - 1.0
+    text = (
+        f"The temperatures ask for {1e3 * by_temperature:.1f} mΩ of losses, the voltage for {1e3 * by_voltage:.1f} mΩ "
+        f"({100.0 * off:+.0f} %)"
+    )
+    return Witness("voltage energy", text + ".", abs(off), ENERGY, abs(off) > ENERGY or by_voltage <= 0.0)
+
+
+def by_voltage(f: MapFit, other: MapFit, r: int, odds: float) -> Witness:
+    """Compare the cores of one record with those of a model whose heat is the voltage's.
+
+    Parameters
+    ----------
+    f, other : MapFit
+        The chosen model, and the model as it is with the heat of the voltage.
+    r : int
+    odds : float
+        Log evidence of the other over the chosen one: it is heard if it fits the surface about as well.
+    """
+    n = f.problem.model.cells
+    source = f.problem.records[r].source
+    cores = [x.prediction.X[r][:, 0 : 2 * n : 2] for x in (f, other)]
+    apart = float(np.mean(cores[1] - cores[0]))
+    limit = BEYOND * float(np.sqrt(np.mean(core_bands(f)[r].sd_K ** 2)))
+    if odds < -HEARD:
+        text = f"Heat from the voltage alone does not follow the surface of {source} (log-odds {odds:.0f}): not heard"
+        return Witness("voltage heat", text + ".", abs(apart), limit, False)
+    text = f"With its heat taken from the voltage the core of {source} is {apart:+.1f} K apart (limit {limit:.1f} K)"
+    return Witness("voltage heat", text + ".", abs(apart), limit, abs(apart) > limit)
+
+
+def activation(f: MapFit, r: int, m: Measured) -> Witness | None:
+    """Compare how losses fall with temperature by the surface's fit and by the voltage."""
+    q = electric_heat(m.drive)
+    number = [i for i, c in enumerate(f.problem.coordinates) if c.name == "resistance_temperature.B"]
+    if q is None or not number:
+        return None
+    size = max(round(WINDOW_S / m.drive.dt), 1)
+    windows = m.drive.N // size
+    coarse = f.problem.records[r]
+    ratio = coarse.drive.dt / m.drive.dt
+    n = f.problem.model.cells
+    cores = f.prediction.X[r][:, 0 : 2 * n : 2].mean(axis=1)
+    core = np.interp(np.arange(m.drive.N) / ratio, np.arange(len(cores)), cores)
+    x, y, w = [], [], []
+    for i in range(windows):
+        at = slice(i * size, (i + 1) * size)
+        good = np.isfinite(q[at])
+        square = float(np.sum(m.drive.I2[at][good]))
+        heat = float(np.sum(q[at][good]))
+        if heat > 0.0 and square > 0.0:
+            weight = m.drive.I2[at] * good
+            x.append(1.0 / (float(np.average(core[at], weights=weight)) + KELVIN) - 1.0 / REFERENCE)
+            y.append(np.log(heat / square))
+            w.append(square)
+    if len(x) < 4 or np.ptp(x) < 5e-5:
+        return None
+    A = np.stack([np.ones(len(x)), np.array(x)], axis=1) * np.sqrt(np.array(w))[:, None]
+    b = np.array(y) * np.sqrt(np.array(w))
+    k, *_ = np.linalg.lstsq(A, b, rcond=None)
+    left = b - A @ k
+    sd = float(np.sqrt(left @ left / max(len(x) - 2, 1) * np.linalg.inv(A.T @ A)[1, 1]))
+    B, own = float(f.theta[number[0]]), float(np.sqrt(f.covariance[number[0], number[0]]))
+    off = (B - float(k[1])) / float(np.hypot(sd, own))
+    text = f"By the voltage the losses fall with B = {k[1]:.0f} ± {sd:.0f} K, by the surface with {B:.0f} ± {own:.0f} K"
+    return Witness("voltage activation", text + ".", abs(off), FAR, abs(off) > FAR)

@@ -1,0 +1,162 @@
+"""What a forecast says of a string, and, for those who later know what came, what it started from."""
+
+from dataclasses import dataclass
+from typing import Final, Protocol
+
+import numpy as np
+
+from bms_gateway.health.nearing import Approach
+from bms_gateway.observe.ahead import Ahead, Certainty
+from bms_gateway.observe.forecast_start import Coming, Profile, Standing
+from bms_gateway.thermal import Floats
+
+TOLD_S: Final = {1: "60", 2: "300", 3: "600"}
+"""Horizons at which temperatures are told, by their place among those of a forecast, s."""
+FOR_S: Final = ("10", "60", "600")
+"""For how long currents are permitted, s."""
+
+
+@dataclass(frozen=True, slots=True)
+class Forecast:
+    """What comes next of one string of n cells, if the load stays as it is.
+
+    Attributes
+    ----------
+    time_ns : int
+    load : float
+        Root of the mean square of the current that is taken for what comes, A; its sign is that of the mean.
+    steady : bool
+        Whether that current stands, rather than being the mean of the last minutes.
+    core, core_sd, centre, centre_sd : ndarray (H, n)
+        At `HORIZONS_S`, °C and K, given that load; NaN where the core is not known.
+    load_sd : ndarray (3, H, n), K
+        By how much cores, surfaces and hottest points would be off because loads change.
+    surface, surface_sd : ndarray (H, n)
+    course : ndarray (K + 1, n)
+        Hottest points at `PATH_S`, °C.
+    soonest_s, latest_s : ndarray (n,)
+        Of the time to the limit one standard deviation sooner and later; infinite where it is not within ten minutes.
+    limit_s : ndarray (n,)
+        Time to the limit; 0 where it is reached, infinite where it is not within ten minutes.
+    discharge, charge : ndarray (3,)
+        Greatest constant current for 10 s, 1 and 10 min that keeps every hottest point two standard deviations below
+        the limit, A.
+    doubtful : ndarray of bool (n,)
+        Cells whose cores are sent as doubtful.
+    """
+
+    time_ns: int
+    load: float
+    steady: bool
+    core: Floats
+    core_sd: Floats
+    centre: Floats
+    centre_sd: Floats
+    load_sd: Floats
+    surface: Floats
+    surface_sd: Floats
+    course: Floats
+    soonest_s: Floats
+    latest_s: Floats
+    limit_s: Floats
+    discharge: Floats
+    charge: Floats
+    doubtful: np.ndarray[tuple[int], np.dtype[np.bool_]]
+
+    @property
+    def first(self) -> int | None:
+        """Cell (from 0) that reaches the limit first; None where none does within ten minutes."""
+        k = int(np.argmin(self.limit_s))
+        return k if np.isfinite(self.limit_s[k]) else None
+
+    @property
+    def peak(self) -> float:
+        """The hottest of all points within ten minutes, °C; NaN where nothing is known."""
+        return float(np.fmax.reduce(self.course, axis=None))
+
+    def approach(self) -> Approach | None:
+        """Tell of the cell that reaches the limit first; None where none does within ten minutes."""
+        if (k := self.first) is None:
+            return None
+        permitted = self.charge if self.load < 0.0 else self.discharge
+        return Approach(
+            k + 1,
+            float(self.course[0, k]),
+            float(self.limit_s[k]),
+            float(self.soonest_s[k]),
+            float(self.latest_s[k]),
+            self.load,
+            float(permitted[-1]),
+            bool(self.doubtful[k]),
+        )
+
+    @property
+    def hottest(self) -> int | None:
+        """Cell (from 0) with the hottest point in ten minutes; None where nothing is known."""
+        last = self.centre[-1]
+        return None if np.isnan(last).all() else int(np.nanargmax(last))
+
+
+class LooksAhead(Protocol):
+    """Whatever forecasts the strings of a group."""
+
+    def ahead(self, s: Standing, coming: Coming, known: Certainty | None = None) -> Ahead:
+        """Look ahead from where strings stand; `known` is of a forecast a short time ago."""
+        ...
+
+    def under(self, s: Standing, coming: Coming, profile: Profile) -> Ahead:
+        """Look ahead under a profile of the load."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Origin:
+    """What forecasts of a group started from.
+
+    Attributes
+    ----------
+    members : tuple of int
+        Its strings, by their number in the plan.
+    outlook : LooksAhead
+    standing : Standing
+    coming : Coming
+    """
+
+    members: tuple[int, ...]
+    outlook: LooksAhead
+    standing: Standing
+    coming: Coming
+
+
+@dataclass(frozen=True, slots=True)
+class Load10:
+    """Means over the ten seconds that end now, of S strings; NaN where unknown.
+
+    Attributes
+    ----------
+    current, square, inlet : ndarray (S,)
+        Means of I, A, and I², A²; newest inlet, °C.
+    """
+
+    current: Floats
+    square: Floats
+    inlet: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Foreseen:
+    """Forecasts were made; said only where `engine.foreseeing` asks for it.
+
+    Attributes
+    ----------
+    load : Load10
+        Of the ten seconds before.
+    forecasts : tuple of Forecast or None
+        By string.
+    origins : tuple of Origin
+    """
+
+    time_ns: int
+    load: Load10
+    forecasts: tuple[Forecast | None, ...]
+    origins: tuple[Origin, ...]

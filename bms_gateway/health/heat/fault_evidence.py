@@ -1,0 +1,229 @@
+r"""Faults held against each other: what each would have done to the surprises of the heat filter, and how well it fits.
+
+A fault of amplitude f that began at θ moves the true numbers away from the filtered ones by s f, where s obeys the
+filter's own loop, and it moves the surprises by g f (Willsky and Jones, 1976):
+
+.. math::
+    s^- = F s, \quad g = H s^- + d, \quad s = s^- - K g,
+
+with s = e_j at θ for a fault that is a jump of the j-th number, and d what a fault of a thermocouple adds to its
+reading. Of the surprises ν with covariance S then
+
+.. math::
+    C = \sum g^T S^{-1} g, \quad D = \sum g^T S^{-1} ν, \quad
+    \ln E = \frac{D^2}{2 (C + 1/σ^2)} - \frac{1}{2} \ln(1 + σ^2 C)
+
+is the ln of the evidence for the fault, of prior sd σ, over none. Instants θ are kept at ages of even ratios up to an
+hour. Everything is linear, so all faults of all strings go through one product.
+
+References
+----------
+A. S. Willsky, H. L. Jones, A generalized likelihood ratio approach to the detection and estimation of jumps in linear
+systems, IEEE TAC 21 (1976).
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from bms_gateway.health.heat.filter import HeatFilter, Linear
+from bms_gateway.health.heat.layout import COMMON
+from bms_gateway.thermal import Floats
+
+ONSETS = 10
+OLDEST = 3600.0
+"""s: what is older has gone into what the filter carries,"""
+OLDEST_READ = 20
+"""if it was read in so many steps since; frames of a parked string are rare."""
+HEAT_SIZE = 4e-2
+"""K/s of the cell's heat capacity: prior sd of a fault's heat."""
+
+
+class Kind(IntEnum):
+    """Kinds of faults."""
+
+    HEAT = 0
+    JUMP = 1
+    SLOPE = 2
+    LOOSE = 3
+    LAG = 4
+    FLOW = 5
+    INLET = 6
+    LOAD = 7
+
+
+SIZE = {
+    Kind.JUMP: 1.5,  # K
+    Kind.SLOPE: 1.5,  # K/h
+    Kind.LOOSE: 0.4,  # share of the coolant in the reading
+    Kind.LAG: 0.7,  # share of a reading that follows in `LATE_S`
+    Kind.FLOW: 0.5,  # share of the film's conductance lost
+    Kind.INLET: 3.0,  # K
+    Kind.LOAD: 0.7,  # share of the heat
+}
+"""Prior sd of the amplitudes."""
+LATE_S = 90.0
+"""A thermocouple that has come off its cell follows it so late; less lag is a smaller share."""
+SLOPE_S = 600.0
+"""A drift is told from heat by its shape after so long: heat has come to rest by then."""
+MOST = {Kind.LOOSE: 1.3, Kind.LAG: 1.6, Kind.FLOW: 1.0}
+"""Amplitudes beyond are none."""
+
+
+@dataclass(frozen=True, slots=True)
+class Weighed:
+    """Evidence for each fault at each onset, (S, onsets, faults).
+
+    Attributes
+    ----------
+    ln : ndarray
+        Of the evidence over that for none; −inf where the amplitude has a sign that there is none of.
+    amplitude, var : ndarray
+        Posterior.
+    """
+
+    ln: Floats
+    amplitude: Floats
+    var: Floats
+
+
+class Evidence:
+    """Faults of the strings of a filter.
+
+    Attributes
+    ----------
+    kinds, place : ndarray of int (H,)
+        Kind of each fault, and the number of its cell or sensor among those told of.
+    """
+
+    def __init__(self, of: HeatFilter) -> None:
+        at = of.at
+        m, a, S = at.sensed, at.near, at.strings
+        sensor_kinds = (Kind.JUMP, Kind.SLOPE, Kind.LOOSE, Kind.LAG)
+        common = {Kind.FLOW: at.flow, Kind.INLET: at.inlet, Kind.LOAD: at.load}
+        self.kinds = np.array([*[Kind.HEAT] * a, *(k for k in sensor_kinds for _ in range(m)), *common], np.int64)
+        self.place = np.array([*range(a), *(j for _ in sensor_kinds for j in range(m)), 0, 0, 0], np.int64)
+        H = len(self.kinds)
+        self._first = np.zeros((at.states, H))
+        self._first[np.arange(at.heat.start, at.heat.stop), np.arange(a)] = 1.0
+        self._first[np.arange(at.bias.start, at.bias.stop), a + np.arange(m)] = 1.0
+        for j, place in enumerate(common.values()):
+            self._first[place, a + 4 * m + j] = 1.0
+        size = np.array([[SIZE.get(Kind(k), 1.0) for k in self.kinds]] * S)
+        size[:, :a] = HEAT_SIZE * of.C
+        self._size2: Floats = np.square(size)[:, None, :]
+        real = np.ones((S, H), np.bool_)
+        real[:, :a] = at.seen
+        for j in range(4):
+            real[:, a + j * m : a + (j + 1) * m] = at.fitted
+        self._real = real[:, None, :]
+        self._least = np.where(np.isin(self.kinds, (Kind.HEAT, Kind.LAG, Kind.LOOSE)), 0.0, -np.inf)
+        self._most = np.array([MOST.get(Kind(k), np.inf) for k in self.kinds])
+        self._at, self._of = at, of
+        self._s = np.zeros((S, at.states, ONSETS, H))
+        self._C, self._D = np.zeros((2, S, ONSETS, H))
+        self._born = np.zeros((S, ONSETS))  # s, of the onset
+        self._before = np.zeros((S, ONSETS, COMMON))
+        self._late = np.full((S, m, ONSETS), np.nan)
+        self._slots: list[int] = []  # in the order of their age, the oldest first
+        self._birth: list[float] = []
+        self._read_before: list[int] = []
+        self._read = 0  # steps with readings
+        self.now = 0.0  # s of the filter's steps
+        for s in range(S):
+            self.forget(s)
+
+    def forget(self, s: int) -> None:
+        """Begin anew with string `s`."""
+        self._s[s] = self._first[:, None, :]
+        self._C[s], self._D[s] = 0.0, 0.0
+        self._born[s], self._before[s] = self.now, self._of.before[s]
+        self._late[s] = np.nan
+
+    def take(self, x: Linear, *, read: bool = True) -> None:
+        """Take in one step of the filter; `read`: of which readings came."""
+        self._begin()
+        self._read += read
+        at, H = self._at, len(self.kinds)
+        N, m, a = at.nodes, at.sensed, at.near
+        flat = self._s.reshape(at.strings, at.states, ONSETS * H)
+        top = np.matmul(x.G, flat)
+        decay = self._of.decay
+        s = np.concatenate((top, flat[:, N:] * decay[:, None]), axis=1)
+        if not read:  # a fault lasts while the filter forgets; this shows only where frames are rare
+            lasting = s.reshape(at.strings, at.states, ONSETS, H)
+            j = np.arange(a)
+            lasting[:, at.heat.start + j, :, j] += 1.0 - decay[at.heat.start - N]
+        self.now += self._of.dt
+        g = np.matmul(self._of.H, s).reshape(at.strings, m, ONSETS, H)
+        k = np.arange(m)
+        hours = (self.now - self._born) / 3600.0
+        g[:, k, :, a + m + k] += hours
+        g[:, k, :, a + 2 * m + k] += (x.coolant - x.surface).T[:, :, None]
+        g[:, k, :, a + 3 * m + k] += self._lagging(x).transpose(1, 0, 2)
+        g = g.reshape(at.strings, m, ONSETS * H)
+        V = np.matmul(x.S_inv, g)
+        shape = at.strings, ONSETS, H
+        self._C += np.einsum("smj,smj->sj", g, V).reshape(shape)
+        self._D += np.einsum("smj,sm->sj", V, x.nu).reshape(shape)
+        s -= np.matmul(x.K, g)
+        self._s = s.reshape(self._s.shape)
+
+    def _lagging(self, x: Linear) -> Floats:
+        """Tell what readings (S, m, onsets) that follow late since the onset are off, K."""
+        before = (x.surface - x.rate * self._of.dt)[:, :, None]
+        late = np.where(np.isnan(self._late), before, self._late)
+        late += (x.surface[:, :, None] - late) * -np.expm1(-self._of.dt / LATE_S)
+        self._late = late
+        return late - x.surface[:, :, None]
+
+    def _begin(self) -> None:
+        """Let one more onset begin now, in the place of the one that is missed least."""
+        if len(self._slots) < ONSETS:
+            slot = len(self._slots)
+        else:
+            ages = [self.now - b + self._of.dt for b in self._birth]
+            if ages[0] > OLDEST and self._read - self._read_before[0] >= OLDEST_READ:
+                i = 0
+            else:
+                i = min(range(1, ONSETS - 1), key=lambda i: ages[i - 1] / ages[i + 1])
+            slot = self._slots.pop(i)
+            self._birth.pop(i)
+            self._read_before.pop(i)
+        self._slots.append(slot)
+        self._birth.append(self.now)
+        self._read_before.append(self._read)
+        self._s[:, :, slot] = self._first
+        self._C[:, slot], self._D[:, slot] = 0.0, 0.0
+        self._born[:, slot], self._before[:, slot] = self.now, self._of.before
+        self._late[:, :, slot] = np.nan
+
+    def weigh(self) -> Weighed:
+        """Weigh all faults."""
+        prec = self._C + 1.0 / self._size2
+        amplitude = self._D / prec
+        ln = 0.5 * self._D * amplitude - 0.5 * np.log(1.0 + self._size2 * self._C)
+        young = (self.now - self._born)[:, :, None] < SLOPE_S
+        ln = np.where(young & (self.kinds == Kind.SLOPE), -np.inf, ln)
+        ln = np.where(self._real & (amplitude > self._least) & (amplitude < self._most), ln, -np.inf)
+        return Weighed(ln, amplitude, 1.0 / prec)
+
+    def moved(self, s: int, onset: int, fault: int) -> Floats:
+        """Tell what the fault of amplitude 1 has done to the numbers (N,) of string `s`."""
+        return np.asarray(self._s[s, :, onset, fault], dtype=np.float64)
+
+    def before(self, s: int, onset: int) -> Floats:
+        """Tell what was common to all cells (5,) of string `s` before an onset."""
+        return np.asarray(self._before[s, onset], dtype=np.float64)
+
+    def ages(self, s: int) -> Floats:
+        """Tell how many seconds ago each onset (onsets,) of string `s` was."""
+        return np.asarray(self.now - self._born[s], dtype=np.float64)
+
+    def resolution(self, age_s: float) -> Floats:
+        """Sd (S, a) to which heat of each cell is told that began about so many seconds ago, W."""
+        a = self._at.near
+        ages = np.array([abs(self.now - b - age_s) for b in self._birth])
+        slot = self._slots[int(ages.argmin())] if len(ages) else 0
+        return np.asarray(1.0 / np.sqrt(self._C[:, slot, :a] + 1.0 / self._size2[:, 0, :a]), dtype=np.float64)

@@ -1,0 +1,450 @@
+"""The watch over unexplained heat of strings of equal length: gathers ticks to steps, filters, weighs, tells.
+
+Ticks of a second are gathered to steps of ten: what heat does takes longer, and the filter's covariance is most of the
+work. All strings of a group step together, counted in ticks, so that the result does not depend on how frames came.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from bms_gateway.errors import ConfigError
+from bms_gateway.health.heat import kept
+from bms_gateway.health.heat.course import USUAL_S, Course
+from bms_gateway.health.heat.fault_evidence import Evidence, Kind, Weighed
+from bms_gateway.health.heat.filter import CASING_SD, READING_SD, HeatFilter, Linear, Step
+from bms_gateway.health.heat.layout import Bools
+from bms_gateway.health.heat.rest import LONGEST_S, REST_RATE, STRAYED_K, Rest, strides
+from bms_gateway.health.heat.verdict import SURE, SUSPECT, Finding, Verdict, suspicion
+from bms_gateway.thermal import Floats, StringModel, StringParameters
+
+STEP_S = 10.0
+SETTLE_S = 300.0
+"""After a start the filter finds the state first; nothing is weighed before."""
+NOISE_SHARE = 0.005  # of what each reading tells of its noise
+SEEN_S = 180.0
+"""Heat that began so long ago is what the told sd is for."""
+FINE = 1e-4  # K: differences of readings below are rounding
+APART = 0.02  # ln: cells whose resistances are told to differ by more settle anew
+FLOW_GRID = 0.1  # ln: a flow that moved by less changes nothing
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """What is known of heat that no current makes, for S strings of n cells.
+
+    Attributes
+    ----------
+    heat, heat_sd : ndarray (S, n), W
+        NaN for cells of which no sensor tells.
+    core, core_sd : ndarray (S, n), °C, K
+        Cores where a cell is believed to heat, and their sd; where another fault is believed or suspected NaN, and what
+        it would change; else NaN.
+    some : bool
+        Whether there is any such.
+    """
+
+    heat: Floats
+    heat_sd: Floats
+    core: Floats
+    core_sd: Floats
+    some: bool
+
+
+def step_of(dt: float) -> float:
+    """Length of a step of the watch, s: of so many ticks of `dt` seconds that it is about `STEP_S`."""
+    return max(1, round(STEP_S / dt)) * dt
+
+
+class Share(Protocol):
+    """What effects of a string's model do to its thermocouples; see `EffectShare`."""
+
+    def begin(self, level: float) -> None:
+        """Begin with all temperatures at `level`, °C."""
+        ...
+
+    def pause(self) -> None:
+        """Begin anew after a time without frames."""
+        ...
+
+    def mean(self) -> Floats:
+        """How much more (n,), K, thermocouples read with the effects, on the mean of the step that ends now."""
+        ...
+
+
+class HeatWatch:
+    """Watch over S strings of n cells.
+
+    Parameters
+    ----------
+    models : sequence of StringModel
+        Equal numbers of cells, each with a sensor.
+    dt : float, s
+        Period of a tick.
+    constant_inlet : sequence of bool
+        Whose inlet is a constant of the configuration.
+    shares : sequence of Share
+        Of each string, where their models have effects; none by default.
+    """
+
+    def __init__(
+        self,
+        models: Sequence[StringModel],
+        dt: float,
+        constant_inlet: Sequence[bool] = (),
+        shares: Sequence[Share] = (),
+    ) -> None:
+        self._tick_s, self._shares = dt, shares
+        self._ticks = round(step_of(dt) / dt)
+        self.filter = HeatFilter(models, self._ticks * dt)
+        self.evidence = Evidence(self.filter)
+        S, m = len(models), self.filter.at.sensed
+        fixed = tuple(constant_inlet) or (False,) * S
+        self.course = Course.of(self.filter, fixed)
+        self.verdicts = [Verdict(s, self.filter, self.evidence, self.course) for s in range(S)]
+        self._age = np.zeros(S)
+        self._row, self._nearest = np.arange(S)[:, None], self.filter.at.nearest()
+        self._inlet, self._heard_inlet = np.full((2, S), np.nan)
+        self._last, self._newest = np.full((2, S, m), np.nan)
+        self._fine = np.full((S, m), np.inf)
+        self._noise = np.full((S, m), READING_SD**2)
+        self._rest, self._now_ns = Rest.of(S), 0
+        self._blind = np.zeros(S, np.bool_)
+        self._clear()
+        nothing = np.full((S, self.filter.at.cells), np.nan)
+        self._first = self.filter.z.copy(), self.filter.P.copy()
+        self._nothing = Told(nothing, nothing, nothing, nothing, some=False)
+        self.told = self._nothing
+
+    def _clear(self) -> None:
+        self._ticked: list[tuple[Floats, Floats | None, Floats, Floats, Floats]] = []
+
+    def cores(self, core: Floats, sd: Floats) -> tuple[Floats, Floats]:
+        """Cores (S, n), °C, and their sd, K: this watch's where heat is believed, else those given.
+
+        Where another fault is believed or suspected, the cores given are uncertain by what it would change.
+
+        What the observer does not know of its numbers is not known here either; a core further above its surface than
+        the observer thinks is off by as much more.
+        """
+        told = self.told
+        if not told.some:
+            return core, sd
+        here = np.isfinite(told.core_sd)
+        return np.where(np.isfinite(told.core), told.core, core), np.where(here, np.hypot(sd, told.core_sd), sd)
+
+    def set_parameters(self, s: int, p: StringParameters) -> None:
+        """Take identified numbers of string `s` into use; where they tell its cells apart the state is found anew."""
+        apart = np.log(p.R_e / self.filter.parameters(s).R_e)
+        try:
+            self.filter.set_parameters(s, p)
+        except ConfigError:  # no coolant node at this flow: the numbers of before serve
+            return
+        if float(np.ptp(apart)) > APART:
+            self._age[s] = 0.0
+            self.evidence.forget(s)
+
+    def pass_time(self, gap_s: float | None, *, unseen: bool = False) -> None:
+        """Pass over a time without frames: strings at rest go on through it, others begin anew.
+
+        What is known of cells and sensors stays, and what was found.
+
+        Parameters
+        ----------
+        gap_s : float or None
+            None where nobody knows how long.
+        unseen : bool
+            The gateway was off, a current may have flowed: what rest does not explain begins anew.
+        """
+        rest = self._rest
+        if gap_s is None or self._shares:
+            rest.resting[:] = False
+        else:
+            rest.slept_s += gap_s + len(self._ticked) * self._tick_s
+        self.filter.running &= rest.resting & ~(self.filter.alone & unseen)
+        for share in self._shares:
+            share.pause()
+        self._clear()
+        self.told = self._nothing
+        self._last[:] = np.nan
+
+    def add(
+        self,
+        now_ns: int,
+        square: Floats,
+        heat: Floats | None,
+        current: Floats,
+        inlet: Floats,
+        y: Floats,
+        age: Floats,
+        flow: Floats | None = None,
+    ) -> list[tuple[int, Finding]] | None:
+        """Take in a tick; none of the arrays may change afterwards.
+
+        Parameters
+        ----------
+        now_ns : int
+        square : ndarray (S,), A²
+            Mean square of the current; NaN where not known.
+        heat : ndarray (S, n), W, or None
+            Where it is known otherwise, as from the voltage; NaN for I²R_e.
+        current, inlet : ndarray (S,), A, °C
+            NaN where not known.
+        y, age : ndarray (S, n), °C, s
+            New readings, NaN for none, and how old they are.
+        flow : ndarray (S,), optional
+            Over nominal.
+
+        Returns
+        -------
+        list of (int, Finding) or None
+            By string: what has come or is over. None where the step goes on.
+        """
+        square, current = self._rest.take(square, current, self._least_square, y)
+        self._heard_inlet = np.where(np.isfinite(inlet), inlet, self._heard_inlet)
+        self._ticked.append((square, heat, current, y, age))
+        return self._step(now_ns, self._heard_inlet, flow) if len(self._ticked) >= self._ticks else None
+
+    @property
+    def _least_square(self) -> Floats:
+        """Mean square of the current (S,), A², below which nothing flows."""
+        b = self.filter.balances
+        return np.asarray((REST_RATE * b.C / b.R_e).min(axis=1), dtype=np.float64)
+
+    def _readings(self) -> tuple[Floats, Floats, Floats, Floats]:
+        """Mean, lag and variance (S, m) of the step's readings, and their number."""
+        at = self.filter.at
+        y = np.stack([t[3] for t in self._ticked])[:, self._row, at.sensors]
+        age = np.stack([t[4] for t in self._ticked])[:, self._row, at.sensors]
+        ticks = len(y)
+        there = np.isfinite(y)
+        number = there.sum(axis=0)
+        divisor = np.where(number > 0, number, np.nan)
+        back = (np.arange(ticks)[::-1] * self._tick_s)[:, None, None]
+        mean = np.where(there, y, 0.0).sum(axis=0) / divisor
+        lag = np.where(there, age + back, 0.0).sum(axis=0) / divisor
+        step = np.abs(np.diff(np.concatenate((self._last[None], y)), axis=0))
+        for now in y:  # steps show between rare frames too
+            moved = np.abs(now - self._newest)
+            self._fine = np.where(moved > FINE, np.minimum(self._fine, moved), self._fine)
+            self._newest = np.where(np.isfinite(now), now, self._newest)
+        both = np.isfinite(step)
+        count = both.sum(axis=0)
+        square = np.where(both, np.square(step), 0.0).sum(axis=0) / 2.0
+        self._noise = self._noise + (square - count * self._noise) * NOISE_SHARE
+        self._last = np.where(there[-1], y[-1], np.nan)
+        fine = np.where(np.isfinite(self._fine), self._fine, 0.0)
+        coarse = np.where(np.square(fine) / 6.0 > self._noise, np.square(fine), np.square(fine) / 12.0 / divisor)
+        R = np.maximum(self._noise, READING_SD**2) / divisor + coarse + CASING_SD**2
+        return mean, lag, R, divisor
+
+    def _heats(self) -> tuple[Floats, Floats, Any]:
+        """Mean heat (S, n), W, and current (S,), A, of the step; which strings (S,) had ticks without either."""
+        square = np.stack([t[0] for t in self._ticked])
+        heat = square[:, :, None] * self.filter.balances.R_e
+        if any(t[1] is not None for t in self._ticked):
+            given = np.stack([np.full(heat.shape[1:], np.nan) if t[1] is None else t[1] for t in self._ticked])
+            heat = np.where(np.isnan(given), heat, given)
+        known = np.isfinite(heat)
+        current = np.stack([t[2] for t in self._ticked])
+        mean = np.where(known, heat, 0.0).mean(axis=0)
+        return mean, np.where(np.isfinite(current), current, 0.0).mean(axis=0), ~known.all(axis=(0, 2))
+
+    def _step(self, now_ns: int, inlet: Floats, flow: Floats | None) -> list[tuple[int, Finding]]:
+        f, self._now_ns = self.filter, now_ns
+        (y, lag, R, _), (heat, current, unknown) = self._readings(), self._heats()
+        self._clear()
+        for place, share in enumerate(self._shares):
+            y[place] -= share.mean()[f.at.sensors[place]]
+        inlet1 = np.where(np.isfinite(inlet), inlet, self._inlet)
+        usable: Bools = np.asarray(np.isfinite(y).any(axis=1), np.bool_)
+        if self._rest.slept_s and usable.any():
+            self._wake(inlet1, y, now_ns)
+        new = usable & (~f.running | (self._blind & ~unknown))
+        for s in np.flatnonzero(new):
+            level = float(np.nanmean(y[s]))
+            f.begin(int(s), level)
+            if self._shares:
+                self._shares[int(s)].begin(level)
+            self.evidence.forget(int(s))
+            self._age[s] = 0.0
+            if inlet1[s] != inlet1[s]:
+                inlet1[s] = level
+        self._blind = unknown
+        if flow is not None:
+            for s in np.flatnonzero(
+                np.isfinite(flow) & (np.abs(np.log(np.clip(flow, 0.02, 50) / f.flows)) > FLOW_GRID)
+            ):
+                ratio = float(np.clip(flow[s], 0.02, 50))
+                grown = abs(float(np.log(ratio / f.flows[s])))
+                try:
+                    f.set_flow(int(s), ratio)
+                except ConfigError:  # no coolant node at so small a flow: the flow of before serves
+                    continue
+                f.P[s, f.at.flow, f.at.flow] += (0.5 * grown) ** 2
+        inlet1 = np.where(np.isfinite(inlet1), inlet1, 25.0)
+        inlet0 = np.where(np.isfinite(self._inlet), self._inlet, inlet1)
+        self._inlet = np.where(np.isfinite(inlet) | np.isfinite(self._inlet), inlet1, np.nan)
+        heard = f.running & ~unknown
+        aside = np.stack([v.aside for v in self.verdicts])
+        use = np.where(heard[:, None] & ~aside, y, np.nan)
+        x = f.step(Step(heat, current, inlet0, inlet1, use, lag, R))
+        self._mend()
+        if aside.any():
+            self._beside(x, y, lag, R)
+        self.evidence.take(x, read=bool(usable.any()))
+        self._age += f.dt
+        w = self.evidence.weigh()
+        found = self._look(w, heat, inlet1, heard, usable, now_ns)
+        self.told = self._tell(w)
+        return found
+
+    def _wake(self, inlet: Floats, y: Floats, now_ns: int) -> None:
+        """Go through a sleep that ends with an inlet (S,) and readings (S, m); begin anew where that was no rest."""
+        f, at, rest = self.filter, self.filter.at, self._rest
+        before, after = (np.where(np.isfinite(a), a, b) for a, b in ((self._inlet, inlet), (inlet, self._inlet)))
+        before, after = np.nan_to_num(before, nan=25.0), np.nan_to_num(after, nan=25.0)
+        S, nothing = at.strings, np.full((at.strings, at.sensed), np.nan)
+        zero, whole, passed = np.zeros(S), min(rest.slept_s, LONGEST_S), 0.0
+        for h in strides(rest.slept_s):
+            f.stride(h)
+            inlet0, inlet1 = (before + (after - before) * min(1.0, t / whole) for t in (passed, passed + h))
+            x = f.step(Step(np.zeros((S, at.cells)), zero, inlet0, inlet1, nothing, nothing, nothing))
+            self.evidence.take(x, read=False)
+            self._mend()
+            passed += h
+        f.stride(self._ticks * self._tick_s)
+        self._age += whole
+        self._inlet = np.where(np.isfinite(self._inlet), after, self._inlet)
+        self.course.sleep(rest.slept_s)
+        off = y - f.z[self._row, 2 * at.sensors + 1] - f.z[:, at.bias]
+        strayed = np.array([np.isfinite(o).any() and abs(float(np.nanmedian(o))) > STRAYED_K for o in off])
+        f.running &= ~(strayed & ~f.alone)
+        for v in self.verdicts:
+            v.woke_ns = now_ns
+        rest.slept_s = 0.0
+
+    def _mend(self) -> None:
+        """Begin anew with strings whose numbers rounding has spoilt, as readings of a fire can."""
+        f = self.filter
+        sound = np.isfinite(f.z).all(axis=1) & np.isfinite(f.P).all(axis=(1, 2))
+        sound &= (np.einsum("skk->sk", f.P) >= 0.0).all(axis=1)
+        for s in np.flatnonzero(~sound).tolist():
+            f.z[s], f.P[s] = self._first[0][s], self._first[1][s]
+            f.running[s] = False
+            self.evidence.forget(s)
+
+    def _beside(self, x: Linear, y: Floats, lag: Floats, R: Floats) -> None:
+        """Hold the thermocouples that are not used against what they should read."""
+        f, at = self.filter, self.filter.at
+        row = self._row
+        value = y - (f.z[row, 2 * at.sensors + 1] - lag * x.rate) - f.z[:, at.bias]
+        k = 2 * at.sensors + 1
+        sd = np.sqrt(f.P[row, k, k] + R + 0.1)
+        for v in self.verdicts:
+            v.residuals(value[v.s], sd[v.s])
+
+    def _look(
+        self,
+        w: Weighed,
+        heat: Floats,
+        inlet: Floats,
+        heard: Bools,
+        read: Bools,
+        now_ns: int,
+    ) -> list[tuple[int, Finding]]:
+        new = heard & (self._age < SETTLE_S)
+        for s in np.flatnonzero(new):
+            self.evidence.forget(int(s))
+        self.course.film[new] = np.nan
+        self.course.fine = np.where(np.isfinite(self._fine), self._fine, 0.0)
+        top = w.ln.max(axis=(1, 2))
+        of_note = self.course.take(self.filter, heat, inlet, heard) | (top > SUSPECT)
+        sound = heard & ~new & np.array([not v.of_string for v in self.verdicts])
+        usual = w.ln[:, :, self.evidence.kinds != Kind.SLOPE].max(axis=(1, 2))  # what drifts for hours becomes no usual
+        learnt = np.clip(usual, 0.0, SURE) - self.course.ln
+        self.course.ln = self.course.ln + np.where(sound, learnt * (self.filter.dt / USUAL_S), 0.0)
+        found = []
+        for v in self.verdicts:
+            if not heard[v.s] or new[v.s] or not read[v.s]:
+                continue  # what nobody reads is neither found nor over
+            if of_note[v.s] or v.findings:
+                found += [(v.s, f) for f in v.look(w, now_ns)]
+            else:
+                v.pass_over()
+        return found
+
+    def _tell(self, w: Weighed) -> Told:
+        f, at = self.filter, self.filter.at
+        S, n = at.strings, at.cells
+        heat, sd, core, core_sd = np.full((4, S, n), np.nan)
+        h = np.arange(at.heat.start, at.heat.stop)
+        value, var = f.z[:, h].copy(), f.P[:, h, h] + np.square(self.evidence.resolution(SEEN_S))
+        top = w.ln.max(axis=(1, 2)) / self.course.doubt
+        some = False
+        for v in self.verdicts:
+            s = v.s
+            suspect = top[s] > 6.0
+            if not f.running[s] or not (suspect or v.findings):
+                continue
+            z, P = f.z[s], f.P[s]
+            mean, more = z.copy(), np.zeros(at.nodes)
+            if suspect:
+                _, of_note = suspicion(v, w)
+                for onset, fault, chance in of_note:
+                    along, a = self.evidence.moved(s, onset, fault), float(w.amplitude[s, onset, fault])
+                    mean = mean + chance * a * along
+                    spread = chance * (1.0 - chance) * a * a + chance * float(w.var[s, onset, fault])
+                    more += spread * np.square(along[: at.nodes])
+                    if self.evidence.kinds[fault] == Kind.HEAT:
+                        j = int(self.evidence.place[fault])
+                        value[s, j] += chance * a
+                        var[s, j] += chance * (1.0 - chance) * a * a
+                some = some or bool(of_note)
+            some, T = True, np.arange(0, at.nodes, 2)
+            if not v.hot:
+                core_sd[s] = np.sqrt(more[T] + np.square(mean[T] - z[T]))
+            else:
+                gap = f.gap_sd[s] * (mean[T] - mean[T + 1])
+                beside = f.beside_sd[s] * (mean[T + 1] - mean[T + 1][self._nearest[s]])
+                core[s], core_sd[s] = mean[T], np.sqrt(P[T, T] + more[T] + np.square(gap) + np.square(beside))
+        row, place = at.seen.nonzero()
+        running = f.running[row]
+        heat[row, at.told[row, place]] = np.where(running, value[row, place], np.nan)
+        sd[row, at.told[row, place]] = np.where(running, np.sqrt(var[row, place]), np.nan)
+        return Told(heat, sd, core, core_sd, some)
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return what a restart takes up, as numbers, words and lists; see `kept`."""
+        resting = self._rest.resting & self.filter.running & (not self._shares)
+        return {
+            **kept.numbers(self.filter),
+            "now_ns": self._now_ns,
+            "readings": kept.readings(self._fine, self._noise, self._newest),
+            "rest": [
+                kept.at_rest(self.filter, v.s, float(self._age[v.s]), float(self._inlet[v.s])) if resting[v.s] else None
+                for v in self.verdicts
+            ],
+            "found": [kept.found(v) for v in self.verdicts],
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Go on from a snapshot of strings like these; a time without frames may follow (`pass_time`).
+
+        Raises
+        ------
+        KeyError, TypeError, ValueError
+            It is none, or of other strings.
+        """
+        kept.take_numbers(self.filter, state)
+        self._now_ns = int(state.get("now_ns", 0))
+        if "readings" in state:
+            self._fine, self._noise, self._newest = kept.take_readings(state["readings"], self._fine.shape)
+        nothing = [None] * len(self.verdicts)  # older states have none
+        for v, rest, found in zip(self.verdicts, state.get("rest", nothing), state.get("found", nothing), strict=True):
+            if rest is not None and not self._shares:
+                self._age[v.s], self._inlet[v.s] = kept.take_rest(self.filter, v.s, rest)
+                self._rest.resting[v.s] = True
+            kept.take_found(v, found or (), self._now_ns)

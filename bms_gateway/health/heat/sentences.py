@@ -1,0 +1,79 @@
+"""Sentences of what was found about heat: the likeliest cause, what else it could be, and what to do."""
+
+from typing import TYPE_CHECKING
+
+from bms_gateway.health.heat.fault_evidence import Kind
+
+if TYPE_CHECKING:
+    from bms_gateway.health.heat.verdict import Finding
+
+TROUBLE = {
+    Kind.JUMP: "has jumped by {:+.1f} K",
+    Kind.SLOPE: "drifts by {:+.1f} K/h",
+    Kind.LOOSE: "has come loose: {:.0%} of the coolant is in its reading",
+    Kind.LAG: "follows its cell a minute late or more ({:.0%} of its reading): it has come off",
+}
+
+
+def sentence(f: "Finding", cells: int, now_ns: int, *, over: bool = False) -> str:
+    """Say what a finding means and what to do.
+
+    Parameters
+    ----------
+    f : Finding
+    cells : int
+        Of its string.
+    now_ns : int
+        Bus time.
+    over : bool
+        Whether it has ended.
+    """
+    if over:
+        return OVER[f.code].format(cell=f.cell)
+    else_ = ""
+    if f.others:
+        else_ = "; could also be " + ", ".join(f"{name} ({p:.0%})" for name, p in f.others)
+    if f.code == "unexplained_heat":
+        near = [k for k in ((f.cell or 0) - 1, (f.cell or 0) + 1) if 1 <= k <= cells]
+        beside = " or " + " or ".join(map(str, near)) if near else ""
+        return (
+            f"cell {f.cell} heats by itself: {_watts(f.heat, 2)} ± {_watts(f.heat_sd, 1)} W that no current makes, "
+            f"since {_how_long(now_ns - f.since_ns)} ({f.sure:.0%} sure; it may sit in neighbour{beside}){else_}: an "
+            "internal short is likely, stop, cool the string and watch the cell"
+        )
+    if f.code == "missing_heat":
+        return (
+            f"the cells make {100 * f.size:.0f} % of the heat that the current says{else_}: the current is not "
+            "credible, check its sensor, scale and wiring"
+        )
+    if f.code == "cooling":
+        return (
+            f"heat leaves all cells less well (R_u {100 * f.size:+.0f} %){else_}: check fan or pump, filter and ducts"
+        )
+    if f.code == "inlet":
+        return (
+            f"the coolant inlet reads {-f.size:+.1f} K off what the cells feel{else_}: its sensor is frozen or wrong, "
+            "check it"
+        )
+    what = TROUBLE[f.kind].format(f.size)
+    return f"thermocouple of cell {f.cell} {what}{else_}: check its seat, wire and plug"
+
+
+def _watts(value: float, digits: int) -> str:
+    """Tell a heat to so many digits, and never by a power of ten."""
+    return f"{value:.0f}" if abs(value) >= 9.5 * 10.0 ** (digits - 2) else f"{value:.{digits}g}"
+
+
+def _how_long(ns: int) -> str:
+    """Tell a time in minutes or hours."""
+    minutes = ns / 60e9
+    return f"about {minutes:.0f} min" if minutes < 90.0 else f"about {minutes / 60.0:.1f} h"
+
+
+OVER = {
+    "unexplained_heat": "cell {cell} makes no heat of its own any more",
+    "missing_heat": "the cells warm as the current says again",
+    "cooling": "heat leaves the cells as before again",
+    "inlet": "the coolant inlet agrees with the cells again",
+    "thermocouple": "the thermocouple of cell {cell} follows its cell again",
+}

@@ -1,0 +1,496 @@
+"""The observer of a string whose model holds effects of the catalogue, linear or not.
+
+The mean runs by the string's own balances, the ones that the offline simulation and fit use; the covariance runs by
+their Jacobian (`tangent`), renewed when the string has moved away from where it was taken. What the model states as
+uncertain, its parameters and those of the effects, is considered and not estimated (`consider`): the stated variance
+is that of the filter with all numbers known, and what their covariance adds through the sensitivities that are carried
+along, and what cells differ by the model's tolerances.
+
+In place of Lin et al., Eq 11-12, where a model has effects that the paper lacks.
+"""
+
+from collections.abc import Mapping, Sequence
+from copy import copy
+from math import exp, isfinite, nan
+from typing import Any
+
+import numpy as np
+
+from bms_gateway.errors import StateError
+from bms_gateway.observe.cell_scatter import exchanged, root, scatter
+from bms_gateway.observe.consider import Belief, conditioned
+from bms_gateway.observe.covariance_steps import READ_WITHIN
+from bms_gateway.observe.effect_bands import deviations, unlike_of
+from bms_gateway.observe.effect_inputs import Inputs
+from bms_gateway.observe.estimate import Errors, Estimate
+from bms_gateway.observe.gap import phases, resumed, steps, strayed, unknown_heat, unseen_heat
+from bms_gateway.observe.innovation_check import Surprise
+from bms_gateway.observe.measured import SOC_UNKNOWN, Measured
+from bms_gateway.observe.model import OFFSETS, start_covariance
+from bms_gateway.observe.outlook_effects import EffectStanding
+from bms_gateway.observe.stored import like, plain
+from bms_gateway.observe.tangent import ROW, Tangent, disturbed, drive_of, heated, jacobian
+from bms_gateway.observe.uncertain import EffectNumber, effect_numbers, forcing, log_change, uncertain
+from bms_gateway.observe.unseen import JUST_LEFT_S, RESTED_S, either, opened
+from bms_gateway.thermal import Disturbance, Floats, Start, StringModel, StringParameters
+from bms_gateway.thermal.centre import centre_share, followed, hottest, time_constant
+from bms_gateway.thermal.physics import Memory, Numbers, Physics
+
+BLOCK = 10
+"""Steps whose inputs are gathered before the sensitivities feel them: far below the time constant of a core."""
+STRAYED_K, STRAYED_FLOW, STRAYED_STEPS = 3.0, 0.03, 300
+"""The Jacobian is renewed when a temperature, the logarithm of the flow or the time is further from where it was taken:
+within, no effect bends so much that covariances would notice. The mean does not depend on it in a steady state."""
+COLDEST, HOTTEST = -100.0, 400.0
+"""°C: a model that runs away is held there, and goes on being corrected by the readings."""
+FLOW_UNSEEN = 0.1
+"""Logarithm of the flow: how far it may have been from what it went between while nobody looked."""
+LITTLE = 0.01
+"""Step of ln(flow) for a slope."""
+REST_SD = 0.1
+"""K: an effect's own states at the start, about their balance with core and surface."""
+
+
+class EffectObserver:
+    """Observer of one string by its full physics.
+
+    Parameters
+    ----------
+    model : StringModel
+        Its priors and the effects' standard deviations give the covariance of the uncertain numbers.
+    dt : float, s
+        Step.
+    disturbance : Disturbance, optional
+    start : Start, optional
+    soc : float, optional
+        State of charge from which counting starts.
+
+    Examples
+    --------
+    >>> from bms_gateway.thermal import AddedEffect, Prior
+    >>> table_1 = {"C_c": 268.0, "C_s": 18.8, "R_e": 3.5e-3, "R_c": 1.266, "R_u": 0.79}
+    >>> priors = {symbol: Prior(value) for symbol, value in table_1.items()}
+    >>> effect = AddedEffect("resistance_temperature", None, {"B": 3000.0}, {"B": 300.0})
+    >>> observer = EffectObserver(StringModel(1, (1,), "single", priors, effects=(effect,)), 1.0)
+    >>> e = observer.step(Measured(60.0, 3600.0, 60.0, inlet=25.0), np.array([30.0]), np.zeros(1))
+    >>> bool(e.available[0]), round(float(e.surface[0, 0]), 1)
+    (True, 30.0)
+    """
+
+    def __init__(
+        self,
+        model: StringModel,
+        dt: float,
+        disturbance: Disturbance | None = None,
+        start: Start | None = None,
+        soc: float = SOC_UNKNOWN,
+    ) -> None:
+        self._model, self._dt = model, float(dt)
+        self._disturbance, self._start = disturbance or Disturbance(), start or Start()
+        self._physics = Physics(model)
+        self._uncertain, self._cov = uncertain(model)
+        self._root, self._scatter = root(self._cov), scatter(model)
+        self._sensors = np.array(model.sensors, np.int64) - 1
+        self._values = {k: np.array(prior.value, np.float64) for k, prior in model.priors.items()}
+        self._v = self._physics.numbers(self._values)
+        n, D, p = model.cells, self._physics.states, len(self._uncertain)
+        self._belief = Belief(np.zeros(D + OFFSETS), np.eye(D + OFFSETS), np.zeros((D + OFFSETS, p)))
+        self._F = np.zeros((D + OFFSETS, p))
+        self._seen, self._coolant, self._lag = np.zeros(n), np.zeros(n), np.zeros(n)
+        self._surprise = Surprise(self.parameters, self._sensors[None], self._dt, self._disturbance.sensor)
+        self._centre, self._effective = centre_share(model), (nan, 0.0)
+        self._unread, self._available = np.full(len(self._sensors), np.inf), np.array(False)
+        self._inputs = Inputs(soc, model.capacity_Ah, self._dt, self._disturbance.correlation)
+        self._carry: dict[str, Floats] = {}
+        # inputs and states since the sensitivities were last forced, and the memories at that time
+        self._rows, self._states = np.zeros((0, len(ROW))), np.zeros((0, D + OFFSETS))
+        self._carries: dict[str, dict[str, Floats]] = {}
+        # where the Jacobian was taken, and how many steps ago
+        self._at, self._at_row, self._at_memory = np.zeros(D + OFFSETS), self._inputs.row, dict[str, Floats]()
+        self._age = 0
+        # for a step that knows to where inlet and flow have gone: state, length, and whether current may have flowed
+        self._before_gap: tuple[dict[str, Any], float, bool] | None = None
+        self._tangent: Tangent | None = None
+        self._G = np.zeros((n, p))
+
+    @property
+    def parameters(self) -> tuple[StringParameters, ...]:
+        """Numbers of the string at nominal flow."""
+        return (self._v.string,)
+
+    @property
+    def covariances(self) -> Floats:
+        """Of the string's temperatures, the effects' states and the offsets (1, M, M), its numbers taken for true."""
+        return self._belief.P[None]
+
+    @property
+    def effect_numbers(self) -> list[EffectNumber]:
+        """Numbers of the effects in force."""
+        return effect_numbers(self._model, self._v, self._uncertain, self._cov)
+
+    @property
+    def read(self) -> Floats:
+        """What a thermocouple on each cell (n,) would read at the newest step, °C."""
+        return self._seen
+
+    @property
+    def effective(self) -> tuple[float, float]:
+        """Mean square current that would make the last step's heat by R_e, A², and what effects add to the inlet, K."""
+        return self._effective
+
+    @property
+    def _usual_heat(self) -> float:
+        return float(self._inputs.usual.mean[0, 1] * np.mean(self._v.string.R_e))
+
+    def step(self, m: Measured, y: Floats, age: Floats) -> Estimate:
+        """Advance one step and take the readings in.
+
+        Parameters
+        ----------
+        m : Measured
+        y, age : ndarray (n,), °C, s
+            New surface readings (NaN: none) and how long before now they were taken.
+
+        Returns
+        -------
+        Estimate
+            Of S = 1 string.
+        """
+        if not self._available and not self._begin(m, y):
+            return self.estimate()
+        if self._before_gap is not None and (isfinite(m.inlet) or isfinite(m.flow)):
+            was, gap_s, unseen = self._before_gap
+            self.restore(was)
+            self._carried(gap_s, unseen, m.inlet, m.flow)
+        self._before_gap = None
+        knew, known = self._inputs.known, self._inputs.measured(m)
+        before = resumed(self._belief, known & ~knew, m.inlet - self._inputs.inlet, self._cov, self._disturbance)
+        if knew[1] and not known[1]:
+            before = unknown_heat(before, self._usual_heat, self._disturbance)
+        row = self._inputs.take(m)
+        memory = self._remember(row)
+        now, tangent = self._predict(before, row, memory)
+        instant = row.copy()
+        instant[ROW.index("T_in")] = self._inputs.inlet
+        seen = self._readings(now.z, instant, memory)
+        r, r_sd = np.full((2, 1, len(y)), nan)
+        at = self._sensors[np.isfinite(y[self._sensors])]
+        after = now
+        if len(at):
+            w = np.clip(np.nan_to_num(age[at]) / self._dt, 0.0, 1.0)
+            r[0, at] = y[at] - ((1.0 - w) * seen[at] + w * self._seen[at])
+            after, r_sd[0, at] = conditioned(
+                before, now, tangent.Phi, tangent.H[at], self._G[at], r[0, at], w, self._cov, self._disturbance.sensor
+            )
+        self._unread = np.where(np.isfinite(y[self._sensors]), 0.0, self._unread + self._dt)
+        if not after.finite:  # no number of the model leads here but a senseless one: begin anew
+            self._available = np.array(False)
+            return self.estimate()
+        self._belief, self._seen = after, seen + tangent.H @ (after.z - now.z)
+        self._widen(now, y, r, r_sd)
+        self._force(row, before.z)
+        self._follow(self._dt)
+        return self._estimate(r, r_sd)
+
+    def _widen(self, now: Belief, y: Floats, r: Floats, r_sd: Floats) -> None:
+        """Let the variances of the cores grow by what the readings were odd by; see `innovation_check`."""
+        k = self._sensors
+        sd = np.sqrt(now.P[2 * k + 1, 2 * k + 1] + self._disturbance.sensor**2)[None]
+        inputs = self._inputs.known[None], np.array([self._inputs.inlet])
+        grown = self._surprise.step(y[None, k], r[:, k], sd, np.maximum(r_sd[:, k], sd), *inputs)
+        if grown is not None:
+            self._belief = self._belief.loosened(2 * k, grown[0])
+
+    def estimate(self) -> Estimate:
+        """Tell where the string is now, with no innovation; nothing changes."""
+        return self._estimate(*np.full((2, 1, self._model.cells), nan))
+
+    def standing(self) -> EffectStanding:
+        """Tell all that a forecast starts from."""
+        b, i, there = self._belief, self._inputs, self._available.reshape(1)
+        now = b.z[None], b.P[None], b.J[None], self._root[None], self.parameters, np.zeros(1, np.int64), np.ones(1)
+        unlike = unlike_of(b, self._coolant, self._scatter, self._centre)
+        physics, v, F, usual, carry = self._physics, self._v, self._F, float(i.usual.mean[0, 1]), dict(self._carry)
+        R_e = next((k for k, u in enumerate(self._uncertain) if u.name == "R_e"), None)
+        rest = np.array([i.inlet]), self._lag[None], unlike, there, self._disturbance
+        return EffectStanding(*now, *rest, physics, v, self._tangent, F, i.row, usual, carry, R_e)
+
+    def set_parameters(
+        self,
+        s: int,
+        values: Mapping[str, float | Floats],
+        names: Sequence[str],
+        covariance: Floats,
+        own: Floats | None = None,
+    ) -> None:
+        """Take identified parameters into use; see `AdaptiveObserver.set_parameters`.
+
+        `s` is 0; `own` and the gain of a given heat are nothing to a string with effects.
+        """
+        del s, own
+        new = self._values | {k: np.array(x, np.float64) for k, x in values.items() if k in self._values}
+        moved = log_change(self._values, new, self._uncertain)
+        self._values, self._v = new, self._physics.numbers(new)
+        self._surprise.set_parameters(self.parameters)
+        b = self._belief
+        self._belief = Belief(b.z + b.J @ moved, b.P, b.J)
+        self._lag = self._lag + self._gap(b.J @ moved)
+        mine = [u.name for u in self._uncertain]
+        given = [j for j, name in enumerate(names) if name in mine]
+        at = [mine.index(names[j]) for j in given]
+        cov = exchanged(self._cov, at, covariance[np.ix_(given, given)])
+        self._cov, self._root = cov, root(cov)
+        self._tangent = self._before_gap = None
+        self._surprise.settle(0)
+
+    def propagate(self, gap_s: float, inlet: Floats | None = None, *, unseen: bool = False) -> Estimate:
+        """Carry the string over a time without frames; see `AdaptiveObserver.propagate`, inlet (1,)."""
+        if not self._available:
+            return self.estimate()
+        last = nan if inlet is None else float(inlet[0])
+        self._before_gap = None if isfinite(last) else (self.snapshot(), gap_s, unseen)
+        return self._carried(gap_s, unseen, last, nan)
+
+    def _carried(self, gap_s: float, unseen: bool, inlet: float, flow: float) -> Estimate:
+        """Carry the string over a gap at whose end inlet, °C, and flow are what they are (NaN: the same)."""
+        b, usual = self._belief, self._usual_heat
+        if unseen:
+            self._belief = Belief(*opened(b.z, b.P, b.J, gap_s, usual, self._disturbance))
+        last, grown = inlet if isfinite(inlet) else self._inputs.inlet, self._inputs.grown(flow)
+        turbulent = strayed(self._disturbance, last - self._inputs.inlet, gap_s)
+        row, g = self._inputs.row, np.zeros(len(self._belief.z))
+        for done, h in steps(gap_s, steep=self._physics.steep):
+            middle = done + h / 2.0
+            row = self._inputs.rest(last, flow, middle / gap_s, h / 3600.0)
+            g = self._rest(row, h, phases(middle, usual, self._disturbance) if unseen else 0.0, turbulent, g)
+        if isfinite(flow):
+            b = self._belief
+            self._belief = Belief(b.z, b.P + (grown**2 / 12.0 + FLOW_UNSEEN**2) * np.outer(g, g), b.J)
+        self._inputs.resume(last, flow, row, gap_s, unseen=unseen)
+        self._follow(gap_s)
+        self._unread = self._unread + gap_s
+        self._rows, self._states = self._rows[:0], self._states[:0]
+        self._tangent = None
+        instant = row.copy()
+        instant[ROW.index("T_in")] = last
+        self._seen = self._readings(self._belief.z, instant, self._memory(row, self._dt)[0])
+        return self.estimate()
+
+    def propagate_unknown(self) -> None:
+        """Carry the string over a time of which nobody knows how long it was; effects' memories are those of rest."""
+        was, inputs = self._belief, copy(self._inputs)
+        self.propagate(JUST_LEFT_S, unseen=True)
+        a = self._belief
+        self._belief, self._inputs = was, inputs
+        self.propagate(RESTED_S)
+        b, self._inputs.known, self._before_gap = self._belief, np.array([False, False]), None
+        self._belief = Belief(*either(a.z, a.P, b.z, b.P), (a.J + b.J) / 2.0)
+        self._lag = self._gap(self._belief.z)
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return all that a restart needs, as numbers, lists and None for NaN."""
+        own = {name: plain(np.asarray(getattr(self, f"_{name}"))) for name in _KEPT}
+        own |= self._inputs.snapshot()
+        belief = {name: plain(getattr(self._belief, name)) for name in ("z", "P", "J")}
+        memories = {"": self._carry, "at": self._at_memory} | {f"of {k}": c for k, c in self._carries.items()}
+        return {
+            "own": own,
+            "belief": belief,
+            "block": [plain(self._rows), plain(self._states)],
+            "values": {k: plain(v) for k, v in self._values.items()},
+            "memories": {k: {e: plain(a) for e, a in m.items()} for k, m in memories.items()},
+            "linear": self._tangent is not None,
+            "surprise": self._surprise.snapshot(),
+        }
+
+    def restore(self, snapshot: Mapping[str, Any]) -> None:
+        """Go on from `snapshot` as if never stopped, bit for bit.
+
+        Raises
+        ------
+        StateError
+            It belongs to another string, something is missing in it, or it holds no numbers.
+        """
+        try:
+            belief = Belief(*(like(snapshot["belief"][k], getattr(self._belief, k)) for k in ("z", "P", "J")))
+            stored = {"lag": plain(self._gap(belief.z)), **snapshot["own"]}  # states of before there were centres
+            own = {k: like(stored[k], np.asarray(getattr(self, f"_{k}"))) for k in _KEPT}
+            inputs = self._inputs.restored(snapshot["own"])
+            rows, states = (np.array(a, np.float64) for a in snapshot["block"])
+            rows, states = rows.reshape(-1, len(ROW)), states.reshape(len(rows), len(belief.z))
+            values = {k: like(snapshot["values"][k], v) for k, v in self._values.items()}
+            memories = {k: {e: np.array(a, np.float64) for e, a in m.items()} for k, m in snapshot["memories"].items()}
+            carry, at_memory = memories.pop(""), memories.pop("at")
+            linear = bool(snapshot["linear"])
+            surprise = self._surprise.restored(snapshot.get("surprise"))
+        except (KeyError, TypeError, ValueError, AttributeError) as e:
+            raise StateError(f"observer state: not of this string ({type(e).__name__}: {e})") from e
+        held = [own["cov"], own["F"], own["lag"], states, *values.values(), *carry.values(), *at_memory.values()]
+        if not belief.finite or not all(np.isfinite(a).all() for a in held):
+            raise StateError("observer state: holds values that are not numbers")
+        for name, value in own.items():
+            setattr(self, f"_{name}", value.item() if name == "age" else value)
+        self._belief, self._rows, self._states, self._values = belief, rows, states, values
+        self._carry, self._at_memory, self._inputs = carry, at_memory, inputs
+        self._carries = {k.removeprefix("of "): m for k, m in memories.items()}
+        self._v, self._root = self._physics.numbers(values), root(self._cov)
+        self._surprise, self._tangent = surprise, None
+        self._surprise.set_parameters(self.parameters)
+        if linear:
+            self._linearise()
+
+    def _begin(self, m: Measured, y: Floats) -> bool:
+        """Start when something is heard for the first time."""
+        heard = y[np.isfinite(y)]
+        if not len(heard) and not isfinite(m.inlet):
+            return False
+        level = float(np.mean(heard)) if len(heard) else m.inlet
+        n, known = self._model.cells, isfinite(m.inlet)
+        at = np.full((2 * n + 1, 2 * n), level)
+        at[:-1] += np.eye(2 * n)
+        X = self._physics.start(at[:, 0::2], at[:, 1::2], self._v)
+        D = X.shape[1]
+        T = np.zeros((D + OFFSETS, 2 * n + OFFSETS))
+        T[:D, : 2 * n], T[D:, 2 * n :] = (X[:-1] - X[-1]).T, np.eye(OFFSETS)
+        P = T @ start_covariance(n, self._start, self._disturbance, inlet_known=known) @ T.T
+        own = np.arange(2 * n, D)
+        P[own, own] += REST_SD**2
+        z = np.concatenate([X[-1], np.zeros(OFFSETS)])
+        self._belief, self._F = Belief(z, P, np.zeros_like(self._belief.J)), np.zeros_like(self._F)
+        self._inputs.begin(m.inlet if known else level)
+        self._seen, self._coolant, self._available = np.full(n, level), np.full(n, level), np.array(True)
+        self._carry, self._carries, self._tangent = {}, {}, None
+        self._rows, self._states = self._rows[:0], self._states[:0]
+        return True
+
+    def _memory(self, row: Floats, dt: float) -> tuple[dict[str, Floats], dict[str, Floats]]:
+        return self._physics.memory(drive_of(row[None], dt), self._v, self._carry or None)
+
+    def _remember(self, row: Floats) -> Memory:
+        """Run the effects' memories on; one that cannot follow what is missing stays as it was."""
+        memory, carry = self._memory(row, self._dt)
+        if not all(np.isfinite(a).all() for a in (*memory.values(), *carry.values())):
+            still = row.copy()
+            still[np.isnan(still)] = 0.0
+            memory, carry = self._memory(still, self._dt)
+        if not len(self._rows):
+            self._carries[""] = self._carry
+        self._carry = carry
+        return memory
+
+    def _predict(self, before: Belief, row: Floats, memory: Memory) -> tuple[Belief, Tangent]:
+        rate = self._rates(before.z, row, memory)
+        sure = bool(np.isfinite(rate).all())
+        if not sure:  # an effect that cannot tell without what is missing: the string stands, and heat is unknown
+            rate = np.zeros_like(rate)
+        tangent = self._linear(before.z, row, memory)
+        z = before.z + tangent.Gamma @ rate
+        z[:-OFFSETS] = np.clip(z[:-OFFSETS], COLDEST, HOTTEST)
+        P = tangent.Phi @ before.P @ tangent.Phi.T + tangent.noise(
+            bool(self._inputs.known[0]), bool(self._inputs.known[1]) and sure
+        )
+        return Belief(z, P, tangent.Phi @ before.J + tangent.Gamma @ self._F), tangent
+
+    def _rates(self, z: Floats, row: Floats, memory: Memory, dt: float | None = None) -> Floats:
+        """Rates (M,) of the whole state; notes the coolant on the way."""
+        v = disturbed(self._v, z[-OFFSETS:])
+        point = self._physics.point(z[None, :-OFFSETS], drive_of(row[None], dt or self._dt), v, memory)
+        if np.isfinite(point.T_f).all():
+            self._coolant = np.array(point.T_f[0])
+        heat = float(np.mean((point.core[0] - z[-1]) / v.string.R_e))
+        self._effective = heat, float(point.T_in[0, 0] - z[-2] - row[ROW.index("T_in")])
+        return np.concatenate([self._physics.balances(point, v)[0], -z[-OFFSETS:] / self._disturbance.correlation])
+
+    def _readings(self, z: Floats, row: Floats, memory: Memory, v: Numbers | None = None) -> Floats:
+        v = disturbed(v or self._v, z[-OFFSETS:])
+        seen = self._physics.readings(z[None, :-OFFSETS], drive_of(row[None], self._dt), v, memory)[0]
+        return np.where(np.isfinite(seen), seen, z[1 : 2 * self._model.cells : 2])
+
+    def _linear(self, z: Floats, row: Floats, memory: Memory) -> Tangent:
+        """Tangent in force; taken anew where it is out of date."""
+        self._age += 1
+        flow = ROW.index("flow")
+        n = 2 * self._model.cells
+        if (
+            self._tangent is None
+            or self._age > STRAYED_STEPS
+            or np.abs(z[:n] - self._at[:n]).max() > STRAYED_K
+            or abs(np.log(row[flow] / self._at_row[flow])) > STRAYED_FLOW
+        ):
+            self._at, self._at_row = z, np.concatenate([self._inputs.usual.mean[0], row[3:]])
+            self._at_memory, self._age = dict(memory), 0
+            self._linearise()
+        assert self._tangent is not None  # noqa: S101 - just made
+        return self._tangent
+
+    def _linearise(self) -> None:
+        """Take Jacobian and slopes where the notes say."""
+        z, row, memory = self._at, self._at_row, self._at_memory
+        u = drive_of(row[None], self._dt)
+        j = jacobian(self._physics, z[:-OFFSETS], z[-OFFSETS:], u, self._v, memory, self._disturbance.correlation)
+        self._tangent = Tangent.of(j, self._dt, self._disturbance)
+        here = self._readings(z, row, memory)
+        if self._physics.reads:
+            moved = [self._readings(z, row, memory, u.moved(self._v)) - here for u in self._uncertain]
+            slopes = [d / u.step for d, u in zip(moved, self._uncertain, strict=True)]
+            self._G = np.reshape(slopes, (len(slopes), len(here))).T  # of none, where every number is known exactly
+
+    def _force(self, row: Floats, z: Floats) -> None:
+        """Gather a step; when a block is full, find how its rates move with the uncertain numbers."""
+        self._rows, self._states = np.vstack([self._rows, row]), np.vstack([self._states, z])
+        if len(self._rows) == BLOCK:
+            self._F = self._forcing(self._rows, self._states, self._dt)
+            self._rows, self._states = self._rows[:0], self._states[:0]
+
+    def _forcing(self, rows: Floats, states: Floats, dt: float) -> Floats:
+        """Mean slope (M, p) of the rates by the uncertain numbers over some steps; runs on the moved memories."""
+        F, moved = forcing(self._physics, self._v, self._uncertain, drive_of(rows, dt), states, self._carries)
+        self._carries |= moved
+        return F
+
+    def _rest(self, row: Floats, h: float, phases: float, disturbance: Disturbance, g: Floats) -> Floats:
+        """Carry the string over `h` seconds of rest, or of heat of which only the intensity `phases` is known, W²s.
+
+        Carries along how it moves with the logarithm of the flow in the gap, `g` (M,), and returns that.
+        """
+        self._carries[""] = self._carry
+        memory, self._carry = self._memory(row, h)
+        b, u = self._belief, drive_of(row[None], h)
+        j = jacobian(self._physics, b.z[:-OFFSETS], b.z[-OFFSETS:], u, self._v, memory, self._disturbance.correlation)
+        rate = np.nan_to_num(self._rates(b.z, row, memory, h))
+        faster = row.copy()
+        faster[ROW.index("flow")] *= exp(LITTLE)
+        by_flow = (np.nan_to_num(self._rates(b.z, faster, memory, h)) - rate) / LITTLE
+        if phases:
+            equal, j = j.A[:, -1], heated(j, self._physics, b.z, u, self._v, memory)
+            rate += (j.A[:, -1] - equal) * b.z[-1]
+        t = Tangent.of(j, h, disturbance)
+        z = b.z + t.Gamma @ rate
+        z[:-OFFSETS] = np.clip(z[:-OFFSETS], COLDEST, HOTTEST)
+        P = t.Phi @ b.P @ t.Phi.T + t.noise(False, True) + (unseen_heat(j.A, phases, h)[1] if phases else 0.0)
+        F = self._forcing(row[None], (b.z + z)[None] / 2.0, h)
+        self._belief = Belief(z, (P + P.T) / 2.0, t.Phi @ b.J + t.Gamma @ F)
+        return np.asarray(t.Phi @ g + t.Gamma @ by_flow)
+
+    def _estimate(self, r: Floats, r_sd: Floats) -> Estimate:
+        n, z, base = self._model.cells, self._belief.z, self._coolant.copy()
+        at = self._sensors[self._unread <= READ_WITHIN]
+        base[at] = z[1 : 2 * n : 2][at]
+        found = deviations(self._belief, self._root, base, self._scatter, self._centre, self._lag)
+        sd = np.where(self._available, np.stack(found), np.inf)[:, None]
+        core, surface = np.where(self._available, z[: 2 * n].reshape(n, 2).T, nan)[:, None]
+        e, there = Errors(r, r_sd, np.copy), self._available.reshape(1)
+        centre = hottest(core, surface, self._lag, self._centre.value, sd[2], sd[1])
+        return Estimate(core, sd[0], surface, sd[1], *centre, e, there)
+
+    def _follow(self, elapsed_s: float) -> None:
+        """Let the profiles within the rolls follow the difference between their means and their surfaces."""
+        tau = time_constant(self._centre.value, self._v.string.R_c, self._v.string.C_c)
+        self._lag = self._lag + followed(elapsed_s, tau) * (self._gap(self._belief.z) - self._lag)
+
+    def _gap(self, z: Floats) -> Floats:
+        return np.asarray(z[0 : 2 * self._model.cells : 2] - z[1 : 2 * self._model.cells : 2])
+
+
+_KEPT = ("age", "cov", "F", "seen", "coolant", "lag", "unread", "available", "at", "at_row", "G")
+"""Attributes beside inputs, belief, memories and the open block that a snapshot holds."""

@@ -1,0 +1,271 @@
+"""Which signals are the cells' voltages, the pack's voltage and its current: by name, by unit, and by Ohm's law.
+
+The voltages of the cells add up to that of the pack; when current is drawn, the pack's voltage falls. The second tells
+the right current among several, and its sign.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bms_gateway.setup.groups import Member, alike
+from bms_gateway.setup.signal_series import Series
+from bms_gateway.setup.signal_words import (
+    CELL,
+    CURRENT,
+    NOT_MEASURED,
+    OTHER_THINGS,
+    PACK,
+    STATISTIC,
+    VOLTAGE,
+    Unit,
+    around,
+    has,
+    named,
+    unit_of,
+)  # fmt: skip
+
+Floats = NDArray[np.float64]
+CELL_V: Final = (1.2, 4.6)
+"""From an empty titanate cell to a full one of high-voltage cathodes."""
+NOMINAL_V: Final = 3.7
+UNLIKE_V: Final = 0.5
+"""Spread of the voltages of most cells of one pack."""
+ADDS_UP: Final = 0.04
+FALLS: Final = 0.25
+"""Correlation of the steps of voltage and current from which on the one is taken for the other's doing."""
+CELL_OHM: Final = (2e-5, 0.4)
+"""Of one cell or of cells in parallel: a cell of 500 Ah to one of 1 Ah in the cold."""
+FINE_STEPS: Final = 8
+FEW: Final = 6
+BOTH_SIGNS: Final = 0.02
+"""Share of the greater side that the lesser one of a current with both signs reaches."""
+SAME_MESSAGE: Final = 2.0
+"""Who sends both at once measures both at one place."""
+
+
+@dataclass(slots=True)
+class Scored:
+    """A candidate: a series, SI = factor · x + shift, and what speaks for it."""
+
+    series: Series
+    factor: float
+    shift: float
+    score: float
+    why: list[str]
+    unit: Unit | None = None
+
+    @property
+    def values(self) -> Floats:
+        """SI."""
+        return self.factor * self.series.x + self.shift
+
+    @property
+    def middle(self) -> float:
+        """Median while it is on, SI: a pack's voltage is 0 while its contactors are open."""
+        return self.factor * while_on(self.series) + self.shift
+
+
+def while_on(s: Series) -> float:
+    """Median of what is not near 0, in the DBC's unit."""
+    on = s.x[s.x > 0.3 * s.high] if s.high > 0 else s.x
+    return float(np.median(on)) if len(on) > 0.1 * len(s.x) else s.middle
+
+
+def cell_voltages(series: list[Series]) -> tuple[list[Member], float]:
+    """Find the largest group of voltages that are those of cells, and the factor to volts."""
+    best: list[Member] = []
+    found = (0.0, 1.0)
+    voltages = [s for s in series if _may_be_voltage(s)]
+    totals = [f * while_on(s) for s in series if has(named(s.info), VOLTAGE) for f in (1.0, 0.1, 1e-2, 1e-3)]
+    for group in alike(voltages):
+        if any(has(named(m.series.info), NOT_MEASURED, tuple(STATISTIC)) for m in group):
+            continue
+        middles = np.array([m.series.middle for m in group])
+        unit = unit_of(group[0].series.info.unit)
+        factors = (unit.factor,) if unit is not None and unit.family == "voltage" else (1.0, 1e-3, 1e-4)
+        for factor in factors:
+            v = middles * factor
+            inside = (v > CELL_V[0]) & (v < CELL_V[1])
+            said = has(named(group[0].series.info), CELL) or has(around(group[0].series.info), CELL)
+            if (
+                inside.mean() < 0.6
+                or np.ptp(np.quantile(v[inside], (0.2, 0.8))) > UNLIKE_V
+                or not (said or len(group) >= 4 or unit)
+            ):
+                continue
+            if len(group) == 1 and not said:
+                continue
+            adds = any(abs(t / float(np.sum(v)) - 1) < ADDS_UP for t in totals)
+            if not (said or unit or (adds and len(group) >= 4)):
+                continue  # of what is not called a voltage the sum must be one
+            score = float(len(group) + 20 * said + 10 * (unit is not None) + 2 * inside.mean())
+            if score > found[0]:
+                best, found = group, (score, factor)
+            break
+    return best, found[1]
+
+
+def _may_be_voltage(s: Series) -> bool:
+    unit = unit_of(s.info.unit)
+    if unit is not None:
+        return unit.family == "voltage"
+    if has(named(s.info), VOLTAGE, CELL) or has(around(s.info), CELL):
+        return True
+    return s.info.place.size >= 10 and any(CELL_V[0] < f * s.middle < CELL_V[1] for f in (1.0, 1e-3, 1e-4))
+
+
+def pack_voltages(series: list[Series], cells: list[Member], factor: float) -> list[Scored]:
+    """Rank what may be the pack's voltage; that to which the cells add up comes first."""
+    own = {m.series.path for m in cells}
+    total = factor * float(np.sum([m.series.middle for m in cells])) if len(cells) > 1 else np.nan
+    found = []
+    for s in series:
+        unit, mine, its = unit_of(s.info.unit), named(s.info), around(s.info)
+        said = has(mine, VOLTAGE)
+        if s.path in own or s.info.choices or not (unit.family == "voltage" if unit else said) or s.distinct < 2:
+            continue
+        score = 2.0 * (unit is not None) + 1.5 * said + 1.5 * has(mine, PACK) + 0.5 * has(its, PACK)
+        why = [f"unit {s.info.unit}" if unit else "named as a voltage"]
+        score -= 3.0 * has(mine, NOT_MEASURED, tuple(STATISTIC)) + 2.0 * has(mine, CELL)
+        score -= 4.0 * has(mine, OTHER_THINGS) + 1.0 * has(its, OTHER_THINGS)
+        for f in (unit.factor,) if unit else (1.0, 0.1, 1e-2, 1e-3):
+            middle, candidate = f * while_on(s), score
+            if not 1.5 <= middle <= 1500:
+                continue
+            reasons = list(why)
+            if np.isfinite(total) and abs(middle / total - 1) < ADDS_UP:
+                candidate += 3.0
+                reasons.append(f"the {len(cells)} cell voltages add up to it ({total:.4g} V against {middle:.4g} V)")
+            elif not np.isfinite(total):
+                candidate += 0.5 * np.log10(middle)
+            if not unit and f != 1.0:
+                candidate -= 0.5
+            found.append(Scored(s, f, 0.0, float(candidate), reasons, unit))
+    return sorted(found, key=lambda c: -c.score)
+
+
+def currents(series: list[Series]) -> list[Scored]:
+    """Rank what may be the pack's current by name, unit and how it moves; Ohm's law comes later."""
+    found = []
+    for s in series:
+        unit, mine, its = unit_of(s.info.unit), named(s.info), around(s.info)
+        said = has(mine, CURRENT)
+        if (s.info.choices and len(s.info.choices) > 3) or not (unit.family == "current" if unit else said):
+            continue
+        factor = unit.factor if unit else 1.0
+        score = 2.5 * (unit is not None) + 2.0 * said + 1.5 * has(mine, PACK) + 0.75 * has(its, PACK)
+        why = [f"unit {s.info.unit}" if unit else "no unit", "named as a current" if said else "not named as one"]
+        if has(mine, NOT_MEASURED, OTHER_THINGS, tuple(STATISTIC)):
+            score -= 4.0
+            why.append("its name says something else too")
+        if has(its, OTHER_THINGS):
+            score -= 1.5
+        values = factor * s.x
+        if s.constant:
+            score -= 3.0
+            why.append(f"stands at {values[0]:g} A in this log")
+        elif s.mode_share > 0.98:
+            score -= 1.0
+        low, high = s.low * factor, s.high * factor
+        both = low < -0.2 and high > 0.2 and min(-low, high) > BOTH_SIGNS * max(-low, high)  # not the noise of rests
+        score += 1.0 * both + 0.5 * (s.distinct >= 20)
+        if both:
+            why.append("has both signs")
+        found.append(Scored(s, factor, 0.0, float(score), why, unit))
+    return sorted(found, key=lambda c: -c.score)
+
+
+@dataclass(frozen=True, slots=True)
+class Ohm:
+    """What the steps of a voltage say of a current.
+
+    Attributes
+    ----------
+    correlation : float
+        Of their steps; negative where the voltage falls as the current rises.
+    resistance : float
+        −dV/dI, Ω.
+    fine : bool
+        The voltage moves by many of its steps, so that the resistance is worth something.
+    """
+
+    correlation: float
+    resistance: float
+    fine: bool = True
+
+
+def ohm(current: Scored, voltage: Scored, edges: Floats) -> Ohm | None:
+    """Regress the steps of the voltage on those of the current; None where neither moves enough."""
+    I, V = (c.factor * c.series.on_grid(edges) + c.shift for c in (current, voltage))  # noqa: E741 — the field's
+    dI, dV = np.diff(I), np.diff(V)
+    both = np.isfinite(dI) & np.isfinite(dV)
+    dI, dV = dI[both], dV[both]
+    if len(dI) < 10:
+        return None
+    for d in (dI, dV):  # what bits fallen over have made
+        low, high = np.quantile(d, (0.01, 0.99))
+        np.clip(d, 3 * min(low, 0), 3 * max(high, 0), out=d)
+    if not dI.std() or not dV.std():
+        return None
+    r = float(np.corrcoef(dI, dV)[0, 1])
+    fine = bool(np.nanmax(V) - np.nanmin(V) > FINE_STEPS * abs(voltage.factor) * voltage.series.step)
+    return Ohm(r, float(-(dI @ dV) / (dI @ dI)), fine)
+
+
+@dataclass(slots=True)
+class Electrical:
+    """Current and voltage of the pack together.
+
+    Attributes
+    ----------
+    current, voltage : Scored or None
+    sign : float
+        +1 or −1, to make discharge positive.
+    told : bool
+        The sign is told by the voltage.
+    lead : float
+        How much better it is than the best pair of any other current.
+    ohm : Ohm or None
+    score : float
+        Of both, with what they say of each other.
+    """
+
+    current: Scored | None
+    voltage: Scored | None
+    sign: float = 1.0
+    told: bool = False
+    lead: float = 9.0
+    ohm: Ohm | None = None
+    score: float = 0.0
+
+
+def together(candidates: list[Scored], voltages: list[Scored], edges: Floats) -> Electrical:
+    """Choose current and voltage by their own merits and by what they say of each other."""
+    if not candidates:
+        return Electrical(None, voltages[0] if voltages else None)
+    ranked: list[tuple[float, Scored, Scored | None, Ohm | None]] = []
+    for c in candidates[:FEW]:
+        ranked.append((c.score, c, None, None))
+        for v in voltages[:FEW]:
+            law = ohm(c, v, edges)
+            gain = 0.0 if law is None else 4.0 * max(abs(law.correlation) - 0.15, 0.0)
+            beside = SAME_MESSAGE * (c.series.info.message == v.series.info.message)
+            ranked.append((c.score + v.score + gain + beside, c, v, law))
+    with_voltage = [r for r in ranked if r[2] is not None] or ranked
+    best = max(with_voltage, key=lambda r: r[0])
+    others = [r[0] for r in with_voltage if r[1] is not best[1]]
+    law = best[3]
+    if law is None or abs(law.correlation) <= FALLS:  # another voltage of the pack may tell the sign better
+        laws = [r[3] for r in with_voltage if r[1] is best[1] and r[3] is not None and _alike(r[2], best[2])]
+        law = max(laws, key=lambda o: abs(o.correlation), default=None)
+    told = law is not None and abs(law.correlation) > FALLS
+    sign = -1.0 if told and law is not None and law.resistance < 0 else 1.0
+    return Electrical(best[1], best[2], sign, told, best[0] - max(others, default=best[0] - 9.0), law, best[0])
+
+
+def _alike(a: Scored | None, b: Scored | None) -> bool:
+    """Whether two voltages may be of one pack."""
+    return a is not None and b is not None and 0.8 < a.middle / b.middle < 1.25

@@ -1,0 +1,397 @@
+"""Which signals are temperatures of cells, coolant and surroundings: slow, plausible, and with such a name."""
+
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+
+from bms_gateway.frames.signal_info import SignalInfo
+from bms_gateway.setup.find_electrical import Scored
+from bms_gateway.setup.groups import Member, alike
+from bms_gateway.setup.signal_series import PARKED, Series
+from bms_gateway.setup.signal_words import (
+    AMBIENT,
+    COOLANT,
+    FLOW,
+    NOT_MEASURED,
+    OTHER_THINGS,
+    OUTWARD,
+    PACK,
+    SENSED,
+    STATISTIC,
+    TEMPERATURE,
+    Unit,
+    around,
+    has,
+    named,
+    statistic,
+    unit_of,
+)  # fmt: skip
+
+LIVES_C: Final = (-40.0, 95.0)
+USUAL_C: Final = (-30.0, 70.0)
+FINE_K: Final = 0.1
+"""Steps at which a channel that stands still while its neighbours move has no sensor."""
+JUMPS_K: Final = 2.5
+READINGS: Final = (
+    (1.0, 0.0, "°C"),
+    (1.0, -273.15, "K"),
+    (0.1, 0.0, "0.1 °C"),
+    (0.1, -273.15, "0.1 K"),
+    (0.01, 0.0, "0.01 °C"),
+    (1.0, -40.0, "°C + 40"),
+    (5 / 9, -160 / 9, "°F"),
+)
+"""How temperatures are written, the likeliest first."""
+PLAIN: Final = ((1.0, 0.0), (1.0, -273.15), (5 / 9, -160 / 9))
+HOT_C: Final = 75.0
+"""Median of what a log of cells may have."""
+SURE_C: Final = 60.0
+FEW_OUT_OF_ORDER: Final = 0.05
+FAR_APART_K: Final = 12.0
+"""Beyond their usual distance no two cells of a pack are so far apart for a while, and then together again."""
+AGREES_K: Final = 15.0
+"""Difference of two temperatures of one vehicle at the begin of a log."""
+
+
+@dataclass(slots=True)
+class Surfaces:
+    """A group of thermocouples.
+
+    Attributes
+    ----------
+    members : list of Member
+        Those that are used.
+    refused : list of (Series, why)
+    factor, shift : float
+        °C = factor · x + shift.
+    said : bool
+        Names or units say that they are temperatures of cells.
+    why : list of str
+    statistic : str or None
+    passed : list of (Series, why)
+        Other groups that might be thermocouples, too.
+    beside : dict of str to Series
+        Where there is one reading of all cells: the other statistics of the same cells, `max`, `min` or `mean`.
+    """
+
+    members: list[Member]
+    refused: list[tuple[Series, str]]
+    factor: float
+    shift: float
+    said: bool
+    why: list[str]
+    statistic: str | None = None
+    passed: list[tuple[Series, str]] = field(default_factory=list)
+    beside: dict[str, Series] = field(default_factory=dict)
+
+
+def is_temperature(s: Series) -> bool:
+    """Whether unit or name say so."""
+    unit = unit_of(s.info.unit)
+    if unit is not None:
+        return unit.family == "temperature"
+    return has(named(s.info), TEMPERATURE) or (has(around(s.info), TEMPERATURE) and has(named(s.info), SENSED))
+
+
+def reading(s: Series, unit: Unit | None) -> tuple[float, float, str | None]:
+    """Factor and shift to °C: by the unit where that gives what a cell may have, else by what the values look like.
+
+    Returns
+    -------
+    factor, shift, sentence
+        The sentence tells that the DBC's scale contradicts the data, None where it does not.
+    """
+    stated = (unit.factor, unit.offset) if unit is not None else (1.0, 0.0)
+    if USUAL_C[0] <= stated[0] * s.middle + stated[1] <= USUAL_C[1] + 25:
+        return *stated, None
+    for factor, shift, name in READINGS:
+        if -10.0 <= factor * s.middle + shift <= 60.0:
+            return (
+                factor,
+                shift,
+                f"the DBC's scale contradicts the data: {f'{s.middle:g} {s.info.unit}'.strip()} is read as {name}",
+            )
+    return *stated, None
+
+
+def readings_without_unit(s: Series, known_C: float | None) -> tuple[float, float, str | None, bool]:
+    """Factor and shift to °C of values that state no unit: °C, K or °F, by what the other temperatures of the log say.
+
+    Parameters
+    ----------
+    s : Series
+    known_C : float or None, °C
+        Another temperature at the begin of the log, of which the unit is stated.
+
+    Returns
+    -------
+    factor, shift, sentence, sure
+        The sentence names both readings where two are possible.
+    """
+    whole = s.info.scale == 1.0  # a scale of the DBC has moved the decimal point already
+    possible = []
+    for factor, shift, name in READINGS:
+        if (factor not in (1.0, 5 / 9) and not whole) or (shift == -40.0 and s.info.offset != 0.0):
+            continue
+        first, high = factor * float(s.x[0]) + shift, factor * s.high + shift
+        if -10.0 <= factor * s.middle + shift <= HOT_C and first >= -25.0 and high <= LIVES_C[1]:
+            possible.append((factor, shift, name, first))
+    if not possible:
+        return *reading(s, None), False
+    if known_C is not None:
+        possible.sort(key=lambda r: abs(r[3] - known_C))
+    else:
+        possible.sort(key=lambda r: (r[0], r[1]) not in PLAIN)
+    factor, shift, name, first = possible[0]
+    near = known_C is not None and abs(first - known_C) <= AGREES_K and first < SURE_C
+    rivals = [r for r in possible[1:] if (r[0], r[1]) in PLAIN]
+    if not near and rivals:
+        other = rivals[0]
+        text = f"no unit: begins at {first:.4g} °C if it is {name}, at {other[3]:.4g} °C if it is {other[2]}"
+        return factor, shift, text, False
+    if name != "°C":
+        beside = f", beside {known_C:.4g} °C of another temperature" if known_C is not None else ""
+        return factor, shift, f"no unit: read as {name}, so that it begins at {first:.4g} °C{beside}", near
+    return factor, shift, None, near
+
+
+def stated_begin(series: list[Series], but: set[str]) -> float | None:
+    """Median of what coolant, surroundings and other temperatures with a unit begin at, °C; None where none has one."""
+    begins: list[float] = []
+    others: list[float] = []
+    for s in series:
+        unit = unit_of(s.info.unit)
+        if s.path in but or unit is None or unit.family != "temperature" or not len(s.x) or s.counts or s.x[0] == 0:
+            continue
+        if has(named(s.info), NOT_MEASURED):
+            continue
+        first = unit.factor * float(s.x[0]) + unit.offset
+        if LIVES_C[0] < first < USUAL_C[1]:
+            (begins if has(named(s.info), COOLANT, AMBIENT, SENSED) else others).append(first)
+    chosen = begins or others
+    return float(np.median(chosen)) if chosen else None
+
+
+def surfaces(series: list[Series]) -> Surfaces | None:
+    """Find the thermocouples of the cells: the best group, and which of its channels have a sensor."""
+    temperatures = [s for s in series if is_temperature(s) and not _elsewhere(s)]
+    best: tuple[float, list[Member]] | None = None
+    groups: list[list[Member]] = []
+    for group in alike(temperatures):
+        # "…Max", "…Min" and "…Avg" are no cells; a group of them has no numbers in common
+        plain = [m for m in group if statistic(m.series.info) is None]
+        if not plain or (len(plain) == 1 and not has(named(plain[0].series.info), SENSED)):
+            continue
+        s = plain[0].series
+        said = has(named(s.info), SENSED) or has(around(s.info), SENSED)
+        living = np.mean([_lives(m.series) for m in plain])
+        score = 3.0 * said + 2.0 * np.log2(1 + len(plain)) + 3.0 * living + 1.0 * (unit_of(s.info.unit) is not None)
+        score -= 2.0 * has(around(s.info), OTHER_THINGS)
+        if living > 0.3 and len(plain) > 1 and said:
+            groups.append(plain)
+        if living > 0.3 and (best is None or score > best[0]):
+            best = float(score), plain
+    if best is None:
+        return _one_for_all(temperatures, series)
+    found = _sound(best[1], series)
+    for group in (g for g in groups if g is not best[1]):
+        what = f"one of {len(group)} temperatures called alike; the {len(best[1])} of {best[1][0].series.path} and on "
+        found.passed += [(m.series, f"{what}are likelier to be the cells'") for m in group]
+    return found
+
+
+def _elsewhere(s: Series) -> bool:
+    """Whether the name says that it is no cell's."""
+    mine = named(s.info)
+    other = tuple(w for w in NOT_MEASURED if w not in STATISTIC)
+    return has(mine, OTHER_THINGS, AMBIENT, other, OUTWARD) or has(mine, tuple(w for w in COOLANT if w != "in"))
+
+
+def _lives(s: Series) -> bool:
+    factor, shift, _ = reading(s, unit_of(s.info.unit))
+    return bool(LIVES_C[0] < factor * s.middle + shift < LIVES_C[1])
+
+
+def _unit_by_data(group: list[Series], typical: Series, series: list[Series]) -> tuple[float, float, str | None, bool]:
+    """Factor and shift to °C of a group, what to say of it, and whether the unit is out of doubt."""
+    unit = unit_of(typical.info.unit)
+    if unit is None:
+        return readings_without_unit(typical, stated_begin(series, {s.path for s in group}))
+    factor, shift, told = reading(typical, unit)
+    return factor, shift, told, told is None
+
+
+def _sound(group: list[Member], series: list[Series]) -> Surfaces:
+    s = max(group, key=lambda m: m.series.distinct).series
+    unit = unit_of(s.info.unit)
+    middles = [m.series for m in group if _lives(m.series)]
+    typical = sorted(middles, key=lambda x: x.middle)[len(middles) // 2]
+    factor, shift, told, clear = _unit_by_data([m.series for m in group], typical, series)
+    why = [f"unit {s.info.unit}" if unit else "named as a temperature"]
+    if told:
+        why.append(told)
+    moving = np.median([m.series.distinct for m in group])
+    step = float(np.median([abs(factor) * m.series.step for m in group]))
+    fine = 0.0 < step <= FINE_K and moving > 6
+    kept, refused = [], []
+    for m in group:
+        reason = _no_sensor(m.series, factor, shift, fine)
+        if reason is None:
+            kept.append(m)
+        else:
+            refused.append((m.series, reason))
+    said = has(named(s.info), SENSED) or has(around(s.info), SENSED)
+    if len(group) > 1:
+        why.append(f"one of {len(group)} called alike")
+    if not kept:  # all are odd: then it is the log, and nothing can be said against a single one
+        kept, refused = group, []
+    called = unit is not None or any(len(w) > 2 for w in named(s.info) if w in TEMPERATURE)
+    return Surfaces(kept, refused, factor, shift, said and called and clear, why)
+
+
+def _no_sensor(s: Series, factor: float, shift: float, fine: bool) -> str | None:
+    T = factor * s.x + shift
+    if 2 * len(T) < s.seen:
+        return f"mostly no measurement: {', '.join(f'{n} of {s.seen} {why}' for why, n in s.dropped.items())}"
+    inside = (LIVES_C[0] < T) & (T < 150.0)
+    if len(T) == 0 or inside.mean() < 0.5:
+        shown = f"{T.min():.4g} to {T.max():.4g} °C" if len(T) else "nothing but sentinels"
+        return f"no temperature of a cell: {shown}"
+    if fine and s.mode_share > PARKED and len(T) > 20:
+        return f"parked at {factor * s.x[0] + shift:.4g} °C while the others move"
+    jumps = np.abs(np.diff(T[inside]))
+    if len(jumps) > 10 and (jumps > JUMPS_K).mean() > 0.25:
+        return f"jumps by over {JUMPS_K:g} K from sample to sample"
+    return None
+
+
+def _one_for_all(temperatures: list[Series], series: list[Series]) -> Surfaces | None:
+    """Take a mean, a greatest or a least reading where the bus has no single ones."""
+    ranked: list[tuple[float, Series]] = []
+    pool = temperatures or [
+        s for s in series if is_temperature(s) and (statistic(s.info) or has(named(s.info), SENSED))
+    ]
+    for s in pool:
+        kind = statistic(s.info)
+        mine, its = named(s.info), around(s.info)
+        if not _lives(s) or has(mine, AMBIENT) or not (kind or has(mine, PACK, SENSED)):
+            continue
+        score = {"max": 3.0, "mean": 2.5, "min": 1.0, None: 2.0}[kind] + 2.0 * has(mine, PACK, SENSED)
+        score += has(its, PACK, SENSED) - 3.0 * has(mine, OTHER_THINGS) + 1.0 * (s.info.mux == ())
+        ranked.append((float(score), s))
+    if not ranked:
+        return None
+    s = max(ranked, key=lambda r: r[0])[1]
+    members = next(g for g in alike([r[1] for r in ranked]) if s.path in {m.series.path for m in g})
+    members = [Member(m.series, 0, k, m.where, m.whole) for k, m in enumerate(members, 1)]
+    unit = unit_of(s.info.unit)
+    factor, shift, told, _ = _unit_by_data([m.series for m in members], s, series)
+    kind = statistic(s.info)
+    why = [f"unit {s.info.unit}" if unit else "named as a temperature"] + ([told] if told else [])
+    what = {"max": "greatest", "min": "least", "mean": "mean", None: "only"}[kind]
+    if len(members) > 1:
+        why.append(
+            f"the bus has no thermocouples of single cells; this is the {what} reading of one of {len(members)} "
+            "modules: one cell of the model for each module"
+        )
+    else:
+        why.append(f"the bus has no thermocouples of single cells; this is the {kind or 'one reading'} of the battery")
+    found = Surfaces(members, [], factor, shift, False, why, kind)
+    if kind is not None and len(members) == 1:
+        beside = _beside(s, kind, [r[1] for r in ranked])
+        wrong = _out_of_order({kind: s, **beside})
+        if wrong is None:
+            odd = {k: _never_of_cells(s, b, factor) for k, b in beside.items()}
+            found.beside = {k: b for k, b in beside.items() if odd[k] is None}
+            found.passed = [(b, text) for k, b in beside.items() if (text := odd[k]) is not None]
+            found.said = len(found.beside) > 0 and unit is not None and told is None
+        else:
+            why.append(wrong)
+    return found
+
+
+def _beside(s: Series, kind: str, others: list[Series]) -> dict[str, Series]:
+    """Find the other statistics of the same cells: called alike but for the word that says which one it is."""
+
+    def rest(info: SignalInfo) -> tuple[str, ...]:
+        return tuple(w for w in named(info) if w not in STATISTIC)
+
+    found: dict[str, Series] = {}
+    for other in sorted(others, key=lambda o: o.info.message != s.info.message):
+        its = statistic(other.info)
+        if its is not None and its != kind and rest(other.info) == rest(s.info) and other.info.unit == s.info.unit:
+            found.setdefault(its, other)
+    return found
+
+
+def _never_of_cells(s: Series, beside: Series, factor: float) -> str | None:
+    """Say how far another statistic is at times from the first, where cells cannot be; None where it never is."""
+    apart = np.abs(factor * (np.interp(beside.t, s.t, s.x) - beside.x))
+    usual = float(np.median(apart))
+    far = int((apart > usual + FAR_APART_K).sum())
+    if not far:
+        return None
+    return f"{far} of {len(apart)} samples are over {usual + FAR_APART_K:.0f} K from {s.path}, the others {usual:.2g} K"
+
+
+def _out_of_order(by_kind: dict[str, Series]) -> str | None:
+    """Say which readings contradict max >= mean >= min in more than a few samples; None where none do."""
+    order = [k for k in ("max", "mean", "min") if k in by_kind]
+    for upper, lower in pairwise(order):
+        a, b = by_kind[upper], by_kind[lower]
+        above = np.interp(b.t, a.t, a.x)
+        if (above < b.x - a.step - b.step).mean() > FEW_OUT_OF_ORDER:
+            return f"{b.path} is called the {lower} and is above {a.path}, called the {upper}: only {a.path} is used"
+    return None
+
+
+def inlets(series: list[Series], taken: set[str]) -> list[Scored]:
+    """Rank what may be the coolant's inlet, or the air around the cells."""
+    found = []
+    for s in series:
+        mine, its = named(s.info), around(s.info)
+        if s.path in taken or not is_temperature(s):
+            continue
+        unit = unit_of(s.info.unit)
+        factor, shift, told = reading(s, unit)
+        coolant, ambient = has(mine, COOLANT), has(mine, AMBIENT)
+        lives = -38.0 < factor * s.middle + shift < 75.0
+        elsewhere = has(mine, tuple(w for w in OTHER_THINGS if w not in COOLANT)) or has(mine, OUTWARD)
+        if not (coolant or ambient) or not lives or elsewhere:
+            continue
+        score = (
+            3.0 * coolant
+            + 1.0 * ambient
+            + 1.5 * has(mine, ("inlet", "in", "vorlauf", "supply", "entry", "entree", "entrada", "ingresso"))
+        )
+        score += 1.0 * has((*mine, *its), PACK) - 2.0 * has(its, OTHER_THINGS) + 1.0 * (unit is not None)
+        score -= 3.0 * has(mine, tuple(w for w in NOT_MEASURED if w not in STATISTIC))
+        what = "named as the coolant" if coolant else "the temperature of the surroundings"
+        why = [f"unit {s.info.unit}" if unit else "no unit", what, *([told] if told else [])]
+        found.append(Scored(s, factor, shift, float(score), why, unit))
+    return sorted(found, key=lambda c: -c.score)
+
+
+def inlet_of_each(ranked: list[Scored], members: list[Member]) -> dict[int, Scored]:
+    """Find the inlet of each part of the thermocouples, where the likeliest ones have the numbers of the parts."""
+    parts = {m.where: m.part for m in members}
+    by_path = {c.series.path: c for c in ranked}
+    for group in alike([c.series for c in ranked]) if len(parts) > 1 else []:
+        likeliest = ranked[0].series.path in {m.series.path for m in group}
+        if likeliest and sorted(m.whole for m in group) == sorted(parts):
+            return {parts[m.whole]: by_path[m.series.path] for m in group}
+    return {}
+
+
+def flows(series: list[Series]) -> list[Scored]:
+    """Rank what may be the coolant's flow."""
+    found = []
+    for s in series:
+        unit, mine = unit_of(s.info.unit), named(s.info)
+        if unit is None or unit.family != "flow" or not s.x.size or s.high <= 0:
+            continue
+        score = 2.0 + 1.0 * has(mine, FLOW, COOLANT) - 3.0 * has(mine, NOT_MEASURED)
+        found.append(Scored(s, unit.factor, 0.0, float(score), [f"unit {s.info.unit}"], unit))
+    return sorted(found, key=lambda c: -c.score)

@@ -1,0 +1,210 @@
+"""Meaning of the names and units of signals: words of the field, in the languages of DBC files."""
+
+import re
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Final, NamedTuple
+
+from bms_gateway.frames.signal_info import SignalInfo
+
+_RUN_ON: Final = re.compile(r"(bms|bmu|bcu|bmc|pack|string|rack|stack|batt?|hvb|akku)([a-h])", re.I)
+"""A letter that stands for a number and has run onto its word: BMSA, BMSB."""
+_PARTS: Final = re.compile(r"So[CHE](?![a-z])|[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
+
+
+def _list(text: str) -> tuple[str, ...]:
+    return tuple(text.split())
+
+
+CURRENT: Final = _list("""
+    current curr cur strom stroom amps amp ampere courant corrente corriente i ibat ibatt ipack idc ihv istrom ampe
+    """)
+VOLTAGE: Final = _list("""
+    voltage volt volts spannung spanning tension tensione tensao u v ubat ubatt upack vbat vbatt vpack uhv vhv
+    udc vdc vcell ucell cellv uzelle spg
+    """)
+TEMPERATURE: Final = _list("""
+    temperature temp temps tmp temperatur temperatuur temperatura thermistor therm ntc tc rtd thermocouple t
+    tcell tzelle tmod tsurf
+    """)
+CHARGE: Final = _list("soc ladezustand stateofcharge sysoc chargelevel laadtoestand etatcharge")
+FLOW: Final = _list("flow durchfluss volumenstrom flowrate debit")
+PACK: Final = _list("""
+    pack batt battery bat hv hvb hvbat traction main total bus bms bmu bcu bmc string ess ress lb dc akku accu
+    accumulator sme batterie batterij bateria batteria ibat ibatt ipack idc ihv upack vpack link sum gesamt stack
+    """)
+CELL: Final = _list("cell cells zelle zell vcell ucell cellv uzelle zellen cv tcell cel cella celda cellule")
+SENSED: Final = _list("""
+    cell cells zelle zell cel cella celda cellule module mod modul modulo batt battery bat pack channel probe
+    thermistor ntc tc surface surf skin bms bmu stack segment seg sensor thermocouple hvb akku tcell tmod tsurf
+    oberflaeche lb cmu string
+    """)
+OTHER_THINGS: Final = _list("""
+    motor inv inverter mc igbt mosfet mos gate driver board pcb cpu mcu chip water oil cabin interior evap
+    evaporator ac heater ptc charger obc dcdc brake tire tyre rotor stator contactor fuse shunt exhaust engine
+    radiator pump fan phase lv aux lipo wave rtd steering wheel torque lamp seat afe condenser compressor mg relay
+    busbar charge qc hist histdata wakeup setting dash intake hot stall shudder ref imd isolation iso insulation
+    throttle cpi
+    """)
+NOT_MEASURED: Final = _list("""
+    limit limits lim max min maximum minimum allowed avail available request req cmd command target setpoint set
+    soll fault peak hist histdata threshold permissible capability limiter mode status flag error counter power
+    integrated id iq latch fail warning alarm delta diff highest lowest desired estimated crc checksum offset mux
+    number num count index nr state type health enable ctrl control sp derate rated nominal energy idx select
+    spread imbalance quality valid
+    """)
+STATISTIC: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        **dict.fromkeys(_list("max maximum highest hottest hi high maxi hoechste hoogste massima maxima"), "max"),
+        **dict.fromkeys(_list("min minimum lowest coldest lo low mini niedrigste laagste minima"), "min"),
+        **dict.fromkeys(
+            _list("avg average mean mittel mittelwert durchschnitt moy moyen moyenne gem gemiddeld media promedio"),
+            "mean",
+        ),
+    }
+)
+COOLANT: Final = _list("""
+    coolant cool inlet water eau acqua agua refroidissement entree entrada ingresso liquide refrigerante
+    koelvloeistof aanvoer vorlauf kuehlmittel kuhlmittel kuehl kuhl glycol in entry supply cooling liquid
+    """)
+OUTWARD: Final = _list("outlet out return ruecklauf exit")
+AMBIENT: Final = _list("""
+    ambient outside amb air umgebung aussen chamber exterieure exterieur esterna ambiente buiten
+    """)
+
+
+class Unit(NamedTuple):
+    """A unit as a DBC prints it: what it measures, and SI (°C) = factor · value + offset."""
+
+    family: str
+    factor: float
+    offset: float
+
+
+_F = (5 / 9, -160 / 9)
+UNITS: Final[Mapping[str, Unit]] = MappingProxyType(
+    {
+        **{u: Unit("current", 1.0, 0.0) for u in ("a", "amp", "amps", "ampere", "amperes", "adc")},
+        "ma": Unit("current", 1e-3, 0.0),
+        "ka": Unit("current", 1e3, 0.0),
+        "da": Unit("current", 0.1, 0.0),
+        **{u: Unit("voltage", 1.0, 0.0) for u in ("v", "volt", "volts", "vdc")},
+        "mv": Unit("voltage", 1e-3, 0.0),
+        "kv": Unit("voltage", 1e3, 0.0),
+        **{
+            u: Unit("temperature", 1.0, 0.0)
+            for u in ("c", "degc", "°c", "celsius", "dc", "cel", "grad c", "grdc", "ºc", "℃")
+        },
+        **{u: Unit("temperature", 1.0, -273.15) for u in ("k", "kelvin", "degk")},
+        **{u: Unit("temperature", *_F) for u in ("f", "degf", "°f", "fahrenheit", "ºf")},
+        **{u: Unit("share", 1e-2, 0.0) for u in ("%", "percent", "pct", "prozent")},
+        "m3/s": Unit("flow", 1.0, 0.0),
+        "m3/h": Unit("flow", 1 / 3600, 0.0),
+        "l/s": Unit("flow", 1e-3, 0.0),
+        "l/h": Unit("flow", 1e-3 / 3600, 0.0),
+        **{u: Unit("flow", 1e-3 / 60, 0.0) for u in ("l/min", "lpm", "lmin")},
+    }
+)
+OTHER_UNITS: Final = frozenset(
+    _list(
+        """
+        rpm 1/min nm n/m w kw mw hp wh kwh ah mah s sec second seconds ms us min h hours days hz khz kph km/h kmh mph
+        m/s m/s2 m/s^2 g kg km m mm cm bar mbar psi pa kpa hpa ohm kohm mohm ohms l bit bits bool rad rads/s rad/s
+        degrees degree lux counts count times ppm kg/h g/s v/s a/s pct/s flag enum status mode mux
+        """
+    )
+)
+"""Units of what is no use here; a unit that nobody knows says nothing."""
+_SPELT: Final = re.compile(r"[\s_.*²]|deg(?=[ckf]$)|^unit[:_]?")
+
+
+def unit_of(text: str) -> Unit | None:
+    """Tell what a printed unit measures; None where it says nothing known, a family `other` for other things.
+
+    Examples
+    --------
+    >>> unit_of("current:A").family, unit_of("deg C").family, unit_of("K").offset
+    ('current', 'temperature', -273.15)
+    >>> unit_of("rpm").family, unit_of("\ufffdC").family, unit_of("Celcius").family, unit_of("0.25C/bit?")
+    ('other', 'temperature', 'temperature', None)
+    """
+    name = text.rpartition(":")[2].strip().lower().replace("â", "").replace("\u00b3", "3").replace("^", "")
+    if not name or name in ("-", "1", "none", "n/a", "unitless"):
+        return None
+    plain = re.sub(r"[^a-z0-9%/]", "", name)  # what an encoding has made of a degree sign is nothing
+    for spelt in (name, _SPELT.sub("", name), name.replace("deg", "").strip(), plain, plain.replace("deg", "")):
+        if spelt in UNITS:
+            return UNITS[spelt]
+    if plain.startswith(("cels", "celc")):
+        return UNITS["celsius"]
+    return Unit("other", 1.0, 0.0) if plain in OTHER_UNITS else None
+
+
+def words(text: str) -> tuple[str, ...]:
+    """Cut a name into its words.
+
+    Examples
+    --------
+    >>> words("BMU_stateBusHV"), words("LB_Total_Voltage"), words("TempChannel01")
+    (('bmu', 'state', 'bus', 'hv'), ('lb', 'total', 'voltage'), ('temp', 'channel', '01'))
+    """
+    found: list[str] = []
+    for w in _PARTS.findall(text):
+        run_on = _RUN_ON.fullmatch(w)
+        found += [run_on[1].lower(), run_on[2].lower()] if run_on else [w.lower()]
+    return tuple(found)
+
+
+def named(info: SignalInfo) -> tuple[str, ...]:
+    """Words of a signal's own name."""
+    return words(info.name)
+
+
+def around(info: SignalInfo) -> tuple[str, ...]:
+    """Words of its message."""
+    return words(info.message)
+
+
+def has(given: tuple[str, ...], *lists: tuple[str, ...]) -> bool:
+    """Whether one of the words is in one of the lists."""
+    return any(w in group for w in given for group in lists)
+
+
+def statistic(info: SignalInfo) -> str | None:
+    """`max`, `min` or `mean` where the name says that the signal is one of several cells."""
+    return next((STATISTIC[w] for w in named(info) if w in STATISTIC), None)
+
+
+def numbers(text: str) -> tuple[str, tuple[int, ...]]:
+    """Split a name into its pattern and the numbers in it.
+
+    Examples
+    --------
+    >>> numbers("TempChannel01"), numbers("M3_T5")
+    (('TempChannel#', (1,)), ('M#_T#', (3, 5)))
+    """
+    return re.sub(r"\d+", "#", text), tuple(int(n[:9]) for n in re.findall(r"\d+", text))
+
+
+def lettered(text: str) -> tuple[str, tuple[str, ...]]:
+    """Split a name into its pattern and the words in it that are one letter, A to H.
+
+    Examples
+    --------
+    >>> lettered("StringB_Current"), lettered("T_a"), lettered("BMS_HV")
+    (('String@_Current', ('B',)), ('T_@', ('A',)), ('BMS_HV', ()))
+    >>> lettered("BMSA_Temp#")
+    ('BMS@_Temp#', ('A',))
+    """
+    found: list[str] = []
+
+    def blank(word: re.Match[str]) -> str:
+        if run_on := _RUN_ON.fullmatch(word[0]):
+            found.append(run_on[2].upper())
+            return f"{run_on[1]}@"
+        if len(word[0]) > 1 or word[0].upper() not in "ABCDEFGH":
+            return word[0]
+        found.append(word[0].upper())
+        return "@"
+
+    return _PARTS.sub(blank, text), tuple(found)

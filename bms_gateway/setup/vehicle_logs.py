@@ -1,0 +1,193 @@
+"""Logs and DBC of a vehicle without a config: read leniently; everything that was skipped is reported."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from bms_gateway.bus.logfile import LogNotes, read_log
+from bms_gateway.config.dbc_files import dbc_text, own_dbc_text, read_dbc
+from bms_gateway.errors import ConfigError, DataError
+from bms_gateway.frames.batch import EXTENDED, FrameBatch
+from bms_gateway.frames.dbc import parse_lenient
+from bms_gateway.frames.decode import Samples, decode
+from bms_gateway.frames.j1939 import parameter_group
+from bms_gateway.frames.own_dbc import MAX_STRINGS, OWN_DBC, input_messages
+from bms_gateway.frames.signal_info import MessageInfo, SignalInfo
+from bms_gateway.frames.signal_table import SignalTable
+from bms_gateway.report.progress import progress
+
+MOST_FRAMES: Final = 2_000_000
+"""A quarter of an hour of a busy bus tells what its signals are; more is not taken into memory."""
+BETWEEN_LOGS_NS: Final = 60_000_000_000
+
+
+@dataclass(slots=True)
+class Traffic:
+    """Frames of all logs on one line of time, and the messages of the DBC files that are among them.
+
+    Attributes
+    ----------
+    frames : FrameBatch
+    messages : dict of name to MessageInfo
+        Only those seen; with the identifier that was seen where J1939's source address differs.
+    strict : bool
+        The DBC files are sound as they are: a config may name them. Otherwise what it needs is written anew.
+    remarks : list of str
+        What was wrong with logs and DBC files, a sentence each.
+    unknown : dict of int to int
+        Frames by identifier that no DBC knows.
+    own : bool
+        The traffic is that of our own DBC.
+    dbc : tuple of Path
+    """
+
+    frames: FrameBatch
+    messages: dict[str, MessageInfo]
+    strict: bool = True
+    remarks: list[str] = field(default_factory=list)
+    unknown: dict[int, int] = field(default_factory=dict)
+    own: bool = False
+    dbc: tuple[Path, ...] = ()
+
+    def decode(self, signals: Sequence[SignalInfo]) -> Samples:
+        """Decode some signals of all frames, as they are or as somebody thinks that they might be."""
+        known = dict(self.messages)
+        for s in signals:
+            message = known[s.message]
+            known[s.message] = replace(message, signals={**message.signals, s.name: s})
+        return decode(SignalTable.build(list(signals), known), self.frames)
+
+    @property
+    def seconds(self) -> float:
+        """Length of the traffic."""
+        t = self.frames.time_ns
+        return float(t[-1] - t[0]) * 1e-9 if len(t) else 0.0
+
+
+def read_traffic(logs: Iterable[Path], dbc: Sequence[Path]) -> Traffic:
+    """Read logs and DBC files.
+
+    Raises
+    ------
+    ConfigError, DataError, UsageError
+        A log or a DBC that cannot be read at all, or no frame in any log.
+    """
+    remarks: list[str] = []
+    frames = _frames(list(logs), remarks)
+    if not len(frames):
+        raise DataError(f"{', '.join(str(p) for p in logs)}: no data frames in there")
+    messages: list[MessageInfo] = []
+    strict, j1939 = True, set()
+    ours_whole = read_dbc(OWN_DBC, own_dbc_text())
+    own_ids = {m.name: m.can_id for m in ours_whole}
+    foreign: list[Path] = []
+    for file in dbc:
+        found, sound = _read(file, remarks)
+        if found and all(own_ids.get(m.name) == m.can_id for m in found):
+            continue  # our own, which every config has
+        foreign.append(file)
+        messages += found
+        strict &= sound
+        if "J1939" in dbc_text(file):
+            j1939.add(str(file))
+    ids, counts = np.unique(frames.can_id, return_counts=True)
+    seen = dict(zip(ids.tolist(), counts.tolist(), strict=True))
+    chosen, sound = _among(messages, seen, remarks, j1939)
+    own = {m.can_id: m for m in ours_whole if m.name in _OWN_INPUTS}
+    ours = {i: m for i, m in own.items() if i in seen and i not in {c.can_id for c in chosen.values()}}
+    is_own = len(ours) >= 3 and not chosen
+    if is_own:
+        chosen = {m.name: m for m in ours.values()}
+    known = {m.can_id for m in chosen.values()}
+    unknown = {i: n for i, n in seen.items() if i not in known}
+    return Traffic(frames, chosen, strict and sound, remarks, unknown, is_own, tuple(foreign))
+
+
+_OWN_INPUTS = frozenset(name for k in range(1, MAX_STRINGS + 1) for name in input_messages(k))
+
+
+def _frames(logs: list[Path], remarks: list[str]) -> FrameBatch:
+    parts: list[FrameBatch] = []
+    total, end = 0, None
+    for log in logs:
+        notes = LogNotes()
+        shift = None
+        with progress(log.name, None) as advance:
+            for batch in read_log(log, notes=notes):
+                if not len(batch):
+                    continue
+                if shift is None:  # logs of different days on one line of time
+                    first = int(batch.time_ns[0])
+                    shift = 0 if end is None else max(end + BETWEEN_LOGS_NS - first, -(1 << 62))
+                moved = replace(batch, time_ns=batch.time_ns + shift)
+                parts.append(moved)
+                end = int(moved.time_ns.max()) if end is None else max(end, int(moved.time_ns.max()))
+                total += len(batch)
+                advance(len(batch))
+                if total >= MOST_FRAMES:
+                    break
+        if notes.broken:
+            line, text = notes.broken_at[0]
+            remarks.append(f"{log}: {notes.broken} damaged lines skipped, the first at line {line}: {text!r}")
+        if total >= MOST_FRAMES:
+            remarks.append(f"only the first {total} frames were looked at")
+            break
+    frames = FrameBatch.concat(parts)
+    if np.any(np.diff(frames.time_ns) < 0):
+        order = np.argsort(frames.time_ns, kind="stable")
+        frames = FrameBatch(frames.time_ns[order], frames.can_id[order], frames.length[order], frames.data[order])
+    return frames
+
+
+def _read(file: Path, remarks: list[str]) -> tuple[list[MessageInfo], bool]:
+    if not file.is_file():
+        from bms_gateway.config.toml import nearest_file
+
+        raise ConfigError(f"--dbc {file}: no such file{nearest_file(file)}")
+    text = dbc_text(file)
+    try:
+        return read_dbc(str(file), text), True
+    except ConfigError as e:
+        found = parse_lenient(str(file), text)
+        if found is None:
+            raise
+        remarks.append(f"{e}. It was read in spite of that; what is needed of it is written anew")
+        return found, False
+
+
+def _among(
+    messages: list[MessageInfo], seen: dict[int, int], remarks: list[str], j1939: set[str]
+) -> tuple[dict[str, MessageInfo], bool]:
+    """Messages that were seen; J1939 ones whatever their source address, at the identifier that was seen."""
+    chosen: dict[str, MessageInfo] = {}
+    sound, by_id = True, {m.can_id: m for m in messages}
+    for m in messages:
+        if m.can_id in seen:
+            if by_id[m.can_id] is not m or m.name in chosen:
+                sound = False
+                remarks.append(f"{m.database}: message {m.name} is in the DBC files twice; the last one was taken")
+            chosen[m.name] = m
+    groups: dict[int, list[int]] = {}
+    for i in seen:
+        if i & EXTENDED and i not in by_id:
+            groups.setdefault(parameter_group(i), []).append(i)
+    for m in messages:
+        if m.name in chosen or not m.can_id & EXTENDED:
+            continue
+        there = sorted(groups.get(parameter_group(m.can_id), []), key=lambda i: -seen[i])
+        if there and m.database in j1939:
+            sound = False
+            chosen[m.name] = _at(m, there[0])
+            more = f" (and by {len(there) - 1} more)" if len(there) > 1 else ""
+            remarks.append(
+                f"{m.name}: its parameter group comes from address 0x{there[0] & 0xFF:02X}{more}, "
+                f"not from 0x{m.can_id & 0xFF:02X} as in the DBC"
+            )
+    return chosen, sound
+
+
+def _at(m: MessageInfo, can_id: int) -> MessageInfo:
+    return replace(m, can_id=can_id, signals={n: replace(s, can_id=can_id) for n, s in m.signals.items()})

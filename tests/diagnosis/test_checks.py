@@ -1,0 +1,206 @@
+"""Each fault of a record is found by its own check, and a sound record has none."""
+
+import re
+
+import numpy as np
+import pytest
+
+from bms_gateway.diagnosis.checks import check_record
+from bms_gateway.diagnosis.record import make_record
+from bms_gateway.diagnosis.record_inputs import Columns
+from bms_gateway.thermal import Prior, StringModel
+from tests.diagnosis.logs import rows, string_model
+
+
+def findings(columns, model=None, **more):
+    model = model or string_model()
+    found = check_record(make_record(Columns(**{**columns, **more}, source="log"), model), model)
+    return {f.kind: f for f in found}
+
+
+def first(columns, seconds):
+    n = seconds + 1
+    return {k: v[:n] if isinstance(v, np.ndarray) else {a: x[:n] for a, x in v.items()} for k, v in columns.items()}
+
+
+def test_a_sound_record_raises_no_suspicion():
+    assert {f.kind for f in findings(rows()).values() if f.severity != "note"} == set()
+
+
+def test_the_worst_comes_first():
+    model = string_model()
+    c = first(rows(), 200)
+    found = check_record(make_record(Columns(**c, source="log"), model), model)
+    order = ["stop", "warn", "note"]
+    assert [order.index(f.severity) for f in found] == sorted(order.index(f.severity) for f in found)
+    assert found[0].severity == "stop"
+
+
+def test_too_short_stops():
+    assert findings(first(rows(), 200))["too_short"].severity == "stop"
+    assert findings(first(rows(), 900))["short"].severity == "warn"
+
+
+def test_no_heat_stops():
+    c = rows()
+    flat = {k: 22 + 0.1 * np.random.default_rng(k).standard_normal(3001) for k in (1, 3)}
+    assert findings(c, surface_C=flat)["little_heat"].severity == "stop"
+    assert findings(c, current_A=np.zeros(3001))["no_current"].severity == "stop"
+
+
+@pytest.mark.parametrize("step", [0.0, 0.5])
+def test_a_stuck_sensor_is_named(step):
+    c = rows(6000)
+    if step:
+        c["surface_C"] = {k: np.round(x / step) * step for k, x in c["surface_C"].items()}
+    c["surface_C"][3][1500:] = c["surface_C"][3][1500]
+    found = findings(c)
+    assert "cell 3" in found["stuck_sensor"].sentence
+    assert "all_stuck" not in found
+    c["surface_C"][1][1500:] = c["surface_C"][1][1500]
+    assert findings(c)["all_stuck"].severity == "stop"
+
+
+def test_a_coarse_sensor_that_moves_seldom_is_not_stuck():
+    c = rows(6000, noise=0.0)
+    c["surface_C"] = {k: np.round(x) for k, x in c["surface_C"].items()}
+    found = findings(c)
+    assert "stuck_sensor" not in found
+    assert "steps of 1 K" in found["coarse_sensor"].sentence
+
+
+def test_a_wrong_sign_is_seen_by_the_voltage_and_by_the_charge():
+    c = rows()
+    flipped = {**c, "current_A": -c["current_A"]}
+    assert "current_sign" in findings(flipped)
+    assert "voltage" in findings(flipped)["current_sign"].sentence
+    without = {k: v for k, v in flipped.items() if k != "voltage_V"}
+    assert "charge" in findings(without)["current_sign"].sentence
+    assert "current_sign" not in findings({k: v for k, v in c.items() if k != "voltage_V"})
+
+
+def every(columns, k):
+    return {n: v[::k] if isinstance(v, np.ndarray) else {a: x[::k] for a, x in v.items()} for n, v in columns.items()}
+
+
+def test_rows_of_a_jumping_current_that_are_too_far_apart_are_told():
+    """Against the mean squares of minutes of many currents, seen only now and then."""
+    rng = np.random.default_rng(5)
+    for k in (5, 10):
+        fine = rng.choice([-60.0, 0.0, 20.0, 60.0], (200, 300)).repeat(20, axis=1)  # levels of 20 s
+        at = rng.integers(0, 20, 200)  # that do not begin with the log
+        fine = np.stack([row[a : a + 5900] for row, a in zip(fine, at, strict=True)]) ** 2
+        coarse = fine[:, ::k].repeat(k, axis=1)[:, :5900]
+        minute = (coarse - fine)[:, :5880].reshape(200, -1, 60).mean(axis=2)
+        true = float(np.std(minute) / fine.mean())
+        found = findings(every(rows(6000), k))["current_coarse"]
+        assert found.severity == "warn"
+        assert f"{k} s apart" in found.sentence
+        told = float(re.search(r"±(\d+) %", found.sentence)[1]) / 100.0
+        assert told == pytest.approx(true, rel=0.3), k
+
+
+def test_a_current_that_is_seen_every_second_or_hardly_moves_is_fine_enough():
+    assert "current_coarse" not in findings(rows())
+    slow = rows(6000)
+    slow["current_A"] = 60.0 + 5.0 * np.sin(slow["time_s"] / 300.0)
+    assert "current_coarse" not in findings(every(slow, 10))
+
+
+def test_an_offset_at_rest_is_read_off():
+    c = rows()
+    assert "1.5 A" in findings(c, current_A=c["current_A"] + 1.5)["current_at_rest"].sentence
+
+
+def test_an_offset_after_a_soak_is_read_off():
+    c = rows()
+    c["surface_C"][3] = c["surface_C"][3] + 0.8
+    assert "cell 3 reads +0.8" in findings(c)["soak_offset"].sentence
+
+
+def test_a_constant_current_is_told():
+    assert "constant_current" in findings(rows(), current_A=np.full(3001, 20.0))
+    assert "one_direction" in findings(rows(), current_A=np.abs(rows()["current_A"]))
+
+
+def test_a_current_that_stands_at_its_end_is_told():
+    c = rows()
+    noisy = c["current_A"] + np.random.default_rng(1).normal(0, 10, 3001)
+    assert "current_saturated" in findings(c, current_A=np.clip(noisy, -60, 60))
+    assert "current_saturated" not in findings(c, current_A=noisy)
+
+
+def test_an_inlet_that_is_none_is_told():
+    c = rows()
+    assert "inlet_constant" in findings(c, coolant_inlet_C=np.full(3001, 22.0))
+    assert "inlet_warmer" in findings(c, coolant_inlet_C=c["coolant_inlet_C"] + 25.0)
+
+
+def test_a_coolant_that_enters_at_the_other_end_is_told():
+    c = rows()
+    rise = c["surface_C"][1] - 22
+    assert "coolant_backwards" in findings(c, surface_C={1: 22 + 1.5 * rise, 3: 22 + 0.7 * rise})
+    assert "coolant_backwards" not in findings(c, surface_C={1: 22 + 0.7 * rise, 3: 22 + 1.5 * rise})
+
+
+def test_a_fan_that_follows_the_temperature_is_told():
+    c = rows()
+    hot = c["surface_C"][3]
+    fan = 0.0095 * (1 + 0.1 * (hot - hot.mean()))
+    assert "flow_follows_temperature" in findings(c, coolant_flow_m3_s=fan)
+    steps = np.where(c["time_s"] % 1000 < 500, 0.008, 0.012)
+    assert "flow_follows_temperature" not in findings(c, coolant_flow_m3_s=steps)
+
+
+def test_what_the_charge_cannot_tell_is_told():
+    assert "soc_span" in findings(rows(), string_model(capacity_Ah=80.0), soc=None)
+    assert "no_soc" in findings(rows(), string_model(capacity_Ah=None), soc=None)
+
+
+def test_missing_readings_are_counted():
+    c = rows()
+    c["surface_C"][3][np.random.default_rng(1).random(3001) < 0.4] = np.nan
+    sentence = findings(c)["readings_missing"].sentence
+    assert "cell 3" in sentence
+    assert "40 %" in sentence or "39 %" in sentence or "41 %" in sentence
+
+
+def test_a_square_wave_is_not_called_by_its_mean():
+    c = rows()
+    wave = np.where(np.arange(3001) // 50 % 2, 79.0, -79.0)
+    wave[1000:1500] = -79.0
+    said = findings(c, current_A=wave)["constant_current"].sentence
+    assert said.startswith("The current is 79 A all along, now one way and now the other")
+
+
+def slow_charge(step=0.1, stuck_at=None):
+    """A cell of 5 Ah charged at C/20 for eight hours in still air: 0.07 W, it warms by 0.6 K in steps of 0.1 K."""
+    t = np.arange(0.0, 8 * 3600.0, 10.0)
+    rise = 0.6 * (1 - np.exp(-t / 1500.0))
+    y = np.round((25.0 + rise) / step) * step
+    if stuck_at is not None:
+        y[:] = stuck_at
+    model = single_model()
+    return {
+        "time_s": t,
+        "current_A": np.full(len(t), -1.5),
+        "coolant_inlet_C": np.full(len(t), 25.0),
+        "surface_C": {1: y},
+    }, model
+
+
+def single_model():
+    values = {"C_c": 64.0, "C_s": 4.5, "R_e": 0.03, "R_c": 1.2, "R_u": 9.0}
+    return StringModel(1, (1,), "single", {k: Prior(v, 0.5) for k, v in values.items()}, capacity_Ah=5.0)
+
+
+def test_a_slow_charge_in_steps_of_a_tenth_is_no_stuck_sensor():
+    columns, model = slow_charge()
+    assert not {"stuck_sensor", "all_stuck"} & set(findings(columns, model))
+
+
+def test_a_sensor_that_stands_still_under_load_is_stuck_all_the_same():
+    columns, model = slow_charge(stuck_at=25.0)
+    columns["current_A"] = np.where(np.arange(len(columns["time_s"])) % 720 < 360, 8.0, -8.0)
+    columns["surface_C"][1][:200] += 0.1 * (np.arange(200) // 40)
+    assert findings(columns, model)["all_stuck"].severity == "stop"

@@ -1,0 +1,57 @@
+"""What is said of an error is what it did: an effect that makes the held-out readings worse is not named."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bms_gateway.diagnosis.diagnosis import judged
+from bms_gateway.diagnosis.error_words import course
+from bms_gateway.identify.map_fit import stacked
+from tests.diagnosis.decided import by_first
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "says"),
+    [
+        (0.32, 0.4, "rises from 0.32 to 0.4 K"),
+        (0.4, 0.32, "falls from 0.4 to 0.32 K"),
+        (0.4, 0.399, "stays at 0.4 K"),
+        (0.4, 0.401, "stays at 0.4 K"),
+        (0.1, 0.1, "stays at 0.1 K"),
+        (0.4, float("nan"), "stays at nan K"),
+    ],
+)
+def test_the_word_is_what_the_figures_say(before, after, says):
+    assert course(before, after) == says
+
+
+def spoilt(found, kelvin, rows):
+    """The search with its final fit so many kelvin off at these readings: to and fro, so that no mean hides it."""
+    y = found.final.prediction.y.copy()
+    y[rows] += kelvin * np.where(np.arange(rows.sum()) % 2, 1.0, -1.0)
+    return replace(found, final=replace(found.final, prediction=replace(found.final.prediction, y=y)))
+
+
+def test_an_effect_that_raises_the_held_out_error_is_not_named():
+    found = by_first().search
+    assert found.chosen
+    held = ~stacked(found.final.problem)[4]
+    d = judged(spoilt(found, 3.0 * by_first().baseline.heldout_rmse_K, held))
+    assert d.verdict == "unknown_effect"
+    assert not d.selected
+    assert "falls" not in d.sentence
+
+
+def test_an_error_that_rises_is_not_said_to_fall():
+    """Within what was trained the effect holds; beyond it, where the total error comes from, it does not."""
+    found = by_first().search
+    d = judged(found)
+    assert f"falls from {d.baseline.heldout_rmse_K:.2g} to {d.after.heldout_rmse_K:.2g} K" in d.sentence
+    from bms_gateway.diagnosis import diagnosis
+
+    worse = replace(d.after, heldout_rmse_K=1.3 * d.baseline.heldout_rmse_K)
+    text = diagnosis._sentence("missing_effect", d.selected, (), False, d.baseline, worse)
+    assert "rises from" in text
+    assert "falls from" not in text
+    assert "speak for it only where it was fitted" in text

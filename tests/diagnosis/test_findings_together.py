@@ -1,0 +1,44 @@
+"""Sensors that fail in the same way are told in one sentence; few of them one by one."""
+
+import numpy as np
+
+from bms_gateway.diagnosis.findings import sensor_sentences
+from bms_gateway.diagnosis.misfit import Level, Sensor, Worst
+from bms_gateway.diagnosis.regimes import Bin, Regime
+
+
+def sensor(cell, mean_K, label="while the surface is above 30 °C"):
+    """One that reads so much more while its surface is hot, and agrees while it is cold."""
+    cold = Bin("while the surface is below 25 °C", 15.0, 25.0, 500, 0.0, 0.01, 0.05)
+    hot = Bin(label, 30.0, 40.0, 500, mean_K, 0.01, abs(mean_K))
+    always = Regime("always", "always", "", (Bin("all along", 0.0, 0.0, 1000, 0.0, 0.05, 0.5),), 0.0, 0.0)
+    surface = Regime("surface", "surface temperature", "°C", (cold, hot), mean_K**2, 0.8)
+    trained, held = Level(1000, abs(mean_K), 0.05), Level(200, abs(mean_K), 0.05)
+    return Sensor(cell, trained, held, abs(mean_K), 50.0, 0.1, Worst(0, 100.0, mean_K), (always, surface))
+
+
+def calm(cell):
+    one = sensor(cell, 0.01)
+    level = Level(1000, 0.05, 0.05)
+    return Sensor(cell, level, level, 0.0, 0.0, 0.0, one.worst, one.regimes)
+
+
+def test_sixty_cells_of_one_pattern_are_one_sentence():
+    found = sensor_sentences([sensor(k, -0.5 - 0.01 * k) for k in range(1, 61)], (), (), 1)
+    assert found == (
+        "All cells read 0.51 to 1.1 K less than the model while the surface is above 30 °C, growing along the coolant.",
+    )
+
+
+def test_what_differs_in_sign_or_place_is_another_pattern():
+    many = [sensor(k, 0.6 + 0.01 * (-1) ** k, f"while the surface is above {29 + k % 3} °C") for k in range(1, 9)]
+    found = sensor_sentences([*many, sensor(9, -0.9), calm(10), calm(11), calm(12), calm(14)], (), (), 1)
+    assert found[0].startswith("Cell 9 reads 0.9 K less than the model while the surface is above 30 °C")
+    assert found[1] == "8 cells (1 to 8) read 0.59 to 0.61 K more than the model where the surface temperature is high."
+    assert found[2] == "The model agrees with cells 10 to 12, 14 to within the noise."
+
+
+def test_few_cells_are_told_one_by_one():
+    found = sensor_sentences([sensor(k, -0.5) for k in (1, 3, 5)], (), (), 1)
+    assert [text.split(" reads")[0] for text in found] == ["Cell 1", "Cell 3", "Cell 5"]
+    assert np.all([text.endswith("they agree.") for text in found])

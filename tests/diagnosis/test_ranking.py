@@ -1,0 +1,60 @@
+"""One ranking over everything: what each of several effects is worth, what would come next, or be in its place."""
+
+import numpy as np
+import pytest
+
+from bms_gateway.diagnosis.ranking import ranking
+from bms_gateway.diagnosis.residuals import rmse
+from bms_gateway.identify.map_fit import stacked
+from tests.diagnosis.decided import by_first, by_second
+
+ROLES = ["named", "tied", "next", "instead"]
+
+
+@pytest.mark.parametrize("made", [by_first, by_second])
+def test_what_is_named_comes_first_and_nothing_stands_twice(made):
+    d = made()
+    found = ranking(d)
+    assert [x.effects for x in found if x.role == "named"] == [(s.candidate.key,) for s in d.selected]
+    assert [ROLES.index(x.role) for x in found] == sorted(ROLES.index(x.role) for x in found)
+    assert len({x.effects for x in found}) == len(found)
+    assert len(found) > len(d.selected)
+
+
+@pytest.mark.parametrize("made", [by_first, by_second])
+def test_each_of_a_pair_is_worth_what_is_lost_without_it(made):
+    d = made()
+    named = [x for x in ranking(d) if x.role == "named"]
+    assert {s.candidate.name for s in d.selected} == {"entropic_heat", "resistance_temperature"}
+    for x in named:
+        assert x.evidence > 3.0
+        assert x.error_K < 0.9 * x.without_K
+
+
+def test_leaving_the_later_of_two_out_gives_back_what_the_first_alone_reached():
+    d = by_first()
+    first, later = d.selected
+    alone = next(t.fit for t in d.search.rounds[0] if t.candidate.key == first.candidate.key)
+    row = next(x for x in ranking(d) if x.effects == (later.candidate.key,))
+    assert row.without_K == pytest.approx(rmse(alone, ~stacked(alone.problem)[4]), rel=0.05)
+    assert row.error_K == d.after.heldout_rmse_K
+
+
+def test_the_later_of_two_is_shown_at_the_odds_that_let_it_in():
+    d = by_first()
+    later = d.search.chosen[-1]
+    row = next(x for x in ranking(d) if x.effects == (later.candidate.key,))
+    assert row.evidence == pytest.approx(later.log_odds, rel=0.05)  # it was weighed beside the first then too
+
+
+def test_the_second_search_tells_the_hypotheses_that_come_closest():
+    d = by_second()
+    chosen = {s.candidate.key for s in d.selected}
+    score = {frozenset(r.effects): r.log_odds for r in d.second.ranking}
+    for x in ranking(d):
+        if x.role == "next":
+            assert x.evidence == score[frozenset(chosen | set(x.effects))]
+        elif x.role != "named":
+            assert x.evidence == score[frozenset(x.effects)]
+    used = [m.used for f in d.fits for m in f.problem.records]
+    assert all(np.all(u) for u in used)  # nothing is called held out that was fitted to

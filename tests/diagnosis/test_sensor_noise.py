@@ -1,0 +1,73 @@
+"""White noise and resolution are told from readings alone, whatever is rounded, missing or unevenly sampled."""
+
+import numpy as np
+import pytest
+
+from bms_gateway.diagnosis.sensor_noise import LEAST_K, LEAST_STEPS, estimate_noise, resolution, white_noise
+
+
+def readings(sigma, step, *, seed=0, dt=1.0, missing=0.1, jitter=0.3, n=3600):
+    """A surface that warms up and swings, as a logger sees it."""
+    rng = np.random.default_rng([seed, 77])
+    t = (np.arange(n) + jitter * rng.uniform(-1, 1, n)) * dt
+    y = 25 + 8 * (1 - np.exp(-t / 1500)) + 1.5 * np.sin(t / 200) + sigma * rng.standard_normal(n)
+    keep = rng.random(n) >= missing
+    return t[keep], (np.round(y / step) * step if step else y)[keep]
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("sigma", [0.05, 0.1, 0.2, 0.3])
+@pytest.mark.parametrize("step", [0.0, 0.01, 0.1])
+def test_noise_above_half_a_step_is_found_within_a_tenth(sigma, step, seed):
+    t, y = readings(sigma, step, seed=seed)
+    q = resolution(y)
+    assert q == pytest.approx(step, abs=2e-3)
+    assert white_noise(t, y, q) == pytest.approx(sigma, rel=0.1 if sigma > step / 2 else 0.2)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("sigma", "step"), [(0.02, 0.1), (0.05, 0.25), (0.1, 0.5), (0.2, 0.5), (0.3, 0.5)])
+def test_noise_below_half_a_step_is_found_within_a_third_and_a_twentieth_of_the_step(sigma, step, seed):
+    t, y = readings(sigma, step, seed=seed)
+    assert resolution(y) == pytest.approx(step)
+    assert abs(white_noise(t, y, step) - sigma) <= sigma / 3 + step / 20
+
+
+@pytest.mark.parametrize("step", [0.1, 0.5, 1.0])
+def test_a_clean_staircase_has_no_noise_but_the_least_that_can_be_told(step):
+    t, y = readings(0.0, step, jitter=0.0)
+    assert white_noise(t, y, resolution(y)) <= max(LEAST_K, LEAST_STEPS * step) * 1.5
+
+
+def test_steps_that_a_file_rounds_unevenly_are_found():
+    _, y = readings(0.05, 0.0625)
+    assert resolution(np.round(y, 2)) == pytest.approx(0.0625, abs=0.008)
+
+
+def test_values_that_a_file_interpolates_between_levels_do_not_hide_the_step():
+    _, y = readings(0.0, 1.0, missing=0.0, jitter=0.0)
+    change = np.flatnonzero(np.diff(y))
+    y[change] = 0.37 * y[change] + 0.63 * y[change + 1]
+    assert resolution(y) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("dt", [0.5, 2.0, 10.0])
+def test_the_sampling_interval_does_not_matter(dt):
+    t, y = readings(0.1, 0.0, dt=dt)
+    assert white_noise(t, y, 0.0) == pytest.approx(0.1, rel=0.1)
+
+
+def test_events_of_the_signal_are_not_noise():
+    t, y = readings(0.05, 0.0)
+    y[1000:] += 4.0
+    y[2000] += 20.0
+    assert white_noise(t, y, 0.0) == pytest.approx(0.05, rel=0.1)
+
+
+def test_each_sensor_has_its_own():
+    (t, a), (u, b) = readings(0.1, 0.0), readings(0.3, 0.5)
+    sensor = np.repeat([0, 1], [len(a), len(b)])
+    noise = estimate_noise(np.concatenate([t, u]), np.concatenate([a, b]), sensor, 2)
+    assert noise.sigma == pytest.approx([0.1, 0.3], rel=0.1)
+    assert noise.step == pytest.approx([0.0, 0.5], abs=2e-3)
+    assert noise.total[1] == pytest.approx(np.hypot(0.3, 0.5 / np.sqrt(12)), rel=0.1)

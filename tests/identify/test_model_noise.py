@@ -1,0 +1,25 @@
+"""Noise with a slow part: whitened as the whole covariance has it."""
+
+import numpy as np
+import pytest
+
+from bms_gateway.identify.model_noise import Whitener
+
+
+@pytest.mark.parametrize("missing", [0.0, 0.3])
+def test_what_is_whitened_has_the_size_and_products_that_the_covariance_gives(missing) -> None:
+    K, m, c, white, slow, tau, dt = 200, 3, 4, 0.1, 0.3, 30.0, 2.0
+    rng = np.random.default_rng(7)
+    valid, x = rng.random((K, m)) >= missing, rng.normal(size=(K, m, c))
+    W = Whitener.of(valid, white, slow, tau, dt)
+    got = W(np.where(valid[:, :, None], x, np.nan))
+    k = np.arange(K)
+    whole = slow**2 * np.exp(-np.abs(k[:, None] - k) * dt / tau) + white**2 * np.eye(K)
+    log_det = 0.0
+    for j in range(m):
+        seen = valid[:, j]
+        R, columns = whole[np.ix_(seen, seen)], x[seen, j]
+        np.testing.assert_allclose(got[:, j].T @ got[:, j], columns.T @ np.linalg.solve(R, columns), rtol=1e-9)
+        np.testing.assert_array_equal(got[~seen, j], 0.0)
+        log_det += float(np.linalg.slogdet(R)[1])
+    assert W.log_det == pytest.approx(log_det, rel=1e-12)

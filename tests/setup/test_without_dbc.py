@@ -1,0 +1,129 @@
+"""Without a DBC: what moves as a current, a voltage and thermocouples do is proposed, and never more than a guess.
+
+Where the bits really are is told by the DBC by which the simulated frames were made, or by that of the maker.
+"""
+
+import json
+
+import pytest
+
+from bms_gateway.cli.main import main
+from bms_gateway.config.dbc_files import dbc_text
+from bms_gateway.frames.dbc import parse, parse_lenient
+from bms_gateway.setup.vehicle_logs import read_traffic
+from bms_gateway.setup.without_dbc import guess
+from tests.data import need
+from tests.setup.vehicles import VEHICLES, write
+
+
+def bits(place):
+    """Numbers of the bits, counted through the bytes in the order of their own significance."""
+    if not place.big_endian:
+        return set(range(place.start, place.start + place.size))
+    found, at = [], place.start
+    for _ in range(place.size):
+        found.append(at)
+        at = at + 15 if at % 8 == 0 else at - 1
+    return set(found)
+
+
+def real(field, messages):
+    """Names of the signals of which a field has three quarters of the bits, or twelve of a long one."""
+    names = set()
+    for m in messages:
+        for s in m.signals.values() if m.can_id == field.can_id else ():
+            values = s.mux[-1].values if s.mux else ()
+            if s.mux and field.page is not None and field.page not in values:
+                continue
+            if len(bits(s.place) & bits(field.place)) >= min(0.75 * s.place.size, 12):
+                names.add(s.path)
+    return names
+
+
+def proposed(log, dbc):
+    text = dbc_text(dbc)
+    messages = parse_lenient(str(dbc), text)
+    found = {}
+    for g in guess(read_traffic([log], []).frames):
+        found.setdefault(g.role, []).append(set().union(*(real(f, messages) for f in (g.field, *g.beside))))
+    return found
+
+
+CURRENTS = {"german": "HVB_Strom_Ist", "imperial": "PackCurrent", "terse": "I_Batt"}
+WARM = {"german": "HVB_Zelltemp_", "imperial": "Thermistor", "wrong_dbc": "cell_temp_"}
+
+
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory):
+    """Write a vehicle and propose, once for all tests."""
+    done = {}
+
+    def found(name):
+        if name not in done:
+            folder = tmp_path_factory.mktemp(name)
+            vehicle = VEHICLES[name]()
+            log, _ = write(vehicle, folder)
+            (folder / "right.dbc").write_text(vehicle.dbc)
+            done[name] = log, proposed(log, folder / "right.dbc")
+        return done[name]
+
+    return found
+
+
+@pytest.mark.parametrize("name", CURRENTS)
+def test_a_current_is_among_the_first_three(simulated, name):
+    assert any(CURRENTS[name] in path for names in simulated(name)[1]["current"] for path in names)
+
+
+@pytest.mark.parametrize("name", WARM)
+def test_thermocouples_are_among_the_first_three(simulated, name):
+    found = simulated(name)[1]["surface"]
+    assert any(WARM[name] in path for names in found for path in names), found
+
+
+@pytest.mark.slow
+def test_the_guesses_are_a_dbc_that_leads_to_a_config_in_which_nothing_is_sure(simulated, tmp_path, capsys):
+    log, _ = simulated("imperial")
+    out = tmp_path / "v"
+    assert main(["init", str(log), "--out", str(out), "--yes", "--json", str(tmp_path / "g.json")]) == 1
+    told = capsys.readouterr().out
+    assert "GUESSES from the movement of the bits alone" in told
+    assert not (out / "gateway.toml").exists()
+    text = (out / "guessed.dbc").read_text()
+    assert "GUESSED by bms-gateway init" in text
+    messages = parse("guessed.dbc", text)
+    assert messages
+    assert all(m.name.startswith("GUESS_") for m in messages)
+    assert {g["role"] for g in json.loads((tmp_path / "g.json").read_text())["guesses"]} >= {"current", "surface"}
+    words = ["--dbc", str(out / "guessed.dbc"), "--out", str(out), "--yes", "--json", str(tmp_path / "i.json")]
+    assert main(["init", str(log), *words]) == 0
+    signals = json.loads((tmp_path / "i.json").read_text())["signals"]
+    assert {"current", "surface"} <= {s["role"] for s in signals}
+    assert not any(s["sure"] for s in signals)
+    assert main(["check", str(out / "gateway.toml")]) == 0
+
+
+def test_a_bus_without_anything_that_moves_gives_no_guess(tmp_path, capsys):
+    log = tmp_path / "still.log"
+    log.write_text("".join(f"({1e9 + k / 10:.6f}) can0 100#{k % 256:02X}00112233\n" for k in range(600)))
+    assert main(["init", str(log), "--out", str(tmp_path / "v")]) == 1
+    assert "GUESS" not in capsys.readouterr().out
+    assert not (tmp_path / "v").exists()
+
+
+REAL = {
+    "uwfe_autocross_2025-04-30_run10": ("uwfe_2024CAR_fixed", {"current": "DC_Bus_Current", "surface": "TempChannel"}),
+    "uwfe_july7_run12": ("uwfe_2024CAR_fixed", {"current": "DC_Bus_Current", "surface": "TempChannel"}),
+    "uwfe_pitt_autocross_02": ("uwfe_2024CAR_fixed", {"current": "DC_Bus_Current", "surface": "TempChannel"}),
+    "leaf_ze1_62kwh_eco_drive": ("leaf_EV-can_ZE1", {"current": "LB_Current"}),
+}
+
+
+@pytest.mark.parametrize("log", REAL)
+@pytest.mark.slow
+def test_real_vehicles_without_their_dbc(log):
+    """The batteries of both Leaf logs stay at one temperature: nothing there can be known for a thermocouple."""
+    dbc, wanted = REAL[log]
+    found = proposed(need("can", f"{log}.log.gz"), need("dbc", f"{dbc}.dbc"))
+    for role, part in wanted.items():
+        assert any(part in path for names in found[role] for path in names), (role, found[role])
