@@ -316,19 +316,3 @@ def test_idle_connections_keep_nobody_out_and_take_no_threads_without_end(server
     finally:
         for one in (stream, *idle):
             one.close()
-
-
-def test_a_connection_more_than_can_be_answered_is_refused():
-    these, pairs = clients.Clients(), [socket.socketpair() for _ in range(clients.MOST + 1)]
-    for ours, _ in pairs[:-1]:
-        assert these.come(ours)
-        these.answer(ours, begins=True)
-    assert not these.come(pairs[-1][0])
-    these.answer(pairs[3][0], begins=False)
-    assert these.come(pairs[-1][0])
-    assert pairs[3][1].recv(1) == b""
-    for ours, theirs in pairs:
-        these.go(ours)
-        ours.close()
-        theirs.close()
-    assert these.come(pairs[0][0])
