@@ -155,4 +155,7 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "to_batch: len(kept) < len(messages)  ->  len(kept) <= len(messages)": "nothing is counted where all are kept",
         "to_batch: 1  ->  2": "numpy finds the length of an axis for any negative number",
     },
+    "bms_gateway/store/state.py": {
+        ": 256  ->  257": "bytes of a head; ours has half as many, and a longer one is none of ours",
+    },
 }

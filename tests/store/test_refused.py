@@ -235,3 +235,10 @@ def test_any_bytes_are_set_aside_with_a_reason(tmp_path, tail, lead):
     assert found.state is None
     assert len(found.problems) == 1
     assert isinstance(found.problems[0], StateError)
+
+
+@pytest.mark.parametrize(("claimed", "says"), [(1 << 26, "3 of 67108864 bytes are there"), ((1 << 26) + 1, "at most")])
+def test_a_state_may_claim_64_mib_and_not_a_byte_more(tmp_path, claimed, says):
+    head = f"bms-gateway-state 1 {hashlib.sha256(b'abc').hexdigest()} {claimed}\n"
+    (tmp_path / "state").write_bytes(head.encode() + b"abc")
+    assert says in str(StateStore(tmp_path).load().problems[0])
