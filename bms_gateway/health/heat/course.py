@@ -110,23 +110,22 @@ class Course:
     def take(self, f: HeatFilter, heat: Floats, inlet: Floats, heard: Bools) -> Bools:
         """Take in a step: heat by the current (S, n), W, inlet (S,), °C; tell which strings are to be looked at."""
         at, dt = f.at, f.dt
-        real = heat * np.maximum(1.0, 1.0 + f.z[:, at.load] + f.z[:, at.brisk])[:, None]
+        made, made_var = f.made()
+        real = heat * np.maximum(1.0, made)[:, None]
         self.load = self.load + (real - self.load) * min(1.0, dt / 600.0)
         self.warmed = (self.warmed + heat.mean(axis=1) * dt / f.balances.C.mean(axis=1)) * exp(-dt / 120.0)
         step = np.abs(inlet - self.inlet)
         still = step == 0.0
         self.frozen = np.where(still, self.frozen + 1, 0)
         self.leapt = np.where(step > LEAP_K, round(LEAP_S / dt), np.maximum(0, self.leapt - 1))
-        numbers = [at.load, at.flow, at.inlet]
-        load, film, off = f.z[:, numbers].T
-        sd = np.sqrt(f.P[:, numbers, numbers]).T
+        film, off, film_sd = f.z[:, at.flow], f.z[:, at.inlet], np.sqrt(f.P[:, at.flow, at.flow])
         self.frozen_at = np.where(still, self.frozen_at, off)
         self.inlet = inlet
         self.film = np.where(np.isnan(self.film), film, self.film)
         grown = self.grown(f)
         usual = heard & ~self.cooling & (grown < COOLING_BACK)
         self.film = np.where(usual, self.film + (film - self.film) * min(1.0, dt / FLOW_USUAL_S), self.film)
-        missing = self.warms & (1.0 + load + MISSING_SURE * sd[0] < MISSING)
-        slower = (grown > COOLING) & (film - self.film > FLOW_SURE * sd[1])
+        missing = self.warms & (made + MISSING_SURE * np.sqrt(made_var) < MISSING)
+        slower = (grown > COOLING) & (film - self.film > FLOW_SURE * film_sd)
         frozen = (self.frozen * dt >= FROZEN_S) & ~self.constant_inlet & (np.abs(off - self.frozen_at) > FROZEN_K)
         return np.asarray(missing | slower | frozen, dtype=np.bool_)

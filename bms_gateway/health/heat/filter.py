@@ -190,6 +190,11 @@ class HeatFilter:
             self._strides[dt] = Balances.of([p.with_flow_ratio(ratio) for p, ratio in flows], dt)
         self.dt, self.balances, self.decay = dt, self._strides[dt], np.exp(-dt / self._lasts)
 
+    def made(self) -> tuple[Floats, Floats]:
+        """Share of its heat that the current makes in each string (S,), and its variance."""
+        n = [self.at.load, self.at.brisk]
+        return 1.0 + self.z[:, n].sum(axis=1), self.P[:, n][:, :, n].sum(axis=(1, 2))
+
     def parameters(self, s: int) -> StringParameters:
         """Numbers of string `s` at nominal flow."""
         return self._strings[s]

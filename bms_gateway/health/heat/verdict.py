@@ -373,7 +373,7 @@ class Verdict:
         if g.code == "inlet":
             off, sd = abs(float(f.z[s, at.inlet])), sqrt(float(f.P[s, at.inlet, at.inlet]))
             return self._quiet(g, now_ns, off < 1.0 + sd and bool(self.course.frozen[s] * f.dt < FROZEN_S), 300.0)
-        return self._quiet(g, now_ns, 1.0 + float(f.z[s, at.load]) > MISSING_BACK, 60.0)
+        return self._quiet(g, now_ns, float(f.made()[0][s]) > MISSING_BACK, 60.0)
 
     def _end(self, g: Finding, now_ns: int) -> None:
         self.findings.remove(g)
@@ -411,11 +411,12 @@ class Verdict:
         """Tell what the numbers themselves say, however they came about."""
         s, f, at = self.s, self.of, self.of.at
         codes = {g.code for g in self.findings}
-        share, var = 1.0 + float(f.z[s, at.load]), float(f.P[s, at.load, at.load])
+        share, var = (float(x[s]) for x in f.made())
         best = int(each.argmax())
         if self.evidence.kinds[best] == Kind.LOAD and each[best] > SUSPECT:
             onset = int(w.ln[s, :, best].argmax())
-            share += float(w.amplitude[s, onset, best]) * float(self.evidence.moved(s, onset, best)[at.load])
+            moved = self.evidence.moved(s, onset, best)
+            share += float(w.amplitude[s, onset, best]) * float(moved[at.load] + moved[at.brisk])
             var += float(w.var[s, onset, best])
         new = []
         sound = each[best] < SUSPECT or self.evidence.kinds[best] == Kind.LOAD
@@ -454,7 +455,7 @@ class Verdict:
         elif g.kind is Kind.INLET:
             g.size = float(f.z[s, at.inlet])
         elif g.kind is Kind.LOAD:
-            g.size = min(g.size, max(0.0, 1.0 + float(f.z[s, at.load])))
+            g.size = min(g.size, max(0.0, float(f.made()[0][s])))
         elif g.kind is Kind.HEAT:
             h = at.heat.start + np.array(g.places)  # a sensor tells their sum better than where it sits
             g.heat, g.heat_sd = float(f.z[s, h].sum()), sqrt(max(0.0, float(f.P[s][np.ix_(h, h)].sum())))
