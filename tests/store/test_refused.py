@@ -242,3 +242,16 @@ def test_a_state_may_claim_64_mib_and_not_a_byte_more(tmp_path, claimed, says):
     head = f"bms-gateway-state 1 {hashlib.sha256(b'abc').hexdigest()} {claimed}\n"
     (tmp_path / "state").write_bytes(head.encode() + b"abc")
     assert says in str(StateStore(tmp_path).load().problems[0])
+
+
+def test_what_comes_after_a_state_makes_it_none(tmp_path):
+    saved(tmp_path)
+    for more in (b"x", b"x" * 1000):
+        StateStore(tmp_path).save(GOOD, wall_ns=3)
+        with (tmp_path / "state").open("ab") as f:
+            f.write(more)
+        assert "it is too long" in str(StateStore(tmp_path).load().problems[0])
+
+
+def test_a_store_that_has_read_nothing_misses_nothing(tmp_path):
+    assert StateStore(tmp_path).unread == ""
