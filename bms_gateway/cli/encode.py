@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
     """Write the log."""
     from bms_gateway.bus.logfile import write_log
     from bms_gateway.bus.traffic import SECOND, Traffic
-    from bms_gateway.cli.table_checks import not_carried, refuse_log, refuse_other_units
+    from bms_gateway.cli.table_checks import empty, not_carried, refuse_log, refuse_other_units
     from bms_gateway.config import load_config
     from bms_gateway.records.kind import check_time
     from bms_gateway.report.progress import progress
@@ -85,6 +85,8 @@ def run(args: argparse.Namespace) -> int:
             f"{table.source}: {x['column']}: {x['rows']} of {len(table)} rows, the first at {x['first']}, do not fit "
             f"{x['signal']} ({x['lowest']:.6g} to {x['highest']:.6g}) and are sent as {x['sent_as']}"
         )
+    for column in empty(plan.strings[index], table):
+        note(f"{table.source}: {column} has no values: its signal is sent as not available")
     if args.json:
         numbers = {"frames": frames, "duration_s": seconds, "string": name, "not_carried": lost}
         write_json(args.json, {"log": args.out, **numbers})

@@ -4,17 +4,23 @@ Exit status: 0 done; 1 the thing checked does not hold; 2 bad usage, config or d
 """
 
 import argparse
+import errno
 import importlib
+import io
 import os
+import signal
 import sys
-from collections.abc import Sequence
-from types import ModuleType
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from types import FrameType, ModuleType
 from typing import NoReturn
 
 from bms_gateway import __version__
 from bms_gateway.errors import GatewayError, UsageError, did_you_mean
 
 PROGRAM = "bms-gateway"
+DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
+"""Faults of a disk, which may come with any byte that a command writes, and are no bug of the command."""
 
 COMMANDS = {
     "demo": "the main job with no hardware: a simulated pack, a live table of its cells, the error against the truth",
@@ -99,20 +105,79 @@ def main(words: Sequence[str] | None = None) -> int:
     """
     # Before numpy is loaded: on matrices of a dozen rows threads cost ten times what they bring
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    _open_standard_streams()
     try:
-        status = _dispatch(list(sys.argv[1:] if words is None else words))
-        sys.stdout.flush()
+        with _ended_by_signals():
+            status = _dispatch(list(sys.argv[1:] if words is None else words))
+            sys.stdout.flush()
     except GatewayError as e:
         print(f"{PROGRAM}: error: {' '.join(str(e).split())}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print(f"{PROGRAM}: stopped", file=sys.stderr)
         return 130
+    except _EndedError as e:
+        os.kill(os.getpid(), e.number)  # by the signal itself, as the shell and systemd expect it
+        return 128 + e.number
     except BrokenPipeError:
-        # The reader of a pipe has gone. Python would complain once more when it closes standard output.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop_output()  # the reader of a pipe has gone
         return 141
+    except OSError as e:
+        if e.errno not in DISK:
+            raise
+        where = f"{os.fsdecode(e.filename)}: " if e.filename else ""
+        print(f"{PROGRAM}: error: {where}a result cannot be written: {e.strerror}", file=sys.stderr)
+        _drop_output()
+        return 2
     return status
+
+
+_TAKE_ALL = (("utf-8", "surrogateescape"), ("utf-8", "backslashreplace"))
+
+
+class _EndedError(BaseException):
+    """A signal that asks for the end."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(number)
+        self.number = number
+
+
+@contextmanager
+def _ended_by_signals() -> Iterator[None]:
+    """Let what is at work clean up when SIGTERM or SIGHUP asks for the end, as it does after Ctrl-C."""
+
+    def end(number: int, _: FrameType | None) -> None:
+        signal.signal(number, signal.SIG_DFL)  # a second one ends it for sure
+        raise _EndedError(number)
+
+    before: dict[signal.Signals, signal.Handlers] = {}
+    with suppress(ValueError):  # not the main thread: whoever calls from there handles signals
+        for number in (signal.SIGTERM, signal.SIGHUP):
+            if signal.getsignal(number) is signal.SIG_DFL:
+                signal.signal(number, end)
+                before[number] = signal.SIG_DFL
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _open_standard_streams() -> None:
+    """Have standard output and error take every text, whatever their encoding, and also where they were closed."""
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, io.TextIOWrapper(io.FileIO(os.devnull, "w"), "utf-8"))
+        elif isinstance(stream, io.TextIOWrapper) and (stream.encoding, stream.errors) not in _TAKE_ALL:
+            stream.reconfigure(errors="backslashreplace")
+
+
+def _drop_output() -> None:
+    """Let nothing more be written to standard output: Python would, and would complain, when it closes the stream."""
+    with suppress(OSError, ValueError):  # replaced by something without a descriptor
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _dispatch(words: list[str]) -> int:

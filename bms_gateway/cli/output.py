@@ -1,6 +1,7 @@
 """Output of commands: text for people goes to standard output, unless JSON goes there."""
 
 import importlib.util
+import io
 import json
 import os
 import shlex
@@ -101,14 +102,24 @@ def write_json(target: str, document: Mapping[str, Any]) -> None:
         The file cannot be written.
     """
     text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    raw = text.encode("utf-8", "backslashreplace")  # a file's name need not be text; this way it is sound JSON
     if target == "-":
-        sys.stdout.write(text)
+        _put_out(raw)
         return
     try:
         with whole(Path(target)) as beside:
-            beside.write_text(text, encoding="utf-8")
+            beside.write_bytes(raw)
     except OSError as e:
         raise UsageError(f"--json {target}: cannot be written: {e.strerror}") from None
+
+
+def _put_out(raw: bytes) -> None:
+    """Write JSON to standard output: in UTF-8, whatever text for people is written in there."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.flush()
+        sys.stdout.buffer.write(raw)
+    else:
+        sys.stdout.write(raw.decode())
 
 
 def needs_plotly(what: str = "--html", extra: str = "report") -> None:

@@ -92,6 +92,12 @@ def not_carried(string: StringPlan, database: Database, table: Table) -> list[di
     return found
 
 
+def empty(string: StringPlan, table: Table) -> list[str]:
+    """Name the columns of the string's signals that are blank from end to end."""
+    columns = ((c, _column(table, c)) for c in string.channels if c.signal is not None)
+    return [COLUMNS[c.quantity].format(c.cell) for c, x in columns if x is not None and not np.isfinite(x).any()]
+
+
 def refuse_other_units(string: StringPlan, database: Database, table: Table) -> None:
     """Refuse a table in which a whole quantity would be lost, because its unit or its column is wrong.
 

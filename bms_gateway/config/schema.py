@@ -366,6 +366,15 @@ class Mqtt(Section):
     interval_s: float = Field(default=10.0, ge=1.0, le=86_400.0)
     spool: int = Field(default=1000, ge=10, le=100_000)
 
+    @field_validator("host")
+    @classmethod
+    def _resolvable(cls, host: str) -> str:
+        try:
+            host.encode("idna")
+        except UnicodeError:
+            raise ValueError(f"{host!r}: no name of a computer: a part between dots is empty or too long") from None
+        return host
+
     @field_validator("topic")
     @classmethod
     def _plain_topic(cls, topic: str) -> str:

@@ -434,7 +434,8 @@ class Engine:
         except (TypeError, ValueError, LookupError, AttributeError, ArithmeticError, ConfigError) as e:
             raise StateError(f"stored state does not fit this program: {type(e).__name__} {e}") from None
         if self._tick_end is not None and not 0 <= self._tick_end < LATEST_NS:
-            raise StateError(f"stored state: its time, {self._tick_end * 1e-9:.4g} s since 1970, is none of a clock")
+            seconds = max(-(1 << 99), min(self._tick_end, 1 << 99)) * 1e-9  # an integer may be too large for a float
+            raise StateError(f"stored state: its time, {seconds:.4g} s since 1970, is none of a clock")
         self._stored, self._sure = self._tick_end is not None, sure
         for text in left:
             self._queue.append(Notice(self._tick_end or 0, Level.NOTICE, "state", text))

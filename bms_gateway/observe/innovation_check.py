@@ -62,6 +62,8 @@ YOUNG: Final = 60
 """… but at once of sensors that have been read less often."""
 GONE_K2: Final = 1e-8
 """K²: a variance below is none."""
+MOST_K: Final = 200.0
+"""No average of innovations, and no rate in K/s, is as large."""
 FINE_K: Final = 1e-4
 """Differences of readings below are rounding."""
 
@@ -238,7 +240,12 @@ class Surprise:
         waits = snapshot["waits"]
         if not all(np.isfinite(a).all() for a in numbers) or (taken["own"] < 0.0).any() or (taken["_wide"] < 0.0).any():
             raise ValueError("surprise: holds what is no number")
-        if not isinstance(waits, int) or not 0 <= waits < BLOCK:
+        if any(
+            (np.abs(taken[name]) > most).any()
+            for name, most in (("_mean", MOST_K), ("own", MOST_K), ("_wide", MOST_K**2))
+        ):
+            raise ValueError("surprise: holds what no reading is off by")
+        if type(waits) is not int or not 0 <= waits < BLOCK:
             raise ValueError("surprise: waits for no block")
         taken["_fine"] = np.where(np.isnan(taken["_fine"]), np.inf, taken["_fine"])
         for name, value in taken.items():

@@ -4,6 +4,9 @@ from typing import Any
 
 import numpy as np
 
+FARTHEST = 1e12
+"""Beyond every number of a state, squares of them and sums of such squares too: up to 2e7 after hours of driving."""
+
 
 def plain(a: np.ndarray) -> Any:
     """Give lists of numbers; None for what is not finite."""
@@ -15,10 +18,20 @@ def plain(a: np.ndarray) -> Any:
 
 
 def like(value: Any, model: np.ndarray) -> np.ndarray:
-    """Make an array of the type and shape of `model`; None becomes NaN."""
+    """Make an array of the type and shape of `model`; None becomes NaN.
+
+    Raises
+    ------
+    ValueError
+        Other numbers, or none that anything of a vehicle has.
+    TypeError
+        No numbers at all.
+    """
     a = np.array(value, dtype=np.float64 if model.dtype.kind == "f" else model.dtype)
     if a.shape == (0,) and not model.size:  # lists without a number do not tell their depth
         a = a.reshape(model.shape)
     if a.shape != model.shape:
         raise ValueError(f"shape {a.shape} where {model.shape} is needed")
+    if a.dtype.kind == "f" and (np.abs(a) > FARTHEST).any():
+        raise ValueError(f"holds {np.nanmax(np.abs(a)):g}")
     return a

@@ -12,6 +12,8 @@ from bms_gateway.report.table import Table
 
 LONGEST_S = 10 * 86_400  # a bench run; more is time in another unit
 WIDEST_STEP_S = 100.0  # ten rows a second in ms; of a current known this seldom nobody can tell the heat
+LEAST_STEP_S = 5e-4  # a row a second in hours is half of it; frames come every hundredth of a second at most
+MANY_ROWS = 10
 
 COLDEST_K, HOTTEST_K = 230.0, 400.0  # what a cell may have, in K; in °C it is the temperature of a fire
 
@@ -52,6 +54,11 @@ def check_time(table: Table) -> None:
         seen = f"goes on by {step:g} from row to row, where less than {WIDEST_STEP_S:g} s are needed"
     elif t[-1] - t[0] > LONGEST_S:
         seen = f"spans {(t[-1] - t[0]) / 86_400:.1f} days, more than the {LONGEST_S // 86_400} that one table may"
+    elif len(t) >= MANY_ROWS and step < LEAST_STEP_S:
+        raise DataError(
+            f"{table.source}: time_s looks like hours or days, it must be in seconds: {len(t)} rows span "
+            f"{t[-1] - t[0]:.3g} s"
+        )
     else:
         return
     raise DataError(f"{table.source}: time_s looks like milliseconds, it must be in seconds: it {seen}")

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bms_gateway.errors import UsageError, did_you_mean
+from bms_gateway.errors import DataError, UsageError, did_you_mean
 
 if TYPE_CHECKING:
     from bms_gateway.store.rows import Excerpt
@@ -126,6 +126,8 @@ def write_recent(
 
 def _string(found: "Excerpt", name: str | None, command: str) -> str:
     names = list(found.columns)
+    if not names:
+        raise DataError(f"{command}: of no string a signal is recorded in this time")
     if name is None:
         if len(names) > 1:
             raise UsageError(f"{command}: --string is needed, several are recorded; valid: {', '.join(names)}")

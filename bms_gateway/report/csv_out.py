@@ -3,6 +3,7 @@
 import csv
 import json
 from collections.abc import Mapping
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field
 from itertools import chain
 from pathlib import Path
@@ -150,14 +151,19 @@ class ResultFolder:
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Put the files in their places, or, after an exception, away."""
-        for f in (self._estimates, self._parameters, self._events, self._alerts):
-            f.close()
-        if kind is None:
-            for file in sorted(self._part.iterdir()):
-                file.replace(self.directory / file.name)
-        rmtree(self._part)
-        if kind is not None and self._made:
-            self.directory.rmdir()
+        done = False
+        try:
+            with ExitStack() as files:  # closes all, even where the disk has no room for what one still holds
+                for f in (self._estimates, self._parameters, self._events, self._alerts):
+                    files.callback(f.close)
+            if kind is None:
+                for file in sorted(self._part.iterdir()):
+                    file.replace(self.directory / file.name)
+                done = True
+        finally:
+            rmtree(self._part)
+            if not done and self._made:
+                self.directory.rmdir()
 
     def _open(self, name: str) -> TextIO:
         return self.place(name).open("w", encoding="utf-8", newline="\n")

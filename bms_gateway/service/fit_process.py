@@ -24,6 +24,7 @@ from typing import BinaryIO, Final
 
 from bms_gateway.engine.events import Job
 from bms_gateway.service.memory import first_to_go
+from bms_gateway.service.signals import signal_name
 
 DEADLINE_S: Final = 60.0  # twice what a result may take to count in time; on a slow core it takes some seconds
 REAP_S: Final = 1.0  # what is killed is gone in milliseconds, unless the kernel itself hangs
@@ -95,7 +96,7 @@ class Aside:
         finally:
             self._reap(process)
         if process.returncode < 0:
-            return NotDone(f"its process was ended by {signal.Signals(-process.returncode).name}")
+            return NotDone(f"its process was ended by {signal_name(-process.returncode)}")
         if process.returncode:
             return NotDone("it failed by a bug; the lines above, from its process, say which")
         result: object = pickle.loads(out)  # noqa: S301 (written by our own child)

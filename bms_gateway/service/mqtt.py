@@ -43,6 +43,9 @@ ANSWER_S: Final = 10.0  # for an acknowledgement; a mobile network takes seconds
 FAREWELL_S: Final = 1.0
 KEEPALIVE_S: Final = 30  # the broker tells our last will after one and a half of it
 MOST_PACKET: Final = 128  # bytes; nothing is subscribed, and an acknowledgement has two
+FREE_BYTES: Final = 4096  # what a broker may send in a connection, before the next two
+BYTES_EACH: Final = 32  # for a message of ours, whose acknowledgement has four
+BYTES_PER_S: Final = 8  # an answer to a sign of life has two, each half minute
 PORT, PORT_TLS = 1883, 8883
 OFFLINE: Final = "OFFLINE: the connection was lost"
 STOPPED: Final = "STOPPED"
@@ -211,19 +214,28 @@ class Publisher:
         return client
 
     def _bound(self, client: aiomqtt.Client) -> None:
-        """Let the client read no packet that is larger than any that it can need.
+        """Let the client read no packet that is larger than any that it can need, nor more than answers to its own.
 
-        It takes the room for a whole packet as soon as that announces its length, up to 256 MB, and has no setting for
-        less; so this stands between it and its socket.
+        It takes the room for a whole packet as soon as that announces its length, up to 256 MB, and keeps every message
+        that a broker sends until that has acknowledged it. It has no setting for less; so this stands between it and
+        its socket.
         """
         paho = client._client
         receive = paho._sock_recv
+        begun_s, before, taken = time.monotonic(), self.published, 0
 
         def bounded(size: int) -> bytes:
+            nonlocal taken
             if size > MOST_PACKET:
                 self._refused = f"the broker sends a packet of {size:,} bytes, which is not for us"
                 raise ConnectionError(self._refused)
-            return receive(size)
+            due = BYTES_EACH * (self.published - before) + BYTES_PER_S * (time.monotonic() - begun_s)
+            if taken > FREE_BYTES + due:
+                self._refused = f"the broker has sent {taken:,} bytes, though it has nothing to tell us"
+                raise ConnectionError(self._refused)
+            part = receive(size)
+            taken += len(part)
+            return part
 
         paho._sock_recv = bounded  # type: ignore[assignment,method-assign]
 

@@ -8,7 +8,6 @@ import asyncio
 import logging
 import os
 import pickle
-import signal
 import sys
 from contextlib import suppress
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ from typing import TYPE_CHECKING, BinaryIO, Final
 from bms_gateway import __version__
 from bms_gateway.errors import ConfigError, GatewayError
 from bms_gateway.service.memory import first_to_go
+from bms_gateway.service.signals import signal_name
 
 if TYPE_CHECKING:
     from bms_gateway.config.schema import GatewayConfig
@@ -80,7 +80,7 @@ async def reread(path: Path) -> Reread:
                 child.kill()
             await child.communicate()  # until it is gone, with its pipe
     if child.returncode:
-        how = signal.Signals(-child.returncode).name if child.returncode < 0 else f"status {child.returncode}"
+        how = signal_name(-child.returncode) if child.returncode < 0 else f"status {child.returncode}"
         raise ConfigError(f"{path}: the process that read it ended with {how}")
     version, _, content = answer.partition(b"\n")
     if version != __version__.encode():  # its classes may be others

@@ -109,5 +109,19 @@ class Signals:
                     loop.call_soon_threadsafe(action)
 
 
+def signal_name(number: int) -> str:
+    """Name a signal; those for real time have none.
+
+    Examples
+    --------
+    >>> signal_name(9), signal_name(37)
+    ('SIGKILL', 'signal 37')
+    """
+    try:
+        return signal.Signals(number).name
+    except ValueError:
+        return f"signal {number}"
+
+
 def _nothing(*_: object) -> None:
     """Handle a signal: the interpreter has written its number where `Signals` reads it."""

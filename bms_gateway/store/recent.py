@@ -18,6 +18,7 @@ float32 holds every raw value of a signal of 24 bits.
 """
 
 import json
+import math
 import re
 import struct
 import zlib
@@ -33,6 +34,7 @@ from numpy.typing import NDArray
 from bms_gateway.engine.engine import Engine
 from bms_gateway.engine.events import Decoded
 from bms_gateway.errors import StateError
+from bms_gateway.store.dear import is_dear
 from bms_gateway.store.files import append, make_directory, read_file, sync_directory
 from bms_gateway.thermal import Floats
 
@@ -40,12 +42,13 @@ MAGIC = b"bmsrec1\n"
 _HEAD = struct.Struct("<8sII")
 _SIZE = struct.Struct("<I")
 MAX_PACKED = 8 << 20
-MAX_BLOCK = 64 << 20  # unpacked; a block of ours takes a hundredth
+MAX_BLOCK = 16 << 20  # unpacked; a block of ours takes some hundred kilobytes
 MOST_SAMPLES = 50_000  # of a block: packing takes some thirty bytes for each meanwhile
 LONGEST_US = 1_800_000_000  # µs since a block's start fit into 32 bits
 SEGMENTS = 16  # share of the ring that is deleted when it is full
 SEGMENT_BYTES = (64 << 10, 4 << 20)  # a reader holds one in memory
 _NAME = re.compile(r"recent-(\d{8,})")
+_PLAIN = re.compile(r"[A-Za-z0-9_.-]{1,200}")  # names of strings and columns
 
 Layout = Mapping[str, Mapping[str, int | float]]
 """Columns of each string, by the names that tables have: the input that fills it (int), or its constant (float)."""
@@ -288,6 +291,8 @@ def _block(raw: bytes, at: int) -> tuple[Block | None, int]:
     try:
         unpack = zlib.decompressobj()
         line, _, body = unpack.decompress(content, MAX_BLOCK).partition(b"\n")
+        if is_dear(line):
+            return None, end
         return _unpacked(json.loads(line), body), end
     except (zlib.error, ValueError, TypeError, KeyError, AttributeError, RecursionError, OverflowError):
         return None, end
@@ -304,8 +309,24 @@ def _unpacked(line: Any, body: bytes) -> Block:
         time = int(line["start_us"]) + np.cumsum(step[at : at + n], dtype=np.int64)
         samples[int(i)] = time, value[at : at + n].astype(np.float64)
         at += n
-    layout = {str(name): dict(columns) for name, columns in line["strings"].items()}
-    return Block(layout, samples)
+    return Block({_name(name): _columns(columns) for name, columns in line["strings"].items()}, samples)
+
+
+def _columns(columns: Any) -> dict[str, int | float]:
+    """Columns of a string, as `Layout` has them; `ValueError` where they are none."""
+    found: dict[str, int | float] = {}
+    for name, source in columns.items():
+        if type(source) not in (int, float) or not math.isfinite(source):
+            raise ValueError(f"the column {name!r} comes from no input and is no constant")
+        found[_name(name)] = source
+    return found
+
+
+def _name(text: str) -> str:
+    """Give a name that a line of a table and of an error can hold."""
+    if not _PLAIN.fullmatch(text):
+        raise ValueError("no name")
+    return text
 
 
 def _sorted(a: NDArray[Any]) -> bytes:

@@ -37,16 +37,13 @@ from pathlib import Path
 from typing import Any
 
 from bms_gateway.errors import StateError
+from bms_gateway.store.dear import is_dear
 from bms_gateway.store.files import make_directory, read_on, reading, sync_directory, write_fresh
 
 VERSION = 1
 MAGIC = b"bms-gateway-state"
 # A snapshot of 8 strings takes some 100 kB: anything near this is not ours and must not be read into memory.
 MAX_BYTES = 64 << 20
-# What is made of a few bytes takes some sixty each: numbers fewer, texts and lists more. A state of ours has 1,100 such
-# marks, commas and all, for a string of four cells.
-MAX_COMMAS = 4_000_000
-MAX_MARKS = 1_000_000
 MAX_HEAD = 256
 GARBAGE = ("corrupt", "foreign")  # reasons for which nothing of worth is lost when the next takes its name
 UNREAD = "unread"
@@ -170,7 +167,7 @@ class StateStore:
         body = json.dumps({"saved_ns": wall_ns, "state": dict(state)}, separators=(",", ":")).encode()
         if len(body) > MAX_BYTES:
             return StateError(f"{self.directory}: the state is not saved: {len(body)} bytes, at most {MAX_BYTES}")
-        if _is_dear(body):
+        if is_dear(body):
             return StateError(f"{self.directory}: the state is not saved: it has too many values")
         digest = hashlib.sha256(body).hexdigest()
         head = b"%s %d %s %d\n" % (MAGIC, VERSION, digest.encode(), len(body))
@@ -339,7 +336,7 @@ def _read(path: Path) -> dict[str, Any]:
         )
     if hashlib.sha256(body).hexdigest().encode() != digest:
         raise _RejectedError("corrupt", "its check sum does not match")
-    if _is_dear(body):
+    if is_dear(body):
         raise _RejectedError("foreign", "it has far more values than a state of this program")
     try:
         content = json.loads(body)
@@ -350,11 +347,6 @@ def _read(path: Path) -> dict[str, Any]:
     if not isinstance(content.get("saved_ns"), int):
         raise _RejectedError("foreign", "it does not say when it was saved")
     return content
-
-
-def _is_dear(body: bytes) -> bool:
-    """Whether a JSON text would need hundreds of megabytes; found before it is parsed."""
-    return body.count(b",") > MAX_COMMAS or sum(map(body.count, (b'"', b"[", b"{"))) > MAX_MARKS
 
 
 def _head(words: list[bytes]) -> tuple[int, bytes]:

@@ -20,6 +20,7 @@ from urllib.parse import parse_qs, unquote, urlsplit
 
 from bms_gateway.errors import GatewayError, UsageError
 from bms_gateway.report.page import plotly_script
+from bms_gateway.workbench.clients import Clients
 from bms_gateway.workbench.desk import Desk
 from bms_gateway.workbench.doors import CLOSED, HEADERS, Door
 from bms_gateway.workbench.session import additions_of
@@ -67,6 +68,7 @@ class Server(ThreadingHTTPServer):
     """
 
     daemon_threads = True
+    request_queue_size = 64
 
     def __init__(
         self, site: Site, host: str, port: int, more: Iterable[str] = (), tell: Callable[[str], None] | None = None
@@ -78,7 +80,7 @@ class Server(ThreadingHTTPServer):
             reason = getattr(e, "strerror", None) or e
             raise UsageError(f"workbench: --host {host} --port {port}: cannot be used: {reason}") from None
         address, port = self.socket.getsockname()[:2]
-        self.site, self.tell = site, tell
+        self.site, self.tell, self.clients = site, tell, Clients()
         self.door = Door(host, address, port, more)
         site.local = self.door.local
 
@@ -86,6 +88,15 @@ class Server(ThreadingHTTPServer):
         """Bind; what the base class asks a name server meanwhile is not needed."""
         TCPServer.server_bind(self)
         self.server_name, self.server_port = self.socket.getsockname()[:2]
+
+    def verify_request(self, request: Any, client_address: Any) -> bool:  # noqa: ARG002 - the base class gives it
+        """Whether there is room for a connection."""
+        return self.clients.come(request)
+
+    def shutdown_request(self, request: Any) -> None:
+        """Close a connection."""
+        self.clients.go(request)
+        super().shutdown_request(request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Say nothing of a browser that closes its connection; everything else is a bug, and is printed."""
@@ -128,6 +139,13 @@ class Handler(BaseHTTPRequestHandler):
         self._guarded(self._post)
 
     def _guarded(self, answer: Any) -> None:
+        self.server.clients.answer(self.connection, begins=True)
+        try:
+            self._checked(answer)
+        finally:
+            self.server.clients.answer(self.connection, begins=False)
+
+    def _checked(self, answer: Any) -> None:
         headers = {k.lower(): v for k, v in self.headers.items()}
         door = self.server.door
         why_not = door.refusal(self.command, headers, self.connection.getsockname()[0])

@@ -10,6 +10,7 @@ TAKEN_UP = "asked of a state that was taken up, which sets it; no frame before"
 NO_GAP = "where there is no gap, of whole nanoseconds, nothing is asked of it"
 SOONER = "a string takes its ticks in before it must: only slower"
 BLOCKS = "ticks are put together when a string takes them, if not before"
+NO_FOLDER = "what is no directory is refused by the next call all the same; Python closes descriptors for children"
 MORE_BINS = "one empty bin more than there are groups, never looked up"
 
 EQUIVALENT: dict[str, dict[str, str]] = {
@@ -154,5 +155,19 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         ": if TYPE_CHECKING:  ->  if not TYPE_CHECKING:": ANNOTATIONS,
         "to_batch: len(kept) < len(messages)  ->  len(kept) <= len(messages)": "nothing is counted where all are kept",
         "to_batch: 1  ->  2": "numpy finds the length of an axis for any negative number",
+    },
+    "bms_gateway/store/state.py": {
+        ": 256  ->  257": "bytes of a head; ours has half as many, and a longer one is none of ours",
+        "_read: 1  ->  2": "of what is too long one byte more is read",
+        "_read: 1  ->  2  #2": "of what is too long one byte more is read",
+        "_read: len(head) + 1 + size + 1 - len(start)  ->  len(head) + 1 + size + 1 + len(start)": "of what "
+        "is too long up to half a kilobyte more is read",
+        "_read: len(body) < size  ->  len(body) <= size": "they differ here",
+    },
+    "bms_gateway/store/requests.py": {
+        "ask: os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC  ->  "
+        "(os.O_RDONLY | os.O_DIRECTORY) & os.O_CLOEXEC": NO_FOLDER,
+        "ask: os.O_RDONLY | os.O_DIRECTORY  ->  os.O_RDONLY & os.O_DIRECTORY": NO_FOLDER,
+        "_write: 8  ->  9": "a longer name that nobody guesses",
     },
 }

@@ -122,6 +122,15 @@ def test_what_is_missing_is_sent_as_not_available_not_made_up(tmp_path):
     assert np.allclose(value[~hole], 30.0, atol=0.0051)
 
 
+@pytest.mark.parametrize(("row", "column"), [("{},,25,26,27,28", "current_A"), ("{},5,25,26,,28", "surface_3_C")])
+def test_a_column_without_a_value_is_told(tmp_path, capsys, row, column):
+    path = put(tmp_path, [row.format(t) for t in range(20)])
+    assert main(["encode", path, *words_of(write(tmp_path, OWN), tmp_path / "a.log")]) == 0
+    assert capsys.readouterr().err.splitlines() == [
+        f"bms-gateway: note: {path}: {column} has no values: its signal is sent as not available"
+    ]
+
+
 def test_the_same_table_gives_the_same_bytes(tmp_path, table):
     config = write(tmp_path, OWN)
     logs = [tmp_path / "a.log", tmp_path / "b.log"]
@@ -304,6 +313,8 @@ def words_of(config, log):
         ([1e300, 2e300], "looks like milliseconds"),
         ([0, 100, 200, 300], "looks like milliseconds, it must be in seconds: it goes on by 100"),
         ([*range(0, 100, 10), 1e6], "spans 11.6 days"),
+        ([k / 3600 for k in range(900)], "looks like hours or days, it must be in seconds: 900 rows span 0.25 s"),
+        ([45_000 + k / 86_400 for k in range(900)], "looks like hours or days"),
     ],
 )
 def test_times_that_are_no_seconds_are_refused_and_the_old_log_stays(tmp_path, capsys, times, says):

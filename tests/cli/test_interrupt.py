@@ -76,6 +76,26 @@ def simulate(config: str, log: str) -> int:
     return subprocess.run(words, cwd=ROOT, check=False, stdout=subprocess.DEVNULL).returncode
 
 
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_command_that_is_told_to_end_leaves_no_part_of_a_result(number, tmp_path):
+    """As after Ctrl-C; its status says which signal it was."""
+    words = ["simulate", "--config", str(shipped("deploy/example/gateway.toml")), "--duration", "360000"]
+    (tmp_path / "a.log").write_text("an older result\n")
+    process = start([*words, "--out", str(tmp_path / "a.log")], tmp_path)
+    try:
+        end = time.monotonic() + PATIENCE_S
+        while not list(tmp_path.glob(".a.log.*")) and time.monotonic() < end:
+            time.sleep(0.02)
+        os.kill(process.pid, number)
+        assert process.wait(PATIENCE_S) == -number
+        assert sorted(p.name for p in tmp_path.iterdir()) == ["a.log", "stderr"]
+        assert (tmp_path / "a.log").read_text() == "an older result\n"
+        assert (tmp_path / "stderr").read_text() == ""
+    finally:
+        process.kill()
+        process.wait()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("command", "count", "after_s"),

@@ -1,5 +1,6 @@
 """Whatever is typed, the program answers with the right exit status and without a traceback."""
 
+import errno
 import importlib.util
 import json
 import os
@@ -120,6 +121,61 @@ def test_a_closed_pipe_is_quiet(tmp_path):
     os.close(writing)
     assert done.stderr == ""
     assert done.returncode == 141
+
+
+@pytest.mark.parametrize("words", [["--help"], ["effects"], ["completion", "bash"]])
+def test_an_output_on_a_full_disk_is_one_line(words):
+    """It was a traceback of `OSError`; with more output than one buffer it came from within the command."""
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "bms_gateway", *words], stdout=full, stderr=subprocess.PIPE, text=True, check=False
+        )
+    assert done.stderr == "bms-gateway: error: a result cannot be written: No space left on device\n"
+    assert done.returncode == 2
+
+
+def test_an_error_of_the_system_that_no_disk_makes_is_a_bug_to_be_seen(monkeypatch):
+    def refused(words):
+        raise ConnectionRefusedError(errno.ECONNREFUSED, "refused")
+
+    monkeypatch.setattr(program, "_dispatch", refused)
+    with pytest.raises(ConnectionRefusedError):
+        main(["check"])
+
+
+def test_without_standard_output_a_command_works_all_the_same(tmp_path):
+    """Python has no `sys.stdout` then."""
+    path, out = write(tmp_path, OWN), tmp_path / "out.json"
+    line = f"exec {sys.executable} -m bms_gateway check {path} --json {out} >&-"
+    done = subprocess.run(["sh", "-c", line], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert json.loads(out.read_text())["ok"] is True
+
+
+@pytest.mark.parametrize(
+    "environment",
+    [
+        {"PYTHONIOENCODING": "ascii"},
+        {"PYTHONIOENCODING": "utf-8"},
+        {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"},
+    ],
+)
+def test_any_encoding_of_the_terminal_and_any_name_of_a_file_will_do(tmp_path, environment):
+    """Of what it cannot show, the codes are shown; JSON stays JSON in UTF-8."""
+    folder = tmp_path / os.fsdecode(b"name\xff")  # no text in UTF-8
+    folder.mkdir()
+    path = str(write(folder, OWN))
+    words = [sys.executable, "-m", "bms_gateway", "check", path]
+    env = {**os.environ, **environment}
+    plain = subprocess.run(words, capture_output=True, check=False, env=env)
+    assert (plain.returncode, plain.stderr) == (0, b"")
+    assert plain.stdout.rstrip().endswith(b": sound")
+    to_pipe = subprocess.run([*words, "--json", "-"], capture_output=True, check=False, env=env)
+    assert b"Traceback" not in to_pipe.stderr
+    assert json.loads(to_pipe.stdout.decode())["ok"] is True
+    to_file = subprocess.run([*words, "--json", str(tmp_path / "a.json")], capture_output=True, check=False, env=env)
+    assert (to_file.returncode, to_file.stderr) == (0, b"")
+    assert (tmp_path / "a.json").read_bytes() == to_pipe.stdout
 
 
 def test_help_and_errors_need_nothing_heavy():

@@ -1,5 +1,6 @@
 """Whatever is in a config, its model or its DBC: `check` tells it in one line, soon, and without filling the memory."""
 
+import os
 import re
 import signal
 import subprocess
@@ -11,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from bms_gateway.cli.main import main
-from bms_gateway.config import bounds, load_config
+from bms_gateway.config import bounds, load_config, toml
 from bms_gateway.config.bounds import bounded
 from bms_gateway.errors import ConfigError
 from tests.config.files import DBC, MAPPED, write
@@ -91,6 +92,40 @@ def test_a_name_that_is_too_long_for_a_store_is_told(tmp_path, capsys):
 def test_a_file_that_never_ends_is_not_taken_in(capsys):
     assert main(["check", "/dev/zero"]) == 2
     assert "longer than 16 MiB" in one_line_of(capsys)
+
+
+def test_a_pipe_into_which_nobody_writes_is_given_up(tmp_path, monkeypatch, capsys):
+    """`check` waited for its end for ever."""
+    monkeypatch.setattr(toml, "READ_S", 0.5)
+    os.mkfifo(tmp_path / "gateway.toml")
+    assert main(["check", str(tmp_path / "gateway.toml")]) == 2
+    assert "it came to no end in 0.5 s" in one_line_of(capsys)
+
+
+def test_a_pipe_with_a_writer_is_read_to_its_end(tmp_path, capsys):
+    """As of `check <(make_config)`: the writer may take a while, and more than one piece."""
+    write(tmp_path, MAPPED)
+    text = (tmp_path / "gateway.toml").read_bytes()
+    (tmp_path / "gateway.toml").unlink()
+    os.mkfifo(tmp_path / "gateway.toml")
+
+    def give():
+        with (tmp_path / "gateway.toml").open("wb", buffering=0) as f:
+            f.write(text[:50])
+            time.sleep(0.3)
+            f.write(text[50:])
+
+    writer = threading.Thread(target=give)
+    writer.start()
+    assert main(["check", str(tmp_path / "gateway.toml")]) == 0
+    writer.join()
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("host", ["a..b", "..", "x" * 64 + ".de"])
+def test_a_broker_whose_name_no_resolver_takes_is_told_before_the_service_runs(tmp_path, capsys, host):
+    assert main(["check", str(write(tmp_path, MAPPED + f'[mqtt]\nhost = "{host}"\n'))]) == 2
+    assert "mqtt.host" in one_line_of(capsys)
 
 
 def test_strings_of_too_many_cells_are_refused_before_the_service_takes_them(tmp_path, monkeypatch, capsys):

@@ -85,6 +85,18 @@ def time_beyond_time(state):
     state["tick_end_ns"] = 10**30
 
 
+def time_beyond_floats(state):
+    state["tick_end_ns"] = -(10**400)
+
+
+def resistance_as_text(state):
+    observer(state)["parameters"][0]["R_e"][1] = "9" * 5000
+
+
+def variance_beyond_all(state):
+    observer(state)["surprise"]["own"][0][1] = 1e19
+
+
 def strings_as_list(state):
     state["estimators"]["strings"] = []
 
@@ -107,6 +119,9 @@ def nothing(state):
         (negative_covariance_of_parameters, "string_1: the covariance of its parameters is none"),
         (time_before_time, "is none of a clock"),
         (time_beyond_time, "is none of a clock"),
+        (time_beyond_floats, "is none of a clock"),
+        (resistance_as_text, "not of these strings"),
+        (variance_beyond_all, "holds 1e+19"),
         (strings_as_list, "does not fit this program"),
         (nothing, "does not fit this program"),
     ],

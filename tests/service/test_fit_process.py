@@ -94,6 +94,12 @@ def test_a_child_that_is_ended_has_made_no_fit_and_this_process_does_not_make_it
     assert Aside().run(EndedBy(number)) == NotDone(f"its process was ended by {number.name}")
 
 
+def test_a_signal_without_a_name_is_told_by_its_number(path):
+    """Signals for real time; it raised `ValueError`, which ends the service."""
+    number = signal.SIGRTMIN + 3
+    assert Aside().run(EndedBy(number)) == NotDone(f"its process was ended by signal {number}")
+
+
 def test_without_a_process_there_is_no_fit():
     found = Aside(child=("/nonexistent/python",)).run(Sum((0.0,)))
     assert found == NotDone("no process could be started for it: No such file or directory")

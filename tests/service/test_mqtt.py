@@ -319,6 +319,8 @@ def test_tls_is_spoken_with_the_right_broker_only(broker, tmp_path, caplog):
 class Liar(threading.Thread):
     """A broker that takes a client, then announces a packet of 256 MB and begins to send it."""
 
+    lie = b"\x30\xff\xff\xff\x7f" + bytes((1 << 20) - 5)
+
     def __init__(self):
         super().__init__(daemon=True)
         self.listener = socket.create_server(("127.0.0.1", 0))
@@ -331,10 +333,43 @@ class Liar(threading.Thread):
                 client, _ = self.listener.accept()
                 with client, suppress(OSError):
                     client.recv(4096)
-                    client.sendall(b"\x20\x02\0\0" + b"\x30\xff\xff\xff\x7f")
+                    client.sendall(b"\x20\x02\0\0" + self.lie)
                     for _ in range(64):
-                        client.sendall(bytes(1 << 20))
+                        client.sendall(self.next())
                         self.sent += 1
+
+    def next(self):
+        return bytes(1 << 20)
+
+
+class Talker(Liar):
+    """A broker that sends small messages that nobody has subscribed to, to be acknowledged, without end."""
+
+    lie = b"\x34\x09\x00\x04some\x00\x01x"
+
+    def next(self):
+        numbers = range(self.sent * 1000 % 65_000 + 1, self.sent * 1000 % 65_000 + 1001)
+        return b"".join(b"\x34\x09\x00\x04some" + n.to_bytes(2, "big") + b"x" for n in numbers)
+
+
+def test_a_broker_that_talks_without_end_is_left(monkeypatch, caplog):
+    """The client keeps each such message until the broker has acknowledged the acknowledgement: 190 MB in 8 s."""
+    monkeypatch.setattr(mqtt, "RETRY_FIRST_S", 0.05)
+    monkeypatch.setattr(mqtt, "RETRY_MOST_S", 0.2)
+    monkeypatch.setattr(mqtt, "ANSWER_S", 1.0)
+    caplog.set_level(logging.DEBUG, "bms_gateway.service.mqtt")
+    broker = Talker()
+    broker.start()
+    p = publisher(broker)
+
+    async def some_time():
+        running = asyncio.ensure_future(p.run())
+        await come(lambda: caplog.text.count("though it has nothing to tell us") >= 2)
+        running.cancel()
+        await asyncio.wait([running])
+
+    asyncio.run(some_time())
+    broker.listener.close()
 
 
 def test_a_packet_that_announces_256_mb_takes_none_of_it(monkeypatch, caplog):

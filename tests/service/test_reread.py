@@ -53,6 +53,7 @@ def test_a_fault_of_the_files_comes_back_as_its_line(tmp_path):
     ("code", "patience_s", "says"),
     [
         ("import os; os.kill(os.getpid(), 9)", PATIENCE_S, "ended with SIGKILL"),
+        ("import os; os.kill(os.getpid(), 40)", PATIENCE_S, "ended with signal 40"),  # has no name
         ("raise KeyError('a bug')", PATIENCE_S, "ended with status 1"),
         ("import time; time.sleep(600)", 0.5, "came to no end in 0.5 s"),
         ("print('0.0')", PATIENCE_S, "another version of the program has been installed: restart the service"),

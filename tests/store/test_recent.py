@@ -1,9 +1,12 @@
 """The record of recent signals: exact, bounded, and whatever happens to its files no garbage and no lost block."""
 
 import errno
+import json
 import os
 import random
+import struct
 import tracemalloc
+import zlib
 
 import numpy as np
 import pytest
@@ -12,6 +15,7 @@ from hypothesis import strategies as st
 
 from bms_gateway.engine import Decoded, Engine
 from bms_gateway.errors import DataError, StateError
+from bms_gateway.records.recent_signals import write_recent
 from bms_gateway.store.recent import Recent, read_recent
 from bms_gateway.store.rows import excerpt
 from tests.engine.packs import database, plan
@@ -261,3 +265,71 @@ def test_a_full_bus_of_wanted_samples_waits_in_half_its_bytes_and_is_packed_litt
     assert waiting < 13.0 * each * ticks  # of 24 as they came
     assert most - waiting < 6e6
     assert len(samples(tmp_path / "recent")) == each * ticks
+
+
+BLOCK = {"start_us": 1_700_000_000_000_000, "inputs": [0], "counts": [1], "strings": {"s": {"current_A": 0}}}
+
+
+def laid(folder, line):
+    """Write a ring of one block with a sound check sum, as anybody can who may write there."""
+    text = line if isinstance(line, bytes) else json.dumps(line).encode()
+    content = zlib.compress(text + b"\n" + bytes(8), 6)
+    size = struct.pack("<I", len(content))
+    folder.mkdir()
+    check = struct.pack("<I", zlib.crc32(content, zlib.crc32(size)))
+    (folder / "recent-00000001").write_bytes(b"bmsrec1\n" + size + check + content)
+    return folder
+
+
+def test_the_sound_one_of_these_is_read(tmp_path):
+    assert samples(laid(tmp_path / "recent", BLOCK)) == [(0, BLOCK["start_us"], 0.0)]
+
+
+@pytest.mark.parametrize(
+    "strings",
+    [
+        {"s": {"current_A": [1]}},
+        {"s": {"current_A": {"a": 1}}},
+        {"s": {"current_A": "x"}},
+        {"s": {"current_A": None}},
+        {"s": {"current_A": True}},
+        {"s": {"soc": float("nan")}},
+        {"s": [[1, 0]]},
+        {"s": {"a,b\n=1": 0}},
+        {"s/../../etc": {"current_A": 0}},
+        {"": {"current_A": 0}},
+        {"s" * 201: {"current_A": 0}},
+        [["s", {"current_A": 0}]],
+    ],
+)
+def test_a_block_whose_layout_is_none_is_left_out(tmp_path, strings):
+    """Root reads what the service's user may have written: each of these was a traceback, or went into the table."""
+    problems = []
+    assert samples(laid(tmp_path / "recent", {**BLOCK, "strings": strings}), problems) == []
+    assert "are damaged or not of this program" in str(problems[0])
+
+
+def test_strings_without_a_sample_are_told(tmp_path):
+    ring = laid(tmp_path / "recent", {**BLOCK, "inputs": [1]})
+    with pytest.raises(DataError, match="of no string a signal is recorded in this time"):
+        write_recent(tmp_path / "a.csv", ring.parent, 60.0, None, "export", print)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        b'{"a":[' + b"[]," * (5 << 20) + b"[]]}",
+        b'{"a":[' + b"[]," * (21 << 20) + b"[]]}",
+        b'{"a":[' + b"1," * (7 << 20) + b"1]}",
+    ],
+)
+def test_a_block_of_some_kilobytes_does_not_fill_the_memory(tmp_path, line):
+    """64 kB of empty lists took 1.7 GB and 22 s."""
+    ring, problems = laid(tmp_path / "recent", line), []
+    assert (ring / "recent-00000001").stat().st_size < 100_000
+    tracemalloc.start()
+    assert samples(ring, problems) == []
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 64 << 20
+    assert len(problems) == 1

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from bms_gateway.errors import StateError
 from bms_gateway.store import StateStore
+from bms_gateway.store import state as state_module
 
 FRESH = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=150)
 GOOD = {"generation": 2, "fill": "y" * 300}
@@ -235,3 +236,79 @@ def test_any_bytes_are_set_aside_with_a_reason(tmp_path, tail, lead):
     assert found.state is None
     assert len(found.problems) == 1
     assert isinstance(found.problems[0], StateError)
+
+
+@pytest.mark.parametrize(("claimed", "says"), [(1 << 26, "3 of 67108864 bytes are there"), ((1 << 26) + 1, "at most")])
+def test_a_state_may_claim_64_mib_and_not_a_byte_more(tmp_path, claimed, says):
+    head = f"bms-gateway-state 1 {hashlib.sha256(b'abc').hexdigest()} {claimed}\n"
+    (tmp_path / "state").write_bytes(head.encode() + b"abc")
+    assert says in str(StateStore(tmp_path).load().problems[0])
+
+
+def test_what_comes_after_a_state_makes_it_none(tmp_path):
+    saved(tmp_path)
+    for more in (b"x", b"x" * 1000):
+        StateStore(tmp_path).save(GOOD, wall_ns=3)
+        with (tmp_path / "state").open("ab") as f:
+            f.write(more)
+        assert "it is too long" in str(StateStore(tmp_path).load().problems[0])
+
+
+def test_a_store_that_has_read_nothing_misses_nothing(tmp_path):
+    assert StateStore(tmp_path).unread == ""
+
+
+def test_a_later_format_is_told_even_where_nothing_else_stands_there(tmp_path):
+    (tmp_path / "state").write_bytes(b"bms-gateway-state 2\n")
+    assert "it has format 2, this version knows 1; set aside as state.too-new" in str(
+        StateStore(tmp_path).load().problems[0]
+    )
+
+
+def test_a_sound_check_sum_makes_no_state_of_a_million_lists(tmp_path):
+    body = b'{"saved_ns":1,"state":{"a":[' + b"[]," * 1_000_000 + b"[]]}}"
+    head = f"bms-gateway-state 1 {hashlib.sha256(body).hexdigest()} {len(body)}\n"
+    (tmp_path / "state").write_bytes(head.encode() + body)
+    assert "it has far more values than a state of this program" in str(StateStore(tmp_path).load().problems[0])
+
+
+def test_what_is_damaged_when_the_next_is_saved_is_kept_aside(tmp_path):
+    saved(tmp_path)
+    damaged = (tmp_path / "state").read_bytes()[:-1]
+    (tmp_path / "state").write_bytes(damaged)
+    assert StateStore(tmp_path).save({"generation": 3}, wall_ns=3) is None
+    assert (tmp_path / "state.corrupt").read_bytes() == damaged
+    assert StateStore(tmp_path).load().state == {"generation": 3}
+
+
+def test_a_refused_state_that_could_not_be_set_aside_is_set_aside_with_the_next_save(tmp_path, monkeypatch):
+    store = saved(tmp_path)
+    refused = (tmp_path / "state").read_bytes()
+
+    def use(state):
+        raise StateError("not for us")
+
+    def replace(*_):
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    def unsettled():
+        with monkeypatch.context() as m:
+            m.setattr(type(tmp_path), "replace", replace)
+            assert "cannot be set aside: Read-only file system" in str(store.load(use).problems[0])
+
+    unsettled()
+    assert store.load().state == GOOD  # taken up after all
+    assert store.save({"generation": 3}, wall_ns=3) is None
+    assert (tmp_path / "state.previous").read_bytes() == refused
+    refused = (tmp_path / "state").read_bytes()
+    unsettled()
+    assert store.save({"generation": 4}, wall_ns=4) is None
+    assert (tmp_path / "state.refused").read_bytes() == refused
+
+
+def test_a_state_of_64_mib_is_saved_and_not_one_of_a_byte_more(tmp_path, monkeypatch):
+    monkeypatch.setattr(state_module, "MAX_BYTES", len('{"saved_ns":3,"state":{"fill":"1234"}}'))
+    assert StateStore(tmp_path).save({"fill": "1234"}, wall_ns=3) is None
+    assert "the state is not saved: 39 bytes, at most 38" in str(
+        StateStore(tmp_path).save({"fill": "12345"}, wall_ns=3)
+    )

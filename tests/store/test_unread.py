@@ -86,6 +86,7 @@ def test_a_newer_state_that_cannot_be_read_gets_a_name_of_its_own_beside_the_one
 
 def test_where_names_run_out_nothing_is_saved_and_nothing_is_lost(tmp_path, disk):
     store = saved(tmp_path)
+    assert KEPT_MOST == 5
     for n in range(KEPT_MOST):
         disk.spoil("state")
         assert store.save({"generation": 3 + n}, wall_ns=n) is None

@@ -4,7 +4,7 @@ import http.client
 import json
 import socket
 import threading
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from urllib.parse import urlsplit
 
 import pytest
@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from bms_gateway.cli.main import main
 from bms_gateway.config import shipped
 from bms_gateway.errors import UsageError
-from bms_gateway.workbench import doors
+from bms_gateway.workbench import clients, doors
 from bms_gateway.workbench import site as sites
 from bms_gateway.workbench.doors import Door, names, refusal
 from bms_gateway.workbench.server import Server
@@ -293,3 +293,26 @@ def test_the_number_at_which_it_was_reached_is_a_name_of_it():
     door = Door("::", "::", 8420)
     assert door.refusal("GET", {"host": "198.51.100.7:8420"}, "::ffff:198.51.100.7") == ""
     assert door.refusal("GET", {"host": "198.51.100.8:8420"}, "::ffff:198.51.100.7") != ""
+
+
+def test_idle_connections_keep_nobody_out_and_take_no_threads_without_end(server, desk):
+    """Each had a thread and a descriptor for two minutes; a browser that is being answered keeps its connection."""
+    port = server.server_address[1]
+    stream = socket.create_connection(("127.0.0.1", port), timeout=60)
+    stream.sendall(f"GET /api/events?desk={desk} HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n\r\n".encode())
+    first = stream.recv(65_536)
+    before = threading.active_count()
+    idle = [socket.create_connection(("127.0.0.1", port), timeout=60) for _ in range(3 * clients.MOST)]
+    try:
+        assert first.startswith(b"HTTP/1.1 200")
+        assert ask(server, "GET", "/api/site")[0] == 200
+        assert threading.active_count() <= before + clients.MOST
+        assert idle[0].recv(1) == b""  # closed: it had been idle longest
+        stream.settimeout(0.5)
+        with suppress(TimeoutError):
+            while stream.recv(65_536):
+                pass
+            pytest.fail("the stream was cut")
+    finally:
+        for one in (stream, *idle):
+            one.close()
