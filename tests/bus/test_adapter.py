@@ -79,7 +79,7 @@ def test_an_adapter_that_is_unplugged_is_opened_again_with_growing_delays(adapte
     assert len(port.drain()) == 0
     adapter.opening = OSError("not there")
     delays = []
-    with caplog.at_level(logging.DEBUG):
+    with caplog.at_level(logging.DEBUG, logger="bms_gateway.bus.pythoncan"):
         while len(delays) < 7:
             wait = port.pump()
             assert port.pump() == pytest.approx(wait)

@@ -184,7 +184,7 @@ def test_an_interface_that_goes_away_while_it_is_down_is_told_apart(interface, t
     interface.up = False
     port = opened(time)
     interface.there = False
-    with caplog.at_level(logging.DEBUG):
+    with caplog.at_level(logging.DEBUG, logger="bms_gateway.bus.socketcan"):
         for delay in (0.2, 0.4):
             time.pass_s(1.0)
             assert port.pump() == pytest.approx(delay)

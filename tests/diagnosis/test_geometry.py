@@ -99,6 +99,7 @@ def test_a_fit_within_its_format_is_as_without_one(tall):
 def test_a_hypothesis_that_leaves_the_format_is_refused_where_the_model_as_it_is_does_not(tall):
     from bms_gateway.diagnosis.model_error import Bench, ModelError, averaged, fit
     from bms_gateway.diagnosis.prepare import measured
+    from bms_gateway.identify.map_fit import FitEffort
     from bms_gateway.identify.problem import Problem
 
     path, log = tall
@@ -109,7 +110,7 @@ def test_a_hypothesis_that_leaves_the_format_is_refused_where_the_model_as_it_is
     def hypothesis(model, base=None):
         bench = Bench([averaged(measured(record, model), error)], error)
         problem = Problem(model, bench.records, bench.beliefs)
-        return judged((), fit(bench, problem, problem.begin, iterations=12), (), base)
+        return judged((), fit(bench, problem, problem.begin, FitEffort(iterations=12)), (), base)
 
     within, against = hypothesis(round_), hypothesis(thin)
     assert "R_c" in hypothesis(thin, within).refused
