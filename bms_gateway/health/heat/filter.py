@@ -33,6 +33,9 @@ BIAS_SD, BIAS_WALK = 0.3, 0.1
 OWN_SD, OWN_FIRST, OWN_S = 0.03, 0.12, 12 * HOUR_S
 """ln: by so much are cells of one string unlike, in heat and in R_u, or come to be; and places of a
 thermocouple that nobody has seen yet."""
+STOPPED = 0.7
+"""Share of the films' conductance that is lost with a fan or pump that stands. A lone thermocouple may not be explained
+by more, for it reads the same of a cell that heats."""
 MOST_OWN = 0.5
 """Share by which a cell's own film differs at most: beyond, a step of the grid would not be stable."""
 HEAT_RATE, HEAT_S = 1e-4, HOUR_S
@@ -252,7 +255,7 @@ class HeatFilter:
         held = np.flatnonzero(self.alone & self.open.any(axis=1))
         K[held, at.common] = 0.0
         self.z = z1 + np.matmul(K, nu[:, :, None])[:, :, 0]
-        self.z[:, at.flow] = np.clip(self.z[:, at.flow], LEAST_LOSS, MOST_LOSS)
+        self.z[:, at.flow] = np.clip(self.z[:, at.flow], LEAST_LOSS, np.where(self.alone, STOPPED, MOST_LOSS))
         self.z[:, at.own_flow] = np.clip(self.z[:, at.own_flow], -MOST_OWN, MOST_OWN)
         less = np.matmul(K, PHt.transpose(0, 2, 1))
         less[held, at.common] = less[held, :, at.common].transpose(0, 2, 1)  # Schmidt's filter: as uncertain as before

@@ -179,7 +179,9 @@ class Verdict:
         if self.of.alone[self.s]:
             heat, flow = kinds == Kind.HEAT, int(np.flatnonzero(kinds == Kind.FLOW)[0])
             lost = float(w.amplitude[self.s, w.ln[self.s, :, flow].argmax(), flow])
-            if 0.0 < lost < MOST_STOPPED and E[heat].max() < LIKE_HEAT * E[flow]:
+            if lost + float(self.of.z[self.s, self.of.at.flow]) > MOST_STOPPED:
+                E[flow] = -np.inf
+            elif lost > 0.0 and E[heat].max() < LIKE_HEAT * E[flow]:
                 E[heat] = np.minimum(E[heat], E[flow] - RARER)
         best = int(E.argmax())
         kind, j = Kind(int(kinds[best])), int(place[best])
@@ -325,6 +327,7 @@ class Verdict:
         f.P[s, h, h] += chance * np.square(SIZE_SD * amplitude)
         if f.alone[s]:  # nothing else has changed, however far a lone thermocouple took it
             f.z[s, f.at.common] = e.before(s, int(w.ln[s, :, fault].argmax()))
+            f.z[s, f.at.flow] = self.course.film[s]  # of the last hour: slow heat takes it along before it is told
         return tuple(int(e.place[j]) for j, c in zip(group, chance.tolist(), strict=True) if c > 0.02)
 
     def _others(self, share: Floats, kind: Kind, place: int) -> tuple[tuple[str, float], ...]:
@@ -361,7 +364,8 @@ class Verdict:
             h = at.heat.start + np.array(g.places)
             heat, P = f.z[s, h], f.P[s][np.ix_(h, h)]
             chance = float(heat @ np.linalg.solve(P, heat)) < ENDED_SD**2 + len(h) - 1
-            chance = chance and float(heat.sum()) < ENDED_SHARE * g.size  # not for want of knowledge alone
+            most = float(heat.sum()) + sqrt(max(0.0, float(P.sum())))
+            chance = chance and most < ENDED_SHARE * g.size  # not for want of knowledge alone
             return self._quiet(g, now_ns, chance or float(heat.sum()) < LEAST_RATE * float(f.C[s, g.place]), ENDED_S)
         if g.kind is Kind.JUMP:
             return self._quiet(g, now_ns, abs(float(f.z[s, at.bias.start + g.place])) < BACK_JUMP, 60.0)
