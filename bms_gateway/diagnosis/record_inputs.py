@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from numbers import Integral
 
 import numpy as np
 
@@ -108,13 +109,22 @@ class Columns:
         for name in ROWS:
             if (given := getattr(self, name)) is not None:
                 object.__setattr__(self, name, self._row(name, given, len(rows)))
+        for name in NEEDED:
+            if getattr(self, name) is None:
+                raise DataError(f"{self.source}: {name}: missing")
         for name, of_cell in ROWS_OF_CELLS.items():
+            given = getattr(self, name)
+            if not isinstance(given, Mapping) or not all(isinstance(k, Integral) for k in given):
+                example = "{1: the row of cell 1, 3: that of cell 3}"
+                raise DataError(f"{self.source}: {name}: a mapping of numbers of cells is expected, as {example}")
             columns = {k: self._row(of_cell.format(k), x, len(rows)) for k, x in getattr(self, name).items()}
             object.__setattr__(self, name, columns)
 
     def _row(self, name: str, given: Floats, rows: int | None) -> Floats:
         try:
-            x = np.asarray(given, np.float64)
+            if np.iscomplexobj(given):
+                given = None  # type: ignore[assignment]
+            x = np.ma.filled(np.ma.asarray(given, np.float64), np.nan)  # what is masked is missing
         except (TypeError, ValueError):
             raise DataError(f"{self.source}: {name}: not a row of numbers") from None
         if x.ndim != 1:
@@ -124,6 +134,7 @@ class Columns:
         return x
 
 
+NEEDED = ("current_A", "coolant_inlet_C")
 ROWS = ("current_A", "coolant_inlet_C", "voltage_V", "soc", "coolant_flow_m3_s", "mean_square_current")
 """Columns of the whole string."""
 ROWS_OF_CELLS = {"surface_C": "surface_{}_C", "core_C": "core_{}_C", "cell_voltage_V": "cell_voltage_{}_V"}

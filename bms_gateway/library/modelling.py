@@ -338,4 +338,10 @@ def asked_for(effects: Sequence[str], model: StringModel) -> list[Wanted]:
 
 
 def _several(records: Records) -> list[Record]:
-    return [records] if isinstance(records, Record) else list(records)
+    some = list(records) if isinstance(records, Sequence) else [records]
+    for r in some:
+        if not isinstance(r, Record):
+            raise UsageError(f"records: {type(r).__name__}: not a Record; make one by Record.of(columns, model)")
+    if not some:
+        raise UsageError("records: none given")
+    return some

@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from math import isfinite
+from numbers import Integral
 from pathlib import Path
 
 from bms_gateway.config import model_file
@@ -93,8 +95,14 @@ def cell_model(
     """
     if condition not in CONDITIONS:
         raise ConfigError(f"condition '{condition}': valid: {', '.join(CONDITIONS)}")
+    if not isinstance(cells, Integral) or cells < 1:
+        raise ConfigError(f"cells: {cells!r}: a whole number from 1 on is expected")
+    if not isinstance(sensors, Sequence) or not all(isinstance(k, Integral) for k in sensors):
+        raise ConfigError(f"sensors: {sensors!r}: numbers of cells are expected, such as (1, {cells})")
     if wrong := [k for k in sensors if not 1 <= k <= cells]:
         raise ConfigError(f"sensors: cell {wrong[0]} does not exist; valid: 1 to {cells}")
+    if coolant_W_K is not None and not (isfinite(coolant_W_K) and coolant_W_K > 0.0):
+        raise ConfigError(f"coolant_W_K: {coolant_W_K!r}: a number above 0 is expected, W/K")
     facts = cell_of(cell)
     bare = StringModel(cells, tuple(sorted(set(sensors))), condition, {}, cell_format=cell)
     priors = cell_priors(facts, conduction=bare.has_conduction)

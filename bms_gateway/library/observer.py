@@ -33,6 +33,10 @@ FIRST_ID: Final = 0x100
 METHODS: Final = ("window", "rls", "off")
 
 
+LATEST_S = 9e9
+"""s: stamps are nanoseconds of 64 bits inside."""
+
+
 @dataclass(frozen=True, slots=True)
 class Cores:
     """Temperatures of n cells at T seconds. A value that is not available is NaN.
@@ -96,6 +100,8 @@ class Observer:
         identify: Literal["window", "rls", "off"] = "window",
         disturbance: Disturbance | None = None,
     ) -> None:
+        if not isinstance(model, StringModel):
+            raise UsageError(f"model: {type(model).__name__}: not a StringModel")
         if identify not in METHODS:
             raise UsageError(f"identify '{identify}': unknown{did_you_mean(identify, METHODS)}")
         self._model, self._identify = model, identify
@@ -167,6 +173,8 @@ class Observer:
         t = rows.time_s
         if len(t) < 2:
             raise DataError(f"{rows.source}: {len(t)} rows: an observer needs at least two")
+        if not (np.abs(t) < LATEST_S).all():
+            raise DataError(f"{rows.source}: time_s: from {t.min():g} to {t.max():g}: seconds are expected")
         if not (np.diff(t, prepend=self._last_s) > 0.0).all():
             raise DataError(f"{rows.source}: time_s does not increase, or does not follow the run before")
         missing = [k for k in self._model.sensors if k not in rows.surface_C]

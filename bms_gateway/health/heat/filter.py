@@ -33,9 +33,9 @@ BIAS_SD, BIAS_WALK = 0.3, 0.1
 OWN_SD, OWN_FIRST, OWN_S = 0.03, 0.12, 12 * HOUR_S
 """ln: by so much are cells of one string unlike, in heat and in R_u, or come to be; and places of a
 thermocouple that nobody has seen yet."""
-STOPPED = 0.7
-"""Share of the films' conductance that is lost with a fan or pump that stands. A lone thermocouple may not be explained
-by more, for it reads the same of a cell that heats."""
+STOPPED, CALM_RATE = 0.7, 1e-3
+"""Share of the films' conductance that is lost with a fan or pump that stands; and heat below this, K/s of a cell's heat
+capacity, is none. Without heat, a lone thermocouple may not be explained by more: no film makes a surface rise."""
 MOST_OWN = 0.5
 """Share by which a cell's own film differs at most: beyond, a step of the grid would not be stable."""
 HEAT_RATE, HEAT_S = 1e-4, HOUR_S
@@ -123,6 +123,8 @@ class HeatFilter:
         Cells with a fault that heats.
     flows : ndarray (S,)
         Coolant flow, over nominal.
+    calm : ndarray of bool (S,)
+        Where the current made no heat in the last step.
     before : ndarray (S, 5)
         What is common to all cells, as it was before the last step.
     """
@@ -163,6 +165,7 @@ class HeatFilter:
         self._open_sd = np.zeros((S, at.near))
         self.running: Bools = np.zeros(S, np.bool_)
         self.before: Floats = np.zeros((S, COMMON))
+        self.calm: Bools = np.zeros(S, np.bool_)
         for s in range(S):
             self._forget(s)
 
@@ -255,7 +258,9 @@ class HeatFilter:
         held = np.flatnonzero(self.alone & self.open.any(axis=1))
         K[held, at.common] = 0.0
         self.z = z1 + np.matmul(K, nu[:, :, None])[:, :, 0]
-        self.z[:, at.flow] = np.clip(self.z[:, at.flow], LEAST_LOSS, np.where(self.alone, STOPPED, MOST_LOSS))
+        self.calm = (m.heat < CALM_RATE * b.C).all(axis=1)
+        most = np.where(self.alone & self.calm, STOPPED, MOST_LOSS)
+        self.z[:, at.flow] = np.clip(self.z[:, at.flow], LEAST_LOSS, most)
         self.z[:, at.own_flow] = np.clip(self.z[:, at.own_flow], -MOST_OWN, MOST_OWN)
         less = np.matmul(K, PHt.transpose(0, 2, 1))
         less[held, at.common] = less[held, :, at.common].transpose(0, 2, 1)  # Schmidt's filter: as uncertain as before

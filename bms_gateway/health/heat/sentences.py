@@ -35,10 +35,10 @@ def sentence(f: "Finding", cells: int, now_ns: int, *, over: bool = False) -> st
         else_ = "; could also be " + ", ".join(f"{name} ({p:.0%})" for name, p in f.others)
     if f.code == "unexplained_heat":
         near = [k for k in ((f.cell or 0) - 1, (f.cell or 0) + 1) if 1 <= k <= cells]
-        beside = " or " + " or ".join(map(str, near)) if near else ""
+        beside = f"; it may sit in cell {' or '.join(map(str, near))}" if near else ""
         return (
             f"cell {f.cell} heats by itself: {_watts(f.heat, 2)} ± {_watts(f.heat_sd, 1)} W that no current makes, "
-            f"since {_how_long(now_ns - f.since_ns)} ({f.sure:.0%} sure; it may sit in neighbour{beside}){else_}: an "
+            f"since {_how_long(now_ns - f.since_ns)} ({f.sure:.0%} sure{beside}){else_}: an "
             "internal short is likely, stop, cool the string and watch the cell"
         )
     if f.code == "missing_heat":

@@ -178,10 +178,12 @@ class Verdict:
         E = each + self.usual()
         if self.of.alone[self.s]:
             heat, flow = kinds == Kind.HEAT, int(np.flatnonzero(kinds == Kind.FLOW)[0])
-            lost = float(w.amplitude[self.s, w.ln[self.s, :, flow].argmax(), flow])
-            if lost + float(self.of.z[self.s, self.of.at.flow]) > MOST_STOPPED:
+            since = int(w.ln[self.s, :, flow].argmax())
+            lost = float(w.amplitude[self.s, since, flow])
+            rest = lost * float(self.evidence.moved(self.s, since, flow)[self.of.at.flow])  # not in the numbers yet
+            if self.of.calm[self.s] and rest + float(self.of.z[self.s, self.of.at.flow]) > MOST_STOPPED:
                 E[flow] = -np.inf
-            elif lost > 0.0 and E[heat].max() < LIKE_HEAT * E[flow]:
+            elif 0.0 < lost < MOST_STOPPED and E[heat].max() < LIKE_HEAT * E[flow]:
                 E[heat] = np.minimum(E[heat], E[flow] - RARER)
         best = int(E.argmax())
         kind, j = Kind(int(kinds[best])), int(place[best])
