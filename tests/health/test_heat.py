@@ -288,3 +288,27 @@ def test_a_thermocouple_that_drifts_by_two_kelvin_an_hour_is_told(pack: str) -> 
         told = [t - case.at for t, code, cell in alerts if (code, cell) == ("thermocouple", case.cell)]
         right += bool(told) and told[0] > 600 and not any(code == "unexplained_heat" for _, code, _ in alerts)
     assert right >= 5  # in the first ten minutes a drift can look like heat
+
+
+def test_a_lone_thermocouple_of_a_large_cell_at_rest_is_not_explained_away_by_its_film() -> None:
+    # Bug: the film was taken for lost, more and more of it, and the alert that had come was over while the cell heated.
+    numbers = {"C_c": 700.0, "C_s": 60.0, "R_e": 1.2e-3, "R_c": 0.8, "R_u": 0.5}
+    watch = HeatWatch([StringModel(1, (1,), "single", {k: Prior(x, 0.1) for k, x in numbers.items()})], 1.0)
+    rng, one, core, surface, told = np.random.default_rng(1), np.ones(1), 25.0, 25.0, []
+    for k in range(5200):
+        current = rng.normal(0.0, 150.0) if k < 3000 else 0.0
+        heat = 1.2e-3 * current**2 + (60.0 if k >= 3600 else 0.0)
+        for _ in range(5):
+            flux = (core - surface) / 0.8
+            core, surface = core + 0.2 * (heat - flux) / 700.0, surface + 0.2 * (flux - (surface - 25.0) / 0.5) / 60.0
+        y = np.full((1, 1), np.round((surface + rng.normal(0.0, 0.05)) * 10.0) / 10.0)
+        inlet = 25.0 + 0.001 * (k % 2) * one
+        told += [
+            (k - 3600, f.code, f.level)
+            for _, f in watch.add(k * 10**9, current**2 * one, None, current * one, inlet, y, np.zeros((1, 1))) or ()
+        ]
+    assert [code for _, code, _ in told] == ["unexplained_heat"]
+    assert 0 < told[0][0] <= 600
+    assert told[0][2] == 2
+    believed, sd = watch.cores(np.full((1, 1), np.nan), np.zeros((1, 1)))
+    assert abs(believed[0, 0] - core) <= 2.0 * sd[0, 0]

@@ -34,8 +34,8 @@ OWN_SD, OWN_FIRST, OWN_S = 0.03, 0.12, 12 * HOUR_S
 """ln: by so much are cells of one string unlike, in heat and in R_u, or come to be; and places of a
 thermocouple that nobody has seen yet."""
 STOPPED, CALM_RATE = 0.7, 1e-3
-"""Share of the films' conductance that is lost with a fan or pump that stands; and heat below this, K/s of a cell's heat
-capacity, is none. Without heat, a lone thermocouple may not be explained by more: no film makes a surface rise."""
+"""Share of the films' conductance that is lost with a fan or pump that stands; and K/s of a cell's heat capacity below
+which the current makes no heat. Then a lone thermocouple is not explained by more: no film makes a surface rise."""
 MOST_OWN = 0.5
 """Share by which a cell's own film differs at most: beyond, a step of the grid would not be stable."""
 HEAT_RATE, HEAT_S = 1e-4, HOUR_S
@@ -258,7 +258,7 @@ class HeatFilter:
         held = np.flatnonzero(self.alone & self.open.any(axis=1))
         K[held, at.common] = 0.0
         self.z = z1 + np.matmul(K, nu[:, :, None])[:, :, 0]
-        self.calm = (m.heat < CALM_RATE * b.C).all(axis=1)
+        self.calm = np.asarray((m.heat < CALM_RATE * b.C).all(axis=1), np.bool_)
         most = np.where(self.alone & self.calm, STOPPED, MOST_LOSS)
         self.z[:, at.flow] = np.clip(self.z[:, at.flow], LEAST_LOSS, most)
         self.z[:, at.own_flow] = np.clip(self.z[:, at.own_flow], -MOST_OWN, MOST_OWN)
