@@ -121,9 +121,9 @@ class Columns:
             object.__setattr__(self, name, columns)
 
     def _row(self, name: str, given: Floats, rows: int | None) -> Floats:
+        if np.iscomplexobj(given):
+            raise DataError(f"{self.source}: {name}: complex numbers, expected real ones")
         try:
-            if np.iscomplexobj(given):
-                given = None  # type: ignore[assignment]
             x = np.ma.filled(np.ma.asarray(given, np.float64), np.nan)  # what is masked is missing
         except (TypeError, ValueError):
             raise DataError(f"{self.source}: {name}: not a row of numbers") from None

@@ -22,7 +22,7 @@ def columns(**more):
         ({"surface_C": SURFACE}, "surface_C: a mapping of numbers of cells is expected"),
         ({"surface_C": {"1": SURFACE}}, "surface_C: a mapping of numbers of cells is expected"),
         ({"current_A": None}, "current_A: missing"),
-        ({"current_A": np.full(1200, 9.0 + 1.0j)}, "current_A: not a row of numbers"),
+        ({"current_A": np.full(1200, 9.0 + 1.0j)}, "current_A: complex numbers"),
     ],
 )
 def test_columns_that_are_none(more, words):
