@@ -223,6 +223,8 @@ def draw_inputs(rows: Columns, model: StringModel, half_way: bool | None, notes:
         There is no current or no inlet.
     """
     t, amps = _believable(rows, rows.current_A, "current", "current_A", notes)
+    if len(t) < 2 or not amps.any():
+        _refuse_unit(rows.source, "current_A", rows.current_A, "current", "A", "mA")
     if len(t) < 2:
         raise DataError(f"{rows.source}: current_A has no values: without it there is no heat to explain")
     if half_way is None:
@@ -234,6 +236,7 @@ def draw_inputs(rows: Columns, model: StringModel, half_way: bool | None, notes:
     _tell_gaps(t, bridge, bridged(t)[1], notes)
     t_in, T_in = _believable(rows, rows.coolant_inlet_C, "coolant_inlet", "coolant_inlet_C", notes)
     if not len(t_in):
+        _refuse_unit(rows.source, "coolant_inlet_C", rows.coolant_inlet_C, "coolant_inlet", "°C", "K")
         raise DataError(f"{rows.source}: coolant_inlet_C has no values: give the inlet or ambient temperature")
     _tell_reach(t, t_in, "coolant inlet", notes)
     current = path(t, amps, gaps, half_way=half_way)
@@ -259,6 +262,23 @@ def _believable(rows: Columns, x: Floats, quantity: str, name: str, notes: list[
     if wild := int(known.sum() - good.sum()):
         notes.append(f"{wild} values of {name} are outside {low:g} to {high:g} and are left out.")
     return rows.time_s[good], x[good]
+
+
+def _refuse_unit(source: str, name: str, x: Floats, quantity: str, unit: str, perhaps: str) -> None:
+    """Refuse a column of which nothing worth is left once what nobody believes is left out.
+
+    Raises
+    ------
+    DataError
+        Some values are beyond belief.
+    """
+    low, high = PLAUSIBLE[quantity]
+    wild = x[np.isfinite(x) & ((x < low) | (x > high))]
+    if len(wild):
+        raise DataError(
+            f"{source}: {name}: {len(wild)} of {len(x)} values are outside {low:g} to {high:g} {unit} (such as "
+            f"{wild[0]:g}), and the others tell nothing: are they in {perhaps}?"
+        )
 
 
 def _in_bursts(t: Floats) -> bool:

@@ -36,6 +36,19 @@ def test_times_that_are_no_seconds(time_s):
         Observer(MODEL).run(columns(time_s=time_s))
 
 
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ({"current_A": np.where(T % 2 == 0, 15_000.0, 0.0)}, r"current_A: 600 of 1200 .*15000.*are they in mA\?"),
+        ({"coolant_inlet_C": np.full(1200, 298.15)}, r"coolant_inlet_C: 1200 of 1200 .*298\.15.*are they in K\?"),
+    ],
+)
+def test_units_that_nobody_means(more, words):
+    # Bug: "No current flows", where 15000 stood in every second row.
+    with pytest.raises(GatewayError, match=words):
+        Record.of(columns(**more), MODEL)
+
+
 @pytest.mark.parametrize("command", [fit, compare, diagnose])
 @pytest.mark.parametrize("records", [[], columns(), [None]])
 def test_records_that_are_none(command, records):

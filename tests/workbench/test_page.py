@@ -32,6 +32,16 @@ def seen_compared(page):
     page.wait("return Number(document.querySelector('#plot-core').dataset.traces) > 0", patience_s=FIT_S)
 
 
+def seen_added(page):
+    """Add the effect that the pack hides, and wait until nothing is at work any more."""
+    page.idle(FIT_S)
+    page.click("#tab-add")
+    page.type("#effect-name", "entropic_heat")
+    page.press("Enter")
+    page.wait("return document.querySelectorAll('#panel-add .way li').length === 3", patience_s=FIT_S)
+    page.idle(FIT_S)
+
+
 WATCH_BARS = """
 window.seen = [];
 new MutationObserver(() => {

@@ -7,7 +7,7 @@ from tests.truth.packs import pack as make_pack
 from tests.workbench.browser import come, faults
 from tests.workbench.conftest import served
 from tests.workbench.test_desk import done, files
-from tests.workbench.test_page import FIT_S, seen_compared
+from tests.workbench.test_page import FIT_S, seen_added, seen_compared
 
 
 @pytest.fixture(scope="module")
@@ -43,12 +43,7 @@ def test_a_page_left_open_goes_on_when_the_server_is_back(window, pack, tmp_path
     with served(pack.folder, *pack.words) as url:
         page = window(url)
         seen_compared(page)
-        page.idle(FIT_S)
-        page.click("#tab-add")
-        page.type("#effect-name", "entropic_heat")
-        page.press("Enter")
-        page.wait("return document.querySelectorAll('#panel-add .way li').length === 3", patience_s=FIT_S)
-        page.idle(FIT_S)
+        seen_added(page)
     page.wait("return document.querySelector('#error-text').innerText.includes('does not answer')")
     assert page.text("#what").endswith("+ entropic_heat")  # still there to be read
     before = page.run("return JSON.parse(sessionStorage.workbench).desk")

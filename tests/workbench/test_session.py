@@ -11,7 +11,7 @@ from bms_gateway.workbench.steps import Frame
 from tests.truth.packs import pack as make_pack
 from tests.workbench.conftest import served
 from tests.workbench.test_desk import done, files
-from tests.workbench.test_page import FIT_S, seen_compared
+from tests.workbench.test_page import FIT_S, seen_added, seen_compared
 
 
 @pytest.fixture(scope="module")
@@ -61,12 +61,7 @@ def test_the_work_is_there_again(window, driver, pack, tmp_path):
     with served(pack.folder, *pack.words) as url:
         page = window(url)
         seen_compared(page)
-        page.idle(FIT_S)
-        page.click("#tab-add")
-        page.type("#effect-name", "entropic_heat")
-        page.press("Enter")
-        page.wait("return document.querySelectorAll('#panel-add .way li').length === 3", patience_s=FIT_S)
-        page.idle(FIT_S)
+        seen_added(page)
         page.click("#tab-take")
         session = page.run("return fetch(document.querySelector('#take-session').href).then(r => r.text())")
         kept = page.run("return sessionStorage.workbench")
