@@ -26,6 +26,9 @@ _ALONE: Final = re.compile(r"(\d{1,4}):(\d\d):(\d\d)(?:[.,](\d{1,9}))?")
 _SHORT: Final = re.compile(r"\d{1,4}:\d\d(?:[.,]\d+)?")
 _DAY: Final = timedelta(days=1)
 _HALF_DAY: Final = timedelta(hours=12)
+_EPOCH: Final = datetime(1970, 1, 1)
+_NO_DAY: Final = datetime(2000, 1, 1)
+"""Of times without a date."""
 
 
 @dataclass(slots=True)
@@ -44,6 +47,13 @@ class DateForm:
     _first: datetime | None = field(default=None)
     _last: datetime | None = field(default=None)
     _zoned: bool | None = field(default=None)
+
+    @property
+    def began_s(self) -> float | None:
+        """First row in s since 1970, UTC where no zone stands there; of a clock without dates since midnight."""
+        if self._first is None:
+            return None
+        return (self._first - (_NO_DAY if self.kind == "clock" else _EPOCH)).total_seconds()
 
     def seconds(self, cells: Sequence[str]) -> Floats:
         """Convert cells; blank ones are NaN.
@@ -75,7 +85,7 @@ class DateForm:
             found = _ALONE.fullmatch(text)
             if found is None or int(found[2]) > 59 or int(found[3]) > 59:
                 raise ValueError(text)
-            return datetime(2000, 1, 1) + timedelta(
+            return _NO_DAY + timedelta(
                 hours=int(found[1]), minutes=int(found[2]), seconds=int(found[3]), microseconds=_micro(found[4])
             )
         pattern = {"iso": _ISO, "dots": _DOTS}.get(self.kind, _SLASHES)

@@ -4,7 +4,7 @@ import csv
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, BinaryIO, Final, Protocol
 
@@ -57,12 +57,19 @@ class Rows(Protocol):
         Of a row of units below the names.
     notes : list of str
         What was recognised, a sentence each; whole once all pieces are read.
+    began_s : float or None
+        First stamp, s since 1970, of a file whose times are stamps; known once a piece is read.
     """
 
     names: list[str]
     word: str
     units: list[str] | None
     notes: list[str]
+
+    @property
+    def began_s(self) -> float | None:
+        """See above."""
+        ...
 
     def sample(self, column: str) -> list[str]:
         """Give the first cells of a column as they are written; none where they are numbers already."""
@@ -101,6 +108,7 @@ class _Csv:
     """Lines of a CSV file; blank lines and comments are skipped."""
 
     word = "line"
+    began_s = None
 
     def __init__(self, path: Path, file: BinaryIO) -> None:
         self.path = path
@@ -298,6 +306,14 @@ class _Parquet:
         self.units: list[str] | None = None
         self.notes: list[str] = []
         self._epoch: Any = None
+
+    @property
+    def began_s(self) -> float | None:
+        """See `Rows`."""
+        if self._epoch is None:
+            return None
+        aware = self._epoch if self._epoch.tzinfo else self._epoch.replace(tzinfo=UTC)
+        return float(aware.timestamp())
 
     def sample(self, column: str) -> list[str]:  # noqa: ARG002 — stamps are stamps here
         """See `Rows`."""

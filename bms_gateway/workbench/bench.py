@@ -44,6 +44,7 @@ from bms_gateway.workbench.looking import looked
 from bms_gateway.workbench.moving import Moving
 from bms_gateway.workbench.series import Shelf
 from bms_gateway.workbench.steps import FILED, REFITTED
+from bms_gateway.workbench.tracks import about, track
 
 MOST_MADE = 4
 """Models of which it is remembered what was made of them: fits take tens of megabytes."""
@@ -115,6 +116,8 @@ class Bench:
         files = Files.of(request["files"])
         if files != self._files:
             self._read(files, Path(request["folder"]), tell)
+        if request["do"] == "track":
+            return self._track(request)
         moving = Moving(tell)
         with heard(moving.beat):
             return self._model(request, moving.step, show)
@@ -156,12 +159,24 @@ class Bench:
         assert self._filed is not None  # noqa: S101 - read just now
         findings, notes = findings_and_notes(self._filed, self._records)
         notes += tuple((files["tables"][-1], text) for text in (*told, *proposed))
-        document = documents.opened(self._filed, self._records, findings, notes)
+        opened = Files.of(files)
+        told_of = [about(Path(t), opened.columns, r) for t, r in zip(opened.tables, self._records, strict=True)]
+        document = documents.opened(self._filed, self._records, findings, notes, told_of)
         document["text"] = Path(files["model"]).read_text(encoding="utf-8")
         shelf = Shelf(folder)
         document["figures"] = pictures.readings([measured(r, self._filed) for r in self._records], shelf)
         shelf.save()
         return {**document, "files": files}
+
+    def _track(self, request: Mapping[str, Any]) -> documents.Document:
+        """Draw one more column of a table."""
+        assert self._files is not None  # noqa: S101 - read by `answer`
+        assert self._filed is not None  # noqa: S101
+        k, shelf = int(request["record"]), Shelf(Path(request["folder"]))
+        record, table = self._records[k], Path(self._files.tables[k])
+        figure = track(table, self._files.columns, request["column"], record, measured(record, self._filed), shelf)
+        shelf.save()
+        return {"figure": figure}
 
     def _of(self, text: str) -> _Made:
         """Give what was made of this model; of more than `MOST_MADE` the one unused for longest is forgotten."""

@@ -9,7 +9,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from bms_gateway.errors import UsageError
+from bms_gateway.errors import UsageError, did_you_mean
+from bms_gateway.workbench.beside import Beside, moved, place_of
 from bms_gateway.workbench.commands import Leg, command_lines, config_lines
 from bms_gateway.workbench.process import Worker
 from bms_gateway.workbench.session import Addition, session_of
@@ -24,6 +25,7 @@ TITLES = {
     "diagnose": "looking for the missing effect",
     "add": "adding and refitting",
     "report": "writing the report",
+    "track": "reading the column",
 }
 GONE = "the computing process ended unexpectedly (the terminal says why); try again, a fresh one is started"
 REPORT_S = 600.0
@@ -49,6 +51,7 @@ class Desk:
         self._opened: Document | None = None
         self._looked: Document | None = None
         self._frames: list[Frame] = []
+        self._tracks: dict[str, Document] = {}
         self._job: Document | None = None
         self._request: Document = {}
         self._refusal: Document | None = None
@@ -57,9 +60,10 @@ class Desk:
         self._to_come: list[Addition] = []
         self._closed = False
         self._worker = Worker(self._hear)
+        from bms_gateway.workbench.measures import measured_in
         from bms_gateway.workbench.series import drawn  # NumPy comes while the worker starts, not with the program
 
-        self._drawn = drawn
+        self._drawn, self._measured = drawn, measured_in
 
     @property
     def folder(self) -> Path:
@@ -185,24 +189,84 @@ class Desk:
             text = self._top.text
             return "".join(f"# {line}\n" for line in doubt_lines(self._frames)) + text
 
-    def figure(self, name: str, window: Window | None = None) -> Document | None:
-        """Figure with what each step draws into it, whole or a window of its axis; None where there is none."""
+    def track(self, record: int, column: str) -> None:
+        """Read one more column of a record's table, to be drawn as a track of its own."""
+        records = (self._opened or {}).get("records", [])
+        if not 0 <= record < len(records):
+            raise UsageError(f"track: there is no record {record + 1}")
+        names = [c["name"] for c in records[record]["others"]]
+        if column not in names:
+            raise UsageError(f"track: the table has no column '{column[:80]}'{did_you_mean(column, names)}")
+        name = f"track-{record}-{names.index(column)}"
         with self.changed:
-            figure = (self._opened or {}).get("figures", {}).get(name)
-            if figure is None and self._frames:
-                figure = self._frames[0].figures.get(name)
-            if figure is None:
-                return None
-            steps = [
-                (step, bool(f.compared and f.compared["core"]["proven"]), own[name])
-                for f in self._frames
-                for step, own in f.drawn.items()
-                if name in own
-            ]
+            if name in self._tracks:
+                return
+        self._start("track", {"files": self.files, "record": record, "column": column, "name": name})
+
+    def figure(self, name: str, window: Window | None = None, beside: Beside | None = None) -> Document | None:
+        """Figure with what each step draws into it, whole or a window of its axis; None where there is none."""
+        found = self._whole(name, beside)
+        if found is None:
+            return None
         try:
-            return dict(self._drawn(joined(figure, steps), self.folder, window))
+            return dict(self._drawn(found, self.folder, window))
         except FileNotFoundError:  # other files were opened meanwhile: the page is told, and asks again
             return None
+
+    def measures(
+        self, names: Sequence[str], window: Window | None, at: Window | None, beside: Beside | None = None
+    ) -> list[Document]:
+        """Measure every curve of some figures: at two cursors, and in a window; see `measured_in`."""
+        found = [f for f in (self._whole(name, beside) for name in names) if f is not None]
+        try:
+            return [one for f in found for one in self._measured(f, self.folder, window, at)]
+        except FileNotFoundError:  # as above
+            return []
+
+    def _whole(self, name: str, beside: Beside | None) -> Document | None:
+        """Give a figure with keys of its series in place of numbers; other records beside it."""
+        with self.changed:
+            own = self._parts(name)
+            if own is None:
+                return None
+            records = (self._opened or {}).get("records", [])
+            shown = next((int(p) for p in name.split("-")[1:2] if p.isdecimal()), 0)
+            others = []
+            for r in beside.records if beside else ():
+                place = place_of(name, r)
+                if beside is None or place is None or r == shown or r >= len(records):
+                    continue
+                parts, shift = self._parts(place), beside.shift_s(records, shown, r)
+                if parts is not None and shift is not None:
+                    others.append((r, parts, shift))
+        figure, steps = own
+        spans = [x for _, (f, of_steps), _ in others for x in (f, *(d for _, _, d in of_steps))]
+        found = joined(figure, steps, spans)
+        for r, (f, of_steps), shift in others:
+            source = Path(records[r]["source"]).name
+            found.setdefault("beside", []).append(
+                moved({**joined(f, of_steps), "seconds": f["seconds"]}, figure, shift, source, r)
+            )
+        if others:
+            axis = found["layout"]["xaxis"]
+            ends = [axis["range"], *(b["ends"] for b in found["beside"])]
+            whole = [min(e[0] for e in ends), max(e[1] for e in ends)]
+            found["layout"] = {**found["layout"], "xaxis": {**axis, "range": whole}}
+        return found
+
+    def _parts(self, name: str) -> tuple[Document, list[tuple[str, bool, Document]]] | None:
+        """Find a figure, and what each step draws into it."""
+        figure = (self._opened or {}).get("figures", {}).get(name) or self._tracks.get(name)
+        if figure is None and self._frames:
+            figure = self._frames[0].figures.get(name)
+        if figure is None:
+            return None
+        return figure, [
+            (step, bool(f.compared and f.compared["core"]["proven"]), own[name])
+            for f in self._frames
+            for step, own in f.drawn.items()
+            if name in own
+        ]
 
     def curves(self, name: str) -> Document | None:
         """Curves of an effect of the last diagnosis."""
@@ -228,6 +292,7 @@ class Desk:
                 if top and top.compared
                 else None,
                 "figures": list(dict.fromkeys(shown)),
+                "tracks": list(self._tracks),
                 "diagnosed": seen.diagnosed if seen else None,
                 "diagnosed_of": seen.label if seen and seen is not top else None,
                 "refusal": self._refusal,
@@ -314,7 +379,7 @@ class Desk:
                 self._looked = done
             case "open":
                 self.files, self._opened, self._refusal = done.pop("files"), done, None
-                self._frames = [Frame(done["text"], REFITTED)]
+                self._frames, self._tracks = [Frame(done["text"], REFITTED)], {}
                 forget(self.folder, [d["kept"]["file"] for f in done["figures"].values() for d in f["data"]])
                 self.compare()
             case "compare":
@@ -329,6 +394,8 @@ class Desk:
                 self._top.diagnosed = done
             case "add":
                 self._added(done)
+            case "track":
+                self._tracks[request["name"]] = done["figure"]
             case "report":
                 self._report = Path(done["path"])
 

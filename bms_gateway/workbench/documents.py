@@ -40,8 +40,9 @@ def opened(
     records: Sequence[Record],
     findings: Sequence[tuple[str, Finding]],
     notes: Sequence[tuple[str, str]],
+    about: Sequence[Document],
 ) -> Document:
-    """Tell what was opened, and what the direct checks found."""
+    """Tell what was opened, and what the direct checks found; `about` each record, from `tracks`."""
     order = list(WEIGHTS)
     checks = sorted(findings, key=lambda f: order.index(f[1].severity))
     return {
@@ -57,8 +58,9 @@ def opened(
                 "readings": len(r.y),
                 "cells": list(r.cells),
                 "core": len(r.core.y) > 0,
+                **more,
             }
-            for r in records
+            for r, more in zip(records, about, strict=True)
         ],
         "checks": [
             {"record": s, "severity": f.severity, "weight": WEIGHTS[f.severity], "sentence": in_words(f.sentence)}

@@ -66,10 +66,10 @@ def readings(records: Sequence[Measured], shelf: Shelf) -> Figures:
                 at, y = broken(trace.time_s, trace.measured, trace.breaks_s)
                 spec["data"] = [_shelved(spec["data"][0], shelf, at / time.seconds, y)]
                 spec["span"] = {"yaxis": _span(m.y[mine])}
-                found[f"surface-{r}-{cell}"] = spec
+                found[f"surface-{r}-{cell}"] = {**spec, "seconds": time.seconds}
         spec = drive(m, time, m.drive.N)
         spec["data"] = [_shelved(d, shelf, _floats(d["x"]), _floats(d["y"])) for d in spec["data"]]
-        found[f"drive-{r}"] = spec
+        found[f"drive-{r}"] = {**spec, "seconds": time.seconds}
     return found
 
 
@@ -87,7 +87,7 @@ def frames_of_cores(c: Comparison, shelf: Shelf) -> Figures:
                 t, y = probe
                 spec["data"] = [_shelved(spec["data"][0], shelf, t / time.seconds, y)]
                 spec["span"] = {"yaxis": _span(y)}
-            found[f"core-{r}-{k}"] = spec
+            found[f"core-{r}-{k}"] = {**spec, "seconds": time.seconds}
     return found
 
 

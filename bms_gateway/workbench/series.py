@@ -7,7 +7,7 @@ and shows every sample of a short window.
 import secrets
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,8 @@ from bms_gateway.workbench.steps import SERIES, Window
 
 POINTS = 2400
 """Of one trace in one picture: more than a screen has columns."""
-Kept = dict[str, str]
-"""Where a trace's series are: `file`, `x`, `y`."""
+Kept = dict[str, Any]
+"""Where a trace's series are: `file`, `x`, `y`; on another axis, that is x · `scale` + `shift`."""
 Floats = NDArray[np.floating[Any]]
 
 
@@ -66,7 +66,6 @@ def drawn(document: Any, folder: Path, window: Window | None = None) -> Any:
     window : tuple of float, optional
         Shown part of the axis; all of it where left out.
     """
-    open_files: dict[str, Any] = {}
 
     def fill(x: Any) -> Any:
         if isinstance(x, Mapping):
@@ -75,18 +74,42 @@ def drawn(document: Any, folder: Path, window: Window | None = None) -> Any:
         return [fill(v) for v in x] if isinstance(x, list) and x and isinstance(x[0], dict) else x
 
     def points(kept: Kept) -> dict[str, Any]:
-        name = kept["file"]
-        if name not in open_files:
-            open_files[name] = np.load(folder / name)
-        t, y = open_files[name][kept["x"]], open_files[name][kept["y"]]
+        t, y = shelves.series(kept)
         t, y = thinned(*windowed(t, y, window), POINTS)
         return {"x": [round(v, 5) for v in t.tolist()], "y": numbers(y.astype(np.float64), 4)}
 
-    try:
+    with Shelves(folder) as shelves:
         return fill(document)
-    finally:
-        for f in open_files.values():
+
+
+class Shelves:
+    """What was kept in a folder, each file opened once.
+
+    Parameters
+    ----------
+    folder : Path
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._open: dict[str, Any] = {}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for f in self._open.values():
             f.close()
+
+    def series(self, kept: Kept) -> tuple[Floats, Floats]:
+        """Give all samples of a trace, on the axis that it is drawn on."""
+        name = kept["file"]
+        if name not in self._open:
+            self._open[name] = np.load(self._folder / name)
+        t, y = self._open[name][kept["x"]], self._open[name][kept["y"]]
+        if "scale" in kept:
+            t = kept["scale"] * t + kept["shift"]
+        return t, y
 
 
 def windowed(t: Floats, y: Floats, window: Window | None) -> tuple[Floats, Floats]:

@@ -13,6 +13,7 @@ from contextlib import suppress
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
+from math import isfinite
 from pathlib import Path
 from socketserver import TCPServer
 from typing import TYPE_CHECKING, Any, ClassVar, Final
@@ -20,6 +21,7 @@ from urllib.parse import parse_qs, unquote, urlsplit
 
 from bms_gateway.errors import GatewayError, UsageError
 from bms_gateway.report.page import plotly_script
+from bms_gateway.workbench.beside import Beside
 from bms_gateway.workbench.clients import Clients
 from bms_gateway.workbench.desk import Desk
 from bms_gateway.workbench.doors import CLOSED, HEADERS, Door
@@ -34,6 +36,8 @@ LARGEST_JSON: Final = 64 * 1024
 LARGEST_UPLOAD: Final = 256 * 1024**2
 LONGEST_LENGTH: Final = 20
 """Digits of a length: 64 bits have no more, and of thousands no number is made."""
+MOST_FIGURES: Final = 40
+"""Measured at once."""
 LARGEST_NUMBER: Final = 1e9
 """Of a query: seconds, or the place of a string."""
 PING_S: Final = 10.0
@@ -115,6 +119,7 @@ class Handler(BaseHTTPRequestHandler):
     GETS: ClassVar = {
         "state": "_state",
         "figure": "_figure",
+        "measures": "_measures",
         "curves": "_curves",
         "events": "_events",
         "take": "_take",
@@ -239,12 +244,29 @@ class Handler(BaseHTTPRequestHandler):
         self._json(self._desk().state())
 
     def _figure(self) -> None:
-        ends = [self._query.get(k, "") for k in ("from", "to")]
+        window, beside = self._pair("from", "to"), self._beside()
+        self._json({"figure": self._desk().figure(self._query.get("name", ""), window, beside)})
+
+    def _measures(self) -> None:
+        names = self._query.get("names", "").split(",")[:MOST_FIGURES]
+        window, at, beside = self._pair("from", "to"), self._pair("a", "b"), self._beside()
+        self._json({"curves": self._desk().measures(names, window, at, beside)})
+
+    def _beside(self) -> Beside | None:
+        return Beside.of(self._query.get("beside", ""), self._query.get("by", "start"))
+
+    def _pair(self, one: str, other: str) -> tuple[float, float] | None:
+        """Give two numbers of the query; None where they are not there."""
+        texts = [self._query.get(k, "") for k in (one, other)]
+        if not all(texts):
+            return None
         try:
-            window = (float(ends[0]), float(ends[1])) if all(ends) else None
+            a, b = map(float, texts)
         except ValueError:
-            raise UsageError("figure: from and to must be numbers") from None
-        self._json({"figure": self._desk().figure(self._query.get("name", ""), window)})
+            a = b = float("nan")
+        if not (isfinite(a) and isfinite(b)):
+            raise UsageError(f"figure: {one} and {other} must be numbers")
+        return a, b
 
     def _curves(self) -> None:
         self._json({"curves": self._desk().curves(self._query.get("name", ""))})
@@ -260,9 +282,12 @@ class Handler(BaseHTTPRequestHandler):
         elif self._query.get("what") == "session":
             text = json.dumps(desk.session(), ensure_ascii=False, indent=1)
             self._bytes(text.encode(), "application/json", name="session.json")
-        else:
+        elif self._query.get("what") == "model":
             name = Path(self._query.get("name", "model.toml")).name
             self._bytes(desk.model().encode(), "application/toml", name=name)
+        else:
+            what = self._query.get("what", "")[:40]
+            self._json({"error": f"take: '{what}' is none of model, report, session"}, HTTPStatus.NOT_FOUND)
 
     # streams
 
@@ -381,19 +406,15 @@ class Handler(BaseHTTPRequestHandler):
             case "resume":
                 additions = additions_of(body)
                 desk.resume(wanted_files(self.server.site, desk, body["files"]), additions)
-            case "compare":
-                desk.compare()
-            case "diagnose":
-                desk.diagnose()
+            case "compare" | "diagnose" | "undo" | "cancel":
+                getattr(desk, what)()
             case "add":
                 words = body.get("words")
                 if not isinstance(words, list) or not all(isinstance(w, str) for w in words):
                     raise UsageError("add: words must be a list of effects")
                 desk.add(words, force=body.get("force") is True)
-            case "undo":
-                desk.undo()
-            case "cancel":
-                desk.cancel()
+            case "track":
+                desk.track(*_track_of(body))
             case _:
                 raise UsageError(f"the page cannot ask for '{what}'")
 
@@ -457,3 +478,10 @@ class Handler(BaseHTTPRequestHandler):
     def _safe_headers(self) -> None:
         for header, value in HEADERS.items():
             self.send_header(header, value)
+
+
+def _track_of(body: dict[str, Any]) -> tuple[int, str]:
+    record, column = body.get("record"), body.get("column")
+    if not isinstance(record, int) or not isinstance(column, str):
+        raise UsageError("track: the place of a record and the name of a column are needed")
+    return record, column

@@ -96,7 +96,9 @@ def doubt_lines(frames: list[Frame]) -> list[str]:
     return [*said, left] if left else said
 
 
-def joined(figure: Document, steps: Sequence[tuple[str, bool, Mapping[str, Any]]]) -> Document:
+def joined(
+    figure: Document, steps: Sequence[tuple[str, bool, Mapping[str, Any]]], more: Sequence[Mapping[str, Any]] = ()
+) -> Document:
     """Give a figure with what steps draw into it, on axes that hold all of them.
 
     Parameters
@@ -104,9 +106,11 @@ def joined(figure: Document, steps: Sequence[tuple[str, bool, Mapping[str, Any]]
     figure : dict
     steps : sequence of (name, whether its cores are proven, what it draws)
         In the order of the road.
+    more : sequence of dict
+        Other figures whose `span` the axes are to hold too.
     """
     spans: dict[str, list[tuple[float, float]]] = {}
-    for one in (figure, *(own for _, _, own in steps)):
+    for one in (figure, *(own for _, _, own in steps), *more):
         for axis, span in one.get("span", {}).items():
             spans.setdefault(axis, []).append(span)
     axes = {

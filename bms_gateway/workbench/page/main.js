@@ -1,6 +1,7 @@
 // Starts the page: finds this tab's desk, listens for changes, steps and keys.
 import { $, get, post, ui, keep, attempt, complain, claim as claimed } from "./util.js";
 import * as plots from "./plots.js";
+import * as measure from "./measure.js";
 import * as road from "./road.js";
 import * as live from "./live.js";
 
@@ -122,6 +123,7 @@ function keys(e) {
   else if (e.key === "d" && !road.busy()) { step("diagnose"); road.diagnose(); }
   else if (e.key === "u" && !road.busy()) { step("add"); road.undo(); }
   else if (e.key === "t") theme();
+  else if (e.key === "c" && !$("shown").hidden) { if (["open", "live"].includes(ui.tab)) step("compare"); measure.toggle(); }
   else return;
   e.preventDefault();
 }

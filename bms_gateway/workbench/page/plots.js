@@ -1,6 +1,8 @@
 // The stage: string drawing, plots of the chosen cell with linked time axes, curves of an effect laid over them.
 import { $, el, get, ui, keep, K, complain } from "./util.js";
 import { sketch } from "./sketch.js";
+import * as measure from "./measure.js";
+import * as tracks from "./tracks.js";
 
 const CONFIG = { displaylogo: false, responsive: true,
   modeBarButtons: [["zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d", "toImage"]] };
@@ -8,7 +10,8 @@ const DARK = { "#ffffff": "#16181b", "#1a1a1a": "#e8e8e8", "#000000": "#f2f2f2",
   "#777777": "#9a9a9a", "#0072b2": "#6cb8ea", "#d55e00": "#ff9248", "rgba(0,0,0,0.075)": "rgba(255,255,255,0.09)",
   "#009e73": "#54c9a4", "#cc79a7": "#e3a0c6" };
 const TIMED = ["surface", "drive", "core", "map"], LEFT = ["auto", "noise", "heat", "inlet"];
-const PLACES = [...TIMED, ...LEFT];
+const timed = () => [...TIMED, ...tracks.shown()];
+const places = () => [...timed(), ...LEFT];
 const NARROW = 600; // px, below which a plot has no room for buttons
 // Blue below, orange above; small values get colour sooner than large ones.
 const rgb = (color) => [1, 3, 5].map((i) => parseInt(color.slice(i, i + 2), 16));
@@ -95,12 +98,16 @@ async function draw(place) {
   if (!spec?.figure) return;
   const figure = themed(spec.figure);
   const layout = structuredClone(figure.layout);
-  if (TIMED.includes(place)) layout.xaxis.range = range ?? layout.xaxis.range;
+  const overTime = timed().includes(place);
+  if (overTime) {
+    layout.xaxis.range = range ?? whole() ?? layout.xaxis.range;
+    layout.shapes = [...(layout.shapes ?? []), ...themed(measure.lines())];
+  }
   layout.uirevision = `${ui.record}`;
   // what was measured lies on top: a model that fits would hide it
   const measured = figure.data.filter((t) => t.name === "measured" && !t.yaxis);
   const over = figure.data.filter((t) => t.name === "thermocouple in the core");
-  const data = [...figure.data.filter((t) => !measured.includes(t) && !over.includes(t)), ...over, ...themed(ofSteps(figure, place)), ...laidOver(place), ...measured.map((t) => ({ ...t, legendrank: 1 }))];
+  const data = [...figure.data.filter((t) => !measured.includes(t) && !over.includes(t)), ...over, ...themed(ofSteps(figure, place)), ...laidOver(place), ...tracks.curves(spec.figure, dark(), ticked(state.steps).at(-1)?.name), ...measured.map((t) => ({ ...t, legendrank: 1 }))];
   if (place === "map") {
     const [low, high] = layout.coloraxis.range;
     layout.coloraxis = { ...layout.coloraxis, cmin: low, cmax: high, colorscale: DIVERGING(dark() ? "#16181b" : "#ffffff") };
@@ -115,7 +122,7 @@ async function draw(place) {
     auto: `Autocorrelation of the residual of cell ${ui.cell} with the bounds of white noise`,
     noise: `Histogram of the residual of cell ${ui.cell} against the noise of its sensor`,
     heat: `Correlation of the residual of cell ${ui.cell} with the square of the current`,
-    inlet: `Correlation of the residual of cell ${ui.cell} with the inlet` }[place]);
+    inlet: `Correlation of the residual of cell ${ui.cell} with the inlet` }[place] ?? `${node.dataset.column} of the table over time`);
   if (!window.Plotly) {
     if (place === "surface" && sketch(node, figure)) {
       await painted();
@@ -124,18 +131,39 @@ async function draw(place) {
     await plotly();
   }
   if (node.firstElementChild?.tagName === "svg") node.replaceChildren();
-  await Plotly.react(node, data, layout, TIMED.includes(place) && place !== "map" && innerWidth > NARROW ? CONFIG : { ...CONFIG, displayModeBar: false });
+  await Plotly.react(node, data, layout, overTime && place !== "map" && innerWidth > NARROW ? CONFIG : { ...CONFIG, displayModeBar: false });
   if (place === "surface") {
     seen();
     document.documentElement.dataset.firstPlot ??= Math.round(performance.now());
   }
   node.dataset.traces = data.length;
   node.dataset.name = spec.name;
-  if (!node.dataset.linked && TIMED.includes(place)) {
+  if (!node.dataset.linked && overTime) {
     node.dataset.linked = "1";
     if (place === "map") node.on("plotly_click", (e) => pick(Number(e.points[0].y)));
     node.on("plotly_relayout", (change) => zoomed(node, change));
+    measure.grips(node);
   }
+}
+
+// All of the time that is drawn: that of the record, and of those that are laid over it.
+const whole = () => (specs.drive?.figure ?? specs.surface?.figure)?.layout.xaxis.range;
+
+// The cursors have moved: their lines alone are drawn anew.
+function cursors() {
+  for (const p of timed()) {
+    const node = $(`plot-${p}`), own = specs[p]?.figure?.layout.shapes ?? [];
+    if (node?.dataset.linked && !node.parentElement.hidden) Plotly.relayout(node, { shapes: themed([...own, ...measure.lines()]) });
+  }
+}
+
+// Tells what is shown to those who measure in it.
+function tell() {
+  const figure = specs.drive?.figure ?? specs.surface?.figure;
+  if (!figure) return;
+  const unit = figure.layout.xaxis.title.text.split(", ").at(-1);
+  measure.follow({ names: timed().filter((p) => p !== "map" && specs[p]?.figure).map((p) => specs[p].name), window: range ?? whole(), whole: whole(), record: ui.record, unit,
+    seconds: { s: 1, min: 60, h: 3600 }[unit], steps: ticked(state.steps).map((s) => s.name), query: tracks.query(), redraw: cursors });
 }
 
 let linking = false;
@@ -145,9 +173,8 @@ async function zoomed(one, change) {
   if (!change["xaxis.autorange"] && to[0] === undefined) return;
   range = change["xaxis.autorange"] ? null : to.map(Number);
   linking = true;
-  const whole = specs.drive?.figure?.layout.xaxis.range;
-  const others = TIMED.map((p) => $(`plot-${p}`)).filter((p) => p !== one && p.dataset.linked && !p.parentElement.hidden);
-  await Promise.all(others.map((p) => Plotly.relayout(p, { "xaxis.range": range ?? whole })));
+  const others = timed().map((p) => $(`plot-${p}`)).filter((p) => p !== one && p.dataset.linked && !p.parentElement.hidden);
+  await Promise.all(others.map((p) => Plotly.relayout(p, { "xaxis.range": range ?? whole() })));
   linking = false;
   await resampled().catch((e) => complain(e.message));
 }
@@ -156,7 +183,7 @@ async function zoomed(one, change) {
 let sampling = 0;
 async function resampled() {
   const mine = ++sampling, began = performance.now();
-  const there = TIMED.filter((p) => specs[p]?.figure);
+  const there = timed().filter((p) => specs[p]?.figure);
   const found = await Promise.all(there.map((p) => figureOf(p, specs[p].name)));
   if (mine !== sampling) return;
   linking = true;
@@ -167,17 +194,19 @@ async function resampled() {
   linking = false;
   $("stage").dataset.resampledMs = Math.round(performance.now() - began);
   $("stage").dataset.window = range ? range.join() : "";
+  tell();
 }
 
 const figureOf = async (place, name) =>
-  (await get("figure", { name, ...(range && TIMED.includes(place) ? { from: range[0], to: range[1] } : {}) })).figure;
+  (await get("figure", { name, ...tracks.query(), ...(range && timed().includes(place) ? { from: range[0], to: range[1] } : {}) })).figure;
 
 let resizing = 0;
 addEventListener("resize", () => { clearTimeout(resizing); resizing = setTimeout(() => { if (window.Plotly && state?.opened) redraw(); }, 250); });
 
 export async function redraw() {
-  for (const place of PLACES) await draw(place);
+  for (const place of places()) await draw(place);
 }
+measure.prepare(() => { if (window.Plotly && state?.opened) cursors(); });
 
 $("leftover").addEventListener("toggle", () => { if (state && $("leftover").open) show(state).catch((e) => complain(e.message)); });
 
@@ -196,16 +225,18 @@ export async function show(next, fresh) {
   const record = opened.records[ui.record];
   if (!(ui.cell >= 1 && ui.cell <= opened.cells)) keep({ cell: worst() ?? record.cells[0] });
   choices();
+  tracks.show(state, () => show(state).catch((e) => complain(e.message)));
   string();
   regimes();
   const mine = ++drawing;
-  for (const place of PLACES) {
-    const name = ["drive", "map"].includes(place) ? `${place}-${ui.record}` : `${place}-${ui.record}-${ui.cell}`;
-    const found = state.figures.includes(name) && (TIMED.includes(place) || $("leftover").open) ? await figureOf(place, name) : null;
+  for (const place of places()) {
+    const name = place.startsWith("track-") ? place : ["drive", "map"].includes(place) ? `${place}-${ui.record}` : `${place}-${ui.record}-${ui.cell}`;
+    const found = (state.figures.includes(name) || state.tracks.includes(name)) && (timed().includes(place) || $("leftover").open) ? await figureOf(place, name) : null;
     if (mine !== drawing) return;
     specs[place] = { name, figure: found };
     await draw(place);
   }
+  tell();
   $("stage").dataset.version = state.version;
 }
 
@@ -220,7 +251,8 @@ function worst() {
 function choices() {
   const select = $("record");
   $("record-choice").hidden = state.opened.records.length < 2;
-  select.replaceChildren(...state.opened.records.map((r, i) => el("option", { value: i, selected: i === ui.record }, r.source)));
+  const last = state.opened.records.map((r) => r.source.split(/[\\/]/).pop()), called = (r, i) => (last.indexOf(last[i]) === last.lastIndexOf(last[i]) ? last[i] : r.source);
+  select.replaceChildren(...state.opened.records.map((r, i) => el("option", { value: i, selected: i === ui.record, title: r.source }, called(r, i))));
   select.onchange = () => { range = null; keep({ record: Number(select.value) }); show(state); };
   const box = $("variants"), told = JSON.stringify([state.steps.map((s) => [s.name, s.core?.proven]), ui.off, dark()]);
   box.hidden = state.steps.length < 2;
