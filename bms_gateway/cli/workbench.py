@@ -43,6 +43,7 @@ def arguments(parser: Parser) -> None:
     parser.option(
         "--live", metavar="CHANNEL", help="show the pack on this CAN interface, listen only; or play this log"
     )
+    parser.option("--grafana", metavar="URL", help="the live page links to this Grafana, or dashboard of it")
     parser.option("--bitrate", type=float, default=500e3, metavar="B", help="of the bus, for its load (default 500000)")
     parser.option(
         "--host",
@@ -73,12 +74,22 @@ def run(args: argparse.Namespace) -> int:
     if args.bitrate <= 0:
         raise UsageError(f"workbench: --bitrate {args.bitrate:g}: must be above 0")
     given = _given(args)
-    site = Site(given=given)
+    site = Site(given=given, grafana=_grafana(args))
     if args.live is not None:
         return _live(args, site)
     server = Server(site, args.host, args.port, args.name, _say_now)
     site.warm()
     return _serve(site, server)
+
+
+def _grafana(args: argparse.Namespace) -> str:
+    from bms_gateway.workbench.grafana import dashboard_address
+
+    if args.grafana is None:
+        return ""
+    if args.live is None:
+        raise UsageError("workbench: --grafana goes with --live: the live page links to it")
+    return dashboard_address(args.grafana)
 
 
 def _serve(site: "Site", server: "Server") -> int:

@@ -7,6 +7,7 @@ drivers that feed the same frames get the same events in the same order, however
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
+from math import nan
 from typing import Protocol
 
 import numpy as np
@@ -192,6 +193,10 @@ class Judgement:
         Mean square of the normalised innovation over ten minutes; 1 when all is well, NaN at first.
     flags : tuple of str
         Raised ones by name.
+    soc : float
+        State of charge at the tick, 0…1; NaN where unknown.
+    voltage : float
+        Mean over the tick, V: of the string, or of its cells where only theirs are read; NaN where unknown.
     """
 
     string: str
@@ -205,6 +210,8 @@ class Judgement:
     growth_sd: float
     excess: float
     flags: tuple[str, ...]
+    soc: float = nan
+    voltage: float = nan
 
 
 @dataclass(frozen=True, slots=True)

@@ -37,6 +37,8 @@ def judged(t1: int, frames: int, rejected: Mapping[str, int], estimators: Estima
                 s.ageing.growth_sd,
                 s.mismatch.excess,
                 s.flags,
+                reading.soc,
+                reading.means.V,
             )
         )
     return Judged(t1, frames, dict(rejected), tuple(of_each))

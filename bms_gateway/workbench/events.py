@@ -27,6 +27,8 @@ COLUMNS: Final = (
     "acknowledged",
     "reason",
 )
+FORMULA: Final = ("=", "+", "-", "@")
+"""What a spreadsheet takes for the beginning of a formula."""
 GROUPS: Final = 40
 """Groups shown."""
 MARKS: Final = 100
@@ -107,13 +109,13 @@ class Events:
                     _seconds(e.time_ns, first_ns),
                     wall_clock(e.time_ns),
                     WORDS[e.severity],
-                    e.code,
-                    e.string,
+                    harmless(e.code),
+                    harmless(e.string),
                     "" if e.cell is None else e.cell,
                     e.state,
-                    e.text,
+                    harmless(e.text),
                     "" if known is None else wall_clock(int(known.wall_s * 1e9)),
-                    "" if known is None else known.reason,
+                    "" if known is None else harmless(known.reason),
                 ]
             )
         return out.getvalue().encode()
@@ -164,6 +166,17 @@ def alerts_now(raised: Sequence[Condition]) -> tuple[dict[str, Any], ...]:
         {"level": WORDS[c.severity], "code": c.name, "string": c.string or "", "cell": c.cell, "text": c.text}
         for c in raised
     )
+
+
+def harmless(text: str) -> str:
+    """Keep a spreadsheet from taking a text for a formula, by an apostrophe before it; it shows the text then.
+
+    Examples
+    --------
+    >>> harmless("=cmd|'/C calc'!A0"), harmless("fan replaced")
+    ("'=cmd|'/C calc'!A0", 'fan replaced')
+    """
+    return f"'{text}" if text.lstrip().startswith(FORMULA) or text.startswith(("\t", "\r", "\n")) else text
 
 
 def _seconds(time_ns: int, first_ns: int) -> float:

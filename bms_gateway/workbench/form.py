@@ -5,7 +5,7 @@ from typing import Any, Final
 
 from bms_gateway.config.load import cell_list
 from bms_gateway.config.model_file import write_model
-from bms_gateway.errors import UsageError
+from bms_gateway.errors import UsageError, did_you_mean
 from bms_gateway.records.kind import log_kind
 from bms_gateway.setup.propose import propose
 from bms_gateway.setup.settle import missing, settle
@@ -17,6 +17,7 @@ from bms_gateway.workbench.looking import surfaces
 
 MODEL: Final = "model.toml"
 MOST_CELLS: Final = 400
+MEDIA: Final = ("liquid", "air")
 FLOW_SD: Final = 0.3
 PER_L_MIN: Final = 1e-3 / 60.0
 
@@ -50,9 +51,12 @@ def with_model(files: dict[str, Any], folder: Path) -> dict[str, Any]:
     priors = cell_priors(cell, conduction=cells > 1)
     condition: Condition = "single" if cells == 1 else "natural"
     flow = _flow(str(form.get("flow") or "").strip())
+    medium = str(form.get("medium") or "liquid").strip()
+    if medium not in MEDIA:
+        raise UsageError(f"model: the coolant '{medium[:40]}' is not known{did_you_mean(medium, MEDIA)}")
     if flow is not None and cells > 1:
         condition = "full"
-        volumetric = AIR if form.get("medium") == "air" else LIQUID[0]
+        volumetric = AIR if medium == "air" else LIQUID[0]
         priors["C_f"] = Prior(min(max(volumetric * flow, 1e-2), 1e5), FLOW_SD)
     model = StringModel(
         cells,

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from bms_gateway.engine import Judged
 from bms_gateway.thermal.centre import hottest_of
 
-PAST: Final = ("hottest", "half", "cell", "current", "inlet", "flow")
-"""What is kept of each string at each tick: °C, K, from 1, A, °C, over nominal."""
+PAST: Final = ("hottest", "half", "cell", "current", "inlet", "flow", "soc", "voltage")
+"""What is kept of each string at each tick: °C, K, from 1, A, °C, over nominal, 0…1, V."""
 POINTS: Final = 600
 """Of a history: as many as its figure is wide."""
 SET_NS: Final = 10**18
@@ -41,12 +41,12 @@ class Kept(Protocol):
 
     @property
     def past(self) -> NDArray[np.float32]:
-        """`PAST` of each string (S, 6)."""
+        """`PAST` of each string (S, 8)."""
         ...
 
 
 def past_of(centre: NDArray[Any], centre_sd: NDArray[Any], parts: Sequence[slice]) -> NDArray[np.float32]:
-    """Start the `PAST` (S, 6) of a tick with the hottest point of each string; what drove it is not known yet."""
+    """Start the `PAST` (S, 8) of a tick with the hottest point of each string; what drove it is not known yet."""
     found = np.full((len(parts), len(PAST)), np.nan, np.float32)
     for s, part in enumerate(parts):
         k = hottest_of(centre[part])
@@ -57,7 +57,7 @@ def past_of(centre: NDArray[Any], centre_sd: NDArray[Any], parts: Sequence[slice
 
 def driven_by(past: NDArray[np.float32], judged: Judged) -> None:
     """Fill in what drove the strings at that tick."""
-    past[:, 3:] = [[j.current, j.inlet, j.flow] for j in judged.strings]
+    past[:, 3:] = [[j.current, j.inlet, j.flow, j.soc, j.voltage] for j in judged.strings]
 
 
 def history(ticks: Sequence[Kept], s: int, first_ns: int) -> dict[str, Any]:

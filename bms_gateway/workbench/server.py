@@ -212,7 +212,7 @@ class Handler(BaseHTTPRequestHandler):
 
     def _site(self) -> None:
         site = self.server.site
-        self._json({"watch": site.watch.about() if site.watch else None, "local": site.local})
+        self._json({"watch": site.watch.about() if site.watch else None, "local": site.local, "grafana": site.grafana})
 
     def _presets(self) -> None:
         from bms_gateway.workbench.presets import presets  # not with the program: NumPy comes with it

@@ -37,11 +37,14 @@ class Site:
         The live pack, or a log that is played.
     local : bool
         Bound to this machine only: then the page may open files by their path.
+    grafana : str
+        Address of the fleet's dashboard, from `dashboard_address`; empty where there is none.
     """
 
     given: dict[str, Any] | None = None
     watch: "Watch | None" = None
     local: bool = True
+    grafana: str = ""
     desks: "OrderedDict[str, Desk]" = field(default_factory=OrderedDict)
     lock: threading.Lock = field(default_factory=threading.Lock)
     spare: Desk | None = None

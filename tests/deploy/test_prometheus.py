@@ -16,6 +16,7 @@ from bms_gateway.config.schema import Metrics, Mqtt
 from bms_gateway.health.alerts import Condition, Severity
 from bms_gateway.service.metrics import FLAGS, Page
 from bms_gateway.service.mqtt import Publisher
+from bms_gateway.workbench.grafana import UID
 from tests.service.pack import Pack
 
 DEPLOY = Path(__file__).resolve().parents[2] / "deploy"
@@ -67,7 +68,10 @@ def queries():
     for panel in dashboard()["panels"]:
         found += [(panel["title"], target["expr"]) for target in panel["targets"]]
     found += [("annotation", a["expr"]) for a in dashboard()["annotations"]["list"]]
-    return [(where, e.replace("$__rate_interval", "1m").replace("$instance", ".*")) for where, e in found]
+    return [
+        (where, e.replace("$__rate_interval", "1m").replace("$instance", ".*").replace("$string", ".*"))
+        for where, e in found
+    ]
 
 
 def walk(node):
@@ -161,6 +165,19 @@ def test_legends_name_labels_that_are_there_and_panels_do_not_overlap(exported):
             )
             assert set(re.findall(r"{{(\w+)}}", target["legendFormat"])) <= labels | ADDED, panel["title"]
     assert len({p["id"] for p in dashboard()["panels"]}) == len(dashboard()["panels"])
+
+
+def test_a_string_is_chosen_as_the_live_page_links_to_it(exported):
+    assert dashboard()["uid"] == UID
+    assert "string" in {v["name"] for v in dashboard()["templating"]["list"]}
+    asked = 0
+    for panel in dashboard()["panels"]:
+        for target in panel["targets"]:
+            for s in selectors(target["expr"].replace("$__rate_interval", "1m")):
+                if "string" in exported[s.name]:
+                    assert ("string", "$string") in {(m.name, m.value) for m in s.matchers.matchers}, panel["title"]
+                    asked += 1
+    assert asked > 20
 
 
 def test_the_readme_tells_of_every_metric_and_alert_and_of_no_other(exported):

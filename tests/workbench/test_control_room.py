@@ -4,6 +4,7 @@ import csv
 import io
 import json
 from dataclasses import replace
+from urllib.parse import parse_qs, urlsplit
 
 import cantools
 import numpy as np
@@ -101,6 +102,18 @@ def test_the_time_of_day_is_that_of_the_frames(watch):
     assert shown["wall_ms"] * 1_000_000 == pytest.approx(BEGAN_NS + 41 * SECOND, abs=2 * SECOND)
 
 
+def sent_of(log, string, quantity):
+    """Time since the log's beginning and value of one signal, as cantools decodes it."""
+    channels = next(s for s in load_config(shipped(EXAMPLE)).plan.strings if s.name == string).channels
+    channel = next(c for c in channels if c.quantity == quantity)
+    message, signal = channel.signal.split(".")
+    wanted = cantools.database.load_file(shipped("dbc/bms_gateway.dbc")).get_message_by_name(message)
+    for f in read_log(log):
+        for k in np.flatnonzero(f.can_id & 0x1FFF_FFFF == wanted.frame_id):
+            at = (int(f.time_ns[k]) - BEGAN_NS) * 1e-9
+            yield at, wanted.decode(bytes(f.data[k, : f.length[k]]), decode_choices=False)[signal]
+
+
 def test_the_past_is_what_the_engine_said(watch, plan, log):
     database = load_config(shipped(EXAMPLE)).database
     said = [e for e in drive(Engine(plan, database), read_log(log)) if isinstance(e, Estimated)]
@@ -116,6 +129,10 @@ def test_the_past_is_what_the_engine_said(watch, plan, log):
         assert (hottest, half) == pytest.approx((e.centre[mine][k], 1.96 * e.centre_sd[mine][k]), abs=2e-3)
         assert cell == k + 1
     assert all(x is not None for x in past["current"] + past["inlet"])
+    for quantity, tolerance in (("soc", 5e-3), ("voltage", 0.5)):
+        sent = dict(sent_of(log, "string_3", quantity))
+        for t, shown in zip(past["t"], past[quantity], strict=True):
+            assert shown == pytest.approx(sent[min(sent, key=lambda s: abs(s - t))], abs=tolerance), (quantity, t)
     whole = watch.history("test", 0, 0.0)
     assert whole["t"][0] == 0.0
     assert any(m["level"] == "warning" and m["at"] > DEAD_S for m in whole["marks"])
@@ -154,6 +171,19 @@ def test_what_was_acknowledged_is_new_again_when_it_comes_again(watch):
     assert next(x for x in fresh if [x[k] for k in wish] == list(wish.values()))["seen"] is None
     with pytest.raises(UsageError, match="nothing of the kind 'nonsense'"):
         watch.acknowledge("test", {"code": "nonsense", "string": "", "reason": "", "alert": True})
+
+
+def test_no_text_of_exported_events_is_a_formula(watch):
+    shown = at(watch, 85)
+    e = next(e for e in shown["events"] if e["level"] == "alarm" and e["string"] == "string_5")
+    wish = {k: e[k] for k in ("code", "string", "alert")}
+    for reason in ("=cmd|'/C calc'!A0", "+1", "-1", "@SUM(A1)", " =1"):
+        watch.acknowledge("test", {**wish, "reason": reason})
+        rows = list(csv.DictReader(io.StringIO(watch.events_table().decode())))
+        assert f"'{reason.strip()}" in {r["reason"] for r in rows}
+        for row in rows:
+            texts = [row[k] for k in ("code", "string", "state", "text", "reason")]
+            assert not any(text.startswith(("=", "+", "-", "@")) for text in texts), row
 
 
 def test_the_signals_of_a_window_are_those_of_the_bus(watch, log, tmp_path):
@@ -198,7 +228,9 @@ def test_the_page_is_a_control_room(window, log, axe, tmp_path):
     text = shipped(EXAMPLE).read_text().replace("# [alerts]", f"[alerts]\ncore_max_C = {CORE_MAX_C}\n#", 1)
     (tmp_path / "gateway.toml").write_text(text)
     (tmp_path / "string.toml").write_text((shipped(EXAMPLE).parent / "string.toml").read_text())
-    with served(tmp_path, "--live", log, "--config", tmp_path / "gateway.toml") as url:
+    fleet = "https://grafana.example/fleet/?var-instance=truck_7:9105"
+    words = ("--live", log, "--config", tmp_path / "gateway.toml", "--grafana", fleet)
+    with served(tmp_path, *words) as url:
         page = window(url, (1280, 900))
         page.wait("return document.querySelectorAll('.live-cell').length === 60")
         page.wait("return !document.querySelector('#live-state').innerText")
@@ -217,6 +249,18 @@ def test_the_page_is_a_control_room(window, log, axe, tmp_path):
         page.wait("return Number(document.querySelector('#past').dataset.points) > 50")
         assert page.run("return document.querySelectorAll('#past .mark.alarm').length") > 0
         assert page.there("#past .limit")
+        for panel in ("hottest point, °C", "current, A", "inlet, °C", "SOC, %", "voltage, V"):
+            assert panel in page.run("return document.querySelector('#past').textContent"), panel
+
+        # the same window and string of the fleet's dashboard; nothing is asked of it
+        link = urlsplit(page.run("return document.querySelector('#grafana').href"))
+        asked = {k: v[0] for k, v in parse_qs(link.query).items()}
+        assert link._replace(query="").geturl() == "https://grafana.example/fleet/d/bms-gateway"
+        assert (asked["var-instance"], asked["var-string"]) == ("truck_7:9105", "string_1")
+        assert int(asked["from"]) * 1_000_000 == pytest.approx(BEGAN_NS, abs=2 * SECOND)
+        assert int(asked["to"]) * 1_000_000 == pytest.approx(BEGAN_NS + 85 * SECOND, abs=3 * SECOND)
+        elsewhere = "performance.getEntriesByType('resource').filter(r => !r.name.startsWith(location.origin)).length"
+        assert page.run(f"return {elsewhere}") == 0
         rows = "return document.querySelectorAll('#events tbody tr').length"
         every = page.run(rows)
         choose = (

@@ -12,6 +12,7 @@ from bms_gateway.config.model_file import parse_model, read_model
 from bms_gateway.errors import UsageError
 from bms_gateway.workbench.commands import Leg, command_lines, config_lines
 from bms_gateway.workbench.desk import GONE, Desk
+from bms_gateway.workbench.form import with_model
 from tests.store.ring import drove
 from tests.truth.packs import pack as make_pack
 from tests.workbench.browser import come
@@ -347,3 +348,10 @@ def test_command_lines_quote_what_a_shell_would_cut():
     assert "current_A=-I A" in lines[0]
     assert lines[2][lines[2].index("--out") + 1] == "m_with_1.toml"
     assert 'model = "m_with_1.toml"' in config_lines(given, 1)
+
+
+def test_a_coolant_that_is_none_is_refused(pack, tmp_path):
+    form = {"cell": "a123_32157", "flow": "570", "medium": "lava"}
+    wanted = {"tables": [str(pack.hidden)], "model": "", "columns": [], "form": form}
+    with pytest.raises(UsageError, match="the coolant 'lava' is not known; valid: liquid, air"):
+        with_model(wanted, tmp_path)

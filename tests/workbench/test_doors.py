@@ -17,6 +17,7 @@ from bms_gateway.errors import UsageError
 from bms_gateway.workbench import clients, doors
 from bms_gateway.workbench import site as sites
 from bms_gateway.workbench.doors import Door, names, refusal
+from bms_gateway.workbench.grafana import dashboard_address
 from bms_gateway.workbench.server import Server
 from bms_gateway.workbench.site import Site
 from tests.workbench.conftest import served as started
@@ -316,3 +317,31 @@ def test_idle_connections_keep_nobody_out_and_take_no_threads_without_end(server
     finally:
         for one in (stream, *idle):
             one.close()
+
+
+def test_what_cannot_be_taken_away_is_not_there():
+    with serving() as server:
+        desk = json.loads(ask(server, "POST", "/api/desk", "{}", **JSON)[1])["desk"]
+        status, body, _ = ask(server, "GET", f"/api/take?desk={desk}&what=nope")
+        assert status == 404
+        assert json.loads(body)["error"] == "take: 'nope' is none of model, report, session"
+        assert ask(server, "GET", f"/api/take?desk={desk}")[0] == 404
+        for what in ("figure?name=a&from=1&to=inf", "figure?name=a&from=1&to=x", "measures?a=nan&b=1"):
+            status, body, _ = ask(server, "GET", f"/api/{what}&desk={desk}")
+            assert status == 400, what
+            assert "must be numbers" in json.loads(body)["error"]
+
+
+@pytest.mark.parametrize(
+    "address", ["grafana.example", "ftp://x/", "https://", "javascript:alert(1)", "http://x:99999/", "https://a b/"]
+)
+def test_a_dashboard_has_an_address(address):
+    with pytest.raises(UsageError, match=r"--grafana .*expected an address such as https://grafana\.example/"):
+        dashboard_address(address)
+
+
+def test_a_dashboard_tells_no_password_and_is_one_of_the_live_page(capsys):
+    with pytest.raises(UsageError, match="leave the user out"):
+        dashboard_address("https://me:secret@grafana.example/")
+    assert main(["workbench", "--grafana", "https://grafana.example/"]) == 2
+    assert "--grafana goes with --live" in capsys.readouterr().err

@@ -19,7 +19,7 @@ const clock = (s) => `${Math.floor(s / 3600)}:${String(Math.floor(s / 60) % 60).
 const degrees = (x) => (x === null ? "–" : `${x.toFixed(1)}`);
 const steer = (wish) => attempt(() => post("watch", { view, ...wish }))();
 
-export function prepare(known) {
+export function prepare(known, grafana) {
   about = known;
   view = sessionStorage.getItem("view") || about.view;
   sessionStorage.setItem("view", view);
@@ -45,7 +45,7 @@ export function prepare(known) {
       `${String(limit - BELOW_K).replace("-", "−")} `, el("span", { class: "scale", id: "scale" }), ` ${limit - NEAR_K} °C · `,
       el("span", { class: "patch", style: `background:rgb(${NEAR})` }), ` from ${limit - NEAR_K} °C · `, el("span", { class: "patch", style: `background:rgb(${OVER})` }), ` limit ${limit} °C and over`,
       " · dashed: no sensor of its own · dotted, ?: core not proven · double frame: its sensor is not used · ring: hottest point · faded: nothing new, stale or parked"),
-    ...rows.map((r) => r.node), past.build(about, view, (t) => steer({ seek: t })), happened());
+    ...rows.map((r) => r.node), past.build(about, view, (t) => steer({ seek: t }), grafana), happened());
   $("scale").style.background = `linear-gradient(to right, ${SCALE.map((c) => `rgb(${c})`).join(",")})`;
 }
 

@@ -153,7 +153,7 @@ async function start() {
   road.prepare();
   const [site] = await Promise.all([get("site"), alone().then(claim)]);
   claimed();
-  if (site.watch) live.prepare(site.watch);
+  if (site.watch) live.prepare(site.watch, site.grafana);
   const given = sessionStorage.getItem("seen");
   sessionStorage.setItem("seen", "1");
   step(site.watch && !given ? "live" : ui.tab);

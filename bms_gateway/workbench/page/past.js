@@ -1,20 +1,21 @@
-// The past of one string on the live page: hottest point with its band, limit and alerts; current and inlet; export.
+// The past of one string on the live page: hottest point with its band, limit and alerts; what drove it; export.
 import { $, el, post, attempt, ui, complain } from "./util.js";
 
 const SVG = "http://www.w3.org/2000/svg";
 const EVERY_MS = 4000;
 const LEFT = 62, RIGHT = 12;
-// Panels from the top: what is drawn, its name, top and bottom in px.
-const PANELS = [["hottest", "hottest point, °C", 8, 128], ["current", "current, A", 142, 192], ["inlet", "inlet, °C", 206, 246]];
-const HEIGHT = 270;
+// What is drawn: its name, its title, its height in px, and what it is multiplied by; of the rest, what is known.
+const PANELS = [["hottest", "hottest point, °C", 120, 1], ["current", "current, A", 50, 1], ["inlet", "inlet, °C", 40, 1], ["flow", "flow, % of nominal", 40, 100], ["soc", "SOC, %", 40, 100], ["voltage", "voltage, V", 40, 1]];
+const COLORS = { hottest: "var(--after)", inlet: "var(--after)", soc: "var(--good)" };
+const TOP = 8, GAP = 14, FOOT = 24;
 const SPANS = [[600, "last 10 min"], [3600, "last hour"], [0, "all that is kept"]];
-let about = null, view = "", seek = null, shown = null, asked = 0, key = "", busy = false;
+let about = null, fleet = "", view = "", seek = null, shown = null, asked = 0, key = "", busy = false;
 
-export function build(known, name, jump) {
-  about = known; view = name; seek = jump;
+export function build(known, name, jump, grafana) {
+  about = known; view = name; seek = jump; fleet = grafana;
   const choice = (id, options) => el("select", { id, onchange: () => { asked = 0; link(); if (latest) follow(latest); } }, ...options.map(([v, t]) => el("option", { value: v }, t)));
   const svg = document.createElementNS(SVG, "svg");
-  for (const [k, v] of Object.entries({ id: "past", height: HEIGHT, width: "100%", role: "img" })) svg.setAttribute(k, v);
+  for (const [k, v] of Object.entries({ id: "past", height: 270, width: "100%", role: "img" })) svg.setAttribute(k, v);
   svg.addEventListener("click", (e) => {
     if (!shown?.t.length) return;
     const box = svg.getBoundingClientRect(), [t0, t1] = ends();
@@ -25,7 +26,8 @@ export function build(known, name, jump) {
     el("label", { for: "past-span" }, "of the "), choice("past-span", SPANS),
     el("a", { id: "export", class: "file", download: "window.csv" }, "Export its estimates (CSV)"),
     el("a", { id: "export-signals", class: "file", download: "signals.csv" }, "Export its signals (CSV)"),
-    el("button", { type: "button", id: "diagnose-window", onclick: attempt(diagnose) }, "Diagnose this window")),
+    el("button", { type: "button", id: "diagnose-window", onclick: attempt(diagnose) }, "Diagnose this window"),
+    el("a", { id: "grafana", class: "file", target: "_blank", rel: "noopener noreferrer", hidden: true }, "This window in Grafana")),
     svg, el("p", { class: "muted" }, "Band: 95 %. Dashed: limit. Upright lines: alerts raised, orange for warnings, red for alarms. A click goes to that moment."));
   queueMicrotask(link);
   return section;
@@ -36,6 +38,16 @@ const link = () => {
   $("export").href = `/api/window?${new URLSearchParams({ view, span })}`;
   $("export-signals").href = `/api/signals?${new URLSearchParams({ desk: ui.desk, view, string, span })}`;
 };
+
+// The fleet's dashboard with the same string and window; only where the frames have the time of the wall.
+function toFleet() {
+  const known = fleet && latest?.wall_ms != null && shown.t.length > 1;
+  $("grafana").hidden = !known;
+  if (!known) return;
+  const ms = (t) => Math.round(latest.wall_ms + 1e3 * (t - (latest.at - latest.age))), to = new URL(fleet);
+  for (const [k, v] of [["from", ms(shown.t[0])], ["to", ms(shown.t.at(-1))], ["var-string", about.strings[shown.string].name]]) to.searchParams.set(k, v);
+  $("grafana").href = to.href;
+}
 
 // Opens the signals of the window on this tab's desk: the road begins there, with the model of the live page.
 async function diagnose() {
@@ -54,8 +66,8 @@ export function follow(p) {
   clearTimeout(later);
   if (wait > 0) { later = setTimeout(() => follow(latest), wait); return; }
   key = now; asked = performance.now(); busy = true;
-  const query = new URLSearchParams({ view, string: $("past-string").value, span: $("past-span").value });
-  fetch(`/api/history?${query}`).then((r) => r.json()).then((found) => { shown = found; draw(); $("past").dataset.points = found.t.length; })
+  const string = $("past-string").value, query = new URLSearchParams({ view, string, span: $("past-span").value });
+  fetch(`/api/history?${query}`).then((r) => r.json()).then((found) => { shown = { ...found, string: Number(string) }; draw(); toFleet(); $("past").dataset.points = found.t.length; })
     .catch((e) => complain(e.message)).finally(() => { busy = false; follow(latest); });
 }
 
@@ -64,11 +76,17 @@ function draw() {
   svg.replaceChildren();
   if (shown.t.length < 2) return;
   const width = Math.max(svg.clientWidth, 200), [t0, t1] = ends(), limit = about.limits.core_C;
+  let below = TOP - GAP;
+  const panels = PANELS.filter(([name]) => shown[name].some((v) => v !== null)).map(([name, title, height, scale]) => {
+    const top = below + GAP;
+    below = top + height;
+    return [name, title, top, below, scale];
+  });
+  svg.setAttribute("height", below + FOOT);
   const x = (t) => LEFT + ((width - LEFT - RIGHT) * (t - t0)) / (t1 - t0);
   const put = (tag, more, text = "") => { const n = document.createElementNS(SVG, tag); for (const [k, v] of Object.entries(more)) n.setAttribute(k, v); n.textContent = text; svg.append(n); return n; };
-  for (const [name, title, top, bottom] of PANELS) {
-    const y = shown[name], there = y.map((v, i) => [i, v]).filter(([, v]) => v !== null);
-    if (!there.length) continue;
+  for (const [name, title, top, bottom, scale] of panels) {
+    const y = shown[name].map((v) => (v === null ? null : scale * v)), there = y.map((v, i) => [i, v]).filter(([, v]) => v !== null);
     const half = (i) => (name === "hottest" ? shown.half[i] ?? 0 : 0);
     let low = Math.min(...there.map(([i, v]) => v - half(i))), high = Math.max(...there.map(([i, v]) => v + half(i)));
     if (name === "hottest" && limit < high + 20) high = Math.max(high, limit + 1);
@@ -84,16 +102,16 @@ function draw() {
       put("polygon", { points: [...edge(1, there), ...edge(-1, [...there].reverse())].join(" "), fill: "var(--after)", "fill-opacity": 0.2 });
       if (limit <= high) put("line", { x1: LEFT, x2: width - RIGHT, y1: at(limit), y2: at(limit), stroke: "var(--danger)", "stroke-dasharray": "6 4", class: "limit" });
     }
-    for (const run of runs(y)) put("polyline", { points: run.map((i) => `${x(shown.t[i]).toFixed(1)},${at(y[i]).toFixed(1)}`).join(" "), fill: "none", stroke: name === "current" ? "var(--ink)" : "var(--after)", "stroke-width": name === "hottest" ? 2 : 1.2 });
+    for (const run of runs(y)) put("polyline", { points: run.map((i) => `${x(shown.t[i]).toFixed(1)},${at(y[i]).toFixed(1)}`).join(" "), fill: "none", stroke: COLORS[name] ?? "var(--ink)", "stroke-width": name === "hottest" ? 2 : 1.2 });
   }
   for (const m of shown.marks.filter((k) => k.state !== "over")) {
-    const line = put("line", { x1: x(m.at), x2: x(m.at), y1: PANELS[0][2], y2: PANELS.at(-1)[3], stroke: m.level === "alarm" ? "var(--danger)" : "var(--before)", "stroke-width": 2, class: `mark ${m.level}` });
+    const line = put("line", { x1: x(m.at), x2: x(m.at), y1: TOP, y2: below, stroke: m.level === "alarm" ? "var(--danger)" : "var(--before)", "stroke-width": 2, class: `mark ${m.level}` });
     line.append(Object.assign(document.createElementNS(SVG, "title"), { textContent: m.text }));
   }
-  const bottom = PANELS.at(-1)[3] + 18;
+  const bottom = below + 18;
   for (const share of [0, 0.5, 1]) put("text", { x: x(t0 + share * (t1 - t0)), y: bottom, "text-anchor": ["start", "middle", "end"][2 * share] }, clock(t0 + share * (t1 - t0)));
   const hot = shown.hottest.filter((v) => v !== null);
-  svg.setAttribute("aria-label", `hottest point of ${about.strings[$("past-string").value].name} from ${clock(t0)} to ${clock(t1)}: ${Math.min(...hot).toFixed(1)} to ${Math.max(...hot).toFixed(1)} °C, limit ${limit} °C, ${shown.marks.length} changes of alerts`);
+  svg.setAttribute("aria-label", `hottest point of ${about.strings[shown.string].name} from ${clock(t0)} to ${clock(t1)}: ${Math.min(...hot).toFixed(1)} to ${Math.max(...hot).toFixed(1)} °C, limit ${limit} °C, ${shown.marks.length} changes of alerts`);
 }
 
 // Stretches of indices without a gap.

@@ -1,0 +1,42 @@
+"""The address of a fleet's dashboard, to which the live page links; nothing is fetched from there."""
+
+import re
+from typing import Final
+from urllib.parse import urlsplit, urlunsplit
+
+from bms_gateway.errors import UsageError
+
+UID: Final = "bms-gateway"
+"""Of the dashboard that comes with the package."""
+_DASHBOARD: Final = re.compile(r"/d/[\w-]+")
+
+
+def dashboard_address(base: str) -> str:
+    """Give the address of the dashboard, of the base address of a Grafana or of a dashboard's own.
+
+    What its query says stays, such as `var-instance=truck_7:9105`.
+
+    Raises
+    ------
+    UsageError
+
+    Examples
+    --------
+    >>> dashboard_address("https://fleet.example/grafana/?orgId=2")
+    'https://fleet.example/grafana/d/bms-gateway?orgId=2'
+    >>> dashboard_address("http://localhost:3000/d/mine/packs?var-instance=truck_7:9105")
+    'http://localhost:3000/d/mine/packs?var-instance=truck_7:9105'
+    """
+    wrong = UsageError(f"workbench: --grafana {base!a}: expected an address such as https://grafana.example/")
+    try:
+        parts = urlsplit(base.strip())
+        known = parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
+    except ValueError:
+        raise wrong from None
+    if not known or not base.isprintable() or " " in base.strip():
+        raise wrong
+    if parts.username is not None:
+        raise UsageError("workbench: --grafana: leave the user out of the address: every browser would see it")
+    path = parts.path.rstrip("/")
+    path = path if _DASHBOARD.search(path) else f"{path}/d/{UID}"
+    return urlunsplit((parts.scheme, parts.netloc, path, parts.query, ""))
