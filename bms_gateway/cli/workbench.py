@@ -78,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
     if args.live is not None:
         return _live(args, site)
     server = Server(site, args.host, args.port, args.name, _say_now)
-    site.warm()
+    site.warm(ahead=True)
     return _serve(site, server)
 
 
@@ -93,7 +93,13 @@ def _grafana(args: argparse.Namespace) -> str:
 
 
 def _serve(site: "Site", server: "Server") -> int:
+    import threading
+
+    from bms_gateway.report.page import plotly_script
+
     _tell(server)
+    # packed before it is asked for: that takes a part of a second
+    threading.Thread(target=plotly_script, daemon=True).start()
     try:
         server.serve_forever()
     finally:

@@ -3,7 +3,9 @@
 import secrets
 import threading
 from collections import OrderedDict
+from contextlib import suppress
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from bms_gateway.errors import UsageError
@@ -23,6 +25,8 @@ EXAMPLE: Final = ("example: bench.csv.gz", "example: bench.toml")
 """How the page calls the files of the example."""
 FORM: Final = ("cell", "cells", "sensors", "flow", "medium")
 LONGEST_ENTRY: Final = 200
+Stamp = tuple[str, int, int]
+"""A file, when it was last written, in ns, and its size: one that differs has been changed."""
 
 
 @dataclass(slots=True)
@@ -48,24 +52,36 @@ class Site:
     desks: "OrderedDict[str, Desk]" = field(default_factory=OrderedDict)
     lock: threading.Lock = field(default_factory=threading.Lock)
     spare: Desk | None = None
+    ahead: "list[Stamp] | None" = None
     closing: bool = False
 
-    def warm(self) -> None:
-        """Have a desk ready whose process has loaded what it needs, for the next tab."""
+    def warm(self, *, ahead: bool = False) -> None:
+        """Have a desk ready whose process has loaded what it needs, for the next tab.
+
+        Parameters
+        ----------
+        ahead : bool
+            Whether it opens the files of the command line already, while the browser is still on its way.
+        """
         with self.lock:
             if self.spare is None and not self.closing:
                 self.spare = Desk(secrets.token_urlsafe(12))
+                if ahead and self.given is not None and not self.given.get("recent"):
+                    self.ahead = _stamps(self.given)
+                    self.spare.open(self.given)
 
     def new_desk(self) -> Desk:
         """Open a desk for a tab; the files of the command line are opened on it."""
         with self.lock:
             desk, self.spare = self.spare or Desk(secrets.token_urlsafe(12)), None
+            opened, self.ahead = self.ahead, None
             self.desks[desk.name] = desk
             old = [self.desks.popitem(last=False)[1] for _ in range(len(self.desks) - MOST_DESKS)]
         for one in old:
             one.close()
         self._rest()
-        if self.given is not None:
+        if self.given is not None and (opened is None or opened != _stamps(self.given)):
+            desk.cancel()  # files that were changed since are read anew
             desk.open(self.given)
         later = threading.Timer(WARM_S, self.warm)  # not now: it would take the processor from this tab
         later.daemon = True
@@ -105,6 +121,15 @@ class Site:
             desk.close()
         if self.watch is not None:
             self.watch.signals.close()
+
+
+def _stamps(given: dict[str, Any]) -> list[Stamp]:
+    found = []
+    for name in filter(None, (*given["tables"], given["model"], given["config"])):
+        with suppress(OSError):  # reading it will say so
+            told = Path(name).stat()
+            found.append((name, told.st_mtime_ns, told.st_size))
+    return found
 
 
 def wanted_files(site: Site, desk: Desk, body: dict[str, Any]) -> dict[str, Any]:

@@ -61,7 +61,7 @@ function heard(news) {
   // progress alone changes the bar; everything else is fetched
   if (busy === kind && kind && news.job.share > 0) { job(news.job); road.trial(news.job.trial); return; }
   busy = kind;
-  refresh();
+  if (news.version !== version) refresh();
 }
 
 // Only a tab that is looked at listens: a browser opens six connections to one server, for all of its tabs together.
@@ -104,6 +104,7 @@ async function claim() {
     try { await get("state"); return; } catch { /* a fresh one, below */ }
   }
   keep({ desk: (await post("desk")).desk });
+  version = -1; // a desk counts its own changes
   // the program was started anew: the work goes its way again
   if (ui.session) await post("resume", ui.session).catch((e) => complain(e.message));
 }
@@ -157,6 +158,7 @@ async function start() {
   const given = sessionStorage.getItem("seen");
   sessionStorage.setItem("seen", "1");
   step(site.watch && !given ? "live" : ui.tab);
+  if (!document.hidden) refresh(); // not only when the first event comes
   listen();
 }
 
