@@ -1,7 +1,7 @@
 """Rows of CSV and Parquet files a piece at a time, so that a file of any size takes the memory of a piece."""
 
 import csv
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -55,8 +55,8 @@ class Rows(Protocol):
         What its rows are called.
     units : list of str or None
         Of a row of units below the names.
-    notes : list of str
-        What was recognised, a sentence each; whole once all pieces are read.
+    notes : sequence of str
+        What was recognised so far, a sentence each; whole once all pieces are read.
     began_s : float or None
         First stamp, s since 1970, of a file whose times are stamps; known once a piece is read.
     """
@@ -64,7 +64,11 @@ class Rows(Protocol):
     names: list[str]
     word: str
     units: list[str] | None
-    notes: list[str]
+
+    @property
+    def notes(self) -> Sequence[str]:
+        """See above."""
+        ...
 
     @property
     def began_s(self) -> float | None:
@@ -114,7 +118,7 @@ class _Csv:
         self.path = path
         self._file = file
         self._source, self._codec = self._open(file)
-        self.notes: list[str] = [] if self._codec == "utf-8" else ["read as UTF-16"]
+        self._said: list[str] = [] if self._codec == "utf-8" else ["read as UTF-16"]
         self._codec = "utf-8"
         self._decimals = Decimals()
         self._blocks = self._lines()
@@ -156,9 +160,14 @@ class _Csv:
         cells = self._cells(self._first.only(1), None)
         if len(cells) != len(self.names) or not units_row(cells):
             return None
-        self.notes.append(f"line {self._first.number[0]} is read as the units of the columns")
+        self._said.append(f"line {self._first.number[0]} is read as the units of the columns")
         self._first = self._first.after(1)
         return cells
+
+    @property
+    def notes(self) -> list[str]:
+        """See `Rows`."""
+        return [*self._said, *self._decimals.notes()]
 
     def sample(self, column: str) -> list[str]:
         """See `Rows`."""
@@ -178,7 +187,6 @@ class _Csv:
                 before, at = at, self._file.tell()
                 yield Piece(lines.number, values, at - before)
             lines = next(self._blocks, None)
-        self.notes += self._decimals.notes()
 
     def _lines(self) -> Iterator["_Lines"]:
         """Give lines that are neither blank nor remarks; never none."""
@@ -205,7 +213,7 @@ class _Csv:
         text, codec = decoded(self.path, raw, read, self._codec)
         if codec != self._codec:
             self._codec = codec
-            self.notes.append(f"not UTF-8 from line {number} on: read as Windows-1252")
+            self._said.append(f"not UTF-8 from line {number} on: read as Windows-1252")
         lines = text.splitlines()
         if "#" not in text and all(map(str.strip, lines)):
             return _Lines(np.arange(number, number + len(lines)), lines), len(lines)

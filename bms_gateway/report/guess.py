@@ -7,6 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
+from unicodedata import normalize
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,8 +37,19 @@ _WHEN: Final = (
     r"|^t( (s|ms|sec|min|h))?$"
 )
 _CELL: Final = (
-    r"(cell|zelle|zell|surface|surf|oberfl\w*|haut|skin|temp|temperatur|thermocouple|thermoelement|tc|th|ntc|t)"
+    r"(cell|zelle|zell|surface|surf|oberfl\w*|haut|skin|case|can|mantel|geh(ä|ae)use|temp|temperatur|thermocouple"
+    r"|thermoelement|tc|th|ntc|t)"
 )
+_OF_A_CELL: Final = re.compile(
+    r"\d|surf|oberfl|\bt zelle?\b|\bt (cell|case|can)\b|\b(zelle?|cell) t(emp\w*)?\b|skin|haut|mantel|geh(ä|ae)use"
+)
+"""What tells a surface where no unit says that it is a temperature."""
+_ELECTRIC: Final = re.compile(r"\b(voltage|volts?|\w*spannung|current|strom|soc|u|v|i)\b")
+_JOINED: Final = re.compile(
+    r"\bt(?=(surf\w*|oberfl\w*|zelle?|cell|case|can|geh(ä|ae)use|core|kern|amb|ambient|umg\w*|luft|air|inlet|cool\w*"
+    r"|k(ü|ue)hl\w*|vorlauf|skin|haut)\b)"
+)
+"""A t of a temperature that is written together with what it is of."""
 ONES: Final = (
     ("time_s", "time", re.compile(_WHEN)),
     (
@@ -89,10 +101,12 @@ def plain(name: str) -> str:
     --------
     >>> plain("T_Zelle_03 [°C]"), plain("Kühlmittel-Vorlauf/°C"), plain("cellTemp3")
     ('t zelle 03', 'kühlmittel vorlauf', 'cell temp 3')
+    >>> plain("Tsurf"), plain("TZelle3"), plain("total")
+    ('t surf', 't zelle 3', 'total')
     """
-    base = re.sub(r"(?<=[a-zäöü])(?=[A-Z])", " ", split_unit(name)[0])
+    base = re.sub(r"(?<=[a-zäöü])(?=[A-Z])", " ", normalize("NFC", split_unit(name)[0]))
     base = re.sub(r"(?<=[a-zA-Zäöü])(?=\d)", " ", re.sub(r"[_\W]+", " ", base))
-    return base.strip().lower()
+    return _JOINED.sub("t ", base.strip().lower())
 
 
 def lookalike(ours: str, names: Sequence[str]) -> str | None:
@@ -189,8 +203,7 @@ def _cells(
     if what == "cell_voltage":  # without a unit, or without a number, it may be anything
         mine = [n for n in mine if kind[n] == quantity and _NUMBER.search(plain(n))]
     elif what == "surface":
-        told = re.compile(r"\d|surf|oberfl")
-        mine = [n for n in mine if kind[n] == quantity or told.search(plain(n))]
+        mine = [n for n in mine if kind[n] == quantity or _heat_of_a_cell(plain(n))]
         if not mine:
             mine = [n for n in free if kind[n] == quantity and not _NOT.search(plain(n))]
     numbers = [int(m[1]) if (m := _NUMBER.search(plain(n))) else 0 for n in mine]
@@ -204,6 +217,10 @@ def _cells(
         for ours, n in given.items()
         if ours not in taken
     }
+
+
+def _heat_of_a_cell(text: str) -> bool:
+    return bool(_OF_A_CELL.search(text)) and not _ELECTRIC.search(text)
 
 
 def _unit_of(quantity: str, x: Floats | None, stated: str | None) -> str | None:

@@ -17,12 +17,15 @@ from bms_gateway.report.dates import date_form
 from bms_gateway.report.file_rows import Rows
 from bms_gateway.report.guess import Guess, guesses, is_percent
 from bms_gateway.report.table import REQUIRED, converted, known, open_table
+from bms_gateway.report.table_cells import is_number
 
 Floats = NDArray[np.float64]
 SHOWN: Final = 4
 """Cells of a column."""
 DRAWN: Final = 80
 """Points of its curve."""
+MOST_UNREAD: Final = 5
+"""Columns without numbers that are told one by one."""
 MOST: Final = 300
 """Columns that are shown."""
 
@@ -65,9 +68,23 @@ def look(path: Path, columns: Mapping[str, str] | None = None) -> dict[str, Any]
             "columns": [c for c in shown if c["name"]],
             "missing": [name for name in REQUIRED if name not in found],
             "surfaces": any(n.startswith("surface_") for n in found),
-            "notes": list(rows.notes),
+            "notes": [*rows.notes, *_unread(rows, shown, dated)],
             "units": {quantity: _units(quantity, [c["stated"] for c in shown]) for quantity in UNITS},
         }
+
+
+def _unread(rows: Rows, shown: Sequence[Mapping[str, Any]], dated: str) -> list[str]:
+    """Say which columns hold no numbers, by the first cell that is none."""
+    told = []
+    for c in shown:
+        if not c["name"] or c["name"] == dated or "low" in c:
+            continue
+        cells = rows.sample(c["name"])
+        word = next((cell.strip() for cell in cells if cell.strip() and not is_number(cell.strip())), None)
+        told.append(f"{c['name']!r} " + ("is empty" if word is None else f"holds no numbers but {word[:20]!r}"))
+    if len(told) > MOST_UNREAD:
+        told = [*told[:MOST_UNREAD], f"{len(told) - MOST_UNREAD} more columns hold no numbers"]
+    return told
 
 
 def _units(quantity: str, written: Sequence[str]) -> list[str]:

@@ -83,6 +83,13 @@ VOLTS = "cell_voltage_1_V cell_voltage_2_V"
             "0;1;20;3600;3600;20",
             f"{INLET} {VOLTS} surface_2_C",
         ),
+        ("t;I;Tamb;Tsurf", "0;1;20;20", f"{INLET} surface_1_C"),
+        ("Zeit;Strom;Tumgebung;Tzelle", "0;1;20;20", f"{INLET} surface_1_C"),
+        ("Zeit;Strom;Umgebung;T_Oberfläche", "0;1;20;20", f"{INLET} surface_1_C"),
+        ("Zeit;Strom;Umgebung;T_Oberfla\u0308che", "0;1;20;20", f"{INLET} surface_1_C"),
+        ("t;I;Tin;TZelle1;TZelle2", "0;1;20;20;20", f"{INLET} surface_1_C surface_2_C"),
+        ("t;I;Tair;Tcore;Tcase;total", "0;1;20;20;20;7", f"{INLET} core_1_C surface_1_C -"),
+        ("t;I;T_amb;Cell_3_Voltage;Cell_3_Temp;Zellspannung", "0;1;20;3.6;20;3.6", f"{INLET} - surface_3_C -"),
     ],
 )
 def test_names_of_others(tmp_path, header, first, expected):
@@ -125,3 +132,18 @@ def test_words_are_parted():
     assert plain("packVoltage_V") == "pack voltage v"
     assert lookalike("current_A", ["Strom (A)", "U"]) == "Strom (A)"
     assert lookalike("current_A", ["current 1", "current 2"]) is None
+
+
+def test_columns_without_numbers_and_decimal_commas_are_told(tmp_path):
+    path = tmp_path / "table.csv"
+    rows = [f"{k};1,5;20,25;20,5;{'ok' if k else ''};" for k in range(30)]
+    path.write_text("\n".join(["time_s;current_A;coolant_inlet_C;surface_1_C;Bemerkung;leer", *rows]) + "\n")
+    notes = look(path)["notes"]
+    assert "decimal commas" in notes
+    assert "'Bemerkung' holds no numbers but 'ok'" in notes
+    assert "'leer' is empty" in notes
+    many = [f"w{k}" for k in range(8)]
+    path.write_text("\n".join([",".join(["time_s", *many]), *(",".join([f"{k}", *many]) for k in range(3))]) + "\n")
+    notes = look(path)["notes"]
+    assert notes[-1] == "3 more columns hold no numbers"
+    assert len(notes) == 6
