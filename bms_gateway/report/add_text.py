@@ -17,6 +17,7 @@ from bms_gateway.report.core_text import NOT_PROVEN, core_document, core_text
 from bms_gateway.report.diagnosis_text import finite, told_aside, warned
 from bms_gateway.report.fit_text import change_document, changes_table
 from bms_gateway.report.show import number, text_table
+from bms_gateway.report.words import labelled
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +146,7 @@ def add_text(r: AddReport) -> str:
     """Write what the addition did for people: errors, cores, numbers."""
     several = len(r.sources) > 1
     parts = [
-        f"{r.tag}. {headline(r)}",
+        labelled(f"{r.tag}. {headline(r)}"),
         *warned(r.findings, several),
         _errors(r, several),
         _cores(r),
@@ -154,9 +155,9 @@ def add_text(r: AddReport) -> str:
         changes_table(r.changes),
     ]
     if r.remark:
-        parts.append(r.remark)
+        parts.append(labelled(r.remark))
     if r.forced:
-        parts.append(f"Added by force, though: {r.refused}.")
+        parts.append(labelled(f"Added by force, though: {r.refused}."))
     parts += told_aside(r.findings, r.notes, several)
     return "\n\n".join(parts)
 

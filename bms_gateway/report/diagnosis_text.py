@@ -13,6 +13,7 @@ from bms_gateway.diagnosis.diagnosis import Diagnosis, Errors, Number, Selected
 from bms_gateway.diagnosis.ranking import Standing
 from bms_gateway.report.core_text import core_document, core_text
 from bms_gateway.report.show import number, text_table
+from bms_gateway.report.words import labelled, named, named_all
 
 BAR = 12
 """Characters of the longest evidence bar: the table still fits a terminal with it."""
@@ -162,7 +163,7 @@ def finite(x: float) -> float | None:
 def diagnosis_text(told: Told) -> str:
     """Write a diagnosis for people, the verdict first."""
     d = told.diagnosis
-    parts = [told.sentence, *warned(told.findings, len(told.sources) > 1)]
+    parts = [labelled(told.sentence), *warned(told.findings, len(told.sources) > 1)]
     if d is not None:
         if d.selected:
             parts.append(_what_is_missing(d.selected))
@@ -173,7 +174,9 @@ def diagnosis_text(told: Told) -> str:
         parts.append(_errors(d))
         # with one effect the sentence has said it
         tied = {x.candidate.name: x.tied_with for x in d.selected if x.tied_with and len(d.selected) > 1}
-        parts += [f"These readings cannot tell {name} from {', '.join(others)}." for name, others in tied.items()]
+        parts += [
+            labelled(f"These readings cannot tell {name} from {', '.join(others)}.") for name, others in tied.items()
+        ]
     if told.core is not None:
         parts.append(core_text(told.core))
     if told.absorbed:
@@ -181,7 +184,7 @@ def diagnosis_text(told: Told) -> str:
             _listed("Absorbed by a parameter of the model, and therefore not a missing effect:", told.absorbed)
         )
     if told.next_experiment:
-        parts.append(f"Next: {told.next_experiment}")
+        parts.append(labelled(f"Next: {told.next_experiment}"))
     if told.card:
         parts.append(_listed("What these readings could show at all:", told.card))
     parts += told_aside(told.findings, told.notes, len(told.sources) > 1)
@@ -211,13 +214,13 @@ def told_aside(
 
 
 def _listed(title: str, lines: Sequence[str]) -> str:
-    return "\n".join([title, *(f"  {line}" for line in lines)])
+    return "\n".join([title, *(f"  {labelled(line)}" for line in lines)])
 
 
 def _what_is_missing(selected: Sequence[Selected]) -> str:
     lines = []
     for s in selected:
-        lines.append(f"{placed(s.candidate.name, s.candidate.cell)}: {s.candidate.effect.equation}")
+        lines.append(f"{named(placed(s.candidate.name, s.candidate.cell))}: {s.candidate.effect.equation}")
         lines += [f"  {text}" for text in number_lines(s.parameters)]
     return "\n".join(lines)
 
@@ -283,9 +286,9 @@ def _ranking(ranked: Sequence[Standing], *, second: bool) -> str:
     rows = [
         [
             *([ROLES[r.role]] if told else []),
-            r.name,
+            named_all(r.effects) or r.name,
             _bar(r.evidence, best),
-            r.refused,
+            labelled(r.refused),
             number(r.evidence, 1 if abs(r.evidence) < 1000.0 else 0),
             number(100.0 * r.share, 0) + (" %" if math.isfinite(r.share) else ""),
             number(r.error_K, 3),

@@ -28,6 +28,7 @@ from bms_gateway.report.html_ranking import detectability_table, experiment_tabl
 from bms_gateway.report.html_series import Shown, shown
 from bms_gateway.report.html_tables import curve_table, errors_table, parameters_table
 from bms_gateway.report.page import items, paragraph, section, write_page
+from bms_gateway.report.words import in_words, named
 
 VERDICTS = {
     "adequate": "✓ Adequate",
@@ -83,7 +84,9 @@ class Aside:
         return [
             section("checks", "Direct checks of the data", items(self._by_record(checks))),
             section("notes", "How the data were read", items(self._by_record(self.notes))),
-            section("again", "From which data, and how to make this page again", items(self.sources), made),
+            section(
+                "again", "From which data, and how to make this page again", items(self.sources, verbatim=True), made
+            ),
         ]
 
 
@@ -153,7 +156,8 @@ def write_diagnosis(
     aside = Aside(told.sources, told.findings, told.notes, command)
     verdict = d.verdict if d else "insufficient_data"
     tag = VERDICTS[verdict] + (", and something unknown remains" if d and d.unknown_remains and d.selected else "")
-    head = f'<p><span class="tag {verdict}">{escape(tag)}</span></p><p class="verdict">{escape(told.sentence)}</p>'
+    sentence = escape(in_words(told.sentence))
+    head = f'<p><span class="tag {verdict}">{escape(tag)}</span></p><p class="verdict">{sentence}</p>'
     head += (core_html(told.core) if told.core else "") + aside.doubts
     sections: list[str] = []
     if d is not None:
@@ -224,9 +228,8 @@ def write_addition(path: Path, report: AddReport, addition: Addition, command: s
         section("correlations", "Correlation of the parameters", correlation_table(addition.after)),
         *aside.sections,
     ]
-    head = (
-        f'<p><span class="tag {kind}">{escape(report.tag)}</span></p><p class="verdict">{escape(headline(report))}</p>'
-    )
+    sentence = escape(in_words(headline(report)))
+    head = f'<p><span class="tag {kind}">{escape(report.tag)}</span></p><p class="verdict">{sentence}</p>'
     head += core_html(report.after.core, report.after.checks)
     head += items([*(against if report.refused else []), *([report.remark] if report.remark else [])])
     head += aside.doubts + summary(models, addition.after, blocks=report.blocks_K)
@@ -248,7 +251,7 @@ def _effects(added: Sequence[Candidate], tied: Sequence[str]) -> str:
     """Say what effects are and how they show."""
     parts = []
     for c in added:
-        parts.append(f"<h3>{escape(c.key)}: {escape(c.effect.title)}</h3><pre>{escape(c.effect.equation)}</pre>")
+        parts.append(f"<h3>{escape(named(c.key))}</h3><pre>{escape(c.effect.equation)}</pre>")
         parts.append(paragraph(f"How it shows: {c.effect.signature}."))
     if tied:
         parts.append(paragraph(f"These data cannot tell it from {', '.join(dict.fromkeys(tied))}."))

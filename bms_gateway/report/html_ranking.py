@@ -14,6 +14,7 @@ from bms_gateway.report.diagnosis_text import LINEAR, meaning, reach, with_sd
 from bms_gateway.report.html_figures import WORTH
 from bms_gateway.report.html_tables import unit
 from bms_gateway.report.page import amount, paragraph, table
+from bms_gateway.report.words import in_words, labelled
 from bms_gateway.thermal.effects import effect_named
 
 TESTS_SHOWN = 6
@@ -54,17 +55,17 @@ def ranking_table(ranked: Sequence[Standing], *, second: bool = False) -> str:
             rows.append(f'<tr class="group">{title}</tr>')
             before = r.role
         kind = {"named": "chosen", "tied": "tied"}.get(r.role, "")
-        titles = " and ".join(effect_named(e.partition(":")[0]).title for e in r.effects)
+        titles = " and ".join(effect_named(e.partition(":")[0]).title for e in r.effects) or r.name
         columns = [
             f"{r.evidence:.{1 if abs(r.evidence) < 1000.0 else 0}f}".replace("-", "−"),
             *([_share(r.share)] if weighed else []),
             amount(r.error_K),
             *([amount(r.without_K) if r.role == "named" else ""] if told else []),
         ]
-        row = f'<th scope="row">{escape(r.name)}<br><span class="muted">{escape(titles)}</span></th>'
+        row = f'<th scope="row">{escape(titles)}<br><span class="muted">({escape(r.name)})</span></th>'
         row += f"<td>{_bar(r, top, kind)}</td>" + "".join(f'<td class="n">{c}</td>' for c in columns)
         row += f'<td class="numbers">{_numbers(r.parameters)}</td>'
-        row += f'<td class="why">{escape(r.refused).replace(" -", " −")}</td>'
+        row += f'<td class="why">{escape(in_words(r.refused))}</td>'
         rows.append(f'<tr class="{kind}">{row}</tr>')
     error = "error, K" if second else "held-out, K"
     heads = ["log-odds", *(["prob."] if weighed else []), error, *(["without it, K"] if told else [])]
@@ -158,7 +159,8 @@ def experiment_table(e: Experiment) -> str:
         for t in p.tests[:TESTS_SHOWN]:
             enough = "decides" if t.log_odds >= ENOUGH_ODDS else ""
             rows.append([escape(t.plan.instruction), f"{t.plan.minutes:.0f}", amount(t.log_odds), enough])
-        note = f"To tell {p.one} from {p.other}: expected log-odds of each test; {ENOUGH_ODDS:g} decide, 20 to 1."
+        note = f"To tell {labelled(p.one)} from {labelled(p.other)}: expected log-odds of each test; "
+        note += f"{ENOUGH_ODDS:g} decide, 20 to 1."
         parts.append(table(["test", "min", "expected log-odds", ""], rows, words=(0, 3), caption=note))
     return "\n".join(parts)
 

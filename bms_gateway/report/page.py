@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.errors import MissingExtraError, UsageError
+from bms_gateway.report.words import in_words
 
 Figure = dict[str, Any]
 """`data` and `layout` as plotly takes them."""
@@ -122,16 +123,20 @@ def cards(some: Sequence[Card]) -> str:
     return f'<div class="cards">{"".join(one(c) for c in some)}</div>'
 
 
-def items(sentences: Sequence[str]) -> str:
-    """Give sentences as a list, or nothing where there are none."""
+def items(sentences: Sequence[str], *, verbatim: bool = False) -> str:
+    """Give sentences as a list, or nothing where there are none; names of files `verbatim`."""
     if not sentences:
         return ""
-    return '<ul class="found">' + "".join(f"<li>{escape(s)}</li>" for s in sentences) + "</ul>"
+    return (
+        '<ul class="found">'
+        + "".join(f"<li>{escape(s if verbatim else in_words(s))}</li>" for s in sentences)
+        + "</ul>"
+    )
 
 
 def paragraph(text: str) -> str:
     """Give one paragraph."""
-    return f"<p>{escape(text)}</p>"
+    return f"<p>{escape(in_words(text))}</p>"
 
 
 def section(name: str, title: str, *parts: str) -> str:

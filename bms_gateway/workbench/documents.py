@@ -25,11 +25,11 @@ from bms_gateway.report.html_evidence import summary
 from bms_gateway.report.html_ranking import GROUPS, NAMED_AT
 from bms_gateway.report.html_series import Shown
 from bms_gateway.report.html_tables import errors_table, heat_map, parameters_table, thermocouples_table
+from bms_gateway.report.words import in_words
 from bms_gateway.thermal import StringModel
 from bms_gateway.thermal.effects import catalogue, effect_named
 from bms_gateway.workbench.pictures import preview
 from bms_gateway.workbench.steps import FILED, REFITTED
-from bms_gateway.workbench.words import in_words
 
 Document = dict[str, Any]
 WEIGHTS = {"stop": "cannot be used", "warn": "look at this first", "note": "good to know"}
@@ -242,7 +242,7 @@ def added(report: AddReport, addition: Addition, words: Sequence[str]) -> Docume
         "remark": report.remark,
         "tag": report.tag,
         "core": told_core(report.after.core),
-        "headline": headline(report),
+        "headline": in_words(headline(report)),
         "before": steps[0],
         "after": steps[1],
         "tail": report.blocks_K is not None,

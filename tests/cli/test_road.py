@@ -115,7 +115,7 @@ class TestAdd:
         text = (pack.folder / "added.html").read_text()
         d = added[1]
         error = f"from {d['before']['heldout_rmse_K']:.3f} to {d['after']['heldout_rmse_K']:.3f} K"
-        assert f"With entropic_heat the held-out error falls {error}" in text
+        assert f"With reversible (entropic) heat (entropic_heat) the held-out error falls {error}" in text
         assert text.count('class="plot"') == 5  # three surfaces, the drive, the hottest core
 
     def test_its_model_lacks_nothing_any_more(self, pack, added):

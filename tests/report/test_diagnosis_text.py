@@ -1,6 +1,7 @@
 """A diagnosis says the same to people and to programs, and nothing that JSON cannot hold."""
 
 import json
+import re
 
 import pytest
 
@@ -54,6 +55,29 @@ def test_a_ranking_of_programs_holds_single_effects_and_hypotheses_the_others():
     assert [h["effects"] for h in d["hypotheses"]] == [["charge_transfer", "entropic_heat"]]
 
 
+def of_effects(text, roles):
+    """Lines of a ranking by the identifier, which stands in brackets behind the label."""
+    return {re.search(r"\(([a-z_]+(?::\d+)?)\)", line)[1]: line for line in text.splitlines() if line.startswith(roles)}
+
+
+def test_an_effect_has_its_label_before_its_identifier():
+    text = diagnosis_text(
+        told(
+            ranked("ambient_loss", evidence=40.0, role="named"),
+            ranked("phase_change:2", evidence=-3.0, role="next", refused="the bound of end_plate (cell 1)"),
+            card=("ambient_loss and cell_cooling (cell 3) look alike here.",),
+        )
+    )
+    lines = of_effects(text, ("named ", "next "))
+    assert "second heat path to the surroundings (ambient_loss)" in lines["ambient_loss"]
+    assert "latent heat at the surface (phase_change:2)" in lines["phase_change:2"]
+    assert "the bound of end plates cool or warm the end cells (end_plate, cell 1)" in text
+    assert (
+        "second heat path to the surroundings (ambient_loss) and one cell's cooling differs (cell_cooling, cell 3) "
+        "look alike here."
+    ) in text
+
+
 def test_bars_are_as_long_as_the_evidence():
     text = diagnosis_text(
         told(
@@ -62,7 +86,7 @@ def test_bars_are_as_long_as_the_evidence():
             ranked("cell_cooling:3", evidence=-2.0),
         )
     )
-    lines = {line.split()[1]: line for line in text.splitlines() if line.startswith(("named ", "instead "))}
+    lines = of_effects(text, ("named ", "instead "))
     assert lines["resistance_temperature"].count("█") == 2 * lines["charge_transfer"].count("█") > 0
     assert "█" not in lines["cell_cooling:3"]
     assert "worse on the held-out blocks" in lines["charge_transfer"]
@@ -75,7 +99,7 @@ def test_bars_of_great_evidence_leave_small_ones_to_be_seen():
             ranked("charge_transfer", evidence=9.0, role="next"),
         )
     )
-    lines = {line.split()[1]: line for line in text.splitlines() if line.startswith(("named ", "next "))}
+    lines = of_effects(text, ("named ", "next "))
     assert lines["resistance_temperature"].count("█") > lines["charge_transfer"].count("█") > 1
 
 
@@ -115,7 +139,7 @@ def test_people_are_told_the_verdict_first_then_all_the_rest():
         "noise alone",
         "A gain goes into R_e.",
         "Next: Warm the inlet by 10 K.",
-        "could not show phase_change",
+        "could not show latent heat at the surface (phase_change)",
         "The charge hardly moves.",
         "A gap of 3 s was bridged.",
     ]

@@ -353,5 +353,5 @@ def test_command_lines_quote_what_a_shell_would_cut():
 def test_a_coolant_that_is_none_is_refused(pack, tmp_path):
     form = {"cell": "a123_32157", "flow": "570", "medium": "lava"}
     wanted = {"tables": [str(pack.hidden)], "model": "", "columns": [], "form": form}
-    with pytest.raises(UsageError, match="the coolant 'lava' is not known; valid: liquid, air"):
+    with pytest.raises(UsageError, match="the coolant 'lava' is not known; valid: air, liquid"):
         with_model(wanted, tmp_path)
