@@ -114,8 +114,8 @@ def identify(model: StringModel, records: Sequence[Record], *, core: bool = Fals
     """Fit a string to records, from what was known before any data.
 
     Where the model cannot follow the surfaces to within their noise, it is fitted with an error of its own: taken for
-    white noise, what it lacks drives its numbers and with them its core far off, and makes them look certain. Of a model
-    without effects the numbers by the windows of the live method are then believed (`record_windows`).
+    white noise, what it lacks drives its numbers and with them its core far off, and makes them look certain. If the
+    model has no effects, the numbers by the windows of the live method are then believed (`record_windows`).
 
     Parameters
     ----------
