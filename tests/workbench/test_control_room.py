@@ -287,6 +287,10 @@ def test_the_page_is_a_control_room(window, log, axe, tmp_path):
                     "Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False
                 )
                 assert page.run("return document.documentElement.scrollWidth - innerWidth") <= 0, width
+                page.wait(  # the past is drawn anew, as wide as it now is
+                    "const s = document.querySelector('#past'), r = s.querySelector('rect');"
+                    "return Math.abs(Number(r.getAttribute('width')) - s.clientWidth) < 80"
+                )
             assert faults(page, axe) == [], dark
             page.click("#theme")
 

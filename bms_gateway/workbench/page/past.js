@@ -30,6 +30,7 @@ export function build(known, name, jump, grafana) {
     el("a", { id: "grafana", class: "file", target: "_blank", rel: "noopener noreferrer", hidden: true }, "This window in Grafana")),
     svg, el("p", { class: "muted" }, "Band: 95 %. Dashed: limit. Upright lines: alerts raised, orange for warnings, red for alarms. A click goes to that moment."));
   queueMicrotask(link);
+  addEventListener("resize", () => { if (shown && svg.clientWidth) draw(); });
   return section;
 }
 
