@@ -87,3 +87,24 @@ def test_a_report_fits_every_window_and_paper(window, pack, axe, tmp_path):
     )
     assert report.run("return document.documentElement.scrollWidth") <= 690
     assert report.complaints() == []
+
+
+def test_files_of_the_command_line_are_read_before_the_browser_comes(pack, tmp_path):
+    model = tmp_path / "pack.toml"
+    model.write_text(pack.model.read_text())
+    given = {**files(pack), "model": str(model), "recent": None}
+    for changed in (False, True):
+        site = Site(given=given)
+        try:
+            site.warm(ahead=True)
+            ahead = site.spare
+            come(lambda desk=ahead: desk.state()["opened"], "the record", FIT_S)
+            if changed:
+                model.write_text(model.read_text() + "# seen once more\n")
+            desk = site.new_desk()
+            assert desk is ahead
+            assert ((desk.state()["job"] or {}).get("kind") == "open") is changed
+            assert done(desk)["opened"]
+            assert desk.model().endswith("# seen once more\n") is changed
+        finally:
+            site.close()
