@@ -27,20 +27,13 @@ from bms_gateway.frames.decode import decode
 from bms_gateway.frames.guard import QUALITIES, Guard
 from bms_gateway.frames.quality import Quality
 from bms_gateway.frames.rules import default_rule
+from bms_gateway.frames.vocabulary import CELL, INPUTS, SLOW, WHOLE, Quantity
 from bms_gateway.identify import PairMeans
 from bms_gateway.thermal import Floats
 
 # plain integers: numpy takes many times longer to compare with a member of an enumeration
 GOOD, ESTIMATED, OUT_OF_RANGE = int(Quality.GOOD), int(Quality.ESTIMATED), int(Quality.OUT_OF_RANGE)
 NOT_AVAILABLE, ERROR = int(Quality.NOT_AVAILABLE), int(Quality.ERROR)
-# Quantities that estimators use: cell voltages only where single cells are identified, SOC only where an effect needs
-# it.
-USED = frozenset({"current", "voltage", "coolant_inlet", "coolant_flow", "surface"})
-USED_BY_EFFECTS = USED | {"soc"}
-USED_BY_CELLS = USED | {"cell_voltage"}
-RECORDED = frozenset({"soc"})
-"""Quantities that are always decoded and guarded, for the record of recent signals. Their faults are not reported if no
-estimator uses them."""
 ACTIVE_A = 1.0  # mean current of a tick from which on a sensor that never moves is suspicious
 
 
@@ -50,31 +43,50 @@ class Wire:
 
     Attributes
     ----------
-    surface, cell_voltage : ndarray of intp (n,)
+    whole : mapping of Quantity to int
+        Inputs of the whole string.
+    cells : mapping of Quantity to ndarray of intp (n,)
+        Inputs of its cells.
     constants : mapping
         Quantities that the bus does not carry, by name.
     statistics : mapping
         Inputs that are the greatest, least or mean surface of several cells, by which of these.
     """
 
-    current: int
-    voltage: int
-    coolant_inlet: int
-    coolant_flow: int
-    soc: int
-    surface: NDArray[np.intp]
-    cell_voltage: NDArray[np.intp]
-    constants: Mapping[str, float]
+    whole: Mapping[Quantity, int]
+    cells: Mapping[Quantity, NDArray[np.intp]]
+    constants: Mapping[Quantity, float] = field(default_factory=dict)
     statistics: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def current(self) -> int:
+        """Input of the current."""
+        return self.whole["current"]
+
+    @property
+    def voltage(self) -> int:
+        """Input of the string's voltage."""
+        return self.whole["voltage"]
+
+    @property
+    def surface(self) -> NDArray[np.intp]:
+        """Inputs of the surfaces."""
+        return self.cells["surface"]
+
+    @property
+    def cell_voltage(self) -> NDArray[np.intp]:
+        """Inputs of the cells' voltages."""
+        return self.cells["cell_voltage"]
 
     def of(self, c: Channel) -> int:
         """Index of the input of a channel; −1 where it is not taken in."""
         return self.input(c.quantity, c.cell) if c.statistic is None else self.statistics.get(c.statistic, -1)
 
-    def input(self, quantity: str, cell: int | None) -> int:
+    def input(self, quantity: Quantity, cell: int | None) -> int:
         """Index of the input of a quantity, of a cell where it belongs to one; −1 where there is none."""
-        found = getattr(self, quantity)
-        return int(found if cell is None else found[cell - 1])
+        if cell is None:
+            return self.whole.get(quantity, -1)
+        return int(self.cells[quantity][cell - 1]) if quantity in self.cells else -1
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,6 +137,12 @@ _NOTHING = (
     Samples(np.empty(0, np.int64), np.empty(0, np.intp), np.empty(0), np.empty(0, np.uint8)),
     np.empty(0, np.bool_),
 )
+
+
+def used_inputs(string: StringPlan) -> frozenset[Quantity]:
+    """Name the inputs that the estimators of a string take in."""
+    special = "effects" if string.model.effects else "cells" if identifies_cells(string) else "all"
+    return frozenset(q for q, i in INPUTS.items() if i.used_by in ("all", special))
 
 
 def identifies_cells(string: StringPlan) -> bool:
@@ -195,7 +213,8 @@ class Inputs:
             if u >= 0
         }
         self._reversed: set[int] = set()
-        self._inlets = {w.coolant_inlet: Line() for w in self.wires if w.coolant_inlet >= 0}
+        inlets = [w.whole["coolant_inlet"] for w in self.wires]
+        self._inlets = {i: Line() for i in inlets if i >= 0}
         self._followed = np.zeros(len(signals), np.bool_)
         self._cells = CellVoltages([(w.current, w.cell_voltage) for w in self.wires])
         self._followed[self._cells.inputs] = True
@@ -214,12 +233,11 @@ class Inputs:
         self._current_of = np.array([w.current for w in self.wires], np.intp)
         pairs = list(self._currents)
         self._means_of = np.array([pairs.index((w.current, w.voltage)) if w.current >= 0 else -1 for w in self.wires])
-        self._inlet_of = np.array([w.coolant_inlet for w in self.wires], np.intp)
-        self._flow_of = np.array([w.coolant_flow for w in self.wires], np.intp)
-        self._soc_of = np.array([w.soc for w in self.wires], np.intp)
-        self._inlet_else, self._flow_else = (
-            np.array([w.constants.get(name, nan) for w in self.wires]) for name in ("coolant_inlet", "coolant_flow")
+        self._slow = np.array([[w.whole[q] for w in self.wires] for q in SLOW], np.intp)
+        self._slow_else = np.array(
+            [[nan if INPUTS[q].stands_in == "start" else w.constants.get(q, nan) for w in self.wires] for q in SLOW]
         )
+        self._unheard = np.array([[INPUTS[q].stands_in == "unheard"] for q in SLOW])
         self._active = False
         self.good = _NOTHING
         self.counts = np.zeros((len(signals), QUALITIES), np.int64)
@@ -229,18 +247,18 @@ class Inputs:
         self._passed_over = {UNKNOWN_MUX: np.empty(0, np.int64), REPEATED: np.empty(0, np.int64)}
 
     def _wire(
-        self, string: StringPlan, index: dict[tuple[str, float, float], int], groups: list[int], whole: bool
+        self, string: StringPlan, index: dict[tuple[str, float, float], int], groups: list[int], everything: bool
     ) -> Wire:
-        at: dict[str, int] = {}
-        surface, cell_voltage = np.full((2, string.model.cells), -1, np.intp)
-        constants: dict[str, float] = {}
+        whole: dict[Quantity, int] = dict.fromkeys(WHOLE, -1)
+        cells: dict[Quantity, NDArray[np.intp]] = {q: np.full(string.model.cells, -1, np.intp) for q in CELL}
+        constants: dict[Quantity, float] = {}
         statistics: dict[str, int] = {}
-        used = USED_BY_EFFECTS if string.model.effects else USED_BY_CELLS if identifies_cells(string) else USED
+        used = used_inputs(string)
         for c in string.channels:
             if c.signal is None:
                 constants[c.quantity] = nan if c.constant is None else c.constant
                 continue
-            if not whole and c.quantity not in used | RECORDED:
+            if not everything and c.quantity not in used and not INPUTS[c.quantity].recorded:
                 continue
             known = len(index)
             i = index.setdefault((c.signal, c.scale, c.offset), known)
@@ -252,24 +270,12 @@ class Inputs:
             if c.statistic is not None:
                 statistics[c.statistic] = i
                 self._several.append(OneOfSeveral(i, c.statistic, self._cells_before + np.array(c.among, np.intp) - 1))
-            elif c.quantity == "surface" and c.cell is not None:
-                surface[c.cell - 1] = i
-            elif c.quantity == "cell_voltage" and c.cell is not None:
-                cell_voltage[c.cell - 1] = i
             elif c.cell is None:
-                at[c.quantity] = i
+                whole[c.quantity] = i
+            elif c.quantity in cells:
+                cells[c.quantity][c.cell - 1] = i
         self._cells_before += string.model.cells
-        return Wire(
-            current=at.get("current", -1),
-            voltage=at.get("voltage", -1),
-            coolant_inlet=at.get("coolant_inlet", -1),
-            coolant_flow=at.get("coolant_flow", -1),
-            soc=at.get("soc", -1),
-            surface=surface,
-            cell_voltage=cell_voltage,
-            constants=constants,
-            statistics=statistics,
-        )
+        return Wire(whole, cells, constants, statistics)
 
     def wanted(self, frames: FrameBatch) -> FrameBatch:
         """Keep the frames that carry an input; other frames do not count as activity of the battery."""
@@ -334,17 +340,15 @@ class Inputs:
         # one more at the end, for index −1: a channel that does not exist
         quality = np.append(g.channel_quality, np.uint8(ESTIMATED))
         known = np.append(np.where(g.channel_quality == GOOD, g.value, nan), nan)
-        inlet = np.full(len(known), nan)
         for i, line in self._inlets.items():
             if quality[i] == GOOD:
-                inlet[i] = line.at(t1)
-        flow = known.take(self._flow_of)
+                known[i] = line.at(t1)
+        slow = known.take(self._slow)
+        slow = np.where((self._slow < 0) | (self._unheard & np.isnan(slow)), self._slow_else, slow)
         return Readings(
             np.array([(m.I, m.I2, m.V, m.IV, m.I_abs) for m in (*means, _NO_CURRENT)]).T.take(self._means_of, axis=1),
             quality.take(self._current_of),
-            np.where(self._inlet_of < 0, self._inlet_else, inlet.take(self._inlet_of)),
-            np.where(np.isnan(flow), self._flow_else, flow),
-            known.take(self._soc_of),
+            dict(zip(SLOW, slow, strict=True)),
             y,
             age,
             own,

@@ -23,7 +23,7 @@ def inputs() -> Inputs:
     charge = Channel("soc", None, own_signal(1, "soc"))
     made = Inputs(Plan((replace(one, channels=(charge, *one.channels)), *others)), database())
     made._told[:] = made._quality[:] = Quality.GOOD
-    made.charge = made.wires[0].soc
+    made.charge = made.wires[0].whole["soc"]
     return made
 
 
@@ -50,7 +50,7 @@ def test_an_input_is_told_when_it_begins_or_ceases_to_be_good(before: Quality) -
 
 def test_what_belongs_to_no_cell_is_told_without_one() -> None:
     made = inputs()
-    for i in (made.wires[1].coolant_inlet, made.wires[2].coolant_inlet):
+    for i in (made.wires[1].whole["coolant_inlet"], made.wires[2].whole["coolant_inlet"]):
         if i >= 0:
             made._quality[i] = Quality.STALE
     (told,) = made.changes(9)
