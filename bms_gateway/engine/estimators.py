@@ -13,12 +13,12 @@ from bms_gateway.engine.backlog import GroupTick
 from bms_gateway.engine.events import Estimated, Event, Job, Level, Notice, Parameters
 from bms_gateway.engine.forecast import Forecasts
 from bms_gateway.engine.group import Group
-from bms_gateway.engine.inputs import Wire
 from bms_gateway.engine.observed import Driven, StringWithEffects, plain_strings
 from bms_gateway.engine.plan import Plan, StringPlan
 from bms_gateway.engine.plausible import check_covariance, check_numbers, check_parameters, check_temperatures
 from bms_gateway.engine.readings import Layout, Readings
 from bms_gateway.engine.string_estimator import Newest, StringEstimator, unproven
+from bms_gateway.engine.wiring import Wire
 from bms_gateway.frames.quality import Quality
 from bms_gateway.health import Change, HealthResult, Mismatch, Mismatches
 from bms_gateway.health.heat import Finding

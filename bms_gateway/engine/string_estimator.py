@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from bms_gateway.engine.events import Job
 from bms_gateway.engine.forecast_result import Forecast
-from bms_gateway.engine.inputs import Wire, identifies_cells
 from bms_gateway.engine.plan import Plan, StringPlan
 from bms_gateway.engine.readings import Reading
+from bms_gateway.engine.wiring import Wire, identifies_cells
 from bms_gateway.frames.quality import Quality
 from bms_gateway.health import Ageing, Mismatch, StringHealth
 from bms_gateway.health.self_discharge import SelfDischarge

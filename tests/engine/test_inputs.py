@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 
 from bms_gateway.engine import Channel, Plan
-from bms_gateway.engine.inputs import Inputs, identifies_cells
+from bms_gateway.engine.inputs import Inputs
+from bms_gateway.engine.integrals import Integrals
 from bms_gateway.engine.readings import Readings
+from bms_gateway.engine.samples import Samples
+from bms_gateway.engine.wiring import Wiring, identifies_cells
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.own_dbc import own_signal
 from bms_gateway.frames.quality import Quality
@@ -123,9 +126,13 @@ def test_frames_that_carry_no_input_are_left_out_and_others_not_even_copied() ->
 
 @pytest.mark.parametrize(("flows", "active"), [(0.0, False), (1.0, False), (-1.1, True), (nan, False)])
 def test_sensors_are_suspected_while_more_than_an_ampere_flows(flows: float, active: bool) -> None:
-    inputs = Inputs(strings(), database())
-    told(inputs, 3, current=lambda _: flows)
-    assert inputs._active == active
+    made = Integrals(Wiring.of(strings()).wires[:1], [0.001] * 10)
+    (wire,) = Wiring.of(strings()).wires[:1]
+    at = START + np.arange(10, dtype=np.int64) * S // 10
+    samples = Samples(at, np.full(10, wire.current), np.full(10, flows), np.zeros(10, np.uint8))
+    quality = np.full(10, Quality.GOOD if np.isfinite(flows) else Quality.ERROR, np.uint8)
+    made.update(samples, quality, np.full(10, Quality.GOOD, np.uint8), START, START + S)
+    assert made.active == active
 
 
 def test_what_the_guard_let_pass_is_kept_beside_all_that_came() -> None:
@@ -259,7 +266,6 @@ def test_a_channel_of_one_cell_is_none_of_its_voltages_unless_it_says_so() -> No
     )
     assert inputs.wires[0].voltage == -1
     assert (inputs.wires[0].cell_voltage == -1).all()
-    assert not inputs._active
 
 
 def test_a_reading_stamped_with_the_start_of_a_tick_is_one_of_that_tick() -> None:

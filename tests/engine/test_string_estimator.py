@@ -9,9 +9,9 @@ import pytest
 
 from bms_gateway.engine import Plan, StringPlan
 from bms_gateway.engine.current import Means
-from bms_gateway.engine.inputs import Wire
 from bms_gateway.engine.readings import Layout, Reading
 from bms_gateway.engine.string_estimator import FLAG_NAMES, Newest, StringEstimator, health_of, hears_cells
+from bms_gateway.engine.wiring import Wire
 from bms_gateway.frames.quality import Quality
 from bms_gateway.health import Mismatch
 from bms_gateway.identify import Estimate, Tick, VoltageHeat

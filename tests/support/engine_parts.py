@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from bms_gateway.engine.inputs import Wire
+from bms_gateway.engine.wiring import Wire
 from bms_gateway.frames.vocabulary import CELL, SLOW, WHOLE, Quantity
 
 
