@@ -10,7 +10,7 @@ from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.bits import words_of
 from bms_gateway.frames.e2e import check
 from bms_gateway.frames.quality import Quality
-from bms_gateway.frames.signal_table import Limits, SignalTable, Values
+from bms_gateway.frames.signal_table import Limits, SignalTable, Switches, Values
 
 __all__ = ["Protected", "Samples", "decode"]
 
@@ -133,7 +133,7 @@ def decode(table: SignalTable, batch: FrameBatch) -> Samples:
         broken = np.zeros(len(batch), np.bool_)
         broken[protected.frame[~protected.crc_ok]] = True
         flag[broken.take(frame)] = Quality.CRC
-    strange = np.unique(hit.take(np.concatenate(unknown))) if unknown else _NO_FRAMES
+    strange = np.unique(hit.take(np.concatenate(unknown))) if any(map(len, unknown)) else _NO_FRAMES
     return Samples(frame, table.values.signal.take(place), value, flag, protected, strange)
 
 
@@ -148,7 +148,7 @@ def _follow_multiplexers(
         key = table.switches.bits.raw(words, row, switch)
         key |= table.switches.key.take(switch)
         hit, inner = table.nodes.find(key)
-        _note_unknown(table, row, switch, key, hit, length, unknown)
+        unknown.append(_strange(table.switches, row, switch, key, hit, length))
         row, switch = row.take(hit), switch.take(hit)
         # a frame that is too short for its multiplexer does not show its signals
         held = (table.switches.bits.needs.take(switch) <= length.take(row)).nonzero()[0]
@@ -180,7 +180,7 @@ def _through_multiplexers(
         key = table.switches.bits.raw(words, at, switch)
         key |= table.switches.key.take(switch)
         hit, node = table.nodes.find(key)
-        _note_unknown(table, at, switch, key, hit, length, unknown)
+        unknown.append(_strange(table.switches, at, switch, key, hit, length))
         row, switch = at.take(hit), switch.take(hit)
         # a frame that is too short for its multiplexer does not show its signals
         held = table.switches.bits.needs.take(switch) <= length.take(row)
@@ -200,22 +200,14 @@ def _through_multiplexers(
     return row.take(order), node.take(order)
 
 
-def _note_unknown(
-    table: SignalTable,
-    row: Index,
-    switch: Index,
-    key: NDArray[np.uint64],
-    hit: Index,
-    length: NDArray[np.uint8],
-    unknown: list[Index],
-) -> None:
-    """Keep the rows that are too short for their multiplexer, or whose value led nowhere and is none of the DBC."""
-    short = table.switches.bits.needs.take(switch) > length.take(row)
+def _strange(
+    switches: Switches, row: Index, switch: Index, key: NDArray[np.uint64], hit: Index, length: NDArray[np.uint8]
+) -> Index:
+    """Find the rows that are too short for their multiplexer, or whose value led nowhere and is none of the DBC."""
+    short = switches.bits.needs.take(switch) > length.take(row)
     if len(hit) == len(row) and not short.any():
-        return
-    strange = (short | ~np.isin(key, table.switches.declared)).nonzero()[0]
-    if len(strange):
-        unknown.append(row.take(strange))
+        return _NO_FRAMES
+    return row.take((short | ~np.isin(key, switches.declared)).nonzero()[0])
 
 
 def _to_float(values: Values, bits: NDArray[np.uint64], place: Index) -> NDArray[np.float64]:
