@@ -266,6 +266,7 @@ def test_a_channel_of_one_cell_is_none_of_its_voltages_unless_it_says_so() -> No
     )
     assert inputs.wires[0].voltage == -1
     assert (inputs.wires[0].cell_voltage == -1).all()
+    assert inputs.wires[0].of(odd) == -1
 
 
 def test_a_reading_stamped_with_the_start_of_a_tick_is_one_of_that_tick() -> None:
