@@ -18,6 +18,7 @@ from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.database import Database
 from bms_gateway.frames.encode import Encoder
 from bms_gateway.frames.signal_info import SignalInfo
+from bms_gateway.frames.vocabulary import INPUTS
 from bms_gateway.thermal import Floats
 
 SECOND = 1_000_000_000
@@ -113,18 +114,15 @@ def feed_of(rows: Columns, string: StringPlan) -> dict[Key, Series]:
         Its channels say which greatest, least and mean surfaces it takes.
     """
     t = rows.time_s
-    feed: dict[Key, Series] = {
-        ("current", None): steps(t, rows.current_A),
-        ("coolant_inlet", None): lines(t, rows.coolant_inlet_C),
-    }
-    if rows.voltage_V is not None:
-        feed["voltage", None] = voltage_steps(t, rows.voltage_V, rows.current_A)
-    if rows.soc is not None:
-        feed["soc", None] = lines(t, rows.soc)
-    if rows.coolant_flow_m3_s is not None:
-        feed["coolant_flow", None] = lines(t, rows.coolant_flow_m3_s)
-    feed |= {("surface", k): lines(t, x) for k, x in rows.surface_C.items()}
-    feed |= {("cell_voltage", k): voltage_steps(t, x, rows.current_A) for k, x in rows.cell_voltage_V.items()}
+    feed: dict[Key, Series] = {}
+    for quantity, cell, x in rows.given():
+        kind = INPUTS[quantity].kind
+        if kind == "current":
+            feed[quantity, cell] = steps(t, x)
+        elif kind == "voltage":
+            feed[quantity, cell] = voltage_steps(t, x, rows.current_A)
+        else:
+            feed[quantity, cell] = lines(t, x)
     for c in string.channels:
         columns = [rows.surface_C[k] for k in c.among if k in rows.surface_C]
         if c.statistic is not None and columns:
@@ -248,7 +246,7 @@ class Traffic:
             return np.full(len(t_ns), np.nan)
         t: Floats = t_ns.astype(np.float64) * 1e-9
         value = series.at(t)
-        if self._noise_K and c.quantity in ("surface", "coolant_inlet"):
+        if self._noise_K and INPUTS[c.quantity].kind == "temperature":
             value = value + self._noise_K * self._rng.standard_normal(len(t))
         with np.errstate(over="ignore"):  # what is too large for a float is too large for a signal
             return (value - c.offset) / c.scale
@@ -259,7 +257,7 @@ def _cycle(info: SignalInfo, c: Channel) -> int:
     if info.mux:
         # What a DBC states may be meant for the single frames: each multiplexer value then comes once a second.
         return max(info.cycle_ns or 0, OTHER_NS)
-    return info.cycle_ns or (ELECTRICAL_NS if c.quantity in ("current", "voltage") else OTHER_NS)
+    return info.cycle_ns or (ELECTRICAL_NS if INPUTS[c.quantity].electrical else OTHER_NS)
 
 
 def _spread(slots: Sequence[_Slot]) -> list[_Slot]:

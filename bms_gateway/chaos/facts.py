@@ -6,9 +6,10 @@ import numpy as np
 
 from bms_gateway.bus.virtual import VirtualPack
 from bms_gateway.chaos.drive import CYCLE
-from bms_gateway.engine.plan import Channel, Plan, Quantity
+from bms_gateway.engine.plan import Channel, Plan
 from bms_gateway.frames.database import Database
 from bms_gateway.frames.signal_info import MessageInfo
+from bms_gateway.frames.vocabulary import Quantity
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from bms_gateway.cli.main import Parser
 from bms_gateway.cli.output import distinct, note, say, writable, write_json
 from bms_gateway.errors import DataError, UsageError, did_you_mean
+from bms_gateway.frames.vocabulary import CELL_COLUMNS, INPUTS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -16,13 +17,21 @@ if TYPE_CHECKING:
     from bms_gateway.frames.batch import FrameBatch
     from bms_gateway.report.table import Table
 
-EXAMPLE = """\
+_SAID = {
+    needed: ", ".join(
+        i.column.format("K") + (f" ({i.said})" if i.said else "")
+        for i in INPUTS.values()
+        if (i.needed and not i.of_cells) is needed
+    )
+    for needed in (True, False)
+}
+EXAMPLE = f"""\
   bms-gateway encode bench.csv --config gateway.toml --out bench.log
   bms-gateway encode cell.csv --config gateway.toml --out cell.log --columns time_s=t_s --columns current_A=-I_A
 
 columns of TABLE (K is a cell, from 1; blanks are missing values):
-  needed    time_s (increasing), current_A (discharge positive), coolant_inlet_C
-  optional  voltage_V, soc (0 to 1), coolant_flow_m3_s, surface_K_C, cell_voltage_K_V, core_K_C (for comparison)
+  needed    time_s (increasing), {_SAID[True]}
+  optional  {_SAID[False]}, {CELL_COLUMNS["core"].format("K")} (for comparison)
 """
 
 

@@ -9,30 +9,19 @@ from numpy.typing import NDArray
 from bms_gateway.engine.plan import Channel, StringPlan
 from bms_gateway.errors import DataError, UsageError
 from bms_gateway.frames.database import Database
-from bms_gateway.frames.rules import PLAUSIBLE
 from bms_gateway.frames.signal_info import SignalInfo
+from bms_gateway.frames.vocabulary import INPUTS
 from bms_gateway.records.kind import log_kind
 from bms_gateway.report.table import Table
 
-COLUMNS = {
-    "current": "current_A",
-    "voltage": "voltage_V",
-    "coolant_inlet": "coolant_inlet_C",
-    "soc": "soc",
-    "coolant_flow": "coolant_flow_m3_s",
-    "surface": "surface_{}_C",
-    "cell_voltage": "cell_voltage_{}_V",
-}
-"""Column of a table by quantity."""
-UNITS = {
+UNITS: dict[str, tuple[tuple[str, str, float, float], ...]] = {
     "current": (("mA", "A", 1e-3, 0.0),),
     "voltage": (("mV", "V", 1e-3, 0.0),),
     "temperature": (("K", "°C", 1.0, -273.15), ("m°C", "°C", 1e-3, 0.0)),
     "soc": (("%", "shares of 1", 1e-2, 0.0),),
-    "coolant_flow": (("l/min", "m³/s", 1e-3 / 60.0, 0.0),),
+    "flow": (("l/min", "m³/s", 1e-3 / 60.0, 0.0),),
 }
-"""What a quantity may have been written in: the unit, the table's, factor and offset to the latter."""
-_KIND = {"coolant_inlet": "temperature", "surface": "temperature", "cell_voltage": "voltage"}
+"""What each kind of quantity may have been written in: the unit, the table's, factor and offset to the latter."""
 MOSTLY = 0.9
 
 
@@ -79,7 +68,7 @@ def not_carried(string: StringPlan, database: Database, table: Table) -> list[di
         lowest, highest = _carried(c, info)
         found.append(
             {
-                "column": COLUMNS[c.quantity].format(c.cell),
+                "column": INPUTS[c.quantity].column.format(c.cell),
                 "rows": len(rows),
                 "first": f"{table.place(int(rows[0]))} ({values[rows[0]]:g})",
                 "signal": c.signal,
@@ -95,7 +84,7 @@ def not_carried(string: StringPlan, database: Database, table: Table) -> list[di
 def empty(string: StringPlan, table: Table) -> list[str]:
     """Name the columns of the string's signals that are blank from end to end."""
     columns = ((c, _column(table, c)) for c in string.channels if c.signal is not None)
-    return [COLUMNS[c.quantity].format(c.cell) for c, x in columns if x is not None and not np.isfinite(x).any()]
+    return [INPUTS[c.quantity].column.format(c.cell) for c, x in columns if x is not None and not np.isfinite(x).any()]
 
 
 def refuse_other_units(string: StringPlan, database: Database, table: Table) -> None:
@@ -118,18 +107,18 @@ def refuse_other_units(string: StringPlan, database: Database, table: Table) -> 
         if c.signal is None or values is None:
             continue
         given = values[np.isfinite(values)]
-        ends, believed = _carried(c, database.resolve(c.signal)), PLAUSIBLE[c.quantity]
+        ends, believed = _carried(c, database.resolve(c.signal)), INPUTS[c.quantity].plausible
         low, high = max(ends[0], believed[0]), min(ends[1], believed[1])
         lost = int(((given < low) | (given > high)).sum())
         if 2 * lost <= len(given):
             continue
         meant = [
             (other, wanted)
-            for other, wanted, factor, offset in UNITS[_KIND.get(c.quantity, c.quantity)]
+            for other, wanted, factor, offset in UNITS.get(INPUTS[c.quantity].kind, ())
             if ((given * factor + offset >= low) & (given * factor + offset <= high)).mean() > MOSTLY
         ]
         guess = f": are they in {meant[0][0]}? A table takes {meant[0][1]}" if meant else ""
-        column = COLUMNS[c.quantity].format(c.cell)
+        column = INPUTS[c.quantity].column.format(c.cell)
         raise DataError(
             f"{table.source}: {column}: {lost} of {len(given)} values are outside {low:.6g} to "
             f"{high:.6g}, what {c.signal} carries and the gateway believes{guess}; nothing was written"
@@ -149,9 +138,4 @@ def _carried(c: Channel, info: SignalInfo) -> tuple[float, float]:
 
 
 def _column(table: Table, c: Channel) -> NDArray[np.float64] | None:
-    if c.cell is not None:
-        return (table.surface_C if c.quantity == "surface" else table.cell_voltage_V).get(c.cell)
-    if c.statistic is not None:
-        return None
-    values: NDArray[np.float64] | None = getattr(table, COLUMNS[c.quantity])
-    return values
+    return None if c.statistic is not None else table.of(c.quantity, c.cell)

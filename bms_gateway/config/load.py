@@ -15,12 +15,13 @@ from bms_gateway.config.overrides import put_right
 from bms_gateway.config.schema import GatewayConfig, Signals, Source, String
 from bms_gateway.config.toml import MOST_SHOWN, nearest_file, read_toml, validate
 from bms_gateway.config.units import signal_conversion
-from bms_gateway.engine.plan import Channel, Plan, Quantity, StringPlan
+from bms_gateway.engine.plan import Channel, Plan, StringPlan
 from bms_gateway.errors import ConfigError, clipped, did_you_mean
 from bms_gateway.frames.database import Database, Read
 from bms_gateway.frames.j1939 import PROTOCOL, sent_from
 from bms_gateway.frames.own_dbc import MAX_CELLS, MAX_STRINGS, OWN_DBC, own_signal
 from bms_gateway.frames.signal_info import MessageInfo
+from bms_gateway.frames.vocabulary import CELL, INPUTS, WHOLE, Quantity
 from bms_gateway.thermal import StringModel
 
 if TYPE_CHECKING:
@@ -30,13 +31,6 @@ MOST_LISTED: Final = 1000
 ENGINE_S: Final = 15.0
 ENGINE_MIB: Final = 160
 """A string of 300 cells takes 150; the unit has 256 for all."""
-
-# Quantities for which a constant may replace a measurement. Current and surfaces must be measured.
-_CONSTANTS: dict[str, tuple[float, float]] = {
-    "coolant_inlet": (-60.0, 150.0),
-    "coolant_flow": (1e-9, 10.0),
-    "soc": (0.0, 1.0),
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,12 +173,14 @@ def _string(path: Path, config: GatewayConfig, number: int, string: String, data
 
 def _own_channels(number: int, model: StringModel, database: Database) -> Iterator[Channel]:
     """Take the messages of our own DBC for the string of this number, as far as its model can use them."""
-    cells = range(1, model.cells + 1)
-    wanted: list[tuple[Quantity, int | None]] = [("current", None), ("voltage", None), ("coolant_inlet", None)]
-    if model.flow is not None:
-        wanted.append(("coolant_flow", None))
-    wanted += [("soc", None), *(("surface", k) for k in model.sensors), *(("cell_voltage", k) for k in cells)]
+    wanted: list[tuple[Quantity, int | None]] = [
+        (q, None) for q in WHOLE if q != "coolant_flow" or model.flow is not None
+    ]
+    for q in CELL:
+        wanted += [(q, k) for k in (model.sensors if q == "surface" else range(1, model.cells + 1))]
     for quantity, cell in wanted:
+        if INPUTS[quantity].own is None:
+            continue
         signal = own_signal(number, quantity, cell)
         scale, offset = signal_conversion(quantity, database.resolve(signal).unit)
         yield Channel(quantity, cell, signal, None, scale, offset)
@@ -199,22 +195,16 @@ class _Wiring:
     database: Database
 
     def channels(self, signals: Signals) -> Iterator[Channel]:
-        if signals.coolant_flow is not None and self.model.flow is None:
+        if signals.of("coolant_flow") is not None and self.model.flow is None:
             raise ConfigError(
                 f"{self.where}.coolant_flow: the model file needs parameters.coolant_flow, the nominal flow"
             )
-        yield self._channel("current", None, signals.current)
-        yield self._channel("coolant_inlet", None, signals.coolant_inlet)
-        optional: tuple[tuple[Quantity, Source | None], ...] = (
-            ("voltage", signals.voltage),
-            ("soc", signals.soc),
-            ("coolant_flow", signals.coolant_flow),
-        )
-        for quantity, source in optional:
-            if source is not None:
+        for quantity in WHOLE:
+            if (source := signals.of(quantity)) is not None:
                 yield self._channel(quantity, None, source)
-        several = {key: s for key, s in signals.surface.items() if s.statistics}
-        surface = self._cells("surface", {k: s for k, s in signals.surface.items() if k not in several})
+        surfaces = signals.of_cells("surface")
+        several = {key: s for key, s in surfaces.items() if s.statistics}
+        surface = self._cells("surface", {k: s for k, s in surfaces.items() if k not in several})
         statistics = [self._statistic(key, source) for key, source in several.items()]
         kinds = [c.statistic for c in statistics]
         if len(set(kinds)) < len(kinds):
@@ -223,9 +213,11 @@ class _Wiring:
         yield from statistics
         for cell in sorted(surface):
             yield self._channel("surface", cell, surface[cell])
-        voltages = self._cells("cell_voltage", signals.cell_voltage)
-        for cell in sorted(voltages):
-            yield self._channel("cell_voltage", cell, voltages[cell])
+        for quantity in CELL:
+            if quantity != "surface":
+                sources = self._cells(quantity, signals.of_cells(quantity))
+                for cell in sorted(sources):
+                    yield self._channel(quantity, cell, sources[cell])
 
     def _cells(self, quantity: str, sources: dict[str, Source]) -> dict[int, Source]:
         """Order sources by cell; refuse a signal that is named for two cells."""
@@ -311,14 +303,15 @@ def cell_list(text: str) -> tuple[int, ...]:
     return tuple(sorted(found))
 
 
-def _constant(key: str, quantity: str, source: Source) -> float:
-    if quantity not in _CONSTANTS:
+def _constant(key: str, quantity: Quantity, source: Source) -> float:
+    allowed = INPUTS[quantity].constant
+    if allowed is None:
         raise ConfigError(f"{key}: must be a signal of the bus; a constant tells nothing")
     value = source.constant if source.constant_C is None else source.constant_C
     assert value is not None  # noqa: S101 — the schema has one of the two where there is no signal
-    if source.constant_C is not None and quantity != "coolant_inlet":
+    if source.constant_C is not None and INPUTS[quantity].kind != "temperature":
         raise ConfigError(f"{key}: constant_C is for temperatures; use constant")
-    low, high = _CONSTANTS[quantity]
+    low, high = allowed
     if not low <= value <= high:
         raise ConfigError(f"{key}: {value:g} is not plausible; valid: {low:g} to {high:g}")
     return value

@@ -3,14 +3,14 @@
 import re
 from collections.abc import Iterator
 from ipaddress import ip_address
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, create_model, field_validator, model_validator
 
 from bms_gateway.config.toml import Section
 from bms_gateway.engine.plan import Statistic
 from bms_gateway.frames.j1939 import LAST_ADDRESS
-from bms_gateway.frames.rules import PLAUSIBLE
+from bms_gateway.frames.vocabulary import CELL, INPUTS, WHOLE, Quantity
 from bms_gateway.health.alerts import CORE_MAX_C, AlertSettings
 from bms_gateway.identify.cell_prior import SPREAD, CellSettings
 from bms_gateway.thermal import Disturbance
@@ -102,18 +102,10 @@ class Source(Section):
         return any(x is not None for x in (self.minimum, self.maximum, self.byte_order, self.signed, self.mask))
 
 
-class Signals(Section):
-    """`[string.signals]`; keys of `surface` and `cell_voltage` are cells, from 1."""
+class SignalsOfString(Section):
+    """What the keys of `[string.signals]` have in common; the keys are those of `INPUTS`."""
 
-    current: Source
-    coolant_inlet: Source
-    voltage: Source | None = None
-    soc: Source | None = None
-    coolant_flow: Source | None = None
-    surface: dict[str, Source] = Field(default_factory=dict)
-    cell_voltage: dict[str, Source] = Field(default_factory=dict)
-
-    @field_validator("surface", mode="before")
+    @field_validator("surface", mode="before", check_fields=False)
     @classmethod
     def _one_reading(cls, given: Any) -> Any:
         """Take `surface = { max_of = …, signal = … }` for the only reading of the string."""
@@ -122,15 +114,39 @@ class Signals(Section):
             return {next(name for name in names if name in given): given}
         return given
 
+    def of(self, quantity: Quantity) -> Source | None:
+        """Give the source of an input of the whole string."""
+        source: Source | None = getattr(self, quantity)
+        return source
+
+    def of_cells(self, quantity: Quantity) -> dict[str, Source]:
+        """Give the sources of an input of cells, by cell as it is written."""
+        sources: dict[str, Source] = getattr(self, quantity)
+        return sources
+
     def sources(self) -> Iterator[tuple[str, Source]]:
         """List all with their keys."""
-        alone = {"current": self.current, "coolant_inlet": self.coolant_inlet, "voltage": self.voltage}
-        for key, source in (alone | {"soc": self.soc, "coolant_flow": self.coolant_flow}).items():
-            if source is not None:
-                yield key, source
-        for kind, several in (("surface", self.surface), ("cell_voltage", self.cell_voltage)):
-            for cell, source in several.items():
-                yield f"{kind}.{cell}", source
+        for quantity in WHOLE:
+            if (source := self.of(quantity)) is not None:
+                yield quantity, source
+        for quantity in CELL:
+            for cell, source in self.of_cells(quantity).items():
+                yield f"{quantity}.{cell}", source
+
+
+_WHOLE_FIELDS: dict[str, Any] = {q: (Source, ...) if INPUTS[q].needed else (Source | None, None) for q in WHOLE}
+_CELL_FIELDS: dict[str, Any] = {q: (dict[str, Source], Field(default_factory=dict)) for q in CELL}
+if TYPE_CHECKING:
+    Signals = SignalsOfString
+else:
+    Signals = create_model(
+        "Signals",
+        __base__=SignalsOfString,
+        __module__=__name__,
+        __doc__="`[string.signals]`; keys of inputs of cells are cells, from 1.",
+        **_WHOLE_FIELDS,
+        **_CELL_FIELDS,
+    )
 
 
 Method = Literal["window", "rls", "off"]
@@ -320,7 +336,7 @@ class Alerting(Section):
 
     @model_validator(mode="after")
     def _a_surface_can_reach_its_limit(self) -> "Alerting":
-        highest = PLAUSIBLE["surface"][1]
+        highest = INPUTS["surface"].plausible[1]
         if self.settings.surface_limit_C >= highest:
             how = "it is that of core_max_C: set it below, as" if self.surface_max_C is None else "set it below, as"
             raise ValueError(

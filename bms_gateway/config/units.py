@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from bms_gateway.errors import ConfigError, did_you_mean
+from bms_gateway.frames.vocabulary import INPUTS, Quantity
 
 # Written unit → factor to SI, by what is measured. The first of each is what error lines propose.
 _RESISTANCE = {"mOhm": 1e-3, "Ohm": 1.0, "uOhm": 1e-6, "mohm": 1e-3, "ohm": 1.0, "uohm": 1e-6, "mΩ": 1e-3, "Ω": 1.0}
@@ -52,7 +53,7 @@ _SIGNAL_UNITS: Mapping[str, Mapping[str, tuple[float, float]]] = MappingProxyTyp
         "current": {"ma": (1e-3, 0.0), "ka": (1e3, 0.0)},
         "voltage": {"mv": (1e-3, 0.0), "kv": (1e3, 0.0)},
         "soc": {"%": (1e-2, 0.0), "percent": (1e-2, 0.0)},
-        "coolant_flow": {
+        "flow": {
             "l/min": (1e-3 / 60, 0.0),
             "lpm": (1e-3 / 60, 0.0),
             "l/s": (1e-3, 0.0),
@@ -80,17 +81,14 @@ _KNOWN_UNITS: Mapping[str, frozenset[str]] = MappingProxyType(
             {"c", "°c", "degc", "deg c", "celsius", "k", "kelvin", "f", "°f", "degf", "deg f", "fahrenheit"}
         ),
         "soc": frozenset({"%", "percent"}),
-        "coolant_flow": frozenset(
-            {"m3/s", "m^3/s", "m³/s", "m³/h", "m3/h", "m^3/h", "l/s", "l/min", "l/h", "lpm", "kg/s"}
-        ),
+        "flow": frozenset({"m3/s", "m^3/s", "m³/s", "m³/h", "m3/h", "m^3/h", "l/s", "l/min", "l/h", "lpm", "kg/s"}),
         "other": frozenset(
             {"ohm", "mohm", "ω", "mω", "k/w", "w", "kw", "wh", "kwh", "ah", "mah", "s", "ms", "hz", "rpm", "1/min"}
             | {"m/s", "km/h", "kph", "mph", "nm", "bar", "mbar", "psi", "pa", "kpa", "g", "kg", "m", "mm", "km"}
         ),
     }
 )
-_CALLED = {"current": "a current", "voltage": "a voltage", "temperature": "a temperature", "soc": "a state of charge"}
-_FAMILY = {"cell_voltage": "voltage", "surface": "temperature", "coolant_inlet": "temperature"}
+_CALLED = {"soc": "a state of charge", "flow": "a coolant flow"}
 
 
 def parameter_factor(symbol: str, unit: str) -> float:
@@ -133,7 +131,7 @@ def effect_units(unit: str, to_si: float) -> Mapping[str, float]:
     return next((units for units in _EFFECT_UNITS if units.get(unit) == to_si), {unit: to_si, "SI": 1.0})
 
 
-def signal_conversion(quantity: str, unit: str | None) -> tuple[float, float]:
+def signal_conversion(quantity: Quantity, unit: str | None) -> tuple[float, float]:
     """Scale and offset from a DBC's unit to SI (°C for temperatures).
 
     Only where the printed unit leaves no doubt; one that says nothing passes as it is, and the user's own scale mends
@@ -141,8 +139,7 @@ def signal_conversion(quantity: str, unit: str | None) -> tuple[float, float]:
 
     Parameters
     ----------
-    quantity : str
-        As in `engine.plan.Quantity`.
+    quantity : Quantity
     unit : str or None
         As the DBC prints it; some write ``current:A``.
 
@@ -158,9 +155,9 @@ def signal_conversion(quantity: str, unit: str | None) -> tuple[float, float]:
     >>> signal_conversion("surface", "C")
     (1.0, 0.0)
     """
-    kind = _FAMILY.get(quantity, quantity)
+    kind = INPUTS[quantity].kind
     name = (unit or "").rpartition(":")[2].strip().lower()
     if any(name in units for other, units in _KNOWN_UNITS.items() if other != kind):
-        called = _CALLED.get(kind, "a coolant flow")
+        called = _CALLED.get(kind, f"a {kind}")
         raise ConfigError(f"unit {unit!r} does not fit {called}; name another signal, or correct the unit in the DBC")
     return _SIGNAL_UNITS.get(kind, {}).get(name, (1.0, 0.0))

@@ -23,11 +23,12 @@ from bms_gateway.diagnosis.search import Progress, refit, refit_from_nominal
 from bms_gateway.diagnosis.second_search import SecondSearch
 from bms_gateway.diagnosis.weighing import HALF, Settings, gate, prior_odds
 from bms_gateway.errors import ConfigError, DataError
+from bms_gateway.frames.vocabulary import INPUTS, OPTIONAL, WHOLE
 from bms_gateway.identify.map_fit import MapFit, refreshed, stacked
 from bms_gateway.thermal import Floats, StringModel
 from bms_gateway.thermal.effects import Effect, effect_named
 
-COLUMNS = {"flow": "coolant_flow_m3_s", "soc": "soc", "voltage": "voltage_V"}
+COLUMNS: dict[str, str] = {INPUTS[q].kind: INPUTS[q].column for q in WHOLE if q in OPTIONAL}
 """What an effect needs of a table."""
 FORCED = "Added by force, though"
 """What was added against the records is never proven by them."""

@@ -1,8 +1,9 @@
 """From rows of current, voltage, inlet, flow and charge to the means that drive a string."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from numbers import Integral
+from typing import Any
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from bms_gateway.diagnosis.grid import Grid, bridged, usual_interval
 from bms_gateway.diagnosis.means import Path, mean, mean_magnitude, mean_product, path
 from bms_gateway.diagnosis.smooth import COARSEST_K, smooth
 from bms_gateway.errors import DataError
-from bms_gateway.frames.rules import PLAUSIBLE
+from bms_gateway.frames.vocabulary import CELL, CELL_COLUMNS, INPUTS, WHOLE, Quantity
 from bms_gateway.thermal import Floats, StringModel
 from bms_gateway.thermal.drive import Drive
 
@@ -120,6 +121,21 @@ class Columns:
             columns = {k: self._row(of_cell.format(k), x, len(rows)) for k, x in getattr(self, name).items()}
             object.__setattr__(self, name, columns)
 
+    def of(self, quantity: Quantity, cell: int | None = None) -> Floats | None:
+        """Give the row of an input, of a cell where each cell has its own; None where there is none."""
+        given: Any = getattr(self, INPUTS[quantity].field)
+        found: Floats | None = given.get(cell) if INPUTS[quantity].of_cells else given
+        return found
+
+    def given(self) -> Iterator[tuple[Quantity, int | None, Floats]]:
+        """List the inputs that there are: quantity, cell where each cell has its own, row."""
+        for quantity in WHOLE:
+            if (row := self.of(quantity)) is not None:
+                yield quantity, None, row
+        for quantity in CELL:
+            for cell, row in getattr(self, INPUTS[quantity].field).items():
+                yield quantity, cell, row
+
     def _row(self, name: str, given: Floats, rows: int | None) -> Floats:
         if np.iscomplexobj(given):
             raise DataError(f"{self.source}: {name}: complex numbers, expected real ones")
@@ -134,10 +150,10 @@ class Columns:
         return x
 
 
-NEEDED = ("current_A", "coolant_inlet_C")
-ROWS = ("current_A", "coolant_inlet_C", "voltage_V", "soc", "coolant_flow_m3_s", "mean_square_current")
+NEEDED = tuple(INPUTS[q].field for q in WHOLE if INPUTS[q].needed)
+ROWS = (*(INPUTS[q].field for q in WHOLE), "mean_square_current")
 """Columns of the whole string."""
-ROWS_OF_CELLS = {"surface_C": "surface_{}_C", "core_C": "core_{}_C", "cell_voltage_V": "cell_voltage_{}_V"}
+ROWS_OF_CELLS = {column.replace("_{}", ""): column for column in CELL_COLUMNS.values()}
 """Columns of single cells, and what a table calls each."""
 
 
@@ -254,9 +270,9 @@ def draw_inputs(rows: Columns, model: StringModel, half_way: bool | None, notes:
     )
 
 
-def _believable(rows: Columns, x: Floats, quantity: str, name: str, notes: list[str]) -> tuple[Floats, Floats]:
+def _believable(rows: Columns, x: Floats, quantity: Quantity, name: str, notes: list[str]) -> tuple[Floats, Floats]:
     """Stamps and values within the plausible range."""
-    low, high = PLAUSIBLE[quantity]
+    low, high = INPUTS[quantity].plausible
     known = np.isfinite(x)
     good = known & (x >= low) & (x <= high)
     if wild := int(known.sum() - good.sum()):
@@ -264,7 +280,7 @@ def _believable(rows: Columns, x: Floats, quantity: str, name: str, notes: list[
     return rows.time_s[good], x[good]
 
 
-def _refuse_unit(source: str, name: str, x: Floats, quantity: str, unit: str, perhaps: str) -> None:
+def _refuse_unit(source: str, name: str, x: Floats, quantity: Quantity, unit: str, perhaps: str) -> None:
     """Refuse a column of which nothing worth is left once what nobody believes is left out.
 
     Raises
@@ -272,7 +288,7 @@ def _refuse_unit(source: str, name: str, x: Floats, quantity: str, unit: str, pe
     DataError
         Some values are beyond belief.
     """
-    low, high = PLAUSIBLE[quantity]
+    low, high = INPUTS[quantity].plausible
     wild = x[np.isfinite(x) & ((x < low) | (x > high))]
     if len(wild):
         raise DataError(

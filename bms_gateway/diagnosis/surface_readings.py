@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from bms_gateway.diagnosis.grid import Grid
 from bms_gateway.diagnosis.sensor_noise import resolution, white_noise
-from bms_gateway.frames.rules import PLAUSIBLE
+from bms_gateway.frames.vocabulary import INPUTS
 from bms_gateway.thermal import Floats
 
 JUMP_K = 2.5
@@ -118,7 +118,7 @@ def gather_readings(
 
 def _of_one(t: Floats, y: Floats, grid: Grid, name: str, notes: list[str]) -> tuple[NDArray[np.intp], Floats, Floats]:
     """Take the readings of one sensor: believable ones, on the grid, not more than the grid can use."""
-    low, high = PLAUSIBLE["surface"]
+    low, high = INPUTS["surface"].plausible
     known = np.isfinite(y)
     wild = known & ~((y >= low) & (y <= high))
     t, y = t[known & ~wild], y[known & ~wild]

@@ -27,12 +27,14 @@ from bms_gateway.engine.alerting import Alerting
 from bms_gateway.engine.broadcast import Broadcast, Counts, State
 from bms_gateway.engine.estimators import Estimators
 from bms_gateway.engine.events import Decoded, Event, Job, Level, Notice, SendFrames, StartJob
-from bms_gateway.engine.inputs import Inputs, Samples, Wire
+from bms_gateway.engine.inputs import Inputs
 from bms_gateway.engine.judgement import judged
 from bms_gateway.engine.plan import Channel, Plan
 from bms_gateway.engine.readings import Readings
+from bms_gateway.engine.samples import Samples
 from bms_gateway.engine.stamps import Clock
 from bms_gateway.engine.string_estimator import StringEstimator
+from bms_gateway.engine.wiring import Wire
 from bms_gateway.errors import ConfigError, StateError, did_you_mean
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.database import Database

@@ -13,12 +13,12 @@ from bms_gateway.engine.backlog import GroupTick
 from bms_gateway.engine.events import Estimated, Event, Job, Level, Notice, Parameters
 from bms_gateway.engine.forecast import Forecasts
 from bms_gateway.engine.group import Group
-from bms_gateway.engine.inputs import Wire
 from bms_gateway.engine.observed import Driven, StringWithEffects, plain_strings
 from bms_gateway.engine.plan import Plan, StringPlan
 from bms_gateway.engine.plausible import check_covariance, check_numbers, check_parameters, check_temperatures
 from bms_gateway.engine.readings import Layout, Readings
 from bms_gateway.engine.string_estimator import Newest, StringEstimator, unproven
+from bms_gateway.engine.wiring import Wire
 from bms_gateway.frames.quality import Quality
 from bms_gateway.health import Change, HealthResult, Mismatch, Mismatches
 from bms_gateway.health.heat import Finding
@@ -148,7 +148,7 @@ class Estimators:
         dt, newest = self._dt, self.newest
         I, I2, V, IV, _ = readings.means[:, group.rows]  # noqa: E741
         inlet, y, age = readings.inlet[group.rows], group.by_cell(readings.y), group.by_cell(readings.age)
-        flow = None if group.nominal_flow is None else readings.flow[group.rows] / group.nominal_flow
+        flow = None if group.nominal_flow is None else readings.slow["coolant_flow"][group.rows] / group.nominal_flow
         heat = group.unknown
         if group.voltage:
             of_each = zip(group.strings, I.tolist(), V.tolist(), IV.tolist(), strict=True)
@@ -189,7 +189,7 @@ class Estimators:
         ):
             group.put(row, values)
         cells = [readings.cells[i] for i in group.members] if readings.cells else ()
-        soc, since = readings.soc[group.rows], dt + self._gap_s
+        soc, since = readings.slow["soc"][group.rows], dt + self._gap_s
         tick = GroupTick(t1, since, square, heat, inlet, flow, I, soc, y, age, cells)
         jobs += [(group.members[j], job) for j, job in group.backlog.add(tick)]
         group.errors = e.errors

@@ -32,7 +32,7 @@ def judged(t1: int, frames: int, rejected: Mapping[str, int], estimators: Estima
                 reading.means.I,
                 reading.means.I2,
                 reading.inlet,
-                s.flow_ratio(reading.flow),
+                s.flow_ratio(reading.slow["coolant_flow"]),
                 s.ageing.growth,
                 s.ageing.growth_sd,
                 s.mismatch.excess,

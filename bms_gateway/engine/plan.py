@@ -3,12 +3,10 @@
 from dataclasses import dataclass, field
 from typing import Literal
 
+from bms_gateway.frames.vocabulary import Quantity
 from bms_gateway.health.alerts import AlertSettings
 from bms_gateway.identify.cell_prior import CellSettings
 from bms_gateway.thermal import Disturbance, StringModel
-
-Quantity = Literal["current", "voltage", "coolant_inlet", "coolant_flow", "soc", "surface", "cell_voltage"]
-"""What a channel measures: A (discharge positive), V, °C, m³/s, 0…1, °C, V."""
 
 Statistic = Literal["max", "min", "mean"]
 
@@ -21,7 +19,7 @@ class Channel:
     ----------
     quantity : Quantity
     cell : int or None
-        1-based, for `surface` and `cell_voltage`.
+        1-based, for an input of cells.
     signal : str or None
         "Message.Signal" of a loaded DBC, or None for a constant.
     constant : float or None

@@ -4,7 +4,7 @@ There are many strings and a tick every second, so each measured quantity is one
 one string is made only for code that works string by string.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import accumulate, pairwise
 
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.engine.current import Means
+from bms_gateway.frames.vocabulary import Quantity
 from bms_gateway.identify import PairMeans
 from bms_gateway.thermal import Floats
 
@@ -25,12 +26,9 @@ class Reading:
     means : Means
         Of current and voltage over the tick.
     current_quality : int
-    inlet : float
-        Coolant inlet at the tick, °C; NaN where unknown.
-    flow : float
-        m³/s; NaN where unknown.
-    soc : float
-        State of charge, 0…1; NaN where unknown, and for strings whose model has no effects.
+    slow : mapping of Quantity to float
+        The inputs `SLOW` at the tick: coolant inlet, °C; flow, m³/s; state of charge, 0…1. NaN where unknown, and where
+        no estimator of the string takes the input in.
     y, age : ndarray (n,)
         Surface readings, °C, NaN where none is new and good; seconds between reading and tick.
     quality : ndarray of uint8 (n,)
@@ -41,13 +39,16 @@ class Reading:
 
     means: Means
     current_quality: int
-    inlet: float
-    flow: float
-    soc: float
+    slow: Mapping[Quantity, float]
     y: Floats
     age: Floats
     quality: NDArray[np.uint8]
     cells: PairMeans | None = None
+
+    @property
+    def inlet(self) -> float:
+        """Coolant inlet, °C."""
+        return self.slow["coolant_inlet"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +81,7 @@ class Readings:
     means : ndarray (5, S)
         Of I, I², V, I·V and |I|: the fields of `Means` in their order.
     current_quality : ndarray of uint8 (S,)
-    inlet, flow, soc : ndarray (S,)
+    slow : mapping of Quantity to ndarray (S,)
     y, age : ndarray (N,)
     quality : ndarray of uint8 (N,)
     parts : tuple of slice
@@ -91,14 +92,17 @@ class Readings:
 
     means: Floats
     current_quality: NDArray[np.uint8]
-    inlet: Floats
-    flow: Floats
-    soc: Floats
+    slow: Mapping[Quantity, Floats]
     y: Floats
     age: Floats
     quality: NDArray[np.uint8]
     parts: tuple[slice, ...]
     cells: list[PairMeans | None] = field(default_factory=list)
+
+    @property
+    def inlet(self) -> Floats:
+        """Coolant inlet (S,), °C."""
+        return self.slow["coolant_inlet"]
 
     def seen(self, quality: np.uint8) -> NDArray[np.bool_]:
         """Tell which strings (S,) have a surface of such a quality."""
@@ -110,9 +114,7 @@ class Readings:
         return Reading(
             Means(*self.means[:, i].tolist()),
             int(self.current_quality[i]),
-            float(self.inlet[i]),
-            float(self.flow[i]),
-            float(self.soc[i]),
+            {quantity: float(x[i]) for quantity, x in self.slow.items()},
             self.y[mine],
             self.age[mine],
             self.quality[mine],

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from bms_gateway.engine.events import Job
 from bms_gateway.engine.forecast_result import Forecast
-from bms_gateway.engine.inputs import Wire, identifies_cells
 from bms_gateway.engine.plan import Plan, StringPlan
 from bms_gateway.engine.readings import Reading
+from bms_gateway.engine.wiring import Wire, identifies_cells
 from bms_gateway.frames.quality import Quality
 from bms_gateway.health import Ageing, Mismatch, StringHealth
 from bms_gateway.health.self_discharge import SelfDischarge
@@ -325,9 +325,8 @@ class StringEstimator:
         m, n = reading.means, self.plan.model.cells
         if m.V / n < CELL_V[0] <= m.V <= CELL_V[1]:
             n = 1  # the mean of the cells' voltages, as offline
-        return Measured(
-            m.I, m.I2, m.I_abs, reading.inlet, self.flow_ratio(reading.flow), reading.soc, m.V / n, m.IV / n
-        )
+        flow, soc = self.flow_ratio(reading.slow["coolant_flow"]), reading.slow["soc"]
+        return Measured(m.I, m.I2, m.I_abs, reading.inlet, flow, soc, m.V / n, m.IV / n)
 
 
 def health_of(plan: StringPlan, identifier: Identifier | None = None, mismatch: Mismatch | None = None) -> StringHealth:

@@ -29,9 +29,9 @@ class CounterGuard:
     """
 
     def __init__(self, table: SignalTable) -> None:
-        self.last = np.full(len(table.keys), -1, np.int64)
+        self.last = np.full(len(table.nodes.keys), -1, np.int64)
         # a frame that kept the outer node has a multiplexer value whose sequence is not followed
-        self._followed = table.switch_of < 0
+        self._followed = table.switches.of < 0
 
     def update(self, samples: Samples) -> NDArray[np.uint8]:
         """Return the quality of the samples of one batch: COUNTER where the frame was repeated or out of sequence.

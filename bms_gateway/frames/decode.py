@@ -10,7 +10,7 @@ from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.bits import words_of
 from bms_gateway.frames.e2e import check
 from bms_gateway.frames.quality import Quality
-from bms_gateway.frames.signal_table import SignalTable
+from bms_gateway.frames.signal_table import Limits, SignalTable, Switches, Values
 
 __all__ = ["Protected", "Samples", "decode"]
 
@@ -97,20 +97,22 @@ def decode(table: SignalTable, batch: FrameBatch) -> Samples:
     Equal to cantools' ``decode_message(..., decode_choices=False)`` bit for bit, except integers beyond 2⁵³, which are
     rounded to float64.
     """
-    hit, node = table.find(batch.can_id.astype(np.uint64))
+    hit, node = table.nodes.find(batch.can_id.astype(np.uint64))
     row = np.arange(len(hit))
     length = batch.length.take(hit)
     words = words_of(batch.data, hit, table.places.words, table.places.stride)
     unknown: list[Index] = []
-    if table.several:
+    if table.switches.several:
         row, node = _through_multiplexers(table, row, node, words, length, unknown)
-    elif len(table.switch_list):
+    elif len(table.switches.listed):
         _follow_multiplexers(table, node, words, length, unknown)
-    protected = _protection(table, words, length, hit, row, node) if table.any_protected and len(row) else _UNPROTECTED
-    count = table.count.take(node)
+    protected = (
+        _protection(table, words, length, hit, row, node) if table.nodes.any_protected and len(row) else _UNPROTECTED
+    )
+    count = table.nodes.count.take(node)
     at = row.repeat(count)
     # place of sample i: start of its node's run plus its position in that run
-    start = table.first.take(node)
+    start = table.nodes.first.take(node)
     start += count
     start -= count.cumsum()
     place = start.repeat(count)
@@ -118,11 +120,11 @@ def decode(table: SignalTable, batch: FrameBatch) -> Samples:
     raw_bits = table.places.raw(words, at, place)
     # an underflow or a signalling NaN in a floating-point payload is a property of the data, not an error of the code
     with np.errstate(all="ignore"):
-        raw = _to_float(table, raw_bits, place)
-        value = raw * table.scale.take(place)
-        value += table.offset.take(place)
-    flag = _judge(table, raw, place)
-    if len((length.take(row) < table.node_needs.take(node)).nonzero()[0]):
+        raw = _to_float(table.values, raw_bits, place)
+        value = raw * table.values.scale.take(place)
+        value += table.values.offset.take(place)
+    flag = _judge(table.limits, raw, place)
+    if len((length.take(row) < table.nodes.needs.take(node)).nonzero()[0]):
         cut = table.places.needs.take(place) > length.take(at)
         value[cut] = np.nan
         flag[cut] = Quality.ERROR
@@ -131,29 +133,29 @@ def decode(table: SignalTable, batch: FrameBatch) -> Samples:
         broken = np.zeros(len(batch), np.bool_)
         broken[protected.frame[~protected.crc_ok]] = True
         flag[broken.take(frame)] = Quality.CRC
-    strange = np.unique(hit.take(np.concatenate(unknown))) if unknown else _NO_FRAMES
-    return Samples(frame, table.signal.take(place), value, flag, protected, strange)
+    strange = np.unique(hit.take(np.concatenate(unknown))) if any(map(len, unknown)) else _NO_FRAMES
+    return Samples(frame, table.values.signal.take(place), value, flag, protected, strange)
 
 
 def _follow_multiplexers(
     table: SignalTable, node: Index, words: NDArray[np.uint64], length: NDArray[np.uint8], unknown: list[Index]
 ) -> None:
     """Replace the node of each frame by the innermost one that its multiplexers select."""
-    switch = table.switch_of.take(node)
+    switch = table.switches.of.take(node)
     row = (switch >= 0).nonzero()[0]
     switch = switch.take(row)
     while len(row):
-        key = table.switches.raw(words, row, switch)
-        key |= table.switch_key.take(switch)
-        hit, inner = table.find(key)
-        _note_unknown(table, row, switch, key, hit, length, unknown)
+        key = table.switches.bits.raw(words, row, switch)
+        key |= table.switches.key.take(switch)
+        hit, inner = table.nodes.find(key)
+        unknown.append(_strange(table.switches, row, switch, key, hit, length))
         row, switch = row.take(hit), switch.take(hit)
         # a frame that is too short for its multiplexer does not show its signals
-        held = (table.switches.needs.take(switch) <= length.take(row)).nonzero()[0]
+        held = (table.switches.bits.needs.take(switch) <= length.take(row)).nonzero()[0]
         if len(held) < len(row):
             row, inner = row.take(held), inner.take(held)
         node[row] = inner
-        switch = table.switch_of.take(inner)
+        switch = table.switches.of.take(inner)
         nested = (switch >= 0).nonzero()[0]
         row, switch = row.take(nested), switch.take(nested)
 
@@ -169,24 +171,24 @@ def _through_multiplexers(
     """Follow independent multiplexers level by level to all nodes present in each frame, in frame order."""
     rows, nodes = [row], [node]
     while True:
-        count = table.switch_count.take(node)
+        count = table.switches.count.take(node)
         if not count.any():
             break
-        first = table.switch_first.take(node) - (np.cumsum(count) - count)
-        switch = table.switch_list.take(first.repeat(count) + np.arange(int(count.sum())))
+        first = table.switches.first.take(node) - (np.cumsum(count) - count)
+        switch = table.switches.listed.take(first.repeat(count) + np.arange(int(count.sum())))
         at = row.repeat(count)
-        key = table.switches.raw(words, at, switch)
-        key |= table.switch_key.take(switch)
-        hit, node = table.find(key)
-        _note_unknown(table, at, switch, key, hit, length, unknown)
+        key = table.switches.bits.raw(words, at, switch)
+        key |= table.switches.key.take(switch)
+        hit, node = table.nodes.find(key)
+        unknown.append(_strange(table.switches, at, switch, key, hit, length))
         row, switch = at.take(hit), switch.take(hit)
         # a frame that is too short for its multiplexer does not show its signals
-        held = table.switches.needs.take(switch) <= length.take(row)
+        held = table.switches.bits.needs.take(switch) <= length.take(row)
         if not held.all():
             row, node = row[held], node[held]
         rows.append(row)
         nodes.append(node)
-    kept = [table.count.take(n).nonzero()[0] for n in nodes]
+    kept = [table.nodes.count.take(n).nonzero()[0] for n in nodes]
     rows = [r.take(k) for r, k in zip(rows, kept, strict=True) if len(k)]
     nodes = [n.take(k) for n, k in zip(nodes, kept, strict=True) if len(k)]
     if len(rows) == 1:
@@ -198,55 +200,47 @@ def _through_multiplexers(
     return row.take(order), node.take(order)
 
 
-def _note_unknown(
-    table: SignalTable,
-    row: Index,
-    switch: Index,
-    key: NDArray[np.uint64],
-    hit: Index,
-    length: NDArray[np.uint8],
-    unknown: list[Index],
-) -> None:
-    """Keep the rows that are too short for their multiplexer, or whose value led nowhere and is none of the DBC."""
-    short = table.switches.needs.take(switch) > length.take(row)
+def _strange(
+    switches: Switches, row: Index, switch: Index, key: NDArray[np.uint64], hit: Index, length: NDArray[np.uint8]
+) -> Index:
+    """Find the rows that are too short for their multiplexer, or whose value led nowhere and is none of the DBC."""
+    short = switches.bits.needs.take(switch) > length.take(row)
     if len(hit) == len(row) and not short.any():
-        return
-    strange = (short | ~np.isin(key, table.declared)).nonzero()[0]
-    if len(strange):
-        unknown.append(row.take(strange))
+        return _NO_FRAMES
+    return row.take((short | ~np.isin(key, switches.declared)).nonzero()[0])
 
 
-def _to_float(table: SignalTable, bits: NDArray[np.uint64], place: Index) -> NDArray[np.float64]:
+def _to_float(values: Values, bits: NDArray[np.uint64], place: Index) -> NDArray[np.float64]:
     """Raw values as numbers: integers of either sign, and IEEE 754 floats by their bits."""
     raw = bits.view(np.int64).astype(np.float64)
-    if table.any_wide:
-        wide = table.wide_unsigned.take(place).nonzero()[0]
+    if values.any_wide:
+        wide = values.wide_unsigned.take(place).nonzero()[0]
         raw[wide] = bits[wide].astype(np.float64)
-    if table.float_sizes:
-        width = table.float_bits.take(place)
-        for size in table.float_sizes:
+    if values.float_sizes:
+        width = values.float_bits.take(place)
+        for size in values.float_sizes:
             part = (width == size).nonzero()[0]
             narrow, kind = _IEEE[size]
             raw[part] = bits[part].astype(narrow).view(kind)
     return raw
 
 
-def _judge(table: SignalTable, raw: NDArray[np.float64], place: Index) -> NDArray[np.uint8]:
+def _judge(limits: Limits, raw: NDArray[np.float64], place: Index) -> NDArray[np.uint8]:
     """Quality by the raw value: declared range, J1939 ranges, labels of the value table, NaN."""
     flag = np.zeros(len(raw), np.uint8)
     # written so that NaN, which compares false, falls out too
-    inside: NDArray[np.bool_] = raw >= table.low.take(place)
-    inside &= raw <= table.high.take(place)
+    inside: NDArray[np.bool_] = raw >= limits.low.take(place)
+    inside &= raw <= limits.high.take(place)
     part = (~inside).nonzero()[0]
     if len(part):
         r, p = raw.take(part), place.take(part)
         f = np.full(len(part), Quality.OUT_OF_RANGE, np.uint8)
-        f[r >= table.error_from.take(p)] = Quality.ERROR
-        f[(r >= table.na_from.take(p)) | np.isnan(r)] = Quality.NOT_AVAILABLE
+        f[r >= limits.error_from.take(p)] = Quality.ERROR
+        f[(r >= limits.na_from.take(p)) | np.isnan(r)] = Quality.NOT_AVAILABLE
         flag[part] = f
-    if len(table.label_keys):
-        part = table.has_labels.take(place).nonzero()[0]
-        stated = table.labels(place.take(part), raw.take(part))
+    if len(limits.label_keys):
+        part = limits.has_labels.take(place).nonzero()[0]
+        stated = limits.labels(place.take(part), raw.take(part))
         part, stated = part[stated > 0], stated[stated > 0]
         flag[part] = stated
     return flag
@@ -255,14 +249,14 @@ def _judge(table: SignalTable, raw: NDArray[np.float64], place: Index) -> NDArra
 def _protection(
     table: SignalTable, words: NDArray[np.uint64], length: NDArray[np.uint8], hit: Index, row: Index, node: Index
 ) -> Protected:
-    part = table.protected.take(node).nonzero()[0]
-    if table.several and len(part):
+    part = table.nodes.protected.take(node).nonzero()[0]
+    if table.switches.several and len(part):
         # the inner node comes last and counts
         part = part[np.append(row[part[1:]] != row[part[:-1]], True)]
     if len(part) < len(row):
         row, node = row.take(part), node.take(part)
     word = words.take(row if table.places.stride == 1 else row * table.places.stride)
-    counter, ok = check(word, length.take(row), table.id_crc.take(node))
+    counter, ok = check(word, length.take(row), table.nodes.id_crc.take(node))
     return Protected(hit.take(row), node, counter, ok)
 
 

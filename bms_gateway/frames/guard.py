@@ -29,18 +29,20 @@ reveals this. Until a step of at most `PROOF_K` was seen, standing still is judg
 to the home has no meaning.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bms_gateway.frames.counter import CounterGuard
-from bms_gateway.frames.neighbours import FAR_NEEDED, Compared, Neighbours
+from bms_gateway.frames.anchor import SETTLED, Anchors, Standing
+from bms_gateway.frames.neighbours import FAR_NEEDED, Neighbours
+from bms_gateway.frames.peers import Peers
 from bms_gateway.frames.quality import Quality
-from bms_gateway.frames.rules import PROOF_K, STUCK_COARSE_S, Rule, default_rule
+from bms_gateway.frames.repeats import Repeats
+from bms_gateway.frames.rules import PROOF_K, STUCK_COARSE_S, Rule
 
-__all__ = ["CounterGuard", "Guard", "GuardResult", "Rule", "default_rule"]
+__all__ = ["Guard", "GuardResult"]
 
 Index = NDArray[np.intp]
 # of numpy's own type, which it compares five times as fast as members of an enumeration
@@ -57,33 +59,8 @@ MAX_STRIKES = 6
 """Most repetitions that lengthen the wait: it is at most 3 · 2⁶ = 192 samples, some minutes."""
 FORGIVEN_AFTER = 300
 """Calm samples after which earlier jumps are forgotten."""
-ANCHORED = 3
-"""Net samples that must differ before a channel has left its value."""
-AT_HOME = 2
-"""Net samples at exactly the old value that count as a return."""
-SETTLED = 2.0
-"""A home counts if it was held once for this many times `stuck_after_s`, in seconds and in samples. With steps of
-0.01 K, noise of 0.05 K holds a value for 20 samples once in 50,000 hours and never for 40; noise of 0.02 K holds a
-value for 40 samples once in 100,000 hours."""
-HOME_MEMORY_S = 300.0
-"""Active time away from a home after which it is forgotten."""
 PROVEN_PATIENCE = 15.0
 """A channel that has moved may stand still this many times longer: near equilibrium, good channels do."""
-LIVELY = 0.2
-"""Greatest share of samples equal to the one before at which a channel counts as noisy. If a channel and half of its
-peers were noisy lately, standing still for `SETTLED` times `stuck_after_s` is more than noise can do."""
-REMEMBERED, DOUBTED = 600, 5
-"""Samples over which that share is averaged, so that noise which has ended is forgotten; and the number of repetitions
-with which a channel begins, so that at least 20 samples are needed to show noise. A run of equal samples while others
-move enters the share only when it ends."""
-HARDLY = 1e-9
-"""Probability of a run of equal samples, by that share, below which the run is held back: after 6 to 12 samples. With
-noise of 0.02 to 0.1 K, steps of 0.01 K and one sample a second, a good sensor loses less than one sample in 10,000
-hours."""
-FEWEST = 5
-"""Least repetitions of such a run: a share below 0.015 cannot be seen within some minutes."""
-LONGEST_STEP_S = 10.0
-"""A longer gap between intervals does not count as time of standing still."""
 QUALITIES = 16
 
 
@@ -110,6 +87,129 @@ class GuardResult:
     rejected: NDArray[np.int64]
 
 
+@dataclass(frozen=True, slots=True)
+class Ranges:
+    """Ranges and rails of C channels, each (C,)."""
+
+    lower: NDArray[np.float64]
+    upper: NDArray[np.float64]
+    low_rail: NDArray[np.float64]
+    high_rail: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, rules: Sequence[Rule]) -> "Ranges":
+        """Take them from the rules."""
+        return cls(*_columns(rules, "lower", "upper", "low_rail", "high_rail"))
+
+    def judge(self, channel: Index, value: NDArray[np.float64], flag: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Judge samples by their value alone; those that were not good stay as they are."""
+        quality = flag.copy()
+        # a rail is more specific than a range: a sample outside the DBC's range may still be OPEN or SHORT
+        open_to = (flag == GOOD) | (flag == OUT_OF_RANGE)
+        outside = ~((value >= self.lower.take(channel)) & (value <= self.upper.take(channel)))
+        high, low = value >= self.high_rail.take(channel), value <= self.low_rail.take(channel)
+        for wrong, becomes in ((outside, OUT_OF_RANGE), (high, OPEN), (low, SHORT)):
+            if wrong.any():
+                quality[open_to & wrong] = becomes
+        return quality
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What the m channels with a past may do, each (m,)."""
+
+    jump: NDArray[np.float64]
+    rate: NDArray[np.float64]
+    stuck: NDArray[np.float64]
+    stuck_coarse: NDArray[np.float64]
+    proof: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, rules: Sequence[Rule]) -> "Limits":
+        """Take them from the rules."""
+        jump, rate, stuck = _columns(rules, "jump", "jump_rate", "stuck_after_s")
+        return cls(jump, rate, stuck, np.maximum(stuck, STUCK_COARSE_S), np.array([r.needs_proof for r in rules], bool))
+
+
+def _columns(rules: Sequence[Rule], *names: str) -> list[NDArray[np.float64]]:
+    return [np.array([getattr(r, name) for r in rules], np.float64) for name in names]
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """Which of m channels showed a value, a new value, and a fine step in an interval."""
+
+    updated: NDArray[np.bool_]
+    changed: NDArray[np.bool_]
+    fine: NDArray[np.bool_]
+
+    @classmethod
+    def nothing(cls, m: int) -> "Shown":
+        """Begin an interval."""
+        return cls(*np.zeros((3, m), np.bool_))
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What one sample of each of several channels is; upset is what is not usable, jumped or stuck."""
+
+    jumped: NDArray[np.bool_]
+    stuck: NDArray[np.bool_]
+    upset: NDArray[np.bool_]
+    proves: NDArray[np.bool_]
+    at_home: NDArray[np.bool_]
+
+
+class Belief:
+    """Which of m channels are believed, and what those that are not must show first.
+
+    Attributes
+    ----------
+    proven : ndarray of bool (m,)
+        Has moved since it was last upset.
+    needed : ndarray of int64 (m,)
+        Calm samples before it is believed.
+    cause : ndarray of uint8 (m,)
+        `Quality` for which it is not believed; GOOD where it is.
+    """
+
+    def __init__(self, m: int) -> None:
+        self.proven, self.needed = np.zeros(m, np.bool_), np.ones(m, np.int64)
+        self.cause = np.full(m, NEVER, np.uint8)
+        self._calm, self._strikes = np.zeros(m, np.int64), np.zeros(m, np.int64)
+
+    def stuck(self, c: Index | slice) -> NDArray[np.bool_]:
+        """Find channels that are not believed because they stand."""
+        return np.asarray(self.cause[c] == STUCK)
+
+    def take(self, c: Index | slice, seen: Verdict, told: NDArray[np.uint8]) -> NDArray[np.int64]:
+        """Take in what samples are, and what is told of them; return the calm samples of each channel."""
+        proven, calm = self.proven[c] | seen.proves, self._calm[c] + 1
+        if seen.upset.any():
+            proven &= ~seen.jumped & ~seen.stuck
+            calm[seen.upset] = 0
+            struck = seen.jumped | (seen.stuck & seen.at_home & (self.cause[c] != STUCK))
+            strikes = np.minimum(self._strikes[c] + struck, MAX_STRIKES)
+            needed = np.where(seen.upset, np.maximum(self.needed[c], CONSISTENT), self.needed[c])
+            self._strikes[c], self.needed[c] = strikes, np.where(struck, CONSISTENT << strikes, needed)
+            self.cause[c] = np.where(seen.upset, told, self.cause[c])
+        forgiven = calm >= FORGIVEN_AFTER
+        self._strikes[c] = np.where(forgiven, 0, self._strikes[c])
+        self.needed[c] = np.where(forgiven, CONSISTENT, self.needed[c])
+        self.proven[c], self._calm[c] = proven, calm
+        return calm
+
+    def settle(
+        self, c: Index | slice, accepted: NDArray[np.bool_], sound: NDArray[np.bool_], told: NDArray[np.uint8]
+    ) -> NDArray[np.uint8]:
+        """Return the quality of samples; those that are sound and not accepted wait for the cause of their channel."""
+        if accepted.all():
+            self.cause[c] = GOOD
+            return told
+        self.cause[c] = np.where(accepted, GOOD, self.cause[c])
+        return np.where(accepted, GOOD, np.where(sound, self.cause[c], told))
+
+
 class Guard:
     """Judges the samples of C channels, one interval after the other.
 
@@ -121,62 +221,24 @@ class Guard:
     def __init__(self, rules: Sequence[Rule]) -> None:
         self.rules = tuple(rules)
         n = len(self.rules)
-        self._lower, self._upper, self._low_rail, self._high_rail = (
-            np.array([getattr(r, name) for r in self.rules], np.float64)
-            for name in ("lower", "upper", "low_rail", "high_rail")
-        )
+        self._ranges = Ranges.of(self.rules)
         self._stale_ns = np.array([r.stale_after_ns for r in self.rules], np.int64)
         self._value, self._value_ns = np.full(n, np.nan), np.zeros(n, np.int64)
         self._last, self._received_ns = np.full(n, NEVER, np.uint8), np.full(n, -1, np.int64)
-        self._end_ns = np.full(1, -1, np.int64)
         # from here on: only the channels that are judged by their past
         self._channel = np.array([i for i, r in enumerate(self.rules) if r.remembers], np.intp)
         past = [self.rules[i] for i in self._channel]
         m = len(past)
         self._local = np.full(n, -1, np.intp)
         self._local[self._channel] = np.arange(m)
-        self._jump, self._rate, self._stuck = (
-            np.array([getattr(r, name) for r in past], np.float64) for name in ("jump", "jump_rate", "stuck_after_s")
-        )
-        self._stuck_coarse = np.maximum(self._stuck, STUCK_COARSE_S)
-        self._proof = np.array([r.needs_proof for r in past], np.bool_)
+        self._limits = Limits.of(past)
         kinds = sorted({(r.quantity, r.group) for r in past})
         number = {kind: i for i, kind in enumerate(kinds)}
-        self._group = np.array([number[r.quantity, r.group] for r in past], np.intp)
-        self._peers = np.bincount(self._group, minlength=1)[self._group] - 1
-        self._alone = self._peers == 0
+        group = np.array([number[r.quantity, r.group] for r in past], np.intp)
+        self._peers, self._neighbours = Peers(group), Neighbours(group, self._limits.proof)
+        self._anchors, self._repeats, self._belief = Anchors(m), Repeats(m), Belief(m)
         self._previous, self._previous_ns = np.full(m, np.nan), np.zeros(m, np.int64)
-        self._calm, self._needed, self._strikes = np.zeros(m, np.int64), np.ones(m, np.int64), np.zeros(m, np.int64)
-        self._anchor, self._anchor_count, self._anchor_clock = np.full(m, np.nan), np.zeros(m, np.int64), np.zeros(m)
-        self._held, self._home_held = np.zeros(m, np.int64), np.zeros(m, np.int64)
-        self._held_s, self._home_held_s = np.zeros(m), np.zeros(m)
-        self._home, self._home_clock = np.full(m, np.nan), np.zeros(m)
-        self._clock, self._moving = np.zeros(m), np.zeros(m, np.bool_)
-        self._compared, self._repeats = np.full(m, DOUBTED), np.ones(m)
-        self._run, self._around = np.zeros(m, np.int64), np.zeros(m, np.bool_)
-        self._peers_lively = np.zeros(m, np.bool_)
-        self._proven, self._fine = np.zeros(m, np.bool_), np.zeros(m, np.bool_)
-        self._cause = np.full(m, NEVER, np.uint8)
-        self._neighbours = Neighbours(self._group, self._proof)
-
-    _STATE = (
-        *("_previous", "_previous_ns", "_calm", "_needed", "_strikes", "_anchor", "_anchor_count", "_anchor_clock"),
-        *("_held", "_home_held", "_held_s", "_home_held_s", "_home", "_home_clock"),
-        *("_compared", "_repeats", "_run", "_around", "_peers_lively"),
-        *("_clock", "_moving", "_fine", "_proven", "_cause", "_value", "_value_ns", "_last", "_received_ns", "_end_ns"),
-    )
-
-    def snapshot(self) -> dict[str, NDArray[np.generic]]:
-        """Copy the whole state as plain arrays."""
-        own = {name[1:]: getattr(self, name).copy() for name in self._STATE}
-        return own | self._neighbours.snapshot()
-
-    def restore(self, state: Mapping[str, NDArray[np.generic]]) -> None:
-        """Take up the state of a guard with the same rules."""
-        for name in self._STATE:
-            mine = getattr(self, name)
-            mine[...] = state[name[1:]]
-        self._neighbours.restore(state)
+        self._fine = np.zeros(m, np.bool_)
 
     def update(
         self,
@@ -199,20 +261,22 @@ class Guard:
             Whether enough current flowed in the interval to make temperatures move.
         """
         n = len(self.rules)
-        quality = self._memoryless(channel, value, flag)
-        updated, changed, fine = (np.zeros(len(self._channel), np.bool_) for _ in range(3))
+        quality = self._ranges.judge(channel, value, flag)
+        shown = Shown.nothing(len(self._channel))
         held_back: Index = np.empty(0, np.intp)
         local = self._local.take(channel)
         for part in _rounds(local):
             # a round of all channels, the usual one, needs no gathering
             c = slice(None) if len(part) == len(self._channel) else local[part]
-            quality[part] = self._judge(c, value[part], time_ns[part], quality[part], updated, changed, fine)
-            if np.count_nonzero(self._run >= FEWEST) and np.count_nonzero(frozen := self._freezes(c)):
+            quality[part] = self._judge(c, value[part], time_ns[part], quality[part], shown)
+            if self._repeats.any_run and np.count_nonzero(frozen := self._freezes(c)):
                 held_back = np.concatenate([held_back, part[(quality[part] == GOOD) & frozen]])
-        if fine.any():
-            self._fine |= np.bincount(self._group, fine, 1)[self._group] > 0
+        if shown.fine.any():
+            self._fine |= self._peers.of_any(shown.fine)
         on = np.asarray(active, np.bool_)
-        self._advance(t1_ns, on.take(self._channel) if on.ndim else on, updated, changed)
+        on = on.take(self._channel) if on.ndim else on
+        self._peers.advance(t1_ns, on, shown.updated, shown.changed, self._repeats.lively())
+        self._neighbours.advance(self._previous, self._anchors.home, shown.updated)
         self._last[channel] = quality
         self._received_ns[channel] = time_ns
         if len(held_back):
@@ -225,26 +289,13 @@ class Guard:
             quality, self._value.copy(), self._value_ns.copy(), self._channels(t1_ns), rejected.reshape(n, QUALITIES)
         )
 
-    def _memoryless(self, channel: Index, value: NDArray[np.float64], flag: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        quality = flag.copy()
-        # a rail is more specific than a range: a sample outside the DBC's range may still be OPEN or SHORT
-        open_to = (flag == GOOD) | (flag == OUT_OF_RANGE)
-        outside = ~((value >= self._lower.take(channel)) & (value <= self._upper.take(channel)))
-        high, low = value >= self._high_rail.take(channel), value <= self._low_rail.take(channel)
-        for wrong, becomes in ((outside, OUT_OF_RANGE), (high, OPEN), (low, SHORT)):
-            if wrong.any():
-                quality[open_to & wrong] = becomes
-        return quality
-
     def _judge(
         self,
         c: Index | slice,
         value: NDArray[np.float64],
         time_ns: NDArray[np.int64],
         quality: NDArray[np.uint8],
-        updated: NDArray[np.bool_],
-        changed: NDArray[np.bool_],
-        fine: NDArray[np.bool_],
+        shown: Shown,
     ) -> NDArray[np.uint8]:
         """Judge one sample of each of several channels by the history of the channel."""
         usable = quality == GOOD
@@ -252,122 +303,44 @@ class Guard:
         known = ~np.isnan(previous)
         seconds = np.maximum(time_ns - self._previous_ns[c], 0) * 1e-9
         step = np.abs(value - previous)
-        jumped = usable & known & (step > self._jump[c] + self._rate[c] * seconds)
+        jumped = usable & known & (step > self._limits.jump[c] + self._limits.rate[c] * seconds)
         alone = None
         if self._neighbours.any_doubted(c):
             alone = self._neighbours.compare(c, value, usable, seconds)
             jumped |= known & alone.astray
         stepped = usable & (step > 0)
-        updated[c] |= usable
-        changed[c] |= stepped & known
-        fine[c] |= stepped & (step < 1.01 * PROOF_K)
-        proof, is_fine = self._proof[c], self._fine[c]
-        limit = np.where(is_fine, self._stuck[c], self._stuck_coarse[c])
-        moved, returned, at_home = self._follow_anchor(c, value, usable, seconds, limit, alone)
-        stood = self._clock[c] - self._anchor_clock[c]
-        stands = stood > np.where(self._proven[c] & ~returned, PROVEN_PATIENCE, 1.0) * limit
-        self._count_repeats(c, usable & known, usable & (step == 0.0))
-        long = np.minimum(stood, self._held[c]) > SETTLED * limit
+        shown.updated[c] |= usable
+        shown.changed[c] |= stepped & known
+        shown.fine[c] |= stepped & (step < 1.01 * PROOF_K)
+        proof, is_fine = self._limits.proof[c], self._fine[c]
+        limit = np.where(is_fine, self._limits.stuck[c], self._limits.stuck_coarse[c])
+        clock = self._peers.clock[c]
+        left = self._anchors.follow(c, value, usable, seconds, Standing(clock, limit, self._belief.stuck(c), alone))
+        stood = clock - self._anchors.since[c]
+        stands = stood > np.where(self._belief.proven[c] & ~left.returned, PROVEN_PATIENCE, 1.0) * limit
+        self._repeats.count(c, usable & known, usable & (step == 0.0), self._peers.around[c])
+        long = np.minimum(stood, self._anchors.held[c]) > SETTLED * limit
         if long.any():
-            stands |= long & (self._repeats[c] <= LIVELY) & self._peers_lively[c] & is_fine
-        stuck = usable & ~jumped & (stands | (at_home & proof & is_fine))
+            stands |= long & self._repeats.lively(c) & self._peers.lively[c] & is_fine
+        stuck = usable & ~jumped & (stands | (left.at_home & proof & is_fine))
         upset = ~usable | jumped | stuck
-        proves = moved & known & ~upset & (value != self._home[c])
-        proven, calm, cause = self._proven[c] | proves, self._calm[c] + 1, quality
+        proves = left.moved & known & ~upset & (value != self._anchors.home[c])
+        told = quality
         if upset.any():
-            proven &= ~jumped & ~stuck
-            calm[upset] = 0
-            cause = np.where(stuck, STUCK, np.where(jumped, JUMPY, quality))
-            struck = jumped | (stuck & at_home & (self._cause[c] != STUCK))
-            strikes = np.minimum(self._strikes[c] + struck, MAX_STRIKES)
-            needed = np.where(upset, np.maximum(self._needed[c], CONSISTENT), self._needed[c])
-            self._strikes[c], self._needed[c] = strikes, np.where(struck, CONSISTENT << strikes, needed)
-            self._cause[c] = np.where(upset, cause, self._cause[c])
+            told = np.where(stuck, STUCK, np.where(jumped, JUMPY, quality))
             value, time_ns = np.where(usable, value, previous), np.where(usable, time_ns, self._previous_ns[c])
-        forgiven = calm >= FORGIVEN_AFTER
-        self._strikes[c] = np.where(forgiven, 0, self._strikes[c])
-        self._needed[c] = np.where(forgiven, CONSISTENT, self._needed[c])
-        self._proven[c], self._calm[c] = proven, calm
         self._previous[c], self._previous_ns[c] = value, time_ns
-        accepted = ~upset & (calm >= self._needed[c]) & (proven | ~proof)
+        calm = self._belief.take(c, Verdict(jumped, stuck, upset, proves, left.at_home), told)
+        accepted = ~upset & (calm >= self._belief.needed[c]) & (self._belief.proven[c] | ~proof)
         if alone is not None:
-            accepted &= ~alone.far | (calm >= FAR_NEEDED) | (self._cause[c] == GOOD)
+            accepted &= ~alone.far | (calm >= FAR_NEEDED) | (self._belief.cause[c] == GOOD)
         self._neighbours.trust(c, accepted, usable & known, step)
-        if accepted.all():
-            self._cause[c] = GOOD
-            return cause
-        self._cause[c] = np.where(accepted, GOOD, self._cause[c])
-        return np.where(accepted, GOOD, np.where(usable & ~upset, self._cause[c], cause))
-
-    def _count_repeats(self, c: Index | slice, compared: NDArray[np.bool_], same: NDArray[np.bool_]) -> None:
-        """Count samples that repeat the one before, and their share; a run while others move counts when it ends."""
-        differs, again, run = compared ^ same, same & self._around[c], self._run[c]
-        more = (compared ^ again) + run * differs
-        self._compared[c] = count = np.minimum(self._compared[c] + more, REMEMBERED)
-        repeats = self._repeats[c]
-        self._repeats[c] = repeats + (more * (1.0 - repeats) - differs) / count
-        self._run[c] = np.minimum((run + again) * ~differs, REMEMBERED - 1)
+        return self._belief.settle(c, accepted, usable & ~upset, told)
 
     def _freezes(self, c: Index | slice) -> NDArray[np.bool_]:
         """Find channels whose run of equal samples noise cannot produce; channels that may stand still are left out."""
-        repeats, run = self._repeats[c], self._run[c]
-        noisy = (repeats <= LIVELY) & (self._peers_lively[c] | self._alone[c]) & np.isfinite(self._stuck[c])
-        return np.asarray(noisy & (run >= FEWEST) & (repeats**run < HARDLY), np.bool_)
-
-    def _follow_anchor(
-        self,
-        c: Index | slice,
-        value: NDArray[np.float64],
-        usable: NDArray[np.bool_],
-        seconds: NDArray[np.float64],
-        limit: NDArray[np.float64],
-        alone: Compared | None,
-    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
-        """Move the anchor of channels that have left it; return which left, which returned, and which returned home."""
-        clock = self._clock[c]
-        same = value == self._anchor[c]
-        count = np.where(same, np.minimum(self._anchor_count[c] + 1, ANCHORED), self._anchor_count[c] - 1)
-        moved = usable & (count <= 0)
-        count = np.where(moved, 1, np.where(usable, count, self._anchor_count[c]))
-        held = np.where(moved, 1, self._held[c] + usable)
-        held_s = np.where(moved, 0.0, self._held_s[c] + usable * np.minimum(seconds, LONGEST_STEP_S))
-        anchor = np.where(moved, value, self._anchor[c])
-        self._anchor_count[c], self._held[c], self._held_s[c], self._anchor[c] = count, held, held_s, anchor
-        self._anchor_clock[c] = np.where(moved, clock, self._anchor_clock[c])
-        there = usable & same & (anchor == self._home[c]) & (count >= AT_HOME)
-        longest = held > self._home_held[c]
-        # at rest a good sensor may return to the same hundredth too; a sensor that was stuck before stays stuck
-        found = self._cause[c] == STUCK
-        returned = at_home = there & ~longest & ((clock > self._home_clock[c]) | found)
-        if returned.any():
-            settled = np.minimum(self._home_held[c], self._home_held_s[c]) >= SETTLED * limit
-            at_home = returned & (found | settled)
-            if alone is not None:
-                at_home |= returned & alone.strays & (count >= ANCHORED)
-        renewed = longest | (clock - self._home_clock[c] > HOME_MEMORY_S)
-        self._home[c] = np.where(renewed, anchor, self._home[c])
-        self._home_held[c] = np.where(renewed, held, self._home_held[c])
-        self._home_held_s[c] = np.where(renewed, held_s, self._home_held_s[c])
-        self._home_clock[c] = np.where(renewed | there, clock, self._home_clock[c])
-        return moved, returned, at_home
-
-    def _advance(
-        self, t1_ns: int, active: NDArray[np.bool_], updated: NDArray[np.bool_], changed: NDArray[np.bool_]
-    ) -> None:
-        """Count active time for channels whose peers move: among resting peers, standing still proves nothing."""
-        start = int(self._end_ns[0])
-        self._end_ns[0] = t1_ns
-        others = np.bincount(self._group, updated, 1)[self._group] - updated
-        moving = np.bincount(self._group, changed, 1)[self._group] - changed
-        self._moving = np.where(others > 0, 2 * moving >= others, self._moving)
-        lively = self._repeats <= LIVELY
-        among = np.bincount(self._group, lively, 1)[self._group] - lively
-        self._peers_lively = (self._peers > 0) & (2 * among >= self._peers)
-        self._around = np.where(self._alone, active, self._moving)
-        self._neighbours.advance(self._previous, self._home, updated)
-        if start >= 0:
-            step = min(max((t1_ns - start) * 1e-9, 0.0), LONGEST_STEP_S)
-            self._clock += (active & self._around) * step
+        judged = (self._peers.lively[c] | self._peers.alone[c]) & np.isfinite(self._limits.stuck[c])
+        return np.asarray(judged & self._repeats.freezes(c), np.bool_)
 
     def _channels(self, t1_ns: int) -> NDArray[np.uint8]:
         late = t1_ns - self._received_ns > self._stale_ns

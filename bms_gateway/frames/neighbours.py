@@ -12,7 +12,6 @@ samples were accepted in a row. Meanwhile three rules apply:
 Fewer than `FEWEST_ALIKE` channels cannot judge each other.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -83,18 +82,6 @@ class Neighbours:
         self._distance, self._step = np.full(m, np.nan), np.zeros(m)
         # medians of each group: of its levels, of their distances from that, of usual steps, of distances from home
         self._middle, self._spread, self._usual, self._away = np.full((4, groups), np.nan)
-
-    _STATE = ("_trust", "_distance", "_step", "_middle", "_spread", "_usual", "_away")
-
-    def snapshot(self) -> dict[str, NDArray[np.generic]]:
-        """Copy the whole state as plain arrays."""
-        return {f"neighbours{name}": getattr(self, name).copy() for name in self._STATE}
-
-    def restore(self, state: Mapping[str, NDArray[np.generic]]) -> None:
-        """Take up the state of neighbours in the same groups."""
-        for name in self._STATE:
-            mine = getattr(self, name)
-            mine[...] = state[f"neighbours{name}"]
 
     def any_doubted(self, c: Index | slice) -> bool:
         """Whether any of these channels is not trusted yet."""

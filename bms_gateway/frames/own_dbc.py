@@ -1,6 +1,7 @@
 """Names in the DBC of the project itself, `bms_gateway.dbc`: what a string's channels are called, what is sent."""
 
 from bms_gateway.errors import ConfigError
+from bms_gateway.frames.vocabulary import INPUTS, Quantity
 
 __all__ = [
     "GATEWAY_INFO",
@@ -27,40 +28,27 @@ MAX_STRINGS = 8
 MAX_CELLS = 18
 """What the DBC has room for; larger packs bring their own DBC for the input."""
 
-_OF_STRING = {
-    "current": "string_{k}_electrical.current",
-    "voltage": "string_{k}_electrical.voltage",
-    "coolant_inlet": "string_{k}_coolant.coolant_inlet",
-    "coolant_flow": "string_{k}_coolant.coolant_flow",
-    "soc": "string_{k}_coolant.soc",
-}
-_OF_CELL = {
-    "surface": "string_{k}_surface.surface_{c:02d}",
-    "cell_voltage": "string_{k}_cell_voltage.cell_voltage_{c:02d}",
-}
-
 GATEWAY_STATUS = "gateway_status"
 GATEWAY_INFO = "gateway_info"
 PARAMETER_MUX = {"R_e": 0, "R_c": 1, "R_u": 2}
 """Multiplexer value of each parameter in `parameters_message`; the signals are NAME, NAME_sd and NAME_status."""
 
 
-def own_signal(string_number: int, quantity: str, cell: int | None = None) -> str:
+def own_signal(string_number: int, quantity: Quantity, cell: int | None = None) -> str:
     """Name of the input signal of one channel.
 
     Parameters
     ----------
     string_number : int
         1…8.
-    quantity : str
-        As `Quantity` of the plan.
+    quantity : Quantity
     cell : int, optional
-        1…18, for `surface` and `cell_voltage`.
+        1…18, for an input of cells.
 
     Raises
     ------
     ConfigError
-        The DBC has no room for that string or cell.
+        The DBC does not carry the quantity, or has no room for that string or cell.
 
     Examples
     --------
@@ -68,19 +56,23 @@ def own_signal(string_number: int, quantity: str, cell: int | None = None) -> st
     'string_2_surface.surface_07'
     """
     _check_string(string_number)
-    if quantity in _OF_STRING:
-        return _OF_STRING[quantity].format(k=string_number)
+    own = INPUTS[quantity].own
+    if own is None:
+        raise ConfigError(f"{OWN_DBC} has no signal for {quantity}; name a signal of your own DBC")
+    if not INPUTS[quantity].of_cells:
+        return own.format(k=string_number)
     if cell is None or not 1 <= cell <= MAX_CELLS:
         raise ConfigError(
             f"cell {cell}: {OWN_DBC} has signals for cells 1 to {MAX_CELLS}; name signals of your own DBC"
         )
-    return _OF_CELL[quantity].format(k=string_number, c=cell)
+    return own.format(k=string_number, c=cell)
 
 
 def input_messages(string_number: int) -> tuple[str, ...]:
     """Messages that a battery management system sends of one string."""
     _check_string(string_number)
-    return tuple(f"string_{string_number}_{part}" for part in ("electrical", "coolant", "surface", "cell_voltage"))
+    signals = (i.own.format(k=string_number, c=1) for i in INPUTS.values() if i.own is not None)
+    return tuple(dict.fromkeys(signal.split(".")[0] for signal in signals))
 
 
 def core_message(string_number: int) -> str:

@@ -1,10 +1,10 @@
 """Limits of a channel by its quantity and its DBC signal: range, rails, steps, standing still, age."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 from bms_gateway.frames.signal_info import SignalInfo
+from bms_gateway.frames.vocabulary import INPUTS, Quantity
 
 __all__ = ["Rule", "default_rule"]
 
@@ -15,8 +15,7 @@ class Rule:
 
     Attributes
     ----------
-    quantity : str
-        As `Quantity` of the plan.
+    quantity : Quantity
     group : int
         Channels of one quantity and group (string) are peers: they move together.
     lower, upper : float
@@ -33,7 +32,7 @@ class Rule:
         The channel is not used before it has moved.
     """
 
-    quantity: str
+    quantity: Quantity
     group: int = 0
     lower: float = -math.inf
     upper: float = math.inf
@@ -51,15 +50,6 @@ class Rule:
         return math.isfinite(self.jump) or math.isfinite(self.stuck_after_s) or self.needs_proof
 
 
-PLAUSIBLE: Mapping[str, tuple[float, float]] = {
-    "current": (-3000.0, 3000.0),  # start-up transients of Hall sensors show 5 kA and more
-    "voltage": (0.0, 1500.0),  # end of the low-voltage directive
-    "coolant_inlet": (-38.5, 120.0),
-    "coolant_flow": (0.0, 1.0),
-    "soc": (-0.05, 1.05),  # counters overshoot a little
-    "surface": (-38.5, 150.0),  # −39 and −40 °C are what 8-bit signals show for a broken wire; above 150 no cell lives
-    "cell_voltage": (0.0, 6.0),
-}
 STUCK_FINE_S, FINE_K = 20.0, 0.01
 STUCK_COARSE_S, COARSE_K = 1800.0, 0.5
 """At 0.01 K a cell under current moves in seconds; steps of 0.5 K may take half an hour. Geometric in between."""
@@ -70,14 +60,13 @@ FASTEST_CYCLES = 5
 
 
 def default_rule(
-    quantity: str, info: SignalInfo | None, scale: float = 1.0, offset: float = 0.0, group: int = 0
+    quantity: Quantity, info: SignalInfo | None, scale: float = 1.0, offset: float = 0.0, group: int = 0
 ) -> Rule:
     """Choose the rule of a channel by its quantity and by what the DBC says of its signal.
 
     Parameters
     ----------
-    quantity : str
-        As `Quantity` of the plan.
+    quantity : Quantity
     info : SignalInfo or None
         None where the resolution, range and cycle time are unknown.
     scale, offset : float
@@ -85,20 +74,21 @@ def default_rule(
     group : int
         Number of the string.
     """
-    lower, upper = PLAUSIBLE[quantity]
+    this = INPUTS[quantity]
+    lower, upper = this.plausible
     if quantity == "current":
         low_end, high_end = _ends(info, scale, offset)
         lower, upper = max(lower, low_end), min(upper, high_end)
     stale_after_ns = 5_000_000_000
     if info is not None and info.cycle_ns is not None:
         stale_after_ns = max(FASTEST_CYCLES * info.cycle_ns, 1_000_000_000)
-    if quantity not in ("surface", "coolant_inlet"):
+    if this.kind != "temperature":
         return Rule(quantity, group, lower, upper, stale_after_ns=stale_after_ns)
     step = abs(scale) * info.resolution if info is not None else 0.0
     low_rail, high_rail = _rails(info, scale, offset)
     # a temperature stays valid for some ticks of 1 s, even where the DBC names no cycle time
     stale_after_ns = max(stale_after_ns, 10_000_000_000)
-    if quantity == "coolant_inlet":
+    if not this.of_cells:
         # a thermostat may hold the inlet constant, and an opening valve may make it jump
         return Rule(quantity, group, lower, upper, low_rail, high_rail, stale_after_ns, jump=10.0, jump_rate=1.0)
     slope = math.log(STUCK_COARSE_S / STUCK_FINE_S) / math.log(COARSE_K / FINE_K)

@@ -30,62 +30,187 @@ NEVER_RAW = np.inf
 
 
 @dataclass(frozen=True, slots=True)
+class Nodes:
+    """K nodes.
+
+    Attributes
+    ----------
+    keys : ndarray of uint64 (K,)
+        Sorted.
+    first, count : ndarray of intp (K,)
+        Run of a node in the places.
+    needs : ndarray of int64 (K,)
+        Bytes that a frame needs for all signals of the node.
+    protected, id_crc : ndarray (K,)
+        Whether the node's message has end-to-end protection, and what its data ID adds to the check sum.
+    any_protected : bool
+    """
+
+    keys: NDArray[np.uint64]
+    first: Index
+    count: Index
+    needs: NDArray[np.int64]
+    protected: NDArray[np.bool_]
+    id_crc: NDArray[np.uint8]
+    any_protected: bool
+
+    def find(self, key: NDArray[np.uint64]) -> tuple[Index, Index]:
+        """Positions in `key` that name a node, and the nodes."""
+        if not len(self.keys):
+            return np.empty(0, np.intp), np.empty(0, np.intp)
+        at = self.keys.searchsorted(key)
+        # beyond the last key the clipped index shows another key, which differs
+        hit = (self.keys.take(at, mode="clip") == key).nonzero()[0]
+        return hit, at.take(hit)
+
+
+@dataclass(frozen=True, slots=True)
+class Switches:
+    """W multiplexers; switch w has the key prefix w + 1.
+
+    Attributes
+    ----------
+    bits : BitFields (W,)
+    key : ndarray of uint64 (W,)
+        Key prefix.
+    first, count : ndarray of intp (K,)
+        Run of each node's switches in `listed`.
+    listed : ndarray of intp
+    of : ndarray of intp (K,)
+        First switch of each node; −1 for none.
+    several : bool
+        Some message has independent multiplexers: its frames have several nodes, and none repeats another's signals.
+    declared : ndarray of uint64
+        Sorted keys of all values of these multiplexers that the DBC knows, wanted or not.
+    """
+
+    bits: BitFields
+    key: NDArray[np.uint64]
+    first: Index
+    count: Index
+    listed: Index
+    of: Index
+    several: bool
+    declared: NDArray[np.uint64]
+
+
+@dataclass(frozen=True, slots=True)
+class Values:
+    """How the bits of P places become values.
+
+    Attributes
+    ----------
+    signal : ndarray of intp (P,)
+    scale, offset : ndarray (P,)
+    float_bits : ndarray of uint8 (P,)
+        Bits of an IEEE 754 number; 0 for an integer.
+    wide_unsigned : ndarray of bool (P,)
+        Whether the integer may not fit int64.
+    float_sizes : tuple of int
+        All of `float_bits` that are not 0.
+    any_wide : bool
+    """
+
+    signal: Index
+    scale: NDArray[np.float64]
+    offset: NDArray[np.float64]
+    float_bits: NDArray[np.uint8]
+    wide_unsigned: NDArray[np.bool_]
+    float_sizes: tuple[int, ...]
+    any_wide: bool
+
+    @classmethod
+    def of(cls, listed: Sequence[int], infos: Sequence[SignalInfo]) -> "Values":
+        """Tabulate the signals of the places."""
+        return cls(
+            signal=np.array(listed, np.intp),
+            scale=np.array([i.scale for i in infos], np.float64),
+            # x + (-0.0) is x for every x: the identity stays one, down to the sign of zero
+            offset=np.array([i.offset if i.offset != 0.0 else -0.0 for i in infos], np.float64),
+            float_bits=np.array([i.place.size if i.is_float else 0 for i in infos], np.uint8),
+            wide_unsigned=np.array([_is_wide(i) for i in infos], np.bool_),
+            float_sizes=tuple(sorted({i.place.size for i in infos if i.is_float})),
+            any_wide=any(_is_wide(i) for i in infos),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """How the raw values of P places are judged.
+
+    Attributes
+    ----------
+    low, high : ndarray (P,)
+        Declared range.
+    error_from, na_from : ndarray (P,)
+        Begin of J1939's ranges; inf for none.
+    has_labels : ndarray of bool (P,)
+    label_keys, label_quality : ndarray
+        Sorted keys (place and raw value) of the value tables, and the quality that each states.
+    """
+
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+    error_from: NDArray[np.float64]
+    na_from: NDArray[np.float64]
+    has_labels: NDArray[np.bool_]
+    label_keys: NDArray[np.int64]
+    label_quality: NDArray[np.uint8]
+
+    @classmethod
+    def of(cls, infos: Sequence[SignalInfo]) -> "Limits":
+        """Tabulate the signals of the places."""
+        valid = np.array([i.raw_valid for i in infos], np.float64).reshape(-1, 2)
+        special = [j1939_limits(i.place.size) if i.j1939 else (NEVER_RAW, NEVER_RAW) for i in infos]
+        limits = np.array(special, np.float64).reshape(-1, 2)
+        labels = sorted(
+            (p << LABEL_BITS | (raw + LABEL_RAW), int(q))
+            for p, i in enumerate(infos)
+            for raw, q in i.labelled.items()
+            if abs(raw) < LABEL_RAW
+        )
+        return cls(
+            low=valid[:, 0].copy(),
+            high=valid[:, 1].copy(),
+            error_from=limits[:, 0].copy(),
+            na_from=limits[:, 1].copy(),
+            has_labels=np.array([bool(i.labelled) for i in infos], np.bool_),
+            label_keys=np.array([k for k, _ in labels], np.int64),
+            label_quality=np.array([q for _, q in labels], np.uint8),
+        )
+
+    def labels(self, place: Index, raw: NDArray[np.float64]) -> NDArray[np.uint8]:
+        """Quality that the value table states for raw values, GOOD for all others."""
+        centred = np.clip(raw, -LABEL_RAW, LABEL_RAW - 1).astype(np.int64) + LABEL_RAW
+        key = (place.astype(np.int64) << LABEL_BITS) | centred
+        at = np.minimum(np.searchsorted(self.label_keys, key), len(self.label_keys) - 1)
+        return np.where(self.label_keys[at] == key, self.label_quality[at], np.uint8(Quality.GOOD))
+
+
+@dataclass(frozen=True, slots=True)
 class SignalTable:
     """S signals, in the order they were asked for.
 
     Attributes
     ----------
     signals : tuple of SignalInfo (S,)
-    keys : ndarray of uint64 (K,)
-        Sorted keys of the nodes.
-    first, count : ndarray of intp (K,)
-        Run of a node in the places; `switch_first`, `switch_count` its run in `switch_list`.
+    can_ids : ndarray of uint32
+        Identifiers that carry one, ascending.
+    nodes : Nodes
+    switches : Switches
     places : BitFields (P,)
-        One per signal and node; `signal` (P,) tells whose, the other (P,) arrays how to make and judge the value.
-    several : bool
-        Some message has independent multiplexers: its frames have several nodes, and none repeats another's signals.
-    switches : BitFields (W,)
-        Multiplexers; switch w has the key prefix w + 1.
-    declared : ndarray of uint64
-        Sorted keys of all values of these multiplexers that the DBC knows, wanted or not.
-    node_needs : ndarray of int64 (K,)
-        Bytes that a frame needs for all signals of the node.
-    protected, id_crc : ndarray (K,)
-        Whether the node's message has end-to-end protection, and what its data ID adds to the check sum.
+        One per signal and node.
+    values : Values
+    limits : Limits
     """
 
     signals: tuple[SignalInfo, ...]
-    keys: NDArray[np.uint64]
-    first: Index
-    count: Index
-    switch_first: Index
-    switch_count: Index
-    switch_list: Index
-    switch_of: Index
-    switch_key: NDArray[np.uint64]
-    several: bool
-    places: BitFields
-    switches: BitFields
-    declared: NDArray[np.uint64]
-    signal: Index
-    scale: NDArray[np.float64]
-    offset: NDArray[np.float64]
-    low: NDArray[np.float64]
-    high: NDArray[np.float64]
-    error_from: NDArray[np.float64]
-    na_from: NDArray[np.float64]
-    float_bits: NDArray[np.uint8]
-    wide_unsigned: NDArray[np.bool_]
-    has_labels: NDArray[np.bool_]
-    label_keys: NDArray[np.int64]
-    label_quality: NDArray[np.uint8]
-    node_needs: NDArray[np.int64]
-    protected: NDArray[np.bool_]
-    id_crc: NDArray[np.uint8]
     can_ids: NDArray[np.uint32]
-    float_sizes: tuple[int, ...]
-    any_wide: bool
-    any_protected: bool
+    nodes: Nodes
+    switches: Switches
+    places: BitFields
+    values: Values
+    limits: Limits
 
     @classmethod
     def build(cls, signals: Sequence[SignalInfo], messages: Mapping[str, MessageInfo]) -> "SignalTable":
@@ -113,70 +238,34 @@ class SignalTable:
         places = BitFields.build([i.place for i in infos], words, big_endian=big)
         counts = np.array([len(node.signals) for node in nodes], np.intp)
         switch_counts = np.array([len(node.switches) for node in nodes], np.intp)
-        first = _starts(counts)
-        valid = np.array([i.raw_valid for i in infos], np.float64).reshape(-1, 2)
-        special = [j1939_limits(i.place.size) if i.j1939 else (NEVER_RAW, NEVER_RAW) for i in infos]
-        limits = np.array(special, np.float64).reshape(-1, 2)
-        labels = sorted(
-            (p << LABEL_BITS | (raw + LABEL_RAW), int(q))
-            for p, i in enumerate(infos)
-            for raw, q in i.labelled.items()
-            if abs(raw) < LABEL_RAW
-        )
         data_id = np.array([node.data_id for node in nodes], np.int64)
+        needs = [max((signals[n].place.bytes_needed for n in node.signals), default=0) for node in nodes]
         return cls(
-            signals=tuple(signals),
-            keys=np.array(keys, np.uint64),
-            first=first,
-            count=counts,
-            switch_first=_starts(switch_counts),
-            switch_count=switch_counts,
-            switch_list=np.array([w for node in nodes for w in node.switches], np.intp),
-            switch_of=np.array([node.switches[0] if node.switches else -1 for node in nodes], np.intp),
-            switch_key=np.array([(w + 1) << 32 for w in range(len(tree.switch_infos))], np.uint64),
-            several=several,
-            places=places,
-            switches=BitFields.build([s.place for s in tree.switch_infos], words, big_endian=big),
-            declared=np.array(sorted(tree.declared()), np.uint64),
-            signal=np.array(listed, np.intp),
-            scale=np.array([i.scale for i in infos], np.float64),
-            # x + (-0.0) is x for every x: the identity stays one, down to the sign of zero
-            offset=np.array([i.offset if i.offset != 0.0 else -0.0 for i in infos], np.float64),
-            low=valid[:, 0].copy(),
-            high=valid[:, 1].copy(),
-            error_from=limits[:, 0].copy(),
-            na_from=limits[:, 1].copy(),
-            float_bits=np.array([i.place.size if i.is_float else 0 for i in infos], np.uint8),
-            wide_unsigned=np.array([_is_wide(i) for i in infos], np.bool_),
-            has_labels=np.array([bool(i.labelled) for i in infos], np.bool_),
-            label_keys=np.array([k for k, _ in labels], np.int64),
-            label_quality=np.array([q for _, q in labels], np.uint8),
-            node_needs=np.array(
-                [max((signals[n].place.bytes_needed for n in node.signals), default=0) for node in nodes], np.int64
+            tuple(signals),
+            np.array(sorted({i.can_id for i in signals}), np.uint32),
+            Nodes(
+                keys=np.array(keys, np.uint64),
+                first=_starts(counts),
+                count=counts,
+                needs=np.array(needs, np.int64),
+                protected=data_id >= 0,
+                id_crc=id_crc(data_id),
+                any_protected=bool((data_id >= 0).any()),
             ),
-            protected=data_id >= 0,
-            id_crc=id_crc(data_id),
-            can_ids=np.array(sorted({i.can_id for i in signals}), np.uint32),
-            float_sizes=tuple(sorted({i.place.size for i in infos if i.is_float})),
-            any_wide=any(_is_wide(i) for i in infos),
-            any_protected=bool((data_id >= 0).any()),
+            Switches(
+                bits=BitFields.build([s.place for s in tree.switch_infos], words, big_endian=big),
+                key=np.array([(w + 1) << 32 for w in range(len(tree.switch_infos))], np.uint64),
+                first=_starts(switch_counts),
+                count=switch_counts,
+                listed=np.array([w for node in nodes for w in node.switches], np.intp),
+                of=np.array([node.switches[0] if node.switches else -1 for node in nodes], np.intp),
+                several=several,
+                declared=np.array(sorted(tree.declared()), np.uint64),
+            ),
+            places,
+            Values.of(listed, infos),
+            Limits.of(infos),
         )
-
-    def find(self, key: NDArray[np.uint64]) -> tuple[Index, Index]:
-        """Positions in `key` that name a node, and the nodes."""
-        if not len(self.keys):
-            return np.empty(0, np.intp), np.empty(0, np.intp)
-        at = self.keys.searchsorted(key)
-        # beyond the last key the clipped index shows another key, which differs
-        hit = (self.keys.take(at, mode="clip") == key).nonzero()[0]
-        return hit, at.take(hit)
-
-    def labels(self, place: Index, raw: NDArray[np.float64]) -> NDArray[np.uint8]:
-        """Quality that the value table states for raw values, GOOD for all others."""
-        centred = np.clip(raw, -LABEL_RAW, LABEL_RAW - 1).astype(np.int64) + LABEL_RAW
-        key = (place.astype(np.int64) << LABEL_BITS) | centred
-        at = np.minimum(np.searchsorted(self.label_keys, key), len(self.label_keys) - 1)
-        return np.where(self.label_keys[at] == key, self.label_quality[at], np.uint8(Quality.GOOD))
 
 
 @dataclass(slots=True)

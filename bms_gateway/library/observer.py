@@ -15,11 +15,11 @@ from bms_gateway.bus.traffic import SECOND, Traffic, feed_of
 from bms_gateway.diagnosis.record_inputs import Columns
 from bms_gateway.diagnosis.sensor_noise import resolution
 from bms_gateway.engine import Channel, Engine, Estimated, Notice, Plan, StringPlan, drive
-from bms_gateway.engine.plan import Quantity
 from bms_gateway.errors import DataError, UsageError, did_you_mean
 from bms_gateway.frames.bits import Place
 from bms_gateway.frames.database import Database
 from bms_gateway.frames.signal_info import MessageInfo, SignalInfo
+from bms_gateway.frames.vocabulary import INPUTS, Quantity
 from bms_gateway.identify import Estimate
 from bms_gateway.thermal import Disturbance, Floats, StringModel
 
@@ -183,26 +183,20 @@ class Observer:
 
     def _wire(self, rows: Columns) -> tuple[Plan, Database]:
         """Say which quantity is in which signal, and make the DBC that has these signals."""
+        cells = range(1, self._model.cells + 1)
         given: dict[tuple[Quantity, int | None], Floats] = {
-            ("current", None): rows.current_A,
-            ("coolant_inlet", None): rows.coolant_inlet_C,
+            (quantity, cell): x
+            for quantity, cell, x in rows.given()
+            if cell is None or cell in (self._model.sensors if quantity == "surface" else cells)
         }
-        more: dict[Quantity, Floats | None] = {
-            "voltage": rows.voltage_V,
-            "soc": rows.soc,
-            "coolant_flow": rows.coolant_flow_m3_s,
-        }
-        given |= {(name, None): x for name, x in more.items() if x is not None}
-        given |= {("surface", k): rows.surface_C[k] for k in self._model.sensors}
-        given |= {("cell_voltage", k): x for k, x in rows.cell_voltage_V.items() if 1 <= k <= self._model.cells}
         signals: dict[str, dict[str, SignalInfo]] = {}
         channels = []
         for (quantity, cell), x in given.items():
             name = quantity if cell is None else f"{quantity}_{cell}"
-            message = ELECTRICAL if quantity in ("current", "voltage") else name
+            message = ELECTRICAL if INPUTS[quantity].electrical else name
             among = signals.setdefault(message, {})
             can_id = FIRST_ID + list(signals).index(message)
-            step = resolution(x[np.isfinite(x)]) if quantity in ("surface", "coolant_inlet") else 0.0
+            step = resolution(x[np.isfinite(x)]) if INPUTS[quantity].kind == "temperature" else 0.0
             among[name] = _signal(message, name, can_id, 64 * len(among), step)
             channels.append(Channel(quantity, cell, f"{message}.{name}"))
         messages = [

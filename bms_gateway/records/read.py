@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,11 +20,12 @@ from bms_gateway.config.load import LoadedConfig
 from bms_gateway.diagnosis.record import Record, make_record
 from bms_gateway.diagnosis.record_inputs import Columns
 from bms_gateway.engine import Decoded, Engine
-from bms_gateway.engine.plan import Channel, Quantity, StringPlan
+from bms_gateway.engine.plan import Channel, StringPlan
 from bms_gateway.engine.reasons import REASONS
 from bms_gateway.engine.statistics import stand_in
 from bms_gateway.errors import ConfigError, DataError, UsageError, did_you_mean
 from bms_gateway.frames.quality import Quality
+from bms_gateway.frames.vocabulary import CELL, INPUTS, OPTIONAL, WHOLE, Quantity
 from bms_gateway.records.kind import check_kelvin, check_time, log_kind
 from bms_gateway.records.signal_use import CURRENT_REFUSED, WORTH_A_WORD
 from bms_gateway.report.progress import progress
@@ -33,7 +35,6 @@ from bms_gateway.thermal import StringModel
 Floats = NDArray[np.float64]
 Place = tuple[Quantity, int | None]
 """A quantity, and its cell where it belongs to one."""
-OPTIONAL = ("voltage", "cell_voltage", "soc", "coolant_flow")
 MOST_OF_A_LOG = 128 << 20
 """Numbers that a log may give, blanks included: 1 GiB."""
 
@@ -188,23 +189,15 @@ def _from_log(path: Path, model: StringModel, loaded: LoadedConfig, string: Stri
         if c.signal is None and c.constant is not None:
             columns[c.quantity, c.cell] = np.full(len(time_ns), c.constant)
     unknown = np.full(len(time_ns), np.nan)
-    cell_voltage = {k: x for (q, k), x in columns.items() if q == "cell_voltage" and k is not None}
-    voltage = columns.get(("voltage", None))
-    record = make_record(
-        Columns(
-            time_s=np.asarray(time_ns * 1e-9, np.float64),
-            current_A=columns.get(("current", None), unknown),
-            coolant_inlet_C=columns.get(("coolant_inlet", None), unknown),
-            voltage_V=_from_cells(cell_voltage, model) if voltage is None else voltage,
-            soc=columns.get(("soc", None)),
-            coolant_flow_m3_s=columns.get(("coolant_flow", None)),
-            surface_C={k: x for (q, k), x in columns.items() if q == "surface" and k is not None},
-            cell_voltage_V=cell_voltage,
-            source=str(path),
-        ),
-        model,
-        half_way=True,
-    )
+    rows: dict[str, Any] = {
+        INPUTS[q].field: columns.get((q, None), unknown if INPUTS[q].needed else None) for q in WHOLE
+    }
+    for q in CELL:
+        rows[INPUTS[q].field] = {k: x for (of, k), x in columns.items() if of == q and k is not None}
+    if rows["voltage_V"] is None:
+        rows["voltage_V"] = _from_cells(rows["cell_voltage_V"], model)
+    heard_rows = Columns(time_s=np.asarray(time_ns * 1e-9, np.float64), source=str(path), **rows)
+    record = make_record(heard_rows, model, half_way=True)
     return replace(record, notes=(*record.notes, *_told(heard, string)))
 
 

@@ -10,14 +10,13 @@ from bms_gateway.engine.plan import Channel, Plan
 from bms_gateway.engine.reasons import REASONS
 from bms_gateway.frames.database import Database
 from bms_gateway.frames.quality import Quality
-from bms_gateway.frames.rules import PLAUSIBLE
 from bms_gateway.frames.signal_info import SignalInfo
+from bms_gateway.frames.vocabulary import INPUTS, OPTIONAL
 
 WORTH_A_WORD: Final = 0.05
 """Share of refused samples from which on a signal is named; every start refuses a few."""
 LOST: Final = 0.5
 """Share from which on a signal counts as not used."""
-OPTIONAL: Final = ("soc", "cell_voltage", "voltage", "coolant_flow")
 CURRENT_REFUSED: Final = "the voltage moves while it stands at one value: stuck, saturated or clipped"
 NOT_TAKEN: Final = "nothing is estimated from it with this config"
 
@@ -121,7 +120,7 @@ def allowed_range(c: Channel, info: SignalInfo) -> tuple[float, float]:
     """Range that is believed, in the DBC's unit: the declared one, what the bits hold and what is plausible."""
     raw = max(info.raw_valid[0], info.raw_limits[0]), min(info.raw_valid[1], info.raw_limits[1])
     low, high = sorted(x * info.scale + info.offset for x in raw)
-    ends = sorted((x - c.offset) / c.scale for x in PLAUSIBLE[c.quantity])
+    ends = sorted((x - c.offset) / c.scale for x in INPUTS[c.quantity].plausible)
     return max(low, ends[0]), min(high, ends[1])
 
 
@@ -153,7 +152,7 @@ def _remedy(signal: str, use: Use) -> str:
     """Give the line that would let the observed range in, or what else it may be."""
     assert use.observed is not None  # noqa: S101 — asked for only where something was observed
     c, info, (low, high) = use.channel, use.info, use.observed
-    ends = sorted((x - c.offset) / c.scale for x in PLAUSIBLE[c.quantity])
+    ends = sorted((x - c.offset) / c.scale for x in INPUTS[c.quantity].plausible)
     if high < ends[0] or low > ends[1]:
         believed = f"{ends[0]:g} … {ends[1]:g}"
         return f"no value of a {c.quantity.replace('_', ' ')} ({believed} in this unit): set scale and offset"

@@ -7,6 +7,7 @@ from types import MappingProxyType
 from typing import Final
 
 from bms_gateway.errors import DataError, did_you_mean
+from bms_gateway.frames.vocabulary import CELL, CELL_COLUMNS, INPUTS, WHOLE
 from bms_gateway.report.dates import ASKED
 
 __all__ = ["UNITS", "Column", "bare_unit", "find_columns", "quantity_of", "split_unit"]
@@ -39,30 +40,28 @@ _FLOW: Final = {
     **dict.fromkeys(("l/s", "L/s", "l_s"), (1e-3, 0.0)),
     **dict.fromkeys(("l/h", "L/h", "l_h"), (1e-3 / 3600, 0.0)),
 }
+_WRITTEN: Final[Mapping[str, Mapping[str, tuple[float, float]]]] = {
+    "time": _TIME,
+    "current": _CURRENT,
+    "voltage": _VOLTAGE,
+    "temperature": _TEMPERATURE,
+    "soc": _SHARE,
+    "flow": _FLOW,
+}
 UNITS: Final[Mapping[str, Mapping[str, tuple[float, float]]]] = MappingProxyType(
-    {
-        "time": _TIME,
-        "current": _CURRENT,
-        "voltage": _VOLTAGE,
-        "temperature": _TEMPERATURE,
-        "soc": _SHARE,
-        "flow": _FLOW,
-    }
+    {**_WRITTEN} | {i.kind: {i.unit: (1.0, 0.0)} for i in INPUTS.values() if i.kind not in _WRITTEN}
 )
 """What a quantity may be written in: unit → factor and shift to the table's own (s, A, V, °C, share, m³/s)."""
-OWN: Final = {"time": "s", "current": "A", "voltage": "V", "temperature": "°C", "soc": "share", "flow": "m³/s"}
+OWN: Final = {i.kind: i.unit for i in INPUTS.values()} | {"time": "s", "soc": "share", "flow": "m³/s"}
 _ELSE: Final = re.compile(r"m?bar|psi|k?Pa|rpm|1/min|Nm|k?Wh?|m?Ah|km/h|km|m|k?g|Hz|m?Ohm")
 """Units of what is no use here: a column that has one is not what it is taken for."""
-_BASES: Final = {
+_BASES: Final[dict[str, tuple[str, str]]] = {
     "time": ("time_s", "time"),
-    "current": ("current_A", "current"),
-    "coolant_inlet": ("coolant_inlet_C", "temperature"),
-    "voltage": ("voltage_V", "voltage"),
-    "soc": ("soc", "soc"),
-    "coolant_flow": ("coolant_flow_m3_s", "flow"),
+    **{q: (INPUTS[q].column, INPUTS[q].kind) for q in WHOLE},
 }
 _OURS: Final = {own.lower(): own for own, _ in _BASES.values()}
-_CELL: Final = re.compile(r"(surface|cell_voltage|core)_([1-9][0-9]{0,5})")
+_CELL: Final = re.compile(rf"({'|'.join(CELL_COLUMNS)})_([1-9][0-9]{{0,5}})")
+_CELL_KIND: Final[dict[str, str]] = {**{q: INPUTS[q].kind for q in CELL}, "core": "temperature"}
 _BRACKETS: Final = re.compile(r"(.*?)[\s_]*[\[(]\s*([^\[\]()]{0,30}?)\s*[\])]")
 
 
@@ -97,7 +96,7 @@ class Column:
 def quantity_of(name: str) -> str:
     """Tell what a column of ours measures, as a key of `UNITS`."""
     if found := _CELL.match(name):
-        return "voltage" if found[1] == "cell_voltage" else "temperature"
+        return _CELL_KIND[found[1]]
     return next(quantity for ours, quantity in _BASES.values() if ours == name)
 
 
@@ -172,7 +171,7 @@ def _by_name(path: object, name: str, below: str | None) -> tuple[str, Column] |
     key = re.sub(r"[\s-]+", "_", base.strip()).lower()
     ours = _OURS.get(key) or _BASES.get(key, (None, ""))[0]
     if ours is None and (cell := _CELL.fullmatch(re.sub(r"(?<=\d)_[cv]$", "", key))):
-        ours = f"{cell[0]}_{'V' if cell[1] == 'cell_voltage' else 'C'}"
+        ours = CELL_COLUMNS[cell[1]].format(cell[2])
     if ours is None:
         return _suffixed(name)
     stated = unit or below
@@ -193,12 +192,12 @@ def _suffixed(name: str) -> tuple[str, Column] | None:
     cell = _CELL.match(name)
     if cell is None or name[cell.end() : cell.end() + 1] != "_":
         return None
-    quantity = "voltage" if cell[1] == "cell_voltage" else "temperature"
+    quantity = _CELL_KIND[cell[1]]
     unit = name[cell.end() + 1 :]
     factors = _unit(quantity, unit)
     if factors is None:
         return None
-    return f"{cell[0]}_{'V' if quantity == 'voltage' else 'C'}", Column(name, *factors, unit)
+    return CELL_COLUMNS[cell[1]].format(cell[2]), Column(name, *factors, unit)
 
 
 def _mapped(path: object, ours: str, column: str, names: Sequence[str], units: Mapping[str, str]) -> Column:

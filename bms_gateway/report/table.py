@@ -9,12 +9,14 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.diagnosis.record_inputs import Columns
 from bms_gateway.errors import DataError, UsageError, did_you_mean
+from bms_gateway.frames.vocabulary import CELL_COLUMNS, INPUTS, WHOLE
 from bms_gateway.report.columns import Column, find_columns
 from bms_gateway.report.dates import DateForm, date_form
 from bms_gateway.report.file_rows import Piece, Rows, open_csv, open_parquet
@@ -23,18 +25,19 @@ from bms_gateway.report.progress import progress
 
 Floats = NDArray[np.float64]
 
-REQUIRED = ("time_s", "current_A", "coolant_inlet_C")
-OPTIONAL = ("voltage_V", "soc", "coolant_flow_m3_s")
-PER_CELL = {"surface": "C", "cell_voltage": "V", "core": "C"}
+REQUIRED = ("time_s", *(INPUTS[q].column for q in WHOLE if INPUTS[q].needed))
+OPTIONAL = tuple(INPUTS[q].column for q in WHOLE if not INPUTS[q].needed)
+_WHOLE = (*REQUIRED, *OPTIONAL)
 MOST_NUMBERS = 16 << 20
 """Numbers that any table may have: 128 MiB. A larger one has at most `PER_BYTE` of them for each byte of its file."""
 PER_BYTE = 2
-_CELL_COLUMN = re.compile(r"(surface|cell_voltage|core)_([1-9][0-9]*)_(C|V)")
-_NEXT = re.compile(r",(?=\s*(?:time_s|current_A|coolant_|voltage_V|soc|surface_|cell_voltage_|core_)[A-Za-z0-9_]*\s*=)")
+_CELL_COLUMN = re.compile("|".join(column.format("([1-9][0-9]*)") for column in CELL_COLUMNS.values()))
+_OURS = (*_WHOLE, *(column.split("{")[0] for column in CELL_COLUMNS.values()))
+_NEXT = re.compile(rf",(?=\s*(?:{'|'.join(_OURS)})[A-Za-z0-9_]*\s*=)")
 """A comma that another pair follows; others belong to the name of a column."""
 _MOSTLY = 10
 """Values of the state of charge from which on their median tells per cent."""
-_EXAMPLES = (*REQUIRED, *OPTIONAL, "surface_1_C", "cell_voltage_1_V", "core_1_C")
+_EXAMPLES = (*_WHOLE, *(column.format(1) for column in CELL_COLUMNS.values()))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -192,18 +195,12 @@ def _read(
     lines, values, notes = _kept(path, rows, ours, dates, tell, most)
     nothing = np.full(len(lines), np.nan)
     notes = [*_said(ours, dates), *rows.notes, *notes]
-    cells = {what: {k: values[f"{what}_{k}_{unit}"] for k in _cells(values, what)} for what, unit in PER_CELL.items()}
+    columns_of: dict[str, Any] = {name: values.get(name, nothing if name in REQUIRED else None) for name in _WHOLE}
+    for column in CELL_COLUMNS.values():
+        columns_of[column.replace("_{}", "")] = {k: values[column.format(k)] for k in _cells(values, column)}
     return Table(
         source=str(path),
-        time_s=values["time_s"],
-        current_A=values.get("current_A", nothing),
-        coolant_inlet_C=values.get("coolant_inlet_C", nothing),
-        voltage_V=values.get("voltage_V"),
-        soc=values.get("soc"),
-        coolant_flow_m3_s=values.get("coolant_flow_m3_s"),
-        surface_C=cells["surface"],
-        cell_voltage_V=cells["cell_voltage"],
-        core_C=cells["core"],
+        **columns_of,
         ignored=tuple(n for n in names if n not in used),
         word=rows.word,
         lines=lines,
@@ -286,13 +283,12 @@ def converted(values: Floats, c: Column, is_date: bool) -> Floats:
 
 def known(name: str) -> bool:
     """Whether a name is one of ours."""
-    match = _CELL_COLUMN.fullmatch(name)
-    return name in REQUIRED or name in OPTIONAL or (match is not None and PER_CELL[match[1]] == match[3])
+    return name in _WHOLE or _CELL_COLUMN.fullmatch(name) is not None
 
 
-def _cells(names: Iterable[str], what: str) -> list[int]:
-    matches = (_CELL_COLUMN.fullmatch(name) for name in names)
-    return sorted(int(m[2]) for m in matches if m and m[1] == what)
+def _cells(names: Iterable[str], column: str) -> list[int]:
+    matches = (re.fullmatch(column.format("([1-9][0-9]*)"), name) for name in names)
+    return sorted(int(m[1]) for m in matches if m)
 
 
 def _check_time(path: Path, time: Floats, before: Floats, word: str, piece: Piece) -> None:

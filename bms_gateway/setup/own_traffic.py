@@ -3,6 +3,7 @@
 import numpy as np
 
 from bms_gateway.frames.own_dbc import MAX_CELLS, MAX_STRINGS, input_messages, own_signal
+from bms_gateway.frames.vocabulary import INPUTS, WHOLE
 from bms_gateway.setup.proposal import Proposal, Proposed, Role
 from bms_gateway.setup.signal_series import Series, all_series
 from bms_gateway.setup.signal_words import unit_of
@@ -21,8 +22,7 @@ def own_signals(traffic: Traffic, proposal: Proposal) -> None:
         cells = max([*surfaced, *volted], default=0)
         if not surfaced:
             continue
-        wanted: list[tuple[Role, int | None]] = [("current", None), ("voltage", None), ("coolant_inlet", None)]
-        wanted += [("coolant_flow", None), ("soc", None)]
+        wanted: list[tuple[Role, int | None]] = [(q, None) for q in WHOLE if INPUTS[q].own is not None]
         wanted += [("surface", k) for k in surfaced] + [("cell_voltage", k) for k in volted]
         for role, index in wanted:
             path = own_signal(number, role, index)

@@ -2,14 +2,14 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Literal
 
 from bms_gateway.config.units import signal_conversion
 from bms_gateway.errors import ConfigError
 from bms_gateway.frames.signal_info import SignalInfo
+from bms_gateway.frames.vocabulary import Quantity
 from bms_gateway.setup.signal_series import Series
 
-Role = Literal["current", "voltage", "soc", "coolant_inlet", "coolant_flow", "surface", "cell_voltage"]
+Role = Quantity
 
 
 @dataclass(slots=True)
@@ -130,7 +130,7 @@ class Proposal:
         self.cells = remaining
 
 
-def config_scale(role: str, info: SignalInfo, factor: float, shift: float) -> tuple[float, float]:
+def config_scale(role: Role, info: SignalInfo, factor: float, shift: float) -> tuple[float, float]:
     """Scale and offset for a config: what remains of `factor` and `shift` after the conversion by the DBC's unit.
 
     Raises
@@ -148,7 +148,7 @@ def config_scale(role: str, info: SignalInfo, factor: float, shift: float) -> tu
     return float(f"{scale:.12g}"), (0.0 if abs(offset) < 1e-9 * max(abs(d), 1.0) else float(f"{offset:.12g}"))
 
 
-def fits(role: str, info: SignalInfo) -> bool:
+def fits(role: Role, info: SignalInfo) -> bool:
     """Whether a config may name the signal for the role, by the unit that the DBC prints."""
     try:
         signal_conversion(role, info.unit)

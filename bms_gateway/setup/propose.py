@@ -2,13 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Final, get_args
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.frames.own_dbc import MAX_CELLS
-from bms_gateway.frames.rules import PLAUSIBLE
+from bms_gateway.frames.vocabulary import INPUTS
 from bms_gateway.setup.bit_contradictions import range_of, read_right
 from bms_gateway.setup.find_charge import charges, sign_by_charge
 from bms_gateway.setup.find_electrical import (
@@ -43,7 +43,7 @@ LEAST_A: Final = 1.0
 """A current that moves by less is one of a vehicle at rest."""
 LEAST_S: Final = 60.0
 """Shorter logs make nothing sure."""
-ORDER: Final[tuple[Role, ...]] = get_args(Role)
+ORDER: Final = tuple(INPUTS)
 Rights = dict[str, tuple[dict[str, float | str | bool], list[str]]]
 
 
@@ -466,7 +466,7 @@ def _single(
 
 def _ranges(proposal: Proposal) -> None:
     for p in proposal.signals:
-        low, high = PLAUSIBLE[p.role]
+        low, high = INPUTS[p.role].plausible
         if p.factor == 0.0:
             continue
         ends = sorted(((low - p.shift) / p.factor, (high - p.shift) / p.factor))

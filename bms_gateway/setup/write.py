@@ -12,6 +12,7 @@ from bms_gateway.engine.plan import Statistic
 from bms_gateway.engine.statistics import stand_in
 from bms_gateway.errors import UsageError
 from bms_gateway.frames.dbc_text import format_dbc
+from bms_gateway.frames.vocabulary import INPUTS, WHOLE
 from bms_gateway.setup.proposal import Proposal, Proposed
 from bms_gateway.setup.vehicle_logs import Traffic
 from bms_gateway.thermal import Condition, Prior, StringModel
@@ -202,7 +203,7 @@ def _string(proposal: Proposal, string: int, cells: int) -> list[str]:
     voltage = next(proposal.of("voltage", string), None)
     if voltage is not None and (voltage.string == string or proposal.series_cells):
         lines += _line("voltage", voltage, share(proposal, cells))
-    for role in ("soc", "coolant_flow"):
+    for role in (q for q in WHOLE if not INPUTS[q].electrical and not INPUTS[q].needed):
         found = next(proposal.of(role, string), None)
         if found is not None:
             lines += _line(role, found)
@@ -252,12 +253,11 @@ def _line(key: str, p: Proposed, part: float = 1.0, cells: int = 1) -> list[str]
         fields.append(f"{name} = {text}")
     value = json.dumps(p.path, ensure_ascii=False) if len(fields) == 1 else f"{{ {', '.join(fields)} }}"
     low, high = p.observed
-    unit = {"current": "A", "voltage": "V", "cell_voltage": "V", "coolant_flow": "m3/s", "soc": ""}.get(p.role, "°C")
-    comment = f"{'' if p.sure else '(?) '}{low:.4g} … {high:.4g} {unit}".rstrip()
+    comment = f"{'' if p.sure else '(?) '}{low:.4g} … {high:.4g} {INPUTS[p.role].unit}".rstrip()
     if part != 1.0:
         comment += " of the pack; the share of this string's cells" if p.string is None else " of the string; the "
         comment += "share of the cells with a thermocouple" if p.string is not None else ""
     lines = []
-    if p.role not in ("surface", "cell_voltage") or p.statistic or p.overrides:
+    if not INPUTS[p.role].of_cells or p.statistic or p.overrides:
         lines = [f"# {key}: {' '.join(why.split())}" for why in p.why if "left out" not in why]
     return [*lines, f"{key} = {value}  # {' '.join(comment.split())}"]

@@ -34,6 +34,7 @@ from numpy.typing import NDArray
 from bms_gateway.engine.engine import Engine
 from bms_gateway.engine.events import Decoded
 from bms_gateway.errors import StateError
+from bms_gateway.frames.vocabulary import INPUTS
 from bms_gateway.store.dear import is_dear
 from bms_gateway.store.files import append, make_directory, read_file, sync_directory
 from bms_gateway.thermal import Floats
@@ -113,23 +114,11 @@ def layout_of(engine: Engine) -> Layout:
     """Assign the inputs of an engine to the columns of a string's table."""
     found: dict[str, dict[str, int | float]] = {}
     for string, wire in zip(engine.plan.strings, engine.wires, strict=True):
-        single = {
-            "current_A": wire.current,
-            "coolant_inlet_C": wire.coolant_inlet,
-            "voltage_V": wire.voltage,
-            "soc": wire.soc,
-            "coolant_flow_m3_s": wire.coolant_flow,
-        }
-        cells = {f"surface_{k}_C": i for k, i in enumerate(wire.surface.tolist(), 1)}
-        cells |= {f"cell_voltage_{k}_V": i for k, i in enumerate(wire.cell_voltage.tolist(), 1)}
-        columns: dict[str, int | float] = {name: i for name, i in (single | cells).items() if i >= 0}
-        for name, quantity in (
-            ("coolant_inlet_C", "coolant_inlet"),
-            ("soc", "soc"),
-            ("coolant_flow_m3_s", "coolant_flow"),
-        ):
-            if name not in columns and quantity in wire.constants:
-                columns[name] = float(wire.constants[quantity])
+        columns: dict[str, int | float] = {INPUTS[q].column: i for q, i in wire.whole.items() if i >= 0}
+        for q, inputs in wire.cells.items():
+            columns |= {INPUTS[q].column.format(k): i for k, i in enumerate(inputs.tolist(), 1) if i >= 0}
+        for q, value in wire.constants.items():
+            columns.setdefault(INPUTS[q].column, float(value))
         found[string.name] = columns
     return found
 

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.errors import DataError, StateError
+from bms_gateway.frames.vocabulary import INPUTS, WHOLE
 from bms_gateway.store.recent import Block, read_recent
 
-NEEDED = ("current_A", "coolant_inlet_C")
+NEEDED = tuple(INPUTS[q].column for q in WHOLE if INPUTS[q].needed)
 SECOND_US = 1_000_000
 
 

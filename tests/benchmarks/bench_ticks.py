@@ -29,12 +29,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 from bms_gateway.engine.estimators import Estimators
-from bms_gateway.engine.inputs import Wire
 from bms_gateway.engine.plan import Plan, StringPlan
 from bms_gateway.engine.readings import Layout, Readings
 from bms_gateway.frames.quality import Quality
 from bms_gateway.observe import AdaptiveObserver, stack
 from bms_gateway.thermal import Disturbance, Floats, Prior, StringModel
+from tests.support.engine_parts import slow, wire
 from tests.truth.string import TruthString, rk4
 
 CELLS, SENSED = 12, (0, 11)
@@ -86,9 +86,7 @@ class Pack:
         return Readings(
             np.array([np.full(S, 60.0), np.full(S, self.square(k)), none, none, np.full(S, 60.0)]),
             np.full(S, np.uint8(Quality.GOOD)),
-            self.inlet,
-            none,
-            none,
+            slow(self.inlet, none, none),
             self.surfaces(k).ravel(),
             self.age.ravel(),
             quality.ravel(),
@@ -107,10 +105,9 @@ def observers(pack: Pack) -> Callable[[int], Callable[[], object]]:
 
 
 def estimators(pack: Pack) -> Callable[[int], Callable[[], object]]:
-    none = np.full(CELLS, -1, np.intp)
-    wire = Wire(0, -1, 1, -1, -1, none, none, {})
+    mine = wire({"current": 0, "coolant_inlet": 1}, CELLS)
     plan = Plan(tuple(StringPlan(f"string_{k + 1}", k + 1, m, ()) for k, m in enumerate(pack.models)))
-    made = Estimators(plan, [wire] * len(pack.models))
+    made = Estimators(plan, [mine] * len(pack.models))
 
     def ready(k: int) -> Callable[[], object]:
         readings = pack.readings(k)

@@ -28,9 +28,9 @@ from bms_gateway.workbench.server import Server
 from bms_gateway.workbench.site import Site
 from bms_gateway.workbench.sources import Listening
 from bms_gateway.workbench.watch import Watch
+from tests.support.vehicle_traffic import traffic
 from tests.truth.hidden import Scenario, make_logs
 from tests.workbench.browser import Driver, why_none
-from tests.workbench.test_live_vcan import traffic
 
 ROUNDS = 7
 ZOOM = "Plotly.relayout(document.querySelector('#plot-surface'), {'xaxis.range': arguments[0]})"

@@ -15,8 +15,8 @@ from bms_gateway.diagnosis.adding import add_effects, wanted
 from bms_gateway.diagnosis.calibrate import fitted_model, identify
 from bms_gateway.diagnosis.diagnosis import diagnose
 from tests.acceptance.drives import analyze
+from tests.acceptance.effects import config_with, encoded
 from tests.acceptance.live_effects import judged
-from tests.acceptance.test_effects_live import config_with, encoded
 from tests.benchmarks.diagnosis_case import core_error
 from tests.diagnosis.hidden_record import record_of
 from tests.truth.hidden import make_log

@@ -20,24 +20,23 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "Pacer.head: now_ns > self._at_ns  ->  now_ns >= self._at_ns": "at one instant nothing is added either way",
         "Pacer.done: 0  ->  1": "a nanosecond, at bus time 0 alone: what is done was given by `head`",
     },
+    "bms_gateway/frames/peers.py": {
+        "Peers.__init__: 1  ->  2": MORE_BINS,
+        "Peers.others: 1  ->  2": MORE_BINS,
+        "Peers.of_any: 1  ->  2": MORE_BINS,
+    },
+    "bms_gateway/frames/repeats.py": {
+        "Repeats.freezes: share ** run < HARDLY  ->  share ** run <= HARDLY": (
+            "no share to a whole power is just 10⁻⁹ in floating point: 0.1⁹ is above it"
+        ),
+    },
     "bms_gateway/frames/guard.py": {
         "Guard.__init__: 1  ->  2": NONE_FOR_NONE,
-        "Guard.__init__: 1  ->  2  #2": "an array of two for one number: the second is never read",
-        "Guard.__init__: 1  ->  2  #3": NONE_FOR_NONE,
-        "Guard.__init__: 1  ->  2  #4": NONE_FOR_NONE,
-        "Guard.__init__: 1  ->  2  #5": MORE_BINS,
-        "Guard.update: 1  ->  2": MORE_BINS,
-        "Guard._advance: 1  ->  2": MORE_BINS,
-        "Guard._advance: 1  ->  2  #2": MORE_BINS,
-        "Guard._advance: 1  ->  2  #3": MORE_BINS,
         "Guard._judge: step < 1.01 * PROOF_K  ->  step <= 1.01 * PROOF_K": (
             "0.0505 K is 0.05 K with room for rounding; no signal steps by just that"
         ),
         "Guard._judge: usable & ~upset  ->  usable | ~upset": (
             "differs for samples that are usable and upset: there the cause remembered is the one of this sample"
-        ),
-        "Guard._freezes: repeats ** run < HARDLY  ->  repeats ** run <= HARDLY": (
-            "no share to a whole power is just 10⁻⁹ in floating point: 0.1⁹ is above it"
         ),
         "_rounds: np.arange(len(order)) - start.repeat(np.diff(np.append(start, len(order))))  ->  "
         "np.arange(len(order)) + start.repeat(np.diff(np.append(start, len(order))))": (

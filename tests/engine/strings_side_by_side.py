@@ -6,10 +6,10 @@ import numpy as np
 
 from bms_gateway.engine import Plan, StringPlan
 from bms_gateway.engine.estimators import Estimators, TickResult
-from bms_gateway.engine.inputs import Wire
 from bms_gateway.engine.readings import Layout, Readings
 from bms_gateway.frames.quality import Quality
 from bms_gateway.thermal import AddedEffect, Disturbance, Prior, StringModel
+from tests.support.engine_parts import slow, wire
 
 S = 1_000_000_000
 
@@ -54,7 +54,11 @@ VOLTAGE = {"string_1", "string_2", "string_4", "string_5"}  # one of three in it
 
 
 WIRES = [
-    Wire(0, 1 if s.name in VOLTAGE else -1, 2, 3, 4, np.zeros(s.model.cells, int), np.full(s.model.cells, -1), {})
+    wire(
+        {"current": 0, "voltage": 1 if s.name in VOLTAGE else -1, "coolant_inlet": 2, "coolant_flow": 3, "soc": 4},
+        s.model.cells,
+        surface=np.zeros(s.model.cells, int),
+    )
     for s in PLAN.strings
 ]
 
@@ -86,9 +90,11 @@ def readings(seed: int, count: int) -> list[Readings]:
                 rng.choice(np.array([Quality.GOOD] * 5 + [Quality.STALE, NO], np.uint8), many)
                 if k % 3
                 else np.full(many, Quality.GOOD, np.uint8),
-                np.where(rng.random(many) < 0.05, NAN, rng.uniform(20, 22, many)),
-                flow,
-                np.where(rng.random(many) < 0.5, NAN, rng.uniform(0.4, 0.6, many)),
+                slow(
+                    np.where(rng.random(many) < 0.05, NAN, rng.uniform(20, 22, many)),
+                    flow,
+                    np.where(rng.random(many) < 0.5, NAN, rng.uniform(0.4, 0.6, many)),
+                ),
                 np.where(sensed & (rng.random(N) < 0.9) & (k > 1), 25 + 0.02 * k + rng.normal(0, noise), NAN),
                 rng.uniform(0, 1, N),
                 rng.choice(np.array([Quality.GOOD, Quality.ESTIMATED, Quality.STUCK, NO], np.uint8), N)

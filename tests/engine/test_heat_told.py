@@ -6,12 +6,12 @@ import pytest
 from bms_gateway.engine.conditions import of_strings
 from bms_gateway.engine.estimators import Estimators
 from bms_gateway.engine.events import Estimated, Notice
-from bms_gateway.engine.inputs import Wire
 from bms_gateway.engine.plan import Plan, StringPlan
 from bms_gateway.engine.readings import Layout, Readings
 from bms_gateway.frames.quality import Quality
 from bms_gateway.health.alerts import Severity
 from tests.benchmarks.heat_case import CELLS, SENSORS, Case, make, model
+from tests.support.engine_parts import slow, wire
 
 SECOND = 1_000_000_000
 CASE = Case("small", 71, seconds=1620, drive="us06", at=1200, fault="heat", size=3.0)
@@ -21,16 +21,15 @@ CASE = Case("small", 71, seconds=1620, drive="us06", at=1200, fault="heat", size
 def told():
     """Estimators, their events, and the truth."""
     made, layout = make([CASE])[0], Layout.of(["string_1"], [CELLS])
-    none = np.full(CELLS, -1, np.intp)
     plan = Plan((StringPlan("string_1", 1, model("small"), (), "off"),))
-    estimators = Estimators(plan, [Wire(0, -1, 1, -1, -1, none, none, {})])
+    estimators = Estimators(plan, [wire({"current": 0, "coolant_inlet": 1}, CELLS)])
     quality = np.where(np.isin(np.arange(1, CELLS + 1), SENSORS), Quality.GOOD, Quality.NEVER).astype(np.uint8)
     nan, good, events = np.full(1, np.nan), np.full(1, np.uint8(Quality.GOOD)), []
     for k in range(CASE.seconds):
         i = made.current[k : k + 1]
         means = np.array([i, i**2, nan, nan, np.abs(i)])
         inlet = made.inlet[k : k + 1]
-        readings = Readings(means, good, inlet, nan, nan, made.y[k], np.zeros(CELLS), quality, layout.parts)
+        readings = Readings(means, good, slow(inlet, nan, nan), made.y[k], np.zeros(CELLS), quality, layout.parts)
         events += estimators.step(readings, (k + 1) * SECOND).events
     return estimators, events, made
 

@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 
 from bms_gateway.engine import Channel, Plan
-from bms_gateway.engine.inputs import Inputs, identifies_cells
+from bms_gateway.engine.inputs import Inputs
+from bms_gateway.engine.integrals import Integrals
 from bms_gateway.engine.readings import Readings
+from bms_gateway.engine.samples import Samples
+from bms_gateway.engine.wiring import Wiring, identifies_cells
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.own_dbc import own_signal
 from bms_gateway.frames.quality import Quality
@@ -35,17 +38,17 @@ def test_means_of_the_current_come_to_every_string_that_shares_it() -> None:
 def test_coolant_and_charge_come_from_the_bus_or_are_constants() -> None:
     r = told(Inputs(strings(), database()))
     assert r.inlet == pytest.approx([22.0, 18.5, 22.0, nan], abs=0.02, nan_ok=True)  # the line, at the tick's end
-    assert r.flow == pytest.approx([1e-4, 2e-4, nan, nan], rel=0.01, nan_ok=True)
-    assert r.soc == pytest.approx([nan, nan, 0.5, nan], abs=0.01, nan_ok=True)
+    assert r.slow["coolant_flow"] == pytest.approx([1e-4, 2e-4, nan, nan], rel=0.01, nan_ok=True)
+    assert r.slow["soc"] == pytest.approx([nan, nan, 0.5, nan], abs=0.01, nan_ok=True)
 
 
 def test_a_constant_does_for_a_flow_that_is_no_longer_heard_and_for_nothing_else() -> None:
     one = strings().strings[0]
     both = (*one.channels[:3], Channel("coolant_flow", None, None, 3e-4), one.channels[3], *one.channels[4:])
     last = ticks(Inputs(Plan((replace(one, channels=both),)), database()), put(90, silent=20.0), 90)
-    assert last[15].flow == pytest.approx([1e-4], rel=0.01)
-    assert last[-1].flow == pytest.approx([3e-4])
-    assert isnan(told(Inputs(strings(), database()), 90, silent=20.0).soc[2])
+    assert last[15].slow["coolant_flow"] == pytest.approx([1e-4], rel=0.01)
+    assert last[-1].slow["coolant_flow"] == pytest.approx([3e-4])
+    assert isnan(told(Inputs(strings(), database()), 90, silent=20.0).slow["soc"][2])
 
 
 def test_a_surface_counts_in_the_tick_in_which_it_came() -> None:
@@ -70,13 +73,13 @@ def test_one_string_is_taken_out_of_all() -> None:
     r = told(Inputs(strings(), database()))
     one = r[2]
     assert (one.means.I, one.means.I2, one.means.I_abs) == tuple(r.means[[0, 1, 4], 2])
-    assert (one.current_quality, one.inlet, one.soc) == (Quality.GOOD, r.inlet[2], r.soc[2])
-    assert isnan(one.flow)
+    assert (one.current_quality, one.inlet, one.slow["soc"]) == (Quality.GOOD, r.inlet[2], r.slow["soc"][2])
+    assert isnan(one.slow["coolant_flow"])
     assert one.y.tolist()[2] == r.y[10]
     assert one.age.tolist()[2] == r.age[10]
     assert one.quality.tolist() == r.quality[8:12].tolist()
     assert one.cells is None
-    assert r[1].flow == 2e-4
+    assert r[1].slow["coolant_flow"] == 2e-4
     pairs = replace(r, cells=["a", "b", "c", None])
     assert [pairs[i].cells for i in range(4)] == ["a", "b", "c", None]
 
@@ -93,18 +96,18 @@ def test_wires_say_where_each_quantity_stands_and_the_same_signal_stands_once() 
     inputs = Inputs(strings(), database())
     one, two, three, blind = inputs.wires
     assert one.current == two.current != three.current >= 0  # another scale is another input
-    assert one.coolant_inlet == three.coolant_inlet >= 0
+    assert one.whole["coolant_inlet"] == three.whole["coolant_inlet"] >= 0
     assert (one.voltage >= 0, two.voltage, three.voltage) == (True, -1, -1)
-    assert (one.soc, two.soc, three.soc >= 0) == (-1, -1, True)
-    assert (two.coolant_inlet, two.coolant_flow, two.constants) == (
+    assert (one.whole["soc"], two.whole["soc"], three.whole["soc"] >= 0) == (-1, -1, True)
+    assert (two.whole["coolant_inlet"], two.whole["coolant_flow"], two.constants) == (
         -1,
         -1,
         {"coolant_inlet": 18.5, "coolant_flow": 2e-4},
     )
     assert [np.flatnonzero(w.surface >= 0).tolist() for w in inputs.wires] == [[0, 3], [1], [2], []]
-    assert (blind.current, blind.coolant_inlet, list(blind.constants)) == (-1, -1, ["coolant_inlet"])
+    assert (blind.current, blind.whole["coolant_inlet"], list(blind.constants)) == (-1, -1, ["coolant_inlet"])
     assert isnan(blind.constants["coolant_inlet"])
-    every = [one.current, one.voltage, one.coolant_inlet, one.coolant_flow, three.current, three.soc]
+    every = [i for i in one.whole.values() if i >= 0] + [three.current, three.whole["soc"]]
     every += [i for w in inputs.wires for i in w.surface.tolist() if i >= 0]
     assert sorted(every) == list(range(10))
     assert np.isin(frames(put(1)).can_id, inputs.can_ids).all()
@@ -123,9 +126,13 @@ def test_frames_that_carry_no_input_are_left_out_and_others_not_even_copied() ->
 
 @pytest.mark.parametrize(("flows", "active"), [(0.0, False), (1.0, False), (-1.1, True), (nan, False)])
 def test_sensors_are_suspected_while_more_than_an_ampere_flows(flows: float, active: bool) -> None:
-    inputs = Inputs(strings(), database())
-    told(inputs, 3, current=lambda _: flows)
-    assert inputs._active == active
+    made = Integrals(Wiring.of(strings()).wires[:1], [0.001] * 10)
+    (wire,) = Wiring.of(strings()).wires[:1]
+    at = START + np.arange(10, dtype=np.int64) * S // 10
+    samples = Samples(at, np.full(10, wire.current), np.full(10, flows), np.zeros(10, np.uint8))
+    quality = np.full(10, Quality.GOOD if np.isfinite(flows) else Quality.ERROR, np.uint8)
+    made.update(samples, quality, np.full(10, Quality.GOOD, np.uint8), START, START + S)
+    assert made.active == active
 
 
 def test_what_the_guard_let_pass_is_kept_beside_all_that_came() -> None:
@@ -178,8 +185,9 @@ def with_first(quantity: str) -> Plan:
 def test_the_order_in_which_channels_are_named_makes_no_difference(quantity: str) -> None:
     inputs, usual = Inputs(with_first(quantity), database()), Inputs(with_first("current"), database())
     got, expected = told(inputs), told(usual)
-    for name in ("means", "current_quality", "inlet", "flow", "soc", "y", "age", "quality"):
+    for name in ("means", "current_quality", "y", "age", "quality"):
         np.testing.assert_array_equal(getattr(got, name), getattr(expected, name))
+    np.testing.assert_array_equal([*got.slow.values()], [*expected.slow.values()])
     assert np.isfinite(got.means).all()
 
 
@@ -258,7 +266,7 @@ def test_a_channel_of_one_cell_is_none_of_its_voltages_unless_it_says_so() -> No
     )
     assert inputs.wires[0].voltage == -1
     assert (inputs.wires[0].cell_voltage == -1).all()
-    assert not inputs._active
+    assert inputs.wires[0].of(odd) == -1
 
 
 def test_a_reading_stamped_with_the_start_of_a_tick_is_one_of_that_tick() -> None:

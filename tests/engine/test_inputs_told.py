@@ -6,10 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bms_gateway.engine import Channel, Plan
+from bms_gateway.engine import Channel, Plan, integrals
 from bms_gateway.engine.events import Level, Notice
+from bms_gateway.engine.input_news import InputNews
 from bms_gateway.engine.inputs import Inputs
 from bms_gateway.engine.reasons import REASONS
+from bms_gateway.engine.wiring import Wiring
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.own_dbc import own_signal
 from bms_gateway.frames.quality import Quality
@@ -17,22 +19,43 @@ from tests.engine.input_frames import START, S, amps, frames, put, strings, tick
 from tests.engine.packs import database
 
 
-def inputs() -> Inputs:
+def with_charge() -> Plan:
     """The four strings, and the charge of the first, which is recorded alone."""
     one, *others = strings().strings
     charge = Channel("soc", None, own_signal(1, "soc"))
-    made = Inputs(Plan((replace(one, channels=(charge, *one.channels)), *others)), database())
-    made._told[:] = made._quality[:] = Quality.GOOD
-    made.charge = made.wires[0].soc
-    return made
+    return Plan((replace(one, channels=(charge, *one.channels)), *others))
 
 
-@pytest.mark.parametrize("before", list(Quality))
+def inputs() -> Inputs:
+    return Inputs(with_charge(), database())
+
+
+class News(InputNews):
+    """News of inputs that were good when they were last told, and meters by hand."""
+
+    def __init__(self, plan: Plan | None = None) -> None:
+        self.wiring, self.meters = Wiring.of(plan or with_charge()), {}
+        super().__init__(self.wiring, self.meters)
+        self.wires = self.wiring.wires
+        self.charge = self.wires[0].whole["soc"]
+        self.quality[:] = Quality.GOOD
+        self.changes(0)
+
+
+def by_hand(monkeypatch: pytest.MonkeyPatch, **meter: object) -> Inputs:
+    """Inputs whose currents are held against voltages by such a meter."""
+    monkeypatch.setattr(integrals, "Ammeter", lambda _: SimpleNamespace(**meter))
+    return inputs()
+
+
+@pytest.mark.parametrize("before", [Quality.GOOD, *REASONS])
 def test_an_input_is_told_when_it_begins_or_ceases_to_be_good(before: Quality) -> None:
     for now in Quality:
-        made = inputs()
+        made = News()
         i = made.wires[0].surface[3]
-        made._told[i], made._quality[i] = before, now
+        made.quality[i] = before
+        made.changes(8)
+        made.quality[i] = now
         if now not in REASONS and now != Quality.GOOD:
             continue  # of estimates, never of an input
         told = made.changes(9)
@@ -49,10 +72,10 @@ def test_an_input_is_told_when_it_begins_or_ceases_to_be_good(before: Quality) -
 
 
 def test_what_belongs_to_no_cell_is_told_without_one() -> None:
-    made = inputs()
-    for i in (made.wires[1].coolant_inlet, made.wires[2].coolant_inlet):
+    made = News()
+    for i in (made.wires[1].whole["coolant_inlet"], made.wires[2].whole["coolant_inlet"]):
         if i >= 0:
-            made._quality[i] = Quality.STALE
+            made.quality[i] = Quality.STALE
     (told,) = made.changes(9)
     signal = own_signal(1, "coolant_inlet")
     assert told.text == f"coolant inlet is not used: nothing new is received ({signal})"
@@ -60,21 +83,20 @@ def test_what_belongs_to_no_cell_is_told_without_one() -> None:
 
 
 def test_what_is_only_recorded_is_told_to_nobody() -> None:
-    made = inputs()
-    made._quality[[made.charge, made.wires[0].current]] = Quality.STALE
+    made = News()
+    made.quality[[made.charge, made.wires[0].current]] = Quality.STALE
     assert [n.text.split(" is ")[0] for n in made.changes(9)] == ["current"]
     assert [c.quantity for _, c, _ in made.faults()] == ["current"]
-    made._heard[:] = False
     assert own_signal(1, "soc") not in made.unheard()["string_1"].split(", ")
     assert len(made.unheard()["string_1"].split(", ")) == 6
 
 
 def test_faults_are_inputs_that_were_good_once_in_their_order() -> None:
-    made = inputs()
+    made = News()
     one, two = made.wires[0], made.wires[1]
-    made._quality[one.current] = Quality.NEVER
-    made._quality[two.surface[1]] = Quality.OPEN
-    made._quality[one.voltage] = Quality.STALE
+    made.quality[one.current] = Quality.NEVER
+    made.quality[two.surface[1]] = Quality.OPEN
+    made.quality[one.voltage] = Quality.STALE
     assert [(name, c.quantity, c.cell, q) for name, c, q in made.faults()] == [
         ("string_1", "voltage", None, Quality.STALE),
         ("string_2", "surface", 2, Quality.OPEN),
@@ -90,26 +112,26 @@ def test_voltages_of_cells_that_never_came_are_no_news() -> None:
 
 @pytest.mark.parametrize(("stands", "said"), [((20.0,), "20"), ((-250.0, 250.0), "-250 and 250")])
 def test_a_current_that_stands_is_told_with_its_values_and_anything_else_that_stands_without(stands, said) -> None:
-    made = inputs()
+    made = News()
     one, three = made.wires[0], made.wires[2]
-    made._meters = {(three.current, 5): SimpleNamespace(reversed=False, stands_at=(1.0,)), **made._meters}
-    made._meters[one.current, one.voltage] = SimpleNamespace(reversed=False, stands_at=stands)
-    made._quality[[one.current, one.voltage]] = Quality.STUCK
+    made.meters[three.current, 5] = SimpleNamespace(reversed=False, stands_at=(1.0,))
+    made.meters[one.current, one.voltage] = SimpleNamespace(reversed=False, stands_at=stands)
+    made.quality[[one.current, one.voltage]] = Quality.STUCK
     current, voltage = made.changes(9)
     why = f"it stands at {said} A while the voltage moves: stuck, saturated or clipped"
     assert current.text == f"current is not used: {why} ({own_signal(1, 'current')})"
     assert voltage.text == f"voltage is not used: {REASONS[Quality.STUCK]} ({own_signal(1, 'voltage')})"
-    made._quality[one.current] = Quality.GOOD
+    made.quality[one.current] = Quality.GOOD
     made.changes(10)
-    made._quality[one.current] = Quality.STALE
+    made.quality[one.current] = Quality.STALE
     (again,) = made.changes(11)
     assert again.text == f"current is not used: nothing new is received ({own_signal(1, 'current')})"
 
 
 def test_the_sign_of_a_current_is_told_when_it_turns() -> None:
-    made = inputs()
+    made = News()
     one = made.wires[0]
-    meter = made._meters[one.current, one.voltage] = SimpleNamespace(reversed=True, stands_at=())
+    meter = made.meters[one.current, one.voltage] = SimpleNamespace(reversed=True, stands_at=())
     (wrong,), nothing = made.changes(9), made.changes(10)
     meter.reversed = False
     (right,) = made.changes(11)
@@ -124,29 +146,28 @@ def test_the_sign_of_a_current_is_told_when_it_turns() -> None:
     assert right.text == f"current and voltage move against each other again, as they should ({signal})"
 
 
-def test_values_at_which_a_current_stands_are_turned_away_and_others_believed() -> None:
-    made = inputs()
-    one = made.wires[0]
+def test_values_at_which_a_current_stands_are_turned_away_and_others_believed(monkeypatch) -> None:
     updates = []
-    made._meters[one.current, one.voltage] = SimpleNamespace(
-        reversed=False, stands_at=(20.0, 30.0), update=lambda i, u: updates.append((i.tolist(), u.tolist()))
+    made = by_hand(
+        monkeypatch,
+        reversed=False,
+        stands_at=(20.0, 30.0),
+        update=lambda i, u: updates.append((i.tolist(), u.tolist())),
     )
     content = put(2, current=lambda t: 20.0 if t < 0.25 else 30.0 if t < 0.55 else 40.0)
     first, second = ticks(made, content, 2)
     assert made.rejected["stuck"] == 6
     assert np.isnan(first.means[0, 1])  # what is left covers less than half of it
     assert second.means[0, :2] == pytest.approx([40.0, 40.0])
-    assert made._quality[one.current] == Quality.STUCK
+    assert ("string_1", "current", Quality.STUCK) in [(name, c.quantity, q) for name, c, q in made.faults()]
     assert updates[0] == (
         pytest.approx([20.0] * 3 + [30.0] * 3 + [40.0] * 4),
         pytest.approx([volts(k / 10) for k in range(10)]),
     )
 
 
-def test_a_current_of_the_wrong_sign_keeps_its_square_and_gives_no_heat() -> None:
-    made = inputs()
-    one = made.wires[0]
-    made._meters[one.current, one.voltage] = SimpleNamespace(reversed=True, stands_at=(), update=lambda *_: None)
+def test_a_current_of_the_wrong_sign_keeps_its_square_and_gives_no_heat(monkeypatch) -> None:
+    made = by_hand(monkeypatch, reversed=True, stands_at=(), update=lambda *_: None)
     r = ticks(made, put(2), 2)[-1]
     assert np.isnan(r.means[[2, 3], 0]).all()
     assert r.means[1, 0] == pytest.approx(np.mean([amps(1 + k / 10) ** 2 for k in range(10)]), rel=1e-3)

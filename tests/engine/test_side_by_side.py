@@ -54,11 +54,11 @@ class Alone:
         n = model.cells
         I, I2, V, IV, I_abs = r.means[:, i].tolist()  # noqa: E741
         inlet, y, age = float(r.inlet[i]), r.y[mine], r.age[mine]
-        flow = float(r.flow[i]) / model.flow if model.flow else NAN
+        flow = float(r.slow["coolant_flow"][i]) / model.flow if model.flow else NAN
         heat = NAN if self.voltage is None else self.voltage.update(I, V, IV, 1.0).heat / n
         square, shift = I2, 0.0
         if model.effects:
-            measured = Measured(I, I2, I_abs, inlet, flow, float(r.soc[i]), V / n, IV / n)
+            measured = Measured(I, I2, I_abs, inlet, flow, float(r.slow["soc"][i]), V / n, IV / n)
             e = self.observer.step(measured, y, age)
             effective, shift = self.observer.effective
             square = NAN if np.isnan(I2) else effective
@@ -67,7 +67,7 @@ class Alone:
                 np.array([I2]), np.full((1, n), heat), np.array([inlet]), y[None], age[None], np.array([flow])
             )
         tick = Tick(t, 1.0, square, heat, inlet + shift, y, age)
-        self.given.append((tick, I, float(r.soc[i]), flow))
+        self.given.append((tick, I, float(r.slow["soc"][i]), flow))
         if self.plan.identify == "rls":
             self.identifier.add(tick)
             if t % (60 * S) == 0:

@@ -9,15 +9,17 @@ import pytest
 
 from bms_gateway.engine import Plan, StringPlan
 from bms_gateway.engine.current import Means
-from bms_gateway.engine.inputs import Wire
 from bms_gateway.engine.readings import Layout, Reading
 from bms_gateway.engine.string_estimator import FLAG_NAMES, Newest, StringEstimator, health_of, hears_cells
+from bms_gateway.engine.wiring import Wire
 from bms_gateway.frames.quality import Quality
 from bms_gateway.health import Mismatch
 from bms_gateway.identify import Estimate, Tick, VoltageHeat
 from bms_gateway.identify.ticks import ENDLESS
 from bms_gateway.thermal import AddedEffect
 from tests.engine.packs import plan
+from tests.support.engine_parts import slow
+from tests.support.engine_parts import wire as made_wire
 
 FALLING = AddedEffect("resistance_temperature", None, {"B": 3000.0}, {"B": 300.0})
 COOLED = AddedEffect("natural_convection", None, {"n": 0.2}, {"n": 0.02})
@@ -25,7 +27,8 @@ COOLED = AddedEffect("natural_convection", None, {"n": 0.2}, {"n": 0.02})
 
 def wire(voltage: int = -1, cell_voltages: int = 0) -> Wire:
     cells = np.where(np.arange(4) < cell_voltages, np.arange(4), -1)
-    return Wire(0, voltage, 2, 3, 4, np.zeros(4, int), cells, {})
+    whole = {"current": 0, "voltage": voltage, "coolant_inlet": 2, "coolant_flow": 3, "soc": 4}
+    return made_wire(whole, 4, surface=np.zeros(4, int), cell_voltage=cells)
 
 
 def string(
@@ -210,7 +213,7 @@ def test_the_flow_is_told_over_nominal() -> None:
 def test_a_voltage_between_those_of_one_cell_is_the_mean_of_the_cells(volts: float, cells: int) -> None:
     s = string("off", 1, 0, FALLING, flow=2e-4)
     means = Means(10.0, 120.0, volts, 10.0 * volts, 11.0)
-    m = s.measured(Reading(means, 0, 25.0, 1e-4, 0.6, np.zeros(4), np.zeros(4), np.zeros(4, np.uint8)))
+    m = s.measured(Reading(means, 0, slow(25.0, 1e-4, 0.6), np.zeros(4), np.zeros(4), np.zeros(4, np.uint8)))
     assert (m.I, m.I2, m.I_abs, m.inlet, m.flow, m.soc) == (10.0, 120.0, 11.0, 25.0, 0.5, 0.6)
     assert pytest.approx((volts / cells, 10.0 * volts / cells), nan_ok=True) == (m.V, m.IV)
 
@@ -223,7 +226,8 @@ def test_a_voltage_that_two_cells_may_have_is_shared_by_them(cells: int, volts: 
     model = SimpleNamespace(cells=cells, flow=None)
     s = SimpleNamespace(plan=SimpleNamespace(model=model), flow_ratio=string("off", 1).flow_ratio)
     nothing = np.zeros(cells)
-    reading = Reading(Means(V=volts, IV=10.0 * volts), 0, 25.0, nan, nan, nothing, nothing, nothing.astype(np.uint8))
+    means, inlet = Means(V=volts, IV=10.0 * volts), slow(25.0, nan, nan)
+    reading = Reading(means, 0, inlet, nothing, nothing, nothing.astype(np.uint8))
     m = StringEstimator.measured(s, reading)
     assert (of_one, 10.0 * of_one) == (m.V, m.IV)
 

@@ -101,7 +101,7 @@ def test_a_result_is_for_the_ticks_after_those_that_waited_and_goes_to_the_strin
 
 def test_what_is_common_scales_cells_that_were_told_apart_at_commissioning(done: list) -> None:
     one = commissioned(0.05)
-    estimators = Estimators(one, [replace(WIRES[0], voltage=-1)])
+    estimators = Estimators(one, [replace(WIRES[0], whole={**WIRES[0].whole, "voltage": -1})])
     (s,) = estimators.strings
     ((_, place, values, names, common, own),) = done
     assert (place, names) == (0, s.kept.names)
@@ -361,7 +361,9 @@ def test_unlike_cells_share_the_heat_of_the_voltage_by_their_resistance(monkeypa
     (r,) = readings(7, 1)
     estimators.step(
         Readings(
-            *(x[..., :1] for x in (r.means, r.current_quality, r.inlet, r.flow, r.soc)),
+            r.means[:, :1],
+            r.current_quality[:1],
+            {q: x[:1] for q, x in r.slow.items()},
             *(x[:4] for x in (r.y, r.age, r.quality)),
             Layout.of(["string_1"], [4]).parts,
         ),

@@ -38,8 +38,3 @@ class Both:
         assert told.channel_quality.tolist() == [self.plain.quality_at(c, t1_ns) for c in range(len(channels))]
         assert told.rejected.tolist() == [[c.rejected.get(q, 0) for q in range(16)] for c in channels]
         return expected
-
-    def restart(self) -> None:
-        state = self.guard.snapshot()
-        self.guard = Guard(self.rules)
-        self.guard.restore(state)

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from bms_gateway.frames.guard import Guard, Rule
+from bms_gateway.frames.guard import Guard
+from bms_gateway.frames.rules import Rule
 
 S = 1_000_000_000
 

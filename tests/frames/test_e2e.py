@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from bms_gateway.frames.batch import FrameBatch
+from bms_gateway.frames.counter import CounterGuard
 from bms_gateway.frames.database import Database
 from bms_gateway.frames.decode import decode
 from bms_gateway.frames.e2e import check, crc8, id_crc, protect
 from bms_gateway.frames.encode import Encoder
-from bms_gateway.frames.guard import CounterGuard
 from bms_gateway.frames.quality import Quality
 from tests.frames.payloads import OWN, text_of
 

@@ -147,7 +147,7 @@ def test_independent_multiplexers_are_followed_side_by_side() -> None:
         "\nSG_MUL_VAL_ 1 a s0 1-1;\nSG_MUL_VAL_ 1 b s1 2-2;\n"
     )
     table = Database.load({"a.dbc": text}).compile(["M.a", "M.b"])
-    assert table.several
+    assert table.switches.several
     for frames, expected in (
         ([b"\x01\x02\x0b\x0c"], [(0, 11.0), (0, 12.0)]),
         ([b"\x01\x02\x0b\x0c", b"\x01"], [(0, 11.0), (0, 12.0), (1, np.nan)]),
@@ -196,7 +196,7 @@ def test_frames_with_independent_multiplexers_are_checked_once_each() -> None:
     )
     db = Database.load({"a.dbc": HEAD + INDEPENDENT + plain + protection + SELECTED})
     table = db.compile(["M.a", "M.b", "N.d"])
-    assert table.several
+    assert table.switches.several
     encoder = Encoder(db, ["M", "N"])
     rows = np.array([encoder.row("M", 0, 0), encoder.row("N"), encoder.row("M", 0, 0), encoder.row("M", 0, 1)])
     values = np.full((4, encoder.width), 5.0)

@@ -11,8 +11,9 @@ import pytest
 from bms_gateway.frames.batch import EXTENDED
 from bms_gateway.frames.database import Database
 from bms_gateway.frames.decode import decode
-from bms_gateway.frames.guard import Guard, default_rule
+from bms_gateway.frames.guard import Guard
 from bms_gateway.frames.quality import Quality
+from bms_gateway.frames.rules import default_rule
 from tests.data import need
 from tests.frames.guard_runs import FINE, S, run
 from tests.frames.payloads import OWN, batch_of, parsed, text_of
@@ -184,22 +185,6 @@ def test_several_samples_of_a_channel_in_one_interval_are_judged_in_order() -> N
         )
         told.append(got.quality.reshape(10, 2))
     np.testing.assert_array_equal(np.concatenate(told), one)
-
-
-def test_a_restored_guard_goes_on_as_if_nothing_had_happened() -> None:
-    rng = np.random.default_rng(9)
-    series = np.stack([drift(300, 1), np.full(300, 24.52), drift(300, 2) + 6 * (rng.random(300) < 0.05)], axis=1)
-    whole, _ = run([FINE] * 3, series)
-    told, guard = run([FINE] * 3, series[:150])
-    again = Guard([FINE] * 3)
-    again.restore(guard.snapshot())
-    shifted = []
-    for i in range(150, 300):
-        t = (i + 1) * S
-        shifted.append(
-            again.update(np.full(3, t - S // 2), np.arange(3), series[i], np.zeros(3, np.uint8), t, True).quality
-        )
-    np.testing.assert_array_equal(np.concatenate([told, shifted]), whole)
 
 
 DRIVES = ("uwfe_autocross_2025-04-30_run10", "uwfe_july7_run12", "uwfe_pitt_autocross_02")

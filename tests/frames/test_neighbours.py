@@ -112,13 +112,3 @@ def test_two_say_nothing_of_each_other_and_a_middle_that_jumps_nothing_of_any():
     pair = series[:, :2].copy()
     pair[:, 1] -= 15.0
     assert (told_of(pair)[REST:] == Quality.GOOD).all()
-
-
-def test_what_is_known_of_neighbours_outlasts_a_restart():
-    series = string(7, 4)
-    series[:, 0] = twitching(7, 4.0)
-    both = Both((FINE,) * 4)
-    for k, row in enumerate(series):
-        both.judge([(k * S, c, float(v), Quality.GOOD) for c, v in enumerate(row)], (k + 1) * S, active=k >= REST)
-        if k % 13 == 0:
-            both.restart()

@@ -11,9 +11,11 @@ from math import erf, sqrt
 import numpy as np
 import pytest
 
+from bms_gateway.frames.anchor import SETTLED, Anchors, Standing
 from bms_gateway.frames.database import Database
-from bms_gateway.frames.guard import SETTLED, Guard, Rule, default_rule
+from bms_gateway.frames.guard import Guard
 from bms_gateway.frames.quality import Quality
+from bms_gateway.frames.rules import Rule, default_rule
 from tests.frames.guard_runs import FINE, run
 
 S = 1_000_000_000
@@ -56,8 +58,10 @@ def test_the_guard_leaves_a_value_as_the_walk_does(samples: int) -> None:
     rng = np.random.default_rng(samples)
     first = np.zeros((1, channels))  # in the middle of a step, where the same value is likeliest
     values = np.round(np.concatenate([first, noise * rng.standard_normal((samples - 1, channels))]) / step) * step
-    _, guard = run([FINE] * channels, 25.0 + values)
-    still = float(np.mean(guard.snapshot()["held"] == samples))
+    anchors, every = Anchors(channels), np.ones(channels, np.bool_)
+    for value in 25.0 + values:
+        anchors.follow(slice(None), value, every, np.ones(channels), Standing(np.zeros(channels), 20.0, ~every, None))
+    still = float(np.mean(anchors.held == samples))
     p = lasts(same_again(noise, step), samples)
     assert still == pytest.approx(p, abs=4.5 * sqrt(p * (1.0 - p) / channels) + 1e-9)
 

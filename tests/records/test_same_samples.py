@@ -30,7 +30,7 @@ def believed(log: Path, config: Path, name: str) -> set[Sample]:
     engine.recording = True
     number = [s.name for s in loaded.plan.strings].index(name)
     wire = engine.wires[number]
-    places = {getattr(wire, q): (q, None) for q in ("current", "voltage", "coolant_inlet", "coolant_flow", "soc")} | {
+    places = {i: (q, None) for q, i in wire.whole.items()} | {
         int(i): ("surface", k) for k, i in enumerate(wire.surface, 1)
     }
     found = {  # of several with one stamp the last one counts

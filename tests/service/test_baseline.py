@@ -15,7 +15,7 @@ from bms_gateway.service.baseline import KEPT_S, BaselineRequests
 from bms_gateway.store.requests import Acknowledgement, BaselineReset, ask, asked
 from tests.config.bench_cell import write_bench_cell
 from tests.engine.engines import engine
-from tests.service.test_live import PATIENCE_S
+from tests.support.live_service import PATIENCE_S
 
 WISH = BaselineReset("string_1", None, "new module", 1_700_000_000_000_000_000)
 

@@ -15,13 +15,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bms_gateway.engine import Engine, StartJob
+from bms_gateway.engine import StartJob
 from bms_gateway.service import fit_process
 from bms_gateway.service.fit_process import Aside, NotDone, work
 from bms_gateway.service.live import Gateway, run_here
-from tests.engine.packs import database, plan, traffic
 from tests.service.engine import TickEngine
-from tests.service.test_live import FRAME, PATIENCE_S, bus, come, run  # noqa: F401 (bus is a fixture)
+from tests.support.fit_jobs import EndedBy, windows
+from tests.support.live_service import FRAME, PATIENCE_S, come, run
 
 
 @dataclass(frozen=True)
@@ -39,18 +39,6 @@ class Sum:
 class Wrong:
     def run(self):
         raise ZeroDivisionError("in the job")
-
-
-@dataclass(frozen=True)
-class EndedBy:
-    """A job whose process gets a signal while it works."""
-
-    number: int
-
-    def run(self):
-        os.kill(os.getpid(), self.number)
-        time.sleep(PATIENCE_S)
-        return "here"
 
 
 @dataclass(frozen=True)
@@ -137,7 +125,7 @@ def test_at_the_end_a_fit_is_killed_and_none_is_started_any_more(path):
 PARENT = """
 import sys, threading, time
 from bms_gateway.service.fit_process import Aside
-from tests.service.test_fit_process import EndedBy
+from tests.support.fit_jobs import EndedBy
 one = Aside()
 threading.Thread(target=one.run, args=(EndedBy(19),), daemon=True).start()
 while one.process is None:
@@ -176,17 +164,6 @@ def test_the_child_reads_a_job_and_writes_its_result():
     assert pickle.loads(out.getvalue())[0] == 0.0
 
 
-def windows():
-    """The first window of two strings, as the engine hands it out."""
-    engine, jobs = Engine(plan(2), database()), []
-    frames = traffic(1260)
-    engine.receive(frames, now_ns=int(frames.time_ns[-1]))
-    while (event := engine.next_output()) is not None:
-        if isinstance(event, StartJob):
-            jobs.append(event.job)
-    return jobs
-
-
 def plain(value):
     """A result as nested tuples, arrays and numbers by their bytes."""
     if is_dataclass(value):
@@ -211,7 +188,7 @@ def test_every_job_that_the_engine_hands_out_gives_the_same_aside_and_here_bit_f
     assert plain(here) == plain(there)
 
 
-def test_the_gateway_applies_what_the_child_found(bus, path):  # noqa: F811
+def test_the_gateway_applies_what_the_child_found(bus, path):
     engine = TickEngine()
 
     async def start():

@@ -14,10 +14,10 @@ from bms_gateway.service import live
 from bms_gateway.service.fit_process import NotDone
 from bms_gateway.service.live import Gateway
 from tests.service.engine import TICK_NS, TickEngine
-from tests.service.test_live import PATIENCE_S, bus, come, run, traffic  # noqa: F401 (bus is a fixture)
+from tests.support.live_service import PATIENCE_S, come, run, traffic
 
 
-def test_state_is_saved_now_and_then_and_a_full_disk_does_no_harm(bus, monkeypatch, caplog):  # noqa: F811
+def test_state_is_saved_now_and_then_and_a_full_disk_does_no_harm(bus, monkeypatch, caplog):
     monkeypatch.setattr(live, "SAVE_S", 0.2)
     saved = []
 
@@ -32,7 +32,7 @@ def test_state_is_saved_now_and_then_and_a_full_disk_does_no_harm(bus, monkeypat
     assert "disk full" in caplog.text
 
 
-def test_a_fit_that_hangs_stops_no_save(bus, monkeypatch):  # noqa: F811
+def test_a_fit_that_hangs_stops_no_save(bus, monkeypatch):
     """Fits and saves had one thread for both: the state on disk grew old, and nothing said so."""
     monkeypatch.setattr(live, "SAVE_S", 0.05)
     engine, saved, hangs = TickEngine(), [], threading.Event()
@@ -46,7 +46,7 @@ def test_a_fit_that_hangs_stops_no_save(bus, monkeypatch):  # noqa: F811
     assert time.monotonic() - begun < PATIENCE_S
 
 
-def test_a_fit_that_came_to_nothing_is_counted_told_and_tried_again_ever_less_often(bus, monkeypatch, caplog):  # noqa: F811
+def test_a_fit_that_came_to_nothing_is_counted_told_and_tried_again_ever_less_often(bus, monkeypatch, caplog):
     monkeypatch.setattr(live, "RETRY_FIRST_S", 0.05)
     monkeypatch.setattr(live, "RETRY_MOST_S", 0.15)
     engine, tries, told = TickEngine(), [], []
@@ -69,7 +69,7 @@ def test_a_fit_that_came_to_nothing_is_counted_told_and_tried_again_ever_less_of
     assert all(b - a >= least for a, b, least in zip(tries, tries[1:], (0.05, 0.1, 0.15, 0.15), strict=False))
 
 
-def test_a_fit_of_an_engine_that_a_reload_has_replaced_is_not_tried_again(bus, monkeypatch):  # noqa: F811
+def test_a_fit_of_an_engine_that_a_reload_has_replaced_is_not_tried_again(bus, monkeypatch):
     monkeypatch.setattr(live, "RETRY_FIRST_S", 0.2)
     old, new, tries, before = TickEngine(), TickEngine(), [], []
 
@@ -97,7 +97,7 @@ def test_a_fit_of_an_engine_that_a_reload_has_replaced_is_not_tried_again(bus, m
     assert ([len(tries)], gateway.tally.fit_problems) == (before, {})
 
 
-def test_a_disk_that_hangs_is_told_holds_up_nothing_and_not_even_the_end(bus, monkeypatch, caplog):  # noqa: F811
+def test_a_disk_that_hangs_is_told_holds_up_nothing_and_not_even_the_end(bus, monkeypatch, caplog):
     monkeypatch.setattr(live, "SAVE_S", 0.05)
     monkeypatch.setattr(live, "SAVE_LAST_S", 0.3)
     engine, tries, answers = TickEngine(), [], threading.Event()
@@ -112,7 +112,7 @@ def test_a_disk_that_hangs_is_told_holds_up_nothing_and_not_even_the_end(bus, mo
     answers.set()
 
 
-def test_a_disk_that_answers_again_is_saved_to_again(bus, monkeypatch):  # noqa: F811
+def test_a_disk_that_answers_again_is_saved_to_again(bus, monkeypatch):
     monkeypatch.setattr(live, "SAVE_S", 0.05)
     answers = threading.Event()
     gateway = Gateway(TickEngine(), bus.port, save=lambda _: answers.wait() and None)
@@ -128,7 +128,7 @@ def test_a_disk_that_answers_again_is_saved_to_again(bus, monkeypatch):  # noqa:
     assert gateway.tally.saved_s > begun
 
 
-def test_a_reload_that_has_not_ended_when_the_service_ends_takes_no_engine_any_more(bus):  # noqa: F811
+def test_a_reload_that_has_not_ended_when_the_service_ends_takes_no_engine_any_more(bus):
     """The loop goes on while the last state is saved; the engine that is saved is the last one."""
     old, new, saved, reads, read = TickEngine(), TickEngine(), [], threading.Event(), threading.Event()
 

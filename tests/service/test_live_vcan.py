@@ -14,7 +14,7 @@ from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.service.live import Gateway
 from tests.bus.frames import make
 from tests.service.engine import OWN_ID, TICK_NS, TickEngine
-from tests.service.test_live import come, run
+from tests.support.live_service import come, run
 
 pytestmark = pytest.mark.vcan
 

@@ -24,7 +24,7 @@ from bms_gateway.service.live import Gateway
 from bms_gateway.service.metrics import Page
 from tests.service.engine import TICK_NS, TickEngine
 from tests.service.pack import Pack
-from tests.service.test_live import PATIENCE_S, Bus, come, run, traffic
+from tests.support.live_service import PATIENCE_S, Bus, come, run, traffic
 
 UNITS = ("seconds", "bytes", "celsius", "kelvin", "ratio", "total", "info")
 

@@ -28,7 +28,7 @@ from bms_gateway.service.summary import estimates, status
 from tests.service.broker import make_broker
 from tests.service.engine import TICK_NS, TickEngine
 from tests.service.pack import Pack
-from tests.service.test_live import Bus, come, run, traffic
+from tests.support.live_service import Bus, come, run, traffic
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ import pytest
 from bms_gateway.cli.run import END_MOST_S, INTERRUPT_MOST_S
 from bms_gateway.service import live
 from bms_gateway.service.signals import Signals
-from tests.service.test_live import PATIENCE_S
+from tests.support.live_service import PATIENCE_S
 
 MOST_S, INTERRUPT_S = 1.0, 0.5
 HEAD = f"""
@@ -124,7 +124,7 @@ from bms_gateway.service import live
 from bms_gateway.service.fit_process import Aside
 from bms_gateway.service.signals import Signals
 from tests.service.engine import TickEngine
-from tests.service.test_fit_process import EndedBy
+from tests.support.fit_jobs import EndedBy
 
 live.SAVE_S = 0.1
 pipe = os.pipe()

@@ -5,10 +5,10 @@ import time
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.service.live import Gateway
 from tests.service.engine import TICK_NS, TickEngine
-from tests.service.test_live import FRAME, bus, come, run  # noqa: F401 (bus is a fixture)
+from tests.support.live_service import FRAME, come, run
 
 
-def test_a_timer_waits_until_a_drain_has_left_nothing(bus):  # noqa: F811
+def test_a_timer_waits_until_a_drain_has_left_nothing(bus):
     """Of what gathered in a stall a port may take only so much at once; the rest is stamped before the timer, too."""
     engine, left, drain, held = TickEngine(), [], bus.port.drain, []
 

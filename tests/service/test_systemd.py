@@ -25,7 +25,7 @@ from prometheus_client.parser import text_string_to_metric_families
 from bms_gateway.service.fit_process import NICE
 from bms_gateway.store import StateStore
 from tests.service.broker import make_broker
-from tests.service.test_fit_process import windows
+from tests.support.fit_jobs import windows
 
 pytestmark = [pytest.mark.systemd, pytest.mark.slow]
 

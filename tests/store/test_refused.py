@@ -14,16 +14,9 @@ from hypothesis import strategies as st
 from bms_gateway.errors import StateError
 from bms_gateway.store import StateStore
 from bms_gateway.store import state as state_module
+from tests.support.states import GOOD, saved
 
 FRESH = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=150)
-GOOD = {"generation": 2, "fill": "y" * 300}
-
-
-def saved(folder):
-    store = StateStore(folder)
-    assert store.save({"generation": 1, "fill": "x" * 300}, wall_ns=1) is None
-    assert store.save(GOOD, wall_ns=2) is None
-    return store
 
 
 def test_a_disk_that_is_full_at_any_byte_keeps_the_last_good_state(tmp_path, monkeypatch):

@@ -12,7 +12,7 @@ import pytest
 from bms_gateway.errors import StateError
 from bms_gateway.store import StateStore
 from bms_gateway.store.state import KEPT_MOST
-from tests.store.test_refused import saved
+from tests.support.states import saved
 
 
 class Disk:

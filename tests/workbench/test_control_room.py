@@ -19,9 +19,9 @@ from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.report.table import read_table
 from bms_gateway.workbench.sources import Playback
 from bms_gateway.workbench.watch import Watch
+from tests.support.vehicle_traffic import traffic
 from tests.workbench.browser import come, faults
 from tests.workbench.conftest import served
-from tests.workbench.test_live_vcan import traffic
 
 SECOND = 1_000_000_000
 BEGAN_NS = 1_700_000_000 * SECOND

@@ -14,10 +14,8 @@ from bms_gateway.workbench.commands import Leg, command_lines, config_lines
 from bms_gateway.workbench.desk import GONE, Desk
 from bms_gateway.workbench.form import with_model
 from tests.store.ring import drove
+from tests.support.desk_steps import done, files
 from tests.truth.packs import pack as make_pack
-from tests.workbench.browser import come
-
-PATIENCE_S = 300.0
 
 
 @pytest.fixture(scope="module")
@@ -30,16 +28,6 @@ def desk():
     desk = Desk("test")
     yield desk
     desk.close()
-
-
-def files(pack, table=None):
-    return {"tables": [str(table or pack.hidden)], "model": str(pack.model), "config": "", "string": "", "columns": []}
-
-
-def done(desk):
-    """State once nothing runs any more."""
-    come(lambda: desk.state()["job"] is None, lambda: desk.state()["job"], PATIENCE_S)
-    return desk.state()
 
 
 @pytest.fixture(scope="module")

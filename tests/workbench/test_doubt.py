@@ -5,9 +5,9 @@ import csv
 import pytest
 
 from bms_gateway.workbench.steps import Frame, doubt_lines, remains, steps_of
+from tests.support.page_steps import FIT_S, seen_compared
 from tests.truth.packs import pack as make_pack
 from tests.workbench.conftest import served
-from tests.workbench.test_page import FIT_S, seen_compared
 
 WRONG_K = 40.0
 """By which the thermocouple of the test reads too much: more than any band allows."""

@@ -11,16 +11,13 @@ import pytest
 
 from bms_gateway.bus.replay import SocketCanSender
 from bms_gateway.bus.socketcan import SocketCanPort
-from bms_gateway.bus.traffic import Traffic
-from bms_gateway.bus.virtual import VirtualPack
-from bms_gateway.config import load_config, shipped
-from bms_gateway.frames.batch import FrameBatch
+from bms_gateway.config import shipped
+from tests.support.vehicle_traffic import traffic
 from tests.workbench.browser import come
 from tests.workbench.conftest import served
 
 pytestmark = pytest.mark.vcan
 
-SECOND = 1_000_000_000
 PATIENCE_S = 60
 
 
@@ -35,19 +32,9 @@ def vehicle():
 
 SENDER = """
 from bms_gateway.bus.replay import SocketCanSender, replay
-from tests.workbench.test_live_vcan import traffic
+from tests.support.vehicle_traffic import traffic
 replay([traffic(300.0)], SocketCanSender("vcan0"))
 """
-
-
-def traffic(seconds):
-    loaded = load_config(shipped("deploy/example/gateway.toml"))
-    pack, bus = VirtualPack(loaded.plan, 3), Traffic(loaded.plan, loaded.database, noise_K=0.05, seed=3)
-    parts = [
-        bus.between([s.series for s in x], int(x[0].time_s[0]) * SECOND, int(x[0].time_s[-1]) * SECOND)
-        for x in pack.segments(seconds)
-    ]
-    return FrameBatch.concat(parts)
 
 
 def pictures(url):

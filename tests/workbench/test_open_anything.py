@@ -5,11 +5,11 @@ from pathlib import Path
 import pytest
 
 from bms_gateway.config.model_file import read_model
+from tests.support.page_steps import FIT_S, seen_compared
 from tests.truth.packs import pack as make_pack
 from tests.workbench.browser import come, faults
 from tests.workbench.conftest import served
 from tests.workbench.foreign import german
-from tests.workbench.test_page import FIT_S, seen_compared
 
 pytestmark = pytest.mark.slow  # a browser, and fits
 WORKED = Path(__file__).parents[2] / "deploy" / "worked"

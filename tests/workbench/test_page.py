@@ -8,12 +8,12 @@ import pytest
 
 from bms_gateway.config.model_file import read_model
 from tests.store.ring import drove
+from tests.support.page_steps import FIT_S, seen_compared
 from tests.truth.packs import pack as make_pack
 from tests.workbench.browser import come, faults
 from tests.workbench.conftest import served
 
 pytestmark = pytest.mark.slow  # a browser, and fits
-FIT_S = 300.0
 
 
 @pytest.fixture(scope="module")
@@ -25,21 +25,6 @@ def pack(tmp_path_factory):
 def url(pack):
     with served(pack.folder, *pack.words) as url:
         yield url
-
-
-def seen_compared(page):
-    page.wait("return document.querySelector('#cell-1')?.innerText.includes('K')", patience_s=FIT_S)
-    page.wait("return Number(document.querySelector('#plot-core').dataset.traces) > 0", patience_s=FIT_S)
-
-
-def seen_added(page):
-    """Add the effect that the pack hides, and wait until nothing is at work any more."""
-    page.idle(FIT_S)
-    page.click("#tab-add")
-    page.type("#effect-name", "entropic_heat")
-    page.press("Enter")
-    page.wait("return document.querySelectorAll('#panel-add .way li').length === 3", patience_s=FIT_S)
-    page.idle(FIT_S)
 
 
 WATCH_BARS = """

@@ -3,11 +3,11 @@
 import pytest
 
 from bms_gateway.workbench.site import MOST_AWAKE, Site
+from tests.support.desk_steps import done, files
+from tests.support.page_steps import FIT_S, seen_added, seen_compared
 from tests.truth.packs import pack as make_pack
 from tests.workbench.browser import come, faults
 from tests.workbench.conftest import served
-from tests.workbench.test_desk import done, files
-from tests.workbench.test_page import FIT_S, seen_added, seen_compared
 
 
 @pytest.fixture(scope="module")

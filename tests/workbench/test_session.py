@@ -8,10 +8,10 @@ from bms_gateway.errors import UsageError
 from bms_gateway.workbench.desk import Desk
 from bms_gateway.workbench.session import additions_of, session_of
 from bms_gateway.workbench.steps import Frame
+from tests.support.desk_steps import done, files
+from tests.support.page_steps import FIT_S, seen_added, seen_compared
 from tests.truth.packs import pack as make_pack
 from tests.workbench.conftest import served
-from tests.workbench.test_desk import done, files
-from tests.workbench.test_page import FIT_S, seen_added, seen_compared
 
 
 @pytest.fixture(scope="module")

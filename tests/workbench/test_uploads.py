@@ -25,8 +25,8 @@ from bms_gateway.workbench.site import Site, wanted_files
 from bms_gateway.workbench.uploads import PREFIX, Uploads, safe_name, sweep
 from tests.config.files import MAPPED, write
 from tests.config.model_texts import EXAMPLE
-from tests.workbench.test_desk import done
-from tests.workbench.test_doors import ask, serving
+from tests.support.desk_steps import done
+from tests.support.doors import ask, serving
 
 BYTES = {"Content-Type": "application/octet-stream"}
 

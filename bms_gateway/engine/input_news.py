@@ -1,0 +1,95 @@
+"""What the inputs tell of themselves: which have begun or ceased to be good, which err, which never came."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bms_gateway.engine.events import Level, Notice
+from bms_gateway.engine.plan import Channel
+from bms_gateway.engine.reasons import CURRENT_STANDS, REASONS, RIGHT_SIGN, WRONG_SIGN
+from bms_gateway.engine.wiring import Wiring
+from bms_gateway.frames.ammeter import Ammeter
+from bms_gateway.frames.quality import Quality
+
+GOOD = int(Quality.GOOD)  # numpy takes many times longer to compare with a member of an enumeration
+
+
+class InputNews:
+    """News of all inputs of a plan.
+
+    Parameters
+    ----------
+    wiring : Wiring
+    meters : mapping
+        What holds currents against voltages, by the inputs of both.
+
+    Attributes
+    ----------
+    quality : ndarray of uint8 (C,)
+        `Quality` of each input now.
+    heard : ndarray of bool (C,)
+        Whether a sample of it ever came.
+    """
+
+    def __init__(self, wiring: Wiring, meters: Mapping[tuple[int, int], Ammeter]) -> None:
+        self._wiring, self._meters = wiring, meters
+        self.quality: NDArray[np.uint8] = np.full(len(wiring.channels), Quality.NEVER, np.uint8)
+        self._told = self.quality.copy()
+        self.heard = np.zeros(len(wiring.channels), np.bool_)
+        self._reversed: set[int] = set()
+
+    def changes(self, t1: int) -> list[Notice]:
+        """Report which inputs have become good, or are no longer good, since the last call."""
+        notices = []
+        for i in np.flatnonzero(self.quality != self._told).tolist():
+            if i in self._wiring.spare:
+                continue
+            now, before = Quality(int(self.quality[i])), Quality(int(self._told[i]))
+            first = before == Quality.NEVER
+            if (first or Quality.GOOD in (now, before)) and not (first and now == Quality.GOOD):
+                notices.append(self._notice(t1, i, now))
+        self._told = self.quality.copy()
+        return notices + self._signs(t1)
+
+    def _signs(self, t1: int) -> list[Notice]:
+        """Report which currents have the wrong sign, or no longer have it, since the last call."""
+        now = {i for (i, _), meter in self._meters.items() if meter.reversed}
+        notices = [
+            Notice(
+                t1,
+                Level.WARNING if i in now else Level.NOTICE,
+                "current_sign",
+                f"{WRONG_SIGN if i in now else RIGHT_SIGN} ({self._wiring.channels[i].signal})",
+                self._wiring.names[i][0],
+            )
+            for i in sorted(now ^ self._reversed)
+        ]
+        self._reversed = now
+        return notices
+
+    def _notice(self, t1: int, i: int, now: Quality) -> Notice:
+        c, (string, cell) = self._wiring.channels[i], self._wiring.names[i]
+        what = c.quantity.replace("_", " ") + (f" of cell {cell}" if cell is not None else "")
+        if now == Quality.GOOD:
+            return Notice(t1, Level.NOTICE, "sensor", f"{what} is good again ({c.signal})", string, cell)
+        why = REASONS[now]
+        if c.quantity == "current" and now == Quality.STUCK:
+            stands = next(m.stands_at for (current, _), m in self._meters.items() if current == i)
+            why = CURRENT_STANDS.format(" and ".join(f"{amps:g}" for amps in stands))
+        return Notice(t1, Level.WARNING, "sensor", f"{what} is not used: {why} ({c.signal})", string, cell)
+
+    def faults(self) -> list[tuple[str, Channel, Quality]]:
+        """List inputs once received and not good now: the string that first names each, its channel, its quality."""
+        wiring = self._wiring
+        bad = set(np.flatnonzero((self.quality != GOOD) & (self.quality != Quality.NEVER)).tolist()) - wiring.spare
+        return [(wiring.names[i][0], wiring.channels[i], Quality(int(self.quality[i]))) for i in sorted(bad)]
+
+    def unheard(self) -> dict[str, str]:
+        """Tell of which inputs no sample ever came, by string, as text."""
+        missing: dict[str, list[str]] = {}
+        for i in np.flatnonzero(~self.heard).tolist():
+            if self._wiring.channels[i].quantity == "cell_voltage" or i in self._wiring.spare:
+                continue  # our own DBC always has them; few buses carry them
+            missing.setdefault(self._wiring.names[i][0], []).append(self._wiring.channels[i].signal or "")
+        return {name: ", ".join(signals) for name, signals in missing.items()}

@@ -1,0 +1,18 @@
+"""What a person sees of the page after a step."""
+
+FIT_S = 300.0
+
+
+def seen_compared(page):
+    page.wait("return document.querySelector('#cell-1')?.innerText.includes('K')", patience_s=FIT_S)
+    page.wait("return Number(document.querySelector('#plot-core').dataset.traces) > 0", patience_s=FIT_S)
+
+
+def seen_added(page):
+    """Add the effect that the pack hides, and wait until nothing is at work any more."""
+    page.idle(FIT_S)
+    page.click("#tab-add")
+    page.type("#effect-name", "entropic_heat")
+    page.press("Enter")
+    page.wait("return document.querySelectorAll('#panel-add .way li').length === 3", patience_s=FIT_S)
+    page.idle(FIT_S)
