@@ -134,6 +134,7 @@ class Trial:
                     self._path.with_name(aside).rename(path)
                     back.append(path)
         self._begin_anew(acquitted=True)
+        self._let_go()
         return back
 
     def loaded(self) -> None:
