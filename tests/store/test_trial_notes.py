@@ -89,6 +89,7 @@ def test_notes_that_are_too_long_count_nothing(tmp_path, size, counts):
 
 def test_a_try_is_noted_from_begin_to_end(tmp_path, monkeypatch):
     trial = Trial(tmp_path, "one")
+    assert trial.told == ""
     assert trial.against(7) == ""
     trial.begin()
     assert lines_of(tmp_path) == ({"boot": "one", "aside": [], "saved_ns": 7}, ["try"])
@@ -104,13 +105,24 @@ def test_a_try_is_noted_from_begin_to_end(tmp_path, monkeypatch):
         raise ValueError("a\nb" + "c" * 1000)
     noted_last = lines_of(tmp_path)[1][-1]
     assert noted_last.startswith("died: ValueError: a bcc")
-    assert len(noted_last) == len("died: ValueError: ") + module.MAX_REASON
+    assert len(noted_last) == len("died: ValueError: ") + 300
     assert trial._handle is None
     trial.alive()
     trial.loaded()
     assert lines_of(tmp_path)[1][-1] == noted_last
     Trial(tmp_path, "one").over()
     assert os.listdir(tmp_path) == []
+
+
+def test_a_load_that_took_long_is_no_hang_and_is_noted_once(tmp_path):
+    trial = Trial(tmp_path, "one")
+    trial.against(7)
+    trial.begin()
+    trial._alive_s -= HANG_S + 1.0
+    trial.loaded()
+    trial.alive()
+    assert lines_of(tmp_path)[1] == ["try", "loaded", "went on"]
+    trial.over()
 
 
 def _umask():
