@@ -29,7 +29,7 @@ PER_CELL = {"surface": "C", "cell_voltage": "V", "core": "C"}
 MOST_NUMBERS = 16 << 20
 """Numbers that any table may have: 128 MiB. A larger one has at most `PER_BYTE` of them for each byte of its file."""
 PER_BYTE = 2
-_CELL_COLUMN = re.compile(r"(surface|cell_voltage|core)_([1-9][0-9]*)_(C|V)")
+_CELL_COLUMN = re.compile(r"(surface|cell_voltage|core)_([1-9][0-9]{0,8})_(C|V)")
 _NEXT = re.compile(r",(?=\s*(?:time_s|current_A|coolant_|voltage_V|soc|surface_|cell_voltage_|core_)[A-Za-z0-9_]*\s*=)")
 """A comma that another pair follows; others belong to the name of a column."""
 _MOSTLY = 10
