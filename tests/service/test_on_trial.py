@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
 import pytest
 
@@ -15,7 +16,7 @@ from bms_gateway.service import on_trial
 from bms_gateway.service.live import Gateway
 from bms_gateway.service.on_trial import prove
 from bms_gateway.store import StateStore
-from bms_gateway.store.trial import NOTED_MOST
+from bms_gateway.store.trial import HANG_S, NOTED_MOST
 from tests.chaos.bench import config
 from tests.service.engine import TICK_NS, TickEngine
 from tests.service.test_live import PATIENCE_S, bus, come, run, traffic  # noqa: F401 (bus is a fixture)
@@ -107,6 +108,16 @@ class Notes:
 
     def over(self):
         self.told.append("over")
+
+
+def test_the_trial_is_as_long_as_the_readme_says_and_no_tick_longer(bus):  # noqa: F811
+    text = " ".join((Path(__file__).parents[2] / "deploy" / "README.md").read_text(encoding="utf-8").split())
+    assert "A start tries the stored state for the first minute of ticks, or until the first save or a stop." in text
+    assert (on_trial.TICKS, on_trial.PERIOD_S, HANG_S) == (60, 1.0, 5.0)
+    gateway, notes = Gateway(TickEngine(), bus.port), Notes()
+    gateway.tally.ticks = 60
+    asyncio.run(prove(gateway, notes))
+    assert notes.told == ["over"]
 
 
 def test_the_trial_ends_after_some_ticks(bus, monkeypatch):  # noqa: F811

@@ -82,6 +82,7 @@ def test_closed_it_leaves_all_as_it_was():
     before = signal.getsignal(signal.SIGHUP)
 
     async def main():
+        opened = set(os.listdir("/proc/self/fd"))
         signals, heard = Signals(), []
         signals.take(asyncio.get_running_loop(), {signal.SIGHUP: lambda: heard.append(1)})
         os.kill(os.getpid(), signal.SIGHUP)
@@ -89,6 +90,7 @@ def test_closed_it_leaves_all_as_it_was():
         while not heard and time.monotonic() < end:
             await asyncio.sleep(0.01)
         signals.close()
+        assert set(os.listdir("/proc/self/fd")) == opened
         return heard
 
     assert asyncio.run(main()) == [1]

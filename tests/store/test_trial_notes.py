@@ -131,6 +131,35 @@ def _umask():
     return mask
 
 
+@pytest.mark.parametrize(
+    "first", ["[1]", "{}", '{"boot": 1}', '{"boot": "one", "aside": 3}', '{"boot": "one", "aside": [["state"]]}']
+)
+def test_a_first_line_that_is_no_head_counts_nothing(tmp_path, first):
+    (tmp_path / "state.trying").write_text(first + "\ntry\ndied: x" * 5 + "\n")
+    trial = Trial(tmp_path, "one")
+    assert trial.aside == trial._tries == []
+
+
+@pytest.mark.parametrize(
+    "aside", [["../state", "state.crashed"], ["state", "a/b"], ["state", 1], "ab", ["state", "b", "c"]]
+)
+def test_a_head_that_names_files_elsewhere_counts_nothing(tmp_path, aside):
+    noted(tmp_path, [DIED] * NOTED_MOST, aside=[aside], saved_ns=None)
+    trial = Trial(tmp_path, "one")
+    assert trial.aside == trial._tries == []
+    assert trial.put_back() == []
+
+
+def test_notes_stay_open_no_longer_than_the_trial(tmp_path):
+    before = set(os.listdir("/proc/self/fd"))
+    trial = Trial(tmp_path, "one")
+    trial.against(1)
+    trial.begin()
+    assert len(os.listdir("/proc/self/fd")) == len(before) + 1
+    trial.over()
+    assert set(os.listdir("/proc/self/fd")) == before
+
+
 def test_an_end_that_was_asked_for_ends_the_trial_unless_it_came_after_a_hang(tmp_path, monkeypatch):
     for hang_s, left in ((5.0, []), (-1.0, ["state.trying"])):
         monkeypatch.setattr(module, "HANG_S", hang_s)
