@@ -125,7 +125,9 @@ def test_the_trial_ends_after_some_ticks(bus, monkeypatch):  # noqa: F811
     monkeypatch.setattr(on_trial, "TICKS", 5)
     engine, notes = TickEngine(), Notes()
     gateway = Gateway(engine, bus.port)
-    ticks = []
+    ticks, told_at = [], []
+    alive = notes.alive
+    notes.alive = lambda: (alive(), told_at.append(gateway.tally.ticks))
 
     async def part():
         await prove(gateway, notes)
@@ -134,6 +136,7 @@ def test_the_trial_ends_after_some_ticks(bus, monkeypatch):  # noqa: F811
     run(gateway, traffic(bus), part(), until=lambda: ticks)
     assert 5 <= ticks[0] <= 7
     assert set(notes.told[:-1]) == {"alive"}
+    assert max(told_at) >= 1  # while ticks are due, too
     assert notes.told[-1] == "over"
 
 

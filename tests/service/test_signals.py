@@ -10,7 +10,7 @@ import pytest
 
 from bms_gateway.cli.run import END_MOST_S, INTERRUPT_MOST_S
 from bms_gateway.service import live
-from bms_gateway.service.signals import Signals
+from bms_gateway.service.signals import LAST_WORD_S, Signals
 from tests.service.test_live import PATIENCE_S
 
 MOST_S, INTERRUPT_S = 1.0, 0.5
@@ -89,6 +89,9 @@ def test_closed_it_leaves_all_as_it_was():
         end = time.monotonic() + PATIENCE_S
         while not heard and time.monotonic() < end:
             await asyncio.sleep(0.01)
+        signals.drop()
+        os.kill(os.getpid(), signal.SIGHUP)
+        await asyncio.sleep(0.2)
         signals.close()
         assert set(os.listdir("/proc/self/fd")) == opened
         return heard
@@ -101,6 +104,7 @@ def test_closed_it_leaves_all_as_it_was():
 def test_a_person_waits_a_second_and_systemd_five():
     assert live.HASTE * (live.SAVE_LAST_S + live.END_S) < 0.8  # and the interpreter takes its time to end
     assert live.SAVE_LAST_S + live.END_S < END_MOST_S < 5.0
+    assert END_MOST_S + LAST_WORD_S < 5.0  # `TimeoutStopSec` of the unit
     assert INTERRUPT_MOST_S < END_MOST_S
 
 
