@@ -158,9 +158,10 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "to_batch: 1  ->  2": "numpy finds the length of an axis for any negative number",
     },
     "bms_gateway/store/trial.py": {
-        "Trial.__init__: 0.0  ->  1.0": "asked only after `begin`, which sets it, or in a process that is up for longer",
+        "Trial.__init__: 0.0  ->  1.0": "asked after `begin`, which sets it, or a second after the boot",
         "Trial.alive: now_s - self._alive_s > HANG_S  ->  now_s - self._alive_s >= HANG_S": INSTANT,
-        "Trial.noting: time.monotonic() - self._alive_s > HANG_S  ->  time.monotonic() - self._alive_s >= HANG_S": INSTANT,
+        "Trial.noting: time.monotonic() - self._alive_s > HANG_S  ->  "
+        "time.monotonic() - self._alive_s >= HANG_S": INSTANT,
     },
     "bms_gateway/service/on_trial.py": {
         ": gateway.port.now_ns() - due < OVERDUE_NS  ->  gateway.port.now_ns() - due <= OVERDUE_NS": INSTANT,
@@ -176,7 +177,7 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "_End.now: True  ->  False": "the next call ends the process with all its threads",
         "Signals.take: True  ->  False": "the thread has ended when the process does, or `_End` ends the process",
         "Signals.take: False  ->  True  #2": "a warning when the descriptor is full, which holds hundreds of signals",
-        "Signals.take.close: thread.join()  ->  pass": "the thread ends with the byte that was sent; differs for its last moment",
+        "Signals.take.close: thread.join()  ->  pass": "the byte ends the thread a moment later",
     },
     "bms_gateway/store/files.py": {
         ": os.O_RDONLY | os.O_CLOEXEC  ->  os.O_RDONLY & os.O_CLOEXEC": "Python closes descriptors for children",
