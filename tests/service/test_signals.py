@@ -93,6 +93,7 @@ def test_closed_it_leaves_all_as_it_was():
         os.kill(os.getpid(), signal.SIGHUP)
         await asyncio.sleep(0.2)
         signals.close()
+        signals.close()  # once more does nothing
         assert set(os.listdir("/proc/self/fd")) == opened
         return heard
 
