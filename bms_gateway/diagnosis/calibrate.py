@@ -11,6 +11,7 @@ from bms_gateway.diagnosis.model_error import Bench, ModelError, averaged
 from bms_gateway.diagnosis.model_error import fit as fit_with_error
 from bms_gateway.diagnosis.prepare import measured
 from bms_gateway.diagnosis.record import Record, in_held_out
+from bms_gateway.diagnosis.record_windows import keeping, learned
 from bms_gateway.diagnosis.residuals import LEAST_Z, structure
 from bms_gateway.identify.coordinates import OWN, Measured
 from bms_gateway.identify.likelihood import generalised
@@ -65,14 +66,17 @@ class Change:
 
 @dataclass(frozen=True, slots=True)
 class Identified:
-    """A fit, what it says at the records' own readings, and how far the model errs by itself.
+    """Numbers that are believed, the fit that follows the surfaces best, and how far the model errs by itself.
 
     Attributes
     ----------
     fit : MapFit
-        Numbers and posterior.
+        Numbers that are believed, and their posterior: what goes into a model file.
+    stated : MapFit
+        The same numbers against all readings.
     seen : MapFit
-        The same numbers against all readings: only for errors.
+        The numbers that follow the surfaces best, against all readings: only for errors. They are the believed ones
+        where the model explains the readings, and where it has effects.
     plain : MapFit
         The model taken for right; the same fit where it explains the readings.
     model_error_K : float
@@ -80,6 +84,7 @@ class Identified:
     """
 
     fit: MapFit
+    stated: MapFit
     seen: MapFit
     plain: MapFit
     model_error_K: float
@@ -109,7 +114,8 @@ def identify(model: StringModel, records: Sequence[Record], *, core: bool = Fals
     """Fit a string to records, from what was known before any data.
 
     Where the model cannot follow the surfaces to within their noise, it is fitted with an error of its own: taken for
-    white noise, what it lacks drives its numbers and with them its core far off, and makes them look certain.
+    white noise, what it lacks drives its numbers and with them its core far off, and makes them look certain. If the
+    model has no effects, the numbers by the windows of the live method are then believed (`record_windows`).
 
     Parameters
     ----------
@@ -124,12 +130,16 @@ def identify(model: StringModel, records: Sequence[Record], *, core: bool = Fals
     fit = fitted(Problem(start, ready))
     left = structure(fit)
     if core or left.z <= LEAST_Z or left.size <= LEAST_STRUCTURE:
-        return Identified(fit, fit, fit, 0.0)
+        return Identified(fit, fit, fit, fit, 0.0)
     settings = ModelError()
     bench = Bench([held_out(averaged(m, settings)) for m in ready], settings)
     problem = Problem(start, bench.records, bench.beliefs)
     found = fit_with_error(bench, problem, problem.begin, TO_THE_END)
-    return Identified(found.map, seen_on(found.map, ready), fit, found.discrepancy.size)
+    seen = seen_on(found.map, ready)
+    if start.effects or (known := learned(start, ready)) is None:
+        return Identified(found.map, seen, seen, fit, found.discrepancy.size)
+    believed = keeping(bench, found, known)
+    return Identified(believed.map, seen_on(believed.map, ready), seen, fit, believed.discrepancy.size)
 
 
 def seen_on(fit: MapFit, records: Sequence[Measured]) -> MapFit:

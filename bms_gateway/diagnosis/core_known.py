@@ -179,9 +179,9 @@ def judged_model(
 
 def bands_of(found: Identified, share: float) -> tuple[CoreBand, ...]:
     """State the cores of each record by a fit, whose slow error at the surface is told or what it was given."""
-    n = found.seen.problem.model.cells
-    left = [max(s, found.model_error_K) for s in nearest(sensors(found.seen), n)]
-    return core_bands(found.seen, left, covariance=posterior(found.fit), share=share)
+    n = found.stated.problem.model.cells
+    left = [max(s, found.model_error_K) for s in nearest(sensors(found.stated), n)]
+    return core_bands(found.stated, left, covariance=posterior(found.fit), share=share)
 
 
 def _against(

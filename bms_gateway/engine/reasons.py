@@ -10,7 +10,7 @@ REASONS: Final[Mapping[Quality, str]] = {
     Quality.OUT_OF_RANGE: "out of its plausible range",
     Quality.NOT_AVAILABLE: "its sender says that the value is not available",
     Quality.ERROR: "its sender says that the sensor failed, or the frame is too short",
-    Quality.STUCK: "it stands still while current flows and its neighbours move",
+    Quality.STUCK: "it stands still while current flows",
     Quality.OPEN: "at its upper rail, as a broken wire reads",
     Quality.SHORT: "at its lower rail, as a short circuit reads",
     Quality.JUMPY: "it jumps faster than a cell can",

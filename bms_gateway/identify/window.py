@@ -43,6 +43,8 @@ DOUBTED = 3.0
 """Factor on the noise, as of `Fit.doubt`, from which on cores are not proven. Simulated cells with nothing missing stay
 at 1.0; where a missing effect moved the core out of its band it was 8 and more."""
 HOLD_CURRENT_S = 10.0  # a lost current is bridged so long: it cannot hide a drive
+FORGOTTEN = 10.0
+"""ln: a step of R_u after which nothing is left of what was known of it."""
 GAP_S = 10.0  # a longer tick is a gap: the bus slept, and a straight line through it would be made up
 HOLD_INLET_S = 60.0  # the inlet moves slowly
 
@@ -209,6 +211,21 @@ class WindowIdentifier:
         self._current += ticks.current.tolist()
         self._inlet += ticks.inlet.tolist()
         self._readings.take(ticks.surface, ticks.age)
+
+    def finish(self) -> WindowJob | None:
+        """End the window under way, as a gap does."""
+        return self._close()
+
+    def cool_anew(self) -> None:
+        """Forget what R_u was: what follows is another record, whose cells are cooled in a way of their own."""
+        along = np.zeros((len(self._evidence.grad), 1))
+        along[: len(self._names), 0] = lumped_jacobian(self._guess, self._model.has_conduction)[:, R_U]
+        self._evidence = self._evidence.forget(along, np.array([FORGOTTEN]))
+
+    @property
+    def windows(self) -> int:
+        """How many whole windows were taken back."""
+        return self._windows
 
     def _look(self) -> WindowJob | None:
         """Look at the window so far; it goes on."""

@@ -35,6 +35,8 @@ class FitReport:
     channels : tuple of ChannelError
     errors : Errors
         Over all thermocouples.
+    closest : Errors
+        Of the numbers that follow the surfaces best, believed or not.
     model_error_K : float
         How far the model errs by itself; 0 where it explains the readings.
     findings, notes : tuple of (source, …)
@@ -49,6 +51,7 @@ class FitReport:
     products: tuple[Combination, ...]
     channels: tuple[ChannelError, ...]
     errors: Errors
+    closest: Errors
     model_error_K: float
     findings: tuple[tuple[str, Finding], ...]
     notes: tuple[tuple[str, str], ...]
@@ -110,6 +113,11 @@ def fit_text(r: FitReport) -> str:
         parts.append(
             f"The model was given an error of its own, {r.model_error_K:.2g} K over minutes: its numbers and their sd "
             "allow for what it lacks, as far as a surface can tell."
+        )
+    if r.errors.train_rmse_K > HOLDS * r.closest.train_rmse_K:
+        parts.append(
+            f"Other numbers follow the surfaces to {r.closest.train_rmse_K:.3g} K, but lie farther from what was known "
+            "than a model with such an error can prove. They are not believed."
         )
     if r.products:
         parts.append("\n".join(p.sentence for p in r.products))

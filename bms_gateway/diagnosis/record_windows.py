@@ -1,0 +1,156 @@
+"""Numbers of a string by the windows of the live method, from whole records: service and `fit` learn in one way.
+
+Where a model does not follow the surfaces, a fit of the whole record pays for what it lacks with capacities and
+resistances. A window carries the effects that every real cell may have (`identify.carried`), and raises its noise until
+no number is dragged farther than is plausible (`identify.doubt`). So the numbers come from the windows, and the fit of
+the whole record keeps them and finds what is left: starts, offsets, cells.
+
+Beyond Lin et al., Eq 3-10.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from math import nan
+
+import numpy as np
+
+from bms_gateway.diagnosis.model_error import Bench, Fit
+from bms_gateway.diagnosis.model_error import fit as fit_with_error
+from bms_gateway.identify.contract import Posterior, Tick
+from bms_gateway.identify.coordinates import Belief, Measured
+from bms_gateway.identify.map_fit import TO_THE_END
+from bms_gateway.identify.problem import Problem
+from bms_gateway.identify.window import GAP_S, WindowIdentifier
+from bms_gateway.thermal import Floats, StringModel
+from bms_gateway.thermal.trajectory import Span
+
+HELD = 0.03
+"""Of a number's sd by the windows: how firmly the fit of what is left keeps the number."""
+MOST_CELLS = 24
+"""Of a string that is learnt so: a window asks for the response to each cell's departures, which at 60 cells takes ten
+seconds of CPU a window, four times as long as all else."""
+NS = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """Numbers that several records have in common, by windows.
+
+    Attributes
+    ----------
+    at : ndarray (k,) of int
+        Their places among the coordinates of a problem.
+    mean : ndarray (k,)
+        In these coordinates.
+    covariance : ndarray (k, k)
+    """
+
+    at: np.ndarray
+    mean: Floats
+    covariance: Floats
+
+
+def learned(model: StringModel, records: Sequence[Measured]) -> Posterior | None:
+    """Learn from records as the service does while the same records are on the bus.
+
+    Parameters
+    ----------
+    model : StringModel
+        Without effects.
+    records : sequence of Measured
+        Held-out readings are not shown.
+
+    Returns
+    -------
+    Posterior or None
+        None where no window of them teaches anything: too short, too cold, or rows too far apart; and for strings of
+        more than `MOST_CELLS`.
+    """
+    if model.cells > MOST_CELLS:
+        return None
+    learner = WindowIdentifier(model)
+    for i, m in enumerate(records):
+        if i:
+            learner.cool_anew()
+        for tick in _ticks(m, model.cells):
+            if (job := learner.add(tick)) is not None:
+                learner.accept(job.run())
+        if (job := learner.finish()) is not None:
+            learner.accept(job.run())
+    return learner.posterior() if learner.windows else None
+
+
+def keeping(bench: Bench, fit: Fit, known: Posterior) -> Fit:
+    """Give a fit the numbers that windows have found, and fit what is left.
+
+    Parameters
+    ----------
+    bench : Bench
+    fit : Fit
+        Of the bench's records.
+    known : Posterior
+        By `learned` of the same records. Each of several records keeps the cooling of its own.
+
+    Returns
+    -------
+    Fit
+        The marginal of what `known` tells is that of `known`.
+    """
+    old = fit.map.problem
+    found = _in_coordinates(old, known)
+    held = {
+        old.coordinates[i].name: Belief(float(x), float(HELD * np.sqrt(v)))
+        for i, x, v in zip(found.at, found.mean, np.diag(found.covariance), strict=True)
+    }
+    start = fit.map.theta.copy()
+    start[found.at] = found.mean
+    new = fit_with_error(bench, Problem(old.model, bench.records, {**bench.beliefs, **held}), start, TO_THE_END)
+    theta, H = new.map.theta.copy(), new.map.H.copy()
+    theta[found.at] = found.mean
+    rest = np.setdiff1d(np.arange(len(H)), found.at)
+    across = H[np.ix_(rest, found.at)]
+    H[np.ix_(found.at, found.at)] = np.linalg.inv(found.covariance) + across.T @ np.linalg.solve(
+        H[np.ix_(rest, rest)], across
+    )
+    return replace(new, map=replace(new.map, problem=old, theta=theta, H=H))
+
+
+def _in_coordinates(problem: Problem, known: Posterior) -> Found:
+    """Take from a posterior over logarithms what all records have in common."""
+    names = [c.name for c in problem.coordinates]
+    mine = [i for i, name in enumerate(known.names) if name in names]
+    at = np.array([names.index(known.names[i]) for i in mine], np.intp)
+    median = [float(np.mean(np.log(problem.model.priors[known.names[i]].value))) for i in mine]
+    bounds = [(problem.coordinates[i].lower, problem.coordinates[i].upper) for i in at]
+    mean = np.clip(known.mean[mine] - median, *np.transpose(bounds)) if mine else np.zeros(0)
+    return Found(at, mean, known.cov[np.ix_(mine, mine)])
+
+
+def _ticks(m: Measured, cells: int) -> Iterator[Tick]:
+    """Give a record as ticks, one at each instant of its grid; a gap stands before each span."""
+    u, dt = m.drive, m.drive.dt
+    step_ns, time_ns, first_row = round(dt * NS), 0, 0
+    for span in m.spans:
+        K = len(span)
+        surface, age = _read_at_ticks(m, span, first_row, cells)
+        T = u.T_in[span.first : span.first + K]
+        inlet = np.concatenate([T[:1], (T[1:] + T[:-1]) / 2.0, T[-1:]])
+        for k in range(K + 1):
+            i = span.first + max(k - 1, 0)
+            since = dt if k else 2.0 * max(GAP_S, dt)
+            yield Tick(time_ns, since, float(u.I2[i]), nan, float(inlet[k]), surface[k], age[k], float(u.I[i]))
+            time_ns += step_ns
+        first_row += K + 1
+
+
+def _read_at_ticks(m: Measured, span: Span, first_row: int, cells: int) -> tuple[Floats, Floats]:
+    """Surfaces (K + 1, n) and their ages at the instants of a span; of several readings in an interval the last."""
+    K, dt = len(span), m.drive.dt
+    surface, age = np.full((K + 1, cells), np.nan), np.zeros((K + 1, cells))
+    cell = np.array([k - 1 if kind == "surface" else -1 for kind, k in m.channels])[m.channel]
+    mine = np.flatnonzero(m.used & (m.row >= first_row) & (m.row <= first_row + K) & (cell >= 0))
+    place = m.row[mine] - first_row + m.share[mine]
+    at = np.minimum(np.ceil(place - 1e-9).astype(np.intp), K)
+    surface[at, cell[mine]] = m.y[mine]
+    age[at, cell[mine]] = np.maximum(at - place, 0.0) * dt
+    return surface, age

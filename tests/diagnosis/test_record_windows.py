@@ -1,0 +1,145 @@
+"""Where a model does not explain the surfaces, its numbers come from the windows of the live method."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from bms_gateway.diagnosis.calibrate import identify
+from bms_gateway.diagnosis.core_band import core_bands, posterior
+from bms_gateway.diagnosis.prepare import measured
+from bms_gateway.diagnosis.record import make_record
+from bms_gateway.diagnosis.record_inputs import Columns
+from bms_gateway.diagnosis.record_windows import learned
+from bms_gateway.thermal import Prior, StringModel
+from tests.diagnosis.hidden_record import hidden
+from tests.diagnosis.measured_cells import CELLS, bench_record
+
+HIDDEN = [(effect, seed) for effect in ("radial_gradient", "ambient_loss") for seed in (3, 4, 5)]
+STRINGS = [("phase_change", 6), ("end_plate", 7)]
+
+
+@cache
+def strong(effect, seed, cells=1):
+    """Found numbers, record and core (K, n) of a drive with a strong effect that the model lacks."""
+    sensors = (1,) if cells == 1 else (1, (cells + 1) // 2, cells)
+    log, record, model = hidden(
+        effect, "strong", cells=cells, sensors=sensors, cycle="mixed", noise=0.05, step=0.1, seed=seed, columns=()
+    )
+    return identify(model, [record]), record, log.core
+
+
+def inside(found, record, core):
+    """Share of the time after ten minutes in which all cores lie inside two sd of what the numbers alone say."""
+    (band,) = core_bands(found.stated, covariance=posterior(found.fit))
+    true = np.stack([np.interp(band.time_s, record.instants, c) for c in core.T], axis=1)
+    late = band.time_s > 600.0
+    return np.mean(np.abs(band.T_c - true)[late] <= 2.0 * band.total_K[late])
+
+
+@pytest.mark.parametrize(("effect", "seed"), HIDDEN)
+def test_no_effect_that_the_model_lacks_moves_the_core_out_of_its_band(effect, seed):
+    assert inside(*strong(effect, seed)) >= 0.9
+
+
+@pytest.mark.parametrize(("effect", "seed"), STRINGS)
+def test_nor_does_it_in_a_string(effect, seed):
+    assert inside(*strong(effect, seed, cells=5)) >= 0.9
+
+
+@pytest.mark.parametrize("name", CELLS)
+def test_capacities_of_measured_cells_stay_near_what_is_known(name):
+    model, record, _ = bench_record(name)
+    fit = identify(model, [record]).fit
+    for c, z in zip(fit.problem.coordinates, fit.theta, strict=True):
+        if c.name in ("C_c", "C_s"):
+            assert abs(z) <= c.sd, f"{c.name} ends {z / c.sd:.1f} sd from what was known"
+
+
+@pytest.mark.parametrize("name", ["lfp_32113_insulated_1", "a123_26650_hev2"])
+def test_core_of_measured_cells_is_inside_the_band_of_their_numbers(name):
+    model, record, core = bench_record(name)
+    assert inside(identify(model, [record]), record, core[:, None]) >= 0.9
+
+
+def test_numbers_that_follow_the_surfaces_best_are_told_apart():
+    found, _, _ = strong("ambient_loss", 5)
+    best, believed = (np.sqrt(np.mean((f.y - _readings(f)) ** 2)) for f in (found.seen, found.stated))
+    assert best < believed
+
+
+def _readings(fit):
+    return np.concatenate([m.y for m in fit.problem.records])
+
+
+def test_marginal_of_the_numbers_is_that_of_the_windows():
+    found, record, _ = strong("ambient_loss", 4)
+    model = found.fit.problem.model
+    known = learned(model, [measured(record, model)])
+    names = [c.name for c in found.fit.problem.coordinates]
+    at = [names.index(n) for n in known.names]
+    P = len(found.fit.theta)
+    assert posterior(found.fit)[:P, :P][np.ix_(at, at)] == pytest.approx(known.cov, rel=1e-6, abs=1e-12)
+    nominal = np.log([float(np.mean(model.priors[n].value)) for n in known.names])
+    assert found.fit.theta[at] == pytest.approx(known.mean - nominal, abs=1e-9)
+
+
+def cooled_by(R_u, seed=0, current_scale=1.0):
+    """A record of two nodes with this film, in tenths of a second; its cell: 60 and 5 J/K, 25 mOhm, 3 K/W."""
+    rng, steps = np.random.default_rng(seed), 24001
+    amps = current_scale * np.where(np.arange(steps) // 900 % 2, 12.0, 3.0)
+    core, surface, seen = 25.0, 25.0, np.empty(steps)
+    for k in range(steps):
+        seen[k] = surface
+        flow = (core - surface) / 3.0
+        core += 0.1 * (0.025 * amps[k] ** 2 - flow) / 60.0
+        surface += 0.1 * (flow - (surface - 25.0) / R_u) / 5.0
+    each = slice(None, None, 10)
+    t = np.arange(steps)[each] / 10.0
+    noise = 0.03 * rng.standard_normal(len(t))
+    return make_record(
+        Columns(
+            time_s=t,
+            current_A=amps[each],
+            coolant_inlet_C=np.full(len(t), 25.0),
+            surface_C={1: seen[each] + noise},
+            source=f"R_u {R_u:g}",
+        ),
+        CELL,
+    )
+
+
+CELL = StringModel(
+    1,
+    (1,),
+    "single",
+    {
+        "C_c": Prior(60.0, 0.05),
+        "C_s": Prior(5.0, 0.05),
+        "R_e": Prior(0.03, 0.3),
+        "R_c": Prior(3.0, 0.3),
+        "R_u": Prior(7.0, 0.4),
+    },
+)
+
+
+@pytest.mark.parametrize("R_u", [(9.0, 5.0), (5.0, 9.0)])
+def test_each_record_has_its_own_cooling_and_they_share_the_cell(R_u):
+    records = [measured(cooled_by(x, seed), CELL) for seed, x in enumerate(R_u)]
+    found = learned(CELL, records)
+    for name, true in (("R_u", R_u[-1]), ("R_e", 0.025)):
+        i = found.names.index(name)
+        assert found.mean[i] == pytest.approx(np.log(true), abs=3.0 * np.sqrt(found.cov[i, i]))
+    i, alone = found.names.index("R_e"), learned(CELL, records[-1:])
+    assert found.cov[i, i] < alone.cov[i, i]
+
+
+def test_nothing_is_learnt_of_a_record_that_warms_nothing():
+    assert learned(CELL, [measured(cooled_by(7.0, current_scale=0.05), CELL)]) is None
+
+
+def test_held_out_readings_are_not_shown():
+    m = measured(cooled_by(7.0), CELL)
+    spoilt = replace(m, y=np.where(m.used, m.y, m.y + 20.0))
+    assert learned(CELL, [spoilt]).mean == pytest.approx(learned(CELL, [m]).mean, abs=1e-12)
