@@ -119,9 +119,9 @@ def test_a_load_that_took_long_is_no_hang_and_is_noted_once(tmp_path):
     trial.against(7)
     trial.begin()
     trial._alive_s -= HANG_S + 1.0
-    trial.loaded()
-    trial.alive()
-    assert lines_of(tmp_path)[1] == ["try", "loaded", "went on"]
+    for call in (trial.loaded, trial.alive):
+        call()
+        assert lines_of(tmp_path)[1] == ["try", "loaded", "went on"]
     trial.over()
 
 
