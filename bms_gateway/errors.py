@@ -93,6 +93,20 @@ def clipped(text: str, most: int) -> str:
     return text if len(text) <= most else f"{text[: most - 21]} … {text[-18:]}"
 
 
+MOST_DIGITS = 18
+
+
+def whole_number(text: str) -> int | None:
+    """Read a whole number of a person's; None where it is none, or none that anything here could have.
+
+    Examples
+    --------
+    >>> whole_number("12"), whole_number("-1"), whole_number("²"), whole_number("9" * 5000)
+    (12, None, None, None)
+    """
+    return int(text) if text.isascii() and text.isdigit() and len(text) <= MOST_DIGITS else None
+
+
 def did_you_mean(word: str, choices: Iterable[str]) -> str:
     """Tell the nearest valid choice, as the end of an error line.
 

@@ -14,8 +14,9 @@ import numpy as np
 
 from bms_gateway.bus.canframe import ERR, to_wire
 from bms_gateway.chaos.live import Fault, LiveBench
-from bms_gateway.chaos.reaction import Counted, Reaction, Told
+from bms_gateway.chaos.reaction import Counted, Reaction, Told, Uncounted
 from bms_gateway.chaos.scenario import Scenario
+from bms_gateway.config import shipped
 from bms_gateway.frames.batch import FrameBatch
 
 AWAY_S: Final = 3.0
@@ -29,6 +30,25 @@ GARBAGE: Final = (
     "x = " + "[" * 3_000 + "]" * 3_000,
     ".".join("k" * 200_000) + " = 1",
     '[bus]\nchannel = "\\u0000"\n',
+)
+MESSAGE: Final = """\
+VERSION ""
+BS_:
+BU_: V
+BO_ 256 Pack: 8 V
+ SG_ A m0M : 0|8@1+ (1,0) [0|2] "" V
+ SG_ B m0M : 8|8@1+ (1,0) [0|2] "" V
+"""
+BROKEN_DBC: Final = (
+    'BA_DEF_ BO_ "E2EProfile" ENUM "None","AUTOSAR_P01_1A";\nBA_DEF_DEF_ "E2EProfile" "None";\n'
+    'BA_ "E2EProfile" BO_ 256 1;\n',  # and no E2EDataID
+    'BA_DEF_ BO_ "GenMsgCycleTime" FLOAT 0 65535;\nBA_DEF_DEF_ "GenMsgCycleTime" 0;\n'
+    'BA_ "GenMsgCycleTime" BO_ 256 1e400;\n',
+    "SG_MUL_VAL_ 256 A B 0-0;\nSG_MUL_VAL_ 256 B A 0-0;\n",  # each selected by the other
+    "SG_MUL_VAL_ 256 A B 0-4294967296;\n",
+)
+WITH_DBC: Final = (
+    '[bus]\nchannel = "vcan0"\ndbc = ["vehicle.dbc"]\n[[string]]\nname = "string_1"\nmodel = "string.toml"\n'
 )
 NET: Final = Path("/sys/class/net")
 
@@ -118,23 +138,38 @@ def bus_scenarios(channel: str | None) -> list[BusScenario]:
         ),
         one(
             "config-garbage",
-            f"{len(GARBAGE)} reloads (SIGHUP) of configurations that no parser should see",
-            (Counted.of("reloads_refused"),),
+            f"{len(GARBAGE) + len(BROKEN_DBC) + 1} reloads (SIGHUP) of files that no parser should see",
+            (Counted.of("garbage_refused"), Uncounted.of("garbage_unanswered")),
             _garbage,
         ),
     ]
 
 
 async def _garbage(bench: LiveBench) -> None:
-    loop = asyncio.get_running_loop()
-    with TemporaryDirectory(prefix="bms-gateway-chaos-") as folder:
-        bench.config = Path(folder) / "gateway.toml"
-        for refused, text in enumerate(GARBAGE):
+    with TemporaryDirectory(prefix="bms-gateway-chaos-") as name:
+        folder = Path(name)
+        bench.config = folder / "gateway.toml"
+        for text in GARBAGE:
             bench.config.write_text(text, encoding="utf-8")
-            os.kill(os.getpid(), signal.SIGHUP)
-            end = loop.time() + RECOVERS_S
-            while bench.gateway.tally.reloads_refused <= refused and loop.time() < end:
-                await asyncio.sleep(0.1)
+            await _refused(bench)
+        (folder / "string.toml").write_bytes(shipped("deploy/example/string.toml").read_bytes())
+        bench.config.write_text(WITH_DBC, encoding="utf-8")
+        for text in BROKEN_DBC:
+            (folder / "vehicle.dbc").write_text(MESSAGE + text, encoding="utf-8")
+            await _refused(bench)
+        bench.config.unlink()
+        os.mkfifo(bench.config)
+        await _refused(bench)
+
+
+async def _refused(bench: LiveBench) -> None:
+    """Have the configuration read again, and wait until it is refused."""
+    loop, tally = asyncio.get_running_loop(), bench.gateway.tally
+    before, end = tally.reloads_refused, loop.time() + RECOVERS_S
+    os.kill(os.getpid(), signal.SIGHUP)
+    while tally.reloads_refused == before and loop.time() < end:
+        await asyncio.sleep(0.1)
+    bench.count("garbage_refused" if tally.reloads_refused > before else "garbage_unanswered")
 
 
 def _is_virtual(channel: str) -> bool:

@@ -3,12 +3,14 @@
 from collections.abc import Callable, Mapping, Sequence
 
 from bms_gateway.chaos.bus_faults import BusScenario, bus_scenarios
+from bms_gateway.chaos.door_faults import door_scenarios
 from bms_gateway.chaos.facts import Facts
 from bms_gateway.chaos.heat_faults import heat_scenarios
 from bms_gateway.chaos.live import RealTimeBench
 from bms_gateway.chaos.scenario import Outcome, Scenario
 from bms_gateway.chaos.sensors import sensor_scenarios
 from bms_gateway.chaos.service_faults import service_scenarios
+from bms_gateway.chaos.state_faults import state_scenarios
 from bms_gateway.chaos.stepped import SteppedBench
 from bms_gateway.chaos.time_faults import time_scenarios
 from bms_gateway.chaos.traffic_faults import frame_scenarios
@@ -41,9 +43,10 @@ class Chaos:
         self._plan, self._database, self._channel, self._seed = plan, database, channel, seed
         facts = Facts.of(plan, database, seed)
         self._bus: Mapping[str, BusScenario] = {
-            s.scenario.name: s for s in [*bus_scenarios(channel), *service_scenarios(channel)]
+            s.scenario.name: s for s in [*bus_scenarios(channel), *service_scenarios(channel), *door_scenarios()]
         }
         stepped = [*frame_scenarios(facts), *sensor_scenarios(facts), *heat_scenarios(facts), *time_scenarios()]
+        stepped += state_scenarios()
         found = [*(s.scenario for s in self._bus.values()), *stepped]
         self.scenarios: Mapping[str, Scenario] = {s.name: s for s in sorted(found, key=lambda s: ORDER.index(s.kind))}
         self._live: RealTimeBench | None = None

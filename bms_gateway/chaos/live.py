@@ -10,9 +10,10 @@ import socket
 import tempfile
 import threading
 import time
+from collections import Counter
 from collections.abc import Awaitable, Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
 
@@ -101,6 +102,18 @@ class LiveBench:
     """What a reload reads."""
     talk: Callable[[], None] = lambda: None
     """Puts what the pack and others have to say by now on the bus: where the loop is held up."""
+    counts: Counter[str] = field(default_factory=Counter)
+    """What a fault itself has counted, for its reactions."""
+
+    def count(self, name: str) -> None:
+        """Count something that happened."""
+        self.counts[name] += 1
+
+    @property
+    def engine(self) -> Engine:
+        """The engine of now."""
+        assert isinstance(self.gateway.engine, Engine)  # noqa: S101 (the bench has no other)
+        return self.gateway.engine
 
     @property
     def gateway(self) -> Gateway:
@@ -406,6 +419,7 @@ class _LiveRun:
         told = ("saves", "saves_failed", "jobs_failed", "reloads_refused")
         counts |= {name: getattr(gateway.tally, name) for name in told}
         counts["unread"] = int(bool(gateway.unread()))
+        counts |= self.bench.counts
         counts |= {f"error_{name}": n for name, n in c.errors.items()}
         engine = self.engine
         return counts | dict(chain(engine.rejected.items(), engine.clock_counts.items()) if engine is not None else ())

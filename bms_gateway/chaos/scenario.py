@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import pairwise
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -46,6 +47,10 @@ class Injection:
         What is driven, of `thermal.cycles.CYCLES`.
     restart : bool
         The gateway is stopped when the fault begins, with its state kept, and started when it ends.
+    stored : callable, optional
+        What happens to the directory of the state while it is stopped, ``(directory)``.
+    ends : bool
+        Whenever it has taken up a stored state, it ends with its first tick; it is started again every second.
     """
 
     values: dict[Key, Callable[[Floats, Floats], Floats]] = field(default_factory=dict)
@@ -55,6 +60,8 @@ class Injection:
     epoch_s: float = 1_700_000_000.0
     parked: bool = False
     restart: bool = False
+    stored: Callable[[Path], None] | None = None
+    ends: bool = False
     rests: bool = False
     pack: PackFault | None = None
     cycle: str = CYCLE

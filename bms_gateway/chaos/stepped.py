@@ -6,10 +6,12 @@ port, bus clock, engine and frames are those of the service. Faults that need re
 queues) run on the live bench.
 """
 
-import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
-from typing import Protocol
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -24,10 +26,17 @@ from bms_gateway.chaos.scenario import STEADY, Outcome, Scenario, is_sound, judg
 from bms_gateway.engine import Engine, Notice, Plan, SendFrames, drain
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.database import Database
+from bms_gateway.store import StateStore, Trial
 
 SLICE_NS = SECOND // 10
 SETTLE_NS = 2_000_000  # as the service waits with a deadline
 LONG_S = 180  # of a longer rest only so much is gone through step by step: then the engine sleeps
+SAVE_S = 60  # as the service saves
+USED = {"state", "state.previous", "state.trying", "state.new"}
+
+
+class EndedError(Exception):
+    """The service ends, by a bug."""
 
 
 class Bus(Protocol):
@@ -161,13 +170,16 @@ class SteppedBench:
         )
         engine = Engine(self._plan, self._database)
         bus: Bus = MemoryWires() if self._channel is None else InterfaceWires(self._channel, engine)
-        run = _Run(scenario, record, engine, bus, Bystander(self._plan, self._database), self._seed)
-        run.fresh = lambda: Engine(self._plan, self._database)
         try:
-            for k, second in enumerate(drive.seconds(seconds)):
-                run.second(k, second)
-                if run.recovered:
-                    break
+            with TemporaryDirectory(prefix="bms-gateway-chaos-") as folder:
+                run = _Run(
+                    scenario, record, engine, bus, Bystander(self._plan, self._database), self._seed, Path(folder)
+                )
+                run.fresh = lambda: Engine(self._plan, self._database)
+                for k, second in enumerate(drive.seconds(seconds)):
+                    run.second(k, second)
+                    if run.recovered:
+                        break
         finally:
             bus.close()
         return record
@@ -177,12 +189,20 @@ class _Run:
     """State of one run."""
 
     def __init__(
-        self, scenario: Scenario, record: Record, engine: Engine, bus: Bus, bystander: Bystander, seed: int
+        self,
+        scenario: Scenario,
+        record: Record,
+        engine: Engine,
+        bus: Bus,
+        bystander: Bystander,
+        seed: int,
+        folder: Path,
     ) -> None:
         self.scenario, self.record, self.bus, self.bystander = scenario, record, bus, bystander
         self.engine: Engine | None = engine
         self.fresh: Callable[[], Engine] = lambda: engine
-        self._kept: Mapping[str, object] | None = None
+        self._store = StateStore(folder)
+        self._stopped = False
         self._rng = np.random.default_rng([seed, 0xFA])
         self._steady_ns = 0
         self._wall_off_ns = round(scenario.injection.epoch_s * 1e9)
@@ -203,7 +223,9 @@ class _Run:
             self._wall_off_ns += round(injection.wall_s * 1e9)
             self._stepped = True
         if injection.restart:
-            self._restart(during)
+            if k == record.start_s - SAVE_S:
+                self._save(k)
+            self._restart(k, during)
         if during and injection.parked:
             if k - record.start_s > LONG_S and k < record.end_s - 1:
                 return  # asleep: nothing happens, and the clocks go on by themselves
@@ -252,18 +274,41 @@ class _Run:
                 self.record.lines.append(Line(steady_ns / SECOND, event.code, event.text))
         self.bystander.take(self.bus.overhear())
 
-    def _restart(self, during: bool) -> None:
-        if during and self.engine is not None:
-            # through text, as the store keeps it
-            self._kept = json.loads(json.dumps(self.engine.snapshot()))
-            self.engine = None
-        elif not during and self.engine is None and self._kept is not None:
-            self.engine = self.fresh()
-            self.engine.restore(self._kept)
-            self._clock = BusClock(lambda: self._steady_ns + self._wall_off_ns, lambda: self._steady_ns)
+    def _save(self, k: int) -> None:
+        if self.engine is not None and (problem := self._store.save(self.engine.snapshot(), wall_ns=k)) is not None:
+            raise problem
+
+    def _restart(self, k: int, during: bool) -> None:
+        injection = self.scenario.injection
+        if during and not self._stopped:
+            self._save(k)
+            if injection.stored is not None:
+                injection.stored(self._store.directory)
+            self.engine, self._stopped = None, True
+        elif self._stopped and self.engine is None and (injection.ends or not during):
+            self._start()
+
+    def _start(self) -> None:
+        """Start as the service does; with `ends` it is gone again at once wherever it finds a state."""
+        trial, engine = Trial(self._store.directory, "bench"), self.fresh()
+
+        def use(state: dict[str, Any]) -> None:
+            nonlocal engine
+            engine = self.fresh()
+            engine.restore(state)
+
+        found = self._store.load(use, trial)
+        if self.scenario.injection.ends and found.state is not None:
+            with suppress(EndedError), trial.noting():
+                raise EndedError("the first tick is too much for it")
+            return
+        trial.over()
+        self.engine = engine if found.state is not None else self.fresh()
+        self._clock = BusClock(lambda: self._steady_ns + self._wall_off_ns, lambda: self._steady_ns)
 
     def _counts(self) -> dict[str, int]:
-        counts = {"clock_steps": self._clock.steps, "misdated": self._clock.misdated}
+        aside = sum(file.name not in USED for file in self._store.directory.iterdir())
+        counts = {"clock_steps": self._clock.steps, "misdated": self._clock.misdated, "set_aside": aside}
         if self.engine is not None:
             counts |= self.engine.rejected | self.engine.clock_counts
         return counts

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bms_gateway.cli.main import Parser
-from bms_gateway.errors import ConfigError, UsageError, did_you_mean
+from bms_gateway.errors import ConfigError, UsageError, clipped, did_you_mean, whole_number
 from bms_gateway.records.recent_signals import STATE_DIRECTORY
 
 if TYPE_CHECKING:
@@ -62,9 +62,10 @@ def _target(word: str, loaded: "LoadedConfig") -> "tuple[StringPlan, int | None]
     n = strings[name].model.cells
     if not colon:
         return strings[name], None
-    if not cell.isdigit() or not 1 <= int(cell) <= n:
-        raise UsageError(f"baseline: '{cell}' is no cell of {name}; valid: 1 to {n}")
-    return strings[name], int(cell)
+    number = whole_number(cell)
+    if number is None or not 1 <= number <= n:
+        raise UsageError(f"baseline: '{clipped(cell, 60)}' is no cell of {name}; valid: 1 to {n}")
+    return strings[name], number
 
 
 def _reset(args: argparse.Namespace, loaded: "LoadedConfig", store: Path) -> int:

@@ -2,6 +2,8 @@
 
 import argparse
 import gc
+from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +18,7 @@ if TYPE_CHECKING:
     from bms_gateway.engine import Engine, Event
     from bms_gateway.service.live import Gateway
     from bms_gateway.service.signals import Signals
-    from bms_gateway.store import StateStore
+    from bms_gateway.store import StateStore, Trial
     from bms_gateway.store.recent import Recent
 
 END_MOST_S = 4.0  # a second more than the gateway takes where all that it waits for at the end hangs
@@ -43,12 +45,15 @@ def run(args: argparse.Namespace) -> int:
         from bms_gateway.service.signals import Signals
 
         signals = Signals(END_MOST_S, INTERRUPT_MOST_S)
-        gateway, port, store = _assembled(args.config, signals)
+        gateway, port, store, trial = _assembled(args.config, signals)
     finally:
         gc.enable()
     gc.freeze()
     try:
-        gateway.serve(seconds=args.seconds)
+        with nullcontext() if trial is None else trial.noting():
+            gateway.serve(seconds=args.seconds)
+        if trial is not None:
+            trial.over()
     finally:
         gc.unfreeze()
         port.close()
@@ -58,18 +63,20 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _assembled(config: Path, signals: "Signals") -> "tuple[Gateway, Port, StateStore | None]":
-    """Gateway of a config with all that runs beside it, its port, and where it keeps its state."""
+def _assembled(config: Path, signals: "Signals") -> "tuple[Gateway, Port, StateStore | None, Trial | None]":
+    """Gateway of a config with all that runs beside it, its port, where it keeps its state, and the trial of that."""
     import logging
 
     from bms_gateway.config.load import load_config
     from bms_gateway.engine import Decoded
     from bms_gateway.service.baseline import BaselineRequests
+    from bms_gateway.service.boot import boot_id
     from bms_gateway.service.fit_process import Aside
     from bms_gateway.service.journal import start_logging
     from bms_gateway.service.live import Gateway
+    from bms_gateway.service.on_trial import prove
     from bms_gateway.service.reporting import accompany
-    from bms_gateway.store import StateStore
+    from bms_gateway.store import StateStore, Trial
 
     start_logging()
     log = logging.getLogger("bms_gateway.run")
@@ -78,7 +85,8 @@ def _assembled(config: Path, signals: "Signals") -> "tuple[Gateway, Port, StateS
     if store is not None and (problem := store.lock()) is not None:
         log.warning("%s", problem)
     recent = _recent(loaded)
-    engine = started(loaded, store, log)
+    trial = None if store is None else Trial(store.directory, boot_id())
+    engine = started(loaded, store, log, trial)
     engine.recording = recent is not None
     port = _port(loaded, engine)
 
@@ -108,11 +116,13 @@ def _assembled(config: Path, signals: "Signals") -> "tuple[Gateway, Port, StateS
     if store is not None:
         gateway.unread = lambda: store.unread
         gateway.beside["baseline"] = BaselineRequests(store.directory, lambda: engine).run
+    if trial is not None:
+        gateway.beside["trial"] = partial(prove, gateway, trial)
     log.info("listening on %s: %d strings", loaded.config.bus.channel, len(loaded.plan.strings))
-    return gateway, port, store
+    return gateway, port, store, trial
 
 
-def started(loaded: "LoadedConfig", store: "StateStore | None", log: Any) -> "Engine":
+def started(loaded: "LoadedConfig", store: "StateStore | None", log: Any, trial: "Trial | None" = None) -> "Engine":
     """Engine with the newest stored state that can be trusted and used, and a line on each that could not."""
     from bms_gateway.service.boot import on_this_line
 
@@ -127,9 +137,11 @@ def started(loaded: "LoadedConfig", store: "StateStore | None", log: Any) -> "En
         fresh.restore(moved, sure=sure)
         engine = fresh
 
-    found = store.load(use)
+    found = store.load(use, trial)
     for problem in found.problems:
         log.warning("%s", problem)
+    if trial is not None and trial.told and found.state is not None:
+        log.warning("%s: %s; it is tried once more", store.directory, trial.told)
     if found.problems and found.state is None:
         log.warning("%s: no stored state can be used: starting from the model files", store.directory)
     return engine

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from bms_gateway.config.toml import Section
 from bms_gateway.config.units import effect_units
-from bms_gateway.errors import ConfigError, did_you_mean
+from bms_gateway.errors import MOST_DIGITS, ConfigError, clipped, did_you_mean, whole_number
 from bms_gateway.thermal import KINDS, AddedEffect, Floats
 
 if TYPE_CHECKING:
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 Correlated = tuple[tuple[str, ...], Floats]
 ROUNDING = 1e-6
 """Tolerance for rounded digits, where a number is compared with its bound or a matrix with a correlation."""
+LONGEST_KEY = 100
+"""Characters of a key of the user's that are shown."""
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
@@ -69,6 +71,9 @@ def read_effects(
         catalogued = [_catalogued(key.partition(":")[0]) for key in listed]
     except ConfigError as e:
         raise ConfigError(f"effects: {e}") from None
+    for key in listed:
+        if len(key.partition(":")[2]) > MOST_DIGITS:
+            raise ConfigError(f"effects: {clipped(key, LONGEST_KEY)!r}: no such cell; valid: 1 to {cells}")
     for key in tables:
         if key not in listed:
             raise ConfigError(f"effect.{key}: is not in effects; add {_quoted(key)} there, or remove the table")
@@ -221,10 +226,11 @@ def _cell(effect: "Effect", key: str, table: EffectTable, cells: int, sensors: t
     # a loss of coolant is visible only if two cells lie behind it
     last = cells - 2 if effect.place == "gap" else cells
     valid = sensors if effect.place == "sensor" else range(1, last + 1)
-    cell = int(named) if named.isdecimal() else table.cell
+    number = whole_number(named)
+    cell = table.cell if number is None else number
     listed = ", ".join(map(str, sensors)) or "none, for there is no sensor"
     what = f"valid: {listed if effect.place == 'sensor' else f'1 to {last}'}"
-    if cell is None or (colon and not named.isdecimal()):
+    if cell is None or (colon and number is None):
         raise ConfigError(f".cell: missing; {effect.name} sits on one {effect.place}; {what}")
     if table.cell not in (None, cell):
         raise ConfigError(f".cell: {table.cell} is not the {cell} of its name")

@@ -16,7 +16,7 @@ from bms_gateway.config.schema import GatewayConfig, Signals, Source, String
 from bms_gateway.config.toml import MOST_SHOWN, nearest_file, read_toml, validate
 from bms_gateway.config.units import signal_conversion
 from bms_gateway.engine.plan import Channel, Plan, StringPlan
-from bms_gateway.errors import ConfigError, clipped, did_you_mean
+from bms_gateway.errors import ConfigError, clipped, did_you_mean, whole_number
 from bms_gateway.frames.database import Database, Read
 from bms_gateway.frames.j1939 import PROTOCOL, sent_from
 from bms_gateway.frames.own_dbc import MAX_CELLS, MAX_STRINGS, OWN_DBC, own_signal
@@ -225,9 +225,9 @@ class _Wiring:
         users: dict[str | None, int] = {}
         for text, source in sources.items():
             key = f"{self.where}.{quantity}.{text}"
-            if not text.isascii() or not text.isdigit() or not 1 <= int(text) <= self.model.cells:
-                raise ConfigError(f"{key}: no such cell; valid: 1 to {self.model.cells}")
-            cell = int(text)
+            cell = whole_number(text)
+            if cell is None or not 1 <= cell <= self.model.cells:
+                raise ConfigError(f"{clipped(key, MOST_SHOWN)}: no such cell; valid: 1 to {self.model.cells}")
             if cell in found:
                 raise ConfigError(f"{key}: cell {cell} is named twice")
             other = users.setdefault(source.signal, cell)

@@ -22,7 +22,7 @@ from bms_gateway.diagnosis.screen import screen
 from bms_gateway.diagnosis.search import Progress, refit, refit_from_nominal
 from bms_gateway.diagnosis.second_search import SecondSearch
 from bms_gateway.diagnosis.weighing import HALF, Settings, gate, prior_odds
-from bms_gateway.errors import ConfigError, DataError
+from bms_gateway.errors import ConfigError, DataError, clipped, whole_number
 from bms_gateway.frames.vocabulary import INPUTS, OPTIONAL, WHOLE
 from bms_gateway.identify.map_fit import MapFit, refreshed, stacked
 from bms_gateway.thermal import Floats, StringModel
@@ -126,9 +126,10 @@ def wanted(word: str, model: StringModel) -> Wanted:
         raise ConfigError(f"{name}: the model has no {effect.place} where it could sit")
     if colon and valid == (None,):
         raise ConfigError(f"{name} sits on no cell; write {name}")
-    if colon and (not text.isdecimal() or int(text) not in valid):
-        raise ConfigError(f"{word}: no place for {name}; valid: {', '.join(map(str, valid))}")
-    found = Wanted(effect, int(text) if colon else None)
+    cell = whole_number(text) if colon else None
+    if colon and (cell is None or cell not in valid):
+        raise ConfigError(f"{clipped(word, 100)}: no place for {name}; valid: {', '.join(map(str, valid))}")
+    found = Wanted(effect, cell)
     there = {e.key for e in model.effects}
     if all((name if cell is None else f"{name}:{cell}") in there for cell in valid if not colon or cell == found.cell):
         raise ConfigError(f"{word} is in the model already")

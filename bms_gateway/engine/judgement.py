@@ -37,7 +37,7 @@ def judged(t1: int, frames: int, rejected: Mapping[str, int], estimators: Estima
                 s.ageing.growth_sd,
                 s.mismatch.excess,
                 s.flags,
-                reading.soc,
+                reading.slow["soc"],
                 reading.means.V,
             )
         )

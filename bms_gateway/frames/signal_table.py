@@ -306,7 +306,7 @@ class _Tree:
             for step in signal.mux
             if step.signal == info.name
             for value in step.values
-            if value >= 0
+            if value >= 0 and _representable(value, info)
         }
 
     def inherit(self) -> None:

@@ -206,7 +206,7 @@ def _cells(
         mine = [n for n in mine if kind[n] == quantity or _heat_of_a_cell(plain(n))]
         if not mine:
             mine = [n for n in free if kind[n] == quantity and not _NOT.search(plain(n))]
-    numbers = [int(m[1]) if (m := _NUMBER.search(plain(n))) else 0 for n in mine]
+    numbers = [int(m[1][-9:]) if (m := _NUMBER.search(plain(n))) else 0 for n in mine]
     if len(set(numbers)) < len(numbers) or (0 in numbers and len(mine) == 1):
         numbers = list(range(1, len(mine) + 1))
     elif 0 in numbers:

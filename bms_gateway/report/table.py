@@ -31,7 +31,7 @@ _WHOLE = (*REQUIRED, *OPTIONAL)
 MOST_NUMBERS = 16 << 20
 """Numbers that any table may have: 128 MiB. A larger one has at most `PER_BYTE` of them for each byte of its file."""
 PER_BYTE = 2
-_CELL_COLUMN = re.compile("|".join(column.format("([1-9][0-9]*)") for column in CELL_COLUMNS.values()))
+_CELL_COLUMN = re.compile("|".join(column.format("([1-9][0-9]{0,8})") for column in CELL_COLUMNS.values()))
 _OURS = (*_WHOLE, *(column.split("{")[0] for column in CELL_COLUMNS.values()))
 _NEXT = re.compile(rf",(?=\s*(?:{'|'.join(_OURS)})[A-Za-z0-9_]*\s*=)")
 """A comma that another pair follows; others belong to the name of a column."""

@@ -16,9 +16,9 @@ power costs at most the snapshot in progress.
 
 A file that cannot be used is renamed to ``state.<reason>`` and never read again. A file that is damaged or not ours
 replaces an earlier one of the same reason. A file that may still be a good state (not readable, of a newer version,
-refused by the engine) replaces no other: the next one becomes ``state.<reason>.2``. If all such names are used, or the
-disk does not allow the rename, nothing is saved. So the directory does not fill up, and no state is lost that a person
-could still restore.
+refused by the engine, on `trial` and found to end the service) replaces no other: the next one becomes
+``state.<reason>.2``. If all such names are used, or the disk does not allow the rename, nothing is saved. So the
+directory does not fill up, and no state is lost that a person could still restore.
 
 Whoever only looks (`look`) renames nothing: the service may be writing.
 
@@ -39,6 +39,7 @@ from typing import Any
 from bms_gateway.errors import StateError
 from bms_gateway.store.dear import is_dear
 from bms_gateway.store.files import make_directory, read_on, reading, sync_directory, write_fresh
+from bms_gateway.store.trial import Trial
 
 VERSION = 1
 MAGIC = b"bms-gateway-state"
@@ -47,6 +48,13 @@ MAX_BYTES = 64 << 20
 MAX_HEAD = 256
 GARBAGE = ("corrupt", "foreign")  # reasons for which nothing of worth is lost when the next takes its name
 UNREAD = "unread"
+CRASHED = "crashed"
+TOLD = {
+    UNREAD: "a stored state could not be read and was kept as {}: stop the service and move it back, once it can be "
+    "read, or delete it",
+    CRASHED: "the service ended again and again soon after it had restored a stored state, which was kept as {}: "
+    "report it with the lines of the journal; after an update stop the service and move it back, or delete it",
+}
 KEPT_MOST = 5  # of one reason: a fault that recurs at every start must not fill the disk
 SHORT_OF = (errno.EMFILE, errno.ENFILE, errno.ENOMEM)  # says nothing of the file: it may be readable in a minute
 
@@ -71,11 +79,12 @@ class Loaded:
 
 
 class _RejectedError(Exception):
-    """Reason (part of the quarantine name) and text."""
+    """Reason (part of the quarantine name) and text; and where the file lies once it is set aside."""
 
     def __init__(self, reason: str, text: str) -> None:
         super().__init__(text)
         self.reason = reason
+        self.aside: Path | None = None
 
 
 class StateStore:
@@ -89,7 +98,8 @@ class StateStore:
     Attributes
     ----------
     unread : str
-        What of the stored state could not be read, where it is, and what to do, for people; empty where all could.
+        What of the stored state could not be read or ended the service, where it is, and what to do, for people; empty
+        where there is none.
 
     Examples
     --------
@@ -185,7 +195,7 @@ class StateStore:
             return StateError(f"{self.directory}: the state cannot be saved: {e.strerror}; estimates go on without it")
         return None
 
-    def load(self, use: Callable[[dict[str, Any]], None] | None = None) -> Loaded:
+    def load(self, use: Callable[[dict[str, Any]], None] | None = None, trial: Trial | None = None) -> Loaded:
         """Read the newest snapshot that can be trusted; set the others aside.
 
         Parameters
@@ -193,6 +203,8 @@ class StateStore:
         use : callable, optional
             Takes the snapshot up. A `StateError` from it says that this one is of no use: it is set aside like a
             damaged one, as ``state.refused``, and the generation before is tried.
+        trial : Trial, optional
+            A snapshot on which it has found is set aside in the same way, as ``state.crashed``.
 
         Returns
         -------
@@ -200,9 +212,37 @@ class StateStore:
             Never raises for what lies on the disk.
         """
         self._stuck.clear()
-        found = self._newest(use, self._try_to_set_aside)
+        if trial is None:
+            found = self._newest(use, self._try_to_set_aside)
+        else:
+            with trial.noting():
+                found = self._tried(use, trial)
         self._note_unread()
         return found
+
+    def _tried(self, use: Callable[[dict[str, Any]], None] | None, trial: Trial) -> Loaded:
+        """Load on trial; where a state was set aside in it, a start without any is on trial too."""
+        back = trial.put_back()
+
+        def reject(path: Path, why: _RejectedError) -> StateError:
+            problem = self._try_to_set_aside(path, why)
+            if why.reason == CRASHED and why.aside is not None:
+                trial.set_aside(path.name, why.aside.name)
+            return problem
+
+        found = self._newest(use, reject, trial)
+        if found.state is None and trial.aside:
+            trial.against(None)
+            trial.begin()
+        if found.state is None and not trial.aside:
+            trial.over()
+        else:
+            trial.loaded()
+        told = tuple(
+            StateError(f"{path}: put back: the service ends again and again without a stored state, too")
+            for path in back
+        )
+        return Loaded(found.state, found.saved_ns, told + found.problems)
 
     def look(self) -> Loaded:
         """Read the newest snapshot that can be trusted, and change nothing: for processes other than the one writer.
@@ -218,11 +258,16 @@ class StateStore:
         self,
         use: Callable[[dict[str, Any]], None] | None,
         reject: "Callable[[Path, _RejectedError], StateError]",
+        trial: Trial | None = None,
     ) -> Loaded:
         problems: list[StateError] = []
         for path in (self._state, self._previous):
             try:
                 content = _read(path)
+                if trial is not None:
+                    if why := trial.against(content["saved_ns"]):
+                        raise _RejectedError(CRASHED, why)  # noqa: TRY301 (handled as what `_read` raises)
+                    trial.begin()
                 if use is not None:
                     use(content["state"])
             except FileNotFoundError:
@@ -301,19 +346,19 @@ class StateStore:
             path.replace(aside)
         except OSError as e:
             raise StateError(f"{path}: {why}; it cannot be set aside: {e.strerror}") from None
+        why.aside = aside
         return aside
 
     def _note_unread(self) -> None:
-        """List files that were set aside unread, in this run or an earlier one, until a person removes them."""
+        """List good states that were set aside, in this run or an earlier one, until a person removes them."""
         try:
-            names = sorted(f.name for f in self.directory.iterdir() if f".{UNREAD}" in f.name)
+            names = sorted(f.name for f in self.directory.iterdir())
         except OSError:
             return  # a directory that cannot be listed holds no state to be told of
-        if names:
-            self.unread = (
-                f"{self.directory}: a stored state could not be read and was kept as {', '.join(names)}: "
-                "stop the service and move it back, once it can be read, or delete it"
-            )
+        kept = {reason: [name for name in names if f".{reason}" in name] for reason in TOLD}
+        told = [text.format(", ".join(kept[reason])) for reason, text in TOLD.items() if kept[reason]]
+        if told:
+            self.unread = f"{self.directory}: {'; '.join(told)}"
 
 
 def _read(path: Path) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from typing import Any, Final
 
 from bms_gateway.config.load import cell_list
 from bms_gateway.config.model_file import write_model
-from bms_gateway.errors import UsageError, did_you_mean
+from bms_gateway.errors import UsageError, clipped, did_you_mean, whole_number
 from bms_gateway.records.kind import log_kind
 from bms_gateway.setup.propose import propose
 from bms_gateway.setup.settle import missing, settle
@@ -130,9 +130,10 @@ def _cells(what: str, text: str) -> tuple[int, ...]:
 def _count(text: str, least: int) -> int:
     if not text:
         return least
-    if not text.isdecimal() or not 1 <= int(text[:6]) <= MOST_CELLS:
-        raise UsageError(f"model: cells '{text}': must be a number from 1 to {MOST_CELLS}")
-    return int(text)
+    number = whole_number(text)
+    if number is None or not 1 <= number <= MOST_CELLS:
+        raise UsageError(f"model: cells '{clipped(text, 60)}': must be a number from 1 to {MOST_CELLS}")
+    return number
 
 
 def _flow(text: str) -> float | None:

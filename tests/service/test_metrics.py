@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from contextlib import suppress
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -251,6 +252,42 @@ def test_an_address_that_is_taken_is_told_and_tried_again(caplog, monkeypatch):
     asyncio.run(beside())
     assert caplog.text.count("no metrics at") == 1
     assert server.address
+
+
+def test_the_bounds_are_those_of_the_readme():
+    text = " ".join((Path(__file__).parents[2] / "deploy" / "README.md").read_text(encoding="utf-8").split())
+    assert "Eight clients are served at a time, with three seconds and 4 KiB for each request." in text
+    assert (SLOTS, server_module.DEADLINE_S, server_module.HEAD_BYTES) == (8, 3.0, 4096)
+
+
+def test_the_end_leaves_no_client_and_the_next_start_has_the_address_at_once(monkeypatch):
+    """The server closes first, so that its end of the connection lingers in the kernel for a minute."""
+    monkeypatch.setattr(server_module, "DEADLINE_S", 3600.0)  # what is idle goes with the end, and not of age
+    idle, found = socket.socket(), []
+
+    async def twice():
+        address = ("127.0.0.1", 0)
+        for _ in range(2):
+            server = MetricsServer(*address, lambda: b"page\n", CONTENT_TYPE)
+            task = asyncio.ensure_future(server.run())
+            await asyncio.sleep(0.05)
+            found.append(server.address)
+            address = server.address or address
+            if len(found) == 1:
+                await ask(address)
+                idle.connect(address)
+                await come(lambda server=server: server._clients)
+            task.cancel()
+            await asyncio.wait([task])
+            await come(lambda: gone(idle))
+            assert gone(idle)
+            with pytest.raises(ConnectionRefusedError):
+                socket.create_connection(address)
+
+    asyncio.run(twice())
+    idle.close()
+    assert found[0]
+    assert found[0] == found[1]
 
 
 def test_slow_greedy_and_many_clients_delay_no_frame_and_are_let_go(monkeypatch):

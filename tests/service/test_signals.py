@@ -10,7 +10,7 @@ import pytest
 
 from bms_gateway.cli.run import END_MOST_S, INTERRUPT_MOST_S
 from bms_gateway.service import live
-from bms_gateway.service.signals import Signals
+from bms_gateway.service.signals import LAST_WORD_S, Signals
 from tests.support.live_service import PATIENCE_S
 
 MOST_S, INTERRUPT_S = 1.0, 0.5
@@ -82,13 +82,19 @@ def test_closed_it_leaves_all_as_it_was():
     before = signal.getsignal(signal.SIGHUP)
 
     async def main():
+        opened = set(os.listdir("/proc/self/fd"))
         signals, heard = Signals(), []
         signals.take(asyncio.get_running_loop(), {signal.SIGHUP: lambda: heard.append(1)})
         os.kill(os.getpid(), signal.SIGHUP)
         end = time.monotonic() + PATIENCE_S
         while not heard and time.monotonic() < end:
             await asyncio.sleep(0.01)
+        signals.drop()
+        os.kill(os.getpid(), signal.SIGHUP)
+        await asyncio.sleep(0.2)
         signals.close()
+        signals.close()  # once more does nothing
+        assert set(os.listdir("/proc/self/fd")) == opened
         return heard
 
     assert asyncio.run(main()) == [1]
@@ -99,6 +105,7 @@ def test_closed_it_leaves_all_as_it_was():
 def test_a_person_waits_a_second_and_systemd_five():
     assert live.HASTE * (live.SAVE_LAST_S + live.END_S) < 0.8  # and the interpreter takes its time to end
     assert live.SAVE_LAST_S + live.END_S < END_MOST_S < 5.0
+    assert END_MOST_S + LAST_WORD_S < 5.0  # `TimeoutStopSec` of the unit
     assert INTERRUPT_MOST_S < END_MOST_S
 
 

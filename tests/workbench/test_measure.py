@@ -10,11 +10,11 @@ import pytest
 from bms_gateway.errors import UsageError
 from bms_gateway.workbench.beside import Beside
 from bms_gateway.workbench.desk import Desk
+from tests.support.desk_steps import done
+from tests.support.page_steps import FIT_S
 from tests.truth.packs import pack as make_pack
 from tests.workbench.browser import come, faults
 from tests.workbench.conftest import served
-from tests.workbench.test_desk import done
-from tests.workbench.test_page import FIT_S
 
 BEGAN = datetime(2026, 3, 7, 9, 30)
 LATER = timedelta(minutes=10)
