@@ -98,9 +98,10 @@ def _watched(seconds: float, mib: float, doing: str) -> Iterator[None]:
         nonlocal deaf
         deaf = True
         signal.setitimer(signal.ITIMER_PROF, *timer)
-        # discard a signal that is still pending for another thread: its default action would end the process
+        # the default action of a signal that comes late would end the process, so it is never restored
         signal.signal(signal.SIGPROF, signal.SIG_IGN)
-        signal.signal(signal.SIGPROF, signal.SIG_DFL if before is None else before)
+        if before not in (None, signal.SIG_DFL):
+            signal.signal(signal.SIGPROF, before)
 
     before = signal.signal(signal.SIGPROF, look)
     timer = signal.setitimer(signal.ITIMER_PROF, LOOK_S, LOOK_S)
