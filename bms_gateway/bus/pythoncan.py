@@ -12,6 +12,7 @@ import numpy as np
 
 from bms_gateway.bus.canframe import from_wire
 from bms_gateway.bus.clock import BusClock
+from bms_gateway.bus.filters import group_filters
 from bms_gateway.bus.impostor import Impostors
 from bms_gateway.bus.message import to_batch, to_message
 from bms_gateway.bus.pace import BURST, RATE, Pacer
@@ -40,6 +41,8 @@ class PythonCanPort:
         As python-can names them.
     wanted : iterable of int or None
         Identifiers to receive (`EXTENDED` set for 29-bit ones); None: all.
+    any_sender : iterable of int
+        Those of them that are parameter groups of J1939: received from every source address.
     own : mapping of int to int
         Identifiers that may be sent, each with its cycle, ns.
     rate, burst : float, int
@@ -62,6 +65,7 @@ class PythonCanPort:
         channel: str,
         *,
         wanted: Iterable[int] | None = None,
+        any_sender: Iterable[int] = (),
         own: Mapping[int, int] | None = None,
         rate: float = RATE,
         burst: int = BURST,
@@ -81,6 +85,7 @@ class PythonCanPort:
         self._impostors = Impostors(channel, own or (), self.counters)
         # by ourselves: with filters set, python-can's recv(0) says "nothing there" at the first frame it turns away
         self._wanted = None if wanted is None else np.array(sorted({*wanted, *(own or ())}), np.uint32)
+        self._groups = group_filters(any_sender)
         self._delay_s = self._retry_at = self._down_at = 0.0
         self._shift_s: float | None = None
         self._refused = False
@@ -121,7 +126,9 @@ class PythonCanPort:
         batch = to_batch(messages, self.counters, self._shift_s)
         time_ns = self._clock.to_bus(batch.time_ns, emptied=self.emptied)
         self.counters.misdated = self._clock.misdated
-        keep = slice(None) if self._wanted is None else np.isin(batch.can_id, self._wanted)
+        keep = np.ones(len(batch), np.bool_) if self._wanted is None else np.isin(batch.can_id, self._wanted)
+        for can_id, mask in self._groups:
+            keep |= (batch.can_id & np.uint32(mask)) == can_id
         self.counters.received += len(batch)
         wanted = FrameBatch(time_ns[keep], batch.can_id[keep], batch.length[keep], batch.data[keep])
         return self._impostors.refuse(wanted)

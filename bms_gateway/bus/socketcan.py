@@ -20,7 +20,7 @@ from typing import Final, Self
 
 from bms_gateway.bus.canframe import BUS_OFF, ERROR_MASK, RESTARTED, to_batch
 from bms_gateway.bus.clock import BusClock
-from bms_gateway.bus.filters import join_filters
+from bms_gateway.bus.filters import LIMIT, MOST_GROUPS, group_filters, join_filters
 from bms_gateway.bus.impostor import Impostors
 from bms_gateway.bus.pace import BURST, RATE, Pacer
 from bms_gateway.bus.port import GATHER_S, Counters, Link
@@ -57,6 +57,8 @@ class SocketCanPort:
         Interface, for example "can0". It need not exist yet.
     wanted : iterable of int or None
         Identifiers to receive (`EXTENDED` set for 29-bit ones); None: all.
+    any_sender : iterable of int
+        Those of them that are parameter groups of J1939: received from every source address.
     own : mapping of int to int
         Identifiers that may be sent, each with its cycle, ns; anything else is refused. Empty: listen only.
     rate, burst : float, int
@@ -89,6 +91,7 @@ class SocketCanPort:
         channel: str,
         *,
         wanted: Iterable[int] | None = None,
+        any_sender: Iterable[int] = (),
         own: Mapping[int, int] | None = None,
         rate: float = RATE,
         burst: int = BURST,
@@ -115,7 +118,8 @@ class SocketCanPort:
         filled_s = 2 * self.receive_buffer / FRAME_ROOM / FULL_BUS
         self.gather_s = min(max(filled_s / SPARE, GATHER_S), GATHER_MOST_S)
         # our own too: frames of ours that somebody else sends must be seen
-        pairs = [(0, 0)] if wanted is None else join_filters({*wanted, *(own or ())})
+        groups = group_filters(any_sender)[:MOST_GROUPS]
+        pairs = [(0, 0)] if wanted is None else join_filters({*wanted, *(own or ())}, LIMIT - len(groups)) + groups
         self._filters = b"".join(struct.pack("=II", *pair) for pair in pairs)
         if sock is None:
             self._sock.setsockopt(socket.SOL_CAN_RAW, CAN_RAW_ERR_FILTER, ERROR_MASK)

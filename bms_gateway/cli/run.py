@@ -186,7 +186,8 @@ async def reloaded(config: Path, running: "Engine", log: Any, started: "LoadedCo
         same_beside(started.config, found.config, config)
     engine = continued(found.engine, running.snapshot(), log)
     engine.alerts.go_on_from(running.alerts)
-    if engine.can_ids.tolist() != running.can_ids.tolist() or engine.sends != running.sends:
+    heard, before = ((e.can_ids.tolist(), e.any_sender) for e in (engine, running))
+    if heard != before or engine.sends != running.sends:
         raise ConfigError(f"{config}: reads or sends other identifiers than before: restart the service")
     return engine
 
@@ -216,11 +217,13 @@ def saver(store: "StateStore", recent: "Recent | None" = None) -> "Callable[[Map
 
 
 def _port(loaded: "LoadedConfig", engine: "Engine") -> "Port":
-    bus, ids = loaded.config.bus, engine.can_ids.tolist()
+    bus, ids, groups = loaded.config.bus, engine.can_ids.tolist(), engine.any_sender
     if bus.interface == "socketcan":
         from bms_gateway.bus.socketcan import SocketCanPort
 
-        return SocketCanPort(bus.channel, wanted=ids, own=engine.sends, receive_buffer=bus.receive_buffer)
+        return SocketCanPort(
+            bus.channel, wanted=ids, any_sender=groups, own=engine.sends, receive_buffer=bus.receive_buffer
+        )
     from bms_gateway.bus.pythoncan import PythonCanPort
 
-    return PythonCanPort(bus.interface, bus.channel, wanted=ids, own=engine.sends)
+    return PythonCanPort(bus.interface, bus.channel, wanted=ids, any_sender=groups, own=engine.sends)

@@ -23,7 +23,7 @@ from bms_gateway.frames.own_dbc import OWN_DBC
 from bms_gateway.frames.packed import pack, unpack
 from bms_gateway.frames.signal_info import MessageInfo
 
-FORMAT = 2
+FORMAT = 3
 """Raised when `frames.packed` writes otherwise, or `frames.dbc` reads something else out of the same text."""
 OWN_TABLE = "dbc/bms_gateway.table"
 """Table of our DBC in the checkout, made by `python dbc/tabulate.py`."""

@@ -134,6 +134,16 @@ class Engine:
         return self._inputs.can_ids
 
     @property
+    def any_sender(self) -> list[int]:
+        """Those of them that are parameter groups of J1939: frames of these are taken from another address too."""
+        return self._inputs.senders.can_ids
+
+    @property
+    def senders(self) -> dict[int, int]:
+        """Source address by identifier, where frames of a parameter group come from another one than the DBC's."""
+        return self._inputs.senders.heard
+
+    @property
     def sends(self) -> dict[int, int]:
         """Identifiers that the engine sends and their cycles, ns; empty when it only listens."""
         return {} if self._broadcast is None else dict(self._broadcast.cycles)

@@ -19,6 +19,8 @@ from bms_gateway.frames.counter import CounterGuard
 from bms_gateway.frames.database import Database
 from bms_gateway.frames.decode import decode
 from bms_gateway.frames.guard import QUALITIES, Guard
+from bms_gateway.frames.j1939 import Senders
+from bms_gateway.frames.own_dbc import OWN_DBC
 from bms_gateway.frames.quality import Quality
 from bms_gateway.frames.rules import default_rule
 from bms_gateway.thermal import Floats
@@ -68,6 +70,8 @@ class Inputs:
         channels, signals = self._wiring.channels, self._wiring.signals
         self._table = database.compile(signals)
         self.can_ids = self._table.can_ids
+        groups = {m.can_id for m in database.messages.values() if m.any_sender and m.database != OWN_DBC}
+        self.senders = Senders(groups.intersection(self.can_ids.tolist()), groups)
         self._scale = np.array([c.scale for c in channels])
         self._offset = np.array([c.offset for c in channels])
         self._guard = Guard(
@@ -90,6 +94,7 @@ class Inputs:
 
     def wanted(self, frames: FrameBatch) -> FrameBatch:
         """Keep the frames that carry an input; other frames do not count as activity of the battery."""
+        frames = self.senders.named(frames)
         at = self.can_ids.searchsorted(frames.can_id)
         keep = (self.can_ids.take(at, mode="clip") == frames.can_id).nonzero()[0]
         if len(keep) == len(frames):

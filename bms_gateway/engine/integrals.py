@@ -45,7 +45,7 @@ class Integrals:
     def __init__(self, wires: Sequence[Wire], steps: Sequence[float]) -> None:
         self._currents = {(w.current, w.voltage): Current() for w in wires if w.current >= 0}
         self.pairs = list(self._currents)
-        self.meters = {(i, u): Ammeter(steps[i]) for i, u in self.pairs if u >= 0}
+        self.meters = {(i, u): Ammeter(steps[u]) for i, u in self.pairs if u >= 0}
         inlets = [w.whole["coolant_inlet"] for w in wires]
         self.inlets = {i: Line() for i in inlets if i >= 0}
         self._cells = CellVoltages([(w.current, w.cell_voltage) for w in wires])
@@ -80,9 +80,8 @@ class Integrals:
                 stands = (samples.input == i) & np.isin(samples.value, meter.stands_at)
                 quality[stands & (quality == GOOD)] = Quality.STUCK
             if meter.reversed:
-                volts[u] = of(
-                    -1
-                )  # heat from I²R_e does not depend on the sign of the current, heat from the voltage does
+                # heat from I²R_e does not depend on the sign of the current, heat from the voltage does
+                volts[u] = of(-1)
         means = [line.update(*currents[i], *volts[u], t0, t1) for (i, u), line in self._currents.items()]
         for i, inlet in self.inlets.items():
             inlet.update(*of(i))

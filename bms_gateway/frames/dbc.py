@@ -168,6 +168,7 @@ def _message(database: str, m: "Message") -> MessageInfo:
         e2e=e2e,
         comment=m.comment or "",
         signals=signals,
+        any_sender=m.is_extended_frame and m.protocol == "j1939",
     )
 
 

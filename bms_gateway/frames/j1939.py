@@ -4,14 +4,18 @@ An identifier of 29 bits is priority (3), data page (2), PDU format (8), PDU spe
 name one sender only, often 0xFE, which is none; the vehicle's may have any address. SAE J1939-21.
 """
 
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import replace
 from typing import Final
 
-from bms_gateway.frames.batch import EXTENDED
+import numpy as np
+from numpy.typing import NDArray
+
+from bms_gateway.frames.batch import EXTENDED, FrameBatch
 from bms_gateway.frames.signal_info import MessageInfo
 
-__all__ = ["LAST_ADDRESS", "PROTOCOL", "parameter_group", "sent_from"]
+__all__ = ["LAST_ADDRESS", "PROTOCOL", "Senders", "parameter_group", "sent_from"]
 
 PROTOCOL: Final = "J1939"
 """What a DBC of such messages has in the text of its attributes: `VFrameFormat "J1939PG"`, `ProtocolType "J1939"`."""
@@ -39,5 +43,74 @@ def sent_from(messages: Iterable[MessageInfo], address: int) -> list[MessageInfo
     for m in messages:
         can_id = (m.can_id & ~0xFF) | address if m.can_id & EXTENDED else m.can_id
         signals = {name: replace(s, can_id=can_id) for name, s in m.signals.items()}
-        found.append(replace(m, can_id=can_id, signals=signals))
+        found.append(replace(m, can_id=can_id, signals=signals, any_sender=False))
     return found
+
+
+class Senders:
+    """Who sends the parameter groups that are read: the address of the DBC, or the first one that is heard.
+
+    The first sender of a group keeps it, so that two packs which send the same group are never mixed. A frame from the
+    address of the DBC ends that: this address is then the sender.
+
+    Parameters
+    ----------
+    can_ids : iterable of int
+        Identifiers that are read.
+    known : iterable of int, optional
+        All parameter groups of the DBC. One that it has from two senders is told by these, and only by these.
+
+    Examples
+    --------
+    >>> senders = Senders([0x98FEF1FE])
+    >>> frames = FrameBatch(np.zeros(2, np.int64), np.array([0x98FEF156, 0x98FEF157], np.uint32),
+    ...                     np.full(2, 8, np.uint8), np.zeros((2, 8), np.uint8))
+    >>> [hex(i) for i in senders.named(frames).can_id.tolist()]
+    ['0x98fef1fe', '0x98fef157']
+    >>> senders.heard
+    {2566844926: 86}
+    """
+
+    def __init__(self, can_ids: Iterable[int], known: Iterable[int] = ()) -> None:
+        read = set(can_ids)
+        groups = Counter(parameter_group(i) for i in read.union(known))
+        named = {parameter_group(i): i for i in read if groups[parameter_group(i)] == 1}
+        self._named = dict(sorted(named.items()))
+        self._groups = np.array(list(self._named), np.uint32)
+        self._sender: dict[int, int] = {}
+
+    @property
+    def can_ids(self) -> list[int]:
+        """Identifiers of the DBC whose sender may be another."""
+        return list(self._named.values())
+
+    @property
+    def heard(self) -> dict[int, int]:
+        """Address that sends what the DBC has under an identifier, where it is not that of the DBC."""
+        return {self._named[g]: i & 0xFF for g, i in self._sender.items() if i != self._named[g]}
+
+    def named(self, frames: FrameBatch) -> FrameBatch:
+        """Give the frames of the senders the identifiers of the DBC."""
+        if not len(self._groups) or not len(frames):
+            return frames
+        group = _groups_of(frames.can_id)
+        at = np.minimum(self._groups.searchsorted(group), len(self._groups) - 1)
+        ours = (self._groups[at] == group) & (frames.can_id & EXTENDED != 0)
+        if not ours.any():
+            return frames
+        can_id = frames.can_id
+        ids, first = np.unique(frames.can_id[ours], return_index=True)
+        for actual in ids[np.argsort(first)].tolist():
+            g = parameter_group(actual)
+            if self._sender.get(g) is None or actual == self._named[g]:
+                self._sender[g] = actual
+            if self._sender[g] == actual != self._named[g]:
+                can_id = np.where(frames.can_id == actual, np.uint32(self._named[g]), can_id)
+        return frames if can_id is frames.can_id else FrameBatch(frames.time_ns, can_id, frames.length, frames.data)
+
+
+def _groups_of(can_id: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    """Parameter groups of many identifiers, as `parameter_group`."""
+    group = (can_id & np.uint32(_BITS)) >> np.uint32(8)
+    to_one = ((group >> np.uint32(8)) & np.uint32(0xFF)) < _PDU1_BELOW
+    return np.where(to_one, group & np.uint32(0x3FF00), group)

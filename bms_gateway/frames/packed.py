@@ -48,7 +48,8 @@ def unpack(name: str, text: str) -> list[MessageInfo]:
 
 
 def _message(m: MessageInfo, shared: dict[str, int]) -> Iterator[Any]:
-    yield from (m.name, m.can_id, m.length, m.senders, m.cycle_ns, None if m.e2e is None else m.e2e.data_id, m.comment)
+    data_id = None if m.e2e is None else m.e2e.data_id
+    yield from (m.name, m.can_id, m.length, m.senders, m.cycle_ns, data_id, m.comment, m.any_sender)
     for s in m.signals.values():
         p = s.place
         bits = (p.size, p.big_endian, p.signed, s.is_float)
@@ -66,7 +67,7 @@ def _message(m: MessageInfo, shared: dict[str, int]) -> Iterator[Any]:
 def _read(
     database: str, line: list[Any], shared: Sequence[tuple[Any, ...]], muxes: dict[str, tuple[Switch, ...]]
 ) -> MessageInfo:
-    name, can_id, length, senders, cycle_ns, data_id, comment, *listed = line
+    name, can_id, length, senders, cycle_ns, data_id, comment, any_sender, *listed = line
     signals = {}
     for signal, start, kind, told, mux in listed:
         size, big, signed, is_float, scale, offset, least, most, unit, multiplexer, raw, j1939, choices = shared[kind]
@@ -78,7 +79,7 @@ def _read(
             choices, steps, multiplexer, raw, j1939, can_id, cycle_ns,
         )  # fmt: skip
     e2e = None if data_id is None else E2E(data_id)
-    return MessageInfo(database, name, can_id, length, tuple(senders), cycle_ns, e2e, comment, signals)
+    return MessageInfo(database, name, can_id, length, tuple(senders), cycle_ns, e2e, comment, signals, any_sender)
 
 
 def _json(x: object) -> str:

@@ -124,6 +124,8 @@ class MessageInfo:
     e2e: E2E | None
     comment: str
     signals: Mapping[str, SignalInfo] = field(default_factory=dict)
+    any_sender: bool = False
+    """Whether it is a parameter group of J1939, whose source address in the DBC binds nobody."""
 
 
 def j1939_limits(size: int) -> tuple[int, int]:

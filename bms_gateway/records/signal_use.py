@@ -42,6 +42,8 @@ class Use:
         An estimator takes it in.
     stated : bool
         The config names it; what our own DBC has by itself need not be sent.
+    sender : int or None
+        Source address that its parameter group comes from, where the DBC names another.
     """
 
     key: str
@@ -54,6 +56,7 @@ class Use:
     allowed: tuple[float, float]
     taken: bool = True
     stated: bool = True
+    sender: int | None = None
 
     @property
     def lost(self) -> bool:
@@ -112,7 +115,19 @@ def signal_use(plan: Plan, database: Database, engine: Engine, stated: set[str])
             }
             observed = (low, high) if math.isfinite(low) and math.isfinite(high) else None
             seen, used = int(counts.sum()), int(counts[Quality.GOOD])
-            found[c.signal] = Use(key, c, info, seen, used, refused, observed, allowed, True, string.name in stated)
+            found[c.signal] = Use(
+                key,
+                c,
+                info,
+                seen,
+                used,
+                refused,
+                observed,
+                allowed,
+                True,
+                string.name in stated,
+                engine.senders.get(info.can_id),
+            )
     return found
 
 
@@ -126,6 +141,10 @@ def allowed_range(c: Channel, info: SignalInfo) -> tuple[float, float]:
 
 def advice(uses: dict[str, Use]) -> Iterator[str]:
     """For each signal that is not used as it should be, say what was seen and which line of the config corrects it."""
+    elsewhere = {use.info.message: use for use in uses.values() if use.sender is not None}
+    for message, use in elsewhere.items():
+        named = use.info.can_id & 0xFF
+        yield f"{message} is read from source address {use.sender}, the first that sends it; the DBC names {named}"
     for signal, use in uses.items():
         if not use.taken or (not use.stated and use.channel.quantity in OPTIONAL):
             continue

@@ -43,7 +43,9 @@ LEAST_A: Final = 1.0
 """A current that moves by less is one of a vehicle at rest."""
 LEAST_S: Final = 60.0
 """Shorter logs make nothing sure."""
-ORDER: Final = tuple(INPUTS)
+_FIRST: Final[tuple[Role, ...]] = ("current", "voltage", "soc")
+ORDER: Final = (*_FIRST, *(q for q in INPUTS if q not in _FIRST))
+"""In which a proposal is told: what the pack does, then what its cells feel."""
 Rights = dict[str, tuple[dict[str, float | str | bool], list[str]]]
 
 

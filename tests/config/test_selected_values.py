@@ -16,4 +16,4 @@ def test_a_value_that_the_multiplexer_cannot_have_is_no_reason_to_end(tmp_path, 
     assert main(["check", str(path)]) == 0
     table = load_config(path).database.compile(["Temps.T1", "Temps.T2"])
     sound = load_config(write(tmp_path)).database.compile(["Temps.T1", "Temps.T2"])
-    assert table.declared.tolist() == sound.declared.tolist()
+    assert table.switches.declared.tolist() == sound.switches.declared.tolist()

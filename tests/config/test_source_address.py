@@ -44,13 +44,35 @@ def test_frames_from_there_are_used(tmp_path, monkeypatch, capsys):
     assert "Temps.T1 never comes" not in capsys.readouterr().out
 
 
-def test_where_only_the_address_differs_the_line_to_write_is_told(tmp_path, monkeypatch, capsys):
+def test_a_parameter_group_is_read_whoever_sends_it_and_the_sender_is_told(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     folder(tmp_path, MAPPED)
+    main(["check", "gateway.toml", "--log", "drive.log"])
+    said = capsys.readouterr().out
+    assert "Temps is read from source address 86, the first that sends it; the DBC names 0" in said
+    assert "Temps.T1 never comes" not in said
+    assert main(["analyze", "drive.log", "--config", "gateway.toml", "--out", "any"]) == 0
+    folder(tmp_path, CONFIG)
+    assert main(["analyze", "drive.log", "--config", "gateway.toml", "--out", "stated"]) == 0
+    for name in ("estimates.csv", "broadcast.log"):
+        assert (tmp_path / "any" / name).read_bytes() == (tmp_path / "stated" / name).read_bytes()
+
+
+def test_where_the_config_states_another_address_the_line_to_write_is_told(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    folder(tmp_path, CONFIG.replace("0x56", "0x57"))
     only = [line for line in (tmp_path / "drive.log").read_text().splitlines(True) if "18FEF156" in line]
     (tmp_path / "drive.log").write_text("".join(only))
     assert main(["analyze", "drive.log", "--config", "gateway.toml", "--out", "r"]) == 2
     assert "[bus] source_address = 86" in capsys.readouterr().err
+
+
+def test_messages_that_are_no_parameter_group_are_read_by_their_identifier_only(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    folder(tmp_path, MAPPED)
+    (tmp_path / "vehicle.dbc").write_text(DBC + PGN.format(2566844672).replace(" 3;", " 1;"))
+    main(["check", "gateway.toml", "--log", "drive.log"])
+    assert "Temps.T1 never comes" in capsys.readouterr().out
 
 
 def test_an_address_without_such_messages_is_an_error(tmp_path):

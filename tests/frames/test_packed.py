@@ -19,8 +19,14 @@ def test_a_table_gives_back_what_was_parsed(path: Path) -> None:
     assert same(found, truth)
     paths = [s.path for m in truth for s in m.signals.values() if s.scale]
     tables = [Database(messages).compile(paths) for messages in (found, truth)]
-    for name in ("keys", "first", "count", "scale", "offset", "low", "high", "na_from", "label_keys", "declared"):
-        np.testing.assert_array_equal(*(getattr(t, name) for t in tables))
+    for part, names in {
+        "nodes": ("keys", "first", "count"),
+        "values": ("scale", "offset"),
+        "limits": ("low", "high", "na_from", "label_keys"),
+        "switches": ("declared",),
+    }.items():
+        for name in names:
+            np.testing.assert_array_equal(*(getattr(getattr(t, part), name) for t in tables))
 
 
 def test_the_same_messages_give_the_same_text_under_any_file_name() -> None:
