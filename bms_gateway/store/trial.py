@@ -40,6 +40,8 @@ SILENT_MOST: Final = 5
 HANG_S: Final = 5.0
 """Without `alive` for so long it hangs: noted before a watchdog of 10 s ends it that is fed every third of them."""
 MAX_BYTES: Final = 64 << 10
+NEVER_NS: Final = -1
+"""In place of the time at which a state was saved: of none."""
 MAX_REASON: Final = 300
 TRY, LOADED, WENT_ON, DIED = "try", "loaded", "went on", "died: "
 HUNG: Final = "Timeout ("  # with which `faulthandler` begins
@@ -162,7 +164,9 @@ class Trial:
         """Note what ends the process; where it was told to end, and could, the trial is over."""
         try:
             yield
-        except GatewayError:  # of configuration or bus, and told
+        except GatewayError:  # of configuration or bus, and told; however long the bus took to fail
+            if time.monotonic() - self._alive_s > HANG_S:
+                self._note(WENT_ON)
             self._let_go()
             raise
         except Exception as error:
@@ -173,8 +177,16 @@ class Trial:
             if time.monotonic() - self._alive_s > HANG_S:
                 self._let_go()
             else:
-                self.over()
+                self._stopped()
             raise
+
+    def _stopped(self) -> None:
+        """End the trial as `over` does, but remember what was set aside: nothing has shown yet that it was to blame."""
+        if self._handle is None or not self.aside:
+            self.over()
+        else:
+            self._begin_anew(saved_ns=self._head.get("saved_ns"))
+            self._let_go()
 
     def _reasons(self) -> list[str]:
         return [why for lines in self._tries if (why := _reason(lines))]
@@ -189,7 +201,9 @@ class Trial:
         first, *lines = [line for line in text.decode(errors="replace").splitlines() if line] or [""]
         with suppress(ValueError, RecursionError):
             head = json.loads(first)
-            if _is_head(head) and head["boot"] == self._boot:
+            if _is_head(head) and head["boot"] != self._boot:  # tries of another boot say nothing, what lies aside does
+                self._head = {"boot": self._boot, "aside": head.get("aside", []), "saved_ns": NEVER_NS}
+            elif _is_head(head):
                 self._head = head
                 for line in lines:
                     if line == TRY:

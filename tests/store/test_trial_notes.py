@@ -2,10 +2,11 @@
 
 import json
 import os
+import time
 
 import pytest
 
-from bms_gateway.errors import StateError
+from bms_gateway.errors import GatewayError, StateError
 from bms_gateway.store import StateStore, Trial
 from bms_gateway.store import trial as module
 from bms_gateway.store.trial import HANG_S, MAX_BYTES, NOTED_MOST, SILENT_MOST
@@ -31,6 +32,68 @@ def saved(folder):
     for n in (1, 2):
         assert store.save({"generation": n}, wall_ns=n) is None
     return store
+
+
+def start(folder, error, boot="one", wait_s=0.0):
+    """Start on the states of a folder, and end so; the state that was restored, None for none."""
+    store = StateStore(folder)
+    store.lock()
+    trial = Trial(folder, boot)
+    found = store.load(lambda state: None, trial)
+    with pytest.raises(type(error)):
+        end(trial, error, wait_s)
+    store.unlock()
+    return found.state
+
+
+def end(trial, error, wait_s):
+    with trial.noting():
+        time.sleep(wait_s)
+        raise error
+
+
+def aside(folder):
+    return sorted(p.name for p in folder.glob("state*crashed*"))
+
+
+def condemned(folder):
+    """Both states of a folder are aside, by ends that have nothing to do with them."""
+    saved(folder)
+    for _ in range(2 * NOTED_MOST):
+        assert start(folder, ValueError("of a library")) is not None
+    assert start(folder, ValueError("of a library")) is None
+    assert len(aside(folder)) == 2
+
+
+@pytest.mark.parametrize("between", ["reboot", "stop"])
+def test_states_that_are_not_to_blame_come_back_after_a_reboot_and_after_a_stop(tmp_path, between):
+    condemned(tmp_path)
+    boot = "two" if between == "reboot" else "one"
+    if between == "stop":
+        assert start(tmp_path, SystemExit(0)) is None
+    for _ in range(NOTED_MOST):
+        assert start(tmp_path, ValueError("of a library"), boot) is None
+    assert start(tmp_path, ValueError("of a library"), boot) is not None
+    assert aside(tmp_path) == []
+
+
+def test_a_state_that_was_to_blame_stays_aside_once_the_service_goes_on(tmp_path):
+    condemned(tmp_path)
+    trial = Trial(tmp_path, "one")
+    assert StateStore(tmp_path).load(lambda state: None, trial).state is None
+    with trial.noting():
+        trial.over()
+    for _ in range(NOTED_MOST + 1):
+        assert start(tmp_path, ValueError("another")) is None
+    assert len(aside(tmp_path)) == 2
+
+
+def test_a_bus_that_takes_long_to_fail_does_not_count(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "HANG_S", 0.1)
+    saved(tmp_path)
+    for _ in range(NOTED_MOST + 1):
+        assert start(tmp_path, GatewayError("no bus"), wait_s=0.3) == {"generation": 2}
+    assert aside(tmp_path) == []
 
 
 def test_a_hang_is_noted_before_the_watchdog_ends_it():
