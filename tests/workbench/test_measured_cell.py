@@ -101,5 +101,6 @@ def test_two_effects_added_on_the_page_give_the_gateway_the_better_core(window, 
     before, after = (core_error(tmp_path, name, rows) for name in ("fitted.toml", "taken.toml"))
     capsys.readouterr()
     print(json.dumps({"core before, K": before, "after": after, "stairs": stairs}))
-    assert after < 1.5
-    assert after < 0.3 * before
+    assert before < 2.5  # a fit of a model that lacks effects is not led far off by them
+    assert after < 1.0
+    assert after < 0.5 * before
