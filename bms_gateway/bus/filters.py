@@ -10,14 +10,13 @@ from typing import Final
 
 from bms_gateway.bus.canframe import RTR
 from bms_gateway.frames.batch import EXTENDED
+from bms_gateway.frames.j1939 import group_mask
 
 LIMIT: Final = 512  # CAN_RAW_FILTER_MAX
 
 
 MOST_GROUPS: Final = 256
 """Filters of parameter groups; further ones are read from the address of the DBC only."""
-PDU1_BELOW: Final = 240
-"""PDU format of J1939 below which the next byte is a destination, and no part of the parameter group."""
 
 
 def group_filters(can_ids: Iterable[int]) -> list[tuple[int, int]]:
@@ -28,7 +27,7 @@ def group_filters(can_ids: Iterable[int]) -> list[tuple[int, int]]:
     >>> [f"{i:X}/{m:X}" for i, m in group_filters([0x98FEF156, 0x8CEF2117])]
     ['80EF0000/C3FF0000', '80FEF100/C3FFFF00']
     """
-    masks = {c: 0x3FF_FF00 if c >> 16 & 0xFF >= PDU1_BELOW else 0x3FF_0000 for c in can_ids}
+    masks = {c: group_mask(c) for c in can_ids}
     return sorted({(c & m | EXTENDED, m | EXTENDED | RTR) for c, m in masks.items()})
 
 

@@ -13,6 +13,7 @@ from bms_gateway.diagnosis.prepare import measured
 from bms_gateway.diagnosis.record import Record, in_held_out
 from bms_gateway.diagnosis.record_windows import keeping, learned
 from bms_gateway.diagnosis.residuals import LEAST_Z, structure
+from bms_gateway.identify.contract import FIXED
 from bms_gateway.identify.coordinates import OWN, Measured
 from bms_gateway.identify.likelihood import generalised
 from bms_gateway.identify.map_fit import TO_THE_END, MapFit, fitted, stacked
@@ -74,7 +75,7 @@ class Identified:
         Numbers that are believed, and their posterior: what goes into a model file.
     stated : MapFit
         The same numbers against all readings.
-    seen : MapFit
+    closest : MapFit
         The numbers that follow the surfaces best, against all readings: only for errors. They are the believed ones
         where the model explains the readings, and where it has effects.
     plain : MapFit
@@ -85,7 +86,7 @@ class Identified:
 
     fit: MapFit
     stated: MapFit
-    seen: MapFit
+    closest: MapFit
     plain: MapFit
     model_error_K: float
 
@@ -135,11 +136,11 @@ def identify(model: StringModel, records: Sequence[Record], *, core: bool = Fals
     bench = Bench([held_out(averaged(m, settings)) for m in ready], settings)
     problem = Problem(start, bench.records, bench.beliefs)
     found = fit_with_error(bench, problem, problem.begin, TO_THE_END)
-    seen = seen_on(found.map, ready)
+    closest = seen_on(found.map, ready)
     if start.effects or (known := learned(start, ready)) is None:
-        return Identified(found.map, seen, seen, fit, found.discrepancy.size)
+        return Identified(found.map, closest, closest, fit, found.discrepancy.size)
     believed = keeping(bench, found, known)
-    return Identified(believed.map, seen_on(believed.map, ready), seen, fit, believed.discrepancy.size)
+    return Identified(believed.map, seen_on(believed.map, ready), closest, fit, believed.discrepancy.size)
 
 
 def seen_on(fit: MapFit, records: Sequence[Measured]) -> MapFit:
@@ -235,7 +236,7 @@ def changes(fit: MapFit) -> tuple[Change, ...]:
         kind = KINDS[name]
         value = float(np.exp(np.mean(np.log(prior.value)))) / kind.to_si
         if prior.fixed:
-            found.append(Change(name, "", kind.unit, value, 0.0, value, 0.0, "fixed"))
+            found.append(Change(name, "", kind.unit, value, 0.0, value, 0.0, FIXED))
             continue
         for i, c in enumerate(fit.problem.coordinates):
             if c.name.partition("@")[0] != name or c.effect is not None:
@@ -321,7 +322,7 @@ def _effect_change(fit: MapFit, e: AddedEffect, p: EffectParameter, sd: Floats) 
     before_sd = before * p.sd if p.log else p.sd / p.to_si
     if name not in [c.name for c in fit.problem.coordinates]:
         value = e.values[p.name] / p.to_si
-        return Change(name, "", p.unit, value, 0.0, value, 0.0, "fixed")
+        return Change(name, "", p.unit, value, 0.0, value, 0.0, FIXED)
     i = fit.problem.index(name)
     z = float(fit.theta[i])
     value = (float(np.exp(z)) if p.log else z) / p.to_si

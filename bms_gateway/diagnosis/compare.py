@@ -119,7 +119,7 @@ def compare(model: StringModel, records: Sequence[Record]) -> Comparison:
     """
     ready = [measured(r, model) for r in records]
     core = known_core(model, records)
-    refitted = core.identified.seen
+    refitted = core.identified.closest
     filed = fitted(Problem(as_filed(model), ready))
     # what a model that is taken for exact does not know: how far refitting moves it, and what that leaves open
     doubted = tuple(

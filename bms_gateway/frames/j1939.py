@@ -15,14 +15,26 @@ from numpy.typing import NDArray
 from bms_gateway.frames.batch import EXTENDED, FrameBatch
 from bms_gateway.frames.signal_info import MessageInfo
 
-__all__ = ["LAST_ADDRESS", "PROTOCOL", "Senders", "parameter_group", "sent_from"]
+__all__ = ["LAST_ADDRESS", "PROTOCOL", "Senders", "group_mask", "parameter_group", "sent_from"]
 
 PROTOCOL: Final = "J1939"
 """What a DBC of such messages has in the text of its attributes: `VFrameFormat "J1939PG"`, `ProtocolType "J1939"`."""
 LAST_ADDRESS: Final = 253
 """254 is who has none, 255 all."""
 _PDU1_BELOW: Final = 240
-_BITS: Final = 0x03FFFF00
+_TO_ALL: Final = 0x03FF_FF00
+_TO_ONE: Final = 0x03FF_0000
+
+
+def group_mask(can_id: int) -> int:
+    """Give the bits that name the content: without priority, source and (where there is one) destination.
+
+    Examples
+    --------
+    >>> hex(group_mask(0x18FEF200)), hex(group_mask(0x0CEF2117))
+    ('0x3ffff00', '0x3ff0000')
+    """
+    return _TO_ONE if can_id >> 16 & 0xFF < _PDU1_BELOW else _TO_ALL
 
 
 def parameter_group(can_id: int) -> int:
@@ -33,8 +45,7 @@ def parameter_group(can_id: int) -> int:
     >>> hex(parameter_group(0x18FEF200)), hex(parameter_group(0x0CEF2117))
     ('0xfef2', '0xef00')
     """
-    group = (can_id & _BITS) >> 8
-    return group & 0x3FF00 if (group >> 8) & 0xFF < _PDU1_BELOW else group
+    return (can_id & group_mask(can_id)) >> 8
 
 
 def sent_from(messages: Iterable[MessageInfo], address: int) -> list[MessageInfo]:
@@ -98,19 +109,20 @@ class Senders:
         ours = (self._groups[at] == group) & (frames.can_id & EXTENDED != 0)
         if not ours.any():
             return frames
-        can_id = frames.can_id
-        ids, first = np.unique(frames.can_id[ours], return_index=True)
-        for actual in ids[np.argsort(first)].tolist():
-            g = parameter_group(actual)
-            if self._sender.get(g) is None or actual == self._named[g]:
-                self._sender[g] = actual
-            if self._sender[g] == actual != self._named[g]:
-                can_id = np.where(frames.can_id == actual, np.uint32(self._named[g]), can_id)
+        can_id, place = frames.can_id, np.arange(len(frames))
+        for g in np.unique(group[ours]).tolist():
+            named, mine = self._named[g], (ours & (group == g)).nonzero()[0]
+            sender = self._sender.setdefault(g, int(frames.can_id[mine[0]]))
+            own = mine[frames.can_id[mine] == named]
+            if len(own):
+                self._sender[g] = named
+            if sender != named:
+                until = own[0] if len(own) else len(frames)
+                can_id = np.where((frames.can_id == sender) & (place < until), np.uint32(named), can_id)
         return frames if can_id is frames.can_id else FrameBatch(frames.time_ns, can_id, frames.length, frames.data)
 
 
 def _groups_of(can_id: NDArray[np.uint32]) -> NDArray[np.uint32]:
     """Parameter groups of many identifiers, as `parameter_group`."""
-    group = (can_id & np.uint32(_BITS)) >> np.uint32(8)
-    to_one = ((group >> np.uint32(8)) & np.uint32(0xFF)) < _PDU1_BELOW
-    return np.where(to_one, group & np.uint32(0x3FF00), group)
+    to_one = (can_id >> np.uint32(16) & np.uint32(0xFF)) < _PDU1_BELOW
+    return (can_id & np.where(to_one, np.uint32(_TO_ONE), np.uint32(_TO_ALL))) >> np.uint32(8)

@@ -241,7 +241,7 @@ def fit(model: StringModel, records: Records, *, calibrate: bool = False) -> Fit
         absorbed(found.fit).combinations,
         channel_errors(found.stated),
         errors(found.stated),
-        errors(found.seen),
+        errors(found.closest),
         found.model_error_K,
         findings,
         notes,

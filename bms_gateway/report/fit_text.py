@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from bms_gateway.diagnosis.calibrate import Change, ChannelError
+from bms_gateway.diagnosis.calibrate import UNIDENTIFIABLE, Change, ChannelError
 from bms_gateway.diagnosis.checks import Finding
 from bms_gateway.diagnosis.core_known import KnownCore
 from bms_gateway.diagnosis.detect import Combination
 from bms_gateway.diagnosis.diagnosis import Errors
+from bms_gateway.identify.contract import FIXED
 from bms_gateway.report.core_text import core_document, core_text
 from bms_gateway.report.diagnosis_text import finite, told_aside, warned, with_sd
 from bms_gateway.report.show import number, text_table
@@ -119,6 +120,8 @@ def fit_text(r: FitReport) -> str:
             f"Other numbers follow the surfaces to {r.closest.train_rmse_K:.3g} K, but lie farther from what was known "
             "than a model with such an error can prove. They are not believed."
         )
+    if all(c.status == FIXED or c.status.startswith(UNIDENTIFIABLE) for c in r.changes):
+        parts.append("These readings teach nothing: no number is known better than before.")
     if r.products:
         parts.append("\n".join(p.sentence for p in r.products))
     parts.append(_errors(r.channels, several))

@@ -24,6 +24,8 @@ def dashboard_address(base: str) -> str:
     --------
     >>> dashboard_address("https://fleet.example/grafana/?orgId=2")
     'https://fleet.example/grafana/d/bms-gateway?orgId=2'
+    >>> dashboard_address("http://localhost:3000/d/")
+    'http://localhost:3000/d/bms-gateway'
     >>> dashboard_address("http://localhost:3000/d/mine/packs?var-instance=truck_7:9105")
     'http://localhost:3000/d/mine/packs?var-instance=truck_7:9105'
     """
@@ -37,6 +39,6 @@ def dashboard_address(base: str) -> str:
         raise wrong
     if parts.username is not None:
         raise UsageError("workbench: --grafana: leave the user out of the address: every browser would see it")
-    path = parts.path.rstrip("/")
+    path = parts.path.rstrip("/").removesuffix("/d")
     path = path if _DASHBOARD.search(path) else f"{path}/d/{UID}"
     return urlunsplit((parts.scheme, parts.netloc, path, parts.query, ""))

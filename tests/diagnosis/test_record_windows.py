@@ -12,6 +12,7 @@ from bms_gateway.diagnosis.prepare import measured
 from bms_gateway.diagnosis.record import make_record
 from bms_gateway.diagnosis.record_inputs import Columns
 from bms_gateway.diagnosis.record_windows import learned
+from bms_gateway.library.modelling import fit
 from bms_gateway.thermal import Prior, StringModel
 from tests.diagnosis.hidden_record import hidden
 from tests.diagnosis.measured_cells import CELLS, bench_record
@@ -65,8 +66,19 @@ def test_core_of_measured_cells_is_inside_the_band_of_their_numbers(name):
 
 def test_numbers_that_follow_the_surfaces_best_are_told_apart():
     found, _, _ = strong("ambient_loss", 5)
-    best, believed = (np.sqrt(np.mean((f.y - _readings(f)) ** 2)) for f in (found.seen, found.stated))
+    best, believed = (np.sqrt(np.mean((f.y - _readings(f)) ** 2)) for f in (found.closest, found.stated))
     assert best < believed
+
+
+NOTHING_LEARNT = "These readings teach nothing: no number is known better than before."
+
+
+def test_a_fit_that_teaches_nothing_says_so():
+    _, record, model = hidden(
+        "radial_gradient", "strong", cells=1, sensors=(1,), cycle="mixed", noise=0.05, step=0.1, seed=3, columns=()
+    )
+    assert NOTHING_LEARNT in str(fit(model, record))
+    assert NOTHING_LEARNT not in str(fit(CELL, cooled_by(7.0)))
 
 
 def _readings(fit):
