@@ -30,7 +30,7 @@ from bms_gateway.engine import Engine
 
 def restored(engine, state, *, restore=Engine.restore, **more):
     restore(engine, state, **more)
-    Engine.receive = {"abort": lambda *_, **__: os.abort(), "hang": lambda *_, **__: time.sleep(600)}[sys.argv[1]]
+    Engine._tick = {"abort": lambda *_: os.abort(), "hang": lambda *_: time.sleep(600)}[sys.argv[1]]
 
 Engine.restore = restored
 sys.exit(main(["run", "/etc/bms-gateway/gateway.toml"]))
