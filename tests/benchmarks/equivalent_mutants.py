@@ -156,11 +156,18 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "to_batch: len(kept) < len(messages)  ->  len(kept) <= len(messages)": "nothing is counted where all are kept",
         "to_batch: 1  ->  2": "numpy finds the length of an axis for any negative number",
     },
+    "bms_gateway/service/reread.py": {
+        ": if TYPE_CHECKING:  ->  if not TYPE_CHECKING:": ANNOTATIONS,
+        "reread: child.returncode < 0  ->  child.returncode <= 0": "asked where it is not 0",
+    },
     "bms_gateway/store/trial.py": {
         "Trial.__init__: 0.0  ->  1.0": "asked after `begin`, which sets it, or a second after the boot",
         "Trial.alive: now_s - self._alive_s > HANG_S  ->  now_s - self._alive_s >= HANG_S": INSTANT,
         "Trial.noting: time.monotonic() - self._alive_s > HANG_S  ->  "
         "time.monotonic() - self._alive_s >= HANG_S": INSTANT,
+        "Trial.noting: time.monotonic() - self._alive_s > HANG_S  ->  "
+        "time.monotonic() - self._alive_s >= HANG_S  #2": INSTANT,
+        ": 1  ->  2": NONE_FOR_NONE,
     },
     "bms_gateway/service/on_trial.py": {
         ": gateway.port.now_ns() - due < OVERDUE_NS  ->  gateway.port.now_ns() - due <= OVERDUE_NS": INSTANT,

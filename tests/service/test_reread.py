@@ -1,7 +1,9 @@
 """A reload of whatever: the service goes on with the old configuration, or takes the new one."""
 
 import asyncio
+import io
 import os
+import pickle
 import re
 import signal
 import socket
@@ -12,11 +14,12 @@ from pathlib import Path
 
 import pytest
 
+from bms_gateway import __version__
 from bms_gateway.cli.run import continued
 from bms_gateway.config import load_config
 from bms_gateway.errors import ConfigError
 from bms_gateway.service import reread as module
-from bms_gateway.service.reread import reread
+from bms_gateway.service.reread import read_for_parent, reread
 from tests.benchmarks.bench_start import SERVICE
 from tests.config.files import DBC, MAPPED, write
 from tests.config.hostile import HOSTILE, SLOW
@@ -64,6 +67,43 @@ def test_a_child_that_does_not_answer_refuses_the_config(tmp_path, monkeypatch, 
     monkeypatch.setattr(module, "PATIENCE_S", patience_s)
     with pytest.raises(ConfigError, match=says):
         asyncio.run(reread(write(tmp_path)))
+
+
+def test_without_a_process_the_config_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "CHILD", (str(tmp_path / "nothing"),))
+    with pytest.raises(ConfigError, match="no process could be started to read it: No such file or directory"):
+        asyncio.run(reread(write(tmp_path)))
+
+
+def test_a_child_that_comes_to_no_end_is_gone_before_the_refusal_is_told(tmp_path, monkeypatch):
+    code = f"import os, time; open({str(tmp_path / 'pid')!r}, 'w').write(str(os.getpid())); time.sleep(60)"
+    monkeypatch.setattr(module, "CHILD", (sys.executable, "-c", code))
+
+    async def refused():
+        for patience_s in (1.0, 10.0, PATIENCE_S):  # of a machine on which a start takes so long
+            monkeypatch.setattr(module, "PATIENCE_S", patience_s)
+            with pytest.raises(ConfigError, match="came to no end"):
+                await reread(write(tmp_path))
+            if (tmp_path / "pid").exists():
+                break
+        return Path("/proc", (tmp_path / "pid").read_text()).exists()
+
+    assert asyncio.run(refused()) is False
+
+
+def test_the_child_writes_its_version_and_what_it_has_read(tmp_path):
+    for path, sound in ((write(tmp_path), True), (tmp_path / "missing.toml", False)):
+        out = io.BytesIO()
+        read_for_parent(path, out)
+        version, _, content = out.getvalue().partition(b"\n")
+        assert version.decode() == __version__
+        found = pickle.loads(content)
+        assert found.config == load_config(path).config if sound else "missing.toml: " in found
+
+
+def test_systemd_waits_for_a_reload_longer_than_the_service_waits_for_its_child():
+    unit = (ROOT / "deploy" / "bms-gateway.service").read_text()
+    assert module.PATIENCE_S + 5.0 <= float(re.search(r"^TimeoutStartSec=(\d+)", unit, re.M).group(1))
 
 
 def test_a_service_that_stops_ends_the_child(tmp_path, monkeypatch):

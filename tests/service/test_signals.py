@@ -10,6 +10,7 @@ import pytest
 
 from bms_gateway.cli.run import END_MOST_S, INTERRUPT_MOST_S
 from bms_gateway.service import live
+from bms_gateway.service import signals as module
 from bms_gateway.service.signals import LAST_WORD_S, Signals
 from tests.support.live_service import PATIENCE_S
 
@@ -74,6 +75,43 @@ def test_what_ends_in_time_is_left_alone_and_other_signals_are_no_end():
     process.send_signal(signal.SIGTERM)
     assert process.communicate(timeout=PATIENCE_S) == (b"ended\n", b"")
     assert process.returncode == 0
+
+
+class Pipe:
+    """Stands for a socket with signals in it: keeps for how long each read may wait."""
+
+    def __init__(self, *signals):
+        self._left = list(signals)
+        self.waits = []
+
+    def settimeout(self, wait_s):
+        self.waits.append(wait_s)
+
+    def recv(self, most):
+        if not self._left:
+            raise TimeoutError
+        got, self._left = self._left[:most], self._left[most:]
+        return bytes(got)
+
+
+@pytest.mark.parametrize(("most_s", "waits"), [(100.0, (90.0, 100.0)), (0.0, (0.001, 0.001))])
+def test_each_signal_is_heard_and_none_puts_the_end_off(monkeypatch, most_s, waits):
+    heard, ended, signals = [], [], Signals(most_s)
+    monkeypatch.setattr(module._End, "now", lambda end: ended.append((end.after_s, end.status)))
+
+    class Loop:
+        def call_soon_threadsafe(self, action):
+            action()
+
+    signals._actions = {n: lambda n=n: heard.append(n) for n in (signal.SIGHUP, signal.SIGTERM)}
+    pipe = Pipe(signal.SIGHUP, signal.SIGTERM, signal.SIGHUP, signal.SIGINT, signal.SIGTERM)
+    signals._listen(pipe, Loop())
+    assert heard == [signal.SIGHUP, signal.SIGTERM, signal.SIGHUP, signal.SIGTERM]
+    assert ended == [(most_s, 1)]
+    assert pipe.waits[:2] == [None, None]
+    assert len(pipe.waits) == 6
+    assert all(waits[0] <= wait <= waits[1] for wait in pipe.waits[2:])
+    assert pipe.waits[2:] == sorted(pipe.waits[2:], reverse=True)
 
 
 def test_closed_it_leaves_all_as_it_was():

@@ -22,6 +22,17 @@ def test_nothing_stays_open(tmp_path):
     assert opened() == before
 
 
+@pytest.mark.parametrize("write", [write_fresh, append])
+def test_a_file_is_for_its_owner_and_read_by_its_group(tmp_path, write):
+    """It shows where and how a vehicle is driven."""
+    mask = os.umask(0)
+    try:
+        write(tmp_path / "a", b"1")
+    finally:
+        os.umask(mask)
+    assert (tmp_path / "a").stat().st_mode & 0o7777 == 0o640
+
+
 def test_a_pipe_in_the_place_of_a_file_holds_nobody_up(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     found = []

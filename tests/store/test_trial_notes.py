@@ -188,6 +188,62 @@ def test_a_load_that_took_long_is_no_hang_and_is_noted_once(tmp_path):
     trial.over()
 
 
+class Faults:
+    """Stands for the module `faulthandler`, which the test run needs for itself."""
+
+    def __init__(self, enabled):
+        self.file = enabled
+        self.armed = []
+
+    def is_enabled(self):
+        return self.file is not None
+
+    def enable(self, file):
+        self.file = file
+
+    def disable(self):
+        self.file = None
+
+    def dump_traceback_later(self, seconds, file):
+        self.armed.append((seconds, file))
+
+    def cancel_dump_traceback_later(self):
+        self.armed.append(None)
+
+
+def test_fatal_signals_and_hangs_are_written_into_the_notes_while_the_trial_lasts(tmp_path, monkeypatch):
+    faults = Faults(None)
+    monkeypatch.setattr(module, "faulthandler", faults)
+    trial = Trial(tmp_path, "one")
+    trial.against(7)
+    trial.alive()
+    assert (faults.file, faults.armed) == (None, [])
+    trial.begin()
+    notes = (HANG_S, trial._handle)
+    assert os.fstat(faults.file).st_ino == (tmp_path / "state.trying").stat().st_ino
+    assert faults.armed == [notes]
+    trial.loaded()
+    assert faults.armed == [notes] * 2
+    trial.alive()
+    assert faults.armed == [notes] * 3
+    trial.over()
+    assert (faults.file, faults.armed) == (None, [*[notes] * 3, None])
+    trial.alive()
+    trial.over()
+    assert faults.armed == [*[notes] * 3, None]
+
+
+def test_fatal_signals_that_somebody_else_wants_to_see_are_left_to_them(tmp_path, monkeypatch):
+    faults = Faults(2)
+    monkeypatch.setattr(module, "faulthandler", faults)
+    trial = Trial(tmp_path, "one")
+    trial.against(7)
+    trial.begin()
+    trial.loaded()
+    trial.over()
+    assert (faults.file, faults.armed) == (2, [])
+
+
 def _umask():
     mask = os.umask(0)
     os.umask(mask)
@@ -233,6 +289,44 @@ def test_an_end_that_was_asked_for_ends_the_trial_unless_it_came_after_a_hang(tm
             raise KeyboardInterrupt
         assert trial._handle is None
         assert os.listdir(tmp_path) == left
+
+
+def test_a_stop_lets_go_of_the_notes_and_keeps_what_was_set_aside(tmp_path):
+    noted(tmp_path, [DIED], saved_ns=1, aside=[["state", "state.crashed"]])
+    before = set(os.listdir("/proc/self/fd"))
+    trial = Trial(tmp_path, "one")
+    trial.against(1)
+    trial.begin()
+    with pytest.raises(KeyboardInterrupt), trial.noting():
+        raise KeyboardInterrupt
+    assert set(os.listdir("/proc/self/fd")) == before
+    assert lines_of(tmp_path) == ({"boot": "one", "aside": [["state", "state.crashed"]], "saved_ns": 1}, [])
+
+
+def test_a_bus_that_takes_long_to_fail_takes_back_what_was_taken_for_a_hang(tmp_path):
+    noted(tmp_path, [DIED] * (NOTED_MOST - 1), saved_ns=1)
+    trial = Trial(tmp_path, "one")
+    assert trial.against(1) == ""
+    trial.begin()
+    trial.loaded()
+    with (tmp_path / "state.trying").open("a") as notes:
+        notes.write("Timeout (0:00:05)!\n")
+    trial._alive_s -= HANG_S + 1.0
+    with pytest.raises(StateError), trial.noting():
+        raise StateError("no such interface")
+    assert Trial(tmp_path, "one").against(1) == ""
+
+
+@pytest.mark.parametrize("saved_ns", [None, 0, 1, 1_700_000_000_000_000_000])
+def test_the_tries_of_another_boot_count_against_no_state_and_those_of_this_one_do(tmp_path, saved_ns):
+    noted(tmp_path, [DIED] * NOTED_MOST, boot="another", saved_ns=saved_ns)
+    for _ in range(NOTED_MOST):
+        trial = Trial(tmp_path, "one")
+        assert trial.against(saved_ns) == ""
+        trial.begin()
+        with pytest.raises(ValueError, match="x"), trial.noting():
+            raise ValueError("x")
+    assert "ended 3 times" in Trial(tmp_path, "one").against(saved_ns)
 
 
 def test_an_error_for_the_user_is_no_end_by_the_state(tmp_path):
