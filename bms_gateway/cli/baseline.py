@@ -110,12 +110,14 @@ def _stored(store: Path) -> "Mapping[str, Any]":
 
 def _health(string: "StringPlan", state: "Mapping[str, Any]") -> "StringHealth":
     """Health as stored; as new where nothing is."""
+    from bms_gateway.engine.plausible import fitting
     from bms_gateway.engine.string_estimator import health_of
 
     health = health_of(string)
-    kept = state.get("estimators", {}).get("strings", {}).get(string.name, {}).get("health")
-    if kept is not None:
-        health.restore(kept)
+    with fitting():
+        kept = state.get("estimators", {}).get("strings", {}).get(string.name, {}).get("health")
+        if kept is not None:
+            health.restore(kept)
     return health
 
 
@@ -145,11 +147,15 @@ def _lines(name: str, h: "StringHealth") -> list[str]:
     from datetime import UTC, datetime
 
     def day(t: int) -> str:
-        return datetime.fromtimestamp(t * 1e-9, UTC).strftime("%Y-%m-%d")
+        try:
+            return datetime.fromtimestamp(t * 1e-9, UTC).strftime("%Y-%m-%d")
+        except (ValueError, OverflowError, OSError):
+            return "of no day "
 
-    if not h.commissioned:
-        return [f"{name}: no baseline yet: R_e has not been identified for long enough"]
-    lines = [f"{name}: baseline R_e {1e3 * h.baseline:.3f} mOhm at 25 °C; {h.ageing.sentence()}"]
+    if h.commissioned:
+        lines = [f"{name}: baseline R_e {1e3 * h.baseline:.3f} mOhm at 25 °C; {h.ageing.sentence()}"]
+    else:
+        lines = [f"{name}: no baseline yet: R_e has not been identified for long enough"]
     for k, a in enumerate(h.cells.ageing if h.cells is not None else (), start=1):
         if a.growth == a.growth:
             lines.append(f"  cell {k}: {100 * a.growth:+.1f} ± {100 * a.growth_sd:.1f} %")

@@ -30,6 +30,7 @@ from bms_gateway.engine.events import Decoded, Event, Job, Level, Notice, SendFr
 from bms_gateway.engine.inputs import Inputs
 from bms_gateway.engine.judgement import judged
 from bms_gateway.engine.plan import Channel, Plan
+from bms_gateway.engine.plausible import fitting
 from bms_gateway.engine.readings import Readings
 from bms_gateway.engine.samples import Samples
 from bms_gateway.engine.stamps import Clock
@@ -439,12 +440,10 @@ class Engine:
         """
         if state.get("version") != SNAPSHOT_VERSION:
             raise StateError(f"stored state has version {state.get('version')}, this program writes {SNAPSHOT_VERSION}")
-        try:
+        with fitting():
             left = self._estimators.restore(state["estimators"])
             self._alerting.restore(state.get("alarms", {}))  # states of before alarms outlived a restart have none
             self._tick_end = None if state["tick_end_ns"] is None else int(state["tick_end_ns"])
-        except (TypeError, ValueError, LookupError, AttributeError, ArithmeticError, ConfigError) as e:
-            raise StateError(f"stored state does not fit this program: {type(e).__name__} {e}") from None
         if self._tick_end is not None and not 0 <= self._tick_end < LATEST_NS:
             seconds = max(-(1 << 99), min(self._tick_end, 1 << 99)) * 1e-9  # an integer may be too large for a float
             raise StateError(f"stored state: its time, {seconds:.4g} s since 1970, is none of a clock")

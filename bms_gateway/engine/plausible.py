@@ -5,11 +5,12 @@ vehicle. An observer that starts from 5000 °C would falsify every estimate of a
 whole.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 import numpy as np
 
-from bms_gateway.errors import StateError
+from bms_gateway.errors import ConfigError, StateError
 from bms_gateway.identify import Posterior
 from bms_gateway.observe import Estimate as States
 from bms_gateway.thermal import KINDS, Floats, StringParameters
@@ -24,6 +25,21 @@ PAST_BOUND = 1.0
 """ln: a posterior may exceed a bound, but not by a factor of e."""
 NEGATIVE = -1e-6
 """Share of the largest eigenvalue that rounding may leave of a covariance's smallest."""
+
+
+@contextmanager
+def fitting() -> Iterator[None]:
+    """Take up a stored state; what raises because it has another form than this program's is a `StateError`.
+
+    Raises
+    ------
+    StateError
+        The state does not fit.
+    """
+    try:
+        yield
+    except (TypeError, ValueError, LookupError, AttributeError, ArithmeticError, ConfigError) as e:
+        raise StateError(f"stored state does not fit this program: {type(e).__name__} {e}") from None
 
 
 def check_temperatures(names: Sequence[str], e: States) -> None:

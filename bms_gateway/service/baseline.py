@@ -64,14 +64,19 @@ class BaselineRequests:
         """Carry out what is new; remove what is old: one round of `run`."""
         self._remove(self._take(self._found(), now_s))
 
-    def _found(self) -> list[tuple[Path, Wish | None]]:
-        return list(asked(self._directory))
+    def _found(self) -> list[tuple[Path, Wish | OSError | None]]:
+        try:
+            return list(asked(self._directory))
+        except OSError as e:  # of the directory: next time it may be listed again
+            return [(self._directory, e)]
 
-    def _take(self, found: Sequence[tuple[Path, Wish | None]], now_s: float) -> list[Path]:
+    def _take(self, found: Sequence[tuple[Path, Wish | OSError | None]], now_s: float) -> list[Path]:
         """Carry out what is new; gives those that are over."""
         over = []
         for path, wish in found:
-            if path not in self._done:
+            if isinstance(wish, OSError):  # it may be a wish: it stays, and is tried again
+                log.warning("%s: cannot be read: %s; tried again", path, wish.strerror, extra={"code": "baseline"})
+            elif path not in self._done:
                 self._carry_out(path, wish)
                 self._done[path] = now_s
             elif now_s - self._done[path] >= KEPT_S:

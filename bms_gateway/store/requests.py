@@ -94,22 +94,31 @@ def _pattern(wish: Wish) -> str:
     return PATTERN if isinstance(wish, BaselineReset) else ACKNOWLEDGED
 
 
-def asked(directory: Path) -> Iterator[tuple[Path, Wish | None]]:
-    """Give the waiting requests, the oldest of each kind first; None for a file that is no request."""
+def asked(directory: Path) -> Iterator[tuple[Path, Wish | OSError | None]]:
+    """Give the waiting requests, the oldest of each kind first.
+
+    None stands for a file that is no request, an `OSError` for one that cannot be read now and may be one.
+    """
     for kind in (BaselineReset, Acknowledgement):
         yield from _of_kind(directory, kind)
 
 
-def _of_kind(directory: Path, kind: type[Wish]) -> Iterator[tuple[Path, Wish | None]]:
+def _of_kind(directory: Path, kind: type[Wish]) -> Iterator[tuple[Path, Wish | OSError | None]]:
     for path in sorted(directory.glob(PATTERN if kind is BaselineReset else ACKNOWLEDGED)):
-        if not path.is_file():  # a pipe would never end
-            yield path, None
+        try:
+            if not path.is_file():  # a pipe would never end
+                yield path, None
+                continue
+            with path.open("rb") as f:
+                raw = f.read(MAX_BYTES)
+        except FileNotFoundError:  # removed meanwhile
+            continue
+        except OSError as error:
+            yield path, error
             continue
         try:
-            with path.open("rb") as f:
-                content = json.loads(f.read(MAX_BYTES))
-            wish = kind(**content)
-        except (OSError, ValueError, TypeError, RecursionError):
+            wish = kind(**json.loads(raw))
+        except (ValueError, TypeError, RecursionError):
             yield path, None
             continue
         sound: bool = type(wish.time_ns) is int and type(wish.reason) is str

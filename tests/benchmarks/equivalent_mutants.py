@@ -12,6 +12,7 @@ SOONER = "a string takes its ticks in before it must: only slower"
 BLOCKS = "ticks are put together when a string takes them, if not before"
 NO_FOLDER = "what is no directory is refused by the next call all the same; Python closes descriptors for children"
 INSTANT = "at that very instant of a clock"
+LET_GO = "Python closes a socket that nobody holds any more"
 MORE_BINS = "one empty bin more than there are groups, never looked up"
 
 EQUIVALENT: dict[str, dict[str, str]] = {
@@ -158,7 +159,7 @@ EQUIVALENT: dict[str, dict[str, str]] = {
     },
     "bms_gateway/service/reread.py": {
         ": if TYPE_CHECKING:  ->  if not TYPE_CHECKING:": ANNOTATIONS,
-        "reread: child.returncode < 0  ->  child.returncode <= 0": "asked where it is not 0",
+        ": child.returncode < 0  ->  child.returncode <= 0": "asked where it is not 0",
     },
     "bms_gateway/store/trial.py": {
         "Trial.__init__: 0.0  ->  1.0": "asked after `begin`, which sets it, or a second after the boot",
@@ -183,6 +184,8 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "_End.now: True  ->  False": "the next call ends the process with all its threads",
         "Signals.take: True  ->  False": "the thread has ended when the process does, or `_End` ends the process",
         "Signals.take: False  ->  True  #2": "a warning when the descriptor is full, which holds hundreds of signals",
+        "Signals.take.close: ours.close()  ->  pass": LET_GO,
+        "Signals.take.close: theirs.close()  ->  pass": LET_GO,
         "Signals.take.close: thread.join()  ->  pass": "the byte ends the thread a moment later",
     },
     "bms_gateway/store/files.py": {

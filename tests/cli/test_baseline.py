@@ -140,3 +140,46 @@ def test_what_is_stored_is_shown(config: Path, capsys) -> None:
     assert told["cells_growth_pct"]["2"] == pytest.approx(12.3, abs=0.1)
     assert told["cells_growth_pct"]["1"] is None
     assert told["events"][0]["text"].endswith("cell 1 replaced")
+
+
+@pytest.mark.parametrize(
+    "part", ["estimators", "strings", "string_1", "health", "history", "ageing", "trend", "events"]
+)
+@pytest.mark.parametrize("value", [3, "x", [1], {"x": 1}])
+def test_a_state_of_another_form_is_told_in_one_line_and_never_a_traceback(config: Path, capsys, part, value) -> None:
+    """Its check sum is right: written by another version, or by whoever owns the directory."""
+    state = json.loads(json.dumps(Engine(*_parts(config)).snapshot()))
+    holders = {"estimators": state}
+    holders["strings"] = state["estimators"]
+    holders["string_1"] = holders["strings"]["strings"]
+    holders["health"] = holders["string_1"]["string_1"]
+    holders |= dict.fromkeys(("history", "ageing", "trend"), holders["health"]["health"])
+    holders["events"] = holders["health"]["health"]["history"]
+    holders[part][part] = value
+    assert StateStore(config.parent / "state").save(state, wall_ns=1) is None
+    status, out, err = call(capsys, "--show", "--config", config)
+    if status == 0:  # a part without this string says nothing of it
+        assert (part, err) in [(p, "") for p in ("estimators", "strings", "string_1", "health")]
+        assert "no baseline yet" in out
+    else:
+        assert (status, out, err.count("\n")) == (2, "", 1)
+        assert "stored state does not fit this program" in err or "the stored state is" in err
+
+
+@pytest.mark.parametrize("time_ns", [10**30, -(10**30), 10**400])
+def test_an_event_of_a_time_that_no_calendar_has_is_shown(config: Path, capsys, time_ns: int) -> None:
+    engine = Engine(*_parts(config))
+    engine.strings[0].health.history.note(time_ns, "baseline of R_e reset: new module")
+    assert StateStore(config.parent / "state").save(engine.snapshot(), wall_ns=1) is None
+    status, out, _ = call(capsys, "--show", "--config", config)
+    assert status == 0
+    assert "of no day   baseline of R_e reset: new module" in out
+
+
+def test_a_reset_is_shown_from_then_on_and_not_only_once_the_next_baseline_is_there(config: Path, capsys) -> None:
+    engine = Engine(*_parts(config))
+    engine.reset_baseline("string_1", None, "new module", time_ns=1_700_000_000_000_000_000)
+    assert StateStore(config.parent / "state").save(engine.snapshot(), wall_ns=1) is None
+    out = call(capsys, "--show", "--config", config)[1]
+    assert "string_1: no baseline yet" in out
+    assert "2023-11-14  baseline of R_e reset: new module" in out

@@ -1,6 +1,7 @@
 """Requests for a new baseline: carried out once, refused in words, and not lost at a cut of power."""
 
 import asyncio
+import errno
 import json
 import logging
 import threading
@@ -159,6 +160,25 @@ def test_a_file_that_cannot_be_removed_is_told_and_tried_again(tmp_path, caplog)
     for now in (0.0, KEPT_S, KEPT_S + 2.0):
         requests.look(now)
     assert caplog.text.count("cannot be removed") == 2
+
+
+@pytest.mark.parametrize("call", ["open", "is_file", "glob"])
+def test_a_wish_that_cannot_be_read_now_is_told_kept_and_carried_out_later(tmp_path, monkeypatch, caplog, call) -> None:
+    """After one failure of the disk it was called no request, and removed."""
+    e, path = engine(), ask(tmp_path, WISH)
+    requests = BaselineRequests(tmp_path, lambda: e)
+    fails = OSError(errno.EIO, "Input/output error")
+    with monkeypatch.context() as disk:
+        disk.setattr(Path, call, lambda *_, **__: (_ for _ in ()).throw(fails))
+        for now in (0.0, 2.0, KEPT_S + 4.0):
+            requests.look(now)
+    assert caplog.text.count("cannot be read: Input/output error; tried again") == 3
+    assert path.exists()
+    assert texts(e) == []
+    requests.look(KEPT_S + 6.0)
+    assert texts(e) == ["baseline of R_e reset: new module: made anew by the next drives"]
+    requests.look(2 * KEPT_S + 6.0)
+    assert not path.exists()
 
 
 def test_an_acknowledgement_ends_what_only_a_person_ends_and_is_told(tmp_path: Path) -> None:

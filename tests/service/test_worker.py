@@ -60,6 +60,7 @@ def test_a_task_that_nobody_waits_for_any_more_is_not_begun():
         begun.wait(SOON_S)
         second, third = worker.submit(lambda: done.append(2)), worker.submit(lambda: done.append(3))
         second.cancel()
+        await asyncio.sleep(0)  # the loop hands that on
         goes_on.set()
         await first
         await third
