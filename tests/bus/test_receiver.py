@@ -107,3 +107,30 @@ def test_however_frames_are_cut_into_drains_they_are_the_same(pair):
     assert whole.time_ns.tolist() == stamps
     assert port.counters.received == len(sent)
     port.close()
+
+
+def test_what_the_kernel_has_lost_is_told_by_the_frames_after_it():
+    """Datagrams over loopback: they have the counter that a CAN socket has, and a pair of sockets has not."""
+    ours, theirs = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
+    with ours, theirs:
+        ours.bind(("127.0.0.1", 0))
+        ours.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1)
+        receiver, sent, received = Receiver(ours), 0, 0
+        for _ in range(3):
+            for _ in range(100):
+                theirs.sendto(bytes(8), ours.getsockname())
+                sent += 1
+            while (got := receiver.take()) is not None:
+                received += len(got.sizes)
+                assert (got.wall_ns > 10**18).all()
+        lost = sent - received
+        assert lost > 0
+        theirs.sendto(bytes(8), ours.getsockname())
+        assert receiver.take().drops == lost
+
+
+def test_a_socket_that_is_gone_is_an_error_of_the_system(pair):
+    receiver = Receiver(pair[0])
+    pair[0].close()
+    with pytest.raises(OSError, match="Bad file descriptor"):
+        receiver.take()

@@ -100,3 +100,37 @@ def test_a_request_has_ten_thousand_bytes_at_most(tmp_path):
     bare = len(json.dumps({"string": "s", "cell": 1, "reason": "", "time_ns": 5}))
     assert laid(tmp_path, reason="x" * (10_000 - bare)) != [None]
     assert laid(tmp_path, reason="x" * (10_001 - bare)) == [None]
+
+
+@pytest.mark.parametrize("gone", [True, False])
+def test_one_that_vanishes_meanwhile_or_is_none_hides_no_other(tmp_path, monkeypatch, gone):
+    for k in (1, 2, 3):
+        ask(tmp_path, BaselineReset("string_1", None, "x", k))
+    first = tmp_path / "baseline.1.request"
+    first.write_text("{")
+    is_file = Path.is_file
+
+    def vanishes(path):
+        there = is_file(path)
+        if gone and path == first:
+            path.unlink()
+        return there
+
+    monkeypatch.setattr(Path, "is_file", vanishes)
+    found = [None if wish is None else wish.time_ns for _, wish in asked(tmp_path)]
+    assert found == ([2, 3] if gone else [None, 2, 3])
+
+
+def test_one_that_cannot_be_read_hides_no_other(tmp_path, monkeypatch):
+    for k in (1, 2):
+        ask(tmp_path, BaselineReset("string_1", None, "x", k))
+    real = Path.open
+
+    def fails(path, *words):
+        if path.name == "baseline.1.request":
+            raise OSError(5, "Input/output error")
+        return real(path, *words)
+
+    monkeypatch.setattr(Path, "open", fails)
+    found = [wish for _, wish in asked(tmp_path)]
+    assert [type(wish) for wish in found] == [OSError, BaselineReset]
