@@ -13,7 +13,6 @@ import pickle
 import shutil
 import subprocess
 import sys
-import sysconfig
 import time
 import urllib.request
 from pathlib import Path
@@ -26,14 +25,23 @@ from bms_gateway.service.fit_process import NICE
 from bms_gateway.store import StateStore
 from tests.service.broker import make_broker
 from tests.support.fit_jobs import windows
+from tests.support.installed_service import (
+    CONFIG,
+    LENT,
+    ROOT,
+    STATE,
+    UNIT,
+    drop_in,
+    install,
+    journal,
+    own_frames,
+    prop,
+    sh,
+    until,
+)
 
 pytestmark = [pytest.mark.systemd, pytest.mark.slow]
 
-ROOT = Path(__file__).resolve().parents[2]
-UNIT = "bms-gateway"
-LENT = Path("/opt/lent")
-STATE = Path("/var/lib/bms-gateway")
-CONFIG = Path("/etc/bms-gateway/gateway.toml")
 CHILD_STARTS_IN = 32 << 20  # enough for it to say that it goes first, too little to read anything
 
 
@@ -46,72 +54,6 @@ b"x" * (300 << 20)
 """
 
 
-def sh(*words, **options):
-    done = subprocess.run([str(w) for w in words], capture_output=True, text=True, check=False, **options)
-    assert done.returncode == 0, f"{words}: {done.stdout}{done.stderr}"
-    return done.stdout
-
-
-def prop(name):
-    return sh("systemctl", "show", "-P", name, UNIT).strip()
-
-
-def install(wheel):
-    """Run the script as a user does, without a network, then lend the packages."""
-    environment = {**os.environ, "PIP_NO_INDEX": "1", "PIP_NO_DEPS": "1"}
-    sh(ROOT / "deploy" / "install.sh", "--python", lend(), wheel, env=environment)
-    packages = Path(f"/opt/bms-gateway/venv/lib/python3.{sys.version_info.minor}/site-packages")
-    (packages / "lent.pth").write_text(f"{LENT / 'site'}\n")
-
-
-def until(condition, what, seconds=120.0):
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        if condition():
-            return
-        time.sleep(0.1)
-    raise AssertionError(f"{what}: not within {seconds} s\n{journal()[-4000:]}")
-
-
-def journal():
-    return subprocess.run(
-        ["journalctl", "--no-pager", "-o", "short-monotonic", "-u", UNIT], capture_output=True, text=True, check=False
-    ).stdout
-
-
-def lend():
-    """The present interpreter and its packages, where the service may see them."""
-    for source, name in ((sys.base_prefix, "python"), (sysconfig.get_path("purelib"), "site")):
-        target = LENT / name
-        target.mkdir(parents=True, exist_ok=True)
-        if not any(target.iterdir()):
-            sh("mount", "--bind", source, target)
-    return LENT / "python" / "bin" / f"python3.{sys.version_info.minor}"
-
-
-@pytest.fixture(scope="module")
-def installed(tmp_path_factory):
-    """The gateway, installed by its own script."""
-    folder = tmp_path_factory.mktemp("wheel")
-    sh(sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "--no-build-isolation", "-w", folder, ROOT)
-    wheel = next(folder.glob("*.whl"))
-    install(wheel)
-    # the interpreter looks for its library where it was built, which may be hidden; the system's may be another version
-    drop_in("lent", f"Environment=LD_LIBRARY_PATH={LENT}/python/lib")
-    return wheel
-
-
-def drop_in(name, *lines):
-    """Add lines to the unit's [Service], or take them away."""
-    path = Path(f"/run/systemd/system/{UNIT}.service.d/{name}.conf")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    if lines == (None,):
-        path.unlink(missing_ok=True)
-    else:
-        path.write_text("\n".join(("[Service]", *lines, "")))
-    sh("systemctl", "daemon-reload")
-
-
 @pytest.fixture
 def service(installed):
     # a short watchdog, so that the test need not wait; everything else is the unit as it is shipped
@@ -121,18 +63,6 @@ def service(installed):
     yield
     subprocess.run(["systemctl", "stop", UNIT], check=False)
     subprocess.run(["systemctl", "reset-failed", UNIT], check=False)
-
-
-@pytest.fixture
-def pack(installed, tmp_path):
-    """Traffic of a simulated pack on vcan0 in real time."""
-    log = tmp_path / "pack.log"
-    gateway = "/opt/bms-gateway/venv/bin/bms-gateway"
-    sh(gateway, "simulate", "--config", CONFIG, "--out", log, "--duration", "600")
-    player = subprocess.Popen([gateway, "replay", str(log), "--to", "vcan0"], stdout=subprocess.DEVNULL)
-    yield log
-    player.kill()
-    player.wait()
 
 
 def scrape():
@@ -154,25 +84,6 @@ def test_it_is_ready_only_once_the_bus_is_there(installed):
         sh("ip", "link", "set", "vcan0", "up")
     until(lambda: prop("ActiveState") == "active", "READY after the bus came")
     sh("systemctl", "stop", UNIT)
-
-
-def own_frames(seconds):
-    """Frames that the service sends, by message name, decoded by cantools."""
-    import cantools
-
-    database = cantools.database.load_file(ROOT / "dbc" / "bms_gateway.dbc")
-    text = subprocess.run(
-        ["timeout", str(seconds), "candump", "-L", "vcan0"], capture_output=True, text=True, check=False
-    ).stdout
-    found = {}
-    for line in text.splitlines():
-        number, data = line.split()[2].split("#")
-        try:
-            message = database.get_message_by_frame_id(int(number, 16))
-        except KeyError:
-            continue
-        found.setdefault(message.name, []).append(message.decode(bytes.fromhex(data), decode_choices=False))
-    return found
 
 
 def test_the_unit_is_valid_and_hardened(installed):
@@ -485,12 +396,3 @@ def test_a_window_is_fitted_in_a_process_of_its_own_below_the_loop_under_all_the
     finally:
         drop_in("aside", None)
         subprocess.run(["systemctl", "reset-failed", UNIT], check=False)
-
-
-def test_uninstall_keeps_config_and_state_unless_purged(installed):
-    sh(ROOT / "deploy" / "uninstall.sh")
-    assert CONFIG.exists()
-    assert not Path("/opt/bms-gateway").exists()
-    sh(ROOT / "deploy" / "uninstall.sh", "--purge")
-    assert not CONFIG.parent.exists()
-    assert not shutil.which("bms-gateway", path="/opt/bms-gateway/venv/bin")

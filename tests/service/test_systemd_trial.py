@@ -7,19 +7,7 @@ import time
 
 import pytest
 
-from tests.service.test_systemd import (  # noqa: F401 (fixtures)
-    CONFIG,
-    STATE,
-    UNIT,
-    drop_in,
-    installed,
-    journal,
-    own_frames,
-    pack,
-    prop,
-    sh,
-    until,
-)
+from tests.support.installed_service import CONFIG, STATE, UNIT, drop_in, journal, own_frames, prop, sh, until
 
 pytestmark = [pytest.mark.systemd, pytest.mark.slow]
 
@@ -38,7 +26,7 @@ sys.exit(main(["run", "/etc/bms-gateway/gateway.toml"]))
 
 
 @pytest.fixture
-def learnt(installed, pack):  # noqa: F811
+def learnt(installed, pack):
     """A service that has estimated, was stopped and has left one state."""
     for file in STATE.resolve().glob("state*"):
         file.unlink()

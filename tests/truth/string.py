@@ -10,6 +10,7 @@ Current is constant within a step (mean of the square = square of the mean), so 
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -45,27 +46,43 @@ class TruthString:
     def cells(self):
         return self.C_c.shape[-1]
 
+    @cached_property
+    def _film(self):
+        """R_u of each cell and, where the stream is ntu, the share of the gap that it takes up."""
+        shares = [None] * self.cells
+        if self.coolant == "ntu":  # the stream leaves as near to the casing as exp(−1/(R_u C_f)) of the gap
+            shares = [1 - np.exp(-1 / (self.R_u[..., k] * self.C_f)) for k in range(self.cells)]
+        return list(zip(_by_cell(self.R_u), shares, strict=True))
+
+    def to_coolant(self, T_s, T_in):
+        """W from each casing to the stream, which warms from cell to cell; without bound on C_f it does not."""
+        if not np.isfinite(self.C_f):
+            return (T_s - np.asarray(T_in)[..., None]) / self.R_u
+        taken, stream = [], T_in if T_s.ndim > 1 else float(T_in)
+        for T, (R_u, share) in zip(_by_cell(T_s), self._film, strict=True):
+            gap = T - stream
+            taken.append(gap / R_u if share is None else self.C_f * gap * share)
+            stream = stream + taken[-1] / self.C_f
+        return np.stack(taken, axis=-1) if T_s.ndim > 1 else np.array(taken)
+
     def rates(self, T_c, T_s, T_in, I2, heat=None):
         """dT_c/dt and dT_s/dt; `I2` A² (…,), or `heat` W (…, n) in place of I²R_e."""
         if heat is None:
             R_e = self.R_e * np.exp(self.B * (1 / (T_c + 273.15) - 1 / 298.15)) if self.B else self.R_e
             heat = np.asarray(I2)[..., None] * R_e
         outward = (T_c - T_s) / self.R_c
-        to_coolant = np.empty_like(T_s)
-        stream = T_in
-        for k in range(self.cells):
-            gap = T_s[..., k] - stream
-            to_coolant[..., k] = gap / self.R_u[..., k]
-            if np.isfinite(self.C_f):
-                if self.coolant == "ntu":  # the stream leaves as near to the casing as exp(−1/(R_u C_f)) of the gap
-                    to_coolant[..., k] = self.C_f * gap * (1 - np.exp(-1 / (self.R_u[..., k] * self.C_f)))
-                stream = stream + to_coolant[..., k] / self.C_f
+        to_coolant = self.to_coolant(T_s, T_in)
         between = np.zeros_like(T_s)
         if self.cells > 1 and np.isfinite(self.R_cc):
             flux = (T_s[..., 1:] - T_s[..., :-1]) / self.R_cc  # from cell k+1 into cell k
             between[..., :-1] += flux
             between[..., 1:] -= flux
         return (heat - outward) / self.C_c, (outward - to_coolant + between) / self.C_s
+
+
+def _by_cell(x):
+    """Along the last axis: numbers of Python where there is no batch, which are many times faster one by one."""
+    return x.tolist() if x.ndim == 1 else [x[..., k] for k in range(x.shape[-1])]
 
 
 def rk4(truth, current, inlet, T_0, *, dt=1.0, substeps=2, heat=None):
