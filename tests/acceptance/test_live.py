@@ -85,10 +85,21 @@ def ours(b: FrameBatch) -> FrameBatch:
     return FrameBatch(b.time_ns[mine], b.can_id[mine], b.length[mine], b.data[mine])
 
 
+def inputs_of(b: FrameBatch) -> np.ndarray:
+    """Stamps of the frames that the service did not send, ns."""
+    return b.time_ns[~np.isin(b.can_id, ours(b).can_id)]
+
+
+def during_the_drive(b: FrameBatch) -> FrameBatch:
+    """Our frames up to the last of the drive: the analysis ends there, the service waits on and goes on sending."""
+    live = ours(b)
+    return live[: np.searchsorted(live.time_ns, inputs_of(b)[-1])]
+
+
 def test_live_and_analysed_broadcasts_are_the_same_bits(recording, tmp_path) -> None:
     config, recorded = recording
     assert main(["analyze", str(recorded), "--config", str(config), "--out", str(tmp_path)]) == 0
-    live, offline = ours(frames(recorded)), frames(tmp_path / "broadcast.log")
+    live, offline = during_the_drive(frames(recorded)), frames(tmp_path / "broadcast.log")
     n = min(len(live), len(offline))
     per_tick = 60 + 5
     assert n > (SECONDS - 4) * per_tick
@@ -102,9 +113,9 @@ def test_after_a_stall_the_broadcasts_are_those_of_the_analysed_recording(tmp_pa
     """With over 1,024 frames waiting most got the time of their reading, and good sensors were told stale."""
     config, recorded = recorded_drive(tmp_path, stall_s)
     assert main(["analyze", str(recorded), "--config", str(config), "--out", str(tmp_path / "out")]) == 0
-    everything, live = frames(recorded), ours(frames(recorded))
-    inputs = everything.time_ns[~np.isin(everything.can_id, live.can_id)]
-    live = live[: np.searchsorted(live.time_ns, inputs[-1])]  # the analysis ends with the drive, the service waits on
+    everything = frames(recorded)
+    live = during_the_drive(everything)
+    inputs = inputs_of(everything)
     pause = int(np.diff(live.time_ns).argmax())
     waited = (inputs > live.time_ns[pause]) & (inputs < live.time_ns[pause + 1])
     assert np.diff(live.time_ns).max() > 0.8 * stall_s * 1e9
