@@ -5,13 +5,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bms_gateway.diagnosis.coarse_rows import HOPELESS, doubt
 from bms_gateway.diagnosis.core_band import posterior
 from bms_gateway.diagnosis.geometry import OF, odd_fitted
 from bms_gateway.diagnosis.model_error import Bench, ModelError, averaged
 from bms_gateway.diagnosis.model_error import fit as fit_with_error
 from bms_gateway.diagnosis.prepare import measured
 from bms_gateway.diagnosis.record import Record, in_held_out
-from bms_gateway.diagnosis.record_windows import keeping, learned
+from bms_gateway.diagnosis.record_windows import keeping, learned, untaught
 from bms_gateway.diagnosis.residuals import LEAST_Z, structure
 from bms_gateway.identify.contract import FIXED
 from bms_gateway.identify.coordinates import OWN, Measured
@@ -116,7 +117,8 @@ def identify(model: StringModel, records: Sequence[Record], *, core: bool = Fals
 
     Where the model cannot follow the surfaces to within their noise, it is fitted with an error of its own: taken for
     white noise, what it lacks drives its numbers and with them its core far off, and makes them look certain. If the
-    model has no effects, the numbers by the windows of the live method are then believed (`record_windows`).
+    model has no effects, the numbers by the windows of the live method are then believed (`record_windows`). Where rows
+    of the current lie so far apart that no window learns from them, the records teach nothing.
 
     Parameters
     ----------
@@ -129,15 +131,18 @@ def identify(model: StringModel, records: Sequence[Record], *, core: bool = Fals
     start = model.unfitted
     ready = [measured(r, start, core=core) for r in records]
     fit = fitted(Problem(start, ready))
-    left = structure(fit)
-    if core or left.z <= LEAST_Z or left.size <= LEAST_STRUCTURE:
+    left, hopeless = structure(fit), max(doubt(r) for r in records) > HOPELESS
+    if core or not hopeless and (left.z <= LEAST_Z or left.size <= LEAST_STRUCTURE):
         return Identified(fit, fit, fit, fit, 0.0)
     settings = ModelError()
     bench = Bench([held_out(averaged(m, settings)) for m in ready], settings)
     problem = Problem(start, bench.records, bench.beliefs)
     found = fit_with_error(bench, problem, problem.begin, TO_THE_END)
     closest = seen_on(found.map, ready)
-    if start.effects or (known := learned(start, ready)) is None:
+    known = None if start.effects else learned(start, ready)
+    if known is None and hopeless:
+        known = untaught(start)
+    if known is None:
         return Identified(found.map, closest, closest, fit, found.discrepancy.size)
     believed = keeping(bench, found, known)
     return Identified(believed.map, seen_on(believed.map, ready), closest, fit, believed.discrepancy.size)

@@ -80,6 +80,11 @@ def learned(model: StringModel, records: Sequence[Measured]) -> Posterior | None
     return learner.posterior() if learner.windows else None
 
 
+def untaught(model: StringModel) -> Posterior:
+    """What is known of the numbers before any record, as `learned` would give it."""
+    return WindowIdentifier(model).posterior()
+
+
 def keeping(bench: Bench, fit: Fit, known: Posterior) -> Fit:
     """Give a fit the numbers that windows have found, and fit what is left.
 

@@ -81,6 +81,23 @@ def test_a_fit_that_teaches_nothing_says_so():
     assert NOTHING_LEARNT not in str(fit(CELL, cooled_by(7.0)))
 
 
+@pytest.mark.parametrize("seed", [5, 6, 7])
+@pytest.mark.parametrize("every", [20, 60])
+def test_rows_too_far_apart_to_know_the_heat_teach_nothing(seed, every):
+    log, whole, model = hidden(
+        cells=1, sensors=(1,), cycle="mixed", noise=0.05, step=0.1, seed=seed, seconds=10800, columns=()
+    )
+    rows = {name: values[::every] for name, values in log.table.items()}
+    inputs = {name: rows[name] for name in ("time_s", "current_A", "coolant_inlet_C")}
+    found = fit(model, make_record(Columns(**inputs, surface_C={1: rows["surface_1_C"]}), model))
+    assert NOTHING_LEARNT in str(found)
+    assert found.model.posterior.not_proven
+    for name, prior in model.priors.items():
+        assert found.model.priors[name].value == pytest.approx(prior.value, rel=1e-4)
+        assert found.model.priors[name].rel_sd == pytest.approx(prior.rel_sd, rel=0.01)
+    assert NOTHING_LEARNT not in str(fit(model, whole))
+
+
 def _readings(fit):
     return np.concatenate([m.y for m in fit.problem.records])
 
