@@ -132,7 +132,7 @@ def identify(model: StringModel, records: Sequence[Record], *, core: bool = Fals
     ready = [measured(r, start, core=core) for r in records]
     fit = fitted(Problem(start, ready))
     left, hopeless = structure(fit), max(doubt(r) for r in records) > HOPELESS
-    if core or not hopeless and (left.z <= LEAST_Z or left.size <= LEAST_STRUCTURE):
+    if core or (not hopeless and (left.z <= LEAST_Z or left.size <= LEAST_STRUCTURE)):
         return Identified(fit, fit, fit, fit, 0.0)
     settings = ModelError()
     bench = Bench([held_out(averaged(m, settings)) for m in ready], settings)

@@ -1,13 +1,9 @@
 """The page of a report: self-contained, well formed, with the numbers of its objects, and seen by a browser."""
 
-import base64
-import json
-import lzma
 import re
 import shutil
 import subprocess
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
@@ -37,6 +33,7 @@ from bms_gateway.report.html_figures import HEATS, STYLES
 from bms_gateway.report.html_series import ALL_POINTS, broken, envelope, points_each, smooth
 from bms_gateway.report.page import amount, plotly_script
 from tests.diagnosis.decided import by_second
+from tests.report.html_page import Page, unpacked
 from tests.report.labels import bare
 from tests.truth.hidden import Scenario, make_log, make_logs
 
@@ -51,65 +48,6 @@ const zoom = () => Plotly.relayout(all[0], {"xaxis.range": [5, 10]}).then(() => 
 }, 1000));
 drawn();
 """
-VOID = {"meta", "br", "img", "link", "input", "hr"}
-
-
-class Page(HTMLParser):
-    """What stands on a page; complains about tags that are not closed in order."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.tags, self.ids, self.open, self.tables, self.text = [], [], [], {}, ""
-        self.section = None
-        self.feed(text)
-        self.close()
-        assert self.open == []
-
-    def handle_starttag(self, tag, attrs):
-        attrs = dict(attrs)
-        self.tags.append((tag, attrs))
-        self.ids += [attrs["id"]] if "id" in attrs else []
-        if tag not in VOID:
-            self.open.append(tag)
-        if tag == "section":
-            self.section = attrs["id"]
-        if tag == "table":
-            self.tables.setdefault(self.section, []).append([])
-        if tag == "tr":
-            self.tables[self.section][-1].append([])
-        if tag in ("td", "th"):
-            self.tables[self.section][-1][-1].append("")
-
-    def handle_startendtag(self, tag, attrs):
-        self.tags.append((tag, dict(attrs)))
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-    def handle_data(self, data):
-        if self.open and self.open[-1] in ("script", "style"):
-            return
-        self.text += data
-        if "td" in self.open or "th" in self.open:
-            self.tables[self.section][-1][-1][-1] += data
-
-    def figures(self, text):
-        names = [a["id"] for t, a in self.tags if a.get("class") == "plot"]
-        return {n: json.loads(unpacked(text, f"{n}-data")) for n in names}
-
-
-def unpacked(text, name):
-    """What an element holds packed: LZMA by the standard library, told here what a page is to hold."""
-    length, packed = re.search(
-        f'type="application/x-lzma" id="{name}" data-length="([0-9]+)">(.*?)</script>', text
-    ).groups()
-    content = lzma.decompress(
-        base64.b64decode(packed, validate=True),
-        lzma.FORMAT_RAW,
-        filters=[{"id": lzma.FILTER_LZMA1, "lc": 3, "lp": 0, "pb": 0}],
-    )
-    assert len(content) == int(length)
-    return content
 
 
 def measured_log():
