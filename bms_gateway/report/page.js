@@ -1,25 +1,26 @@
-"use strict";
 // Unpacks plotly, draws the figures whose specifications stand in the page, links the time axes of one record, and fits them to paper.
-(async function () {
-  try {
-    const packed = Uint8Array.from(atob(document.getElementById("plotly").textContent), (c) => c.charCodeAt(0));
-    const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
-    const script = document.createElement("script");
-    script.textContent = await new Response(stream).text();
-    document.head.append(script);
-  } catch (e) {
-    document.getElementById("old").hidden = false;
-    throw e;
-  }
+(function () {
+  const unpacked = (id) => {
+    const { textContent, dataset } = document.getElementById(id);
+    return new TextDecoder().decode(unlzma(Uint8Array.from(atob(textContent), (c) => c.charCodeAt(0)), Number(dataset.length)));
+  };
   const PAPER = 690; // px between the margins of an A4 or Letter page, upright
   // these buttons and no others: one of plotly's own would send the data to its maker's server
   const buttons = [["zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d", "toImage"]];
   const config = { displaylogo: false, responsive: true, modeBarButtons: buttons };
   const plots = [];
-  for (const place of document.querySelectorAll(".plot")) {
-    const figure = JSON.parse(document.getElementById(place.id + "-data").textContent);
-    Plotly.newPlot(place, figure.data, figure.layout, config);
-    plots.push(place);
+  try {
+    const script = document.createElement("script");
+    script.textContent = unpacked("plotly");
+    document.head.append(script);
+    for (const place of document.querySelectorAll(".plot")) {
+      const figure = JSON.parse(unpacked(place.id + "-data"));
+      Plotly.newPlot(place, figure.data, figure.layout, config);
+      plots.push(place);
+    }
+  } catch (e) {
+    document.getElementById("damaged").hidden = false;
+    throw e;
   }
   let moving = false;
   for (const one of plots) {

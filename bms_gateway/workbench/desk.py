@@ -51,6 +51,7 @@ class Desk:
         self._opened: Document | None = None
         self._looked: Document | None = None
         self._frames: list[Frame] = []
+        self._notes = ""
         self._tracks: dict[str, Document] = {}
         self._job: Document | None = None
         self._request: Document = {}
@@ -112,12 +113,19 @@ class Desk:
             raise UsageError("look: choose a table first")
         self._start("look", {"files": files})
 
-    def resume(self, files: Document, additions: Sequence[Addition]) -> None:
+    def resume(self, files: Document, additions: Sequence[Addition], notes: str = "") -> None:
         """Open the files of a session, and go its way again: one addition after the other, until one is refused."""
         self.cancel()
         self.open(files)
         with self.changed:
             self._to_come = list(additions)
+            self._notes = notes
+
+    def note(self, notes: str) -> None:
+        """Keep what a person writes, also while something runs."""
+        with self.changed:
+            self._notes = notes
+            self._told()
 
     def compare(self) -> None:
         """Hold the newest model against the readings."""
@@ -176,12 +184,12 @@ class Desk:
         return path
 
     def session(self) -> Document:
-        """Files by name, and what was added to the model: what `resume` needs."""
+        """Files by name, what was added to the model, and notes: what `resume` needs."""
         with self.changed:
             files = self._named()
             if files is None:
                 raise UsageError("session: open a table and a model first")
-            return session_of(files, self._frames)
+            return session_of(files, self._frames, self._notes)
 
     def model(self) -> str:
         """Newest model file, with what is to be doubted of it on top."""
@@ -298,7 +306,7 @@ class Desk:
                 "refusal": self._refusal,
                 "job": self._job,
                 "error": self._error,
-                "session": session_of(files, self._frames) if files else None,
+                "session": session_of(files, self._frames, self._notes) if files else None,
                 "commands": command_lines(files, self._way()) if files else [],
                 "config": config_lines(files, len(self._frames) - 1) if files else "",
             }

@@ -25,7 +25,7 @@ from bms_gateway.workbench.beside import Beside
 from bms_gateway.workbench.clients import Clients
 from bms_gateway.workbench.desk import Desk
 from bms_gateway.workbench.doors import CLOSED, HEADERS, Door
-from bms_gateway.workbench.session import additions_of
+from bms_gateway.workbench.session import additions_of, notes_of
 from bms_gateway.workbench.site import Site, wanted_files
 from bms_gateway.workbench.uploads import safe_name
 
@@ -404,8 +404,10 @@ class Handler(BaseHTTPRequestHandler):
             case "look":
                 desk.look(wanted_files(self.server.site, desk, body))
             case "resume":
-                additions = additions_of(body)
-                desk.resume(wanted_files(self.server.site, desk, body["files"]), additions)
+                additions, notes = additions_of(body), notes_of(body.get("notes", ""))
+                desk.resume(wanted_files(self.server.site, desk, body["files"]), additions, notes)
+            case "note":
+                desk.note(notes_of(body.get("notes")))
             case "compare" | "diagnose" | "undo" | "cancel":
                 getattr(desk, what)()
             case "add":

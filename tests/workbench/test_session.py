@@ -6,12 +6,17 @@ import pytest
 
 from bms_gateway.errors import UsageError
 from bms_gateway.workbench.desk import Desk
-from bms_gateway.workbench.session import additions_of, session_of
+from bms_gateway.workbench.session import LONGEST_NOTES, additions_of, notes_of, session_of
 from bms_gateway.workbench.steps import Frame
 from tests.support.desk_steps import done, files
+from tests.support.doors import ask, serving
 from tests.support.page_steps import FIT_S, seen_added, seen_compared
 from tests.truth.packs import pack as make_pack
+from tests.workbench.browser import come
 from tests.workbench.conftest import served
+
+JSON = {"Content-Type": "application/json"}
+WRITTEN = "Sensor 3 was glued anew <b>on Monday</b> <img src=x onerror=alert(1)>"
 
 
 @pytest.fixture(scope="module")
@@ -27,6 +32,35 @@ def test_a_session_names_files_and_steps():
     assert session["files"]["tables"] == ["a.csv"]
     assert session["files"]["recent"] == "2h"
     assert additions_of(session) == [(["a", "b:3"], False), (["c"], True)]
+    assert session["notes"] == ""
+    assert session_of({**named, "recent": recent}, frames, "Fühler 3\n<b>")["notes"] == "Fühler 3\n<b>"
+
+
+@pytest.mark.parametrize("wrong", [None, 3, ["a"], "x" * (LONGEST_NOTES + 1), "half of a pair: \ud83d"])
+def test_notes_are_a_text_of_bounded_size(wrong):
+    with pytest.raises(UsageError, match="notes"):
+        notes_of(wrong)
+    assert notes_of("x" * LONGEST_NOTES) == "x" * LONGEST_NOTES
+
+
+def test_notes_come_and_go_over_the_wire_and_stay_what_they_were(pack):
+    written = 'Fühler 3 <script>alert(1)</script> & "quoted"\n温度 😀'
+    with serving() as server:
+        _, body, _ = ask(server, "POST", "/api/desk", "{}", **JSON)
+        where = f"?desk={json.loads(body)['desk']}"
+        session = {"workbench_session": 1, "files": files(pack), "added": [], "notes": written}
+        assert ask(server, "POST", f"/api/resume{where}", json.dumps(session), **JSON)[0] == 200
+        desk = server.site.desk(where.removeprefix("?desk="))
+        done(desk)
+        taken = json.loads(ask(server, "GET", f"/api/take{where}&what=session")[1])
+        assert taken["notes"] == written
+        for wrong in ({"notes": 1}, {"notes": "x" * (LONGEST_NOTES + 1)}, {"notes": "\ud83d"}, {}):
+            status, told, _ = ask(server, "POST", f"/api/note{where}", json.dumps(wrong), **JSON)
+            assert status == 400
+            assert json.loads(told)["error"].startswith("notes: ")
+        assert desk.session()["notes"] == written
+        assert ask(server, "POST", f"/api/note{where}", json.dumps({"notes": "other"}), **JSON)[0] == 200
+        assert desk.session()["notes"] == "other"
 
 
 @pytest.mark.parametrize(
@@ -63,6 +97,10 @@ def test_the_work_is_there_again(window, driver, pack, tmp_path):
         seen_compared(page)
         seen_added(page)
         page.click("#tab-take")
+        page.type("#notes-text", WRITTEN)
+        kept = "return JSON.parse(sessionStorage.workbench).session?.notes"
+        come(lambda: page.run(kept) == WRITTEN, "notes kept a moment after the last key")
+        assert page.run("return document.activeElement.id") == "notes-text"  # who writes is not disturbed
         session = page.run("return fetch(document.querySelector('#take-session').href).then(r => r.text())")
         kept = page.run("return sessionStorage.workbench")
     (tmp_path / "session.json").write_text(session)
@@ -72,11 +110,16 @@ def test_the_work_is_there_again(window, driver, pack, tmp_path):
         page.wait("return document.querySelectorAll('#panel-add .way li').length === 3", patience_s=FIT_S)
         page.idle(FIT_S)
         assert "+ entropic_heat" in page.text("#what")
+        page.click("#tab-open")
+        assert page.text("#notes-told") == WRITTEN  # as text: nothing of it is run or drawn
+        page.click("#tab-take")
+        assert page.run("return document.querySelector('#notes-text').value") == WRITTEN
         other = window(url)  # the same browser, of which the server knows nothing any more
         other.run("sessionStorage.workbench = arguments[0]", kept)
         other.reload()
         other.wait("return document.querySelectorAll('#panel-add .way li').length === 3", patience_s=FIT_S)
         assert other.text("#error-text") == ""
+        assert other.run("return document.querySelector('#notes-text').value") == WRITTEN
 
 
 @pytest.mark.slow

@@ -106,6 +106,7 @@ function opened() {
   const several = o.records.length > 1;
   const by = (x) => (several ? `${short(x.record)}: ` : "");
   $("opened").append(
+    ...(state.session?.notes ? [el("h3", {}, "Notes"), el("p", { class: "written", id: "notes-told" }, state.session.notes)] : []),
     el("h3", {}, "Records"),
     el("ul", {}, ...o.records.map((r) => el("li", {}, `${short(r.source)}: ${r.minutes.toFixed(0)} min, ${r.readings} readings of cell${r.cells.length > 1 ? "s" : ""} ${r.cells.join(", ")}${r.core ? "; a thermocouple in a core, used to judge only" : ""}`))),
     el("h3", {}, "Direct checks"),
@@ -337,16 +338,46 @@ function chosenOne() {
   add(keys);
 }
 
+// One and the same too: what is being written stays, and is kept a moment after the last key.
+const NOTES_MS = 600;
+const notes = el("textarea", { id: "notes-text", rows: "5", maxlength: "10000", oninput: () => { clearTimeout(writing); writing = setTimeout(kept, NOTES_MS); }, onchange: () => kept() });
+const noteBox = el("div", {}, el("label", { for: "notes-text" }, "Notes, which the session file takes along"), notes);
+const takeFiles = el("div", {}), takeLines = el("div", {});
+let writing = 0, saved = "";
+const kept = attempt(async () => {
+  clearTimeout(writing);
+  const text = notes.value;
+  if (text === saved) return;
+  await post("note", { notes: text });
+  saved = text;
+});
+
+// Other notes than those that this tab sent come with a session that is opened.
+function noted() {
+  const now = state.session?.notes ?? "";
+  if (now !== saved && notes.value === saved) { notes.value = now; saved = now; }
+}
+
+async function session(e) {
+  if (notes.value === saved) return; // the link does it
+  e.preventDefault();
+  const { href } = e.currentTarget;
+  await kept();
+  if (notes.value === saved) el("a", { href, download: "session.json" }).click();
+}
+
 function away() {
   const box = $("panel-take");
-  box.replaceChildren(el("h2", {}, "Take away"));
-  if (!state.steps.length) { box.append(...none(NOTHING)); return; }
+  if (!state.steps.length) { box.replaceChildren(el("h2", {}, "Take away"), ...none(NOTHING)); return; }
+  if (!noteBox.isConnected) box.replaceChildren(el("h2", {}, "Take away"), takeFiles, noteBox, takeLines);
+  noted();
   const name = state.config.match(/model = "(.*)"/)?.[1] ?? "model.toml";
   const url = (what) => `/api/take?${new URLSearchParams({ desk: ui.desk, what, name })}`;
-  box.append(
+  takeFiles.replaceChildren(
     el("p", {}, el("a", { href: url("model"), id: "take-model", download: name }, `Model file: ${name}`)),
     el("p", {}, el("button", { type: "button", id: "take-report", "data-work": true, onclick: attempt(report) }, "HTML report of what is shown")),
-    el("p", {}, el("a", { href: url("session"), id: "take-session", download: "session.json" }, "Session file: the names of the files and the steps, to go on later or elsewhere")),
+    el("p", {}, el("a", { href: url("session"), id: "take-session", download: "session.json", onclick: session }, "Session file: the names of the files, the steps and the notes, to go on later or elsewhere")));
+  takeLines.replaceChildren(
     el("h3", {}, "The same by commands"), el("pre", { id: "commands" }, state.commands.join("\n")),
     el("button", { type: "button", onclick: attempt(async () => navigator.clipboard.writeText(state.commands.join("\n"))) }, "Copy"),
     el("h3", {}, "In the gateway's config"), el("pre", { id: "config-lines" }, state.config),

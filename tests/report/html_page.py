@@ -1,0 +1,67 @@
+"""What stands on the page of a report, read without the code that wrote it."""
+
+import base64
+import json
+import lzma
+import re
+from html.parser import HTMLParser
+
+VOID = {"meta", "br", "img", "link", "input", "hr"}
+
+
+class Page(HTMLParser):
+    """What stands on a page; complains about tags that are not closed in order."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.tags, self.ids, self.open, self.tables, self.text = [], [], [], {}, ""
+        self.section = None
+        self.feed(text)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        attrs = dict(attrs)
+        self.tags.append((tag, attrs))
+        self.ids += [attrs["id"]] if "id" in attrs else []
+        if tag not in VOID:
+            self.open.append(tag)
+        if tag == "section":
+            self.section = attrs["id"]
+        if tag == "table":
+            self.tables.setdefault(self.section, []).append([])
+        if tag == "tr":
+            self.tables[self.section][-1].append([])
+        if tag in ("td", "th"):
+            self.tables[self.section][-1][-1].append("")
+
+    def handle_startendtag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] in ("script", "style"):
+            return
+        self.text += data
+        if "td" in self.open or "th" in self.open:
+            self.tables[self.section][-1][-1][-1] += data
+
+    def figures(self, text):
+        names = [a["id"] for t, a in self.tags if a.get("class") == "plot"]
+        return {n: json.loads(unpacked(text, f"{n}-data")) for n in names}
+
+
+def unpacked(text, name):
+    """What an element holds packed: LZMA by the standard library, told here what a page is to hold."""
+    length, packed = re.search(
+        f'type="application/x-lzma" id="{name}" data-length="([0-9]+)">(.*?)</script>', text
+    ).groups()
+    content = lzma.decompress(
+        base64.b64decode(packed, validate=True),
+        lzma.FORMAT_RAW,
+        filters=[{"id": lzma.FILTER_LZMA1, "lc": 3, "lp": 0, "pb": 0}],
+    )
+    assert len(content) == int(length)
+    return content
