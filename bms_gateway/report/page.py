@@ -8,7 +8,6 @@ by themselves, but plotly's script takes 2.0 MB so. The page forbids itself any 
 import base64
 import gzip
 import json
-import lzma
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -27,8 +26,8 @@ from bms_gateway.report.words import in_words
 
 Figure = dict[str, Any]
 """`data` and `layout` as plotly takes them."""
-PACKING = [{"id": lzma.FILTER_LZMA1, "preset": 6, "lc": 3, "lp": 0, "pb": 0}]
-"""Which `unlzma.js` takes."""
+PACKING = {"preset": 6, "lc": 3, "lp": 0, "pb": 0}
+"""Of LZMA, which `unlzma.js` takes."""
 POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:; "
     "form-action 'none'; base-uri 'none'"
@@ -188,8 +187,22 @@ def to_json(spec: Mapping[str, Any]) -> str:
 
 
 def packed(name: str, content: bytes) -> str:
-    """Give an element that holds something for the page's script: LZMA in base64, and how long it is unpacked."""
-    text = base64.b64encode(lzma.compress(content, format=lzma.FORMAT_RAW, filters=PACKING)).decode()
+    """Give an element that holds something for the page's script: LZMA in base64, and how long it is unpacked.
+
+    Raises
+    ------
+    UsageError
+        This Python was built without LZMA, as is possible where a person has compiled it.
+    """
+    try:
+        import lzma
+    except ImportError:
+        raise UsageError(
+            "an HTML report needs the module lzma, which this Python was built without: "
+            "install liblzma-dev (xz-devel) and build Python again, or take the system's"
+        ) from None
+    filters = [{"id": lzma.FILTER_LZMA1, **PACKING}]
+    text = base64.b64encode(lzma.compress(content, format=lzma.FORMAT_RAW, filters=filters)).decode()
     return f'<script type="application/x-lzma" id="{name}" data-length="{len(content)}">{text}</script>'
 
 
