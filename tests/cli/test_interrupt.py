@@ -76,6 +76,15 @@ def simulate(config: str, log: str) -> int:
     return subprocess.run(words, cwd=ROOT, check=False, stdout=subprocess.DEVNULL).returncode
 
 
+@pytest.fixture
+def heeded():
+    """Programs start with the signal that a closed terminal sends, also where the tests run under nohup."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.usefixtures("heeded")
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_a_command_that_is_told_to_end_leaves_no_part_of_a_result(number, tmp_path):
     """As after Ctrl-C; its status says which signal it was."""
