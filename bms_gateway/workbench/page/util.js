@@ -75,6 +75,7 @@ export const attempt = (work) => async (...words) => {
 
 export const K = (x, digits = 3) => (x === null || x === undefined ? "–" : x === 0 ? "0 K" : `${amount(x, digits)} K`);
 export function amount(x, digits = 3) {
-  const size = Math.floor(Math.log10(Math.abs(x)));
+  const rounded = Math.abs(Number(x.toPrecision(digits))); // 0.09996 is 0.100, not 0.1000
+  const size = rounded ? Math.floor(Math.log10(rounded)) : 0;
   return x.toFixed(Math.min(Math.max(digits - 1 - size, 0), 6));
 }
