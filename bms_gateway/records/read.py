@@ -49,6 +49,7 @@ def read_measurements(
     uploaded: bool = False,
     tell: Callable[[str, float], None] | None = None,
     most: int | None = None,
+    seen: Callable[[Columns], None] | None = None,
 ) -> list[Record]:
     """Read tables and logs of one string, or of several of one kind.
 
@@ -70,6 +71,8 @@ def read_measurements(
         Told the name of a table and the share of it that was read.
     most : int, optional
         Numbers that each file may give. Default: of a table what a file of its size can mean, of a log `MOST_OF_A_LOG`.
+    seen : callable, optional
+        Given the rows of each file, in their order: a record keeps no more of them than a fit can use.
 
     Returns
     -------
@@ -93,13 +96,16 @@ def read_measurements(
     for path in paths:
         kind = log_kind(path)
         if kind is None:
-            records.append(_from_table(path, model, columns, partial(tell, path.name) if tell else None, most))
-            continue
-        if config is None:
+            rows, notes = _from_table(path, model, columns, partial(tell, path.name) if tell else None, most)
+        elif config is None:
             raise UsageError(f"{path}: this is a {kind} log: --config is needed, it says which signals carry what")
-        if loaded is None:
-            loaded = _load(config, string, uploaded)
-        records.append(_from_log(path, model, *loaded, MOST_OF_A_LOG if most is None else most))
+        else:
+            loaded = loaded or _load(config, string, uploaded)
+            rows, notes = _from_log(path, model, *loaded, MOST_OF_A_LOG if most is None else most)
+        record = make_record(rows, model, half_way=None if kind is None else True)
+        records.append(replace(record, notes=(*record.notes, *notes)))
+        if seen is not None:
+            seen(rows)
     if string is not None and config is None:
         raise UsageError("--string names a string of a gateway config: give --config too")
     return records
@@ -111,20 +117,17 @@ def _from_table(
     columns: Mapping[str, str] | None,
     tell: Callable[[float], None] | None,
     most: int | None,
-) -> Record:
+) -> tuple[Columns, list[str]]:
 
     table = read_table(path, columns, tell, most)
     if table.time_s[0] >= 0.0:
         check_time(table)
     check_kelvin(table)
     rows = replace(table, voltage_V=_whole_voltage(table, model), surface_C=_cells_of(table, model))
-    record = make_record(rows, model)
-    if table.notes:
-        record = replace(record, notes=(*record.notes, f"The table: {'; '.join(table.notes)}."))
+    notes = [f"The table: {'; '.join(table.notes)}."] if table.notes else []
     if table.ignored:
-        more = f"Columns with unknown names are not used: {', '.join(table.ignored)}."
-        record = replace(record, notes=(*record.notes, more))
-    return record
+        notes.append(f"Columns with unknown names are not used: {', '.join(table.ignored)}.")
+    return rows, notes
 
 
 def _cells_of(table: Table, model: StringModel) -> Mapping[int, Floats]:
@@ -166,7 +169,9 @@ def _load(config: Path, name: str | None, uploaded: bool) -> tuple[LoadedConfig,
     return loaded, strings[name]
 
 
-def _from_log(path: Path, model: StringModel, loaded: LoadedConfig, string: StringPlan, most: int) -> Record:
+def _from_log(
+    path: Path, model: StringModel, loaded: LoadedConfig, string: StringPlan, most: int
+) -> tuple[Columns, list[str]]:
 
     heard = _believed(path, loaded, string, most)
     if not heard.taken.any():
@@ -196,9 +201,7 @@ def _from_log(path: Path, model: StringModel, loaded: LoadedConfig, string: Stri
         rows[INPUTS[q].field] = {k: x for (of, k), x in columns.items() if of == q and k is not None}
     if rows["voltage_V"] is None:
         rows["voltage_V"] = _from_cells(rows["cell_voltage_V"], model)
-    heard_rows = Columns(time_s=np.asarray(time_ns * 1e-9, np.float64), source=str(path), **rows)
-    record = make_record(heard_rows, model, half_way=True)
-    return replace(record, notes=(*record.notes, *_told(heard, string)))
+    return Columns(time_s=np.asarray(time_ns * 1e-9, np.float64), source=str(path), **rows), [*_told(heard, string)]
 
 
 @dataclass(frozen=True, slots=True)

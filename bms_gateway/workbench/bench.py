@@ -19,6 +19,7 @@ from bms_gateway.diagnosis.diagnosis import Diagnosis, diagnose
 from bms_gateway.diagnosis.latent import latent
 from bms_gateway.diagnosis.prepare import measured
 from bms_gateway.diagnosis.record import Record
+from bms_gateway.diagnosis.record_inputs import Columns
 from bms_gateway.errors import UsageError
 from bms_gateway.identify.effort import heard
 from bms_gateway.records.read import read_measurements
@@ -136,7 +137,7 @@ class Bench:
                 return self._report(request, Path(request["folder"]), tell)
         raise UsageError(f"no such task: {request['do']}")
 
-    def _read(self, files: Files, folder: Path, tell: Tell) -> None:
+    def _read(self, files: Files, folder: Path, tell: Tell, seen: Callable[[Columns], None] | None = None) -> None:
         self._files = None
         model = read_model(Path(files.model))
         self._records = read_measurements(
@@ -148,6 +149,7 @@ class Bench:
             uploaded=Path(files.config).parent == folder,
             tell=lambda name, share: tell(READING * share, f"reading {name}"),
             most=MOST_NUMBERS,
+            seen=seen,
         )
         self._files, self._filed = files, model
         self._made.clear()
@@ -155,7 +157,8 @@ class Bench:
     def _open(self, named: Mapping[str, Any], folder: Path, tell: Tell) -> documents.Document:
         files, told = _taken(named, folder, tell)
         files, proposed = _made(files, folder, tell)
-        self._read(Files.of(files), folder, tell)
+        rows: list[Columns] = []
+        self._read(Files.of(files), folder, tell, rows.append)
         assert self._filed is not None  # noqa: S101 - read just now
         findings, notes = findings_and_notes(self._filed, self._records)
         notes += tuple((files["tables"][-1], text) for text in (*told, *proposed))
@@ -164,7 +167,11 @@ class Bench:
         document = documents.opened(self._filed, self._records, findings, notes, told_of)
         document["text"] = Path(files["model"]).read_text(encoding="utf-8")
         shelf = Shelf(folder)
-        document["figures"] = pictures.readings([measured(r, self._filed) for r in self._records], shelf)
+        document["figures"] = pictures.readings(
+            [measured(r, self._filed) for r in self._records],
+            shelf,
+            [(x, float(r.instants[0])) for x, r in zip(rows, self._records, strict=True)],
+        )
         shelf.save()
         return {**document, "files": files}
 

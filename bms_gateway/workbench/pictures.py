@@ -11,7 +11,9 @@ import numpy as np
 
 from bms_gateway.diagnosis.compare import Comparison, CoreCheck, Variant
 from bms_gateway.diagnosis.core_band import BAND_SD, at_times
-from bms_gateway.diagnosis.regimes import seconds_of
+from bms_gateway.diagnosis.record_inputs import Columns
+from bms_gateway.diagnosis.regimes import instants_of, seconds_of
+from bms_gateway.frames.vocabulary import INPUTS, Quantity
 from bms_gateway.identify.coordinates import Measured
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.report.html_figures import axis, cores, drive, layout, overlay
@@ -47,13 +49,25 @@ FAINTEST = 0.99
 SCATTER = 2.5
 """sd of a reading that the axis of the residual reaches beyond its mean."""
 
+OF_THE_DRIVE: tuple[Quantity, ...] = ("current", "coolant_inlet")
+"""The first curves of the picture of the drive."""
+
 Figures = dict[str, Figure]
 Drawn = dict[str, dict[str, Any]]
 """What one step draws, by the name of the figure."""
 
 
-def readings(records: Sequence[Measured], shelf: Shelf) -> Figures:
-    """Draw readings and drive before anything is fitted: the first picture that a person sees."""
+def readings(records: Sequence[Measured], shelf: Shelf, rows: Sequence[tuple[Columns, float]] = ()) -> Figures:
+    """Draw readings and drive before anything is fitted: the first picture that a person sees.
+
+    Parameters
+    ----------
+    records : sequence of Measured
+    shelf : Shelf
+    rows : sequence of (Columns, float), optional
+        Of the same records, and when each began on its clock, s. Where a record holds means of rows, every row of
+        surfaces, current and inlet is kept.
+    """
     found: Figures = {}
     for r, m in enumerate(records):
         t = seconds_of(m)
@@ -63,14 +77,40 @@ def readings(records: Sequence[Measured], shelf: Shelf) -> Figures:
             if mine.any():
                 trace = Trace(r, cell, t[mine], m.y[mine], (), float(m.sigma0[j]), breaks_of(m))
                 spec = overlay(trace, (), m, time, FEW, HEIGHT)
-                at, y = broken(trace.time_s, trace.measured, trace.breaks_s)
+                samples = _every(rows[r : r + 1], "surface", cell, m, (trace.time_s, trace.measured))
+                at, y = broken(*samples, trace.breaks_s)
                 spec["data"] = [_shelved(spec["data"][0], shelf, at / time.seconds, y)]
-                spec["span"] = {"yaxis": _span(m.y[mine])}
+                spec["span"] = {"yaxis": _span(samples[1])}
                 found[f"surface-{r}-{cell}"] = {**spec, "seconds": time.seconds}
         spec = drive(m, time, m.drive.N)
-        spec["data"] = [_shelved(d, shelf, _floats(d["x"]), _floats(d["y"])) for d in spec["data"]]
+        drawn = [(_floats(d["x"]), _floats(d["y"])) for d in spec["data"]]
+        for i, quantity in enumerate(OF_THE_DRIVE):
+            x, y = drawn[i]
+            t, y = _every(rows[r : r + 1], quantity, None, m, (x * time.seconds, y))
+            drawn[i] = t / time.seconds, y
+        spec["data"] = [_shelved(d, shelf, *one) for d, one in zip(spec["data"], drawn, strict=True)]
         found[f"drive-{r}"] = {**spec, "seconds": time.seconds}
     return found
+
+
+def _every(
+    rows: Sequence[tuple[Columns, float]],
+    quantity: Quantity,
+    cell: int | None,
+    m: Measured,
+    used: tuple[Floats, Floats],
+) -> tuple[Floats, Floats]:
+    """Give time, s since the record began, and value of every plausible row; what the fit uses where it has as many."""
+    for columns, began in rows:
+        y = columns.of(quantity, cell)
+        if y is None:
+            break
+        low, high = INPUTS[quantity].plausible
+        t, ends = columns.time_s - began, instants_of(m)
+        mine = (t >= ends[0]) & (t <= ends[-1]) & (y >= low) & (y <= high)
+        if np.count_nonzero(mine) > np.count_nonzero(np.isfinite(used[1])):
+            return t[mine], y[mine]
+    return used
 
 
 def frames_of_cores(c: Comparison, shelf: Shelf) -> Figures:

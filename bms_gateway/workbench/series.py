@@ -76,7 +76,7 @@ def drawn(document: Any, folder: Path, window: Window | None = None) -> Any:
     def points(kept: Kept) -> dict[str, Any]:
         t, y = shelves.series(kept)
         t, y = thinned(*windowed(t, y, window), POINTS)
-        return {"x": [round(v, 5) for v in t.tolist()], "y": numbers(y.astype(np.float64), 4)}
+        return {"x": [round(v, 7) for v in t.tolist()], "y": numbers(y.astype(np.float64), 4)}
 
     with Shelves(folder) as shelves:
         return fill(document)
