@@ -1,4 +1,4 @@
-"""Workbench: times to the first picture and of a zoom, of an hour of twelve cells, and what the live page costs.
+"""Workbench: times to the first picture and of a zoom, of one hour and of ten, and what the live page costs.
 
 `python -m tests.benchmarks.bench_workbench`. The browser is real; the live bus is a socket pair under the real port,
 fed by another process, in its own time.
@@ -15,6 +15,8 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -30,46 +32,75 @@ from bms_gateway.workbench.sources import Listening
 from bms_gateway.workbench.watch import Watch
 from tests.support.vehicle_traffic import traffic
 from tests.truth.hidden import Scenario, make_logs
-from tests.workbench.browser import Driver, why_none
+from tests.workbench.browser import Driver, Window, why_none
 
 ROUNDS = 7
 ZOOM = "Plotly.relayout(document.querySelector('#plot-surface'), {'xaxis.range': arguments[0]})"
-ZOOMED = "return document.querySelector('#stage').dataset.window === arguments[0]"
-LIVE_S = 30.0
+ZOOMED = """const shown = (document.querySelector('#stage').dataset.window ?? "").split(",").map(Number);
+return shown.length === 2 && shown.every((v, k) => Math.abs(v - arguments[0][k]) < 1e-4);"""
+ROWS = """const x = document.querySelector('#plot-surface').data[0].x;
+return x.filter((v) => v >= arguments[0] - 1e-6 && v < arguments[1] - 1e-6).length;"""
+LIVE_S, OPEN_S = 30.0, 300.0
 
 
-def pictures(folder: Path) -> tuple[list[float], list[float], list[float]]:
-    """Times to the measured curve, to the plot that can be zoomed, and of zooms to a minute, s."""
+def written(folder: Path, cells: int, seconds: int) -> list[str | Path]:
+    """Write a drive and its model; gives the words that open them."""
     scenario = Scenario(
-        {"resistance_temperature": ("strong", None)}, cells=12, sensors=tuple(range(1, 13)), seconds=3600
+        {"resistance_temperature": ("strong", None)}, cells=cells, sensors=tuple(range(1, cells + 1)), seconds=seconds
     )
     (log,) = make_logs([scenario])
-    log.write_csv(folder / "hour.csv")
+    log.write_csv(folder / "drive.csv")
     (folder / "pack.toml").write_text(log.model)
-    words = [sys.executable, "-m", "bms_gateway", "workbench", "--port", "0", folder / "hour.csv", "--model"]
-    driver = Driver(folder)
-    curves, plots, zooms = [], [], []
+    return ["workbench", "--port", "0", folder / "drive.csv", "--model", folder / "pack.toml"]
+
+
+def zoomed(page: Window, low: float, high: float) -> float:
+    """Zoom the picture of a surface; gives the time that it took, s."""
+    page.run(ZOOM, [low, high])
+    page.wait(ZOOMED, [low, high])
+    return int(page.run("return document.querySelector('#stage').dataset.resampledMs")) / 1e3
+
+
+@contextmanager
+def opened(driver: Driver, words: Sequence[str | Path]) -> Iterator[Window]:
+    """Start the program and open its page; wait until it can be zoomed."""
+    page = driver.window("about:blank")
+    command = [sys.executable, "-m", "bms_gateway", *map(str, words)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
-        for _ in range(ROUNDS):
-            page = driver.window("about:blank")
-            process = subprocess.Popen([*words, folder / "pack.toml"], stdout=subprocess.PIPE, text=True)
-            url = re.search(r"http://\S+", process.stdout.readline())[0]
-            time.sleep(2.0)  # a person types the address or follows the link
-            page.go(url)
-            page.wait("return document.documentElement.dataset.firstPlot")
+        url = re.search(r"http://\S+", process.stdout.readline())[0]
+        time.sleep(2.0)  # a person types the address or follows the link
+        page.go(url)
+        page.wait("return document.documentElement.dataset.firstPlot", patience_s=OPEN_S)
+        yield page
+    finally:
+        driver.windows.pop().close()
+        process.terminate()
+        process.wait()
+        process.stdout.close()
+
+
+def pictures(driver: Driver, folder: Path) -> tuple[list[float], list[float], list[float]]:
+    """Times to the measured curve, to the plot that can be zoomed, and of zooms to a minute, s."""
+    words = written(folder, 12, 3600)
+    curves, plots, zooms = [], [], []
+    for _ in range(ROUNDS):
+        with opened(driver, words) as page:
             for times, name in ((curves, "firstPicture"), (plots, "firstPlot")):
                 times.append(int(page.run("return document.documentElement.dataset[arguments[0]]", name)) / 1e3)
-            for minute in (5, 6, 7):
-                page.run(ZOOM, [minute, minute + 1])
-                page.wait(ZOOMED, f"{minute},{minute + 1}")
-                zooms.append(int(page.run("return document.querySelector('#stage').dataset.resampledMs")) / 1e3)
-            driver.windows.pop().close()
-            process.terminate()
-            process.wait()
-            process.stdout.close()
-    finally:
-        driver.close()
+            zooms += [zoomed(page, minute, minute + 1) for minute in (5, 6, 7)]
     return curves, plots, zooms
+
+
+def ten_hours(driver: Driver, folder: Path) -> tuple[list[float], list[int]]:
+    """Times of zooms of ten hours of sixty cells to a minute, s, and the rows that are seen then."""
+    words = written(folder, 60, 36_000)
+    zooms, rows = [], []
+    with opened(driver, words) as page:
+        for hour in (2.0, 5.0, 8.0):
+            zooms.append(zoomed(page, hour, hour + 1.0 / 60.0))
+            rows.append(int(page.run(ROWS, hour, hour + 1.0 / 60.0)))
+    return zooms, rows
 
 
 def feed(sock: socket.socket, seconds: float) -> None:
@@ -134,11 +165,18 @@ def main() -> None:
         print(f"first picture: {why}")
     else:
         with tempfile.TemporaryDirectory() as folder:
-            curves, plots, zooms = pictures(Path(folder))
+            driver = Driver(Path(folder))
+            try:
+                curves, plots, zooms = pictures(driver, Path(folder))
+                long_zooms, rows = ten_hours(driver, Path(folder))
+            finally:
+                driver.close()
         for what, found in (("first picture", curves), ("to be zoomed", plots), ("a zoom to a minute", zooms)):
             middle = statistics.median(found)
             print(f"{what}, 1 h of 12 cells: median {middle:.2f} s, {min(found):.2f} to {max(found):.2f} s")
+        print(f"a zoom to a minute, 10 h of 60 cells: {max(long_zooms):.2f} s at most, {min(rows)} rows seen of 60")
         result["first_picture_s"], result["first_plot_s"], result["zoom_s"] = curves, plots, zooms
+        result["long_zoom_s"], result["long_zoom_rows"] = long_zooms, rows
     print(json.dumps(result))
 
 
