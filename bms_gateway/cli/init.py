@@ -95,7 +95,8 @@ def _write(
         say(text, args.json)
     _show(settled.cores, out, args.json)
     logs = " ".join(str(p) for p in args.log)
-    say(f"{written.config}: written, with {len(written.files) - 1} files beside it. Next:", args.json)
+    beside = len(written.files) - 1
+    say(f"{written.config}: written, with {beside} file{'s' if beside > 1 else ''} beside it. Next:", args.json)
     say(f"  bms-gateway check {written.config} --log {args.log[0]}", args.json)
     say(f"  bms-gateway analyze {logs} --config {written.config} --out {out / 'results'}", args.json)
     return 0

@@ -57,19 +57,19 @@ Drawn = dict[str, dict[str, Any]]
 """What one step draws, by the name of the figure."""
 
 
-def readings(records: Sequence[Measured], shelf: Shelf, rows: Sequence[tuple[Columns, float]] = ()) -> Figures:
+def readings(records: Sequence[Measured], shelf: Shelf, rows: Sequence[tuple[Columns, float]]) -> Figures:
     """Draw readings and drive before anything is fitted: the first picture that a person sees.
 
     Parameters
     ----------
     records : sequence of Measured
     shelf : Shelf
-    rows : sequence of (Columns, float), optional
-        Of the same records, and when each began on its clock, s. Where a record holds means of rows, every row of
-        surfaces, current and inlet is kept.
+    rows : sequence of (Columns, float)
+        Of the same records, and when each began on its clock, s. Where a record holds means of rows, every plausible
+        row of surfaces, current and inlet is kept.
     """
     found: Figures = {}
-    for r, m in enumerate(records):
+    for r, (m, file) in enumerate(zip(records, rows, strict=True)):
         t = seconds_of(m)
         time = clock(float(t.max()))
         for j, (_, cell) in enumerate(m.channels):
@@ -77,7 +77,7 @@ def readings(records: Sequence[Measured], shelf: Shelf, rows: Sequence[tuple[Col
             if mine.any():
                 trace = Trace(r, cell, t[mine], m.y[mine], (), float(m.sigma0[j]), breaks_of(m))
                 spec = overlay(trace, (), m, time, FEW, HEIGHT)
-                samples = _every(rows[r : r + 1], "surface", cell, m, (trace.time_s, trace.measured))
+                samples = _every(file, "surface", cell, m, (trace.time_s, trace.measured))
                 at, y = broken(*samples, trace.breaks_s)
                 spec["data"] = [_shelved(spec["data"][0], shelf, at / time.seconds, y)]
                 spec["span"] = {"yaxis": _span(samples[1])}
@@ -86,7 +86,7 @@ def readings(records: Sequence[Measured], shelf: Shelf, rows: Sequence[tuple[Col
         drawn = [(_floats(d["x"]), _floats(d["y"])) for d in spec["data"]]
         for i, quantity in enumerate(OF_THE_DRIVE):
             x, y = drawn[i]
-            t, y = _every(rows[r : r + 1], quantity, None, m, (x * time.seconds, y))
+            t, y = _every(file, quantity, None, m, (x * time.seconds, y))
             drawn[i] = t / time.seconds, y
         spec["data"] = [_shelved(d, shelf, *one) for d, one in zip(spec["data"], drawn, strict=True)]
         found[f"drive-{r}"] = {**spec, "seconds": time.seconds}
@@ -94,23 +94,17 @@ def readings(records: Sequence[Measured], shelf: Shelf, rows: Sequence[tuple[Col
 
 
 def _every(
-    rows: Sequence[tuple[Columns, float]],
-    quantity: Quantity,
-    cell: int | None,
-    m: Measured,
-    used: tuple[Floats, Floats],
+    file: tuple[Columns, float], quantity: Quantity, cell: int | None, m: Measured, used: tuple[Floats, Floats]
 ) -> tuple[Floats, Floats]:
     """Give time, s since the record began, and value of every plausible row; what the fit uses where it has as many."""
-    for columns, began in rows:
-        y = columns.of(quantity, cell)
-        if y is None:
-            break
-        low, high = INPUTS[quantity].plausible
-        t, ends = columns.time_s - began, instants_of(m)
-        mine = (t >= ends[0]) & (t <= ends[-1]) & (y >= low) & (y <= high)
-        if np.count_nonzero(mine) > np.count_nonzero(np.isfinite(used[1])):
-            return t[mine], y[mine]
-    return used
+    columns, began = file
+    y = columns.of(quantity, cell)
+    if y is None:
+        return used
+    low, high = INPUTS[quantity].plausible
+    t, ends = columns.time_s - began, instants_of(m)
+    mine = (t >= ends[0]) & (t <= ends[-1]) & (y >= low) & (y <= high)
+    return (t[mine], y[mine]) if np.count_nonzero(mine) > np.count_nonzero(np.isfinite(used[1])) else used
 
 
 def frames_of_cores(c: Comparison, shelf: Shelf) -> Figures:
