@@ -14,6 +14,7 @@ from bms_gateway.health.heat.fault_evidence import Evidence, Kind
 from bms_gateway.health.heat.filter import HeatFilter, Step
 from bms_gateway.thermal import Prior, StringModel
 from tests.benchmarks.bench_heat import follow
+from tests.benchmarks.bench_parked import follow as rarely_heard
 from tests.benchmarks.heat_case import CELLS, LAYOUTS, SENSORS, Case, make, model, with_seeds
 
 SHORT = Case("small", 0, seconds=1800, drive="us06", at=1200)
@@ -262,6 +263,29 @@ def test_a_current_before_the_sleep_makes_the_string_begin_anew() -> None:
     )
     watch.pass_time(3600.0)
     assert not watch.filter.running.any()
+
+
+@pytest.mark.parametrize(("pack", "drive", "every"), [("liquid", "urban", 10), ("small", "us06", 60)])
+def test_a_driven_string_whose_frames_are_rare_is_not_taken_for_parked(pack: str, drive: str, every: int) -> None:
+    """A vehicle that stands at a light at each tenth glance or so, and has driven before the next."""
+    made = make(with_seeds(Case(pack, 0, seconds=5400, drive=drive, at=5400), range(90, 98)))
+    assert np.mean([np.abs(x.current[::every]) < 0.1 for x in made]) > 0.05
+    assert rarely_heard(made, every, 1) == [[]] * len(made)
+
+
+def test_a_string_that_is_driven_off_as_the_bus_wakes_begins_anew() -> None:
+    """Nobody knows how long it has been driven: that all cells are warmer says nothing of coolant or current."""
+    watch, rng = HeatWatch([model("small")], 1.0), np.random.default_rng(9)
+    for k in range(700):
+        driven = k >= 600
+        if k == 600:
+            watch.pass_time(1800.0)
+            assert watch.filter.running.all()
+        amps = np.full(1, 4.0 if driven else 0.0)
+        y = 25.0 + 2.0 * driven + rng.normal(0.0, 0.05, (1, CELLS))
+        now = (1800 * driven + k + 1) * 10**9
+        assert not watch.add(now, amps**2, None, amps, np.full(1, 25.0), y, np.zeros((1, CELLS)))
+    assert watch.evidence.weigh().ln.max() < 5.0
 
 
 def test_damaged_states_of_a_string_at_rest_are_refused() -> None:

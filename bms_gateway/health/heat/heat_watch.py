@@ -162,7 +162,7 @@ class HeatWatch:
         if gap_s is None or self._shares:
             rest.resting[:] = False
         else:
-            rest.slept_s += gap_s + len(self._ticked) * self._tick_s
+            rest.sleep(gap_s, len(self._ticked) * self._tick_s)
         self.filter.running &= rest.resting & ~(self.filter.alone & unseen)
         for share in self._shares:
             share.pause()
@@ -202,7 +202,7 @@ class HeatWatch:
         list of (int, Finding) or None
             By string: what has come or is over. None where the step goes on.
         """
-        square, current = self._rest.take(square, current, self._least_square, y)
+        square, current = self._rest.take(square, current, self._least_square, y, self._tick_s)
         self._heard_inlet = np.where(np.isfinite(inlet), inlet, self._heard_inlet)
         self._ticked.append((square, heat, current, y, age))
         return self._step(now_ns, self._heard_inlet, flow) if len(self._ticked) >= self._ticks else None
@@ -321,7 +321,7 @@ class HeatWatch:
         self.course.sleep(rest.slept_s)
         off = y - f.z[self._row, 2 * at.sensors + 1] - f.z[:, at.bias]
         strayed = np.array([np.isfinite(o).any() and abs(float(np.nanmedian(o))) > STRAYED_K for o in off])
-        f.running &= ~(strayed & ~f.alone)
+        f.running &= ~(strayed & ~f.alone) & ~rest.flows
         for v in self.verdicts:
             v.woke_ns = now_ns
         rest.slept_s = 0.0
@@ -446,5 +446,5 @@ class HeatWatch:
         for v, rest, found in zip(self.verdicts, state.get("rest", nothing), state.get("found", nothing), strict=True):
             if rest is not None and not self._shares:
                 self._age[v.s], self._inlet[v.s] = kept.take_rest(self.filter, v.s, rest)
-                self._rest.resting[v.s] = True
+                self._rest.go_on(v.s)
             kept.take_found(v, found or (), self._now_ns)
