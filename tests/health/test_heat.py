@@ -12,6 +12,7 @@ import pytest
 from bms_gateway.health.heat import HeatWatch
 from bms_gateway.health.heat.fault_evidence import Evidence, Kind
 from bms_gateway.health.heat.filter import HeatFilter, Step
+from bms_gateway.health.heat.thermocouples import Thermocouples
 from bms_gateway.thermal import Prior, StringModel
 from tests.benchmarks.bench_heat import follow
 from tests.benchmarks.bench_parked import follow as rarely_heard
@@ -246,6 +247,25 @@ def test_a_parked_cell_that_warmed_is_told_at_the_next_wake_up_and_a_restart_end
     assert "since about" in found[0].text
     parked(third, surface, range(4, 6))
     assert third.verdicts[0].hot  # it is still warm
+
+
+def test_one_frame_an_hour_tells_of_a_cell_that_heats_by_its_second_frame() -> None:
+    """That two frames differ by eight kelvin does not say that the bus rounds to eight kelvin."""
+    case = Case("liquid", 0, seconds=4 * 3600, drive="rest", fault="heat", cell=6, size=10.0, at=5400)
+    for told in rarely_heard(make(with_seeds(case, range(40, 44))), 3600, 1):
+        assert [(code, abs(cell - 6) <= 1) for _, code, cell in told] == [("unexplained_heat", True)]
+        assert told[0][0] <= 3 * 3600 + 70
+
+
+@pytest.mark.parametrize("step", [1.0, 0.5, 5.0 / 9.0, 0.1])
+def test_the_steps_of_readings_are_learnt_from_a_few_rare_frames(step: float) -> None:
+    sensors, rng = Thermocouples(1, 3), np.random.default_rng(4)
+    for _ in range(8):
+        y = np.round(rng.uniform(20.0, 40.0, (1, 1, 3)) / step) * step
+        _, _, variance = sensors.take(y, np.zeros((1, 1, 3)), 1.0)
+        sensors.pause()
+        assert variance.max() < 1.1  # no bus rounds to more than a kelvin
+    np.testing.assert_allclose(sensors.step, step, rtol=1e-6)
 
 
 def test_a_current_before_the_sleep_makes_the_string_begin_anew() -> None:
