@@ -171,6 +171,8 @@ class _Part:
     rows: NDArray[np.intp]
     columns: tuple[int, ...]
     cycle_ns: int
+    single: bool
+    """Whether it is one row, and its values are numbers; else they may be arrays with a value for each cell."""
 
 
 class Broadcast:
@@ -200,30 +202,36 @@ class Broadcast:
         self._strings = [self._parts(s.number, s.model.cells) for s in plan.strings]
         self._status, self._info = self._part(GATEWAY_STATUS, Status._fields), self._part(GATEWAY_INFO, Info._fields)
 
-    def _part(self, message: str, signals: tuple[str, ...], muxes: Sequence[tuple[int, ...]] = ((),)) -> _Part:
+    def _part(self, message: str, signals: tuple[str, ...], *mux: int) -> _Part:
+        return self._rows(message, signals, [mux], single=True)
+
+    def _each_cell(self, message: str, signals: tuple[str, ...], cells: int) -> _Part:
+        return self._rows(message, signals, [(k,) for k in range(1, cells + 1)], single=False)
+
+    def _rows(self, message: str, signals: tuple[str, ...], muxes: Sequence[tuple[int, ...]], *, single: bool) -> _Part:
         rows = [self._encoder.row(message, *mux) for mux in muxes]
         columns = tuple(self._encoder.column(rows[0], signal) for signal in signals)
-        return _Part(np.array(rows, np.intp), columns, self._cycle[message])
+        return _Part(np.array(rows, np.intp), columns, self._cycle[message], single)
 
     def _parts(self, number: int, cells: int) -> list[tuple[_Part, Callable[[StringEstimator], Content]]]:
         """Lay out one string's messages, in the order in which they are sent."""
         parameters = parameters_message(number)
         return [
-            (self._part(core_message(number), Core._fields, [(k,) for k in range(1, cells + 1)]), _cores),
+            (self._each_cell(core_message(number), Core._fields, cells), _cores),
             (self._part(summary_message(number), Summary._fields), _summary),
             (self._part(hottest_message(number), Hottest._fields), _hottest),
             *(
-                (self._part(parameters, (name, f"{name}_sd", f"{name}_status"), [(mux,)]), partial(_parameter, name))
+                (self._part(parameters, (name, f"{name}_sd", f"{name}_status"), mux), partial(_parameter, name))
                 for name, mux in PARAMETER_MUX.items()
             ),
             (self._part(health_message(number), Health._fields), _health),
             (self._part(flags_message(number), Flags._fields), _flags),
-            (self._part(growth_message(number), Growth._fields, [(k,) for k in range(1, cells + 1)]), _growth),
-            (self._part(heat_message(number), Heat._fields, [(k,) for k in range(1, cells + 1)]), _heat),
-            (self._part(forecast_message(number), POINTS, [(0,)]), _points),
-            (self._part(forecast_message(number), NEXT, [(1,)]), _next),
+            (self._each_cell(growth_message(number), Growth._fields, cells), _growth),
+            (self._each_cell(heat_message(number), Heat._fields, cells), _heat),
+            (self._part(forecast_message(number), POINTS, 0), _points),
+            (self._part(forecast_message(number), NEXT, 1), _next),
             *(
-                (self._part(forecast_message(number), tuple(f"{way}_{x}" for x in FOR), [(m,)]), partial(_current, way))
+                (self._part(forecast_message(number), tuple(f"{way}_{x}" for x in FOR), m), partial(_current, way))
                 for m, way in enumerate(WAYS, start=2)
             ),
         ]
@@ -245,8 +253,9 @@ class Broadcast:
         start = 0
         for part, content in due:
             end = start + len(part.rows)
+            where = start if part.single else slice(start, end)  # one number is put in faster
             for column, value in zip(part.columns, content, strict=True):
-                values[start:end, column] = value
+                values[where, column] = value
             start = end
         can_id, length, data = self._encoder.encode(rows, values)
         return FrameBatch(np.full(len(can_id), t1, np.int64), can_id, length, data)
