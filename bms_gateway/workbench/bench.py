@@ -43,6 +43,7 @@ from bms_gateway.workbench import documents, pictures, whiteness
 from bms_gateway.workbench.approach import Show, approach
 from bms_gateway.workbench.looking import looked
 from bms_gateway.workbench.moving import Moving
+from bms_gateway.workbench.recall import digests, recalled
 from bms_gateway.workbench.series import Shelf
 from bms_gateway.workbench.steps import FILED, REFITTED
 from bms_gateway.workbench.tracks import about, track
@@ -113,7 +114,7 @@ class Bench:
         if request["do"] == "look":
             return looked(Path(request["files"]["tables"][0]), tuple(request["files"].get("columns") or ()))
         if request["do"] == "open":
-            return self._open(request["files"], Path(request["folder"]), tell)
+            return self._open(request["files"], Path(request["folder"]), tell, request.get("kept"))
         files = Files.of(request["files"])
         if files != self._files:
             self._read(files, Path(request["folder"]), tell)
@@ -154,7 +155,9 @@ class Bench:
         self._files, self._filed = files, model
         self._made.clear()
 
-    def _open(self, named: Mapping[str, Any], folder: Path, tell: Tell) -> documents.Document:
+    def _open(
+        self, named: Mapping[str, Any], folder: Path, tell: Tell, kept: Mapping[str, Any] | None
+    ) -> documents.Document:
         files, told = _taken(named, folder, tell)
         files, proposed = _made(files, folder, tell)
         rows: list[Columns] = []
@@ -173,7 +176,9 @@ class Bench:
             [(x, float(r.instants[0])) for x, r in zip(rows, self._records, strict=True)],
         )
         shelf.save()
-        return {**document, "files": files}
+        now = digests(self._records, self._filed)
+        document["recalled"], document["dropped"] = recalled(kept, now) if kept else ({}, "")
+        return {**document, "files": files, "digest": now}
 
     def _track(self, request: Mapping[str, Any]) -> documents.Document:
         """Draw one more column of a table."""
@@ -207,7 +212,7 @@ class Bench:
         steps = [(name, c.refitted)]
         if name == REFITTED:  # the first model that is compared
             steps.insert(0, (FILED, c.filed))
-        drawn = {name: pictures.step(v, shelf) | pictures.maps(v.fit) | whiteness.step(v.fit) for name, v in steps}
+        drawn = {name: pictures.step(v, shelf) | pictures.maps(v.fit, shelf) | whiteness.step(v.fit) for name, v in steps}
         fit = c.refitted.fit
         figures = pictures.frames_of_cores(c, shelf) | pictures.frames_of_maps(fit.problem.records)
         figures |= whiteness.figures(fit)

@@ -176,7 +176,7 @@ def diagnosed(told: Told) -> tuple[Document, dict[str, Document]]:
 def _standing(r: Standing, top: float, drawn: bool) -> Document:
     return {
         "name": r.name,
-        "effects": [_effect(key) for key in r.effects],
+        "effects": [effect(key) for key in r.effects],
         "role": r.role,
         "evidence": finite(r.evidence),
         "reach": reach(r.evidence, top),
@@ -190,7 +190,8 @@ def _standing(r: Standing, top: float, drawn: bool) -> Document:
     }
 
 
-def _effect(key: str) -> Document:
+def effect(key: str) -> Document:
+    """Tell what the catalogue says of an effect."""
     name, _, _ = key.partition(":")
     e = effect_named(name)
     return {

@@ -174,6 +174,39 @@ def wanted_files(site: Site, desk: Desk, body: dict[str, Any]) -> dict[str, Any]
     }
 
 
+def session_files(site: Site, desk: Desk, files: dict[str, Any]) -> dict[str, Any]:
+    """Find the files of a session that may be another machine's: where a path is not here, an upload of that name.
+
+    Raises
+    ------
+    UsageError
+        Names the files that are neither here nor uploaded.
+    """
+    given, missing = site.given or {}, list[str]()
+    known = {*EXAMPLE, *given.get("tables", ()), given.get("model"), given.get("config")}
+
+    def one(name: object) -> object:
+        if not isinstance(name, str) or not name or not name.isprintable() or name in known:
+            return name  # wrong ones are told by `wanted_files`
+        uploaded = safe_name(name)
+        beside = bool(uploaded) and (desk.folder / uploaded).is_file()
+        if beside and not (site.local and "/" in name and Path(name).is_file()):
+            return uploaded
+        if not site.local or not Path(name).is_file():
+            missing.append(uploaded or name)
+        return name
+
+    found: dict[str, Any] = {}
+    for k in ("tables", "model", "config", "dbc"):
+        named = files.get(k) or ""
+        found[k] = [one(x) for x in named] if isinstance(named, list) else one(named)
+    if missing:
+        names = " and ".join(filter(None, (", ".join(missing[:-1]), missing[-1])))
+        lie = "it lies" if len(missing) == 1 else "they lie"
+        raise UsageError(f"session: upload {names} too: {lie} on another machine, or under another name")
+    return {**files, **found}
+
+
 def _shipped(name: str) -> str:
     """Find a file of the example."""
     from bms_gateway.config.dbc_files import shipped  # not with the program: it takes a second

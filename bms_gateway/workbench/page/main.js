@@ -106,7 +106,7 @@ async function claim() {
   keep({ desk: (await post("desk")).desk });
   version = -1; // a desk counts its own changes
   // the program was started anew: the work goes its way again
-  if (ui.session) await post("resume", ui.session).catch((e) => complain(e.message));
+  if (ui.session) await road.resume(ui.session).catch((e) => complain(e.message));
 }
 
 function keys(e) {

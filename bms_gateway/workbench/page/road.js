@@ -34,20 +34,33 @@ export function prepare() {
     }));
   }
   $("session-file").addEventListener("change", attempt(async (e) => {
-    const [file] = e.target.files;
+    const files = [...e.target.files];
     e.target.value = "";
-    let session = null;
-    try { session = JSON.parse(await file.text()); } catch { throw new Error(`${file.name}: no session file of the workbench`); }
-    await post("resume", session);
+    await take(files);
   }));
   addEventListener("dragover", (e) => e.preventDefault());
   addEventListener("drop", attempt(async (e) => { e.preventDefault(); await take([...e.dataTransfer.files]); }));
   addEventListener("variant", () => state && compare());
 }
 
-// Uploads files into the field that they were chosen for, or by their kind where they were dropped.
+// Opens a session; where it lacks files it waits for them to be uploaded.
+let waiting = null;
+export async function resume(session) {
+  waiting = null;
+  await post("resume", session).catch((e) => {
+    if (e.message.startsWith("session: upload ")) waiting = session;
+    throw e;
+  });
+}
+
+async function sessionIn(file) {
+  try { return JSON.parse(await file.text()); } catch { throw new Error(`${file.name}: no session file of the workbench`); }
+}
+
+// Uploads files into the field that they were chosen for, or by their kind where they were dropped; a session comes last.
 async function take(files, field = null) {
-  for (const file of files) {
+  const named = files.filter((f) => /\.json$/i.test(f.name));
+  for (const file of files.filter((f) => !named.includes(f))) {
     const { name } = await upload(file);
     const kind = /\.(dbc|kcd|arxml|sym)$/i.test(name) ? "dbc" : name.endsWith(".toml") ? (/^\s*\[\[string\]\]/m.test(await file.text()) ? "config" : "model") : "tables";
     const to = kind === "dbc" ? (field === "config" ? null : "dbc") : field === "config" && kind !== "config" ? null : field ?? kind;
@@ -55,7 +68,9 @@ async function take(files, field = null) {
     else if (to) $(to).value = name;
     if (to === "dbc" || to === "config") $("more").open = true;
   }
-  if (field !== "model" && field !== "config" && columns.tables().length) await columns.ask();
+  const session = named.length ? await sessionIn(named[0]) : waiting;
+  if (session) await resume(session);
+  else if (field !== "model" && field !== "config" && columns.tables().length) await columns.ask();
 }
 
 const short = (path) => path.split(/[\\/]/).pop();
@@ -106,6 +121,7 @@ function opened() {
   const several = o.records.length > 1;
   const by = (x) => (several ? `${short(x.record)}: ` : "");
   $("opened").append(
+    ...(state.dropped ? [el("p", { class: "alarm", id: "dropped" }, state.dropped)] : []),
     ...(state.session?.notes ? [el("h3", {}, "Notes"), el("p", { class: "written", id: "notes-told" }, state.session.notes)] : []),
     el("h3", {}, "Records"),
     el("ul", {}, ...o.records.map((r) => el("li", {}, `${short(r.source)}: ${r.minutes.toFixed(0)} min, ${r.readings} readings of cell${r.cells.length > 1 ? "s" : ""} ${r.cells.join(", ")}${r.core ? "; a thermocouple in a core, used to judge only" : ""}`))),
@@ -151,6 +167,7 @@ function verdict() {
   const button = el("button", { class: d ? "" : "main", type: "button", id: "diagnose", "data-work": true, "data-off": state.opened ? null : "1", onclick: diagnose },
     d ? "Diagnose again" : "What is missing?");
   box.replaceChildren(el("h2", {}, "Diagnose"));
+  if (state.dropped) box.append(el("p", { class: "alarm" }, state.dropped));
   if (!d) { box.append(...none(state.opened ? "Searches the catalogue of effects for what explains the error; none is assumed." : NOTHING), button); return; }
   box.append(el("p", {}, el("span", { class: `tag ${d.verdict}` }, d.tag)), el("p", { class: "verdict" }, d.sentence),
     d.selected.length && !d.selected.every(inModel) ? el("p", {}, el("button", { type: "button", class: "main", id: "add-named", "data-work": true, onclick: () => add(d.selected.filter((k) => !inModel(k))) }, `Add ${d.selected.filter((k) => !inModel(k)).join(" and ")}`)) : "",
@@ -165,7 +182,7 @@ function verdict() {
     before = r.role;
     list.append(effect(r, i, d));
   }
-  if (d.ranking.length) box.append(el("p", { class: "muted" }, "Evidence as log-odds; dashed: what an effect needs, 20 to 1. Point at an effect to draw its curve."), list);
+  if (d.ranking.length) box.append(el("p", { class: "muted" }, `Evidence as log-odds; dashed: what an effect needs, 20 to 1. ${d.recalled ? "Kept from the session: diagnose again to draw curves of effects." : "Point at an effect to draw its curve."}`), list);
   if (d.next) box.append(el("h3", {}, "What to measure next"), el("p", { id: "next" }, d.next));
   if (d.card.length) box.append(fold("card", "What these data could show at all", el("ul", {}, ...d.card.map((t) => el("li", {}, t)))));
   if (d.absorbed.length) box.append(fold("absorbed", "What a parameter absorbs", el("ul", {}, ...d.absorbed.map((t) => el("li", {}, t)))));
