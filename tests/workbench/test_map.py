@@ -87,7 +87,7 @@ def test_columns_are_means_and_a_gap_stays_a_gap():
 
 PIXEL = """
 const node = document.querySelector('#plot-map'), box = node.getBoundingClientRect(), l = node._fullLayout;
-return [box.left + l._size.l + l.xaxis.d2p(arguments[0]), box.top + l._size.t + l.yaxis.d2p(arguments[1])];
+return [box.left + l._size.l + l.xaxis.d2p(arguments[0]), box.top + l._size.t + l.yaxis.l2p(arguments[1])];
 """
 
 
@@ -113,7 +113,7 @@ def test_the_map_zooms_with_the_other_pictures_and_a_click_shows_a_cell(window, 
         page.click("#cell-1")
         page.wait("return document.querySelector('#plot-surface').dataset.name === 'surface-0-1'")
         page.run("document.querySelector('#plot-map').scrollIntoView({block: 'center'})")
-        x, y = page.run(PIXEL, 10.0, "3")
+        x, y = page.run(PIXEL, 10.0, 1)  # the second row
         for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
             page.cdp("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
         page.wait("return document.querySelector('#plot-surface').dataset.name === 'surface-0-3'")
