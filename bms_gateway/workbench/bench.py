@@ -37,7 +37,9 @@ from bms_gateway.report.examine import (
     usable,
 )
 from bms_gateway.report.html import Aside, write_addition, write_comparison, write_diagnosis
+from bms_gateway.report.step_names import FILED, REFITTED
 from bms_gateway.report.table import parse_columns
+from bms_gateway.report.words import named_all
 from bms_gateway.thermal import StringModel
 from bms_gateway.workbench import documents, pictures, whiteness
 from bms_gateway.workbench.approach import Show, approach
@@ -45,7 +47,6 @@ from bms_gateway.workbench.looking import looked
 from bms_gateway.workbench.moving import Moving
 from bms_gateway.workbench.recall import digests, recalled
 from bms_gateway.workbench.series import Shelf
-from bms_gateway.workbench.steps import FILED, REFITTED
 from bms_gateway.workbench.tracks import about, track
 
 MOST_MADE = 4
@@ -212,7 +213,9 @@ class Bench:
         steps = [(name, c.refitted)]
         if name == REFITTED:  # the first model that is compared
             steps.insert(0, (FILED, c.filed))
-        drawn = {name: pictures.step(v, shelf) | pictures.maps(v.fit, shelf) | whiteness.step(v.fit) for name, v in steps}
+        drawn = {
+            name: pictures.step(v, shelf) | pictures.maps(v.fit, shelf) | whiteness.step(v.fit) for name, v in steps
+        }
         fit = c.refitted.fit
         figures = pictures.frames_of_cores(c, shelf) | pictures.frames_of_maps(fit.problem.records)
         figures |= whiteness.figures(fit)
@@ -232,7 +235,7 @@ class Bench:
         check_signals(wants, self._records)
         known = self._known(model)
         tell(0.02, "fitting step by step")
-        names = " + ".join(w.key for w in wants)
+        names = named_all(w.key for w in wants)
         approach(model, self._records, wants, known, lambda trial: show({"names": names, **trial}))
 
         def ask(unfitted: StringModel, records: Sequence[Record], progress: Tell | None = None) -> Diagnosis:
@@ -256,7 +259,7 @@ class Bench:
 
     def _report(self, request: Mapping[str, Any], folder: Path, tell: Tell) -> documents.Document:
         """Write the page that the commands write with --html: of the last diagnosis, addition or comparison."""
-        text, kind, command, remains = (str(request[k]) for k in ("text", "kind", "command", "remains"))
+        text, kind, command, remains, step = (str(request[k]) for k in ("text", "kind", "command", "remains", "step"))
         tell(0.1, "writing the report")
         comparison = self._comparison(text)
         made = self._of(text)
@@ -274,10 +277,11 @@ class Bench:
                 card=card_of(d.search.baseline) if d else None,
                 command=command,
                 cores=cores_with_named(parse_model(text), usable(self._records, made.told.findings), d) if d else (),
+                step=step,
             )
         elif kind == "add" and made.addition is not None:
             addition, report = made.addition
-            write_addition(path, report, addition, command, remains)
+            write_addition(path, report, addition, command, remains, step)
         else:
             findings, notes = findings_and_notes(parse_model(text), self._records)
             # an addition of a process that was ended since is shown by what it left: its model against the readings

@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from bms_gateway.errors import UsageError, did_you_mean
+from bms_gateway.report.step_names import REFITTED, with_added
 from bms_gateway.workbench.beside import Beside, moved, place_of
 from bms_gateway.workbench.commands import Leg, command_lines, config_lines
 from bms_gateway.workbench.process import Worker
 from bms_gateway.workbench.session import Addition, session_of
-from bms_gateway.workbench.steps import REFITTED, Frame, Window, doubt_lines, forget, joined, remains, steps_of
+from bms_gateway.workbench.steps import Frame, Window, doubt_lines, forget, joined, remains, steps_of
 from bms_gateway.workbench.uploads import Uploads
 
 Document = dict[str, Any]
@@ -182,7 +183,8 @@ class Desk:
         top = self._top
         kind = "diagnose" if top.diagnosed else "add" if top.told else "compare"
         command = command_lines(self._named() or {}, self._way())[-1]
-        request = {"files": self.files, "text": top.text, "kind": kind, "command": command}
+        step = self._frames[-2].label if kind == "add" else top.label
+        request = {"files": self.files, "text": top.text, "kind": kind, "command": command, "step": step}
         self._start("report", {**request, "remains": remains(self._frames)})
         with self.changed:
             self.changed.wait_for(lambda: self._job is None, REPORT_S)
@@ -430,7 +432,7 @@ class Desk:
         self._refusal = None
         if len(self._frames) == 1:  # measured by the same yardstick as what is added to it
             self._frames[0].stair = done["before"]
-        frame = Frame(text, f"+ {done['names']}", done["words"], done["forced"], done["after"], done)
+        frame = Frame(text, with_added(done["names"]), done["words"], done["forced"], done["after"], done)
         frame.diagnosed = self._recalled.pop(str(len(self._frames)), None)
         self._frames.append(frame)
         self.compare()

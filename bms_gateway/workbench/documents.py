@@ -25,11 +25,11 @@ from bms_gateway.report.html_evidence import summary
 from bms_gateway.report.html_ranking import GROUPS, NAMED_AT
 from bms_gateway.report.html_series import Shown
 from bms_gateway.report.html_tables import errors_table, heat_map, parameters_table, thermocouples_table
-from bms_gateway.report.words import in_words
+from bms_gateway.report.step_names import FILED, REFITTED
+from bms_gateway.report.words import in_words, named_all
 from bms_gateway.thermal import StringModel
 from bms_gateway.thermal.effects import catalogue, effect_named
 from bms_gateway.workbench.pictures import preview
-from bms_gateway.workbench.steps import FILED, REFITTED
 
 Document = dict[str, Any]
 WEIGHTS = {"stop": "cannot be used", "warn": "look at this first", "note": "good to know"}
@@ -236,11 +236,11 @@ def added(report: AddReport, addition: Addition, words: Sequence[str]) -> Docume
     ]
     return {
         "words": list(words),
-        "names": report.names,
+        "names": named_all(c.key for c in report.added),
         "kept": report.written,
         "forced": report.forced,
-        "refused": report.refused,
-        "remark": report.remark,
+        "refused": in_words(report.refused),
+        "remark": in_words(report.remark),
         "tag": report.tag,
         "core": told_core(report.after.core),
         "headline": in_words(headline(report)),

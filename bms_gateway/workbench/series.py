@@ -126,7 +126,9 @@ def windowed(t: Floats, y: Floats, window: Window | None) -> tuple[Floats, Float
     return t[part], y[part]
 
 
-def columns(rows: Sequence[tuple[Floats, Floats]], window: Window | None) -> tuple[Floats, list[Floats]]:
+def columns(
+    rows: Sequence[tuple[Floats, Floats]], window: Window | None
+) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
     """Average some series over the same stretches of a window: `COLUMNS` of them, or as many as there are samples.
 
     A stretch is no shorter than the usual time between two samples of the series that has the fewest, so that a map has

@@ -206,7 +206,7 @@ def test_ranking_and_parameters_are_those_of_the_diagnosis(road):
     groups = [r[0] for r in page.tables["ranking"][0][1:] if len(r) == 1]
     assert groups == ["Named", "In place of what is named"]
     assert rows[0][5] == amount(d.baseline.heldout_rmse_K)
-    B = next(r for r in page.tables["parameters"][0] if r[0].startswith("resistance_temperature.B"))
+    B = next(r for r in page.tables["parameters"][0] if r[0].endswith(" (resistance_temperature.B)"))
     number = d.selected[0].parameters["B"]
     value, sd = (float(x) for x in B[1].split(" ± "))
     assert abs(value - number.value) < 0.1 * number.sd
@@ -245,6 +245,38 @@ def test_a_core_thermocouple_is_shown_beside_the_models(road):
     assert row[4:] == [amount(check.rmse_K), amount(check.bias_K), f"{100 * check.covered:.0f} %"]
     names = [t.get("name") for t in pages["c"][1].figures(pages["c"][0])["core-1"]["data"]]
     assert "thermocouple in the core" in names
+
+
+@pytest.mark.parametrize("core", [True, False])
+def test_a_core_thermocouple_outside_the_band_is_said_in_red_on_every_page(road, tmp_path, core):
+    """Whichever command wrote it, and in a diagnosis also where nothing is known of the core."""
+    _, _, comparison, told, _, _ = road
+    check = comparison.refitted.core_checks[0]
+    known = comparison.core if core else None
+    for covered, outside in ((0.4, True), (0.93, False)):
+        now = replace(comparison.refitted, core_checks=(replace(check, covered=covered),))
+        seen = replace(comparison, refitted=now)
+        write_diagnosis(tmp_path / "d.html", replace(told, core=known), comparison=seen)
+        write_comparison(tmp_path / "c.html", seen, Aside(told.sources))
+        for name in "dc":
+            text = (tmp_path / f"{name}.html").read_text(encoding="utf-8")
+            head = text[text.index("<h1") : text.index("<section")]
+            said = re.findall('<p class="danger">(.*?)</p>', head)
+            assert [s.partition(",")[0] for s in said] == (["Thermocouple in the core of cell 3"] if outside else [])
+            assert [s.rpartition("; ")[2] for s in said] == (
+                ["60 % of its readings lie outside the 95 % band."] if outside else []
+            )
+
+
+def test_models_are_called_as_on_the_page_of_the_workbench(road):
+    """By what was done to them, labels before identifiers."""
+    figures = [page.figures(text) for name in "da" for text, page in [road[-1][name]]]
+    for found in figures:
+        names = {t["name"] for t in found["overlay-1-1"]["data"] if t.get("showlegend", True)}
+        assert {"refitted", "+ resistance falls as the cell warms (resistance_temperature)"} <= names
+    text, page = road[-1]["a"]
+    assert "model as it is" not in text
+    assert not [r[0] for r in page.tables["parameters"][0][1:] if not r[0].endswith(")")]
 
 
 def test_half_widths_of_cores_that_are_given_are_those_shown(road):

@@ -98,7 +98,7 @@ def test_of_a_model_that_is_not_reached_it_is_left_out_and_said(diagnosed, pack)
     session["diagnosed"][0]["step"] = 1
     session["added"][0]["force"] = False  # refused then
     state, _ = resumed(json.dumps(session), files(pack))
-    assert state["refusal"]["names"] == "coolant_delay"
+    assert state["refusal"]["names"] == "coolant arrives late (coolant_delay)"
     assert state["diagnosed"] is None
     assert "later model is left out" in state["dropped"]
 

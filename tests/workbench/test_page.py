@@ -8,7 +8,7 @@ import pytest
 
 from bms_gateway.config.model_file import read_model
 from tests.store.ring import drove
-from tests.support.page_steps import FIT_S, seen_compared
+from tests.support.page_steps import ADDED, FIT_S, seen_compared
 from tests.truth.packs import pack as make_pack
 from tests.workbench.browser import come, faults
 from tests.workbench.conftest import served
@@ -87,11 +87,11 @@ def test_the_road_from_a_table_to_a_better_model(window, url, axe, pack, tmp_pat
     assert faults(page, axe) == []
 
     # every step of the road in one picture, on axes that do not move
-    assert page.text("#variants").split("\n")[1:] == ["from its file", "refitted", "+ entropic_heat"]
+    assert page.text("#variants").split("\n")[1:] == ["from its file", "refitted", ADDED]
     names = "return [...new Set(document.querySelector('#plot-surface').data.map(d => d.name))].sort()"
     ranges = "return ['yaxis', 'yaxis2'].map(a => document.querySelector('#plot-surface').layout[a].range.join())"
     page.idle(FIT_S)
-    come(lambda: page.run(names) == ["+ entropic_heat", "from its file", "measured", "refitted"], "all steps")
+    come(lambda: page.run(names) == [ADDED, "from its file", "measured", "refitted"], "all steps")
     axes = page.run(ranges)
     page.click("#step-0")
     page.wait("return !document.querySelector('#plot-surface').data.some(d => d.name === 'from its file')")
@@ -101,9 +101,7 @@ def test_the_road_from_a_table_to_a_better_model(window, url, axe, pack, tmp_pat
     page.wait("return Number(document.querySelector('#plot-inlet').dataset.traces) > 3")
     acf = "return document.querySelector('#plot-auto').data.find(x => x.name === arguments[0]).y.slice(1)"
     bound = page.run("return document.querySelector('#plot-auto').data[0].y[0]")
-    outside = [
-        sum(abs(y) > bound for y in ys) / len(ys) for ys in (page.run(acf, n) for n in ("refitted", "+ entropic_heat"))
-    ]
+    outside = [sum(abs(y) > bound for y in ys) / len(ys) for ys in (page.run(acf, n) for n in ("refitted", ADDED))]
     assert outside[0] > 0.5 > 0.1 > outside[1]
 
     # a zoom asks for the samples of the window, all of them

@@ -2,7 +2,7 @@
 import { $, el, get, post, attempt, complain } from "./util.js";
 
 const ONCE = { time_s: "time", current_A: "current, discharge positive", coolant_inlet_C: "coolant inlet, or the air around",
-  voltage_V: "voltage of the string", soc: "state of charge (SOC)", coolant_flow_m3_s: "coolant flow" };
+  voltage_V: "voltage of the string", soc: "SOC (state of charge)", coolant_flow_m3_s: "coolant flow" };
 const MANY = { surface: ["surface of cell", "C", "temperature"], core: ["core of cell", "C", "temperature"], cell_voltage: ["voltage of cell", "V", "voltage"] };
 const QUANTITY = { time_s: "time", current_A: "current", coolant_inlet_C: "temperature", voltage_V: "voltage", soc: "soc", coolant_flow_m3_s: "flow" };
 const DATES = ["dd/mm/yyyy", "mm/dd/yyyy"];

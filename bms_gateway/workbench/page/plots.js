@@ -79,10 +79,12 @@ function ofSteps(figure, place) {
   return found;
 }
 
+const labelled = (name) => state.diagnosed?.ranking.find((r) => r.name === name)?.effects.map((e) => `${e.title} (${e.key})`).join(" and ") || name;
+
 function laidOver(place) {
   const own = over && place === "surface" ? curves.get(over)?.[specs.surface?.name] : null;
   if (!own) return [];
-  const line = { type: "scatter", mode: "lines", name: `with ${over}`, hoverinfo: "skip" };
+  const line = { type: "scatter", mode: "lines", name: `with ${labelled(over)}`, hoverinfo: "skip" };
   const color = dark() ? "#54c9a4" : "#009e73";
   return [
     { ...line, x: own.x, y: own.y, line: { color, width: 2.6 } },

@@ -170,11 +170,11 @@ function verdict() {
   if (state.dropped) box.append(el("p", { class: "alarm" }, state.dropped));
   if (!d) { box.append(...none(state.opened ? "Searches the catalogue of effects for what explains the error; none is assumed." : NOTHING), button); return; }
   box.append(el("p", {}, el("span", { class: `tag ${d.verdict}` }, d.tag)), el("p", { class: "verdict" }, d.sentence),
-    d.selected.length && !d.selected.every(inModel) ? el("p", {}, el("button", { type: "button", class: "main", id: "add-named", "data-work": true, onclick: () => add(d.selected.filter((k) => !inModel(k))) }, `Add ${d.selected.filter((k) => !inModel(k)).join(" and ")}`)) : "",
+    d.selected.length && !d.selected.every(inModel) ? el("p", {}, el("button", { type: "button", class: "main", id: "add-named", "data-work": true, onclick: () => add(d.selected.filter((k) => !inModel(k))) }, `Add ${labels(d.selected.filter((k) => !inModel(k)))}`)) : "",
     ...core(d.core));
   if (state.diagnosed_of) box.append(el("p", { class: "muted" }, `Found for “${state.diagnosed_of}”, before what has been added since.`));
   const together = d.selected.filter((k) => !inModel(k));
-  if (together.length > 1) box.append(el("p", {}, el("button", { type: "button", class: "main", id: "add-all", "data-work": true, onclick: () => add(together) }, `Add ${together.join(" and ")} at once`)));
+  if (together.length > 1) box.append(el("p", {}, el("button", { type: "button", class: "main", id: "add-all", "data-work": true, onclick: () => add(together) }, `Add ${labels(together)} at once`)));
   const list = el("ul", { class: "effects" });
   let before = null;
   for (const [i, r] of d.ranking.entries()) {
@@ -215,6 +215,7 @@ function effect(r, i, d) {
 }
 
 // In plain words first, the word of the catalogue in brackets.
+const labels = (keys) => keys.map((k) => { const e = state.opened?.catalogue.find((x) => x.name === k.split(":")[0]); return e ? `${e.title} (${k})` : k; }).join(" and ");
 const named = (r) => (r.effects.length ? r.effects.map((e) => `${e.title} (${e.key})`).join(" and ") : r.name);
 
 function told(r, d) {
@@ -233,7 +234,7 @@ function told(r, d) {
     say("Looks like", e.confused_with.join(", "));
   }
   const keys = r.effects.map((e) => e.key).filter((k) => !inModel(k));
-  const button = keys.length ? el("button", { type: "button", id: `add-${r.name}`, "data-work": true, onclick: () => add(keys) }, `Add ${keys.join(" and ")}`) : el("span", { class: "muted" }, "in the model");
+  const button = keys.length ? el("button", { type: "button", id: `add-${r.name}`, "data-work": true, onclick: () => add(keys) }, `Add ${labels(keys)}`) : el("span", { class: "muted" }, "in the model");
   return el("div", { class: "told" }, list, button);
 }
 
