@@ -22,7 +22,7 @@ from bms_gateway.report.diagnosis_text import Told, finite, number_lines, reach
 from bms_gateway.report.html import VERDICTS
 from bms_gateway.report.html_correlation import correlation_table
 from bms_gateway.report.html_evidence import summary
-from bms_gateway.report.html_ranking import GROUPS, NAMED_AT
+from bms_gateway.report.html_ranking import GROUPS, NAMED_AT, against
 from bms_gateway.report.html_series import Shown
 from bms_gateway.report.html_tables import errors_table, heat_map, parameters_table, thermocouples_table
 from bms_gateway.report.step_names import FILED, REFITTED
@@ -163,6 +163,7 @@ def diagnosed(told: Told) -> tuple[Document, dict[str, Document]]:
         "selected": [s.candidate.key for s in d.selected] if d else [],
         "needs": reach(NAMED_AT, top),
         "groups": GROUPS,
+        "against": against(second=bool(d and d.decided_by_second)),
         "error": "error" if d and d.decided_by_second else "held-out error",
         "ranking": [_standing(r, top, r.name in fits) for r in told.ranking],
         "absorbed": [in_words(t) for t in told.absorbed],

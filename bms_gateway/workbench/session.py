@@ -39,6 +39,7 @@ SAID: Final[dict[str, Any]] = {
     "selected": [str],
     "needs": (float, int),
     "groups": {"named": str, "tied": str, "next": str, "instead": str},
+    "against": {"": str, "named": str, "tied": str, "next": str, "instead": str},
     "error": str,
     "ranking": [RANKED],
     "absorbed": [str],

@@ -249,6 +249,12 @@ def test_the_page_is_a_control_room(window, log, axe, tmp_path):
         page.wait("return Number(document.querySelector('#past').dataset.points) > 50")
         assert page.run("return document.querySelectorAll('#past .mark.alarm').length") > 0
         assert page.there("#past .limit")
+        listed = page.run("return [...document.querySelectorAll('#past-marks li')].map(li => li.innerText)")
+        assert any("Alarm: " in text and "the limit is 24 °C" in text for text in listed)  # what the lines stand for
+        page.click("#past-marks li:last-of-type button" if len(listed) < 9 else "#past-marks li:nth-child(8) button")
+        page.wait("return Number(document.querySelector('#time').value) < 80")
+        page.run(seek, "85")
+        page.wait("return document.querySelector('#at').innerText.startsWith('0:01:25 of')")
         for panel in ("hottest point, °C", "current, A", "inlet, °C", "SOC, %", "voltage, V"):
             assert panel in page.run("return document.querySelector('#past').textContent"), panel
 

@@ -63,9 +63,13 @@ def test_the_road_from_a_table_to_a_better_model(window, url, axe, pack, tmp_pat
     page.click("#diagnose")
     page.wait("return document.querySelector('#panel-diagnose .verdict')", patience_s=FIT_S)
     assert page.text("#panel-diagnose .verdict").startswith("Missing: reversible (entropic) heat (entropic_heat)")
+    assert page.text("#panel-diagnose .effects").startswith("Named\n\nBars: log-odds against leaving it out.")
+    assert page.text("#add-named") == "Add reversible (entropic) heat (entropic_heat)"
     before = int(page.run("return document.querySelector('#plot-surface').dataset.traces"))
     page.point("#effect-0")
     page.wait("return Number(document.querySelector('#plot-surface').dataset.traces) === arguments[0] + 2", before)
+    laid = "return document.querySelector('#plot-surface').data.find(d => d.name.startsWith('with ')).name"
+    assert page.run(laid) == "with reversible (entropic) heat (entropic_heat)"
     page.point("h1")
     page.wait("return Number(document.querySelector('#plot-surface').dataset.traces) === arguments[0]", before)
     page.click("#effect-0")
@@ -80,6 +84,15 @@ def test_the_road_from_a_table_to_a_better_model(window, url, axe, pack, tmp_pat
     assert fell == sorted(fell, reverse=True)
     seen_compared(page)
     assert "by force" not in page.text("#panel-add")
+    # each bar has a number, and its name stands below: nothing has to be pointed at
+    assert page.text("#bar-names") == f"1 from its file · 2 refitted · 3 {ADDED}"
+    assert page.run(
+        "return [...document.querySelectorAll('.bars')[0].querySelectorAll('small')].map(b => b.innerText)"
+    ) == [
+        "1",
+        "2",
+        "3",
+    ]
     held = page.run("return document.querySelectorAll('.bars')[1].getAttribute('aria-label')")
     _, first, second = (float(part.split()[-2]) for part in held.split(": ")[1].split(";")[0].split(", "))
     assert second < 0.5 * first

@@ -69,7 +69,7 @@ function draw() {
       double.length ? `Two columns are taken for ${double[0]}.` : lack.length ? `Still missing: ${lack.join(", ")}.`
         : guessed ? `${guessed} columns are guessed (marked ?): check them, with their units and signs.` : "The names of the columns say what they are."),
     el("div", { class: "scroll", tabindex: "0", role: "group", "aria-label": "columns of the table" },
-      el("table", { class: "columns" }, el("thead", {}, el("tr", {}, ...["Column", "First values", "Is", "Unit", "−", "Reads as"].map((t) => el("th", { scope: "col", title: t === "−" ? "opposite sign" : null }, t)))),
+      el("table", { class: "columns" }, el("thead", {}, el("tr", {}, ...["Column", "First values", "Is", "Unit", "Opposite sign", "Reads as"].map((t) => el("th", { scope: "col" }, t)))),
         el("tbody", {}, ...rows.map(line)))),
     look.notes.length ? el("p", { class: "muted" }, `${look.notes.join("; ")}.`) : "");
   if (focused && document.activeElement?.id !== focused) $(focused)?.focus({ preventScroll: true });
@@ -98,7 +98,7 @@ function line(r) {
   const number = (x) => (Math.abs(x) >= 1e5 ? x.toExponential(2) : String(Number(x.toPrecision(4))).replace("-", "−"));
   const seen = "low" in c && r.what ? el("span", {}, curve(c.points), ` ${number(scale * c.low)} to ${number(scale * c.high)} ${told}`) : "";
   return el("tr", { class: r.what ? "" : "unused" }, el("th", { scope: "row" }, c.name), el("td", { class: "muted" }, c.cells.slice(0, 2).map(short).join("  ")),
-    el("td", {}, what, cell, r.by === "guess" ? el("abbr", { title: `guessed: ${c.why}` }, " ?") : ""), el("td", {}, unit), el("td", {}, flip), el("td", {}, seen));
+    el("td", {}, what, cell, r.by === "guess" ? el("small", { class: "muted why" }, `? guessed: ${c.why}`) : ""), el("td", {}, unit), el("td", {}, flip), el("td", {}, seen));
 }
 
 // A number to a few digits, with the mark that it has.

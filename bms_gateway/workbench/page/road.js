@@ -178,11 +178,11 @@ function verdict() {
   const list = el("ul", { class: "effects" });
   let before = null;
   for (const [i, r] of d.ranking.entries()) {
-    if (r.role !== before) list.append(el("li", {}, el("h3", {}, d.groups[r.role] ?? "Weighed")));
+    if (r.role !== before) list.append(el("li", {}, el("h3", {}, d.groups[r.role] ?? "Weighed"), el("p", { class: "muted against" }, `Bars: ${d.against[r.role]}.`)));
     before = r.role;
     list.append(effect(r, i, d));
   }
-  if (d.ranking.length) box.append(el("p", { class: "muted" }, `Evidence as log-odds; dashed: what an effect needs, 20 to 1. ${d.recalled ? "Kept from the session: diagnose again to draw curves of effects." : "Point at an effect to draw its curve."}`), list);
+  if (d.ranking.length) box.append(el("p", { class: "muted" }, `Evidence as log-odds, all bars on one scale; dashed: what an effect needs, 3 (20 to 1). ${d.recalled ? "Kept from the session: diagnose again to draw curves of effects." : "Point at an effect, or tap it, to draw its curve."}`), list);
   if (d.next) box.append(el("h3", {}, "What to measure next"), el("p", { id: "next" }, d.next));
   if (d.card.length) box.append(fold("card", "What these data could show at all", el("ul", {}, ...d.card.map((t) => el("li", {}, t)))));
   if (d.absorbed.length) box.append(fold("absorbed", "What a parameter absorbs", el("ul", {}, ...d.absorbed.map((t) => el("li", {}, t)))));
@@ -257,6 +257,7 @@ function steps() {
 
 // One and the same too: its bars move to where they are to be from wherever they are.
 const stairs = el("div", { class: "stairs" });
+const barNames = el("p", { class: "muted", id: "bar-names" });
 const underStairs = el("div", {});
 
 function climb() {
@@ -264,23 +265,22 @@ function climb() {
   const kinds = KINDS.filter(([kind]) => all.some((s) => s.stair?.[kind] > 0));
   const shape = JSON.stringify([kinds, all.length]);
   if (stairs.dataset.shape !== shape) { raise(kinds, all.length); stairs.dataset.shape = shape; }
+  barNames.replaceChildren(...all.flatMap((s, j) => [j ? " · " : "", el("b", {}, `${j + 1}`), ` ${s.name}${s.kind === "unproven" ? " (core not proven)" : s.kind === "forced" ? " (by force)" : ""}`]));
   for (const [i, [kind, title]] of kinds.entries()) {
     const values = all.map((s) => s.stair?.[kind] ?? null);
     const floor = kind === "core_K" ? null : all[0].stair?.floor_K;
     const top = Math.max(...values, floor ?? 0) || 1;
     const [caption, bars] = stairs.children[i].children;
-    caption.textContent = `${title[0].toUpperCase()}${title.slice(1)}, K${floor ? "; dotted: noise alone" : ""}`;
+    caption.textContent = `${title[0].toUpperCase()}${title.slice(1)}, K${floor ? `; dotted: noise alone, ${K(floor, 2)}` : ""}`;
     bars.setAttribute("aria-label", `${title}: ${values.map((v, j) => `${all[j].name} ${K(v)}`).join(", ")}${floor ? `; noise ${K(floor)}` : ""}`);
     values.forEach((v, j) => {
       const bar = bars.children[j];
       bar.className = `bar ${all[j].kind}`;
-      bar.title = `${all[j].name}${all[j].kind === "unproven" ? ": core not proven" : ""}`;
       bar.lastChild.textContent = v === null ? "–" : K(v, 2).replace(" K", "");
       bar.style.setProperty("--c", colorOf(j));
       bar.style.setProperty("--h", `${v === null ? 0 : (100 * v) / top}%`);
     });
     bars.lastChild.style.bottom = `${(100 * (floor ?? 0)) / top}%`;
-    bars.lastChild.title = floor ? `noise alone: ${K(floor)}` : "";
     bars.lastChild.hidden = !floor;
   }
 }
@@ -290,7 +290,7 @@ function raise(kinds, count) {
   const stood = [...stairs.children].map((f) => [...f.querySelectorAll(".bar")].map((bar) => bar.style.getPropertyValue("--h")));
   stairs.replaceChildren(...kinds.map((_, i) => {
     const bars = Array.from({ length: count }, (_, j) =>
-      el("span", { class: "bar", style: `--h:${stood[i]?.[Math.min(j, stood[i].length - 1)] ?? "0%"}` }, el("i", {}), el("b", {})));
+      el("span", { class: "bar", style: `--h:${stood[i]?.[Math.min(j, stood[i].length - 1)] ?? "0%"}` }, el("i", {}), el("small", {}, `${j + 1}`), el("b", {})));
     return el("figure", {}, el("figcaption", {}), el("div", { class: "bars", role: "img" }, ...bars, el("span", { class: "floor" })));
   }));
   stairs.getBoundingClientRect(); // from here on changes move
@@ -309,10 +309,10 @@ const field = el("input", { id: "effect-name", list: "effect-names", autocomplet
 
 function adding() {
   // the stairs stay in their place: what is taken out and put back does not move
-  if (!stairs.isConnected) $("panel-add").replaceChildren(el("h2", {}, "Add"), stairs, underStairs);
+  if (!stairs.isConnected) $("panel-add").replaceChildren(el("h2", {}, "Add"), stairs, barNames, underStairs);
   const box = underStairs;
   box.replaceChildren();
-  stairs.hidden = !(state.steps.some((s) => s.words.length) || state.refusal || state.job?.trial);
+  stairs.hidden = barNames.hidden = !(state.steps.some((s) => s.words.length) || state.refusal || state.job?.trial);
   if (!state.steps.length) { box.append(...none(NOTHING)); return; }
   if (!stairs.hidden) climb();
   else box.append(el("p", { class: "muted" }, "Nothing is added yet. This place shows what an addition does to the errors, where fitted and where held out, and to the band of the core."));
