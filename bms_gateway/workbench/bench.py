@@ -53,6 +53,8 @@ MOST_MADE = 4
 """Models of which it is remembered what was made of them: fits take tens of megabytes."""
 MOST_NUMBERS = 8 << 20
 """Numbers of a table or log: a million rows of eight columns. Made into a record they take half a gigabyte."""
+MOST_LOOKED = 40
+"""Tables whose columns are shown before they are opened."""
 READING = 0.5
 """Share of the work of opening that is reading a table; what is made of it takes the rest."""
 Tell = Callable[[float, str], None]
@@ -67,6 +69,11 @@ class Files:
     config: str = ""
     string: str = ""
     columns: tuple[str, ...] = ()
+    each: tuple[tuple[str, ...], ...] = ()
+
+    def of_table(self, k: int) -> tuple[str, ...]:
+        """Columns of one table: those of all, and its own."""
+        return (*self.columns, *(self.each[k] if k < len(self.each) else ()))
 
     @classmethod
     def of(cls, request: Mapping[str, Any]) -> "Files":
@@ -74,7 +81,8 @@ class Files:
         config, string = request.get("config") or "", request.get("string") or ""
         if request.get("recent") and not config:
             string = ""  # it said what to take of the gateway's signals
-        return cls(tuple(request["tables"]), request["model"], config, string, tuple(request.get("columns") or ()))
+        columns, each = tuple(request.get("columns") or ()), tuple(tuple(x) for x in request.get("each") or ())
+        return cls(tuple(request["tables"]), request["model"], config, string, columns, each)
 
 
 @dataclass(slots=True)
@@ -113,7 +121,8 @@ class Bench:
             One line for the page.
         """
         if request["do"] == "look":
-            return looked(Path(request["files"]["tables"][0]), tuple(request["files"].get("columns") or ()))
+            files = Files.of(request["files"])
+            return {"tables": [looked(Path(t), files.of_table(k)) for k, t in enumerate(files.tables[:MOST_LOOKED])]}
         if request["do"] == "open":
             return self._open(request["files"], Path(request["folder"]), tell, request.get("kept"))
         files = Files.of(request["files"])
@@ -152,6 +161,7 @@ class Bench:
             tell=lambda name, share: tell(READING * share, f"reading {name}"),
             most=MOST_NUMBERS,
             seen=seen,
+            each=[parse_columns(pairs) for pairs in files.each],
         )
         self._files, self._filed = files, model
         self._made.clear()
@@ -167,7 +177,10 @@ class Bench:
         findings, notes = findings_and_notes(self._filed, self._records)
         notes += tuple((files["tables"][-1], text) for text in (*told, *proposed))
         opened = Files.of(files)
-        told_of = [about(Path(t), opened.columns, r) for t, r in zip(opened.tables, self._records, strict=True)]
+        told_of = [
+            about(Path(t), opened.of_table(k), r)
+            for k, (t, r) in enumerate(zip(opened.tables, self._records, strict=True))
+        ]
         document = documents.opened(self._filed, self._records, findings, notes, told_of)
         document["text"] = Path(files["model"]).read_text(encoding="utf-8")
         shelf = Shelf(folder)
@@ -187,7 +200,7 @@ class Bench:
         assert self._filed is not None  # noqa: S101
         k, shelf = int(request["record"]), Shelf(Path(request["folder"]))
         record, table = self._records[k], Path(self._files.tables[k])
-        figure = track(table, self._files.columns, request["column"], record, measured(record, self._filed), shelf)
+        figure = track(table, self._files.of_table(k), request["column"], record, measured(record, self._filed), shelf)
         shelf.save()
         return {"figure": figure}
 

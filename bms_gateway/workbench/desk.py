@@ -112,7 +112,7 @@ class Desk:
         self._start("open", {"files": files, "kept": kept})
 
     def look(self, files: Document) -> None:
-        """Look at the first table: its columns, and what they may be; what is open stays."""
+        """Look at the tables: their columns, and what they may be; what is open stays."""
         if not files["tables"]:
             raise UsageError("look: choose a table first")
         self._start("look", {"files": files})
@@ -360,8 +360,8 @@ class Desk:
 
     def _start(self, kind: str, request: Document) -> None:
         with self.changed:
-            if kind != "look":  # a look takes a moment, and nobody waits for it
-                self.changed.wait_for(lambda: (self._job or {}).get("kind") != "look", LOOK_S)
+            # a look takes a moment, and nobody waits for it
+            self.changed.wait_for(lambda: (self._job or {}).get("kind") != "look", LOOK_S)
             self._refuse_if_busy()
             if self._closed:
                 raise UsageError("this tab was open too long ago: reload the page")

@@ -69,10 +69,14 @@ def session_of(
     """
     recent = files.get("recent") or {}
     made = (files.get("form") or files.get("dbc")) and "/" not in files["model"]  # it is made anew
+    each = files.get("each") or ()
+    named = [(t, list(each[k]) if k < len(each) else []) for k, t in enumerate(files["tables"])]
+    kept = [(t, pairs) for t, pairs in named if t != recent.get("table")]
     return {
         "workbench_session": VERSION,
         "files": {
-            "tables": [t for t in files["tables"] if t != recent.get("table")],
+            "tables": [t for t, _ in kept],
+            "each": [pairs for _, pairs in kept],
             "model": files["model"] if not made else "",
             "config": (files.get("config") or "") if not files.get("dbc") else "",
             "string": files.get("string") or "",

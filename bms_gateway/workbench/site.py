@@ -158,6 +158,9 @@ def wanted_files(site: Site, desk: Desk, body: dict[str, Any]) -> dict[str, Any]
         return name
 
     tables, columns, dbc = body.get("tables", ""), body.get("columns") or [], body.get("dbc") or []
+    each = body.get("each") or []
+    if not isinstance(each, list) or not all(isinstance(x, list) and all(isinstance(c, str) for c in x) for x in each):
+        raise UsageError("open: each must be lists of columns, one for each table")
     lists = isinstance(tables, list) and isinstance(columns, list) and isinstance(dbc, list)
     if not lists or not all(isinstance(c, str) for c in columns):
         raise UsageError("open: tables, columns and dbc must be lists")
@@ -169,6 +172,7 @@ def wanted_files(site: Site, desk: Desk, body: dict[str, Any]) -> dict[str, Any]
         "recent": _recent(site, body, config),
         "string": str(body.get("string") or ""),
         "columns": columns,
+        "each": each,
         "dbc": [one(d) for d in dbc],
         "form": None if body.get("model") else _form(body.get("form")),
     }

@@ -22,7 +22,7 @@ export function prepare() {
     e.preventDefault();
     await post("open", { tables: words($("tables").value), model: $("model").value.trim(), config: $("config").value.trim(),
       dbc: words($("dbc").value), form: columns.form(), string: $("string").value.trim(), recent: $("recent").value.trim(), store: $("store").value.trim(),
-      columns: columns.all() });
+      columns: columns.said(), each: columns.each() });
   }));
   $("example").addEventListener("click", attempt(() => post("open", { tables: ["example: bench.csv.gz"], model: "example: bench.toml" })));
   $("tables").addEventListener("change", columns.prepare);
@@ -90,6 +90,7 @@ export function show(next) {
     $("store").value = state.files.recent?.store ?? "";
     $("dbc").value = asked.dbc.join("\n");
     columns.fill(asked.form);
+    columns.keep(state.files);
     $("columns").value = columns.table() ? "" : state.files.columns.join(",");
     $("more").open = Boolean(asked.config || asked.dbc.length || $("columns").value || state.files.recent?.store);
   }
