@@ -61,6 +61,7 @@ class Desk:
         self._error = ""
         self._report: Path | None = None
         self._to_come: list[Addition] = []
+        self._fitting: tuple[int, Document] = (0, {})
         self._recalled: dict[str, Document] = {}
         self._dropped = ""
         self._closed = False
@@ -292,6 +293,11 @@ class Desk:
             frame = self._diagnosed()
             return frame.curves.get(name) if frame else None
 
+    def fitting(self, name: str) -> Document | None:
+        """Curves of a figure by what is being fitted, as it is so far; None where nothing is."""
+        with self.changed:
+            return self._fitting[1].get(name) if (self._job or {}).get("trial") else None
+
     def state(self) -> Document:
         """All that the page shows, figures and curves by name only."""
         with self.changed:
@@ -391,7 +397,12 @@ class Desk:
             elif "done" in answer:
                 self._job = None
                 self._take(self._request, answer["done"])
-            else:  # how far it is, in words or in errors
+            else:  # how far it is, in words or in errors and curves
+                trial = answer.get("trial", {})
+                if "curves" in trial:
+                    self._fitting = self._fitting[0] + 1, trial.pop("curves")
+                if trial:
+                    trial["picture"] = self._fitting[0]
                 self._job = {**self._job, **answer}
             self._told()
 

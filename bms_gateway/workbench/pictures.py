@@ -208,10 +208,10 @@ def _cores_drawn(v: Variant, r: int) -> list[str]:
     return [f"core-{r}-{k}" for k in cells]
 
 
-def preview(fit: MapFit) -> dict[str, dict[str, Any]]:
-    """Draw what another fit of the same records makes of each sensor, to be laid over the plot."""
+def preview(fit: MapFit, most: int = PREVIEW_POINTS) -> dict[str, dict[str, Any]]:
+    """Draw what another fit of the same records makes of each sensor, to be laid over the plot; thinned to `most`."""
     traces = traces_of((fit,))
-    points = max(PREVIEW_POINTS // max(len(traces), 1), 60)
+    points = max(most // max(len(traces), 1), 60)
     found = {}
     for t in traces:
         time = _clock(traces, t.record)

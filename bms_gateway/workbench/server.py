@@ -271,7 +271,8 @@ class Handler(BaseHTTPRequestHandler):
         return a, b
 
     def _curves(self) -> None:
-        self._json({"curves": self._desk().curves(self._query.get("name", ""))})
+        desk, name = self._desk(), self._query.get("name", "")
+        self._json({"curves": desk.fitting(name) if self._query.get("fitting") else desk.curves(name)})
 
     def _take(self) -> None:
         desk = self._desk()

@@ -33,6 +33,14 @@ new MutationObserver(() => {
   const bar = document.querySelectorAll('#panel-add .bar.fitting b')[1];
   if (bar && seen.at(-1) !== Number(bar.textContent)) seen.push(Number(bar.textContent));
 }).observe(document.querySelector('#panel-add'), {subtree: true, childList: true, characterData: true});
+window.left = [];
+document.querySelector('#plot-surface').on('plotly_afterplot', () => {
+  const curves = document.querySelector('#plot-surface').data.filter(d => d.name.endsWith('being fitted'));
+  const curve = curves.find(d => d.yaxis === 'y2');
+  if (!curve) return;
+  const rms = Math.sqrt(curve.y.reduce((a, y) => a + y * y, 0) / curve.y.length);
+  if (left.at(-1) !== rms) left.push(rms);
+});
 """
 
 
@@ -82,10 +90,16 @@ def test_the_road_from_a_table_to_a_better_model(window, url, axe, pack, tmp_pat
     fell = page.run("return window.seen")  # the held-out error, as the bar had it while the fit went on
     assert len(fell) > 1
     assert fell == sorted(fell, reverse=True)
+    left = page.run("return window.left")  # and the residual, in the plot
+    assert len(left) > 1
+    assert left == sorted(left, reverse=True)
+    assert left[-1] < 0.3 * left[0]
+    gone = "return !document.querySelector('#plot-surface').data.some(d => d.name.endsWith('being fitted'))"
+    page.wait(gone, patience_s=FIT_S)
     seen_compared(page)
     assert "by force" not in page.text("#panel-add")
     # each bar has a number, and its name stands below: nothing has to be pointed at
-    assert page.text("#bar-names") == f"1 from its file · 2 refitted · 3 {ADDED}"
+    assert page.text("#bar-names").replace(" (core not proven)", "") == f"1 from its file · 2 refitted · 3 {ADDED}"
     assert page.run(
         "return [...document.querySelectorAll('.bars')[0].querySelectorAll('small')].map(b => b.innerText)"
     ) == [

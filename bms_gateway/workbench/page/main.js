@@ -41,7 +41,9 @@ async function refresh() {
       job(state.job);
       complain(state.error);
       road.show(state);
+      if (!state.job?.trial) plots.trying(null);
       await plots.show(state, fresh);
+      plots.trying(state.job?.trial);
       document.body.dataset.version = version;
       document.body.dataset.busy = state.job ? state.job.kind : "";
     } while (stale);
@@ -59,7 +61,7 @@ function job(j) {
 function heard(news) {
   const kind = news.job?.kind ?? "";
   // progress alone changes the bar; everything else is fetched
-  if (busy === kind && kind && news.job.share > 0) { job(news.job); road.trial(news.job.trial); return; }
+  if (busy === kind && kind && news.job.share > 0) { job(news.job); road.trial(news.job.trial); plots.trying(news.job.trial); return; }
   busy = kind;
   if (news.version !== version) refresh();
 }
