@@ -113,6 +113,12 @@ def test_the_road_from_a_table_to_a_better_model(window, url, axe, pack, tmp_pat
     assert fell[-1] == pytest.approx(second, rel=0.1)
     assert faults(page, axe) == []
 
+    hatched = (
+        "return document.querySelector('#plot-core').data.filter(d => d.fill === 'tonexty')"
+        ".map(d => [d.name, d.fillpattern?.shape ?? ''])"
+    )
+    come(lambda: dict(page.run(hatched)) == {"from its file": "/", "refitted": "/", ADDED: ""}, "bands of the cores")
+
     # every step of the road in one picture, on axes that do not move
     assert page.text("#variants").split("\n")[1:] == ["from its file", "refitted", ADDED]
     names = "return [...new Set(document.querySelector('#plot-surface').data.map(d => d.name))].sort()"

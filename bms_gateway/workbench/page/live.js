@@ -44,7 +44,7 @@ export function prepare(known, grafana) {
     el("p", { class: "muted", id: "live-key" }, "Cell, core in °C, ± 95 % half width in K; coolant flows from left to right. ",
       `${String(limit - BELOW_K).replace("-", "−")} `, el("span", { class: "scale", id: "scale" }), ` ${limit - NEAR_K} °C · `,
       el("span", { class: "patch", style: `background:rgb(${NEAR})` }), ` from ${limit - NEAR_K} °C · `, el("span", { class: "patch", style: `background:rgb(${OVER})` }), ` limit ${limit} °C and over`,
-      " · dashed: no sensor of its own · dotted, ?: core not proven · double frame: its sensor is not used · ring: hottest point · faded: nothing new, stale or parked"),
+      " · dashed: no sensor of its own · dotted, ?: core not proven · double frame: its sensor is not used · ring: hottest point · pale in a dashed frame: nothing new (stale) · grey in a frame: the bus is silent (parked)"),
     ...rows.map((r) => r.node), past.build(about, view, (t) => steer({ seek: t }), grafana), happened());
   $("scale").style.background = `linear-gradient(to right, ${SCALE.map((c) => `rgb(${c})`).join(",")})`;
 }

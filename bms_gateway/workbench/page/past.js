@@ -15,7 +15,7 @@ export function build(known, name, jump, grafana) {
   about = known; view = name; seek = jump; fleet = grafana;
   const choice = (id, options) => el("select", { id, onchange: () => { asked = 0; link(); if (latest) follow(latest); } }, ...options.map(([v, t]) => el("option", { value: v }, t)));
   const svg = document.createElementNS(SVG, "svg");
-  for (const [k, v] of Object.entries({ id: "past", height: 270, width: "100%", role: "img" })) svg.setAttribute(k, v);
+  for (const [k, v] of Object.entries({ id: "past", height: 270, width: "100%", role: "img", "aria-label": "hottest point over time: nothing yet" })) svg.setAttribute(k, v);
   svg.addEventListener("click", (e) => {
     if (!shown?.t.length) return;
     const box = svg.getBoundingClientRect(), [t0, t1] = ends();
