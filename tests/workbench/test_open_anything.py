@@ -98,6 +98,7 @@ def test_each_of_several_tables_has_its_columns(window, url, pack, tmp_path):
     come(lambda: page.run(heads) == wanted, lambda: page.run(heads))
     page.idle()
     assert "guessed" in page.text("#mapping-told")
+    assert "the SOC rises with it" in page.text("#mapping tbody tr:nth-child(3)")  # also after the looks at the others
     assert page.text("#mapping-told-1") == "The names of the columns say what they are."
     third = "#table-2-column-6"
     assert page.run("return document.querySelector(arguments[0]).value", third) in ("", "surface")

@@ -46,7 +46,7 @@ export function show(found, isOpen) {
     const old = before.find((g) => header(g.look) === header(look));
     const g = { look, sources: [look.source], rows: old?.rows ?? look.columns.map((c, at) => {
       const [what, cell] = parts(c.ours);
-      return { at, name: c.name, what, cell, unit: unitOf(look, c), flip: c.flip, by: c.by, touched: false };
+      return { at, name: c.name, what, cell, unit: unitOf(look, c), flip: c.flip, by: c.by, why: c.why, touched: false };
     }) };
     groups.push(g);
   }
@@ -76,7 +76,7 @@ function columnsOf(g) {
       double.length ? `Two columns are taken for ${double[0]}.` : lack.length ? `Still missing: ${lack.join(", ")}.`
         : guessed ? `${guessed} columns are guessed (marked ?): check them, with their units and signs.` : "The names of the columns say what they are."),
     el("div", { class: "scroll", tabindex: "0", role: "group", "aria-label": `columns of ${names}` },
-      el("table", { class: "columns" }, el("thead", {}, el("tr", {}, ...["Column", "First values", "Is", "Unit", "Opposite sign", "Reads as"].map((t) => el("th", { scope: "col" }, t)))),
+      el("table", { class: "columns" }, el("thead", {}, el("tr", {}, ...["Column", "First values", "Is", "Unit", "Sign −", "Reads as"].map((t) => el("th", { scope: "col" }, t)))),
         el("tbody", {}, ...g.rows.map((r) => line(g, r))))),
     look.notes.length ? el("p", { class: "muted" }, `${look.notes.join("; ")}.`) : ""];
 }
@@ -104,7 +104,7 @@ function line(g, r) {
   const number = (x) => (Math.abs(x) >= 1e5 ? x.toExponential(2) : String(Number(x.toPrecision(4))).replace("-", "−"));
   const seen = "low" in c && r.what ? el("span", {}, curve(c.points), ` ${number(scale * c.low)} to ${number(scale * c.high)} ${told}`) : "";
   return el("tr", { class: r.what ? "" : "unused" }, el("th", { scope: "row" }, c.name), el("td", { class: "muted" }, c.cells.slice(0, 2).map(short).join("  ")),
-    el("td", {}, what, cell, r.by === "guess" ? el("small", { class: "muted why" }, `? guessed: ${c.why}`) : ""), el("td", {}, unit), el("td", {}, flip), el("td", {}, seen));
+    el("td", {}, what, cell, r.by === "guess" ? el("small", { class: "muted why" }, `? guessed${r.why ? `: ${r.why}` : ""}`) : ""), el("td", {}, unit), el("td", {}, flip), el("td", {}, seen));
 }
 
 // A number to a few digits, with the mark that it has.
@@ -127,8 +127,17 @@ function curve(points) {
 let waiting = 0;
 function again() {
   clearTimeout(waiting);
+  waiting = 0;
   if (groups.some((g) => twice(g).length)) return;
-  waiting = setTimeout(() => ask().catch((e) => complain(e.message)), 200);
+  waiting = setTimeout(() => { waiting = 0; ask().catch((e) => complain(e.message)); }, 200);
+}
+
+// What was chosen last is looked at before the tables are opened: a reload shows it then.
+export async function settled() {
+  if (!waiting) return;
+  clearTimeout(waiting);
+  waiting = 0;
+  await ask();
 }
 
 export const tables = () => $("tables").value.split("\n").map((t) => t.trim()).filter(Boolean);

@@ -20,6 +20,7 @@ const scroll = (name, html) => el("div", { class: "scroll", tabindex: "0", role:
 export function prepare() {
   $("open-form").addEventListener("submit", attempt(async (e) => {
     e.preventDefault();
+    await columns.settled();
     await post("open", { tables: words($("tables").value), model: $("model").value.trim(), config: $("config").value.trim(),
       dbc: words($("dbc").value), form: columns.form(), string: $("string").value.trim(), recent: $("recent").value.trim(), store: $("store").value.trim(),
       columns: columns.said(), each: columns.each() });
