@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
     """Write the log."""
     from bms_gateway.bus.logfile import write_log
     from bms_gateway.bus.traffic import SECOND, Traffic
-    from bms_gateway.cli.table_checks import empty, not_carried, refuse_log, refuse_other_units
+    from bms_gateway.cli.table_checks import empty, far_apart, not_carried, refuse_log, refuse_other_units
     from bms_gateway.config import load_config
     from bms_gateway.records.kind import check_time
     from bms_gateway.report.progress import progress
@@ -96,6 +96,12 @@ def run(args: argparse.Namespace) -> int:
         )
     for column in empty(plan.strings[index], table):
         note(f"{table.source}: {column} has no values: its signal is sent as not available")
+    if (spacing := far_apart(table)) is not None:
+        note(
+            f"{table.source}: current_A steps between rows that are {spacing:.4g} s apart; the frames repeat each "
+            "value until the next row, so the heat in between is not that of the cells: cores and alerts of this log "
+            "are no test of the gateway"
+        )
     if args.json:
         numbers = {"frames": frames, "duration_s": seconds, "string": name, "not_carried": lost}
         write_json(args.json, {"log": args.out, **numbers})

@@ -23,6 +23,10 @@ UNITS: dict[str, tuple[tuple[str, str, float, float], ...]] = {
 }
 """What each kind of quantity may have been written in: the unit, the table's, factor and offset to the latter."""
 MOSTLY = 0.9
+FAR_S = 10.0
+"""s between rows of a current up to which its heat is right on average: cells take so long to follow."""
+STEPS = 0.25
+"""Mean step of the squared current from row to row, of its mean, above which rows do not tell what flows between."""
 
 
 def refuse_log(path: Path) -> None:
@@ -85,6 +89,16 @@ def empty(string: StringPlan, table: Table) -> list[str]:
     """Name the columns of the string's signals that are blank from end to end."""
     columns = ((c, _column(table, c)) for c in string.channels if c.signal is not None)
     return [INPUTS[c.quantity].column.format(c.cell) for c, x in columns if x is not None and not np.isfinite(x).any()]
+
+
+def far_apart(table: Table) -> float | None:
+    """Tell how far the rows of a current are apart, s, where it moves so much that nobody knows what flows between."""
+    known = np.isfinite(table.current_A)
+    spacing, current = np.diff(table.time_s[known]), table.current_A[known]
+    if not len(spacing) or (typical := float(np.median(spacing))) <= FAR_S:
+        return None
+    square = np.square(current / (np.abs(current).max() or 1.0))
+    return typical if float(np.abs(np.diff(square)).mean()) > STEPS * float(square.mean()) else None
 
 
 def refuse_other_units(string: StringPlan, database: Database, table: Table) -> None:

@@ -79,7 +79,7 @@ def _counted(current: Floats, grid: Grid, capacity_Ah: float) -> Floats:
 def _at_a_level(
     counted: Floats, parts: list[slice], current: Floats, grid: Grid, terminal: Terminal | None, notes: list[str]
 ) -> tuple[Floats | None, float]:
-    """Put each part at its own level: by the voltage, else half full at its start."""
+    """Put each part at its own level: by the voltage, else by what the cell can hold."""
     if (span := max(float(np.ptp(counted[p])) for p in parts)) > 1.0 + APART:
         notes.append(
             f"SOC: counting gives a change of {100.0 * span:.0f} %, more than the cell holds by "
@@ -101,7 +101,10 @@ def _told(levels: list[Level]) -> str:
     """Say where the level of a counted charge comes from."""
     first, worst = levels[0], max(levels, key=lambda x: x.sd)
     if first.told_by == "capacity":
-        return f"its level, half full at the start, is an assumption (± {100.0 * first.sd:.0f} %)"
+        return (
+            f"its level, {100.0 * first.soc:.0f} ± {100.0 * first.sd:.0f} % at the start, is an assumption: the middle"
+            " of what keeps the cell between empty and full"
+        )
     what = "at rest" if first.told_by == "rest" else "under load"
     text = f"{100.0 * first.soc:.0f} ± {100.0 * first.sd:.0f} % at the start, by the voltage {what}"
     if len(levels) > 1:

@@ -22,6 +22,8 @@ LEVELS = np.linspace(0.0, 1.0, 201)
 """Grid of levels, of the capacity."""
 BEYOND = 0.02
 """Of the capacity: sd of how far a record may seem to run below empty or above full, for capacities are rounded."""
+CAPACITY_SD = 0.05
+"""Relative sd of a capacity by a data sheet: cells come with a few per cent more, and lose it with age."""
 SLOW_S = 300.0
 """s in which the slow half of an overpotential (diffusion) builds up and fades."""
 LEAST_DOUBT = 0.6
@@ -77,15 +79,18 @@ class Level:
 def within_capacity(counted: Floats) -> Level:
     """Level (0…1) by what the cell can hold alone, with the sd of what that leaves open.
 
-    Half full at the start, which is an assumption, or as near to that as the cell's capacity lets it be.
+    Each level is as likely as any other at which the part stays between empty and full, edges known as well as the
+    capacity is.
 
     Parameters
     ----------
     counted : ndarray (K,)
         Charge of one part since its start, of the capacity.
     """
-    low, high = max(-float(counted.min()), 0.0), min(1.0 - float(counted.max()), 1.0)
-    return Level(0.5 + max(low - 0.5, 0.0) - max(0.5 - high, 0.0), max(high - low, 0.0) / np.sqrt(12.0), "capacity")
+    down, up = max(-float(counted.min()), 0.0), max(float(counted.max()), 0.0)
+    low, high = down, 1.0 - up
+    edge = CAPACITY_SD * max(down, up)
+    return Level((low + high) / 2.0, float(np.hypot(max(high - low, 0.0) / np.sqrt(12.0), edge)), "capacity")
 
 
 def by_voltage(counted: Floats, part: slice, current: Floats, grid: Grid, u: Terminal) -> Level | None:

@@ -262,6 +262,15 @@ def test_values_that_the_dbc_cannot_carry_are_told(tmp_path, capsys):
     assert [(x["column"], x["rows"]) for x in json.loads(out)["not_carried"]] == [("current_A", 1), ("surface_3_C", 3)]
 
 
+@pytest.mark.parametrize(("every", "amps", "told"), [(60, 40, True), (60, 0, False), (2, 40, False)])
+def test_a_current_that_steps_between_rows_far_apart_is_told(tmp_path, capsys, every, amps, told):
+    rng = np.random.default_rng(3)
+    rows = [f"{k * every},{20 + amps * rng.random():.2f},25,26,27,28" for k in range(20)]
+    config, log = write(tmp_path, OWN), tmp_path / "a.log"
+    assert main(["encode", put(tmp_path, rows), *words_of(config, log)]) == 0
+    assert (f"rows that are {every} s apart" in capsys.readouterr().err) is told
+
+
 def test_what_our_dbc_cannot_carry_leaves_as_not_available(tmp_path, capsys):
     table = put(tmp_path, [f"{t},5,25,26,{900 if t > 6 else 27},28" for t in range(10)])
     log, config = tmp_path / "a.log", write(tmp_path, OWN)

@@ -6,6 +6,7 @@ The truth's open-circuit curves and overpotential are those of `tests.truth` and
 import numpy as np
 import pytest
 
+from bms_gateway.diagnosis.charge_level import within_capacity
 from bms_gateway.diagnosis.record import make_record
 from bms_gateway.diagnosis.record_inputs import Columns
 from bms_gateway.thermal import Prior, StringModel
@@ -110,12 +111,26 @@ def test_a_whole_discharge_tells_its_level_by_what_the_cell_can_hold():
         assert r.charge_sd < 0.05
 
 
-def test_without_a_voltage_half_full_is_said_to_be_an_assumption():
+def test_without_a_voltage_the_level_is_said_to_be_an_assumption():
     amps, soc = drive(4, 0.8)
     r = record(amps, soc, phosphate=False, volts=False)
-    assert start_of(r) == pytest.approx(0.5, abs=0.01)
-    assert any("half full at the start, is an assumption" in n for n in r.notes)
+    told = next(n for n in r.notes if "is an assumption" in n)
+    assert f"{100 * start_of(r):.0f} ± {100 * r.charge_sd:.0f} % at the start" in told
     assert r.charge_sd > 0.2
+
+
+@pytest.mark.parametrize("wrong", [0.95, 1.0, 1.05])
+def test_what_the_cell_can_hold_tells_the_level_as_well_as_the_capacity_is_known(wrong):
+    """Discharges of 10 to 95 % from every level that allows them, counted by a capacity that is wrong by 5 %."""
+    z = []
+    for k, share in enumerate(np.tile([0.1, 0.3, 0.5, 0.7, 0.9, 0.95], 20)):
+        rng = np.random.default_rng([k, 78])
+        start = float(rng.uniform(share, 1.0))
+        level = within_capacity(-np.linspace(0.0, share / wrong, 400))
+        assert level.sd > 0.0
+        z.append((start - level.soc) / level.sd)
+    assert np.mean(np.abs(z) <= 2.0) >= 0.95
+    assert 0.7 <= np.sqrt(np.mean(np.square(z))) <= 1.3
 
 
 def test_each_part_after_a_gap_has_a_level_of_its_own():

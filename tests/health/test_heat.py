@@ -12,8 +12,10 @@ import pytest
 from bms_gateway.health.heat import HeatWatch
 from bms_gateway.health.heat.fault_evidence import Evidence, Kind
 from bms_gateway.health.heat.filter import HeatFilter, Step
+from bms_gateway.health.heat.thermocouples import Thermocouples
 from bms_gateway.thermal import Prior, StringModel
 from tests.benchmarks.bench_heat import follow
+from tests.benchmarks.bench_parked import follow as rarely_heard
 from tests.benchmarks.heat_case import CELLS, LAYOUTS, SENSORS, Case, make, model, with_seeds
 
 SHORT = Case("small", 0, seconds=1800, drive="us06", at=1200)
@@ -247,6 +249,25 @@ def test_a_parked_cell_that_warmed_is_told_at_the_next_wake_up_and_a_restart_end
     assert third.verdicts[0].hot  # it is still warm
 
 
+def test_one_frame_an_hour_tells_of_a_cell_that_heats_by_its_second_frame() -> None:
+    """That two frames differ by eight kelvin does not say that the bus rounds to eight kelvin."""
+    case = Case("liquid", 0, seconds=4 * 3600, drive="rest", fault="heat", cell=6, size=10.0, at=5400)
+    for told in rarely_heard(make(with_seeds(case, range(40, 44))), 3600, 1):
+        assert [(code, abs(cell - 6) <= 1) for _, code, cell in told] == [("unexplained_heat", True)]
+        assert told[0][0] <= 3 * 3600 + 70
+
+
+@pytest.mark.parametrize("step", [1.0, 0.5, 5.0 / 9.0, 0.1])
+def test_the_steps_of_readings_are_learnt_from_a_few_rare_frames(step: float) -> None:
+    sensors, rng = Thermocouples(1, 3), np.random.default_rng(4)
+    for _ in range(8):
+        y = np.round(rng.uniform(20.0, 40.0, (1, 1, 3)) / step) * step
+        _, _, variance = sensors.take(y, np.zeros((1, 1, 3)), 1.0)
+        sensors.pause()
+        assert variance.max() < 1.1  # no bus rounds to more than a kelvin
+    np.testing.assert_allclose(sensors.step, step, rtol=1e-6)
+
+
 def test_a_current_before_the_sleep_makes_the_string_begin_anew() -> None:
     watch = HeatWatch([model("small")], 1.0)
     fed(watch, range(600))
@@ -262,6 +283,29 @@ def test_a_current_before_the_sleep_makes_the_string_begin_anew() -> None:
     )
     watch.pass_time(3600.0)
     assert not watch.filter.running.any()
+
+
+@pytest.mark.parametrize(("pack", "drive", "every"), [("liquid", "urban", 10), ("small", "us06", 60)])
+def test_a_driven_string_whose_frames_are_rare_is_not_taken_for_parked(pack: str, drive: str, every: int) -> None:
+    """A vehicle that stands at a light at each tenth glance or so, and has driven before the next."""
+    made = make(with_seeds(Case(pack, 0, seconds=5400, drive=drive, at=5400), range(90, 98)))
+    assert np.mean([np.abs(x.current[::every]) < 0.1 for x in made]) > 0.05
+    assert rarely_heard(made, every, 1) == [[]] * len(made)
+
+
+def test_a_string_that_is_driven_off_as_the_bus_wakes_begins_anew() -> None:
+    """Nobody knows how long it has been driven: that all cells are warmer says nothing of coolant or current."""
+    watch, rng = HeatWatch([model("small")], 1.0), np.random.default_rng(9)
+    for k in range(700):
+        driven = k >= 600
+        if k == 600:
+            watch.pass_time(1800.0)
+            assert watch.filter.running.all()
+        amps = np.full(1, 4.0 if driven else 0.0)
+        y = 25.0 + 2.0 * driven + rng.normal(0.0, 0.05, (1, CELLS))
+        now = (1800 * driven + k + 1) * 10**9
+        assert not watch.add(now, amps**2, None, amps, np.full(1, 25.0), y, np.zeros((1, CELLS)))
+    assert watch.evidence.weigh().ln.max() < 5.0
 
 
 def test_damaged_states_of_a_string_at_rest_are_refused() -> None:

@@ -14,19 +14,18 @@ from bms_gateway.errors import ConfigError
 from bms_gateway.health.heat import kept
 from bms_gateway.health.heat.course import USUAL_S, Course
 from bms_gateway.health.heat.fault_evidence import Evidence, Kind, Weighed
-from bms_gateway.health.heat.filter import CASING_SD, READING_SD, HeatFilter, Linear, Step
+from bms_gateway.health.heat.filter import HeatFilter, Linear, Step
 from bms_gateway.health.heat.layout import Bools
 from bms_gateway.health.heat.rest import LONGEST_S, REST_RATE, STRAYED_K, Rest, strides
+from bms_gateway.health.heat.thermocouples import Thermocouples
 from bms_gateway.health.heat.verdict import SURE, SUSPECT, Finding, Verdict, suspicion
 from bms_gateway.thermal import Floats, StringModel, StringParameters
 
 STEP_S = 10.0
 SETTLE_S = 300.0
 """After a start the filter finds the state first; nothing is weighed before."""
-NOISE_SHARE = 0.005  # of what each reading tells of its noise
 SEEN_S = 180.0
 """Heat that began so long ago is what the told sd is for."""
-FINE = 1e-4  # K: differences of readings below are rounding
 APART = 0.02  # ln: cells whose resistances are told to differ by more settle anew
 FLOW_GRID = 0.1  # ln: a flow that moved by less changes nothing
 
@@ -107,9 +106,7 @@ class HeatWatch:
         self._age = np.zeros(S)
         self._row, self._nearest = np.arange(S)[:, None], self.filter.at.nearest()
         self._inlet, self._heard_inlet = np.full((2, S), np.nan)
-        self._last, self._newest = np.full((2, S, m), np.nan)
-        self._fine = np.full((S, m), np.inf)
-        self._noise = np.full((S, m), READING_SD**2)
+        self._sensors = Thermocouples(S, m)
         self._rest, self._now_ns = Rest.of(S), 0
         self._blind = np.zeros(S, np.bool_)
         self._clear()
@@ -162,13 +159,13 @@ class HeatWatch:
         if gap_s is None or self._shares:
             rest.resting[:] = False
         else:
-            rest.slept_s += gap_s + len(self._ticked) * self._tick_s
+            rest.sleep(gap_s, len(self._ticked) * self._tick_s)
         self.filter.running &= rest.resting & ~(self.filter.alone & unseen)
         for share in self._shares:
             share.pause()
         self._clear()
         self.told = self._nothing
-        self._last[:] = np.nan
+        self._sensors.pause()
 
     def add(
         self,
@@ -202,7 +199,7 @@ class HeatWatch:
         list of (int, Finding) or None
             By string: what has come or is over. None where the step goes on.
         """
-        square, current = self._rest.take(square, current, self._least_square, y)
+        square, current = self._rest.take(square, current, self._least_square, y, self._tick_s)
         self._heard_inlet = np.where(np.isfinite(inlet), inlet, self._heard_inlet)
         self._ticked.append((square, heat, current, y, age))
         return self._step(now_ns, self._heard_inlet, flow) if len(self._ticked) >= self._ticks else None
@@ -212,33 +209,6 @@ class HeatWatch:
         """Mean square of the current (S,), A², below which nothing flows."""
         b = self.filter.balances
         return np.asarray((REST_RATE * b.C / b.R_e).min(axis=1), dtype=np.float64)
-
-    def _readings(self) -> tuple[Floats, Floats, Floats, Floats]:
-        """Mean, lag and variance (S, m) of the step's readings, and their number."""
-        at = self.filter.at
-        y = np.stack([t[3] for t in self._ticked])[:, self._row, at.sensors]
-        age = np.stack([t[4] for t in self._ticked])[:, self._row, at.sensors]
-        ticks = len(y)
-        there = np.isfinite(y)
-        number = there.sum(axis=0)
-        divisor = np.where(number > 0, number, np.nan)
-        back = (np.arange(ticks)[::-1] * self._tick_s)[:, None, None]
-        mean = np.where(there, y, 0.0).sum(axis=0) / divisor
-        lag = np.where(there, age + back, 0.0).sum(axis=0) / divisor
-        step = np.abs(np.diff(np.concatenate((self._last[None], y)), axis=0))
-        for now in y:  # steps show between rare frames too
-            moved = np.abs(now - self._newest)
-            self._fine = np.where(moved > FINE, np.minimum(self._fine, moved), self._fine)
-            self._newest = np.where(np.isfinite(now), now, self._newest)
-        both = np.isfinite(step)
-        count = both.sum(axis=0)
-        square = np.where(both, np.square(step), 0.0).sum(axis=0) / 2.0
-        self._noise = self._noise + (square - count * self._noise) * NOISE_SHARE
-        self._last = np.where(there[-1], y[-1], np.nan)
-        fine = np.where(np.isfinite(self._fine), self._fine, 0.0)
-        coarse = np.where(np.square(fine) / 6.0 > self._noise, np.square(fine), np.square(fine) / 12.0 / divisor)
-        R = np.maximum(self._noise, READING_SD**2) / divisor + coarse + CASING_SD**2
-        return mean, lag, R, divisor
 
     def _heats(self) -> tuple[Floats, Floats, Any]:
         """Mean heat (S, n), W, and current (S,), A, of the step; which strings (S,) had ticks without either."""
@@ -254,7 +224,9 @@ class HeatWatch:
 
     def _step(self, now_ns: int, inlet: Floats, flow: Floats | None) -> list[tuple[int, Finding]]:
         f, self._now_ns = self.filter, now_ns
-        (y, lag, R, _), (heat, current, unknown) = self._readings(), self._heats()
+        sensors = np.s_[:, self._row, f.at.sensors]
+        read, ages = np.stack([t[3] for t in self._ticked])[sensors], np.stack([t[4] for t in self._ticked])[sensors]
+        (y, lag, R), (heat, current, unknown) = self._sensors.take(read, ages, self._tick_s), self._heats()
         self._clear()
         for place, share in enumerate(self._shares):
             y[place] -= share.mean()[f.at.sensors[place]]
@@ -321,7 +293,7 @@ class HeatWatch:
         self.course.sleep(rest.slept_s)
         off = y - f.z[self._row, 2 * at.sensors + 1] - f.z[:, at.bias]
         strayed = np.array([np.isfinite(o).any() and abs(float(np.nanmedian(o))) > STRAYED_K for o in off])
-        f.running &= ~(strayed & ~f.alone)
+        f.running &= ~(strayed & ~f.alone) & ~rest.flows
         for v in self.verdicts:
             v.woke_ns = now_ns
         rest.slept_s = 0.0
@@ -359,7 +331,7 @@ class HeatWatch:
         for s in np.flatnonzero(new):
             self.evidence.forget(int(s))
         self.course.film[new] = np.nan
-        self.course.fine = np.where(np.isfinite(self._fine), self._fine, 0.0)
+        self.course.fine = self._sensors.step
         top = w.ln.max(axis=(1, 2))
         of_note = self.course.take(self.filter, heat, inlet, heard) | (top > SUSPECT)
         sound = heard & ~new & np.array([not v.of_string for v in self.verdicts])
@@ -422,7 +394,7 @@ class HeatWatch:
         return {
             **kept.numbers(self.filter),
             "now_ns": self._now_ns,
-            "readings": kept.readings(self._fine, self._noise, self._newest),
+            "readings": self._sensors.snapshot(),
             "rest": [
                 kept.at_rest(self.filter, v.s, float(self._age[v.s]), float(self._inlet[v.s])) if resting[v.s] else None
                 for v in self.verdicts
@@ -441,10 +413,10 @@ class HeatWatch:
         kept.take_numbers(self.filter, state)
         self._now_ns = int(state.get("now_ns", 0))
         if "readings" in state:
-            self._fine, self._noise, self._newest = kept.take_readings(state["readings"], self._fine.shape)
+            self._sensors.restore(state["readings"])
         nothing = [None] * len(self.verdicts)  # older states have none
         for v, rest, found in zip(self.verdicts, state.get("rest", nothing), state.get("found", nothing), strict=True):
             if rest is not None and not self._shares:
                 self._age[v.s], self._inlet[v.s] = kept.take_rest(self.filter, v.s, rest)
-                self._rest.resting[v.s] = True
+                self._rest.go_on(v.s)
             kept.take_found(v, found or (), self._now_ns)

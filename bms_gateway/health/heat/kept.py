@@ -44,26 +44,6 @@ def take_numbers(f: HeatFilter, state: Mapping[str, Any]) -> None:
     f.P[:, k, k] = np.maximum(var, LEAST_VAR)
 
 
-def readings(fine: Floats, noise: Floats, newest: Floats) -> dict[str, Any]:
-    """Give what is known of how thermocouples read: their steps, K, noise, K², and newest readings, °C (S, m)."""
-    named = {"step": fine, "noise": noise, "newest": newest}
-    return {k: [[x if np.isfinite(x) else None for x in row] for row in v.tolist()] for k, v in named.items()}
-
-
-def take_readings(state: Mapping[str, Any], shape: tuple[int, ...]) -> tuple[Floats, Floats, Floats]:
-    """Take up how thermocouples read: steps, noise and newest readings.
-
-    Raises
-    ------
-    KeyError, TypeError, ValueError
-        It is none, or of other strings.
-    """
-    fine, noise, newest = (np.array(state[k], np.float64) for k in ("step", "noise", "newest"))  # nothing becomes NaN
-    if not fine.shape == noise.shape == newest.shape == shape or not (noise >= 0.0).all():
-        raise ValueError("heat: not of these strings")
-    return np.where(fine > 0.0, fine, np.inf), noise, newest
-
-
 def at_rest(f: HeatFilter, s: int, age_s: float, inlet: float) -> dict[str, Any]:
     """Give the whole state of a string at rest: its covariance as a lower triangle in 32 bit."""
     triangle = f.P[s][np.tril_indices(f.at.states)].astype("<f4")

@@ -1,0 +1,106 @@
+"""How thermocouples read: their noise, and the steps that a bus rounds them to, both learnt from what they read."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from bms_gateway.health.heat.filter import CASING_SD, READING_SD
+from bms_gateway.thermal import Floats
+
+NOISE_SHARE = 0.005  # of what each reading tells of its noise
+SAME = 1e-3
+"""K: readings that differ by less are the same but for rounding."""
+COARSEST = 1.0
+"""K: no bus rounds a temperature to more. What readings of a few rare frames have in common may be more than a step."""
+
+
+class Thermocouples:
+    """Thermocouples of S strings with m each.
+
+    Parameters
+    ----------
+    strings, sensors : int
+        S, m.
+    """
+
+    def __init__(self, strings: int, sensors: int) -> None:
+        shape = strings, sensors
+        self._last, self._newest = np.full((2, *shape), np.nan)
+        self._common = np.full(shape, np.inf)
+        self._noise = np.full(shape, READING_SD**2)
+
+    @property
+    def step(self) -> Floats:
+        """Steps of the readings (S, m), K; 0 where none is known."""
+        return np.where(np.isfinite(self._common), np.minimum(self._common, COARSEST), 0.0)
+
+    def pause(self) -> None:
+        """Take in a time without frames."""
+        self._last[:] = np.nan
+
+    def take(self, y: Floats, age: Floats, tick_s: float) -> tuple[Floats, Floats, Floats]:
+        """Take in the readings of a step of some ticks.
+
+        Parameters
+        ----------
+        y, age : ndarray (ticks, S, m), °C, s
+            NaN where nothing was read.
+        tick_s : float, s
+
+        Returns
+        -------
+        mean, lag, variance : ndarray (S, m), °C, s, K²
+            Of each thermocouple, and how long before the end of the step it was read on average; NaN where it was not.
+        """
+        there = np.isfinite(y)
+        number = there.sum(axis=0)
+        divisor = np.where(number > 0, number, np.nan)
+        back = (np.arange(len(y))[::-1] * tick_s)[:, None, None]
+        mean = np.where(there, y, 0.0).sum(axis=0) / divisor
+        lag = np.where(there, age + back, 0.0).sum(axis=0) / divisor
+        for now in y:  # steps show between rare frames too
+            moved = np.abs(now - self._newest)
+            self._common = np.where(moved > SAME, common_divisor(self._common, moved), self._common)
+            self._newest = np.where(np.isfinite(now), now, self._newest)
+        change = np.abs(np.diff(np.concatenate((self._last[None], y)), axis=0))
+        both = np.isfinite(change)
+        square = np.where(both, np.square(change), 0.0).sum(axis=0) / 2.0
+        self._noise = self._noise + (square - both.sum(axis=0) * self._noise) * NOISE_SHARE
+        self._last = np.where(there[-1], y[-1], np.nan)
+        step2 = np.square(self.step)
+        coarse = np.where(step2 / 6.0 > self._noise, step2, step2 / 12.0 / divisor)
+        return mean, lag, np.maximum(self._noise, READING_SD**2) / divisor + coarse + CASING_SD**2
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return what a restart takes up: steps, K, noise, K², and newest readings, °C."""
+        named = {"step": self._common, "noise": self._noise, "newest": self._newest}
+        return {k: [[x if np.isfinite(x) else None for x in row] for row in v.tolist()] for k, v in named.items()}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Go on from a snapshot.
+
+        Raises
+        ------
+        KeyError, TypeError, ValueError
+            It is none, or of other strings.
+        """
+        step, noise, newest = (np.array(state[k], np.float64) for k in ("step", "noise", "newest"))  # None is NaN
+        if not step.shape == noise.shape == newest.shape == self._noise.shape or not (noise >= 0.0).all():
+            raise ValueError("heat: not of these strings")
+        self._common, self._noise, self._newest = np.where(step > 0.0, step, np.inf), noise, newest
+
+
+def common_divisor(a: Floats, b: Floats) -> Floats:
+    """Greatest common divisor of `a` and `b`, K, to `SAME` (Euclid); where either is none (infinite, NaN), the other.
+
+    >>> common_divisor(np.array([1.0, 5.0 / 3.0, np.inf]), np.array([0.7, 10.0 / 9.0, 0.3])).round(4).tolist()
+    [0.1, 0.5556, 0.3]
+    """
+    a, b = np.where(np.isfinite(a), a, b), np.where(np.isfinite(b), b, a)
+    while (b > SAME).any():
+        divisor = np.where(b > SAME, b, 1.0)
+        rest = np.mod(a, divisor)
+        rest = np.where(divisor - rest < SAME, 0.0, rest)
+        a, b = np.where(b > SAME, b, a), np.where(b > SAME, rest, b)
+    return a
