@@ -8,8 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from bms_gateway.cli.main import main
 from bms_gateway.config.model_file import parse_model
@@ -29,8 +27,7 @@ from bms_gateway.identify.problem import Problem
 from bms_gateway.report.add_text import AddReport, Side, headline
 from bms_gateway.report.diagnosis_text import Told
 from bms_gateway.report.html import Aside, write_addition, write_comparison, write_diagnosis
-from bms_gateway.report.html_figures import HEATS, STYLES
-from bms_gateway.report.html_series import ALL_POINTS, broken, envelope, points_each, smooth
+from bms_gateway.report.html_series import ALL_POINTS, points_each
 from bms_gateway.report.page import amount, plotly_script
 from tests.diagnosis.decided import by_second
 from tests.report.html_page import Page, unpacked
@@ -412,11 +409,6 @@ def test_records_have_figures_of_their_own_that_zoom_apart(road, tmp_path):
     assert any("R_u (record 2)" in r[0] or "record 2" in r[0] for r in page.tables["parameters"][0])
 
 
-def test_lines_differ_in_style_too_where_colour_is_not_seen():
-    for styles in (STYLES, HEATS):
-        assert len({dash for _, dash in styles}) == len({color for color, _ in styles}) == len(styles)
-
-
 def test_without_plotly_the_extra_is_named(monkeypatch, tmp_path):
     plotly_script.cache_clear()
     monkeypatch.setattr("bms_gateway.report.page.find_spec", lambda name: None)
@@ -451,29 +443,6 @@ def test_an_hour_of_twelve_cells_with_two_models_takes_less_than_two_megabytes(t
 def test_a_page_that_cannot_be_written_is_the_callers_fault(tmp_path):
     with pytest.raises(UsageError, match="none"):
         write_diagnosis(tmp_path / "none" / "x.html", Told(None, "Nothing.", ()))
-
-
-@settings(deadline=None)
-@given(st.lists(st.floats(-50, 150), min_size=1, max_size=300), st.integers(2, 60))
-def test_thinning_hides_no_excursion(values, most):
-    y, t = np.array(values), np.arange(len(values), dtype=float)
-    few_t, few = envelope(t, y, most)
-    assert len(few) <= max(most, 2)
-    assert few.min() == y.min()
-    assert few.max() == y.max()
-    assert (np.diff(few_t) >= 0).all()
-    assert np.array_equal(y[few_t.astype(int)], few)
-
-
-def test_lines_are_open_where_the_record_has_a_gap():
-    t = np.array([0.0, 1, 2, 100, 101])
-    at, y = broken(t, np.ones(5), (99.0,))
-    assert at.tolist() == [0, 1, 2, 99, 100, 101]
-    assert np.isnan(y[3])
-    assert np.isfinite(np.delete(y, 3)).all()
-    at, y = smooth(t, np.arange(5.0), (99.0,), 200.0)
-    assert at.tolist() == [1.0, 100.5]
-    assert y.tolist() == [1.0, 3.5]
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here to look at the page with")
