@@ -116,7 +116,6 @@ def _tell(
 ) -> None:
     from bms_gateway.cli.output import note, say
     from bms_gateway.engine.reasons import unused
-    from bms_gateway.report.show import number, text_table
 
     for log, n in zip(args.log, notes, strict=True):
         if n.broken:
@@ -126,6 +125,33 @@ def _tell(
         note(f"the time stamps of these logs are wrong: {engine.clock_faults}; time_s only goes forward")
     for name, missing in engine.unheard.items():
         note(f"{name}: never received {missing}")
+    say(_table(engine, folder), args.json)
+    for text in _standing(engine, args.out):
+        say(text, args.json)
+    if engine.rejected:
+        for text in told[:MOST_TOLD]:
+            say(text, args.json)
+        if len(told) > MOST_TOLD:
+            say(f"… and {len(told) - MOST_TOLD} more signals: check {args.config} --log {args.log[0]}", args.json)
+        for reason, count in unused(engine.rejected).items():
+            say(f"{count} samples not used: {reason}", args.json)
+    say(f"{sum(n.frames for n in notes)} frames, {seconds:.1f} s of traffic; results in {args.out}", args.json)
+
+
+def _standing(engine: "Engine", out: str) -> "Iterator[str]":
+    """Say which alerts stand at the end."""
+    standing = engine.alerts.raised
+    for c in standing[:MOST_TOLD]:
+        where = "" if c.string is None else f"{c.string}: "
+        yield f"{c.severity.name} at the end: {where}{c.text}"
+    if len(standing) > MOST_TOLD:
+        yield f"… and {len(standing) - MOST_TOLD} more alerts: {out}/alerts.jsonl"
+
+
+def _table(engine: "Engine", folder: "ResultFolder") -> str:
+    """Write a row per string."""
+    from bms_gateway.report.show import number, text_table
+
     rows = []
     for s in engine.strings:
         by_name = {e.name: e for e in s.estimates}
@@ -142,12 +168,4 @@ def _tell(
             ]
         )
     headers = ["string", "cells", "hottest core °C", "hottest point °C", "R_e mΩ", "status", "flags"]
-    say(text_table(headers, rows), args.json)
-    if engine.rejected:
-        for text in told[:MOST_TOLD]:
-            say(text, args.json)
-        if len(told) > MOST_TOLD:
-            say(f"… and {len(told) - MOST_TOLD} more signals: check {args.config} --log {args.log[0]}", args.json)
-        for reason, count in unused(engine.rejected).items():
-            say(f"{count} samples not used: {reason}", args.json)
-    say(f"{sum(n.frames for n in notes)} frames, {seconds:.1f} s of traffic; results in {args.out}", args.json)
+    return text_table(headers, rows)

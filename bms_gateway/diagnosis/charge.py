@@ -48,7 +48,7 @@ def state_of_charge(
     """
     if capacity_Ah is None:
         if recorded is None:
-            notes.append("State of charge: not recorded, nor countable without cell.capacity_Ah in the model file.")
+            notes.append("SOC: not recorded, nor countable without cell.capacity_Ah in the model file.")
         return recorded, 0.0
     counted = _counted(current, grid, capacity_Ah)
     parts = [slice(a, b) for a, b in pairwise([0, *grid.gaps, len(current)])]
@@ -62,7 +62,7 @@ def state_of_charge(
         if drift > APART + resolution(recorded[p]):
             hours: Floats = grid.dt / 3600.0 * np.arange(len(apart), dtype=np.float64)
             notes.append(
-                f"State of charge: the recorded one and the counted one drift apart by {100.0 * drift:.0f} %"
+                f"SOC: the recorded one and the counted one drift apart by {100.0 * drift:.0f} %"
                 f"{_cause(apart, hours, counted[p], capacity_Ah)}; the recorded one is used."
             )
             return recorded, 0.0
@@ -82,7 +82,7 @@ def _at_a_level(
     """Put each part at its own level: by the voltage, else by what the cell can hold."""
     if (span := max(float(np.ptp(counted[p])) for p in parts)) > 1.0 + APART:
         notes.append(
-            f"State of charge: counting gives a change of {100.0 * span:.0f} %, more than the cell holds by "
+            f"SOC: counting gives a change of {100.0 * span:.0f} %, more than the cell holds by "
             "cell.capacity_Ah: not used."
         )
         return None, 0.0
@@ -91,7 +91,7 @@ def _at_a_level(
         level = None if terminal is None else by_voltage(counted, p, current, grid, terminal)
         levels.append(level or within_capacity(counted[p] - counted[p][0]))
         out[p] += levels[-1].soc - counted[p][0]
-    notes.append(f"State of charge: counted from the current; {_told(levels)}.")
+    notes.append(f"SOC: counted from the current; {_told(levels)}.")
     weight = np.array([p.stop - p.start for p in parts], dtype=np.float64)
     sd = float(np.sqrt(np.average([x.sd**2 for x in levels], weights=weight)))
     return np.clip(out, 0.0, 1.0), sd

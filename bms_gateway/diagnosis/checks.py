@@ -269,7 +269,7 @@ def _sign(r: Record, _: StringModel) -> Iterator[Finding]:
                 yield Finding(
                     "current_sign",
                     "warn",
-                    f"The state of charge rises with the current (correlation {with_charge:+.2f}): discharge must be "
+                    f"The SOC rises with the current (correlation {with_charge:+.2f}): discharge must be "
                     "positive. Flip it with --columns current_A=-COLUMN.",
                 )
 
@@ -330,12 +330,12 @@ def _loop(r: Record, _: StringModel) -> Iterator[Finding]:
 def _charge(r: Record, _: StringModel) -> Iterator[Finding]:
     d = r.drive
     if "soc" not in d.known:
-        yield Finding("no_soc", "note", "Without a state of charge nothing that depends on it can be found.")
+        yield Finding("no_soc", "note", "Without an SOC nothing that depends on it can be found.")
     elif (span := float(np.ptp(d.soc))) < SOC_SPAN:
         yield Finding(
             "soc_span",
             "note",
-            f"The state of charge moves by {100 * span:.0f} % only: what depends on it looks constant.",
+            f"The SOC moves by {100 * span:.0f} % only: what depends on it looks constant.",
         )
 
 

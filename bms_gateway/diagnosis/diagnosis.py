@@ -293,7 +293,7 @@ def _with_charge(d: Diagnosis, sd: float) -> Diagnosis:
         return d
     verb = "goes" if len(names) == 1 else "go"
     doubt = (
-        f"{' and '.join(names)} {verb} by the state of charge, whose level is known to ± {100.0 * sd:.0f} % only: "
+        f"{' and '.join(names)} {verb} by the SOC, whose level is known to ± {100.0 * sd:.0f} % only: "
         "record it, or name the cell in the model file ([cell] format)."
     )
     return replace(d, sentence=f"{d.sentence} {doubt}")

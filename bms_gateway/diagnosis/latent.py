@@ -236,8 +236,8 @@ def _features(u: Drive, T_s: Floats, T_c: Floats) -> dict[str, tuple[str, str, F
         "constant": ("a constant", "W", np.ones(u.N)),
     }
     if "soc" in u.known:
-        found["soc"] = ("state of charge", "1", u.soc)
-        found["I_soc"] = ("I times state of charge, I(SOC − mean)", "A", u.I * (u.soc - u.soc.mean()))
+        found["soc"] = ("SOC", "1", u.soc)
+        found["I_soc"] = ("I times SOC, I(SOC − mean)", "A", u.I * (u.soc - u.soc.mean()))
     if "flow" in u.known:
         found["flow"] = ("coolant flow", "1", u.flow)
     return found

@@ -25,7 +25,7 @@ REMEDIES: Final = {
     Quality.OUT_OF_RANGE: "check the sensor, and scale and offset in the config",
     Quality.NOT_AVAILABLE: "check the sensor at its sender",
     Quality.ERROR: "check the sensor at its sender",
-    Quality.STUCK: "check that the sensor is fixed to its cell, and check its amplifier",
+    Quality.STUCK: "check the sensor and its amplifier",
     Quality.OPEN: "check its wire and plug",
     Quality.SHORT: "check its wire and insulation",
     Quality.JUMPY: "check its contact and shielding",
@@ -75,7 +75,10 @@ def _sensors(faults: Sequence[tuple[str, Channel, Quality]]) -> Iterator[Conditi
 def _fault(quantity: str, quality: Quality, channels: Sequence[Channel]) -> str:
     at = [c.cell for c in channels if c.cell is not None]
     what = quantity.replace("_", " ") + (f" of {cells(at)}" if at else "")
-    return f"{what} not used: {REASONS[quality]} ({channels[0].signal}): {REMEDIES[quality]}"
+    remedy = REMEDIES[quality]
+    if quality is Quality.STUCK and quantity == "surface":
+        remedy = "check that the thermocouple is fixed to its cell, and check its amplifier"
+    return f"{what} not used: {REASONS[quality]} ({channels[0].signal}): {remedy}"
 
 
 def cells(of: Sequence[int]) -> str:

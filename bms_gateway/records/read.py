@@ -5,7 +5,7 @@ The engine that estimates from a log also reads it here: `fit` learns from exact
 `compare`, `diagnose`, `add`, `fit` and the workbench begin with these records.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -50,6 +50,7 @@ def read_measurements(
     tell: Callable[[str, float], None] | None = None,
     most: int | None = None,
     seen: Callable[[Columns], None] | None = None,
+    each: Sequence[Mapping[str, str]] = (),
 ) -> list[Record]:
     """Read tables and logs of one string, or of several of one kind.
 
@@ -73,6 +74,8 @@ def read_measurements(
         Numbers that each file may give. Default: of a table what a file of its size can mean, of a log `MOST_OF_A_LOG`.
     seen : callable, optional
         Given the rows of each file, in their order: a record keeps no more of them than a fit can use.
+    each : sequence of mapping
+        Columns of each path in its place, beside `columns`; paths without one have none of their own.
 
     Returns
     -------
@@ -93,10 +96,11 @@ def read_measurements(
         )
     loaded: tuple[LoadedConfig, StringPlan] | None = None
     records = []
-    for path in paths:
+    for k, path in enumerate(paths):
         kind = log_kind(path)
         if kind is None:
-            rows, notes = _from_table(path, model, columns, partial(tell, path.name) if tell else None, most)
+            own = {**(columns or {}), **(each[k] if k < len(each) else {})}
+            rows, notes = _from_table(path, model, own, partial(tell, path.name) if tell else None, most)
         elif config is None:
             raise UsageError(f"{path}: this is a {kind} log: --config is needed, it says which signals carry what")
         else:

@@ -266,7 +266,7 @@ def rises(I: Floats | None, V: Floats | None, soc: Floats | None) -> str:  # noq
     if V is None and soc is not None and (count := len(I) // size) >= 5:
         moved = I[: (count - 1) * size].reshape(count - 1, size).mean(axis=1)
         if correlation(moved, np.diff(soc[: count * size : size])) > ENOUGH:
-            return "the state of charge rises with it"
+            return "the SOC rises with it"
     return ""
 
 

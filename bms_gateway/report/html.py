@@ -28,7 +28,8 @@ from bms_gateway.report.html_ranking import detectability_table, experiment_tabl
 from bms_gateway.report.html_series import Shown, shown
 from bms_gateway.report.html_tables import curve_table, errors_table, parameters_table
 from bms_gateway.report.page import items, paragraph, section, write_page
-from bms_gateway.report.words import in_words, named
+from bms_gateway.report.step_names import FILED, REFITTED, with_added
+from bms_gateway.report.words import in_words, labelled, named, named_all
 
 VERDICTS = {
     "adequate": "✓ Adequate",
@@ -38,7 +39,6 @@ VERDICTS = {
     "insufficient_data": "Insufficient data",
 }
 AGREES, FAILS = "Where the model agrees", "Where the model fails"
-AS_IT_IS = "model as it is"
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +93,7 @@ class Aside:
 def write_comparison(path: Path, comparison: Comparison, aside: Aside) -> None:
     """Write a comparison as a page: the model from its file, and refitted. Raises what `write_page` raises."""
     filed, now = comparison.filed, comparison.refitted
-    models = [_variant("from its file", filed), _variant("refitted", now)]
+    models = [_variant(FILED, filed), _variant(REFITTED, now)]
     head = f'<p class="verdict">{escape(filed.findings[0])}</p>'
     head += core_html(comparison.core, now.core_checks)
     head += aside.doubts + summary(models)
@@ -124,6 +124,7 @@ def write_diagnosis(
     card: Card | None = None,
     command: str = "",
     cores: Sequence[KnownCore] = (),
+    step: str = REFITTED,
     title: str = "Which effect is the model missing?",
 ) -> None:
     """Write a diagnosis as a page.
@@ -145,6 +146,8 @@ def write_diagnosis(
         Command line that makes the page again.
     cores : sequence of KnownCore, optional
         Of the model as it is and with what is missing, as `adding.cores_with_named` gives them.
+    step : str
+        What the model that is diagnosed is called.
     title : str
 
     Raises
@@ -158,15 +161,15 @@ def write_diagnosis(
     tag = VERDICTS[verdict] + (", and something unknown remains" if d and d.unknown_remains and d.selected else "")
     sentence = escape(in_words(told.sentence))
     head = f'<p><span class="tag {verdict}">{escape(tag)}</span></p><p class="verdict">{sentence}</p>'
-    head += (core_html(told.core) if told.core else "") + aside.doubts
+    head += core_html(told.core, comparison.refitted.core_checks if comparison else ()) + aside.doubts
     sections: list[str] = []
     if d is not None:
         before, after = d.fits
         known = cores or ([told.core] if told.core else [])
         bands = [*(c.bands for c in known), (), ()]
-        models = [shown(AS_IT_IS, before, bands[0])]
+        models = [shown(step, before, bands[0])]
         if d.selected:
-            models.append(shown("with " + " and ".join(s.candidate.key for s in d.selected), after, bands[1]))
+            models.append(shown(with_added(named_all(s.candidate.key for s in d.selected)), after, bands[1]))
         head += summary(models, blocks=(d.baseline.heldout_rmse_K, d.after.heldout_rmse_K))
         where = items(comparison.refitted.findings) if comparison else ""
         tied = [t for s in d.selected for t in s.tied_with]
@@ -174,7 +177,7 @@ def write_diagnosis(
             section("missing", "What is missing", _effects([s.candidate for s in d.selected], tied)),
             section("where", AGREES if d.verdict == "adequate" else FAILS, where),
             *evidence(models, _core_checks(comparison, models[0].fit) if comparison else ()),
-            section("curve", "dU/dT over the state of charge", curve_table(told.curve) if told.curve else ""),
+            section("curve", "dU/dT over the SOC", curve_table(told.curve) if told.curve else ""),
             section("latent", "The heat that is missing", missing_heat(latent, models[0].fit) if latent else ""),
             section("ranking", "What it could be, ranked", ranking_table(told.ranking, second=d.decided_by_second)),
             section("errors", "Errors before and after" if d.selected else "Errors", errors_table(models)),
@@ -193,7 +196,14 @@ def write_diagnosis(
     write_page(path, title, head, sections)
 
 
-def write_addition(path: Path, report: AddReport, addition: Addition, command: str = "", remains: str = "") -> None:
+def write_addition(
+    path: Path,
+    report: AddReport,
+    addition: Addition,
+    command: str = "",
+    remains: str = "",
+    step: str = REFITTED,
+) -> None:
     """Write what an added effect did, or why it was not added, as a page.
 
     Parameters
@@ -207,6 +217,8 @@ def write_addition(path: Path, report: AddReport, addition: Addition, command: s
         Command line that makes the page again.
     remains : str
         As of `Aside`.
+    step : str
+        What the model was called before.
 
     Raises
     ------
@@ -214,12 +226,12 @@ def write_addition(path: Path, report: AddReport, addition: Addition, command: s
         As `write_page` does.
     """
     aside = Aside(report.sources, report.findings, report.notes, command, remains)
-    names = (AS_IT_IS, f"with {report.names}")
+    names = (step, with_added(named_all(c.key for c in addition.added)))
     models = [
         shown(name, seen, core.bands) for name, seen, core in zip(names, addition.seen, addition.core, strict=True)
     ]
     kind = "added" if report.written and not report.forced and report.after.core.proven else "refused"
-    against = [f"{'Added by force, though' if report.forced else 'Not added'}: {report.refused}."]
+    against = [in_words(f"{'Added by force, though' if report.forced else 'Not added'}: {report.refused}.")]
     sections = [
         section("missing", "What was added" if report.written else "What was tried", _effects(addition.added, ())),
         *evidence(models, report.after.checks),
@@ -231,16 +243,20 @@ def write_addition(path: Path, report: AddReport, addition: Addition, command: s
     sentence = escape(in_words(headline(report)))
     head = f'<p><span class="tag {kind}">{escape(report.tag)}</span></p><p class="verdict">{sentence}</p>'
     head += core_html(report.after.core, report.after.checks)
-    head += items([*(against if report.refused else []), *([report.remark] if report.remark else [])])
+    head += items([*(against if report.refused else []), *([in_words(report.remark)] if report.remark else [])])
     head += aside.doubts + summary(models, addition.after, blocks=report.blocks_K)
     write_page(path, "Model with an effect added", head, sections)
 
 
-def core_html(core: KnownCore, checks: Sequence[CoreCheck] = ()) -> str:
-    """Say how well the cores are known, and what speaks against them, thermocouples in cores among it."""
-    said = paragraph(core_sentence(core)) if core.proven else f'<p class="alarm">{escape(core_sentence(core))}</p>'
+def core_html(core: KnownCore | None, checks: Sequence[CoreCheck] = ()) -> str:
+    """Say how well the cores are known, where they are, and what speaks against them, also thermocouples in them."""
+    said = ""
+    if core is not None:
+        sentence = core_sentence(core)
+        said = paragraph(sentence) if core.proven else f'<p class="alarm">{escape(sentence)}</p>'
+        said += items(core.why)
     read = [f'<p class="danger">{escape(thermocouple_sentence(c))}</p>' for c in checks if outside(c)]
-    return said + items(core.why) + "".join(read)
+    return said + "".join(read)
 
 
 def _variant(name: str, v: Variant) -> Shown:
@@ -254,7 +270,9 @@ def _effects(added: Sequence[Candidate], tied: Sequence[str]) -> str:
         parts.append(f"<h3>{escape(named(c.key))}</h3><pre>{escape(c.effect.equation)}</pre>")
         parts.append(paragraph(f"How it shows: {c.effect.signature}."))
     if tied:
-        parts.append(paragraph(f"These data cannot tell it from {', '.join(dict.fromkeys(tied))}."))
+        parts.append(
+            paragraph(f"These data cannot tell it from {', '.join(labelled(t) for t in dict.fromkeys(tied))}.")
+        )
     return "\n".join(parts)
 
 

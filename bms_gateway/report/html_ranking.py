@@ -40,6 +40,18 @@ GROUPS = {
 """Titles of the parts of a ranking, by role."""
 
 
+def against(*, second: bool) -> dict[str, str]:
+    """Say what the evidence of each part of a ranking is weighed against, by role; "" where nothing is named."""
+    rest = "what is named" if second else "a model that lacks nothing"
+    return {
+        "": "log-odds against a model that lacks nothing",
+        "named": "log-odds against leaving it out",
+        "tied": f"log-odds against {rest}",
+        "next": "log-odds against what is named alone",
+        "instead": f"log-odds against {rest}",
+    }
+
+
 def ranking_table(ranked: Sequence[Standing], *, second: bool = False) -> str:
     """Give the ranking with evidence bars; what is named and tied stands out, what is refused is hatched."""
     if not ranked:

@@ -110,26 +110,36 @@ def thermocouples_table(models: Sequence[Shown], checks: Sequence[CoreCheck]) ->
 
 
 def unlearnt(fit: MapFit) -> list[str]:
-    """Names of the numbers that the records do not tell."""
-    return [c.name for c, _, _, status in _free(fit) if status.startswith(UNIDENTIFIABLE)]
+    """Labels of the numbers that the records do not tell."""
+    return [called(c) for c, _, _, status in _free(fit) if status.startswith(UNIDENTIFIABLE)]
 
 
 def at_limits(fit: MapFit) -> list[str]:
-    """Names of the numbers that ended on a limit: an alarm, not an answer."""
-    return [c.name for c, _, _, status in _free(fit) if status == AT_BOUND]
+    """Labels of the numbers that ended on a limit: an alarm, not an answer."""
+    return [called(c) for c, _, _, status in _free(fit) if status == AT_BOUND]
+
+
+def called(c: Coordinate) -> str:
+    """Give a number of a model by its label, its symbol in brackets."""
+    name, _, record = c.name.partition("@")
+    if c.effect is None:
+        label = KINDS[name].description
+    else:
+        label = effect_named(c.effect.partition(":")[0]).parameter(c.name.removeprefix(c.effect + ".")).description
+    return f"{label} ({name}{f', record {record}' if record else ''})"
 
 
 def parameters_table(fit: MapFit) -> str:
     """Numbers of a fit with sd, prior, limits, and what is to be thought of them."""
     rows = []
     for c, z, sd, status in _free(fit):
-        name, _, record = c.name.partition("@")
         if c.effect is None:
+            name, _, _ = c.name.partition("@")
             kind, prior = KINDS[name], np.asarray(fit.problem.model.priors[name].value)
             of = float(prior.mean()) / kind.to_si
             value, spread = of * np.exp(z), of * np.exp(z) * sd
             before, limits = f"{amount(of)} ± {100 * c.sd:.0f} %", (of * np.exp(c.lower), of * np.exp(c.upper))
-            u, what = unit(kind.unit), kind.description
+            u = unit(kind.unit)
         else:
             p = effect_named(c.effect.partition(":")[0]).parameter(c.name.removeprefix(c.effect + "."))
             log = np.exp if p.log else (lambda x: x)
@@ -137,14 +147,12 @@ def parameters_table(fit: MapFit) -> str:
             middle = log(c.prior) / p.to_si
             before = f"{amount(middle)} ± " + (f"{100 * c.sd:.0f} %" if p.log else amount(c.sd / p.to_si))
             limits = (log(c.lower) / p.to_si, log(c.upper) / p.to_si)
-            u, what = unit(p.unit), f"{c.effect}: {p.description}"
+            u = unit(p.unit)
         kept = not status.startswith((UNIDENTIFIABLE, AT_BOUND, AGAINST_FORMAT))
         state = escape(status) if kept else f'<span class="alarm">{escape(status)}</span>'
-        which = f" (record {record})" if record else ""
-        label = f"{escape(name)} <span class='muted'>{escape(what)}{which}</span>"
         rows.append(
             [
-                label,
+                escape(called(c)),
                 with_sd(float(value), float(spread)).replace("-", "−"),
                 u,
                 before,
@@ -163,7 +171,7 @@ def _free(fit: MapFit) -> list[tuple[Coordinate, float, float, str]]:
 
 
 def curve_table(c: Curve) -> str:
-    """Give a coefficient over the state of charge with its standard deviation."""
+    """Give a coefficient over the SOC with its standard deviation."""
     rows = [
         [f"{100.0 * s:.0f} %", f"{v:+.3f}".replace("-", "−"), f"{sd:.3f}"]
         for s, v, sd in zip(c.soc, c.value, c.sd, strict=True)

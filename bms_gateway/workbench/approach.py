@@ -1,10 +1,11 @@
-"""An addition while it is being fitted: the errors after every step of Gauss and Newton, for the eye.
+"""An addition while it is being fitted: errors and curves after every step of Gauss and Newton, for the eye.
 
 By the search's own functions, from the search's own baseline, one effect at its most promising place; what is kept in
 the end, and whether it may be, is `add_effects`' to say.
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from time import monotonic
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from bms_gateway.identify.map_fit import MapFit, fitted, refreshed, stacked
 from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal import StringModel
 from bms_gateway.workbench.documents import stair
+from bms_gateway.workbench.pictures import preview
 
 STEPS = 10
 """Of one effect; three to five bring it to its optimum."""
@@ -30,6 +32,10 @@ SEEN = 0.01
 """Of the cost: a step that gains less moves no bar by a pixel, and is not shown."""
 SETTLED = 1.0
 """Cost, that is twice the log of the likelihood: a step that gains less was the last."""
+PICTURE_S = 0.25
+"""Between two pictures of the curves: the page draws a few a second."""
+POINTS = 3000
+"""Of all curves of one picture together."""
 Show = Callable[[dict[str, Any]], None]
 
 
@@ -51,19 +57,25 @@ def approach(
     known : Diagnosis or None
         Of the same model and records, where there is one: spares the fit without the effects.
     show : callable
-        Gets the errors `before` and so far, `after`, as `stair` gives them.
+        Gets the errors `before` and so far, `after`, as `stair` gives them; and `curves`, by the name of the figure,
+        where the last ones are `PICTURE_S` old: model and residual as they are so far.
     """
     start = model.unfitted
     base = known.search.baseline if known else fitted(Problem(start, [measured(r, start) for r in records]))
     before = _stair(base, known_core(model, records, rounds=known.search.asked if known else None).bands)
-    show({"before": before, "after": before})
-    fit, shown = base, base.cost
+    show({"before": before, "after": before, "curves": preview(base, POINTS)})
+    fit, shown, drawn_s = base, base.cost, monotonic()
+    told, last = before, base
     for w in wants:
         for step in _steps(fit, w):
             fit = step
             if step.cost < shown - SEEN * abs(shown):
-                shown = step.cost
-                show({"before": before, "after": _stair(step)})
+                shown, told, last = step.cost, _stair(step), step
+                due = monotonic() > drawn_s + PICTURE_S
+                show({"before": before, "after": told} | ({"curves": preview(step, POINTS)} if due else {}))
+                drawn_s = monotonic() if due else drawn_s
+    if last is not base:
+        show({"before": before, "after": told, "curves": preview(last, POINTS)})
 
 
 def _steps(parent: MapFit, w: Wanted) -> Iterator[MapFit]:

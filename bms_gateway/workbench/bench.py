@@ -37,20 +37,24 @@ from bms_gateway.report.examine import (
     usable,
 )
 from bms_gateway.report.html import Aside, write_addition, write_comparison, write_diagnosis
+from bms_gateway.report.step_names import FILED, REFITTED
 from bms_gateway.report.table import parse_columns
+from bms_gateway.report.words import named_all
 from bms_gateway.thermal import StringModel
 from bms_gateway.workbench import documents, pictures, whiteness
 from bms_gateway.workbench.approach import Show, approach
 from bms_gateway.workbench.looking import looked
 from bms_gateway.workbench.moving import Moving
+from bms_gateway.workbench.recall import digests, recalled
 from bms_gateway.workbench.series import Shelf
-from bms_gateway.workbench.steps import FILED, REFITTED
 from bms_gateway.workbench.tracks import about, track
 
 MOST_MADE = 4
 """Models of which it is remembered what was made of them: fits take tens of megabytes."""
 MOST_NUMBERS = 8 << 20
 """Numbers of a table or log: a million rows of eight columns. Made into a record they take half a gigabyte."""
+MOST_LOOKED = 40
+"""Tables whose columns are shown before they are opened."""
 READING = 0.5
 """Share of the work of opening that is reading a table; what is made of it takes the rest."""
 Tell = Callable[[float, str], None]
@@ -65,6 +69,11 @@ class Files:
     config: str = ""
     string: str = ""
     columns: tuple[str, ...] = ()
+    each: tuple[tuple[str, ...], ...] = ()
+
+    def of_table(self, k: int) -> tuple[str, ...]:
+        """Columns of one table: those of all, and its own."""
+        return (*self.columns, *(self.each[k] if k < len(self.each) else ()))
 
     @classmethod
     def of(cls, request: Mapping[str, Any]) -> "Files":
@@ -72,7 +81,8 @@ class Files:
         config, string = request.get("config") or "", request.get("string") or ""
         if request.get("recent") and not config:
             string = ""  # it said what to take of the gateway's signals
-        return cls(tuple(request["tables"]), request["model"], config, string, tuple(request.get("columns") or ()))
+        columns, each = tuple(request.get("columns") or ()), tuple(tuple(x) for x in request.get("each") or ())
+        return cls(tuple(request["tables"]), request["model"], config, string, columns, each)
 
 
 @dataclass(slots=True)
@@ -111,9 +121,10 @@ class Bench:
             One line for the page.
         """
         if request["do"] == "look":
-            return looked(Path(request["files"]["tables"][0]), tuple(request["files"].get("columns") or ()))
+            files = Files.of(request["files"])
+            return {"tables": [looked(Path(t), files.of_table(k)) for k, t in enumerate(files.tables[:MOST_LOOKED])]}
         if request["do"] == "open":
-            return self._open(request["files"], Path(request["folder"]), tell)
+            return self._open(request["files"], Path(request["folder"]), tell, request.get("kept"))
         files = Files.of(request["files"])
         if files != self._files:
             self._read(files, Path(request["folder"]), tell)
@@ -150,11 +161,14 @@ class Bench:
             tell=lambda name, share: tell(READING * share, f"reading {name}"),
             most=MOST_NUMBERS,
             seen=seen,
+            each=[parse_columns(pairs) for pairs in files.each],
         )
         self._files, self._filed = files, model
         self._made.clear()
 
-    def _open(self, named: Mapping[str, Any], folder: Path, tell: Tell) -> documents.Document:
+    def _open(
+        self, named: Mapping[str, Any], folder: Path, tell: Tell, kept: Mapping[str, Any] | None
+    ) -> documents.Document:
         files, told = _taken(named, folder, tell)
         files, proposed = _made(files, folder, tell)
         rows: list[Columns] = []
@@ -163,7 +177,10 @@ class Bench:
         findings, notes = findings_and_notes(self._filed, self._records)
         notes += tuple((files["tables"][-1], text) for text in (*told, *proposed))
         opened = Files.of(files)
-        told_of = [about(Path(t), opened.columns, r) for t, r in zip(opened.tables, self._records, strict=True)]
+        told_of = [
+            about(Path(t), opened.of_table(k), r)
+            for k, (t, r) in enumerate(zip(opened.tables, self._records, strict=True))
+        ]
         document = documents.opened(self._filed, self._records, findings, notes, told_of)
         document["text"] = Path(files["model"]).read_text(encoding="utf-8")
         shelf = Shelf(folder)
@@ -173,7 +190,9 @@ class Bench:
             [(x, float(r.instants[0])) for x, r in zip(rows, self._records, strict=True)],
         )
         shelf.save()
-        return {**document, "files": files}
+        now = digests(self._records, self._filed)
+        document["recalled"], document["dropped"] = recalled(kept, now) if kept else ({}, "")
+        return {**document, "files": files, "digest": now}
 
     def _track(self, request: Mapping[str, Any]) -> documents.Document:
         """Draw one more column of a table."""
@@ -181,7 +200,7 @@ class Bench:
         assert self._filed is not None  # noqa: S101
         k, shelf = int(request["record"]), Shelf(Path(request["folder"]))
         record, table = self._records[k], Path(self._files.tables[k])
-        figure = track(table, self._files.columns, request["column"], record, measured(record, self._filed), shelf)
+        figure = track(table, self._files.of_table(k), request["column"], record, measured(record, self._filed), shelf)
         shelf.save()
         return {"figure": figure}
 
@@ -207,7 +226,9 @@ class Bench:
         steps = [(name, c.refitted)]
         if name == REFITTED:  # the first model that is compared
             steps.insert(0, (FILED, c.filed))
-        drawn = {name: pictures.step(v, shelf) | pictures.maps(v.fit) | whiteness.step(v.fit) for name, v in steps}
+        drawn = {
+            name: pictures.step(v, shelf) | pictures.maps(v.fit, shelf) | whiteness.step(v.fit) for name, v in steps
+        }
         fit = c.refitted.fit
         figures = pictures.frames_of_cores(c, shelf) | pictures.frames_of_maps(fit.problem.records)
         figures |= whiteness.figures(fit)
@@ -227,7 +248,7 @@ class Bench:
         check_signals(wants, self._records)
         known = self._known(model)
         tell(0.02, "fitting step by step")
-        names = " + ".join(w.key for w in wants)
+        names = named_all(w.key for w in wants)
         approach(model, self._records, wants, known, lambda trial: show({"names": names, **trial}))
 
         def ask(unfitted: StringModel, records: Sequence[Record], progress: Tell | None = None) -> Diagnosis:
@@ -251,7 +272,7 @@ class Bench:
 
     def _report(self, request: Mapping[str, Any], folder: Path, tell: Tell) -> documents.Document:
         """Write the page that the commands write with --html: of the last diagnosis, addition or comparison."""
-        text, kind, command, remains = (str(request[k]) for k in ("text", "kind", "command", "remains"))
+        text, kind, command, remains, step = (str(request[k]) for k in ("text", "kind", "command", "remains", "step"))
         tell(0.1, "writing the report")
         comparison = self._comparison(text)
         made = self._of(text)
@@ -269,10 +290,11 @@ class Bench:
                 card=card_of(d.search.baseline) if d else None,
                 command=command,
                 cores=cores_with_named(parse_model(text), usable(self._records, made.told.findings), d) if d else (),
+                step=step,
             )
         elif kind == "add" and made.addition is not None:
             addition, report = made.addition
-            write_addition(path, report, addition, command, remains)
+            write_addition(path, report, addition, command, remains, step)
         else:
             findings, notes = findings_and_notes(parse_model(text), self._records)
             # an addition of a process that was ended since is shown by what it left: its model against the readings

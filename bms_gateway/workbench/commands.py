@@ -45,7 +45,8 @@ def command_lines(files: Mapping[str, Any], way: Sequence[Leg]) -> list[str]:
         To be typed one after the other; the last one makes the report of what the page shows.
     """
     tables, model = [str(t) for t in files["tables"]], str(files["model"])
-    more = [x for c in files.get("columns") or () for x in ("--columns", c)]
+    columns, differ = _columns(files)
+    more = [x for c in columns for x in ("--columns", c)]
     for option in ("config", "string"):
         if files.get(option) and (files.get("config") or not files.get("recent")):
             more += [f"--{option}", files[option]]
@@ -63,7 +64,17 @@ def command_lines(files: Mapping[str, Any], way: Sequence[Leg]) -> list[str]:
             lines.append([PROGRAM, "diagnose", *tables, "--model", name, *more])
     if way:
         lines[-1] += ["--html", "report.html"]
-    return [shlex.join(words) for words in lines]
+    return differ + [shlex.join(words) for words in lines]
+
+
+def _columns(files: Mapping[str, Any]) -> tuple[list[str], list[str]]:
+    """Give the columns of all tables; and where each table has its own, remarks on them: no command takes several."""
+    shared, each = list(files.get("columns") or ()), [list(x) for x in files.get("each") or ()]
+    own = [*each, *([[]] * (len(files["tables"]) - len(each)))]
+    if all(x == own[0] for x in own):
+        return [*shared, *own[0]], []
+    remarks = [f"# {t}: {', '.join(x)}" for t, x in zip(files["tables"], own, strict=True) if x]
+    return shared, ["# One command takes one mapping of columns: give these tables the same names first.", *remarks]
 
 
 def _export(files: Mapping[str, Any]) -> list[str]:

@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from bms_gateway.errors import UsageError, did_you_mean
+from bms_gateway.report.step_names import REFITTED, with_added
 from bms_gateway.workbench.beside import Beside, moved, place_of
 from bms_gateway.workbench.commands import Leg, command_lines, config_lines
 from bms_gateway.workbench.process import Worker
 from bms_gateway.workbench.session import Addition, session_of
-from bms_gateway.workbench.steps import REFITTED, Frame, Window, doubt_lines, forget, joined, remains, steps_of
+from bms_gateway.workbench.steps import Frame, Window, doubt_lines, forget, joined, remains, steps_of
 from bms_gateway.workbench.uploads import Uploads
 
 Document = dict[str, Any]
@@ -28,6 +29,7 @@ TITLES = {
     "track": "reading the column",
 }
 GONE = "the computing process ended unexpectedly (the terminal says why); try again, a fresh one is started"
+UNREACHED = "The session’s diagnosis of a later model is left out: its additions were not made again. Diagnose again."
 REPORT_S = 600.0
 LOOK_S = 20.0
 """For a look at a table to end, before what comes next."""
@@ -59,6 +61,9 @@ class Desk:
         self._error = ""
         self._report: Path | None = None
         self._to_come: list[Addition] = []
+        self._fitting: tuple[int, Document] = (0, {})
+        self._recalled: dict[str, Document] = {}
+        self._dropped = ""
         self._closed = False
         self._worker = Worker(self._hear)
         from bms_gateway.workbench.measures import measured_in
@@ -96,8 +101,8 @@ class Desk:
 
     # what the page asks for
 
-    def open(self, files: Document) -> None:
-        """Read files anew; what is on the desk stays until they are read."""
+    def open(self, files: Document, kept: Document | None = None) -> None:
+        """Read files anew; what is on the desk stays until they are read; `kept` are diagnoses of a session."""
         if not files["tables"] and not files.get("recent"):
             raise UsageError("open: choose a table or a log first, or the gateway's recent window")
         if not files["model"] and not files.get("form") and not files.get("dbc"):
@@ -105,18 +110,23 @@ class Desk:
         before = (self.files or {}).get("recent")
         if not files.get("recent") and before and before["table"] in files["tables"]:
             files = {**files, "recent": before}  # still the one that was taken
-        self._start("open", {"files": files})
+        self._start("open", {"files": files, "kept": kept})
 
     def look(self, files: Document) -> None:
-        """Look at the first table: its columns, and what they may be; what is open stays."""
+        """Look at the tables: their columns, and what they may be; what is open stays."""
         if not files["tables"]:
             raise UsageError("look: choose a table first")
         self._start("look", {"files": files})
 
-    def resume(self, files: Document, additions: Sequence[Addition], notes: str = "") -> None:
-        """Open the files of a session, and go its way again: one addition after the other, until one is refused."""
+    def resume(
+        self, files: Document, additions: Sequence[Addition], notes: str = "", kept: Document | None = None
+    ) -> None:
+        """Open the files of a session, and go its way again: one addition after the other, until one is refused.
+
+        What its diagnoses said stands again beside their models, where records and model are the same.
+        """
         self.cancel()
-        self.open(files)
+        self.open(files, kept)
         with self.changed:
             self._to_come = list(additions)
             self._notes = notes
@@ -155,7 +165,7 @@ class Desk:
     def cancel(self) -> None:
         """End what runs."""
         with self.changed:
-            self._to_come = []
+            self._go_no_further()
             if self._job is None:
                 return
             self._job, self._error = None, ""
@@ -174,7 +184,8 @@ class Desk:
         top = self._top
         kind = "diagnose" if top.diagnosed else "add" if top.told else "compare"
         command = command_lines(self._named() or {}, self._way())[-1]
-        request = {"files": self.files, "text": top.text, "kind": kind, "command": command}
+        step = self._frames[-2].label if kind == "add" else top.label
+        request = {"files": self.files, "text": top.text, "kind": kind, "command": command, "step": step}
         self._start("report", {**request, "remains": remains(self._frames)})
         with self.changed:
             self.changed.wait_for(lambda: self._job is None, REPORT_S)
@@ -189,7 +200,7 @@ class Desk:
             files = self._named()
             if files is None:
                 raise UsageError("session: open a table and a model first")
-            return session_of(files, self._frames, self._notes)
+            return self._session(files)
 
     def model(self) -> str:
         """Newest model file, with what is to be doubted of it on top."""
@@ -282,12 +293,17 @@ class Desk:
             frame = self._diagnosed()
             return frame.curves.get(name) if frame else None
 
+    def fitting(self, name: str) -> Document | None:
+        """Curves of a figure by what is being fitted, as it is so far; None where nothing is."""
+        with self.changed:
+            return self._fitting[1].get(name) if (self._job or {}).get("trial") else None
+
     def state(self) -> Document:
         """All that the page shows, figures and curves by name only."""
         with self.changed:
             top, files = (self._frames[-1] if self._frames else None), self._named()
             first = self._frames[0] if self._frames else None
-            opened = {k: v for k, v in (self._opened or {}).items() if k not in ("figures", "text")} or None
+            opened = {k: v for k, v in (self._opened or {}).items() if k not in ("figures", "text", "digest")} or None
             seen = self._diagnosed()
             shown = [*(first.figures if first else {}), *((self._opened or {}).get("figures", {}))]
             return {
@@ -306,7 +322,8 @@ class Desk:
                 "refusal": self._refusal,
                 "job": self._job,
                 "error": self._error,
-                "session": session_of(files, self._frames, self._notes) if files else None,
+                "session": self._session(files) if files else None,
+                "dropped": self._dropped,
                 "commands": command_lines(files, self._way()) if files else [],
                 "config": config_lines(files, len(self._frames) - 1) if files else "",
             }
@@ -333,6 +350,9 @@ class Desk:
         named = {k: plain(v) for k, v in self.files.items()}
         return {**named, "recent": {k: plain(v) for k, v in recent.items()} if recent else None}
 
+    def _session(self, files: Document) -> Document:
+        return session_of(files, self._frames, self._notes, (self._opened or {}).get("digest"))
+
     def _way(self) -> list[Leg]:
         return [Leg(f.words, f.forced, f.diagnosed is not None) for f in self._frames]
 
@@ -346,8 +366,8 @@ class Desk:
 
     def _start(self, kind: str, request: Document) -> None:
         with self.changed:
-            if kind != "look":  # a look takes a moment, and nobody waits for it
-                self.changed.wait_for(lambda: (self._job or {}).get("kind") != "look", LOOK_S)
+            # a look takes a moment, and nobody waits for it
+            self.changed.wait_for(lambda: (self._job or {}).get("kind") != "look", LOOK_S)
             self._refuse_if_busy()
             if self._closed:
                 raise UsageError("this tab was open too long ago: reload the page")
@@ -364,7 +384,7 @@ class Desk:
             if worker is not self._worker or self._closed:
                 return  # of a process that was put away
             if answer is None:  # the next task starts another: not now, it might end the same way at once
-                self._to_come = []
+                self._go_no_further()
                 if self._job is not None:
                     self._job, self._error = None, GONE
                 else:
@@ -372,12 +392,17 @@ class Desk:
             elif self._job is None:
                 return
             elif "error" in answer:
-                self._to_come = []
+                self._go_no_further()
                 self._job, self._error = None, answer["error"].replace(f"{self.folder}/", "")
             elif "done" in answer:
                 self._job = None
                 self._take(self._request, answer["done"])
-            else:  # how far it is, in words or in errors
+            else:  # how far it is, in words or in errors and curves
+                trial = answer.get("trial", {})
+                if "curves" in trial:
+                    self._fitting = self._fitting[0] + 1, trial.pop("curves")
+                if trial:
+                    trial["picture"] = self._fitting[0]
                 self._job = {**self._job, **answer}
             self._told()
 
@@ -386,8 +411,10 @@ class Desk:
             case "look":
                 self._looked = done
             case "open":
+                self._recalled, self._dropped = done.pop("recalled"), done.pop("dropped")
                 self.files, self._opened, self._refusal = done.pop("files"), done, None
-                self._frames, self._tracks = [Frame(done["text"], REFITTED)], {}
+                first = Frame(done["text"], REFITTED, diagnosed=self._recalled.pop("0", None))
+                self._frames, self._tracks = [first], {}
                 forget(self.folder, [d["kept"]["file"] for f in done["figures"].values() for d in f["data"]])
                 self.compare()
             case "compare":
@@ -399,7 +426,7 @@ class Desk:
                     self.add(words, force=force)
             case "diagnose":
                 self._top.curves = done.pop("curves")
-                self._top.diagnosed = done
+                self._top.diagnosed, self._dropped = done, ""
             case "add":
                 self._added(done)
             case "track":
@@ -410,14 +437,22 @@ class Desk:
     def _added(self, done: Document) -> None:
         text = done.pop("text", None)
         if text is None:
-            self._refusal, self._to_come = done, []
+            self._refusal = done
+            self._go_no_further()
             return
         self._refusal = None
         if len(self._frames) == 1:  # measured by the same yardstick as what is added to it
             self._frames[0].stair = done["before"]
-        frame = Frame(text, f"+ {done['names']}", done["words"], done["forced"], done["after"], done)
+        frame = Frame(text, with_added(done["names"]), done["words"], done["forced"], done["after"], done)
+        frame.diagnosed = self._recalled.pop(str(len(self._frames)), None)
         self._frames.append(frame)
         self.compare()
+
+    def _go_no_further(self) -> None:
+        """Leave the way of a session; what it said of models that are not reached is left out."""
+        self._to_come = []
+        if self._recalled:
+            self._recalled, self._dropped = {}, UNREACHED
 
     def _told(self) -> None:
         self.version += 1

@@ -22,14 +22,14 @@ from bms_gateway.report.diagnosis_text import Told, finite, number_lines, reach
 from bms_gateway.report.html import VERDICTS
 from bms_gateway.report.html_correlation import correlation_table
 from bms_gateway.report.html_evidence import summary
-from bms_gateway.report.html_ranking import GROUPS, NAMED_AT
+from bms_gateway.report.html_ranking import GROUPS, NAMED_AT, against
 from bms_gateway.report.html_series import Shown
 from bms_gateway.report.html_tables import errors_table, heat_map, parameters_table, thermocouples_table
-from bms_gateway.report.words import in_words
+from bms_gateway.report.step_names import FILED, REFITTED
+from bms_gateway.report.words import in_words, named_all
 from bms_gateway.thermal import StringModel
 from bms_gateway.thermal.effects import catalogue, effect_named
 from bms_gateway.workbench.pictures import preview
-from bms_gateway.workbench.steps import FILED, REFITTED
 
 Document = dict[str, Any]
 WEIGHTS = {"stop": "cannot be used", "warn": "look at this first", "note": "good to know"}
@@ -163,6 +163,7 @@ def diagnosed(told: Told) -> tuple[Document, dict[str, Document]]:
         "selected": [s.candidate.key for s in d.selected] if d else [],
         "needs": reach(NAMED_AT, top),
         "groups": GROUPS,
+        "against": against(second=bool(d and d.decided_by_second)),
         "error": "error" if d and d.decided_by_second else "held-out error",
         "ranking": [_standing(r, top, r.name in fits) for r in told.ranking],
         "absorbed": [in_words(t) for t in told.absorbed],
@@ -176,7 +177,7 @@ def diagnosed(told: Told) -> tuple[Document, dict[str, Document]]:
 def _standing(r: Standing, top: float, drawn: bool) -> Document:
     return {
         "name": r.name,
-        "effects": [_effect(key) for key in r.effects],
+        "effects": [effect(key) for key in r.effects],
         "role": r.role,
         "evidence": finite(r.evidence),
         "reach": reach(r.evidence, top),
@@ -190,7 +191,8 @@ def _standing(r: Standing, top: float, drawn: bool) -> Document:
     }
 
 
-def _effect(key: str) -> Document:
+def effect(key: str) -> Document:
+    """Tell what the catalogue says of an effect."""
     name, _, _ = key.partition(":")
     e = effect_named(name)
     return {
@@ -235,11 +237,11 @@ def added(report: AddReport, addition: Addition, words: Sequence[str]) -> Docume
     ]
     return {
         "words": list(words),
-        "names": report.names,
+        "names": named_all(c.key for c in report.added),
         "kept": report.written,
         "forced": report.forced,
-        "refused": report.refused,
-        "remark": report.remark,
+        "refused": in_words(report.refused),
+        "remark": in_words(report.remark),
         "tag": report.tag,
         "core": told_core(report.after.core),
         "headline": in_words(headline(report)),

@@ -38,7 +38,7 @@ def with_model(files: dict[str, Any], folder: Path) -> dict[str, Any]:
     if log is not None and not files.get("config"):
         raise UsageError(f"{log.name}: a CAN log needs its gateway config; or drop its DBC, and one is made")
     text = str(form.get("sensors") or "").strip()
-    sensors = _cells("sensors", text) if text else surfaces(tables, files.get("columns") or ())
+    sensors = _cells("sensors", text) if text else surfaces(tables, files.get("columns") or (), files.get("each") or ())
     if not sensors:
         raise UsageError("model: no surface is mapped: say which column is the surface of which cell")
     cells = _count(str(form.get("cells") or "").strip(), max(sensors))

@@ -9,12 +9,12 @@ from bms_gateway.report.look import look
 from bms_gateway.report.table import parse_columns
 
 
-def surfaces(tables: Sequence[Path], columns: Sequence[str]) -> tuple[int, ...]:
-    """Tell which cells of the first table have a surface, as its names and the mapping say."""
-    first = next((t for t in tables if log_kind(t) is None), None)
+def surfaces(tables: Sequence[Path], columns: Sequence[str], each: Sequence[Sequence[str]] = ()) -> tuple[int, ...]:
+    """Tell which cells of the first table have a surface, as its names and the mappings say."""
+    first = next((k for k, t in enumerate(tables) if log_kind(t) is None), None)
     if first is None:
         return ()
-    found = looked(first, columns)["columns"]
+    found = looked(tables[first], [*columns, *(each[first] if first < len(each) else ())])["columns"]
     names = [c["ours"] for c in found if c["by"] in ("name", "told") and c["ours"].startswith("surface_")]
     return tuple(sorted(int(name.split("_")[1]) for name in names))
 

@@ -21,7 +21,7 @@ from bms_gateway.report.html_series import Clock, Trace, breaks_of, broken, cloc
 from bms_gateway.report.page import Figure, numbers
 from bms_gateway.thermal import Floats
 from bms_gateway.thermal.centre import probe_lever
-from bms_gateway.workbench.series import Shelf
+from bms_gateway.workbench.series import Shelf, columns
 
 HEIGHT = 380
 PREVIEW_POINTS = 12_000
@@ -32,8 +32,6 @@ SIGMAS = 2.0
 """Half width of the band around a model, in sd of one reading."""
 FEW = 2
 """Points of what the reports' figures are asked for where the whole series is kept instead."""
-COLUMNS = 180
-"""Stretches of time in a map."""
 ROW_PX, LEAST_PX, MOST_PX, EDGES_PX = 16, 90, 640, 76
 COLORBAR = {
     "orientation": "h",
@@ -187,27 +185,18 @@ def frames_of_maps(records: Sequence[Measured]) -> Figures:
     return found
 
 
-def maps(fit: MapFit) -> Drawn:
-    """Draw the mean residual of all sensors over time, as a map of each record."""
+def maps(fit: MapFit, shelf: Shelf) -> Drawn:
+    """Draw the residual of all sensors over time as a map of each record; colours end where they do for all of it."""
     found: Drawn = {}
     traces = traces_of((fit,))
     for r in sorted({t.record for t in traces}):
         mine = [t for t in traces if t.record == r]
-        time, last = _clock(traces, r), max(float(t.time_s.max()) for t in mine)
-        edges = np.linspace(0.0, last, COLUMNS + 1)
-        rows = []
-        for t in mine:
-            at = np.clip(np.searchsorted(edges, t.time_s, side="right") - 1, 0, COLUMNS - 1)
-            count = np.bincount(at, minlength=COLUMNS)
-            total = np.bincount(at, t.measured - t.models[0], COLUMNS)
-            rows.append(np.where(count > 0, total / np.maximum(count, 1), np.nan))
-        most = float(np.nanquantile(np.abs(rows), FAINTEST))
+        time = _clock(traces, r)
+        left = [broken(t.time_s, t.measured - t.models[0], t.breaks_s) for t in mine]
+        rows = [(at / time.seconds, error) for at, error in left]
+        most = float(np.nanquantile(np.abs(columns(rows, None)[1]), FAINTEST))
         found[f"map-{r}"] = {
-            "map": {
-                "x": time((edges[1:] + edges[:-1]) / 2.0),
-                "y": [str(t.cell) for t in mine],
-                "z": [numbers(row, 3) for row in rows],
-            },
+            "map": {"y": [str(t.cell) for t in mine], "columns": [shelf.keep(*row) for row in rows]},
             "span": {"coloraxis": (-most, most)},
         }
     return found
@@ -219,10 +208,10 @@ def _cores_drawn(v: Variant, r: int) -> list[str]:
     return [f"core-{r}-{k}" for k in cells]
 
 
-def preview(fit: MapFit) -> dict[str, dict[str, Any]]:
-    """Draw what another fit of the same records makes of each sensor, to be laid over the plot."""
+def preview(fit: MapFit, most: int = PREVIEW_POINTS) -> dict[str, dict[str, Any]]:
+    """Draw what another fit of the same records makes of each sensor, to be laid over the plot; thinned to `most`."""
     traces = traces_of((fit,))
-    points = max(PREVIEW_POINTS // max(len(traces), 1), 60)
+    points = max(most // max(len(traces), 1), 60)
     found = {}
     for t in traces:
         time = _clock(traces, t.record)

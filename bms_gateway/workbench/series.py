@@ -5,7 +5,7 @@ and shows every sample of a short window.
 """
 
 import secrets
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
 
@@ -17,6 +17,8 @@ from bms_gateway.workbench.steps import SERIES, Window
 
 POINTS = 2400
 """Of one trace in one picture: more than a screen has columns."""
+COLUMNS = 180
+"""Stretches of time in a map: two pixels or more of each."""
 Kept = dict[str, Any]
 """Where a trace's series are: `file`, `x`, `y`; on another axis, that is x · `scale` + `shift`."""
 Floats = NDArray[np.floating[Any]]
@@ -57,7 +59,7 @@ class Shelf:
 
 
 def drawn(document: Any, folder: Path, window: Window | None = None) -> Any:
-    """Put numbers in the place of every `kept` of a document.
+    """Put numbers in the place of every `kept` of a document, and of the `columns` of a map.
 
     Parameters
     ----------
@@ -70,6 +72,9 @@ def drawn(document: Any, folder: Path, window: Window | None = None) -> Any:
     def fill(x: Any) -> Any:
         if isinstance(x, Mapping):
             found = {k: fill(v) for k, v in x.items() if k != "kept"}
+            if "columns" in x:
+                at, rows = columns([shelves.series(kept) for kept in x["columns"]], window)
+                return {"x": [round(v, 7) for v in at.tolist()], "y": x["y"], "z": [numbers(row, 3) for row in rows]}
             return {**found, **points(x["kept"])} if "kept" in x else found
         return [fill(v) for v in x] if isinstance(x, list) and x and isinstance(x[0], dict) else x
 
@@ -119,6 +124,49 @@ def windowed(t: Floats, y: Floats, window: Window | None) -> tuple[Floats, Float
     first, last = np.searchsorted(t, window[0]) - 1, np.searchsorted(t, window[1], side="right") + 1
     part = slice(max(int(first), 0), int(last))
     return t[part], y[part]
+
+
+def columns(
+    rows: Sequence[tuple[Floats, Floats]], window: Window | None
+) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
+    """Average some series over the same stretches of a window: `COLUMNS` of them, or as many as there are samples.
+
+    A stretch is no shorter than the usual time between two samples of the series that has the fewest, so that a map has
+    no holes where nothing is missing.
+
+    Returns
+    -------
+    at : ndarray (C,)
+        Middle of each stretch.
+    means : list of ndarray (C,)
+        NaN where a series has no sample.
+
+    Examples
+    --------
+    >>> t = np.arange(0.0, 1000.0)
+    >>> at, means = columns([(t, t), (t[::2], t[::2])], (99.5, 109.5))
+    >>> at.tolist(), means[1].tolist()
+    ([100.0, 102.0, 104.0, 106.0, 108.0], [100.0, 102.0, 104.0, 106.0, 108.0])
+    """
+    inside = []
+    for t, y in rows:
+        known = np.isfinite(y) & ((t >= window[0]) & (t <= window[1]) if window else True)
+        inside.append((t[known], y[known].astype(np.float64)))
+    some = [t for t, _ in inside if len(t)]
+    if not some:
+        return np.empty(0), [np.empty(0) for _ in rows]
+    first, last = min(t[0] for t in some), max(t[-1] for t in some)
+    usual = max((float(np.median(np.diff(t))) for t in some if len(t) > 1), default=1.0)
+    width = max((last - first + usual) / COLUMNS, usual)
+    count = max(int((last - first + usual) / width + 1e-6), 1)
+    began = first - usual / 2.0
+    means = []
+    for t, y in inside:
+        at = np.clip(((t - began) / width + 1e-9).astype(np.int64), 0, count - 1)
+        number = np.bincount(at, minlength=count)
+        total = np.bincount(at, y, count)
+        means.append(np.where(number > 0, total / np.maximum(number, 1), np.nan))
+    return began + width * (np.arange(count) + 0.5), means
 
 
 def thinned(t: Floats, y: Floats, most: int) -> tuple[Floats, Floats]:

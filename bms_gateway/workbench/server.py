@@ -25,14 +25,16 @@ from bms_gateway.workbench.beside import Beside
 from bms_gateway.workbench.clients import Clients
 from bms_gateway.workbench.desk import Desk
 from bms_gateway.workbench.doors import CLOSED, HEADERS, Door
-from bms_gateway.workbench.session import additions_of, notes_of
-from bms_gateway.workbench.site import Site, wanted_files
+from bms_gateway.workbench.session import additions_of, diagnoses_of, notes_of
+from bms_gateway.workbench.site import Site, session_files, wanted_files
 from bms_gateway.workbench.uploads import safe_name
 
 if TYPE_CHECKING:  # the engine: only the live page needs it
     from bms_gateway.workbench.watch import Watch
 
 LARGEST_JSON: Final = 64 * 1024
+LARGEST_SESSION: Final = 1024**2
+"""With what was said of some hundred effects and places, at a few hundred bytes each."""
 LARGEST_UPLOAD: Final = 256 * 1024**2
 LONGEST_LENGTH: Final = 20
 """Digits of a length: 64 bits have no more, and of thousands no number is made."""
@@ -269,7 +271,8 @@ class Handler(BaseHTTPRequestHandler):
         return a, b
 
     def _curves(self) -> None:
-        self._json({"curves": self._desk().curves(self._query.get("name", ""))})
+        desk, name = self._desk(), self._query.get("name", "")
+        self._json({"curves": desk.fitting(name) if self._query.get("fitting") else desk.curves(name)})
 
     def _take(self) -> None:
         desk = self._desk()
@@ -404,8 +407,9 @@ class Handler(BaseHTTPRequestHandler):
             case "look":
                 desk.look(wanted_files(self.server.site, desk, body))
             case "resume":
-                additions, notes = additions_of(body), notes_of(body.get("notes", ""))
-                desk.resume(wanted_files(self.server.site, desk, body["files"]), additions, notes)
+                additions, notes, kept = additions_of(body), notes_of(body.get("notes", "")), diagnoses_of(body)
+                files = session_files(self.server.site, desk, body["files"])
+                desk.resume(wanted_files(self.server.site, desk, files), additions, notes, kept)
             case "note":
                 desk.note(notes_of(body.get("notes")))
             case "compare" | "diagnose" | "undo" | "cancel":
@@ -421,7 +425,7 @@ class Handler(BaseHTTPRequestHandler):
                 raise UsageError(f"the page cannot ask for '{what}'")
 
     def _body(self) -> dict[str, Any]:
-        length = self._length(LARGEST_JSON)
+        length = self._length(LARGEST_SESSION if self._url == "/api/resume" else LARGEST_JSON)
         try:
             document = json.loads(self.rfile.read(length) or b"{}")
         except (ValueError, RecursionError):

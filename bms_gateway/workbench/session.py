@@ -1,9 +1,11 @@
-"""A session as a document: files by name, what was added to the model, and notes. It is small, and can be mailed.
+"""A session as a document: files by name, what was added and what a diagnosis said, and notes. It can be mailed.
 
-What was computed is not in it: going the same way again gives the same, and says so if a file has changed.
+Of what was computed it holds the diagnoses alone, with digests of the records and the model that they belong to
+(`recall`): they take long, and what they leave open is to be seen again. Additions are made again.
 """
 
 from collections.abc import Mapping, Sequence
+from math import isfinite
 from typing import Any, Final
 
 from bms_gateway.errors import UsageError
@@ -14,11 +16,45 @@ MOST: Final = 20
 """Additions of a session: more than any road has."""
 LONGEST_NOTES: Final = 10_000
 """Characters: five pages."""
+NUMBER: Final = (float, int, type(None))
+RANKED: Final[dict[str, Any]] = {
+    "name": str,
+    "effects": [str],
+    "role": str,
+    "evidence": NUMBER,
+    "reach": (float, int),
+    "share": NUMBER,
+    "error_K": NUMBER,
+    "without_K": NUMBER,
+    "numbers": [str],
+    "tied": [str],
+    "refused": str,
+}
+"""What is kept of each line of a ranking, and of what type it is."""
+SAID: Final[dict[str, Any]] = {
+    "verdict": str,
+    "tag": str,
+    "remains": bool,
+    "sentence": str,
+    "selected": [str],
+    "needs": (float, int),
+    "groups": {"named": str, "tied": str, "next": str, "instead": str},
+    "against": {"": str, "named": str, "tied": str, "next": str, "instead": str},
+    "error": str,
+    "ranking": [RANKED],
+    "absorbed": [str],
+    "core": {"proven": bool, "sd_K": NUMBER, "centre_sd_K": NUMBER, "why": [str], "sentence": str},
+    "card": [str],
+    "next": str,
+}
+"""The same of a diagnosis."""
 Addition = tuple[list[str], bool]
 """Effects added at once, and whether by force."""
 
 
-def session_of(files: Mapping[str, Any], frames: Sequence[Frame], notes: str = "") -> dict[str, Any]:
+def session_of(
+    files: Mapping[str, Any], frames: Sequence[Frame], notes: str = "", digest: Mapping[str, str] | None = None
+) -> dict[str, Any]:
     """Write a session.
 
     Parameters
@@ -28,13 +64,19 @@ def session_of(files: Mapping[str, Any], frames: Sequence[Frame], notes: str = "
     frames : sequence of Frame
     notes : str
         What a person wrote.
+    digest : mapping, optional
+        Of the records and the model from its file, from `recall.digests`.
     """
     recent = files.get("recent") or {}
     made = (files.get("form") or files.get("dbc")) and "/" not in files["model"]  # it is made anew
+    each = files.get("each") or ()
+    named = [(t, list(each[k]) if k < len(each) else []) for k, t in enumerate(files["tables"])]
+    kept = [(t, pairs) for t, pairs in named if t != recent.get("table")]
     return {
         "workbench_session": VERSION,
         "files": {
-            "tables": [t for t in files["tables"] if t != recent.get("table")],
+            "tables": [t for t, _ in kept],
+            "each": [pairs for _, pairs in kept],
             "model": files["model"] if not made else "",
             "config": (files.get("config") or "") if not files.get("dbc") else "",
             "string": files.get("string") or "",
@@ -45,8 +87,16 @@ def session_of(files: Mapping[str, Any], frames: Sequence[Frame], notes: str = "
             "store": recent.get("store", ""),
         },
         "added": [{"effects": f.words, "force": f.forced} for f in frames[1:]],
+        "digest": dict(digest or {}),
+        "diagnosed": [{"step": i, "said": _said(f.diagnosed)} for i, f in enumerate(frames) if f.diagnosed],
         "notes": notes,
     }
+
+
+def _said(diagnosed: Mapping[str, Any]) -> dict[str, Any]:
+    """Take what a diagnosis said; what the catalogue tells of the effects is left out."""
+    ranking = [{**r, "effects": [e["key"] for e in r["effects"]]} for r in diagnosed["ranking"]]
+    return {**{k: diagnosed[k] for k in SAID}, "ranking": [{k: r[k] for k in RANKED} for r in ranking]}
 
 
 def additions_of(session: Mapping[str, Any]) -> list[Addition]:
@@ -68,6 +118,33 @@ def additions_of(session: Mapping[str, Any]) -> list[Addition]:
             raise UsageError("session: each addition must name its effects")
         found.append((words, one.get("force") is True))
     return found
+
+
+def diagnoses_of(session: Mapping[str, Any]) -> dict[str, Any]:
+    """Read what diagnoses of a session said, and the digests that they belong to.
+
+    Raises
+    ------
+    UsageError
+    """
+    digest, diagnosed = session.get("digest", {}), session.get("diagnosed", [])
+    if not _is(digest, dict) or not all(_is(x, str) for x in digest.values()) or not _is(diagnosed, list):
+        raise UsageError("session: digest must name texts, and diagnosed must be a list")
+    for one in diagnosed:
+        if not _is(one, {"step": int, "said": SAID}) or not 0 <= one["step"] <= MOST:
+            raise UsageError("session: what a diagnosis said is not as the workbench writes it")
+    return {"digest": digest, "diagnosed": diagnosed}
+
+
+def _is(x: Any, kind: Any) -> bool:
+    """Whether a value is of a type, or built as a list or mapping of types; numbers are finite."""
+    if isinstance(kind, list):
+        return isinstance(x, list) and all(_is(y, kind[0]) for y in x)
+    if isinstance(kind, dict):
+        return isinstance(x, dict) and x.keys() == kind.keys() and all(_is(x[k], kind[k]) for k in kind)
+    if isinstance(x, bool) and kind is not bool:
+        return False
+    return isinstance(x, kind) and not (isinstance(x, float) and not isfinite(x))
 
 
 def notes_of(found: Any) -> str:

@@ -158,6 +158,9 @@ def wanted_files(site: Site, desk: Desk, body: dict[str, Any]) -> dict[str, Any]
         return name
 
     tables, columns, dbc = body.get("tables", ""), body.get("columns") or [], body.get("dbc") or []
+    each = body.get("each") or []
+    if not isinstance(each, list) or not all(isinstance(x, list) and all(isinstance(c, str) for c in x) for x in each):
+        raise UsageError("open: each must be lists of columns, one for each table")
     lists = isinstance(tables, list) and isinstance(columns, list) and isinstance(dbc, list)
     if not lists or not all(isinstance(c, str) for c in columns):
         raise UsageError("open: tables, columns and dbc must be lists")
@@ -169,9 +172,43 @@ def wanted_files(site: Site, desk: Desk, body: dict[str, Any]) -> dict[str, Any]
         "recent": _recent(site, body, config),
         "string": str(body.get("string") or ""),
         "columns": columns,
+        "each": each,
         "dbc": [one(d) for d in dbc],
         "form": None if body.get("model") else _form(body.get("form")),
     }
+
+
+def session_files(site: Site, desk: Desk, files: dict[str, Any]) -> dict[str, Any]:
+    """Find the files of a session that may be another machine's: where a path is not here, an upload of that name.
+
+    Raises
+    ------
+    UsageError
+        Names the files that are neither here nor uploaded.
+    """
+    given, missing = site.given or {}, list[str]()
+    known = {*EXAMPLE, *given.get("tables", ()), given.get("model"), given.get("config")}
+
+    def one(name: object) -> object:
+        if not isinstance(name, str) or not name or not name.isprintable() or name in known:
+            return name  # wrong ones are told by `wanted_files`
+        uploaded = safe_name(name)
+        beside = bool(uploaded) and (desk.folder / uploaded).is_file()
+        if beside and not (site.local and "/" in name and Path(name).is_file()):
+            return uploaded
+        if not site.local or not Path(name).is_file():
+            missing.append(uploaded or name)
+        return name
+
+    found: dict[str, Any] = {}
+    for k in ("tables", "model", "config", "dbc"):
+        named = files.get(k) or ""
+        found[k] = [one(x) for x in named] if isinstance(named, list) else one(named)
+    if missing:
+        names = " and ".join(filter(None, (", ".join(missing[:-1]), missing[-1])))
+        lie = "it lies" if len(missing) == 1 else "they lie"
+        raise UsageError(f"session: upload {names} too: {lie} on another machine, or under another name")
+    return {**files, **found}
 
 
 def _shipped(name: str) -> str:

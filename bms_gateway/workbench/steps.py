@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from bms_gateway.report.step_names import FILED
+
 Document = dict[str, Any]
 Window = tuple[float, float]
 """First and last value on the axis of a figure."""
-FILED, REFITTED = "from its file", "refitted"
-"""Names of the first two steps; those that follow are named by what was added."""
 SERIES = ".series-"
 """How the names of the files of long series begin; no upload is called so."""
 REMAINS = "Something unknown remains"

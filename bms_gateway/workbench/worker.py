@@ -21,12 +21,13 @@ def main() -> None:
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
     from bms_gateway.errors import GatewayError
+    from bms_gateway.report.words import labelled
     from bms_gateway.workbench.bench import Bench
 
     bench = Bench()
 
     def tell(share: float, text: str) -> None:
-        _say(answers, {"share": round(share, 4), "text": text})
+        _say(answers, {"share": round(share, 4), "text": labelled(text)})
 
     def show(trial: dict[str, Any]) -> None:
         _say(answers, {"trial": trial})

@@ -168,12 +168,12 @@ class TestCharge:
         c = rows()
         r = record(c, string_model(capacity_Ah=1.5))
         assert r.drive.soc == pytest.approx(0.5 * (c["soc"][1:] + c["soc"][:-1]), abs=1e-9)
-        assert said(r, "State of charge", "as if the capacity were 8")
+        assert said(r, "SOC", "as if the capacity were 8")
 
     def test_an_offset_of_the_current_shows_in_the_charge(self):
         c = rows()
         r = record(c, string_model(capacity_Ah=8.0), current_A=c["current_A"] + 2.0)
-        assert said(r, "State of charge", "as if the current read +2 A too much")
+        assert said(r, "SOC", "as if the current read +2 A too much")
 
     def test_counted_from_half_full_where_neither_charge_nor_voltage_is_recorded(self):
         c = rows()

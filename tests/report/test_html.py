@@ -8,8 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from bms_gateway.cli.main import main
 from bms_gateway.config.model_file import parse_model
@@ -29,8 +27,7 @@ from bms_gateway.identify.problem import Problem
 from bms_gateway.report.add_text import AddReport, Side, headline
 from bms_gateway.report.diagnosis_text import Told
 from bms_gateway.report.html import Aside, write_addition, write_comparison, write_diagnosis
-from bms_gateway.report.html_figures import HEATS, STYLES
-from bms_gateway.report.html_series import ALL_POINTS, broken, envelope, points_each, smooth
+from bms_gateway.report.html_series import ALL_POINTS, points_each
 from bms_gateway.report.page import amount, plotly_script
 from tests.diagnosis.decided import by_second
 from tests.report.html_page import Page, unpacked
@@ -206,7 +203,7 @@ def test_ranking_and_parameters_are_those_of_the_diagnosis(road):
     groups = [r[0] for r in page.tables["ranking"][0][1:] if len(r) == 1]
     assert groups == ["Named", "In place of what is named"]
     assert rows[0][5] == amount(d.baseline.heldout_rmse_K)
-    B = next(r for r in page.tables["parameters"][0] if r[0].startswith("resistance_temperature.B"))
+    B = next(r for r in page.tables["parameters"][0] if r[0].endswith(" (resistance_temperature.B)"))
     number = d.selected[0].parameters["B"]
     value, sd = (float(x) for x in B[1].split(" ± "))
     assert abs(value - number.value) < 0.1 * number.sd
@@ -245,6 +242,38 @@ def test_a_core_thermocouple_is_shown_beside_the_models(road):
     assert row[4:] == [amount(check.rmse_K), amount(check.bias_K), f"{100 * check.covered:.0f} %"]
     names = [t.get("name") for t in pages["c"][1].figures(pages["c"][0])["core-1"]["data"]]
     assert "thermocouple in the core" in names
+
+
+@pytest.mark.parametrize("core", [True, False])
+def test_a_core_thermocouple_outside_the_band_is_said_in_red_on_every_page(road, tmp_path, core):
+    """Whichever command wrote it, and in a diagnosis also where nothing is known of the core."""
+    _, _, comparison, told, _, _ = road
+    check = comparison.refitted.core_checks[0]
+    known = comparison.core if core else None
+    for covered, outside in ((0.4, True), (0.93, False)):
+        now = replace(comparison.refitted, core_checks=(replace(check, covered=covered),))
+        seen = replace(comparison, refitted=now)
+        write_diagnosis(tmp_path / "d.html", replace(told, core=known), comparison=seen)
+        write_comparison(tmp_path / "c.html", seen, Aside(told.sources))
+        for name in "dc":
+            text = (tmp_path / f"{name}.html").read_text(encoding="utf-8")
+            head = text[text.index("<h1") : text.index("<section")]
+            said = re.findall('<p class="danger">(.*?)</p>', head)
+            assert [s.partition(",")[0] for s in said] == (["Thermocouple in the core of cell 3"] if outside else [])
+            assert [s.rpartition("; ")[2] for s in said] == (
+                ["60 % of its readings lie outside the 95 % band."] if outside else []
+            )
+
+
+def test_models_are_called_as_on_the_page_of_the_workbench(road):
+    """By what was done to them, labels before identifiers."""
+    figures = [page.figures(text) for name in "da" for text, page in [road[-1][name]]]
+    for found in figures:
+        names = {t["name"] for t in found["overlay-1-1"]["data"] if t.get("showlegend", True)}
+        assert {"refitted", "+ resistance falls as the cell warms (resistance_temperature)"} <= names
+    text, page = road[-1]["a"]
+    assert "model as it is" not in text
+    assert not [r[0] for r in page.tables["parameters"][0][1:] if not r[0].endswith(")")]
 
 
 def test_half_widths_of_cores_that_are_given_are_those_shown(road):
@@ -380,11 +409,6 @@ def test_records_have_figures_of_their_own_that_zoom_apart(road, tmp_path):
     assert any("R_u (record 2)" in r[0] or "record 2" in r[0] for r in page.tables["parameters"][0])
 
 
-def test_lines_differ_in_style_too_where_colour_is_not_seen():
-    for styles in (STYLES, HEATS):
-        assert len({dash for _, dash in styles}) == len({color for color, _ in styles}) == len(styles)
-
-
 def test_without_plotly_the_extra_is_named(monkeypatch, tmp_path):
     plotly_script.cache_clear()
     monkeypatch.setattr("bms_gateway.report.page.find_spec", lambda name: None)
@@ -419,29 +443,6 @@ def test_an_hour_of_twelve_cells_with_two_models_takes_less_than_two_megabytes(t
 def test_a_page_that_cannot_be_written_is_the_callers_fault(tmp_path):
     with pytest.raises(UsageError, match="none"):
         write_diagnosis(tmp_path / "none" / "x.html", Told(None, "Nothing.", ()))
-
-
-@settings(deadline=None)
-@given(st.lists(st.floats(-50, 150), min_size=1, max_size=300), st.integers(2, 60))
-def test_thinning_hides_no_excursion(values, most):
-    y, t = np.array(values), np.arange(len(values), dtype=float)
-    few_t, few = envelope(t, y, most)
-    assert len(few) <= max(most, 2)
-    assert few.min() == y.min()
-    assert few.max() == y.max()
-    assert (np.diff(few_t) >= 0).all()
-    assert np.array_equal(y[few_t.astype(int)], few)
-
-
-def test_lines_are_open_where_the_record_has_a_gap():
-    t = np.array([0.0, 1, 2, 100, 101])
-    at, y = broken(t, np.ones(5), (99.0,))
-    assert at.tolist() == [0, 1, 2, 99, 100, 101]
-    assert np.isnan(y[3])
-    assert np.isfinite(np.delete(y, 3)).all()
-    at, y = smooth(t, np.arange(5.0), (99.0,), 200.0)
-    assert at.tolist() == [1.0, 100.5]
-    assert y.tolist() == [1.0, 3.5]
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here to look at the page with")

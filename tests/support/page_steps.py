@@ -1,6 +1,8 @@
 """What a person sees of the page after a step."""
 
 FIT_S = 300.0
+ADDED = "+ reversible (entropic) heat (entropic_heat)"
+"""What the step is called to which the effect was added that the packs hide."""
 
 
 def seen_compared(page):

@@ -129,9 +129,10 @@ def test_the_past_is_what_the_engine_said(watch, plan, log):
         assert (hottest, half) == pytest.approx((e.centre[mine][k], 1.96 * e.centre_sd[mine][k]), abs=2e-3)
         assert cell == k + 1
     assert all(x is not None for x in past["current"] + past["inlet"])
-    for quantity, tolerance in (("soc", 5e-3), ("voltage", 0.5)):
-        sent = dict(sent_of(log, "string_3", quantity))
-        for t, shown in zip(past["t"], past[quantity], strict=True):
+    nominal = next(s for s in plan.strings if s.name == "string_3").model.flow
+    for quantity, per, tolerance in (("soc", 1.0, 5e-3), ("voltage", 1.0, 0.5), ("coolant_flow", nominal, 0.02)):
+        sent = {t: x / per for t, x in sent_of(log, "string_3", quantity)}
+        for t, shown in zip(past["t"], past[quantity.removeprefix("coolant_")], strict=True):
             assert shown == pytest.approx(sent[min(sent, key=lambda s: abs(s - t))], abs=tolerance), (quantity, t)
     whole = watch.history("test", 0, 0.0)
     assert whole["t"][0] == 0.0
@@ -249,7 +250,13 @@ def test_the_page_is_a_control_room(window, log, axe, tmp_path):
         page.wait("return Number(document.querySelector('#past').dataset.points) > 50")
         assert page.run("return document.querySelectorAll('#past .mark.alarm').length") > 0
         assert page.there("#past .limit")
-        for panel in ("hottest point, °C", "current, A", "inlet, °C", "SOC, %", "voltage, V"):
+        listed = page.run("return [...document.querySelectorAll('#past-marks li')].map(li => li.innerText)")
+        assert any("Alarm: " in text and "the limit is 24 °C" in text for text in listed)  # what the lines stand for
+        page.click("#past-marks li:last-of-type button" if len(listed) < 9 else "#past-marks li:nth-child(8) button")
+        page.wait("return Number(document.querySelector('#time').value) < 80")
+        page.run(seek, "85")
+        page.wait("return document.querySelector('#at').innerText.startsWith('0:01:25 of')")
+        for panel in ("hottest point, °C", "current, A", "inlet, °C", "flow, % of nominal", "SOC, %", "voltage, V"):
             assert panel in page.run("return document.querySelector('#past').textContent"), panel
 
         # the same window and string of the fleet's dashboard; nothing is asked of it

@@ -15,6 +15,7 @@ from bms_gateway.workbench.desk import GONE, Desk
 from bms_gateway.workbench.form import with_model
 from tests.store.ring import drove
 from tests.support.desk_steps import done, files
+from tests.support.page_steps import ADDED
 from tests.truth.packs import pack as make_pack
 
 
@@ -127,7 +128,7 @@ def test_the_error_falls_on_held_out_blocks(added):
 
 
 def test_every_step_stays_in_the_picture_on_one_axis(desk, added):
-    assert [s["name"] for s in added["steps"]] == ["from its file", "refitted", "+ entropic_heat"]
+    assert [s["name"] for s in added["steps"]] == ["from its file", "refitted", ADDED]
     figure = desk.figure("surface-0-3")
     assert [x["name"] for x in figure["steps"]] == [s["name"] for s in added["steps"]]
     sizes = [np.sqrt(np.mean([e**2 for e in x["each"]["y"] if e is not None])) for x in figure["steps"]]
@@ -165,7 +166,7 @@ def test_what_the_gates_refuse_says_why_and_can_be_forced_and_undone(desk, added
     assert "by force" in desk.model()
     desk.undo()
     back = done(desk)
-    assert [s["name"] for s in back["steps"]] == ["from its file", "refitted", "+ entropic_heat"]
+    assert [s["name"] for s in back["steps"]] == ["from its file", "refitted", ADDED]
     assert back["compared"] == added["compared"]
 
 

@@ -71,11 +71,21 @@ def test_doubt_is_said_on_every_step_in_the_bars_the_report_and_the_file(window,
         assert page.run(
             "return document.querySelector('#plot-core').data.some(d => d.name === 'thermocouple outside the band')"
         )
+        hatched = (
+            "return document.querySelector('#plot-core').data.filter(d => d.fill === 'tonexty')"
+            ".map(d => d.fillpattern?.shape)"
+        )
+        assert page.run(hatched) == ["/", "/"]  # the bands of both steps
         page.click("#tab-diagnose")
         page.click("#diagnose")
         page.wait("return document.querySelector('#panel-diagnose .verdict')", patience_s=FIT_S)
         page.idle()
         assert "Something unknown remains" in page.text("#doubt")
+        desk = page.run("return JSON.parse(sessionStorage.workbench).desk")
+        take = "return fetch(`/api/take?desk=${arguments[0]}&what=report`).then(r => r.text())"
+        report = page.run(take, desk)  # of the diagnosis
+        assert "Which effect is the model missing?" in report
+        assert 'class="danger">Thermocouple in the core of cell 1' in report
         page.click("#tab-add")
         page.type("#effect-name", "coolant_delay")
         page.press("Enter")
@@ -90,8 +100,6 @@ def test_doubt_is_said_on_every_step_in_the_bars_the_report_and_the_file(window,
         assert "core is not proven" in page.text("#hatched")
         hatch = "return getComputedStyle(document.querySelector('#panel-add .bar.unproven i')).backgroundImage"
         assert "repeating-linear-gradient" in page.run(hatch)
-        desk = page.run("return JSON.parse(sessionStorage.workbench).desk")
-        take = "return fetch(`/api/take?desk=${arguments[0]}&what=report`).then(r => r.text())"
         report = page.run(take, desk)
         assert 'class="alarm">Core not proven' in report
         assert 'class="alarm">Something unknown remains' in report

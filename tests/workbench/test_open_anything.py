@@ -56,6 +56,7 @@ def test_a_german_table_from_another_tool_is_opened_by_its_columns(window, url, 
     assert page.run(IS) == shown
     assert page.run("return document.querySelector('#column-2-flip').checked")  # the charge rises with it
     assert "guessed" in page.text("#mapping-told")
+    assert "the SOC rises with it" in page.text("#mapping tbody tr:nth-child(3)")  # why, to be read without a pointer
     assert faults(page, axe) == []
 
     # a wrong choice is told, and the values follow the unit
@@ -80,6 +81,51 @@ def test_a_german_table_from_another_tool_is_opened_by_its_columns(window, url, 
     page.click("#tab-take")  # the commands do the same
     assert "--columns 'current_A=-Packstrom, gesamt [mA]'" in page.text("#commands")
     assert page.complaints() == []
+
+
+def test_each_of_several_tables_has_its_columns(window, url, pack, tmp_path):
+    """Two by a foreign tool, which share their names, and one of ours; the fourth has other names again."""
+    page = window(url)
+    ours, other = tmp_path / "ours.csv", tmp_path / "other.csv"
+    ours.write_bytes(pack.clean.read_bytes())
+    head, _, rows = pack.clean.read_text().partition("\n")
+    other.write_text(head.replace("current_A", "Strom (A)").replace("surface_3_C", "Platz drei") + "\n" + rows)
+    for path in (german(pack.hidden, tmp_path / "eins.csv"), german(pack.clean, tmp_path / "zwei.csv"), ours, other):
+        page.upload("#tables-file", path)
+        page.wait("return document.querySelector('#tables').value.includes(arguments[0])", path.name)
+    heads = "return [...document.querySelectorAll('#mapping h3')].map(h => h.innerText)"
+    wanted = ["Columns of eins.csv, zwei.csv", "Columns of ours.csv", "Columns of other.csv"]
+    come(lambda: page.run(heads) == wanted, lambda: page.run(heads))
+    page.idle()
+    assert "guessed" in page.text("#mapping-told")
+    assert "the SOC rises with it" in page.text("#mapping tbody tr:nth-child(3)")  # also after the looks at the others
+    assert page.text("#mapping-told-1") == "The names of the columns say what they are."
+    third = "#table-2-column-6"
+    assert page.run("return document.querySelector(arguments[0]).value", third) in ("", "surface")
+    choose(page, third, "surface")
+    choose(page, f"{third}-cell", "3")
+    choose(page, "#table-2-column-1", "current_A")
+    page.idle()
+    page.upload("#model-file", pack.model)
+    page.wait("return document.querySelector('#model').value")
+    page.click("#open")
+    compared(page)
+    assert page.text("#error-text") == ""
+    assert page.text("#opened").count("of cells 1, 3") == 4
+    page.click("#tab-take")
+    said = page.text("#commands").splitlines()
+    assert said[0].startswith("# One command takes one mapping of columns")
+    assert "# other.csv: current_A=Strom (A), surface_3_C=Platz drei" in said
+    session = page.run("return fetch(document.querySelector('#take-session').href).then(r => r.json())")
+    assert [len(pairs) for pairs in session["files"]["each"]] == [7, 7, 0, 2]
+    page.reload()  # and each keeps them when the same files are opened anew
+    page.idle(FIT_S)
+    page.click("#tab-open")
+    page.click("#open")
+    page.wait("return document.body.dataset.busy !== ''")
+    compared(page)
+    assert page.text("#error-text") == ""
+    assert page.text("#opened").count("of cells 1, 3") == 4
 
 
 def test_a_cell_that_is_described_needs_no_model_file(window, url, pack, tmp_path):

@@ -8,7 +8,7 @@ import pytest
 
 from bms_gateway.config.model_file import read_model
 from tests.store.ring import drove
-from tests.support.page_steps import FIT_S, seen_compared
+from tests.support.page_steps import ADDED, FIT_S, seen_compared
 from tests.truth.packs import pack as make_pack
 from tests.workbench.browser import come, faults
 from tests.workbench.conftest import served
@@ -33,6 +33,14 @@ new MutationObserver(() => {
   const bar = document.querySelectorAll('#panel-add .bar.fitting b')[1];
   if (bar && seen.at(-1) !== Number(bar.textContent)) seen.push(Number(bar.textContent));
 }).observe(document.querySelector('#panel-add'), {subtree: true, childList: true, characterData: true});
+window.left = [];
+document.querySelector('#plot-surface').on('plotly_afterplot', () => {
+  const curves = document.querySelector('#plot-surface').data.filter(d => d.name.endsWith('being fitted'));
+  const curve = curves.find(d => d.yaxis === 'y2');
+  if (!curve) return;
+  const rms = Math.sqrt(curve.y.reduce((a, y) => a + y * y, 0) / curve.y.length);
+  if (left.at(-1) !== rms) left.push(rms);
+});
 """
 
 
@@ -63,9 +71,13 @@ def test_the_road_from_a_table_to_a_better_model(window, url, axe, pack, tmp_pat
     page.click("#diagnose")
     page.wait("return document.querySelector('#panel-diagnose .verdict')", patience_s=FIT_S)
     assert page.text("#panel-diagnose .verdict").startswith("Missing: reversible (entropic) heat (entropic_heat)")
+    assert page.text("#panel-diagnose .effects").startswith("Named\n\nBars: log-odds against leaving it out.")
+    assert page.text("#add-named") == "Add reversible (entropic) heat (entropic_heat)"
     before = int(page.run("return document.querySelector('#plot-surface').dataset.traces"))
     page.point("#effect-0")
     page.wait("return Number(document.querySelector('#plot-surface').dataset.traces) === arguments[0] + 2", before)
+    laid = "return document.querySelector('#plot-surface').data.find(d => d.name.startsWith('with ')).name"
+    assert page.run(laid) == "with reversible (entropic) heat (entropic_heat)"
     page.point("h1")
     page.wait("return Number(document.querySelector('#plot-surface').dataset.traces) === arguments[0]", before)
     page.click("#effect-0")
@@ -78,20 +90,41 @@ def test_the_road_from_a_table_to_a_better_model(window, url, axe, pack, tmp_pat
     fell = page.run("return window.seen")  # the held-out error, as the bar had it while the fit went on
     assert len(fell) > 1
     assert fell == sorted(fell, reverse=True)
+    left = page.run("return window.left")  # and the residual, in the plot
+    assert len(left) > 1
+    assert left == sorted(left, reverse=True)
+    assert left[-1] < 0.3 * left[0]
+    gone = "return !document.querySelector('#plot-surface').data.some(d => d.name.endsWith('being fitted'))"
+    page.wait(gone, patience_s=FIT_S)
     seen_compared(page)
     assert "by force" not in page.text("#panel-add")
+    # each bar has a number, and its name stands below: nothing has to be pointed at
+    assert page.text("#bar-names").replace(" (core not proven)", "") == f"1 from its file · 2 refitted · 3 {ADDED}"
+    assert page.run(
+        "return [...document.querySelectorAll('.bars')[0].querySelectorAll('small')].map(b => b.innerText)"
+    ) == [
+        "1",
+        "2",
+        "3",
+    ]
     held = page.run("return document.querySelectorAll('.bars')[1].getAttribute('aria-label')")
     _, first, second = (float(part.split()[-2]) for part in held.split(": ")[1].split(";")[0].split(", "))
     assert second < 0.5 * first
     assert fell[-1] == pytest.approx(second, rel=0.1)
     assert faults(page, axe) == []
 
+    hatched = (
+        "return document.querySelector('#plot-core').data.filter(d => d.fill === 'tonexty')"
+        ".map(d => [d.name, d.fillpattern?.shape ?? ''])"
+    )
+    come(lambda: dict(page.run(hatched)) == {"from its file": "/", "refitted": "/", ADDED: ""}, "bands of the cores")
+
     # every step of the road in one picture, on axes that do not move
-    assert page.text("#variants").split("\n")[1:] == ["from its file", "refitted", "+ entropic_heat"]
+    assert page.text("#variants").split("\n")[1:] == ["from its file", "refitted", ADDED]
     names = "return [...new Set(document.querySelector('#plot-surface').data.map(d => d.name))].sort()"
     ranges = "return ['yaxis', 'yaxis2'].map(a => document.querySelector('#plot-surface').layout[a].range.join())"
     page.idle(FIT_S)
-    come(lambda: page.run(names) == ["+ entropic_heat", "from its file", "measured", "refitted"], "all steps")
+    come(lambda: page.run(names) == [ADDED, "from its file", "measured", "refitted"], "all steps")
     axes = page.run(ranges)
     page.click("#step-0")
     page.wait("return !document.querySelector('#plot-surface').data.some(d => d.name === 'from its file')")
@@ -101,9 +134,7 @@ def test_the_road_from_a_table_to_a_better_model(window, url, axe, pack, tmp_pat
     page.wait("return Number(document.querySelector('#plot-inlet').dataset.traces) > 3")
     acf = "return document.querySelector('#plot-auto').data.find(x => x.name === arguments[0]).y.slice(1)"
     bound = page.run("return document.querySelector('#plot-auto').data[0].y[0]")
-    outside = [
-        sum(abs(y) > bound for y in ys) / len(ys) for ys in (page.run(acf, n) for n in ("refitted", "+ entropic_heat"))
-    ]
+    outside = [sum(abs(y) > bound for y in ys) / len(ys) for ys in (page.run(acf, n) for n in ("refitted", ADDED))]
     assert outside[0] > 0.5 > 0.1 > outside[1]
 
     # a zoom asks for the samples of the window, all of them

@@ -4,7 +4,7 @@ import pytest
 
 from bms_gateway.workbench.site import MOST_AWAKE, Site
 from tests.support.desk_steps import done, files
-from tests.support.page_steps import FIT_S, seen_added, seen_compared
+from tests.support.page_steps import ADDED, FIT_S, seen_added, seen_compared
 from tests.truth.packs import pack as make_pack
 from tests.workbench.browser import come, faults
 from tests.workbench.conftest import served
@@ -31,7 +31,7 @@ def test_more_tabs_take_nobodys_work(pack):
         assert first.figure("surface-0-1")["data"]
         first.add(["entropic_heat"])  # a process comes by itself
         assert done(first)["error"] == ""
-        assert [s["name"] for s in first.state()["steps"]][-1] == "+ entropic_heat"
+        assert [s["name"] for s in first.state()["steps"]][-1] == ADDED
         assert all(site.desk(d.name) is d for d in others)
         assert sum(d.awake for d in site.desks.values()) <= MOST_AWAKE
     finally:
@@ -45,7 +45,7 @@ def test_a_page_left_open_goes_on_when_the_server_is_back(window, pack, tmp_path
         seen_compared(page)
         seen_added(page)
     page.wait("return document.querySelector('#error-text').innerText.includes('does not answer')")
-    assert page.text("#what").endswith("+ entropic_heat")  # still there to be read
+    assert page.text("#what").endswith(ADDED)  # still there to be read
     before = page.run("return JSON.parse(sessionStorage.workbench).desk")
     with served(tmp_path, "--port", url.rstrip("/").rpartition(":")[2]):
         page.wait("return JSON.parse(sessionStorage.workbench).desk !== arguments[0]", before, patience_s=FIT_S)

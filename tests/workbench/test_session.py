@@ -16,6 +16,7 @@ from tests.workbench.browser import come
 from tests.workbench.conftest import served
 
 JSON = {"Content-Type": "application/json"}
+LATE = "coolant arrives late (coolant_delay)"
 WRITTEN = "Sensor 3 was glued anew <b>on Monday</b> <img src=x onerror=alert(1)>"
 
 
@@ -84,7 +85,7 @@ def test_a_refusal_ends_the_way(pack):
     try:
         desk.resume(files(pack), [(["coolant_delay"], False), (["current_offset"], True)])
         state = done(desk)
-        assert state["refusal"]["names"] == "coolant_delay"
+        assert state["refusal"]["names"] == LATE
         assert [s["name"] for s in state["steps"]] == ["from its file", "refitted"]
     finally:
         desk.close()
@@ -109,7 +110,7 @@ def test_the_work_is_there_again(window, driver, pack, tmp_path):
         page.upload("#session-file", tmp_path / "session.json")
         page.wait("return document.querySelectorAll('#panel-add .way li').length === 3", patience_s=FIT_S)
         page.idle(FIT_S)
-        assert "+ entropic_heat" in page.text("#what")
+        assert "+ reversible (entropic) heat (entropic_heat)" in page.text("#what")
         page.click("#tab-open")
         assert page.text("#notes-told") == WRITTEN  # as text: nothing of it is run or drawn
         page.click("#tab-take")

@@ -16,6 +16,8 @@ LEAP_K, LEAP_S, SOUND_INLET = 1.0, 900.0, -6.0
 sound for all that its reading says: ln of how much less likely its fault then is."""
 MISSING, MISSING_SURE, MISSING_BACK = 0.35, 2.5, 0.5
 """Share of its heat that the current makes at most, with so many sd on top, where not credible; where it is again."""
+COLD = -0.25
+"""Share below which no current that is wrong takes it: cells that cool so are cooled by something else."""
 WARMS_K, WARMS_ALONE_K = 0.7, 2.8
 """Warming of the cells, by the current believed, before its lack says anything; and with fewer than three sensors."""
 COOLING, COOLING_BACK, COOLING_GRAVE = 0.5, 0.35, 1.5
@@ -24,6 +26,8 @@ FLOW_USUAL_S, FLOW_SURE = 3600.0, 3.0
 """How long the films are remembered against which growth is told, and sd of it."""
 FROZEN_S, FROZEN_K = 300.0, 0.8
 """An inlet that reads the same for so long, while the cells say that it moved by so much, is frozen."""
+FOUND_STEPS = 60
+"""Steps after a sleep in which the offset of the inlet is found."""
 USUAL_LN, USUAL_S, USUAL_FIRST = 2.5, 1800.0, 4.5
 """Mean of the greatest ln evidence in sound strings whose model is good; over how long it is taken; and what it begins
 with, as nobody knows how good the model is. Where it is more the model is worse, and all evidence counts less."""
@@ -102,8 +106,13 @@ class Course:
         """Growth of R_u (S,) against what it has been."""
         return (1.0 - self.film) / (1.0 - np.minimum(f.z[:, f.at.flow], MOST_LOSS)) - 1.0
 
+    def forget(self, new: Bools) -> None:
+        """Begin anew with some of the strings: films and the inlet's offset are what they will be found to be."""
+        self.film[new], self.frozen[new] = np.nan, 0
+
     def sleep(self, slept_s: float) -> None:
-        """Take in a time in which nothing flowed."""
+        """Take in a time in which nothing flowed; what the inlet is off the cells is found anew."""
+        self.frozen = np.full_like(self.frozen, -FOUND_STEPS)
         self.load = self.load * exp(-slept_s / 600.0)
         self.warmed = self.warmed * exp(-slept_s / 120.0)
 
@@ -116,16 +125,21 @@ class Course:
         self.warmed = (self.warmed + heat.mean(axis=1) * dt / f.balances.C.mean(axis=1)) * exp(-dt / 120.0)
         step = np.abs(inlet - self.inlet)
         still = step == 0.0
-        self.frozen = np.where(still, self.frozen + 1, 0)
+        self.frozen = np.where(still | (self.frozen < 0), self.frozen + 1, 0)
         self.leapt = np.where(step > LEAP_K, round(LEAP_S / dt), np.maximum(0, self.leapt - 1))
         film, off, film_sd = f.z[:, at.flow], f.z[:, at.inlet], np.sqrt(f.P[:, at.flow, at.flow])
-        self.frozen_at = np.where(still, self.frozen_at, off)
+        self.frozen_at = np.where(self.frozen > 0, self.frozen_at, off)
         self.inlet = inlet
         self.film = np.where(np.isnan(self.film), film, self.film)
         grown = self.grown(f)
         usual = heard & ~self.cooling & (grown < COOLING_BACK)
         self.film = np.where(usual, self.film + (film - self.film) * min(1.0, dt / FLOW_USUAL_S), self.film)
-        missing = self.warms & (made + MISSING_SURE * np.sqrt(made_var) < MISSING)
+        absent = self.warms & missing(made, np.sqrt(made_var))
         slower = (grown > COOLING) & (film - self.film > FLOW_SURE * film_sd)
         frozen = (self.frozen * dt >= FROZEN_S) & ~self.constant_inlet & (np.abs(off - self.frozen_at) > FROZEN_K)
-        return np.asarray(missing | slower | frozen, dtype=np.bool_)
+        return np.asarray(absent | slower | frozen, dtype=np.bool_)
+
+
+def missing(share: Floats | float, sd: Floats | float) -> Bools:
+    """Whether the current makes so small a share of its heat (S,), known with sd, that it is not credible."""
+    return np.asarray((share + MISSING_SURE * sd < MISSING) & (share + MISSING_SURE * sd > COLD), dtype=np.bool_)

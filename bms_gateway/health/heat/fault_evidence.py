@@ -67,8 +67,8 @@ LATE_S = 90.0
 """A thermocouple that has come off its cell follows it so late; less lag is a smaller share."""
 SLOPE_S = 600.0
 """A drift is told from heat by its shape after so long: heat has come to rest by then."""
-MOST = {Kind.LOOSE: 1.3, Kind.LAG: 1.6, Kind.FLOW: 1.0}
-"""Amplitudes beyond are none."""
+MOST = {Kind.SLOPE: 4.0, Kind.LOOSE: 1.3, Kind.LAG: 1.6, Kind.FLOW: 1.0}
+"""Amplitudes beyond are none: a reading that climbs by more kelvin in an hour is no drift but a cell that heats."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,6 +220,10 @@ class Evidence:
     def ages(self, s: int) -> Floats:
         """Tell how many seconds ago each onset (onsets,) of string `s` was."""
         return np.asarray(self.now - self._born[s], dtype=np.float64)
+
+    def reads(self, onset: int) -> int:
+        """Tell in how many steps with readings an onset has been tried."""
+        return self._read - self._read_before[self._slots.index(onset)]
 
     def resolution(self, age_s: float) -> Floats:
         """Sd (S, a) to which heat of each cell is told that began about so many seconds ago, W."""

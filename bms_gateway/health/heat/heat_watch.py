@@ -296,7 +296,8 @@ class HeatWatch:
         self.course.sleep(rest.slept_s)
         off = y - f.z[self._row, 2 * at.sensors + 1] - f.z[:, at.bias]
         strayed = np.array([np.isfinite(o).any() and abs(float(np.nanmedian(o))) > STRAYED_K for o in off])
-        f.running &= ~(strayed & ~f.alone) & ~rest.flows
+        calm = np.array([not v.suspects for v in self.verdicts])  # what strays by a fault is what tells of it
+        f.running &= ~(strayed & ~f.alone & calm) & ~rest.flows
         for v in self.verdicts:
             v.woke_ns = now_ns
         rest.slept_s = 0.0
@@ -333,7 +334,7 @@ class HeatWatch:
         new = heard & (self._age < SETTLE_S)
         for s in np.flatnonzero(new):
             self.evidence.forget(int(s))
-        self.course.film[new] = np.nan
+        self.course.forget(new)
         self.course.fine = self._sensors.step
         top = w.ln.max(axis=(1, 2))
         of_note = self.course.take(self.filter, heat, inlet, heard) | (top > SUSPECT)

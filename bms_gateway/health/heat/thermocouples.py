@@ -12,7 +12,10 @@ NOISE_SHARE = 0.005  # of what each reading tells of its noise
 SAME = 1e-3
 """K: readings that differ by less are the same but for rounding."""
 COARSEST = 1.0
-"""K: no bus rounds a temperature to more. What readings of a few rare frames have in common may be more than a step."""
+"""K: no bus rounds a temperature to more."""
+ENOUGH = 3
+"""Changes of a reading that tell its step. Before, it is at most what the readings of the string have in common: a bus
+counts temperatures in whole steps, mostly from 0 °C, and all of them alike."""
 
 
 class Thermocouples:
@@ -27,13 +30,16 @@ class Thermocouples:
     def __init__(self, strings: int, sensors: int) -> None:
         shape = strings, sensors
         self._last, self._newest = np.full((2, *shape), np.nan)
-        self._common = np.full(shape, np.inf)
+        self._common, self._whole = np.full((2, *shape), np.inf)
+        self._changes = np.zeros(shape, np.int64)
         self._noise = np.full(shape, READING_SD**2)
 
     @property
     def step(self) -> Floats:
         """Steps of the readings (S, m), K; 0 where none is known."""
-        return np.where(np.isfinite(self._common), np.minimum(self._common, COARSEST), 0.0)
+        together = np.minimum(self._whole.min(axis=1, keepdims=True), COARSEST)
+        most = np.where(self._changes < ENOUGH, together, COARSEST)
+        return np.where(np.isfinite(self._common), np.minimum(self._common, most), 0.0)
 
     def pause(self) -> None:
         """Take in a time without frames."""
@@ -61,7 +67,10 @@ class Thermocouples:
         lag = np.where(there, age + back, 0.0).sum(axis=0) / divisor
         for now in y:  # steps show between rare frames too
             moved = np.abs(now - self._newest)
-            self._common = np.where(moved > SAME, common_divisor(self._common, moved), self._common)
+            changed = moved > SAME
+            self._common = np.where(changed, common_divisor(self._common, moved), self._common)
+            self._whole = np.where(self._changes < ENOUGH, common_divisor(self._whole, np.abs(now)), self._whole)
+            self._changes += changed
             self._newest = np.where(np.isfinite(now), now, self._newest)
         change = np.abs(np.diff(np.concatenate((self._last[None], y)), axis=0))
         both = np.isfinite(change)
@@ -89,6 +98,7 @@ class Thermocouples:
         if not step.shape == noise.shape == newest.shape == self._noise.shape or not (noise >= 0.0).all():
             raise ValueError("heat: not of these strings")
         self._common, self._noise, self._newest = np.where(step > 0.0, step, np.inf), noise, newest
+        self._changes = np.where(step > 0.0, ENOUGH, 0)
 
 
 def common_divisor(a: Floats, b: Floats) -> Floats:
@@ -100,7 +110,7 @@ def common_divisor(a: Floats, b: Floats) -> Floats:
     a, b = np.where(np.isfinite(a), a, b), np.where(np.isfinite(b), b, a)
     while (b > SAME).any():
         divisor = np.where(b > SAME, b, 1.0)
-        rest = np.mod(a, divisor)
+        rest = np.mod(np.where(np.isfinite(a), a, 0.0), divisor)
         rest = np.where(divisor - rest < SAME, 0.0, rest)
         a, b = np.where(b > SAME, b, a), np.where(b > SAME, rest, b)
     return a

@@ -13,13 +13,12 @@ from bms_gateway.health.heat.course import (
     FLOW_SURE,
     FROZEN_K,
     FROZEN_S,
-    MISSING,
     MISSING_BACK,
-    MISSING_SURE,
     SOUND_INLET,
     Course,
+    missing,
 )
-from bms_gateway.health.heat.fault_evidence import ONSETS, Evidence, Kind, Weighed
+from bms_gateway.health.heat.fault_evidence import OLDEST_READ, ONSETS, Evidence, Kind, Weighed
 from bms_gateway.health.heat.filter import HeatFilter
 from bms_gateway.health.heat.layout import Bools
 from bms_gateway.health.heat.sentences import sentence
@@ -36,7 +35,7 @@ WAIT_S = 180.0
 """What is sure to be something, but may be one of several, is told by its likeliest cause after so long."""
 UNTOLD = 3.0
 """ln: a cell that warmed in a sleep looks like a thermocouple that jumped; heat, the worse of the two, is told
-unless it is by so much less likely."""
+unless it is by so much less likely. Before enough frames show its course, this holds of a drift as well."""
 LIKE_HEAT, MOST_STOPPED, RARER = 1.5, 0.85, 4.0
 """A lone thermocouple reads much the same of heat and of films that are lost. Fans and pumps stop more often than cells
 short: heat is rarer by so much (ln) unless its evidence is so many times that of films. A fan that stands takes no more
@@ -149,6 +148,11 @@ class Verdict:
         return any(f.code == "unexplained_heat" for f in self.findings)
 
     @property
+    def suspects(self) -> bool:
+        """Whether the last step that was weighed speaks for a fault that is not believed yet."""
+        return self._stands > 0
+
+    @property
     def of_string(self) -> bool:
         """Whether something is wrong beside thermocouples."""
         return any(f.code != "thermocouple" for f in self.findings)
@@ -167,7 +171,7 @@ class Verdict:
             self._stands = 0
         else:
             told += self._weighed(each, w, now_ns)
-        return told + self._standing(w, each, now_ns)
+        return told + (self._standing(w, each, now_ns) if self.of.running[self.s] else [])
 
     def pass_over(self) -> None:
         """Take in a step in which nothing was of note."""
@@ -196,9 +200,17 @@ class Verdict:
         onset = int(w.ln[self.s, :, best].argmax())
         hidden = self._hidden(now_ns)
         slept = bool((w.ln[self.s, hidden, best] > w.ln[self.s, onset, best] - ALIKE).any())
-        if slept and kind is Kind.JUMP and w.amplitude[self.s, onset, best] > 0.0:
+        if slept and kind >= Kind.FLOW and not self.findings:
+            self.evidence.forget(self.s)  # what came over all cells while nobody looked may have been a drive
+            self.of.running[self.s], self._stands = False, 0
+            return []
+        if kind in (Kind.JUMP, Kind.SLOPE) and w.amplitude[self.s, onset, best] > 0.0:
             heat = int(np.where(kinds == Kind.HEAT, E, -np.inf).argmax())
-            if E[heat] > E[best] - UNTOLD:
+            if kind is Kind.JUMP:
+                unclear = slept and E[heat] > E[best] - UNTOLD
+            else:
+                unclear = self.evidence.reads(onset) < OLDEST_READ and each[heat] >= SURE
+            if unclear:
                 best, kind, j = heat, Kind.HEAT, int(place[heat])
                 onset = int(w.ln[self.s, :, heat].argmax())
         share = np.exp(E - E.max())
@@ -337,7 +349,8 @@ class Verdict:
         at, s = self.of.at, self.s
         found: dict[str, float] = {}
         for k, j, p in zip(self.evidence.kinds.tolist(), self.evidence.place.tolist(), share.tolist(), strict=True):
-            if p < 0.01 or (k == kind and j == place):
+            alike = k == kind or (Kind.HEAT < k < Kind.FLOW and Kind.HEAT < kind < Kind.FLOW)
+            if p < 0.01 or (alike and j == place):
                 continue
             if k == Kind.HEAT:
                 name = f"heat in cell {at.told[s, j] + 1}"
@@ -353,7 +366,8 @@ class Verdict:
         told = []
         for g in list(self.findings):
             over = self._over(g, now_ns)
-            self._write(g, now_ns)
+            if g.low_ns is None:  # what is contradicted and may be over is told as it was believed last
+                self._write(g, now_ns)
             if over:
                 self._end(g, now_ns)
                 told.append(g)
@@ -428,8 +442,8 @@ class Verdict:
         sound = each[best] < SUSPECT or self.evidence.kinds[best] == Kind.LOAD
         warms = bool(self.course.warms[s]) and sound and "cooling" not in codes
         warms = warms and float(f.z[s, at.load]) < MORE  # numbers that say both know neither
-        if "missing_heat" not in codes and warms and share + MISSING_SURE * sqrt(var) < MISSING:
-            new.append(Finding("missing_heat", None, 2, now_ns, kind=Kind.LOAD, size=share))
+        if "missing_heat" not in codes and warms and missing(share, sqrt(var)):
+            new.append(Finding("missing_heat", None, 2, now_ns, kind=Kind.LOAD, size=max(0.0, share)))
         u, u_sd = float(f.z[s, at.flow]), sqrt(float(f.P[s, at.flow, at.flow]))
         grown = self._grown()
         own = (self._stands > 0 and self.evidence.kinds[best] < Kind.FLOW) or self.hot

@@ -21,9 +21,9 @@ class ResistanceSoc(Effect):
     """
 
     name = "resistance_soc"
-    title = "resistance depends on the state of charge"
+    title = "resistance depends on the SOC"
     equation = "R_e -> R_e * (1 + s_1*u + s_2*u^2), u = 1 - 2*SOC"
-    signature = "error at equal I^2 follows the state of charge"
+    signature = "error at equal I^2 follows the SOC"
     needs = "charge that goes out and in again, so that SOC is told from time; or voltage"
     node = "core"
     warms = 1

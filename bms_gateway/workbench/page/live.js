@@ -44,7 +44,7 @@ export function prepare(known, grafana) {
     el("p", { class: "muted", id: "live-key" }, "Cell, core in °C, ± 95 % half width in K; coolant flows from left to right. ",
       `${String(limit - BELOW_K).replace("-", "−")} `, el("span", { class: "scale", id: "scale" }), ` ${limit - NEAR_K} °C · `,
       el("span", { class: "patch", style: `background:rgb(${NEAR})` }), ` from ${limit - NEAR_K} °C · `, el("span", { class: "patch", style: `background:rgb(${OVER})` }), ` limit ${limit} °C and over`,
-      " · dashed: no sensor of its own · dotted, ?: core not proven · double frame: its sensor is not used · ring: hottest point · faded: nothing new, stale or parked"),
+      " · dashed: no sensor of its own · dotted, ?: core not proven · double frame: its sensor is not used · ring: hottest point · pale in a dashed frame: nothing new (stale) · grey in a frame: the bus is silent (parked)"),
     ...rows.map((r) => r.node), past.build(about, view, (t) => steer({ seek: t }), grafana), happened());
   $("scale").style.background = `linear-gradient(to right, ${SCALE.map((c) => `rgb(${c})`).join(",")})`;
 }
@@ -194,7 +194,7 @@ function row(r, s, state) {
   put(r.hottest, s.hottest === null ? "no core known" : `hottest: cell ${s.hottest + 1}, core ${degrees(s.core[s.hottest])} °C, hottest point ${degrees(s.centre[s.hottest])} °C`);
   const f = s.ahead;
   put(r.ahead, f ? `forecast at ${Math.abs(f.load_A ?? 0).toFixed(0)} A${f.load_A < 0 ? " charging" : ""}: hottest point in 1, 5, 10 min ${f.point.map((x, i) => `${degrees(x)} ± ${(f.half[i] ?? 0).toFixed(1)}`).join(", ")} °C (cell ${f.cell})${f.limit_s ? (f.limit_s[1] > 0 ? `; cell ${f.limit_s[0]} reaches its limit in ${f.limit_s[1]} s` : "; the limit is reached") : ""}; for 10 min ${f.discharge[2]} A discharge, ${f.charge[2]} A charge` : "");
-  put(r.resistance, s.R_e ? `R_e ${s.R_e[0].toFixed(2)} ± ${s.R_e[1].toFixed(2)} mΩ, ${s.R_e[2]}${s.growth === null ? "" : `; ${s.growth > 0 ? "+" : ""}${s.growth.toFixed(1)} % since commissioning`}` : "");
+  put(r.resistance, s.R_e ? `internal resistance (R_e) ${s.R_e[0].toFixed(2)} ± ${s.R_e[1].toFixed(2)} mΩ, ${s.R_e[2]}${s.growth === null ? "" : `; ${s.growth > 0 ? "+" : ""}${s.growth.toFixed(1)} % since commissioning`}` : "");
   const bad = s.quality.map((q, k) => [k + 1, about.words[q]]).filter(([k, w]) => r.sensors.has(k) && w !== "good" && w !== "doubtful").map(([k, w]) => `sensor ${k} is ${w}`);
   if (s.quality.some((q) => about.words[q] === "doubtful")) bad.unshift("core not proven");
   put(r.heat, s.heat ? `heat that no current makes: ${s.heat[1].toFixed(2)} ± ${s.heat[2].toFixed(2)} W in cell ${s.heat[0]}` : "");
@@ -214,7 +214,7 @@ function mixed(share) {
 function trend(svg, points) {
   svg.replaceChildren();
   const usable = points.filter(([, R, sd]) => R !== null && sd !== null);
-  svg.setAttribute("aria-label", usable.length ? `trend of R_e, from ${usable[0][1].toFixed(2)} to ${usable.at(-1)[1].toFixed(2)} milliohm` : "no trend of R_e yet");
+  svg.setAttribute("aria-label", usable.length ? `trend of the internal resistance (R_e), from ${usable[0][1].toFixed(2)} to ${usable.at(-1)[1].toFixed(2)} milliohm` : "no trend of the internal resistance (R_e) yet");
   if (usable.length < 2) return;
   const t0 = usable[0][0], t1 = usable.at(-1)[0];
   const low = Math.min(...usable.map(([, R, sd]) => R - sd)), high = Math.max(...usable.map(([, R, sd]) => R + sd));

@@ -41,7 +41,9 @@ async function refresh() {
       job(state.job);
       complain(state.error);
       road.show(state);
+      if (!state.job?.trial) plots.trying(null);
       await plots.show(state, fresh);
+      plots.trying(state.job?.trial);
       document.body.dataset.version = version;
       document.body.dataset.busy = state.job ? state.job.kind : "";
     } while (stale);
@@ -59,7 +61,7 @@ function job(j) {
 function heard(news) {
   const kind = news.job?.kind ?? "";
   // progress alone changes the bar; everything else is fetched
-  if (busy === kind && kind && news.job.share > 0) { job(news.job); road.trial(news.job.trial); return; }
+  if (busy === kind && kind && news.job.share > 0) { job(news.job); road.trial(news.job.trial); plots.trying(news.job.trial); return; }
   busy = kind;
   if (news.version !== version) refresh();
 }
@@ -106,7 +108,7 @@ async function claim() {
   keep({ desk: (await post("desk")).desk });
   version = -1; // a desk counts its own changes
   // the program was started anew: the work goes its way again
-  if (ui.session) await post("resume", ui.session).catch((e) => complain(e.message));
+  if (ui.session) await road.resume(ui.session).catch((e) => complain(e.message));
 }
 
 function keys(e) {

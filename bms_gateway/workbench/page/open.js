@@ -2,81 +2,87 @@
 import { $, el, get, post, attempt, complain } from "./util.js";
 
 const ONCE = { time_s: "time", current_A: "current, discharge positive", coolant_inlet_C: "coolant inlet, or the air around",
-  voltage_V: "voltage of the string", soc: "state of charge (SOC)", coolant_flow_m3_s: "coolant flow" };
+  voltage_V: "voltage of the string", soc: "SOC (state of charge)", coolant_flow_m3_s: "coolant flow" };
 const MANY = { surface: ["surface of cell", "C", "temperature"], core: ["core of cell", "C", "temperature"], cell_voltage: ["voltage of cell", "V", "voltage"] };
 const QUANTITY = { time_s: "time", current_A: "current", coolant_inlet_C: "temperature", voltage_V: "voltage", soc: "soc", coolant_flow_m3_s: "flow" };
 const DATES = ["dd/mm/yyyy", "mm/dd/yyyy"];
 const SHOWN = { share: [100, "%"], "m³/s": [60000, "l/min"] };
 const PLAIN = { time: "s", current: "A", temperature: "°C", voltage: "V", soc: "-", flow: "m3/s" };
 
-let look = null; // as the server told it last
-let rows = []; // what the person sees: name, what, cell, unit, flip
+let groups = []; // tables with the same columns: what the server told of each, and the rows that the person sees
+let told = ""; // what the server told last
 let opened = false; // a record is open
-let of = ""; // table and content that the rows are of
+let given = new Map(); // columns of tables that are open, which nobody has looked at since
 
 const parts = (ours) => { const m = /^(surface|core|cell_voltage)_(\d+)_/.exec(ours); return m ? [m[1], Number(m[2])] : [ours, 0]; };
 const quantity = (what) => QUANTITY[what] ?? MANY[what]?.[2];
 const ours = (r) => (MANY[r.what] ? `${r.what}_${r.cell}_${MANY[r.what][1]}` : r.what);
-const unitOf = (c) => c.unit || (look.units[quantity(parts(c.ours)[0])]?.includes(c.stated) ? c.stated : "");
+const unitOf = (look, c) => c.unit || (look.units[quantity(parts(c.ours)[0])]?.includes(c.stated) ? c.stated : "");
+const header = (look) => (look.log ? `${look.log} ${look.source}` : look.columns.map((c) => c.name).join("\n"));
+const last = (path) => path.split(/[\\/]/).pop();
 
-export const table = () => look && !look.log && rows.length > 0;
+export const table = () => groups.some((g) => g.rows.length > 0);
 
 // The pairs that --columns takes; what the names tell by themselves needs none.
-export function pairs() {
-  return rows.filter((r) => r.what && !(r.by === "name" && !r.touched)).map((r) => {
-    const c = look.columns[r.at];
+function pairs(g) {
+  return g.rows.filter((r) => r.what && !(r.by === "name" && !r.touched)).map((r) => {
+    const c = g.look.columns[r.at];
     const unit = r.unit && r.unit !== c.stated ? ` [${r.unit}]` : "";
     return `${ours(r)}=${r.flip ? "-" : ""}${r.name}${unit}`;
   });
 }
 
-// Takes what the server found in a table; what a person chose before stays where the columns are the same.
+// Takes what the server found in the tables; what a person chose before stays where the columns are the same.
 export function show(found, isOpen) {
-  if (isOpen !== opened) { opened = isOpen; if (look) draw(); }
-  const told = JSON.stringify(found);
-  if (!found || told === of) return;
-  of = told;
-  const same = look && found.source === look.source && found.columns.map((c) => c.name).join("\n") === look.columns.map((c) => c.name).join("\n");
-  look = found;
-  if (!same) {
-    rows = found.columns.map((c, at) => {
+  if (isOpen !== opened) { opened = isOpen; if (groups.length) draw(); }
+  const now = JSON.stringify(found);
+  if (!found || now === told) return;
+  told = now;
+  const before = groups;
+  groups = [];
+  for (const look of found.tables) {
+    const same = groups.find((g) => header(g.look) === header(look));
+    if (same) { same.sources.push(look.source); continue; }
+    const old = before.find((g) => header(g.look) === header(look));
+    const g = { look, sources: [look.source], rows: old?.rows ?? look.columns.map((c, at) => {
       const [what, cell] = parts(c.ours);
-      return { at, name: c.name, what, cell, unit: "", flip: c.flip, by: c.by, touched: false };
-    });
-    for (const r of rows) r.unit = unitOf(found.columns[r.at]);
+      return { at, name: c.name, what, cell, unit: unitOf(look, c), flip: c.flip, by: c.by, why: c.why, touched: false };
+    }) };
+    groups.push(g);
   }
   if (table()) $("columns").value = "";
   draw();
 }
 
-const twice = () => { const all = rows.filter((r) => r.what).map(ours); return all.filter((x, i) => all.indexOf(x) !== i); };
-const lacking = () => ["time_s", "current_A", "coolant_inlet_C"].filter((x) => !rows.some((r) => r.what === x)).map((x) => ONCE[x].split(",")[0])
-  .concat(rows.some((r) => r.what === "surface") ? [] : ["surface of a cell"]);
+const twice = (g) => { const all = g.rows.filter((r) => r.what).map(ours); return all.filter((x, i) => all.indexOf(x) !== i); };
+const lacking = (g) => ["time_s", "current_A", "coolant_inlet_C"].filter((x) => !g.rows.some((r) => r.what === x)).map((x) => ONCE[x].split(",")[0])
+  .concat(g.rows.some((r) => r.what === "surface") ? [] : ["surface of a cell"]);
 
 function draw() {
-  const box = $("mapping");
-  box.hidden = !look || (opened && Boolean(look.log));
+  const box = $("mapping"), shown = groups.filter((g) => !opened || !g.look.log);
+  box.hidden = !shown.length;
   if (box.hidden) return;
   const focused = document.activeElement?.id;
-  if (look.log) {
-    box.replaceChildren(el("p", {}, `${look.source} is a CAN log (${look.log}). It needs a gateway config; or drop its DBC file here, and the signals are found as init finds them.`));
-    return;
-  }
-  const guessed = rows.filter((r) => r.by === "guess").length;
-  const lack = lacking(), double = twice();
-  box.replaceChildren(el("h3", {}, `Columns of ${look.source}`),
-    el("p", { class: lack.length || double.length ? "alarm" : "muted", id: "mapping-told", role: "status" },
-      double.length ? `Two columns are taken for ${double[0]}.` : lack.length ? `Still missing: ${lack.join(", ")}.`
-        : guessed ? `${guessed} columns are guessed (marked ?): check them, with their units and signs.` : "The names of the columns say what they are."),
-    el("div", { class: "scroll", tabindex: "0", role: "group", "aria-label": "columns of the table" },
-      el("table", { class: "columns" }, el("thead", {}, el("tr", {}, ...["Column", "First values", "Is", "Unit", "−", "Reads as"].map((t) => el("th", { scope: "col", title: t === "−" ? "opposite sign" : null }, t)))),
-        el("tbody", {}, ...rows.map(line)))),
-    look.notes.length ? el("p", { class: "muted" }, `${look.notes.join("; ")}.`) : "");
+  box.replaceChildren(...shown.flatMap(columnsOf));
   if (focused && document.activeElement?.id !== focused) $(focused)?.focus({ preventScroll: true });
 }
 
-function line(r) {
-  const c = look.columns[r.at], id = `column-${r.at}`;
+function columnsOf(g) {
+  const { look } = g, names = g.sources.join(", "), k = groups.indexOf(g);
+  if (look.log) return [el("p", {}, `${names} is a CAN log (${look.log}). It needs a gateway config; or drop its DBC file here, and the signals are found as init finds them.`)];
+  const guessed = g.rows.filter((r) => r.by === "guess").length, lack = lacking(g), double = twice(g);
+  return [el("h3", {}, `Columns of ${names}`),
+    el("p", { class: lack.length || double.length ? "alarm" : "muted", id: k ? `mapping-told-${k}` : "mapping-told", role: "status" },
+      double.length ? `Two columns are taken for ${double[0]}.` : lack.length ? `Still missing: ${lack.join(", ")}.`
+        : guessed ? `${guessed} columns are guessed (marked ?): check them, with their units and signs.` : "The names of the columns say what they are."),
+    el("div", { class: "scroll", tabindex: "0", role: "group", "aria-label": `columns of ${names}` },
+      el("table", { class: "columns" }, el("thead", {}, el("tr", {}, ...["Column", "First values", "Is", "Unit", "Sign −", "Reads as"].map((t) => el("th", { scope: "col" }, t)))),
+        el("tbody", {}, ...g.rows.map((r) => line(g, r))))),
+    look.notes.length ? el("p", { class: "muted" }, `${look.notes.join("; ")}.`) : ""];
+}
+
+function line(g, r) {
+  const { look, rows } = g, k = groups.indexOf(g), c = look.columns[r.at], id = `${k ? `table-${k}-` : ""}column-${r.at}`;
   const options = [["", "not used"], ...Object.entries(ONCE), ...Object.entries(MANY).map(([k, v]) => [k, v[0]])];
   const change = (more) => { Object.assign(r, more, { touched: true, by: r.by === "guess" ? "told" : r.by }); draw(); again(); };
   const what = el("select", { id, "aria-label": `${r.name} is`, onchange: (e) => {
@@ -98,7 +104,7 @@ function line(r) {
   const number = (x) => (Math.abs(x) >= 1e5 ? x.toExponential(2) : String(Number(x.toPrecision(4))).replace("-", "−"));
   const seen = "low" in c && r.what ? el("span", {}, curve(c.points), ` ${number(scale * c.low)} to ${number(scale * c.high)} ${told}`) : "";
   return el("tr", { class: r.what ? "" : "unused" }, el("th", { scope: "row" }, c.name), el("td", { class: "muted" }, c.cells.slice(0, 2).map(short).join("  ")),
-    el("td", {}, what, cell, r.by === "guess" ? el("abbr", { title: `guessed: ${c.why}` }, " ?") : ""), el("td", {}, unit), el("td", {}, flip), el("td", {}, seen));
+    el("td", {}, what, cell, r.by === "guess" ? el("small", { class: "muted why" }, `? guessed${r.why ? `: ${r.why}` : ""}`) : ""), el("td", {}, unit), el("td", {}, flip), el("td", {}, seen));
 }
 
 // A number to a few digits, with the mark that it has.
@@ -121,14 +127,36 @@ function curve(points) {
 let waiting = 0;
 function again() {
   clearTimeout(waiting);
-  if (!look || look.log || twice().length) return;
-  waiting = setTimeout(() => ask().catch((e) => complain(e.message)), 200);
+  waiting = 0;
+  if (groups.some((g) => twice(g).length)) return;
+  waiting = setTimeout(() => { waiting = 0; ask().catch((e) => complain(e.message)); }, 200);
+}
+
+// What was chosen last is looked at before the tables are opened: a reload shows it then.
+export async function settled() {
+  if (!waiting) return;
+  clearTimeout(waiting);
+  waiting = 0;
+  await ask();
 }
 
 export const tables = () => $("tables").value.split("\n").map((t) => t.trim()).filter(Boolean);
-const said = () => ($("columns").value.trim() ? [$("columns").value.trim()] : []);
-export const all = () => [...said(), ...pairs()];
-export const ask = () => post("look", { tables: tables().slice(0, 1), columns: all() });
+export const said = () => ($("columns").value.trim() ? [$("columns").value.trim()] : []);
+
+// The columns of each table in its place: as they are chosen here, or as it is open.
+export const each = () => tables().map((t) => {
+  const g = groups.find((x) => x.sources.includes(last(t)));
+  return g ? pairs(g) : given.get(t) ?? [];
+});
+export const keep = (files) => { given = new Map(files.tables.map((t, k) => [t, files.each?.[k] ?? []])); };
+
+// One after the other: what is asked last is told last.
+let asked = Promise.resolve();
+export const ask = () => {
+  const mine = asked.catch(() => null).then(() => post("look", { tables: tables(), columns: said(), each: each() }));
+  asked = mine;
+  return mine;
+};
 
 // What a person says of the cell, where there is no model file.
 export function form() {

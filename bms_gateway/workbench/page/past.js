@@ -15,7 +15,7 @@ export function build(known, name, jump, grafana) {
   about = known; view = name; seek = jump; fleet = grafana;
   const choice = (id, options) => el("select", { id, onchange: () => { asked = 0; link(); if (latest) follow(latest); } }, ...options.map(([v, t]) => el("option", { value: v }, t)));
   const svg = document.createElementNS(SVG, "svg");
-  for (const [k, v] of Object.entries({ id: "past", height: 270, width: "100%", role: "img" })) svg.setAttribute(k, v);
+  for (const [k, v] of Object.entries({ id: "past", height: 270, width: "100%", role: "img", "aria-label": "hottest point over time: nothing yet" })) svg.setAttribute(k, v);
   svg.addEventListener("click", (e) => {
     if (!shown?.t.length) return;
     const box = svg.getBoundingClientRect(), [t0, t1] = ends();
@@ -28,7 +28,7 @@ export function build(known, name, jump, grafana) {
     el("a", { id: "export-signals", class: "file", download: "signals.csv" }, "Export its signals (CSV)"),
     el("button", { type: "button", id: "diagnose-window", onclick: attempt(diagnose) }, "Diagnose this window"),
     el("a", { id: "grafana", class: "file", target: "_blank", rel: "noopener noreferrer", hidden: true }, "This window in Grafana")),
-    svg, el("p", { class: "muted" }, "Band: 95 %. Dashed: limit. Upright lines: alerts raised, orange for warnings, red for alarms. A click goes to that moment."));
+    svg, el("ul", { id: "past-marks" }), el("p", { class: "muted" }, "Band: 95 %. Dashed: limit. Upright lines: alerts raised, orange for warnings, red for alarms. A click goes to that moment; so does a click on an alert of the list."));
   queueMicrotask(link);
   addEventListener("resize", () => { if (shown && svg.clientWidth) draw(); });
   return section;
@@ -106,13 +106,23 @@ function draw() {
     for (const run of runs(y)) put("polyline", { points: run.map((i) => `${x(shown.t[i]).toFixed(1)},${at(y[i]).toFixed(1)}`).join(" "), fill: "none", stroke: COLORS[name] ?? "var(--ink)", "stroke-width": name === "hottest" ? 2 : 1.2 });
   }
   for (const m of shown.marks.filter((k) => k.state !== "over")) {
-    const line = put("line", { x1: x(m.at), x2: x(m.at), y1: TOP, y2: below, stroke: m.level === "alarm" ? "var(--danger)" : "var(--before)", "stroke-width": 2, class: `mark ${m.level}` });
-    line.append(Object.assign(document.createElementNS(SVG, "title"), { textContent: m.text }));
+    put("line", { x1: x(m.at), x2: x(m.at), y1: TOP, y2: below, stroke: m.level === "alarm" ? "var(--danger)" : "var(--before)", "stroke-width": 2, class: `mark ${m.level}` });
   }
+  marks();
   const bottom = below + 18;
   for (const share of [0, 0.5, 1]) put("text", { x: x(t0 + share * (t1 - t0)), y: bottom, "text-anchor": ["start", "middle", "end"][2 * share] }, clock(t0 + share * (t1 - t0)));
   const hot = shown.hottest.filter((v) => v !== null);
   svg.setAttribute("aria-label", `hottest point of ${about.strings[shown.string].name} from ${clock(t0)} to ${clock(t1)}: ${Math.min(...hot).toFixed(1)} to ${Math.max(...hot).toFixed(1)} °C, limit ${limit} °C, ${shown.marks.length} changes of alerts`);
+}
+
+// The alerts that the upright lines stand for, in words, the newest first; a button goes to its moment.
+const MOST_MARKS = 8;
+function marks() {
+  const raised = shown.marks.filter((k) => k.state !== "over").reverse(), told = JSON.stringify(raised), list = $("past-marks");
+  if (list.dataset.told === told) return;
+  list.dataset.told = told;
+  list.replaceChildren(...raised.slice(0, MOST_MARKS).map((m) => el("li", { class: m.level }, el("button", { type: "button", onclick: () => seek(m.at) }, clock(m.at)), ` ${m.level === "alarm" ? "Alarm" : "Warning"}: ${m.text}`)),
+    ...(raised.length > MOST_MARKS ? [el("li", {}, `and ${raised.length - MOST_MARKS} earlier, see below`)] : []));
 }
 
 // Stretches of indices without a gap.

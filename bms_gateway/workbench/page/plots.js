@@ -79,15 +79,37 @@ function ofSteps(figure, place) {
   return found;
 }
 
+const labelled = (name) => state.diagnosed?.ranking.find((r) => r.name === name)?.effects.map((e) => `${e.title} (${e.key})`).join(" and ") || name;
+
 function laidOver(place) {
+  if (place === "surface" && fitting?.of === specs.surface?.name) {
+    const line = { type: "scatter", mode: "lines", name: `+ ${fitting.names}, being fitted`, hoverinfo: "skip", line: { color: colorOf(state.steps.length), width: 2.6 } };
+    return [{ ...line, x: fitting.x, y: fitting.y }, { ...line, x: fitting.at, y: fitting.residual, yaxis: "y2", showlegend: false }];
+  }
   const own = over && place === "surface" ? curves.get(over)?.[specs.surface?.name] : null;
   if (!own) return [];
-  const line = { type: "scatter", mode: "lines", name: `with ${over}`, hoverinfo: "skip" };
+  const line = { type: "scatter", mode: "lines", name: `with ${labelled(over)}`, hoverinfo: "skip" };
   const color = dark() ? "#54c9a4" : "#009e73";
   return [
     { ...line, x: own.x, y: own.y, line: { color, width: 2.6 } },
     { ...line, x: own.at, y: own.residual, yaxis: "y2", showlegend: false, line: { color, width: 2.6 } },
   ];
+}
+
+// The model that is being fitted, as it is so far: its curves move while its error falls.
+let fitting = null, pictured = 0, asking = false, latest = null;
+export async function trying(trial) {
+  latest = trial ?? null;
+  if (!latest) { pictured = 0; if (fitting) { fitting = null; if (specs.surface?.figure && window.Plotly) await draw("surface"); } return; }
+  if (asking) return;
+  asking = true;
+  try {
+    while (latest && latest.picture !== pictured && specs.surface?.figure && window.Plotly) {
+      pictured = latest.picture;
+      const { names } = latest, of = specs.surface.name, { curves: own } = await get("curves", { name: of, fitting: 1 });
+      if (latest && own) { fitting = { ...own, of, names }; await draw("surface"); }
+    }
+  } catch (e) { complain(e.message); } finally { asking = false; }
 }
 
 async function draw(place) {

@@ -20,9 +20,10 @@ const scroll = (name, html) => el("div", { class: "scroll", tabindex: "0", role:
 export function prepare() {
   $("open-form").addEventListener("submit", attempt(async (e) => {
     e.preventDefault();
+    await columns.settled();
     await post("open", { tables: words($("tables").value), model: $("model").value.trim(), config: $("config").value.trim(),
       dbc: words($("dbc").value), form: columns.form(), string: $("string").value.trim(), recent: $("recent").value.trim(), store: $("store").value.trim(),
-      columns: columns.all() });
+      columns: columns.said(), each: columns.each() });
   }));
   $("example").addEventListener("click", attempt(() => post("open", { tables: ["example: bench.csv.gz"], model: "example: bench.toml" })));
   $("tables").addEventListener("change", columns.prepare);
@@ -34,20 +35,33 @@ export function prepare() {
     }));
   }
   $("session-file").addEventListener("change", attempt(async (e) => {
-    const [file] = e.target.files;
+    const files = [...e.target.files];
     e.target.value = "";
-    let session = null;
-    try { session = JSON.parse(await file.text()); } catch { throw new Error(`${file.name}: no session file of the workbench`); }
-    await post("resume", session);
+    await take(files);
   }));
   addEventListener("dragover", (e) => e.preventDefault());
   addEventListener("drop", attempt(async (e) => { e.preventDefault(); await take([...e.dataTransfer.files]); }));
   addEventListener("variant", () => state && compare());
 }
 
-// Uploads files into the field that they were chosen for, or by their kind where they were dropped.
+// Opens a session; where it lacks files it waits for them to be uploaded.
+let waiting = null;
+export async function resume(session) {
+  waiting = null;
+  await post("resume", session).catch((e) => {
+    if (e.message.startsWith("session: upload ")) waiting = session;
+    throw e;
+  });
+}
+
+async function sessionIn(file) {
+  try { return JSON.parse(await file.text()); } catch { throw new Error(`${file.name}: no session file of the workbench`); }
+}
+
+// Uploads files into the field that they were chosen for, or by their kind where they were dropped; a session comes last.
 async function take(files, field = null) {
-  for (const file of files) {
+  const named = files.filter((f) => /\.json$/i.test(f.name));
+  for (const file of files.filter((f) => !named.includes(f))) {
     const { name } = await upload(file);
     const kind = /\.(dbc|kcd|arxml|sym)$/i.test(name) ? "dbc" : name.endsWith(".toml") ? (/^\s*\[\[string\]\]/m.test(await file.text()) ? "config" : "model") : "tables";
     const to = kind === "dbc" ? (field === "config" ? null : "dbc") : field === "config" && kind !== "config" ? null : field ?? kind;
@@ -55,7 +69,9 @@ async function take(files, field = null) {
     else if (to) $(to).value = name;
     if (to === "dbc" || to === "config") $("more").open = true;
   }
-  if (field !== "model" && field !== "config" && columns.tables().length) await columns.ask();
+  const session = named.length ? await sessionIn(named[0]) : waiting;
+  if (session) await resume(session);
+  else if (field !== "model" && field !== "config" && columns.tables().length) await columns.ask();
 }
 
 const short = (path) => path.split(/[\\/]/).pop();
@@ -75,6 +91,7 @@ export function show(next) {
     $("store").value = state.files.recent?.store ?? "";
     $("dbc").value = asked.dbc.join("\n");
     columns.fill(asked.form);
+    columns.keep(state.files);
     $("columns").value = columns.table() ? "" : state.files.columns.join(",");
     $("more").open = Boolean(asked.config || asked.dbc.length || $("columns").value || state.files.recent?.store);
   }
@@ -106,6 +123,7 @@ function opened() {
   const several = o.records.length > 1;
   const by = (x) => (several ? `${short(x.record)}: ` : "");
   $("opened").append(
+    ...(state.dropped ? [el("p", { class: "alarm", id: "dropped" }, state.dropped)] : []),
     ...(state.session?.notes ? [el("h3", {}, "Notes"), el("p", { class: "written", id: "notes-told" }, state.session.notes)] : []),
     el("h3", {}, "Records"),
     el("ul", {}, ...o.records.map((r) => el("li", {}, `${short(r.source)}: ${r.minutes.toFixed(0)} min, ${r.readings} readings of cell${r.cells.length > 1 ? "s" : ""} ${r.cells.join(", ")}${r.core ? "; a thermocouple in a core, used to judge only" : ""}`))),
@@ -151,21 +169,22 @@ function verdict() {
   const button = el("button", { class: d ? "" : "main", type: "button", id: "diagnose", "data-work": true, "data-off": state.opened ? null : "1", onclick: diagnose },
     d ? "Diagnose again" : "What is missing?");
   box.replaceChildren(el("h2", {}, "Diagnose"));
+  if (state.dropped) box.append(el("p", { class: "alarm" }, state.dropped));
   if (!d) { box.append(...none(state.opened ? "Searches the catalogue of effects for what explains the error; none is assumed." : NOTHING), button); return; }
   box.append(el("p", {}, el("span", { class: `tag ${d.verdict}` }, d.tag)), el("p", { class: "verdict" }, d.sentence),
-    d.selected.length && !d.selected.every(inModel) ? el("p", {}, el("button", { type: "button", class: "main", id: "add-named", "data-work": true, onclick: () => add(d.selected.filter((k) => !inModel(k))) }, `Add ${d.selected.filter((k) => !inModel(k)).join(" and ")}`)) : "",
+    d.selected.length && !d.selected.every(inModel) ? el("p", {}, el("button", { type: "button", class: "main", id: "add-named", "data-work": true, onclick: () => add(d.selected.filter((k) => !inModel(k))) }, `Add ${labels(d.selected.filter((k) => !inModel(k)))}`)) : "",
     ...core(d.core));
   if (state.diagnosed_of) box.append(el("p", { class: "muted" }, `Found for “${state.diagnosed_of}”, before what has been added since.`));
   const together = d.selected.filter((k) => !inModel(k));
-  if (together.length > 1) box.append(el("p", {}, el("button", { type: "button", class: "main", id: "add-all", "data-work": true, onclick: () => add(together) }, `Add ${together.join(" and ")} at once`)));
+  if (together.length > 1) box.append(el("p", {}, el("button", { type: "button", class: "main", id: "add-all", "data-work": true, onclick: () => add(together) }, `Add ${labels(together)} at once`)));
   const list = el("ul", { class: "effects" });
   let before = null;
   for (const [i, r] of d.ranking.entries()) {
-    if (r.role !== before) list.append(el("li", {}, el("h3", {}, d.groups[r.role] ?? "Weighed")));
+    if (r.role !== before) list.append(el("li", {}, el("h3", {}, d.groups[r.role] ?? "Weighed"), el("p", { class: "muted against" }, `Bars: ${d.against[r.role]}.`)));
     before = r.role;
     list.append(effect(r, i, d));
   }
-  if (d.ranking.length) box.append(el("p", { class: "muted" }, "Evidence as log-odds; dashed: what an effect needs, 20 to 1. Point at an effect to draw its curve."), list);
+  if (d.ranking.length) box.append(el("p", { class: "muted" }, `Evidence as log-odds, all bars on one scale; dashed: what an effect needs, 3 (20 to 1). ${d.recalled ? "Kept from the session: diagnose again to draw curves of effects." : "Point at an effect, or tap it, to draw its curve."}`), list);
   if (d.next) box.append(el("h3", {}, "What to measure next"), el("p", { id: "next" }, d.next));
   if (d.card.length) box.append(fold("card", "What these data could show at all", el("ul", {}, ...d.card.map((t) => el("li", {}, t)))));
   if (d.absorbed.length) box.append(fold("absorbed", "What a parameter absorbs", el("ul", {}, ...d.absorbed.map((t) => el("li", {}, t)))));
@@ -198,6 +217,7 @@ function effect(r, i, d) {
 }
 
 // In plain words first, the word of the catalogue in brackets.
+const labels = (keys) => keys.map((k) => { const e = state.opened?.catalogue.find((x) => x.name === k.split(":")[0]); return e ? `${e.title} (${k})` : k; }).join(" and ");
 const named = (r) => (r.effects.length ? r.effects.map((e) => `${e.title} (${e.key})`).join(" and ") : r.name);
 
 function told(r, d) {
@@ -216,7 +236,7 @@ function told(r, d) {
     say("Looks like", e.confused_with.join(", "));
   }
   const keys = r.effects.map((e) => e.key).filter((k) => !inModel(k));
-  const button = keys.length ? el("button", { type: "button", id: `add-${r.name}`, "data-work": true, onclick: () => add(keys) }, `Add ${keys.join(" and ")}`) : el("span", { class: "muted" }, "in the model");
+  const button = keys.length ? el("button", { type: "button", id: `add-${r.name}`, "data-work": true, onclick: () => add(keys) }, `Add ${labels(keys)}`) : el("span", { class: "muted" }, "in the model");
   return el("div", { class: "told" }, list, button);
 }
 
@@ -239,6 +259,7 @@ function steps() {
 
 // One and the same too: its bars move to where they are to be from wherever they are.
 const stairs = el("div", { class: "stairs" });
+const barNames = el("p", { class: "muted", id: "bar-names" });
 const underStairs = el("div", {});
 
 function climb() {
@@ -246,23 +267,22 @@ function climb() {
   const kinds = KINDS.filter(([kind]) => all.some((s) => s.stair?.[kind] > 0));
   const shape = JSON.stringify([kinds, all.length]);
   if (stairs.dataset.shape !== shape) { raise(kinds, all.length); stairs.dataset.shape = shape; }
+  barNames.replaceChildren(...all.flatMap((s, j) => [j ? " · " : "", el("b", {}, `${j + 1}`), ` ${s.name}${s.kind === "unproven" ? " (core not proven)" : s.kind === "forced" ? " (by force)" : ""}`]));
   for (const [i, [kind, title]] of kinds.entries()) {
     const values = all.map((s) => s.stair?.[kind] ?? null);
     const floor = kind === "core_K" ? null : all[0].stair?.floor_K;
     const top = Math.max(...values, floor ?? 0) || 1;
     const [caption, bars] = stairs.children[i].children;
-    caption.textContent = `${title[0].toUpperCase()}${title.slice(1)}, K${floor ? "; dotted: noise alone" : ""}`;
+    caption.textContent = `${title[0].toUpperCase()}${title.slice(1)}, K${floor ? `; dotted: noise alone, ${K(floor, 2)}` : ""}`;
     bars.setAttribute("aria-label", `${title}: ${values.map((v, j) => `${all[j].name} ${K(v)}`).join(", ")}${floor ? `; noise ${K(floor)}` : ""}`);
     values.forEach((v, j) => {
       const bar = bars.children[j];
       bar.className = `bar ${all[j].kind}`;
-      bar.title = `${all[j].name}${all[j].kind === "unproven" ? ": core not proven" : ""}`;
       bar.lastChild.textContent = v === null ? "–" : K(v, 2).replace(" K", "");
       bar.style.setProperty("--c", colorOf(j));
       bar.style.setProperty("--h", `${v === null ? 0 : (100 * v) / top}%`);
     });
     bars.lastChild.style.bottom = `${(100 * (floor ?? 0)) / top}%`;
-    bars.lastChild.title = floor ? `noise alone: ${K(floor)}` : "";
     bars.lastChild.hidden = !floor;
   }
 }
@@ -272,7 +292,7 @@ function raise(kinds, count) {
   const stood = [...stairs.children].map((f) => [...f.querySelectorAll(".bar")].map((bar) => bar.style.getPropertyValue("--h")));
   stairs.replaceChildren(...kinds.map((_, i) => {
     const bars = Array.from({ length: count }, (_, j) =>
-      el("span", { class: "bar", style: `--h:${stood[i]?.[Math.min(j, stood[i].length - 1)] ?? "0%"}` }, el("i", {}), el("b", {})));
+      el("span", { class: "bar", style: `--h:${stood[i]?.[Math.min(j, stood[i].length - 1)] ?? "0%"}` }, el("i", {}), el("small", {}, `${j + 1}`), el("b", {})));
     return el("figure", {}, el("figcaption", {}), el("div", { class: "bars", role: "img" }, ...bars, el("span", { class: "floor" })));
   }));
   stairs.getBoundingClientRect(); // from here on changes move
@@ -291,10 +311,10 @@ const field = el("input", { id: "effect-name", list: "effect-names", autocomplet
 
 function adding() {
   // the stairs stay in their place: what is taken out and put back does not move
-  if (!stairs.isConnected) $("panel-add").replaceChildren(el("h2", {}, "Add"), stairs, underStairs);
+  if (!stairs.isConnected) $("panel-add").replaceChildren(el("h2", {}, "Add"), stairs, barNames, underStairs);
   const box = underStairs;
   box.replaceChildren();
-  stairs.hidden = !(state.steps.some((s) => s.words.length) || state.refusal || state.job?.trial);
+  stairs.hidden = barNames.hidden = !(state.steps.some((s) => s.words.length) || state.refusal || state.job?.trial);
   if (!state.steps.length) { box.append(...none(NOTHING)); return; }
   if (!stairs.hidden) climb();
   else box.append(el("p", { class: "muted" }, "Nothing is added yet. This place shows what an addition does to the errors, where fitted and where held out, and to the band of the core."));

@@ -1,0 +1,68 @@
+"""What a session keeps of a diagnosis, and whether it still holds: of the same records and the same model alone.
+
+A diagnosis is kept as what it said; it is not made again. The effects that it names are told anew from the catalogue.
+"""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from bms_gateway.config.model_file import format_model
+from bms_gateway.diagnosis.record import Record
+from bms_gateway.errors import ConfigError
+from bms_gateway.thermal import StringModel
+from bms_gateway.workbench.documents import Document, effect
+
+DRIVEN = ("I", "I2", "I_abs", "T_in", "flow", "soc", "V", "IV")
+
+LEFT_OUT = {
+    "records": "these are not the measurements that it was made of",
+    "model": "this is not the model that it was made of",
+    "both": "neither the measurements nor the model are those that it was made of",
+}
+
+
+def digests(records: Sequence[Record], model: StringModel) -> dict[str, str]:
+    """Give digests of the records and of the model, by which a diagnosis is known to be theirs.
+
+    They are of the numbers: a file that is renamed or packed stays the same, and so does a model with other comments.
+    The last digits of a float are left out, which differ between processors.
+    """
+    told = hashlib.sha256()
+    for r in records:
+        read = [r.surface, r.core]
+        floats = [getattr(r.drive, name) for name in DRIVEN] + [r.instants] + [x for s in read for x in (s.share, s.y)]
+        for x in floats:
+            told.update(np.asarray(x, "<f4").tobytes())
+        for s in read:
+            told.update(repr(s.cells).encode())
+            told.update(np.asarray(s.sensor, "<i8").tobytes() + np.asarray(s.left, "<i8").tobytes())
+        told.update(repr((r.drive.dt, sorted(r.drive.known), r.segments)).encode())
+    return {"records": told.hexdigest(), "model": hashlib.sha256(format_model(model).encode()).hexdigest()}
+
+
+def recalled(kept: Mapping[str, Any], now: Mapping[str, str]) -> tuple[dict[str, Document], str]:
+    """Give the diagnoses of a session by the number of their step, and why they are left out where they are.
+
+    Parameters
+    ----------
+    kept : mapping
+        From `session.diagnoses_of`.
+    now : mapping
+        Digests of what is open.
+    """
+    other = [what for what in ("records", "model") if kept["digest"].get(what) != now[what]]
+    if kept["diagnosed"] and other:
+        why = LEFT_OUT["both" if len(other) > 1 else other[0]]
+        return {}, f"The session’s diagnosis is left out: {why}. Diagnose again."
+    try:
+        return {str(d["step"]): _whole(d["said"]) for d in kept["diagnosed"]}, ""
+    except ConfigError as e:
+        return {}, f"The session’s diagnosis is left out: {e}."
+
+
+def _whole(said: Mapping[str, Any]) -> Document:
+    ranking = [{**r, "effects": [effect(key) for key in r["effects"]], "drawn": False} for r in said["ranking"]]
+    return {**said, "ranking": ranking, "recalled": True}

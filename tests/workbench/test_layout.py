@@ -1,0 +1,62 @@
+"""The panels with results in them: nothing is cut off at any width, and a wide window is used."""
+
+import pytest
+
+from tests.support.page_steps import FIT_S, seen_added, seen_compared
+from tests.truth.packs import pack as make_pack
+from tests.workbench.browser import faults
+from tests.workbench.conftest import served
+
+pytestmark = pytest.mark.slow  # a browser, and fits
+CUT = """
+const panels = document.querySelector('#panels'), found = [];
+const right = panels.getBoundingClientRect().left + panels.clientLeft + panels.clientWidth;
+if (panels.scrollWidth > panels.clientWidth) found.push(`panels: ${panels.scrollWidth} in ${panels.clientWidth}`);
+for (const e of panels.querySelectorAll('*')) {
+  if (!e.getClientRects().length || e.closest('.scroll, .hidden') || e.matches('input[type=file]')) continue;
+  const told = `${e.tagName} ${e.id || e.className}: ${e.innerText?.slice(0, 40)}`;
+  if (e.getBoundingClientRect().right > right + 1) found.push(`over the edge: ${told}`);
+  const hides = !e.matches('input, textarea') && ['hidden', 'clip'].includes(getComputedStyle(e).overflowX);
+  if (hides && e.scrollWidth > e.clientWidth + 1) found.push(`cut off: ${told}`);
+}
+return found;
+"""
+
+LONG = """
+const p = document.createElement('p');
+p.innerText = 'x'.repeat(400);
+document.querySelector('#panel-add').append(p);
+"""
+
+
+def test_results_are_whole_at_every_width(window, axe, tmp_path):
+    pack = make_pack(tmp_path)
+    with served(pack.folder, *pack.words) as url:
+        page = window(url)
+        seen_compared(page)
+        page.idle(FIT_S)
+        page.click("#tab-diagnose")
+        page.click("#diagnose")
+        page.wait("return document.querySelector('#panel-diagnose .verdict')", patience_s=FIT_S)
+        seen_added(page)
+        page.click("#tab-diagnose")
+        page.click("#effect-0")
+        widths = {}
+        for width in (390, 1024, 1280, 1920):
+            page.cdp("Emulation.setDeviceMetricsOverride", width=width, height=800, deviceScaleFactor=1, mobile=False)
+            for step in ("open", "compare", "diagnose", "add", "take"):
+                page.click(f"#tab-{step}")
+                page.wait("return document.documentElement.scrollWidth <= innerWidth", patience_s=20)
+                assert page.run(CUT) == [], (width, step)
+            widths[width] = page.run("return document.querySelector('#panels').clientWidth")
+        assert widths[1024] < widths[1920]  # the panel uses the width that there is
+        assert widths[1920] > 0.25 * 1920
+        assert widths[390] > 0.85 * 390
+        page.click("#theme")
+        for step in ("diagnose", "add"):
+            page.click(f"#tab-{step}")
+            assert faults(page, axe) == [], step
+
+        # the test sees what is cut off
+        page.run(LONG)
+        assert any("panels: " in told for told in page.run(CUT))

@@ -1,0 +1,176 @@
+"""What the live page looks like: old, doubtful and hot cells; forecast, and heat that no current makes."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bms_gateway.bus.logfile import read_log, write_log
+from bms_gateway.config import load_config, shipped
+from bms_gateway.engine import Engine, Estimated, drive
+from bms_gateway.engine.forecast_result import TOLD_S
+from bms_gateway.frames.quality import Quality
+from bms_gateway.workbench.watch import Watch
+from tests.support.vehicle_traffic import traffic
+from tests.workbench.browser import faults
+from tests.workbench.conftest import served
+
+EXAMPLE = "deploy/example/gateway.toml"
+LIMIT_C = 80.0
+"""Of the cores, where the config names none."""
+CIVIDIS = ((0, 34, 78), (53, 69, 108), (102, 105, 112), (148, 142, 119), (200, 184, 102), (254, 232, 56))
+CATCH = """
+const Own = window.EventSource;
+window.EventSource = class extends Own {
+  set onmessage(f) {
+    super.onmessage = e => {
+      if (!this.url.includes('/api/watch')) { f(e); return; }
+      window.last ??= JSON.parse(e.data);
+      if (!window.held) { window.last = JSON.parse(e.data); f(e); }
+    };
+    if (this.url.includes('/api/watch')) window.show = p => f({data: JSON.stringify(p)});
+  }
+};
+"""
+"""Holds the pictures of the page back, so that a test can show one that it has changed."""
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory):
+    path = tmp_path_factory.mktemp("log") / "drive.log"
+    write_log(path, [traffic(40.0)])
+    return path
+
+
+def watched(log):
+    """A watch that no tab looks at yet, its engine, and all that the engine says."""
+    config = load_config(shipped(EXAMPLE))
+    engine = Engine(config.plan, config.database)
+    bus = {"received": 0, "dropped": 0, "bits": 0, "link": "log"}
+    watch = Watch(engine, "log", "drive.log", 500e3, lambda: bus)
+    return watch, engine, drive(engine, read_log(log))
+
+
+def newest(watch):
+    return json.loads(next(watch.stream("test")))
+
+
+def test_the_forecast_is_that_of_the_engine(log):
+    watch, engine, events = watched(log)
+    for event in events:
+        watch.take(event)
+    assert list(TOLD_S.values()) == ["60", "300", "600"]  # places 1 to 3 are one, five and ten minutes
+    for shown, s in zip(newest(watch)["strings"], engine.strings, strict=True):
+        f, ahead = s.forecast, shown["ahead"]
+        k = f.hottest
+        assert ahead["cell"] == k + 1
+        assert ahead["load_A"] == pytest.approx(f.load, abs=0.06)
+        assert ahead["point"] == pytest.approx([float(f.centre[h, k]) for h in (1, 2, 3)], abs=0.006)
+        assert ahead["half"] == pytest.approx([1.96 * float(f.centre_sd[h, k]) for h in (1, 2, 3)], abs=0.006)
+        assert ahead["limit_s"] is None  # at 33 °C
+
+
+@pytest.mark.parametrize(("heat_W", "sd_W", "told"), [(2.0, 0.3, [4, 2.0, 0.59]), (0.5, 0.3, None)])
+def test_heat_that_no_current_makes_is_told_where_it_is_sure(log, heat_W, sd_W, told):
+    watch, engine, events = watched(log)
+    for event in events:
+        if isinstance(event, Estimated):
+            heat, sd = np.array(event.heat), np.array(event.heat_sd)
+            heat[:], sd[:] = 0.0, 1.0
+            mine = event.layout.parts[2]
+            heat[mine.start + 3], sd[mine.start + 3] = heat_W, sd_W
+            watch.take(replace(event, heat=heat, heat_sd=sd))
+        else:
+            watch.take(event)
+    assert len(engine.strings) == 5
+    assert [s["heat"] for s in newest(watch)["strings"]] == [None, None, told, None, None]
+
+
+def scale(core_C):
+    """Colour of a cell well below the limit: dark at 50 K below it, light at 10 K."""
+    share = min(max((core_C - LIMIT_C + 50.0) / 40.0, 0.0), 1.0)
+    return [float(np.interp(share, np.linspace(0.0, 1.0, 6), [c[i] for c in CIVIDIS])) for i in range(3)]
+
+
+@pytest.mark.slow
+def test_old_doubtful_and_hot_cells_look_different(window, log, axe, tmp_path):
+    with served(tmp_path, "--live", log, "--config", shipped(EXAMPLE)) as url:
+        page = window("about:blank", (1280, 900))
+        page.cdp("Page.addScriptToEvaluateOnNewDocument", source=CATCH)
+        page.go(url)
+        page.wait("return document.querySelectorAll('.live-cell').length === 60")
+        page.wait(
+            "return !document.querySelector('#live-state').innerText && window.last?.strings?.[0].core[0] !== null"
+        )
+        page.run("window.held = true")
+        color = (
+            "return getComputedStyle(document.querySelectorAll('.live-cell')[arguments[0]])"
+            ".backgroundColor.match(/\\d+/g).map(Number)"
+        )
+        cores = page.run("return last.strings.flatMap(s => s.core)")
+        page.run("show(last)")
+        for k in (0, 30, 59):
+            assert page.run(color, k) == pytest.approx(scale(cores[k]), abs=1.0)
+
+        # the scale is fixed: other cells get hot, and this one keeps its colour
+        hot = (
+            "const p = structuredClone(last), s = p.strings[0];"
+            "[-5, 1, -10.5].forEach((x, k) => { s.core[k] = s.centre[k] = arguments[0] + x; });"
+            "show(p);"
+        )
+        page.run(hot, LIMIT_C)
+        assert page.run(color, 0) == [255, 152, 56]
+        assert page.run(color, 1) == [176, 0, 32]
+        assert page.run(color, 2) == pytest.approx(scale(LIMIT_C - 10.5), abs=1.0)
+        assert page.run(color, 59) == pytest.approx(scale(cores[59]), abs=1.0)
+        assert page.run("return [...document.querySelectorAll('.live-cell.over')].length") == 1
+
+        # a core that is not proven: dotted, with a question mark, and in words
+        page.run(
+            "const p = structuredClone(last); p.strings[1].quality[0] = arguments[0]; show(p);", int(Quality.DOUBTFUL)
+        )
+        style = "return getComputedStyle(document.querySelectorAll('.live-cell')[arguments[0]])[arguments[1]]"
+        assert page.run(style, 12, "borderTopStyle") == "dotted"
+        mark = "return getComputedStyle(document.querySelectorAll('.live-cell b')[arguments[0]], '::after').content"
+        assert page.run(mark, 12) == '"?"'
+        assert page.run(mark, 13) in ("none", "normal")
+        words = "return document.querySelectorAll('.live-string')[arguments[0]].innerText"
+        assert "core not proven" in page.run(words, 1)
+        assert "core not proven" not in page.run(words, 2)
+
+        # stale and parked: said above, faded below, and not alike
+        look = (
+            "const s = getComputedStyle(document.querySelector('.live-string .live-cells'));"
+            "return [s.filter, s.outlineStyle]"
+        )
+        looks, said = {}, {}
+        for state, age in (("now", 0), ("stale", 12), ("parked", 4000)):
+            page.run("show({...structuredClone(last), state: arguments[0], age: arguments[1]})", state, age)
+            looks[state], said[state] = tuple(page.run(look)), page.text("#live-state")
+            assert faults(page, axe) == [], state
+        assert looks == {
+            "now": ("none", "none"),
+            "stale": ("saturate(0.4)", "dashed"),
+            "parked": ("grayscale(1)", "solid"),
+        }
+        assert said == {
+            "now": "",
+            "stale": "Stale: nothing new for 12 s.",
+            "parked": "Parked: the bus has been silent for 1:06:40; the last estimates are shown.",
+        }
+
+        # what comes, and heat that no current makes, in words
+        page.run(
+            "const p = structuredClone(last), s = p.strings[0]; s.heat = [4, 2.0, 0.59];"
+            "s.ahead = {cell: 3, load_A: -40, point: [40, 42, 44], half: [0.5, 1, 2], limit_s: [5, 480],"
+            " discharge: [1, 2, 90], charge: [1, 2, 45]}; show(p);"
+        )
+        told = page.run(words, 0)
+        assert "heat that no current makes: 2.00 ± 0.59 W in cell 4" in told
+        assert (
+            "forecast at 40 A charging: hottest point in 1, 5, 10 min 40.0 ± 0.5, 42.0 ± 1.0, 44.0 ± 2.0 °C (cell 3); "
+            "cell 5 reaches its limit in 480 s; for 10 min 90 A discharge, 45 A charge" in told
+        )
+        assert "internal resistance (R_e)" in told
+        assert page.complaints() == []
