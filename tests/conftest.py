@@ -23,8 +23,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 settings.register_profile("any-machine", deadline=None)
 settings.load_profile("any-machine")
 
-# Tables of parsed DBC files are kept for this run alone, in its workers and in what tests start. The run's first process
-# makes and removes them: a worker may end without any clean-up.
+# Tables of parsed DBC files are kept for this run alone, in its workers and in what tests start. The process that began
+# the run makes and removes them: a worker may end without any clean-up.
 TABLES = "bms-gateway-tables-"
 _tables = None
 if not Path(os.environ.get("CACHE_DIRECTORY", "")).name.startswith(TABLES):

@@ -15,19 +15,15 @@ ROOT = Path(__file__).parents[1]
 SHORT = ("tests/frames/test_e2e.py", "tests/frames/test_packed.py", "tests/health/test_confirm.py")
 
 
-@pytest.mark.parametrize("workers", [(), ("-n", "2", "--dist", "loadgroup")])
-def test_no_tables_are_left_behind(tmp_path, workers):
+PARALLEL = ("-n", "2", "--dist", "loadgroup")
+
+
+@pytest.mark.parametrize("more", [(), PARALLEL, (*PARALLEL, "-p", "tests.support.killed_workers")])
+def test_no_tables_are_left_behind(tmp_path, more):
     env = {k: v for k, v in os.environ.items() if not k.startswith(("PYTEST_", "CACHE_DIRECTORY"))}
-    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *workers, *SHORT]
-    done = subprocess.run(
-        command,
-        cwd=ROOT,
-        env={**env, "TMPDIR": str(tmp_path)},
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=300,
-    )
+    env["TMPDIR"] = str(tmp_path)
+    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *more, *SHORT]
+    done = subprocess.run(command, cwd=ROOT, env=env, capture_output=True, text=True, check=False, timeout=300)
     assert done.returncode == 0, done.stdout + done.stderr
     assert not list(tmp_path.glob("bms-gateway-tables-*"))
 
