@@ -5,7 +5,6 @@ import errno
 import os
 import signal
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
@@ -13,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from bms_gateway.bus.canframe import ERR, to_wire
-from bms_gateway.chaos.live import Fault, LiveBench
+from bms_gateway.chaos.live import BusScenario, Fault, LiveBench
 from bms_gateway.chaos.reaction import Counted, Reaction, Told, Uncounted
 from bms_gateway.chaos.scenario import Scenario
 from bms_gateway.config import shipped
@@ -51,29 +50,6 @@ WITH_DBC: Final = (
     '[bus]\nchannel = "vcan0"\ndbc = ["vehicle.dbc"]\n[[string]]\nname = "string_1"\nmodel = "string.toml"\n'
 )
 NET: Final = Path("/sys/class/net")
-
-
-@dataclass(frozen=True, slots=True)
-class BusScenario:
-    """A scenario in real time, and what is done.
-
-    Attributes
-    ----------
-    scenario : Scenario
-    fault : Fault
-    small_buffer : bool
-        Of the gateway's socket.
-    load : int
-        Frames of others beside those of the pack, 1/s.
-    all_frames : bool
-        Whether the gateway's port takes these, too, as it does where it needs their identifiers.
-    """
-
-    scenario: Scenario
-    fault: Fault
-    small_buffer: bool = False
-    load: int = 0
-    all_frames: bool = False
 
 
 def bus_scenarios(channel: str | None) -> list[BusScenario]:

@@ -2,11 +2,11 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
-from bms_gateway.chaos.bus_faults import BusScenario, bus_scenarios
+from bms_gateway.chaos.bus_faults import bus_scenarios
 from bms_gateway.chaos.door_faults import door_scenarios
 from bms_gateway.chaos.facts import Facts
 from bms_gateway.chaos.heat_faults import heat_scenarios
-from bms_gateway.chaos.live import RealTimeBench
+from bms_gateway.chaos.live import BusScenario, RealTimeBench
 from bms_gateway.chaos.scenario import Outcome, Scenario
 from bms_gateway.chaos.sensors import sensor_scenarios
 from bms_gateway.chaos.service_faults import service_scenarios
@@ -81,14 +81,7 @@ class Chaos:
             return SteppedBench(self._plan, self._database, self._channel, self._seed).run(scenario)
         if self._live is None:
             self._live = RealTimeBench(self._plan, self._database, self._channel, self._seed)
-        of_bus = self._bus[name]
-        return self._live.run(
-            scenario,
-            of_bus.fault,
-            small_buffer=of_bus.small_buffer,
-            load=of_bus.load,
-            all_frames=of_bus.all_frames,
-        )
+        return self._live.run(self._bus[name])
 
     def run_all(self, names: Sequence[str], each: Callable[[Outcome], None] | None = None) -> list[Outcome]:
         """Run some scenarios, and report each when it ends."""

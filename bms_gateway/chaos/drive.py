@@ -1,7 +1,8 @@
 """A simulated pack whose sensors can be broken: its traffic and the truth, second by second."""
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Final
 
 import numpy as np
 
@@ -56,6 +57,31 @@ class Second:
     truth: Floats
 
 
+@dataclass(frozen=True, slots=True)
+class Incident:
+    """What happens to a pack on the road.
+
+    Attributes
+    ----------
+    changes : mapping of (quantity, cell) to callable
+        Faults of the sensors of the first string.
+    fault_s : (float, float)
+        When they begin and end.
+    rest_s : (float, float), optional
+        Between these no current flows.
+    fault : PackFault, optional
+        What breaks in the pack.
+    """
+
+    changes: Mapping[Key, Change] = field(default_factory=dict)
+    fault_s: tuple[float, float] = (0.0, 0.0)
+    rest_s: tuple[float, float] | None = None
+    fault: PackFault | None = None
+
+
+NOTHING: Final = Incident()
+
+
 class Drive:
     """The pack of a plan on the road.
 
@@ -64,14 +90,7 @@ class Drive:
     plan : Plan
     database : Database
     seed : int
-    changes : mapping of (quantity, cell) to callable, optional
-        Faults of the sensors of the first string.
-    fault_s : (float, float)
-        When they begin and end.
-    rest_s : (float, float), optional
-        Between these no current flows.
-    fault : PackFault, optional
-        What breaks in the pack.
+    incident : Incident
     cycle : str
         Of `thermal.cycles.CYCLES`.
     """
@@ -82,21 +101,17 @@ class Drive:
         database: Database,
         seed: int = 0,
         *,
-        changes: Mapping[Key, Change] | None = None,
-        fault_s: tuple[float, float] = (0.0, 0.0),
-        rest_s: tuple[float, float] | None = None,
-        fault: PackFault | None = None,
+        incident: Incident = NOTHING,
         cycle: str = CYCLE,
     ) -> None:
         self._pack = VirtualPack(plan, seed, cycle=cycle)
         self._traffic = Traffic(plan, database)
-        self._changes, self._fault_s = dict(changes or {}), fault_s
-        self._rest_s, self._fault = rest_s, fault
+        self._incident = incident
         self._rng = np.random.default_rng([seed, 0xC4])
 
     def seconds(self, count: int, at_once: int = SEGMENT_S) -> Iterator[Second]:
         """Generate seconds of traffic in blocks of a given length, which is short where the bus is full."""
-        for segments in self._pack.segments(count, rest_s=self._rest_s, fault=self._fault):
+        for segments in self._pack.segments(count, rest_s=self._incident.rest_s, fault=self._incident.fault):
             t = segments[0].time_s
             feeds = [
                 {key: self._sensed(index, key, series) for key, series in s.series.items()}
@@ -113,7 +128,7 @@ class Drive:
 
     def _sensed(self, string: int, key: Key, series: Series) -> Sensed:
         noise = SENSOR_NOISE_K if key[0] in NOISY else 0.0
-        change = self._changes.get(key) if string == 0 else None
+        change = self._incident.changes.get(key) if string == 0 else None
         return Sensed(
             series.time_s,
             series.value,
@@ -121,5 +136,5 @@ class Drive:
             noise,
             self._rng if noise else None,
             change,
-            *self._fault_s,
+            *self._incident.fault_s,
         )

@@ -218,6 +218,29 @@ def _listening(told: Callable[[str, str], None]) -> Iterator[None]:
         package.propagate = before[1]
 
 
+@dataclass(frozen=True, slots=True)
+class BusScenario:
+    """A scenario in real time, and what is done.
+
+    Attributes
+    ----------
+    scenario : Scenario
+    fault : Fault
+    small_buffer : bool
+        Of the gateway's socket.
+    load : int
+        Frames of others beside those of the pack, 1/s.
+    all_frames : bool
+        Whether the gateway's port takes these, too, as it does where it needs their identifiers.
+    """
+
+    scenario: Scenario
+    fault: Fault
+    small_buffer: bool = False
+    load: int = 0
+    all_frames: bool = False
+
+
 class RealTimeBench:
     """Runs scenarios of the bus.
 
@@ -234,18 +257,8 @@ class RealTimeBench:
         self._plan, self._database, self._channel = plan, database, channel
         self._seconds = [s.frames for s in Drive(plan, database, seed).seconds(DRIVE_S)]
 
-    def run(
-        self,
-        scenario: Scenario,
-        fault: Fault,
-        *,
-        small_buffer: bool = False,
-        load: int = 0,
-        all_frames: bool = False,
-    ) -> Outcome:
-        """Run one scenario from a fresh start to its recovery; `load` frames/s of others fill the bus meanwhile.
-
-        With `all_frames` the gateway's port takes those, too.
+    def run(self, played: BusScenario) -> Outcome:
+        """Run one scenario from a fresh start to its recovery.
 
         Raises
         ------
@@ -254,24 +267,13 @@ class RealTimeBench:
         """
         with tempfile.TemporaryDirectory() as folder:
             engine = Engine(self._plan, self._database)
-            wanted = (*engine.can_ids.tolist(), *([FOREIGN_ID] if all_frames else []))
-            run = self._run(scenario, fault, engine, wanted, Path(folder), small_buffer=small_buffer, load=load)
-            return judge(scenario, asyncio.run(run))
+            return judge(played.scenario, asyncio.run(self._run(played, engine, Path(folder))))
 
-    async def _run(
-        self,
-        scenario: Scenario,
-        fault: Fault,
-        engine: Engine,
-        wanted: tuple[int, ...],
-        folder: Path,
-        *,
-        small_buffer: bool,
-        load: int,
-    ) -> Record:
+    async def _run(self, played: BusScenario, engine: Engine, folder: Path) -> Record:
+        wanted = (*engine.can_ids.tolist(), *([FOREIGN_ID] if played.all_frames else []))
         own = engine.sends
         access = Access(wanted, own=own)
-        buffer = SMALL_BUFFER if small_buffer else RECEIVE_BUFFER
+        buffer = SMALL_BUFFER if played.small_buffer else RECEIVE_BUFFER
         pair: socket.socket | None = None
         if self._channel is None:
             ours, pair = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
@@ -298,8 +300,8 @@ class RealTimeBench:
             fits.close()
 
         bench = LiveBench(self._channel, port, tuple(own), wanted, vehicle.raw, vehicle.send, folder, disk)
-        run = _LiveRun(scenario, bench, ears, vehicle, Bystander(self._plan, self._database), self._seconds)
-        run.load = load
+        run = _LiveRun(played.scenario, bench, ears, vehicle, Bystander(self._plan, self._database), self._seconds)
+        run.load = played.load
         gateway = Gateway(engine, port, watch=run.watch, save=save, reload=reload, run_job=fits.run, end_jobs=end_jobs)
         gateway.save_every_s = SAVE_S
         gateway.unread = lambda: store.unread
@@ -307,7 +309,7 @@ class RealTimeBench:
         run.engine = engine
         try:
             with _listening(run.tell):
-                work, driven = asyncio.ensure_future(gateway.run()), asyncio.ensure_future(run.drive(fault))
+                work, driven = asyncio.ensure_future(gateway.run()), asyncio.ensure_future(run.drive(played.fault))
                 try:
                     await asyncio.wait((work, driven), return_when=asyncio.FIRST_COMPLETED)
                     if not driven.done():

@@ -6,7 +6,6 @@ port, bus clock, engine and frames are those of the service. Faults that need re
 queues) run on the live bench.
 """
 
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +20,7 @@ from bms_gateway.bus.in_process import MemoryBus
 from bms_gateway.bus.replay import SocketCanSender
 from bms_gateway.bus.socketcan import SocketCanPort
 from bms_gateway.bus.traffic import SECOND
-from bms_gateway.chaos.drive import Drive, Second
+from bms_gateway.chaos.drive import Drive, Incident, Second
 from bms_gateway.chaos.record import Bystander, Line, Record
 from bms_gateway.chaos.scenario import STEADY, Outcome, Scenario, is_sound, judge
 from bms_gateway.engine import Engine, Notice, Plan, SendFrames, drain
@@ -147,11 +146,19 @@ class SteppedBench:
     """
 
     def __init__(self, plan: Plan, database: Database, channel: str | None = None, seed: int = 0) -> None:
-        self._plan, self._database, self._channel, self._seed = plan, database, channel, seed
+        self._plan, self._database, self._channel, self.seed = plan, database, channel, seed
 
     def run(self, scenario: Scenario) -> Outcome:
         """Run one scenario from a fresh start to its recovery."""
         return judge(scenario, self.record(scenario))
+
+    def engine(self) -> Engine:
+        """Make the gateway's engine anew."""
+        return Engine(self._plan, self._database)
+
+    def bystander(self) -> Bystander:
+        """Make a node that listens to the bus."""
+        return Bystander(self._plan, self._database)
 
     def record(self, scenario: Scenario) -> Record:
         """Run one scenario and give all that was seen."""
@@ -162,21 +169,20 @@ class SteppedBench:
         drive = Drive(
             self._plan,
             self._database,
-            self._seed,
-            changes=injection.values,
-            fault_s=fault_s,
-            rest_s=(0.0, np.inf) if injection.rests else fault_s if injection.parked else None,
-            fault=None if injection.pack is None else replace(injection.pack, during_s=fault_s),
+            self.seed,
+            incident=Incident(
+                changes=injection.values,
+                fault_s=fault_s,
+                rest_s=(0.0, np.inf) if injection.rests else fault_s if injection.parked else None,
+                fault=None if injection.pack is None else replace(injection.pack, during_s=fault_s),
+            ),
             cycle=injection.cycle,
         )
-        engine = Engine(self._plan, self._database)
+        engine = self.engine()
         bus: Bus = MemoryWires() if self._channel is None else InterfaceWires(self._channel, engine)
         try:
             with TemporaryDirectory(prefix="bms-gateway-chaos-") as folder:
-                run = _Run(
-                    scenario, record, engine, bus, Bystander(self._plan, self._database), self._seed, Path(folder)
-                )
-                run.fresh = lambda: Engine(self._plan, self._database)
+                run = _Run(self, scenario, record, engine, bus, Path(folder))
                 for k, second in enumerate(drive.seconds(seconds)):
                     run.second(k, second)
                     if run.recovered:
@@ -191,20 +197,19 @@ class _Run:
 
     def __init__(
         self,
+        bench: SteppedBench,
         scenario: Scenario,
         record: Record,
         engine: Engine,
         bus: Bus,
-        bystander: Bystander,
-        seed: int,
         folder: Path,
     ) -> None:
-        self.scenario, self.record, self.bus, self.bystander = scenario, record, bus, bystander
+        self.scenario, self.record, self.bus, self.bystander = scenario, record, bus, bench.bystander()
         self.engine: Engine | None = engine
-        self.fresh: Callable[[], Engine] = lambda: engine
+        self.fresh = bench.engine
         self._store = StateStore(folder)
         self._stopped = False
-        self._rng = np.random.default_rng([seed, 0xFA])
+        self._rng = np.random.default_rng([bench.seed, 0xFA])
         self._steady_ns = 0
         self._wall_off_ns = round(scenario.injection.epoch_s * 1e9)
         self._clock = BusClock(lambda: self._steady_ns + self._wall_off_ns, lambda: self._steady_ns)

@@ -203,7 +203,17 @@ def _step(d: Diagnosis, wants: Sequence[Wanted]) -> Step:
     if len(named) == len(wants) and all(any(w.meets(c) for c in named) for w in wants):
         odds = min(s.log_odds for s in d.selected)
         after = d.search.final
-        return _taken(named, d.search.baseline, after, odds, _unbelievable(after, named), "", _doubts(d))
+        before = d.search.baseline
+        return Step(
+            tuple(named),
+            before,
+            after,
+            odds,
+            refused=_unbelievable(after, named),
+            remark="",
+            seen=(before, after),
+            doubts=_doubts(d),
+        )
     return _fitted_alone(d, wants)
 
 
@@ -274,18 +284,6 @@ def _on_bench(d: Diagnosis, second: SecondSearch, wants: Sequence[Wanted]) -> St
     )
 
 
-def _taken(
-    added: Sequence[Candidate],
-    before: MapFit,
-    after: MapFit,
-    odds: float,
-    refused: str,
-    remark: str,
-    doubts: Sequence[str],
-) -> Step:
-    return Step(tuple(added), before, after, odds, refused, remark, (before, after), None, tuple(doubts))
-
-
 def _fitted_alone(d: Diagnosis, wants: Sequence[Wanted]) -> Step:
     s = Settings()
     before = after = d.search.baseline
@@ -317,7 +315,8 @@ def _fitted_alone(d: Diagnosis, wants: Sequence[Wanted]) -> Step:
         remark = "" if refused else f"These records cannot tell it from {them}."
         if not refused and all(c.name in INSTEAD for c in added):
             remark = f"Heat from the voltage in place of I²R_e: what that lacks is {them}."
-    return _taken(added, before, after, float(odds), refused, remark, [*_doubts(d), *([remark] if remark else [])])
+    doubts = (*_doubts(d), *([remark] if remark else []))
+    return Step(tuple(added), before, after, float(odds), refused, remark, seen=(before, after), doubts=doubts)
 
 
 def _best(current: MapFit, ways: Sequence[Candidate], s: Settings) -> tuple[Candidate, MapFit]:

@@ -251,13 +251,13 @@ def judged(found: Search) -> Diagnosis:
     rows = ROWS_OPEN.format(found.left_open) if found.left_open else ""
     looks = tuple(dict.fromkeys(t.candidate.name for r in found.rounds[:1] for t in r[:3] if t.log_odds > 3.0))
     if verdict == "unknown_effect":
-        return Diagnosis(
-            verdict, True, _sentence(verdict, (), looks, True, base, base) + rows, (), looks, ranking, base, base, found
-        )
+        text = something_unknown(base, looks) + rows
+        return Diagnosis(verdict, True, text, (), looks, ranking, base, base, found)
+    text = nothing_missing(base) if verdict == "adequate" else missing(selected, base, final, remains=remains)
     return Diagnosis(
         verdict,
         remains,
-        _sentence(verdict, selected, (), remains, base, final) + rows,
+        text + rows,
         selected,
         (),
         ranking,
@@ -336,7 +336,7 @@ def _judged_again(first: Diagnosis, second: SecondSearch) -> Diagnosis:
     if second.verdict == "unknown_effect":
         why = why_not(base.heldout_rmse_K, after.heldout_rmse_K)
         ranking = tuple(replace(r, refused=why) for r in ranking)
-        text = _sentence("unknown_effect", (), names, True, base, base)
+        text = something_unknown(base, names)
         if second.known_K is not None and second.known_K[1] < HALVED * second.known_K[0]:
             text += (
                 f" It would explain held-out readings between trained ones (error {course(*second.known_K)}), but the "
@@ -349,7 +349,7 @@ def _judged_again(first: Diagnosis, second: SecondSearch) -> Diagnosis:
     # an effect that is likelier to be another is one of several
     doubtful = [s for s in selected if probable[s.candidate.key] < DECIDED]
     verdict: Verdict = "undecidable" if doubtful else "missing_effect"
-    text = _sentence(verdict, selected, (), True, base, after, second.known_K) + predicted
+    text = missing(selected, base, after, remains=True, known_K=second.known_K) + predicted
     for s in doubtful:
         text += f" {s.candidate.key} is one of several: its probability is {100.0 * probable[s.candidate.key]:.0f} %."
     if not second.core_claimed:
@@ -403,27 +403,33 @@ def named(c: Candidate) -> str:
     return f"{c.name}{place}: {c.effect.title}"
 
 
-def _sentence(
-    verdict: Verdict,
+def nothing_missing(base: Errors) -> str:
+    """Say that the model is adequate."""
+    return (
+        f"The model explains these readings: {base.heldout_rmse_K:.2g} K on held-out blocks, "
+        f"noise {base.noise_floor_K:.2g} K. Nothing is missing that they could show."
+    )
+
+
+def something_unknown(base: Errors, looks: Sequence[str]) -> str:
+    """Say that an effect is missing which the catalogue does not hold; `looks` are effects that it looks like."""
+    like = f" It looks partly like {', '.join(looks)}, but that does not explain it." if looks else ""
+    return (
+        f"Something is missing that no effect of the catalogue explains: {base.heldout_rmse_K:.2g} K on "
+        f"held-out blocks, noise {base.noise_floor_K:.2g} K.{like}"
+    )
+
+
+def missing(
     selected: Sequence[Selected],
-    looks: Sequence[str],
-    remains: bool,
     base: Errors,
     after: Errors,
+    *,
+    remains: bool,
     known_K: tuple[float, float] | None = None,
 ) -> str:
+    """Say which effects are missing, what they do to the error on held-out blocks, and whether more is unknown."""
     floor = base.noise_floor_K
-    if verdict == "adequate":
-        return (
-            f"The model explains these readings: {base.heldout_rmse_K:.2g} K on held-out blocks, "
-            f"noise {floor:.2g} K. Nothing is missing that they could show."
-        )
-    if verdict == "unknown_effect":
-        like = f" It looks partly like {', '.join(looks)}, but that does not explain it." if looks else ""
-        return (
-            f"Something is missing that no effect of the catalogue explains: {base.heldout_rmse_K:.2g} K on "
-            f"held-out blocks, noise {floor:.2g} K.{like}"
-        )
     names = " and ".join(named(s.candidate) for s in selected)
     tied = sorted({t for s in selected for t in s.tied_with})
     them = "it" if len(selected) == 1 else "them"

@@ -221,8 +221,8 @@ def _bins(name: str, x: Floats, peak: float) -> tuple[Floats, tuple[str, ...]] |
     if float(np.ptp(x)) < kind.least:
         return None
     if name == "current":
-        return _directions(x, peak)
-    inner = np.unique(_rounded(np.quantile(x, [0.2, 0.4, 0.6, 0.8]), float(np.ptp(x))))
+        return directions(x, peak)
+    inner = np.unique(rounded(np.quantile(x, [0.2, 0.4, 0.6, 0.8]), float(np.ptp(x))))
     inner = inner[(inner > x.min()) & (inner < x.max())]
     if not len(inner):
         return None
@@ -231,13 +231,14 @@ def _bins(name: str, x: Floats, peak: float) -> tuple[Floats, tuple[str, ...]] |
     return edges, tuple(kind.phrase.format(t) for t in [*labels, f"above {inner[-1]:g}"])
 
 
-def _directions(x: Floats, peak: float) -> tuple[Floats, tuple[str, ...]] | None:
+def directions(x: Floats, peak: float) -> tuple[Floats, tuple[str, ...]] | None:
+    """Split a signed quantity into bins of both directions: edges and labels; None where these are too few."""
     edges: list[float] = [-np.inf]
     labels: list[str] = []
     rest = REST * peak
     for way, side in (("charging", -x[x < -rest]), ("discharging", x[x > rest])):
         # half of what this side reaches: pulses of two sizes end up in bins of their own
-        half = float(_rounded(0.5 * np.quantile(side, [0.95]), peak)[0]) if len(side) > 20 else np.inf
+        half = float(rounded(0.5 * np.quantile(side, [0.95]), peak)[0]) if len(side) > 20 else np.inf
         halves = [half] if rest < half < np.inf else []
         names = [f"while {way} below {h:g} A" for h in halves] + [f"while {way} above {h:g} A" for h in halves]
         names = names or [f"while {way}"]
@@ -251,7 +252,7 @@ def _directions(x: Floats, peak: float) -> tuple[Floats, tuple[str, ...]] | None
     return (np.array(edges), tuple(labels)) if sum(there) > 1 else None
 
 
-def _rounded(x: Floats, span: float) -> Floats:
+def rounded(x: Floats, span: float) -> Floats:
     """To a step that is 1, 2 or 5 times a power of ten, about a fiftieth of the span."""
     rough = span / 50.0
     power = 10.0 ** np.floor(np.log10(rough))

@@ -156,7 +156,7 @@ def _climb(found: Search, offered: Sequence[Candidate], s: Settings, tell: Progr
         gains = screen(current, [c for c in offered if c.key not in there])
         if number == 0:
             found.gains = gains
-        trials = _round(current, baseline, gains, offered, s, number, tell)
+        trials = _round(_Round(current, baseline, offered, s, number), gains, tell)
         if not trials:
             break
         found.rounds.append(trials)
@@ -237,15 +237,19 @@ def _settled(fit: MapFit, baseline: MapFit, s: Settings) -> MapFit:
     return best
 
 
-def _round(
-    current: MapFit,
-    baseline: MapFit,
-    gains: Sequence[Gain],
-    offered: Sequence[Candidate],
-    s: Settings,
-    number: int,
-    tell: Progress,
-) -> list[Trial]:
+@dataclass(frozen=True, slots=True)
+class _Round:
+    """What one round of the search starts from: the model of now, that of the beginning, and what may be added."""
+
+    current: MapFit
+    baseline: MapFit
+    offered: Sequence[Candidate]
+    settings: Settings
+    number: int
+
+
+def _round(start: _Round, gains: Sequence[Gain], tell: Progress) -> list[Trial]:
+    current, offered, s, number = start.current, start.offered, start.settings, start.number
     chosen: list[Gain] = []
     for g in gains:
         family = sum(c.candidate.name == g.candidate.name for c in chosen)
@@ -275,7 +279,7 @@ def _round(
     if strained(current) or (biased and structure(fits[0][1]).z > s.strong):
         _restart(fits, current, s)
         fits.sort(key=lambda x: -posterior(*x))
-    return judge(current, baseline, fits, offered, s, number)
+    return judge(current, start.baseline, fits, offered, s, number)
 
 
 def _restart(fits: list[tuple[Candidate, MapFit]], current: MapFit, s: Settings) -> None:

@@ -275,7 +275,7 @@ def second_search(
         baseline=base.map,
         best=final.map,
         chosen=chosen,
-        probability={c.candidate.key: _probability(board, c.candidate.name) for c in chosen},
+        probability={c.candidate.key: probability(board, c.candidate.name) for c in chosen},
         verdict="missing_effect" if believed else "unknown_effect",
         unknown_remains=True,
         core_claimed=believed and not alarms,
@@ -447,7 +447,7 @@ def _chosen(board: Board, best: Hypothesis) -> tuple[Chosen, ...]:
     return tuple(sorted(found, key=lambda c: -c.log_odds))
 
 
-def _probability(board: Board, name: str) -> float:
+def probability(board: Board, name: str) -> float:
     """Give the probability of an effect, in whatever company, among the hypotheses that are not refused."""
     accepted = board.accepted()
     weight = np.exp(np.array([h.score for h in accepted]) - accepted[0].score)

@@ -84,6 +84,8 @@ class Engine:
         Whether each tick's samples are wanted as `Decoded` events, for a record of recent signals.
     judging : bool
         Whether each tick's errors of the models are wanted as `Judged` events.
+    inputs, estimators, alerting, broadcast : Inputs, Estimators, Alerting, Broadcast or None
+        The parts that a tick goes through, in this order; without `broadcast` nothing is sent.
 
     Raises
     ------
@@ -93,10 +95,10 @@ class Engine:
 
     def __init__(self, plan: Plan, database: Database, *, whole: bool = False) -> None:
         self._plan = plan
-        self._inputs = Inputs(plan, database, whole=whole)
-        self._estimators = Estimators(plan, self._inputs.wires)
-        self._broadcast = Broadcast(plan, database) if plan.transmit else None
-        self._alerting = Alerting(plan.alerts, self._inputs, self._estimators)
+        self.inputs = Inputs(plan, database, whole=whole)
+        self.estimators = Estimators(plan, self.inputs.wires)
+        self.broadcast = Broadcast(plan, database) if plan.transmit else None
+        self.alerting = Alerting(plan.alerts, self.inputs, self.estimators)
         self._clock = Clock()
         self._queue: deque[Event] = deque()
         self._pending: list[FrameBatch] = []
@@ -117,7 +119,7 @@ class Engine:
 
     def foresee(self) -> None:
         """Tell forecasts from now on, with what they start from, as `Foreseen` events."""
-        self._estimators.forecasts.wanted = True
+        self.estimators.forecasts.wanted = True
 
     @property
     def plan(self) -> Plan:
@@ -127,32 +129,32 @@ class Engine:
     @property
     def wires(self) -> list[Wire]:
         """Which inputs each string has, in the order of the plan; `Decoded` speaks of them by their index."""
-        return self._inputs.wires
+        return self.inputs.wires
 
     @property
     def can_ids(self) -> np.ndarray[tuple[int], np.dtype[np.uint32]]:
         """Identifiers that the engine listens to."""
-        return self._inputs.can_ids
+        return self.inputs.can_ids
 
     @property
     def any_sender(self) -> list[int]:
         """Those of them that are parameter groups of J1939: frames of these are taken from another address too."""
-        return self._inputs.senders.can_ids
+        return self.inputs.senders.can_ids
 
     @property
     def senders(self) -> dict[int, int]:
         """Source address by identifier, where frames of a parameter group come from another one than the DBC's."""
-        return self._inputs.senders.heard
+        return self.inputs.senders.heard
 
     @property
     def sends(self) -> dict[int, int]:
         """Identifiers that the engine sends and their cycles, ns; empty when it only listens."""
-        return {} if self._broadcast is None else dict(self._broadcast.cycles)
+        return {} if self.broadcast is None else dict(self.broadcast.cycles)
 
     @property
     def strings(self) -> list[StringEstimator]:
         """What is known of each string now, in the order of the plan; to be read only."""
-        return self._estimators.strings
+        return self.estimators.strings
 
     @property
     def duration_s(self) -> float:
@@ -172,32 +174,32 @@ class Engine:
     @property
     def unheard(self) -> dict[str, str]:
         """Inputs never received, by string, for people."""
-        return self._inputs.unheard()
+        return self.inputs.unheard()
 
     @property
     def faults(self) -> list[tuple[str, Channel, Quality]]:
         """Inputs that are not good now: the string that first names each, its channel, its quality."""
-        return self._inputs.faults()
+        return self.inputs.faults()
 
     @property
     def alerts(self) -> Alerts:
         """What is wrong with inputs and strings, as alerts; to be read only."""
-        return self._alerting.alerts
+        return self.alerting.alerts
 
     @property
     def rejected(self) -> dict[str, int]:
         """Samples turned away so far, by reason."""
-        return self._inputs.rejected
+        return self.inputs.rejected
 
     @property
     def counts(self) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]:
         """Samples (C, 16) of each input so far, by `Quality`; inputs are numbered as in `wires`."""
-        return self._inputs.counts
+        return self.inputs.counts
 
     @property
     def extremes(self) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
         """Least and greatest value of each input so far, believed or not, as the DBC has them (2, C)."""
-        return self._inputs.extremes
+        return self.inputs.extremes
 
     def receive(self, frames: FrameBatch, *, now_ns: int) -> None:
         """Take the next frames of the bus; never raises for what they hold.
@@ -209,7 +211,7 @@ class Engine:
         now_ns : int
             Bus time at which they were read; no stamp is later (one that claims so is taken as now).
         """
-        frames = self._inputs.wanted(frames)
+        frames = self.inputs.wanted(frames)
         if len(frames) and frames.time_ns.max() > now_ns:
             frames = FrameBatch(np.minimum(frames.time_ns, now_ns), frames.can_id, frames.length, frames.data)
         frames = self._clock.straighten(frames)
@@ -237,7 +239,7 @@ class Engine:
             if len(batch):
                 self._heard = int(batch.time_ns[-1])
                 self.frames += len(batch)
-            self._tick(self._inputs.decode(batch), self._deadline)
+            self._tick(self.inputs.decode(batch), self._deadline)
 
     def next_output(self) -> Event | None:
         """Next event of the one ordered queue; None when there is nothing to say."""
@@ -263,7 +265,7 @@ class Engine:
         batch, tick = FrameBatch.concat(self._pending), self._plan.tick_ns
         open_start = int(batch.time_ns[-1]) // tick * tick
         closed = int(np.searchsorted(batch.time_ns, open_start))
-        samples = self._inputs.decode(batch[:closed])
+        samples = self.inputs.decode(batch[:closed])
         frame = sample = 0
         while self._deadline is not None and self._deadline <= open_start:
             frame_end = int(np.searchsorted(batch.time_ns, self._deadline))
@@ -283,7 +285,7 @@ class Engine:
         start = first_ns // tick * tick
         self._deadline, self._heard = start + tick, first_ns
         self._started = self._started or start
-        self._alerting.wake(start)
+        self.alerting.wake(start)
         self._woken = start
         if self._tick_end is not None and start != self._tick_end:
             gap_ns: int | None = start - self._tick_end
@@ -294,8 +296,8 @@ class Engine:
             self._queue.append(
                 Notice(start, Level.INFO, "awake", f"frames again after {how_long}: state carried over the gap")
             )
-            self._inputs.forget()
-            self._estimators.pass_time(None if gap_ns is None else gap_ns * 1e-9, unseen=unseen)
+            self.inputs.forget()
+            self.estimators.pass_time(None if gap_ns is None else gap_ns * 1e-9, unseen=unseen)
         self._stored = False
         self._tick_end = start
 
@@ -303,32 +305,32 @@ class Engine:
         """Estimate at the deadline `t1` from the samples of the interval that it closes; arm the next one."""
         t0 = t1 - self._plan.tick_ns
         self._take_results(t1)
-        readings = self._inputs.update(samples, t0, t1, self._estimators.newest.surface)
+        readings = self.inputs.update(samples, t0, t1, self.estimators.newest.surface)
         if self.recording:
-            taken, good = self._inputs.good
+            taken, good = self.inputs.good
             self._queue.append(Decoded(t1, taken.time_ns[good], taken.input[good], taken.value[good]))
         if t1 - self._woken >= GRACE_TICKS * self._plan.tick_ns:
-            self._queue.extend(self._inputs.changes(t1))
+            self._queue.extend(self.inputs.changes(t1))
         if faults := self._clock.news(t1):
             self._queue.append(Notice(t1, Level.WARNING, "clock", f"time stamps: {faults}"))
         if t1 - self._started == UNHEARD_TICKS * self._plan.tick_ns:
-            for name, missing in self._inputs.unheard().items():
+            for name, missing in self.inputs.unheard().items():
                 self._queue.append(Notice(t1, Level.WARNING, "unheard", f"not received so far: {missing}", name))
-        tick = self._estimators.step(readings, t1)
+        tick = self.estimators.step(readings, t1)
         self._queue.extend(tick.events)
-        self._queue.extend(self._alerting.sense(readings, t1, self._heard))
+        self._queue.extend(self.alerting.sense(readings, t1, self._heard))
         if self.judging:
-            self._queue.append(judged(t1, self.frames, self.rejected, self._estimators, readings))
+            self._queue.append(judged(t1, self.frames, self.rejected, self.estimators, readings))
         for string, job in tick.jobs:
             due = t1 + JOB_DUE_TICKS * self._plan.tick_ns
             self._jobs[self._next_job] = _Running(string, due, job)
             self._queue.append(StartJob(t1, self._next_job, due, job))
             self._next_job += 1
         silent = t1 - self._heard >= self._plan.silent_after_ns
-        self._queue.extend(self._alerting.step(t1, self._heard, silent=silent))
-        if self._broadcast is not None:
+        self._queue.extend(self.alerting.step(t1, self._heard, silent=silent))
+        if self.broadcast is not None:
             state = State.SILENT if silent else self._state(readings)
-            self._queue.append(SendFrames(t1, self._broadcast.encode(t1, self._estimators, state, self._counts(t1))))
+            self._queue.append(SendFrames(t1, self.broadcast.encode(t1, self.estimators, state, self._counts(t1))))
         self._tick_end = t1
         if silent:
             quiet = f"no wanted frame for {self._plan.silent_after_ns / 1e9:g} s: waiting for the bus, sending nothing"
@@ -340,17 +342,17 @@ class Engine:
         for job_id in [i for i, r in self._jobs.items() if r.due_ns <= now and (r.result is not None or not r.taken)]:
             running = self._jobs.pop(job_id)
             result = running.job.run() if running.result is None else running.result
-            self._queue.extend(self._estimators.accept(running.string, result, now))
+            self._queue.extend(self.estimators.accept(running.string, result, now))
 
     def _state(self, readings: Readings) -> State:
         """Tell what the status frame says of us: degraded while a string lacks its current or all of its surfaces."""
-        if not np.isfinite(self._estimators.newest.core).any():
+        if not np.isfinite(self.estimators.newest.core).any():
             return State.STARTING
         sound = (readings.current_quality == GOOD).all() and readings.seen(GOOD).all()
         return State.RUNNING if sound else State.DEGRADED
 
     def _counts(self, t1: int) -> Counts:
-        rejected = sum(self._inputs.rejected.values())
+        rejected = sum(self.inputs.rejected.values())
         counts = Counts(
             self.frames - self._told.frames,
             rejected - self._told.rejected,
@@ -383,9 +385,9 @@ class Engine:
         ConfigError
             There is no such string or cell.
         """
-        found = next((s for s in self._estimators.strings if s.plan.name == string), None)
+        found = next((s for s in self.estimators.strings if s.plan.name == string), None)
         if found is None:
-            names = [s.plan.name for s in self._estimators.strings]
+            names = [s.plan.name for s in self.estimators.strings]
             raise ConfigError(f"there is no string '{string}'{did_you_mean(string, names)}")
         if cell is not None and not 1 <= cell <= found.plan.model.cells:
             raise ConfigError(f"there is no cell {cell} in {string}; valid: 1 to {found.plan.model.cells}")
@@ -409,7 +411,7 @@ class Engine:
         bool
             False where there was nothing to end.
         """
-        done = self._alerting.acknowledge(string)
+        done = self.alerting.acknowledge(string)
         if done:
             self._queue.append(Notice(self._tick_end or 0, Level.NOTICE, "acknowledged", reason, string))
         return done
@@ -419,8 +421,8 @@ class Engine:
         return {
             "version": SNAPSHOT_VERSION,
             "tick_end_ns": self._tick_end,
-            "estimators": self._estimators.snapshot(),
-            "alarms": self._alerting.snapshot(),
+            "estimators": self.estimators.snapshot(),
+            "alarms": self.alerting.snapshot(),
         }
 
     def restore(self, state: Mapping[str, Any], *, sure: bool = False) -> None:
@@ -441,8 +443,8 @@ class Engine:
         if state.get("version") != SNAPSHOT_VERSION:
             raise StateError(f"stored state has version {state.get('version')}, this program writes {SNAPSHOT_VERSION}")
         with fitting():
-            left = self._estimators.restore(state["estimators"])
-            self._alerting.restore(state.get("alarms", {}))  # states of before alarms outlived a restart have none
+            left = self.estimators.restore(state["estimators"])
+            self.alerting.restore(state.get("alarms", {}))  # states of before alarms outlived a restart have none
             self._tick_end = None if state["tick_end_ns"] is None else int(state["tick_end_ns"])
         if self._tick_end is not None and not 0 <= self._tick_end < LATEST_NS:
             seconds = max(-(1 << 99), min(self._tick_end, 1 << 99)) * 1e-9  # an integer may be too large for a float

@@ -58,6 +58,17 @@ class Estimators:
     plan : Plan
     wires : sequence of Wire
         One per string.
+
+    Attributes
+    ----------
+    strings : list of StringEstimator
+        In the order of the plan.
+    groups : list of Group
+        Strings that are computed together.
+    mismatches : Mismatches
+        How well each string's readings follow its model.
+    newest : Newest
+        What is known of all cells at the newest tick.
     """
 
     def __init__(self, plan: Plan, wires: Sequence[Wire]) -> None:
@@ -65,28 +76,28 @@ class Estimators:
         self._introduced = False  # what is known at the start has been told
         self._gap_s = 0.0  # since the last tick, beyond its period
         self._layout = Layout.of([p.name for p in plan.strings], [p.model.cells for p in plan.strings])
-        self._mismatches = Mismatches(len(plan.strings))
+        self.mismatches = Mismatches(len(plan.strings))
         self.newest = Newest.nothing(sum(p.model.cells for p in plan.strings))
         self.strings = [
-            StringEstimator.of(p, w, plan, self.newest, mine, Mismatch(self._mismatches, i))
+            StringEstimator.of(p, w, plan, self.newest, mine, Mismatch(self.mismatches, i))
             for i, (p, w, mine) in enumerate(zip(plan.strings, wires, self._layout.parts, strict=True))
         ]
         plain = [i for i, s in enumerate(self.strings) if not s.plan.model.effects]
-        self._groups: list[Group] = []
+        self.groups: list[Group] = []
         kinds = {i: (self.strings[i].plan.model.cells, self.strings[i].plan.of_several) for i in plain}
         for kind in sorted(set(kinds.values())):
             members = [i for i in plain if kinds[i] == kind]
             stacked = plain_strings(self.strings, members, self._dt, plan.disturbance)
-            self._groups.append(Group.of(self.strings, members, stacked, self._dt))
+            self.groups.append(Group.of(self.strings, members, stacked, self._dt))
         for i, s in enumerate(self.strings):
             if s.plan.model.effects:
                 own = StringWithEffects.of(s, i, self._dt, plan.disturbance)
-                self._groups.append(Group.of(self.strings, [i], own, self._dt))
-        for group in self._groups:
+                self.groups.append(Group.of(self.strings, [i], own, self._dt))
+        for group in self.groups:
             for j, s in enumerate(group.strings):
                 if s.kept is not None:
                     group.reveal(j)
-        self.forecasts = Forecasts(self._groups, self.strings, plan.alerts.core_max_C)
+        self.forecasts = Forecasts(self.groups, self.strings, plan.alerts.core_max_C)
 
     def step(self, readings: Readings, t1: int) -> TickResult:
         """Advance all strings by one tick that ends at `t1`, ns."""
@@ -100,12 +111,12 @@ class Estimators:
             for i, s in enumerate(self.strings):
                 told[i] = [Parameters(t1, s.plan.name, (*s.estimates, *s.effects)), *_proven(s, False, t1)]
         found: list[tuple[int, Finding]] = []
-        for group in self._groups:
+        for group in self.groups:
             surprise[group.rows] = self._step_group(group, readings, t1, jobs, found)
         for i, f in found:
             s = self.strings[i]
             told.setdefault(i, []).append(_found(f, s.plan.name, t1))
-        for i in self._mismatches.take(surprise, self._dt):
+        for i in self.mismatches.take(surprise, self._dt):
             s = self.strings[i]
             level = Level.WARNING if s.mismatch.flag.level else Level.NOTICE
             told.setdefault(i, []).append(Notice(t1, level, "mismatch", s.mismatch.sentence(), s.plan.name))
@@ -126,7 +137,7 @@ class Estimators:
 
     def _adopt_all(self, told: dict[int, list[Event]], t1: int) -> None:
         """Give the observers what recursive methods know now."""
-        for group in self._groups:
+        for group in self.groups:
             for j in group.adopts:
                 self._adopt(group, j)
                 s = group.strings[j]
@@ -234,7 +245,7 @@ class Estimators:
     def errors(self) -> tuple[Floats, Floats]:
         """Tell what readings of all cells (N,) were off at the newest tick, and should be, K; NaN where unread."""
         value, sd = np.full((2, len(self.newest.core)), nan)
-        for group in self._groups:
+        for group in self.groups:
             if group.errors is not None:
                 group.put(value, group.errors.on_cells(group.errors.value))
                 group.put(sd, group.errors.on_cells(group.errors.sd))
@@ -261,7 +272,7 @@ class Estimators:
     def accept(self, string: int, job_result: object, now: int) -> list[Event]:
         """Take the result of a string's job into use."""
         s = self.strings[string]
-        group, j = self._place(string)
+        group, j = self.place(string)
         group.backlog.catch_up(j)  # what has waited belongs to what was known until now
         if isinstance(job_result, HealthResult):
             return [_told(change, s.plan.name, now) for change in s.health.accept(job_result, now)]
@@ -277,7 +288,7 @@ class Estimators:
         s = self.strings[string]
         told = cells.warning
         cells.accept(result)
-        self._adopt(*self._place(string))
+        self._adopt(*self.place(string))
         events: list[Event] = [Parameters(now, s.plan.name, s.estimates)]
         events.append(Notice(now, Level.INFO, "cells", sentence(result.fit), s.plan.name))
         if cells.warning and cells.warning != told:
@@ -294,7 +305,7 @@ class Estimators:
         """Carry all over a time without frames (None: of unknown length); `unseen`: we were off, current may flow."""
         self._gap_s = RESTED_S if gap_s is None else gap_s
         self.forecasts.forget()
-        for group in self._groups:
+        for group in self.groups:
             group.floor.forget()
             if gap_s is None:
                 group.observed.observer.propagate_unknown()
@@ -313,7 +324,7 @@ class Estimators:
         """State by string and by group of equal length, JSON-able."""
         strings = {
             s.plan.name: {
-                "plan": _fingerprint(s.plan),
+                "plan": fingerprint(s.plan),
                 "identifier": s.identifier.snapshot(),
                 "health": s.health.snapshot(),
                 "cells": None if s.cells is None else s.cells.snapshot(),
@@ -326,7 +337,7 @@ class Estimators:
                 "state": g.observed.observer.snapshot(),
                 "heat": None if g.watch is None else g.watch.snapshot(),
             }
-            for g in self._groups
+            for g in self.groups
         ]
         return {"strings": strings, "observers": observers, "forecasts": self.forecasts.snapshot()}
 
@@ -341,7 +352,7 @@ class Estimators:
         same = set()
         for s in self.strings:
             stored = state["strings"].get(s.plan.name)
-            if stored is None or stored["plan"] != _fingerprint(s.plan):
+            if stored is None or stored["plan"] != fingerprint(s.plan):
                 continue
             s.identifier.restore(stored["identifier"])
             check_parameters(s.plan.name, s.identifier.posterior())
@@ -355,7 +366,7 @@ class Estimators:
         observers = {tuple(o["strings"]): o["state"] for o in state["observers"]}
         heats = {tuple(o["strings"]): o.get("heat") for o in state["observers"]}  # older states have none
         cold: set[str] = set()
-        for g in self._groups:
+        for g in self.groups:
             names = self._names(g)
             if tuple(names) in observers and same.issuperset(names):
                 g.observed.observer.restore(observers[tuple(names)])
@@ -377,9 +388,9 @@ class Estimators:
             if s.plan.name in cold
         ]
 
-    def _place(self, string: int) -> tuple[Group, int]:
+    def place(self, string: int) -> tuple[Group, int]:
         """Find a string's group, and its place there."""
-        group = next(g for g in self._groups if string in g.members)
+        group = next(g for g in self.groups if string in g.members)
         return group, group.members.index(string)
 
     def _names(self, group: Group) -> list[str]:
@@ -419,7 +430,7 @@ def _commissioned(s: StringEstimator, now: int) -> list[Event]:
     return [Notice(now, Level.INFO, "ageing", text, s.plan.name)]
 
 
-def _fingerprint(plan: StringPlan) -> str:
+def fingerprint(plan: StringPlan) -> str:
     """Sum up what a stored state must agree with: the model file and the method."""
     m = plan.model
     priors = {k: (np.asarray(p.value).tolist(), p.rel_sd) for k, p in sorted(m.priors.items())}

@@ -89,13 +89,13 @@ class EffectObserver:
         self._model, self._dt = model, float(dt)
         self._disturbance, self._start = disturbance or Disturbance(), start or Start()
         self._physics = Physics(model)
-        self._uncertain, self._cov = uncertain(model)
+        self.uncertain, self._cov = uncertain(model)  # numbers not known exactly, and how they vary
         self._root, self._scatter = root(self._cov), scatter(model)
         self._sensors = np.array(model.sensors, np.int64) - 1
         self._values = {k: np.array(prior.value, np.float64) for k, prior in model.priors.items()}
         self._v = self._physics.numbers(self._values)
-        n, D, p = model.cells, self._physics.states, len(self._uncertain)
-        self._belief = Belief(np.zeros(D + OFFSETS), np.eye(D + OFFSETS), np.zeros((D + OFFSETS, p)))
+        n, D, p = model.cells, self._physics.states, len(self.uncertain)
+        self.belief = Belief(np.zeros(D + OFFSETS), np.eye(D + OFFSETS), np.zeros((D + OFFSETS, p)))
         self._F = np.zeros((D + OFFSETS, p))
         self._seen, self._coolant, self._lag = np.zeros(n), np.zeros(n), np.zeros(n)
         self._surprise = Surprise(self.parameters, self._sensors[None], self._dt, self._disturbance.sensor)
@@ -122,12 +122,12 @@ class EffectObserver:
     @property
     def covariances(self) -> Floats:
         """Of the string's temperatures, the effects' states and the offsets (1, M, M), its numbers taken for true."""
-        return self._belief.P[None]
+        return self.belief.P[None]
 
     @property
     def effect_numbers(self) -> list[EffectNumber]:
         """Numbers of the effects in force."""
-        return effect_numbers(self._model, self._v, self._uncertain, self._cov)
+        return effect_numbers(self._model, self._v, self.uncertain, self._cov)
 
     @property
     def read(self) -> Floats:
@@ -165,7 +165,7 @@ class EffectObserver:
             self._carried(gap_s, unseen, m.inlet, m.flow)
         self._before_gap = None
         knew, known = self._inputs.known, self._inputs.measured(m)
-        before = resumed(self._belief, known & ~knew, m.inlet - self._inputs.inlet, self._cov, self._disturbance)
+        before = resumed(self.belief, known & ~knew, m.inlet - self._inputs.inlet, self._cov, self._disturbance)
         if knew[1] and not known[1]:
             before = unknown_heat(before, self._usual_heat, self._disturbance)
         row = self._inputs.take(m)
@@ -187,7 +187,7 @@ class EffectObserver:
         if not after.finite:  # no number of the model leads here but a senseless one: begin anew
             self._available = np.array(False)
             return self.estimate()
-        self._belief, self._seen = after, seen + tangent.H @ (after.z - now.z)
+        self.belief, self._seen = after, seen + tangent.H @ (after.z - now.z)
         self._widen(now, y, r, r_sd)
         self._force(row, before.z)
         self._follow(self._dt)
@@ -200,7 +200,7 @@ class EffectObserver:
         inputs = self._inputs.known[None], np.array([self._inputs.inlet])
         grown = self._surprise.step(y[None, k], r[:, k], sd, np.maximum(r_sd[:, k], sd), *inputs)
         if grown is not None:
-            self._belief = self._belief.loosened(2 * k, grown[0])
+            self.belief = self.belief.loosened(2 * k, grown[0])
 
     def estimate(self) -> Estimate:
         """Tell where the string is now, with no innovation; nothing changes."""
@@ -208,11 +208,11 @@ class EffectObserver:
 
     def standing(self) -> EffectStanding:
         """Tell all that a forecast starts from."""
-        b, i, there = self._belief, self._inputs, self._available.reshape(1)
+        b, i, there = self.belief, self._inputs, self._available.reshape(1)
         now = b.z[None], b.P[None], b.J[None], self._root[None], self.parameters, np.zeros(1, np.int64), np.ones(1)
         unlike = unlike_of(b, self._coolant, self._scatter, self._centre)
         physics, v, F, usual, carry = self._physics, self._v, self._F, float(i.usual.mean[0, 1]), dict(self._carry)
-        R_e = next((k for k, u in enumerate(self._uncertain) if u.name == "R_e"), None)
+        R_e = next((k for k, u in enumerate(self.uncertain) if u.name == "R_e"), None)
         rest = np.array([i.inlet]), self._lag[None], unlike, there, self._disturbance
         return EffectStanding(*now, *rest, physics, v, self._tangent, F, i.row, usual, carry, R_e)
 
@@ -230,13 +230,13 @@ class EffectObserver:
         """
         del s, own
         new = self._values | {k: np.array(x, np.float64) for k, x in values.items() if k in self._values}
-        moved = log_change(self._values, new, self._uncertain)
+        moved = log_change(self._values, new, self.uncertain)
         self._values, self._v = new, self._physics.numbers(new)
         self._surprise.set_parameters(self.parameters)
-        b = self._belief
-        self._belief = Belief(b.z + b.J @ moved, b.P, b.J)
+        b = self.belief
+        self.belief = Belief(b.z + b.J @ moved, b.P, b.J)
         self._lag = self._lag + self._gap(b.J @ moved)
-        mine = [u.name for u in self._uncertain]
+        mine = [u.name for u in self.uncertain]
         given = [j for j, name in enumerate(names) if name in mine]
         at = [mine.index(names[j]) for j in given]
         cov = exchanged(self._cov, at, covariance[np.ix_(given, given)])
@@ -254,19 +254,19 @@ class EffectObserver:
 
     def _carried(self, gap_s: float, unseen: bool, inlet: float, flow: float) -> Estimate:
         """Carry the string over a gap at whose end inlet, °C, and flow are what they are (NaN: the same)."""
-        b, usual = self._belief, self._usual_heat
+        b, usual = self.belief, self._usual_heat
         if unseen:
-            self._belief = Belief(*opened(b.z, b.P, b.J, gap_s, usual, self._disturbance))
+            self.belief = Belief(*opened(b.z, b.P, b.J, gap_s, usual, self._disturbance))
         last, grown = inlet if isfinite(inlet) else self._inputs.inlet, self._inputs.grown(flow)
         turbulent = strayed(self._disturbance, last - self._inputs.inlet, gap_s)
-        row, g = self._inputs.row, np.zeros(len(self._belief.z))
+        row, g = self._inputs.row, np.zeros(len(self.belief.z))
         for done, h in steps(gap_s, steep=self._physics.steep):
             middle = done + h / 2.0
             row = self._inputs.rest(last, flow, middle / gap_s, h / 3600.0)
             g = self._rest(row, h, phases(middle, usual, self._disturbance) if unseen else 0.0, turbulent, g)
         if isfinite(flow):
-            b = self._belief
-            self._belief = Belief(b.z, b.P + (grown**2 / 12.0 + FLOW_UNSEEN**2) * np.outer(g, g), b.J)
+            b = self.belief
+            self.belief = Belief(b.z, b.P + (grown**2 / 12.0 + FLOW_UNSEEN**2) * np.outer(g, g), b.J)
         self._inputs.resume(last, flow, row, gap_s, unseen=unseen)
         self._follow(gap_s)
         self._unread = self._unread + gap_s
@@ -274,25 +274,25 @@ class EffectObserver:
         self._tangent = None
         instant = row.copy()
         instant[ROW.index("T_in")] = last
-        self._seen = self._readings(self._belief.z, instant, self._memory(row, self._dt)[0])
+        self._seen = self._readings(self.belief.z, instant, self._memory(row, self._dt)[0])
         return self.estimate()
 
     def propagate_unknown(self) -> None:
         """Carry the string over a time of which nobody knows how long it was; effects' memories are those of rest."""
-        was, inputs = self._belief, copy(self._inputs)
+        was, inputs = self.belief, copy(self._inputs)
         self.propagate(JUST_LEFT_S, unseen=True)
-        a = self._belief
-        self._belief, self._inputs = was, inputs
+        a = self.belief
+        self.belief, self._inputs = was, inputs
         self.propagate(RESTED_S)
-        b, self._inputs.known, self._before_gap = self._belief, np.array([False, False]), None
-        self._belief = Belief(*either(a.z, a.P, b.z, b.P), (a.J + b.J) / 2.0)
-        self._lag = self._gap(self._belief.z)
+        b, self._inputs.known, self._before_gap = self.belief, np.array([False, False]), None
+        self.belief = Belief(*either(a.z, a.P, b.z, b.P), (a.J + b.J) / 2.0)
+        self._lag = self._gap(self.belief.z)
 
     def snapshot(self) -> dict[str, Any]:
         """Return all that a restart needs, as numbers, lists and None for NaN."""
         own = {name: plain(np.asarray(getattr(self, f"_{name}"))) for name in _KEPT}
         own |= self._inputs.snapshot()
-        belief = {name: plain(getattr(self._belief, name)) for name in ("z", "P", "J")}
+        belief = {name: plain(getattr(self.belief, name)) for name in ("z", "P", "J")}
         memories = {"": self._carry, "at": self._at_memory} | {f"of {k}": c for k, c in self._carries.items()}
         return {
             "own": own,
@@ -313,7 +313,7 @@ class EffectObserver:
             It belongs to another string, something is missing in it, or it holds no numbers.
         """
         try:
-            belief = Belief(*(like(snapshot["belief"][k], getattr(self._belief, k)) for k in ("z", "P", "J")))
+            belief = Belief(*(like(snapshot["belief"][k], getattr(self.belief, k)) for k in ("z", "P", "J")))
             stored = {"lag": plain(self._gap(belief.z)), **snapshot["own"]}  # states of before there were centres
             own = {k: like(stored[k], np.asarray(getattr(self, f"_{k}"))) for k in _KEPT}
             inputs = self._inputs.restored(snapshot["own"])
@@ -331,7 +331,7 @@ class EffectObserver:
             raise StateError("observer state: holds values that are not numbers")
         for name, value in own.items():
             setattr(self, f"_{name}", value.item() if name == "age" else value)
-        self._belief, self._rows, self._states, self._values = belief, rows, states, values
+        self.belief, self._rows, self._states, self._values = belief, rows, states, values
         self._carry, self._at_memory, self._inputs = carry, at_memory, inputs
         self._carries = {k.removeprefix("of "): m for k, m in memories.items()}
         self._v, self._root = self._physics.numbers(values), root(self._cov)
@@ -357,7 +357,7 @@ class EffectObserver:
         own = np.arange(2 * n, D)
         P[own, own] += REST_SD**2
         z = np.concatenate([X[-1], np.zeros(OFFSETS)])
-        self._belief, self._F = Belief(z, P, np.zeros_like(self._belief.J)), np.zeros_like(self._F)
+        self.belief, self._F = Belief(z, P, np.zeros_like(self.belief.J)), np.zeros_like(self._F)
         self._inputs.begin(m.inlet if known else level)
         self._seen, self._coolant, self._available = np.full(n, level), np.full(n, level), np.array(True)
         self._carry, self._carries, self._tangent = {}, {}, None
@@ -432,8 +432,8 @@ class EffectObserver:
         self._tangent = Tangent.of(j, self._dt, self._disturbance)
         here = self._readings(z, row, memory)
         if self._physics.reads:
-            moved = [self._readings(z, row, memory, u.moved(self._v)) - here for u in self._uncertain]
-            slopes = [d / u.step for d, u in zip(moved, self._uncertain, strict=True)]
+            moved = [self._readings(z, row, memory, u.moved(self._v)) - here for u in self.uncertain]
+            slopes = [d / u.step for d, u in zip(moved, self.uncertain, strict=True)]
             self._G = np.reshape(slopes, (len(slopes), len(here))).T  # of none, where every number is known exactly
 
     def _force(self, row: Floats, z: Floats) -> None:
@@ -445,7 +445,7 @@ class EffectObserver:
 
     def _forcing(self, rows: Floats, states: Floats, dt: float) -> Floats:
         """Mean slope (M, p) of the rates by the uncertain numbers over some steps; runs on the moved memories."""
-        F, moved = forcing(self._physics, self._v, self._uncertain, drive_of(rows, dt), states, self._carries)
+        F, moved = forcing(self._physics, self._v, self.uncertain, drive_of(rows, dt), states, self._carries)
         self._carries |= moved
         return F
 
@@ -456,7 +456,7 @@ class EffectObserver:
         """
         self._carries[""] = self._carry
         memory, self._carry = self._memory(row, h)
-        b, system = self._belief, System(self._physics, drive_of(row[None], h), self._v, memory)
+        b, system = self.belief, System(self._physics, drive_of(row[None], h), self._v, memory)
         j = jacobian(system, b.z, self._disturbance.correlation)
         rate = np.nan_to_num(self._rates(b.z, row, memory, h))
         faster = row.copy()
@@ -470,14 +470,14 @@ class EffectObserver:
         z[:-OFFSETS] = np.clip(z[:-OFFSETS], COLDEST, HOTTEST)
         P = t.Phi @ b.P @ t.Phi.T + t.noise(False, True) + (unseen_heat(j.A, phases, h)[1] if phases else 0.0)
         F = self._forcing(row[None], (b.z + z)[None] / 2.0, h)
-        self._belief = Belief(z, (P + P.T) / 2.0, t.Phi @ b.J + t.Gamma @ F)
+        self.belief = Belief(z, (P + P.T) / 2.0, t.Phi @ b.J + t.Gamma @ F)
         return np.asarray(t.Phi @ g + t.Gamma @ by_flow)
 
     def _estimate(self, r: Floats, r_sd: Floats) -> Estimate:
-        n, z, base = self._model.cells, self._belief.z, self._coolant.copy()
+        n, z, base = self._model.cells, self.belief.z, self._coolant.copy()
         at = self._sensors[self._unread <= READ_WITHIN]
         base[at] = z[1 : 2 * n : 2][at]
-        found = deviations(self._belief, self._root, base, self._scatter, self._centre, self._lag)
+        found = deviations(self.belief, self._root, base, self._scatter, self._centre, self._lag)
         sd = np.where(self._available, np.stack(found), np.inf)[:, None]
         core, surface = np.where(self._available, z[: 2 * n].reshape(n, 2).T, nan)[:, None]
         e, there = Errors(r, r_sd, np.copy), self._available.reshape(1)
@@ -487,7 +487,7 @@ class EffectObserver:
     def _follow(self, elapsed_s: float) -> None:
         """Let the profiles within the rolls follow the difference between their means and their surfaces."""
         tau = time_constant(self._centre.value, self._v.string.R_c, self._v.string.C_c)
-        self._lag = self._lag + followed(elapsed_s, tau) * (self._gap(self._belief.z) - self._lag)
+        self._lag = self._lag + followed(elapsed_s, tau) * (self._gap(self.belief.z) - self._lag)
 
     def _gap(self, z: Floats) -> Floats:
         return np.asarray(z[0 : 2 * self._model.cells : 2] - z[1 : 2 * self._model.cells : 2])

@@ -47,7 +47,7 @@ class MetricsServer:
         self._host, self._port = host, port
         self._page, self._type = page, content_type
         self._made: tuple[float, bytes] | None = None
-        self._clients: dict[asyncio.Task[None], bool] = {}  # the oldest first; whether it has asked
+        self.clients: dict[asyncio.Task[None], bool] = {}  # the oldest first; whether it has asked
         self.address: tuple[str, int] | None = None
         self.refused = 0
 
@@ -58,7 +58,7 @@ class MetricsServer:
             await self._accept(sock)
         finally:
             sock.close()
-            for client in self._clients:
+            for client in self.clients:
                 client.cancel()
 
     async def _listen(self) -> socket.socket:
@@ -90,22 +90,22 @@ class MetricsServer:
             except OSError:  # gone before it was taken, or no descriptor left: the next one may do better
                 self.refused += 1
             else:
-                if len(self._clients) >= SLOTS:
+                if len(self.clients) >= SLOTS:
                     self._let_go()
                 task = loop.create_task(self._serve(client))
-                self._clients[task] = False
+                self.clients[task] = False
                 task.add_done_callback(self._on_served)
             await asyncio.sleep(PAUSE_S)
 
     def _let_go(self) -> None:
         """Close the oldest client that has not asked; where all have, the oldest."""
-        oldest = next((task for task, asked in self._clients.items() if not asked), next(iter(self._clients)))
-        del self._clients[oldest]
+        oldest = next((task for task, asked in self.clients.items() if not asked), next(iter(self.clients)))
+        del self.clients[oldest]
         self.refused += 1
         oldest.cancel()
 
     def _on_served(self, task: "asyncio.Task[None]") -> None:
-        self._clients.pop(task, None)
+        self.clients.pop(task, None)
         if not task.cancelled() and (bug := task.exception()) is not None:
             self.refused += 1
             log.error("the page of metrics cannot be made; estimates go on", exc_info=bug)
@@ -124,8 +124,8 @@ class MetricsServer:
             client.close()
 
     def _has_asked(self, task: "asyncio.Task[None] | None") -> None:
-        if task in self._clients:
-            self._clients[task] = True
+        if task in self.clients:
+            self.clients[task] = True
 
     async def _head(self, client: socket.socket) -> bytes:
         head = b""

@@ -27,11 +27,11 @@ from bms_gateway.health.alerts import Change
 from bms_gateway.service import lines
 from bms_gateway.service.boot import noted
 from bms_gateway.service.engine import LiveEngine
-from bms_gateway.service.fit_process import NotDone
+from bms_gateway.service.fits import Fits, run_here
 from bms_gateway.service.notify import notify, reloading, watchdog_s
+from bms_gateway.service.saves import Saves
 from bms_gateway.service.signals import ENDING, Signals
 from bms_gateway.service.tally import Tally
-from bms_gateway.service.worker import Worker
 
 log = logging.getLogger(__name__)
 
@@ -46,8 +46,6 @@ PATIENCE_S: Final = 30  # by which systemd's time limit for a start is then put 
 SAVE_LAST_S: Final = 2.0  # a disk that has not answered by then costs the last minute, and not the end
 END_S: Final = 1.0  # what runs beside gets so long to say goodbye
 HASTE: Final = 0.25  # for a person at a terminal, who wants the end within a second, so much of both
-RETRY_FIRST_S: Final = 60.0  # what killed a fit (no memory, a busy machine) may be over by then
-RETRY_MOST_S: Final = 900.0  # a fit that always hangs costs a minute of a process in so long
 ROUNDING_S: Final = 0.0002  # two clocks are in play: rather a little later than once too early
 
 
@@ -67,11 +65,6 @@ def pause(gather_s: float, left_s: float | None) -> float:
     (0.1, 0.1, 0.06, 0.1)
     """
     return gather_s if left_s is None or left_s <= DRAIN_S else min(gather_s, left_s - DRAIN_S)
-
-
-def run_here(job: Job) -> object:
-    """Run a job in the calling thread."""
-    return job.run()
 
 
 class Gateway:
@@ -135,8 +128,7 @@ class Gateway:
     ) -> None:
         self.engine = engine
         self.port = port
-        self._save, self._reload, self._watch = save, reload, watch
-        self._run_job, self._end_jobs = run_job, end_jobs
+        self._reload, self._watch = reload, watch
         self._signals = signals
         self.tally = Tally()
         self.beside: dict[str, Callable[[], Coroutine[Any, Any, None]]] = {}
@@ -147,10 +139,9 @@ class Gateway:
         self._tasks: list[asyncio.Task[None]] = []
         self._ready = False
         self._told_ns = 0
-        self._fits, self._saves = Worker("fits"), Worker("saves")
+        self._fits = Fits(self, run_job, end_jobs)
+        self._saves = None if save is None else Saves(save, self._snapshot, self.tally)
         self.save_every_s = SAVE_S
-        self._saving: asyncio.Future[None] | None = None
-        self._taken_s = 0.0
         self._drained = False
         self._asleep = False
         self._deadline: int | None = None
@@ -210,9 +201,9 @@ class Gateway:
         self._on_drain()
         if (watchdog := watchdog_s()) is not None:
             self._every(watchdog / FEEDS, self._feed)
-        if self._save is not None:
+        if self._saves is not None:
             self.tally.saved_s = self._loop.time()
-            self._every(self.save_every_s, partial(self._save_aside, self._save))
+            self._every(self.save_every_s, self._saves.begin)
         self._tell_ready()
         self._every(STATUS_S, self.tell_status)
         self._start_beside()
@@ -223,9 +214,14 @@ class Gateway:
         self._let_go()
         if self._failure is not None:
             raise self._failure
-        if self._save is not None:
-            await self._save_last(self._save)
+        if self._saves is not None:
+            await self._saves.last(self._at_end(SAVE_LAST_S))
         await self._end_beside()
+
+    @property
+    def stopping(self) -> bool:
+        """Whether `run` ends: nothing new is begun then."""
+        return self._stop.is_set()
 
     def stop(self) -> None:
         """End `run` as a signal does; to be called in its loop."""
@@ -273,7 +269,7 @@ class Gateway:
         due = self.engine.next_deadline()
         if due is not None and due + SETTLE_NS <= before_ns and self.port.emptied:
             self.engine.handle_timer(now_ns=before_ns - SETTLE_NS)
-        self._put_out()
+        self.put_out()
         self._arm()
         if self.port.link is not Link.UP and self._pump_timer is None:
             self._pump()
@@ -293,7 +289,8 @@ class Gateway:
 
     # events out
 
-    def _put_out(self) -> None:
+    def put_out(self) -> None:
+        """Carry out what the engine says: send, tell, start jobs."""
         sent = False
         while (event := self.engine.next_output()) is not None:
             if isinstance(event, StartJob):
@@ -323,29 +320,7 @@ class Gateway:
 
     def start_job(self, event: StartJob) -> None:
         """Have a job done beside the loop; its result goes to the engine of now."""
-        self.tally.jobs += 1
-        self._try(self.engine, event, RETRY_FIRST_S)
-
-    def _try(self, engine: LiveEngine, event: StartJob, again_s: float) -> None:
-        """Have a job done; one that comes to nothing is tried again after `again_s`, and then ever less often."""
-        if self._stop.is_set() or engine is not self.engine:  # another engine after a reload fits windows of its own
-            return
-        done = self._fits.submit(partial(self._run_job, event.job))
-        done.add_done_callback(partial(self._finish, engine, event, again_s))
-
-    def _finish(self, engine: LiveEngine, event: StartJob, again_s: float, done: "asyncio.Future[object]") -> None:
-        if done.cancelled() or self._stop.is_set():
-            return
-        result = done.result()
-        if not isinstance(result, NotDone):
-            self.tally.fit_problems.pop(event.job_id, None)
-            self.tally.jobs_late += self.port.now_ns() > event.due_ns
-            engine.finish(event.job_id, result)
-        elif engine is self.engine:
-            self.tally.jobs_failed += 1
-            self.tally.fit_problems[event.job_id] = result.why
-            log.warning("a fit was not made: %s; next try in %g s", result.why, again_s, extra={"code": "fit"})
-            self._loop.call_later(again_s, self._try, engine, event, min(2 * again_s, RETRY_MOST_S))
+        self._fits.start(self.engine, event)
 
     # systemd, state, end
 
@@ -409,43 +384,8 @@ class Gateway:
             self.tally.failed_parts[name] = f"{type(error).__name__}: {error}"
             log.error("%s has failed and is off until a restart; estimates go on", name, exc_info=error)
 
-    def _save_aside(self, save: Callable[[Mapping[str, object]], None]) -> None:
-        if self._saving is not None and not self._saving.done():  # no second one behind a disk that does not answer
-            self._save_failed(f"the disk has not answered for {self._loop.time() - self._taken_s:.0f} s")
-            return
-        self._taken_s = self._loop.time()
-        self._saving = self._saves.submit(partial(save, self._snapshot()))
-        self._saving.add_done_callback(partial(self._on_saved, self._taken_s))
-
     def _snapshot(self) -> Mapping[str, object]:
         return {**self.engine.snapshot(), "clock": noted(self.port.now_ns())}
-
-    def _on_saved(self, taken_s: float, done: "asyncio.Future[None]") -> None:
-        if done.cancelled():
-            return
-        error = done.exception()
-        if error is None:
-            self.tally.saves += 1
-            self.tally.saved_s, self.tally.save_problem = taken_s, ""
-        elif isinstance(error, (GatewayError, OSError)):
-            self._save_failed(str(error))
-        else:
-            raise error
-
-    def _save_failed(self, why: str) -> None:
-        self.tally.saves_failed += 1
-        self.tally.save_problem = why
-        log.warning("%s", why, extra={"code": "save"})
-
-    async def _save_last(self, save: Callable[[Mapping[str, object]], None]) -> None:
-        most_s = self._at_end(SAVE_LAST_S)
-        try:
-            await asyncio.wait_for(self._saves.submit(partial(save, self._snapshot())), most_s)
-        except TimeoutError:
-            text = "the state is not saved at the end: the disk has not answered for %g s"
-            log.error(text, most_s)  # noqa: TRY400 (one line for a person, no traceback)
-        except (GatewayError, OSError) as error:
-            log.error("%s", error)  # noqa: TRY400 (as above)
 
     def _on_reload(self, reload: Callable[[], Awaitable[LiveEngine]]) -> None:
         """Begin to read the config again, or, where that goes on already, do so once more when it ends."""
@@ -496,4 +436,3 @@ class Gateway:
         if self._reloading is not None:
             self._reloading.cancel()  # the engine of now is the one that is saved
         self._fits.close()
-        self._end_jobs()

@@ -12,7 +12,7 @@ Nothing here tells a scale: amperes and degrees are the usual factor that gives 
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -186,33 +186,31 @@ def _cut(can_id: int, page: int | None, t: Floats, data: NDArray[np.int64]) -> I
     n = data.shape[1]
     for k in range(0 if page is None else 1, n):
         b = data[:, k]
-        yield _field(can_id, page, t, b, 8 * k, 8, big=False)
+        yield _field(can_id, page, t, b, Place(8 * k, 8))
         if k + 1 == n:
             continue
         c = data[:, k + 1]
-        yield _field(can_id, page, t, b | c << 8, 8 * k, 16, big=False)
-        yield _field(can_id, page, t, b << 8 | c, 8 * k + 7, 16, big=True)
-        yield _field(can_id, page, t, b | (c & 15) << 8, 8 * k, 12, big=False)
-        yield _field(can_id, page, t, b >> 4 | c << 4, 8 * k + 4, 12, big=False)
-        yield _field(can_id, page, t, b << 4 | c >> 4, 8 * k + 7, 12, big=True)
-        yield _field(can_id, page, t, (b & 15) << 8 | c, 8 * k + 3, 12, big=True)
+        yield _field(can_id, page, t, b | c << 8, Place(8 * k, 16))
+        yield _field(can_id, page, t, b << 8 | c, Place(8 * k + 7, 16, big_endian=True))
+        yield _field(can_id, page, t, b | (c & 15) << 8, Place(8 * k, 12))
+        yield _field(can_id, page, t, b >> 4 | c << 4, Place(8 * k + 4, 12))
+        yield _field(can_id, page, t, b << 4 | c >> 4, Place(8 * k + 7, 12, big_endian=True))
+        yield _field(can_id, page, t, (b & 15) << 8 | c, Place(8 * k + 3, 12, big_endian=True))
 
 
-def _field(
-    can_id: int, page: int | None, t: Floats, raw: NDArray[np.int64], start: int, size: int, *, big: bool
-) -> Field:
+def _field(can_id: int, page: int | None, t: Floats, raw: NDArray[np.int64], place: Place) -> Field:
     """Take the values with a sign where they sit at both ends of the bits and are smooth across them."""
-    whole = 1 << size
+    whole = 1 << place.size
     none = raw == whole - 1  # all ones: not available, as most makers have it
     signed = False
     x = raw
-    if size > 8 and min((raw < NEAR * whole).mean(), (raw > (1 - NEAR) * whole).mean()) > BOTH_ENDS:
+    if place.size > 8 and min((raw < NEAR * whole).mean(), (raw > (1 - NEAR) * whole).mean()) > BOTH_ENDS:
         turned = np.where(raw >= whole // 2, raw - whole, raw)
         if np.abs(np.diff(turned)).mean() < SMOOTHER * np.abs(np.diff(raw)).mean():
             x, signed = turned, True
     elif none.any() and none.mean() < 0.5:
         t, x = t[~none], x[~none]
-    return Field(can_id, page, Place(start, size, big, signed), t, x.astype(np.float64))
+    return Field(can_id, page, replace(place, signed=signed), t, x.astype(np.float64))
 
 
 def _measures(f: Field) -> bool:

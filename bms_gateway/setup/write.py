@@ -61,7 +61,7 @@ def write_setup(
     if not traffic.own:
         names, more = _dbc(proposal, traffic, out)
         files += more
-    lumped, resistance = _lump(proposal, cell, notes)
+    lumped, resistance = lump(proposal, cell, notes)
     try:
         for string, cells in enumerate(proposal.cells, 1):
             path = out / f"string_{string}.toml"
@@ -85,7 +85,7 @@ def _dbc(proposal: Proposal, traffic: Traffic, out: Path) -> tuple[list[str], li
     return [path.name], [path]
 
 
-def _lump(proposal: Proposal, cell: CellFacts | None, notes: list[str]) -> tuple[CellFacts, float | None]:
+def lump(proposal: Proposal, cell: CellFacts | None, notes: list[str]) -> tuple[CellFacts, float | None]:
     """Say how many cells side by side are one of the model, by their resistance, which comes second where measured."""
     told = cell_of(UNKNOWN_CELL) if cell is None else cell
     per_cell = None

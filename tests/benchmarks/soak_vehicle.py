@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from bms_gateway.bus.traffic import SECOND
-from bms_gateway.chaos.drive import Drive
+from bms_gateway.chaos.drive import Drive, Incident
 from bms_gateway.chaos.live import Vehicle
 from bms_gateway.chaos.scenario import Injection
 from bms_gateway.engine.plan import Plan
@@ -80,7 +80,7 @@ class FullBus:
         keys = {key for i in injections for key in i.values}
         changes = {key: lambda t, v, key=key: self._shown(key, t, v) for key in keys}
         fast = _at_rate(plan, database, rate)
-        self._drive = Drive(plan, fast, changes=changes, fault_s=(0.0, np.inf))
+        self._drive = Drive(plan, fast, incident=Incident(changes, (0.0, np.inf)))
         self._process = context.Process(target=self._run)
         self._process.start()  # before this process has threads
 

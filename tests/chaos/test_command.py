@@ -12,7 +12,7 @@ import pytest
 
 from bms_gateway.chaos import live as bench_module
 from bms_gateway.chaos.catalogue import Chaos
-from bms_gateway.chaos.live import RealTimeBench
+from bms_gateway.chaos.live import BusScenario, RealTimeBench
 from bms_gateway.cli.main import main
 from bms_gateway.config import load_config
 from bms_gateway.service import live
@@ -88,7 +88,7 @@ def test_an_interrupt_while_the_disk_hangs_does_not_wait_for_it(tmp_path, monkey
         await asyncio.Event().wait()
 
     with pytest.raises(KeyboardInterrupt):
-        RealTimeBench(loaded.plan, loaded.database).run(scenario, hangs)
+        RealTimeBench(loaded.plan, loaded.database).run(BusScenario(scenario, hangs))
     assert time.monotonic() - told[0] < 60.0
 
 
@@ -108,7 +108,7 @@ def test_an_interrupt_while_a_scenario_ends_is_heard(tmp_path, monkeypatch):
         monkeypatch.setattr(live.Gateway, "stop", interrupted)
 
     with pytest.raises(KeyboardInterrupt):
-        RealTimeBench(loaded.plan, loaded.database).run(scenario, nothing)
+        RealTimeBench(loaded.plan, loaded.database).run(BusScenario(scenario, nothing))
 
 
 @pytest.mark.vcan

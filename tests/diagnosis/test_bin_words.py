@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from bms_gateway.diagnosis.regimes import _directions, _rounded
+from bms_gateway.diagnosis.regimes import directions, rounded
 
 
 def test_no_edge_is_a_negative_zero_nor_is_a_current_told_by_its_sign():
-    edges = _rounded(np.array([-1.004, -0.004, 0.004, 1.004]), 5.0)
+    edges = rounded(np.array([-1.004, -0.004, 0.004, 1.004]), 5.0)
     assert [f"{x:g}" for x in edges] == ["-1", "0", "0", "1"]
     current = np.repeat([-40.0, -20.0, -0.5, 0.0, 0.5, 20.0, 40.0], 100)
-    _, labels = _directions(current, 40.0)
+    _, labels = directions(current, 40.0)
     assert labels == (
         "while charging above 20 A",
         "while charging below 20 A",

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bms_gateway.diagnosis.diagnosis import judged
+from bms_gateway.diagnosis.diagnosis import judged, missing
 from bms_gateway.diagnosis.error_words import course
 from bms_gateway.identify.map_fit import stacked
 from tests.diagnosis.decided import by_first
@@ -48,10 +48,8 @@ def test_an_error_that_rises_is_not_said_to_fall():
     found = by_first().search
     d = judged(found)
     assert f"falls from {d.baseline.heldout_rmse_K:.2g} to {d.after.heldout_rmse_K:.2g} K" in d.sentence
-    from bms_gateway.diagnosis import diagnosis
-
     worse = replace(d.after, heldout_rmse_K=1.3 * d.baseline.heldout_rmse_K)
-    text = diagnosis._sentence("missing_effect", d.selected, (), False, d.baseline, worse)
+    text = missing(d.selected, d.baseline, worse, remains=False)
     assert "rises from" in text
     assert "falls from" not in text
     assert "speak for it only where it was fitted" in text

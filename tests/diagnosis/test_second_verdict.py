@@ -13,7 +13,7 @@ from bms_gateway.diagnosis.error_words import course
 from bms_gateway.diagnosis.hypotheses import UNCLEAN, Board, Hypothesis
 from bms_gateway.diagnosis.prepare import measured
 from bms_gateway.diagnosis.search import search
-from bms_gateway.diagnosis.second_search import SecondSearch, _probability
+from bms_gateway.diagnosis.second_search import SecondSearch, probability
 from bms_gateway.diagnosis.weighing import Settings
 from tests.diagnosis.decided import by_first, by_second, pair
 from tests.diagnosis.hidden_record import hidden, named
@@ -36,10 +36,10 @@ def test_the_probability_of_an_effect_is_that_of_all_hypotheses_that_have_it():
         resistance_temperature__entropic_heat=np.log(0.6),
         surface_joule=np.log(0.29),
     )
-    assert _probability(b, "resistance_temperature") == pytest.approx(0.71)
-    assert _probability(b, "entropic_heat") == pytest.approx(0.6)
+    assert probability(b, "resistance_temperature") == pytest.approx(0.71)
+    assert probability(b, "entropic_heat") == pytest.approx(0.6)
     b = board(resistance_temperature=np.log(0.11), entropic_heat=np.log(0.6), resistance_soc=np.log(0.29))
-    assert _probability(b, "resistance_temperature") == pytest.approx(0.11)
+    assert probability(b, "resistance_temperature") == pytest.approx(0.11)
 
 
 def test_special_causes_are_not_believed_once_the_model_itself_errs():

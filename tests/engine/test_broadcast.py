@@ -141,7 +141,7 @@ def test_parameters_are_said_in_the_units_of_the_dbc_with_the_word_for_how_they_
 def test_health_is_said_in_per_cent_and_before_commissioning_without_a_flag() -> None:
     of = estimators()
     s = of.strings[0]
-    of._mismatches.excess[:] = 2.25
+    of.mismatches.excess[:] = 2.25
     s.mismatch.flag.level = 1
     s.ageing = SimpleNamespace(commissioned=True, flag=SimpleNamespace(level=2), growth=0.123, growth_sd=0.021)
     told = said(of)["string_1_health"]

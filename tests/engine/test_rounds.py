@@ -67,8 +67,8 @@ class Sender:
 
 def engine(silent_s: float = 60.0) -> tuple[Engine, ByHand, Sender]:
     made = Engine(replace(with_channels(), silent_after_ns=round(silent_s * S)), database())
-    made._estimators, made._broadcast = ByHand(), Sender()
-    return made, made._estimators, made._broadcast
+    made.estimators, made.broadcast = ByHand(), Sender()
+    return made, made.estimators, made.broadcast
 
 
 def feed(made: Engine, frames: FrameBatch) -> list:
@@ -288,7 +288,7 @@ def test_a_state_of_another_version_is_refused_by_its_number() -> None:
 def test_sensors_are_blamed_from_the_tenth_tick_after_waking_on(monkeypatch: pytest.MonkeyPatch) -> None:
     made, _, _ = engine(silent_s=3.0)
     asked: list[int] = []
-    made._inputs.changes = lambda t1: asked.append((t1 - START) // S) or []
+    made.inputs.changes = lambda t1: asked.append((t1 - START) // S) or []
     feed(made, said(14))
     assert asked == [GRACE_TICKS, 11, 12, 13]
     feed(made, said(13, start=100))
@@ -297,7 +297,7 @@ def test_sensors_are_blamed_from_the_tenth_tick_after_waking_on(monkeypatch: pyt
 
 def test_what_was_never_heard_is_told_once_ten_ticks_after_the_start() -> None:
     made, _, _ = engine(silent_s=3.0)
-    made._inputs.unheard = lambda: {"string_1": "this, that", "string_2": "more"}
+    made.inputs.unheard = lambda: {"string_1": "this, that", "string_2": "more"}
     told = [e for e in feed(made, said(14)) + feed(made, said(14, start=100)) if isinstance(e, Notice)]
     unheard = [e for e in told if e.code == "unheard"]
     assert unheard == [
@@ -311,7 +311,7 @@ def test_frames_and_samples_are_counted_by_tick_and_losses_in_all() -> None:
     some = said(5)
     made.dropped = 3
     feed(made, some[:15])
-    made._inputs.rejected = {"stuck": 2, "jumpy": 3}
+    made.inputs.rejected = {"stuck": 2, "jumpy": 3}
     made.dropped = 4
     feed(made, some[15:])
     per_second = 13
@@ -335,7 +335,7 @@ def test_frames_and_samples_are_counted_by_tick_and_losses_in_all() -> None:
 )
 def test_the_state_follows_cores_currents_and_surfaces(core, current, surface, state) -> None:
     made, by_hand, sender = engine()
-    update = made._inputs.update
+    update = made.inputs.update
 
     def qualities(*what):
         return replace(
@@ -344,7 +344,7 @@ def test_the_state_follows_cores_currents_and_surfaces(core, current, surface, s
             quality=np.array([surface, Quality.ESTIMATED, Quality.ESTIMATED, Quality.STALE], np.uint8),
         )
 
-    made._inputs.update = qualities
+    made.inputs.update = qualities
     by_hand.newest.core[1] = core
     feed(made, said(3))
     assert [told for _, told, _ in sender.told] == [state, state]
@@ -366,10 +366,8 @@ def test_a_late_frame_counts_for_the_open_tick() -> None:
     feed(made, some[:10])
     made.handle_timer(now_ns=START + S)
     taken = []
-    update = made._inputs.update
-    made._inputs.update = lambda samples, *span: (
-        taken.append((samples.time_ns.tolist(), span)) or update(samples, *span)
-    )
+    update = made.inputs.update
+    made.inputs.update = lambda samples, *span: taken.append((samples.time_ns.tolist(), span)) or update(samples, *span)
     made.receive(some[10:12], now_ns=START + S + 5)
     made.handle_timer(now_ns=START + 2 * S)
     ((stamps, span),) = taken
@@ -389,7 +387,7 @@ def test_an_engine_has_counted_nothing_and_tells_nothing_more_unless_asked() -> 
     assert (made.frames, made.dropped, made.recording, made.judging) == (0, 0, False, False)
     assert made.duration_s == 0.0
     assert made.sends == {0x100: S}
-    made._broadcast = None
+    made.broadcast = None
     assert made.sends == {}
 
 
@@ -466,7 +464,7 @@ def test_faults_of_time_are_told_at_their_tick_however_frames_are_cut(step: int)
 def test_what_was_held_before_a_gap_is_dropped_at_waking_and_only_then() -> None:
     made, _, _ = engine(silent_s=3.0)
     dropped: list[int | None] = []
-    made._inputs.forget = lambda: dropped.append(made.next_deadline())
+    made.inputs.forget = lambda: dropped.append(made.next_deadline())
     feed(made, said(3))
     assert dropped == []
     feed(made, said(3, start=50))
@@ -476,18 +474,18 @@ def test_what_was_held_before_a_gap_is_dropped_at_waking_and_only_then() -> None
 def test_a_record_is_of_what_the_guard_let_pass() -> None:
     made, _, _ = engine()
     made.recording = True
-    update = made._inputs.update
+    update = made.inputs.update
 
     def bad(*what):
         found = update(*what)
-        taken, good = made._inputs.good
-        made._inputs.good = taken, good & (taken.value > 22.0)
+        taken, good = made.inputs.good
+        made.inputs.good = taken, good & (taken.value > 22.0)
         return found
 
-    made._inputs.update = bad
+    made.inputs.update = bad
     first, second = (e for e in feed(made, said(3)) if isinstance(e, Decoded))
     assert (first.time_ns, second.time_ns) == (START + S, START + 2 * S)
-    taken, good = made._inputs.good
+    taken, good = made.inputs.good
     assert 0 < good.sum() < len(good)
     for got, all_of_it in ((second.sample_ns, taken.time_ns), (second.input, taken.input), (second.value, taken.value)):
         assert got.tolist() == all_of_it[good].tolist()

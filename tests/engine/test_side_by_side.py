@@ -162,7 +162,7 @@ def test_every_string_learns_from_its_own_ticks(together) -> None:
             np.testing.assert_allclose(ours.mean, theirs.mean, rtol=1e-6)
             np.testing.assert_allclose(ours.cov, theirs.cov, rtol=1e-4)
         if isinstance(s.identifier, WindowIdentifier):
-            group, j = estimators._place(i)
+            group, j = estimators.place(i)
             group.backlog.catch_up(j)
             for tick, *_ in a.given:
                 a.identifier.add(tick)

@@ -146,7 +146,7 @@ def test_time_without_frames_passes_for_all(monkeypatch: pytest.MonkeyPatch, gap
         monkeypatch.setattr(kind, "propagate_unknown", lambda _: passed.append(None))
     monkeypatch.setattr(VoltageTracker, "reset", lambda tracker: reset.append(tracker))
     monkeypatch.setattr(Backlog, "add", lambda _, tick: dts.append(tick.dt) or [])
-    estimators._mismatches.excess[:] = 2.0
+    estimators.mismatches.excess[:] = 2.0
     estimators.pass_time(gap, unseen=unseen)
     groups = 4
     assert passed == [None if gap is None else (gap, unseen)] * groups
@@ -255,21 +255,21 @@ def test_a_state_belongs_to_every_number_of_the_model_and_to_the_method() -> Non
     models = [m, replace(m, flow=2e-4), replace(m, priors=dear), replace(m, priors=vague), replace(m, sensors=(1, 3))]
     models += [replace(m, effects=e) for e in ((), (FALLING,), (replace(FALLING, values={"B": 1.0}), LATE))]
     models += [replace(m, effects=(replace(FALLING, sd={"B": 1.0}), LATE))]
-    sums = [estimators._fingerprint(replace(one, model=x)) for x in models]
-    sums.append(estimators._fingerprint(replace(one, model=m, identify="off")))
+    sums = [estimators.fingerprint(replace(one, model=x)) for x in models]
+    sums.append(estimators.fingerprint(replace(one, model=m, identify="off")))
     told = [commissioned(error).strings[0] for error in (0.05, 0.06)]
-    sums += [estimators._fingerprint(s) for s in told]
-    sums.append(estimators._fingerprint(replace(told[0], model=replace(told[0].model, commissioning=None))))
+    sums += [estimators.fingerprint(s) for s in told]
+    sums.append(estimators.fingerprint(replace(told[0], model=replace(told[0].model, commissioning=None))))
     assert len(set(sums)) == len(sums)
     assert all(len(x) == 16 for x in sums)
     turned = replace(m, priors=dict(reversed(m.priors.items())))
     renamed = replace(one, model=turned, name="string_9", number=9, channels=())
-    assert estimators._fingerprint(renamed) == sums[0]
+    assert estimators.fingerprint(renamed) == sums[0]
 
 
 def test_a_single_string_of_its_own_length_is_a_group() -> None:
     three = Plan(tuple(PLAN.strings[k] for k in (0, 1)))
-    assert [g.cells for g in Estimators(three, WIRES[:2])._groups] == [3, 4]
+    assert [g.cells for g in Estimators(three, WIRES[:2]).groups] == [3, 4]
 
 
 class Apart(Known):

@@ -162,12 +162,12 @@ def test_sensitivities_are_the_slopes_of_the_whole_run(name, values):
         return observer
 
     here = end(m)
-    for j, number in enumerate(here._uncertain):
+    for j, number in enumerate(here.uncertain):
         h = 0.1 * abs(number.step) / 0.01
-        slope = (end(m, h, number)._belief.z - end(m, -h, number)._belief.z) / (2 * h)
+        slope = (end(m, h, number).belief.z - end(m, -h, number).belief.z) / (2 * h)
         scale = np.abs(slope).max()
         # they feel the inputs ten steps late, which hardly counts but for what is small and fast
-        assert np.abs(here._belief.J[:, j] - slope).max() < 0.1 * scale + 0.06, number.name
+        assert np.abs(here.belief.J[:, j] - slope).max() < 0.1 * scale + 0.06, number.name
 
 
 @cache
@@ -218,8 +218,8 @@ def test_a_gap_is_carried_as_by_steps_and_as_by_the_truth():
     assert np.abs(carried.core - stepped.core).max() < 0.1
     assert np.abs(carried.core - core[-1]).max() < 0.5  # but for the offsets of inlet and heat, which decay
     assert (carried.core_sd > stepped.core_sd - 0.05).all()  # nobody saw the inlet
-    for j, number in enumerate(one._uncertain):
-        a, b = one._belief.J[:, j], many._belief.J[:, j]
+    for j, number in enumerate(one.uncertain):
+        a, b = one.belief.J[:, j], many.belief.J[:, j]
         assert np.abs(a - b).max() < 0.05 * np.abs(b).max() + 0.02, number.name
     night = one.propagate(8 * 3600.0)
     assert np.abs(night.core - inlet[-1]).max() < 0.5

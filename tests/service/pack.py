@@ -36,7 +36,7 @@ class Pack:
 
     def limit(self, core_max_C):
         """Another limit of the cores from now on, as no service has it."""
-        self.engine._alerting.limits.core.limit = core_max_C
+        self.engine.alerting.limits.core.limit = core_max_C
 
     def drive(self, seconds, without=()):
         """Seconds of traffic without some messages; alerts are looked at once a second, in bus time."""
@@ -48,7 +48,7 @@ class Pack:
             self.port.counters.received += len(frames)
             self.engine.receive(frames, now_ns=(t + 1) * S)
             self.engine.handle_timer(now_ns=(t + 1) * S)
-            self.gateway._put_out()
+            self.gateway.put_out()
             self.at += 1
             self.watch.look(float(t))
         return self.watch.alerts.line

@@ -183,24 +183,24 @@ def test_a_wish_that_cannot_be_read_now_is_told_kept_and_carried_out_later(tmp_p
 
 def test_an_acknowledgement_ends_what_only_a_person_ends_and_is_told(tmp_path: Path) -> None:
     e = engine()
-    e._alerting.runaway.latched[1] = True
-    e._alerting.limits.lost[0] = True
+    e.alerting.runaway.latched[1] = True
+    e.alerting.limits.lost[0] = True
     path = ask(tmp_path, Acknowledgement(None, "cooled and looked at", 1_700_000_000_000_000_000))
     requests = BaselineRequests(tmp_path, lambda: e)
     requests.look(0.0)
     assert texts(e) == ["cooled and looked at"]
-    assert not e._alerting.runaway.latched.any()
-    assert not e._alerting.limits.lost.any()
+    assert not e.alerting.runaway.latched.any()
+    assert not e.alerting.limits.lost.any()
     requests.look(KEPT_S)
     assert not path.exists()
 
 
 def test_an_acknowledgement_of_one_string_leaves_the_alarms_of_the_others(tmp_path: Path) -> None:
     e = engine()
-    e._alerting.runaway.latched[:] = True
+    e.alerting.runaway.latched[:] = True
     ask(tmp_path, Acknowledgement("string_2", "seen to", 1_700_000_000_000_000_000))
     BaselineRequests(tmp_path, lambda: e).look(0.0)
-    assert {c.string for c in e._alerting.runaway.conditions()} == {"string_1"}
+    assert {c.string for c in e.alerting.runaway.conditions()} == {"string_1"}
 
 
 def test_the_command_asks_for_it_and_names_what_there_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

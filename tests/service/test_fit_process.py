@@ -18,7 +18,8 @@ import pytest
 from bms_gateway.engine import StartJob
 from bms_gateway.service import fit_process
 from bms_gateway.service.fit_process import Aside, NotDone, work
-from bms_gateway.service.live import Gateway, run_here
+from bms_gateway.service.fits import run_here
+from bms_gateway.service.live import Gateway
 from tests.service.engine import TickEngine
 from tests.support.fit_jobs import EndedBy, windows
 from tests.support.live_service import FRAME, PATIENCE_S, come, run

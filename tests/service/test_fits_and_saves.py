@@ -10,7 +10,7 @@ import time
 import numpy as np
 
 from bms_gateway.errors import StateError
-from bms_gateway.service import live
+from bms_gateway.service import fits, live
 from bms_gateway.service.fit_process import NotDone
 from bms_gateway.service.live import Gateway
 from tests.service.engine import TICK_NS, TickEngine
@@ -47,8 +47,8 @@ def test_a_fit_that_hangs_stops_no_save(bus, monkeypatch):
 
 
 def test_a_fit_that_came_to_nothing_is_counted_told_and_tried_again_ever_less_often(bus, monkeypatch, caplog):
-    monkeypatch.setattr(live, "RETRY_FIRST_S", 0.05)
-    monkeypatch.setattr(live, "RETRY_MOST_S", 0.15)
+    monkeypatch.setattr(fits, "RETRY_FIRST_S", 0.05)
+    monkeypatch.setattr(fits, "RETRY_MOST_S", 0.15)
     engine, tries, told = TickEngine(), [], []
 
     def run_job(job):
@@ -70,7 +70,7 @@ def test_a_fit_that_came_to_nothing_is_counted_told_and_tried_again_ever_less_of
 
 
 def test_a_fit_of_an_engine_that_a_reload_has_replaced_is_not_tried_again(bus, monkeypatch):
-    monkeypatch.setattr(live, "RETRY_FIRST_S", 0.2)
+    monkeypatch.setattr(fits, "RETRY_FIRST_S", 0.2)
     old, new, tries, before = TickEngine(), TickEngine(), [], []
 
     async def reload():

@@ -276,7 +276,7 @@ def test_the_end_leaves_no_client_and_the_next_start_has_the_address_at_once(mon
             if len(found) == 1:
                 await ask(address)
                 idle.connect(address)
-                await come(lambda server=server: server._clients)
+                await come(lambda server=server: server.clients)
             task.cancel()
             await asyncio.wait([task])
             await come(lambda: gone(idle))
@@ -318,7 +318,7 @@ def test_slow_greedy_and_many_clients_delay_no_frame_and_are_let_go(monkeypatch)
                 with suppress(OSError):
                     sock.send(first)
             await asyncio.sleep(0.01)
-            assert len(server._clients) <= SLOTS
+            assert len(server.clients) <= SLOTS
         for sock, _ in held:
             sock.close()
         answer = b""

@@ -53,10 +53,10 @@ def served(config, frames, seed):
     while at < len(frames):
         end = min(at + int(rng.integers(1, 60)), len(frames))
         engine.receive(frames[at:end], now_ns=int(frames.time_ns[end - 1]))
-        gateway._put_out()
+        gateway.put_out()
         if end < len(frames) and rng.random() < 0.5:
             engine.handle_timer(now_ns=int(frames.time_ns[end]) - 1)
-            gateway._put_out()
+            gateway.put_out()
         at = end
     return [(c.state, c.condition) for c in told]
 

@@ -3,7 +3,7 @@
 import pytest
 
 from bms_gateway.setup.proposal import Proposal
-from bms_gateway.setup.write import _lump
+from bms_gateway.setup.write import lump
 from bms_gateway.thermal.cells import cell_of
 
 
@@ -12,7 +12,7 @@ def test_cells_in_parallel_that_are_told_are_believed(parallel: int) -> None:
     """25 mΩ by a step of a second, in parallel: 12 in series."""
     measured = Proposal(series_cells=12, resistance=12 * 0.025 / parallel)
     notes: list[str] = []
-    lumped, per_cell = _lump(measured, cell_of(f"21700 5Ah 69g 25mOhm {parallel}p"), notes)
+    lumped, per_cell = lump(measured, cell_of(f"21700 5Ah 69g 25mOhm {parallel}p"), notes)
     assert notes == []
     assert lumped.parallel == parallel
     assert per_cell == pytest.approx(1.2 * 0.025 / parallel)
@@ -20,7 +20,7 @@ def test_cells_in_parallel_that_are_told_are_believed(parallel: int) -> None:
 
 def test_a_resistance_that_is_not_theirs_is_told() -> None:
     notes: list[str] = []
-    _lump(Proposal(series_cells=12, resistance=12 * 0.025), cell_of("21700 5Ah 69g 25mOhm 8p"), notes)
+    lump(Proposal(series_cells=12, resistance=12 * 0.025), cell_of("21700 5Ah 69g 25mOhm 8p"), notes)
     assert len(notes) == 1
     assert "30 mΩ" in notes[0]
     assert "4.1 mΩ" in notes[0]

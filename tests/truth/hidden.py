@@ -212,7 +212,7 @@ class _Preparation:
             self.drive.inlet,
             self.drive.flow,
             self.drive.soc_0,
-            means=_means(self.stamps, self.drive.current) if s.jitter else None,
+            means=means_between(self.stamps, self.drive.current) if s.jitter else None,
             start=float(self.drive.inlet[0] + 0.3 * s.rng("start", drive=True).normal()),
             coolant=s.coolant,
             **self.pack,
@@ -280,7 +280,7 @@ def _multiple(size):
     return float(size) if isinstance(size, int | float) else {"weak": 0.33, "medium": 1.0, "strong": 2.5}[size]
 
 
-def _means(stamps, current):
+def means_between(stamps, current):
     """Means per second of I, I², I² while charging and |I| of a current that changes at the stamps."""
     edges, K = np.append(stamps, len(stamps)), len(stamps)
 

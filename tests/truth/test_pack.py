@@ -327,7 +327,7 @@ def test_jittered_stamps_carry_the_same_charge_and_heat():
     assert 0.05 < np.abs(stamps - np.round(stamps)).mean() < 0.3
     assert (np.diff(stamps) > 0.35).all()
     rows = make_drive("us06", seconds=600).current
-    mean = hidden._means(stamps, rows)[1]
+    mean = hidden.means_between(stamps, rows)[1]
     held = np.diff(np.append(stamps, 600.0))
     assert mean.sum() == pytest.approx(np.sum(rows**2 * held), rel=1e-12)
 
