@@ -83,6 +83,17 @@ def test_what_looks_like_heat_is_told_by_its_own_name(fault: str, size: float, c
         assert not any(a[1] == "unexplained_heat" for a in alerts)
 
 
+@pytest.mark.parametrize("drive", ["us06", "urban"])
+def test_a_blower_that_stops_is_told_and_the_cores_are_known_on(drive: str) -> None:
+    """Air warms along the string as much as the cells do: film and stream are lost together."""
+    case = Case("forced", 0, seconds=2700, drive=drive, fault="pump", at=1500)
+    found = follow(make(with_seeds(case, range(80, 86))))
+    first = [told.alerts[0] for told in found if told.alerts]
+    assert [code for _, code, _ in first].count("cooling") >= 5
+    assert all(case.at < t <= case.at + 300 for t, _, _ in first)
+    assert np.nanmedian([told.healthy for told in found]) > 0.9
+
+
 @pytest.mark.parametrize("pack", ["small", "liquid"])
 def test_nothing_is_told_of_strings_with_nothing_wrong(pack: str) -> None:
     for drive, step in (("urban", 0.1), ("us06", 0.5)):

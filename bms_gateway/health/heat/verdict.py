@@ -10,6 +10,7 @@ from bms_gateway.health.heat.course import (
     COOLING,
     COOLING_BACK,
     COOLING_GRAVE,
+    FLOW_GRAVE,
     FLOW_SURE,
     FROZEN_K,
     FROZEN_S,
@@ -146,6 +147,11 @@ class Verdict:
     def hot(self) -> bool:
         """Whether a cell heats by itself."""
         return any(f.code == "unexplained_heat" for f in self.findings)
+
+    @property
+    def leads(self) -> bool:
+        """Whether the filter of this watch knows the cores better than an observer to which what was found is news."""
+        return any(f.code in ("unexplained_heat", "cooling") for f in self.findings)
 
     @property
     def suspects(self) -> bool:
@@ -449,9 +455,12 @@ class Verdict:
         own = (self._stands > 0 and self.evidence.kinds[best] < Kind.FLOW) or self.hot
         if "cooling" not in codes:
             slower = grown > COOLING and u - self.course.film[s] > FLOW_SURE * u_sd and not own
-            slower = slower and self._flowed_ns is not None and self._lasted(self._flowed_ns, now_ns) < FLOWED_S
+            flowed = self._flowed_ns is not None and self._lasted(self._flowed_ns, now_ns) < FLOWED_S
+            grave = grown > COOLING_GRAVE and u - self.course.film[s] > FLOW_GRAVE * u_sd
+            slower = slower and (flowed or grave)
             self._slow_ns = (now_ns if self._slow_ns is None else self._slow_ns) if slower else None
-            if self._slow_ns is not None and self._lasted(self._slow_ns, now_ns) >= HOLD_S:
+            hold = HOLD_S if flowed else HOLD_COMMON_S
+            if self._slow_ns is not None and self._lasted(self._slow_ns, now_ns) >= hold:
                 level = 2 if grown >= COOLING_GRAVE else 1
                 new.append(Finding("cooling", None, level, now_ns, kind=Kind.FLOW))
                 self.course.cooling[s] = True
