@@ -15,10 +15,11 @@ from bms_gateway.health.heat import kept
 from bms_gateway.health.heat.course import USUAL_S, Course
 from bms_gateway.health.heat.fault_evidence import Evidence, Kind, Weighed
 from bms_gateway.health.heat.filter import HeatFilter, Linear, Step
+from bms_gateway.health.heat.finding import Finding
 from bms_gateway.health.heat.layout import Bools
 from bms_gateway.health.heat.rest import LONGEST_S, REST_RATE, STRAYED_K, Rest, strides
 from bms_gateway.health.heat.thermocouples import Thermocouples
-from bms_gateway.health.heat.verdict import SURE, SUSPECT, Finding, Verdict, suspicion
+from bms_gateway.health.heat.verdict import SURE, SUSPECT, Verdict, suspicion
 from bms_gateway.thermal import Floats, StringModel, StringParameters
 
 STEP_S = 10.0

@@ -21,6 +21,7 @@ from bms_gateway.health.heat.course import (
 )
 from bms_gateway.health.heat.fault_evidence import OLDEST_READ, ONSETS, Evidence, Kind, Weighed
 from bms_gateway.health.heat.filter import HeatFilter
+from bms_gateway.health.heat.finding import Finding
 from bms_gateway.health.heat.layout import Bools
 from bms_gateway.health.heat.sentences import sentence
 from bms_gateway.thermal import Floats
@@ -75,42 +76,6 @@ ENDED_SHARE = 0.5
 """and below this share of what was found."""
 QUIET_SD, QUIET_S = 3.0, 900.0
 """A thermocouple set aside that is within this of its prediction for so long is used again."""
-
-
-@dataclass(slots=True)
-class Finding:
-    """Something that is wrong now.
-
-    Attributes
-    ----------
-    code : str
-        `unexplained_heat`, `missing_heat`, `cooling`, `inlet`, `thermocouple`.
-    cell : int or None
-        1-based.
-    level : int
-        1 warning, 2 alarm.
-    since_ns : int
-    text : str
-    heat, heat_sd : float
-        W, of all cells in which it may sit; NaN but for heat.
-    sure : float
-        Share of the evidence that this cause had when it was told.
-    """
-
-    code: str
-    cell: int | None
-    level: int
-    since_ns: int
-    text: str = ""
-    heat: float = float("nan")
-    heat_sd: float = float("nan")
-    kind: Kind = Kind.HEAT
-    place: int = 0
-    places: tuple[int, ...] = ()
-    others: tuple[tuple[str, float], ...] = ()
-    low_ns: int | None = None
-    size: float = 0.0
-    sure: float = 1.0
 
 
 @dataclass(slots=True)
