@@ -13,7 +13,8 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 from xdist.remote import Producer
-from xdist.scheduler import LoadScopeScheduling
+
+from tests.support.by_file import ByFile
 
 # as the program does: on one thread, where two workers on two cores would spin four (read when numpy is loaded)
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -22,9 +23,18 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 settings.register_profile("any-machine", deadline=None)
 settings.load_profile("any-machine")
 
-# tables of parsed DBC files are kept for this run alone, here and in what tests start
-_tables = tempfile.TemporaryDirectory(prefix="bms-gateway-tables-")
-os.environ["CACHE_DIRECTORY"] = _tables.name
+# Tables of parsed DBC files are kept for this run alone, in its workers and in what tests start. The process that began
+# the run makes and removes them: a worker may end without any clean-up.
+TABLES = "bms-gateway-tables-"
+_tables = None
+if not Path(os.environ.get("CACHE_DIRECTORY", "")).name.startswith(TABLES):
+    _tables = tempfile.TemporaryDirectory(prefix=TABLES, ignore_cleanup_errors=True)
+    os.environ["CACHE_DIRECTORY"] = _tables.name
+
+
+def pytest_unconfigure() -> None:
+    if _tables is not None:
+        _tables.cleanup()
 
 
 def required() -> bool:
@@ -47,23 +57,6 @@ def why_no_systemd() -> str | None:
     if Path("/proc/1/comm").read_text().strip() != "systemd" or os.geteuid() != 0:
         return "systemd is not process 1, or this is not root: CANVM_MODE=systemd tests/canvm/canvm … -m systemd"
     return why_no_vcan()
-
-
-@cache
-def shares_vcan0(file: Path) -> bool:
-    text = file.read_text(encoding="utf-8")
-    return "mark.vcan" in text or "mark.systemd" in text
-
-
-class ByFile(LoadScopeScheduling):
-    """Keeps a file's tests on one worker, for its fixtures, and all files that share the one vcan0 on one.
-
-    xdist's own groups are words put behind a test's id, which pytest 9.2 does not take any more.
-    """
-
-    def _split_scope(self, nodeid: str) -> str:
-        file = nodeid.partition("::")[0]
-        return "vcan0" if shares_vcan0(Path(self.config.rootpath) / file) else file
 
 
 @pytest.hookimpl(optionalhook=True)

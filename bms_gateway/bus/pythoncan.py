@@ -5,17 +5,17 @@ SocketCAN has its own port, which costs a tenth. Sending goes through the same q
 
 import logging
 import time
-from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from bms_gateway.bus.access import LISTEN, Access
 from bms_gateway.bus.canframe import from_wire
 from bms_gateway.bus.clock import BusClock
 from bms_gateway.bus.filters import group_filters
 from bms_gateway.bus.impostor import Impostors
 from bms_gateway.bus.message import to_batch, to_message
-from bms_gateway.bus.pace import BURST, RATE, Pacer
+from bms_gateway.bus.pace import Pacer
 from bms_gateway.bus.port import GATHER_S, Counters, Link
 from bms_gateway.errors import BusError, UsageError, did_you_mean
 from bms_gateway.frames.batch import FrameBatch
@@ -39,14 +39,8 @@ class PythonCanPort:
     ----------
     interface, channel : str
         As python-can names them.
-    wanted : iterable of int or None
-        Identifiers to receive (`EXTENDED` set for 29-bit ones); None: all.
-    any_sender : iterable of int
-        Those of them that are parameter groups of J1939: received from every source address.
-    own : mapping of int to int
-        Identifiers that may be sent, each with its cycle, ns.
-    rate, burst : float, int
-        Of sending.
+    access : Access
+        What it receives and may send.
     clock : BusClock, optional
 
     Raises
@@ -59,18 +53,7 @@ class PythonCanPort:
 
     gather_s = GATHER_S
 
-    def __init__(
-        self,
-        interface: str,
-        channel: str,
-        *,
-        wanted: Iterable[int] | None = None,
-        any_sender: Iterable[int] = (),
-        own: Mapping[int, int] | None = None,
-        rate: float = RATE,
-        burst: int = BURST,
-        clock: BusClock | None = None,
-    ) -> None:
+    def __init__(self, interface: str, channel: str, access: Access = LISTEN, *, clock: BusClock | None = None) -> None:
         import can  # slow to load, and the SocketCAN port does without
 
         known = sorted(can.VALID_INTERFACES)
@@ -81,11 +64,12 @@ class PythonCanPort:
         self.link = Link.UP
         self.emptied = True
         self._clock = clock or BusClock()
-        self._pacer = Pacer(own or {}, self.counters, rate=rate, burst=burst)
-        self._impostors = Impostors(channel, own or (), self.counters)
+        self._pacer = Pacer(access.own, self.counters, rate=access.rate, burst=access.burst)
+        self._impostors = Impostors(channel, access.own, self.counters)
         # by ourselves: with filters set, python-can's recv(0) says "nothing there" at the first frame it turns away
-        self._wanted = None if wanted is None else np.array(sorted({*wanted, *(own or ())}), np.uint32)
-        self._groups = group_filters(any_sender)
+        received = access.received
+        self._wanted = None if received is None else np.array(sorted(received), np.uint32)
+        self._groups = group_filters(access.any_sender)
         self._delay_s = self._retry_at = self._down_at = 0.0
         self._shift_s: float | None = None
         self._refused = False

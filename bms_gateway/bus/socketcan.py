@@ -15,14 +15,14 @@ import logging
 import socket
 import struct
 import time
-from collections.abc import Iterable, Mapping
 from typing import Final, Self
 
+from bms_gateway.bus.access import LISTEN, Access
 from bms_gateway.bus.canframe import BUS_OFF, ERROR_MASK, RESTARTED, to_batch
 from bms_gateway.bus.clock import BusClock
 from bms_gateway.bus.filters import LIMIT, MOST_GROUPS, group_filters, join_filters
 from bms_gateway.bus.impostor import Impostors
-from bms_gateway.bus.pace import BURST, RATE, Pacer
+from bms_gateway.bus.pace import Pacer
 from bms_gateway.bus.port import GATHER_S, Counters, Link
 from bms_gateway.bus.receiver import DEPTH, Receiver
 from bms_gateway.errors import BusError
@@ -55,14 +55,8 @@ class SocketCanPort:
     ----------
     channel : str
         Interface, for example "can0". It need not exist yet.
-    wanted : iterable of int or None
-        Identifiers to receive (`EXTENDED` set for 29-bit ones); None: all.
-    any_sender : iterable of int
-        Those of them that are parameter groups of J1939: received from every source address.
-    own : mapping of int to int
-        Identifiers that may be sent, each with its cycle, ns; anything else is refused. Empty: listen only.
-    rate, burst : float, int
-        Of sending, frames per second and frames at once.
+    access : Access
+        What it receives and may send.
     receive_buffer : int
         Bytes to ask for.
     clock : BusClock, optional
@@ -89,12 +83,8 @@ class SocketCanPort:
     def __init__(
         self,
         channel: str,
+        access: Access = LISTEN,
         *,
-        wanted: Iterable[int] | None = None,
-        any_sender: Iterable[int] = (),
-        own: Mapping[int, int] | None = None,
-        rate: float = RATE,
-        burst: int = BURST,
         receive_buffer: int = RECEIVE_BUFFER,
         clock: BusClock | None = None,
         sock: socket.socket | None = None,
@@ -104,8 +94,8 @@ class SocketCanPort:
         self.link = Link.UP
         self.emptied = True
         self._clock = clock or BusClock()
-        self._pacer = Pacer(own or {}, self.counters, rate=rate, burst=burst)
-        self._impostors = Impostors(channel, own or (), self.counters)
+        self._pacer = Pacer(access.own, self.counters, rate=access.rate, burst=access.burst)
+        self._impostors = Impostors(channel, access.own, self.counters)
         self._delay_s = 0.0
         self._retry_at = self._down_at = 0.0
         self._last_drops = 0
@@ -117,9 +107,8 @@ class SocketCanPort:
         self._drain_most = 2 * self.receive_buffer // LEAST_ROOM + DEPTH
         filled_s = 2 * self.receive_buffer / FRAME_ROOM / FULL_BUS
         self.gather_s = min(max(filled_s / SPARE, GATHER_S), GATHER_MOST_S)
-        # our own too: frames of ours that somebody else sends must be seen
-        groups = group_filters(any_sender)[:MOST_GROUPS]
-        pairs = [(0, 0)] if wanted is None else join_filters({*wanted, *(own or ())}, LIMIT - len(groups)) + groups
+        groups, received = group_filters(access.any_sender)[:MOST_GROUPS], access.received
+        pairs = [(0, 0)] if received is None else join_filters(received, LIMIT - len(groups)) + groups
         self._filters = b"".join(struct.pack("=II", *pair) for pair in pairs)
         if sock is None:
             self._sock.setsockopt(socket.SOL_CAN_RAW, CAN_RAW_ERR_FILTER, ERROR_MASK)
@@ -128,9 +117,9 @@ class SocketCanPort:
             self._bind()
 
     @classmethod
-    def over(cls, sock: socket.socket, **options: object) -> Self:
+    def over(cls, sock: socket.socket, access: Access = LISTEN, *, receive_buffer: int = RECEIVE_BUFFER) -> Self:
         """Make a port above a datagram socket, for hosts without CAN."""
-        return cls("socketpair", sock=sock, **options)  # type: ignore[arg-type]
+        return cls("socketpair", access, receive_buffer=receive_buffer, sock=sock)
 
     def fileno(self) -> int:
         """Descriptor of the socket; the same for the port's whole life."""

@@ -7,6 +7,7 @@ comes with it, to be compared with what the gateway makes of the traffic.
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -151,7 +152,7 @@ class VirtualPack:
                 drawn = charge[i] + np.concatenate([[0.0], np.cumsum(real[:-1] * STEP_S)])
                 charge[i] = float(drawn[-1])
                 flow = np.where(here, fault.flow, 1.0)
-                out.append(_segment(string, p, time, (current, real), inlet, flow, drawn, x))
+                out.append(_segment(string, p, _Driven(time, current, real, inlet, flow, drawn), x))
             yield tuple(out)
 
     def _inlet(self, string: StringPlan, time: Floats) -> Floats:
@@ -184,29 +185,43 @@ def _truth(string: StringPlan, rng: np.random.Generator, scatter: float, common:
     return replace(p, **drawn)
 
 
-def _segment(
-    string: StringPlan,
-    p: StringParameters,
-    time: Floats,
-    currents: tuple[Floats, Floats],
-    inlet: Floats,
-    flow: Floats,
-    drawn: Floats,
-    x: Floats,
-) -> Segment:
-    current, real = currents  # as shown and as it is
+class _Driven(NamedTuple):
+    """What drove a string at T instants.
+
+    Attributes
+    ----------
+    time : ndarray (T,), s
+    current, real : ndarray (T,), A
+        As shown and as it is.
+    inlet : ndarray (T,), °C
+    flow : ndarray (T,)
+        Over nominal.
+    drawn : ndarray (T,), A s
+        Charge since the start.
+    """
+
+    time: Floats
+    current: Floats
+    real: Floats
+    inlet: Floats
+    flow: Floats
+    drawn: Floats
+
+
+def _segment(string: StringPlan, p: StringParameters, u: _Driven, x: Floats) -> Segment:
+    time = u.time
     core, surface = x[:, 0::2], x[:, 1::2]
     model = string.model
-    soc = np.clip(SOC_START - drawn / (3600.0 * (model.capacity_Ah or CAPACITY_AH)), 0.0, 1.0)
-    cells = (OCV_EMPTY_V + OCV_SPAN_V * soc)[:, None] - np.outer(real, p.R_e)
+    soc = np.clip(SOC_START - u.drawn / (3600.0 * (model.capacity_Ah or CAPACITY_AH)), 0.0, 1.0)
+    cells = (OCV_EMPTY_V + OCV_SPAN_V * soc)[:, None] - np.outer(u.real, p.R_e)
     series: dict[Key, Series] = {
-        ("current", None): steps(time, current),
+        ("current", None): steps(time, u.current),
         ("voltage", None): steps(time, cells.sum(axis=1)),
-        ("coolant_inlet", None): lines(time, inlet),
+        ("coolant_inlet", None): lines(time, u.inlet),
         ("soc", None): lines(time, soc),
     }
     if model.flow is not None:
-        series["coolant_flow", None] = steps(time, model.flow * flow)
+        series["coolant_flow", None] = steps(time, model.flow * u.flow)
     for k in range(model.cells):
         series["surface", k + 1] = lines(time, surface[:, k])
         series["cell_voltage", k + 1] = steps(time, cells[:, k])

@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bms_gateway.bus.access import Access
 from bms_gateway.bus.canframe import to_wire
 from bms_gateway.bus.replay import SocketCanSender
 from bms_gateway.bus.socketcan import RECEIVE_BUFFER, SocketCanPort
@@ -269,16 +270,17 @@ class RealTimeBench:
         load: int,
     ) -> Record:
         own = engine.sends
+        access = Access(wanted, own=own)
         buffer = SMALL_BUFFER if small_buffer else RECEIVE_BUFFER
         pair: socket.socket | None = None
         if self._channel is None:
             ours, pair = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
             pair.setblocking(False)
-            port = RefusingPort("pair", wanted=wanted, own=own, sock=ours, receive_buffer=buffer)
+            port = RefusingPort.over(ours, access, receive_buffer=buffer)
             ears = SocketCanPort.over(pair)
         else:
-            port = RefusingPort(self._channel, wanted=wanted, own=own, receive_buffer=buffer)
-            ears = SocketCanPort(self._channel, wanted=own)
+            port = RefusingPort(self._channel, access, receive_buffer=buffer)
+            ears = SocketCanPort(self._channel, Access(own))
         vehicle = Vehicle(self._channel, pair)
         disk, store, fits = threading.Event(), StateStore(folder), Aside(FIT_S)
         disk.set()

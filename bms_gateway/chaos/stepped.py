@@ -15,6 +15,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from bms_gateway.bus.access import Access
 from bms_gateway.bus.clock import BusClock
 from bms_gateway.bus.in_process import MemoryBus
 from bms_gateway.bus.replay import SocketCanSender
@@ -104,8 +105,8 @@ class InterfaceWires:
     def __init__(self, channel: str, engine: Engine) -> None:
         self._vehicle = SocketCanSender(channel)
         # bus time goes faster than the clock here, so the rate may too
-        self._gateway = SocketCanPort(channel, wanted=engine.can_ids.tolist(), own=engine.sends, rate=1e6)
-        self._bystander = SocketCanPort(channel, wanted=engine.sends)
+        self._gateway = SocketCanPort(channel, Access(engine.can_ids.tolist(), own=engine.sends, rate=1e6))
+        self._bystander = SocketCanPort(channel, Access(engine.sends))
 
     def put(self, frames: FrameBatch) -> None:
         """See `Bus`."""

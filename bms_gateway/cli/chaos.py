@@ -90,6 +90,7 @@ def _must_be_free(channel: str, loaded: "LoadedConfig") -> None:
     """
     import time
 
+    from bms_gateway.bus.access import Access
     from bms_gateway.bus.replay import SocketCanSender
     from bms_gateway.bus.socketcan import SocketCanPort
     from bms_gateway.engine import Engine
@@ -97,7 +98,7 @@ def _must_be_free(channel: str, loaded: "LoadedConfig") -> None:
     SocketCanSender(channel).close()  # says what to do where the interface is missing
     engine = Engine(loaded.plan, loaded.database)
     ours = set(engine.sends)
-    port = SocketCanPort(channel, wanted=[*engine.can_ids.tolist(), *ours])
+    port = SocketCanPort(channel, Access([*engine.can_ids.tolist(), *ours]))
     try:
         end = time.monotonic() + LISTEN_S
         while time.monotonic() < end:

@@ -200,12 +200,13 @@ def _drive_live(
 ) -> None:
     import time
 
+    from bms_gateway.bus.access import Access
     from bms_gateway.bus.replay import SocketCanSender, replay
     from bms_gateway.bus.socketcan import SocketCanPort
     from bms_gateway.report.show import live_view
     from bms_gateway.service.live import Gateway
 
-    port = SocketCanPort(CHANNEL, wanted=engine.can_ids.tolist(), own=engine.sends)
+    port = SocketCanPort(CHANNEL, Access(engine.can_ids.tolist(), own=engine.sends))
     sender = SocketCanSender(CHANNEL)
     batches = list(frames)  # made beforehand: the bus must not wait for the simulation
     began = time.time_ns()

@@ -217,13 +217,13 @@ def saver(store: "StateStore", recent: "Recent | None" = None) -> "Callable[[Map
 
 
 def _port(loaded: "LoadedConfig", engine: "Engine") -> "Port":
-    bus, ids, groups = loaded.config.bus, engine.can_ids.tolist(), engine.any_sender
+    from bms_gateway.bus.access import Access
+
+    bus, access = loaded.config.bus, Access(engine.can_ids.tolist(), engine.any_sender, engine.sends)
     if bus.interface == "socketcan":
         from bms_gateway.bus.socketcan import SocketCanPort
 
-        return SocketCanPort(
-            bus.channel, wanted=ids, any_sender=groups, own=engine.sends, receive_buffer=bus.receive_buffer
-        )
+        return SocketCanPort(bus.channel, access, receive_buffer=bus.receive_buffer)
     from bms_gateway.bus.pythoncan import PythonCanPort
 
-    return PythonCanPort(bus.interface, bus.channel, wanted=ids, any_sender=groups, own=engine.sends)
+    return PythonCanPort(bus.interface, bus.channel, access)

@@ -214,7 +214,7 @@ def _listening(loaded: "LoadedConfig", channel: str) -> "Listening":
     if bus.interface == "socketcan":
         from bms_gateway.bus.socketcan import SocketCanPort
 
-        return Listening(SocketCanPort(channel, own={}, receive_buffer=bus.receive_buffer))
+        return Listening(SocketCanPort(channel, receive_buffer=bus.receive_buffer))
     from bms_gateway.bus.pythoncan import PythonCanPort
 
-    return Listening(PythonCanPort(bus.interface, channel, own={}))
+    return Listening(PythonCanPort(bus.interface, channel))

@@ -20,7 +20,7 @@ from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal import Floats, Share, film
 from bms_gateway.thermal.centre import centre_share, hottest_point, lagged, time_constant
-from bms_gateway.thermal.trajectory import Span
+from bms_gateway.thermal.drive import Span
 
 POINTS = 600
 """Instants per record at which a core is stated with its sd: as many as a screen shows."""

@@ -25,7 +25,7 @@ from bms_gateway.identify.coordinates import OWN, Channel, Measured
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal import Floats
-from bms_gateway.thermal.trajectory import Span
+from bms_gateway.thermal.drive import Span
 
 ENOUGH_ODDS = 3.0
 """Expected log-odds from which a test decides."""

@@ -204,9 +204,8 @@ def _hats(t: Floats, knots: Floats) -> Floats:
 def _response(fit: MapFit, r: int, node: Node, heat: Floats) -> Floats:
     """Run what one record's surface sensors read (M, K), K, under heats (N, n, K), W, at one node of each cell."""
     problem, m = fit.problem, fit.problem.records[r]
-    v, _ = problem.numbers(r, fit.theta, fit.nu)
-    memory, _ = problem.physics.memory(m.drive, v)
-    recursion = reference(problem.physics, m.drive, v, memory, fit.prediction.X[r].mean(axis=0))
+    system, _ = problem.system(r, fit.theta, fit.nu)
+    v, recursion = system.v, reference(system, fit.prediction.X[r].mean(axis=0))
     n, K = problem.model.cells, heat.shape[2]
     capacity = v.string.C_c if node == "core" else v.string.C_s
     w = np.zeros((m.drive.N, problem.physics.states, K))

@@ -15,8 +15,7 @@ from bms_gateway.identify.coordinates import Belief, Measured
 from bms_gateway.identify.map_fit import FitEffort, FitStart, Linear, MapFit, map_fit, weighed
 from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal import Floats
-from bms_gateway.thermal.drive import Drive
-from bms_gateway.thermal.trajectory import Span
+from bms_gateway.thermal.drive import Drive, Span
 
 REFINEMENTS = 3
 """Of the sensitivities, for the last digits: where heat follows the core, one does not lead along a flat valley."""

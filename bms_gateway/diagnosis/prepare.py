@@ -8,8 +8,7 @@ import numpy as np
 from bms_gateway.diagnosis.record import Record
 from bms_gateway.identify.coordinates import Channel, Measured
 from bms_gateway.thermal import Floats, StringModel
-from bms_gateway.thermal.drive import Drive
-from bms_gateway.thermal.trajectory import Span
+from bms_gateway.thermal.drive import Drive, Span
 
 START_S = 45.0
 """Readings of so long at the start of a span give its surfaces: cells hardly warm in it, and noise averages out."""

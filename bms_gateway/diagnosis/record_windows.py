@@ -22,7 +22,7 @@ from bms_gateway.identify.map_fit import TO_THE_END
 from bms_gateway.identify.problem import Problem
 from bms_gateway.identify.window import GAP_S, WindowIdentifier
 from bms_gateway.thermal import Floats, StringModel
-from bms_gateway.thermal.trajectory import Span
+from bms_gateway.thermal.drive import Span
 
 HELD = 0.03
 """Of a number's sd by the windows: how firmly the fit of what is left keeps the number."""

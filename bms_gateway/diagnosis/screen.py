@@ -7,7 +7,7 @@ the fit, so that what those numbers have absorbed counts in the effect's favour 
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,10 +17,10 @@ from bms_gateway.identify.effort import beat
 from bms_gateway.identify.map_fit import MapFit, solved, stacked
 from bms_gateway.identify.problem import Problem, signals_at
 from bms_gateway.thermal import Floats
-from bms_gateway.thermal.drive import Drive
 from bms_gateway.thermal.effects import EffectParameter
-from bms_gateway.thermal.physics import Numbers, Physics
-from bms_gateway.thermal.trajectory import cut, reference, simulate
+from bms_gateway.thermal.physics import Numbers, Physics, with_effect
+from bms_gateway.thermal.system import System
+from bms_gateway.thermal.trajectory import Recursion, reference, simulate
 
 AMPLITUDE_SD = 3.0
 """Prior sd, in units of the probe, of an effect whose strength is a logarithm: how much stronger it may well be."""
@@ -96,6 +96,19 @@ def _start(c: Candidate, strengths: Sequence[EffectParameter], step: Floats) -> 
     return values
 
 
+@dataclass(frozen=True, slots=True)
+class _Fitted:
+    """One record at the fit's numbers: its trajectory `X`, readings `y` (M,), and the `rates` of each span."""
+
+    measured: Measured
+    system: System
+    starts: tuple[Floats, ...]
+    X: Floats
+    recursion: Recursion
+    y: Floats
+    rates: list[Floats]
+
+
 class Responses:
     """Responses of one fit's readings to candidates; what they share is computed once."""
 
@@ -104,13 +117,11 @@ class Responses:
         self._problem = fit.problem
         self._records = []
         for r, m in enumerate(fit.problem.records):
-            v, starts = fit.problem.numbers(r, fit.theta, fit.nu)
-            memory, _ = fit.problem.physics.memory(m.drive, v)
+            system, starts = fit.problem.system(r, fit.theta, fit.nu)
             X = fit.prediction.X[r]
-            recursion = reference(fit.problem.physics, m.drive, v, memory, X.mean(axis=0))
-            y = signals_at(m, fit.problem.physics, v, memory, X)
-            f = [fit.problem.physics.rates(x, u, v, mem) for x, u, mem in _spans(m, X, memory)]
-            self._records.append((m, v, starts, X, recursion, y, f))
+            f = [part.rates(x) for x, part in _spans(system, X)]
+            recursion = reference(system, X.mean(axis=0))
+            self._records.append(_Fitted(m, system, starts, X, recursion, signals_at(m, system, X), f))
 
     def column(self, c: Candidate, p: EffectParameter) -> Floats:
         """Return the readings' response (M,) to one parameter, per unit (or per probe where it is a logarithm)."""
@@ -125,40 +136,38 @@ class Responses:
         physics = Physics(c.put_into(self._problem.model, values))
         begins = self._begins(c, values)
         parts = []
-        for (m, v, starts, X, recursion, y, f), begin in zip(self._records, begins, strict=True):
-            with_it = replace(v, effects={**v.effects, c.key: values})
-            memory, _ = physics.memory(m.drive, with_it)
+        for fitted, begin in zip(self._records, begins, strict=True):
+            m, u, v = fitted.measured, fitted.system.u, with_effect(fitted.system.v, c.key, values)
+            with_it = System(physics, u, v, physics.memory(u, v)[0], fitted.system.spans)
             if c.effect.states:
-                moved = self._whole(physics, m, with_it, memory, starts, X)
+                moved = self._whole(with_it, fitted.starts, fitted.X)
             else:
-                moved = X + np.concatenate(
+                spans = zip(_spans(with_it, fitted.X), fitted.rates, fitted.starts, begin, strict=True)
+                moved = fitted.X + np.concatenate(
                     [
-                        recursion.run((b - a)[:, None], (physics.rates(x, u, with_it, mem) - f0)[..., None])[..., 0]
-                        for (x, u, mem), f0, a, b in zip(_spans(m, X, memory), f, starts, begin, strict=True)
+                        fitted.recursion.run((b - a)[:, None], (part.rates(x) - f0)[..., None])[..., 0]
+                        for (x, part), f0, a, b in spans
                     ]
                 )
-            parts.append((signals_at(m, physics, with_it, memory, moved) - y) / unit)
+            parts.append((signals_at(m, with_it, moved) - fitted.y) / unit)
         return np.concatenate(parts)
 
     def _begins(self, c: Candidate, values: Mapping[str, float]) -> list[tuple[Floats, ...]]:
         """Return the starts with the effect: what a thermocouple adds has gone into the start taken from it."""
         if c.effect.states or "reading" not in c.effect.hooks():
-            return [starts for _, _, starts, *_ in self._records]
+            return [fitted.starts for fitted in self._records]
         with_it = Problem(c.put_into(self._problem.model, values), self._problem.records, self._problem.beliefs)
         theta = np.concatenate([self._fit.theta, with_it.begin[len(self._fit.theta) :]])
         return [with_it.numbers(r, theta, self._fit.nu)[1] for r in range(len(self._records))]
 
     @staticmethod
-    def _whole(
-        physics: Physics, m: Measured, v: Numbers, memory: Mapping[str, Floats], starts: Sequence[Floats], X: Floats
-    ) -> Floats:
+    def _whole(system: System, starts: Sequence[Floats], X: Floats) -> Floats:
         """Trajectory with an effect that has states of its own."""
-        n = physics.cells
         # states that the model had before stay where they are: the new effect's come last
+        physics, v, n = system.physics, system.v, system.physics.cells
         guess = extended(physics, X, v, n)
-        begins = [extended(physics, s, v, n) for s in starts]
-        recursion = reference(physics, m.drive, v, memory, guess.mean(axis=0))
-        return simulate(physics, m.drive, v, memory, begins, m.spans, recursion, guess)[0]
+        recursion = reference(system, guess.mean(axis=0))
+        return simulate(system, [extended(physics, s, v, n) for s in starts], recursion, guess)[0]
 
 
 def extended(physics: Physics, X: Floats, v: Numbers, n: int) -> Floats:
@@ -168,11 +177,8 @@ def extended(physics: Physics, X: Floats, v: Numbers, n: int) -> Floats:
     return full
 
 
-def _spans(m: Measured, X: Floats, memory: Mapping[str, Floats]) -> Iterator[tuple[Floats, Drive, dict[str, Floats]]]:
-    """Mean states, inputs and memories of each span's intervals."""
-    row = 0
-    for span in m.spans:
-        x = X[row : row + len(span) + 1]
-        row += len(span) + 1
-        at = slice(span.first, span.last)
-        yield (x[1:] + x[:-1]) / 2.0, cut(m.drive, span.first, span.last), {k: a[at] for k, a in memory.items()}
+def _spans(system: System, X: Floats) -> Iterator[tuple[Floats, System]]:
+    """Mean states of each span's intervals, and its balances."""
+    for rows, part in system.parts():
+        x = X[rows]
+        yield (x[1:] + x[:-1]) / 2.0, part

@@ -23,11 +23,10 @@ from bms_gateway.diagnosis.geometry import DOUBTED, odd_fitted
 from bms_gateway.identify.coordinates import Coordinate, Measured
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.thermal import KINDS, Floats
-from bms_gateway.thermal.drive import Drive
+from bms_gateway.thermal.drive import Drive, cut
 from bms_gateway.thermal.effects import effect_named
 from bms_gateway.thermal.effects.laws import KELVIN, REFERENCE
 from bms_gateway.thermal.physics import with_effect
-from bms_gateway.thermal.trajectory import cut
 
 FAR = 2.5
 """sd of its prior beyond which a number of a data sheet is an alarm: one in eighty."""

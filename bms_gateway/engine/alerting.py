@@ -16,8 +16,8 @@ from bms_gateway.engine.inputs import Inputs
 from bms_gateway.engine.readings import Readings
 from bms_gateway.frames.quality import Quality
 from bms_gateway.health.alerts import Alerts, AlertSettings, Condition
-from bms_gateway.health.confirm import Confirm
-from bms_gateway.health.limits import Limits, Sensed
+from bms_gateway.health.confirm import Confirm, Surfaces
+from bms_gateway.health.limits import Limits, Points, Sensed
 from bms_gateway.health.nearing import Nearing
 from bms_gateway.health.runaway import Runaway
 from bms_gateway.thermal import StringModel
@@ -83,7 +83,8 @@ class Alerting:
         beyond = raw.value >= self.limits.surface.limit
         beyond |= (quality == ABOVE[0]) & (raw.value > 0.0) | (quality == ABOVE[1])
         square, hot = readings.means[1], self.limits.surface
-        confirmed = self._confirm.step(t1 / 1e9, square, readings.inlet, readings.y, hot.fallen, hot.over, hot.rate)
+        surfaces = Surfaces(readings.y, hot.fallen, hot.over, hot.rate)
+        confirmed = self._confirm.step(t1 / 1e9, square, readings.inlet, surfaces)
         jumpy = np.where(quality == JUMPY, raw.value, np.nan)
         sensed = Sensed(readings.y, failed, beyond, jumpy, confirmed)
         seen = np.repeat(readings.seen(GOOD), self._sizes)
@@ -91,7 +92,7 @@ class Alerting:
         trusted &= (newest.quality == GOOD) | (newest.quality == ESTIMATED) | (newest.quality == DOUBTFUL)
         quiet = t1 - heard >= QUIET_S * 1e9
         core, centre, centre_sd = newest.with_withheld()
-        self.limits.step(t1 / 1e9, centre, centre_sd, core, trusted, sensed, quiet)
+        self.limits.step(t1 / 1e9, Points(centre, centre_sd, core, trusted), sensed, quiet)
         told: list[Event] = []
         current = np.repeat(readings.means[4], self._sizes)
         if self.runaway.step(raw.value, raw.time_s, raw.invalid, raw.volt, current):

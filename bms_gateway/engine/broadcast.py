@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from functools import partial
 from math import nan
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,19 +59,99 @@ class Counts:
     uptime_s: float
 
 
-Content = tuple[float | Floats | NDArray[np.uint8], ...]
-"""One value, or one for each row, for every column of a part."""
+Value = float | Floats | NDArray[np.uint8]
+"""One for all rows of a part, or one for each row."""
+Content = tuple[Value, ...]
+"""A value for every column of a part."""
 
-CORE = ("core_01", "core_sd_01", "surface_01", "quality_01")  # in the columns of all other cells too
-SUMMARY = ("hottest_core", "hottest_cell", "hottest_sd", "hottest_quality", "coldest_core")
-HOTTEST = tuple(f"hottest_point{part}" for part in ("", "_cell", "_sd", "_quality", "_core"))
-HEALTH = ("R_e_flag", "R_e_growth", "R_e_growth_sd", "innovation", "mismatch_flag")
-FLAGS = (
-    *("ageing_flag", "cooling_flag", "thermocouple_flag", "current_flag", "mismatch_flag"),
-    *("thermocouple_cell", "R_u_growth", "runaway_flag", "hot_flag"),
-)
-GROWTH = ("flag_01", "growth_01", "growth_sd_01")  # in the columns of all other cells too
-HEAT = ("heat_flag_01", "heat_01", "heat_sd_01")  # in the columns of all other cells too
+
+class Core(NamedTuple):
+    """Signals of the first cell's message; they stand in the columns of all other cells too."""
+
+    core_01: Value
+    core_sd_01: Value
+    surface_01: Value
+    quality_01: Value
+
+
+class Summary(NamedTuple):
+    """Signals of a string's summary; without a core none is available."""
+
+    hottest_core: Value = nan
+    hottest_cell: Value = nan
+    hottest_sd: Value = nan
+    hottest_quality: Value = nan
+    coldest_core: Value = nan
+
+
+class Hottest(NamedTuple):
+    """Signals of a string's hottest point."""
+
+    hottest_point: Value = nan
+    hottest_point_cell: Value = nan
+    hottest_point_sd: Value = nan
+    hottest_point_quality: Value = nan
+    hottest_point_core: Value = nan
+
+
+class Health(NamedTuple):
+    """Signals of a string's health."""
+
+    R_e_flag: Value
+    R_e_growth: Value
+    R_e_growth_sd: Value
+    innovation: Value
+    mismatch_flag: Value
+
+
+class Flags(NamedTuple):
+    """Signals of a string's flags."""
+
+    ageing_flag: Value
+    cooling_flag: Value
+    thermocouple_flag: Value
+    current_flag: Value
+    mismatch_flag: Value
+    thermocouple_cell: Value
+    R_u_growth: Value
+    runaway_flag: Value
+    hot_flag: Value
+
+
+class Growth(NamedTuple):
+    """Signals of the first cell's growth of resistance; they stand in the columns of all other cells too."""
+
+    flag_01: Value = nan
+    growth_01: Value = nan
+    growth_sd_01: Value = nan
+
+
+class Heat(NamedTuple):
+    """Signals of the first cell's unexplained heat; they stand in the columns of all other cells too."""
+
+    heat_flag_01: Value
+    heat_01: Value
+    heat_sd_01: Value
+
+
+class Status(NamedTuple):
+    """Signals of the gateway's status."""
+
+    state: Value
+    frame_rate: Value
+    rejected_samples: Value
+    dropped_frames: Value
+
+
+class Info(NamedTuple):
+    """Signals of the gateway's version."""
+
+    version_major: Value
+    version_minor: Value
+    version_patch: Value
+    uptime: Value
+
+
 POINTS = tuple(f"point_in_{part}" for part in ("1min", "5min", "10min"))
 NEXT = (*(f"point_sd_{part}" for part in ("1min", "5min", "10min")), "limit_cell", "limit_in")
 WAYS = ("discharge", "charge")
@@ -81,8 +162,6 @@ WITHIN_S = 600.0
 """What `limit_in` says of a limit that is not reached within ten minutes."""
 ALARM = 2
 """In the value table `Fault` of our DBC."""
-STATUS = ("state", "frame_rate", "rejected_samples", "dropped_frames")
-INFO = ("version_major", "version_minor", "version_patch", "uptime")
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,6 +171,8 @@ class _Part:
     rows: NDArray[np.intp]
     columns: tuple[int, ...]
     cycle_ns: int
+    single: bool
+    """Whether it is one row, and its values are numbers; else they may be arrays with a value for each cell."""
 
 
 class Broadcast:
@@ -119,32 +200,38 @@ class Broadcast:
         self._cycle = {name: database.message(name).cycle_ns or plan.tick_ns for name in names}
         self.cycles = {database.message(name).can_id: self._cycle[name] for name in names}
         self._strings = [self._parts(s.number, s.model.cells) for s in plan.strings]
-        self._status, self._info = self._part(GATEWAY_STATUS, STATUS), self._part(GATEWAY_INFO, INFO)
+        self._status, self._info = self._part(GATEWAY_STATUS, Status._fields), self._part(GATEWAY_INFO, Info._fields)
 
-    def _part(self, message: str, signals: tuple[str, ...], muxes: Sequence[tuple[int, ...]] = ((),)) -> _Part:
+    def _part(self, message: str, signals: tuple[str, ...], *mux: int) -> _Part:
+        return self._rows(message, signals, [mux], single=True)
+
+    def _each_cell(self, message: str, signals: tuple[str, ...], cells: int) -> _Part:
+        return self._rows(message, signals, [(k,) for k in range(1, cells + 1)], single=False)
+
+    def _rows(self, message: str, signals: tuple[str, ...], muxes: Sequence[tuple[int, ...]], *, single: bool) -> _Part:
         rows = [self._encoder.row(message, *mux) for mux in muxes]
         columns = tuple(self._encoder.column(rows[0], signal) for signal in signals)
-        return _Part(np.array(rows, np.intp), columns, self._cycle[message])
+        return _Part(np.array(rows, np.intp), columns, self._cycle[message], single)
 
     def _parts(self, number: int, cells: int) -> list[tuple[_Part, Callable[[StringEstimator], Content]]]:
         """Lay out one string's messages, in the order in which they are sent."""
         parameters = parameters_message(number)
         return [
-            (self._part(core_message(number), CORE, [(k,) for k in range(1, cells + 1)]), _cores),
-            (self._part(summary_message(number), SUMMARY), _summary),
-            (self._part(hottest_message(number), HOTTEST), _hottest),
+            (self._each_cell(core_message(number), Core._fields, cells), _cores),
+            (self._part(summary_message(number), Summary._fields), _summary),
+            (self._part(hottest_message(number), Hottest._fields), _hottest),
             *(
-                (self._part(parameters, (name, f"{name}_sd", f"{name}_status"), [(mux,)]), partial(_parameter, name))
+                (self._part(parameters, (name, f"{name}_sd", f"{name}_status"), mux), partial(_parameter, name))
                 for name, mux in PARAMETER_MUX.items()
             ),
-            (self._part(health_message(number), HEALTH), _health),
-            (self._part(flags_message(number), FLAGS), _flags),
-            (self._part(growth_message(number), GROWTH, [(k,) for k in range(1, cells + 1)]), _growth),
-            (self._part(heat_message(number), HEAT, [(k,) for k in range(1, cells + 1)]), _heat),
-            (self._part(forecast_message(number), POINTS, [(0,)]), _points),
-            (self._part(forecast_message(number), NEXT, [(1,)]), _next),
+            (self._part(health_message(number), Health._fields), _health),
+            (self._part(flags_message(number), Flags._fields), _flags),
+            (self._each_cell(growth_message(number), Growth._fields, cells), _growth),
+            (self._each_cell(heat_message(number), Heat._fields, cells), _heat),
+            (self._part(forecast_message(number), POINTS, 0), _points),
+            (self._part(forecast_message(number), NEXT, 1), _next),
             *(
-                (self._part(forecast_message(number), tuple(f"{way}_{x}" for x in FOR), [(m,)]), partial(_current, way))
+                (self._part(forecast_message(number), tuple(f"{way}_{x}" for x in FOR), m), partial(_current, way))
                 for m, way in enumerate(WAYS, start=2)
             ),
         ]
@@ -166,29 +253,30 @@ class Broadcast:
         start = 0
         for part, content in due:
             end = start + len(part.rows)
+            where = start if part.single else slice(start, end)  # one number is put in faster
             for column, value in zip(part.columns, content, strict=True):
-                values[start:end, column] = value
+                values[where, column] = value
             start = end
         can_id, length, data = self._encoder.encode(rows, values)
         return FrameBatch(np.full(len(can_id), t1, np.int64), can_id, length, data)
 
 
 def _cores(s: StringEstimator) -> Content:
-    return s.core, s.core_sd, s.surface, s.quality
+    return Core(s.core, s.core_sd, s.surface, s.quality)
 
 
 def _summary(s: StringEstimator) -> Content:
     k = hottest_of(s.core)
     if k is None:
-        return (nan,) * len(SUMMARY)
-    return float(s.core[k]), k + 1, float(s.core_sd[k]), float(s.quality[k]), float(np.fmin.reduce(s.core))
+        return Summary()
+    return Summary(float(s.core[k]), k + 1, float(s.core_sd[k]), float(s.quality[k]), float(np.fmin.reduce(s.core)))
 
 
 def _hottest(s: StringEstimator) -> Content:
     k = s.hottest
     if k is None:
-        return (nan,) * len(HOTTEST)
-    return float(s.centre[k]), k + 1, float(s.centre_sd[k]), float(s.quality[k]), float(s.core[k])
+        return Hottest()
+    return Hottest(float(s.centre[k]), k + 1, float(s.centre_sd[k]), float(s.quality[k]), float(s.core[k]))
 
 
 def _parameter(name: str, s: StringEstimator) -> Content:
@@ -204,35 +292,35 @@ def _parameter(name: str, s: StringEstimator) -> Content:
 
 
 def _health(s: StringEstimator) -> Content:
-    return (
-        s.ageing.flag.level if s.ageing.commissioned else nan,
-        100.0 * s.ageing.growth,
-        100.0 * s.ageing.growth_sd,
-        s.mismatch.excess**0.5,
-        s.mismatch.flag.level,
+    return Health(
+        R_e_flag=s.ageing.flag.level if s.ageing.commissioned else nan,
+        R_e_growth=100.0 * s.ageing.growth,
+        R_e_growth_sd=100.0 * s.ageing.growth_sd,
+        innovation=s.mismatch.excess**0.5,
+        mismatch_flag=s.mismatch.flag.level,
     )
 
 
 def _flags(s: StringEstimator) -> Content:
     h, known = s.health, s.health.commissioned
-    return (
-        h.ageing.flag.level if h.ageing.commissioned else nan,
-        h.cooling.flag.level if known else nan,
-        h.drift.flag.level if known else nan,
-        h.current.flag.level if known else nan,
-        h.mismatch.flag.level,
-        h.drift.worst if h.drift.flag.level else nan,
-        100.0 * h.cooling.growth,
-        ALARM * s.runaway,
-        ALARM * s.hot,
+    return Flags(
+        ageing_flag=h.ageing.flag.level if h.ageing.commissioned else nan,
+        cooling_flag=h.cooling.flag.level if known else nan,
+        thermocouple_flag=h.drift.flag.level if known else nan,
+        current_flag=h.current.flag.level if known else nan,
+        mismatch_flag=h.mismatch.flag.level,
+        thermocouple_cell=h.drift.worst if h.drift.flag.level else nan,
+        R_u_growth=100.0 * h.cooling.growth,
+        runaway_flag=ALARM * s.runaway,
+        hot_flag=ALARM * s.hot,
     )
 
 
 def _growth(s: StringEstimator) -> Content:
     if s.health.cells is None:
-        return nan, nan, nan
+        return Growth()
     cells = s.health.cells.ageing
-    return (
+    return Growth(
         np.array([a.flag.level if a.commissioned else nan for a in cells]),
         100.0 * np.array([a.growth for a in cells]),
         100.0 * np.array([a.growth_sd for a in cells]),
@@ -244,7 +332,7 @@ def _heat(s: StringEstimator) -> Content:
     for f in s.health.heat:
         if f.code == "unexplained_heat" and f.cell is not None:
             flag[f.cell - 1] = f.level
-    return flag, s.own_heat, s.own_heat_sd
+    return Heat(flag, s.own_heat, s.own_heat_sd)
 
 
 def _points(s: StringEstimator) -> Content:
@@ -265,9 +353,9 @@ def _current(way: str, s: StringEstimator) -> Content:
 
 
 def _status(state: State, counts: Counts) -> Content:
-    return state.value, counts.frames, counts.rejected, counts.dropped
+    return Status(state.value, counts.frames, counts.rejected, counts.dropped)
 
 
 def _info(counts: Counts) -> Content:
     major, minor, patch = (float(part) for part in __version__.split("."))
-    return major, minor, patch, counts.uptime_s
+    return Info(major, minor, patch, counts.uptime_s)

@@ -22,6 +22,7 @@ from bms_gateway.engine.wiring import Wire
 from bms_gateway.frames.quality import Quality
 from bms_gateway.health import Change, HealthResult, Mismatch, Mismatches
 from bms_gateway.health.heat import Finding
+from bms_gateway.health.heat.heat_watch import HeatTick
 from bms_gateway.identify import string_parameters
 from bms_gateway.identify.cell_kept import baseline_of
 from bms_gateway.identify.cell_live import CellIdentifier, CellResult
@@ -159,7 +160,9 @@ class Estimators:
         driven = measured if group.observed.shares else Driven(square, heat, inlet, flow)
         core, core_sd, surface, centre, centre_sd = e.core, e.core_sd, e.surface, e.centre, e.centre_sd
         if group.watch is not None:
-            core, core_sd = self._watched(group, driven, I, (y, age), (core, core_sd), t1, found)
+            given = group.observed.by_cell(driven.heat)
+            tick = HeatTick(driven.square, given, I, driven.inlet, y, age, driven.flow)
+            core, core_sd = self._watched(group, t1, tick, (core, core_sd), found)
             if core is not e.core:  # it may be the thermocouple that errs, or the cell that heats: the warmer counts
                 known = np.isfinite(e.core_sd)
                 more = np.where(known, core_sd, 0.0) ** 2 - np.where(known, e.core_sd, 0.0) ** 2
@@ -190,26 +193,23 @@ class Estimators:
             group.put(row, values)
         cells = [readings.cells[i] for i in group.members] if readings.cells else ()
         soc, since = readings.slow["soc"][group.rows], dt + self._gap_s
-        tick = GroupTick(t1, since, square, heat, inlet, flow, I, soc, y, age, cells)
-        jobs += [(group.members[j], job) for j, job in group.backlog.add(tick)]
+        heard = GroupTick(t1, since, square, heat, inlet, flow, I, soc, y, age, cells)
+        jobs += [(group.members[j], job) for j, job in group.backlog.add(heard)]
         group.errors = e.errors
         return e.errors.mean_square()
 
     def _watched(
         self,
         group: Group,
-        driven: Driven,
-        I: Floats,  # noqa: E741 - the field's symbol
-        heard: tuple[Floats, Floats],
-        cores: tuple[Floats, Floats],
         t1: int,
+        tick: HeatTick,
+        cores: tuple[Floats, Floats],
         found: list[tuple[int, Finding]],
     ) -> tuple[Floats, Floats]:
         """Let the watch over heat take a tick in, and the cores where it knows better: with a fault believed."""
         assert group.watch is not None  # noqa: S101 - who calls has looked
         watch = group.watch
-        given = group.observed.by_cell(driven.heat)
-        new = watch.add(t1, driven.square, given, I, driven.inlet, *heard, driven.flow)
+        new = watch.add(t1, tick)
         if new is not None:
             found += [(group.members[j], f) for j, f in new]
             for s, v in zip(group.strings, watch.verdicts, strict=True):

@@ -7,6 +7,7 @@ what a signal cannot carry leaves as its not-available value or, without such a 
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +21,36 @@ from bms_gateway.frames.signal_info import MessageInfo, SignalInfo, j1939_limits
 __all__ = ["Encoder"]
 
 Index = NDArray[np.intp]
+T = TypeVar("T")
 MAX_ROWS = 4096
 """More layouts than this of one message come from independent multiplexers whose product nobody sends."""
+
+
+class _Raw(NamedTuple, Generic[T]):
+    """How a signal's physical value becomes a raw one; or of many signals, with an array for each number.
+
+    Attributes
+    ----------
+    scale, offset
+        Physical = raw · scale + offset.
+    low, high
+        Valid range.
+    below, above, missing, failed
+        What is sent below and above that range, for NaN and for an error.
+    """
+
+    scale: T
+    offset: T
+    low: T
+    high: T
+    below: T
+    above: T
+    missing: T
+    failed: T
+
+
+_NOTHING = _Raw(1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+"""Of a column that a row leaves empty."""
 
 
 class Encoder:
@@ -71,13 +100,13 @@ class Encoder:
             _write_switches(base, message, values)
         flat = [s for _, _, c in rows for s in c]
         self._fields = BitFields.build([s.place for s in flat], words)
-        self._numbers = np.array([_numbers(s) for s in flat], np.float64).reshape(-1, 8)
+        self._numbers = np.array([_raw(s) for s in flat], np.float64).reshape(-1, len(_Raw._fields))
         # one field more, of no bits, for the columns that a row leaves empty
         self._field = np.full((len(rows), self.width), len(flat), np.intp)
         starts = np.cumsum([0, *(len(c) for _, _, c in rows)])
         for r, (_, _, carried) in enumerate(rows):
             self._field[r, : len(carried)] = starts[r] + np.arange(len(carried))
-        self._numbers = np.vstack([self._numbers, [[1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]]])
+        self._numbers = np.vstack([self._numbers, _NOTHING])
         self._float_bits = np.array([*(s.place.size if s.is_float else 0 for s in flat), 0], np.uint8)
 
     def row(self, message: str, *mux: int) -> int:
@@ -149,15 +178,15 @@ class Encoder:
     def _raw_bits(
         self, field: Index, values: NDArray[np.float64], error: NDArray[np.bool_] | None
     ) -> NDArray[np.uint64]:
-        scale, offset, low, high, below, above, missing, failed = np.moveaxis(self._numbers.take(field, axis=0), -1, 0)
+        s = _Raw(*np.moveaxis(self._numbers.take(field, axis=0), -1, 0))
         with np.errstate(all="ignore"):
-            raw = (values - offset) / scale
+            raw = (values - s.offset) / s.scale
             narrow = self._float_bits.take(field)
             raw = np.where(narrow > 0, raw, np.rint(raw))
-            raw = np.where(raw < low, below, np.where(raw > high, above, raw))
-            raw = np.where(np.isnan(raw), missing, raw)
+            raw = np.where(raw < s.low, s.below, np.where(raw > s.high, s.above, raw))
+            raw = np.where(np.isnan(raw), s.missing, raw)
             if error is not None:
-                raw = np.where(error, failed, raw)
+                raw = np.where(error, s.failed, raw)
             bits: NDArray[np.uint64] = np.abs(raw).astype(np.uint64)
             bits = np.where(raw < 0, np.uint64(0) - bits, bits)
             if narrow.any():
@@ -248,8 +277,8 @@ def _write_switches(base: NDArray[np.uint8], message: MessageInfo, chosen: Mappi
             base[byte] |= ((value >> k) & 1) << bit
 
 
-def _numbers(s: SignalInfo) -> tuple[float, ...]:
-    """Scale, offset, valid raw range, and the raw values sent below it, above it, for NaN and for errors."""
+def _raw(s: SignalInfo) -> _Raw[float]:
+    """Tell what a signal can carry, and what is sent in place of what it cannot."""
     least, most = s.raw_limits
     if s.is_float:
         widest = float(np.finfo(np.float32 if s.place.size == 32 else np.float64).max)
@@ -263,6 +292,6 @@ def _numbers(s: SignalInfo) -> tuple[float, ...]:
     if s.j1939:
         error_from = j1939_limits(s.place.size)[0]
         missing = float((1 << s.place.size) - 1)
-        return s.scale, s.offset, low, high, missing, missing, missing, float(error_from)
+        return _Raw(s.scale, s.offset, low, high, missing, missing, missing, failed=float(error_from))
     start = 0.0 if s.start_raw is None else min(max(s.start_raw, least), most)
-    return s.scale, s.offset, low, high, low, high, start, start
+    return _Raw(s.scale, s.offset, low, high, below=low, above=high, missing=start, failed=start)

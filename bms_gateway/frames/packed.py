@@ -6,7 +6,7 @@ line. Value tables and other content that many signals share are written once.
 
 import json
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from bms_gateway.frames.bits import Place
 from bms_gateway.frames.signal_info import E2E, MessageInfo, SignalInfo, Switch
@@ -42,44 +42,78 @@ def unpack(name: str, text: str) -> list[MessageInfo]:
         The text is not of `pack`. Texts that look like its are believed: whoever keeps them guards them.
     """
     kinds, *lines = [json.loads(line) for line in text.splitlines()]
-    shared = [(*kind[:-1], dict(kind[-1])) for kind in kinds]
+    shared = [_Kind._make([*kind[:-1], dict(kind[-1])]) for kind in kinds]
     muxes: dict[str, tuple[Switch, ...]] = {}
     return [_read(name, line, shared, muxes) for line in lines]
 
 
+class _Head(NamedTuple):
+    """What a line tells of its message before the signals."""
+
+    name: str
+    can_id: int
+    length: int
+    senders: Sequence[str]
+    cycle_ns: int | None
+    data_id: int | None
+    comment: str
+    any_sender: bool
+
+
+class _Kind(NamedTuple):
+    """What many signals have in common."""
+
+    size: int
+    big_endian: bool
+    signed: bool
+    is_float: bool
+    scale: float
+    offset: float
+    minimum: float | None
+    maximum: float | None
+    unit: str
+    is_multiplexer: bool
+    start_raw: float | None
+    j1939: bool
+    choices: Any
+    """A mapping; as pairs where it is written."""
+
+
 def _message(m: MessageInfo, shared: dict[str, int]) -> Iterator[Any]:
     data_id = None if m.e2e is None else m.e2e.data_id
-    yield from (m.name, m.can_id, m.length, m.senders, m.cycle_ns, data_id, m.comment, m.any_sender)
+    yield from _Head(m.name, m.can_id, m.length, m.senders, m.cycle_ns, data_id, m.comment, m.any_sender)
     for s in m.signals.values():
         p = s.place
-        bits = (p.size, p.big_endian, p.signed, s.is_float)
-        numbers = (s.scale, s.offset, s.minimum, s.maximum, s.unit)
-        kind = _json((*bits, *numbers, s.is_multiplexer, s.start_raw, s.j1939, list(s.choices.items())))
+        kind = _Kind(
+            p.size, p.big_endian, p.signed, s.is_float, s.scale, s.offset, s.minimum, s.maximum, s.unit,
+            s.is_multiplexer, s.start_raw, s.j1939, list(s.choices.items()),
+        )  # fmt: skip
         yield [
             s.name,
             p.start,
-            shared.setdefault(kind, len(shared)),
+            shared.setdefault(_json(kind), len(shared)),
             s.comment,
             [[step.signal, step.values] for step in s.mux],
         ]
 
 
-def _read(
-    database: str, line: list[Any], shared: Sequence[tuple[Any, ...]], muxes: dict[str, tuple[Switch, ...]]
-) -> MessageInfo:
-    name, can_id, length, senders, cycle_ns, data_id, comment, any_sender, *listed = line
+def _read(database: str, line: list[Any], shared: Sequence[_Kind], muxes: dict[str, tuple[Switch, ...]]) -> MessageInfo:
+    head, listed = _Head(*line[: len(_Head._fields)]), line[len(_Head._fields) :]
     signals = {}
     for signal, start, kind, told, mux in listed:
-        size, big, signed, is_float, scale, offset, least, most, unit, multiplexer, raw, j1939, choices = shared[kind]
+        k = shared[kind]
         steps = muxes.get(key := str(mux))
         if steps is None:
             steps = muxes[key] = tuple(Switch(by, tuple(values)) for by, values in mux)
         signals[signal] = SignalInfo(
-            database, name, signal, Place(start, size, big, signed), is_float, scale, offset, least, most, unit, told,
-            choices, steps, multiplexer, raw, j1939, can_id, cycle_ns,
+            database, head.name, signal, Place(start, k.size, k.big_endian, k.signed), k.is_float, k.scale, k.offset,
+            k.minimum, k.maximum, k.unit, told, k.choices, steps, k.is_multiplexer, k.start_raw, k.j1939,
+            head.can_id, head.cycle_ns,
         )  # fmt: skip
-    e2e = None if data_id is None else E2E(data_id)
-    return MessageInfo(database, name, can_id, length, tuple(senders), cycle_ns, e2e, comment, signals, any_sender)
+    return MessageInfo(
+        database, head.name, head.can_id, head.length, tuple(head.senders), head.cycle_ns,
+        None if head.data_id is None else E2E(head.data_id), head.comment, signals, head.any_sender,
+    )  # fmt: skip
 
 
 def _json(x: object) -> str:

@@ -7,7 +7,7 @@ falls under current it may be on its way to the air, however slowly: nothing is 
 """
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,27 @@ REST_K: Final = 0.5  # such a rise is none
 INLET_K: Final = 2.0  # what inlet and surface may differ by without heat
 FALLS_K_S: Final = 0.05  # a cell under current settles more slowly near its end
 NEAR_K: Final = 5.0  # cells of a string beside each other
+
+
+class Surfaces(NamedTuple):
+    """Surfaces of all N cells at one tick.
+
+    Attributes
+    ----------
+    good : ndarray (N,)
+        °C; NaN where none is good.
+    fallen : ndarray of bool (N,)
+        Those that have fallen faster than a cell cools: they confirm no others.
+    over : ndarray of bool (N,)
+        Those whose alarms wait for an end.
+    rate : ndarray (N,)
+        How fast they rise, K/s; NaN where unknown.
+    """
+
+    good: Floats
+    fallen: Bools
+    over: Bools
+    rate: Floats
 
 
 class Confirm:
@@ -39,9 +60,7 @@ class Confirm:
         self._square = np.full(len(parts), np.nan)
         self._now_s = -np.inf
 
-    def step(
-        self, now_s: float, square: Floats, inlet: Floats, good: Floats, fallen: Bools, over: Bools, rate: Floats
-    ) -> Bools:
+    def step(self, now_s: float, square: Floats, inlet: Floats, surfaces: Surfaces) -> Bools:
         """Tell which readings (N,) something else confirms.
 
         Parameters
@@ -49,33 +68,26 @@ class Confirm:
         now_s : float
         square, inlet : ndarray (S,)
             Mean of I², A², and coolant inlet, °C; NaN where unknown.
-        good : ndarray (N,)
-            Surfaces, °C; NaN where none is good.
-        fallen : ndarray of bool (N,)
-            Those that have fallen faster than a cell cools: they confirm no others.
-        over : ndarray of bool (N,)
-            Those whose alarms wait for an end.
-        rate : ndarray (N,)
-            How fast they rise, K/s; NaN where unknown.
+        surfaces : Surfaces
         """
         share = 1.0 - np.exp(-min(max(now_s - self._now_s, 0.0), 10.0 * HEATS_S) / HEATS_S)
         step = np.where(np.isnan(self._square), square, self._square + share * (square - self._square))
         self._square, self._now_s = np.where(np.isnan(square), self._square, step), now_s
-        confirmed = np.ones(len(good), np.bool_)
-        asked = fallen | over
+        confirmed = np.ones(len(surfaces.good), np.bool_)
+        asked = surfaces.fallen | surfaces.over
         if not asked.any():
             return confirmed
         for s, part in enumerate(self._parts):
             for k in (np.flatnonzero(asked[part]) + part.start).tolist():
-                falls = bool(rate[k] < -FALLS_K_S)
-                confirmed[k] = self._confirmed(s, part, k, float(inlet[s]), good, fallen, falls)
+                confirmed[k] = self._confirmed(s, part, k, float(inlet[s]), surfaces)
         return confirmed
 
-    def _confirmed(self, s: int, part: slice, k: int, inlet: float, good: Floats, fallen: Bools, falls: bool) -> bool:
+    def _confirmed(self, s: int, part: slice, k: int, inlet: float, surfaces: Surfaces) -> bool:
+        good, fallen = surfaces.good, surfaces.fallen
         rise = float(self._rise[s] * self._square[s])
         if rise <= REST_K:
             return True
-        if falls:
+        if surfaces.rate[k] < -FALLS_K_S:
             return False
         others = [good[j] for j in range(part.start, part.stop) if j != k and not fallen[j] and np.isfinite(good[j])]
         if others and abs(good[k] - float(np.median(others))) <= NEAR_K:

@@ -15,7 +15,7 @@ heat*: the alarm stays until a person acknowledges it, or the sensor soon goes o
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,6 +69,25 @@ class Sensed:
     beyond: Bools
     raw: Floats | None = None
     confirmed: Bools | None = None
+
+
+class Points(NamedTuple):
+    """Hottest points of all N cells as estimated at one tick.
+
+    Attributes
+    ----------
+    value, sd : ndarray (N,)
+        °C, and its sd, K; NaN where unknown.
+    core : ndarray (N,)
+        Told beside it, °C.
+    trusted : ndarray of bool (N,)
+        Where the estimate rests on good sensors: those of the cell, or for cells without, some of its string.
+    """
+
+    value: Floats
+    sd: Floats
+    core: Floats
+    trusted: Bools
 
 
 class Limit:
@@ -208,34 +227,28 @@ class Limits:
         self._loss = np.full((4, cells), np.nan)  # what was read last, °C, when, s, how fast it rose, K/s, failed since
         self._unseen_s = np.full(cells, UNSEEN_S) if stale_s is None else np.maximum(stale_s, UNSEEN_S)
         self._now_s = -np.inf
-        self._value, self._sd, self._core = np.full((3, cells), np.nan)
+        unknown = np.full(cells, np.nan)
+        self._points = Points(unknown, unknown, unknown, np.zeros(cells, np.bool_))
 
-    def step(
-        self, now_s: float, point: Floats, sd: Floats, core: Floats, trusted: Bools, sensed: Sensed, quiet: bool
-    ) -> None:
+    def step(self, now_s: float, points: Points, sensed: Sensed, quiet: bool) -> None:
         """Take a tick.
 
         Parameters
         ----------
         now_s : float
-        point, sd : ndarray (N,)
-            Hottest point of each cell as estimated, °C, and its sd, K; NaN where unknown.
-        core : ndarray (N,)
-            Told beside it, °C.
-        trusted : ndarray of bool (N,)
-            Where the estimate rests on good sensors: those of the cell, or for cells without, some of its string.
+        points : Points
         sensed : Sensed
         quiet : bool
             The bus says nothing: no sensor fails then.
         """
-        self._now_s, self._value, self._sd, self._core = now_s, point, sd, core
+        self._now_s, self._points = now_s, points
         if not quiet and sensed.failed.any():
             self._fail(now_s, sensed)
         if self._failing.any() or self.lost.any():
             self._lose(now_s, sensed, quiet)
         surface = self.surface
         surface.update(now_s, sensed.good, np.isfinite(sensed.good), confirmed=sensed.confirmed)
-        self.core.update(now_s, point, trusted & ~surface.over & ~surface.fallen, sd)
+        self.core.update(now_s, points.value, points.trusted & ~surface.over & ~surface.fallen, points.sd)
 
     def _fail(self, now_s: float, sensed: Sensed) -> None:
         """Find thermocouples that fail while their cells heat."""
@@ -292,7 +305,7 @@ class Limits:
         over = np.flatnonzero(limit.over[part]) + part.start
         known = self._now_s - limit.last_s <= self._unseen_s
         if limit is self.core:  # a surface that fell is read, though it ends nothing yet
-            known |= self.surface.fallen & np.isfinite(self._value)
+            known |= self.surface.fallen & np.isfinite(self._points.value)
         seen = over[known[over]]
         unseen = not len(seen)
         among = over if unseen else seen
@@ -302,8 +315,9 @@ class Limits:
             now = f": {self._last(limit, at)}"
         elif limit is self.surface:
             now = f" reads {limit.last[at]:.1f} °C"
-        elif np.isfinite(self._value[at]):
-            now = f" is {self._value[at]:.1f} ± {self._sd[at]:.1f} °C (core {self._core[at]:.1f} °C)"
+        elif np.isfinite(self._points.value[at]):
+            p = self._points
+            now = f" is {p.value[at]:.1f} ± {p.sd[at]:.1f} °C (core {p.core[at]:.1f} °C)"
         else:
             now = f" was {limit.last[at]:.1f} °C"
         others = [int(k) - part.start + 1 for k in over if k != at]

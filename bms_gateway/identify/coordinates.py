@@ -14,9 +14,8 @@ from typing import Literal
 import numpy as np
 
 from bms_gateway.thermal import KINDS, Floats, StringModel
-from bms_gateway.thermal.drive import Drive
+from bms_gateway.thermal.drive import Drive, Span
 from bms_gateway.thermal.effects import EffectParameter, effect_named
-from bms_gateway.thermal.trajectory import Span
 
 Channel = tuple[Literal["surface", "core", "probe"], int]
 """What a thermocouple measures, and on which cell (from 1): its surface, the mean of its roll, or what a thermocouple

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from bms_gateway.identify.coordinates import Measured
 from bms_gateway.thermal import Floats
-from bms_gateway.thermal.trajectory import Span, every_second
+from bms_gateway.thermal.drive import Span, every_second
 
 LONGEST_S = 6.0
 """Intervals are joined up to here: below a surface's own time constant."""

@@ -23,10 +23,11 @@ from bms_gateway.identify.coordinates import (
 from bms_gateway.identify.effort import beat
 from bms_gateway.identify.fit_columns import Places, places
 from bms_gateway.thermal import CELL_SYMBOLS, KINDS, Floats, StringModel, StringParameters
-from bms_gateway.thermal.drive import Drive
+from bms_gateway.thermal.drive import Drive, cut
 from bms_gateway.thermal.effects import effect_named
 from bms_gateway.thermal.physics import Numbers, Physics
-from bms_gateway.thermal.trajectory import Recursion, Variation, cut, readings, reference, sensitivities, simulate
+from bms_gateway.thermal.system import System
+from bms_gateway.thermal.trajectory import Recursion, Variation, readings, reference, sensitivities, simulate
 
 MEMORIES = 32
 """Sets of numbers whose memories are kept."""
@@ -136,21 +137,28 @@ class Problem:
                     c.put(draft, float(value))
         return self._close(r, draft)
 
+    def system(
+        self, r: int, theta: Floats, nu: Floats | None = None, m: Measured | None = None
+    ) -> tuple[System, tuple[Floats, ...]]:
+        """Balances of record `r`, or of `m` in its place, and the start (D,) of each of its spans."""
+        v, starts = self.numbers(r, theta, nu)
+        m = m or self.records[r]
+        return System(self.physics, m.drive, v, self._memory(m.drive, r, v), m.spans), starts
+
     def predict(self, theta: Floats, guess: Sequence[Floats] | None = None, nu: Floats | None = None) -> Prediction:
         """Run the model freely over all records and read it; `guess` are trajectories near the result."""
         ys, Xs, settled = [], [], True
         for r, m in enumerate(self.records):
             beat()
-            v, starts = self.numbers(r, theta, nu)
-            memory = self._memory(m.drive, r, v)
+            system, starts = self.system(r, theta, nu)
             about = np.mean(np.stack(starts), axis=0) if guess is None else guess[r].mean(axis=0)
-            recursion = self._recursion[r] or self._refer(r, v, about)
+            recursion = self._recursion[r] or self._refer(r, system.v, about)
             start = None if guess is None else guess[r]
-            X, ok = simulate(self.physics, m.drive, v, memory, starts, m.spans, recursion, start, halve=False)
+            X, ok = simulate(system, starts, recursion, start, halve=False)
             if not ok:  # these numbers are far from those of the reference
-                recursion = self._refer(r, v, about)
-                X, ok = simulate(self.physics, m.drive, v, memory, starts, m.spans, recursion, start)
-            ys.append(signals_at(m, self.physics, v, memory, X))
+                recursion = self._refer(r, system.v, about)
+                X, ok = simulate(system, starts, recursion, start)
+            ys.append(signals_at(m, system, X))
             Xs.append(X)
             settled = settled and ok
         return Prediction(np.concatenate(ys), tuple(Xs), settled)
@@ -163,7 +171,7 @@ class Problem:
     def _refer(self, r: int, v: Numbers, about: Floats) -> Recursion:
         """Take the recursion of record `r` about a state (D,)."""
         u = self.records[r].drive
-        recursion = self._recursion[r] = reference(self.physics, u, v, self._memory(u, r, v), about)
+        recursion = self._recursion[r] = reference(System(self.physics, u, v, self._memory(u, r, v)), about)
         return recursion
 
     def jacobian(
@@ -186,18 +194,18 @@ class Problem:
             own = slice(last, last + len(m.y))
             last = own.stop
             mine = [j for j, c in enumerate(coordinates) if c.record in (None, r)]
-            v, starts = self.numbers(r, theta, nu)
-            memory = self._memory(m.drive, r, v)
+            system, starts = self.system(r, theta, nu, m)
+            here = _Here(r, theta, nu, system, starts)
             X = prediction.X[r]
-            recursion = self._recursion[r] or self._refer(r, v, X.mean(axis=0))
+            recursion = self._recursion[r] or self._refer(r, system.v, X.mean(axis=0))
             if recursion.dt != m.drive.dt:
                 recursion = recursion.with_steps(m.drive.dt, m.drive.N)
             for first in range(0, len(mine), 16):  # few columns at a time stay in the cache
                 beat()
                 some = mine[first : first + 16]
-                variations = [self._variation(m.drive, r, theta, nu, coordinates[j], memory, starts) for j in some]
-                S = sensitivities(self.physics, m.drive, v, memory, X, m.spans, recursion, variations, refinements)
-                for j, signals in zip(some, self._moved(m, v, memory, X, S, variations), strict=True):
+                variations = [self._variation(here, coordinates[j]) for j in some]
+                S = sensitivities(system, X, recursion, variations, refinements)
+                for j, signals in zip(some, self._moved(m, system, X, S, variations), strict=True):
                     _at(m, signals, J[j, own])
         return J.T
 
@@ -220,15 +228,7 @@ class Problem:
                 J = np.concatenate([J[:, :j], exact, J[:, j:]], axis=1)
         return J
 
-    def _moved(
-        self,
-        m: Measured,
-        v: Numbers,
-        memory: Mapping[str, Floats],
-        X: Floats,
-        S: Floats,
-        variations: Sequence[Variation],
-    ) -> Floats:
+    def _moved(self, m: Measured, system: System, X: Floats, S: Floats, variations: Sequence[Variation]) -> Floats:
         """Move the channels' signals with the states: derivatives (P, m, rows) from `S` (rows, D, P)."""
         if not self.physics.reads:
             state = [2 * k - 1 if kind == "surface" else 2 * k - 2 for kind, k in m.channels]
@@ -238,41 +238,34 @@ class Problem:
                 if kind == "probe":
                     moved[:, j] += self.physics.probe * (S[:, 2 * k - 2] - S[:, 2 * k - 1])
             for G, c in zip(moved, variations, strict=True):
-                offset = (np.zeros(self.physics.cells) + c.numbers.surface_offset - v.surface_offset) / c.step
+                offset = (np.zeros(self.physics.cells) + c.numbers.surface_offset - system.v.surface_offset) / c.step
                 if offset.any():
                     G += np.array([offset[k - 1] if kind == "surface" else 0.0 for kind, k in m.channels])[:, None]
             return moved
-        now = _channels(m, self.physics, v, memory, X)
+        now = _channels(m, system, X)
+        varied = [replace(system, v=c.numbers, memory=c.memory) for c in variations]
         return np.stack(
             [
-                (_channels(m, self.physics, c.numbers, c.memory, X + c.step * S[..., j]) - now) / c.step
-                for j, c in enumerate(variations)
+                (_channels(m, s, X + c.step * S[..., j]) - now) / c.step
+                for j, (c, s) in enumerate(zip(variations, varied, strict=True))
             ]
         )
 
-    def _variation(
-        self,
-        u: Drive,
-        r: int,
-        theta: Floats,
-        nu: Floats | None,
-        c: Coordinate,
-        memory: Mapping[str, Floats],
-        starts: Sequence[Floats],
-    ) -> Variation:
+    def _variation(self, here: "_Here", c: Coordinate) -> Variation:
+        r, nu = here.r, here.nu
         draft = self._draft(r)
         step = c.step
         nuisances = zip(self.nuisances, np.zeros(len(self.nuisances)) if nu is None or not len(nu) else nu, strict=True)
-        for other, value in (*zip(self.coordinates, theta, strict=True), *nuisances):
+        for other, value in (*zip(self.coordinates, here.theta, strict=True), *nuisances):
             if other is c:
                 step = c.step if value + c.step <= c.upper else -c.step
                 c.put(draft, float(value) + step)
             elif other.record in (None, r) and (value or other.effect is not None):
                 other.put(draft, float(value))
         new, moved = self._close(r, draft)
-        m = memory if c.effect is None else self._memory(u, r, new)
-        start = tuple((b - a) / step for a, b in zip(starts, moved, strict=True))
-        return Variation(new, m, step, start, c.only_start)
+        memory = here.system.memory if c.effect is None else self._memory(here.system.u, r, new)
+        start = tuple((b - a) / step for a, b in zip(here.starts, moved, strict=True))
+        return Variation(new, memory, step, start, c.only_start)
 
     def _memory(self, u: Drive, r: int, v: Numbers) -> Mapping[str, Floats]:
         """Effects' memories of the inputs of record `r`; a fit comes back to the same numbers of an effect again."""
@@ -320,18 +313,29 @@ class Problem:
         return found
 
 
-def _channels(m: Measured, physics: Physics, v: Numbers, memory: Mapping[str, Floats], X: Floats) -> Floats:
+@dataclass(frozen=True, slots=True)
+class _Here:
+    """Where a record is differentiated: coordinates and nuisances, and what follows from them."""
+
+    r: int
+    theta: Floats
+    nu: Floats | None
+    system: System
+    starts: tuple[Floats, ...]
+
+
+def _channels(m: Measured, system: System, X: Floats) -> Floats:
     """Signals (m, rows) of the record's channels along a trajectory."""
-    surface = readings(physics, m.drive, v, memory, X, m.spans)
-    n = 2 * physics.cells
+    surface = readings(system, X)
+    n, probe = 2 * system.physics.cells, system.physics.probe
     core = X[:, 0:n:2]
-    inside = {"surface": surface, "core": core, "probe": core + physics.probe * (core - X[:, 1:n:2])}
+    inside = {"surface": surface, "core": core, "probe": core + probe * (core - X[:, 1:n:2])}
     return np.stack([inside[kind][:, k - 1] for kind, k in m.channels])
 
 
-def signals_at(m: Measured, physics: Physics, v: Numbers, memory: Mapping[str, Floats], X: Floats) -> Floats:
+def signals_at(m: Measured, system: System, X: Floats) -> Floats:
     """Read the record's thermocouples (M,) along a trajectory, at the readings' own time stamps, °C."""
-    return _at(m, _channels(m, physics, v, memory, X), np.empty(len(m.y)))
+    return _at(m, _channels(m, system, X), np.empty(len(m.y)))
 
 
 def _at(m: Measured, signals: Floats, out: Floats) -> Floats:

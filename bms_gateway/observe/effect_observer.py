@@ -35,6 +35,7 @@ from bms_gateway.observe.unseen import JUST_LEFT_S, RESTED_S, either, opened
 from bms_gateway.thermal import Disturbance, Floats, Start, StringModel, StringParameters
 from bms_gateway.thermal.centre import centre_share, followed, hottest, time_constant
 from bms_gateway.thermal.physics import Memory, Numbers, Physics
+from bms_gateway.thermal.system import System
 
 BLOCK = 10
 """Steps whose inputs are gathered before the sensitivities feel them: far below the time constant of a core."""
@@ -426,8 +427,8 @@ class EffectObserver:
     def _linearise(self) -> None:
         """Take Jacobian and slopes where the notes say."""
         z, row, memory = self._at, self._at_row, self._at_memory
-        u = drive_of(row[None], self._dt)
-        j = jacobian(self._physics, z[:-OFFSETS], z[-OFFSETS:], u, self._v, memory, self._disturbance.correlation)
+        system = System(self._physics, drive_of(row[None], self._dt), self._v, memory)
+        j = jacobian(system, z, self._disturbance.correlation)
         self._tangent = Tangent.of(j, self._dt, self._disturbance)
         here = self._readings(z, row, memory)
         if self._physics.reads:
@@ -455,14 +456,14 @@ class EffectObserver:
         """
         self._carries[""] = self._carry
         memory, self._carry = self._memory(row, h)
-        b, u = self._belief, drive_of(row[None], h)
-        j = jacobian(self._physics, b.z[:-OFFSETS], b.z[-OFFSETS:], u, self._v, memory, self._disturbance.correlation)
+        b, system = self._belief, System(self._physics, drive_of(row[None], h), self._v, memory)
+        j = jacobian(system, b.z, self._disturbance.correlation)
         rate = np.nan_to_num(self._rates(b.z, row, memory, h))
         faster = row.copy()
         faster[ROW.index("flow")] *= exp(LITTLE)
         by_flow = (np.nan_to_num(self._rates(b.z, faster, memory, h)) - rate) / LITTLE
         if phases:
-            equal, j = j.A[:, -1], heated(j, self._physics, b.z, u, self._v, memory)
+            equal, j = j.A[:, -1], heated(j, system, b.z)
             rate += (j.A[:, -1] - equal) * b.z[-1]
         t = Tangent.of(j, h, disturbance)
         z = b.z + t.Gamma @ rate

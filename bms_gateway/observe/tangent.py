@@ -18,7 +18,8 @@ from bms_gateway.observe.model import OFFSETS
 from bms_gateway.thermal import Disturbance, Floats, gathered_noise
 from bms_gateway.thermal.drive import Drive
 from bms_gateway.thermal.exponential import exponential
-from bms_gateway.thermal.physics import Memory, Numbers, Physics
+from bms_gateway.thermal.physics import Numbers
+from bms_gateway.thermal.system import System
 
 PROBE = 0.05
 """K and W: well above rounding, well below the curvature of any effect."""
@@ -56,24 +57,24 @@ class Jacobian:
     H: Floats
 
 
-def jacobian(
-    physics: Physics, X: Floats, b: Floats, u: Drive, v: Numbers, memory: Memory, correlation: float
-) -> Jacobian:
-    """Differentiate about the state `X` (D,), offsets `b` (2,), under the one interval `u`: one call each.
+def jacobian(system: System, z: Floats, correlation: float) -> Jacobian:
+    """Differentiate about the state `z` (D + 2,) under the one interval of the system: one call each.
 
     Parameters
     ----------
     correlation : float, s
         Time constant of the offsets.
     """
-    D, n = physics.states, physics.cells
+    D, n = system.physics.states, system.physics.cells
+    X, b = z[:-OFFSETS], z[-OFFSETS:]
     k = D + 1 + n
     nudge = np.zeros((k, k))
     np.fill_diagonal(nudge, PROBE)
     nudge = np.concatenate([nudge, -nudge])
     at = X + nudge[:, :D]
-    w = replace(v, inlet_offset=-(b[0] + nudge[:, D : D + 1]), core_heat=b[1] + nudge[:, D + 1 :])
-    f, r = physics.rates(at, u, w, memory), physics.readings(at, u, w, memory)
+    w = replace(system.v, inlet_offset=-(b[0] + nudge[:, D : D + 1]), core_heat=b[1] + nudge[:, D + 1 :])
+    moved = replace(system, v=w)
+    f, r = moved.rates(at), moved.readings(at)
     slope, seen = ((x[:k] - x[k:]).T / (2.0 * PROBE) for x in (f, r))
     A, B_q, H = np.zeros((D + OFFSETS, D + OFFSETS)), np.zeros((D + OFFSETS, n)), np.zeros((n, D + OFFSETS))
     A[:D, : D + 1], A[:D, D + 1], B_q[:D] = slope[:, : D + 1], slope[:, D + 1 :].sum(axis=1), slope[:, D + 1 :]
@@ -83,14 +84,14 @@ def jacobian(
     return Jacobian(*(np.nan_to_num(x, posinf=0.0, neginf=0.0) for x in (A, B_q, H)))
 
 
-def heated(j: Jacobian, physics: Physics, z: Floats, u: Drive, v: Numbers, memory: Memory) -> Jacobian:
+def heated(j: Jacobian, system: System, z: Floats) -> Jacobian:
     """Let the offset of heat act as a current's heat does: more where resistance is, by whatever the model knows of it.
 
     Where a current makes no heat of its own, because the model takes it from the voltage, it acts on all cores alike.
     """
-    X, one = z[None, :-OFFSETS], np.full(1, 1.0 / float(np.mean(v.string.R_e)))
-    w = disturbed(v, z[-OFFSETS:])
-    slope = (physics.rates(X, replace(u, I2=u.I2 + one), w, memory) - physics.rates(X, u, w, memory))[0]
+    X, one = z[None, :-OFFSETS], np.full(1, 1.0 / float(np.mean(system.v.string.R_e)))
+    now = replace(system, v=disturbed(system.v, z[-OFFSETS:]))
+    slope = (replace(now, u=replace(now.u, I2=now.u.I2 + one)).rates(X) - now.rates(X))[0]
     if not np.isfinite(slope).all() or not slope.any():
         return j
     A = j.A.copy()

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bms_gateway.thermal.parameters import Floats
 
@@ -78,3 +80,73 @@ class Drive:
     def N(self) -> int:
         """How many intervals."""
         return int(self.I.size)
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """A stretch of a record with one start: intervals `first` to `last` (not included)."""
+
+    first: int
+    last: int
+
+    def __len__(self) -> int:
+        return self.last - self.first
+
+
+def cut(u: Drive, first: int, last: int) -> Drive:
+    """Intervals `first` to `last` (not included) of a drive."""
+    if first == 0 and last == u.N:
+        return u
+    return _map(u, lambda x: x[first:last])
+
+
+def average(u: Drive) -> Drive:
+    """One interval that holds the means of all; voltage as far as it was there."""
+    return _map(u, lambda x: np.atleast_1d(np.nanmean(x)) if np.isfinite(x).any() else x[:1])
+
+
+def at_instants(u: Drive) -> Drive:
+    """Return the inputs at the N + 1 instants between and around the intervals: means of the neighbours."""
+    return _map(u, between)
+
+
+def every_second(u: Drive, spans: Sequence[Span]) -> tuple[Drive, tuple[Span, ...], NDArray[np.intp]]:
+    """Join the intervals of each span two by two; an odd last one is left out.
+
+    Returns
+    -------
+    u : Drive
+        Means over the pairs.
+    spans : tuple of Span
+    rows : ndarray of int
+        Rows of a trajectory under the old drive at the instants of the new one.
+    """
+    pairs, new, rows, row, last = [], [], [], 0, 0
+    for s in spans:
+        half = len(s) // 2
+        pairs.append(s.first + 2 * np.arange(half))
+        rows.append(row + 2 * np.arange(half + 1))
+        new.append(Span(last, last + half))
+        row, last = row + len(s) + 1, last + half
+    k = np.concatenate(pairs)
+    return replace(_map(u, lambda x: 0.5 * (x[k] + x[k + 1])), dt=2.0 * u.dt), tuple(new), np.concatenate(rows)
+
+
+def between(x: Floats) -> Floats:
+    """Values (N + 1, …) at the instants between and around N intervals: means of the neighbours."""
+    return np.concatenate([x[:1], (x[1:] + x[:-1]) / 2.0, x[-1:]])
+
+
+def _map(u: Drive, change: Callable[[Floats], Floats]) -> Drive:
+    return replace(
+        u,
+        I=change(u.I),
+        I2=change(u.I2),
+        I_abs=change(u.I_abs),
+        T_in=change(u.T_in),
+        flow=change(u.flow),
+        soc=change(u.soc),
+        V=change(u.V),
+        IV=change(u.IV),
+        hours=change(u.hours),
+    )

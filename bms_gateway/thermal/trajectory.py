@@ -17,15 +17,14 @@ effect is steep (a capacity that a narrow melting peak multiplies) their sweeps 
 a fit fast at wrong numbers with a narrow band. They are then stepped with the Jacobian of every interval.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bms_gateway.thermal.drive import Drive
 from bms_gateway.thermal.parameters import Floats
-from bms_gateway.thermal.physics import Memory, Numbers, Physics
+from bms_gateway.thermal.physics import Memory, Numbers
+from bms_gateway.thermal.system import System
 
 TOLERANCE = 2e-4
 """K: sweeps end when the trajectory moves by less; a hundredth of the finest thermocouple noise."""
@@ -155,17 +154,6 @@ def exponentials(Z: Floats) -> tuple[Floats, Floats]:
 
 
 @dataclass(frozen=True, slots=True)
-class Span:
-    """A stretch of a record with one start: intervals `first` to `last` (not included)."""
-
-    first: int
-    last: int
-
-    def __len__(self) -> int:
-        return self.last - self.first
-
-
-@dataclass(frozen=True, slots=True)
 class Variation:
     """One direction in which numbers and start may move, for `sensitivities`.
 
@@ -189,58 +177,14 @@ class Variation:
     only_start: bool = False
 
 
-def cut(u: Drive, first: int, last: int) -> Drive:
-    """Intervals `first` to `last` (not included) of a drive."""
-    if first == 0 and last == u.N:
-        return u
-    return _map(u, lambda x: x[first:last])
-
-
-def average(u: Drive) -> Drive:
-    """One interval that holds the means of all; voltage as far as it was there."""
-    return _map(u, lambda x: np.atleast_1d(np.nanmean(x)) if np.isfinite(x).any() else x[:1])
-
-
-def at_instants(u: Drive) -> Drive:
-    """Return the inputs at the N + 1 instants between and around the intervals: means of the neighbours."""
-    return _map(u, _between)
-
-
-def every_second(u: Drive, spans: Sequence[Span]) -> tuple[Drive, tuple[Span, ...], NDArray[np.intp]]:
-    """Join the intervals of each span two by two; an odd last one is left out.
-
-    Returns
-    -------
-    u : Drive
-        Means over the pairs.
-    spans : tuple of Span
-    rows : ndarray of int
-        Rows of a trajectory under the old drive at the instants of the new one.
-    """
-    pairs, new, rows, row, last = [], [], [], 0, 0
-    for s in spans:
-        half = len(s) // 2
-        pairs.append(s.first + 2 * np.arange(half))
-        rows.append(row + 2 * np.arange(half + 1))
-        new.append(Span(last, last + half))
-        row, last = row + len(s) + 1, last + half
-    k = np.concatenate(pairs)
-    return replace(_map(u, lambda x: 0.5 * (x[k] + x[k + 1])), dt=2.0 * u.dt), tuple(new), np.concatenate(rows)
-
-
-def reference(physics: Physics, u: Drive, v: Numbers, memory: Memory, X: Floats) -> Recursion:
+def reference(system: System, X: Floats) -> Recursion:
     """Linear recursion about the mean of inputs and of a guessed state `X` (D,)."""
-    mean = {key: np.mean(m, axis=0, keepdims=True) for key, m in memory.items()}
-    return Recursion(physics.linearised(X, average(u), v, mean), u.dt, len(u.I))
+    return Recursion(system.linearised(X), system.u.dt, system.u.N)
 
 
 def simulate(
-    physics: Physics,
-    u: Drive,
-    v: Numbers,
-    memory: Memory,
+    system: System,
     starts: Sequence[Floats],
-    spans: Sequence[Span],
     recursion: Recursion,
     guess: Floats | None = None,
     tolerance: float = TOLERANCE,
@@ -251,12 +195,9 @@ def simulate(
 
     Parameters
     ----------
-    physics, u, v, memory
-        `memory` as `Physics.memory` gives it for `u` and `v`.
+    system : System
     starts : sequence of ndarray (D,)
         State at the start of each span, °C.
-    spans : sequence of Span
-        Cover the record in order.
     recursion : Recursion
         From `reference`; any near one will do, the result depends on it only in the order of dt².
     guess : ndarray (N + 1, D), optional
@@ -274,27 +215,18 @@ def simulate(
         Whether the sweeps converged everywhere.
     """
     parts, settled = [], True
-    row = 0
-    for x0, span in zip(starts, spans, strict=True):
-        part_u = cut(u, span.first, span.last)
-        part_memory = {k: m[span.first : span.last] for k, m in memory.items()}
-        part_guess = None if guess is None else guess[row : row + len(span) + 1]
-        X, ok = _relax(physics, part_u, v, part_memory, x0, recursion, part_guess, tolerance)
+    for x0, (rows, part) in zip(starts, system.parts(), strict=True):
+        X, ok = _relax(part, x0, recursion, None if guess is None else guess[rows], tolerance)
         if not ok and halve:
-            X = _halved(physics, part_u, v, part_memory, x0, X, tolerance)
+            X = _halved(part, x0, X, tolerance)
         parts.append(X)
         settled = settled and ok
-        row += len(span) + 1
     return np.concatenate(parts), settled
 
 
 def sensitivities(
-    physics: Physics,
-    u: Drive,
-    v: Numbers,
-    memory: Memory,
+    system: System,
     X: Floats,
-    spans: Sequence[Span],
     recursion: Recursion,
     variations: Sequence[Variation],
     refinements: int = 1,
@@ -303,8 +235,10 @@ def sensitivities(
 
     Parameters
     ----------
+    system : System
     X : ndarray (N + spans, D)
         From `simulate`.
+    recursion : Recursion
     variations : sequence of Variation, P
     refinements : int
         Sweeps that add what the reference Jacobian does not hold; none are needed where an effect is steep.
@@ -314,33 +248,28 @@ def sensitivities(
     ndarray (N + spans, D, P)
     """
     D, P = X.shape[1], len(variations)
+    varied = [list(replace(system, v=c.numbers, memory=c.memory).parts()) for c in variations]
     parts = []
-    row = 0
-    for i, span in enumerate(spans):
-        rows = slice(row, row + len(span) + 1)
-        row = rows.stop
-        part_u = cut(u, span.first, span.last)
-        at = slice(span.first, span.last)
-        memories = [{k: m[at] for k, m in c.memory.items()} for c in variations]
+    for i, (rows, part) in enumerate(system.parts()):
+        moved = [v[i][1] for v in varied]
         x_mean = _means(X[rows])
-        f0 = physics.rates(x_mean, part_u, v, {k: m[at] for k, m in memory.items()})
-        g = np.empty((P, D, len(span)))  # time runs fastest, as in a column of the recursion
-        for j, (c, m) in enumerate(zip(variations, memories, strict=True)):
+        f0 = part.rates(x_mean)
+        g = np.empty((P, D, part.u.N))  # time runs fastest, as in a column of the recursion
+        for j, (c, s) in enumerate(zip(variations, moved, strict=True)):
             if c.only_start:
                 g[j] = 0.0
             else:
-                np.subtract(physics.rates(x_mean, part_u, c.numbers, m).T, f0.T, out=g[j])
+                np.subtract(s.rates(x_mean).T, f0.T, out=g[j])
                 g[j] /= c.step
         x0 = np.stack([c.start[i] for c in variations], axis=-1)
-        if physics.steep:
-            here = {k: m[at] for k, m in memory.items()}
-            parts.append(_stepped(x0, g, _slopes(physics, x_mean, part_u, v, here, f0), recursion))
+        if system.physics.steep:
+            parts.append(_stepped(x0, g, _slopes(part, x_mean, f0), recursion))
             continue
         S = recursion.run(x0, g.transpose(2, 1, 0)).transpose(2, 1, 0)
         for _ in range(refinements):
-            for j, (c, m) in enumerate(zip(variations, memories, strict=True)):
+            for j, (c, s) in enumerate(zip(variations, moved, strict=True)):
                 S_mean = (S[j, :, 1:] + S[j, :, :-1]) / 2.0
-                np.subtract(physics.rates(x_mean + c.step * S_mean.T, part_u, c.numbers, m).T, f0.T, out=g[j])
+                np.subtract(s.rates(x_mean + c.step * S_mean.T).T, f0.T, out=g[j])
                 g[j] /= c.step
                 g[j] -= recursion.A @ S_mean
             S = recursion.run(x0, g.transpose(2, 1, 0)).transpose(2, 1, 0)
@@ -348,35 +277,21 @@ def sensitivities(
     return (parts[0] if len(parts) == 1 else np.concatenate(parts, axis=2)).transpose(2, 1, 0)
 
 
-def readings(physics: Physics, u: Drive, v: Numbers, memory: Memory, X: Floats, spans: Sequence[Span]) -> Floats:
+def readings(system: System, X: Floats) -> Floats:
     """Read thermocouples on all cells along a trajectory: ndarray (N + spans, n), °C."""
-    if not physics.reads:
-        return physics.surfaces(X, v)
-    parts = []
-    row = 0
-    for span in spans:
-        between = {k: _between(m[span.first : span.last]) for k, m in memory.items()}
-        part = X[row : row + len(span) + 1]
-        parts.append(physics.readings(part, at_instants(cut(u, span.first, span.last)), v, between))
-        row += len(span) + 1
-    return np.concatenate(parts)
+    if not system.physics.reads:
+        return system.physics.surfaces(X, system.v)
+    return np.concatenate([part.at_instants().readings(X[rows]) for rows, part in system.parts()])
 
 
 def _relax(
-    physics: Physics,
-    u: Drive,
-    v: Numbers,
-    memory: Memory,
-    x0: Floats,
-    recursion: Recursion,
-    guess: Floats | None,
-    tolerance: float,
+    system: System, x0: Floats, recursion: Recursion, guess: Floats | None, tolerance: float
 ) -> tuple[Floats, bool]:
-    X = np.tile(x0, (len(u.I) + 1, 1)) if guess is None else guess
+    X = np.tile(x0, (system.u.N + 1, 1)) if guess is None else guess
     last = np.inf
     for sweep in range(SWEEPS):
         mean = _means(X)
-        w = physics.rates(mean, u, v, memory) - (recursion.A @ mean.T).T
+        w = system.rates(mean) - (recursion.A @ mean.T).T
         new = np.clip(recursion.run(x0[:, None], w[..., None])[..., 0], COLD, HOT)
         change = float(np.abs(new - X).max())
         X = new
@@ -388,27 +303,22 @@ def _relax(
     return X, False
 
 
-def _halved(
-    physics: Physics, u: Drive, v: Numbers, memory: Memory, x0: Floats, guess: Floats, tolerance: float
-) -> Floats:
+def _halved(system: System, x0: Floats, guess: Floats, tolerance: float) -> Floats:
     """Solve the first half, then the second from where it ends, each about its own mean."""
-    middle = len(u.I) // 2
+    N = system.u.N
     found = []
-    for part in (slice(0, middle), slice(middle, len(u.I))):
-        some = {k: a[part] for k, a in memory.items()}
-        inputs = cut(u, part.start, part.stop)
-        about = np.clip(guess[part.start : part.stop + 1].mean(axis=0), COLD, HOT)
-        recursion = reference(physics, inputs, v, some, about)
-        X, ok = _relax(physics, inputs, v, some, x0, recursion, None, tolerance)
+    for first, last in ((0, N // 2), (N // 2, N)):
+        half = system.cut(first, last)
+        recursion = reference(half, np.clip(guess[first : last + 1].mean(axis=0), COLD, HOT))
+        X, ok = _relax(half, x0, recursion, None, tolerance)
         if not ok:
-            short = len(inputs.I) <= LEAST_INTERVALS
-            X = _marched(physics, inputs, v, some, x0) if short else _halved(physics, inputs, v, some, x0, X, tolerance)
+            X = _marched(half, x0) if half.u.N <= LEAST_INTERVALS else _halved(half, x0, X, tolerance)
         found.append(X)
         x0 = X[-1]
     return np.concatenate([found[0][:-1], found[1]])
 
 
-def _marched(physics: Physics, u: Drive, v: Numbers, memory: Memory, x0: Floats) -> Floats:
+def _marched(system: System, x0: Floats) -> Floats:
     r"""Step through a stretch by :math:`X \leftarrow X + h \varphi_1(hJ) f(X)`, J where the step begins.
 
     Stable however steep the balances are, where sweeps run away: a capacity that a narrow melting peak multiplies.
@@ -417,23 +327,23 @@ def _marched(physics: Physics, u: Drive, v: Numbers, memory: Memory, x0: Floats)
     ----------
     Hochbruck & Ostermann, Exponential integrators, Acta Numerica 2010, section 2.4 (exponential Rosenbrock-Euler).
     """
-    h = u.dt / SUBSTEPS
+    h = system.u.dt / SUBSTEPS
     X = [x0]
-    for k in range(len(u.I)):
-        now, some = cut(u, k, k + 1), {key: m[k : k + 1] for key, m in memory.items()}
+    for k in range(system.u.N):
+        now = system.cut(k, k + 1)
         x = X[-1]
         for _ in range(SUBSTEPS):
-            _, phi = exponentials(physics.linearised(x, now, v, some) * h)
-            x = x + h * (phi @ physics.rates(x[None], now, v, some)[0])
+            _, phi = exponentials(now.physics.linearised(x, now.u, now.v, now.memory) * h)
+            x = x + h * (phi @ now.rates(x[None])[0])
         X.append(np.clip(x, COLD, HOT))
     return np.stack(X)
 
 
-def _slopes(physics: Physics, X: Floats, u: Drive, v: Numbers, memory: Memory, f: Floats) -> Floats:
+def _slopes(system: System, X: Floats, f: Floats) -> Floats:
     """Jacobians (N, D, D) of the balances at states X (N, D), where they are `f`."""
     D = X.shape[1]
     moves = NUDGE * np.eye(D)
-    return np.stack([(physics.rates(X + moves[d], u, v, memory) - f) / NUDGE for d in range(D)], axis=-1)
+    return np.stack([(system.rates(X + moves[d]) - f) / NUDGE for d in range(D)], axis=-1)
 
 
 def _stepped(x0: Floats, g: Floats, J: Floats, recursion: Recursion) -> Floats:
@@ -465,22 +375,3 @@ def _stepped(x0: Floats, g: Floats, J: Floats, recursion: Recursion) -> Floats:
 def _means(X: Floats) -> Floats:
     """Means over the intervals (N, D) of states at the instants (N + 1, D), time running fastest in memory."""
     return np.asarray((X[1:] + X[:-1]).T / 2.0, order="C").T
-
-
-def _between(x: Floats) -> Floats:
-    return np.concatenate([x[:1], (x[1:] + x[:-1]) / 2.0, x[-1:]])
-
-
-def _map(u: Drive, change: Callable[[Floats], Floats]) -> Drive:
-    return replace(
-        u,
-        I=change(u.I),
-        I2=change(u.I2),
-        I_abs=change(u.I_abs),
-        T_in=change(u.T_in),
-        flow=change(u.flow),
-        soc=change(u.soc),
-        V=change(u.V),
-        IV=change(u.IV),
-        hours=change(u.hours),
-    )

@@ -27,6 +27,7 @@ from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+from bms_gateway.bus.access import Access
 from tests.benchmarks.bench_files import simulate
 from tests.benchmarks.bench_live import RATE, database, engine, write_traffic
 from tests.benchmarks.live_place import Place, channel, cpu, long_queues, our_port, python_can
@@ -88,7 +89,7 @@ async def gateway(place, seconds, jobs, *, in_thread=False):
     from bms_gateway.service.live import Gateway, run_here
 
     busy = Busy(engine(), jobs)
-    port = our_port(place, wanted=busy.can_ids.tolist(), own=busy.sends)
+    port = our_port(place, Access(busy.can_ids.tolist(), own=busy.sends))
     port.drain()
     start = cpu()
     await Gateway(busy, port, run_job=run_here if in_thread else Aside().run).run(seconds=seconds)

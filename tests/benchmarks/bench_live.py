@@ -24,6 +24,7 @@ from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+from bms_gateway.bus.access import Access
 from tests.benchmarks.bench_files import EXAMPLE, crowd, simulate
 from tests.benchmarks.live_place import CAN, Place, cpu, long_queues, our_port, python_can
 
@@ -131,7 +132,7 @@ async def gateway(place, *, crowded=False):
     from bms_gateway.service.live import Gateway
 
     estimator = engine()
-    port = our_port(place, wanted=estimator.can_ids.tolist(), own=estimator.sends)
+    port = our_port(place, Access(estimator.can_ids.tolist(), own=estimator.sends))
     port.drain()  # what came while the engine was made
     start, before = cpu(), port.counters.received
     await Gateway(estimator, port).run(seconds=SECONDS)

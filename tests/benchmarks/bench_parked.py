@@ -19,6 +19,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 from bms_gateway.health.heat import HeatWatch
+from bms_gateway.health.heat.heat_watch import HeatTick
 from tests.benchmarks.heat_case import CELLS, SENSORS, Case, Made, make, model, with_seeds
 
 FIRST_SEED = 8000
@@ -56,7 +57,7 @@ def follow(
             tick = current[:, k] ** 2, None, current[:, k], inlet[:, k], y[:, k], none
         else:
             tick = silence, None, silence, silence, never, none
-        for s, f in watch.add((k + 1) * 10**9, *tick) or ():
+        for s, f in watch.add((k + 1) * 10**9, HeatTick(*tick)) or ():
             if f.level:
                 told[s].append((k + 1, f.code, f.cell))
     return told

@@ -30,15 +30,17 @@ SERVICE = """
 import socket, sys
 from bms_gateway.cli import main, run
 def port(loaded, engine):
+    from bms_gateway.bus.access import Access
     from bms_gateway.bus.socketcan import SocketCanPort
     ours, run.theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
-    return SocketCanPort.over(ours, own=engine.sends)
+    return SocketCanPort.over(ours, Access(own=engine.sends))
 run._port = port
 sys.exit(main.main(["run", sys.argv[1]]))
 """
 LIVE = """
 import asyncio, gc, logging, os, signal, socket, threading
 from pathlib import Path
+from bms_gateway.bus.access import Access
 from bms_gateway.bus.socketcan import SocketCanPort
 from bms_gateway.config.load import load_config
 from bms_gateway.service.live import Gateway
@@ -52,7 +54,7 @@ if not (vehicle := os.fork()):
     os._exit(0)
 theirs.close()
 engine = load_config(Path("deploy/example/gateway.toml")).engine()
-asyncio.run(Gateway(engine, SocketCanPort.over(ours, own=engine.sends)).run(seconds=20.0))
+asyncio.run(Gateway(engine, SocketCanPort.over(ours, Access(own=engine.sends))).run(seconds=20.0))
 os.kill(vehicle, signal.SIGKILL)
 os.waitpid(vehicle, 0)
 print(peak_mib(), engine.frames)

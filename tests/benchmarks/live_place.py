@@ -14,6 +14,8 @@ import sys
 from contextlib import contextmanager
 from pathlib import Path
 
+from bms_gateway.bus.access import LISTEN
+
 CAN = struct.Struct("=IB3x8s")
 ROOM = 4 << 20
 SO_TIMESTAMPNS, SO_SNDBUFFORCE = 35, 32
@@ -194,10 +196,10 @@ def python_can(place, wanted=None):
     return can.Bus(interface="socketcan", channel=place.channel, can_filters=filters)
 
 
-def our_port(place, **options):
+def our_port(place, access=LISTEN, **options):
     """Our own port there."""
     from bms_gateway.bus.socketcan import SocketCanPort
 
     if place.channel is None:
-        return SocketCanPort.over(place.ours, **{k: v for k, v in options.items() if k != "wanted"})
-    return SocketCanPort(place.channel, **options)
+        return SocketCanPort.over(place.ours, access, **options)
+    return SocketCanPort(place.channel, access, **options)

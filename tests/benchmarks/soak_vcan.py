@@ -31,6 +31,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bms_gateway.bus.access import Access
 from bms_gateway.bus.socketcan import SocketCanPort
 from bms_gateway.chaos.bus_faults import bus_scenarios
 from bms_gateway.chaos.catalogue import Chaos
@@ -196,7 +197,7 @@ class Run:
         self.bus = FullBus(loaded.plan, loaded.database, rate, seconds, self.injections, CHANNEL)
         own = Engine(loaded.plan, loaded.database).sends
         self.hands = Hands(self.bus, tuple(own), Vehicle(CHANNEL).raw)
-        self.ears = SocketCanPort(CHANNEL, wanted=own)
+        self.ears = SocketCanPort(CHANNEL, Access(own))
         self.bystander = Bystander(loaded.plan, loaded.database)
         self.record = Record(np.inf, np.inf)
         self.rss: list[tuple[float, float]] = []

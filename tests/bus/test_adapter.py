@@ -8,6 +8,7 @@ import can
 import pytest
 
 from bms_gateway.bus import pythoncan
+from bms_gateway.bus.access import Access
 from bms_gateway.bus.port import Link
 from bms_gateway.bus.pythoncan import PythonCanPort
 from bms_gateway.errors import UsageError
@@ -63,7 +64,7 @@ def adapter(monkeypatch):
 
 
 def plugged(time, **options):
-    return PythonCanPort("virtual", "x", **{"own": OWN, "clock": time.bus_clock()} | options)
+    return PythonCanPort("virtual", "x", Access(**{"own": OWN} | options), clock=time.bus_clock())
 
 
 def message(can_id, timestamp, data=b""):

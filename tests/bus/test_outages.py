@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from bms_gateway.bus import socketcan
+from bms_gateway.bus.access import Access
 from bms_gateway.bus.canframe import ROW, to_wire
 from bms_gateway.bus.port import Link
 from bms_gateway.bus.receiver import DEPTH, Received
@@ -102,7 +103,9 @@ def bus(wires):
 
 
 def opened(time, **options):
-    return SocketCanPort("can7", **{"own": OWN, "clock": time.bus_clock()} | options)
+    """A port with the time of the test; `options` are those of `Access`, and the size of the buffer."""
+    more = {k: options.pop(k) for k in ("receive_buffer",) if k in options}
+    return SocketCanPort("can7", Access(**{"own": OWN} | options), clock=time.bus_clock(), **more)
 
 
 def test_a_port_binds_its_interface_with_filters_for_what_it_wants_and_for_its_own_ids(interface, time):

@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bms_gateway.bus.access import Access
 from bms_gateway.bus.canframe import to_wire
 from bms_gateway.bus.in_process import MemoryBus
 from bms_gateway.bus.port import Link
@@ -30,7 +31,7 @@ SECOND = 1_000_000_000
 @pytest.fixture
 def pair():
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
-    port = SocketCanPort.over(ours, own={0x10: SECOND, 0x11 | EXTENDED: SECOND})
+    port = SocketCanPort.over(ours, Access(own={0x10: SECOND, 0x11 | EXTENDED: SECOND}))
     yield port, theirs
     port.close()
     theirs.close()
@@ -114,7 +115,7 @@ def test_only_ids_of_our_own_node_are_sent(pair):
 
 def test_a_full_queue_waits_and_what_got_too_old_is_dropped():
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
-    port = SocketCanPort.over(ours, own=dict.fromkeys(range(8), 3600 * SECOND) | {0x10: SECOND})
+    port = SocketCanPort.over(ours, Access(own=dict.fromkeys(range(8), 3600 * SECOND) | {0x10: SECOND}))
     sent_before = 0
     while port.counters.sent < 5_000:
         port.send(make(*[(port.now_ns(), k, b"x") for k in range(8)]))
@@ -175,7 +176,7 @@ def test_memory_bus_delivers_to_all_others_and_never_to_the_sender():
 
 
 def test_python_can_interfaces_serve_as_ports():
-    port = PythonCanPort("virtual", "test", own={0x10: SECOND}, wanted=[5, 6 | EXTENDED])
+    port = PythonCanPort("virtual", "test", Access([5, 6 | EXTENDED], own={0x10: SECOND}))
     with can.Bus(interface="virtual", channel="test") as other:
         for can_id, extended in ((5, False), (5, True), (6, False), (6, True), (0x10, False)):
             other.send(can.Message(arbitration_id=can_id, is_extended_id=extended, data=b"ab"))

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bms_gateway.bus.access import Access
 from bms_gateway.bus.canframe import to_wire
 from bms_gateway.bus.filters import LIMIT
 from bms_gateway.bus.logfile import read_log
@@ -56,7 +57,8 @@ def other(vcan):
 
 
 def ports(channel, link=Link.UP, **options):
-    port = SocketCanPort(channel, **options)
+    more = {k: options.pop(k) for k in ("receive_buffer",) if k in options}
+    port = SocketCanPort(channel, Access(**options), **more)
     opened.append(port)
     assert port.link is link
     return port

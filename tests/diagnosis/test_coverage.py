@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from bms_gateway.diagnosis.coverage import MEMORY_S, covered
-from bms_gateway.thermal.trajectory import Span
+from bms_gateway.thermal.drive import Span
 
 
 def record(amps, soc, used, dt=10.0):

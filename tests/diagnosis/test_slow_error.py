@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from bms_gateway.diagnosis.slow_error import GRID, Discrepancy, Noise
 from bms_gateway.identify.coordinates import Measured
-from bms_gateway.thermal.drive import Drive
-from bms_gateway.thermal.trajectory import Span
+from bms_gateway.thermal.drive import Drive, Span
 
 SIGMA = np.array([0.18, 0.1])
 

@@ -28,7 +28,7 @@ def test_limits_see_every_core_however_little_is_known_of_it(monkeypatch):
     seen = []
     monkeypatch.setattr("bms_gateway.engine.estimators.AVAILABLE_SD_K", 0.01)
     step = "bms_gateway.health.limits.Limits.step"
-    monkeypatch.setattr(step, lambda self, now, point, sd, core, *_: seen.append((point, sd, core)))
+    monkeypatch.setattr(step, lambda self, now, points, *_: seen.append((points.value, points.sd, points.core)))
     found, _ = run(plan(1))
     assert np.isnan(found[-1].core).all()
     assert all(np.isfinite(a).all() for a in seen[-1])

@@ -20,6 +20,7 @@ from typing import Self
 
 import numpy as np
 
+from bms_gateway.bus.access import Access
 from bms_gateway.bus.replay import SocketCanSender
 from bms_gateway.bus.socketcan import SocketCanPort
 from bms_gateway.bus.traffic import SECOND
@@ -99,7 +100,7 @@ class Reloads:
         path = write(folder)
         loaded = load_config(path)
         self._sender, self._sends = SocketCanSender(self._channel), tuple(loaded.engine().sends)
-        self._ears = SocketCanPort(self._channel, wanted=self._sends)
+        self._ears = SocketCanPort(self._channel, Access(self._sends))
         self._notified = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self._notified.bind(str(folder / "notify"))
         self._notified.settimeout(PATIENCE_S)

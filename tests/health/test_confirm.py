@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from bms_gateway.health.confirm import Confirm
-from bms_gateway.health.limits import Limits, Sensed
+from bms_gateway.health.confirm import Confirm, Surfaces
+from bms_gateway.health.limits import Limits, Points, Sensed
 
 RISE = 2.69e-3 * 0.607  # K/A²: 80 A hold a surface at least 10 K above its coolant
 
@@ -27,7 +27,7 @@ def test_a_reading_is_confirmed_by_neighbours_by_its_coolant_or_by_rest(current,
     judge, fallen = Confirm([slice(0, len(good))], np.array([RISE])), np.arange(len(good)) == 0
     none, still = np.zeros(len(good), bool), np.zeros(len(good))
     for t in range(300):
-        found = judge.step(float(t), np.array([current**2]), np.array([inlet]), good, fallen, none, still)
+        found = judge.step(float(t), np.array([current**2]), np.array([inlet]), Surfaces(good, fallen, none, still))
     assert (bool(found[0]), found[1:].all()) == (confirmed, True)
 
 
@@ -36,9 +36,10 @@ def test_an_alarm_does_not_end_while_its_surface_still_falls_under_current(curre
     judge, over = Confirm([slice(0, 1)], np.array([RISE])), np.ones(1, bool)
     square, inlet, rate = np.array([current**2]), np.array([66.0]), np.array([-0.1])
     for t in range(300):
-        found = judge.step(float(t), square, inlet, np.array([77.5]), ~over, over, rate)
+        found = judge.step(float(t), square, inlet, Surfaces(np.array([77.5]), ~over, over, rate))
     assert found.tolist() == [confirmed]
-    assert judge.step(300.0, square, inlet, np.array([77.5]), ~over, over, 0.1 * rate).tolist() == [True]
+    slow = Surfaces(np.array([77.5]), ~over, over, 0.1 * rate)
+    assert judge.step(300.0, square, inlet, slow).tolist() == [True]
 
 
 def test_a_thermocouple_that_comes_off_slowly_ends_no_alarm_and_a_cell_that_cools_does():
@@ -48,6 +49,6 @@ def test_a_thermocouple_that_comes_off_slowly_ends_no_alarm_and_a_cell_that_cool
         for t in range(900):
             y = np.array([end + (82.0 - end) * np.exp(-max(t - 300, 0) / 40.0)])
             s = at.surface
-            sure = judge.step(float(t), np.array([6400.0]), np.array([66.0]), y, s.fallen, s.over, s.rate)
-            at.step(float(t), y, np.full(1, 0.5), y, ~no, Sensed(y, no, no, None, sure), False)
+            sure = judge.step(float(t), np.array([6400.0]), np.array([66.0]), Surfaces(y, s.fallen, s.over, s.rate))
+            at.step(float(t), Points(y, np.full(1, 0.5), y, ~no), Sensed(y, no, no, None, sure), False)
         assert (list(at.conditions()) == []) is ended

@@ -14,6 +14,7 @@ from bms_gateway.health.heat import HeatWatch
 from bms_gateway.health.heat.course import missing
 from bms_gateway.health.heat.fault_evidence import Evidence, Kind
 from bms_gateway.health.heat.filter import HeatFilter, Step
+from bms_gateway.health.heat.heat_watch import HeatTick
 from bms_gateway.health.heat.thermocouples import Thermocouples
 from bms_gateway.thermal import Prior, StringModel
 from tests.benchmarks.bench_heat import follow
@@ -164,7 +165,7 @@ def fed(watch: HeatWatch, ticks: range) -> None:
     noise = rng.normal(0.0, 0.05, (ticks.stop, 1, CELLS))
     for k in ticks:
         y = 25.0 + noise[k]
-        watch.add(k * 10**9, np.zeros(1), None, np.zeros(1), np.full(1, 25.0), y, np.zeros((1, CELLS)))
+        watch.add(k * 10**9, HeatTick(np.zeros(1), None, np.zeros(1), np.full(1, 25.0), y, np.zeros((1, CELLS))))
 
 
 def test_what_was_learnt_of_cells_and_sensors_outlives_a_restart() -> None:
@@ -213,7 +214,7 @@ def test_readings_of_a_fire_break_nothing(seed: int) -> None:
         y[0, np.array(SENSORS) - 1] = rng.uniform(-40, 900, len(SENSORS)) if 300 < k < 600 else 25.0
         inlet = np.array([rng.uniform(-40, 120) if rng.random() < 0.2 else 25.0])
         flow = np.array([rng.choice([1.0, 1e-3, 40.0])])
-        watch.add(k * 10**9, 400.0 * one, None, 20.0 * one, inlet, y, np.zeros((1, CELLS)), flow)
+        watch.add(k * 10**9, HeatTick(400.0 * one, None, 20.0 * one, inlet, y, np.zeros((1, CELLS)), flow))
         told = watch.told
         assert not np.isinf(told.heat).any()
         assert np.all(np.isnan(told.core_sd) | (told.core_sd >= 0.0))
@@ -232,8 +233,8 @@ def parked(watch: HeatWatch, surface: np.ndarray, hours: range, start_s: int = 0
             now = (start_s + 3600 * h + k + 1) * 10**9
             y = np.full((1, CELLS), np.nan)
             y[0, np.array(SENSORS) - 1] = (surface[h] + rng.normal(0.0, 0.05, CELLS))[np.array(SENSORS) - 1]
-            tick = (np.zeros(1), None, np.zeros(1), np.full(1, 25.0), y, age)
-            found = watch.add(now, *(tick if k < 20 else (silence, None, silence, silence, nothing, age)))
+            tick = HeatTick(np.zeros(1), None, np.zeros(1), np.full(1, 25.0), y, age)
+            found = watch.add(now, tick if k < 20 else HeatTick(silence, None, silence, silence, nothing, age))
             told += [(h, f.code, f.cell) for _, f in found or () if f.level]
     return told
 
@@ -327,12 +328,14 @@ def test_a_current_before_the_sleep_makes_the_string_begin_anew() -> None:
     assert watch.filter.running.all()
     watch.add(
         601 * 10**9,
-        np.full(1, 25.0),
-        None,
-        np.full(1, 5.0),
-        np.full(1, 25.0),
-        np.full((1, CELLS), 25.0),
-        np.zeros((1, CELLS)),
+        HeatTick(
+            np.full(1, 25.0),
+            None,
+            np.full(1, 5.0),
+            np.full(1, 25.0),
+            np.full((1, CELLS), 25.0),
+            np.zeros((1, CELLS)),
+        ),
     )
     watch.pass_time(3600.0)
     assert not watch.filter.running.any()
@@ -357,7 +360,7 @@ def test_a_string_that_is_driven_off_as_the_bus_wakes_begins_anew() -> None:
         amps = np.full(1, 4.0 if driven else 0.0)
         y = 25.0 + 2.0 * driven + rng.normal(0.0, 0.05, (1, CELLS))
         now = (1800 * driven + k + 1) * 10**9
-        assert not watch.add(now, amps**2, None, amps, np.full(1, 25.0), y, np.zeros((1, CELLS)))
+        assert not watch.add(now, HeatTick(amps**2, None, amps, np.full(1, 25.0), y, np.zeros((1, CELLS))))
     assert watch.evidence.weigh().ln.max() < 5.0
 
 
@@ -419,7 +422,10 @@ def test_a_lone_thermocouple_of_a_large_cell_at_rest_is_not_explained_away_by_it
         inlet = 25.0 + 0.001 * (k % 2) * one
         told += [
             (k - 3600, f.code, f.level)
-            for _, f in watch.add(k * 10**9, current**2 * one, None, current * one, inlet, y, np.zeros((1, 1))) or ()
+            for _, f in watch.add(
+                k * 10**9, HeatTick(current**2 * one, None, current * one, inlet, y, np.zeros((1, 1)))
+            )
+            or ()
         ]
     assert [code for _, code, _ in told] == ["unexplained_heat"]
     assert 0 < told[0][0] <= 600

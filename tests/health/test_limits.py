@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bms_gateway.health.limits import Limits, Sensed
+from bms_gateway.health.limits import Limits, Points, Sensed
 
 LIMIT = 80.0
 NAN = float("nan")
@@ -19,7 +19,7 @@ def step(at, t, surface, core=None, *, sd=0.5, failed=None, beyond=None, quiet=F
     bad = np.isnan(y) if failed is None else np.array(failed)
     core = y if core is None else np.array(core)
     sensed = Sensed(y, bad, np.zeros(len(y), bool) if beyond is None else np.array(beyond))
-    at.step(float(t), core, np.full(len(y), sd), core, ~bad, sensed, quiet)
+    at.step(float(t), Points(core, np.full(len(y), sd), core, ~bad), sensed, quiet)
     return {c.name: c for c in at.conditions()}
 
 
@@ -125,7 +125,7 @@ def test_a_sensor_that_fell_ends_nothing_before_it_is_confirmed_and_has_not_fall
         for t in range(900):
             y = np.array([90.0 if t < 10 else max(78.0 - 0.1 * (t - 400), 60.0) if back and t > 400 else 40.0])
             no = np.zeros(1, bool)
-            at.step(float(t), y, np.full(1, 0.5), y, ~no, Sensed(y, no, no, None, np.array([confirmed])), False)
+            at.step(float(t), Points(y, np.full(1, 0.5), y, ~no), Sensed(y, no, no, None, np.array([confirmed])), False)
             found = {c.name for c in at.conditions()}
         assert (found == set(), bool(at.surface.fallen[0])) == (confirmed, fallen)
 
@@ -147,11 +147,11 @@ def test_a_cell_counts_as_seen_as_long_as_its_sensor_is_not_stale_and_a_string_w
     for t in range(200):
         y = np.array([85.0 if t % 12 == 0 else NAN, 82.0 if t < 100 else NAN])
         no = np.zeros(2, bool)
-        at.step(float(t), np.full(2, NAN), np.full(2, 0.5), np.full(2, NAN), no, Sensed(y, no, no), False)
+        at.step(float(t), Points(np.full(2, NAN), np.full(2, 0.5), np.full(2, NAN), no), Sensed(y, no, no), False)
         assert [c.phase for c in at.conditions()] == [""]
     for t in range(200, 240):
         nothing = np.full(2, NAN)
-        at.step(float(t), nothing, np.full(2, 0.5), nothing, no, Sensed(nothing, no, no), False)
+        at.step(float(t), Points(nothing, np.full(2, 0.5), nothing, no), Sensed(nothing, no, no), False)
     assert [c.phase for c in at.conditions()] == ["unseen"]
 
 
@@ -160,7 +160,7 @@ def test_a_hot_cell_whose_surface_falls_fast_is_still_seen():
     for t in range(60):
         y = np.array([78.0 if t < 10 else 60.0])
         sensed = Sensed(y, no, no, None, no)
-        at.step(float(t), np.array([85.0 if t < 10 else 78.5]), np.full(1, 1.0), y, ~no, sensed, False)
+        at.step(float(t), Points(np.array([85.0 if t < 10 else 78.5]), np.full(1, 1.0), y, ~no), sensed, False)
         assert [(c.name, c.phase) for c in at.conditions()] == [("core", "")]
 
 
@@ -207,7 +207,7 @@ def cleared_while_hot(seed, courses):
         told = np.abs(y - slow[:, t]) < 1.0  # an onlooker sees the cell itself
         last = np.where(told, y, last)
         sensed = Sensed(y, failed[:, t], beyond[:, t])
-        at.step(float(t), core[:, t], sd, core[:, t], ~(failed[:, t] | np.isnan(y)), sensed, quiet=False)
+        at.step(float(t), Points(core[:, t], sd, core[:, t], ~(failed[:, t] | np.isnan(y))), sensed, quiet=False)
         named = np.zeros(courses, bool)
         named[[int(c.string[1:]) for c in at.conditions()]] = True
         wrong += int((~named & (last >= LIMIT)).sum())

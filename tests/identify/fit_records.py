@@ -4,8 +4,7 @@ import numpy as np
 
 from bms_gateway.identify.coordinates import Measured
 from bms_gateway.thermal import Prior, StringModel
-from bms_gateway.thermal.drive import Drive
-from bms_gateway.thermal.trajectory import Span
+from bms_gateway.thermal.drive import Drive, Span
 from tests.truth.cycle import repeated
 from tests.truth.string import C_F, TABLE_1, TruthString, rk4, wavy_inlet
 

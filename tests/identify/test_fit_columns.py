@@ -14,8 +14,7 @@ from bms_gateway.identify.fit_columns import FEWEST, LONGEST_S, places
 from bms_gateway.identify.map_fit import fitted
 from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal import AddedEffect
-from bms_gateway.thermal.drive import Drive
-from bms_gateway.thermal.trajectory import Span
+from bms_gateway.thermal.drive import Drive, Span
 from tests.identify.fit_records import model, record
 
 

@@ -7,6 +7,7 @@ import subprocess
 import numpy as np
 import pytest
 
+from bms_gateway.bus.access import Access
 from bms_gateway.bus.port import Link
 from bms_gateway.bus.replay import SocketCanSender
 from bms_gateway.bus.socketcan import SocketCanPort
@@ -42,11 +43,11 @@ async def send_one(channel):
 
 def test_the_service_outlives_its_interface_and_sends_no_old_frames_afterwards(vcan, caplog):
     engine = TickEngine()
-    port = SocketCanPort(vcan, wanted=[0x123], own={OWN_ID: CYCLE_NS})
+    port = SocketCanPort(vcan, Access([0x123], own={OWN_ID: CYCLE_NS}))
     heard = []
 
     async def listen():
-        listener = SocketCanPort(vcan, wanted=[OWN_ID])
+        listener = SocketCanPort(vcan, Access([OWN_ID]))
         parts = []
         await come(lambda: parts.append(listener.drain()) or sum(map(len, parts)) >= 4)
         listener.close()

@@ -23,6 +23,7 @@ from tests.support.live_service import PATIENCE_S, come, run, traffic
 
 RUN = """
 import os, socket, sys, time
+from bms_gateway.bus.access import Access
 from bms_gateway.bus.socketcan import SocketCanPort
 from bms_gateway.cli import run
 from bms_gateway.cli.main import main
@@ -30,7 +31,7 @@ from bms_gateway.engine import Engine
 from bms_gateway.service.live import Gateway
 
 ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
-run._port = lambda loaded, engine: SocketCanPort.over(ours, own=engine.sends)
+run._port = lambda loaded, engine: SocketCanPort.over(ours, Access(own=engine.sends))
 how, restore, live = sys.argv[2], Engine.restore, Gateway._live
 
 def restored(engine, state, **more):

@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 
+from bms_gateway.bus.access import Access
 from bms_gateway.bus.canframe import from_wire
 from bms_gateway.bus.socketcan import SocketCanPort
 from tests.service.engine import OWN_ID
@@ -21,7 +22,7 @@ class Bus:
     def __init__(self):
         self.ours, self.theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
         self.theirs.setblocking(False)
-        self.port = SocketCanPort.over(self.ours, own={OWN_ID: 1_000_000_000})
+        self.port = SocketCanPort.over(self.ours, Access(own={OWN_ID: 1_000_000_000}))
 
     def sent(self):
         found = []

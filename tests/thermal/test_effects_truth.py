@@ -5,7 +5,8 @@ import pytest
 
 from bms_gateway.thermal.drive import Drive
 from bms_gateway.thermal.physics import Physics
-from bms_gateway.thermal.trajectory import Span, readings, reference, simulate
+from bms_gateway.thermal.system import System
+from bms_gateway.thermal.trajectory import readings, reference, simulate
 from tests.thermal.balances import model, values
 from tests.truth import effects as truth
 from tests.truth.drives import CYCLES
@@ -105,11 +106,10 @@ def ours(name=None, given=None, cell=None, u=None):
     effects = () if name is None else ((name, cell, values(name, **given, **OURS_MORE.get(name, {}))),)
     physics, u = Physics(model(CELLS, *effects)), u or drive()
     v = physics.numbers()
-    memory, _ = physics.memory(u, v)
+    system = System(physics, u, v, physics.memory(u, v)[0])
     start = physics.start(np.full(CELLS, START), np.full(CELLS, START), v)
-    span = [Span(0, SECONDS)]
-    X, _ = simulate(physics, u, v, memory, [start], span, reference(physics, u, v, memory, start + 5.0))
-    return X[:, 0 : 2 * CELLS : 2], X[:, 1 : 2 * CELLS : 2], readings(physics, u, v, memory, X, span)
+    X, _ = simulate(system, [start], reference(system, start + 5.0))
+    return X[:, 0 : 2 * CELLS : 2], X[:, 1 : 2 * CELLS : 2], readings(system, X)
 
 
 def test_the_bare_string_is_the_truths(traces):

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from bms_gateway.thermal import AddedEffect, Prior, StringModel
-from bms_gateway.thermal.drive import Drive
+from bms_gateway.thermal.drive import Drive, Span, cut
 from bms_gateway.thermal.physics import Physics
-from bms_gateway.thermal.trajectory import Recursion, Span, Variation, cut, reference, sensitivities, simulate
+from bms_gateway.thermal.system import System
+from bms_gateway.thermal.trajectory import Recursion, Variation, reference, sensitivities, simulate
 from tests.truth.cycle import repeated
 from tests.truth.string import C_F, TABLE_1, TruthString, rk4, wavy_inlet
 
@@ -34,8 +35,9 @@ def string_of(cells, *effects):
 def run(physics, v, drive, start, *, guess=None, spans=None, tolerance=1e-6):
     spans = spans or [Span(0, drive.N)]
     memory, _ = physics.memory(drive, v)
-    recursion = reference(physics, drive, v, memory, start + 5.0)
-    X, settled = simulate(physics, drive, v, memory, [start] * len(spans), spans, recursion, guess, tolerance)
+    system = System(physics, drive, v, memory, spans)
+    recursion = reference(system, start + 5.0)
+    X, settled = simulate(system, [start] * len(spans), recursion, guess, tolerance)
     return X, settled, recursion
 
 
@@ -69,9 +71,8 @@ def test_sensitivities_are_differences_of_trajectories(symbol):
     X, _, recursion = run(physics, v, drive, start)
     h = 0.01
     moved = replace(v, string=replace(v.string, **{symbol: getattr(v.string, symbol) * np.exp(h)}))
-    S = sensitivities(
-        physics, drive, v, {}, X, [Span(0, drive.N)], recursion, [Variation(moved, {}, h, (0 * start,))], refinements=4
-    )[..., 0]
+    variation = Variation(moved, {}, h, (0 * start,))
+    S = sensitivities(System(physics, drive, v, {}), X, recursion, [variation], refinements=4)[..., 0]
     expected = (run(physics, moved, drive, start, guess=X)[0] - X) / h
     assert np.abs(S - expected).max() < 0.02 * np.abs(expected).max()
 
@@ -87,7 +88,7 @@ def test_sensitivities_through_a_melting_peak_are_differences_of_an_independent_
         Variation(replace(v, string=replace(v.string, **{k: getattr(v.string, k) * np.exp(h)})), {}, h, (0 * start,))
         for k in symbols
     ]
-    S = sensitivities(physics, drive, v, {}, X, [Span(0, drive.N)], recursion, variations)
+    S = sensitivities(System(physics, drive, v, {}), X, recursion, variations)
     signs = np.concatenate([np.zeros((5, 1)), np.eye(5), -np.eye(5)], axis=1)
     R_e, R_c, R_u, C_c, C_s = (TABLE_1[k] * np.exp(h * s) for k, s in zip(symbols, signs, strict=True))
 

@@ -4,7 +4,7 @@ Lin et al., Eq 1 and 16–18, sampled; heat at the casings is one more input, by
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -49,27 +49,39 @@ class Balances:
     @classmethod
     def of(cls, strings: Sequence[StringParameters], dt: float) -> "Balances":
         """Discretise; equal strings share the work."""
-        done: dict[bytes, tuple[Floats, ...]] = {}
+        done: dict[bytes, Balances] = {}
         parts = []
         for p in map(usable, strings):
             key = b"".join(np.asarray(x).tobytes() for x in (p.C_c, p.C_s, p.R_e, p.R_c, p.R_u, p.R_cc, p.C_f))
             if key not in done:
                 done[key] = _balances(p, dt)
             parts.append(done[key])
-        return cls(*(np.stack(column) for column in zip(*parts, strict=True)))
+        return cls(**{f.name: np.stack([getattr(b, f.name) for b in parts]) for f in fields(cls)})
 
     def coolant(self, T_s: Floats, inlet: Floats) -> Floats:
         """Coolant (S, n) at each cell, °C."""
         return np.asarray(np.matmul(self.M, T_s[:, :, None])[:, :, 0] + self.m * inlet[:, None], dtype=np.float64)
 
 
-def _balances(p: StringParameters, dt: float) -> tuple[Floats, ...]:
+def _balances(p: StringParameters, dt: float) -> Balances:
+    """Balances of one string, without the axis of the strings."""
     s, n = continuous(p), p.cells
     B_s = np.zeros((2 * n, n))
     B_s[np.arange(1, 2 * n, 2), np.arange(n)] = 1.0 / p.C_s
     d = discretize(ContinuousString(s.A, np.hstack((s.B_q, B_s)), s.B_f), dt)
     M, m = coolant_path(p)
-    return d.A, d.B_q[:, :n], d.B_q[:, n:], d.B_f0, d.B_f1, M, m, p.R_e, p.R_u, p.C_c + p.C_s
+    return Balances(
+        Phi=d.A,
+        core=d.B_q[:, :n],
+        casing=d.B_q[:, n:],
+        inlet0=d.B_f0,
+        inlet1=d.B_f1,
+        M=M,
+        m=m,
+        R_e=p.R_e,
+        R_u=p.R_u,
+        C=p.C_c + p.C_s,
+    )
 
 
 def coupling(b: Balances, at: Layout, z: Floats, q: Floats, flux: Floats, current: Floats) -> tuple[Floats, Floats]:

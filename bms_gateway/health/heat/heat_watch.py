@@ -6,7 +6,7 @@ work. All strings of a group step together, counted in ticks, so that the result
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -75,6 +75,32 @@ class Share(Protocol):
         ...
 
 
+class HeatTick(NamedTuple):
+    """One tick of S strings of n cells, as the watch takes it.
+
+    Attributes
+    ----------
+    square : ndarray (S,), A²
+        Mean square of the current; NaN where not known.
+    heat : ndarray (S, n), W, or None
+        Where it is known otherwise, as from the voltage; NaN for I²R_e.
+    current, inlet : ndarray (S,), A, °C
+        NaN where not known.
+    y, age : ndarray (S, n), °C, s
+        New readings, NaN for none, and how old they are.
+    flow : ndarray (S,), optional
+        Over nominal.
+    """
+
+    square: Floats
+    heat: Floats | None
+    current: Floats
+    inlet: Floats
+    y: Floats
+    age: Floats
+    flow: Floats | None = None
+
+
 class HeatWatch:
     """Watch over S strings of n cells.
 
@@ -118,7 +144,7 @@ class HeatWatch:
         self.told = self._nothing
 
     def _clear(self) -> None:
-        self._ticked: list[tuple[Floats, Floats | None, Floats, Floats, Floats]] = []
+        self._ticked: list[HeatTick] = []
 
     def cores(self, core: Floats, sd: Floats) -> tuple[Floats, Floats]:
         """Cores (S, n), °C, and their sd, K: this watch's where heat is believed, else those given.
@@ -170,42 +196,18 @@ class HeatWatch:
         self.told = self._nothing
         self._sensors.pause()
 
-    def add(
-        self,
-        now_ns: int,
-        square: Floats,
-        heat: Floats | None,
-        current: Floats,
-        inlet: Floats,
-        y: Floats,
-        age: Floats,
-        flow: Floats | None = None,
-    ) -> list[tuple[int, Finding]] | None:
-        """Take in a tick; none of the arrays may change afterwards.
-
-        Parameters
-        ----------
-        now_ns : int
-        square : ndarray (S,), A²
-            Mean square of the current; NaN where not known.
-        heat : ndarray (S, n), W, or None
-            Where it is known otherwise, as from the voltage; NaN for I²R_e.
-        current, inlet : ndarray (S,), A, °C
-            NaN where not known.
-        y, age : ndarray (S, n), °C, s
-            New readings, NaN for none, and how old they are.
-        flow : ndarray (S,), optional
-            Over nominal.
+    def add(self, now_ns: int, tick: HeatTick) -> list[tuple[int, Finding]] | None:
+        """Take in a tick; none of its arrays may change afterwards.
 
         Returns
         -------
         list of (int, Finding) or None
             By string: what has come or is over. None where the step goes on.
         """
-        square, current = self._rest.take(square, current, self._least_square, y, self._tick_s)
-        self._heard_inlet = np.where(np.isfinite(inlet), inlet, self._heard_inlet)
-        self._ticked.append((square, heat, current, y, age))
-        return self._step(now_ns, self._heard_inlet, flow) if len(self._ticked) >= self._ticks else None
+        square, current = self._rest.take(tick.square, tick.current, self._least_square, tick.y, self._tick_s)
+        self._heard_inlet = np.where(np.isfinite(tick.inlet), tick.inlet, self._heard_inlet)
+        self._ticked.append(tick._replace(square=square, current=current))
+        return self._step(now_ns, self._heard_inlet, tick.flow) if len(self._ticked) >= self._ticks else None
 
     @property
     def _least_square(self) -> Floats:
@@ -215,20 +217,21 @@ class HeatWatch:
 
     def _heats(self) -> tuple[Floats, Floats, Any]:
         """Mean heat (S, n), W, and current (S,), A, of the step; which strings (S,) had ticks without either."""
-        square = np.stack([t[0] for t in self._ticked])
+        square = np.stack([t.square for t in self._ticked])
         heat = square[:, :, None] * self.filter.balances.R_e
-        if any(t[1] is not None for t in self._ticked):
-            given = np.stack([np.full(heat.shape[1:], np.nan) if t[1] is None else t[1] for t in self._ticked])
+        if any(t.heat is not None for t in self._ticked):
+            given = np.stack([np.full(heat.shape[1:], np.nan) if t.heat is None else t.heat for t in self._ticked])
             heat = np.where(np.isnan(given), heat, given)
         known = np.isfinite(heat)
-        current = np.stack([t[2] for t in self._ticked])
+        current = np.stack([t.current for t in self._ticked])
         mean = np.where(known, heat, 0.0).mean(axis=0)
         return mean, np.where(np.isfinite(current), current, 0.0).mean(axis=0), ~known.all(axis=(0, 2))
 
     def _step(self, now_ns: int, inlet: Floats, flow: Floats | None) -> list[tuple[int, Finding]]:
         f, self._now_ns = self.filter, now_ns
         sensors = np.s_[:, self._row, f.at.sensors]
-        read, ages = np.stack([t[3] for t in self._ticked])[sensors], np.stack([t[4] for t in self._ticked])[sensors]
+        read = np.stack([t.y for t in self._ticked])[sensors]
+        ages = np.stack([t.age for t in self._ticked])[sensors]
         (y, lag, R), (heat, current, unknown) = self._sensors.take(read, ages, self._tick_s), self._heats()
         self._clear()
         for place, share in enumerate(self._shares):
