@@ -12,7 +12,7 @@ from bms_gateway.health.ageing import Ageing, History
 from bms_gateway.health.causes import Cooling, CurrentWatch, Drift, current_shape
 from bms_gateway.health.cell_growth import CellGrowth
 from bms_gateway.health.collect import WINDOW_S, Collector
-from bms_gateway.health.heat.verdict import Finding
+from bms_gateway.health.heat.finding import Finding
 from bms_gateway.health.mismatch import Mismatch
 from bms_gateway.health.self_discharge import Leak, SelfDischarge
 from bms_gateway.health.trend import B_PRIOR, SHAPE_SD, UNKNOWN, G, J, L, Prior, Trend

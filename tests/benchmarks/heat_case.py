@@ -15,6 +15,7 @@ from tests.truth.pack import integrate, terms
 CELLS, SENSORS = 12, (2, 6, 10)
 PACKS = {
     "liquid": {"C_c": 268.0, "C_s": 18.8, "R_e": 3.5e-3, "R_c": 1.266, "R_u": 0.8, "R_cc": 4.0, "C_f": 60.0},
+    "forced": {"C_c": 307.0, "C_s": 16.0, "R_e": 5.3e-3, "R_c": 1.4, "R_u": 1.6, "R_cc": 15.0, "C_f": 12.0},
     "small": {"C_c": 42.0, "C_s": 3.0, "R_e": 35e-3, "R_c": 2.0, "R_u": 15.0, "R_cc": 10.0, "C_f": 1e6},
 }
 LAYOUTS = {
@@ -24,7 +25,7 @@ LAYOUTS = {
     "three sensors": (CELLS, SENSORS, 6),
 }
 """Cells of a string, which have a thermocouple, and which of these is at fault."""
-AMPS = {"liquid": 1.0, "small": 0.065}
+AMPS = {"liquid": 1.0, "forced": 0.8, "small": 0.065}
 """Current over that of the drive cycles, whose 62 A rms belong to a cell of 8 Ah."""
 
 
@@ -86,7 +87,7 @@ class Made:
 def model(pack: str, cells: int = CELLS, sensors: tuple[int, ...] = SENSORS) -> StringModel:
     """What the gateway is told of it."""
     p = PACKS[pack] if cells > 1 else {k: v for k, v in PACKS[pack].items() if k not in ("R_cc", "C_f")}
-    condition = "single" if cells == 1 else "full" if pack == "liquid" else "natural"
+    condition = "single" if cells == 1 else "natural" if pack == "small" else "full"
     sd = {"C_c": 0.05, "C_s": 0.1, "R_e": 0.1, "R_c": 0.15, "R_u": 0.15, "R_cc": 0.3, "C_f": 0.1}
     names = [k for k in p if not (k == "C_f" and condition == "natural")]
     return StringModel(cells, sensors, condition, {k: Prior(p[k], sd[k]) for k in names})

@@ -84,6 +84,17 @@ def test_what_looks_like_heat_is_told_by_its_own_name(fault: str, size: float, c
         assert not any(a[1] == "unexplained_heat" for a in alerts)
 
 
+@pytest.mark.parametrize("drive", ["us06", "urban"])
+def test_a_blower_that_stops_is_told_and_the_cores_are_known_on(drive: str) -> None:
+    """Air warms along the string as much as the cells do: film and stream are lost together."""
+    case = Case("forced", 0, seconds=2700, drive=drive, fault="pump", at=1500)
+    found = follow(make(with_seeds(case, range(80, 86))))
+    first = [told.alerts[0] for told in found if told.alerts]
+    assert [code for _, code, _ in first].count("cooling") >= 5
+    assert all(case.at < t <= case.at + 300 for t, _, _ in first)
+    assert np.nanmedian([told.healthy for told in found]) > 0.9
+
+
 @pytest.mark.parametrize("pack", ["small", "liquid"])
 def test_nothing_is_told_of_strings_with_nothing_wrong(pack: str) -> None:
     for drive, step in (("urban", 0.1), ("us06", 0.5)):
@@ -280,7 +291,8 @@ def test_heat_that_is_contradicted_is_told_as_it_was_believed_last() -> None:
     watch.pass_time(3000.0)
     for k in range(1200):  # it has gone
         y = 25.0 + rng.normal(0.0, 0.05, (1, CELLS))
-        if watch.add((7 * 3600 + k) * 10**9, np.zeros(1), None, np.zeros(1), np.full(1, 25.0), y, age) is not None:
+        tick = HeatTick(np.zeros(1), None, np.zeros(1), np.full(1, 25.0), y, age)
+        if watch.add((7 * 3600 + k) * 10**9, tick) is not None:
             told += [(f.low_ns, f.text) for f in watch.verdicts[0].findings]
     same = [a[1] == b[1] for a, b in pairwise(told) if b[0] is not None]
     assert len(same) > 10
@@ -296,8 +308,8 @@ def test_a_thermocouple_is_not_named_as_what_else_it_could_be(fault: str, size: 
     current, inlet, y = (np.stack([getattr(x, k) for x in made]) for k in ("current", "inlet", "y"))
     texts = []
     for k in range(2400):
-        tick = current[:, k] ** 2, None, current[:, k], inlet[:, k], y[:, k], np.zeros((3, CELLS))
-        texts += [f.text for _, f in watch.add((k + 1) * 10**9, *tick) or () if f.code == "thermocouple"]
+        tick = HeatTick(current[:, k] ** 2, None, current[:, k], inlet[:, k], y[:, k], np.zeros((3, CELLS)))
+        texts += [f.text for _, f in watch.add((k + 1) * 10**9, tick) or () if f.code == "thermocouple"]
     assert texts
     for text in texts:
         own = text.split("cell ")[1].split(" ")[0]
@@ -365,7 +377,8 @@ def test_what_came_over_all_cells_in_a_sleep_is_no_fault(kelvin: float) -> None:
         left = kelvin * np.exp(-max(0, k - 900) / 700.0) * slept  # C R_u of these cells
         y = 25.0 + left + rng.normal(0.0, 0.05, (1, CELLS))
         now = (1800 * slept + k + 1) * 10**9
-        told += watch.add(now, np.zeros(1), None, np.zeros(1), np.full(1, 25.0), y, np.zeros((1, CELLS))) or []
+        tick = HeatTick(np.zeros(1), None, np.zeros(1), np.full(1, 25.0), y, np.zeros((1, CELLS)))
+        told += watch.add(now, tick) or []
     assert told == []
     assert watch.filter.running.all()
 

@@ -22,8 +22,9 @@ WARMS_K, WARMS_ALONE_K = 0.7, 2.8
 """Warming of the cells, by the current believed, before its lack says anything; and with fewer than three sensors."""
 COOLING, COOLING_BACK, COOLING_GRAVE = 0.5, 0.35, 1.5
 """Growth of R_u against the identified that is told, that is over, and that is an alarm."""
-FLOW_USUAL_S, FLOW_SURE = 3600.0, 3.0
-"""How long the films are remembered against which growth is told, and sd of it."""
+FLOW_USUAL_S, FLOW_SURE, FLOW_GRAVE = 3600.0, 3.0, 6.0
+"""How long the films are remembered against which growth is told, and sd of it: where the films have changed at once,
+and where they are so much worse that it does not matter how fast."""
 FROZEN_S, FROZEN_K = 300.0, 0.8
 """An inlet that reads the same for so long, while the cells say that it moved by so much, is frozen."""
 FOUND_STEPS = 60

@@ -67,8 +67,9 @@ LATE_S = 90.0
 """A thermocouple that has come off its cell follows it so late; less lag is a smaller share."""
 SLOPE_S = 600.0
 """A drift is told from heat by its shape after so long: heat has come to rest by then."""
-MOST = {Kind.SLOPE: 4.0, Kind.LOOSE: 1.3, Kind.LAG: 1.6, Kind.FLOW: 1.0}
-"""Amplitudes beyond are none: a reading that climbs by more kelvin in an hour is no drift but a cell that heats."""
+MOST = {Kind.SLOPE: 4.0, Kind.LOOSE: 1.3, Kind.LAG: 1.6, Kind.FLOW: 1.0, Kind.LOAD: 1.5}
+"""Amplitudes beyond are none: a reading that climbs by more kelvin in an hour is no drift but a cell that heats, and
+cells that seem to make so much more heat than the current are cooled less."""
 
 
 @dataclass(frozen=True, slots=True)

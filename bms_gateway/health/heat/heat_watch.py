@@ -15,10 +15,11 @@ from bms_gateway.health.heat import kept
 from bms_gateway.health.heat.course import USUAL_S, Course
 from bms_gateway.health.heat.fault_evidence import Evidence, Kind, Weighed
 from bms_gateway.health.heat.filter import HeatFilter, Linear, Step
+from bms_gateway.health.heat.finding import Finding
 from bms_gateway.health.heat.layout import Bools
 from bms_gateway.health.heat.rest import LONGEST_S, REST_RATE, STRAYED_K, Rest, strides
 from bms_gateway.health.heat.thermocouples import Thermocouples
-from bms_gateway.health.heat.verdict import SURE, SUSPECT, Finding, Verdict, suspicion
+from bms_gateway.health.heat.verdict import SURE, SUSPECT, Verdict, suspicion
 from bms_gateway.thermal import Floats, StringModel, StringParameters
 
 STEP_S = 10.0
@@ -27,6 +28,7 @@ SETTLE_S = 300.0
 SEEN_S = 180.0
 """Heat that began so long ago is what the told sd is for."""
 APART = 0.02  # ln: cells whose resistances are told to differ by more settle anew
+NEWS = 0.15  # ln: resistances that are told anew by more say that they were not known
 FLOW_GRID = 0.1  # ln: a flow that moved by less changes nothing
 
 
@@ -159,13 +161,14 @@ class HeatWatch:
         return np.where(np.isfinite(told.core), told.core, core), np.where(here, np.hypot(sd, told.core_sd), sd)
 
     def set_parameters(self, s: int, p: StringParameters) -> None:
-        """Take identified numbers of string `s` into use; where they tell its cells apart the state is found anew."""
-        apart = np.log(p.R_e / self.filter.parameters(s).R_e)
+        """Take identified numbers of string `s` into use; where they are news the state is found anew."""
+        before = self.filter.parameters(s)
+        R_e, R_u = np.log(p.R_e / before.R_e), np.log(p.R_u / before.R_u)
         try:
             self.filter.set_parameters(s, p)
         except ConfigError:  # no coolant node at this flow: the numbers of before serve
             return
-        if float(np.ptp(apart)) > APART:
+        if float(np.ptp(R_e)) > APART or max(abs(float(R_e.mean())), abs(float(R_u.mean()))) > NEWS:
             self._age[s] = 0.0
             self.evidence.forget(s)
 
@@ -380,7 +383,7 @@ class HeatWatch:
                         var[s, j] += chance * (1.0 - chance) * a * a
                 some = some or bool(of_note)
             some, T = True, np.arange(0, at.nodes, 2)
-            if not v.hot:
+            if not v.leads:
                 core_sd[s] = np.sqrt(more[T] + np.square(mean[T] - z[T]))
             else:
                 gap = f.gap_sd[s] * (mean[T] - mean[T + 1])

@@ -12,7 +12,8 @@ import numpy as np
 
 from bms_gateway.health.heat.fault_evidence import Kind
 from bms_gateway.health.heat.filter import HeatFilter
-from bms_gateway.health.heat.verdict import Finding, Verdict
+from bms_gateway.health.heat.finding import Finding
+from bms_gateway.health.heat.verdict import Verdict
 from bms_gateway.thermal import Floats
 
 LEAST_VAR = 1e-12

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from bms_gateway.health.heat.fault_evidence import Kind
 
 if TYPE_CHECKING:
-    from bms_gateway.health.heat.verdict import Finding
+    from bms_gateway.health.heat.finding import Finding
 
 TROUBLE = {
     Kind.JUMP: "has jumped by {:+.1f} K",

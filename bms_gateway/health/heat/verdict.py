@@ -10,6 +10,7 @@ from bms_gateway.health.heat.course import (
     COOLING,
     COOLING_BACK,
     COOLING_GRAVE,
+    FLOW_GRAVE,
     FLOW_SURE,
     FROZEN_K,
     FROZEN_S,
@@ -20,6 +21,7 @@ from bms_gateway.health.heat.course import (
 )
 from bms_gateway.health.heat.fault_evidence import OLDEST_READ, ONSETS, Evidence, Kind, Weighed
 from bms_gateway.health.heat.filter import HeatFilter
+from bms_gateway.health.heat.finding import Finding
 from bms_gateway.health.heat.layout import Bools
 from bms_gateway.health.heat.sentences import sentence
 from bms_gateway.thermal import Floats
@@ -77,42 +79,6 @@ QUIET_SD, QUIET_S = 3.0, 900.0
 
 
 @dataclass(slots=True)
-class Finding:
-    """Something that is wrong now.
-
-    Attributes
-    ----------
-    code : str
-        `unexplained_heat`, `missing_heat`, `cooling`, `inlet`, `thermocouple`.
-    cell : int or None
-        1-based.
-    level : int
-        1 warning, 2 alarm.
-    since_ns : int
-    text : str
-    heat, heat_sd : float
-        W, of all cells in which it may sit; NaN but for heat.
-    sure : float
-        Share of the evidence that this cause had when it was told.
-    """
-
-    code: str
-    cell: int | None
-    level: int
-    since_ns: int
-    text: str = ""
-    heat: float = float("nan")
-    heat_sd: float = float("nan")
-    kind: Kind = Kind.HEAT
-    place: int = 0
-    places: tuple[int, ...] = ()
-    others: tuple[tuple[str, float], ...] = ()
-    low_ns: int | None = None
-    size: float = 0.0
-    sure: float = 1.0
-
-
-@dataclass(slots=True)
 class Verdict:
     """Verdict on string `s` of a filter.
 
@@ -146,6 +112,11 @@ class Verdict:
     def hot(self) -> bool:
         """Whether a cell heats by itself."""
         return any(f.code == "unexplained_heat" for f in self.findings)
+
+    @property
+    def leads(self) -> bool:
+        """Whether the filter of this watch knows the cores better than an observer to which what was found is news."""
+        return any(f.code in ("unexplained_heat", "cooling") for f in self.findings)
 
     @property
     def suspects(self) -> bool:
@@ -449,9 +420,12 @@ class Verdict:
         own = (self._stands > 0 and self.evidence.kinds[best] < Kind.FLOW) or self.hot
         if "cooling" not in codes:
             slower = grown > COOLING and u - self.course.film[s] > FLOW_SURE * u_sd and not own
-            slower = slower and self._flowed_ns is not None and self._lasted(self._flowed_ns, now_ns) < FLOWED_S
+            flowed = self._flowed_ns is not None and self._lasted(self._flowed_ns, now_ns) < FLOWED_S
+            grave = grown > COOLING_GRAVE and u - self.course.film[s] > FLOW_GRAVE * u_sd
+            slower = slower and (flowed or grave)
             self._slow_ns = (now_ns if self._slow_ns is None else self._slow_ns) if slower else None
-            if self._slow_ns is not None and self._lasted(self._slow_ns, now_ns) >= HOLD_S:
+            hold = HOLD_S if flowed else HOLD_COMMON_S
+            if self._slow_ns is not None and self._lasted(self._slow_ns, now_ns) >= hold:
                 level = 2 if grown >= COOLING_GRAVE else 1
                 new.append(Finding("cooling", None, level, now_ns, kind=Kind.FLOW))
                 self.course.cooling[s] = True
