@@ -68,6 +68,98 @@ FINE_K: Final = 1e-4
 """Differences of readings below are rounding."""
 
 
+class SensorNoise:
+    """What innovations and readings of m thermocouples of S strings tell of their noise and of the coolant.
+
+    Steps wait until a block of them is full, and are then learnt from together.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        S, m.
+    dt : float, s
+    noise : float, K
+        White noise of a reading, as the filter has it.
+
+    Attributes
+    ----------
+    fine : ndarray (S, m), K
+        Smallest step of the readings; infinite where none was seen.
+    rough : ndarray (S, m), K²
+        Variance of an innovation that is only noise.
+    coolant : ndarray (S,), °C
+        Mean of the coolant over the last minute.
+    """
+
+    def __init__(self, shape: tuple[int, ...], dt: float, noise: float) -> None:
+        self._dt = dt
+        nothing = np.zeros(shape)  # what the first innovation is off counts as noise
+        self._last = np.stack(
+            (np.full_like(nothing, np.nan), nothing)
+        )  # newest reading, newest innovation that counted
+        self.fine = np.full(shape, np.inf)
+        self.rough, self._count = np.full(shape, noise**2), np.zeros(shape)
+        self.coolant = np.full(shape[0], np.nan)
+        self._waiting = np.full((BLOCK, 2, *shape), np.nan)
+        self._waits = 0
+
+    def take(self, y: Floats, value: Floats, there: Bools) -> bool:
+        """Let a step wait: readings and innovations, and `there`, which of these count. Whether to `learn` now."""
+        waiting = self._waiting[self._waits]
+        waiting[0] = y
+        waiting[1] = np.where(there, value, np.nan)
+        self._waits += 1
+        return self._waits == BLOCK or bool((there & (self._count < YOUNG)).any())
+
+    def learn(self, inlet: Floats) -> None:
+        """Learn the noise of the sensors, the steps of their readings and the coolant's mean from a block of steps."""
+        filled = self._waiting[: self._waits].copy()
+        turned = np.isfinite(filled)
+        for k, before in enumerate((self._last, *filled[:-1])):  # a sensor may be read in some steps only
+            filled[k] = np.where(turned[k], filled[k], before)
+        y, value = np.abs(np.diff(np.concatenate((self._last[None], filled)), axis=0)).swapaxes(0, 1)
+        self.fine = np.minimum(self.fine, np.where(y > FINE_K, y, np.inf).min(axis=0))
+        self._last = filled[-1]
+        there = turned[:, 1] & np.isfinite(value)
+        n = there.sum(axis=0)
+        self._count += n
+        share = np.maximum(1.0 - (1.0 - NOISE_SHARE) ** n, n / (FIRST + self._count))
+        turn = np.where(there, np.square(value) / 2.0, 0.0)  # noise turns each time, what is odd does not
+        self.rough += share * (turn.sum(axis=0) / np.maximum(n, 1) - self.rough)
+        before = np.where(np.isnan(self.coolant), inlet, self.coolant)
+        self.coolant = before - (inlet - before) * np.expm1(-self._waits * self._dt / TIMES_S[-1])
+        self._waiting[:], self._waits = np.nan, 0
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return it as numbers and lists."""
+        return {name.strip("_"): plain(getattr(self, name)) for name in _LEARNT} | {"waits": self._waits}
+
+    def restored(self, snapshot: Mapping[str, Any] | None) -> "SensorNoise":
+        """Make one like this from a snapshot; None copies it.
+
+        Raises
+        ------
+        KeyError, TypeError, ValueError
+            It is none of as many sensors.
+        """
+        new = copy(self)
+        if snapshot is None:
+            for name in _LEARNT:
+                setattr(new, name, getattr(self, name).copy())
+            return new
+        taken = {name: like(snapshot[name.strip("_")], getattr(self, name)) for name in _LEARNT}
+        waits = snapshot["waits"]
+        if not all(np.isfinite(taken[name]).all() for name in ("rough", "_count")):
+            raise ValueError("surprise: holds what is no number")
+        if type(waits) is not int or not 0 <= waits < BLOCK:
+            raise ValueError("surprise: waits for no block")
+        taken["fine"] = np.where(np.isnan(taken["fine"]), np.inf, taken["fine"])
+        for name, value in taken.items():
+            setattr(new, name, value)
+        new._waits = waits
+        return new
+
+
 class Surprise:
     """Innovations of m thermocouples of S strings, and what they say of the cores.
 
@@ -95,15 +187,8 @@ class Surprise:
         self.open: Bools = np.zeros(len(sensors), np.bool_)
         self._mean = np.zeros((len(TIMES_S), *sensors.shape))
         self._wide = np.zeros(self._mean.shape)  # K², of the averages: by states that the filter itself knew badly
-        nothing = np.zeros(sensors.shape)  # what the first innovation is off counts as noise
-        self._last = np.stack(
-            (np.full_like(nothing, np.nan), nothing)
-        )  # newest reading, newest innovation that counted
-        self._fine = np.full(sensors.shape, np.inf)
-        self._rough, self._count = np.full(sensors.shape, noise**2), np.zeros(sensors.shape)
-        self._settles, self._coolant = np.zeros(len(sensors)), np.full(len(sensors), np.nan)
-        self._waiting = np.full((BLOCK, 2, *sensors.shape), np.nan)
-        self._waits = 0
+        self._sensed = SensorNoise(sensors.shape, dt, noise)
+        self._settles = np.zeros(len(sensors))
         times = np.maximum(np.array(TIMES_S), dt)[:, None, None]
         self._share = -np.expm1(-dt / times)
         self._white = self._share / (2.0 - self._share)  # variance of an average over that of one innovation
@@ -148,12 +233,9 @@ class Surprise:
             settled = self._settles <= 0.0
             there &= (np.logical_and.reduce(inputs, axis=1) & settled)[:, None]
             self._settles = np.where(settled, 0.0, self._settles - self._dt)
-        waiting = self._waiting[self._waits]
-        waiting[0] = y
-        waiting[1] = np.where(there, value, np.nan)
-        self._waits += 1
-        if self._waits == BLOCK or (there & (self._count < YOUNG)).any():
-            self._learn(inlet)
+        if self._sensed.take(y, value, there):
+            self._sensed.learn(inlet)
+            self._judge()
         value = np.where(there, value, 0.0)
         self._mean += self._share * (value - self._mean)
         unsure = there & (sd > self._unsure)
@@ -171,8 +253,8 @@ class Surprise:
         """Tell what the variances of the cores grow by where averages lie `off` (3, S, m), K, from zero."""
         var = np.square(sd)
         vague = np.maximum(np.square(known) - var, 0.0)  # NaN after a step without a reading: then nothing is odd
-        chance = np.sqrt(self._rough * self._white + self._wide + vague)
-        moved = np.where(np.isnan(self._coolant), 0.0, np.abs(inlet - self._coolant))
+        chance = np.sqrt(self._sensed.rough * self._white + self._wide + vague)
+        moved = np.where(np.isnan(self._sensed.coolant), 0.0, np.abs(inlet - self._sensed.coolant))
         odd = off > ODD * chance + self._beside + STIRRED * moved[:, None]
         at_once = np.zeros_like(self.own)
         if odd.any():
@@ -188,37 +270,18 @@ class Surprise:
         self.open = np.asarray((self.own > 0.0).any(axis=1), dtype=np.bool_)
         return at_once + self._grows * np.square(self.own)
 
-    def _learn(self, inlet: Floats) -> None:
-        """Learn the noise of the sensors, the steps of their readings and the coolant's mean from a block of steps."""
-        filled = self._waiting[: self._waits].copy()
-        turned = np.isfinite(filled)
-        for k, before in enumerate((self._last, *filled[:-1])):  # a sensor may be read in some steps only
-            filled[k] = np.where(turned[k], filled[k], before)
-        y, value = np.abs(np.diff(np.concatenate((self._last[None], filled)), axis=0)).swapaxes(0, 1)
-        self._fine = np.minimum(self._fine, np.where(y > FINE_K, y, np.inf).min(axis=0))
-        self._last = filled[-1]
-        there = turned[:, 1] & np.isfinite(value)
-        n = there.sum(axis=0)
-        self._count += n
-        share = np.maximum(1.0 - (1.0 - NOISE_SHARE) ** n, n / (FIRST + self._count))
-        turn = np.where(there, np.square(value) / 2.0, 0.0)  # noise turns each time, what is odd does not
-        self._rough += share * (turn.sum(axis=0) / np.maximum(n, 1) - self._rough)
-        before = np.where(np.isnan(self._coolant), inlet, self._coolant)
-        self._coolant = before - (inlet - before) * np.expm1(-self._waits * self._dt / TIMES_S[-1])
-        self._waiting[:], self._waits = np.nan, 0
-        self._judge()
-
     def _judge(self) -> None:
         """Reckon what averages and deviations are no chance, by what is known of the sensors."""
-        step = np.where(self._fine < np.inf, self._fine, 0.0)
-        rounded = ROUNDED * np.maximum(step - BLURS * np.sqrt(self._rough), 0.0)
+        fine, rough = self._sensed.fine, self._sensed.rough
+        step = np.where(fine < np.inf, fine, 0.0)
+        rounded = ROUNDED * np.maximum(step - BLURS * np.sqrt(rough), 0.0)
         self._beside = OFF_K + STEPS * step + rounded
-        self._least = ODD * np.sqrt(self._rough * self._white) + self._beside  # whatever else is not known
-        self._unsure = UNSURE * np.sqrt(self._rough)
+        self._least = ODD * np.sqrt(rough * self._white) + self._beside  # whatever else is not known
+        self._unsure = UNSURE * np.sqrt(rough)
 
     def snapshot(self) -> dict[str, Any]:
         """Return it as numbers and lists."""
-        return {name.strip("_"): plain(getattr(self, name)) for name in _KEPT} | {"waits": self._waits}
+        return {name.strip("_"): plain(getattr(self, name)) for name in _KEPT} | self._sensed.snapshot()
 
     def restored(self, snapshot: Mapping[str, Any] | None) -> "Surprise":
         """Make one like this from a snapshot; None, as older states have, knows nothing yet.
@@ -229,31 +292,29 @@ class Surprise:
             It is none of as many sensors.
         """
         new = copy(self)
+        new._sensed = self._sensed.restored(snapshot)
         if snapshot is None:
-            for name in _KEPT:
-                setattr(new, name, getattr(self, name).copy())
+            new._settles = self._settles.copy()
             for name in ("own", "open", "_mean", "_wide"):
                 setattr(new, name, np.zeros_like(getattr(self, name)))
             return new
         taken = {name: like(snapshot[name.strip("_")], getattr(self, name)) for name in _KEPT}
-        numbers = [taken[name] for name in _KEPT if name not in ("_last", "_fine", "_coolant", "_waiting")]
-        waits = snapshot["waits"]
-        if not all(np.isfinite(a).all() for a in numbers) or (taken["own"] < 0.0).any() or (taken["_wide"] < 0.0).any():
+        if not all(np.isfinite(a).all() for a in taken.values()) or any(
+            (taken[k] < 0.0).any() for k in ("own", "_wide")
+        ):
             raise ValueError("surprise: holds what is no number")
         if any(
             (np.abs(taken[name]) > most).any()
             for name, most in (("_mean", MOST_K), ("own", MOST_K), ("_wide", MOST_K**2))
         ):
             raise ValueError("surprise: holds what no reading is off by")
-        if type(waits) is not int or not 0 <= waits < BLOCK:
-            raise ValueError("surprise: waits for no block")
-        taken["_fine"] = np.where(np.isnan(taken["_fine"]), np.inf, taken["_fine"])
         for name, value in taken.items():
             setattr(new, name, value)
-        new._waits = waits
         new.open = np.asarray((new.own > 0.0).any(axis=1), dtype=np.bool_)
         new._judge()
         return new
 
 
-_KEPT = ("own", "_settles", "_mean", "_last", "_fine", "_rough", "_wide", "_count", "_coolant", "_waiting")
+_KEPT = ("own", "_settles", "_mean", "_wide")
+_LEARNT = ("_last", "fine", "rough", "_count", "coolant", "_waiting")
+"""What snapshots hold of both."""
