@@ -109,16 +109,15 @@ def plans(limits: Limits, model: StringModel) -> tuple[Plan, ...]:
     return tuple(p for p in found if p.name != "flow_steps" or model.has_coolant_path)
 
 
-def _plan(
+def _drive(
     limits: Limits,
-    name: str,
-    instruction: str,
     current: Floats,
     *,
     square: Floats | None = None,
     inlet: Floats | float = 0.0,
     flow: Floats | float = 1.0,
-) -> Plan:
+) -> Drive:
+    """Complete the inputs of a test; inlet in K above the usual one, flow over nominal."""
     N = len(current)
     one = np.ones(N)
     mean_square: Floats = current * current if square is None else square
@@ -128,22 +127,18 @@ def _plan(
         middle = 0.5 * (SOC[0] + SOC[1]) - 0.5 * (moved.max() + moved.min())
         soc = np.clip(middle + moved, *SOC)
     none = np.full(N, np.nan)
-    return Plan(
-        name,
-        instruction,
-        Drive(
-            STEP_S,
-            current,
-            mean_square,
-            np.maximum(np.abs(current), 0.9 * np.sqrt(mean_square)),
-            limits.inlet + inlet * one,
-            flow * one,
-            soc,
-            none,
-            none,
-            np.asarray((np.arange(N) + 0.5) * STEP_S / 3600.0, dtype=np.float64),
-            limits.known - {"voltage"},
-        ),
+    return Drive(
+        STEP_S,
+        current,
+        mean_square,
+        np.maximum(np.abs(current), 0.9 * np.sqrt(mean_square)),
+        limits.inlet + inlet * one,
+        flow * one,
+        soc,
+        none,
+        none,
+        np.asarray((np.arange(N) + 0.5) * STEP_S / 3600.0, dtype=np.float64),
+        limits.known - {"voltage"},
     )
 
 
@@ -181,7 +176,7 @@ def _long_and_short(limits: Limits) -> Plan:
     long_s = _longest(limits, A, 180.0)
     current = _filled([_pulses(A, A, 8.0, 480.0), _rest(240), _pulses(A, A, long_s, 480.0), _rest(240)])
     text = f"±{A:.0f} A in pulses of 8 s for 8 min, rest, the same in pulses of {long_s:.0f} s, rest, and again"
-    return _plan(limits, "long_and_short_pulses", text, current)
+    return Plan("long_and_short_pulses", text, _drive(limits, current))
 
 
 def _both_ways(limits: Limits) -> Plan:
@@ -205,7 +200,7 @@ def _both_ways(limits: Limits) -> Plan:
     text = (
         f"discharge hard ({A:.0f} A) and charge gently ({low:.0f} A), then charge hard ({B:.0f} A) and discharge gently"
     )
-    return _plan(limits, "charge_and_discharge_steps", text, current)
+    return Plan("charge_and_discharge_steps", text, _drive(limits, current))
 
 
 def _amplitudes(limits: Limits) -> Plan:
@@ -214,7 +209,7 @@ def _amplitudes(limits: Limits) -> Plan:
     for share in (1.0, 0.25, 0.75, 0.5):
         parts += [_pulses(share * A, share * A, 20.0, 440.0), _rest(160)]
     text = f"±pulses of 20 s at {A:.0f}, {A / 4:.0f}, {0.75 * A:.0f} and {A / 2:.0f} A, 7 min each, with rests"
-    return _plan(limits, "amplitude_sweep", text, _filled(parts))
+    return Plan("amplitude_sweep", text, _drive(limits, _filled(parts)))
 
 
 def _charge_sweep(limits: Limits) -> Plan:
@@ -226,7 +221,7 @@ def _charge_sweep(limits: Limits) -> Plan:
         slow = min(slow, 0.7 * limits.capacity_Ah * 3600.0 / (0.5 * N * STEP_S))
     current = ripple + np.where(np.arange(N) < N // 2, slow, -slow)
     text = f"±{0.6 * A:.0f} A pulses of 20 s while the cells are emptied and filled again by {slow:.0f} A on top"
-    return _plan(limits, "charge_sweep", text, current)
+    return Plan("charge_sweep", text, _drive(limits, current))
 
 
 def _own(limits: Limits, minutes: float = MINUTES) -> tuple[Floats, Floats]:
@@ -244,7 +239,7 @@ def _with_inlet(name: str, text: str, levels: Sequence[float], *, driving: bool 
         inlet = np.asarray(levels)[at]
         if len(set(levels)) > 1:  # ducts and flaps take some seconds
             inlet = np.convolve(np.pad(inlet, (4, 0), mode="edge"), np.full(5, 0.2), "valid")
-        return _plan(limits, name, text, current, square=square, inlet=inlet)
+        return Plan(name, text, _drive(limits, current, square=square, inlet=inlet))
 
     return make
 
@@ -254,11 +249,11 @@ def _flow_steps(limits: Limits) -> Plan:
     levels = np.array([1.0, FLOWS[0], FLOWS[1], FLOWS[0], 1.0, FLOWS[1]])
     flow = levels[np.minimum(np.arange(len(current)) * 6 // len(current), 5)]
     text = f"the same drive while the flow steps between {FLOWS[0]:g} and {FLOWS[1]:g} of nominal every 7 min"
-    return _plan(limits, "flow_steps", text, current, square=square, flow=flow)
+    return Plan("flow_steps", text, _drive(limits, current, square=square, flow=flow))
 
 
 def _soak(limits: Limits) -> Plan:
-    return _plan(limits, "soak", "rest at 0 A and constant inlet", _rest(60.0 * MINUTES))
+    return Plan("soak", "rest at 0 A and constant inlet", _drive(limits, _rest(60.0 * MINUTES)))
 
 
 def _cool_down(limits: Limits) -> Plan:
@@ -266,19 +261,17 @@ def _cool_down(limits: Limits) -> Plan:
     hot = _pulses(0.7 * A, 0.7 * A, 20.0, 1200.0)
     current = np.concatenate([hot, _rest(60.0 * MINUTES - STEP_S * len(hot))])
     text = f"heat up with ±{0.7 * A:.0f} A pulses for 20 min, then rest for 20 min"
-    return _plan(limits, "heat_and_cool_down", text, current)
+    return Plan("heat_and_cool_down", text, _drive(limits, current))
 
 
 def _again_later(limits: Limits) -> Plan:
     current, square = _own(limits, MINUTES / 2)
     gap = np.zeros(_steps(3600.0 * LATER_H) - len(current))
     text = f"the same {MINUTES / 2:.0f} min of drive twice, {60 * LATER_H:.0f} min apart, at rest in between"
-    return _plan(
-        limits,
+    return Plan(
         "drive_again_later",
         text,
-        np.concatenate([current, gap, current]),
-        square=np.concatenate([square, gap, square]),
+        _drive(limits, np.concatenate([current, gap, current]), square=np.concatenate([square, gap, square])),
     )
 
 

@@ -18,7 +18,6 @@ start and its due time.
 
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -26,8 +25,9 @@ import numpy as np
 from bms_gateway.engine.alerting import Alerting
 from bms_gateway.engine.broadcast import Broadcast, Counts, State
 from bms_gateway.engine.estimators import Estimators
-from bms_gateway.engine.events import Decoded, Event, Job, Level, Notice, SendFrames, StartJob
+from bms_gateway.engine.events import Decoded, Event, Level, Notice, SendFrames, StartJob
 from bms_gateway.engine.inputs import Inputs
+from bms_gateway.engine.jobs import Jobs
 from bms_gateway.engine.judgement import judged
 from bms_gateway.engine.plan import Channel, Plan
 from bms_gateway.engine.plausible import fitting
@@ -50,17 +50,6 @@ CLOCK_SET_NS = 1_577_836_800_000_000_000  # 2020: an older stamp is of a clock t
 SNAPSHOT_VERSION = 1
 GOOD = np.uint8(Quality.GOOD)  # of numpy's own type, which it compares faster
 LATEST_NS = 9_000_000_000_000_000_000  # the year 2255: stamps and periods added to them fit into 64 bits
-
-
-@dataclass(slots=True)
-class _Running:
-    """A job handed out."""
-
-    string: int
-    due_ns: int
-    job: Job
-    taken: bool = False
-    result: object | None = None
 
 
 class Engine:
@@ -105,8 +94,7 @@ class Engine:
         self._deadline: int | None = None
         self._tick_end: int | None = None  # newest instant that is estimated; None before the first
         self._heard = 0  # newest wanted frame, bus time
-        self._jobs: dict[int, _Running] = {}
-        self._next_job = 1
+        self._jobs = Jobs()
         self._started = 0
         self._woken = 0  # start of the first tick since the bus was silent
         self._told = Counts(0, 0, 0, 0.0)
@@ -244,21 +232,20 @@ class Engine:
     def next_output(self) -> Event | None:
         """Next event of the one ordered queue; None when there is nothing to say."""
         event = self._queue.popleft() if self._queue else None
-        if isinstance(event, StartJob) and self.awaits(event.job_id):
-            self._jobs[event.job_id].taken = True
+        if isinstance(event, StartJob):
+            self._jobs.take(event.job_id)
         return event
 
     def awaits(self, job_id: int) -> bool:
         """Whether the result of a job is still of use: it has not been applied."""
-        return job_id in self._jobs
+        return self._jobs.awaits(job_id)
 
     def finish(self, job_id: int, result: object) -> None:
         """Hand in the result of a job; it takes effect at the job's due time, or at the next tick if that is over.
 
         None gives the job back: it has not been done, and will not be.
         """
-        if self.awaits(job_id):
-            self._jobs[job_id].result, self._jobs[job_id].taken = result, result is not None
+        self._jobs.finish(job_id, result)
 
     def _work_off(self) -> None:
         """Run every tick whose frames are all here; keep the frames of the open tick."""
@@ -322,10 +309,7 @@ class Engine:
         if self.judging:
             self._queue.append(judged(t1, self.frames, self.rejected, self.estimators, readings))
         for string, job in tick.jobs:
-            due = t1 + JOB_DUE_TICKS * self._plan.tick_ns
-            self._jobs[self._next_job] = _Running(string, due, job)
-            self._queue.append(StartJob(t1, self._next_job, due, job))
-            self._next_job += 1
+            self._queue.append(self._jobs.hand_out(string, job, t1, t1 + JOB_DUE_TICKS * self._plan.tick_ns))
         silent = t1 - self._heard >= self._plan.silent_after_ns
         self._queue.extend(self.alerting.step(t1, self._heard, silent=silent))
         if self.broadcast is not None:
@@ -339,10 +323,8 @@ class Engine:
 
     def _take_results(self, now: int) -> None:
         """Apply the results that are due, in the order of their jobs."""
-        for job_id in [i for i, r in self._jobs.items() if r.due_ns <= now and (r.result is not None or not r.taken)]:
-            running = self._jobs.pop(job_id)
-            result = running.job.run() if running.result is None else running.result
-            self._queue.extend(self.estimators.accept(running.string, result, now))
+        for string, result in self._jobs.results(now):
+            self._queue.extend(self.estimators.accept(string, result, now))
 
     def _state(self, readings: Readings) -> State:
         """Tell what the status frame says of us: degraded while a string lacks its current or all of its surfaces."""

@@ -1,0 +1,54 @@
+"""Jobs that the engine has handed out: their results take effect at a fixed later bus time, whoever computes them."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from bms_gateway.engine.events import Job, StartJob
+
+
+@dataclass(slots=True)
+class _Running:
+    """A job handed out."""
+
+    string: int
+    due_ns: int
+    job: Job
+    taken: bool = False
+    result: object | None = None
+
+
+class Jobs:
+    """Jobs whose results have not been applied."""
+
+    def __init__(self) -> None:
+        self._running: dict[int, _Running] = {}
+        self._next = 1
+
+    def hand_out(self, string: int, job: Job, now_ns: int, due_ns: int) -> StartJob:
+        """Give a job of a string its number, and make the event that tells it."""
+        event = StartJob(now_ns, self._next, due_ns, job)
+        self._running[self._next] = _Running(string, due_ns, job)
+        self._next += 1
+        return event
+
+    def take(self, job_id: int) -> None:
+        """Note that somebody has taken a job and will hand in its result."""
+        if self.awaits(job_id):
+            self._running[job_id].taken = True
+
+    def awaits(self, job_id: int) -> bool:
+        """Whether the result of a job is still of use: it has not been applied."""
+        return job_id in self._running
+
+    def finish(self, job_id: int, result: object) -> None:
+        """Keep a result until it is due; None gives the job back."""
+        if self.awaits(job_id):
+            running = self._running[job_id]
+            running.result, running.taken = result, result is not None
+
+    def results(self, now_ns: int) -> Iterator[tuple[int, object]]:
+        """Yield strings and results that are due, in the order of the jobs; one that nobody took is computed here."""
+        due = [i for i, r in self._running.items() if r.due_ns <= now_ns and (r.result is not None or not r.taken)]
+        for job_id in due:
+            running = self._running.pop(job_id)
+            yield running.string, running.job.run() if running.result is None else running.result
