@@ -81,6 +81,11 @@ class Backlog:
         self._blocks: list[_Block] = []
         self._single: list[GroupTick] = []  # the newest, not in a block yet
 
+    @property
+    def kept(self) -> int:
+        """Number of ticks that are kept for strings which have not taken them in."""
+        return sum(b.end - b.first for b in self._blocks) + len(self._single)
+
     def add(self, tick: GroupTick) -> list[tuple[int, Job]]:
         """Take in a tick.
 

@@ -62,6 +62,8 @@ class Trial:
     ----------
     told : str
         How earlier tries of the state that is tried now have ended; empty for none.
+    tries : list of list of str
+        What was noted of each earlier try of this boot, in order.
     """
 
     def __init__(self, directory: Path, boot: str) -> None:
@@ -72,8 +74,13 @@ class Trial:
         self._faults = False
         self._alive_s = 0.0
         self._head: dict[str, Any] = {"boot": boot}
-        self._tries: list[list[str]] = []
+        self.tries: list[list[str]] = []
         self._read()
+
+    @property
+    def noting_now(self) -> bool:
+        """Whether the file of notes is open."""
+        return self._handle is not None
 
     @property
     def aside(self) -> list[list[str]]:
@@ -98,7 +105,7 @@ class Trial:
             self.told = f"the service has ended {_times(len(reasons))} soon after it was restored: {reasons[-1]}"
         if len(reasons) >= NOTED_MOST:
             return self.told
-        if len(self._tries) >= SILENT_MOST and not any(self._tries[-SILENT_MOST:]):
+        if len(self.tries) >= SILENT_MOST and not any(self.tries[-SILENT_MOST:]):
             return f"the service was gone {_times(SILENT_MOST)} in a row while it was restored"
         return ""
 
@@ -189,7 +196,7 @@ class Trial:
             self._let_go()
 
     def _reasons(self) -> list[str]:
-        return [why for lines in self._tries if (why := _reason(lines))]
+        return [why for lines in self.tries if (why := _reason(lines))]
 
     def _read(self) -> None:
         try:
@@ -207,14 +214,14 @@ class Trial:
                 self._head = head
                 for line in lines:
                     if line == TRY:
-                        self._tries.append([])
-                    elif self._tries:
-                        self._tries[-1].append(line)
+                        self.tries.append([])
+                    elif self.tries:
+                        self.tries[-1].append(line)
 
     def _begin_anew(self, **head: object) -> None:
         """Forget the tries of before."""
         self._head = {"boot": self._boot, "aside": self.aside} | head
-        self._tries = []
+        self.tries = []
         if (handle := self._open()) is not None:
             with suppress(OSError):
                 os.ftruncate(handle, 0)

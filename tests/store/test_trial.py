@@ -83,9 +83,9 @@ def start(folder, how, boot="one"):
     for line in process.stdout:
         said.append(line.rstrip("\n"))
         if said[-1] == "hangs":
-            tries = Trial(folder, boot)._tries
+            tries = Trial(folder, boot).tries
             while not tries or not any(HUNG in line for line in tries[-1]):
-                tries = Trial(folder, boot)._tries
+                tries = Trial(folder, boot).tries
             process.kill()
     process.wait(PATIENCE_S)
     process.stdout.close()

@@ -169,7 +169,7 @@ def test_a_try_is_noted_from_begin_to_end(tmp_path, monkeypatch):
     noted_last = lines_of(tmp_path)[1][-1]
     assert noted_last.startswith("died: ValueError: a bcc")
     assert len(noted_last) == len("died: ValueError: ") + 300
-    assert trial._handle is None
+    assert not trial.noting_now
     trial.alive()
     trial.loaded()
     assert lines_of(tmp_path)[1][-1] == noted_last
@@ -256,7 +256,7 @@ def _umask():
 def test_a_first_line_that_is_no_head_counts_nothing(tmp_path, first):
     (tmp_path / "state.trying").write_text(first + "\ntry\ndied: x" * 5 + "\n")
     trial = Trial(tmp_path, "one")
-    assert trial.aside == trial._tries == []
+    assert trial.aside == trial.tries == []
 
 
 @pytest.mark.parametrize(
@@ -265,7 +265,7 @@ def test_a_first_line_that_is_no_head_counts_nothing(tmp_path, first):
 def test_a_head_that_names_files_elsewhere_counts_nothing(tmp_path, aside):
     noted(tmp_path, [DIED] * NOTED_MOST, aside=[aside], saved_ns=None)
     trial = Trial(tmp_path, "one")
-    assert trial.aside == trial._tries == []
+    assert trial.aside == trial.tries == []
     assert trial.put_back() == []
 
 
@@ -287,7 +287,7 @@ def test_an_end_that_was_asked_for_ends_the_trial_unless_it_came_after_a_hang(tm
         trial.begin()
         with pytest.raises(KeyboardInterrupt), trial.noting():
             raise KeyboardInterrupt
-        assert trial._handle is None
+        assert not trial.noting_now
         assert os.listdir(tmp_path) == left
 
 
@@ -335,7 +335,7 @@ def test_an_error_for_the_user_is_no_end_by_the_state(tmp_path):
     trial.begin()
     with pytest.raises(StateError), trial.noting():
         raise StateError("no such interface")
-    assert trial._handle is None
+    assert not trial.noting_now
     assert lines_of(tmp_path)[1] == ["try"]
 
 
