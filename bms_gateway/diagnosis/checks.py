@@ -35,6 +35,8 @@ MUST_MOVE = 3.0
 """Times its step, or its noise: what a model whose resistance may be half as large must expect of a surface."""
 INLET_K = 0.5
 SOC_SPAN = 0.2
+ABSURD_K = 1000.0
+"""Warming that no record shows: cells burn before."""
 STEADY = 0.05
 """Scatter of the squared current, relative to its mean, below which the current counts as constant."""
 MISSING = 0.25
@@ -114,16 +116,24 @@ def _length(r: Record, model: StringModel) -> Iterator[Finding]:
         )
 
 
-def _current(r: Record, _: StringModel) -> Iterator[Finding]:
-    d = r.drive
+def _current(r: Record, model: StringModel) -> Iterator[Finding]:
+    d, p = r.drive, model.nominal
     peak = float(np.sqrt(d.I2.max()))
     if peak < 1e-3:
         yield Finding("no_current", "stop", "No current flows: there is no heat to explain.")
         return
+    rms = float(np.sqrt(np.mean(d.I2)))
+    if (warming := float(rms**2 * np.min(p.R_e * (p.R_u + p.R_c)))) > ABSURD_K:
+        yield Finding(
+            "current_unit",
+            "stop",
+            f"A current of {rms:.3g} A rms would warm the cells of this model by {warming:.3g} K: is it in mA, "
+            "or R_e of the model in another unit? A table takes A.",
+        )
     if float(np.std(d.I2)) < STEADY * float(np.mean(d.I2)):
         said = f"The current is {float(np.median(d.I)):.3g} A all along"
         if float(np.ptp(d.I)) > peak:
-            said = f"The current is {float(np.sqrt(np.mean(d.I2))):.3g} A all along, now one way and now the other"
+            said = f"The current is {rms:.3g} A all along, now one way and now the other"
         yield Finding(
             "constant_current",
             "warn",

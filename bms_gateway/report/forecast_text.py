@@ -145,7 +145,8 @@ def score_lines(document: Mapping[str, Any]) -> Iterator[str]:
     if not rows:
         yield "no forecast could be held against what came: the log is shorter than a minute after the first one"
         return
-    yield f"forecasts of cores held against {score['against']}, one every {score['every_s']:g} s"
+    alike = "" if score["against"] == "truth" else ", which err as the model does (--truth gives the true cores)"
+    yield f"forecasts of cores held against {score['against']}{alike}, one every {score['every_s']:g} s"
     yield text_table(["string", "load", "ahead", "forecasts", "rms K", "inside 2 sd", "sd K", "CRPS K"], rows)
 
 

@@ -48,6 +48,14 @@ def test_no_heat_stops():
     assert findings(c, current_A=np.zeros(3001))["no_current"].severity == "stop"
 
 
+def test_a_current_that_no_cell_carries_stops():
+    c = rows()
+    found = findings({k: v for k, v in c.items() if k != "soc"}, current_A=40.0 * c["current_A"])
+    assert found["current_unit"].severity == "stop"
+    assert "is it in mA" in found["current_unit"].sentence
+    assert "current_unit" not in findings(c)
+
+
 @pytest.mark.parametrize("step", [0.0, 0.5])
 def test_a_stuck_sensor_is_named(step):
     c = rows(6000)
