@@ -101,7 +101,7 @@ class SensorNoise:
         self.rough, self._count = np.full(shape, noise**2), np.zeros(shape)
         self.coolant = np.full(shape[0], np.nan)
         self._waiting = np.full((BLOCK, 2, *shape), np.nan)
-        self._waits = 0
+        self._waits, self._young = 0, True  # whether some sensor may be young
 
     def take(self, y: Floats, value: Floats, there: Bools) -> bool:
         """Let a step wait: readings and innovations, and `there`, which of these count. Whether to `learn` now."""
@@ -109,7 +109,7 @@ class SensorNoise:
         waiting[0] = y
         waiting[1] = np.where(there, value, np.nan)
         self._waits += 1
-        return self._waits == BLOCK or bool((there & (self._count < YOUNG)).any())
+        return self._waits == BLOCK or (self._young and bool((there & (self._count < YOUNG)).any()))
 
     def learn(self, inlet: Floats) -> None:
         """Learn the noise of the sensors, the steps of their readings and the coolant's mean from a block of steps."""
@@ -123,6 +123,7 @@ class SensorNoise:
         there = turned[:, 1] & np.isfinite(value)
         n = there.sum(axis=0)
         self._count += n
+        self._young = bool((self._count < YOUNG).any())
         share = np.maximum(1.0 - (1.0 - NOISE_SHARE) ** n, n / (FIRST + self._count))
         turn = np.where(there, np.square(value) / 2.0, 0.0)  # noise turns each time, what is odd does not
         self.rough += share * (turn.sum(axis=0) / np.maximum(n, 1) - self.rough)
@@ -156,7 +157,7 @@ class SensorNoise:
         taken["fine"] = np.where(np.isnan(taken["fine"]), np.inf, taken["fine"])
         for name, value in taken.items():
             setattr(new, name, value)
-        new._waits = waits
+        new._waits, new._young = waits, True
         return new
 
 
