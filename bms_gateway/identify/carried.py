@@ -15,6 +15,7 @@ steps of about `STEP_S`.
 Beyond Lin et al., Eq 1 and 18.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,9 +32,10 @@ from bms_gateway.thermal import (
 )
 
 STEP_S = 8.0
-RINGS = 3
-SHARE = 0.4
-"""Share of R_c that lies distributed in the jelly roll, for v = 1 of `radial`; the rest is contact to the casing."""
+LEAST_SHARE, MOST_SHARE = 0.03, 0.95
+"""Of R_c within the roll: a smaller share is one node, a larger one leaves no resistance to the casing."""
+ROLL_MEDIAN, ROLL_SPREAD = 2.0, 1.5
+"""Of the share, on a logistic scale: 0.14 in the middle, 0.04 to 0.70 within 2 sd."""
 KELVIN = 273.15
 LEAST_W = 0.05
 """Mean heat of a cell below which nothing is compared with it."""
@@ -52,8 +54,15 @@ NAMES = (
     "convection",  # film grows with the gap to the power 0.1
     "contact",  # thermocouple reads 3 % of the coolant
     "lag",  # thermocouple lags by 1.5 s
-    "radial",  # heat of the roll is spread over its radius
+    "roll",  # heat of the roll is spread over its radius
 )
+ROLL_AT = NAMES.index("roll")
+"""No response to be added, but a state of each cell (`thermal.roll`): a large share is no multiple of a small one."""
+
+
+def roll_share(v: float) -> float:
+    """Share of R_c that lies within the jelly roll, by its coefficient v; the rest is contact to the casing."""
+    return LEAST_SHARE + (MOST_SHARE - LEAST_SHARE) / (1.0 + math.exp(ROLL_MEDIAN - ROLL_SPREAD * v))
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,8 +192,6 @@ def columns(
     for k, forced in enumerate(np.matmul(step.B_q, into)):
         x = step.A @ x + forced
         out[k + 1] = x[at]
-    spread, lumped = _ringed(p, course, x0, made, T_f, RINGS, SHARE), _ringed(p, course, x0, made, T_f, 1, 0.0)
-    out[:, :, NAMES.index("radial")] = (spread - lumped)[:, sensed]
     fine = course.at_ticks(out)
     fine[:, :, NAMES.index("contact")] += 0.03 * (course.at_ticks(T_f[:, sensed]) - surface)
     fine[:, :, NAMES.index("lag")] -= 1.5 * np.gradient(surface, dt, axis=0) if len(surface) > 1 else 0.0
@@ -212,36 +219,4 @@ def _forcing(p: StringParameters, u: Course, T_c: Floats, T_s: Floats, T_f: Floa
     casing[:, :, 6] = 0.4 * cooled
     casing[:, :, 7] = -0.06 * (T_s - u.inlet[0]) * cooled
     casing[:, :, 8] = -0.1 * np.log(np.abs(over) / 5.0 + 0.05) * over * cooled
-    return out
-
-
-def _ringed(p: StringParameters, u: Course, x0: Floats, made: Floats, T_f: Floats, rings: int, share: float) -> Floats:
-    r"""Surfaces (C + 1, n) of cells whose roll is some rings of equal volume, with the coolant at each cell given.
-
-    With x = (r/R)² the temperature under even heat is a straight line in x: neighbours are joined by R_d/j, the
-    outermost ring and the casing by R_d/(2 rings) and the contact, where R_d = 2 φ R_c makes the mean what R_c says.
-    Neighbouring cells conduct nothing here: it is the difference between two such strings that counts.
-    """
-    n, N, cooled = p.cells, rings + 1, film(p)
-    distributed, contact = 2.0 * share * p.R_c, (1.0 - share) * p.R_c
-    out = np.empty((len(u.inlet), n))
-    for c in range(n):
-        A = np.zeros((N, N))
-        capacity = np.array([p.C_c[c] / rings] * rings + [p.C_s[c]])
-        for j in range(1, N):
-            G = j / distributed[c] if j < rings else 1.0 / (distributed[c] / (2.0 * rings) + contact[c])
-            A[[j - 1, j], [j - 1, j]] -= G
-            A[[j - 1, j], [j, j - 1]] += G
-        A[-1, -1] -= cooled[c]
-        B = np.append(np.full(rings, 1.0 / p.C_c[c]), 0.0)[:, None]
-        b = np.append(np.zeros(rings), cooled[c] / p.C_s[c])
-        step = discretize(ContinuousString(A / capacity[:, None], B, b), u.dt)
-        known = np.outer(made[:, c], step.B_q[:, 0]) + np.outer(T_f[:-1, c], step.B_f0)
-        known += np.outer(T_f[1:, c], step.B_f1)
-        gap, at = x0[2 * c] - x0[2 * c + 1], (np.arange(rings) + 0.5) / rings
-        x = np.append(x0[2 * c + 1] + gap * (1.0 + share * (1.0 - 2.0 * at)), x0[2 * c + 1])
-        out[0, c] = x[-1]
-        for k, forced in enumerate(known):
-            x = step.A @ x + forced
-            out[k + 1, c] = x[-1]
     return out

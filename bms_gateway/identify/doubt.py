@@ -19,10 +19,10 @@ import numpy as np
 
 from bms_gateway.thermal import Floats
 
-SOUND_SD: Final = {"R_e": 2.0, "R_c": 2.0, "R_u": 2.0}
-"""Prior sd that the data may move a number. Resistances are what is sought, and priors of them are wide guesses; of
-capacities, and of the carried effects, the prior is what is known, and data that move them farther speak of something
-else."""
+SOUND_SD: Final = {"R_e": 2.0, "R_c": 2.0, "R_u": 2.0, "contact": 1.5, "roll": 3.0}
+"""Prior sd that the data may move a number. Resistances are what is sought, and priors of them are wide guesses. Any
+share of R_c may lie in the roll, and thermocouples have offsets, which look like contact. Of capacities and of the
+other carried effects, the prior is what is known, and data that move them farther speak of something else."""
 SOUND_OTHER_SD: Final = 1.0
 HOPELESS: Final = 4.0
 """Factor on the noise from which on a window is not used: the model lacks what the surfaces show most of."""

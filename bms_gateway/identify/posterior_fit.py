@@ -138,7 +138,7 @@ def fit_window(
     problem = Problem(model, window, evidence, start, carried)
     p = problem.p
     phi, xi = np.array(guess, dtype=np.float64), problem.xi0
-    floor = model_sd / float(np.sqrt(problem.dt))
+    floor = problem.error_floor(model_sd)
     sizes = Sizes(floor, 0.05, 100.0, 0.1)
     for scale in () if evidence.info.any() else ANNEAL:
         point = problem.minimise(phi, xi, sizes, scale, 6)

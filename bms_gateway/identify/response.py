@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bms_gateway.thermal import Floats, StringParameters, continuous, discretize
+from bms_gateway.thermal.roll import resting, with_roll
 
 BLOCK = 32  # steps; near the square root of a window, where Toeplitz and stepping cost the same
 TOGETHER = 8
@@ -85,7 +86,13 @@ class Response:
     surface_by_input: Floats
 
 
-def respond(sets: Sequence[StringParameters], inputs: Inputs, x0: Floats, sensed: Sequence[int]) -> Response:
+def respond(
+    sets: Sequence[StringParameters],
+    inputs: Inputs,
+    x0: Floats,
+    sensed: Sequence[int],
+    share: float = 0.0,
+) -> Response:
     """Simulate S parameter sets.
 
     Parameters
@@ -97,6 +104,9 @@ def respond(sets: Sequence[StringParameters], inputs: Inputs, x0: Floats, sensed
         Starts, °C.
     sensed : sequence of int
         0-based cells whose surface is wanted (m of them).
+    share : float
+        Of R_c, that lies within the jelly roll (`thermal.roll`); where it is 0, a core is one node. A roll starts with
+        the profile of steady heating.
 
     Returns
     -------
@@ -106,10 +116,11 @@ def respond(sets: Sequence[StringParameters], inputs: Inputs, x0: Floats, sensed
     ----------
     Lin et al., Eq 1 and 18, solved for many parameter sets.
     """
-    w = _Blocks.of(sets, inputs, sensed)
+    w = _Blocks.of(sets, inputs, sensed, share)
     K, L, m = len(w.u), len(w.reach), len(sensed)
-    N = w.step.shape[1]
-    X, x = w.starts(x0)
+    N, n = w.step.shape[1], sets[0].cells
+    rest = resting(n, share)
+    X, x = w.starts(x0 @ rest.T)
     by_start = np.empty((K + 1, m, N))
     by_start[0] = 0.0
     by_start[0, np.arange(m), 2 * np.asarray(sensed) + 1] = 1.0
@@ -123,7 +134,7 @@ def respond(sets: Sequence[StringParameters], inputs: Inputs, x0: Floats, sensed
     by_input = _by_input(w.toeplitz[0].reshape(L * m, -1), jump, w.step[0], w.observe[0], inputs, L, m)
     for k in range((len(Phi) - 1) * L, K):  # the last block may be short
         x = (w.A @ x[:, :, None])[:, :, 0] + w.B @ w.u[k]
-    return Response(w.surface(X), x, by_start, by_input)
+    return Response(w.surface(X), x[:, : 2 * n], by_start @ rest, by_input)
 
 
 def surfaces(
@@ -156,7 +167,7 @@ class _Blocks:
     Attributes
     ----------
     A, B : ndarray (S, N, N), (S, N, r)
-        One step.
+        One step. The first 2n of the N states are the cores and casings, in turn.
     u : ndarray (K, r)
     U : ndarray (L r, blocks)
         The inputs of each block.
@@ -167,7 +178,8 @@ class _Blocks:
     observe : ndarray (S, L m, N)
         C A^(j+1).
     toeplitz : ndarray (S, L, m, L, r)
-    sensed : list of int (m)
+    read : list of int (m)
+        States of the sensed casings.
     """
 
     A: Floats
@@ -178,11 +190,14 @@ class _Blocks:
     step: Floats
     observe: Floats
     toeplitz: Floats
-    sensed: list[int]
+    read: list[int]
 
     @classmethod
-    def of(cls, sets: Sequence[StringParameters], inputs: Inputs, sensed: Sequence[int]) -> "_Blocks":
-        A, B = _discrete(sets, inputs.dt)
+    def of(
+        cls, sets: Sequence[StringParameters], inputs: Inputs, sensed: Sequence[int], share: float = 0.0
+    ) -> "_Blocks":
+        A, B = _discrete(sets, inputs.dt, share)
+        read = [2 * k + 1 for k in sensed]
         u = inputs.stacked()
         K, r = u.shape
         S, N, _ = A.shape
@@ -195,8 +210,8 @@ class _Blocks:
             reach[j] = G
             G = A @ G
             step = A @ step
-            see[j] = step[:, 1::2][:, list(sensed)]
-        kernel = reach[:, :, 1::2][:, :, list(sensed)]  # (L, S, m, r)
+            see[j] = step[:, read]
+        kernel = reach[:, :, read]  # (L, S, m, r)
         toeplitz = np.zeros((S, L, m, L, r))
         for i in range(L):
             toeplitz[:, i:, :, i] = kernel[: L - i].transpose(1, 0, 2, 3)
@@ -204,7 +219,7 @@ class _Blocks:
         padded = np.zeros((blocks * L, r))
         padded[:K] = u
         observe = see.transpose(1, 0, 2, 3).reshape(S, L * m, N)
-        return cls(A, B, u, padded.reshape(blocks, L * r).T, reach, step, observe, toeplitz, list(sensed))
+        return cls(A, B, u, padded.reshape(blocks, L * r).T, reach, step, observe, toeplitz, read)
 
     def starts(self, x0: Floats) -> tuple[Floats, Floats]:
         """States at the start of each block (S, N, blocks), and of the last one (S, N)."""
@@ -220,11 +235,11 @@ class _Blocks:
 
     def surface(self, X: Floats) -> Floats:
         """Surfaces (S, K + 1, m) from the states at the start of each block."""
-        (S, _, blocks), K, L, m = X.shape, len(self.u), len(self.reach), len(self.sensed)
+        (S, _, blocks), K, L, m = X.shape, len(self.u), len(self.reach), len(self.read)
         inside = self.toeplitz.reshape(S, L * m, -1) @ self.U  # (S, L m, blocks)
         inside += self.observe @ X
         out = np.empty((S, K + 1, m))
-        out[:, 0] = X[:, 1::2, 0][:, self.sensed]
+        out[:, 0] = X[:, self.read, 0]
         out[:, 1:] = inside.transpose(0, 2, 1).reshape(S, blocks * L, m)[:, :K]
         return out
 
@@ -245,12 +260,12 @@ def _by_input(inside: Floats, jump: Floats, step: Floats, see: Floats, inputs: I
     return out[: K + 1]
 
 
-def _discrete(sets: Sequence[StringParameters], dt: float) -> tuple[Floats, Floats]:
-    """Discretise: A (S, 2n, 2n) and B (S, 2n, 4) for the inputs I², mean heat, inlet at start and end."""
+def _discrete(sets: Sequence[StringParameters], dt: float, share: float) -> tuple[Floats, Floats]:
+    """Discretise: A (S, N, N) and B (S, N, 4) for the inputs I², mean heat, inlet at start and end."""
     A, B = [], []
     for p in sets:
-        d = discretize(continuous(p), dt)
-        share = p.R_e / np.mean(p.R_e)
+        d = discretize(with_roll(continuous(p), p, share), dt)
+        heat = p.R_e / np.mean(p.R_e)
         A.append(d.A)
-        B.append(np.column_stack([d.B_q @ p.R_e, d.B_q @ share, d.B_f0, d.B_f1]))
+        B.append(np.column_stack([d.B_q @ p.R_e, d.B_q @ heat, d.B_f0, d.B_f1]))
     return np.array(A), np.array(B)

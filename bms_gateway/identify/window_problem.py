@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bms_gateway.identify.carried import CAPACITY_AH, NAMES, Carried, Course, columns
+from bms_gateway.identify.carried import CAPACITY_AH, NAMES, ROLL_AT, Carried, Course, columns, roll_share
 from bms_gateway.identify.contract import log_prior, string_parameters
 from bms_gateway.identify.doubt import noise_factor, sound_sd
-from bms_gateway.identify.identifiable import R_E, R_U, lumped, lumped_jacobian
+from bms_gateway.identify.identifiable import R_C, R_E, R_U, lumped, lumped_jacobian
 from bms_gateway.identify.inlet_noise import inlet_noise, of_swing, slopes_by_noise
 from bms_gateway.identify.model_noise import SIZES, TAUS, Whitener, white_sd
 from bms_gateway.identify.response import Inputs, Response, respond
@@ -33,10 +33,9 @@ WALK_S = 1200.0
 KNOT_S = 200.0  # spacing of the walk's knots; faster changes average out over the slow time constant
 WARMING_SD = 0.03  # 1/K of the surface: LFP loses 2…6 % of R_e per kelvin in the cold, 1 % when warm
 MEAN_S = 4.0  # over which readings are taken together: half a casing's time
-MODEL_SD = (
-    0.2  # K·√s, white: a two-node cell is not believed better, whatever the sensor. Decides on real cells: with 0.01
-)
-# the fast pole of a cell with radial diffusion drags R_c and R_u (core 3 K off, 1 K with 0.2); 0.4 blunts the slow one
+MODEL_SD = 0.14
+"""K·√s, white: a model of a cell is not believed better, whatever the sensor. Decides on real cells: core 3 K off with
+0.01; 0.4 blunts the slow time constant."""
 CARRIED = ((0.5, 0.5, 0.3), (1.0, 0.5, 0.3))  # K: spread of a start where the window before ended there
 MOST_SHARE = 0.5
 """Of a window's heat that one unit of a carried effect may be taken for: more is a window with hardly any heat."""
@@ -144,6 +143,16 @@ class Problem:
         self.effects = Carried(self.carried, np.zeros((2, V)), np.zeros((N, V)))
         self.from_voltage = bool(np.any(window.heat != 0.0))
 
+    def error_floor(self, model_sd: float) -> float:
+        """Least sd of a reading about the model, K.
+
+        The error of the model itself has `model_sd`, K·√s. The model also follows noise of the inlet's readings, which
+        no cell feels: by R_c/(R_c + R_u), as the casing follows the coolant before the core does.
+        """
+        R_c, R_u = np.exp(self.prior_mean[[R_C, R_U]])
+        followed = self.noise * float(np.sqrt(self.inputs.dt) * R_c / (R_c + R_u))
+        return float(np.hypot(model_sd, followed) / np.sqrt(self.dt))
+
     def distrust(self, kept: float) -> None:
         """Keep a share of the evidence so far."""
         e = self.evidence
@@ -171,12 +180,15 @@ class Problem:
     def simulate(self, phi: Floats, xi: Floats) -> tuple[Floats, Floats, Floats]:
         """Residual (K, m), its columns −∂r/∂(φ, ξ) (K, m, p + q), and (T_s, e) at the end (2n,)."""
         sets = self.sets(phi)
-        R = self.respond(sets, xi)
+        R = self.respond(sets, xi, self.roll(xi))
         f = self.read(R.surface.transpose(1, 2, 0))
         by_phi = (f[:, :, 1:] - f[:, :, :1]) / STEP
         E, _ = start_map(sets[0], self.inputs.inlet[0])
         by_start, by_input = self.read(R.surface_by_start) @ E, self.read(R.surface_by_input)
         columns = np.concatenate([by_phi, self.carried, by_start, by_input], axis=2)
+        if self.size > 0.0:
+            there = self.read(self.respond(sets[:1], xi, self.roll(xi, STEP)).surface[0])
+            columns[:, :, self.p + ROLL_AT] = (there - f[:, :, 0]) / STEP
         E, c = start_map(sets[0], self.inputs.inlet[-1])
         predicted, last = f[:, :, 0] + self.carried @ xi[: self.V], R.last[0] + self.effects.last @ xi[: self.V]
         return np.where(self.valid, self.y - predicted, np.nan), columns, np.linalg.solve(E, last - c)
@@ -186,7 +198,7 @@ class Problem:
         if self.size == 0.0:
             return
         p = string_parameters(self.model, self.names, phi)
-        R = self.respond([p], xi)
+        R = self.respond([p], xi, self.roll(xi))
         E, c = start_map(p, self.inputs.inlet[0])
         x0 = E @ xi[self.V : self.V + self.N] + c
         self.effects = columns(p, self.course, x0, R.surface[0], self.sensed, self.inputs.dt).times(self.size)
@@ -213,12 +225,16 @@ class Problem:
         A[fixed, self.p :] = 0.0
         return A @ mean, A @ cov @ A.T
 
-    def respond(self, sets: list[StringParameters], xi: Floats) -> Response:
-        """Response of parameter sets with the nuisances ξ."""
+    def roll(self, xi: Floats, more: float = 0.0) -> float:
+        """Share of R_c within the jelly roll, with `more` on its coefficient."""
+        return roll_share(self.size * (float(xi[ROLL_AT]) + more)) if self.size > 0.0 else 0.0
+
+    def respond(self, sets: list[StringParameters], xi: Floats, share: float = 0.0) -> Response:
+        """Response of parameter sets with the nuisances ξ and a share of R_c within the roll."""
         start = xi[self.V : self.V + self.N]
         inputs = replace(self.inputs, departure=xi[self.V + self.N : -1], swing=1.0 + float(xi[-1]))
         starts = (start_map(s, inputs.inlet[0]) for s in sets)
-        return respond(sets, inputs, np.array([E @ start + c for E, c in starts]), self.sensed)
+        return respond(sets, inputs, np.array([E @ start + c for E, c in starts]), self.sensed, share)
 
     def read(self, Y: Floats) -> Floats:
         """Surfaces (K + 1, m, …) at the readings' own times, as means over `MEAN_S` (G, m, …)."""

@@ -6,7 +6,8 @@ import pytest
 from bms_gateway.identify.identifiable import alias, fold_distance, fold_gradient, lumped, lumped_jacobian
 from bms_gateway.identify.response import Inputs, respond
 from bms_gateway.identify.window_evidence import Evidence
-from bms_gateway.thermal import StringParameters
+from bms_gateway.thermal import StringParameters, continuous, discretize
+from bms_gateway.thermal.roll import resting, with_roll
 from tests.truth.cycle import repeated
 from tests.truth.string import C_F, TABLE_1, TruthString, rk4, wavy_inlet
 
@@ -34,7 +35,8 @@ def test_blocks_equal_the_truth_step_by_step(K):
     assert np.abs(R.last[0][::2] - core[-1]).max() < 1e-5
 
 
-def test_derivatives_by_start_departure_and_swing_are_those_of_the_response():
+@pytest.mark.parametrize("share", [0.0, 0.6])
+def test_derivatives_by_start_departure_and_swing_are_those_of_the_response(share):
     p = StringParameters.of(2, **TABLE_1, R_cc=4.0, C_f=C_F)
     K = 100
     shape = np.linspace(1, 0, K)[:, None]
@@ -42,7 +44,7 @@ def test_derivatives_by_start_departure_and_swing_are_those_of_the_response():
     def at(x0, b, swing):
         u = inputs(K)
         u = Inputs(u.mean_square_current, u.heat, u.inlet, 1.0, shape, np.array([b]), swing)
-        return respond([p], u, x0[None], [1])
+        return respond([p], u, x0[None], [1], share)
 
     x0 = np.full(4, 25.0)
     here = at(x0, 0.0, 1.0)
@@ -51,6 +53,22 @@ def test_derivatives_by_start_departure_and_swing_are_those_of_the_response():
         assert np.allclose(there.surface[0] - here.surface[0], here.surface_by_start[:, :, i], atol=1e-9)
     assert np.allclose(at(x0, 1.0, 1.0).surface[0] - here.surface[0], here.surface_by_input[:, :, 0], atol=1e-9)
     assert np.allclose(at(x0, 0.0, 2.0).surface[0] - here.surface[0], here.surface_by_input[:, :, 1], atol=1e-9)
+
+
+def test_a_roll_is_followed_step_by_step():
+    p = StringParameters.of(2, **TABLE_1, R_cc=4.0, C_f=C_F)
+    u, share = inputs(75), 0.6
+    x0 = np.array([31.0, 27.0, 33.0, 28.0])
+    d = discretize(with_roll(continuous(p), p, share), 1.0)
+    x = resting(2, share) @ x0
+    seen = [x[[1, 3]]]
+    for k in range(75):
+        heat = u.mean_square_current[k] * p.R_e + u.heat[k]
+        x = d.step(x, heat, u.inlet[k], u.inlet[k + 1])
+        seen.append(x[[1, 3]])
+    R = respond([p], u, x0[None], [0, 1], share)
+    assert np.abs(R.surface[0] - np.array(seen)).max() < 1e-9
+    assert pytest.approx(x[:4], abs=1e-9) == R.last[0]
 
 
 def test_the_alias_has_the_same_surface_under_a_still_coolant():
