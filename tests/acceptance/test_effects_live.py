@@ -48,8 +48,9 @@ def test_the_broadcast_core_is_better_with_the_effect_in_the_model_file(name: st
 @pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(catalogue()))
 def test_every_effect_of_the_catalogue_pays_live(name: str, tmp_path: Path) -> None:
-    # What drifts is followed by the plain model's identification too, in a drive or two by luck: there several count.
-    drives = [before_and_after(name, tmp_path, seed) for seed in ((3, 4, 5, 6) if name.endswith("_drift") else (3,))]
+    # The plain model's identification follows some effects too, in a drive or two as well by luck: there several count.
+    several = name.endswith("_drift") or name == "inlet_offset"
+    drives = [before_and_after(name, tmp_path, seed) for seed in ((3, 4, 5, 6) if several else (3,))]
     assert all(after.inside >= 0.9 for _, after in drives)
     before, after = (np.sqrt(np.mean([core.rms**2 for core in cores])) for cores in zip(*drives, strict=True))
     assert after < before
