@@ -305,6 +305,5 @@ def test_the_page_is_a_control_room(window, log, axe, tmp_path):
         page.run(choose, "#past-string", "1")
         page.click("#diagnose-window")
         page.wait("return document.querySelector('#panel-compare') && !document.querySelector('#panel-compare').hidden")
-        page.idle(300)
-        assert "window_of_string_2.csv" in page.text("#what")
+        page.wait("return document.querySelector('#what').innerText.includes('window_of_string_2.csv')", patience_s=300)
         assert page.complaints() == []
