@@ -51,6 +51,7 @@ def discretize(s: ContinuousString, dt: float) -> DiscreteString:
     Parameters
     ----------
     s : ContinuousString
+        Arrays of several strings alike may be stacked before their own axes; so are those of the result.
     dt : float
         Step, s, > 0.
 
@@ -72,12 +73,12 @@ def discretize(s: ContinuousString, dt: float) -> DiscreteString:
     >>> bool(np.allclose(d.A.sum(axis=1) + d.B_f0 + d.B_f1, 1.0))  # equilibrium is kept
     True
     """
-    N, n = s.B_q.shape
-    F = np.zeros((N + n + 2, N + n + 2))
-    F[:N, :N] = s.A * dt
-    F[:N, N : N + n] = s.B_q * dt
-    F[:N, N + n] = s.B_f * dt
-    F[N + n, N + n + 1] = 1.0  # T_f grows linearly by (T_f⁺ − T_f) over the unit of scaled time
+    *many, N, n = s.B_q.shape
+    F = np.zeros((*many, N + n + 2, N + n + 2))
+    F[..., :N, :N] = s.A * dt
+    F[..., :N, N : N + n] = s.B_q * dt
+    F[..., :N, N + n] = s.B_f * dt
+    F[..., N + n, N + n + 1] = 1.0  # T_f grows linearly by (T_f⁺ − T_f) over the unit of scaled time
     E = exponential(F)
-    slope = E[:N, N + n + 1]
-    return DiscreteString(E[:N, :N], E[:N, N : N + n], E[:N, N + n] - slope, slope.copy(), float(dt))
+    slope = E[..., :N, N + n + 1]
+    return DiscreteString(E[..., :N, :N], E[..., :N, N : N + n], E[..., :N, N + n] - slope, slope.copy(), float(dt))
