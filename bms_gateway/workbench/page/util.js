@@ -45,6 +45,13 @@ async function asked(url, how) {
   return answered(response);
 }
 
+// How much of what a person asked for is still under way, for those who wait until the page has come to rest.
+let underway = 0;
+const until = async (work) => {
+  document.body.dataset.underway = ++underway;
+  try { return await work(); } finally { document.body.dataset.underway = --underway; }
+};
+
 // What a person does before this tab has its desk waits for it.
 let claimed = null;
 export const desked = new Promise((done) => { claimed = done; });
@@ -52,12 +59,12 @@ export const claim = () => claimed();
 const AT_ONCE = ["desk", "resume"]; // asked for on the way to a desk
 
 export const get = (what, query = {}) => asked(`/api/${what}?${new URLSearchParams({ desk: ui.desk, ...query })}`);
-export const post = async (what, body = {}) => {
+export const post = (what, body = {}) => until(async () => {
   if (!AT_ONCE.includes(what)) await desked;
   return asked(`/api/${what}?${new URLSearchParams({ desk: ui.desk })}`, {
     method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body),
   });
-};
+});
 export const upload = async (file) => {
   await desked;
   return asked(`/api/upload?${new URLSearchParams({ desk: ui.desk, name: file.name })}`, {
@@ -69,7 +76,7 @@ export const upload = async (file) => {
 export const attempt = (work) => async (...words) => {
   try {
     complain("");
-    await work(...words);
+    await until(() => work(...words));
   } catch (e) { complain(e.message); }
 };
 
