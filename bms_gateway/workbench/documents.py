@@ -29,6 +29,7 @@ from bms_gateway.report.step_names import FILED, REFITTED
 from bms_gateway.report.words import in_words, named_all
 from bms_gateway.thermal import StringModel
 from bms_gateway.thermal.effects import catalogue, effect_named
+from bms_gateway.workbench.contours import known
 from bms_gateway.workbench.pictures import preview
 
 Document = dict[str, Any]
@@ -130,6 +131,7 @@ def _variant(name: str, v: Variant) -> Document:
         "cells": cells,
         "stair": stair(v.trained.rmse_K, v.held.rmse_K, v.trained.floor_K, float(half.max())),
         "core_measured": [thermocouple(x) for x in v.core_checks],
+        "known": known(v.fit) if name != FILED else None,  # nothing was learnt of a model that was not fitted
     }
 
 

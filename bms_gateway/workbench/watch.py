@@ -132,7 +132,12 @@ class Watch:
             "why": {str(k): w for k, w in WHY.items()},
             "limits": {"core_C": self._alerts.core_max_C, "surface_C": self._alerts.surface_limit_C},
             "strings": [
-                {"name": s.plan.name, "cells": s.plan.model.cells, "sensors": list(s.plan.model.sensors)}
+                {
+                    "name": s.plan.name,
+                    "cells": s.plan.model.cells,
+                    "sensors": list(s.plan.model.sensors),
+                    "nominal_m3_s": s.plan.model.flow,
+                }
                 for s in self._engine.strings
             ],
         }

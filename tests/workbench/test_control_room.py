@@ -262,8 +262,12 @@ def test_the_page_is_a_control_room(window, log, axe, tmp_path):
         until = "new URL(document.querySelector('#grafana').href).searchParams.get('to')"
         end_ms = BEGAN_NS // 1_000_000 + 85_000
         page.wait(f"return Math.abs(Number({until}) - arguments[0]) < 3000", end_ms)  # the past follows a moment later
-        for panel in ("hottest point, °C", "current, A", "inlet, °C", "flow, % of nominal", "SOC, %", "voltage, V"):
+        for panel in ("hottest point, °C", "current, A", "inlet, °C", "flow, l/min", "SOC, %", "voltage, V"):
             assert panel in page.run("return document.querySelector('#past').textContent"), panel
+        texts = page.run("return [...document.querySelectorAll('#past text')].map(t => t.textContent)")
+        at = texts.index("flow, l/min")
+        sent_l_min = [6e4 * x for t, x in sent_of(log, "string_1", "coolant_flow") if t < 85]
+        assert float(texts[at - 1]) - 1 <= min(sent_l_min) <= max(sent_l_min) <= float(texts[at - 2]) + 1
 
         # the same window and string of the fleet's dashboard; nothing is asked of it
         link = urlsplit(page.run("return document.querySelector('#grafana').href"))

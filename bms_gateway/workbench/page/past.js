@@ -4,8 +4,9 @@ import { $, el, post, attempt, ui, complain } from "./util.js";
 const SVG = "http://www.w3.org/2000/svg";
 const EVERY_MS = 4000;
 const LEFT = 62, RIGHT = 12;
-// What is drawn: its name, its title, its height in px, and what it is multiplied by; of the rest, what is known.
-const PANELS = [["hottest", "hottest point, °C", 120, 1], ["current", "current, A", 50, 1], ["inlet", "inlet, °C", 40, 1], ["flow", "flow, % of nominal", 40, 100], ["soc", "SOC, %", 40, 100], ["voltage", "voltage, V", 40, 1]];
+// What is drawn: its name, its title, its height in px, and what it is multiplied by (a flow also by the nominal one); of the rest, what is known.
+const PANELS = [["hottest", "hottest point, °C", 120, 1], ["current", "current, A", 50, 1], ["inlet", "inlet, °C", 40, 1], ["flow", "flow, l/min", 40, 1], ["soc", "SOC, %", 40, 100], ["voltage", "voltage, V", 40, 1]];
+const PER_MIN = 60000; // l/min in a m³/s
 const COLORS = { hottest: "var(--after)", inlet: "var(--after)", soc: "var(--good)" };
 const TOP = 8, GAP = 14, FOOT = 24;
 const SPANS = [[600, "last 10 min"], [3600, "last hour"], [0, "all that is kept"]];
@@ -81,7 +82,7 @@ function draw() {
   const panels = PANELS.filter(([name]) => shown[name].some((v) => v !== null)).map(([name, title, height, scale]) => {
     const top = below + GAP;
     below = top + height;
-    return [name, title, top, below, scale];
+    return [name, title, top, below, name === "flow" ? PER_MIN * about.strings[shown.string].nominal_m3_s : scale];
   });
   svg.setAttribute("height", below + FOOT);
   const x = (t) => LEFT + ((width - LEFT - RIGHT) * (t - t0)) / (t1 - t0);
