@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import re
 from dataclasses import replace
 from urllib.parse import parse_qs, urlsplit
 
@@ -73,9 +74,18 @@ def at(watch, seconds, view="test"):
 
 def test_the_limit_of_the_config_raises_alarms(watch):
     assert watch.about()["limits"]["core_C"] == CORE_MAX_C
-    alerts = at(watch, 80)["alerts"]
+    shown = at(watch, 80)
+    alerts = shown["alerts"]
     over = {a["string"] for a in alerts if a["level"] == "alarm" and "the limit is 24" in a["text"]}
     assert over == {f"string_{k}" for k in range(1, 6)}
+    bands = 0
+    for a in alerts:  # one band everywhere: 95 %, as the cells below the banner have it
+        if found := re.match(r"hottest point of cell (\d+) is ([\d.]+) ± ([\d.]+) °C", a["text"]):
+            of = shown["strings"][int(a["string"][-1]) - 1]
+            cell, value, half = int(found[1]) - 1, float(found[2]), float(found[3])
+            assert (value, half) == pytest.approx((of["centre"][cell], of["centre_half"][cell]), abs=0.06)
+            bands += 1
+    assert bands == 5
     assert at(watch, 1)["alerts"] == []  # of the past nothing is told that was raised later
 
 
@@ -252,7 +262,12 @@ def test_the_page_is_a_control_room(window, log, axe, tmp_path):
         assert page.text("#wall")
         page.wait("return Number(document.querySelector('#past').dataset.points) === 86")
         assert page.run("return document.querySelectorAll('#past .mark.alarm').length") > 0
-        assert page.there("#past .limit")
+        inside = (
+            "const at = (css, name) => Number(document.querySelector(css).getAttribute(name));"
+            "const y = at('#past .limit', 'y1') - at('#past rect', 'y');"
+            "return y >= 0 && y <= at('#past rect', 'height')"
+        )
+        assert page.run(inside)  # the line of the limit, though every core of the log is over it
         listed = page.run("return [...document.querySelectorAll('#past-marks li')].map(li => li.innerText)")
         assert any("Alarm: " in text and "the limit is 24 °C" in text for text in listed)  # what the lines stand for
         page.click("#past-marks li:last-of-type button" if len(listed) < 9 else "#past-marks li:nth-child(8) button")

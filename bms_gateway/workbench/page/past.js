@@ -91,20 +91,20 @@ function draw() {
     const y = shown[name].map((v) => (v === null ? null : scale * v)), there = y.map((v, i) => [i, v]).filter(([, v]) => v !== null);
     const half = (i) => (name === "hottest" ? shown.half[i] ?? 0 : 0);
     let low = Math.min(...there.map(([i, v]) => v - half(i))), high = Math.max(...there.map(([i, v]) => v + half(i)));
-    if (name === "hottest" && limit < high + 20) high = Math.max(high, limit + 1);
+    if (name === "hottest" && limit < high + 20) [low, high] = [Math.min(low, limit - 1), Math.max(high, limit + 1)];
     const middle = (low + high) / 2, spread = Math.max(high - low, 1) / 2;
     low = middle - spread; high = middle + spread;
     const at = (v) => bottom - ((bottom - top) * (v - low)) / (high - low);
     put("rect", { x: LEFT, y: top, width: width - LEFT - RIGHT, height: bottom - top, fill: "none", stroke: "var(--line)" });
     put("text", { x: LEFT - 5, y: top + 10, "text-anchor": "end" }, high.toFixed(spread < 5 ? 1 : 0));
     put("text", { x: LEFT - 5, y: bottom, "text-anchor": "end" }, low.toFixed(spread < 5 ? 1 : 0));
-    put("text", { x: LEFT + 6, y: top + 13, fill: "var(--soft)" }, title);
     if (name === "hottest") {
       const edge = (sign, list) => list.map(([i, v]) => `${x(shown.t[i]).toFixed(1)},${at(v + sign * half(i)).toFixed(1)}`);
       put("polygon", { points: [...edge(1, there), ...edge(-1, [...there].reverse())].join(" "), fill: "var(--after)", "fill-opacity": 0.2 });
       if (limit <= high) put("line", { x1: LEFT, x2: width - RIGHT, y1: at(limit), y2: at(limit), stroke: "var(--danger)", "stroke-dasharray": "6 4", class: "limit" });
     }
     for (const run of runs(y)) put("polyline", { points: run.map((i) => `${x(shown.t[i]).toFixed(1)},${at(y[i]).toFixed(1)}`).join(" "), fill: "none", stroke: COLORS[name] ?? "var(--ink)", "stroke-width": name === "hottest" ? 2 : 1.2 });
+    put("text", { x: LEFT + 6, y: top + 13, fill: "var(--soft)", stroke: "var(--paper)", "stroke-width": 4, "paint-order": "stroke" }, title); // above the curves
   }
   for (const m of shown.marks.filter((k) => k.state !== "over")) {
     put("line", { x1: x(m.at), x2: x(m.at), y1: TOP, y2: below, stroke: m.level === "alarm" ? "var(--danger)" : "var(--before)", "stroke-width": 2, class: `mark ${m.level}` });
