@@ -25,9 +25,20 @@ export const keep = (change = {}) => {
   sessionStorage.setItem(KEPT, JSON.stringify(ui));
 };
 
-export function complain(text) {
+function say(text) {
   $("error").hidden = !text;
   if ($("error-text").textContent !== (text || "")) $("error-text").textContent = text || "";
+}
+
+// What went wrong with a wish stays until the next wish; the desk takes back only what it has said itself.
+let ofDesk = "";
+export function complain(text) {
+  ofDesk = "";
+  say(text);
+}
+export function fault(text) {
+  if (text ? text !== ofDesk : ofDesk) say(text);
+  ofDesk = text;
 }
 
 async function answered(response) {
