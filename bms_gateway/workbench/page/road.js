@@ -416,7 +416,7 @@ function away() {
 }
 
 // A line of commands that is broken between words alone: "--model" stays whole.
-const whole = (line) => [...line.split(" ").flatMap((word) => [el("span", {}, word), " "]), "\n"];
+const whole = (line, k) => [k ? "\n" : "", ...line.split(" ").flatMap((word, i) => [i ? " " : "", el("span", {}, word)])];
 
 async function report() {
   const response = await fetch(`/api/take?${new URLSearchParams({ desk: ui.desk, what: "report" })}`);
