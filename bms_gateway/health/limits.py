@@ -44,6 +44,7 @@ MOST: Final = {
     "over": 1.0, "last": 1e4, "last_s": 1e10, "_slow": 1e4, "_high": 1e4, "_high_s": 1e10, "fallen": 1.0, "_low": 1e4,
 }  # fmt: skip
 """What a stored state can hold, °C and s since 1970."""
+BAND_SD: Final = 1.96  # half width of the band that is told: 95 %, as on the page and in the reports
 
 
 @dataclass(frozen=True, slots=True)
@@ -317,7 +318,7 @@ class Limits:
             now = f" reads {limit.last[at]:.1f} °C"
         elif np.isfinite(self._points.value[at]):
             p = self._points
-            now = f" is {p.value[at]:.1f} ± {p.sd[at]:.1f} °C (core {p.core[at]:.1f} °C)"
+            now = f" is {p.value[at]:.1f} ± {BAND_SD * p.sd[at]:.1f} °C (core {p.core[at]:.1f} °C)"
         else:
             now = f" was {limit.last[at]:.1f} °C"
         others = [int(k) - part.start + 1 for k in over if k != at]

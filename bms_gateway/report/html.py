@@ -29,7 +29,7 @@ from bms_gateway.report.html_series import Shown, shown
 from bms_gateway.report.html_tables import curve_table, errors_table, parameters_table
 from bms_gateway.report.page import items, paragraph, section, write_page
 from bms_gateway.report.step_names import FILED, REFITTED, with_added
-from bms_gateway.report.words import in_words, labelled, named, named_all
+from bms_gateway.report.words import in_words, labelled, named, named_all, parameters_labelled
 
 VERDICTS = {
     "adequate": "✓ Adequate",
@@ -254,7 +254,7 @@ def core_html(core: KnownCore | None, checks: Sequence[CoreCheck] = ()) -> str:
     if core is not None:
         sentence = core_sentence(core)
         said = paragraph(sentence) if core.proven else f'<p class="alarm">{escape(sentence)}</p>'
-        said += items(core.why)
+        said += items([parameters_labelled(text) for text in core.why])
     read = [f'<p class="danger">{escape(thermocouple_sentence(c))}</p>' for c in checks if outside(c)]
     return said + "".join(read)
 

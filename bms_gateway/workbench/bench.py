@@ -188,6 +188,7 @@ class Bench:
             [measured(r, self._filed) for r in self._records],
             shelf,
             [(x, float(r.instants[0])) for x, r in zip(rows, self._records, strict=True)],
+            self._filed.flow,
         )
         shelf.save()
         now = digests(self._records, self._filed)
