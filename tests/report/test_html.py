@@ -26,7 +26,7 @@ from bms_gateway.errors import MissingExtraError, UsageError
 from bms_gateway.identify.problem import Problem
 from bms_gateway.report.add_text import AddReport, Side, headline
 from bms_gateway.report.diagnosis_text import Told
-from bms_gateway.report.html import Aside, write_addition, write_comparison, write_diagnosis
+from bms_gateway.report.html import Aside, Details, write_addition, write_comparison, write_diagnosis
 from bms_gateway.report.html_series import ALL_POINTS, points_each
 from bms_gateway.report.page import amount, plotly_script
 from tests.diagnosis.decided import by_second
@@ -112,7 +112,7 @@ def road(tmp_path_factory):
         ranking=ranking(found),
     )
     heat = latent(found.search.baseline)
-    write_diagnosis(folder / "d.html", told, comparison=comparison, latent=heat, command=COMMAND)
+    write_diagnosis(folder / "d.html", told, Details(comparison, heat), command=COMMAND)
     write_comparison(folder / "c.html", comparison, Aside(told.sources, told.findings, told.notes, COMMAND))
     fits, cores = (found.search.baseline, found.search.final), cores_of(comparison, 2.5, 0.5)
     addition = Addition(tuple(s.candidate for s in found.selected), *fits, 9.0, "", "", fits, model=model, core=cores)
@@ -253,7 +253,7 @@ def test_a_core_thermocouple_outside_the_band_is_said_in_red_on_every_page(road,
     for covered, outside in ((0.4, True), (0.93, False)):
         now = replace(comparison.refitted, core_checks=(replace(check, covered=covered),))
         seen = replace(comparison, refitted=now)
-        write_diagnosis(tmp_path / "d.html", replace(told, core=known), comparison=seen)
+        write_diagnosis(tmp_path / "d.html", replace(told, core=known), Details(seen))
         write_comparison(tmp_path / "c.html", seen, Aside(told.sources))
         for name in "dc":
             text = (tmp_path / f"{name}.html").read_text(encoding="utf-8")
@@ -392,7 +392,7 @@ def test_thermocouples_find_their_record_where_others_were_left_out(road, tmp_pa
     check = comparison.refitted.core_checks[0]
     shifted = replace(comparison.refitted, core_checks=(replace(check, record=1), replace(check, record=0)))
     other = replace(comparison, sources=("left out.csv", *comparison.sources), refitted=shifted)
-    write_diagnosis(tmp_path / "x.html", told, comparison=other)
+    write_diagnosis(tmp_path / "x.html", told, Details(other))
     page = Page((tmp_path / "x.html").read_text(encoding="utf-8"))
     assert page.tables["core"][1] == pages["d"][1].tables["core"][1]
 
