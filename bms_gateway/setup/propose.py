@@ -15,11 +15,11 @@ from bms_gateway.setup.find_electrical import (
     ADDS_UP,
     CELL_OHM,
     CELL_V,
-    NOMINAL_V,
     Electrical,
     Scored,
     cell_voltages,
     currents,
+    extreme_cell_V,
     pack_voltages,
     together,
     while_on,
@@ -84,6 +84,7 @@ def propose(traffic: Traffic) -> Proposal:
         electrical = next(iter(strings.own.values())).electrical
     else:
         electrical = together(candidates, voltages, edges)
+        electrical.cell_V = extreme_cell_V(series) or electrical.cell_V
         sign = _by_charge(charges(series, electrical, edges), electrical, edges)
         _voltage(proposal, electrical, cells, factor, rights, ())
         contradicted = _current(proposal, electrical, rights, (), sign)
@@ -271,7 +272,7 @@ def _voltage(
     proposal: Proposal, e: Electrical, cells: list[Member], factor: float, rights: Rights, strings: Sequence[int]
 ) -> None:
     """Take the voltage, and tell how many cells in series have it."""
-    middle = factor * float(np.median([m.series.middle for m in cells])) if cells else NOMINAL_V
+    middle = factor * float(np.median([m.series.middle for m in cells])) if cells else e.cell_V
     total = factor * float(np.sum([m.series.middle for m in cells])) if len(cells) > 1 else np.nan
     if e.voltage is None or e.voltage.score <= 0.5:
         if np.isfinite(total):
