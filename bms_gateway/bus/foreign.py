@@ -41,6 +41,7 @@ BROKEN: Final = (
 LONGEST_LINE: Final = 1 << 16  # characters; the longest record of a text format has some hundred
 MOST_BLANK: Final = 100_000  # lines in a row
 GIVE_UP: Final = 1_000  # broken records in a row: this is another kind of file
+MDF_HEADER: Final = 168  # bytes of identification and header
 SHOWN: Final = 60  # characters of a broken line
 
 
@@ -163,6 +164,17 @@ def _messages(path: Path, kind: str, notes: LogNotes) -> Iterator["can.Message"]
     raise DataError(f"{path}: {GIVE_UP} records in a row cannot be read as {kind}: is it another format?")
 
 
+def _mf4_reader(source: IO[bytes]) -> Any:
+    """Open MF4 with a header only: without one, its reader leaves a traceback behind when it is thrown away."""
+    import can
+
+    head = source.read(MDF_HEADER)
+    source.seek(0)
+    if len(head) < MDF_HEADER or not head.startswith(b"MDF "):
+        raise EOFError("it has no header of MDF")
+    return can.MF4Reader(source)
+
+
 def _opened(path: Path, kind: str) -> IO[bytes]:
     """Open gzip data; unpacked on the disk for a reader that goes back and forth."""
     source = io.BufferedReader(Gunzip(path.open("rb"), str(path)))
@@ -185,7 +197,7 @@ def _reader(kind: str) -> tuple[Any, ...]:
             from asammdf.blocks.utils import MdfException
         except ImportError:
             raise MissingExtraError("reading .mf4 logs", "mf4") from None
-        return can.MF4Reader, MdfException
+        return _mf4_reader, MdfException
     if kind == ".asc":
         # with the date of the header, so that records of one day can be put in order
         return (partial(can.ASCReader, relative_timestamp=False),)

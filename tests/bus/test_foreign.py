@@ -1,3 +1,4 @@
+import gc
 import gzip
 import io
 import itertools
@@ -126,6 +127,18 @@ def test_mf4_is_read_and_what_is_none_is_refused(tmp_path):
     (tmp_path / "b.mf4").write_bytes(b"garbage" * 100)
     with pytest.raises(DataError, match=r"b.mf4: not a .mf4 log"):
         list(read_log(tmp_path / "b.mf4"))
+
+
+@pytest.mark.parametrize("content", [b"MDF     4.00", b"garbage" * 100, b""])
+def test_what_has_no_header_of_mdf_leaves_no_traceback(content: bytes, tmp_path, monkeypatch):
+    pytest.importorskip("asammdf")
+    thrown: list[object] = []
+    monkeypatch.setattr(sys, "unraisablehook", thrown.append)
+    (tmp_path / "b.mf4").write_bytes(content)
+    with pytest.raises(DataError, match=r"b.mf4: not a .mf4 log \(it has no header of MDF\)"):
+        list(read_log(tmp_path / "b.mf4"))
+    gc.collect()
+    assert not thrown
 
 
 def test_a_csv_file_that_is_no_log_is_told_by_its_line_not_by_what_its_reader_stumbled_over(tmp_path):
