@@ -92,3 +92,10 @@ def test_a_hot_cell_whose_sensor_dies_keeps_its_alarm_to_the_end_and_loses_it_wh
     alerts, *_ = analysed(tmp_path / "cools", np.r_[hot, cool + 0.05 * rng.standard_normal(400)])
     states = [a["state"] for a in alerts if a["name"] == "surface"]
     assert states == ["raised", "over"]
+
+
+def test_a_thermocouple_that_shorts_on_a_hot_cell_at_rest_ends_no_alarm_by_what_its_wire_reads(tmp_path):
+    hot = np.r_[np.full(60, 70.0), np.linspace(70, 100, 300), np.full(200, 100.0)]
+    noisy = np.r_[hot, np.full(800, 25.0)] + 0.05 * np.random.default_rng(1).standard_normal(1360)
+    alerts, *_ = analysed(tmp_path, noisy)
+    assert "over" not in {a["state"] for a in alerts if a["name"] in ("surface", "core")}
