@@ -65,6 +65,8 @@ class Course:
         Mean of the greatest ln evidence so far: how good the models are.
     alone : ndarray of bool (S,)
         Which have too few sensors to hold one against the others.
+    few : ndarray of bool (S,)
+        Which have too few that are believed.
     """
 
     constant_inlet: Bools
@@ -79,6 +81,7 @@ class Course:
     fine: Floats
     ln: Floats
     alone: Bools
+    few: Bools
 
     @classmethod
     def of(cls, f: HeatFilter, constant_inlet: Sequence[bool]) -> "Course":
@@ -89,13 +92,25 @@ class Course:
         no_flag, fine = np.zeros(S, np.bool_), np.zeros((S, f.at.sensed))
         ln = np.full(S, USUAL_FIRST)
         return cls(
-            fixed, np.zeros((S, n)), np.zeros(S), no, no, np.zeros(S), unknown, no_flag, unknown, fine, ln, f.alone
+            fixed,
+            np.zeros((S, n)),
+            np.zeros(S),
+            no,
+            no,
+            np.zeros(S),
+            unknown,
+            no_flag,
+            unknown,
+            fine,
+            ln,
+            f.alone,
+            f.alone,
         )
 
     @property
     def doubt(self) -> Floats:
         """What evidence (S,) is divided by."""
-        vague = self.alone | self.constant_inlet
+        vague = self.few | self.constant_inlet
         return np.asarray(np.maximum(1.0, self.ln / USUAL_LN) * np.where(vague, VAGUE_DOUBT, 1.0))
 
     @property
