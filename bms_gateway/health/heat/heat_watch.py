@@ -33,6 +33,8 @@ NEWS = 0.15  # ln: resistances that are told anew by more say that they were not
 AT_CASING, AT_CASING_BESIDE = 0.5, 1.0
 """Share of its rise over R_c by which a core that heats by itself is unsure, as fires and heaters heat a cell from
 outside. The second is of cells that warm beside one with more heat."""
+COOLS_K_S = 0.003
+"""Rate at which a thermocouple of a string at rest falls: its cell still loses the heat of the drive."""
 FLOW_GRID = 0.1  # ln: a flow that moved by less changes nothing
 
 
@@ -140,7 +142,7 @@ class HeatWatch:
         self._inlet, self._heard_inlet = np.full((2, S), np.nan)
         self._sensors = Thermocouples(S, m)
         self._rest, self._now_ns = Rest.of(S), 0
-        self._blind, self._used = np.zeros(S, np.bool_), np.ones((S, m), np.bool_)
+        self._blind, self._cools, self._used = np.zeros(S, np.bool_), np.zeros(S, np.bool_), np.ones((S, m), np.bool_)
         self._clear()
         nothing = np.full((S, self.filter.at.cells), np.nan)
         self._first = self.filter.z.copy(), self.filter.P.copy()
@@ -275,6 +277,7 @@ class HeatWatch:
         use = np.where(heard[:, None] & ~aside, y, np.nan)
         self._used = np.isfinite(use)
         x = f.step(Step(heat, current, inlet0, inlet1, use, lag, R))
+        self._cools = f.calm & (np.where(self._used, x.rate, -np.inf).max(axis=1) < -COOLS_K_S)
         self._mend()
         if aside.any():
             self._beside(x, y, lag, R)
@@ -354,7 +357,7 @@ class HeatWatch:
         self.course.ln = self.course.ln + np.where(sound, learnt * (self.filter.dt / USUAL_S), 0.0)
         found = []
         for v in self.verdicts:
-            v.read = self._used[v.s]
+            v.read, v.cools = self._used[v.s], bool(self._cools[v.s])
             if not heard[v.s] or new[v.s] or not read[v.s]:
                 continue  # what nobody reads is neither found nor over
             if of_note[v.s] or v.findings:

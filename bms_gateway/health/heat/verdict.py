@@ -43,8 +43,7 @@ LIKE_HEAT, MOST_STOPPED, RARER = 1.5, 0.85, 4.0
 """A lone thermocouple reads much the same of heat and of films that are lost. Fans and pumps stop more often than cells
 short: heat is rarer by so much (ln) unless its evidence is so many times that of films. A fan that stands takes no more
 than the second share."""
-ALIKE = 1.0
-"""ln: onsets between which evidence does not choose."""
+ALIKE = 1.0  # ln: onsets between which evidence does not choose
 HOLD_S, HOLD_COMMON_S = 20.0, 60.0
 """One step's surprise is no fault: what is told has been the likeliest for as long."""
 USUAL = {Kind.FLOW: 4.0, Kind.INLET: 0.0, Kind.LOAD: 2.0, Kind.SLOPE: -2.0, Kind.LAG: 3.0}
@@ -61,14 +60,11 @@ GROUP, TEMPERED = 2, 8.0
 """Heat in a cell may sit in one so far away that shares a sensor with it; and by what evidence between these counts."""
 LEAST_JUMP, BACK_JUMP = 0.7, 0.4
 """K: a thermocouple that jumps by less is not told, and one that is off by less again is over."""
-COARSE = 2.5
-"""Steps of its own readings that a thermocouple jumps by at least."""
+COARSE = 2.5  # steps of its own readings that a thermocouple jumps by at least
 FLOWED_S = 1800.0
 """After a change of the films has been believed they may be told to be worse for so long: slow changes are ageing's."""
-INLET_OFF, INLET_SURE = 3.0, 4.0
-"""K and sd from which the inlet is wrong whatever its sensor does."""
-MORE = 0.5
-"""Share of heat more than the current's from which on none of it can be missing."""
+INLET_OFF, INLET_SURE = 3.0, 4.0  # K and sd from which the inlet is wrong whatever its sensor does
+MORE = 0.5  # share of heat more than the current's from which on none of it can be missing
 SUSPECT = 5.0
 """ln evidence from which a change of the heat that is the likeliest of all is counted before it is believed."""
 ENDED_SD, ENDED_S = 2.0, 300.0
@@ -92,6 +88,8 @@ class Verdict:
         When the string last woke from a sleep.
     read : ndarray of bool (m,)
         Thermocouples that were used in the last step.
+    cools : bool
+        Whether no current flows and all thermocouples fall: few cannot tell heat from that of the drive then.
     too_hot : bool
         Whether an alarm of a limit or of a runaway is on in the string: its heat is not over.
     """
@@ -104,6 +102,7 @@ class Verdict:
     findings: list[Finding] = field(default_factory=list)
     woke_ns: int | None = None
     read: Bools = field(init=False)
+    cools: bool = False
     too_hot: bool = False
     _proven: bool = False
     _stands: int = 0
@@ -147,6 +146,9 @@ class Verdict:
             What has come, or is over (level 0).
         """
         told = self._prove(now_ns) + self._followed(now_ns)
+        if 2 * self.aside.sum() > self.of.at.fitted[self.s].sum():  # most thermocouples are not wrong: the model is
+            self.evidence.forget(self.s)
+            return told
         each = w.ln[self.s].max(axis=0) / self.course.doubt[self.s]
         if each.max() < min(ENOUGH.values()):
             self._stands = 0
@@ -181,6 +183,8 @@ class Verdict:
             self._hold_films(E, w)
         if self._proven:
             E[kinds >= Kind.FLOW] = -np.inf
+        elif self.cools and self.course.few[self.s]:
+            E[kinds == Kind.HEAT] = -np.inf
         best = int(E.argmax())
         kind, j = Kind(int(kinds[best])), int(place[best])
         if each[best] < ENOUGH.get(kind, SURE):
