@@ -1,8 +1,8 @@
-"""What rows of the current that lie far apart leave open in the readings.
+"""Uncertainty of the surfaces from rows of the current that are far apart.
 
-Between two rows a current may step at any instant. The heat that follows is not known then, and what it does to the
-surfaces lasts for minutes at all sensors alike: structure that no effect of the catalogue made, and that some of them
-resemble.
+Between two rows the current may step at any instant. The heat after the step is then unknown, and its effect on the
+surfaces lasts for minutes and is alike at all sensors. It looks like some effects of the catalogue, which did not cause
+it.
 """
 
 from collections.abc import Sequence
@@ -17,11 +17,11 @@ from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.identify.problem import Problem
 
 ROWS_S, DOUBT = 1.5, 0.03
-"""Rows of the current further apart than a logger's usual second, and share of a minute's heat that they leave open,
-from which what was not seen has been taken for a missing effect."""
+"""Distance of rows, above the usual second of a logger, and unknown share of a minute's heat, above which unknown heat
+was taken for a missing effect."""
 HOPELESS = 0.2
-"""Share of a minute's heat unknown from which nothing is named: the fit itself is then led astray by what is left open,
-and even strong effects were called by wrong names."""
+"""Unknown share of a minute's heat above which no effect is named: the fit itself is then wrong, and even strong
+effects were given wrong names."""
 DRAWS = 8
 
 

@@ -213,7 +213,7 @@ def _diagnosed(model: StringModel, records: Sequence[Record], settings: Settings
     second = second_search(model, ready, progress=lambda share, text: tell(0.6 + 0.4 * share, text))
     if model.cells > 1 and second.verdict == "missing_effect":
         return replace(first, unknown_remains=True, second=second, alarms=second.alarms)
-    return _judged_again(first, second)
+    return judged_again(first, second)
 
 
 def _heat_by_voltage(ready: Sequence[Measured]) -> bool:
@@ -305,7 +305,7 @@ def _doubtful(d: Diagnosis) -> bool:
     return bool(d.selected) and left > 1.0 - EXPLAINED and d.search.baseline.problem.model.cells <= SHORT_STRING
 
 
-def _judged_again(first: Diagnosis, second: SecondSearch) -> Diagnosis:
+def judged_again(first: Diagnosis, second: SecondSearch) -> Diagnosis:
     """Pass the verdict of the second search: its names, its errors, its doubts."""
     floor = first.baseline.noise_floor_K
     base, after = (

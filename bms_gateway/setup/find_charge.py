@@ -58,7 +58,10 @@ def charges(series: list[Series], electrical: Electrical, edges: NDArray[np.floa
         score = 3.0 + 1.5 * share + 0.5 * has((*mine, *around(s.info)), PACK) - 1.0 * has(mine, CELL)
         barred = tuple(w for w in NOT_MEASURED if w not in ("state", "sp"))
         score -= 3.0 * has(
-            mine, barred, tuple(STATISTIC), ("target", "keep", "related", "correction", "user", "display")
+            mine,
+            barred,
+            tuple(w for w in STATISTIC if STATISTIC[w] != "mean"),
+            ("target", "keep", "related", "correction", "user", "display"),
         )
         why = ["named as the state of charge", *([told] if told else [])]
         values = factor * s.x

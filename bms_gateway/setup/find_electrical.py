@@ -24,6 +24,7 @@ from bms_gateway.setup.signal_words import (
     around,
     has,
     named,
+    statistic,
     unit_of,
 )  # fmt: skip
 
@@ -106,6 +107,21 @@ def cell_voltages(series: list[Series]) -> tuple[list[Member], float]:
                 best, found = group, (score, factor)
             break
     return best, found[1]
+
+
+def extreme_cell_V(series: list[Series]) -> float | None:
+    """Middle of the greatest and least voltage of all cells, where the bus sends these; None where it does not."""
+    middles: dict[str, list[float]] = {}
+    for s in series:
+        kind, unit, mine = statistic(s.info), unit_of(s.info.unit), named(s.info)
+        rest = tuple(w for w in mine if w not in STATISTIC)
+        if kind is None or not has(mine, CELL) or has(rest, NOT_MEASURED, OTHER_THINGS):
+            continue
+        if unit is not None and unit.family == "voltage" and not s.constant:
+            middles.setdefault(kind, []).append(unit.factor * while_on(s))
+    found = [float(np.median(v)) for v in middles.values()]
+    inside = [v for v in found if CELL_V[0] < v < CELL_V[1]]
+    return float(np.mean(inside)) if inside else None
 
 
 def _may_be_voltage(s: Series) -> bool:
@@ -231,6 +247,8 @@ class Electrical:
     ohm : Ohm or None
     score : float
         Of both, with what they say of each other.
+    cell_V : float
+        Of one cell, where the bus has no voltages of single cells.
     """
 
     current: Scored | None
@@ -240,6 +258,7 @@ class Electrical:
     lead: float = 9.0
     ohm: Ohm | None = None
     score: float = 0.0
+    cell_V: float = NOMINAL_V
 
 
 def together(candidates: list[Scored], voltages: list[Scored], edges: Floats) -> Electrical:

@@ -15,11 +15,11 @@ from bms_gateway.setup.find_electrical import (
     ADDS_UP,
     CELL_OHM,
     CELL_V,
-    NOMINAL_V,
     Electrical,
     Scored,
     cell_voltages,
     currents,
+    extreme_cell_V,
     pack_voltages,
     together,
     while_on,
@@ -84,8 +84,10 @@ def propose(traffic: Traffic) -> Proposal:
         electrical = next(iter(strings.own.values())).electrical
     else:
         electrical = together(candidates, voltages, edges)
+        electrical.cell_V = extreme_cell_V(series) or electrical.cell_V
         sign = _by_charge(charges(series, electrical, edges), electrical, edges)
-        contradicted = _electrical(proposal, electrical, cells, factor, rights, by_charge=sign)
+        _voltage(proposal, electrical, cells, factor, rights, ())
+        contradicted = _current(proposal, electrical, rights, (), sign)
         if len(placed) > 1 and not _in_series(proposal, cells, factor):
             _doubt(
                 proposal,
@@ -182,7 +184,8 @@ def _strings(
     resistances = []
     for part, own in strings.own.items():
         sign = _by_charge(own.charge, own.electrical, edges)
-        against = _electrical(proposal, own.electrical, own.cells, factor, rights, placed[part], sign)
+        _voltage(proposal, own.electrical, own.cells, factor, rights, placed[part])
+        against = _current(proposal, own.electrical, rights, placed[part], sign)
         resistances.append(proposal.resistance)
         _single(proposal, "soc", own.charge, rights, placed[part], against)
     measured = [r for r in resistances if r is not None]
@@ -240,17 +243,10 @@ def _put(proposal: Proposal, p: Proposed, strings: Sequence[int]) -> None:
         proposal.signals.append(replace(p, string=string, why=list(p.why), overrides=dict(p.overrides)))
 
 
-def _electrical(
-    proposal: Proposal,
-    e: Electrical,
-    cells: list[Member],
-    factor: float,
-    rights: Rights,
-    strings: Sequence[int] = (),
-    by_charge: float | None = None,
+def _current(
+    proposal: Proposal, e: Electrical, rights: Rights, strings: Sequence[int], by_charge: float | None
 ) -> bool:
-    """Take current and voltage; returns whether the state of charge contradicts the current's sign."""
-    _voltage(proposal, e, cells, factor, rights, strings)
+    """Take the current; returns whether the state of charge contradicts its sign."""
     c = e.current
     if c is None or c.score < 1.5:
         return False
@@ -276,7 +272,7 @@ def _voltage(
     proposal: Proposal, e: Electrical, cells: list[Member], factor: float, rights: Rights, strings: Sequence[int]
 ) -> None:
     """Take the voltage, and tell how many cells in series have it."""
-    middle = factor * float(np.median([m.series.middle for m in cells])) if cells else NOMINAL_V
+    middle = factor * float(np.median([m.series.middle for m in cells])) if cells else e.cell_V
     total = factor * float(np.sum([m.series.middle for m in cells])) if len(cells) > 1 else np.nan
     if e.voltage is None or e.voltage.score <= 0.5:
         if np.isfinite(total):

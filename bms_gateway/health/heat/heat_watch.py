@@ -14,12 +14,13 @@ from bms_gateway.errors import ConfigError
 from bms_gateway.health.heat import kept
 from bms_gateway.health.heat.course import USUAL_S, Course
 from bms_gateway.health.heat.fault_evidence import LATE_S, Evidence, Kind, Weighed
-from bms_gateway.health.heat.filter import REFERENCE, HeatFilter, Linear, Step
+from bms_gateway.health.heat.filter import HeatFilter, Linear, Step
 from bms_gateway.health.heat.finding import Finding
 from bms_gateway.health.heat.layout import Bools
 from bms_gateway.health.heat.rest import LONGEST_S, REST_RATE, STRAYED_K, Rest, strides
 from bms_gateway.health.heat.suspicion import suspicion
 from bms_gateway.health.heat.thermocouples import Thermocouples
+from bms_gateway.health.heat.usual import REFERENCE
 from bms_gateway.health.heat.verdict import SURE, SUSPECT, Verdict
 from bms_gateway.thermal import Floats, StringModel, StringParameters
 
@@ -195,7 +196,7 @@ class HeatWatch:
             rest.resting[:] = False
         else:
             rest.sleep(gap_s, len(self._ticked) * self._tick_s)
-        self.filter.running &= rest.resting & ~(self.filter.alone & unseen)
+        self.filter.running &= rest.resting & ~(self.filter.usual.alone & unseen)
         for share in self._shares:
             share.pause()
         self._clear()
@@ -309,7 +310,7 @@ class HeatWatch:
         off = y - f.z[self._row, 2 * at.sensors + 1] - f.z[:, at.bias]
         strayed = np.array([np.isfinite(o).any() and abs(float(np.nanmedian(o))) > STRAYED_K for o in off])
         calm = np.array([not v.suspects for v in self.verdicts])  # what strays by a fault is what tells of it
-        f.running &= ~(strayed & ~f.alone & calm) & ~rest.flows
+        f.running &= ~(strayed & ~f.usual.alone & calm) & ~rest.flows
         for v in self.verdicts:
             v.woke_ns = now_ns
         rest.slept_s = 0.0
@@ -397,13 +398,13 @@ class HeatWatch:
             if not v.leads:
                 core_sd[s] = np.sqrt(more[T] + np.square(mean[T] - z[T]))
             else:
-                gap = f.gap_sd[s] * (mean[T] - mean[T + 1])
+                gap = f.usual.gap_sd[s] * (mean[T] - mean[T + 1])
                 heats, R_c = f.open[s] & at.seen[s], f.parameters(s).R_c
                 here = at.told[s, heats]
                 main = {at.told[s, j] for g in v.findings[:1] for j in g.places}
                 share = np.where(np.isin(here, list(main)), AT_CASING, AT_CASING_BESIDE)
                 gap[here] = np.hypot(gap[here], share * z[h][heats] * R_c[here])
-                beside = f.beside_sd[s] * (mean[T + 1] - mean[T + 1][self._nearest[s]])
+                beside = f.usual.beside_sd[s] * (mean[T + 1] - mean[T + 1][self._nearest[s]])
                 core[s], core_sd[s] = mean[T], np.sqrt(P[T, T] + more[T] + np.square(gap) + np.square(beside))
         row, place = at.seen.nonzero()
         running = f.running[row]
