@@ -1,7 +1,7 @@
 """Which signals are the cells' voltages, the pack's voltage and its current: by name, by unit, and by Ohm's law.
 
-The voltages of the cells add up to that of the pack; when current is drawn, the pack's voltage falls. The second tells
-the right current among several, and its sign.
+The voltages of the cells add up to that of the pack. The pack's voltage falls when a current discharges it, which shows
+the right one of several currents, and its sign.
 """
 
 from dataclasses import dataclass
@@ -30,21 +30,21 @@ from bms_gateway.setup.signal_words import (
 
 Floats = NDArray[np.float64]
 CELL_V: Final = (1.2, 4.6)
-"""From an empty titanate cell to a full one of high-voltage cathodes."""
+"""Range of cell voltages: from an empty titanate cell to a full cell with a high-voltage cathode."""
 NOMINAL_V: Final = 3.7
 UNLIKE_V: Final = 0.5
 """Spread of the voltages of most cells of one pack."""
 ADDS_UP: Final = 0.04
 FALLS: Final = 0.25
-"""Correlation of the steps of voltage and current from which on the one is taken for the other's doing."""
+"""Correlation of the steps of voltage and current above which the current is taken as their cause."""
 CELL_OHM: Final = (2e-5, 0.4)
 """Of one cell or of cells in parallel: a cell of 500 Ah to one of 1 Ah in the cold."""
 FINE_STEPS: Final = 8
 FEW: Final = 6
 BOTH_SIGNS: Final = 0.02
-"""Share of the greater side that the lesser one of a current with both signs reaches."""
+"""Least ratio of the two extremes of a current that has both signs."""
 SAME_MESSAGE: Final = 2.0
-"""Who sends both at once measures both at one place."""
+"""Score added to a current and a voltage of one message: its sender measures both at one place."""
 
 
 @dataclass(slots=True)

@@ -33,7 +33,7 @@ from bms_gateway.setup.signal_words import (
 LIVES_C: Final = (-40.0, 95.0)
 USUAL_C: Final = (-30.0, 70.0)
 FINE_K: Final = 0.1
-"""Steps at which a channel that stands still while its neighbours move has no sensor."""
+"""K: a channel whose resolution is this or finer, and which stands still while its neighbours move, has no sensor."""
 JUMPS_K: Final = 2.5
 READINGS: Final = (
     (1.0, 0.0, "°C"),
@@ -44,16 +44,16 @@ READINGS: Final = (
     (1.0, -40.0, "°C + 40"),
     (5 / 9, -160 / 9, "°F"),
 )
-"""How temperatures are written, the likeliest first."""
+"""Usual factors and offsets of temperatures, the likeliest first."""
 PLAIN: Final = ((1.0, 0.0), (1.0, -273.15), (5 / 9, -160 / 9))
 HOT_C: Final = 75.0
-"""Median of what a log of cells may have."""
+"""Greatest median temperature of a cell in a log, °C."""
 SURE_C: Final = 60.0
 FEW_OUT_OF_ORDER: Final = 0.05
 FAR_APART_K: Final = 12.0
-"""Beyond their usual distance no two cells of a pack are so far apart for a while, and then together again."""
+"""Greatest change of the difference of two cells of a pack that returns to its usual value later."""
 AGREES_K: Final = 15.0
-"""Difference of two temperatures of one vehicle at the begin of a log."""
+"""Greatest difference of two temperatures of one vehicle at the beginning of a log."""
 
 
 @dataclass(slots=True)

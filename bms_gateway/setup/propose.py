@@ -36,16 +36,16 @@ from bms_gateway.setup.strings import Strings, own_strings
 from bms_gateway.setup.vehicle_logs import Traffic
 
 CLEAR: Final = 2.0
-"""Lead over the next candidate from which on a choice is sure."""
+"""Least lead over the next candidate at which a choice is sure."""
 LONG_S: Final = 120.0
 AGAINST: Final = "the pack's voltage and the state of charge contradict each other about the sign of the current"
 LEAST_A: Final = 1.0
-"""A current that moves by less is one of a vehicle at rest."""
+"""Least range of a current of a vehicle that drives."""
 LEAST_S: Final = 60.0
-"""Shorter logs make nothing sure."""
+"""In a shorter log no choice is sure."""
 _FIRST: Final[tuple[Role, ...]] = ("current", "voltage", "soc")
 ORDER: Final = (*_FIRST, *(q for q in INPUTS if q not in _FIRST))
-"""In which a proposal is told: what the pack does, then what its cells feel."""
+"""Order of the roles in a proposal: signals of the pack, then those of cells."""
 Rights = dict[str, tuple[dict[str, float | str | bool], list[str]]]
 
 

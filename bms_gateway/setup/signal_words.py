@@ -131,7 +131,7 @@ OTHER_UNITS: Final = frozenset(
         """
     )
 )
-"""Units of what is no use here; a unit that nobody knows says nothing."""
+"""Units of quantities that are not used here; an unknown unit excludes nothing."""
 _CELSIUS: Final = re.compile(r"(unit)?(deg|degre|degrees?|grad|gradi|graus)?(cel[sc]i?u?s?|c)(deg|degrees?|grad)?|oc")
 _SPELT: Final = re.compile(r"[\s_.*²]|deg(?=[ckf]$)|^unit[:_]?")
 

@@ -14,7 +14,7 @@ from bms_gateway.setup.signal_words import has, words
 
 STRING: Final = ("string", "str", "strang", "stg", "rack", "pack", "batt", "battery", "bat", "akku")
 LEAST: Final = 1.5
-"""Score of a current of which no string's is less."""
+"""Least score of the current of each string."""
 ADDS_UP: Final = 0.05
 
 

@@ -22,22 +22,22 @@ from bms_gateway.thermal import Condition, Prior, StringModel
 from bms_gateway.thermal.cells import CellFacts, cell_of, cell_priors, stated_parameters
 
 UNKNOWN_CELL: Final = "21700"
-"""A round cell of the middle, where nothing is told of it."""
+"""Format of an unknown cell: a round one of medium size."""
 FLAT_CELL: Final = (0.148, 0.091, 0.027)
-"""m; proportions of a prismatic cell: an unknown cell of low resistance is one of these, or round ones in parallel."""
+"""m; proportions of a prismatic cell. An unknown cell of low resistance is prismatic, or round ones in parallel."""
 FLAT_OHM_M3: Final = 0.47e-6
 """Resistance times volume of flat cells."""
 LEAST_FLAT_M3: Final = 1e-4
 UNKNOWN_SD: Final = {"C_c": 0.7, "C_s": 0.9, "R_e": 0.9, "R_c": 0.9, "R_u": 0.9, "R_cc": 1.0}
 FROM_STEPS: Final = 1.2
-"""A resistance by steps of a second, to that over minutes."""
+"""Factor from the resistance by steps of a second to that over minutes."""
 FROM_STEPS_SD: Final = 0.35
 LIQUID: Final = (3.6e6, 2e-3)
 """J/(m³ K) of water with glycol; flows above so many m³/s are of air."""
 AIR: Final = 1190.0
 INLET_UNKNOWN_K: Final = 3.0
 KEYS: Final = {"max": "hottest", "min": "coldest", "mean": "mean"}
-"""What the config calls the greatest, least and mean surface."""
+"""Keys of the config for the greatest, least and mean surface."""
 
 
 @dataclass(frozen=True, slots=True)

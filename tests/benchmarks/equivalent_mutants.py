@@ -13,6 +13,9 @@ BLOCKS = "ticks are put together when a string takes them, if not before"
 NO_FOLDER = "what is no directory is refused by the next call all the same; Python closes descriptors for children"
 INSTANT = "at that very instant of a clock"
 LET_GO = "Python closes a socket that nobody holds any more"
+BEHIND = "room behind the last field, where the kernel writes nothing"
+NEVER_NONE = "the kernel gives an error where it has no datagram, never 0"
+READ_AT = "whoever reads a block says where it lies"
 MORE_BINS = "one empty bin more than there are groups, never looked up"
 
 EQUIVALENT: dict[str, dict[str, str]] = {
@@ -130,6 +133,22 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "check_covariance: 0.0  ->  1.0  #3": "a positive one beside it makes the least no less negative",
         "check_parameters: True  ->  False": STRICT,
     },
+    "bms_gateway/bus/receiver.py": {
+        ": 1024  ->  1025": "room for one frame more in a call",
+        ": ctypes.sizeof(ctypes.c_long) - 4 or 4  ->  ctypes.sizeof(ctypes.c_long) - 4 and 4": BEHIND,
+        ": ctypes.sizeof(ctypes.c_long) - 4  ->  ctypes.sizeof(ctypes.c_long) + 4": BEHIND,
+        ": 4  ->  5": BEHIND,
+        ": 4  ->  5  #2": BEHIND,
+        ": _recvmmsg.argtypes = (ctypes.c_int, ctypes.c_void_p, ctypes.c_uint, ctypes.c_int, ctypes.c_void_p)  ->  "
+        "pass": "ctypes takes these arguments for the same without being told",
+        ": _recvmmsg.restype = ctypes.c_int  ->  pass": "what ctypes assumes",
+        "Receiver.__init__: 1  ->  2": "any number but 0 switches an option on",
+        "Receiver.__init__: 1  ->  2  #2": "any number but 0 switches an option on",
+        "Receiver.take: (n := _recvmmsg(self._sock.fileno(), self._messages, DEPTH, socket.MSG_DONTWAIT, None)) < 0"
+        "  ->  "
+        "(n := _recvmmsg(self._sock.fileno(), self._messages, DEPTH, socket.MSG_DONTWAIT, None)) <= 0": NEVER_NONE,
+        "Receiver.take: 0  ->  1": NEVER_NONE,
+    },
     "bms_gateway/bus/socketcan.py": {
         "SocketCanPort.__init__: self._retry_at = self._down_at = 0.0  ->  pass": "set by each failure, read after one",
         "SocketCanPort.__init__: 0.0  ->  1.0  #2": "set by each failure, read after one",
@@ -160,6 +179,20 @@ EQUIVALENT: dict[str, dict[str, str]] = {
     "bms_gateway/service/reread.py": {
         ": if TYPE_CHECKING:  ->  if not TYPE_CHECKING:": ANNOTATIONS,
         ": child.returncode < 0  ->  child.returncode <= 0": "asked where it is not 0",
+        ": 0  ->  1  #2": "asked where it is not 0",
+    },
+    "bms_gateway/service/watch.py": {
+        "Watch._kept: 0.0  ->  1.0": "no state is old after a second",
+        "_Recent: 0  ->  1  #2": "set to 0 by the first update, before which nothing was counted",
+    },
+    "bms_gateway/service/saves.py": {
+        "Saves.__init__: self._taken_s = 0.0  ->  pass": "set by each save, read after one",
+        "Saves.__init__: 0.0  ->  1.0": "set by each save, read after one",
+    },
+    "bms_gateway/store/recent.py": {
+        "Block: 0  ->  1": READ_AT,
+        "Block: 0  ->  1  #2": READ_AT,
+        "layout_of: True  ->  False": STRICT,
     },
     "bms_gateway/store/trial.py": {
         "Trial.__init__: 0.0  ->  1.0": "asked after `begin`, which sets it, or a second after the boot",

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bms_gateway.bus import receiver as module
 from bms_gateway.bus.canframe import ROW, to_wire
 from bms_gateway.bus.impostor import Impostors
 from bms_gateway.bus.port import GATHER_S, Counters
@@ -127,6 +128,54 @@ def test_what_the_kernel_has_lost_is_told_by_the_frames_after_it():
         assert lost > 0
         theirs.sendto(bytes(8), ours.getsockname())
         assert receiver.take().drops == lost
+
+
+def test_a_call_that_has_frames_from_before_and_after_the_first_loss_stamps_all_and_tells_it():
+    """The kernel tells the counter with those only that it queued after the loss."""
+    ours, theirs = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
+    with ours, theirs:
+        ours.bind(("127.0.0.1", 0))
+        ours.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1)
+        receiver = Receiver(ours)
+        for _ in range(100):
+            theirs.sendto(bytes(8), ours.getsockname())
+        ours.recv(8)
+        theirs.sendto(bytes(8), ours.getsockname())
+        got = receiver.take()
+        assert len(got.sizes) > 1
+        assert (got.wall_ns > 10**18).all()
+        assert got.drops == 101 - 1 - len(got.sizes)
+
+
+def test_a_frame_without_a_stamp_has_none_and_takes_none_from_the_others(pair, monkeypatch):
+    """As of a kernel that does not stamp; ours always does."""
+    ours, theirs = pair
+    receiver, real = Receiver(ours), module._recvmmsg
+
+    def unstamped(handle, messages, *others):
+        n = real(handle, messages, *others)
+        messages[0].header.control_size = 0
+        return n
+
+    monkeypatch.setattr(module, "_recvmmsg", unstamped)
+    for _ in range(3):
+        theirs.send(bytes(16))
+    stamps = [stamp // 1_000 * 1_000 for _, stamp in one_by_one(ours, 3)]
+    got = receiver.take()
+    assert got.wall_ns.tolist() == [0, *stamps[1:]]
+    assert got.drops is None
+
+
+def test_a_datagram_longer_than_a_frame_is_cut_and_touches_no_other(pair):
+    ours, theirs = pair
+    receiver = Receiver(ours)
+    sent = [bytes([k]) * 300 for k in range(1, QUEUE)]
+    for _ in range(2):  # the second time what the rows had before is seen
+        for one in sent:
+            theirs.send(one)
+        got = receiver.take()
+        assert got.sizes.tolist() == [ROW.itemsize] * len(sent)
+        assert [row.tobytes() for row in got.rows] == [one[: ROW.itemsize] for one in sent]
 
 
 def test_a_socket_that_is_gone_is_an_error_of_the_system(pair):

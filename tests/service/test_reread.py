@@ -1,9 +1,7 @@
 """A reload of whatever: the service goes on with the old configuration, or takes the new one."""
 
 import asyncio
-import io
 import os
-import pickle
 import re
 import signal
 import socket
@@ -14,12 +12,11 @@ from pathlib import Path
 
 import pytest
 
-from bms_gateway import __version__
 from bms_gateway.cli.run import continued
 from bms_gateway.config import load_config
 from bms_gateway.errors import ConfigError
 from bms_gateway.service import reread as module
-from bms_gateway.service.reread import read_for_parent, reread
+from bms_gateway.service.reread import reread
 from tests.benchmarks.bench_start import SERVICE
 from tests.config.files import DBC, MAPPED, write
 from tests.config.hostile import HOSTILE, SLOW
@@ -52,29 +49,6 @@ def test_a_fault_of_the_files_comes_back_as_its_line(tmp_path):
         asyncio.run(reread(write(tmp_path, MAPPED.replace('"vcan0"', '""'))))
 
 
-@pytest.mark.parametrize(
-    ("code", "patience_s", "says"),
-    [
-        ("import os; os.kill(os.getpid(), 9)", PATIENCE_S, "ended with SIGKILL"),
-        ("import os; os.kill(os.getpid(), 40)", PATIENCE_S, "ended with signal 40"),  # has no name
-        ("raise KeyError('a bug')", PATIENCE_S, "ended with status 1"),
-        ("import time; time.sleep(600)", 0.5, "came to no end in 0.5 s"),
-        ("print('0.0')", PATIENCE_S, "another version of the program has been installed: restart the service"),
-    ],
-)
-def test_a_child_that_does_not_answer_refuses_the_config(tmp_path, monkeypatch, code, patience_s, says):
-    monkeypatch.setattr(module, "CHILD", (sys.executable, "-c", code))
-    monkeypatch.setattr(module, "PATIENCE_S", patience_s)
-    with pytest.raises(ConfigError, match=says):
-        asyncio.run(reread(write(tmp_path)))
-
-
-def test_without_a_process_the_config_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(module, "CHILD", (str(tmp_path / "nothing"),))
-    with pytest.raises(ConfigError, match="no process could be started to read it: No such file or directory"):
-        asyncio.run(reread(write(tmp_path)))
-
-
 def test_a_child_that_comes_to_no_end_is_gone_before_the_refusal_is_told(tmp_path, monkeypatch):
     code = f"import os, time; open({str(tmp_path / 'pid')!r}, 'w').write(str(os.getpid())); time.sleep(60)"
     monkeypatch.setattr(module, "CHILD", (sys.executable, "-c", code))
@@ -89,21 +63,6 @@ def test_a_child_that_comes_to_no_end_is_gone_before_the_refusal_is_told(tmp_pat
         return Path("/proc", (tmp_path / "pid").read_text()).exists()
 
     assert asyncio.run(refused()) is False
-
-
-def test_the_child_writes_its_version_and_what_it_has_read(tmp_path):
-    for path, sound in ((write(tmp_path), True), (tmp_path / "missing.toml", False)):
-        out = io.BytesIO()
-        read_for_parent(path, out)
-        version, _, content = out.getvalue().partition(b"\n")
-        assert version.decode() == __version__
-        found = pickle.loads(content)
-        assert found.config == load_config(path).config if sound else "missing.toml: " in found
-
-
-def test_systemd_waits_for_a_reload_longer_than_the_service_waits_for_its_child():
-    unit = (ROOT / "deploy" / "bms-gateway.service").read_text()
-    assert float(re.search(r"^TimeoutStartSec=(\d+)", unit, re.M).group(1)) >= module.PATIENCE_S + 5.0
 
 
 def test_a_service_that_stops_ends_the_child(tmp_path, monkeypatch):
