@@ -88,7 +88,7 @@ class Verdict:
     read : ndarray of bool (m,)
         Thermocouples that were used in the last step.
     cools : bool
-        Whether no current flows and all thermocouples fall: few cannot tell heat from that of the drive then.
+        Whether no current flows and all thermocouples fall: when some were set aside, few cannot tell heat then.
     too_hot : bool
         Whether an alarm of a limit or of a runaway is on in the string: its heat is not over.
     """
@@ -182,7 +182,7 @@ class Verdict:
             self._hold_films(E, w)
         if self._proven:
             E[kinds >= Kind.FLOW] = -np.inf
-        elif self.cools and self.course.few[self.s]:
+        elif self.cools and self.course.few[self.s] and self.aside.any():
             E[kinds == Kind.HEAT] = -np.inf
         best = int(E.argmax())
         kind, j = Kind(int(kinds[best])), int(place[best])
