@@ -24,8 +24,9 @@ from bms_gateway.thermal import StringModel
 
 QUIET_S: Final = 2.5  # without a wanted frame for longer the bus is quiet: stale values are then no fault of sensors
 PAUSE_S: Final = 10.0  # after so long a pause senders come up one by one
-GOOD, ESTIMATED, DOUBTFUL, NEVER, JUMPY = (
-    np.uint8(q) for q in (Quality.GOOD, Quality.ESTIMATED, Quality.DOUBTFUL, Quality.NEVER, Quality.JUMPY)
+GOOD, STALE, ESTIMATED, DOUBTFUL, NEVER, JUMPY = (
+    np.uint8(q)
+    for q in (Quality.GOOD, Quality.STALE, Quality.ESTIMATED, Quality.DOUBTFUL, Quality.NEVER, Quality.JUMPY)
 )
 ABOVE = (Quality.OUT_OF_RANGE, Quality.OPEN)
 
@@ -53,7 +54,9 @@ class Alerting:
         names, self._parts = [s.plan.name for s in estimators.strings], [s.mine for s in estimators.strings]
         stale_s = inputs.stale_s()
         self.limits = Limits(names, self._parts, settings.core_max_C, settings.surface_limit_C, stale_s)
-        self._confirm = Confirm(self._parts, np.array([_least_rise(s.plan.model) for s in estimators.strings]))
+        models = [s.plan.model for s in estimators.strings]
+        rise, cools_s = np.array([_least_rise(m) for m in models]), np.array([_longest_s(m) for m in models])
+        self._confirm = Confirm(self._parts, rise, cools_s)
         self.runaway = Runaway(names, self._parts)
         self._nearing = [Nearing(name, settings.core_max_C) for name in names]
         self._sizes = [p.stop - p.start for p in self._parts]
@@ -86,7 +89,7 @@ class Alerting:
         surfaces = Surfaces(readings.y, hot.fallen, hot.over, hot.rate)
         confirmed = self._confirm.step(t1 / 1e9, square, readings.inlet, surfaces)
         jumpy = np.where(quality == JUMPY, raw.value, np.nan)
-        sensed = Sensed(readings.y, failed, beyond, jumpy, confirmed)
+        sensed = Sensed(readings.y, failed, beyond, jumpy, confirmed, failed & (quality != STALE))
         seen = np.repeat(readings.seen(GOOD), self._sizes)
         trusted = ((quality == GOOD) | (quality == ESTIMATED)) & seen
         trusted &= (newest.quality == GOOD) | (newest.quality == ESTIMATED) | (newest.quality == DOUBTFUL)
@@ -174,3 +177,9 @@ def _least_rise(model: StringModel) -> float:
     """Least rise of a surface above its coolant per square of the current, within the model file's sd, K/A²."""
     least = [float(np.min(p.value)) / (1.0 + p.rel_sd) for p in (model.priors["R_e"], model.priors["R_u"])]
     return least[0] * least[1]
+
+
+def _longest_s(model: StringModel) -> float:
+    """Longest time constant with which a cell cools, within the model file's sd, s."""
+    most = {name: float(np.max(p.value)) * (1.0 + p.rel_sd) for name, p in model.priors.items()}
+    return (most["C_c"] + most["C_s"]) * (most["R_c"] + most["R_u"])

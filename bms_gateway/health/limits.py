@@ -64,6 +64,8 @@ class Sensed:
         Reading that the guard refuses because it jumped, °C; NaN for all other sensors.
     confirmed : ndarray of bool (N,), optional
         `Confirm` accepts the reading; None: nothing was confirmed or refused.
+    broken : ndarray of bool (N,), optional
+        The sensor itself is at fault and not only silent; None: all that failed are.
     """
 
     good: Floats
@@ -71,6 +73,7 @@ class Sensed:
     beyond: Bools
     raw: Floats | None = None
     confirmed: Bools | None = None
+    broken: Bools | None = None
 
 
 class Points(NamedTuple):
@@ -108,7 +111,7 @@ class Limit:
     last, last_s : ndarray (N,)
         Newest credible value, °C, and its time, s; NaN and −inf before the first one.
     fallen : ndarray of bool (N,)
-        The value has fallen faster than a cell cools, and has not been confirmed since.
+        The value has fallen faster than a cell cools, or while its sensor was broken, and has not been confirmed since.
     """
 
     _STATE = ("over", "last", "last_s", "_slow", "_high", "_high_s", "fallen", "_low")
@@ -129,7 +132,13 @@ class Limit:
         return rate
 
     def update(
-        self, now_s: float, value: Floats, good: Bools, sd: Floats | float = 0.0, confirmed: Bools | None = None
+        self,
+        now_s: float,
+        value: Floats,
+        good: Bools,
+        sd: Floats | float = 0.0,
+        confirmed: Bools | None = None,
+        broke: Bools | bool = False,
     ) -> None:
         """Take the values of a tick.
 
@@ -144,6 +153,8 @@ class Limit:
             Of the value, K.
         confirmed : ndarray of bool (N,), optional
             See `Sensed`.
+        broke : ndarray of bool (N,), optional
+            Where the sensor was broken since its last good reading.
         """
         above = value >= self.limit  # NaN is not
         known = (good & np.isfinite(value)) | above
@@ -151,7 +162,7 @@ class Limit:
         heard = known & good
         lowest = self._high - FALL_K_S * (now_s - self._high_s)
         credible = ~(value < lowest - COOLER_K)  # NaN is
-        fell = heard & ~credible & ~self.fallen
+        fell = heard & ~(credible & ~(broke & (value < self._high - COOLER_K))) & ~self.fallen
         if fell.any() or self.fallen.any():
             self._low = np.where(fell, value, np.fmin(self._low, value))
             self.fallen |= fell
@@ -225,7 +236,7 @@ class Limits:
         cells = parts[-1].stop if parts else 0
         self._string = np.repeat(np.arange(len(parts)), [p.stop - p.start for p in parts])
         self.core, self.surface = Limit(cells, core_max), Limit(cells, surface_max)
-        self.lost, self._failing = np.zeros((2, cells), np.bool_)
+        self.lost, self._failing, self._broke = np.zeros((3, cells), np.bool_)
         self._loss = np.full((4, cells), np.nan)  # last reading, °C, its time, s, its rate, K/s, time of the failure, s
         self._unseen_s = np.full(cells, UNSEEN_S) if stale_s is None else np.maximum(stale_s, UNSEEN_S)
         self._now_s = -np.inf
@@ -248,9 +259,14 @@ class Limits:
             self._fail(now_s, sensed)
         if self._failing.any() or self.lost.any():
             self._lose(now_s, sensed, quiet)
-        surface = self.surface
-        surface.update(now_s, sensed.good, np.isfinite(sensed.good), confirmed=sensed.confirmed)
-        self.core.update(now_s, points.value, points.trusted & ~surface.over & ~surface.fallen, points.sd)
+        surface, read = self.surface, np.isfinite(sensed.good)
+        if not quiet and surface.over.any():
+            self._broke |= surface.over & (sensed.failed if sensed.broken is None else sensed.broken)
+        ends = read & ~self.lost  # what failed in heat ends nothing before somebody has looked
+        surface.update(now_s, sensed.good, ends, confirmed=sensed.confirmed, broke=self._broke)
+        self._broke &= surface.over & ~read
+        trusted = points.trusted & ~surface.over & ~surface.fallen & ~self.lost
+        self.core.update(now_s, points.value, trusted, points.sd)
 
     def _fail(self, now_s: float, sensed: Sensed) -> None:
         """Find thermocouples that fail while their cells heat."""

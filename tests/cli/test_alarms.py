@@ -1,11 +1,13 @@
 """What `analyze` tells of a cell that runs away, and of one whose thermocouple dies on the way."""
 
+import gzip
 import json
 
 import cantools
 import numpy as np
 import pytest
 
+import bms_gateway
 from bms_gateway.bus.logfile import read_log
 from bms_gateway.cli.main import main
 from bms_gateway.config import own_dbc_text
@@ -92,3 +94,38 @@ def test_a_hot_cell_whose_sensor_dies_keeps_its_alarm_to_the_end_and_loses_it_wh
     alerts, *_ = analysed(tmp_path / "cools", np.r_[hot, cool + 0.05 * rng.standard_normal(400)])
     states = [a["state"] for a in alerts if a["name"] == "surface"]
     assert states == ["raised", "over"]
+
+
+def test_a_thermocouple_that_shorts_on_a_hot_cell_at_rest_ends_no_alarm_by_what_its_wire_reads(tmp_path):
+    hot = np.r_[np.full(60, 70.0), np.linspace(70, 100, 300), np.full(200, 100.0)]
+    noisy = np.r_[hot, np.full(800, 25.0)] + 0.05 * np.random.default_rng(1).standard_normal(1360)
+    alerts, *_ = analysed(tmp_path, noisy)
+    assert "over" not in {a["state"] for a in alerts if a["name"] in ("surface", "core")}
+
+
+@pytest.mark.slow
+def test_a_sound_pouch_whose_thermocouples_lag_unlike_is_not_called_hot_by_the_one_that_is_left(tmp_path):
+    """Three places of one cell as three cells: two of them seem to come off, and the model is what is wrong."""
+    with gzip.open(need("bench", "leaf_cell_pouch_3c.csv.gz"), "rt") as f:
+        lines = [line for line in f if not line.startswith("#")]
+    rows = np.genfromtxt(lines, delimiter=",", names=True)
+    t = np.arange(1700.0)
+    names = ["current_A", "coolant_inlet_C", *(f"surface_{k}_C" for k in (1, 2, 3))]
+    columns = [np.interp(t, rows["time_s"] - rows["time_s"][0], rows[name]) for name in names]
+    np.savetxt(
+        tmp_path / "table.csv",
+        np.column_stack((t, *columns)),
+        delimiter=",",
+        fmt="%.4f",
+        header=",".join(("time_s", *names)),
+        comments="",
+    )
+    model = bms_gateway.cell_model("pouch 290x216x7mm 33Ah 800g", cells=3, sensors=(1, 2, 3), condition="natural")
+    bms_gateway.write_model(model, tmp_path / "model.toml")
+    config = write_string(tmp_path, (tmp_path / "model.toml").read_text(), sensors=(1, 2, 3))
+    log, out = tmp_path / "table.log", tmp_path / "out"
+    assert main(["encode", str(tmp_path / "table.csv"), "--config", str(config), "--out", str(log)]) == 0
+    assert main(["analyze", str(log), "--config", str(config), "--out", str(out)]) == 0
+    told = {json.loads(line)["name"] for line in (out / "alerts.jsonl").read_text().splitlines()}
+    assert "thermocouple" in told
+    assert not told & {"unexplained_heat", "missing_heat"}

@@ -7,6 +7,11 @@ from bms_gateway.health.confirm import Confirm, Surfaces
 from bms_gateway.health.limits import Limits, Points, Sensed
 
 RISE = 2.69e-3 * 0.607  # K/A²: 80 A hold a surface at least 10 K above its coolant
+COOLS_S = 60.0
+
+
+def confirm(cells=1):
+    return Confirm([slice(0, cells)], np.array([RISE]), np.array([COOLS_S]))
 
 
 @pytest.mark.parametrize(
@@ -24,16 +29,30 @@ RISE = 2.69e-3 * 0.607  # K/A²: 80 A hold a surface at least 10 K above its coo
 )
 def test_a_reading_is_confirmed_by_neighbours_by_its_coolant_or_by_rest(current, inlet, reading, others, confirmed):
     good = np.array([reading, *others])
-    judge, fallen = Confirm([slice(0, len(good))], np.array([RISE])), np.arange(len(good)) == 0
+    judge, fallen = confirm(len(good)), np.arange(len(good)) == 0
     none, still = np.zeros(len(good), bool), np.zeros(len(good))
     for t in range(300):
         found = judge.step(float(t), np.array([current**2]), np.array([inlet]), Surfaces(good, fallen, none, still))
     assert (bool(found[0]), found[1:].all()) == (confirmed, True)
 
 
+@pytest.mark.parametrize(("others", "first"), [([], 180), ([60.0, 90.0, 95.0], 180), ([28.0, 27.0, 26.0], 0)])
+def test_at_rest_a_surface_that_fell_is_confirmed_when_its_cell_has_had_time_to_cool_or_by_its_neighbours(
+    others, first
+):
+    good = np.array([25.0, *others])
+    judge, fallen, none = confirm(len(good)), np.arange(len(good)) == 0, np.zeros(len(good), bool)
+    told = [
+        bool(judge.step(float(t), np.zeros(1), np.array([25.0]), Surfaces(good, fallen, none, np.zeros(len(good))))[0])
+        for t in range(300)
+    ]
+    assert told.index(True) == first
+    assert all(told[first:])
+
+
 @pytest.mark.parametrize(("current", "confirmed"), [(80.0, False), (0.0, True)])
 def test_an_alarm_does_not_end_while_its_surface_still_falls_under_current(current, confirmed):
-    judge, over = Confirm([slice(0, 1)], np.array([RISE])), np.ones(1, bool)
+    judge, over = confirm(), np.ones(1, bool)
     square, inlet, rate = np.array([current**2]), np.array([66.0]), np.array([-0.1])
     for t in range(300):
         found = judge.step(float(t), square, inlet, Surfaces(np.array([77.5]), ~over, over, rate))
@@ -44,7 +63,7 @@ def test_an_alarm_does_not_end_while_its_surface_still_falls_under_current(curre
 
 def test_a_thermocouple_that_comes_off_slowly_ends_no_alarm_and_a_cell_that_cools_does():
     for end, ended in ((66.0, False), (76.0, True)):
-        judge, at = Confirm([slice(0, 1)], np.array([RISE])), Limits(["s"], [slice(0, 1)], 80.0, 80.0)
+        judge, at = confirm(), Limits(["s"], [slice(0, 1)], 80.0, 80.0)
         no = np.zeros(1, bool)
         for t in range(900):
             y = np.array([end + (82.0 - end) * np.exp(-max(t - 300, 0) / 40.0)])

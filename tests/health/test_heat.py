@@ -19,6 +19,7 @@ from bms_gateway.health.heat.thermocouples import Thermocouples
 from bms_gateway.thermal import Prior, StringModel
 from tests.benchmarks.bench_heat import follow
 from tests.benchmarks.bench_parked import follow as rarely_heard
+from tests.benchmarks.bench_runaway import propagation
 from tests.benchmarks.heat_case import CELLS, LAYOUTS, SENSORS, Case, make, model, with_seeds
 
 SHORT = Case("small", 0, seconds=1800, drive="us06", at=1200)
@@ -433,3 +434,39 @@ def test_a_lone_thermocouple_of_a_large_cell_at_rest_is_not_explained_away_by_it
     assert told[0][2] == 2
     believed, sd = watch.cores(np.full((1, 1), np.nan), np.zeros((1, 1)))
     assert abs(believed[0, 0] - core) <= 2.0 * sd[0, 0]
+
+
+def burning(seed: int) -> list[tuple[str, int | None, int, bool]]:
+    """What is told of four cells at rest, the first of which has a heater, runs away and lights the others.
+
+    Of each: what, of which cell, its level, and whether an alarm of a limit was on.
+    """
+    true, y = propagation(seed)
+    y = np.concatenate((25.0 + 0.05 * np.random.default_rng(seed).standard_normal((400, y.shape[1])), y))
+    n = y.shape[1]
+    watch, told, zero, since = HeatWatch([model("small", n, tuple(range(1, n + 1)))], 1.0), [], np.zeros(1), 0
+    for k, row in enumerate(y):
+        tick = HeatTick(zero, None, zero, np.full(1, 25.0 + 0.01 * (k % 2)), row[None, :], np.zeros((1, n)))
+        since = k if row.max() >= 80.0 else since
+        watch.verdicts[0].too_hot = hot = k - since < 30 and since > 0
+        told += [(f.code, f.cell, f.level, hot) for _, f in watch.add(k * 10**9, tick) or ()]
+    assert true.max() > 500.0
+    return told
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_in_a_fire_no_thermocouple_and_no_inlet_is_told_to_be_wrong_and_no_heat_is_over_while_a_cell_is_hot(
+    seed,
+) -> None:
+    told = burning(seed)
+    assert told[0][:3] == ("unexplained_heat", 1, 2)
+    assert {code for code, *_ in told} == {"unexplained_heat"}
+    assert [t for t in told if t[2] == 0 and t[3]] == []
+
+
+@pytest.mark.parametrize(("pack", "fault", "seed"), [("liquid", "off", 8801), ("liquid", "loose", 8804)])
+def test_a_thermocouple_that_came_off_or_is_loose_is_not_called_heat_when_it_seems_right_for_a_while(
+    pack: str, fault: str, seed: int
+) -> None:
+    (alerts,) = raised(Case(pack, 0, drive="us06", fault=fault, size=0.3), range(seed, seed + 1))
+    assert {code for _, code, _ in alerts} == {"thermocouple"}

@@ -164,6 +164,32 @@ def test_a_hot_cell_whose_surface_falls_fast_is_still_seen():
         assert [(c.name, c.phase) for c in at.conditions()] == [("core", "")]
 
 
+def test_a_thermocouple_lost_in_heat_ends_no_alarm_of_its_cell_before_somebody_has_looked():
+    at = limits()
+    for t in range(120):
+        step(at, t, [78.0 + 0.5 * t, 30.0])
+    for t in range(120, 150):
+        step(at, t, [None, 30.0], [NAN, 30.0])
+    for t in range(150, 3000):  # a wire that shorted reads the place where it shorted
+        found = step(at, t, [25.0, 30.0])
+    assert {"surface", "core", "lost_in_heat"} == set(found)
+    assert "last 138 °C" in found["surface"].text
+    assert at.acknowledge(slice(0, 2))
+    assert step(at, 3000, [25.0, 30.0]) == {}
+
+
+def test_a_sensor_that_was_broken_has_fallen_when_it_reads_a_cooler_cell_and_one_that_was_silent_has_not():
+    for broken, confirmed, ended in ((True, False, False), (True, True, True), (False, False, False)):
+        at, no = limits(1), np.zeros(1, bool)
+        for t in range(700):
+            gone = 60 <= t < 400
+            y = np.array([NAN if gone else 100.0 if t < 60 else 25.0])
+            sensed = Sensed(y, no | gone, no, None, np.array([confirmed]), no | (gone and broken))
+            at.step(float(t), Points(np.full(1, NAN), np.full(1, 0.5), y, no), sensed, False)
+        assert (list(at.conditions()) == []) is ended
+        assert bool(at.surface.fallen[0]) is (broken and not confirmed)
+
+
 LENGTH = 240
 
 

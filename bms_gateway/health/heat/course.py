@@ -68,6 +68,8 @@ class Course:
         Mean of the greatest ln evidence so far; it shows the quality of the models.
     alone : ndarray of bool (S,)
         The string has too few sensors to compare one of them with the others.
+    few : ndarray of bool (S,)
+        The string has too few sensors whose readings are used.
     """
 
     constant_inlet: Bools
@@ -82,6 +84,7 @@ class Course:
     fine: Floats
     ln: Floats
     alone: Bools
+    few: Bools
 
     @classmethod
     def of(cls, f: HeatFilter, constant_inlet: Sequence[bool]) -> "Course":
@@ -104,12 +107,13 @@ class Course:
             fine,
             ln,
             f.usual.alone,
+            f.usual.alone,
         )
 
     @property
     def doubt(self) -> Floats:
         """What evidence (S,) is divided by."""
-        vague = self.alone | self.constant_inlet
+        vague = self.few | self.constant_inlet
         return np.asarray(np.maximum(1.0, self.ln / USUAL_LN) * np.where(vague, VAGUE_DOUBT, 1.0))
 
     @property

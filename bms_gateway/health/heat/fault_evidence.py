@@ -96,6 +96,7 @@ class Evidence:
     ----------
     kinds, place : ndarray of int (H,)
         Kind of each fault, and the number of its cell or sensor among those told of.
+    at : Layout
     """
 
     def __init__(self, of: HeatFilter) -> None:
@@ -121,7 +122,7 @@ class Evidence:
         self._real = real[:, None, :]
         self._least = np.where(np.isin(self.kinds, (Kind.HEAT, Kind.LAG, Kind.LOOSE)), 0.0, -np.inf)
         self._most = np.array([MOST.get(Kind(k), np.inf) for k in self.kinds])
-        self._at, self._of = at, of
+        self.at, self._of = at, of
         self._s = np.zeros((S, at.states, ONSETS, H))
         self._C, self._D = np.zeros((2, S, ONSETS, H))
         self._born = np.zeros((S, ONSETS))  # s, of the onset
@@ -146,7 +147,7 @@ class Evidence:
         """Take in one step of the filter; `read`: of which readings came."""
         self._begin()
         self._read += read
-        at, H = self._at, len(self.kinds)
+        at, H = self.at, len(self.kinds)
         N, m, a = at.nodes, at.sensed, at.near
         flat = self._s.reshape(at.strings, at.states, ONSETS * H)
         top = np.matmul(x.G, flat)
@@ -228,7 +229,7 @@ class Evidence:
 
     def resolution(self, age_s: float) -> Floats:
         """Sd (S, a) to which heat of each cell is told that began about so many seconds ago, W."""
-        a = self._at.near
+        a = self.at.near
         ages = np.array([abs(self.now - b - age_s) for b in self._birth])
         slot = self._slots[int(ages.argmin())] if len(ages) else 0
         return np.asarray(1.0 / np.sqrt(self._C[:, slot, :a] + 1.0 / self._size2[:, 0, :a]), dtype=np.float64)

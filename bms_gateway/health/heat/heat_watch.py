@@ -13,13 +13,15 @@ import numpy as np
 from bms_gateway.errors import ConfigError
 from bms_gateway.health.heat import kept
 from bms_gateway.health.heat.course import USUAL_S, Course
-from bms_gateway.health.heat.fault_evidence import Evidence, Kind, Weighed
+from bms_gateway.health.heat.fault_evidence import LATE_S, Evidence, Kind, Weighed
 from bms_gateway.health.heat.filter import HeatFilter, Linear, Step
 from bms_gateway.health.heat.finding import Finding
 from bms_gateway.health.heat.layout import Bools
 from bms_gateway.health.heat.rest import LONGEST_S, REST_RATE, STRAYED_K, Rest, strides
+from bms_gateway.health.heat.suspicion import suspicion
 from bms_gateway.health.heat.thermocouples import Thermocouples
-from bms_gateway.health.heat.verdict import SURE, SUSPECT, Verdict, suspicion
+from bms_gateway.health.heat.usual import REFERENCE
+from bms_gateway.health.heat.verdict import SURE, SUSPECT, Verdict
 from bms_gateway.thermal import Floats, StringModel, StringParameters
 
 STEP_S = 10.0
@@ -29,6 +31,11 @@ SEEN_S = 180.0
 """Heat that began so long ago is what the told sd is for."""
 APART = 0.02  # ln: cells whose resistances are told to differ by more settle anew
 NEWS = 0.15  # ln: resistances that are told anew by more say that they were not known
+AT_CASING, AT_CASING_BESIDE = 0.5, 1.0
+"""Share of its rise over R_c by which a core that heats by itself is unsure, as fires and heaters heat a cell from
+outside. The second is of cells that warm beside one with more heat."""
+COOLS_K_S = 0.003
+"""Rate at which a thermocouple of a string at rest falls: its cell still loses the heat of the drive."""
 FLOW_GRID = 0.1  # ln: a flow that moved by less changes nothing
 
 
@@ -136,7 +143,7 @@ class HeatWatch:
         self._inlet, self._heard_inlet = np.full((2, S), np.nan)
         self._sensors = Thermocouples(S, m)
         self._rest, self._now_ns = Rest.of(S), 0
-        self._blind = np.zeros(S, np.bool_)
+        self._blind, self._cools, self._used = np.zeros(S, np.bool_), np.zeros(S, np.bool_), np.ones((S, m), np.bool_)
         self._clear()
         nothing = np.full((S, self.filter.at.cells), np.nan)
         self._first = self.filter.z.copy(), self.filter.P.copy()
@@ -267,8 +274,11 @@ class HeatWatch:
         self._inlet = np.where(np.isfinite(inlet) | np.isfinite(self._inlet), inlet1, np.nan)
         heard = f.running & ~unknown
         aside = np.stack([v.aside for v in self.verdicts])
+        self.course.few = (f.at.fitted & ~aside).sum(axis=1) < REFERENCE
         use = np.where(heard[:, None] & ~aside, y, np.nan)
+        self._used = np.isfinite(use)
         x = f.step(Step(heat, current, inlet0, inlet1, use, lag, R))
+        self._cools = f.calm & (np.where(self._used, x.rate, -np.inf).max(axis=1) < -COOLS_K_S)
         self._mend()
         if aside.any():
             self._beside(x, y, lag, R)
@@ -322,8 +332,9 @@ class HeatWatch:
         value = y - (f.z[row, 2 * at.sensors + 1] - lag * x.rate) - f.z[:, at.bias]
         k = 2 * at.sensors + 1
         sd = np.sqrt(f.P[row, k, k] + R + 0.1)
+        late, loose = -x.rate * LATE_S, x.coolant - x.surface
         for v in self.verdicts:
-            v.residuals(value[v.s], sd[v.s])
+            v.residuals(value[v.s], sd[v.s], {Kind.LAG: late[v.s], Kind.LOOSE: loose[v.s]})
 
     def _look(
         self,
@@ -347,6 +358,7 @@ class HeatWatch:
         self.course.ln = self.course.ln + np.where(sound, learnt * (self.filter.dt / USUAL_S), 0.0)
         found = []
         for v in self.verdicts:
+            v.read, v.cools = self._used[v.s], bool(self._cools[v.s])
             if not heard[v.s] or new[v.s] or not read[v.s]:
                 continue  # what nobody reads is neither found nor over
             if of_note[v.s] or v.findings:
@@ -387,6 +399,11 @@ class HeatWatch:
                 core_sd[s] = np.sqrt(more[T] + np.square(mean[T] - z[T]))
             else:
                 gap = f.usual.gap_sd[s] * (mean[T] - mean[T + 1])
+                heats, R_c = f.open[s] & at.seen[s], f.parameters(s).R_c
+                here = at.told[s, heats]
+                main = {at.told[s, j] for g in v.findings[:1] for j in g.places}
+                share = np.where(np.isin(here, list(main)), AT_CASING, AT_CASING_BESIDE)
+                gap[here] = np.hypot(gap[here], share * z[h][heats] * R_c[here])
                 beside = f.usual.beside_sd[s] * (mean[T + 1] - mean[T + 1][self._nearest[s]])
                 core[s], core_sd[s] = mean[T], np.sqrt(P[T, T] + more[T] + np.square(gap) + np.square(beside))
         row, place = at.seen.nonzero()

@@ -2,11 +2,16 @@
 
 from typing import TYPE_CHECKING
 
-from bms_gateway.health.heat.fault_evidence import Kind
+import numpy as np
+
+from bms_gateway.health.heat.fault_evidence import Evidence, Kind
+from bms_gateway.thermal import Floats
 
 if TYPE_CHECKING:
     from bms_gateway.health.heat.finding import Finding
 
+LEAST_SHARE = 0.01
+"""Of the evidence, of another cause that is told."""
 TROUBLE = {
     Kind.JUMP: "has jumped by {:+.1f} K",
     Kind.SLOPE: "drifts by {:+.1f} K/h",
@@ -57,6 +62,25 @@ def sentence(f: "Finding", cells: int, now_ns: int, *, over: bool = False) -> st
         )
     what = TROUBLE[f.kind].format(f.size)
     return f"thermocouple of cell {f.cell} {what}{else_}: check its seat, wire and plug"
+
+
+def others(e: Evidence, s: int, share: Floats, of: "Finding") -> tuple[tuple[str, float], ...]:
+    """List what else a finding in string `s` could be by the share (H,) of each fault, the likeliest first."""
+    at = e.at
+    found: dict[str, float] = {}
+    for k, j in zip(e.kinds[share >= LEAST_SHARE].tolist(), np.flatnonzero(share >= LEAST_SHARE).tolist(), strict=True):
+        place = int(e.place[j])
+        alike = k == of.kind or (Kind.HEAT < k < Kind.FLOW and Kind.HEAT < of.kind < Kind.FLOW)
+        if alike and place == of.place:
+            continue
+        if k == Kind.HEAT:
+            name = f"heat in cell {at.told[s, place] + 1}"
+        elif k < Kind.FLOW:
+            name = f"thermocouple {at.sensors[s, place] + 1}"
+        else:
+            name = {Kind.FLOW: "cooling", Kind.INLET: "the coolant inlet", Kind.LOAD: "the current"}[Kind(k)]
+        found[name] = found.get(name, 0.0) + float(share[j])
+    return tuple(sorted(found.items(), key=lambda x: -x[1])[:3])
 
 
 def _watts(value: float, digits: int) -> str:

@@ -1,8 +1,8 @@
 """Verdict on one string by its evidence: which fault, since when, how probable, and which other causes are possible."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import exp, log, sqrt
+from math import exp, sqrt
 
 import numpy as np
 
@@ -23,7 +23,8 @@ from bms_gateway.health.heat.fault_evidence import OLDEST_READ, ONSETS, Evidence
 from bms_gateway.health.heat.filter import HeatFilter
 from bms_gateway.health.heat.finding import Finding
 from bms_gateway.health.heat.layout import Bools
-from bms_gateway.health.heat.sentences import sentence
+from bms_gateway.health.heat.proven import known, proven, watched
+from bms_gateway.health.heat.sentences import others, sentence
 from bms_gateway.thermal import Floats
 
 SURE = 14.0
@@ -42,8 +43,7 @@ LIKE_HEAT, MOST_STOPPED, RARER = 1.5, 0.85, 4.0
 """For a string with one or two thermocouples, heat and a loss of cooling look alike. Fans and pumps stop more often
 than cells short: the ln evidence of heat is lowered by the third number, unless it is greater than that of a loss by
 the first factor. The second number is the greatest share of the films' conductance that is lost with a fan."""
-ALIKE = 1.0
-"""ln: onsets whose evidence differs by less cannot be distinguished."""
+ALIKE = 1.0  # ln: onsets whose evidence differs by less cannot be distinguished
 HOLD_S, HOLD_COMMON_S = 20.0, 60.0
 """Time for which a cause must have been the likeliest before it is reported; the second is for common causes."""
 USUAL = {Kind.FLOW: 4.0, Kind.INLET: 0.0, Kind.LOAD: 2.0, Kind.SLOPE: -2.0, Kind.LAG: 3.0}
@@ -60,14 +60,10 @@ GROUP, TEMPERED = 2, 8.0
 them."""
 LEAST_JUMP, BACK_JUMP = 0.7, 0.4
 """K: a jump of a thermocouple is reported above the first number, and has ended below the second."""
-COARSE = 2.5
-"""Least jump of a thermocouple, in steps of its resolution."""
-FLOWED_S = 1800.0
-"""Time after a sudden change of the films in which worse cooling may be reported; ageing judges slow changes."""
-INLET_OFF, INLET_SURE = 3.0, 4.0
-"""K and sd of an offset above which the inlet's sensor is wrong, frozen or not."""
-MORE = 0.5
-"""If the heat exceeds that of the current by this share, no missing heat is reported."""
+COARSE = 2.5  # least jump of a thermocouple, in steps of its resolution
+FLOWED_S = 1800.0  # in which a sudden change of the films may be reported; ageing judges slow changes
+INLET_OFF, INLET_SURE = 3.0, 4.0  # K and sd of an offset above which the inlet's sensor is wrong, frozen or not
+MORE = 0.5  # if the heat exceeds that of the current by this share, no missing heat is reported
 SUSPECT = 5.0
 """Least ln evidence at which the likeliest change of the heat is included in its ratio before it is accepted."""
 ENDED_SD, ENDED_S = 2.0, 300.0
@@ -89,6 +85,12 @@ class Verdict:
         Thermocouples whose readings are not used.
     woke_ns : int or None
         When the string last woke from a sleep.
+    read : ndarray of bool (m,)
+        Thermocouples that were used in the last step.
+    cools : bool
+        Whether no current flows and all thermocouples fall: when some were set aside, few cannot tell heat then.
+    too_hot : bool
+        Whether an alarm of a limit or of a runaway is on in the string: its heat is not over.
     """
 
     s: int
@@ -98,15 +100,21 @@ class Verdict:
     aside: np.ndarray[tuple[int], np.dtype[np.bool_]] = field(init=False)
     findings: list[Finding] = field(default_factory=list)
     woke_ns: int | None = None
+    read: Bools = field(init=False)
+    cools: bool = False
+    too_hot: bool = False
+    _proven: bool = False
     _stands: int = 0
     _stood_ns: int = 0
     _slow_ns: int | None = None
     _flowed_ns: int | None = None
     _residual: Floats = field(default_factory=lambda: np.zeros(0))
     _residual_sd: Floats = field(default_factory=lambda: np.zeros(0))
+    _shows: Mapping[Kind, Floats] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.aside = np.zeros(self.of.at.sensed, np.bool_)
+        self.read = np.ones(self.of.at.sensed, np.bool_)
 
     @property
     def hot(self) -> bool:
@@ -136,13 +144,32 @@ class Verdict:
         list of Finding
             New findings, and those that have ended (level 0).
         """
-        told = self._followed(now_ns)
+        told = self._prove(now_ns) + self._followed(now_ns)
+        if 2 * self.aside.sum() > self.of.at.fitted[self.s].sum():  # most thermocouples are not wrong: the model is
+            self.evidence.forget(self.s)
+            return told
         each = w.ln[self.s].max(axis=0) / self.course.doubt[self.s]
         if each.max() < min(ENOUGH.values()):
             self._stands = 0
         else:
             told += self._weighed(each, w, now_ns)
         return told + (self._standing(w, each, now_ns) if self.of.running[self.s] else [])
+
+    def _prove(self, now_ns: int) -> list[Finding]:
+        """See whether heat is proven; then what thermocouples and inlet were told to be since it began is taken back.
+
+        A cell that burns warms its neighbours in ways that no number of the model has.
+        """
+        heats = [g for g in self.findings if g.code == "unexplained_heat"]
+        if not heats or self._proven:
+            self._proven = bool(heats)
+            return []
+        self._proven, since = proven(self.of, self.s, heats), min(g.since_ns for g in heats)
+        taken = ("thermocouple", "inlet") if self._proven else ()
+        back = [g for g in self.findings if g.code in taken and g.since_ns >= since]
+        for g in back:
+            self._end(g, now_ns)
+        return back
 
     def pass_over(self) -> None:
         """Take a step whose evidence is too small to be judged."""
@@ -152,14 +179,11 @@ class Verdict:
         kinds, place = self.evidence.kinds, self.evidence.place
         E = each + self.usual()
         if self.of.usual.alone[self.s]:
-            heat, flow = kinds == Kind.HEAT, int(np.flatnonzero(kinds == Kind.FLOW)[0])
-            since = int(w.ln[self.s, :, flow].argmax())
-            lost = float(w.amplitude[self.s, since, flow])
-            rest = lost * float(self.evidence.moved(self.s, since, flow)[self.of.at.flow])  # not in the states yet
-            if self.of.calm[self.s] and rest + float(self.of.z[self.s, self.of.at.flow]) > MOST_STOPPED:
-                E[flow] = -np.inf
-            elif 0.0 < lost < MOST_STOPPED and E[heat].max() < LIKE_HEAT * E[flow]:
-                E[heat] = np.minimum(E[heat], E[flow] - RARER)
+            self._hold_films(E, w)
+        if self._proven:
+            E[kinds >= Kind.FLOW] = -np.inf
+        elif self.cools and self.course.few[self.s] and self.aside.any():
+            E[kinds == Kind.HEAT] = -np.inf
         best = int(E.argmax())
         kind, j = Kind(int(kinds[best])), int(place[best])
         if each[best] < ENOUGH.get(kind, SURE):
@@ -198,6 +222,18 @@ class Verdict:
             return []
         return self._accept(best, onset, w, share, alone, now_ns)
 
+    def _hold_films(self, E: Floats, w: Weighed) -> None:
+        """Hold the evidence (H,) of heat and of lost films in a string with few thermocouples against each other."""
+        kinds = self.evidence.kinds
+        heat, flow = kinds == Kind.HEAT, int(np.flatnonzero(kinds == Kind.FLOW)[0])
+        since = int(w.ln[self.s, :, flow].argmax())
+        lost = float(w.amplitude[self.s, since, flow])
+        rest = lost * float(self.evidence.moved(self.s, since, flow)[self.of.at.flow])  # not in the numbers yet
+        if self.of.calm[self.s] and rest + float(self.of.z[self.s, self.of.at.flow]) > MOST_STOPPED:
+            E[flow] = -np.inf
+        elif 0.0 < lost < MOST_STOPPED and E[heat].max() < LIKE_HEAT * E[flow]:
+            E[heat] = np.minimum(E[heat], E[flow] - RARER)
+
     def _hidden(self, now_ns: int) -> Bools:
         """Tell which onsets are before the end of the last sleep."""
         if self.woke_ns is None:
@@ -225,6 +261,14 @@ class Verdict:
         s, f = self.s, self.of
         kind, place = Kind(int(self.evidence.kinds[fault])), int(self.evidence.place[fault])
         amplitude, var = float(w.amplitude[s, onset, fault]), float(w.var[s, onset, fault])
+        if self._proven and kind is not Kind.HEAT:
+            self.evidence.forget(s)
+            f.open_heat(s, int(np.flatnonzero(f.at.seen[s] & (f.at.told[s] == f.at.sensors[s, place]))[0]), 0.0)
+            return []  # it follows its cell, and that cell no balance
+        told = [g for g in self.findings if g.code == "thermocouple" and not self.aside[g.place]]
+        again = known(self.evidence, s, w, place, told) if kind is Kind.HEAT and not self._proven else None
+        if again is not None:
+            return self._accept(again, int(w.ln[s, :, again].argmax()), w, share, sure, now_ns)
         age_s = float(self.evidence.ages(s)[onset])
         places = self._share_out(fault, w) if kind is Kind.HEAT else (place,)
         if kind is not Kind.HEAT:
@@ -232,7 +276,7 @@ class Verdict:
         self.evidence.forget(s)
         self._stands = 0
         new = Finding("", None, 1, now_ns - round(age_s * 1e9), kind=kind, place=place, size=amplitude, sure=sure)
-        new.others, new.places = self._others(share, kind, place), places
+        new.others, new.places = others(self.evidence, s, share, new), places
         if kind is Kind.FLOW:
             self._flowed_ns = now_ns
         tells = {Kind.HEAT: self._heats, Kind.INLET: self._is_off}.get(kind, self._fails)
@@ -245,11 +289,13 @@ class Verdict:
     def _heats(self, new: Finding) -> bool:
         """Make a finding of accepted heat, if it is large enough and not reported already."""
         s, f, place = self.s, self.of, new.place
-        cell, alone = int(f.at.told[s, place]), bool(f.usual.alone[s])
+        cell = int(f.at.told[s, place])
         load, rest = float(self.course.load[s, cell]), LEAST_RATE * float(f.usual.C[s, place])
-        negative = alone and f.z[s, f.at.load] < -1.0  # the model would need a current that cools
+        negative = f.usual.alone[s] and f.z[s, f.at.load] < -1.0  # the model would need a current that cools
         unsure = self.course.constant_inlet[s] or negative
-        if new.size < max(rest, (ALONE_SHARE if alone else LEAST_SHARE) * load) or (unsure and load > rest):
+        if new.size < max(rest, (ALONE_SHARE if self.course.few[s] else LEAST_SHARE) * load) or (
+            unsure and load > rest
+        ):
             return False
         if float(f.z[s, f.at.heat.start + np.array(new.places)].max()) <= 0.0:
             return False  # by the states the cell is cooled, not heated
@@ -316,23 +362,6 @@ class Verdict:
             f.z[s, f.at.flow] = self.course.film[s]  # mean of the last hour: slow heat shifts it before the onset
         return tuple(int(e.place[j]) for j, c in zip(group, chance.tolist(), strict=True) if c > 0.02)
 
-    def _others(self, share: Floats, kind: Kind, place: int) -> tuple[tuple[str, float], ...]:
-        """List the other possible causes, the likeliest first."""
-        at, s = self.of.at, self.s
-        found: dict[str, float] = {}
-        for k, j, p in zip(self.evidence.kinds.tolist(), self.evidence.place.tolist(), share.tolist(), strict=True):
-            alike = k == kind or (Kind.HEAT < k < Kind.FLOW and Kind.HEAT < kind < Kind.FLOW)
-            if p < 0.01 or (alike and j == place):
-                continue
-            if k == Kind.HEAT:
-                name = f"heat in cell {at.told[s, j] + 1}"
-            elif k < Kind.FLOW:
-                name = f"thermocouple {at.sensors[s, j] + 1}"
-            else:
-                name = {Kind.FLOW: "cooling", Kind.INLET: "the coolant inlet", Kind.LOAD: "the current"}[Kind(k)]
-            found[name] = found.get(name, 0.0) + p
-        return tuple(sorted(found.items(), key=lambda x: -x[1])[:3])
-
     def _followed(self, now_ns: int) -> list[Finding]:
         """Update the findings; return those that have ended."""
         told = []
@@ -354,13 +383,13 @@ class Verdict:
             chance = float(heat @ np.linalg.solve(P, heat)) < ENDED_SD**2 + len(h) - 1
             most = float(heat.sum()) + sqrt(max(0.0, float(P.sum())))
             chance = chance and most < ENDED_SHARE * g.size  # a large sd alone does not end it
-            none = float(heat.sum()) < LEAST_RATE * float(f.usual.C[s, g.place])
-            return self._quiet(g, now_ns, chance or none, ENDED_S)
+            cold = float(heat.sum()) < LEAST_RATE * float(f.usual.C[s, g.place])
+            seen = watched(f, s, g.place, self.read) and not self.too_hot
+            return self._quiet(g, now_ns, (chance or cold) and seen, ENDED_S)
         if g.kind is Kind.JUMP:
             return self._quiet(g, now_ns, abs(float(f.z[s, at.bias.start + g.place])) < BACK_JUMP, 60.0)
         if g.code == "thermocouple":
-            near = not self.aside[g.place] or self._residual[g.place] < QUIET_SD * self._residual_sd[g.place]
-            return self._quiet(g, now_ns, bool(near), QUIET_S)
+            return self._quiet(g, now_ns, not self.aside[g.place] or self._near(g), QUIET_S)
         if g.code == "cooling":
             return self._quiet(g, now_ns, self._grown() < COOLING_BACK, 120.0)
         if g.code == "inlet":
@@ -368,10 +397,18 @@ class Verdict:
             return self._quiet(g, now_ns, off < 1.0 + sd and bool(self.course.frozen[s] * f.dt < FROZEN_S), 300.0)
         return self._quiet(g, now_ns, float(f.made()[0][s]) > MISSING_BACK, 60.0)
 
+    def _near(self, g: Finding) -> bool:
+        """Tell whether a thermocouple set aside reads what it should, and not what its fault makes of it."""
+        off, sd = float(self._residual[g.place]), float(self._residual_sd[g.place])
+        would = g.size * float(self._shows[g.kind][g.place]) if g.kind in self._shows else np.inf
+        if g.low_ns is not None:
+            g.low_ns += round(max(0.0, 1.0 - (would / sd) ** 2) * self.of.dt * 1e9)  # what does not show says little
+        return abs(off) < QUIET_SD * sd and (abs(would) < sd or abs(off) < abs(off - would))
+
     def _end(self, g: Finding, now_ns: int) -> None:
         self.findings.remove(g)
         if g.code == "unexplained_heat":
-            for j in g.places:
+            for j in g.places if self.hot else np.flatnonzero(self.of.open[self.s]).tolist():
                 self.of.close_heat(self.s, j)
             self.evidence.forget(self.s)
         elif g.code == "thermocouple" and self.aside[g.place]:
@@ -388,9 +425,9 @@ class Verdict:
         self.findings.append(g)
         self._write(g, now_ns)
 
-    def residuals(self, value: Floats, sd: Floats) -> None:
-        """Take the residuals of all thermocouples (m,), K, also of those that are set aside."""
-        self._residual, self._residual_sd = np.abs(value), sd
+    def residuals(self, value: Floats, sd: Floats, shows: Mapping[Kind, Floats]) -> None:
+        """Take what the thermocouples (m,) are off their prediction, used or not, K; and would be by a whole fault."""
+        self._residual, self._residual_sd, self._shows = value, sd, shows
 
     def _quiet(self, g: Finding, now_ns: int, low: bool, wait_s: float) -> bool:
         g.low_ns = (now_ns if g.low_ns is None else g.low_ns) if low else None
@@ -433,7 +470,12 @@ class Verdict:
                 self.course.cooling[s] = True
         off, off_sd = float(f.z[s, at.inlet]), sqrt(float(f.P[s, at.inlet, at.inlet]))
         still = self.course.frozen[s] * f.dt >= FROZEN_S and not self.course.constant_inlet[s]
-        if "inlet" not in codes and still and abs(off - self.course.frozen_at[s]) > max(FROZEN_K, INLET_SURE * off_sd):
+        if (
+            "inlet" not in codes
+            and still
+            and not self.hot
+            and abs(off - self.course.frozen_at[s]) > max(FROZEN_K, INLET_SURE * off_sd)
+        ):
             new.append(Finding("inlet", None, 1, now_ns, kind=Kind.INLET, size=off))
         for g in new:
             self.findings.append(g)
@@ -456,20 +498,3 @@ class Verdict:
             h = at.heat.start + np.array(g.places)  # a sensor tells their sum better than where it sits
             g.heat, g.heat_sd = float(f.z[s, h].sum()), sqrt(max(0.0, float(f.P[s][np.ix_(h, h)].sum())))
         g.text = sentence(g, at.cells, now_ns)
-
-
-def suspicion(verdict: Verdict, w: Weighed) -> tuple[Floats, list[tuple[int, int, float]]]:
-    """Tell the chance (H,) of each fault, and of those of note (best onset, fault, chance)."""
-    ln = w.ln[verdict.s]
-    each = ln.max(axis=0) / verdict.course.doubt[verdict.s]
-    E = each + verdict.usual()
-    none = log(1e4)
-    top = max(float(E.max()), none)
-    share = np.exp(E - top)
-    share = share / (share.sum() + exp(none - top))
-    return share, [(int(ln[:, j].argmax()), int(j), float(share[j])) for j in np.flatnonzero(share > 0.02)]
-
-
-def codes(findings: Sequence[Finding]) -> tuple[str, ...]:
-    """Names for a summary."""
-    return tuple(f.code + (f":{f.cell}" if f.cell else "") for f in findings)

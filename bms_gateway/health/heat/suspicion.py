@@ -1,0 +1,21 @@
+"""What may be wrong in a string though it is not believed yet, and by what chance."""
+
+from math import exp, log
+
+import numpy as np
+
+from bms_gateway.health.heat.fault_evidence import Weighed
+from bms_gateway.health.heat.verdict import Verdict
+from bms_gateway.thermal import Floats
+
+
+def suspicion(verdict: Verdict, w: Weighed) -> tuple[Floats, list[tuple[int, int, float]]]:
+    """Tell the chance (H,) of each fault, and of those of note (best onset, fault, chance)."""
+    ln = w.ln[verdict.s]
+    each = ln.max(axis=0) / verdict.course.doubt[verdict.s]
+    E = each + verdict.usual()
+    none = log(1e4)
+    top = max(float(E.max()), none)
+    share = np.exp(E - top)
+    share = share / (share.sum() + exp(none - top))
+    return share, [(int(ln[:, j].argmax()), int(j), float(share[j])) for j in np.flatnonzero(share > 0.02)]
