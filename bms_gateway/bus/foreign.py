@@ -16,7 +16,7 @@ from contextlib import closing, suppress
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, Final
+from typing import IO, TYPE_CHECKING, Any, BinaryIO, Final
 
 from bms_gateway.bus.candump import CUT_SHORT, LogNotes
 from bms_gateway.bus.message import to_batch
@@ -41,6 +41,8 @@ BROKEN: Final = (
 LONGEST_LINE: Final = 1 << 16  # characters; the longest record of a text format has some hundred
 MOST_BLANK: Final = 100_000  # lines in a row
 GIVE_UP: Final = 1_000  # broken records in a row: this is another kind of file
+MDF_STARTS: Final = (b"MDF ", b"UnFinMF ")  # the second where its logger was switched off before the end
+MDF_HEADER: Final = 168  # bytes of identification and header
 SHOWN: Final = 60  # characters of a broken line
 
 
@@ -163,6 +165,17 @@ def _messages(path: Path, kind: str, notes: LogNotes) -> Iterator["can.Message"]
     raise DataError(f"{path}: {GIVE_UP} records in a row cannot be read as {kind}: is it another format?")
 
 
+def _mf4_reader(source: BinaryIO) -> Any:
+    """Open MF4 with a header only: without one, its reader leaves a traceback behind when it is thrown away."""
+    import can
+
+    head = source.read(MDF_HEADER)
+    source.seek(0)
+    if len(head) < MDF_HEADER or not head.startswith(MDF_STARTS):
+        raise EOFError("it has no header of MDF")
+    return can.MF4Reader(source)
+
+
 def _opened(path: Path, kind: str) -> IO[bytes]:
     """Open gzip data; unpacked on the disk for a reader that goes back and forth."""
     source = io.BufferedReader(Gunzip(path.open("rb"), str(path)))
@@ -185,7 +198,7 @@ def _reader(kind: str) -> tuple[Any, ...]:
             from asammdf.blocks.utils import MdfException
         except ImportError:
             raise MissingExtraError("reading .mf4 logs", "mf4") from None
-        return can.MF4Reader, MdfException
+        return _mf4_reader, MdfException
     if kind == ".asc":
         # with the date of the header, so that records of one day can be put in order
         return (partial(can.ASCReader, relative_timestamp=False),)

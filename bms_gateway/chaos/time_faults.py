@@ -8,7 +8,6 @@ from bms_gateway.chaos.scenario import Injection, Scenario
 
 HOUR_S = 3600.0
 YEARS_S = 1.7e9
-MONTH_S = 30 * 86_400.0
 Stamps = NDArray[np.int64]
 
 

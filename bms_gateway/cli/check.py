@@ -157,9 +157,11 @@ def _uses(loaded: "LoadedConfig", logs: list[Path]) -> "dict[str, Use]":
 
     from bms_gateway.bus.logfile import read_log
     from bms_gateway.engine import Engine
+    from bms_gateway.errors import DataError
     from bms_gateway.records.signal_use import signal_use
     from bms_gateway.report.progress import progress
 
+    frames = 0
     plain = tuple(replace(s, identify="off", model=replace(s.model, effects=())) for s in loaded.plan.strings)
     plan = replace(loaded.plan, transmit=False, strings=plain)
     engine = Engine(plan, loaded.database, whole=True)
@@ -167,10 +169,13 @@ def _uses(loaded: "LoadedConfig", logs: list[Path]) -> "dict[str, Use]":
         with progress(log.name, None) as advance:
             for batch in read_log(log):
                 if len(batch):
+                    frames += len(batch)
                     advance(len(batch))
                     engine.receive(batch, now_ns=int(batch.time_ns.max()))
                     while engine.next_output() is not None:
                         pass
+    if not frames:
+        raise DataError(f"{', '.join(str(log) for log in logs)}: no data frames")
     return signal_use(plan, loaded.database, engine, {s.name for s in loaded.config.string if s.signals is not None})
 
 

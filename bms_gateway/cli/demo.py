@@ -186,9 +186,7 @@ def _at(truth: "Floats", t: float) -> "Floats | None":
 def _table(cells: "Cells", true: "Floats") -> str:
     from bms_gateway.report.show import cells_table
 
-    return cells_table(
-        cells.string, cells.core, cells.core_sd, cells.surface, cells.quality.tolist(), true, cells.centre
-    )
+    return cells_table(cells, true)
 
 
 def _drive_live(

@@ -35,26 +35,12 @@ def run(args: argparse.Namespace) -> int:
         found = diagnose(model, records, tell)
     told = found.told
     if args.html:
-        from bms_gateway.diagnosis.adding import cores_with_named
         from bms_gateway.diagnosis.compare import compare
-        from bms_gateway.diagnosis.latent import latent
-        from bms_gateway.report.examine import card_of, experiment_of, usable
+        from bms_gateway.report.details import details_of
         from bms_gateway.report.html import write_diagnosis
 
-        d, command = told.diagnosis, command_line("diagnose")
-        if d is None:
-            write_diagnosis(Path(args.html), told, command=command)
-        else:
-            write_diagnosis(
-                Path(args.html),
-                told,
-                comparison=compare(model, records),
-                latent=latent(d.search.baseline),
-                experiment=experiment_of(d),
-                card=card_of(d.search.baseline),
-                command=command,
-                cores=cores_with_named(model, usable(records, told.findings), d),
-            )
+        details = details_of(told, model, records, lambda: compare(model, records))
+        write_diagnosis(Path(args.html), told, details, command=command_line("diagnose"))
     if args.json:
         write_json(args.json, found.document())
     say(str(found), args.json)

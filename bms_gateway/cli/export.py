@@ -6,7 +6,7 @@ from pathlib import Path
 from bms_gateway.cli.main import Parser
 from bms_gateway.cli.output import distinct, note, say, writable, write_json
 from bms_gateway.errors import UsageError
-from bms_gateway.records.recent_signals import STATE_DIRECTORY, given_span, state_directory, write_recent
+from bms_gateway.records.recent_signals import STATE_DIRECTORY, Stretch, given_span, state_directory, write_recent
 
 EXAMPLE = """\
   bms-gateway export --last 2h --out drive.csv --config /etc/bms-gateway/gateway.toml --string string_1
@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
     if args.store is not None and args.config is not None:
         raise UsageError("export: --store and --config both say where to look: give one of them")
     directory = state_directory(args.config, args.store, "export")
-    w = write_recent(Path(args.out), directory, seconds, args.string, "export", note)
+    w = write_recent(Path(args.out), directory, Stretch(seconds), args.string, "export", note)
     if args.json:
         told = {"table": args.out, "string": w.string, "rows": w.rows, "from_s": w.first_s, "to_s": w.last_s}
         write_json(args.json, told)

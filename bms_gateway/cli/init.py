@@ -268,7 +268,7 @@ def _show(cores: "Cores", out: Path, json_target: str | None) -> None:
         say("no core could be estimated from this log: too short, or no sample was believed", json_target)
         return
     for cells in cores.last.strings():
-        say(cells_table(cells.string, cells.core, cells.core_sd, cells.surface, cells.quality.tolist()), json_target)
+        say(cells_table(cells), json_target)
     if (hottest := cores.hottest) is not None:
         say(
             f"hottest core: {hottest.core_C:.1f} ± {hottest.sd_K:.1f} °C, cell {hottest.cell} of {hottest.string}, "

@@ -182,7 +182,7 @@ def add_effects(
         Fitted from what was known before any data.
     """
     d = ask(model.unfitted, records, progress=progress)
-    return _with_cores(_step(d, wants), model, records, d)
+    return _with_cores(weighed_step(d, wants), model, records, d)
 
 
 def cores_with_named(model: StringModel, records: Sequence[Record], d: Diagnosis) -> tuple[KnownCore, ...]:
@@ -190,11 +190,11 @@ def cores_with_named(model: StringModel, records: Sequence[Record], d: Diagnosis
     if not d.selected:
         return (known_core(model, records, rounds=d.search.asked),)
     wants = [Wanted(s.candidate.effect, s.candidate.cell) for s in d.selected]
-    return _with_cores(_step(d, wants), model, records, d).core
+    return _with_cores(weighed_step(d, wants), model, records, d).core
 
 
-def _step(d: Diagnosis, wants: Sequence[Wanted]) -> Step:
-    """Fit the effects, and ask the search that decided what it makes of them."""
+def weighed_step(d: Diagnosis, wants: Sequence[Wanted]) -> Step:
+    """Add effects to the model, and let the search that gave the verdict judge them."""
     if d.second is not None and (d.search.baseline.problem.model.cells == 1 or not d.selected):
         found = _on_bench(d, d.second, wants)
         if found is not None:

@@ -127,7 +127,7 @@ def _current(r: Record, model: StringModel) -> Iterator[Finding]:
         yield Finding(
             "current_unit",
             "stop",
-            f"A current of {rms:.3g} A rms would warm the cells of this model by {warming:.3g} K: is it in mA, "
+            f"A current of {rms:.3g} A rms would warm the cells of this model by {warming:.0f} K: is it in mA, "
             "or R_e of the model in another unit? A table takes A.",
         )
     if float(np.std(d.I2)) < STEADY * float(np.mean(d.I2)):

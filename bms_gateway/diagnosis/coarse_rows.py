@@ -1,8 +1,8 @@
-"""What rows of the current that lie far apart leave open in the readings.
+"""Uncertainty of the surfaces from rows of the current that are far apart.
 
-Between two rows a current may step at any instant. The heat that follows is not known then, and what it does to the
-surfaces lasts for minutes at all sensors alike: structure that no effect of the catalogue made, and that some of them
-resemble.
+Between two rows the current may step at any instant. The heat after the step is then unknown, and its effect on the
+surfaces lasts for minutes and is alike at all sensors. It looks like some effects of the catalogue, which did not cause
+it.
 """
 
 from collections.abc import Sequence
@@ -13,21 +13,88 @@ import numpy as np
 from bms_gateway.diagnosis.record import Record
 from bms_gateway.diagnosis.record_inputs import MINUTE_S
 from bms_gateway.identify.coordinates import Measured
-from bms_gateway.identify.map_fit import MapFit
+from bms_gateway.identify.map_fit import MapFit, stacked
 from bms_gateway.identify.problem import Problem
+from bms_gateway.thermal import Floats
 
 ROWS_S, DOUBT = 1.5, 0.03
-"""Rows of the current further apart than a logger's usual second, and share of a minute's heat that they leave open,
-from which what was not seen has been taken for a missing effect."""
+"""Distance of rows, above the usual second of a logger, and unknown share of a minute's heat, above which unknown heat
+was taken for a missing effect."""
 HOPELESS = 0.2
-"""Share of a minute's heat unknown from which nothing is named: the fit itself is then led astray by what is left open,
-and even strong effects were called by wrong names."""
+"""Unknown share of a minute's heat above which no effect is named: the fit itself is then wrong, and even strong
+effects were given wrong names."""
 DRAWS = 8
+STEPS = 150
+"""Steps of the current whose instants are asked about: those that move most heat."""
+MATTERS = 0.1
+"""Share of the noise below which what is left open could not pass for an effect."""
+SHOWN = 10.0
+"""Log-evidence from which the readings show that the current stepped between its rows."""
 
 
 def doubt(r: Record) -> float:
     """Relative sd of a minute's heat where the current jumps between rows too far apart; 0 elsewhere."""
     return r.sampling.doubt if r.sampling.seconds > ROWS_S and r.sampling.doubt > DOUBT else 0.0
+
+
+def shows_steps(fit: MapFit, records: Sequence[Record]) -> float:
+    r"""Tell how much better the readings are explained where each step of the current lies anywhere between its rows.
+
+    A step :math:`\Delta I^2` between rows d apart leaves the heat :math:`R_e \Delta I^2 d / \sqrt{12}` unknown (one
+    standard deviation), and the surfaces answer to it as to any heat in the core. With these answers as columns H,
+    in units of the noise, the residual r has the covariance :math:`1 + H H^T` in place of 1.
+
+    Parameters
+    ----------
+    fit : MapFit
+    records : sequence of Record
+        From which those of the fit were made.
+
+    Returns
+    -------
+    float
+        Log-evidence, of all readings, held-out ones too; 0 where every row of the current stands for its own time.
+    """
+    gained, first = 0.0, 0
+    y, sigma, *_ = stacked(fit.problem)
+    residual = (y - fit.y) / sigma
+    for i, (record, m) in enumerate(zip(records, fit.problem.records, strict=True)):
+        own = slice(first, first + len(m.y))
+        first = own.stop
+        if record.sampling.doubt == 0.0 or record.drive.dt > ROWS_S * record.sampling.seconds:
+            continue
+        H = _answers(fit, i, record) / sigma[own][:, None]
+        inner = np.eye(H.shape[1]) + H.T @ H
+        b = H.T @ residual[own]
+        gained += 0.5 * float(b @ np.linalg.solve(inner, b) - np.linalg.slogdet(inner)[1])
+    return gained
+
+
+def _answers(fit: MapFit, i: int, record: Record) -> Floats:
+    """Answers (M, K) of the readings of record `i` to what each of K steps leaves open, K."""
+    problem, m, u = fit.problem, fit.problem.records[i], fit.problem.records[i].drive
+    # one answer to a square that is larger by 1 A² for a second stands for all: the string is nearly linear
+    size = float(np.max(u.I2))
+    bumped = replace(m, drive=replace(u, I2=u.I2 + size * (np.arange(u.N) == m.spans[0].first)))
+    ms = [bumped if r == i else x for r, x in enumerate(problem.records)]
+    moved = Problem(problem.model, ms, problem.beliefs).predict(fit.theta, fit.prediction.X, fit.nu).X[i]
+    rows, n = len(m.spans[0]) + 1, problem.model.cells
+    answer = (moved - fit.prediction.X[i])[:rows, 1 : 2 * n : 2] / (size * u.dt)
+    span = np.searchsorted(np.cumsum([len(s) + 1 for s in m.spans]), m.row, side="right")
+    read_s = (m.row + m.share - span) * u.dt
+    own = record.drive
+    step = np.abs(np.diff(own.I2))
+    k = np.sort(np.argsort(-step)[:STEPS])
+    at_s = (k + 1.0) * own.dt
+    begins = np.array([s.first for s in m.spans]) * u.dt
+    of = np.searchsorted(begins, at_s, side="right") - 1
+    lag = read_s[:, None] - at_s
+    found = np.zeros(lag.shape)
+    for channel, (_, cell) in enumerate(m.channels):
+        mine = m.channel == channel
+        found[mine] = np.interp(lag[mine], np.arange(rows) * u.dt, answer[:, cell - 1], left=0.0, right=0.0)
+    found[span[:, None] != of] = 0.0
+    return np.asarray(found * step[k] * record.sampling.seconds / np.sqrt(12.0))
 
 
 def left_open(fit: MapFit, doubts: Sequence[float]) -> float:

@@ -1,7 +1,7 @@
-"""What a record itself says of its current sensor: its reading where nothing flows, and the charge it counts.
+"""Offset of the current sensor by the record itself: its reading at rest, and the charge that it counts.
 
-An offset of the sensor is there at rest too. Where a tester rests and the record reads zero, there is none, whatever
-would fit a temperature; and an offset that moves more charge than the cell holds was never there.
+An offset is present at rest too. If the record reads zero while the tester rests, there is no offset, even if an offset
+would fit the temperatures. An offset that would move more charge than the cell holds is impossible.
 """
 
 import numpy as np
@@ -9,13 +9,13 @@ import numpy as np
 from bms_gateway.thermal.drive import Drive
 
 REST_S, STRETCH_S = 30.0, 10.0
-"""Rest in all, and in one stretch, that make a level: a drive that passes through zero does not stay there."""
+"""Least rest in all, and in one stretch, that shows the reading at rest: a drive passes through zero only briefly."""
 ZERO = (0.003, 0.02)
-"""Share of the peak, and A: a level below is zero."""
+"""Share of the peak, and A, below which the reading at rest is zero."""
 STEADY = 0.003
-"""Share of the peak by which the current may move within an interval of rest."""
+"""Greatest change of the current within an interval of rest, as a share of the peak."""
 HOLDS = 1.15
-"""Of the capacity: what may be moved in one direction, for capacities are stated with some reserve."""
+"""Greatest charge in one direction over the capacity, because stated capacities have some reserve."""
 
 
 def rests_at_zero(u: Drive) -> bool:

@@ -20,7 +20,7 @@ import numpy as np
 
 from bms_gateway.diagnosis.calibrate import seen_on
 from bms_gateway.diagnosis.candidates import INSTEAD, Candidate
-from bms_gateway.diagnosis.coarse_rows import doubt
+from bms_gateway.diagnosis.coarse_rows import MATTERS, SHOWN, doubt, left_open, shows_steps
 from bms_gateway.diagnosis.core_band import core_moved
 from bms_gateway.diagnosis.error_words import course, falls, rises, why_not
 from bms_gateway.diagnosis.geometry import odd_fitted
@@ -29,6 +29,7 @@ from bms_gateway.diagnosis.record import Record
 from bms_gateway.diagnosis.residuals import (
     CHANCE,
     Structure,
+    log_density,
     noise_floor,
     rmse,
     structure,
@@ -199,21 +200,37 @@ def diagnose(
 
 def _diagnosed(model: StringModel, records: Sequence[Record], settings: Settings | None, tell: Progress) -> Diagnosis:
     ready = [measured(r, model) for r in records]
-    found = search(model, ready, settings, lambda share, text: tell(0.6 * share, text), [doubt(r) for r in records])
+    doubts = [doubt(r) for r in records]
+    found = search(model, ready, settings, lambda share, text: tell(0.6 * share, text), doubts)
     first = judged(found)
+    if first.verdict != "adequate" and not any(doubts) and _rows_are_open(found, records):
+        doubts = [r.sampling.doubt for r in records]
+        found = search(model, ready, settings, lambda share, text: tell(0.6 * share, text), doubts)
+        first = judged(found)
     if first.verdict == "unknown_effect" and not found.hopeless and _heat_by_voltage(ready):
-        other = search(model, ready, settings, doubts=[doubt(r) for r in records], voltage=True)
+        other = search(model, ready, settings, doubts=doubts, voltage=True)
         by_voltage = judged(other)
         if _only_voltage(by_voltage):
             other.physical = found.rounds
             return _with_doubt(replace(by_voltage, sentence=f"{by_voltage.sentence} {INPUT_ONLY}"))
-    open_rows = found.hopeless or (found.left_open > 0.0 and first.verdict == "adequate")
+    open_rows = found.hopeless or (found.left_open > 0.0 and not first.unknown_remains)
     if open_rows or not needs_second(found) or (model.cells > 1 and not _doubtful(first)):
         return _with_doubt(first)
     second = second_search(model, ready, progress=lambda share, text: tell(0.6 + 0.4 * share, text))
     if model.cells > 1 and second.verdict == "missing_effect":
         return replace(first, unknown_remains=True, second=second, alarms=second.alarms)
-    return _judged_again(first, second)
+    return judged_again(first, second)
+
+
+def _rows_are_open(found: Search, records: Sequence[Record]) -> bool:
+    """Whether steps of the current between its rows explain what the search found better than its effects do."""
+    most = left_open(found.baseline, [r.sampling.doubt for r in records])
+    if most < MATTERS * noise_floor(found.baseline, ~stacked(found.baseline.problem)[4]):
+        return False
+    fits = (found.baseline, found.final) if found.chosen else (found.baseline,)
+    held = within(found.baseline)
+    odds = [f.log_evidence + log_density(f, held) for f in fits]
+    return max(o + shows_steps(f, records) for o, f in zip(odds, fits, strict=True)) > odds[-1] + SHOWN
 
 
 def _heat_by_voltage(ready: Sequence[Measured]) -> bool:
@@ -305,7 +322,7 @@ def _doubtful(d: Diagnosis) -> bool:
     return bool(d.selected) and left > 1.0 - EXPLAINED and d.search.baseline.problem.model.cells <= SHORT_STRING
 
 
-def _judged_again(first: Diagnosis, second: SecondSearch) -> Diagnosis:
+def judged_again(first: Diagnosis, second: SecondSearch) -> Diagnosis:
     """Pass the verdict of the second search: its names, its errors, its doubts."""
     floor = first.baseline.noise_floor_K
     base, after = (
@@ -431,7 +448,6 @@ def missing(
     """Say which effects are missing, what they do to the error on held-out blocks, and whether more is unknown."""
     floor = base.noise_floor_K
     names = " and ".join(named(s.candidate) for s in selected)
-    tied = sorted({t for s in selected for t in s.tied_with})
     them = "it" if len(selected) == 1 else "them"
     moved = course(base.heldout_rmse_K, after.heldout_rmse_K)
     text = f"Missing: {names}. With {them} the error on held-out blocks {moved} (noise {floor:.2g} K)."
@@ -441,7 +457,8 @@ def missing(
             f"there; elsewhere it {course(*known_K)}."
         )
     elif not falls(base.heldout_rmse_K, after.heldout_rmse_K):
-        text += " These readings speak for it only where it was fitted."
-    if tied:
-        text += f" These readings cannot tell it from {', '.join(tied)}."
+        text += f" These readings speak for {them} only where {'it was' if len(selected) == 1 else 'they were'} fitted."
+    for s in selected:
+        if s.tied_with:
+            text += f" These readings cannot tell {s.candidate.key} from {', '.join(s.tied_with)}."
     return text + (" Something unknown remains." if remains else "")

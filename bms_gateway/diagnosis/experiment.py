@@ -122,11 +122,6 @@ def next_experiment(found: Search, *, uncertain: bool = False) -> Experiment | N
     return Experiment(partings, partings[0].sentence)
 
 
-def separation(one: MapFit, other: MapFit, plan: Plan) -> float:
-    """Log-odds that a test can be expected to bring between two fits of the same records."""
-    return _between(_Forecast(_Known(one), plan), _Forecast(_Known(other), plan), one.problem.model.sensors)
-
-
 def _pairs(found: Search, uncertain: bool) -> list[tuple[Trial, Trial]]:
     pairs: list[tuple[Trial, Trial]] = []
     for chosen in found.chosen:

@@ -1,4 +1,4 @@
-"""The uniform grid of a record: how long its intervals are, and where it is parted by gaps."""
+"""The uniform grid of a record: the length of its intervals, and the gaps at which it is divided."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -9,17 +9,17 @@ from bms_gateway.errors import DataError
 from bms_gateway.thermal import Floats
 
 FINEST_S = 1.0
-"""A cell's surface follows its core in seconds: finer intervals cost time and tell nothing."""
+"""Least length of an interval: a surface follows its core within seconds, and shorter intervals tell nothing more."""
 INTERVALS, INTERVALS_MANY_CELLS, MANY_CELLS = 7200, 3600, 6
-"""Two hours at 1 Hz, one for long strings: what a diagnosis gets through in seconds."""
+"""Most intervals: two hours at 1 Hz, one hour for long strings; a diagnosis then takes seconds."""
 GAP_S, GAP_INTERVALS = 120.0, 20.0
-"""A current unknown for longer makes the heat unknown: the record is parted there."""
+"""Where the current is unknown for longer, the heat is unknown: the record is divided there."""
 BRIDGE_S, BRIDGE_INTERVALS = 5.0, 5.0
-"""Rows further apart are bridged by a straight line, which is worth a word."""
+"""Rows further apart are connected by a straight line, and a note reports it."""
 BURST = 0.1
-"""Rows that follow each other faster than this share of the upper quartile belong to one burst."""
+"""Rows whose distance is below this share of the upper quartile of distances belong to one burst."""
 LEAST_INTERVALS = 60
-"""A part of fewer cannot pay for the start temperatures that it brings as unknowns."""
+"""Least number of intervals of a part: a shorter part does not determine its own start temperatures."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,13 +32,13 @@ from bms_gateway.thermal.trajectory import reference
 
 Node = Literal["core", "surface"]
 KNOTS, LEAST_S = 60, 30.0
-"""Knots per record, and the least time between two: the surface tells nothing faster of the core."""
+"""Knots per record, and the least time between two: the surface shows no faster change of the core's heat."""
 WALKS_W = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
-"""W from knot to knot, among which the marginal likelihood chooses."""
+"""Random steps between two knots, W; the one with the greatest marginal likelihood is used."""
 START_W = 5.0
 """W: sd of the heat at the first knot."""
 FOLLOWS = 0.3
-"""Share of the misfit from which the heat is said to follow a feature."""
+"""Least share of the misfit that a feature must explain to be named."""
 MISSING_Z = 6.0
 
 
@@ -135,7 +135,7 @@ def latent(fit: MapFit) -> Latent:
     follows = tuple(sorted(asked, key=lambda f: -f.share))
     heats = (*solved["core"][0], *solved["surface"][0])
     node: Node = "core" if odds > 0.0 else "surface"
-    if follows[0].share > FOLLOWS:  # a curve of so many knots fits at either node; a feature does not
+    if follows[0].share > FOLLOWS:  # a free curve fits at core and surface alike; a feature fits at one of them only
         node = follows[0].node
     return Latent(heats, node, odds, follows, _sentence(node, heats, follows, missing=s.z > MISSING_Z))
 

@@ -1,7 +1,7 @@
 """Exact means of a logged signal, its magnitude and its products over the intervals of a grid.
 
-A signal is a chain of straight pieces (`Path`); what happens between two rows is decided once, when the path is made.
-Everything after that is integration without error, so that ten rows a second give the true mean square of a second.
+A signal is a chain of straight pieces (`Path`). How two rows are connected is decided when the path is made. All means
+are exact integrals of this path, so that ten rows per second give the true mean square of a second.
 """
 
 from dataclasses import dataclass

@@ -4,7 +4,7 @@ What each of several effects is worth shows when it alone is taken out and every
 evidence that is lost, and in the error that is left.
 """
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from math import nan
 from typing import Literal
@@ -87,8 +87,7 @@ def ranking(d: Diagnosis) -> tuple[Standing, ...]:
         return tuple(_once(_alone(r, "") for r in d.ranking))
     second = d.second if d.decided_by_second else None
     named = list(_named_by_second(d, second) if second else _named(d))
-    tied = {t for s in d.selected for t in s.tied_with}
-    rest = list(_hypotheses(d, second)) if second else [*_next(d), *_instead(d, tied)]
+    rest = list(_hypotheses(d, second)) if second else [*_next(d), *_tied(d), *_instead(d)]
     order: tuple[Role, ...] = ("tied", "next", "instead")
     found = [*named, *(x for role in order for x in rest if x.role == role)]
     return tuple(_once(found))
@@ -142,9 +141,21 @@ def _next(d: Diagnosis) -> Iterator[Standing]:
             yield Standing((t.candidate.key,), "next", t.log_odds, t.share, held, held, nan, found, (), t.why)
 
 
-def _instead(d: Diagnosis, tied: Collection[str]) -> Iterator[Standing]:
+def _tied(d: Diagnosis) -> Iterator[Standing]:
+    """Tell what these records cannot tell from a named effect, as it was weighed in that one's place."""
+    for s in d.selected:
+        trials = next(
+            (r for r in d.search.rounds if any(t.candidate.key == s.candidate.key and t.passed for t in r)), []
+        )
+        for t in trials:
+            if t.candidate.name in s.tied_with:
+                held, found = _held(t.fit), numbers(t.fit, t.candidate)
+                yield Standing((t.candidate.key,), "tied", t.log_odds, t.share, held, held, nan, found, (), t.why)
+
+
+def _instead(d: Diagnosis) -> Iterator[Standing]:
     for r in d.ranking:
-        yield _alone(r, "tied" if r.effect in tied else "instead")
+        yield _alone(r, "instead")
 
 
 def _named_by_second(d: Diagnosis, second: SecondSearch) -> Iterator[Standing]:

@@ -122,10 +122,6 @@ class Record:
         """The readings, °C (M,)."""
         return self.surface.y
 
-    def held_intervals(self) -> NDArray[np.bool_]:
-        """Which intervals lie in a held-out part (N,)."""
-        return in_held_out((np.arange(self.drive.N) + 0.5) / self.drive.N)
-
 
 def in_held_out(share: Floats) -> NDArray[np.bool_]:
     """Whether these shares of a record's length lie in a part that is held out."""

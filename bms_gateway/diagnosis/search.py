@@ -35,6 +35,11 @@ EXPLAINED = 1.05
 """Cost per reading of a fit that leaves nothing to be explained."""
 OUTCLASSED = 0.25
 """Share of what the best fit gains that another may lack after what its next step promises, to be fitted to its end."""
+ALL_OR_ENDS = {"surface_joule": "busbar_joule", "ambient_loss": "end_plate"}
+ALL_OR_ENDS |= {ends: every for every, ends in ALL_OR_ENDS.items()}
+"""Effects of all cells and of the end cells alone, which only a thermocouple further in tells apart."""
+AS_GOOD = 0.9
+"""Share of the log-odds from which the other one of two such effects explains the readings as well."""
 STRAINED = 3.0
 """sd of a tolerance: one in four hundred, and what a missing effect is put down to."""
 
@@ -312,8 +317,18 @@ def _promising(g: Gain, offered: Sequence[Candidate], s: Settings, number: int) 
 
 
 def _chosen(accepted: Trial, trials: Sequence[Trial]) -> Chosen:
-    tied = [t.candidate.name for t in trials if t.share >= 0.01 and t.candidate.name != accepted.candidate.name]
+    likely = [t for t in trials if t.share >= 0.01]
+    if _ends_only(accepted.fit):
+        other = ALL_OR_ENDS.get(accepted.candidate.name)
+        likely += [t for t in trials if t.candidate.name == other and t.log_odds > AS_GOOD * accepted.log_odds]
+    tied = [t.candidate.name for t in likely if t.candidate.name != accepted.candidate.name]
     return Chosen(accepted.candidate, tuple(dict.fromkeys(tied)), accepted.log_odds)
+
+
+def _ends_only(fit: MapFit) -> bool:
+    """Whether no thermocouple of a string sits between its end cells, so that only what these do shows directly."""
+    ends = {1, fit.problem.model.cells}
+    return all(cell in ends for m in fit.problem.records for _, cell in m.channels)
 
 
 def _exchange(found: Search, offered: Sequence[Candidate], s: Settings) -> None:

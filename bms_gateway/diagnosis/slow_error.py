@@ -26,9 +26,9 @@ from bms_gateway.thermal import Floats
 SIZES = (0.005, 0.01, 0.015, 0.022, 0.032, 0.047, 0.07, 0.1, 0.15, 0.22, 0.32, 0.5, 0.8)
 """K."""
 TIMES = (20.0, 40.0, 80.0, 160.0, 320.0)
-"""s: from the surface's own time constant to a few minutes; slower is what the parameters are for."""
+"""s: from the surface's own time constant to a few minutes; parameters explain slower errors."""
 SIZE_PRIOR = (0.03, 1.0)
-"""K, and sd of the logarithm: what the lumped model misses on a cell that it fits well."""
+"""K, and sd of the logarithm: size of the lumped model's error on a cell that it fits well."""
 TIME_PRIOR = (80.0, 0.7)
 """s, and sd of the logarithm."""
 

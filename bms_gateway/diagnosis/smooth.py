@@ -1,8 +1,8 @@
 """Inlet and flow without their noise and without a lag.
 
-A noisy or rounded input makes the best model a slower one: it would look as if the coolant came late. So the noise is
-taken off beforehand, by a smoother that looks as far ahead as back. How far is told by the signal itself: white noise
-gives successive differences a negative correlation, true movement does not. Clean steps pass through unharmed.
+With a noisy or rounded input the best fit is a slower model, as if the coolant came late. A symmetric smoother
+therefore removes the noise first. The signal itself determines its width: white noise gives successive differences a
+negative correlation, and real changes do not. Clean steps are not changed.
 """
 
 from collections.abc import Sequence
@@ -14,15 +14,15 @@ from bms_gateway.diagnosis.sensor_noise import resolution, white_noise
 from bms_gateway.thermal import Floats
 
 STEP = 6.0
-"""Differences beyond so many times the usual one are steps of the signal: nothing is smoothed across them."""
+"""Differences greater than so many times the usual one are steps of the signal, across which nothing is smoothed."""
 TREND = 21
-"""Differences over whose mean the slope is taken off; a slope alone must not hide the noise."""
+"""Number of differences whose mean is subtracted as the slope, so that a slope does not hide the noise."""
 WIDTHS = (0.7, 1.0, 1.5, 2.2, 3.3, 5.0, 7.5, 11.0, 16.0, 24.0, 36.0, 54.0)
-"""Readings; widths of the kernel to choose from."""
+"""Widths of the kernel, in readings, of which one is chosen."""
 COARSEST_K = 1.0
-"""No thermometer counts in more; what moves by more is the coolant itself."""
+"""Greatest resolution of a thermometer: larger steps are real changes of the coolant."""
 COARSE = 0.2
-"""Noise of less than this share of a step leaves a staircase, which no averaging can mend."""
+"""If the noise is below this share of the resolution, the signal is a staircase that averaging does not smooth."""
 
 
 def smooth(t: Floats, x: Floats, *, coarsest: float = 0.0) -> Floats:
@@ -60,7 +60,7 @@ def _without_noise(x: Floats) -> Floats:
         return x
     total = float(np.mean(level[~step] ** 2))
     noise = -float(np.mean((level[1:] * level[:-1])[pairs]))
-    if noise < 0.1 * total:  # pure noise shows a half; below a tenth, chance and curvature do as much
+    if noise < 0.1 * total:  # pure noise gives a half; chance and curvature alone give up to a tenth
         return x
     bounds = [0, *(np.flatnonzero(step) + 1).tolist(), len(x)]
     best, least = x, noise

@@ -1,15 +1,15 @@
-r"""What can testify against a core that no thermocouple sees, when the surface's residual says nothing.
+r"""Tests that can show a wrong core without a thermocouple in it, where the model explains the surface.
 
-A wrong heat and a wrong way from core to surface can cancel in the surface. They do not cancel in what else is known:
+An error of the heat and an error of R_c or C_c can cancel in the surface. They do not cancel in other knowledge:
 
-* each number has a plausible range, from the data sheet or from what lithium-ion cells have in common;
-* R_c and the heat capacity have the format and the mass of the cell, where the model file names them;
-* all of them together: the strain :math:`\sum ((\theta - \mu)/s)^2` of the directions that the record has moved, a
-  χ² of as many degrees of freedom as it has determined;
-* the energy: what the terminals took in and did not store has become heat;
-* the activation: the overpotential falls with temperature as the heat does;
-* the last part of the record, predicted from the first;
-* other records of the same cells under other cooling, whose physics is the same.
+* each number has a plausible range, from the data sheet or from the properties of lithium-ion cells;
+* R_c and the heat capacity follow from format and mass of the cell, where the model file states them;
+* all numbers together: the strain :math:`\sum ((\theta - \mu)/s)^2` over the directions that the record has determined
+  is a χ² with as many degrees of freedom;
+* energy: energy that the terminals took in and did not store has become heat;
+* activation: the overpotential falls with temperature as the heat does;
+* the last part of the record is predicted from the first part;
+* other records of the same cells under other cooling have the same physics.
 """
 
 from collections.abc import Sequence
@@ -29,28 +29,28 @@ from bms_gateway.thermal.effects.laws import KELVIN, REFERENCE
 from bms_gateway.thermal.physics import with_effect
 
 FAR = 2.5
-"""sd of its prior beyond which a number of a data sheet is an alarm: one in eighty."""
+"""Distance of a number from its data sheet, in sd of its prior, above which it is an alarm: one in eighty by chance."""
 ACTIVATION = frozenset({"resistance_temperature.B", "charge_transfer.E"})
-"""Numbers, K, of which the catalogue's prior is a plausible range: lithium-ion cells have no other chemistry."""
+"""Numbers, K, whose prior in the catalogue is the plausible range of all lithium-ion chemistries."""
 BEYOND = 2.0
-"""sd of a plausible range."""
+"""Half width of a plausible range, sd."""
 STRAINED = 0.05
-"""Probability of the strain of all numbers together from which on it is an alarm."""
+"""The strain of all numbers together is an alarm if its probability is below this."""
 DISAGREE = 0.05
-"""Probability of the distance between one record alone and all together, over all records, from which they disagree."""
+"""Records disagree if the probability of the distances between each record and all together is below this."""
 LEAST_MORE = 0.05
 """Share of a variance that the other records must have taken away, for a difference to mean anything."""
 ENERGY = 0.35
 """Share by which heat by temperature and by voltage may differ: heat capacities are known to 10 %, the open-circuit
 voltage under load to some millivolts, and both errors go into it."""
 HEARD = 10.0
-"""Log-odds by which the voltage's heat may follow the surface worse, for its core to be heard."""
+"""The core by the voltage's heat is considered if this heat explains the surface worse by at most these log-odds."""
 LOAD_S = 30.0
-"""s: what of the overpotential is slower than a step and still no open-circuit voltage."""
+"""s: time constant of the part of the overpotential that is slower than a step but not the open-circuit voltage."""
 APART = 0.3
-"""Share of the current that must not go with the charge."""
+"""Least share of the current that is not correlated with the charge."""
 WINDOW_S = 300.0
-"""s: over which losses are averaged to see them fall with temperature."""
+"""s: time over which losses are averaged before their slope over the temperature is taken."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,10 +144,10 @@ def strain_of(f: MapFit) -> tuple[float, int]:
     prior, sd = (np.array([getattr(f.problem.coordinates[i], k) for i in keep]) for k in ("prior", "sd"))
     u = (f.theta[keep] - prior) / sd
     posterior = f.covariance[np.ix_(keep, keep)] / np.outer(sd, sd)
-    # directions that the record has determined: what is left of their prior variance is below half
+    # directions that the record has determined: their posterior variance is below half of the prior variance
     value, axes = np.linalg.eigh(posterior)
     known = np.clip(1.0 - value, 0.0, 1.0)
-    # the estimate varies by the prior's variance less the posterior's, if the prior is right
+    # if the prior is right, the variance of the estimate is the prior's variance less the posterior's
     return float(np.sum((axes.T @ u)[known > 0.5] ** 2 / known[known > 0.5])), int(np.sum(known > 0.5))
 
 

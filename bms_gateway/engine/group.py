@@ -89,8 +89,8 @@ class Group:
             mine,
             observed,
             mine[0].plan.model.cells,
-            _at(members),
-            _at([k for s in mine for k in range(s.mine.start, s.mine.stop)]),
+            index_of(members),
+            index_of([k for s in mine for k in range(s.mine.start, s.mine.stop)]),
             None if np.isnan(flow).all() else flow,
             any(s.voltage is not None for s in mine),
             [j for j, s in enumerate(mine) if s.plan.identify == "rls" and not s.plan.model.effects],
@@ -155,7 +155,7 @@ def _watch(strings: Sequence[StringEstimator], dt: float, shares: Sequence[Share
     return HeatWatch(models, dt, ["coolant_inlet" in s.wire.constants for s in strings], shares)
 
 
-def _at(places: list[int]) -> At:
+def index_of(places: list[int]) -> At:
     """Address places among many: by a slice where they follow each other, which copies nothing."""
     if all(b - a == 1 for a, b in pairwise(places)):
         return slice(places[0], places[-1] + 1)

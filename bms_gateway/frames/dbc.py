@@ -103,6 +103,8 @@ def parse_lenient(name: str, text: str) -> list[MessageInfo] | None:
 
 def _refuse_extremes(name: str, text: str) -> None:
     """Refuse content that no bus carries and for which a parser needs minutes or gigabytes."""
+    if "\0" in text:
+        raise ConfigError(f"{name}: holds zero bytes, so it is no text of a DBC; give the vehicle's DBC file")
     signals = len(_SIGNAL.findall(text))
     if signals > MOST_SIGNALS:
         raise ConfigError(

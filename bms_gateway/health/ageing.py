@@ -1,6 +1,7 @@
-"""Growth of the internal resistance since commissioning, as a flag with its reason, and what it was over the years.
+"""Growth of R_e since commissioning: the flag, its sentence, and the history over the years.
 
-Thresholds are 10, 20 and 30 %: at the few per cent that a year of weather leaves, 5 % would raise false alarms.
+The thresholds are 10, 20 and 30 %. A threshold of 5 % would raise false alarms, because the seasons of a year alone
+move the result by a few per cent.
 """
 
 from collections.abc import Mapping, Sequence
@@ -11,10 +12,10 @@ from typing import Any
 from bms_gateway.errors import StateError
 from bms_gateway.health.flag import Flag, Thresholds
 
-# Falls lie 3 or 4 points below the rises, so that scatter from window to window does not toggle the flag.
+# Each `fall` is 3 or 4 points below its `rise`, so that the scatter of windows does not switch the flag on and off.
 GROWTH = Thresholds(rise=(0.10, 0.20, 0.30), fall=(0.07, 0.16, 0.26), hold=3)
-KNOWN_SD = 0.05  # growth known no better than this raises no flag: half of the first threshold
-HISTORY = 500  # rows: a year and more day by day, then every second day of what is older, and so on
+KNOWN_SD = 0.05  # a growth with a larger sd raises no flag: half of the first threshold
+HISTORY = 500  # rows: more than a year with one row a day; of the time before, every second day, and so on
 DAY_NS = 86_400_000_000_000
 
 DO = (
@@ -47,7 +48,7 @@ class Ageing:
         return self.growth_sd <= KNOWN_SD
 
     def update(self, growth: float, sd: float, *, judge: bool = True) -> bool:
-        """Take what is known of the growth after one more window; the flag stays as it is where it is not to `judge`.
+        """Take the growth and its sd after one more window; `judge` False leaves the flag as it is.
 
         Returns
         -------
@@ -58,13 +59,13 @@ class Ageing:
         return self.flag.update(growth if self.commissioned and judge else nan)
 
     def sentence(self, of: str = "", doubt: str = "") -> str:
-        """Say what the flag means and what to do; `of` names the cell, `doubt` what could also be the cause."""
+        """Say what the flag means and what to do; `of` names the cell, `doubt` names another possible cause."""
         grown = f"{100 * self.growth:+.0f} ± {100 * self.growth_sd:.0f} %"
         what = f"resistance growth{of} {grown} since commissioning"
         return f"{what}: {DO[self.flag.level]}{doubt if self.flag.level else ''}"
 
     def reset(self) -> None:
-        """Begin anew: cells were replaced."""
+        """Start again without a known growth: cells were replaced."""
         self.flag, self.growth, self.growth_sd = Flag(GROWTH), nan, nan
 
     def snapshot(self) -> dict[str, Any]:
@@ -89,7 +90,7 @@ def stored_level(value: object, most: int) -> int:
     Raises
     ------
     StateError
-        It is no level.
+        The value is not a level.
     """
     if not isinstance(value, int) or not 0 <= value <= most:
         raise StateError(f"health: the stored state is damaged: {value!r} is no level of a flag")
@@ -98,21 +99,23 @@ def stored_level(value: object, most: int) -> int:
 
 @dataclass(slots=True)
 class History:
-    """What R_e was: one row a day, the older half thinned out when it grows too long; and what was done to it.
+    """R_e over the years, one row a day, and what was done to the string.
+
+    When there are too many rows, every second row of the older half is removed.
 
     Attributes
     ----------
     rows : list of (int, float, float, float, float)
         Bus time ns, R_e at 25 °C Ω, growth, its sd, growth of R_u; the newest last.
     events : list of (int, str)
-        Bus time ns and what was done, in words: commissioning, resets of the baseline with their reason.
+        Bus time ns, and one sentence: commissioning, or a reset of the baseline with its reason.
     """
 
     rows: list[tuple[int, float, float, float, float]] = field(default_factory=list)
     events: list[tuple[int, str]] = field(default_factory=list)
 
     def add(self, row: tuple[int, float, float, float, float]) -> None:
-        """Put in the newest row; it takes the place of one of the same day."""
+        """Add the newest row; it replaces a row of the same day."""
         if self.rows and self.rows[-1][0] // DAY_NS == row[0] // DAY_NS:
             self.rows.pop()
         self.rows.append(row)
@@ -121,7 +124,7 @@ class History:
             self.rows = self.rows[:half:2] + self.rows[half:]
 
     def note(self, time_ns: int, text: str) -> None:
-        """Put in what was done; the oldest go when there are too many."""
+        """Add an event; the oldest events are removed when there are too many."""
         self.events = [*self.events, (time_ns, text)][-HISTORY // 5 :]
 
     def snapshot(self) -> dict[str, Any]:

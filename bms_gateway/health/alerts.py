@@ -1,9 +1,10 @@
-"""What is wrong now, as alerts that neither flap nor come too early, and the one line that sums them up.
+"""Conditions become alerts after a hold time; one line sums the alerts up.
 
-A *condition* is something wrong at this moment. It becomes an *alert* once it has lasted `hold_s`, and the alert ends
-once the condition has been gone for `clear_s`. Conditions that bring a hysteresis and a hold time of their own (the
-flags of `health`) pass at once. For `grace_s` after a start, and after each pause of the bus, nothing is raised:
-senders come up one by one, and a reading that is late then is nobody's fault. What is still wrong afterwards is.
+A *condition* is a fault that exists at this moment. It becomes an *alert* after it has lasted `hold_s`, and the alert
+ends after the condition has been absent for `clear_s`. A condition with its own hysteresis and hold time (the flags of
+`health`) becomes an alert at once. For `grace_s` after a start, and after each pause of the bus, no alert is raised:
+the senders start one after the other, and a reading that is late at this time shows no fault. A condition that still
+exists after the grace time is raised then.
 
 Time is an argument; nothing here reads a clock.
 """
@@ -16,27 +17,27 @@ from typing import Final, Literal
 Fact = float | int | str
 Key = tuple[str, str, int, str]
 
-GRACE_S: Final = 10.0  # the slowest message of a battery comes every few seconds
-HOLD_S: Final = 3.0  # a plug that rattles for a second is no alert
+GRACE_S: Final = 10.0  # the slowest message of a battery has a period of a few seconds
+HOLD_S: Final = 3.0  # a loose plug that interrupts for one second raises no alert
 CORE_MAX_C: Final = 80.0
 """Above what data sheets of lithium-ion cells allow on discharge (60 to 75 °C), below where self-heating begins: the
 SEI decomposes from 80 to 90 °C on."""
-CLEAR_S: Final = 10.0  # nor is it mended by one good reading
-AGAIN_S: Final = 30.0  # no alert is told again more often because its phase has changed
+CLEAR_S: Final = 10.0  # one good reading does not end an alert
+AGAIN_S: Final = 30.0  # least time between two reports of one alert whose phase changes
 
 
 @dataclass(frozen=True, slots=True)
 class AlertSettings:
-    """`[alerts]` of the config: when something wrong becomes an alert, and the limits.
+    """`[alerts]` of the config: the times after which a condition becomes an alert or ends one, and the limits.
 
     Attributes
     ----------
     grace_s, hold_s, clear_s : float
         See the module's text.
     core_max_C : float
-        Temperature of a cell's hottest point from which on there is an alarm, °C.
+        Hottest point of a cell at which the alarm begins, °C.
     surface_max_C : float or None
-        The same of a surface that is read; None for that of the cores.
+        Reading of a surface at which the alarm begins, °C; None: the same limit as `core_max_C`.
     """
 
     grace_s: float = GRACE_S
@@ -61,7 +62,7 @@ class Severity(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """Something that is wrong now.
+    """A fault that exists now.
 
     Attributes
     ----------
@@ -69,21 +70,21 @@ class Condition:
         Stable word for machines: "bus", "sensor", "ageing", …
     severity : Severity
     text : str
-        One sentence: what, why, and what to do.
+        One sentence: what is wrong, why, and what to do.
     string : str, optional
     cell : int, optional
         From 1.
     part : str
-        What tells two conditions of one name and place apart.
+        Distinguishes two conditions of the same name, string and cell.
     settled : bool
-        It has its own hysteresis and hold time.
+        The condition has its own hysteresis and hold time.
     urgent : bool
-        It is no matter of senders that come up one by one: told in the grace time too.
+        The start of the senders cannot cause this condition: it is reported in the grace time too.
     wanders : bool
-        It is of the string; the cell it names is the worst one now.
+        The condition belongs to the whole string; `cell` names the cell that is worst now.
     phase : str
-        An alert whose phase has changed, and stayed so for `hold_s`, is told again: it has come to mean something
-        else. Not sooner than `AGAIN_S` after it was told last.
+        An alert is reported again when its phase has changed and has kept the new value for `hold_s`: its meaning has
+        changed. Two reports of one alert are at least `AGAIN_S` apart.
     facts : mapping
         Numbers for machines, as ``heat_W``.
     """
@@ -102,13 +103,13 @@ class Condition:
 
     @property
     def key(self) -> Key:
-        """What makes two conditions the same one."""
+        """Two conditions with the same key are the same condition at two times."""
         return self.name, self.string or "", 0 if self.wanders else self.cell or 0, self.part
 
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """An alert was raised, has become another one (more or less severe, in another phase), or is over."""
+    """An alert was raised, has changed its severity or its phase, or has ended."""
 
     condition: Condition
     raised: bool
@@ -116,7 +117,7 @@ class Change:
 
     @property
     def state(self) -> Literal["raised", "changed", "over"]:
-        """What has happened, in one word."""
+        """The change in one word."""
         return "over" if not self.raised else "changed" if self.again else "raised"
 
 
@@ -140,7 +141,7 @@ class Alerts:
     grace_s, hold_s, clear_s : float
         See the module's text.
     also : callable, optional
-        Gives alerts that are raised elsewhere; they count in `raised`, `severity` and `line`.
+        Gives alerts that other code has raised; `raised`, `severity` and `line` include them.
 
     Examples
     --------
@@ -167,23 +168,23 @@ class Alerts:
         self._also = also
 
     def begin(self, now_s: float) -> None:
-        """Start the grace time: the service or the bus has just come up."""
+        """Start the grace time: the service or the bus has just started."""
         self._quiet_until_s = now_s + self.grace_s
 
     def update(self, now_s: float, conditions: Sequence[Condition], *, last: bool = False) -> list[Change]:
-        """Take what is wrong now.
+        """Update the alerts with the conditions that exist now.
 
         Parameters
         ----------
         now_s : float
         conditions : sequence of Condition
         last : bool
-            Nobody looks again for long: what is not wrong now is over now.
+            The next call comes after a long time: an alert whose condition does not exist now ends now.
 
         Returns
         -------
         list of Change
-            What people should be told, in the order of the conditions, ended ones last.
+            The changes to report, in the order of the conditions; alerts that have ended come last.
         """
         if not conditions and not self._seen:
             return []
@@ -211,25 +212,25 @@ class Alerts:
         return changes
 
     def go_on_from(self, others: "Alerts") -> None:
-        """Take over what others have told: it is not told again."""
+        """Take over the alerts that `others` has reported, so that they are not reported a second time."""
         self._seen = dict(others._seen)
         self._quiet_until_s = others._quiet_until_s
 
     @property
     def raised(self) -> list[Condition]:
-        """Alerts now, the most severe first, one's own before others, older before newer."""
+        """The present alerts: the more severe first, then those of this object before those of `also`, then by age."""
         found = [s for s in self._seen.values() if s.raised]
         own = [s.condition for s in sorted(found, key=lambda s: (-s.raised, s.first_s))]
         return sorted([*own, *self._also()], key=lambda c: -c.severity)
 
     @property
     def severity(self) -> Severity:
-        """State of the whole: that of the worst alert."""
+        """State of the gateway: the severity of the worst alert."""
         return max((c.severity for c in self.raised), default=Severity.OK)
 
     @property
     def line(self) -> str:
-        """One line: the state and, unless it is OK, the worst alert and how many more there are."""
+        """One line: the state and, unless it is OK, the worst alert and the number of the others."""
         if not (raised := self.raised):
             return Severity.OK.name
         where = "" if raised[0].string is None else f"{raised[0].string}: "

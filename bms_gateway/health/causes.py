@@ -1,4 +1,7 @@
-"""What else than age moves the resistance that a window finds, each with its own flag, sentence and advice."""
+"""Causes other than ageing that change the R_e of a window: cooling, thermocouples, current sensor.
+
+Each cause has its own flag, with a sentence that says what to do.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -16,24 +19,29 @@ from bms_gateway.thermal import Floats
 COOLING = Thresholds(rise=(0.25, 0.50), fall=(0.15, 0.35), hold=2)
 """Growth of R_u: a clogged filter adds 20 to 40 %, a stopped fan doubles it."""
 DRIFT = Thresholds(rise=(1.0, 2.0), fall=(0.6, 1.4), hold=2)
-"""K since commissioning; thermocouples of class 1 are good for 1.5 K for ever, and drift by tenths."""
+"""K since commissioning. A thermocouple of class 1 may be wrong by 1.5 K, but this error drifts by tenths of a K."""
 CURRENT = Thresholds(rise=(1.0, 2.0), fall=(0.5, 1.5), hold=1)
-"""Degrees of suspicion, made in `CurrentWatch`."""
-SIGNIFICANT = 3.0  # sd: a change less sure than this raises no flag
-ALIKE = 0.6  # smallest over largest drift from which all sensors are said to drift alike: then it is the inlet's
+"""Levels of suspicion against the current sensor; `CurrentWatch` computes them."""
+SIGNIFICANT = 3.0  # a change of fewer sd than this raises no flag
+ALIKE = 0.6
+"""Smallest over largest drift. Above this ratio all thermocouples drift alike, and the inlet's sensor is the cause."""
 INLET, INLET_SURE = 0.3, 4.0
-"""K by which all have drifted alike, and sd: two thermocouples never do by themselves, so this may be less than a drift
-of one; the offset of the inlet's sensor is in every cell's level, which no R_e, R_u or flow moves without the load."""
+"""K, and sd, of a drift that is common to all thermocouples. This limit may be lower than that of one thermocouple,
+because two thermocouples do not drift alike by chance. An offset of the inlet's sensor shifts all cells at every load;
+a change of R_e, R_u or flow shifts them only under load."""
 PASSED, BACK = 0.5, 0.25
-"""Share of the latest windows that one thermocouple, or nothing, explains: it is told from the first to the second."""
-NEWEST = 0.2  # weight of the newest window in that share: told after four, and a thermocouple put right after eight
-TOLD = 1.5  # what stands for it in `DRIFT`: the first level
-JUMPED = 0.06  # ln: a jump of R_e of this size is one
+"""Shares of the latest windows that need one thermocouple left out, or that nothing explains: the report begins above
+the first share and ends below the second."""
+NEWEST = 0.2
+"""Weight of the newest window in this share. The report begins after four windows. It ends eight windows after a
+thermocouple was repaired."""
+TOLD = 1.5  # value that raises `DRIFT` to its first level while this report lasts
+JUMPED = 0.06  # ln: least size of a jump of R_e
 OFF_VOLTAGE = Thresholds(rise=(0.05,), fall=(0.03,), hold=CONFIRM)
-"""Thermal over electrical resistance, ln, moved so far since commissioning: the current's scale is wrong."""
-WITNESS_SD = 0.012  # ln: the ratio at commissioning is known when its mean is so sure
-RATIO_FLOOR, RATIO_WALK = 0.04, 0.005  # ln: what a window's ratio errs beyond its own sd; its step in a window
-RAIL = (0.03, 20)  # share and number of ticks at exactly the greatest current: a sensor that ends there
+"""Change of ln(thermal over electrical resistance) since commissioning at which the current's scale is called wrong."""
+WITNESS_SD = 0.012  # ln: the ratio at commissioning is known when the sd of its mean is below this
+RATIO_FLOOR, RATIO_WALK = 0.04, 0.005  # ln: error of a window's ratio beyond its own sd; random step per window
+RAIL = (0.03, 20)  # share and number of ticks at exactly the greatest current, above which the sensor is at its limit
 
 
 @dataclass(slots=True)
@@ -69,7 +77,7 @@ class Cooling:
 
 @dataclass(slots=True)
 class Drift:
-    """Offsets of the thermocouples against the inlet's sensor since commissioning, and whether they follow their cells.
+    """Offsets of the thermocouples against the inlet's sensor since commissioning, and thermocouples that came loose.
 
     Attributes
     ----------
@@ -77,9 +85,9 @@ class Drift:
         1-based cells with a thermocouple.
     kelvin, sd : ndarray (m,)
     loose : ndarray (m,)
-        Share of the latest windows that are usual only where this thermocouple is left out.
+        Share of the latest windows that agree with the trend only if this thermocouple is left out.
     strange : float
-        Share of those that nothing explains.
+        Share of the latest windows that nothing explains.
     """
 
     cells: tuple[int, ...]
@@ -95,7 +103,7 @@ class Drift:
         self.loose = np.zeros(len(self.cells))
 
     def took(self, kind: Kind, left_out: int | None) -> None:
-        """Take what the trend made of a window."""
+        """Take the explanation that the trend has found for a window."""
         self.loose += NEWEST * ((np.arange(len(self.cells)) == left_out) - self.loose)
         self.strange += NEWEST * ((kind is Kind.STRANGE) - self.strange)
         shares = np.append(self.loose, self.strange + self.loose.sum())
@@ -124,7 +132,7 @@ class Drift:
         return len(size) > 1 and size.min() > ALIKE * size.max() and len(set(np.sign(self.kelvin).tolist())) == 1
 
     def contact(self) -> dict[str, Any]:
-        """State beside the trend and the level, as plain values."""
+        """State that neither the trend nor the level contains, as plain values."""
         return {"loose": self.loose.tolist(), "strange": self.strange, "told": self._told}
 
     def restore(self, trend: Trend, level: object, contact: Mapping[str, Any] | None) -> None:
@@ -139,7 +147,7 @@ class Drift:
 
     @property
     def worst(self) -> int:
-        """Cell whose thermocouple is most likely at fault; 0 where it is the inlet's, no single one, or none."""
+        """Cell whose thermocouple is most likely wrong; 0: the inlet's sensor, no single thermocouple, or none."""
         if not self.flag.level:
             return 0
         if self._told is not None:
@@ -184,10 +192,10 @@ class Drift:
 
 @dataclass(slots=True)
 class CurrentWatch:
-    """Whether the current can be believed: heat against its square, and against the voltage where that is heard.
+    """Judges the current sensor by the heat, and by the voltage where the bus carries it.
 
-    With a current that reads g times the true one, heat gives R/g² and voltage gives R/g: age moves both alike, and
-    their ratio by nothing.
+    With a current that reads g times the true one, the heat gives R/g² and the voltage gives R/g. Ageing changes both
+    by the same factor and leaves their ratio as it is; a wrong g changes the ratio.
     """
 
     flag: Flag = field(default_factory=lambda: Flag(CURRENT))
@@ -203,12 +211,12 @@ class CurrentWatch:
 
     @property
     def heard(self) -> bool:
-        """Whether voltage is a witness."""
+        """Whether the ratio at commissioning is known, so that the voltage can show a wrong current."""
         return self._base_var <= WITNESS_SD**2
 
     @property
     def scale(self) -> float:
-        """Logarithm of thermal over electrical resistance against commissioning; 0 while not known."""
+        """Change of ln(thermal over electrical resistance) since commissioning; 0 while it is not known."""
         return self.ratio - self._base if self.heard else 0.0
 
     @property
@@ -218,11 +226,11 @@ class CurrentWatch:
 
     @property
     def believed(self) -> bool:
-        """Whether the newest window's R_e may count as the cells': a scale is wrong before that is certain."""
+        """Whether the newest window's R_e may be used: it is left out as soon as a wrong scale is suspected."""
         return not self.wrong_scale and self._newest <= 1.0
 
     def listen(self, ln_ratio: float, sd: float) -> None:
-        """Take one window's ln of thermal over electrical resistance, and its sd; NaN where there was no voltage."""
+        """Take ln(thermal over electrical resistance) of one window, and its sd; NaN where there was no voltage."""
         self._newest = 0.0
         if ln_ratio != ln_ratio:
             return
@@ -241,7 +249,7 @@ class CurrentWatch:
         self._off.update(abs(self.scale) if sure else 0.0)
 
     def doubted(self, shape: str) -> bool:
-        """Take a window whose current had a suspicious `shape` and contradicts the heat, or none (empty)."""
+        """Take the suspicious `shape` of a window's current that contradicts the heat; empty: nothing is suspicious."""
         self._shaped = min(self._shaped + 1, 2 * CONFIRM) if shape else max(self._shaped - 1, 0)
         self._shape = shape or self._shape
         return bool(shape)
@@ -295,7 +303,7 @@ class CurrentWatch:
 
 
 def current_shape(current: Floats) -> str:
-    """Tell what is suspicious in the ticks' mean currents (K,), A, as the rest of a sentence; empty for nothing."""
+    """Describe what is suspicious in the mean currents of the ticks (K,), A, as the end of a sentence; may be empty."""
     size = np.abs(current[np.isfinite(current)])
     if not len(size):
         return ""

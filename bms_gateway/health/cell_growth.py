@@ -1,7 +1,8 @@
-"""Growth of single cells, where their voltages or a commissioning run tell them apart.
+"""Growth of R_e of single cells, where cell voltages or a commissioning run show how the cells differ.
 
-What is common to the cells is followed window by window (`trend`); a fit of single cells tells how each departs from
-the others. Temperature, charge and the current's scale are common to all and drop out of the departures.
+`trend` follows the part of R_e that is common to all cells, window by window. A fit of single cells gives the
+difference of each cell from the mean. Temperature, charge and the current's scale act on all cells alike and therefore
+do not change these differences.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,18 +15,18 @@ from bms_gateway.errors import StateError
 from bms_gateway.health.ageing import Ageing
 from bms_gateway.thermal import Floats
 
-WALK = 0.003  # ln, from fit to fit: a cell leaves the others by a per cent in ten drives at most
-FLOOR = 0.02  # ln: what a fit errs beyond its own sd
-BASE_FITS = 3  # that make the baseline where no commissioning run has
+WALK = 0.003  # ln, random step between two fits: a cell departs from the others by at most 1 % in ten drives
+FLOOR = 0.02  # ln: error of a fit beyond its own sd
+BASE_FITS = 3  # number of fits whose mean is the baseline, where there was no commissioning run
 
 
 class CellGrowth:
-    """Departures of n cells from their mean, now against commissioning.
+    """Differences of n cells from their mean: now, and at commissioning.
 
     Parameters
     ----------
     base : ndarray (n,), optional
-        ln R_e of each cell over their mean as commissioned; the first fits make it where there is none.
+        ln(R_e of a cell over the mean) at commissioning. Without it, the mean of the first fits is the baseline.
 
     Attributes
     ----------
@@ -55,7 +56,7 @@ class CellGrowth:
         self._known = np.minimum(self._known + 1, BASE_FITS)
 
     def update(self, growth: float, sd: float) -> list[int]:
-        """Judge every cell, with what is common to them.
+        """Judge every cell by its own difference and the growth that is common to all cells.
 
         Returns
         -------
@@ -73,7 +74,7 @@ class CellGrowth:
         return changed
 
     def reset(self, cell: int) -> None:
-        """Make a new baseline of one cell (0-based) from the next fits: it was replaced."""
+        """Find a new baseline of one cell (0-based) from the next fits: the cell was replaced."""
         self._known[cell], self._base[cell], self._now[cell] = 0, 0.0, 0.0
         self._base_var[cell] = self._var[cell] = 0.0
         self.ageing[cell] = Ageing()
@@ -93,7 +94,7 @@ class CellGrowth:
         Raises
         ------
         StateError
-            It is of another string, or not finite.
+            The state belongs to another string, or has values that are not finite.
         """
         n = len(self.ageing)
         arrays = [np.array(state[key], dtype=np.float64) for key in ("base", "base_var", "now", "var", "known")]

@@ -1,4 +1,4 @@
-"""Ticks of a drive gathered into windows: what a gap, a lost current or a moved flow ends, and what is too short."""
+"""Collects the ticks of a drive into windows. A gap, a lost current or a changed flow ends a window early."""
 
 from dataclasses import dataclass
 from math import isfinite, log, nan
@@ -11,10 +11,10 @@ from bms_gateway.identify.ticks import before_full
 from bms_gateway.identify.window_readings import Gathered
 from bms_gateway.thermal import Floats
 
-WINDOW_S, SHORTEST_S = 1200.0, 600.0  # two slow time constants of a cell; one
-GAP_S = 10.0  # a longer tick is a gap: the bus slept
-HOLD_CURRENT_S, HOLD_INLET_S = 10.0, 60.0  # what is bridged
-FLOW_MOVED = 0.15  # ln: one flow stands for the window
+WINDOW_S, SHORTEST_S = 1200.0, 600.0  # two slow time constants of a cell, and one
+GAP_S = 10.0  # a longer tick is a gap: the bus was silent
+HOLD_CURRENT_S, HOLD_INLET_S = 10.0, 60.0  # for so long the last value replaces a missing one
+FLOW_MOVED = 0.15  # ln: a larger change of the flow ends the window, because a window is fitted with one flow
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +55,7 @@ class Collector:
         Returns
         -------
         Drive or None
-            A window that this tick ends or completes.
+            The window that this tick ends or completes.
         """
         drive = None
         if tick.dt > GAP_S or (self._square and (abs(tick.dt - self._dt) > 1e-6 or self._moved(flow))):
@@ -81,13 +81,13 @@ class Collector:
         return self._close() if len(self._square) * tick.dt >= WINDOW_S - 1e-6 else drive
 
     def patience(self, dt: float) -> int:
-        """Tell how many regular ticks `take` may bring before one must come by `add`: none of them ends a window."""
+        """Tell how many regular ticks `take` may add before `add` must be called: none of them ends a window."""
         if not self._inlet or (self._square and abs(self._dt - dt) > 1e-6):
             return 0
         return before_full(WINDOW_S, len(self._square), dt)
 
     def take(self, ticks: Ticks) -> None:
-        """Take in regular ticks of unknown flow, no more than `patience` says; the same as adding them one by one."""
+        """Add regular ticks of unknown flow, at most `patience` of them; the result is that of `add` for each tick."""
         self._held, self._dt = (0.0, 0.0), ticks.dt
         self._square += ticks.square.tolist()
         self._current += ticks.current.tolist()
@@ -107,7 +107,7 @@ class Collector:
         return values[-1] if values else 0.0
 
     def _close(self) -> Drive | None:
-        """End the window; None where it is too short or nothing was read."""
+        """End the window; None if the window is too short or has no reading."""
         seconds, drive = len(self._square) * self._dt, None
         surface, age = self._readings.whole()
         if seconds >= SHORTEST_S and np.isfinite(surface).any():

@@ -1,9 +1,10 @@
-"""What else speaks for a surface that is below its limit again, and against a sensor that came off.
+"""Confirms that a surface below its limit is a cell that has cooled, and not a thermocouple that has come off.
 
-A thermocouple that comes off reads the air or the coolant. While current flows the surface of a cell stands above its
-coolant by the heat times the resistance between them. So a reading is confirmed by good neighbours that read the same,
-by a clear share of that difference above the inlet, or by rest: then a cell does cool to its coolant. While it still
-falls under current it may be on its way to the air, however slowly: nothing is confirmed then.
+A thermocouple that has come off reads the temperature of the air or of the coolant. While current flows, the surface of
+a cell is above its coolant by the heat times R_u. A reading is therefore confirmed in three cases: good thermocouples
+of the same string read nearly the same; the reading is above the inlet by a clear share of that difference; or no
+current flows, so that the cell itself cools to the coolant's temperature. A reading that still falls while current
+flows is never confirmed: the thermocouple may be cooling to the air slowly.
 """
 
 from collections.abc import Sequence
@@ -15,12 +16,12 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-HEATS_S: Final = 120.0  # mean of the heat that a surface follows
-SHARE: Final = 0.5  # of the least steady rise above the inlet that the model file allows
-REST_K: Final = 0.5  # such a rise is none
-INLET_K: Final = 2.0  # what inlet and surface may differ by without heat
-FALLS_K_S: Final = 0.05  # a cell under current settles more slowly near its end
-NEAR_K: Final = 5.0  # cells of a string beside each other
+HEATS_S: Final = 120.0  # time constant of the mean heat that a surface follows
+SHARE: Final = 0.5  # share of the least steady rise above the inlet that the model file allows
+REST_K: Final = 0.5  # a smaller rise counts as no rise: the cell is at rest
+INLET_K: Final = 2.0  # largest difference of inlet and surface without heat
+FALLS_K_S: Final = 0.05  # a cell under current that approaches its steady temperature falls more slowly than this
+NEAR_K: Final = 5.0  # largest difference between neighbouring cells of a string
 
 
 class Surfaces(NamedTuple):
@@ -31,11 +32,11 @@ class Surfaces(NamedTuple):
     good : ndarray (N,)
         °C; NaN where none is good.
     fallen : ndarray of bool (N,)
-        Those that have fallen faster than a cell cools: they confirm no others.
+        The reading has fallen faster than a cell can cool; such a reading confirms no other.
     over : ndarray of bool (N,)
-        Those whose alarms wait for an end.
+        The cell has an alarm that has not ended.
     rate : ndarray (N,)
-        How fast they rise, K/s; NaN where unknown.
+        Rate of the reading, K/s; NaN where unknown.
     """
 
     good: Floats
@@ -45,14 +46,14 @@ class Surfaces(NamedTuple):
 
 
 class Confirm:
-    """Judge of the surfaces of all strings.
+    """Confirms the surfaces of all strings.
 
     Parameters
     ----------
     parts : sequence of slice
-        Which of the N cells are each string's.
+        The cells of each string among the N cells.
     rise : ndarray (S,)
-        Least steady rise of a surface above its coolant per square of the current, K/A².
+        Least steady rise of a surface above its coolant, divided by the square of the current, K/A².
     """
 
     def __init__(self, parts: Sequence[slice], rise: Floats) -> None:
@@ -61,7 +62,7 @@ class Confirm:
         self._now_s = -np.inf
 
     def step(self, now_s: float, square: Floats, inlet: Floats, surfaces: Surfaces) -> Bools:
-        """Tell which readings (N,) something else confirms.
+        """Tell which of the readings (N,) are confirmed.
 
         Parameters
         ----------
@@ -93,7 +94,7 @@ class Confirm:
         if others and abs(good[k] - float(np.median(others))) <= NEAR_K:
             return True
         if inlet != inlet:
-            return not others and not fallen[k]  # nobody to ask: only the fall speaks against it
+            return not others and not fallen[k]  # nothing to compare with: only a fast fall contradicts the reading
         if rise != rise:
             return bool(good[k] >= inlet + REST_K)
         return bool(good[k] >= inlet + max(SHARE * rise, REST_K) - (INLET_K if rise * SHARE < INLET_K else 0.0))

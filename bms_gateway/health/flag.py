@@ -1,4 +1,4 @@
-"""A flag that does not flap: thresholds to rise, lower ones to fall, and a hold time for both."""
+"""A flag with hysteresis: thresholds to rise, lower thresholds to fall, and a hold time for both."""
 
 from dataclasses import dataclass
 
@@ -12,9 +12,9 @@ class Thresholds:
     rise : tuple of float
         Ascending; at or above `rise[i]` the level is i + 1.
     fall : tuple of float
-        `fall[i]` < `rise[i]`: below it level i + 1 is left again.
+        Below `fall[i]`, which is less than `rise[i]`, the level falls from i + 1 to i.
     hold : int
-        Observations in a row that must agree before the level changes.
+        Number of observations in a row that must agree before the level changes.
     """
 
     rise: tuple[float, ...]
@@ -33,7 +33,7 @@ class Flag:
 
     @property
     def stirred(self) -> bool:
-        """Whether it is raised, or has begun to count."""
+        """Whether the flag is raised, or has begun to count observations towards another level."""
         return self.level > 0 or self._count > 0
 
     def update(self, value: float) -> bool:

@@ -1,15 +1,16 @@
-"""Temperature limits whose alarms only good evidence ends: not knowing is no evidence.
+"""Temperature limits. An alarm ends only when good readings show that the cell is cool; missing readings do not end it.
 
-A cell is *over* from the tick on in which its temperature is at or above the limit. It stays over until something
-credible lies below: a value that is known, from sensors that are good, `COOLER_K` below the limit and with its whole
-standard deviation, and no fall that heat cannot make. What a cell can have cooled to is followed by itself, so that
-many small falls are no more than one. A sensor that has fallen faster has perhaps come off: it ends nothing, even when
-the cell could have cooled to what it reads, before something else confirms it. A cell that becomes unknown stays over;
-what was last known of it, and how fast it rose, is told with it.
+A cell is *over* when its temperature reaches the limit. It stays over until a credible value is below the limit. A
+value is credible if it comes from good sensors, is `COOLER_K` below the limit, is below the limit also with its sd
+added, and has not fallen faster than a cell can cool. The lowest temperature to which the cell can have cooled is
+computed from its last high value, so that many small falls are judged like one large fall. A thermocouple that has
+fallen faster may have come off. It ends no alarm, even when the cell could have cooled to its reading in the meantime,
+until another reading confirms it. A cell whose temperature becomes unknown stays over; the alarm then reports the last
+known value and the rate at which it rose.
 
-A thermocouple is not only right or broken. One that fails while its cell heats towards the limit, or that reads beyond
-its range while its cell or another one of the string heats near the limit, and stays so for `LOST_S`, is *lost in
-heat*: the alarm stays until a person acknowledges it, or the sensor soon goes on where it was.
+A thermocouple that fails may be damaged by the heat of its cell. It is *lost in heat* if it fails while its cell heats
+towards the limit, or if it reads beyond its range while a cell of its string heats near the limit, and if this lasts
+for `LOST_S`. This alarm stays until a person acknowledges it, or until the sensor soon continues where it was.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -25,25 +26,26 @@ from bms_gateway.health.alerts import Condition, Severity
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-COOLER_K: Final = 2.0  # below its limit before a cell is no longer too hot
-FALL_K_S: Final = 0.3  # for long no cell cools faster: 60 K above its coolant with a time constant of three minutes
-TREND_S: Final = 30.0  # 0.05 K of noise are then 0.1 K/min
-FORGET_S: Final = 60.0  # of which nothing was seen for longer has no trend any more
-RISING_K_S: Final = 0.03  # 0.3 K in 10 s: faster than drift, and than a cell at rest
-NEAR_K: Final = 10.0  # below the limit: a sensor that fails there while its cell rises is no mere sensor's fault
-AROUND_K: Final = 20.0  # the same for one that reads beyond its range
-SOON_S: Final = 60.0  # within which the rise would have reached the limit
-BACK_K: Final = 2.0  # beside its course: a sensor that failed is where it was
-LOST_S: Final = 5.0  # a glitch is over by then, and so is what a guard makes of it
-FOUND_S: Final = 30.0  # within which a sensor that goes on where it was was never lost
-REBOUND_K: Final = 5.0  # a sensor that fell and rises by so much sits on its cell again
-UNSEEN_S: Final = 10.0  # a reading or two may be missing before a cell counts as not seen
-OLDER: Final = {"_high": "last", "_high_s": "last_s"}  # what older states have instead
+COOLER_K: Final = 2.0  # so far below its limit a cell is no longer over
+FALL_K_S: Final = 0.3  # greatest rate at which a cell cools: 60 K above its coolant, time constant three minutes
+TREND_S: Final = 30.0  # time constant of the rate: 0.05 K of noise then give 0.1 K/min
+FORGET_S: Final = 60.0  # a cell without a reading for longer has no rate
+RISING_K_S: Final = 0.03  # 0.3 K in 10 s: faster than the drift of a sensor, and than a cell at rest
+NEAR_K: Final = 10.0  # below the limit: a sensor that fails there while its cell rises may be destroyed by heat
+AROUND_K: Final = 20.0  # the same for a sensor that reads beyond its range
+SOON_S: Final = 60.0  # time within which the cell would have reached the limit
+BACK_K: Final = 2.0  # a sensor that reads so close to its former course works again
+LOST_S: Final = 5.0  # a short disturbance, and the time for which the guard then refuses the sensor, are shorter
+FOUND_S: Final = 30.0  # a sensor that continues its course within this time was not lost
+REBOUND_K: Final = 5.0  # a sensor that fell, and then rises by so much, touches its cell again
+UNSEEN_S: Final = 10.0  # a cell without a reading for longer counts as unseen: one or two readings may be missing
+OLDER: Final = {"_high": "last", "_high_s": "last_s"}  # names that states of older versions have instead
 NAMED: Final = 6
 MOST: Final = {
     "over": 1.0, "last": 1e4, "last_s": 1e10, "_slow": 1e4, "_high": 1e4, "_high_s": 1e10, "fallen": 1.0, "_low": 1e4,
 }  # fmt: skip
-"""What a stored state can hold, °C and s since 1970."""
+"""Greatest magnitude that each value of a stored state may have, °C and s since 1970."""
+BAND_SD: Final = 1.96  # half width of the band that is told: 95 %, as on the page and in the reports
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,15 +55,15 @@ class Sensed:
     Attributes
     ----------
     good : ndarray (N,)
-        Reading of this tick, °C; NaN where none is new and good.
+        Reading of this tick, °C; NaN where there is no new good one.
     failed : ndarray of bool (N,)
-        The sensor is not good, and has been heard.
+        The sensor sends, and its readings are not good.
     beyond : ndarray of bool (N,)
-        It reads above the limit or the range, whether that is believed or not.
+        The sensor reads above the limit or above its range, with any quality.
     raw : ndarray (N,), optional
-        What a sensor reads that is turned away for a jump, °C; NaN where nothing came, and elsewhere.
+        Reading that the guard refuses because it jumped, °C; NaN for all other sensors.
     confirmed : ndarray of bool (N,), optional
-        Something else says that the reading may be true; None where there is nothing to ask.
+        `Confirm` accepts the reading; None: nothing was confirmed or refused.
     """
 
     good: Floats
@@ -79,9 +81,9 @@ class Points(NamedTuple):
     value, sd : ndarray (N,)
         °C, and its sd, K; NaN where unknown.
     core : ndarray (N,)
-        Told beside it, °C.
+        Core, °C, for the text of the alarm.
     trusted : ndarray of bool (N,)
-        Where the estimate rests on good sensors: those of the cell, or for cells without, some of its string.
+        The estimate uses good sensors: the cell's own one, or, for a cell without a sensor, some of its string.
     """
 
     value: Floats
@@ -104,9 +106,9 @@ class Limit:
     over : ndarray of bool (N,)
         See the module's text.
     last, last_s : ndarray (N,)
-        Newest credible value, °C, and when, s; NaN and −inf before there is one.
+        Newest credible value, °C, and its time, s; NaN and −inf before the first one.
     fallen : ndarray of bool (N,)
-        The value has fallen faster than a cell cools, and nothing has confirmed it since.
+        The value has fallen faster than a cell cools, and has not been confirmed since.
     """
 
     _STATE = ("over", "last", "last_s", "_slow", "_high", "_high_s", "fallen", "_low")
@@ -117,12 +119,12 @@ class Limit:
         self.fallen = np.zeros(cells, np.bool_)
         self.last, self._slow = np.full((2, cells), np.nan)
         self.last_s = np.full(cells, -np.inf)
-        # from which value on, and since when, the cell could have cooled; and the least value since it fell
+        # value and time from which the cell can have cooled; least value since the reading fell too fast
         self._high, self._high_s, self._low = np.full(cells, np.nan), np.full(cells, -np.inf), np.full(cells, np.nan)
 
     @property
     def rate(self) -> Floats:
-        """How fast the values rose when they were last seen (N,), K/s; NaN where nothing was."""
+        """Rate of the values when they were last known (N,), K/s; NaN where they never were."""
         rate: Floats = (self.last - self._slow) / TREND_S
         return rate
 
@@ -137,7 +139,7 @@ class Limit:
         value : ndarray (N,)
             °C; NaN where unknown.
         good : ndarray of bool (N,)
-            Where the value may end an alarm.
+            The value may end an alarm.
         sd : ndarray (N,) or float
             Of the value, K.
         confirmed : ndarray of bool (N,), optional
@@ -189,7 +191,7 @@ class Limit:
             mine[part] = values.astype(mine.dtype)
 
     def forget(self, part: slice) -> bool:
-        """Begin anew with some cells; whether any of them was over."""
+        """Forget the state of some cells; return whether any of them was over."""
         was = bool(self.over[part].any())
         self.over[part], self.last[part], self.last_s[part] = False, np.nan, -np.inf
         self.fallen[part], self._high[part], self._high_s[part] = False, np.nan, -np.inf
@@ -204,11 +206,11 @@ class Limits:
     names : sequence of str
         Strings.
     parts : sequence of slice
-        Which of the N cells are theirs.
+        The cells of each string among the N cells.
     core_max, surface_max : float
         °C.
     stale_s : ndarray (N,), optional
-        After how long without a reading each cell's sensor is stale, s.
+        Time without a reading after which each cell's sensor is stale, s.
     """
 
     def __init__(
@@ -224,7 +226,7 @@ class Limits:
         self._string = np.repeat(np.arange(len(parts)), [p.stop - p.start for p in parts])
         self.core, self.surface = Limit(cells, core_max), Limit(cells, surface_max)
         self.lost, self._failing = np.zeros((2, cells), np.bool_)
-        self._loss = np.full((4, cells), np.nan)  # what was read last, °C, when, s, how fast it rose, K/s, failed since
+        self._loss = np.full((4, cells), np.nan)  # last reading, °C, its time, s, its rate, K/s, time of the failure, s
         self._unseen_s = np.full(cells, UNSEEN_S) if stale_s is None else np.maximum(stale_s, UNSEEN_S)
         self._now_s = -np.inf
         unknown = np.full(cells, np.nan)
@@ -239,7 +241,7 @@ class Limits:
         points : Points
         sensed : Sensed
         quiet : bool
-            The bus says nothing: no sensor fails then.
+            The bus is silent: then no sensor counts as failed.
         """
         self._now_s, self._points = now_s, points
         if not quiet and sensed.failed.any():
@@ -265,17 +267,17 @@ class Limits:
             self._failing |= new
 
     def _lose(self, now_s: float, sensed: Sensed, quiet: bool) -> None:
-        """Take those that have failed for long for lost, and let go those that go on where they were."""
+        """Call the sensors lost that have failed for `LOST_S`; release those that continue their former course."""
         last, last_s, rate, since_s = self._loss
         on = last + rate * np.minimum(now_s - last_s, FOUND_S)
         soon, least, most = now_s - last_s <= FOUND_S, np.fmin(last, on) - BACK_K, np.fmax(last, on) + BACK_K
-        found = soon & (sensed.good >= least)  # hotter is a cell that is seen to heat
+        found = soon & (sensed.good >= least)  # a hotter reading is accepted: the sensor shows that its cell heats
         self.lost &= ~found
-        if sensed.raw is not None:  # not believed as yet
+        if sensed.raw is not None:  # the guard does not accept the reading yet
             found |= soon & (sensed.raw >= least) & (sensed.raw <= most) & ~sensed.beyond
         self._failing &= ~found
         if not quiet:
-            # one that reads again elsewhere has not gone on: it may have come off
+            # a sensor that reads again, but away from its former course, may have come off
             self.lost |= self._failing & (now_s - since_s >= LOST_S)
         self._failing &= ~self.lost
 
@@ -284,7 +286,7 @@ class Limits:
         return bool((self.core.over[part] | self.surface.over[part] | self.lost[part]).any())
 
     def acknowledge(self, part: slice) -> bool:
-        """Begin anew with some cells: what is still too hot is told anew. Returns whether there was anything."""
+        """End the alarms of some cells; a cell that is still too hot raises a new one. Return whether one ended."""
         was = bool(self.lost[part].any())
         self.lost[part] = self._failing[part] = False
         return bool(was | self.core.forget(part) | self.surface.forget(part))
@@ -304,7 +306,7 @@ class Limits:
     def _over(self, what: str, limit: Limit, name: str, part: slice) -> Condition:
         over = np.flatnonzero(limit.over[part]) + part.start
         known = self._now_s - limit.last_s <= self._unseen_s
-        if limit is self.core:  # a surface that fell is read, though it ends nothing yet
+        if limit is self.core:  # a surface that fell too fast is still read, though it ends no alarm
             known |= self.surface.fallen & np.isfinite(self._points.value)
         seen = over[known[over]]
         unseen = not len(seen)
@@ -317,7 +319,7 @@ class Limits:
             now = f" reads {limit.last[at]:.1f} °C"
         elif np.isfinite(self._points.value[at]):
             p = self._points
-            now = f" is {p.value[at]:.1f} ± {p.sd[at]:.1f} °C (core {p.core[at]:.1f} °C)"
+            now = f" is {p.value[at]:.1f} ± {BAND_SD * p.sd[at]:.1f} °C (core {p.core[at]:.1f} °C)"
         else:
             now = f" was {limit.last[at]:.1f} °C"
         others = [int(k) - part.start + 1 for k in over if k != at]

@@ -1,6 +1,6 @@
-"""Does the model still explain the surfaces? The size of the innovations against what the observer expects of them.
+"""Judges whether the model still explains the surfaces: it compares the innovations with their expected sd.
 
-All strings are judged at once, a second apart; only a flag that is raised, or may be soon, is looked at by itself.
+All strings are judged together at each tick. A single string is looked at only when its flag is raised or near it.
 """
 
 from dataclasses import dataclass, field
@@ -12,16 +12,16 @@ from bms_gateway.health.flag import Flag, Thresholds
 from bms_gateway.thermal import Floats
 
 GRACE_S = 120.0
-"""After a start or a pause the observer finds the state first: what it is surprised by then says nothing."""
+"""After a start or a pause the observer must first find the temperatures; its innovations in this time do not count."""
 WINDOW_S = 600.0
-"""Ten minutes: longer than a burst of noise, shorter than a drive. Until there are as many the mean is that of all that
-there is: did it slide from the first innovation on, one beyond twice its band would weigh on all of the ten minutes,
-and of strings with two sensors one start in seventy would raise a flag over nothing."""
-# Mean square of innovations in units of their own variance: 1 when all is well. Model error is slow, so it stays close
-# to 1 for long; 4 means that the surfaces are off by twice the band, minute after minute: suspected; 9 confirmed.
+"""Time constant of the sliding mean: longer than a burst of noise, shorter than a drive. In the first ten minutes the
+plain mean of all innovations is used instead. With a sliding mean from the first innovation on, one large first
+innovation would dominate these ten minutes: of strings with two sensors, one start in seventy raised a false flag."""
+# Mean square of the innovations in units of their own variance: 1 if the model is right. At 4 the surfaces have been
+# wrong by twice the band for minutes: a model error is suspected. At 9 it is confirmed.
 MOST = 16.0
-"""What one tick counts at most, four times the band: when a lagging or loose thermocouple is mended, its reading jumps
-by kelvins, and that one jump would keep the flag up for half an hour."""
+"""Greatest value that one tick adds to the mean, four times the band. When a loose thermocouple is repaired, it
+jumps by several K; without this bound, one jump would keep the flag raised for half an hour."""
 EXCESS = Thresholds(rise=(4.0, 9.0), fall=(2.0, 6.0), hold=60)
 
 
@@ -46,7 +46,7 @@ class Mismatches:
         self._waits = True
         self._seen_s = np.zeros(strings)  # how long there have been readings
         self._fills = True
-        self._stirred: set[int] = set()  # whose flag is raised or about to be
+        self._stirred: set[int] = set()  # strings whose flag is raised, or has begun to count
 
     def take(self, now: Floats, dt: float) -> list[int]:
         """Take the mean squares (S,) of one tick's normalised innovations.
@@ -75,7 +75,7 @@ class Mismatches:
             share = np.minimum(1.0, dt / np.clip(self._seen_s, dt, WINDOW_S))
             self._fills = bool((self._seen_s < WINDOW_S).any())
         excess = self.excess + (now - self.excess) * share
-        if not self._stirred and excess.max() < EXCESS.rise[0]:  # all known, and nothing to tell: as nearly always
+        if not self._stirred and excess.max() < EXCESS.rise[0]:  # the usual case: all are known and none is large
             self.excess = excess
             return []
         known = now == now
@@ -87,21 +87,21 @@ class Mismatches:
         return changed
 
     def resume(self, k: int) -> None:
-        """Begin string `k` anew after a pause; a raised flag stays until the readings speak against it."""
+        """Start the mean of string `k` again after a pause; a raised flag stays until new readings lower it."""
         self._grace[k], self.excess[k], self._waits = GRACE_S, nan, True
         self._seen_s[k], self._fills = 0.0, True
 
 
 @dataclass(frozen=True, slots=True)
 class Mismatch:
-    """Model mismatch of string `k` of many, or of one by itself."""
+    """Model mismatch of string `k` among many strings, or of a single string."""
 
     of: Mismatches = field(default_factory=lambda: Mismatches(1))
     k: int = 0
 
     @property
     def flag(self) -> Flag:
-        """Only readings move its level."""
+        """Flag of the string; only new readings change its level."""
         return self.of.flags[self.k]
 
     @property
@@ -110,7 +110,7 @@ class Mismatch:
         return float(self.of.excess[self.k])
 
     def resume(self) -> None:
-        """Begin anew after a pause; a raised flag stays until the readings speak against it."""
+        """Start the mean again after a pause; a raised flag stays until new readings lower it."""
         self.of.resume(self.k)
 
     def sentence(self) -> str:

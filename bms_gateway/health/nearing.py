@@ -1,7 +1,8 @@
-"""Whether a string heats into its limit at the load of now: told before it is there, and over when it is not to be.
+"""Warns before a string reaches its limit at the present load.
 
-A forecast is renewed every ten seconds. It is told when two in a row reach the limit within ten minutes, and it is over
-when two in a row stay `BACK_K` below it, or when the limit is reached: from then on the alarm of the limit speaks.
+A forecast is made every ten seconds. The warning begins when two forecasts in a row reach the limit within ten minutes.
+It ends when two forecasts in a row stay `BACK_K` below the limit, or when the limit is reached: then the alarm of the
+limit takes over.
 """
 
 from collections.abc import Mapping
@@ -11,16 +12,16 @@ from math import inf, isfinite
 from bms_gateway.health.alerts import Condition, Fact, Severity
 
 HOLD = 2
-"""Forecasts in a row that must agree: a load of some seconds heats no cell."""
+"""Number of forecasts in a row that must agree: a load of a few seconds does not heat a cell to its limit."""
 BACK_K = 1.0
-"""Below the limit; a forecast that comes near to it again and again is one alert."""
+"""K below the limit at which the warning ends, so that forecasts that scatter about the limit make one warning."""
 PHASES_S = (60.0, 120.0, 300.0)
-"""Shorter times to the limit than these are told again."""
+"""The warning is reported again when the time to the limit falls below one of these."""
 
 
 @dataclass(frozen=True, slots=True)
 class Approach:
-    """What a forecast says of the cell of a string that is the first to reach the limit.
+    """Forecast of the cell that is the first of its string to reach the limit.
 
     Attributes
     ----------
@@ -31,7 +32,7 @@ class Approach:
     soonest_s, latest_s : float
         One standard deviation sooner and later; infinite where that is not within ten minutes.
     load_A : float
-        Root of the mean square of the current that is taken for what comes; negative on charge.
+        RMS of the current that the forecast assumes; negative on charge.
     permitted_A : float
         Greatest constant current for ten minutes in that direction.
     doubtful : bool
@@ -49,12 +50,12 @@ class Approach:
 
 
 class Nearing:
-    """Judge of one string.
+    """The warning of one string.
 
     Attributes
     ----------
     condition : Condition or None
-        What is told now.
+        The present warning.
     """
 
     def __init__(self, string: str, limit_C: float) -> None:
@@ -63,7 +64,7 @@ class Nearing:
         self.condition: Condition | None = None
 
     def forget(self) -> None:
-        """Begin anew: nothing is known of what comes."""
+        """End the warning: there is no forecast."""
         self._for = self._against = 0
         self.condition = None
 
@@ -73,11 +74,11 @@ class Nearing:
         Parameters
         ----------
         approach : Approach or None
-            None where no cell that is below the limit reaches it within ten minutes.
+            None: no cell that is below the limit reaches it within ten minutes.
         hottest_C : float
-            The hottest of all points within ten minutes; NaN where nothing is known.
+            Greatest temperature of any hottest point within ten minutes; NaN where unknown.
         """
-        if approach is not None and approach.in_s <= 0.0:  # it is there: the limit's own alarm speaks
+        if approach is not None and approach.in_s <= 0.0:  # the limit is reached: its own alarm takes over
             self.forget()
             return
         if approach is None:

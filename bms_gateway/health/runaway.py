@@ -1,25 +1,26 @@
-"""Thermal runaway, by readings as they come, before a guard turns away what no healthy cell does.
+"""Thermal runaway, found in the raw readings: the guard refuses jumps that no healthy cell makes, a runaway among them.
 
-GB 38031-2025, C.5.3.7, calls it a runaway when a cell is above its maximum working temperature, or its voltage has
-dropped by more than a quarter, and its temperature rises by 1 °C/s for more than 3 s. A sensor that fails does that
-too. So the rule has two parts.
+By GB 38031-2025, C.5.3.7, a cell is in thermal runaway if its temperature rises by 1 °C/s for more than 3 s, and if it
+is above its maximum working temperature or its voltage has dropped by more than a quarter. The reading of a failing
+sensor can rise in the same way. The rule here therefore has two parts.
 
-*The rise*: `RISES_S` of rises, each at `EACH_K_S` or more and 1 K/s on the mean, above `HOT_C`.
+*The rise*: for `RISES_S`, each reading rises by `EACH_K_S` or more and the mean rate is 1 K/s or more, above `HOT_C`.
 
-*What only a cell does*, one of:
+*Proof that the cell and not the sensor rises*, one of:
 
-* It was hot and quiet before, and heats ever faster: over five intervals of 4 s its rate grows, and that growth does
-  not slow down. Self-heating grows with the temperature, at least as an exponential does. A wire that breaks has a
-  kink, which lies in one interval; a filter behind it slows down; a drift that begins grows ever less.
-  Or it has risen by `SURE_K_S` and more, at `SURE_C` and more, for long: what comes then need not be smooth.
-* Another thermocouple of its string follows: by a kelvin more than it did before, by clearly less than the cell itself
-  (all alike: a common fault), and later (as much at once: crosstalk).
-* The cell's voltage has dropped by more than a quarter, and clearly more than those of its string: a load that all
-  share lowers all of them. Nor do the others rise as fast. A cell that has no others drops without more current.
-* It rises on and on at 1 K/s and more, through temperatures at which converters have long reached their rail.
+* The cell was hot and its readings were quiet before, and its rate grows: over five intervals of 4 s the rate
+  increases, and the increase does not slow down. Self-heating grows with the temperature at least exponentially. A
+  broken wire makes a kink within one interval; behind a filter, its rate falls; the rate of a drift grows ever less.
+  Or the cell has risen by `SURE_K_S` or more, at `SURE_C` or more, for long: then the rise need not be smooth.
+* Another thermocouple of the string follows: it rises by 1 K more than before; by clearly less than the cell itself (an
+  equal rise shows a common fault); and later (an equal rise at the same time shows crosstalk).
+* The cell's voltage has dropped by more than a quarter, and clearly more than the other voltages of its string: a load
+  lowers all of them. The other cells must not rise as fast. Where there are no other cells, the current must not have
+  increased.
+* The cell rises at 1 K/s or more through temperatures above the limit of every usual converter.
 
-A sensor starts anew `ANEW_S` after what no cell does: a value that is none, a fall of more than 3 K/s, a leap of more
-than 20 K from below 100 °C. A runaway stays until a person acknowledges it.
+`ANEW_S` after an impossible value the history of a sensor starts again: an invalid value, a fall of more than 3 K/s, or
+a step of more than 20 K from below 100 °C. A runaway stays until a person acknowledges it.
 """
 
 from collections.abc import Iterator, Sequence
@@ -36,42 +37,42 @@ Bools = NDArray[np.bool_]
 
 HOT_C: Final = 60.0  # the highest discharge temperature in most data sheets of lithium-ion cells
 RISES_S: Final = 4.0  # GB 38031-2025, C.5.3.7: more than 3 s
-EACH_K_S: Final = 0.5  # what noise leaves of 1 K/s in one second
+EACH_K_S: Final = 0.5  # least rate in one second: 1 K/s less noise
 MEAN_K_S: Final = 1.0  # GB 38031-2025, C.5.3.7
-BEFORE_S: Final = (10.0, 24.0)  # ago: what a cell did before its runaway
+BEFORE_S: Final = (10.0, 24.0)  # ago: the time before the runaway
 BEFORE_C: Final = 80.0  # self-heating begins: the SEI decomposes from 80 to 90 °C on
-QUIET_K: Final = 0.6  # sd of the differences of readings: ten times the noise of a sound one
-SLOWER: Final = 0.6  # share of the present rate that the rate before may have
+QUIET_K: Final = 0.6  # sd of the differences of readings: ten times the noise of a sound sensor
+SLOWER: Final = 0.6  # largest ratio of the rate in the time before to the present rate
 INTERVAL_S: Final = 4.0
 INTERVALS: Final = 5
-GROWS: Final = np.array([1.15, 1.1, 1.05, 0.9])  # at least, of the rate from an interval to the next, newest first
-FASTER: Final = 0.8  # at least, of that growth from one to the next: 0.05 K of noise blur a tenth of it
-TURNS: Final = 0.5  # most of the present rate that comes about from one reading to the next, beside noise:
-TURNS_K_S: Final = 0.2
+GROWS: Final = np.array([1.15, 1.1, 1.05, 0.9])  # least ratio of the rate to that of the interval before, newest first
+FASTER: Final = 0.8  # least ratio of two such ratios in a row: 0.05 K of noise change them by a tenth
+TURNS: Final = 0.5  # largest change of the rate between two readings, as a share of the present rate,
+TURNS_K_S: Final = 0.2  # with so much added for noise
 STEEPEST: Final = 0.2  # 1/K: no reaction of a cell doubles its heat within less than 3.5 K
-STEEP_LN: Final = 0.3  # beside, for what noise adds to a ratio of rates
-LEAPS: Final = 4.0  # at most, of the rate: an e-folding time of 3 s
-LASTS: Final = 0.9  # the same, of the second to the last: what grows ever less is a drift
-ALONE_C: Final = 100.0  # no cell heats itself by 1 K/s below
+STEEP_LN: Final = 0.3  # ln: added to this bound for the noise of a ratio of rates
+LEAPS: Final = 4.0  # largest ratio of two rates in a row: an e-folding time of 3 s
+LASTS: Final = 0.9  # least ratio of the second newest of `GROWS` to the oldest: a drift stays below
+ALONE_C: Final = 100.0  # no cell heats itself by 1 K/s below this
 SURE_S: Final = (12.0, 60.0)  # ago
-SURE_K_S: Final = 0.4  # at 100 °C and more: no cooling reaches such a cell any more, whatever its sensor does next
+SURE_K_S: Final = 0.4  # at 100 °C or more no cooling stops such a cell any more, whatever its sensor reads later
 SURE_C: Final = 100.0
-FOLLOWS_K: Final = 1.0  # within 10 s, and beyond what it did in the 10 s before
+FOLLOWS_K: Final = 1.0  # within 10 s, beyond the rise in the 10 s before
 FOLLOWS_S: Final = 10.0
-FOLLOWS_MOST: Final = 0.7  # share of the cell's own rise
-ROUGH_K: Final = 1.0  # second difference of its readings: far beyond noise, far below a loose contact's
-LATER: Final = 0.35  # share of its rise that a follower has at the most when the cell itself has half
+FOLLOWS_MOST: Final = 0.7  # largest rise of a follower, as a share of the cell's own rise
+ROUGH_K: Final = 1.0  # second difference of readings: far above noise, far below that of a loose contact
+LATER: Final = 0.35  # largest share of its rise that a follower has reached when the cell itself has reached half
 DROP: Final = 0.25  # GB 38031-2025, C.5.3.7
-ALIVE_V: Final = 2.0  # an empty lithium-ion cell; below, nothing is left to drop
-HINT_K_S: Final = 0.5  # from this rate on the onset of a runaway is looked for
+ALIVE_V: Final = 2.0  # an empty lithium-ion cell; a cell below this voltage cannot drop by a quarter any more
+HINT_K_S: Final = 0.5  # the onset of a runaway is sought above this rate,
 HINT_S: Final = 15.0  # and is remembered for so long
-HEARD_S: Final = 2.5
-HEARD_SPACINGS: Final = 1.5  # the same of a sensor that is read less often
-MORE_DROP: Final = 0.15  # beyond the median of the others: sags of sound cells under one load differ by far less
-MORE_LOAD: Final = 1.5  # times the current before, and
-MORE_LOAD_A: Final = 5.0  # beyond: what lets the voltage of a sound cell sag too
+HEARD_S: Final = 2.5  # a sensor without a reading for longer is not heard;
+HEARD_SPACINGS: Final = 1.5  # the same in periods of a sensor with a longer period
+MORE_DROP: Final = 0.15  # beyond the median of the others: voltages of sound cells under one load differ by far less
+MORE_LOAD: Final = 1.5  # ratio to the current before, and
+MORE_LOAD_A: Final = 5.0  # difference to it, above which the voltage of a sound cell sags too
 STEADY_S: Final = 30.0
-STEADY_C: Final = 185.0  # reached without a step: rails of converters and the ends of ramps of faults lie below
+STEADY_C: Final = 185.0  # limits of converters, and the ends of the ramps that faults make, are below
 ANEW_S: Final = 8.0
 FALL_K_S: Final = 3.0
 LEAP_K: Final = 20.0
@@ -87,12 +88,12 @@ class Runaway:
     names : sequence of str
         Strings.
     parts : sequence of slice
-        Which of the N cells are theirs.
+        The cells of each string among the N cells.
 
     Attributes
     ----------
     latched : ndarray of bool (N,)
-        Runaways that nobody has acknowledged.
+        Runaways that no person has acknowledged.
     """
 
     def __init__(self, names: Sequence[str], parts: Sequence[slice]) -> None:
@@ -115,9 +116,9 @@ class Runaway:
         Parameters
         ----------
         value, time_s : ndarray (N,)
-            °C as decoded, and bus time, s; NaN where there is none.
+            °C as decoded, and bus time, s; NaN where there is no reading.
         invalid : ndarray of bool (N,)
-            Where a sender or its DBC said that a value is none.
+            The sender or the DBC marks the value as invalid.
         volt : ndarray (N,)
             Of each cell, V; NaN where there is none.
         current : ndarray (N,), optional
@@ -167,7 +168,7 @@ class Runaway:
         return bool(why)
 
     def _grown(self, k: int, t: Floats, x: Floats, rate: float) -> str:
-        """Say whether its rate has grown as self-heating makes it grow, out of a hot and quiet past."""
+        """Say whether the rate of a cell that was hot and quiet before has grown as self-heating makes it grow."""
         ago = t[-1] - t
         before = (ago >= BEFORE_S[0] - 0.5) & (ago <= BEFORE_S[1] + 0.5)
         if before.sum() < 3 or np.median(x[before]) < BEFORE_C or np.diff(x[before]).std() > QUIET_K:
@@ -201,13 +202,13 @@ class Runaway:
         return "it was hot before, and heats ever faster"
 
     def _sure(self, t: Floats, x: Floats) -> bool:
-        """Tell whether it has heated for long as only self-heating does."""
+        """Tell whether the cell has heated for long at a rate that only self-heating has."""
         at = np.interp(t[-1] - np.arange(SURE_S[0], SURE_S[1] + 1.0, INTERVAL_S), t, x)
         rates = -np.diff(at) / INTERVAL_S
         return bool(t[-1] - t[0] >= SURE_S[1] and rates.min() >= SURE_K_S and at[-1] >= SURE_C)
 
     def _steady(self, k: int, t: Floats, x: Floats) -> bool:
-        """Tell whether it has risen through what no sensor of its string shows without heat, smoothly and alone."""
+        """Tell whether the cell alone has risen smoothly to a temperature that no failing sensor reads."""
         late = t >= t[-1] - STEADY_S - 0.5
         if x[-1] < STEADY_C or t[late][-1] - t[late][0] < STEADY_S - 0.5 or x[late][0] < SURE_C:
             return False
@@ -218,13 +219,13 @@ class Runaway:
         return not mates or max(mates) < FOLLOWS_MOST * float(rates.mean())
 
     def _rate(self, k: int) -> float:
-        """Tell how fast a cell has risen over the newest `RISES_S`, K/s; 0 where too little was read."""
+        """Mean rate of a cell over the newest `RISES_S`, K/s; 0 where there are too few readings."""
         t, x = self._history(k)
         n = _rises(t)
         return float((x[-1] - x[-1 - n]) / (t[-1] - t[-1 - n])) if n < len(t) else 0.0
 
     def _common(self, k: int, t: Floats, x: Floats) -> bool:
-        """Tell whether another thermocouple of the string does just the same: a fault that they share."""
+        """Tell whether another thermocouple of the string rises alike: this shows a common fault."""
         own = _excess(t, x)
         if own is None:
             return False
@@ -232,7 +233,7 @@ class Runaway:
         return any(FOLLOWS_MOST * own[-1] < rise < own[-1] / FOLLOWS_MOST for rise in rises)
 
     def _mates(self, k: int, now: float) -> list[int]:
-        """List the other thermocouples of its string that are heard and have not begun anew."""
+        """List the other thermocouples of the string that are heard and whose history has not just started again."""
         part = next(p for p in self._parts if p.start <= k < p.stop)
         ready = np.flatnonzero(now >= self._anew_s[part]) + part.start
         return [j for j in ready.tolist() if j != k and now - self._last_s[j] <= _heard_s(self._history(j)[0])]
@@ -254,7 +255,7 @@ class Runaway:
         return ""
 
     def _dropped(self, k: int, now: float) -> str:
-        """Say whether the cell's voltage has dropped, by more than what all cells of its string share."""
+        """Say whether the cell's voltage has dropped by clearly more than those of its string."""
         if (own := self._drop(k, now)) is None or own[0] - own[1] <= DROP * own[0]:
             return ""
         part = next(p for p in self._parts if p.start <= k < p.stop)
@@ -271,7 +272,7 @@ class Runaway:
         return f"its voltage has dropped from {own[0]:.2f} to {own[1]:.2f} V"
 
     def _drop(self, k: int, now: float) -> tuple[float, float] | None:
-        """Give the voltage of a cell before, and the greater of its two newest ones, V; None where unknown."""
+        """Give the former voltage of a cell, and the greater of its two newest ones, V; None where unknown."""
         order = self._order()
         t, v = self._times(k)[order], self._v[order, k]
         known = np.isfinite(v) & np.isfinite(t)
@@ -282,7 +283,7 @@ class Runaway:
         return float(np.median(before)), float(max(v[-1], v[-2]))
 
     def _times(self, k: int) -> Floats:
-        """Give the stamps of the ticks: of the cell, or where nothing of it is read, of its string, s."""
+        """Give the stamps of the ticks, s: those of the cell, or of its string if the cell has no reading."""
         part = next(p for p in self._parts if p.start <= k < p.stop)
         rows = self._t[:, part]
         stamps: Floats = np.where(np.isfinite(rows), rows, -np.inf).max(axis=1)
@@ -290,7 +291,7 @@ class Runaway:
         return np.where(np.isfinite(own), own, np.where(np.isfinite(stamps), stamps, np.nan))
 
     def _loaded(self, k: int, now: float) -> bool:
-        """Tell whether more current flows than before, which lowers the voltage of a sound cell too."""
+        """Tell whether the current has increased, which lowers the voltage of a sound cell too."""
         order = self._order()
         t, i = self._times(k)[order], self._i[order, k]
         known = np.isfinite(t) & np.isfinite(i)
@@ -299,7 +300,7 @@ class Runaway:
         return bool(len(before) and i[-1] > MORE_LOAD * np.median(before) + MORE_LOAD_A)
 
     def _order(self) -> NDArray[np.intp]:
-        """Give the rows that are remembered, oldest first."""
+        """Give the stored rows, oldest first."""
         return np.concatenate([np.arange(self._row + 1, ROWS), np.arange(self._row + 1)])
 
     def _history(self, k: int) -> tuple[Floats, Floats]:
@@ -310,7 +311,7 @@ class Runaway:
         return t[known], x[known]
 
     def acknowledge(self, part: slice) -> bool:
-        """Forget the runaways of some cells; whether there was any."""
+        """End the runaways of some cells; return whether there was any."""
         was = bool(self.latched[part].any())
         self.latched[part] = False
         return was
@@ -340,19 +341,19 @@ class Runaway:
 
 
 def _heard_s(t: Floats) -> float:
-    """For how long after its newest reading a sensor with these stamps still counts as heard, s."""
+    """Time after its newest reading for which a sensor with these stamps counts as heard, s."""
     return HEARD_S if len(t) < 3 else max(HEARD_S, HEARD_SPACINGS * float(np.median(np.diff(t[-6:]))))
 
 
 def _rises(t: Floats) -> int:
-    """How many intervals make the rise: those of `RISES_S`, and two where readings are rare."""
+    """Tell how many intervals the rise has: those of `RISES_S`, at least two."""
     if len(t) < 3:
         return len(t)
     return max(2, ceil(RISES_S / float(np.median(np.diff(t[-6:]))) - 0.1))
 
 
 def _excess(t: Floats, x: Floats) -> Floats | None:
-    """Rise over the last 10 s at 21 instants, K, beyond what the 10 s before would have gone on to."""
+    """Rise over the last 10 s at 21 instants, K, less the rise at the rate of the 10 s before."""
     if len(t) < 4 or t[-1] - t[0] < 2 * FOLLOWS_S - 0.5:
         return None
     at = t[-1] - FOLLOWS_S * np.linspace(1.0, 0.0, 21)
@@ -362,6 +363,6 @@ def _excess(t: Floats, x: Floats) -> Floats | None:
 
 
 def _rough(t: Floats, x: Floats) -> bool:
-    """Tell whether the last 20 s are no course of a body that others heat: it jumps, or turns at once."""
+    """Tell whether the last 20 s have a jump or a kink, which a body that its neighbours heat does not have."""
     late = t >= t[-1] - 2 * FOLLOWS_S - 0.5
     return bool(np.abs(np.diff(x[late], 2)).max(initial=0.0) > ROUGH_K)

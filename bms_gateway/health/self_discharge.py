@@ -1,16 +1,16 @@
-r"""Cells that discharge themselves: while nothing flows, the voltage of a soft short falls against its string's median.
+r"""Self-discharge: at rest, the voltage of a cell with a soft short falls against the median of its string.
 
-Of each cell, d = U − median(U) of its string is followed by a Kalman filter from the beginning of a rest on,
+A Kalman filter follows d = U − median(U) of each cell from the beginning of a rest:
 
 .. math::
     d = a + s\,t + r_1 e^{-t/τ_1} + r_2 e^{-t/τ_2}, \qquad I = -s \,/\, (dU/dQ)
 
-a is how unlike the cells are, r what relaxes unlike after a drive, and s the slope that a leak makes. What all cells do
-alike (relaxation, temperature) is in the median. dU/dQ is the chord between two rests with the charge counted between
-them, or, before there are two, a usual curve over the capacity in the model file.
+a is the constant difference of the cell, r its difference in relaxation after a drive, and s the slope of a leak. The
+median removes what all cells have in common (relaxation, temperature). dU/dQ is the ratio of voltage and charge between
+two rests; before the second rest it is a usual curve divided by the capacity in the model file.
 
-A cell that is balanced falls in the same way. Balancing takes the highest cells down to the others, so a cell is named
-only when it has fallen to the median.
+The voltage of a cell that is balanced falls in the same way. Balancing lowers the highest cells to the others. A cell
+is therefore named only when it has fallen to the median.
 """
 
 from collections.abc import Mapping
@@ -24,34 +24,35 @@ from bms_gateway.thermal import Floats
 
 HOUR_S = 3600.0
 REST_SHARE = 0.01
-"""Current over capacity, 1/h, below which nothing flows: unequal cells then drift apart by less than is told."""
-USUAL_AH = 8.0  # where the model file does not say
+"""Current over capacity, 1/h, below which a string is at rest: such a current lets unequal cells drift apart by less
+than the least slope that is reported."""
+USUAL_AH = 8.0  # where the model file has no capacity
 SETTLE_S = 600.0
-"""A rest begins so long after the current: before, all relaxes fast."""
+"""Time from the end of the current to the beginning of a rest: the fast relaxation ends within this time."""
 SAMPLE_S = 300.0
-"""Voltages stand still to a step of their converter, so more readings say no more."""
+"""Time between two samples. At rest a voltage stays at one step of its converter, so that more samples tell no more."""
 NOISE_V = 1e-3
-"""sd of a reading at least; a coarser step counts whole."""
+"""Least sd of a reading; a coarser step of the voltages is used as the sd instead."""
 UNLIKE_V = 0.1
 RELAX_S, RELAX_V = (1200.0, 10800.0), 2e-3
 WANDER_V = 2e-4
-"""V in an hour^½: cells that warm and cool unlike."""
+"""V per hour^½: random walk of d, because cells warm and cool differently."""
 SLOPE_SD, SLOPE_WALK = 10e-3, 5e-5
-"""V/h a priori, and V/h in an hour^½."""
+"""Prior sd of the slope, V/h, and its random walk, V/h per hour^½."""
 SURE_SD, LEAST_SLOPE = 4.5, 5e-4
-"""sd and V/h from which a fall is told,"""
+"""A leak is reported if its slope is at least so many sd, and so many V/h,"""
 STANDS = 2
 """in so many samples in a row."""
 OVER_SHARE = 0.5
-"""A fall is over when it is, with 2 sd, less than this share of `LEAST_SLOPE` in as many samples."""
+"""A leak has ended if its slope plus 2 sd is below this share of `LEAST_SLOPE` in as many samples in a row."""
 USUAL_SPAN_V, USUAL_LN_SD = 0.8, 0.7
-"""dU/dSOC of a cell nobody knows, V: most of the curves of NMC, NCA and LMO; LFP is flatter."""
+"""dU/dSOC of an unknown cell, V, and its sd, ln: right for most curves of NMC, NCA and LMO; LFP is flatter."""
 CHORD_SHARE, CHORD_LN_SD = 0.05, 0.3
-"""Least share of the capacity between two rests for their chord, and what the slope differs from it."""
+"""Least charge between two rests over the capacity for a measured dU/dQ, and the sd of the latter, ln."""
 MOVED_V = 0.02
-"""If the median moves so far between two samples, a current has flowed that nobody told of."""
+"""A larger change of the median between two samples shows that a current has flowed which was not measured."""
 ALARM_W = 0.3
-DOUBT = 1.5  # what the filter's sd is multiplied by: a step of a converter is no white noise
+DOUBT = 1.5  # factor on the filter's sd: the steps of a converter are not white noise
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,12 +66,12 @@ class Leak:
     slope, slope_sd : float
         V/h, negative.
     current, current_sd : float
-        A; NaN where neither capacity nor chord is known.
+        A; NaN where neither the capacity nor a measured dU/dQ is known.
     watts : float
     since_ns : int
-        Begin of the rest in which it was found.
+        Beginning of the rest in which the leak was found.
     hours : float
-        For how long it has been seen.
+        Time for which the leak has been observed.
     """
 
     cell: int
@@ -102,7 +103,7 @@ class Leak:
 
 
 class SelfDischarge:
-    """Of one string of n cells.
+    """Self-discharge of one string of n cells.
 
     Parameters
     ----------
@@ -133,16 +134,16 @@ class SelfDischarge:
         ----------
         now_ns : int
         current : float
-            Mean, A; NaN where not known: then nothing flows if nothing flowed.
+            Mean, A; NaN where unknown: then a string that was at rest stays at rest.
         charge_Ah : float
-            That flowed in the tick; NaN where not known.
+            Charge that flowed in the tick; NaN where unknown.
         V : ndarray (n,) or None
             Voltages of the cells, NaN where none came.
 
         Returns
         -------
         list of (Leak, bool)
-            What has come (True), or is over.
+            Leaks that were found (True) or that have ended (False).
         """
         self._now = now_ns
         if isfinite(charge_Ah):
@@ -164,7 +165,7 @@ class SelfDischarge:
         return self._sample(now_ns, U)
 
     def _gather(self, V: Floats) -> None:
-        """Add readings to the sample, and learn the step of the voltages from how they move."""
+        """Add readings to the sample, and learn the step of the converter from the differences of readings."""
         here = np.isfinite(V)
         moved = np.abs(V - self._seen)
         moved = moved[np.isfinite(moved) & (moved > 1e-5)]
@@ -193,7 +194,7 @@ class SelfDischarge:
         return self._judge(now_ns, d, middle)
 
     def _begin(self, now_ns: int, d: Floats, middle: float) -> None:
-        """Begin a rest; the charge since the last one tells the slope of the curve."""
+        """Begin a rest; the charge since the last rest gives dU/dQ."""
         least = CHORD_SHARE * (self._capacity or USUAL_AH)
         if isfinite(self._level) and abs(self._charge) > least and (middle - self._level) * self._charge < 0.0:
             self._chord = (self._level - middle) / self._charge  # discharge is positive
@@ -240,7 +241,7 @@ class SelfDischarge:
         return Leak(k + 1, s, sd, amps, amps * hypot(ln_sd, sd / s), amps * middle, since, hours)
 
     def pass_time(self, gap_s: float | None) -> None:
-        """Pass over a time without frames: a rest goes on or begins; one of unknown length is none."""
+        """Pass over a time without frames: a rest continues or begins; a time of unknown length ends it."""
         self._sum, self._count = np.zeros((2, self._n))
         if gap_s is None:
             self._still = self._started = None
@@ -292,7 +293,7 @@ class SelfDischarge:
 
 
 def _plain(value: object) -> Any:
-    """Check a number of a stored leak; a current that is not known is stored as nothing."""
+    """Check a number of a stored leak; an unknown current is stored as None."""
     if value is None:
         return nan
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 2**63:

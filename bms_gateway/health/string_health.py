@@ -1,4 +1,4 @@
-"""Health of one string: what its windows say, judged against commissioning, cause by cause."""
+"""Health of one string: the results of its windows, compared with commissioning, one flag for each cause."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -21,17 +21,17 @@ from bms_gateway.identify import Tick
 from bms_gateway.thermal import Floats, StringModel, StringParameters
 
 GROWN = 0.3
-"""ln: how far R_e may have grown since the commissioning that the model file carries: a third in a life is usual, a
-doubling possible. Only where the trend begins; the windows decide."""
-SHARP = 0.05  # ln: a commissioned R_e at 25 °C known so well is a baseline
-ELSEWHERE = 0.25  # ln: a fitted R_e without its temperature: ten kelvin of a lithium-ion cell
-LEAST_RISE = 1.0  # K: a window whose heat warms the surface by less says nothing
-IDENTIFIED_WINDOWS = 3  # of the identifier, before its numbers are frozen as commissioned
+"""ln: prior sd of the growth of R_e since the commissioning in the model file. In its life a cell usually grows by a
+third and may double. The windows then determine the growth."""
+SHARP = 0.05  # ln: a commissioned R_e at 25 °C with a smaller sd is a baseline
+ELSEWHERE = 0.25  # ln: sd of a fitted R_e of unknown temperature: 10 K change R_e of a lithium-ion cell by this
+LEAST_RISE = 1.0  # K: windows whose heat warms the surface by less are not fitted
+IDENTIFIED_WINDOWS = 3  # windows in which the identifier must know R_e before its numbers become the commissioned ones
 
 
 @dataclass(frozen=True, slots=True)
 class HealthJob:
-    """One window's fit, complete in itself."""
+    """The fit of one window, with everything that the fit needs."""
 
     parameters: StringParameters
     window: DriveWindow
@@ -53,7 +53,7 @@ class HealthJob:
         return HealthResult(seen, share, self.shape, ratio, self._without() if self.doubtful else {})
 
     def _without(self) -> dict[int, Observed]:
-        """Fit the window without each of the thermocouples, where others were heard."""
+        """Fit the window without each of the thermocouples, if another one has readings."""
         found = {}
         for k, cell in enumerate(self.sensed):
             surface = self.window.surface.copy()
@@ -67,9 +67,9 @@ class HealthJob:
 
 @dataclass(frozen=True, slots=True)
 class HealthResult:
-    """What a job found; `ratio` is ln of thermal over electrical resistance, NaN without voltage.
+    """Result of a job; `ratio` is ln(thermal over electrical resistance), NaN without voltage.
 
-    `without` is the same window with the k-th thermocouple left out, where there was doubt.
+    `without` has the results without the k-th thermocouple, by k; it is empty where no thermocouple was in doubt.
     """
 
     seen: Observed
@@ -81,7 +81,7 @@ class HealthResult:
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A flag whose level has changed: word, level now, sentence, the cell that it is of, and numbers for machines."""
+    """A flag whose level has changed: its word, its new level, its sentence, its cell, and numbers for machines."""
 
     code: str
     level: int
@@ -91,17 +91,17 @@ class Change:
 
 
 class StringHealth:
-    """See the module's text.
+    """Health of one string.
 
     Parameters
     ----------
     model : StringModel
     thermal : bool
-        Whether windows may speak: two nodes and a heat that goes with the current's square are what they know.
+        Whether windows are fitted: their model has two nodes per cell and heat in proportion to the current's square.
     known : bool
-        Whether the model's numbers are the commissioned ones: they were fitted, or nothing identifies them.
+        Whether the model's numbers are the commissioned ones: they were fitted, or no identifier runs.
     mismatch : Mismatch, optional
-        One of many that are judged side by side.
+        This string's one of many that are judged together.
     """
 
     def __init__(
@@ -125,15 +125,15 @@ class StringHealth:
 
     @property
     def commissioned(self) -> bool:
-        """Whether there is a baseline, or one in the making."""
+        """Whether there is a baseline, or windows are making one."""
         return self.trend is not None
 
     def _filed(self) -> Prior:
-        """Take what the model file says of the string as commissioned."""
+        """Give the prior of the commissioned numbers by the model file."""
         m = self.model
         R_e, B, B_sd = m.priors["R_e"].rel_sd, *B_PRIOR
         effect = next((e for e in m.effects if e.name == "resistance_temperature"), None)
-        if effect is not None:  # the current that windows are given has it already
+        if effect is not None:  # the current of the windows already includes this effect
             B, B_sd = 0.0, max(float(effect.sd.get("B", 0.0)), 100.0)
         level = float(np.hypot(R_e, 0.0 if effect is not None else ELSEWHERE))
         shape = tuple(max(0.02, m.priors[s].rel_sd) for s in ("R_c", "C_c", "C_s"))
@@ -141,12 +141,12 @@ class StringHealth:
         return Prior(level if m.before is not None else UNKNOWN, GROWN if sharp else 0.0, B, B_sd, shape)
 
     def _freeze(self, numbers: Mapping[str, float], prior: Prior) -> None:
-        """Take numbers, ln over the model's, as commissioned."""
+        """Set the commissioned numbers, given as ln of their ratio to the model's, and start the trend."""
         self._frozen = dict(numbers)
         self.trend = Trend(len(self.model.sensors), prior)
 
     def offer(self, names: tuple[str, ...], mean: Floats, cov: Floats, R_e: float, identified: bool) -> bool:
-        """Look at what the identifier knows; commission the string once it has known R_e for some windows.
+        """Take the identifier's numbers; commission the string after R_e has been identified in some windows.
 
         Returns
         -------
@@ -168,18 +168,18 @@ class StringHealth:
 
     @property
     def baseline(self) -> float:
-        """R_e at 25 °C as commissioned, mean of the cells, Ω; NaN before there is one."""
+        """Commissioned R_e at 25 °C, mean of the cells, Ω; NaN before commissioning."""
         if self.trend is None:
             return nan
         return float(np.exp(np.mean(np.log(self.parameters.R_e)) + self.trend.x[L]))
 
     @property
     def parameters(self) -> StringParameters:
-        """Numbers of the string as commissioned."""
+        """Commissioned numbers of the string."""
         return self.model.parameters({s: self.model.priors[s].value * np.exp(x) for s, x in self._frozen.items()})
 
     def add(self, tick: Tick, current: float, soc: float, flow: float, electrical: float) -> HealthJob | None:
-        """Take in one tick; a job where a window is over.
+        """Take in one tick; return a job if a window has ended.
 
         Parameters
         ----------
@@ -187,7 +187,7 @@ class StringHealth:
         current, soc, flow : float
             Mean A; 0…1; over nominal. NaN where unknown.
         electrical : float
-            Resistance of a mean cell from its voltage, Ω; NaN where not heard.
+            Resistance of a mean cell from its voltage, Ω; NaN where there is no voltage.
         """
         if self.trend is None:
             return None
@@ -202,7 +202,7 @@ class StringHealth:
         return self.job(drive.window, drive.current, electrical)
 
     def job(self, w: DriveWindow, current: Floats, electrical: float = nan) -> HealthJob:
-        """Fit of one window as the trend now expects it.
+        """Make the job of one window, which begins at the numbers that the trend expects now.
 
         Parameters
         ----------
@@ -221,7 +221,7 @@ class StringHealth:
         return HealthJob(self.parameters, w, sensed, guess, self.trend.exponent, shape, electrical, doubtful)
 
     def accept(self, result: HealthResult, now: int) -> list[Change]:
-        """Take back a job's result; the flags that it has moved."""
+        """Take a job's result; return the flags whose level it has changed."""
         assert self.trend is not None  # noqa: S101 - a job came from it
         self._pending = False
         moved = []
@@ -233,7 +233,7 @@ class StringHealth:
             self.drift.took(kind, self.trend.left_out)
         if self.current.update(self.trend):
             moved.append(Change("current", self.current.flag.level, self.current.sentence()))
-        if doubted:  # such a window says nothing else
+        if doubted:  # the current of such a window is wrong: it tells nothing else
             return moved
         if self.cooling.update(self.trend):
             moved.append(Change("cooling", self.cooling.flag.level, self.cooling.sentence(self.flow_known)))
@@ -248,7 +248,7 @@ class StringHealth:
         return moved
 
     def _growth(self) -> tuple[float, float]:
-        """Growth of R_e and its sd; a jump that the voltage has seen too is one of the cells."""
+        """Growth of R_e and its sd; a jump counts as growth if the voltage shows it too."""
         assert self.trend is not None  # noqa: S101
         real = self.current.heard and not self.current.wrong_scale
         at = [G, J] if real else [G]
@@ -258,13 +258,13 @@ class StringHealth:
 
     @property
     def doubt(self) -> str:
-        """What could look like growth too."""
+        """Another cause that would look like growth."""
         if self.current.heard:
             return " (the voltage does not contradict the current so far; a scale some per cent off takes long to show)"
         return " (a current sensor that has come to read low looks the same: no voltage is heard that could tell)"
 
     def fitted(self, ln_R_e: Floats, sd: Floats, base: Floats | None) -> list[Change]:
-        """Take a fit of single cells, ln R_e (n,) and sd; `base`: the same as commissioned, over their mean."""
+        """Take a fit of single cells, ln R_e (n,) and sd; `base`: ln of the commissioned R_e over their mean."""
         if self.cells is None:
             self.cells = CellGrowth(len(ln_R_e), base)
         self.cells.fitted(ln_R_e, sd)
@@ -278,7 +278,7 @@ class StringHealth:
         return [Change("ageing", a.flag.level, a.sentence(f" of cell {k + 1}", self.doubt), k + 1) for k, a in of]
 
     def conditions(self) -> Iterator[Change]:
-        """Every raised flag, worst cause first; of two that say the same of the same place the graver one."""
+        """Every raised flag, the most severe cause first; of two with the same word and cell, the more severe one."""
         found: dict[tuple[str, int | None], Change] = {}
         for c in (*self._of_heat(), *self._slow()):
             other = found.get((c.code, c.cell))
@@ -287,7 +287,7 @@ class StringHealth:
         yield from found.values()
 
     def _of_heat(self) -> Iterator[Change]:
-        """List what the watch over heat says: faults of minutes, which wait for no commissioning."""
+        """List the findings of the watch over heat: these faults develop within minutes and need no commissioning."""
         for f in self.heat:
             facts = {"heat_W": f.heat, "heat_sd_W": f.heat_sd} if f.heat == f.heat else {}
             yield Change(f.code, f.level, f.text, f.cell, facts)
@@ -311,14 +311,14 @@ class StringHealth:
             yield Change("mismatch", level, self.mismatch.sentence())
 
     def discharges(self, now_ns: int, current: float, charge_Ah: float, V: Floats | None) -> list[Change]:
-        """Take in a tick's current, A, charge that flowed, Ah, and voltages of the cells (n,), V; what has changed."""
+        """Take a tick's current, A, charge, Ah, and voltages of the cells (n,), V; return the changes."""
         if self.self_discharge is None:
             return []
         found = self.self_discharge.take(now_ns, current, charge_Ah, V)
         return [_of_leak(leak, leak.level if raised else 0) for leak, raised in found]
 
     def reset(self, cell: int | None, reason: str, now: int) -> str:
-        """Make a new baseline: cells were replaced. Returns what was done, in words; nothing where it was done before.
+        """Find a new baseline: cells were replaced. Return a sentence; it is empty if this reset was done before.
 
         Parameters
         ----------
@@ -326,7 +326,7 @@ class StringHealth:
             1-based; None for the whole string.
         reason : str
         now : int
-            ns; with the reason it names the wish.
+            ns; time and reason together identify the reset.
         """
         if (now, self._note(cell, reason)) in self.history.events:
             return ""
@@ -347,7 +347,7 @@ class StringHealth:
         return f"baseline{'' if cell is None else f' of cell {cell}'} of R_e reset: {reason}"
 
     def snapshot(self) -> dict[str, Any]:
-        """State as JSON-able values; the window under way is not kept."""
+        """State as JSON-able values; the unfinished window is not stored."""
         return {
             "frozen": self._frozen,
             "identified": self._identified,
@@ -394,7 +394,7 @@ class StringHealth:
 
 
 def _of_leak(leak: Leak, level: int) -> Change:
-    """Tell of a cell that discharges itself, or (level 0) no longer does."""
+    """Report a cell that discharges itself, or (level 0) that no longer does."""
     facts = {"current_A": leak.current, "current_sd_A": leak.current_sd} if leak.current == leak.current else {}
     text = leak.text if level else f"cell {leak.cell} does not discharge itself any more"
     return Change("self_discharge", level, text, leak.cell, facts)

@@ -1,20 +1,20 @@
-r"""From windows to what has changed: one Kalman filter over everything that a window can speak of.
+r"""Changes of a string since commissioning: one Kalman filter over the results of all windows.
 
 .. math::
     \ln R_e &= \ell + G + J + (B - B_0)\,w + s\,(\tfrac12 - SOC) \\
     \ln R_u &= u + U - n \ln(\text{flow}) \\
     b_k &= o_k + D_k, \qquad \ln R_c, \ln C_c, \ln C_s = c_1, c_2, c_3
 
-ℓ, u, o and c are as commissioned and never move; G (growth), U (cooling) and D (drift of thermocouple k) walk away from
-zero since then, so that the baseline is refined by every early window and stays what it was. B, s and n are constants
-of the cell, learnt on the way: temperature and charge come back, growth does not.
+ℓ, u, o and c are the commissioned values; they are constant, and every early window makes them better known. G
+(growth), U (cooling) and D (drift of thermocouple k) are random walks that begin at zero at commissioning. B, s and n
+are constants of the cell, which the filter learns: temperature and charge return to the same values, growth does not.
 
-What can happen overnight and what cannot tells the rest apart. A fan stops, a thermocouple comes loose: U and D may
-jump. A cell does not age by several per cent in an hour: where a window's R_e contradicts the trend and neither cooling
-nor offsets explain it, it is left out; when `CONFIRM` windows in a row say so, J takes up the jump, which is a fault of
-the current's scale or of a joint, and G goes on as before.
+The filter separates sudden changes from slow ones. U and D may jump, because a fan can stop and a thermocouple can
+come loose. G may not jump, because a cell does not age by several per cent within an hour. If the R_e of a window
+contradicts the trend, and neither cooling nor offsets explain it, this R_e is left out. If `CONFIRM` windows in a row
+do so, J takes the jump: the scale of the current or an electrical joint has changed. G is not changed by it.
 
-Beyond Lin et al., who identify once.
+Lin et al. identify the parameters once; this trend is not part of the paper.
 """
 
 from collections.abc import Mapping
@@ -31,39 +31,41 @@ from bms_gateway.thermal import Floats
 
 PER = 1000.0  # K: unit of B in the filter
 B_PRIOR = (2500.0, 1200.0)
-"""K: exponent of a lithium-ion cell's resistance where the model says nothing; data sheets and records: 1500…4000."""
-SOC_SD = 0.3  # of s: R_e at empty against full, in the range that a vehicle uses
-FLOW_POWER = (0.6, 0.3)  # of n: tube banks 0.63, a still gap 0
-OFFSET_SD = 1.0  # K: a thermocouple against the inlet's, as installed
-SHAPE_SD = 0.05  # ln R_c, ln C_c, ln C_s: what a commissioning leaves
-UNKNOWN = 1.0  # ln: a level that only the windows tell
+"""K: exponent of R_e, and its sd, where the model has none; data sheets and records have 1500 to 4000 K."""
+SOC_SD = 0.3  # of s: R_e of an empty cell against a full one, within the range of charge that a vehicle uses
+FLOW_POWER = (0.6, 0.3)  # of n: 0.63 for tube banks, 0 for a gap without flow
+OFFSET_SD = 1.0  # K: offset of a thermocouple against the inlet's sensor, as installed
+SHAPE_SD = 0.05  # ln R_c, ln C_c, ln C_s: sd after commissioning
+UNKNOWN = 1.0  # ln: sd of a level that only the windows can tell
 RATE_SD, RATE_WALK = 2e-3, 3e-5
-"""ln per window: growth goes on as it has gone, 0.1 % a drive is a cell that wears out in a year; it is at rest only if
-the windows say so. Without a rate, a growing R_e would be followed late, and its start be taken for the baseline; with
-one that is pulled to rest as narrowly as it usually is, a part of that start still is: half a point of growth."""
+"""ln per window: sd of the growth rate at commissioning, and its random step. A rate of 0.1 % per drive wears a cell
+out in a year. The filter keeps a rate because, without one, it would follow a growing R_e late and take the first
+growth for the baseline. With a narrower sd of the rate, half a point of growth would still be taken for the
+baseline."""
 WALK = {"growth": 0.001, "cooling": 0.01, "drift": 0.02}
-"""Steps in a window, ln and K; filters clog within weeks."""
+"""Random steps per window, ln and K; air filters clog within weeks."""
 FLOORS, FLOOR_K = (0.02, 0.03, 0.02, 0.02, 0.02), 0.1
-"""What a window errs beyond its own sd: profile, uneven warmth, a model of two nodes."""
-OPENED = {"jump": 0.3, "cooling": 0.4, "drift": 2.0}  # what may have happened since the last window
-SURPRISE = 3.7  # sd: one in ten thousand windows that are as they should be
+"""Errors of a window beyond its own sd: current profile, uneven temperature of the cells, two nodes for a cell."""
+OPENED = {"jump": 0.3, "cooling": 0.4, "drift": 2.0}  # sd of a sudden change since the last window
+SURPRISE = 3.7  # sd: one in ten thousand windows of a sound string is farther from the trend
 SUDDEN = 3.0
-"""sd of R_e alone: among seven numbers that scatter, one that jumps by a fifth would pass; without one: 2 at most."""
+"""sd of R_e alone, which is judged too: in the joint score of seven numbers, a jump of R_e by a fifth could stay
+unnoticed. Without a jump the value is 2 at most."""
 SETTLING, DOUBTED = 10, 4.0
-"""Windows that make the baseline: one that surprises is taken with so many times its variance. Nothing can have changed
-since a commissioning that is under way, and what is opened then leaves it open what the baseline was."""
-CONFIRM = 3  # surprising windows in a row before a jump of R_e is believed
+"""Number of windows that make the baseline; the variance of a surprising one among them is multiplied by the second
+number. Sudden changes are not considered in this time, because they would leave the baseline undetermined."""
+CONFIRM = 3  # number of surprising windows in a row after which a jump of R_e is accepted
 UNREST_SHARE, RESTLESS = 0.1, 0.25
-"""Weight of the newest window in the share of unusual ones, and the share from which R_e is held: a thermocouple that
-hangs loose moves with the load and makes every window another surprise."""
-DOUBTFUL = 0.02  # share of unusual windows from which each thermocouple is left out in turn: one in forty suffices
+"""Weight of the newest window in the share of unusual windows, and the share above which growth is not updated: a loose
+thermocouple moves with the load and makes each window unusual in another way."""
+DOUBTFUL = 0.02  # share of unusual windows above which windows are fitted without each thermocouple: one in forty
 CLEARER = 2.0
 """sd by which a jump of R_e, or leaving one thermocouple out, must explain a window better than changes of cooling and
-offsets do: these explain a little of everything."""
-LEFT_OUT = 1e2  # variance that takes a reading out
+offsets. The latter explain a part of every difference."""
+LEFT_OUT = 1e2  # variance that removes the influence of a number
 LINEAR = 300.0
-"""K: B so unsure bends what a window finds, which is told to first order; the first windows must not fix the baseline
-before it is known."""
+"""K: sd of B above which the results of a window are no longer linear in B; the variance of the first windows is then
+increased, so that they do not fix the baseline before B is known."""
 L, G, RATE, J, B, S, U0, U, N, R_C, C_C, C_S = range(12)
 FIXED = C_S + 1
 # states; then o_1…o_m, D_1…D_m
@@ -76,9 +78,9 @@ class Prior:
     Attributes
     ----------
     level_sd : float
-        Of ln R_e at 25 °C as commissioned; `UNKNOWN` where the first windows make the baseline.
+        Of ln R_e at 25 °C at commissioning; `UNKNOWN` where the first windows make the baseline.
     grown_sd : float
-        Of the growth since then (`GROWN` where the model file carries the baseline); 0 where it is made now.
+        Of the growth since commissioning: `GROWN` if the model file has the baseline, 0 if the windows make it now.
     B, B_sd : float
         K.
     shape_sd : tuple of float
@@ -93,7 +95,7 @@ class Prior:
 
 
 class Kind(Enum):
-    """What a window took to be explained."""
+    """Explanation of a window."""
 
     USUAL = "as the trend expects"
     OPENED = "cooling or thermocouples have changed"
@@ -106,18 +108,18 @@ UNREST = {Kind.USUAL: 0.0, Kind.OPENED: 1.0, Kind.LOOSE: 0.2, Kind.JUMP: 0.5, Ki
 
 
 class Trend:
-    """See the module's text.
+    """The Kalman filter of one string; see the module's text.
 
     Parameters
     ----------
     sensors : int
-        Thermocouples m.
+        Number of thermocouples m.
     prior : Prior
 
     Attributes
     ----------
     left_out : int or None
-        Which of the m the newest window was taken without; None where with all.
+        Index of the thermocouple that was left out of the newest window; None: all were used.
     """
 
     def __init__(self, sensors: int, prior: Prior | None = None) -> None:
@@ -139,17 +141,17 @@ class Trend:
 
     @property
     def drifts(self) -> slice:
-        """Where D_1…D_m are."""
+        """Indices of the states D_1…D_m."""
         return slice(FIXED + self.m, FIXED + 2 * self.m)
 
     @property
     def exponent(self) -> float:
-        """B as known now, K."""
+        """Present estimate of B, K."""
         return float(self.x[B]) * PER
 
     @property
     def charge_slope(self) -> float:
-        """Slope s of ln R_e over what is missing in charge, as known now."""
+        """Present estimate of s, the slope of ln R_e over the missing charge."""
         return float(self.x[S])
 
     def expected(self, flow: float, soc: float) -> Floats:
@@ -168,7 +170,7 @@ class Trend:
         return H
 
     def _said(self, seen: Observed, left_out: int | None = None) -> tuple[Floats, Floats, Floats]:
-        """H, z and R of a window, as of one referred with no exponent at all; `left_out`: without this thermocouple."""
+        """H, z and R of a window for an exponent of zero; `left_out`: without this thermocouple."""
         H, floors = self._matrix(seen.flow, seen.soc), np.array([*FLOORS, *[FLOOR_K] * self.m])
         if left_out is not None:
             H, floors = np.delete(H, FIRST_OFFSET + left_out, axis=0), np.delete(floors, FIRST_OFFSET + left_out)
@@ -190,22 +192,22 @@ class Trend:
         ----------
         seen : Observed
         share : float
-            Its length in units of a full window: walks go by time driven.
+            Length of the window over that of a full one: the random steps grow with the time driven.
         believe : bool
-            False: its R_e is left out, for the current is known to be wrong, and growth stays where it is.
+            False: the current is known to be wrong, so that R_e is left out and growth is not updated.
         without : mapping
-            What the same window says with the k-th of the thermocouples left out.
+            Results of the same window without the k-th thermocouple, by k.
 
         Returns
         -------
         Kind
-            What it took to explain it.
+            The explanation of the window.
         """
         H, z, R = self._said(seen)
         P = self.P.copy()
         if self.windows:
             F = np.eye(len(self.x))
-            F[G, RATE] = share if believe else 0.0  # a rate that a wrong current has made must not go on by itself
+            F[G, RATE] = share if believe else 0.0  # the rate may come from the wrong current: G must not follow it
             self.x, P = F @ self.x, F @ P @ F.T
             P[G, G] += WALK["growth"] ** 2 * share
             P[RATE, RATE] += RATE_WALK**2 * share
@@ -236,10 +238,10 @@ class Trend:
         return kind
 
     def resistance(self, seen: Observed) -> tuple[float, float]:
-        """Tell ln R_e of a window, referred as its `mean` is, and its sd, by what is known of all but R_e.
+        """Estimate ln R_e of one window and its sd, at the exponent of its `mean`, with all else known from the trend.
 
-        A window alone tells heat badly from resistance to it, by a tenth; R_c, C_c and C_s, which many windows have
-        taught and which do not change, tell how much heat it was.
+        A single window separates the heat from the thermal resistances only to about 10 %. R_c, C_c and C_s do not
+        change, and the trend knows them from many windows; with them the window tells its heat.
         """
         H, z, R = self._said(seen)
         P = self.P.copy()
@@ -254,22 +256,23 @@ class Trend:
 
     @property
     def doubtful(self) -> bool:
-        """Whether a window lately was unusual: then each thermocouple is asked whether it is it."""
+        """Whether a recent window was unusual: windows are then also fitted without each thermocouple."""
         return self.unrest > DOUBTFUL
 
     @property
     def restless(self) -> bool:
-        """Whether so many windows lately had to be explained by something new that growth must not be read off them."""
+        """Whether so many recent windows were unusual that they must not change the growth."""
         return self.unrest > RESTLESS
 
     def _explained(
         self, P: Floats, seen: Observed, without: Mapping[int, Observed], before: int | None
     ) -> tuple[Floats, Kind]:
-        """Find what must have changed since the last window, and the covariance that allows for it.
+        """Find what has changed since the last window, and the covariance that allows for this change.
 
-        A thermocouple that has lost its contact reads less the hotter its cell is, as no offset explains; and a change
-        of cooling that would explain it comes and goes with the load. Without it the window is as ever. The one that
-        was left out `before` is believed again where it explains a window as well as the others do.
+        A thermocouple without contact reads too low in proportion to the heat of its cell. No constant offset explains
+        this, and a change of cooling would have to come and go with the load. Without this thermocouple the window
+        agrees with the trend. The thermocouple that was left out `before` is used again when a window agrees with the
+        trend as well with it as without it.
         """
         said = self._said(seen)
         whole = self._score(P, *said)
@@ -299,20 +302,20 @@ class Trend:
         return self._score(self.P, *self._said(seen)) > SURPRISE
 
     def _jump(self, P: Floats, H: Floats, z: Floats, R: Floats) -> float:
-        """Size of the jump of R_e that explains a window best, sd."""
+        """Size of the jump of R_e that explains a window best, in sd."""
         h = H[:, J]
         weight = np.linalg.solve(H @ P @ H.T + R, h)
         return abs(float(weight @ (z - H @ self.x))) / float(np.sqrt(weight @ h))
 
     def _score(self, P: Floats, H: Floats, z: Floats, R: Floats) -> float:
-        """How much farther from the trend a window lies than chance puts it, sd (Wilson and Hilferty's normal χ²)."""
+        """Distance of a window from the trend as a normal deviate, sd (χ² by Wilson and Hilferty)."""
         nu = z - H @ self.x
         q = len(nu)
         square = float(nu @ np.linalg.solve(H @ P @ H.T + R, nu))
         return float(((square / q) ** (1 / 3) - 1.0 + 2.0 / (9.0 * q)) / np.sqrt(2.0 / (9.0 * q)))
 
     def _opened(self, P: Floats) -> Floats:
-        """Let cooling and thermocouples have changed since the last window: each by itself, and all of them alike."""
+        """Covariance after a sudden change of the cooling, of each thermocouple, and of all thermocouples alike."""
         P = P.copy()
         P[U, U] += OPENED["cooling"] ** 2
         P[self.drifts, self.drifts] += OPENED["drift"] ** 2 * (np.eye(self.m) + 1.0)
@@ -323,7 +326,7 @@ class Trend:
         return float(self.x[state]), float(np.sqrt(max(self.P[state, state], 0.0)))
 
     def reset(self, level_sd: float = UNKNOWN) -> None:
-        """Make a new baseline of R_e from the next windows; what else is known stays."""
+        """Find a new baseline of R_e from the next windows; all other states stay."""
         for state, sd in ((L, level_sd), (G, 0.0), (RATE, RATE_SD), (J, 0.0)):
             self.P[state, :] = self.P[:, state] = 0.0
             self.P[state, state] = sd**2

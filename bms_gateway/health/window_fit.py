@@ -1,21 +1,21 @@
-r"""What one window of driving says of a commissioned string, apart from every other window.
+r"""Fit of one window of a commissioned string, independent of every other window.
 
-Common to the cells are R_e, R_u and what R_c, C_c and C_s depart from their commissioned values; every thermocouple has
-an offset b against the inlet's. Start temperatures, the gain of the inlet's swing and a slow discrepancy are
-marginalised. Windows share nothing, so that what their sequence shows (`trend`) is no echo.
+The fit finds R_e, R_u, and factors on the commissioned R_c, C_c and C_s, each common to all cells, and an offset b of
+each thermocouple against the inlet's sensor. Start temperatures, a gain of the inlet's changes and a slow model error
+are marginalised. Windows have no result in common, so that their errors are independent in the `trend`.
 
-R_e is referred to 25 °C on the way: the current's square is weighted by
+R_e is referred to 25 °C within the fit: the current's square is weighted by
 
 .. math:: \exp\bigl(B (1/T_c - 1/298.15\,\mathrm{K})\bigr)
 
-with T_c from the measured surfaces and the current through the core's own low pass. An error of B moves everything that
-the window finds, offsets by tenths of a kelvin: heat that fades as the core warms looks like another time constant or
-another level. `Observed.by_B` says by how much, and the trend learns B from it.
+with T_c computed from the measured surfaces and the current. An error of B changes every result of the window, offsets
+by tenths of a K: if the heat falls while the core warms, the surfaces look like those of another time constant or of
+another level. `Observed.by_B` has the derivative of the results by B, from which the trend learns B.
 
-What noise of the inlet's readings is expected to add to the sum of squares is taken off it (`inlet_noise`); it would
-move B too: 0.7 % low, which is half a point of growth from winter to summer.
+The noise of the inlet's readings adds to the sum of squares; its expected share is subtracted (`inlet_noise`).
+Otherwise B would be 0.7 % too low, which makes half a point of growth between winter and summer.
 
-For Lin et al., Eq 1 and 16-18.
+The equations are those of Lin et al., Eq 1 and 16-18.
 """
 
 import math
@@ -40,21 +40,21 @@ from bms_gateway.identify.window_start import (
 from bms_gateway.thermal import Floats, StringParameters
 
 KELVIN, REFERENCE_K = 273.15, 298.15
-COLDEST = -60.0  # °C: no cell that drives is colder; a start that is still sought may be
+COLDEST = -60.0  # °C: least core temperature that the weights use; the fit may pass through colder starts
 STRIDE_S = 4.0
-STEP, STEP_B = 1e-4, 1.0  # of a logarithm or K, and of B, for slopes
-SHAPE = ("R_u", "R_c", "C_c", "C_s")  # numbers that the surface follows in a curved way; R_e it follows linearly
+STEP, STEP_B = 1e-4, 1.0  # steps for slopes: of a logarithm or K, and of B
+SHAPE = ("R_u", "R_c", "C_c", "C_s")  # the surface is not linear in these numbers; it is linear in R_e
 FIRST_OFFSET = 1 + len(SHAPE)
-ROUNDS = 12  # at most; the third and fourth move the start, and with it how warm the core was
-SETTLED = 0.05  # squared length of a step, in sd of what it moves: less changes nothing that a window says
+ROUNDS = 12  # at most; the third and fourth still change the start, and with it the core temperature
+SETTLED = 0.05  # squared length of a step, in sd of its numbers: a shorter step changes no result of a window
 UNLIKE_SD = 0.03
-"""Relative: R_e of the last cell along the coolant over the middle one's, as built and as warm as it is. Nothing but
-how surfaces differ along the string tells heat from resistance to it: a few per cent of R_e pass for many of both."""
-TAU_S = 150.0  # of the slow discrepancy: faster than the core, slower than the casing
-FLOOR = 0.2  # K·√s, white: a two-node cell is not believed better
+"""Relative: R_e of the last cell along the coolant over that of the middle cell. Only the differences of the surfaces
+along the string separate R_e from R_u: a difference of a few per cent in R_e shifts both results by many per cent."""
+TAU_S = 150.0  # time constant of the slow model error: shorter than the core's, longer than the casing's
+FLOOR = 0.2  # K·√s: least white noise; the model of two nodes is not more exact
 WIDE, WIDE_OFFSET = (1.0, 1.0, 0.3, 0.3, 0.3), 3.0
-# ln of R_e and `SHAPE`, K: pull towards the trend's own guess, so that a window that says nothing moves nothing
-FARTHEST = 0.7  # of a logarithm in one round: a factor of two
+# ln of R_e and `SHAPE`, K: wide prior about the trend's guess, so that a window without information changes nothing
+FARTHEST = 0.7  # largest change of a logarithm in one round: a factor of two
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +88,7 @@ class DriveWindow:
 
 @dataclass(frozen=True, slots=True)
 class Observed:
-    """What the window says.
+    """Result of a window.
 
     Attributes
     ----------
@@ -96,7 +96,7 @@ class Observed:
         ln of R_e at 25 °C, R_u, R_c, C_c, C_s over the commissioned ones; offsets b, K.
     cov : ndarray (5 + m, 5 + m)
     B : float
-        K: the exponent that R_e was referred with.
+        K: the exponent with which R_e was referred to 25 °C.
     by_B : ndarray (5 + m,)
         d mean / dB.
     warmth : float
@@ -108,7 +108,7 @@ class Observed:
     rms : float
         Of the residual, K.
     slow : float
-        Size of the slow discrepancy that explains the readings best, K.
+        Size of the slow model error that explains the readings best, K.
     """
 
     mean: Floats
@@ -124,7 +124,7 @@ class Observed:
 
 
 def mean_surface(w: DriveWindow) -> Floats:
-    """Mean measured surface of the ticks (K,), °C, on straight lines where nothing was read."""
+    """Mean measured surface of the ticks (K,), °C, interpolated where there was no reading."""
     count = np.isfinite(w.surface).sum(axis=1)
     read = np.flatnonzero(count)
     mean = np.nansum(w.surface[read], axis=1) / count[read]
@@ -132,9 +132,9 @@ def mean_surface(w: DriveWindow) -> Floats:
 
 
 def at_mean_charge(w: DriveWindow, current: Floats, capacity_Ah: float, slope: float) -> DriveWindow:
-    """Give a window the heat that it would make at one charge: R_e moves with it from tick to tick too.
+    """Give a window the heat that it would make at constant charge, because R_e also changes with the charge.
 
-    A drive that empties the cells raises R_e as it warms them, which would pass for a smaller exponent.
+    A drive that empties the cells raises R_e while it warms them; without this step B would come out too small.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def at_mean_charge(w: DriveWindow, current: Floats, capacity_Ah: float, slope: f
         A, of each tick or of j equal parts of it.
     capacity_Ah : float
     slope : float
-        Of ln R_e over what is missing in charge.
+        Of ln R_e over the missing charge.
 
     Returns
     -------
@@ -154,11 +154,11 @@ def at_mean_charge(w: DriveWindow, current: Floats, capacity_Ah: float, slope: f
 
 
 def core_temperature(p: StringParameters, surface: Floats, square: Floats, B: float, start: float, dt: float) -> Floats:
-    """Mean core of the ticks (K,), °C, from mean surfaces, the current's square, A², and where it began.
+    """Mean core of the ticks (K,), °C, from mean surfaces, the current's square, A², and the core at the start.
 
-    Its warmth moves the heat that warms it, within a tick of some seconds already: each step's heat is that of its
-    middle, from where the step before ended. Shorter ticks share a step of `STRIDE_S`, a hundredth of the core's own
-    time; the last step counts as a whole one.
+    The heat depends on the core's temperature. Each step therefore uses the heat at its middle, computed from the end
+    of the step before. Several short ticks make one step of `STRIDE_S`, a hundredth of the core's time constant; the
+    last step counts as a whole one.
     """
     first = np.arange(0, len(surface), max(1, round(STRIDE_S / dt)))
     count = np.diff(np.append(first, len(surface)))
@@ -230,7 +230,10 @@ def fit_window(p: StringParameters, w: DriveWindow, sensed: Sequence[int], guess
         r = np.where(valid, y - f[:, :, 0] - theta[FIRST_OFFSET:], np.nan)
         white = white_sd(r, FLOOR / float(np.sqrt(w.dt)))
         final = not searched and (near or k >= ROUNDS - 3)
-        whitener, slow = _whitener(valid, r, columns, white, w.dt, final=final, before=slow)
+        if final:
+            whitener, slow = _likeliest_whitener(valid, r, columns, white, w.dt)
+        else:
+            whitener = Whitener.of(valid, white, slow, TAU_S, w.dt)
         searched = searched or final
         by_B = at_readings(R.surface_by_input[:, :, -2:-1], late)
         both = whitener(np.concatenate([columns, by_B, r[:, :, None]], axis=2)).reshape(-1, columns.shape[2] + 2)
@@ -272,12 +275,12 @@ def _at(p: StringParameters, theta: Floats) -> StringParameters:
 
 
 def _seen(Y: Floats, late: Floats, white: Whitener) -> Floats:
-    """Residuals (K, m, …) that surfaces (K + 1, m, …) would leave, whitened."""
+    """Whitened residuals (K, m, …) of surfaces (K + 1, m, …)."""
     return white(at_readings(Y, late))
 
 
 def _columns(R: Response, f: Floats, E: Floats, late: Floats, m: int) -> Floats:
-    """Slopes of the readings (K, m, 5 + m + 2 + 2n) by θ, the inlet's swing, how unlike the cells are and the start."""
+    """Slopes of the readings (K, m, 5 + m + 2 + 2n) by θ, the inlet's gain, the cells' differences and the start."""
     by_input = at_readings(R.surface_by_input, late)
     by_theta = by_input[:, :, :FIRST_OFFSET].copy()  # by R_e itself, and by how warm the core is taken to be
     moved = (f[:, :, 1:] - f[:, :, :1]) / STEP
@@ -302,13 +305,14 @@ def _warmth(
     return exponents[0], slopes.T, cores[0]
 
 
-def _whitener(
-    valid: np.ndarray, r: Floats, columns: Floats, white: float, dt: float, *, final: bool, before: float
+def _likeliest_whitener(
+    valid: np.ndarray, r: Floats, columns: Floats, white: float, dt: float
 ) -> tuple[Whitener, float]:
-    """Noise under which the residual, freed of what the numbers can still take up, is likeliest."""
-    if not final:
-        return Whitener.of(valid, white, before, TAU_S, dt), before
-    best, chosen, size = np.inf, None, before
+    """Find the slow noise under which the residual is likeliest, without the part that the numbers can still explain.
+
+    Returns the noise and the size of its slow part, K.
+    """
+    best, chosen, size = np.inf, None, 0.0
     both = np.concatenate([columns, r[:, :, None]], axis=2)
     for slow in SIZES:
         W = Whitener.of(valid, white, slow, TAU_S, dt)

@@ -65,6 +65,20 @@ def roll_share(v: float) -> float:
     return LEAST_SHARE + (MOST_SHARE - LEAST_SHARE) / (1.0 + math.exp(ROLL_MEDIAN - ROLL_SPREAD * v))
 
 
+def roll_bend(v: float) -> float:
+    """Second over first derivative of `roll_share`: how far the response to v is from a straight line.
+
+    Examples
+    --------
+    >>> h = 1e-4
+    >>> first = (roll_share(-1.0 + h) - roll_share(-1.0 - h)) / (2.0 * h)
+    >>> second = (roll_share(-1.0 + h) - 2.0 * roll_share(-1.0) + roll_share(-1.0 - h)) / h**2
+    >>> abs(second / first / roll_bend(-1.0) - 1.0) < 1e-5
+    True
+    """
+    return ROLL_SPREAD * math.tanh((ROLL_MEDIAN - ROLL_SPREAD * v) / 2.0)
+
+
 @dataclass(frozen=True, slots=True)
 class Course:
     """What drives the carried effects in a window of K ticks, in C coarse steps of `per` ticks.

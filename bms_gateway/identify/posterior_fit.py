@@ -53,6 +53,8 @@ TRIES = 4  # at raising the noise: each starts where the one before ended
 ALMOST = 0.02  # of a factor is none
 KEPT = 0.25
 """Of the evidence so far, where a window is not used."""
+LEAST_DROP = 0.5
+"""Of a single mode's posterior from its top to the other root, in logarithms: the other root is then one sd away."""
 DEAF = 1e3  # times the noise: only the prior and the evidence speak
 
 
@@ -198,15 +200,14 @@ def _both_roots(problem: Problem, point: Point, sizes: Sizes, root: Root) -> tup
             point = problem.minimise(other, point.xi, sizes, 1.0, 10)
         return point, np.append(point.phi, point.xi[: problem.V]), problem.covariance(point), 0.0
     jump = lumped(other, problem.model.has_conduction) - lumped(point.phi, problem.model.has_conduction)
-    info, p = problem.marginal(point)[0], problem.p
-    carried = info[p:, p:] + np.eye(problem.V)
-    info = info[:p, :p] - info[:p, p:] @ np.linalg.solve(carried, info[p:, :p])
+    info = _of_numbers(problem, point)
     back = np.linalg.inv(lumped_jacobian(point.phi, problem.model.has_conduction))
     if not problem.feasible(other) or 0.5 * jump @ (back.T @ info @ back) @ jump > 20.0:
         return point, here, cov, 0.0  # the inlet moved enough to exclude it
     twin = problem.minimise(other, point.xi, sizes, 1.0, 10)
-    if np.max(np.abs(twin.phi - point.phi)) < 0.05:
-        return point, here, cov, 0.0  # it slid back: there is one mode only
+    if np.max(np.abs(twin.phi - point.phi)) < 0.05:  # it slid back: there is one mode only
+        mean, cov = _leaning(problem, point, other, sizes, cov)
+        return point, mean, cov, 0.0
     weight = 1.0 / (1.0 + np.exp(np.clip(problem.score(twin) - problem.score(point), -50.0, 50.0)))
     there = np.append(twin.phi, twin.xi[: problem.V])
     if weight > 0.5:
@@ -214,3 +215,53 @@ def _both_roots(problem: Problem, point: Point, sizes: Sizes, root: Root) -> tup
     apart = there - here
     cov = (1.0 - weight) * problem.covariance(point) + weight * problem.covariance(twin)
     return point, here + weight * apart, cov + weight * (1.0 - weight) * np.outer(apart, apart), float(weight)
+
+
+def _of_numbers(problem: Problem, point: Point) -> Floats:
+    """Information (p, p) of the data on φ, the carried effects integrated out with their prior."""
+    info, p = problem.marginal(point)[0], problem.p
+    carried = info[p:, p:] + np.eye(problem.V)
+    return np.asarray(info[:p, :p] - info[:p, p:] @ np.linalg.solve(carried, info[p:, :p]), dtype=np.float64)
+
+
+def _leaning(problem: Problem, point: Point, other: Floats, sizes: Sizes, cov: Floats) -> tuple[Floats, Floats]:
+    """Mean and covariance of a single mode whose posterior reaches farther towards the other root than away from it.
+
+    With a the way from the mode to the other root, the normal distribution at the mode expects the posterior there by
+    Δ = aᵀ H a / 2 below the mode's, in logarithms. Where it is only Δ* < Δ below, the distribution is wider on that
+    side: (2 Δ)^{-1/2} on one side and (2 Δ*)^{-1/2} on the other, in units of a.
+    """
+    free, mean = problem.free, np.append(point.phi, point.xi[: problem.V])
+    away = other - point.phi
+    expected = 0.5 * float(away @ (_of_numbers(problem, point) + np.diag(problem.prior_info)) @ away)
+    found = max(problem.profile(other, point.xi, sizes) - point.cost, LEAST_DROP)
+    if found >= expected:
+        return mean, cov
+    near, far = (2.0 * expected) ** -0.5, (2.0 * found) ** -0.5
+    way = cov[:, free] @ np.linalg.solve(cov[np.ix_(free, free)], away[free])
+    moved, variance = split_normal(near, far)
+    return mean + moved * way, cov + (variance - near**2) * np.outer(way, way)
+
+
+def split_normal(near: float, far: float) -> tuple[float, float]:
+    """Mean and variance, about the mode, of a normal distribution with another sd on either side.
+
+    Parameters
+    ----------
+    near, far : float
+        sd below and above the mode.
+
+    References
+    ----------
+    K. F. Wallis, The two-piece normal, binormal, or double Gaussian distribution, Statistical Science 29 (2014).
+
+    Examples
+    --------
+    >>> x = np.linspace(-20.0, 20.0, 100_001)
+    >>> p = np.exp(-0.5 * (x / np.where(x < 0.0, 1.0, 2.5)) ** 2)
+    >>> mean = float(np.sum(p * x) / np.sum(p))
+    >>> np.allclose(split_normal(1.0, 2.5), (mean, np.sum(p * (x - mean) ** 2) / np.sum(p)), rtol=1e-5)
+    True
+    """
+    apart = far - near
+    return float(np.sqrt(2.0 / np.pi)) * apart, (1.0 - 2.0 / np.pi) * apart**2 + near * far

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bms_gateway.thermal import Floats, StringParameters, continuous, discretize
+from bms_gateway.thermal import ContinuousString, Floats, StringParameters, continuous, discretize
 from bms_gateway.thermal.roll import resting, with_roll
 
 BLOCK = 32  # steps; near the square root of a window, where Toeplitz and stepping cost the same
@@ -91,7 +91,7 @@ def respond(
     inputs: Inputs,
     x0: Floats,
     sensed: Sequence[int],
-    share: float = 0.0,
+    share: float | Sequence[float] = 0.0,
 ) -> Response:
     """Simulate S parameter sets.
 
@@ -104,9 +104,9 @@ def respond(
         Starts, °C.
     sensed : sequence of int
         0-based cells whose surface is wanted (m of them).
-    share : float
-        Of R_c, that lies within the jelly roll (`thermal.roll`); where it is 0, a core is one node. A roll starts with
-        the profile of steady heating.
+    share : float or sequence of float
+        Of R_c, that lies within the jelly roll (`thermal.roll`), of all sets or of each; where it is 0, a core is one
+        node, in all sets or in none. A roll starts with the profile of steady heating.
 
     Returns
     -------
@@ -116,25 +116,25 @@ def respond(
     ----------
     Lin et al., Eq 1 and 18, solved for many parameter sets.
     """
-    w = _Blocks.of(sets, inputs, sensed, share)
+    shares = np.broadcast_to(share, len(sets)).tolist()
+    w = _Blocks.of(sets, inputs, sensed, shares)
     K, L, m = len(w.u), len(w.reach), len(sensed)
     N, n = w.step.shape[1], sets[0].cells
-    rest = resting(n, share)
-    X, x = w.starts(x0 @ rest.T)
-    by_start = np.empty((K + 1, m, N))
+    X, x = w.starts(np.array([resting(n, own) @ x for own, x in zip(shares, x0, strict=True)]))
+    by_start = np.empty((K + 1, m, 2 * n))
     by_start[0] = 0.0
     by_start[0, np.arange(m), 2 * np.asarray(sensed) + 1] = 1.0
-    Phi = np.empty((X.shape[2], N, N))
-    P = np.eye(N)
+    Phi = np.empty((X.shape[2], N, 2 * n))
+    P = resting(n, shares[0])
     for b in range(len(Phi)):
         Phi[b] = P
         P = w.step[0] @ P
-    by_start[1:] = (w.observe[0] @ Phi).reshape(-1, m, N)[:K]
+    by_start[1:] = (w.observe[0] @ Phi).reshape(-1, m, 2 * n)[:K]
     jump = w.reach[::-1, 0].transpose(1, 0, 2).reshape(N, -1)
     by_input = _by_input(w.toeplitz[0].reshape(L * m, -1), jump, w.step[0], w.observe[0], inputs, L, m)
     for k in range((len(Phi) - 1) * L, K):  # the last block may be short
         x = (w.A @ x[:, :, None])[:, :, 0] + w.B @ w.u[k]
-    return Response(w.surface(X), x[:, : 2 * n], by_start @ rest, by_input)
+    return Response(w.surface(X), x[:, : 2 * n], by_start, by_input)
 
 
 def surfaces(
@@ -156,7 +156,7 @@ def surfaces(
     """
     for first in range(0, len(sets), TOGETHER):
         some = slice(first, min(first + TOGETHER, len(sets)))
-        w = _Blocks.of(sets[some], inputs, sensed)
+        w = _Blocks.of(sets[some], inputs, sensed, [0.0] * len(sets[some]))
         yield some, w.surface(w.starts(x0[some])[0])
 
 
@@ -194,9 +194,9 @@ class _Blocks:
 
     @classmethod
     def of(
-        cls, sets: Sequence[StringParameters], inputs: Inputs, sensed: Sequence[int], share: float = 0.0
+        cls, sets: Sequence[StringParameters], inputs: Inputs, sensed: Sequence[int], shares: Sequence[float]
     ) -> "_Blocks":
-        A, B = _discrete(sets, inputs.dt, share)
+        A, B = _discrete(sets, inputs.dt, shares)
         read = [2 * k + 1 for k in sensed]
         u = inputs.stacked()
         K, r = u.shape
@@ -204,13 +204,11 @@ class _Blocks:
         m, L = len(sensed), min(BLOCK, K)
         reach = np.empty((L, S, N, r))
         see = np.empty((L, S, m, N))
-        step = np.broadcast_to(np.eye(N), A.shape)
-        G = B
-        for j in range(L):
-            reach[j] = G
-            G = A @ G
-            step = A @ step
-            see[j] = step[:, read]
+        G, seen = B, A[:, read]
+        for j in range(L):  # narrow products: powers of A itself would cost as many times more as a string has states
+            reach[j], see[j] = G, seen
+            G, seen = A @ G, seen @ A
+        step = np.linalg.matrix_power(A, L)
         kernel = reach[:, :, read]  # (L, S, m, r)
         toeplitz = np.zeros((S, L, m, L, r))
         for i in range(L):
@@ -260,12 +258,16 @@ def _by_input(inside: Floats, jump: Floats, step: Floats, see: Floats, inputs: I
     return out[: K + 1]
 
 
-def _discrete(sets: Sequence[StringParameters], dt: float, share: float) -> tuple[Floats, Floats]:
+def _discrete(sets: Sequence[StringParameters], dt: float, shares: Sequence[float]) -> tuple[Floats, Floats]:
     """Discretise: A (S, N, N) and B (S, N, 4) for the inputs I², mean heat, inlet at start and end."""
-    A, B = [], []
-    for p in sets:
-        d = discretize(with_roll(continuous(p), p, share), dt)
-        heat = p.R_e / np.mean(p.R_e)
-        A.append(d.A)
-        B.append(np.column_stack([d.B_q @ p.R_e, d.B_q @ heat, d.B_f0, d.B_f1]))
-    return np.array(A), np.array(B)
+    rolled = [with_roll(continuous(p), p, share) for p, share in zip(sets, shares, strict=True)]
+    heats = [np.column_stack([p.R_e, p.R_e / np.mean(p.R_e)]) for p in sets]
+    d = discretize(
+        ContinuousString(
+            np.array([s.A for s in rolled]),
+            np.array([s.B_q @ heat for s, heat in zip(rolled, heats, strict=True)]),
+            np.array([s.B_f for s in rolled]),
+        ),
+        dt,
+    )
+    return d.A, np.concatenate([d.B_q, d.B_f0[:, :, None], d.B_f1[:, :, None]], axis=2)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bms_gateway.identify.carried import CAPACITY_AH, NAMES, ROLL_AT, Carried, Course, columns, roll_share
+from bms_gateway.identify.carried import CAPACITY_AH, NAMES, ROLL_AT, Carried, Course, columns, roll_bend, roll_share
 from bms_gateway.identify.contract import log_prior, string_parameters
 from bms_gateway.identify.doubt import noise_factor, sound_sd
 from bms_gateway.identify.identifiable import R_C, R_E, R_U, lumped, lumped_jacobian
@@ -179,16 +179,17 @@ class Problem:
 
     def simulate(self, phi: Floats, xi: Floats) -> tuple[Floats, Floats, Floats]:
         """Residual (K, m), its columns −∂r/∂(φ, ξ) (K, m, p + q), and (T_s, e) at the end (2n,)."""
-        sets = self.sets(phi)
-        R = self.respond(sets, xi, self.roll(xi))
+        sets, shares = self.sets(phi), [self.roll(xi)] * (self.p + 1)
+        if self.size > 0.0:
+            sets, shares = [*sets, sets[0]], [*shares, self.roll(xi, STEP)]
+        R = self.respond(sets, xi, shares)
         f = self.read(R.surface.transpose(1, 2, 0))
-        by_phi = (f[:, :, 1:] - f[:, :, :1]) / STEP
+        by_phi = (f[:, :, 1 : self.p + 1] - f[:, :, :1]) / STEP
         E, _ = start_map(sets[0], self.inputs.inlet[0])
         by_start, by_input = self.read(R.surface_by_start) @ E, self.read(R.surface_by_input)
         columns = np.concatenate([by_phi, self.carried, by_start, by_input], axis=2)
         if self.size > 0.0:
-            there = self.read(self.respond(sets[:1], xi, self.roll(xi, STEP)).surface[0])
-            columns[:, :, self.p + ROLL_AT] = (there - f[:, :, 0]) / STEP
+            columns[:, :, self.p + ROLL_AT] = (f[:, :, -1] - f[:, :, 0]) / STEP
         E, c = start_map(sets[0], self.inputs.inlet[-1])
         predicted, last = f[:, :, 0] + self.carried @ xi[: self.V], R.last[0] + self.effects.last @ xi[: self.V]
         return np.where(self.valid, self.y - predicted, np.nan), columns, np.linalg.solve(E, last - c)
@@ -229,8 +230,8 @@ class Problem:
         """Share of R_c within the jelly roll, with `more` on its coefficient."""
         return roll_share(self.size * (float(xi[ROLL_AT]) + more)) if self.size > 0.0 else 0.0
 
-    def respond(self, sets: list[StringParameters], xi: Floats, share: float = 0.0) -> Response:
-        """Response of parameter sets with the nuisances ξ and a share of R_c within the roll."""
+    def respond(self, sets: list[StringParameters], xi: Floats, share: float | list[float] = 0.0) -> Response:
+        """Response of parameter sets with the nuisances ξ, and a share of R_c within the roll, of all or of each."""
         start = xi[self.V : self.V + self.N]
         inputs = replace(self.inputs, departure=xi[self.V + self.N : -1], swing=1.0 + float(xi[-1]))
         starts = (start_map(s, inputs.inlet[0]) for s in sets)
@@ -274,6 +275,9 @@ class Problem:
         """Add evidence and nuisances to the data's normal matrix `M`."""
         p, P = self.p, self.P
         H, g, cost = M[:-1, :-1].copy(), -M[:-1, -1], 0.5 * float(M[-1, -1])
+        if self.size > 0.0:  # small shares go by an exponential: without its curvature, steps overshoot and turn about
+            at = p + ROLL_AT
+            H[at, at] += max(0.0, self.size * roll_bend(self.size * float(xi[ROLL_AT])) * float(g[at]))
         D, delta = self.to_evidence(phi, xi)
         pull = self.info @ delta
         H[:P, :P] += D.T @ self.info @ D
@@ -318,30 +322,48 @@ class Problem:
         self.carry(phi, xi)
         here = self.at(phi, xi, W, sizes.walk)
         enough = 1e-3 if scale == 1.0 else 0.1  # of the log posterior
-        f, p, damping = len(self.free), self.p, 0.0
+        damping = 0.0
         for _ in range(most):
-            H, g = self.with_prior(here)
-            top = float(np.max(np.diag(H)[:f], initial=1.0))
-            there = None
-            while damping <= 1e6 * top:
-                A = H.copy()
-                A[np.arange(f), np.arange(f)] += damping
-                move = np.zeros(p + len(xi))
-                move[self.moving] = -np.linalg.solve(A, g)
-                phi = np.clip(here.phi + move[:p], self.low, self.high)
-                if np.max(np.abs(move[:p])) <= STEEP and self.feasible(phi):
-                    there = self.at(phi, here.xi + move[p:], W, sizes.walk)
-                    if there.cost <= here.cost:
-                        break
-                damping = max(4.0 * damping, 1e-3 * top)
-            if there is None or there.cost > here.cost:
+            there, damping = self._lower(here, W, sizes.walk, damping)
+            if there is None:
                 return here  # no way down from here
             gained = here.cost - there.cost
             here = there
-            damping = damping / 8.0 if damping > 1e-6 * top else 0.0
             if gained < enough:
                 break
         return here
+
+    def _lower(self, here: Point, whitener: Whitener, walk: float, damping: float) -> tuple[Point | None, float]:
+        """Take a step down by more and more damping of φ; the damping to go on with. None where there is no way down.
+
+        A step that leads up is tried by half before it is damped: the share of the roll bends the response more than φ
+        does, and all else is nearly linear.
+        """
+        H, g = self.with_prior(here)
+        f, p = len(self.free), self.p
+        top = float(np.max(np.diag(H)[:f], initial=1.0))
+        while damping <= 1e6 * top:
+            A = H.copy()
+            A[np.arange(f), np.arange(f)] += damping
+            move = np.zeros(p + len(here.xi))
+            move[self.moving] = -np.linalg.solve(A, g)
+            for part in (move, 0.5 * move):
+                phi = np.clip(here.phi + part[:p], self.low, self.high)
+                if np.max(np.abs(part[:p])) > STEEP or not self.feasible(phi):
+                    continue
+                there = self.at(phi, here.xi + part[p:], whitener, walk)
+                if there.cost <= here.cost:
+                    return there, damping / 8.0 if damping > 1e-6 * top else 0.0
+            damping = max(4.0 * damping, 1e-3 * top)
+        return None, damping
+
+    def profile(self, phi: Floats, xi: Floats, sizes: Sizes) -> float:
+        """Tell −ln of the posterior at φ as it is, with the nuisances that fit it best; from ξ by one linear step."""
+        self.carry(phi, xi)
+        here = self.at(phi, xi, self.whitener(sizes), sizes.walk)
+        H, g = self.with_prior(here)
+        rest = slice(len(self.free), None)
+        return here.cost - 0.5 * float(g[rest] @ np.linalg.solve(H[rest, rest], g[rest]))
 
     def choose(self, at: Point, white_floor: float) -> Sizes:
         """Sizes with the largest marginal likelihood, everything else integrated out about `at`."""

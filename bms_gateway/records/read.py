@@ -39,18 +39,36 @@ MOST_OF_A_LOG = 128 << 20
 """Numbers that a log may give, blanks included: 1 GiB."""
 
 
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """How files are read, where a page and not a person at a terminal has asked for them.
+
+    Attributes
+    ----------
+    uploaded : bool
+        Whether the config is from elsewhere, as `load_config` has it.
+    tell : callable, optional
+        Told the name of a table and the share of it that was read.
+    most : int, optional
+        Numbers that each file may give. Default: of a table what a file of its size can mean, of a log `MOST_OF_A_LOG`.
+    seen : callable, optional
+        Given the rows of each file, in their order: a record keeps no more of them than a fit can use.
+    """
+
+    uploaded: bool = False
+    tell: Callable[[str, float], None] | None = None
+    most: int | None = None
+    seen: Callable[[Columns], None] | None = None
+
+
 def read_measurements(
     paths: Iterable[Path],
     *,
     model: StringModel,
     config: Path | None = None,
     string: str | None = None,
-    columns: Mapping[str, str] | None = None,
-    uploaded: bool = False,
-    tell: Callable[[str, float], None] | None = None,
-    most: int | None = None,
-    seen: Callable[[Columns], None] | None = None,
-    each: Sequence[Mapping[str, str]] = (),
+    columns: Mapping[str, str] | Sequence[Mapping[str, str]] | None = None,
+    reading: Reading | None = None,
 ) -> list[Record]:
     """Read tables and logs of one string, or of several of one kind.
 
@@ -64,18 +82,9 @@ def read_measurements(
         Gateway config whose mapping logs are decoded by.
     string : str, optional
         Name of the config's string; needed where it has several.
-    columns : mapping, optional
-        From `report.table.parse_columns`, for the tables.
-    uploaded : bool
-        Whether the config is from elsewhere, as `load_config` has it.
-    tell : callable, optional
-        Told the name of a table and the share of it that was read.
-    most : int, optional
-        Numbers that each file may give. Default: of a table what a file of its size can mean, of a log `MOST_OF_A_LOG`.
-    seen : callable, optional
-        Given the rows of each file, in their order: a record keeps no more of them than a fit can use.
-    each : sequence of mapping
-        Columns of each path in its place, beside `columns`; paths without one have none of their own.
+    columns : mapping, or sequence of mapping, optional
+        From `report.table.parse_columns`: for all tables, or one for each path.
+    reading : Reading, optional
 
     Returns
     -------
@@ -94,22 +103,23 @@ def read_measurements(
             "the model has no sensors (sensors = []): there is nothing to compare measurements with; a reading of "
             'cells 1 to n stands for a cell: max_of = "1-n" for n, min_of for 1, mean_of for n/2 + 1'
         )
+    how = reading or Reading()
     loaded: tuple[LoadedConfig, StringPlan] | None = None
     records = []
     for k, path in enumerate(paths):
         kind = log_kind(path)
         if kind is None:
-            own = {**(columns or {}), **(each[k] if k < len(each) else {})}
-            rows, notes = _from_table(path, model, own, partial(tell, path.name) if tell else None, most)
+            own = columns[k] if isinstance(columns, Sequence) else columns
+            rows, notes = _from_table(path, model, own, partial(how.tell, path.name) if how.tell else None, how.most)
         elif config is None:
             raise UsageError(f"{path}: this is a {kind} log: --config is needed, it says which signals carry what")
         else:
-            loaded = loaded or _load(config, string, uploaded)
-            rows, notes = _from_log(path, model, *loaded, MOST_OF_A_LOG if most is None else most)
+            loaded = loaded or _load(config, string, how.uploaded)
+            rows, notes = _from_log(path, model, *loaded, MOST_OF_A_LOG if how.most is None else how.most)
         record = make_record(rows, model, half_way=None if kind is None else True)
         records.append(replace(record, notes=(*record.notes, *notes)))
-        if seen is not None:
-            seen(rows)
+        if how.seen is not None:
+            how.seen(rows)
     if string is not None and config is None:
         raise UsageError("--string names a string of a gateway config: give --config too")
     return records
@@ -177,7 +187,7 @@ def _from_log(
     path: Path, model: StringModel, loaded: LoadedConfig, string: StringPlan, most: int
 ) -> tuple[Columns, list[str]]:
 
-    heard = _believed(path, loaded, string, most)
+    heard = accepted_samples(path, loaded, string, most)
     if not heard.taken.any():
         wanted = [c.signal for c in string.channels if c.signal is not None]
         raise DataError(
@@ -209,7 +219,7 @@ def _from_log(
 
 
 @dataclass(frozen=True, slots=True)
-class _Believed:
+class Accepted:
     """The samples of a log that the engine accepted.
 
     Attributes
@@ -231,7 +241,7 @@ class _Believed:
     clock_faults: str
 
 
-def _believed(path: Path, loaded: LoadedConfig, string: StringPlan, most: int) -> _Believed:
+def accepted_samples(path: Path, loaded: LoadedConfig, string: StringPlan, most: int) -> Accepted:
     """Let the engine read a log; what it estimates on the way is not asked for, so its models are plain."""
     plain = [replace(s, identify="off", model=replace(s.model, effects=())) for s in loaded.plan.strings]
     engine = Engine(replace(loaded.plan, transmit=False, strings=tuple(plain)), loaded.database, whole=True)
@@ -252,7 +262,7 @@ def _believed(path: Path, loaded: LoadedConfig, string: StringPlan, most: int) -
             if samples > most:
                 raise _too_long(path, f"{samples:,} samples", most)
     time_ns, number, value = (np.concatenate(x) for x in zip(*parts, strict=True))
-    return _Believed(time_ns, number, value, inputs, engine.counts, engine.clock_faults)
+    return Accepted(time_ns, number, value, inputs, engine.counts, engine.clock_faults)
 
 
 def _places(string: StringPlan) -> dict[Place, Channel]:
@@ -272,7 +282,7 @@ def _too_long(path: Path, what: str, most: int) -> DataError:
     return DataError(f"{path}: {what}: over {most:,} numbers, more than this program accepts; cut the log into several")
 
 
-def _told(heard: _Believed, string: StringPlan) -> Iterator[str]:
+def _told(heard: Accepted, string: StringPlan) -> Iterator[str]:
     """Describe the refused samples of each signal, and the faults of the log's clock."""
     if heard.clock_faults:
         yield f"The time stamps of this log are wrong ({heard.clock_faults}): only steps forward are used."

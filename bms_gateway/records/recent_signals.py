@@ -18,6 +18,14 @@ _SPAN = re.compile(r"(\d+(?:\.\d+)?) ?([A-Za-z]*)")
 
 
 @dataclass(frozen=True, slots=True)
+class Stretch:
+    """A stretch of recorded time: its length [s], and its end [µs], which is the newest signal where none is given."""
+
+    last_s: float
+    until_us: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Written:
     """A table that was written: of which string, its columns, rows, first and last time in s."""
 
@@ -83,12 +91,10 @@ def state_directory(config: Path | None, store: Path | None, command: str) -> Pa
 def write_recent(
     out: Path,
     directory: Path,
-    last_s: float,
+    stretch: Stretch,
     string: str | None,
     command: str,
     tell: Callable[[str], None],
-    *,
-    until_us: int | None = None,
 ) -> Written:
     """Write the last stretch of a string's signals, as a whole or not at all.
 
@@ -97,16 +103,13 @@ def write_recent(
     out : Path
     directory : Path
         The gateway's state; it may be running.
-    last_s : float
-        How much, s back from the newest signal.
+    stretch : Stretch
     string : str or None
         Needed where several are recorded.
     command : str
         What errors begin with.
     tell : callable
-        Told what of the ring could not be used.
-    until_us : int, optional
-        End of the stretch, in µs, where that is not the newest signal.
+        Told which parts of the ring could not be used, and why.
 
     Raises
     ------
@@ -115,7 +118,7 @@ def write_recent(
     """
     from bms_gateway.store.rows import excerpt
 
-    found = excerpt(directory / "recent", last_s, until_us)
+    found = excerpt(directory / "recent", stretch.last_s, stretch.until_us)
     for problem in found.problems:
         tell(str(problem))
     name = _string(found, string, command)

@@ -229,12 +229,23 @@ def _tail(name: str, quantity: str) -> str | None:
 
 
 def split_unit(name: str) -> tuple[str, str | None]:
-    """Part a name and the unit in brackets, or after a slash, at its end."""
+    """Part a name and its unit at the end: in brackets, after a slash or "in", or a °C or % that stands alone.
+
+    Examples
+    --------
+    >>> split_unit("Strom (mA)"), split_unit("Strom in mA"), split_unit("Temperatur Zelle °C")
+    (('Strom', 'mA'), ('Strom', 'mA'), ('Temperatur Zelle', '°C'))
+    >>> split_unit("T in C")  # may be an inlet
+    ('T in C', None)
+    """
     if found := _BRACKETS.fullmatch(name):
         return found[1], found[2]
     base, _, unit = name.rpartition(" ")
     if "/" in unit and any(unit in units for units in UNITS.values()):
         return base.strip(), unit
+    told = base.endswith(" in") and len(base) > len("T in")
+    if (told or unit == "%" or not unit.isascii()) and base and any(unit in units for units in UNITS.values()):
+        return base.removesuffix(" in").strip(), unit
     base, slash, unit = name.rpartition("/")
     if slash and any(unit.strip() in units for units in UNITS.values()):
         return base.strip(), unit.strip()

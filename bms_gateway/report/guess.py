@@ -19,6 +19,10 @@ ENOUGH: Final = 0.3
 """Correlation of steps of current and voltage from which on they tell the sign, as the direct checks have it."""
 BLOCKS: Final = 60
 """Stretches of a record over which charge and current are held against each other."""
+FLOWS: Final = 0.05
+"""Of the largest current: below it is a rest."""
+ONE_WAY, LEAST_ROWS, MOVED = 0.98, 20, 0.01
+"""Mean sign of a current that has one sign, its least rows, and share by which the voltage has moved."""
 _ROOM_K: Final = (230.0, 400.0)
 _PARTS: Final = 1.5
 """A state of charge above it is in per cent."""
@@ -41,7 +45,8 @@ _CELL: Final = (
     r"|thermoelement|tc|th|ntc|t)"
 )
 _OF_A_CELL: Final = re.compile(
-    r"\d|surf|oberfl|\bt zelle?\b|\bt (cell|case|can)\b|\b(zelle?|cell) t(emp\w*)?\b|skin|haut|mantel|geh(ä|ae)use"
+    r"\d|surf|oberfl|\bt zelle?\b|\bt (cell|case|can)\b|\b(zelle?|cell) t(emp\w*)?\b|\btemp\w* (zelle?|cell)\b"
+    r"|skin|haut|mantel|geh(ä|ae)use"
 )
 """What tells a surface where no unit says that it is a temperature."""
 _ELECTRIC: Final = re.compile(r"\b(voltage|volts?|\w*spannung|current|strom|soc|u|v|i)\b")
@@ -262,12 +267,28 @@ def rises(I: Floats | None, V: Floats | None, soc: Floats | None) -> str:  # noq
         return ""
     if V is not None and correlation(np.diff(I), np.diff(V)) > ENOUGH:
         return "the voltage rises with it"
+    if V is not None and (one_way := _one_way(I, V)):
+        return one_way
     size = max(len(I) // BLOCKS, 1)
     if V is None and soc is not None and (count := len(I) // size) >= 5:
         moved = I[: (count - 1) * size].reshape(count - 1, size).mean(axis=1)
         if correlation(moved, np.diff(soc[: count * size : size])) > ENOUGH:
             return "the SOC rises with it"
     return ""
+
+
+def _one_way(current: Floats, V: Floats) -> str:
+    """Say it of a current of one sign, such as a discharge at constant current: the voltage follows the charge."""
+    both = np.isfinite(current) & np.isfinite(V)
+    flows = both & (np.abs(current) > FLOWS * np.max(np.abs(current[both]), initial=0.0))
+    sign, over = float(np.sign(current[flows]).mean()) if flows.any() else 0.0, V[flows]
+    if len(over) < LEAST_ROWS or abs(sign) < ONE_WAY:
+        return ""
+    tenth = len(over) // 10
+    moved = float(over[-tenth:].mean() - over[:tenth].mean()) / float(np.abs(over).mean())
+    if sign * moved < MOVED:
+        return ""
+    return "the voltage rises while it is positive" if moved > 0.0 else "the voltage falls while it is negative"
 
 
 def correlation(a: Floats, b: Floats) -> float:

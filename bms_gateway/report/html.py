@@ -29,7 +29,7 @@ from bms_gateway.report.html_series import Shown, shown
 from bms_gateway.report.html_tables import curve_table, errors_table, parameters_table
 from bms_gateway.report.page import items, paragraph, section, write_page
 from bms_gateway.report.step_names import FILED, REFITTED, with_added
-from bms_gateway.report.words import in_words, labelled, named, named_all
+from bms_gateway.report.words import in_words, labelled, named, named_all, parameters_labelled
 
 VERDICTS = {
     "adequate": "✓ Adequate",
@@ -114,16 +114,37 @@ def write_comparison(path: Path, comparison: Comparison, aside: Aside) -> None:
     write_page(path, "Model against measurement", head, sections)
 
 
+@dataclass(frozen=True, slots=True)
+class Details:
+    """What a page of a diagnosis shows and the terminal does not; each part may be absent.
+
+    Attributes
+    ----------
+    comparison : Comparison, optional
+        Of the same records: where the model fails, in words, and thermocouples in cores.
+    latent : Latent, optional
+        Of the model as it is: the heat that it does not explain.
+    experiment : Experiment, optional
+        All tests with what they can be expected to bring.
+    card : Card, optional
+        The smallest size of each effect that these data could show.
+    cores : sequence of KnownCore
+        Of the model as it is and with what is missing, as `adding.cores_with_named` gives them.
+    """
+
+    comparison: Comparison | None = None
+    latent: Latent | None = None
+    experiment: Experiment | None = None
+    card: Card | None = None
+    cores: Sequence[KnownCore] = ()
+
+
 def write_diagnosis(
     path: Path,
     told: Told,
+    details: Details | None = None,
     *,
-    comparison: Comparison | None = None,
-    latent: Latent | None = None,
-    experiment: Experiment | None = None,
-    card: Card | None = None,
     command: str = "",
-    cores: Sequence[KnownCore] = (),
     step: str = REFITTED,
     title: str = "Which effect is the model missing?",
 ) -> None:
@@ -134,20 +155,12 @@ def write_diagnosis(
     path : Path
     told : Told
         With what the terminal shows; without a diagnosis the page says what the data lack.
-    comparison : Comparison, optional
-        Of the same records: adds in words where the model fails, and thermocouples in cores.
-    latent : Latent, optional
-        Of the model as it is: adds the heat that it misses.
-    experiment : Experiment, optional
-        Adds all tests with what they can be expected to bring.
-    card : Card, optional
-        Adds the smallest size of each effect that these data could show.
+    details : Details, optional
+        Adds what the terminal has no place for.
     command : str
         Command line that makes the page again.
-    cores : sequence of KnownCore, optional
-        Of the model as it is and with what is missing, as `adding.cores_with_named` gives them.
     step : str
-        What the model that is diagnosed is called.
+        Name of the model that is diagnosed.
     title : str
 
     Raises
@@ -155,7 +168,8 @@ def write_diagnosis(
     MissingExtraError, UsageError
         As `write_page` does.
     """
-    d = told.diagnosis
+    d, seen = told.diagnosis, details or Details()
+    comparison, latent, experiment, card = seen.comparison, seen.latent, seen.experiment, seen.card
     aside = Aside(told.sources, told.findings, told.notes, command)
     verdict = d.verdict if d else "insufficient_data"
     tag = VERDICTS[verdict] + (", and something unknown remains" if d and d.unknown_remains and d.selected else "")
@@ -165,7 +179,7 @@ def write_diagnosis(
     sections: list[str] = []
     if d is not None:
         before, after = d.fits
-        known = cores or ([told.core] if told.core else [])
+        known = seen.cores or ([told.core] if told.core else [])
         bands = [*(c.bands for c in known), (), ()]
         models = [shown(step, before, bands[0])]
         if d.selected:
@@ -254,7 +268,7 @@ def core_html(core: KnownCore | None, checks: Sequence[CoreCheck] = ()) -> str:
     if core is not None:
         sentence = core_sentence(core)
         said = paragraph(sentence) if core.proven else f'<p class="alarm">{escape(sentence)}</p>'
-        said += items(core.why)
+        said += items([parameters_labelled(text) for text in core.why])
     read = [f'<p class="danger">{escape(thermocouple_sentence(c))}</p>' for c in checks if outside(c)]
     return said + "".join(read)
 

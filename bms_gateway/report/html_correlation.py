@@ -6,22 +6,28 @@ import numpy as np
 
 from bms_gateway.diagnosis.core_band import posterior
 from bms_gateway.identify.map_fit import MapFit
+from bms_gateway.report.html_tables import called
 from bms_gateway.report.page import paragraph
 from bms_gateway.thermal import Floats
 
 APART = 0.9
 """Beyond it two numbers are known by one combination of them only."""
-MOST = 40
-"""Numbers of a table."""
+MOST, TOLD = 40, 6
+"""Numbers of a table, and pairs of which it is said that they are hardly known apart."""
 
 
 def correlations(fit: MapFit) -> tuple[list[str], Floats]:
     """Give the names of a fit's numbers that are no starts, and their correlation (P, P)."""
-    at = [i for i, c in enumerate(fit.problem.coordinates) if not c.only_start][:MOST]
+    at = shown(fit)
     covariance = posterior(fit)[np.ix_(at, at)]
     sd = np.sqrt(np.diag(covariance))
     names = [_name(fit.problem.coordinates[i].name) for i in at]
     return names, np.clip(covariance / np.outer(sd, sd), -1.0, 1.0)
+
+
+def shown(fit: MapFit) -> list[int]:
+    """Give the places of the numbers of a fit that are no starts."""
+    return [i for i, c in enumerate(fit.problem.coordinates) if not c.only_start][:MOST]
 
 
 def correlation_table(fit: MapFit) -> str:
@@ -30,9 +36,10 @@ def correlation_table(fit: MapFit) -> str:
     n = len(names)
     if n < 2:
         return ""
-    pairs = [(names[i], names[j], float(r[i, j])) for i in range(n) for j in range(i) if abs(r[i, j]) > APART]
-    pairs.sort(key=lambda p: -abs(p[2]))
-    told = "; ".join(f"{a} and {b}: {_number(x)}" for a, b, x in pairs[:6])
+    pairs = [(float(r[i, j]), i, j) for i in range(n) for j in range(i) if abs(r[i, j]) > APART]
+    pairs.sort(key=lambda p: -abs(p[0]))
+    labels = [called(fit.problem.coordinates[i]) for i in shown(fit)]
+    told = "; ".join(f"{labels[i]} and {labels[j]}: {_number(x)}" for x, i, j in pairs[:TOLD])
     said = f"Hardly known apart: {told}." if pairs else f"No two numbers are correlated by more than {APART:g}."
     head = "".join(f'<th scope="col">{escape(name)}</th>' for name in names[:-1])
     rows = []

@@ -128,7 +128,7 @@ def _overlays(models: Sequence[Shown]) -> list[str]:
             spec = overlay(t, names, m, time, points, height)
             found.append(figure(f"overlay-{r + 1}-{t.cell}", spec, caption, described=told, time=r))
         told = "Current, coolant inlet and what else is known of the drive, over time"
-        spec = drive(m, time, points)
+        spec = drive(m, time, points, models[0].fit.problem.model.flow)
         caption = "What drove the string. All figures of a record zoom together; a double click shows all again, and a "
         caption += "click in a legend hides a line."
         found.append(figure(f"drive-{r + 1}", spec, caption, described=told, time=r))

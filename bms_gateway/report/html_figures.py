@@ -34,10 +34,14 @@ HEATS = ((BLUE, "solid"), (ORANGE, "dash"), (GREEN, "dot"))
 HEAT_PX, FEATURE_PX, GAP_PX = 165, 95, 18
 EDGES_PX = 76
 """Above and below the panels of a figure."""
+PER_MIN = 60_000.0
+"""l/min in a m³/s."""
 FLOW_MOVES = 0.01
 """Of the nominal flow: below, the flow counts as constant and is not drawn."""
 FEATURES, WORTH = 2, 0.02
 """Features drawn below it, and the share of the misfit from which one is worth showing."""
+COARSE_K = 0.02
+"""Noise of one reading from which hundredths of a kelvin are drawn and no thousandths."""
 HELD = "rgba(0,0,0,0.075)"
 GRID = "#e3e3e3"
 
@@ -120,8 +124,9 @@ def overlay(trace: Trace, names: Sequence[str], m: Measured, clock: Clock, point
         Most points per trace.
     height : int, px
     """
+    digits = 2 if trace.sigma_K > COARSE_K else 3
 
-    def thin(y: Floats, digits: int = 3) -> tuple[list[float], list[float | None]]:
+    def thin(y: Floats) -> tuple[list[float], list[float | None]]:
         t, few = broken(*envelope(trace.time_s, y, points), trace.breaks_s)
         return clock(t), numbers(few, digits)
 
@@ -148,15 +153,15 @@ def overlay(trace: Trace, names: Sequence[str], m: Measured, clock: Clock, point
     return {"data": data, "layout": spec}
 
 
-def drive(m: Measured, clock: Clock, points: int) -> Figure:
-    """Draw what drove the string: current, inlet, and of charge and flow what is known."""
+def drive(m: Measured, clock: Clock, points: int, nominal_m3_s: float | None) -> Figure:
+    """Draw what drove the string: current, inlet, and of charge and flow what is known; flow is told of the nominal."""
     u = m.drive
     current = "current, A"
     rows = [(current, u.I, BLACK), ("inlet, °C", u.T_in, BLUE)]
     if "soc" in u.known:
         rows.append(("SOC, %", 100.0 * u.soc, GREEN))
-    if "flow" in u.known and float(np.ptp(u.flow)) > FLOW_MOVES:
-        rows.append(("flow, %", 100.0 * u.flow, PURPLE))
+    if "flow" in u.known and nominal_m3_s is not None and float(np.ptp(u.flow)) > FLOW_MOVES:
+        rows.append(("flow, l/min", nominal_m3_s * PER_MIN * u.flow, PURPLE))
     data, axes = [], {}
     height = 1.0 / len(rows)
     for i, (title, y, color) in enumerate(rows):

@@ -1,6 +1,7 @@
 """Tables of the reports on one or two models: errors, cores, parameters, regimes as a heat map."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from html import escape
 
 import numpy as np
@@ -18,7 +19,7 @@ from bms_gateway.report.diagnosis_text import with_sd
 from bms_gateway.report.html_series import Shown
 from bms_gateway.report.page import amount, grouped, table
 from bms_gateway.report.show import number
-from bms_gateway.thermal import KINDS
+from bms_gateway.thermal import KINDS, StringModel
 from bms_gateway.thermal.centre import probe_lever
 from bms_gateway.thermal.effects import effect_named
 
@@ -129,32 +130,44 @@ def called(c: Coordinate) -> str:
     return f"{label} ({name}{f', record {record}' if record else ''})"
 
 
+@dataclass(frozen=True, slots=True)
+class ShownAs:
+    """How a coordinate of a fit becomes a number for people: a factor, whether it is a logarithm, and the unit."""
+
+    scale: float
+    log: bool
+    unit: str
+
+    def value(self, z: float) -> float:
+        """Give the number."""
+        return self.scale * (float(np.exp(z)) if self.log else z)
+
+
+def shown_as(c: Coordinate, model: StringModel) -> ShownAs:
+    """Say how a coordinate of a model's fit is shown."""
+    if c.effect is None:
+        name, _, _ = c.name.partition("@")
+        kind, prior = KINDS[name], np.asarray(model.priors[name].value)
+        return ShownAs(float(prior.mean()) / kind.to_si, True, unit(kind.unit))
+    p = effect_named(c.effect.partition(":")[0]).parameter(c.name.removeprefix(c.effect + "."))
+    return ShownAs(1.0 / p.to_si, p.log, unit(p.unit))
+
+
 def parameters_table(fit: MapFit) -> str:
     """Numbers of a fit with sd, prior, limits, and what is to be thought of them."""
     rows = []
     for c, z, sd, status in _free(fit):
-        if c.effect is None:
-            name, _, _ = c.name.partition("@")
-            kind, prior = KINDS[name], np.asarray(fit.problem.model.priors[name].value)
-            of = float(prior.mean()) / kind.to_si
-            value, spread = of * np.exp(z), of * np.exp(z) * sd
-            before, limits = f"{amount(of)} ± {100 * c.sd:.0f} %", (of * np.exp(c.lower), of * np.exp(c.upper))
-            u = unit(kind.unit)
-        else:
-            p = effect_named(c.effect.partition(":")[0]).parameter(c.name.removeprefix(c.effect + "."))
-            log = np.exp if p.log else (lambda x: x)
-            value, spread = log(z) / p.to_si, (log(z) if p.log else 1.0) * sd / p.to_si
-            middle = log(c.prior) / p.to_si
-            before = f"{amount(middle)} ± " + (f"{100 * c.sd:.0f} %" if p.log else amount(c.sd / p.to_si))
-            limits = (log(c.lower) / p.to_si, log(c.upper) / p.to_si)
-            u = unit(p.unit)
+        s = shown_as(c, fit.problem.model)
+        value, spread = s.value(z), (s.value(z) if s.log else s.scale) * sd
+        before = f"{amount(s.value(c.prior))} ± " + (f"{100 * c.sd:.0f} %" if s.log else amount(s.scale * c.sd))
+        limits = s.value(c.lower), s.value(c.upper)
         kept = not status.startswith((UNIDENTIFIABLE, AT_BOUND, AGAINST_FORMAT))
         state = escape(status) if kept else f'<span class="alarm">{escape(status)}</span>'
         rows.append(
             [
                 escape(called(c)),
                 with_sd(float(value), float(spread)).replace("-", "−"),
-                u,
+                s.unit,
                 before,
                 f"{amount(limits[0])} … {amount(limits[1])}",
                 state,
@@ -264,8 +277,8 @@ def _heat(bins: Sequence[Bin], i: int, largest: float, first: str) -> str:
     share = float(np.clip(b.mean_K / largest, -1.0, 1.0))
     strong = abs(share) ** 0.7 * 0.75
     tint = (230, 140, 0) if share > 0 else (60, 140, 210)
-    color = ",".join(str(round(255 + (c - 255) * strong)) for c in tint)
+    color = "".join(f"{round(255 + (c - 255) * strong):02x}" for c in tint)
     text = f"{b.mean_K:+.2f}".replace("-", "−") if abs(b.mean_K) >= 0.005 else "0.00"
     text = f"<b>{text}</b>" if b.significant else text
-    told = f"{b.readings} readings, mean {b.mean_K:+.3f} ± {b.sd_K:.3f} K, RMSE {b.rmse_K:.3f} K"
-    return f'<td{first} style="background:rgb({color})" title="{told}">{text}</td>'
+    told = f"{b.readings} readings: {b.mean_K:+.3f} ± {b.sd_K:.3f} K, RMSE {b.rmse_K:.3f} K"
+    return f'<td{first} style="background:#{color}" title="{told}">{text}</td>'

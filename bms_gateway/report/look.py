@@ -5,6 +5,7 @@ proposed for a person to confirm.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -58,11 +59,8 @@ def look(path: Path, columns: Mapping[str, str] | None = None) -> dict[str, Any]
         values = _numbers(rows, names)
         dated = next((n for n in names if n not in values and date_form(rows.sample(n), None) is not None), "")
         proposed = guesses(names, rows.units, {ours: c.bare for ours, c in found.items()}, values, dated)
-        by = {c.bare: ours for ours, c in found.items()}
-        shown = [
-            _column(rows, k, name, by.get(name, ""), found, told, proposed.get(name), values.get(name))
-            for k, name in enumerate(names)
-        ]
+        looked = _Looked(rows, found, told, proposed, values)
+        shown = [looked.column(k) for k in range(len(names))]
         return {
             "source": path.name,
             "columns": [c for c in shown if c["name"]],
@@ -117,46 +115,64 @@ def _one(rows: Rows, name: str) -> Floats | None:
         return None
 
 
-def _column(
-    rows: Rows,
-    at: int,
-    name: str,
-    ours: str,
-    found: Mapping[str, Column],
-    told: Mapping[str, str],
-    guess: Guess | None,
-    x: Floats | None,
-) -> dict[str, Any]:
-    by = "told" if ours in told else "name" if ours else "guess" if guess else ""
-    c = found.get(ours)
-    stated = split_unit(name)[1] or (rows.units[at].strip().strip("[]()") if rows.units is not None else "")
-    unit = (c.unit or c.date) if c is not None else guess.unit if guess else None
-    what = ours or (guess.ours if guess else "")
-    flip = (c.column != c.bare) if c is not None else bool(guess and guess.flip)
-    document: dict[str, Any] = {
-        "name": name,
-        "stated": stated or "",
-        "cells": (rows.sample(name) or [f"{v:g}" for v in (x if x is not None else ())[:SHOWN]])[:SHOWN],
-        "ours": what,
-        "by": by,
-        "unit": unit or "",
-        "flip": flip,
-        "why": guess.why if guess and not ours else "",
-    }
-    if x is None or not np.isfinite(x).any():
-        return document
-    factors = (c.factor, c.shift) if c is not None else _factors(what, unit or stated)
-    values = converted(x, Column(name, *factors), False)
-    values = -values if flip else values
-    if what == "soc" and factors == (1.0, 0.0) and is_percent(values):
-        values = 0.01 * values  # as the reader does by itself
-    few = values[:: max(len(values) // DRAWN, 1)]
-    return document | {
-        "low": float(np.nanmin(values)),
-        "high": float(np.nanmax(values)),
-        "in": OWN[quantity_of(what)] if what else stated or "",
-        "points": [None if v != v else float(f"{v:.5g}") for v in few.tolist()],
-    }
+@dataclass(frozen=True, slots=True)
+class _Looked:
+    """What the first rows of a table show of each column.
+
+    Attributes
+    ----------
+    rows : Rows
+    found : mapping of str to Column
+        Columns that are read as the table stands, by our name.
+    told : mapping of str to str
+        From `parse_columns`.
+    proposed : mapping of str to Guess
+        By the table's name.
+    values : mapping of str to ndarray
+        First values of the columns that hold numbers, by the table's name.
+    """
+
+    rows: Rows
+    found: Mapping[str, Column]
+    told: Mapping[str, str]
+    proposed: Mapping[str, Guess]
+    values: Mapping[str, Floats]
+
+    def column(self, at: int) -> dict[str, Any]:
+        """Describe one column."""
+        rows, name = self.rows, self.rows.names[at]
+        ours = {c.bare: ours for ours, c in self.found.items()}.get(name, "")
+        guess, x = self.proposed.get(name), self.values.get(name)
+        by = "told" if ours in self.told else "name" if ours else "guess" if guess else ""
+        c = self.found.get(ours)
+        stated = split_unit(name)[1] or (rows.units[at].strip().strip("[]()") if rows.units is not None else "")
+        unit = (c.unit or c.date) if c is not None else guess.unit if guess else None
+        what = ours or (guess.ours if guess else "")
+        flip = (c.column != c.bare) if c is not None else bool(guess and guess.flip)
+        document: dict[str, Any] = {
+            "name": name,
+            "stated": stated or "",
+            "cells": (rows.sample(name) or [f"{v:g}" for v in (x if x is not None else ())[:SHOWN]])[:SHOWN],
+            "ours": what,
+            "by": by,
+            "unit": unit or "",
+            "flip": flip,
+            "why": guess.why if guess and not ours else "",
+        }
+        if x is None or not np.isfinite(x).any():
+            return document
+        factors = (c.factor, c.shift) if c is not None else _factors(what, unit or stated)
+        values = converted(x, Column(name, *factors), False)
+        values = -values if flip else values
+        if what == "soc" and factors == (1.0, 0.0) and is_percent(values):
+            values = 0.01 * values  # as the reader does by itself
+        few = values[:: max(len(values) // DRAWN, 1)]
+        return document | {
+            "low": float(np.nanmin(values)),
+            "high": float(np.nanmax(values)),
+            "in": OWN[quantity_of(what)] if what else stated or "",
+            "points": [None if v != v else float(f"{v:.5g}") for v in few.tolist()],
+        }
 
 
 def _factors(ours: str, unit: str) -> tuple[float, float]:

@@ -13,8 +13,9 @@
     const script = document.createElement("script");
     script.textContent = unpacked("plotly");
     document.head.append(script);
-    for (const place of document.querySelectorAll(".plot")) {
-      const figure = JSON.parse(unpacked(place.id + "-data"));
+    const places = document.querySelectorAll(".plot"), figures = places.length ? JSON.parse(unpacked("figures")) : {};
+    for (const place of places) {
+      const figure = figures[place.id];
       Plotly.newPlot(place, figure.data, figure.layout, config);
       plots.push(place);
     }

@@ -3,9 +3,13 @@
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 from bms_gateway.frames.quality import Quality
 from bms_gateway.thermal import Floats
+
+if TYPE_CHECKING:
+    from bms_gateway.engine.events import Cells
 
 
 def number(x: float | None, digits: int = 2) -> str:
@@ -56,41 +60,24 @@ def text_table(headers: Sequence[str], rows: Sequence[Sequence[object]], *, left
     )
 
 
-def cells_table(
-    string: str,
-    core: Floats,
-    core_sd: Floats,
-    surface: Floats,
-    quality: Sequence[int],
-    true_core: Floats | None = None,
-    centre: Floats | None = None,
-) -> str:
-    """Table of one string's cells.
+def cells_table(cells: "Cells", true_core: Floats | None = None) -> str:
+    """Table of one string's cells at one tick; NaN is shown as a dash.
 
     Parameters
     ----------
-    string : str
-    core, core_sd, surface : ndarray (n,)
-        °C, K, °C; NaN is shown as a dash.
-    quality : sequence of int (n,)
+    cells : Cells
     true_core : ndarray (n,), optional
-        Where a simulation knows it: adds the truth and the error.
-    centre : ndarray (n,), optional
-        Hottest points, °C.
+        Known of a simulation, °C: adds the hottest points, the truth and the error of the cores.
     """
     headers = ["string", "cell", "quality", "core °C", "± sd K", "surface °C"]
     rows = [
-        [string, str(k + 1), quality_name(q), number(c), number(s), number(t)]
-        for k, (c, s, t, q) in enumerate(zip(core, core_sd, surface, quality, strict=True))
+        [cells.string, str(k + 1), quality_name(q), number(c), number(s), number(t)]
+        for k, (c, s, t, q) in enumerate(zip(cells.core, cells.core_sd, cells.surface, cells.quality, strict=True))
     ]
-    if centre is not None:
-        headers.append("hottest °C")
-        for row, c in zip(rows, centre, strict=True):
-            row.append(number(float(c)))
     if true_core is not None:
-        headers += ["true core °C", "error K"]
-        for row, c, t in zip(rows, core, true_core, strict=True):
-            row += [number(float(t)), number(float(c - t))]
+        headers += ["hottest °C", "true core °C", "error K"]
+        for row, centre, c, t in zip(rows, cells.centre, cells.core, true_core, strict=True):
+            row += [number(float(x)) for x in (centre, t, c - t)]
     return text_table(headers, rows, left=3)
 
 

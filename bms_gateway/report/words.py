@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from functools import lru_cache
 from typing import Final
 
+from bms_gateway.thermal import KINDS
 from bms_gateway.thermal.effects import catalogue, effect_named
 
 _MINUS: Final = re.compile(r"(?<![\w.)])-(?=\d)")
@@ -66,6 +67,18 @@ def labelled(text: str) -> str:
         return f"{titles[m['name']]} ({key}{', ' + m[3] if m[3] else ''})"
 
     return alone.sub(label, both.sub(once, text))
+
+
+def parameters_labelled(text: str) -> str:
+    """Put the label of each parameter of the cells before its symbol.
+
+    Examples
+    --------
+    >>> parameters_labelled("R_e ends at its bound."), parameters_labelled("all along (R_e)")
+    ('internal electrical resistance (R_e) ends at its bound.', 'all along (R_e)')
+    """
+    symbols = "|".join(sorted(KINDS, key=len, reverse=True))
+    return re.sub(rf"{_BEFORE}({symbols}){_AFTER}", lambda m: f"{KINDS[m[1]].description} ({m[1]})", text)
 
 
 def in_words(text: str) -> str:

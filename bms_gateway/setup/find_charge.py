@@ -1,4 +1,4 @@
-"""Which signal is the state of charge: a share that moves slowly, against the current."""
+"""Finds the state of charge: a share that changes slowly and falls with the current."""
 
 from typing import Final
 
@@ -23,13 +23,13 @@ from bms_gateway.setup.signal_words import (
 SCALES: Final = ((1.05, 1.0, "shares of 1"), (105.0, 1e-2, "%"), (1050.0, 1e-3, "0.1 %"), (10_500.0, 1e-4, "0.01 %"))
 """Greatest value, factor to shares of 1, and what that is called."""
 FAST: Final = 0.02
-"""Share per second above which it is no charge."""
+"""Greatest rate of a state of charge, 1/s."""
 SWING: Final = 0.01
 """Change of the state of charge that tells the sign of a current."""
 FOLLOWS: Final = 0.9
 """Correlation with the charge drawn."""
 SAID: Final = 3.0
-"""Score of a state of charge that is believed about the sign."""
+"""Least score of a state of charge by which the sign of a current is judged."""
 _STATE: Final = ("state", "level", "zustand", "stand", "etat", "estado", "stato")
 _CHARGE: Final = ("charge", "carga", "carica", "lade")
 
@@ -58,7 +58,10 @@ def charges(series: list[Series], electrical: Electrical, edges: NDArray[np.floa
         score = 3.0 + 1.5 * share + 0.5 * has((*mine, *around(s.info)), PACK) - 1.0 * has(mine, CELL)
         barred = tuple(w for w in NOT_MEASURED if w not in ("state", "sp"))
         score -= 3.0 * has(
-            mine, barred, tuple(STATISTIC), ("target", "keep", "related", "correction", "user", "display")
+            mine,
+            barred,
+            tuple(w for w in STATISTIC if STATISTIC[w] != "mean"),
+            ("target", "keep", "related", "correction", "user", "display"),
         )
         why = ["named as the state of charge", *([told] if told else [])]
         values = factor * s.x

@@ -1,7 +1,7 @@
 """Which signals are the cells' voltages, the pack's voltage and its current: by name, by unit, and by Ohm's law.
 
-The voltages of the cells add up to that of the pack; when current is drawn, the pack's voltage falls. The second tells
-the right current among several, and its sign.
+The voltages of the cells add up to that of the pack. The pack's voltage falls when a current discharges it, which shows
+the right one of several currents, and its sign.
 """
 
 from dataclasses import dataclass
@@ -24,26 +24,27 @@ from bms_gateway.setup.signal_words import (
     around,
     has,
     named,
+    statistic,
     unit_of,
 )  # fmt: skip
 
 Floats = NDArray[np.float64]
 CELL_V: Final = (1.2, 4.6)
-"""From an empty titanate cell to a full one of high-voltage cathodes."""
+"""Range of cell voltages: from an empty titanate cell to a full cell with a high-voltage cathode."""
 NOMINAL_V: Final = 3.7
 UNLIKE_V: Final = 0.5
 """Spread of the voltages of most cells of one pack."""
 ADDS_UP: Final = 0.04
 FALLS: Final = 0.25
-"""Correlation of the steps of voltage and current from which on the one is taken for the other's doing."""
+"""Correlation of the steps of voltage and current above which the current is taken as their cause."""
 CELL_OHM: Final = (2e-5, 0.4)
 """Of one cell or of cells in parallel: a cell of 500 Ah to one of 1 Ah in the cold."""
 FINE_STEPS: Final = 8
 FEW: Final = 6
 BOTH_SIGNS: Final = 0.02
-"""Share of the greater side that the lesser one of a current with both signs reaches."""
+"""Least ratio of the two extremes of a current that has both signs."""
 SAME_MESSAGE: Final = 2.0
-"""Who sends both at once measures both at one place."""
+"""Score added to a current and a voltage of one message: its sender measures both at one place."""
 
 
 @dataclass(slots=True)
@@ -106,6 +107,21 @@ def cell_voltages(series: list[Series]) -> tuple[list[Member], float]:
                 best, found = group, (score, factor)
             break
     return best, found[1]
+
+
+def extreme_cell_V(series: list[Series]) -> float | None:
+    """Middle of the greatest and least voltage of all cells, where the bus sends these; None where it does not."""
+    middles: dict[str, list[float]] = {}
+    for s in series:
+        kind, unit, mine = statistic(s.info), unit_of(s.info.unit), named(s.info)
+        rest = tuple(w for w in mine if w not in STATISTIC)
+        if kind is None or not has(mine, CELL) or has(rest, NOT_MEASURED, OTHER_THINGS):
+            continue
+        if unit is not None and unit.family == "voltage" and not s.constant:
+            middles.setdefault(kind, []).append(unit.factor * while_on(s))
+    found = [float(np.median(v)) for v in middles.values()]
+    inside = [v for v in found if CELL_V[0] < v < CELL_V[1]]
+    return float(np.mean(inside)) if inside else None
 
 
 def _may_be_voltage(s: Series) -> bool:
@@ -231,6 +247,8 @@ class Electrical:
     ohm : Ohm or None
     score : float
         Of both, with what they say of each other.
+    cell_V : float
+        Of one cell, where the bus has no voltages of single cells.
     """
 
     current: Scored | None
@@ -240,6 +258,7 @@ class Electrical:
     lead: float = 9.0
     ohm: Ohm | None = None
     score: float = 0.0
+    cell_V: float = NOMINAL_V
 
 
 def together(candidates: list[Scored], voltages: list[Scored], edges: Floats) -> Electrical:

@@ -14,6 +14,7 @@ from bms_gateway.setup.signal_words import (
     AMBIENT,
     COOLANT,
     FLOW,
+    INWARD,
     NOT_MEASURED,
     OTHER_THINGS,
     OUTWARD,
@@ -32,7 +33,7 @@ from bms_gateway.setup.signal_words import (
 LIVES_C: Final = (-40.0, 95.0)
 USUAL_C: Final = (-30.0, 70.0)
 FINE_K: Final = 0.1
-"""Steps at which a channel that stands still while its neighbours move has no sensor."""
+"""K: a channel whose resolution is this or finer, and which stands still while its neighbours move, has no sensor."""
 JUMPS_K: Final = 2.5
 READINGS: Final = (
     (1.0, 0.0, "°C"),
@@ -43,16 +44,16 @@ READINGS: Final = (
     (1.0, -40.0, "°C + 40"),
     (5 / 9, -160 / 9, "°F"),
 )
-"""How temperatures are written, the likeliest first."""
+"""Usual factors and offsets of temperatures, the likeliest first."""
 PLAIN: Final = ((1.0, 0.0), (1.0, -273.15), (5 / 9, -160 / 9))
 HOT_C: Final = 75.0
-"""Median of what a log of cells may have."""
+"""Greatest median temperature of a cell in a log, °C."""
 SURE_C: Final = 60.0
 FEW_OUT_OF_ORDER: Final = 0.05
 FAR_APART_K: Final = 12.0
-"""Beyond their usual distance no two cells of a pack are so far apart for a while, and then together again."""
+"""Greatest change of the difference of two cells of a pack that returns to its usual value later."""
 AGREES_K: Final = 15.0
-"""Difference of two temperatures of one vehicle at the begin of a log."""
+"""Greatest difference of two temperatures of one vehicle at the beginning of a log."""
 
 
 @dataclass(slots=True)
@@ -195,11 +196,22 @@ def surfaces(series: list[Series]) -> Surfaces | None:
             best = float(score), plain
     if best is None:
         return _one_for_all(temperatures, series)
+    if len(best[1]) == 1 and _has_ends(temperatures):
+        ends = _one_for_all(temperatures, series)
+        if ends is not None:
+            ends.passed.append((best[1][0].series, "one temperature of the battery: its greatest and least say more"))
+        return ends
     found = _sound(best[1], series)
     for group in (g for g in groups if g is not best[1]):
         what = f"one of {len(group)} temperatures called alike; the {len(best[1])} of {best[1][0].series.path} and on "
         found.passed += [(m.series, f"{what}are likelier to be the cells'") for m in group]
     return found
+
+
+def _has_ends(temperatures: list[Series]) -> bool:
+    """Whether the bus sends the greatest and the least temperature of the cells: more than one reading says."""
+    kinds = {statistic(s.info) for s in temperatures if has(named(s.info), PACK, SENSED) and _lives(s)}
+    return {"max", "min"} <= kinds
 
 
 def _elsewhere(s: Series) -> bool:
@@ -361,12 +373,12 @@ def inlets(series: list[Series], taken: set[str]) -> list[Scored]:
         elsewhere = has(mine, tuple(w for w in OTHER_THINGS if w not in COOLANT)) or has(mine, OUTWARD)
         if not (coolant or ambient) or not lives or elsewhere:
             continue
-        score = (
-            3.0 * coolant
-            + 1.0 * ambient
-            + 1.5 * has(mine, ("inlet", "in", "vorlauf", "supply", "entry", "entree", "entrada", "ingresso"))
-        )
-        score += 1.0 * has((*mine, *its), PACK) - 2.0 * has(its, OTHER_THINGS) + 1.0 * (unit is not None)
+        of_pack = has((*mine, *its), tuple(w for w in PACK if w != "dc"))
+        liquid = has((*mine, *its), tuple(w for w in COOLANT if w not in INWARD))
+        if coolant and not (liquid or ambient or of_pack) and has(its, OTHER_THINGS):
+            continue  # the inlet of a charging plug, of an engine
+        score = (3.0 if liquid or of_pack else 1.5) * coolant + 1.0 * ambient + 1.5 * has(mine, INWARD)
+        score += 1.0 * of_pack - (2.0 if coolant else 0.5) * has(its, OTHER_THINGS) + 1.0 * (unit is not None)
         score -= 3.0 * has(mine, tuple(w for w in NOT_MEASURED if w not in STATISTIC))
         what = "named as the coolant" if coolant else "the temperature of the surroundings"
         why = [f"unit {s.info.unit}" if unit else "no unit", what, *([told] if told else [])]

@@ -1,4 +1,4 @@
-"""Guesses as a DBC that says on every line that it is one."""
+"""Guessed signals as a DBC, each marked as a guess."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -10,7 +10,7 @@ from bms_gateway.frames.signal_info import MessageInfo, SignalInfo, Switch
 from bms_gateway.setup.without_dbc import Field, Guess
 
 GUESS: Final = "GUESS_"
-"""With this the names of messages begin that nobody but a guess has said."""
+"""Prefix of the names of messages that were guessed."""
 COMMENT: Final = (
     "GUESSED by bms-gateway init from the traffic alone, without the DBC of the maker: which bits, their scale and "
     "their offset may all be wrong. Hold each against a clamp meter and a thermometer before anything is built on it."

@@ -11,7 +11,7 @@ from bms_gateway.thermal import Floats
 
 MOST_POINTS = 4000
 SETTLING_S = 60.0
-"""From the first estimate on: the cores are still those that were assumed."""
+"""Time after the first estimate in which the cores still depend on the assumed start."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,11 +15,11 @@ from bms_gateway.setup.find_electrical import (
     ADDS_UP,
     CELL_OHM,
     CELL_V,
-    NOMINAL_V,
     Electrical,
     Scored,
     cell_voltages,
     currents,
+    extreme_cell_V,
     pack_voltages,
     together,
     while_on,
@@ -36,16 +36,16 @@ from bms_gateway.setup.strings import Strings, own_strings
 from bms_gateway.setup.vehicle_logs import Traffic
 
 CLEAR: Final = 2.0
-"""Lead over the next candidate from which on a choice is sure."""
+"""Least lead over the next candidate at which a choice is sure."""
 LONG_S: Final = 120.0
 AGAINST: Final = "the pack's voltage and the state of charge contradict each other about the sign of the current"
 LEAST_A: Final = 1.0
-"""A current that moves by less is one of a vehicle at rest."""
+"""Least range of a current of a vehicle that drives."""
 LEAST_S: Final = 60.0
-"""Shorter logs make nothing sure."""
+"""In a shorter log no choice is sure."""
 _FIRST: Final[tuple[Role, ...]] = ("current", "voltage", "soc")
 ORDER: Final = (*_FIRST, *(q for q in INPUTS if q not in _FIRST))
-"""In which a proposal is told: what the pack does, then what its cells feel."""
+"""Order of the roles in a proposal: signals of the pack, then those of cells."""
 Rights = dict[str, tuple[dict[str, float | str | bool], list[str]]]
 
 
@@ -84,8 +84,10 @@ def propose(traffic: Traffic) -> Proposal:
         electrical = next(iter(strings.own.values())).electrical
     else:
         electrical = together(candidates, voltages, edges)
+        electrical.cell_V = extreme_cell_V(series) or electrical.cell_V
         sign = _by_charge(charges(series, electrical, edges), electrical, edges)
-        contradicted = _electrical(proposal, electrical, cells, factor, rights, by_charge=sign)
+        _voltage(proposal, electrical, cells, factor, rights, ())
+        contradicted = _current(proposal, electrical, rights, (), sign)
         if len(placed) > 1 and not _in_series(proposal, cells, factor):
             _doubt(
                 proposal,
@@ -182,7 +184,8 @@ def _strings(
     resistances = []
     for part, own in strings.own.items():
         sign = _by_charge(own.charge, own.electrical, edges)
-        against = _electrical(proposal, own.electrical, own.cells, factor, rights, placed[part], sign)
+        _voltage(proposal, own.electrical, own.cells, factor, rights, placed[part])
+        against = _current(proposal, own.electrical, rights, placed[part], sign)
         resistances.append(proposal.resistance)
         _single(proposal, "soc", own.charge, rights, placed[part], against)
     measured = [r for r in resistances if r is not None]
@@ -240,17 +243,10 @@ def _put(proposal: Proposal, p: Proposed, strings: Sequence[int]) -> None:
         proposal.signals.append(replace(p, string=string, why=list(p.why), overrides=dict(p.overrides)))
 
 
-def _electrical(
-    proposal: Proposal,
-    e: Electrical,
-    cells: list[Member],
-    factor: float,
-    rights: Rights,
-    strings: Sequence[int] = (),
-    by_charge: float | None = None,
+def _current(
+    proposal: Proposal, e: Electrical, rights: Rights, strings: Sequence[int], by_charge: float | None
 ) -> bool:
-    """Take current and voltage; returns whether the state of charge contradicts the current's sign."""
-    _voltage(proposal, e, cells, factor, rights, strings)
+    """Take the current; returns whether the state of charge contradicts its sign."""
     c = e.current
     if c is None or c.score < 1.5:
         return False
@@ -276,7 +272,7 @@ def _voltage(
     proposal: Proposal, e: Electrical, cells: list[Member], factor: float, rights: Rights, strings: Sequence[int]
 ) -> None:
     """Take the voltage, and tell how many cells in series have it."""
-    middle = factor * float(np.median([m.series.middle for m in cells])) if cells else NOMINAL_V
+    middle = factor * float(np.median([m.series.middle for m in cells])) if cells else e.cell_V
     total = factor * float(np.sum([m.series.middle for m in cells])) if len(cells) > 1 else np.nan
     if e.voltage is None or e.voltage.score <= 0.5:
         if np.isfinite(total):

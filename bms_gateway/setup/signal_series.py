@@ -13,10 +13,10 @@ from bms_gateway.setup.vehicle_logs import Traffic
 
 Floats = NDArray[np.float64]
 FEWEST: Final = 5
-"""Samples from which on a series says anything."""
+"""Least number of samples of a series that is judged."""
 PARKED: Final = 0.95
 ALONE: Final = 8.0
-"""A value at the end of the bits is no measurement where it is so many spreads away from all others."""
+"""A value at the end of the bits' range is no measurement if it is so many spreads away from all others."""
 COUNTS: Final = 0.9
 _NOT_MEASURED = (int(Quality.NOT_AVAILABLE), int(Quality.ERROR), int(Quality.CRC))
 

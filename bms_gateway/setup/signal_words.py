@@ -1,7 +1,8 @@
 """Meaning of the names and units of signals: words of the field, in the languages of DBC files."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from functools import lru_cache
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
@@ -18,33 +19,39 @@ def _list(text: str) -> tuple[str, ...]:
 
 CURRENT: Final = _list("""
     current curr cur strom stroom amps amp ampere courant corrente corriente i ibat ibatt ipack idc ihv istrom ampe
+    crnt dianliu
     """)
 VOLTAGE: Final = _list("""
     voltage volt volts spannung spanning tension tensione tensao u v ubat ubatt upack vbat vbatt vpack uhv vhv
-    udc vdc vcell ucell cellv uzelle spg
+    udc vdc vcell ucell cellv uzelle spg vltg dianya
     """)
 TEMPERATURE: Final = _list("""
     temperature temp temps tmp temperatur temperatuur temperatura thermistor therm ntc tc rtd thermocouple t
-    tcell tzelle tmod tsurf
+    tcell tzelle tmod tsurf tb tz wendu
     """)
-CHARGE: Final = _list("soc ladezustand stateofcharge sysoc chargelevel laadtoestand etatcharge")
+CHARGE: Final = _list("""
+    soc rsoc socui ladezustand stateofcharge sysoc chargelevel laadtoestand etatcharge dianliang
+    """)
 FLOW: Final = _list("flow durchfluss volumenstrom flowrate debit")
 PACK: Final = _list("""
     pack batt battery bat hv hvb hvbat traction main total bus bms bmu bcu bmc string ess ress lb dc akku accu
     accumulator sme batterie batterij bateria batteria ibat ibatt ipack idc ihv upack vpack link sum gesamt stack
+    dianchi zong
     """)
-CELL: Final = _list("cell cells zelle zell vcell ucell cellv uzelle zellen cv tcell cel cella celda cellule")
+CELL: Final = _list("cell cells zelle zell vcell ucell cellv uzelle zellen cv tcell cel cella celda cellule danti")
 SENSED: Final = _list("""
     cell cells zelle zell cel cella celda cellule module mod modul modulo batt battery bat pack channel probe
     thermistor ntc tc surface surf skin bms bmu stack segment seg sensor thermocouple hvb akku tcell tmod tsurf
-    oberflaeche lb cmu string
+    oberflaeche lb cmu string batterie batterij bateria batteria danti dianchi tb tz
     """)
 OTHER_THINGS: Final = _list("""
     motor inv inverter mc igbt mosfet mos gate driver board pcb cpu mcu chip water oil cabin interior evap
     evaporator ac heater ptc charger obc dcdc brake tire tyre rotor stator contactor fuse shunt exhaust engine
     radiator pump fan phase lv aux lipo wave rtd steering wheel torque lamp seat afe condenser compressor mg relay
     busbar charge qc hist histdata wakeup setting dash intake hot stall shudder ref imd isolation iso insulation
-    throttle cpi
+    throttle cpi mot moteur motore onduleur inversor inverseur chargeur cargador caricatore charge lader ladegeraet
+    wechselrichter umrichter habitacle innenraum innen kabine cabine cabina huile olie olio aceite reifen bremse frein
+    getriebe evse ccs plug connector socket heizung heizer heizkreis dianji diankong chongdian
     """)
 NOT_MEASURED: Final = _list("""
     limit limits lim max min maximum minimum allowed avail available request req cmd command target setpoint set
@@ -55,21 +62,29 @@ NOT_MEASURED: Final = _list("""
     """)
 STATISTIC: Final[Mapping[str, str]] = MappingProxyType(
     {
-        **dict.fromkeys(_list("max maximum highest hottest hi high maxi hoechste hoogste massima maxima"), "max"),
-        **dict.fromkeys(_list("min minimum lowest coldest lo low mini niedrigste laagste minima"), "min"),
         **dict.fromkeys(
-            _list("avg average mean mittel mittelwert durchschnitt moy moyen moyenne gem gemiddeld media promedio"),
+            _list("max maximum highest hottest hi high maxi hoechste hoogste massima maxima zuigao"), "max"
+        ),
+        **dict.fromkeys(_list("min minimum lowest coldest lo low mini niedrigste laagste minima zuidi"), "min"),
+        **dict.fromkeys(
+            _list("""
+                avg ave average mean pingjun mittel mittelwert durchschnitt moy moyen moyenne gem gemiddeld media
+                promedio
+                """),
             "mean",
         ),
     }
 )
 COOLANT: Final = _list("""
     coolant cool inlet water eau acqua agua refroidissement entree entrada ingresso liquide refrigerante
-    koelvloeistof aanvoer vorlauf kuehlmittel kuhlmittel kuehl kuhl glycol in entry supply cooling liquid
+    koelvloeistof aanvoer vorlauf kuehlmittel kuhlmittel kuehl kuhl glycol in entry supply cooling liquid lengque
+    lengqueye jinshui jinkou
     """)
-OUTWARD: Final = _list("outlet out return ruecklauf exit")
+INWARD: Final = _list("inlet in vorlauf supply entry entree entrada ingresso aanvoer jinshui jinkou")
+OUTWARD: Final = _list("outlet out return ruecklauf exit back retour sortie salida uscita chushui chukou huishui")
 AMBIENT: Final = _list("""
-    ambient outside amb air umgebung aussen chamber exterieure exterieur esterna ambiente buiten
+    ambient outside amb air umgebung aussen chamber exterieure exterieur esterna ambiente buiten env environment oat
+    ots huanjing
     """)
 
 
@@ -84,17 +99,19 @@ class Unit(NamedTuple):
 _F = (5 / 9, -160 / 9)
 UNITS: Final[Mapping[str, Unit]] = MappingProxyType(
     {
-        **{u: Unit("current", 1.0, 0.0) for u in ("a", "amp", "amps", "ampere", "amperes", "adc")},
-        "ma": Unit("current", 1e-3, 0.0),
+        **{u: Unit("current", 1.0, 0.0) for u in ("a", "amp", "amps", "amper", "ampere", "amperes", "adc")},
+        **{u: Unit("current", 1e-3, 0.0) for u in ("ma", "mamp", "mamps", "milliamp", "milliamps", "milliampere")},
         "ka": Unit("current", 1e3, 0.0),
         "da": Unit("current", 0.1, 0.0),
         **{u: Unit("voltage", 1.0, 0.0) for u in ("v", "volt", "volts", "vdc")},
-        "mv": Unit("voltage", 1e-3, 0.0),
+        **{u: Unit("voltage", 1e-3, 0.0) for u in ("mv", "mvolt", "mvolts", "millivolt", "millivolts")},
         "kv": Unit("voltage", 1e3, 0.0),
         **{
             u: Unit("temperature", 1.0, 0.0)
-            for u in ("c", "degc", "°c", "celsius", "dc", "cel", "grad c", "grdc", "ºc", "℃")
+            for u in ("c", "degc", "°c", "celsius", "dc", "cel", "grad c", "grdc", "ºc")
         },
+        # the last two are ℃ in GBK and in UTF-8, read as Windows-1252
+        **{u: Unit("temperature", 1.0, 0.0) for u in ("℃", "¡æ", "„ƒ")},
         **{u: Unit("temperature", 1.0, -273.15) for u in ("k", "kelvin", "degk")},
         **{u: Unit("temperature", *_F) for u in ("f", "degf", "°f", "fahrenheit", "ºf")},
         **{u: Unit("share", 1e-2, 0.0) for u in ("%", "percent", "pct", "prozent")},
@@ -114,7 +131,8 @@ OTHER_UNITS: Final = frozenset(
         """
     )
 )
-"""Units of what is no use here; a unit that nobody knows says nothing."""
+"""Units of quantities that are not used here; an unknown unit excludes nothing."""
+_CELSIUS: Final = re.compile(r"(unit)?(deg|degre|degrees?|grad|gradi|graus)?(cel[sc]i?u?s?|c)(deg|degrees?|grad)?|oc")
 _SPELT: Final = re.compile(r"[\s_.*²]|deg(?=[ckf]$)|^unit[:_]?")
 
 
@@ -135,24 +153,84 @@ def unit_of(text: str) -> Unit | None:
     for spelt in (name, _SPELT.sub("", name), name.replace("deg", "").strip(), plain, plain.replace("deg", "")):
         if spelt in UNITS:
             return UNITS[spelt]
-    if plain.startswith(("cels", "celc")):
+    if _CELSIUS.fullmatch(plain):
         return UNITS["celsius"]
     return Unit("other", 1.0, 0.0) if plain in OTHER_UNITS else None
 
 
+_KNOWN: Final = frozenset(
+    w
+    for group in (CURRENT, VOLTAGE, TEMPERATURE, CHARGE, FLOW, PACK, CELL, SENSED, OTHER_THINGS, NOT_MEASURED,
+                  STATISTIC, COOLANT, OUTWARD, AMBIENT)
+    for w in group
+)  # fmt: skip
+_SHORTEST: Final = 3
+"""Letters of the shortest word that is looked for inside a compound, but for those of _SHORT."""
+_SHORT: Final = frozenset(("hv", "lv", "dc", "ac"))
+_SYMBOLS: Final = "tuvi"
+"""Letters that stand for a quantity before the word that says of what: Tmot, Ubus."""
+_SYLLABLES: Final = 3
+"""Syllables of the longest Pinyin word in the lists."""
+
+
+@lru_cache(maxsize=65536)
 def words(text: str) -> tuple[str, ...]:
-    """Cut a name into its words.
+    """Cut a name into its words; compounds of words of the lists too.
 
     Examples
     --------
     >>> words("BMU_stateBusHV"), words("LB_Total_Voltage"), words("TempChannel01")
     (('bmu', 'state', 'bus', 'hv'), ('lb', 'total', 'voltage'), ('temp', 'channel', '01'))
+    >>> words("BMSmaxPackTemp"), words("Zelltemp_3"), words("Tmot"), words("ZongDianLiu")
+    (('bms', 'max', 'pack', 'temp'), ('zell', 'temp', '3'), ('t', 'mot'), ('zong', 'dianliu'))
     """
     found: list[str] = []
-    for w in _PARTS.findall(text):
-        run_on = _RUN_ON.fullmatch(w)
-        found += [run_on[1].lower(), run_on[2].lower()] if run_on else [w.lower()]
+    for name in re.findall(r"[A-Za-z0-9]+", text):
+        for w in _joined(_moved(_PARTS.findall(name))):
+            run_on = _RUN_ON.fullmatch(w)
+            found += [run_on[1].lower(), run_on[2].lower()] if run_on else _compound(w.lower())
     return tuple(found)
+
+
+def _moved(parts: list[str]) -> list[str]:
+    """Give a capital back to the abbreviation before it where only so the word after it is known: BMSmax."""
+    for k in range(1, len(parts)):
+        before, w = parts[k - 1], parts[k]
+        if before.isupper() and w[0].isupper() and w.lower() not in _KNOWN and w[1:] in _KNOWN:
+            parts[k - 1 : k + 1] = before + w[0], w[1:]
+    return parts
+
+
+def _joined(parts: list[str]) -> Iterable[str]:
+    """Join syllables that are written as words of their own and make a known word together: DianLiu."""
+    k = 0
+    while k < len(parts):
+        for end in range(min(k + _SYLLABLES, len(parts)), k, -1):
+            whole = "".join(parts[k:end]).lower()
+            if end == k + 1 or (whole in _KNOWN and not any(p.lower() in _KNOWN for p in parts[k:end])):
+                yield "".join(parts[k:end])
+                k = end
+                break
+
+
+def _compound(word: str) -> list[str]:
+    """Cut a word that is not known into known ones; the word itself where that is not possible."""
+    if word in _KNOWN or not word.isalpha():
+        return [word]
+    if word[0] in _SYMBOLS and word[1:] in _KNOWN and len(word) > _SHORTEST:
+        return [word[0], word[1:]]
+    return _cut(word) or [word]
+
+
+def _cut(word: str) -> list[str]:
+    for end in range(len(word), 1, -1):
+        head = word[:end]
+        if head in _SHORT or (end >= _SHORTEST and head in _KNOWN):
+            if end == len(word):
+                return [head]
+            if rest := _cut(word[end:]):
+                return [head, *rest]
+    return []
 
 
 def named(info: SignalInfo) -> tuple[str, ...]:

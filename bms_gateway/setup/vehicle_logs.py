@@ -20,7 +20,7 @@ from bms_gateway.frames.signal_table import SignalTable
 from bms_gateway.report.progress import progress
 
 MOST_FRAMES: Final = 2_000_000
-"""A quarter of an hour of a busy bus tells what its signals are; more is not taken into memory."""
+"""Most frames that are read: a quarter of an hour of a busy bus, which is enough to recognise its signals."""
 BETWEEN_LOGS_NS: Final = 60_000_000_000
 
 

@@ -1,4 +1,4 @@
-"""Without a DBC: which bits might be the current, the pack's voltage and thermocouples, by physics alone.
+"""Without a DBC: guesses, by physics alone, which bits are the current, the pack's voltage and thermocouples.
 
 Every message is cut into fields as makers cut theirs: bytes, pairs of bytes in both orders, twelve bits from a nibble
 on; a message whose first byte changes from frame to frame and tells the rest is taken apart by that byte. Then
@@ -8,7 +8,7 @@ on; a message whose first byte changes from frame to frame and tells the rest is
 * a thermocouple is slow, follows no step of the voltage, and rises with the heat made, the integral of the current's
   square; those of one pack stand side by side and read alike.
 
-Nothing here tells a scale: amperes and degrees are the usual factor that gives what vehicles have. All are guesses.
+Nothing here shows a scale. The factor is the usual one with which the values are those of a vehicle. All are guesses.
 """
 
 from collections.abc import Iterator
@@ -23,10 +23,10 @@ from bms_gateway.frames.bits import Place
 
 Floats = NDArray[np.float64]
 FEWEST: Final = 20
-"""Frames of a message, or of one page of it, from which on its bits say anything."""
+"""Least number of frames of a message, or of one page of it, whose bits are judged."""
 STEP_S: Final = 0.5
 FAST_Hz: Final = 1.5
-"""Rate from which on the steps of a field can be held against those of another."""
+"""Least rate of a field whose steps are compared with those of another."""
 MOST_PAGES: Final = 64
 FEWEST_OF_PAGE: Final = 12
 STAYS: Final = 0.3
@@ -35,14 +35,14 @@ NEAR: Final = 0.15
 BOTH_ENDS: Final = 0.002
 SMOOTHER: Final = 0.5
 NOISE: Final = 0.75
-"""Step over that of the samples in random order from which on bits are a check sum, or none that measure."""
+"""Ratio of the mean step to that of the same samples in random order; above it, a field is no measurement."""
 LARGE: Final = 0.4
-"""Spread over the middle below which a voltage stays while its contactors are closed."""
+"""Largest spread over median of a pack's voltage while its contactors are closed."""
 WITNESSES: Final = 5
 BY_CHARGE: Final = 0.5
 LARGEST: Final = 3.0
 TWINS: Final = 0.996
-"""Two readings of one sensor move together so exactly; a voltage has more to follow than one current."""
+"""Correlation above which two fields read one sensor: a voltage does not follow one current so closely."""
 PASSING: Final = 0.02
 OHM: Final = 0.3
 MOST_PAIRS: Final = 1500

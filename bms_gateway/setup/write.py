@@ -1,11 +1,14 @@
 """A proposal as files: the gateway's config with reasons as comments, a model per string, a DBC where one is needed."""
 
 import json
+import math
 import os
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
+
+import numpy as np
 
 from bms_gateway.config.model_file import write_model
 from bms_gateway.engine.plan import Statistic
@@ -19,17 +22,22 @@ from bms_gateway.thermal import Condition, Prior, StringModel
 from bms_gateway.thermal.cells import CellFacts, cell_of, cell_priors, stated_parameters
 
 UNKNOWN_CELL: Final = "21700"
-"""A cell of the middle, where nothing is told of it; its numbers are believed to a factor of two."""
+"""Format of an unknown cell: a round one of medium size."""
+FLAT_CELL: Final = (0.148, 0.091, 0.027)
+"""m; proportions of a prismatic cell. An unknown cell of low resistance is prismatic, or round ones in parallel."""
+FLAT_OHM_M3: Final = 0.47e-6
+"""Resistance times volume of flat cells."""
+LEAST_FLAT_M3: Final = 1e-4
 UNKNOWN_SD: Final = {"C_c": 0.7, "C_s": 0.9, "R_e": 0.9, "R_c": 0.9, "R_u": 0.9, "R_cc": 1.0}
 FROM_STEPS: Final = 1.2
-"""A resistance by steps of a second, to that over minutes."""
+"""Factor from the resistance by steps of a second to that over minutes."""
 FROM_STEPS_SD: Final = 0.35
 LIQUID: Final = (3.6e6, 2e-3)
 """J/(m³ K) of water with glycol; flows above so many m³/s are of air."""
 AIR: Final = 1190.0
 INLET_UNKNOWN_K: Final = 3.0
 KEYS: Final = {"max": "hottest", "min": "coldest", "mean": "mean"}
-"""What the config calls the greatest, least and mean surface."""
+"""Keys of the config for the greatest, least and mean surface."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +128,7 @@ def _model(
     condition: Condition = "single" if cells == 1 else "full" if nominal > 0 else "natural"
     priors = cell_priors(lumped, conduction=cells > 1)
     if not known:
-        priors = {name: Prior(p.value, max(p.rel_sd, UNKNOWN_SD[name])) for name, p in priors.items()}
+        priors = _unknown(priors, resistance, conduction=cells > 1)
     if resistance is not None:
         priors["R_e"] = Prior(min(max(resistance, 1e-5), 1.0), FROM_STEPS_SD)
     if condition == "full":
@@ -138,6 +146,24 @@ def _model(
         flow=float(f"{nominal:.4g}") if nominal > 0 else None,
         cell_format=_in_words(lumped) if known else None,
     )
+
+
+def _unknown(round_cells: dict[str, Prior], resistance: float | None, *, conduction: bool) -> dict[str, Prior]:
+    """Priors of a cell that is either round cells in parallel or one flat cell of the same resistance: their mean.
+
+    R_c of a flat cell is several times that of round cells in parallel. The deviation covers both.
+    """
+    values = [round_cells]
+    volume = FLAT_OHM_M3 / resistance if resistance else 0.0
+    if volume >= LEAST_FLAT_M3:
+        grown = (volume / math.prod(FLAT_CELL)) ** (1 / 3)
+        length, width, thickness = (grown * side for side in FLAT_CELL)
+        flat = CellFacts("flat", "prismatic", (length, width, thickness))
+        values.append(cell_priors(flat, conduction=conduction))
+    return {
+        name: Prior(float(np.mean([v[name].value for v in values])), max(p.rel_sd, UNKNOWN_SD[name]))
+        for name, p in round_cells.items()
+    }
 
 
 def _in_words(cell: CellFacts) -> str:

@@ -1,4 +1,4 @@
-r"""Two temperatures of one roll: its mean, of which heat balances speak, and its hottest point.
+r"""Two temperatures of one jelly roll: its mean, which the heat balances use, and its hottest point.
 
 A roll of length L and conductivity k that is heated uniformly by q has, in the steady state (H. S. Carslaw and J. C.
 Jaeger, *Conduction of Heat in Solids*, 2nd ed., section 7.2, for the parabola that follows),
@@ -35,13 +35,13 @@ import numpy as np
 from bms_gateway.thermal.parameters import Floats, Share, StringModel
 
 CENTRE_SHARE = Share(0.5, 0.25)
-"""φ where nobody knows it: all that is possible lies within two sd. A 32113 whose R_c fits its core at its nominal heat
-capacity has twice the 1/(8πkL) of its roll: 0.5."""
+"""φ where it is unknown: every possible value is within two sd. For a 32113 whose R_c was fitted to its measured core,
+R_c is twice the 1/(8πkL) of its roll, which gives 0.5."""
 CORE_PROBE = Share(0.0, 0.3)
-"""Where a thermocouple "in the core" reads, from the mean (0) to the centre (1), if nobody says it. It is pushed into
-the hole of the mandrel or beside it, touches more than the axis, and its wires take heat away: on three cells of two
-formats 0.3 fitted best, give or take 0.3. Taken for the mean, a calibrated core is what the thermocouple shows, and no
-colder than the true mean by more than its band."""
+"""Position of a thermocouple "in the core" where the model does not state it, from the mean (0) to the centre (1). Such
+a thermocouple is pushed into the mandrel's hole or beside it, touches more than the axis, and its wires conduct heat
+away. On three cells of two formats 0.3 ± 0.3 fitted best. With 0, a calibrated core would be the thermocouple's
+reading; it would be colder than the true mean by no more than its band."""
 FIRST_MODE = 8.0 / 3.8317059702075125**2
 """8/x_1², x_1 the first zero of the Bessel function J_1 (Abramowitz and Stegun, table 9.5)."""
 INSTANT_S = 1e-6
@@ -57,7 +57,7 @@ def centre_share(model: StringModel) -> Share:
 
 
 def core_probe(model: StringModel) -> Share:
-    """Tell where a thermocouple in the core reads, from the mean (0) to the centre (1)."""
+    """Tell the position of a thermocouple in the core, from the mean (0) to the centre (1)."""
     return CORE_PROBE if model.core_probe is None else model.core_probe
 
 
@@ -73,17 +73,17 @@ def probe_lever(model: StringModel) -> Share:
 
 
 def time_constant(phi: Floats | float, R_c: Floats, C_c: Floats) -> Floats:
-    """Time, s, that the profile of a roll takes to follow the difference between its mean and its surface."""
+    """Time constant, s, with which the profile of a roll follows the difference between its mean and its surface."""
     return np.asarray(FIRST_MODE * phi * R_c * C_c, dtype=np.float64)
 
 
 def followed(elapsed_s: Floats | float, time_constant_s: Floats) -> Floats:
-    """Tell how much of a lag a profile has made up after so long, 0 to 1; without a time constant all of it."""
+    """Tell which share of a change a profile has followed after a time, 0 to 1; 1 where the time constant is zero."""
     return np.asarray(-np.expm1(-elapsed_s / np.maximum(time_constant_s, INSTANT_S)), dtype=np.float64)
 
 
 def lagged(gap: Floats, elapsed_s: Floats, time_constant_s: Floats) -> Floats:
-    """Let differences (K, n) between mean and surface go through the lag of the profile.
+    """Filter differences (K, n) between mean and surface by the lag of the profile.
 
     Parameters
     ----------

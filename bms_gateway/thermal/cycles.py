@@ -1,16 +1,16 @@
-r"""Drive cycles that exist only here, each from one seed: the current of a hybrid's battery, second by second.
+r"""Simulated drive cycles, each drawn from a seed: the current of the battery of a hybrid vehicle, second by second.
 
-The paper drives its cell with an urban assault cycle of the US Army and with US06 and UDDS. The first has not been
-published; what is printed of it is its length, its limits and the size of its heat. The cycles here have those figures
-(or those of their namesake's speed) and are otherwise drawn at random: two seeds share no wave form. Current is per
-cell, discharge positive, constant within each second, and carries no net charge: the engine of a hybrid does.
+The paper drives its cell with an urban assault cycle of the US Army and with US06 and UDDS. The urban assault cycle is
+not published; the paper states its length, its limits and its heat. The cycles here have these figures, or those of the
+speed of US06 and UDDS, and are random otherwise: two seeds give different courses. Current is per cell, positive on
+discharge, constant within each second, and without net charge, because the engine of a hybrid supplies the mean power.
 
 For the cycles that follow a speed v, the power per mass of the vehicle is that of its road load
 
 .. math::
     p = v\,(1.05\,\dot v + g c_r + c_w v^2), \qquad I = G\,p \; (p > 0), \quad I = 0.6\,G\,p \; (p < 0)
 
-with the same vehicle for both, so that town traffic is as much milder as it is on the road.
+with the same vehicle for both, so that the currents of UDDS are lower than those of US06 as they are on the road.
 """
 
 from collections.abc import Callable, Mapping
@@ -28,10 +28,10 @@ CAPACITY_AH = 8.0
 
 ROLLING, DRAG = 9.81 * 0.01, 2.4e-4
 """m/s² and 1/m: a passenger car's road load per mass."""
-INERTIA = 1.05  # wheels and motor turn too
+INERTIA = 1.05  # mass with the inertia of wheels and motor, over the mass
 BRAKES_SHARE = 0.6  # of the braking power reaches the battery; the rest goes into brakes and losses
 C_RATE_PER_POWER = C_RATE_HIGH / 30.0
-"""1/h per W/kg: full current at 30 W/kg, the hardest pull of US06 at 70 km/h."""
+"""1/h per W/kg: greatest current at 30 W/kg, which is the greatest acceleration of US06 at 70 km/h."""
 
 
 def urban_assault(rng: np.random.Generator, capacity_Ah: float = CAPACITY_AH) -> Floats:
@@ -76,7 +76,7 @@ def urban_assault(rng: np.random.Generator, capacity_Ah: float = CAPACITY_AH) ->
 
 
 def us06(rng: np.random.Generator, capacity_Ah: float = CAPACITY_AH) -> Floats:
-    """Draw one cycle of 596 s like US06: five hard trips, to 129 km/h, hardly a stop; (596,) A.
+    """Draw one cycle of 596 s like US06: five trips with high power, up to 129 km/h, with short stops; (596,) A.
 
     References
     ----------
@@ -86,7 +86,7 @@ def us06(rng: np.random.Generator, capacity_Ah: float = CAPACITY_AH) -> Floats:
 
 
 def udds(rng: np.random.Generator, capacity_Ah: float = CAPACITY_AH) -> Floats:
-    """Draw one cycle of 1,369 s like UDDS: town, seventeen trips from stop to stop, to 91 km/h; (1369,) A.
+    """Draw one cycle of 1,369 s like UDDS: seventeen trips in a town between stops, up to 91 km/h; (1369,) A.
 
     References
     ----------

@@ -1,8 +1,9 @@
 """Exact discretisation: zero-order hold on heat, first-order hold on temperatures.
 
-Heat enters as its mean over the interval (the mean of I², never the square of the mean of I), which a zero-order hold
-reproduces exactly. Temperatures are continuous, so they enter as a straight line between samples. At 1 s, holding
-everything (zero-order) costs 8 % of R_e, R_c and R_u; this pairing stays below 0.06 %.
+Heat is an input by its mean over the interval (from the mean of I², not from the square of the mean of I), which a
+zero-order hold reproduces exactly. Temperatures are continuous; they are inputs by a straight line between samples. At
+1 s, a zero-order hold for all inputs would change the identified R_e, R_c and R_u by 8 %; this combination changes them
+by less than 0.06 %.
 """
 
 from dataclasses import dataclass
@@ -51,6 +52,7 @@ def discretize(s: ContinuousString, dt: float) -> DiscreteString:
     Parameters
     ----------
     s : ContinuousString
+        Arrays of several strings alike may be stacked before their own axes; so are those of the result.
     dt : float
         Step, s, > 0.
 
@@ -72,12 +74,12 @@ def discretize(s: ContinuousString, dt: float) -> DiscreteString:
     >>> bool(np.allclose(d.A.sum(axis=1) + d.B_f0 + d.B_f1, 1.0))  # equilibrium is kept
     True
     """
-    N, n = s.B_q.shape
-    F = np.zeros((N + n + 2, N + n + 2))
-    F[:N, :N] = s.A * dt
-    F[:N, N : N + n] = s.B_q * dt
-    F[:N, N + n] = s.B_f * dt
-    F[N + n, N + n + 1] = 1.0  # T_f grows linearly by (T_f⁺ − T_f) over the unit of scaled time
+    *many, N, n = s.B_q.shape
+    F = np.zeros((*many, N + n + 2, N + n + 2))
+    F[..., :N, :N] = s.A * dt
+    F[..., :N, N : N + n] = s.B_q * dt
+    F[..., :N, N + n] = s.B_f * dt
+    F[..., N + n, N + n + 1] = 1.0  # T_f grows linearly by (T_f⁺ − T_f) over the unit of scaled time
     E = exponential(F)
-    slope = E[:N, N + n + 1]
-    return DiscreteString(E[:N, :N], E[:N, N : N + n], E[:N, N + n] - slope, slope.copy(), float(dt))
+    slope = E[..., :N, N + n + 1]
+    return DiscreteString(E[..., :N, :N], E[..., :N, N : N + n], E[..., :N, N + n] - slope, slope.copy(), float(dt))

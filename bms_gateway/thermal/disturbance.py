@@ -1,4 +1,4 @@
-"""What drives a string beside its known inputs, and how it gathers over a step."""
+"""Unknown inputs of a string as noise, and the covariance that this noise leaves after a step."""
 
 from dataclasses import dataclass
 
@@ -8,13 +8,13 @@ from bms_gateway.thermal.exponential import exponential
 from bms_gateway.thermal.parameters import Floats
 
 HEAT_GAIN_SD = 0.25
-"""Heat from voltage is not known better: how a step's voltage is paired with its current alone costs 8 to 17 %, and
-cells that were calorimetered want 0.5 to 0.9 of it."""
+"""Least relative sd of heat that is computed from the voltage. The timing of voltage against current alone changes it
+by 8 to 17 %, and cells that were measured in a calorimeter make 0.5 to 0.9 of it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Disturbance:
-    """What the model does not know while it runs, as standard deviations.
+    """Standard deviations of the unknown inputs of a model.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Disturbance:
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """How little is known of a string that is met for the first time, as standard deviations in K.
+    """Standard deviations of the temperatures of a string at its first reading, K.
 
     Attributes
     ----------

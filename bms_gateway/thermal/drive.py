@@ -1,4 +1,4 @@
-"""What drives a string over a recorded stretch: the means of its inputs over the intervals of one uniform grid."""
+"""Inputs of a string over a record, as means over the intervals of one uniform grid."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class Drive:
 
     @property
     def N(self) -> int:
-        """How many intervals."""
+        """Number of intervals."""
         return int(self.I.size)
 
 
@@ -101,7 +101,7 @@ def cut(u: Drive, first: int, last: int) -> Drive:
 
 
 def average(u: Drive) -> Drive:
-    """One interval that holds the means of all; voltage as far as it was there."""
+    """One interval with the means of all intervals; missing values, of a voltage for example, are left out."""
     return _map(u, lambda x: np.atleast_1d(np.nanmean(x)) if np.isfinite(x).any() else x[:1])
 
 

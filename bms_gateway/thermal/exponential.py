@@ -22,12 +22,13 @@ def exponential(Z: Floats) -> Floats:
 
     Parameters
     ----------
-    Z : ndarray (M, M)
+    Z : ndarray (…, M, M)
+        One matrix or a stack of them.
 
     Returns
     -------
-    ndarray (M, M)
-        Not a number where `Z` is not finite; infinite where it runs away.
+    ndarray (…, M, M)
+        Not a number where any of `Z` is not finite; infinite where it runs away.
 
     Notes
     -----
@@ -45,11 +46,11 @@ def exponential(Z: Floats) -> Floats:
     >>> float(exponential(np.array([[-40.0]]))[0, 0] / np.exp(-40.0) - 1.0) < 1e-13
     True
     """
-    size = float(np.abs(Z).sum(axis=0).max())
+    size = float(np.abs(Z).sum(axis=-2).max())
     if not np.isfinite(size):
         return np.full_like(Z, np.nan)
     doublings = max(0, int(np.ceil(np.log2(max(size, LEAST_SIZE) / LEAST_SIZE))))
-    powers = [np.eye(len(Z)), Z / 2.0**doublings]
+    powers = [np.eye(Z.shape[-1]), Z / 2.0**doublings]
     while len(powers) <= GROUP:
         powers.append(powers[-1] @ powers[1])
     E = powers[GROUP] / factorial(GROUP * GROUP)

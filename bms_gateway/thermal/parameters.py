@@ -1,9 +1,9 @@
-"""Parameters of the lumped core/surface model: what they mean, their units, bounds and priors.
+"""Parameters of the lumped core/surface model: meaning, units, bounds and priors.
 
-Symbols are the paper's (X. Lin et al., *Parameterization and Observability Analysis of Scalable Battery Clusters for
-Onboard Thermal Management*). All numbers are SI; temperatures are degrees Celsius, because the model sees only their
-differences (K). Priors are log-normal: resistances and capacities are positive, and what is known of them is known in
-per cent.
+Symbols are those of the paper (X. Lin et al., *Parameterization and Observability Analysis of Scalable Battery Clusters
+for Onboard Thermal Management*). All numbers have SI units; temperatures are in °C, because the model uses only their
+differences (K). Priors are log-normal, because resistances and capacities are positive and their errors are usually
+stated in per cent.
 """
 
 from collections.abc import Mapping
@@ -83,7 +83,7 @@ class Prior:
 
     @property
     def fixed(self) -> bool:
-        """Whether identification must leave the parameter alone."""
+        """Whether identification must keep the parameter at its value."""
         return self.rel_sd == 0.0
 
 
@@ -151,8 +151,8 @@ class StringParameters:
     def with_flow_ratio(self, ratio: float) -> "StringParameters":
         """Scale the stream to another coolant flow: C_f is proportional to it.
 
-        R_u stays as it is: how the film follows the flow is an effect of the catalogue (`flow_dependent_cooling`),
-        which a model has or has not, wherever it is used.
+        R_u is not changed: its dependence on the flow is an effect of the catalogue (`flow_dependent_cooling`), which a
+        model may have.
 
         Parameters
         ----------
@@ -162,7 +162,7 @@ class StringParameters:
         return replace(self, C_f=self.C_f * ratio)
 
 
-# What is not a missing effect: scatter that any pack has. Cell-to-cell shares of R_e, R_u, R_c; sensor offsets in K.
+# Differences that every pack has, which are no missing effect: relative sd of R_e, R_u, R_c of the cells; offsets in K.
 DEFAULT_TOLERANCES: Mapping[str, float] = MappingProxyType(
     {"cell_R_e": 0.02, "cell_R_u": 0.02, "cell_R_c": 0.03, "surface_offset_K": 0.05, "inlet_offset_K": 0.05}
 )

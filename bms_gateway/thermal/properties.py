@@ -1,6 +1,6 @@
-r"""What every physical effect must obey, whoever wrote it: energy is kept, units agree, losses cool, zero is nothing.
+r"""Properties of every physical effect: energy is conserved, units agree, losses cool, the neutral value has no effect.
 
-For the author of an effect there is one call, to be put into a test of the package that brings the effect:
+The author of an effect puts one call into a test of the package that contains the effect:
 
 >>> from bms_gateway.thermal.effects import Effect, EffectParameter
 >>> class Radiation(Effect):
@@ -15,7 +15,7 @@ For the author of an effect there is one call, to be put into a test of the pack
 >>> broken_properties(Radiation)
 ()
 
-With a plus for the minus, or without the 273.15, the call says what is wrong:
+With a wrong sign, or without the 273.15, the call says what is wrong:
 
 >>> class Reversed(Radiation):
 ...     def surroundings(self, z, p, at):
@@ -25,8 +25,8 @@ With a plus for the minus, or without the 273.15, the call says what is wrong:
 radiation: a warmer surface takes more heat from its surroundings: reversed sign, or °C where a law needs kelvin
 radiation: says that it cools a string on discharge, and does not
 
-The properties hold at any temperatures, in both coolant modes, for a string of four cells; which effect is right for
-a cell is not asked here, only whether it can be one.
+The properties are tested at random temperatures, in both coolant modes, for a string of four cells. They show that the
+effect is physically possible; whether a cell has this effect is not tested here.
 """
 
 from collections.abc import Iterator, Mapping

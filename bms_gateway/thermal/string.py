@@ -150,9 +150,11 @@ def continuous(p: StringParameters) -> ContinuousString:
     A[surface, core] = 1.0 / (p.R_c * p.C_s)
     to_coolant = film(p)
     G = np.diag(-1.0 / p.R_c - to_coolant) + M * to_coolant[:, None]
-    for k in range(n - 1):
-        G[[k, k + 1], [k, k + 1]] -= 1.0 / p.R_cc
-        G[[k, k + 1], [k + 1, k]] += 1.0 / p.R_cc
+    k = np.arange(n - 1)
+    G[k, k] -= 1.0 / p.R_cc
+    G[k + 1, k + 1] -= 1.0 / p.R_cc
+    G[k, k + 1] += 1.0 / p.R_cc
+    G[k + 1, k] += 1.0 / p.R_cc
     A[np.ix_(surface, surface)] = G / p.C_s[:, None]
     B_q = np.zeros((2 * n, n))
     B_q[core, np.arange(n)] = 1.0 / p.C_c

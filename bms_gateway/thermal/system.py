@@ -1,4 +1,4 @@
-"""The heat balances of a string while certain inputs drive it, with certain numbers: what a trajectory solves."""
+"""The heat balances of a string together with given inputs and parameters, as `trajectory` solves them."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

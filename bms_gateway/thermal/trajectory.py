@@ -8,13 +8,14 @@ state over an interval and ū the mean inputs,
     \Phi = e^{A \Delta t}, \; \Gamma = \int_0^{\Delta t} e^{A s} ds
 
 is an exponential integrator of second order (Hochbruck & Ostermann 2010) that solves a linear string exactly. It is
-solved by waveform relaxation: the bracket along the last trajectory, all intervals in one call, then the linear
-recursion; what A does not hold (a resistance that follows its own heat, a flow that moves) shrinks with every sweep.
-The recursion runs blockwise, about √N steps of large products in place of N small ones.
+solved by waveform relaxation. Each sweep computes the bracket along the last trajectory, in one call for all intervals,
+and then runs the linear recursion. The error that remains (a resistance that depends on temperature and a changing flow
+are not in A) becomes smaller with every sweep. The recursion runs blockwise, with about √N steps of large products
+instead of N small ones.
 
-Sensitivities S = ∂X/∂θ follow the same recursion, driven by finite differences of f along the trajectory. Where an
-effect is steep (a capacity that a narrow melting peak multiplies) their sweeps settle too slowly: half wrong, they hold
-a fit fast at wrong numbers with a narrow band. They are then stepped with the Jacobian of every interval.
+Sensitivities S = ∂X/∂θ follow the same recursion, driven by finite differences of f along the trajectory. With a steep
+effect (a narrow melting peak multiplies the capacity) their sweeps converge too slowly, and sensitivities that have not
+converged make a fit stop at wrong numbers with a narrow band. They are then stepped with the Jacobian of each interval.
 """
 
 from collections.abc import Sequence
@@ -27,21 +28,21 @@ from bms_gateway.thermal.physics import Memory, Numbers
 from bms_gateway.thermal.system import System
 
 TOLERANCE = 2e-4
-"""K: sweeps end when the trajectory moves by less; a hundredth of the finest thermocouple noise."""
+"""K: sweeps end when the trajectory changes by less; a hundredth of the noise of the best thermocouples."""
 SWEEPS = 15
 LEAST_INTERVALS = 8
-"""A stretch that does not settle is halved, for sweeps settle the faster the shorter they are; below this it is marched
-through."""
+"""A stretch whose sweeps do not converge is halved, because sweeps of a shorter stretch converge faster. A stretch with
+fewer intervals than this is solved step by step instead."""
 SUBSTEPS = 8
-"""Steps of an interval that is marched through: a surface then passes a narrow melting peak in several of them."""
+"""Steps of each interval that is solved step by step: a surface passes a narrow melting peak in several of them."""
 CACHE = 120_000
-"""Numbers of one column block of the recursion: a megabyte of them stays in the cache of one core."""
+"""Numbers in one column block of the recursion: one megabyte, which fits into the cache of one processor core."""
 TERMS, LEAST_SIZE = 14, 0.5
-"""Of the exponential's series: what is left of a matrix of this size lies below the last digit."""
+"""Terms of the exponential's series, and the norm of a matrix for which they are exact to the last digit."""
 NUDGE = 1e-4
-"""K: for slopes of the balances; a thousandth of the narrowest peak's width, far above the last digit."""
+"""K: step for slopes of the balances; a thousandth of the width of the narrowest peak, far above rounding."""
 COLD, HOT = -200.0, 1000.0
-"""°C: no cell is beyond; a trajectory that runs away is held there so that a fit can turn back."""
+"""°C: bounds of a trajectory. A trajectory that diverges is held there, so that a fit can go back to better numbers."""
 
 
 class Recursion:
@@ -69,7 +70,7 @@ class Recursion:
         self._ends = np.concatenate(powers[::-1], axis=1)
 
     def with_steps(self, dt: float, steps: int) -> "Recursion":
-        """Return the same with steps of another length; the last one asked for is kept."""
+        """Return the recursion with steps of another length; the last one is stored."""
         if self._longer is None or self._longer.dt != dt:
             self._longer = Recursion(self.A, dt, steps)
         return self._longer
@@ -77,8 +78,8 @@ class Recursion:
     def run(self, x0: Floats, w: Floats) -> Floats:
         """Run from `x0` (D, P) under `w` (N, D, P): states (N + 1, D, P), the start first.
 
-        Numbers that a fit tries on its way may run away: the result is then infinite or not a number. The result's
-        time runs fastest in memory; `w` is read quickest when its does too.
+        With parameters that a fit tries, the states may diverge: the result is then infinite or NaN. Time is the
+        fastest axis of the result in memory; `w` is read fastest if it has the same layout.
         """
         N, D, P = w.shape
         out = np.empty((P, D, N + 1))
@@ -120,7 +121,7 @@ class Recursion:
 
 
 def exponentials(Z: Floats) -> tuple[Floats, Floats]:
-    r"""Matrix functions e^Z and φ₁(Z) = ∫₀¹ e^{Zs} ds, by Taylor's series of a share of Z that is doubled back.
+    r"""Matrix functions e^Z and φ₁(Z) = ∫₀¹ e^{Zs} ds, by the Taylor series for Z/2^k and k doublings.
 
     .. math:: e^{2Z} = e^Z e^Z, \qquad \varphi_1(2Z) = \tfrac{1}{2} (e^Z + 1) \varphi_1(Z)
 
@@ -155,7 +156,7 @@ def exponentials(Z: Floats) -> tuple[Floats, Floats]:
 
 @dataclass(frozen=True, slots=True)
 class Variation:
-    """One direction in which numbers and start may move, for `sensitivities`.
+    """One direction in which parameters and start may change, for `sensitivities`.
 
     Attributes
     ----------

@@ -13,28 +13,25 @@ from pathlib import Path
 from typing import Any
 
 from bms_gateway.config.model_file import format_model, parse_model, read_model
-from bms_gateway.diagnosis.adding import Addition, add_effects, check_signals, cores_with_named, wanted
+from bms_gateway.diagnosis.adding import Addition, add_effects, check_signals, wanted
 from bms_gateway.diagnosis.compare import Comparison, compare
 from bms_gateway.diagnosis.diagnosis import Diagnosis, diagnose
-from bms_gateway.diagnosis.latent import latent
 from bms_gateway.diagnosis.prepare import measured
 from bms_gateway.diagnosis.record import Record
 from bms_gateway.diagnosis.record_inputs import Columns
 from bms_gateway.errors import UsageError
 from bms_gateway.identify.effort import heard
-from bms_gateway.records.read import read_measurements
-from bms_gateway.records.recent_signals import given_span, state_directory, write_recent
+from bms_gateway.records.read import Reading, read_measurements
+from bms_gateway.records.recent_signals import Stretch, given_span, state_directory, write_recent
 from bms_gateway.report.add_text import AddReport
 from bms_gateway.report.added import added_report, heading
+from bms_gateway.report.details import details_of
 from bms_gateway.report.diagnosis_text import Told
 from bms_gateway.report.examine import (
-    card_of,
     examine,
-    experiment_of,
     findings_and_notes,
     long_enough,
     sound,
-    usable,
 )
 from bms_gateway.report.html import Aside, write_addition, write_comparison, write_diagnosis
 from bms_gateway.report.step_names import FILED, REFITTED
@@ -151,17 +148,19 @@ class Bench:
     def _read(self, files: Files, folder: Path, tell: Tell, seen: Callable[[Columns], None] | None = None) -> None:
         self._files = None
         model = read_model(Path(files.model))
+        whole, own = parse_columns(files.columns), dict(enumerate(files.each))
         self._records = read_measurements(
             [Path(t) for t in files.tables],
             model=model,
             config=Path(files.config) if files.config else None,
             string=files.string or None,
-            columns=parse_columns(files.columns),
-            uploaded=Path(files.config).parent == folder,
-            tell=lambda name, share: tell(READING * share, f"reading {name}"),
-            most=MOST_NUMBERS,
-            seen=seen,
-            each=[parse_columns(pairs) for pairs in files.each],
+            columns=[{**whole, **parse_columns(own.get(k, ()))} for k in range(len(files.tables))],
+            reading=Reading(
+                uploaded=Path(files.config).parent == folder,
+                tell=lambda name, share: tell(READING * share, f"reading {name}"),
+                most=MOST_NUMBERS,
+                seen=seen,
+            ),
         )
         self._files, self._filed = files, model
         self._made.clear()
@@ -188,6 +187,7 @@ class Bench:
             [measured(r, self._filed) for r in self._records],
             shelf,
             [(x, float(r.instants[0])) for x, r in zip(rows, self._records, strict=True)],
+            self._filed.flow,
         )
         shelf.save()
         now = digests(self._records, self._filed)
@@ -280,18 +280,8 @@ class Bench:
             path = Path(file.name)
         if kind == "diagnose":
             made.told = made.told or examine(parse_model(text), self._records, tell)
-            d = made.told.diagnosis
-            write_diagnosis(
-                path,
-                made.told,
-                comparison=comparison if d else None,
-                latent=latent(d.search.baseline) if d else None,
-                experiment=experiment_of(d) if d else None,
-                card=card_of(d.search.baseline) if d else None,
-                command=command,
-                cores=cores_with_named(parse_model(text), usable(self._records, made.told.findings), d) if d else (),
-                step=step,
-            )
+            details = details_of(made.told, parse_model(text), self._records, lambda: comparison)
+            write_diagnosis(path, made.told, details, command=command, step=step)
         elif kind == "add" and made.addition is not None:
             addition, report = made.addition
             write_addition(path, report, addition, command, remains, step)
@@ -314,7 +304,7 @@ def _taken(files: Mapping[str, Any], folder: Path, tell: Tell) -> tuple[dict[str
     names = ("recent.csv" if k == 1 else f"recent_{k}.csv" for k in count(1))
     out = next(path for name in names if not (path := folder / name).exists())
     directory = state_directory(config, store, "recent window")
-    write_recent(out, directory, seconds, files.get("string") or None, "recent window", said.append)
+    write_recent(out, directory, Stretch(seconds), files.get("string") or None, "recent window", said.append)
     return {**files, "tables": [*files["tables"], str(out)], "recent": {**recent, "table": str(out)}}, said
 
 

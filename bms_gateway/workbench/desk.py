@@ -31,8 +31,8 @@ TITLES = {
 GONE = "the computing process ended unexpectedly (the terminal says why); try again, a fresh one is started"
 UNREACHED = "The session’s diagnosis of a later model is left out: its additions were not made again. Diagnose again."
 REPORT_S = 600.0
-LOOK_S = 20.0
-"""For a look at a table to end, before what comes next."""
+LOOK_S = 120.0
+"""For a look at tables to end, before what comes next; a starved machine takes half a minute for four."""
 
 
 class Desk:

@@ -26,9 +26,10 @@ from bms_gateway.report.html_ranking import GROUPS, NAMED_AT, against
 from bms_gateway.report.html_series import Shown
 from bms_gateway.report.html_tables import errors_table, heat_map, parameters_table, thermocouples_table
 from bms_gateway.report.step_names import FILED, REFITTED
-from bms_gateway.report.words import in_words, named_all
+from bms_gateway.report.words import in_words, named_all, parameters_labelled
 from bms_gateway.thermal import StringModel
 from bms_gateway.thermal.effects import catalogue, effect_named
+from bms_gateway.workbench.contours import known
 from bms_gateway.workbench.pictures import preview
 
 Document = dict[str, Any]
@@ -93,7 +94,9 @@ def compared(c: Comparison, name: str) -> Document:
 
 def told_core(core: KnownCore | None, otherwise: str = "") -> Document:
     """Tell how well the cores are known, as in JSON documents, with the sentence that says so."""
-    return {**core_document(core, otherwise), "sentence": core_sentence(core) if core else ""}
+    told = core_document(core, otherwise)
+    why = [parameters_labelled(text) for text in told["why"]]
+    return {**told, "why": why, "sentence": core_sentence(core) if core else ""}
 
 
 def _shown(name: str, v: Variant) -> Shown:
@@ -130,6 +133,7 @@ def _variant(name: str, v: Variant) -> Document:
         "cells": cells,
         "stair": stair(v.trained.rmse_K, v.held.rmse_K, v.trained.floor_K, float(half.max())),
         "core_measured": [thermocouple(x) for x in v.core_checks],
+        "known": known(v.fit) if name != FILED else None,  # nothing was learnt of a model that was not fitted
     }
 
 

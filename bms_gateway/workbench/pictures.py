@@ -55,7 +55,12 @@ Drawn = dict[str, dict[str, Any]]
 """What one step draws, by the name of the figure."""
 
 
-def readings(records: Sequence[Measured], shelf: Shelf, rows: Sequence[tuple[Columns, float]]) -> Figures:
+def readings(
+    records: Sequence[Measured],
+    shelf: Shelf,
+    rows: Sequence[tuple[Columns, float]],
+    nominal_m3_s: float | None = None,
+) -> Figures:
     """Draw readings and drive before anything is fitted: the first picture that a person sees.
 
     Parameters
@@ -65,6 +70,8 @@ def readings(records: Sequence[Measured], shelf: Shelf, rows: Sequence[tuple[Col
     rows : sequence of (Columns, float)
         Of the same records, and when each began on its clock, s. Where a record holds means of rows, every plausible
         row of surfaces, current and inlet is kept.
+    nominal_m3_s : float, optional
+        Nominal flow of the coolant, of which records hold shares; without it no flow is drawn.
     """
     found: Figures = {}
     for r, (m, file) in enumerate(zip(records, rows, strict=True)):
@@ -80,7 +87,7 @@ def readings(records: Sequence[Measured], shelf: Shelf, rows: Sequence[tuple[Col
                 spec["data"] = [_shelved(spec["data"][0], shelf, at / time.seconds, y)]
                 spec["span"] = {"yaxis": _span(samples[1])}
                 found[f"surface-{r}-{cell}"] = {**spec, "seconds": time.seconds}
-        spec = drive(m, time, m.drive.N)
+        spec = drive(m, time, m.drive.N, nominal_m3_s)
         drawn = [(_floats(d["x"]), _floats(d["y"])) for d in spec["data"]]
         for i, quantity in enumerate(OF_THE_DRIVE):
             x, y = drawn[i]

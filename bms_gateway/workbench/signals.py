@@ -12,7 +12,7 @@ from typing import Final
 from bms_gateway.config.model_file import write_model
 from bms_gateway.engine import Decoded, Engine
 from bms_gateway.errors import UsageError
-from bms_gateway.records.recent_signals import write_recent
+from bms_gateway.records.recent_signals import Stretch, write_recent
 from bms_gateway.store.recent import Recent
 from bms_gateway.workbench.uploads import own_folder
 
@@ -62,8 +62,8 @@ class Signals:
         """
         self._write()
         name = self._name(string)
-        until_us = None if until_ns is None else until_ns // 1000
-        write_recent(out, self.folder, last_s or 1e9, name, COMMAND, lambda _: None, until_us=until_us)
+        stretch = Stretch(last_s or 1e9, None if until_ns is None else until_ns // 1000)
+        write_recent(out, self.folder, stretch, name, COMMAND, lambda _: None)
         return out
 
     def model(self, string: int, out: Path) -> Path:

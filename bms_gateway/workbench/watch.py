@@ -132,7 +132,12 @@ class Watch:
             "why": {str(k): w for k, w in WHY.items()},
             "limits": {"core_C": self._alerts.core_max_C, "surface_C": self._alerts.surface_limit_C},
             "strings": [
-                {"name": s.plan.name, "cells": s.plan.model.cells, "sensors": list(s.plan.model.sensors)}
+                {
+                    "name": s.plan.name,
+                    "cells": s.plan.model.cells,
+                    "sensors": list(s.plan.model.sensors),
+                    "nominal_m3_s": s.plan.model.flow,
+                }
                 for s in self._engine.strings
             ],
         }
@@ -162,7 +167,7 @@ class Watch:
             R_e = next((e for e in s.estimates if e.name == "R_e"), None)
             strings.append(
                 {
-                    "R_e": None if R_e is None else [_n(1e3 * R_e.value, 4), _n(1e3 * R_e.sd, 4), R_e.status],
+                    "R_e": None if R_e is None else [_n(1e3 * R_e.value, 4), _n(1.96e3 * R_e.sd, 4), R_e.status],
                     "growth": _n(100.0 * s.ageing.growth, 2),
                     "mismatch": _n(s.mismatch.excess**0.5, 3) if s.mismatch.excess >= 0.0 else None,
                     "flags": list(s.flags),
@@ -356,7 +361,7 @@ class Watch:
             core, sd, surface, centre, centre_sd, heat, heat_sd = tick.cells[:, part]
             quality = tick.quality[part]
             trend = [
-                [round(t * 1e-9, 1), _n(1e3 * R, 4), _n(1e3 * e, 4)]
+                [round(t * 1e-9, 1), _n(1e3 * R, 4), _n(1.96e3 * e, 4)]
                 for t, R, e in self._trend[s.plan.name]
                 if t <= tick.time_ns
             ]

@@ -1,3 +1,4 @@
+import gc
 import gzip
 import io
 import itertools
@@ -126,6 +127,25 @@ def test_mf4_is_read_and_what_is_none_is_refused(tmp_path):
     (tmp_path / "b.mf4").write_bytes(b"garbage" * 100)
     with pytest.raises(DataError, match=r"b.mf4: not a .mf4 log"):
         list(read_log(tmp_path / "b.mf4"))
+
+
+@pytest.mark.parametrize("name", ["17BD1DB7_00000006_00000170", "2F6913DB_00000004_00000001"])
+def test_mf4_that_its_logger_did_not_finish_is_read(name):
+    pytest.importorskip("asammdf")
+    batches = list(read_log(need("conformance", "asammdf_css", f"{name}.MF4")))
+    assert sum(len(batch) for batch in batches) > 100
+
+
+@pytest.mark.parametrize("content", [b"MDF     4.00", b"garbage" * 100, b""])
+def test_what_has_no_header_of_mdf_leaves_no_traceback(content: bytes, tmp_path, monkeypatch):
+    pytest.importorskip("asammdf")
+    thrown: list[object] = []
+    monkeypatch.setattr(sys, "unraisablehook", thrown.append)
+    (tmp_path / "b.mf4").write_bytes(content)
+    with pytest.raises(DataError, match=r"b.mf4: not a .mf4 log \(it has no header of MDF\)"):
+        list(read_log(tmp_path / "b.mf4"))
+    gc.collect()
+    assert not thrown
 
 
 def test_a_csv_file_that_is_no_log_is_told_by_its_line_not_by_what_its_reader_stumbled_over(tmp_path):

@@ -102,7 +102,7 @@ def test_an_interrupt_while_a_scenario_ends_is_heard(tmp_path, monkeypatch):
     def interrupted(gateway):
         monkeypatch.setattr(live.Gateway, "stop", stop)
         os.kill(os.getpid(), signal.SIGINT)
-        gateway._loop.call_later(0.5, gateway.stop)
+        asyncio.get_running_loop().call_later(0.5, gateway.stop)
 
     async def nothing(_bench):
         monkeypatch.setattr(live.Gateway, "stop", interrupted)

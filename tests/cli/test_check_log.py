@@ -97,6 +97,11 @@ def test_analyze_says_the_same_in_its_summary(tmp_path, capsys) -> None:
 
 def test_a_log_that_is_none_is_one_line(tmp_path, capsys) -> None:
     config, _ = write(tmp_path)
+    (tmp_path / "empty.log").write_text("")
+    assert main(["check", str(config), "--log", str(tmp_path / "empty.log")]) == 2
+    told = capsys.readouterr().err
+    assert told.endswith("empty.log: no data frames\n")
+    assert told.count("\n") == 1
     assert main(["check", str(config), "--log", str(tmp_path / "none.log")]) == 2
     told = capsys.readouterr().err
     assert "none.log" in told

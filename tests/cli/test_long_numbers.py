@@ -7,7 +7,7 @@ import pytest
 from bms_gateway.cli.main import main
 from bms_gateway.config import shipped
 from bms_gateway.errors import UsageError
-from bms_gateway.workbench.form import _count
+from bms_gateway.workbench.form import with_model
 
 DIGITS = "9" * 5000
 NAMES = "time_s,current_A,coolant_inlet_C,surface_1_C,surface_{}_C"
@@ -42,6 +42,6 @@ def test_an_effect_on_a_cell_of_many_digits(tmp_path, capsys, effect):
 
 
 @pytest.mark.parametrize("text", ["5" + "0" * 5000, "000001" + "0" * 5000, "²"])
-def test_cells_of_many_digits_on_the_page(text):
+def test_cells_of_many_digits_on_the_page(text, tmp_path):
     with pytest.raises(UsageError, match="must be a number from 1"):
-        _count(text, 1)
+        with_model({"tables": [], "form": {"sensors": "1", "cells": text}}, tmp_path)

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from bms_gateway import __version__
-from bms_gateway.cli import main as program
+from bms_gateway.cli import check
 from bms_gateway.cli.main import COMMANDS, main
 from bms_gateway.errors import MissingExtraError
 from tests.config.files import OWN, write
@@ -72,20 +72,20 @@ def test_wrong_words_are_one_line_with_the_nearest_choice_and_status_2(capsys, w
 
 
 def test_a_stop_by_the_user_is_clean(monkeypatch, capsys):
-    def stopped(words):
+    def stopped(args):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(program, "_dispatch", stopped)
-    assert main(["check"]) == 130
+    monkeypatch.setattr(check, "run", stopped)
+    assert main(["check", "gateway.toml"]) == 130
     assert capsys.readouterr().err == "bms-gateway: stopped\n"
 
 
 def test_an_error_of_several_lines_is_folded_into_one(monkeypatch, capsys):
-    def lacking(words):
+    def lacking(args):
         raise MissingExtraError("a\nthing", "mf4")
 
-    monkeypatch.setattr(program, "_dispatch", lacking)
-    assert main(["check"]) == 2
+    monkeypatch.setattr(check, "run", lacking)
+    assert main(["check", "gateway.toml"]) == 2
     assert capsys.readouterr().err == (
         "bms-gateway: error: a thing needs an optional package: pip install 'bms-gateway[mf4]'\n"
     )
@@ -135,12 +135,12 @@ def test_an_output_on_a_full_disk_is_one_line(words):
 
 
 def test_an_error_of_the_system_that_no_disk_makes_is_a_bug_to_be_seen(monkeypatch):
-    def refused(words):
+    def refused(args):
         raise ConnectionRefusedError(errno.ECONNREFUSED, "refused")
 
-    monkeypatch.setattr(program, "_dispatch", refused)
+    monkeypatch.setattr(check, "run", refused)
     with pytest.raises(ConnectionRefusedError):
-        main(["check"])
+        main(["check", "gateway.toml"])
 
 
 def test_without_standard_output_a_command_works_all_the_same(tmp_path):

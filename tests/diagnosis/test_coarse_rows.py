@@ -5,15 +5,58 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bms_gateway.diagnosis.coarse_rows import HOPELESS, doubt, left_open
+from bms_gateway.config.model_file import parse_model
+from bms_gateway.diagnosis.coarse_rows import HOPELESS, SHOWN, doubt, left_open, shows_steps
 from bms_gateway.diagnosis.diagnosis import diagnose
 from bms_gateway.diagnosis.prepare import measured
+from bms_gateway.diagnosis.record import make_record
+from bms_gateway.diagnosis.record_inputs import Columns
 from bms_gateway.identify.map_fit import fitted
 from bms_gateway.identify.problem import Problem
 from tests.diagnosis.hidden_record import record_of
 from tests.truth.hidden import Scenario, make_log
 
 SHORT = Scenario(cells=1, sensors=(1,), seconds=2400, noise=0.05, seed=7)
+
+
+SMALL_CELL = """cells = 1
+sensors = [1]
+condition = "single"
+effects = []
+[parameters]
+C_c = { value = 60.0, unit = "J/K", rel_sd = 0.05 }
+C_s = { value = 5.0, unit = "J/K", rel_sd = 0.05 }
+R_e = { value = 25.0, unit = "mOhm", rel_sd = 0.3 }
+R_c = { value = 1.2, unit = "K/W", rel_sd = 0.3 }
+R_u = { value = 7.0, unit = "K/W", rel_sd = 0.3 }
+"""
+
+
+def two_nodes(seed, *, noise=0.05, on_the_row=False, R_s=0.0):
+    """Record and model of a cell of two nodes, 1,800 rows a second apart: its current steps at any instant."""
+    rng = np.random.default_rng(seed)
+    per_s = 20
+    current, k = np.zeros(1800 * per_s), 0
+    while k < len(current):
+        long = int(rng.exponential(25.0) * per_s) + 1
+        if on_the_row:
+            long = max(round(long / per_s), 1) * per_s
+        current[k : k + long] = 5.0 * rng.choice([0, 0, 1, 2, 4, -1, -2])
+        k += long
+    t = np.arange(len(current)) / per_s
+    air = 25.0 + 4.0 * np.sin(2.0 * np.pi * t / 700.0)
+    core, surface, seen = 25.0, 25.0, np.empty(len(t))
+    for i, (amps, around) in enumerate(zip(current.tolist(), air.tolist(), strict=True)):
+        seen[i] = surface
+        inwards = (core - surface) / 1.3
+        core += (amps**2 * 0.022 - inwards) / 62.0 / per_s
+        surface += (inwards + amps**2 * R_s - (surface - around) / 6.0) / 5.2 / per_s
+    y = seen[::per_s] + rng.normal(0.0, noise, 1800)
+    model = parse_model(SMALL_CELL)
+    rows = Columns(
+        time_s=t[::per_s], current_A=current[::per_s], coolant_inlet_C=air[::per_s], surface_C={1: y}, source="small"
+    )
+    return make_record(rows, model), model
 
 
 def every(scenario, k):
@@ -61,3 +104,29 @@ def test_what_is_left_open_is_what_thinned_rows_do_to_a_right_model(k):
     other = Problem(model, [replace(m, drive=replace(u, I2=seen))])
     moved = other.predict(fit.theta, fit.prediction.X, fit.nu).y - fit.y
     assert 0.4 < told / np.sqrt(np.mean(moved**2)) < 2.5
+
+
+@pytest.mark.parametrize(("seed", "noise"), [(12, 0.05), (13, 0.05), (14, 0.02), (15, 0.02)])
+def test_steps_between_rows_of_a_second_are_no_effect(seed, noise):
+    # half a second of heat of a small cell stands out of the noise: it was called unknown, or a drift
+    record, model = two_nodes(seed, noise=noise)
+    found = diagnose(model, [record])
+    assert found.verdict == "adequate", found.sentence
+    assert not found.unknown_remains
+
+
+def test_the_readings_show_whether_the_current_stepped_between_its_rows():
+    gained = []
+    for on_the_row in (False, True):
+        record, model = two_nodes(16, noise=0.02, on_the_row=on_the_row)
+        gained.append(shows_steps(fitted(Problem(model, [measured(record, model)])), [record]))
+    between, on = gained
+    assert between > SHOWN > on
+
+
+@pytest.mark.parametrize("R_s", [0.0015, 0.004])
+def test_an_effect_that_stands_out_of_steps_between_rows_is_named(R_s):
+    # what the rows leave open stood beside the effect, and all of it was called unknown
+    record, model = two_nodes(17, R_s=R_s)
+    found = diagnose(model, [record])
+    assert [s.candidate.name for s in found.selected] == ["surface_joule"], found.sentence

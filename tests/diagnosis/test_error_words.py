@@ -52,4 +52,13 @@ def test_an_error_that_rises_is_not_said_to_fall():
     text = missing(d.selected, d.baseline, worse, remains=False)
     assert "rises from" in text
     assert "falls from" not in text
-    assert "speak for it only where it was fitted" in text
+    assert "speak for them only where they were fitted" in text
+
+
+def test_what_is_tied_is_said_of_the_effect_that_it_looks_like():
+    d = by_first()
+    first, second = d.selected
+    tied = (replace(first, tied_with=()), replace(second, tied_with=("charge_transfer",)))
+    text = missing(tied, d.baseline, d.after, remains=False)
+    assert f"These readings cannot tell {second.candidate.key} from charge_transfer." in text
+    assert "tell it" not in text

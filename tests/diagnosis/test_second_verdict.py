@@ -6,9 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bms_gateway.diagnosis.adding import Wanted, _step
+from bms_gateway.diagnosis.adding import Wanted, weighed_step
 from bms_gateway.diagnosis.compare import compare
-from bms_gateway.diagnosis.diagnosis import _judged_again, judged
+from bms_gateway.diagnosis.diagnosis import judged, judged_again
 from bms_gateway.diagnosis.error_words import course
 from bms_gateway.diagnosis.hypotheses import UNCLEAN, Board, Hypothesis
 from bms_gateway.diagnosis.prepare import measured
@@ -54,9 +54,9 @@ def test_an_effect_that_is_likelier_to_be_another_is_said_to_be_one_of_several()
     d = by_second()
     key = d.selected[0].candidate.key
     sure = replace(d.second, probability={s.candidate.key: 0.9 for s in d.selected}, verdict="missing_effect")
-    assert _judged_again(judged(d.search), sure).verdict == "missing_effect"
+    assert judged_again(judged(d.search), sure).verdict == "missing_effect"
     doubted = replace(sure, probability={**sure.probability, key: 0.11})
-    said = _judged_again(judged(d.search), doubted)
+    said = judged_again(judged(d.search), doubted)
     assert said.verdict == "undecidable"
     assert f"{key} is one of several: its probability is 11 %" in said.sentence
     assert next(r.share for r in said.ranking if r.effect == key) == 0.11
@@ -74,7 +74,7 @@ def test_what_is_refused_is_told_by_what_it_does(held, says, monkeypatch):
     d = by_second()
     monkeypatch.setattr(SecondSearch, "held_K", held)
     unknown = replace(d.second, verdict="unknown_effect")
-    said = _judged_again(judged(d.search), unknown)
+    said = judged_again(judged(d.search), unknown)
     assert said.verdict == "unknown_effect"
     assert {r.refused for r in said.ranking} == {says}
     assert f"{held[0]:.2g} K on held-out blocks, noise" in said.sentence
@@ -87,18 +87,18 @@ def test_before_and_after_are_told_by_the_yardstick_of_compare():
     seen = compare(model, [record]).refitted
     assert d.second.held_K[0] == pytest.approx(seen.held.rmse_K, rel=1e-9)
     assert d.second.held_K[0] == d.baseline.heldout_rmse_K
-    again = _judged_again(judged(d.search), replace(d.second, verdict="missing_effect"))
+    again = judged_again(judged(d.search), replace(d.second, verdict="missing_effect"))
     assert course(*d.second.held_K) in again.sentence
     assert f"Fitted to the first 60 %, it {course(*d.second.tail)} in the last 40 %." in again.sentence
     keys = [Wanted(s.candidate.effect, s.candidate.cell) for s in again.selected]
-    assert _step(again, keys).held_K == d.second.held_K
+    assert weighed_step(again, keys).held_K == d.second.held_K
 
 
 def test_add_tells_a_refused_effect_by_what_it_does_to_the_readings():
     d = by_second()
     unknown = replace(d.second, verdict="unknown_effect")
     keys = [Wanted(c.candidate.effect, c.candidate.cell) for c in d.second.chosen]
-    step = _step(replace(d, selected=(), verdict="unknown_effect", second=unknown), keys)
+    step = weighed_step(replace(d, selected=(), verdict="unknown_effect", second=unknown), keys)
     assert step.refused.startswith("it explains a part only: the error falls from ")
     assert step.refused.endswith("these records lack something that is in no catalogue")
 

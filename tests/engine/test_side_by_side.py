@@ -9,7 +9,7 @@ import pytest
 from bms_gateway.engine import Notice, Parameters, StringPlan
 from bms_gateway.engine.core_floor import Floor
 from bms_gateway.engine.estimators import Estimators, TickResult
-from bms_gateway.engine.group import _at
+from bms_gateway.engine.group import index_of
 from bms_gateway.engine.readings import Readings
 from bms_gateway.frames.quality import Quality
 from bms_gateway.health import mismatch
@@ -194,6 +194,6 @@ def test_parameters_are_told_at_the_start_and_those_of_the_recursive_method_ever
     [([3], slice(3, 4)), ([0, 1], slice(0, 2)), ([4, 5, 6], slice(4, 7)), ([0, 2], None), ([1, 0], None)],
 )
 def test_places_in_a_row_are_read_without_a_copy_and_others_one_by_one(places: list[int], at: slice | None) -> None:
-    found = _at(places)
+    found = index_of(places)
     assert np.arange(10)[found].tolist() == places
     assert found == at if at is not None else isinstance(found, np.ndarray)

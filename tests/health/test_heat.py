@@ -122,12 +122,12 @@ def test_the_heat_of_a_cell_is_in_watts() -> None:
     f.begin(0, 25.0 + ONE["R_u"])
     at = f.at
     for place in (at.flow, at.inlet, at.load, at.brisk):  # only the cell's heat may explain it
-        f.sd[0, place] = 0.0
+        f.usual.sd[0, place] = 0.0
         f.P[0, place, :] = f.P[0, :, place] = 0.0
     for places in (at.bias, at.own_flow):
         f.P[0, places, :] = 0.0
         f.P[0, :, places] = 0.0
-    f.sd[0, at.own_flow] = 0.0
+    f.usual.sd[0, at.own_flow] = 0.0
     f.open_heat(0, 0, 1.0)
     for _ in range(400):
         f.step(measured(25.0 + ONE["R_u"]))
@@ -143,7 +143,7 @@ def test_what_a_fault_does_to_the_filter_is_what_its_signature_says() -> None:
         for place in (f.at.flow, f.at.own_flow):  # a film that changes is not linear
             f.P[0, place, :] = 0.0
             f.P[0, :, place] = 0.0
-            f.sd[0, place] = 0.0
+            f.usual.sd[0, place] = 0.0
         f.begin(0, 30.0)
         for _ in range(30):
             f.step(measured(30.0))
@@ -154,8 +154,7 @@ def test_what_a_fault_does_to_the_filter_is_what_its_signature_says() -> None:
     fault = int(np.flatnonzero(evidence.kinds == Kind.JUMP)[0])
     left = np.zeros(sound.at.states)
     left[sound.at.bias] = 1.0
-    born = evidence.now - evidence._born[0]
-    onset = int(np.flatnonzero(born == 5 * sound.dt)[0])
+    onset = int(np.flatnonzero(evidence.ages(0) == 5 * sound.dt)[0])
     moved = (jumped.z[0] - sound.z[0]) / SMALL
     assert moved == pytest.approx(left - evidence.moved(0, onset, fault), abs=1e-6)
 

@@ -38,7 +38,7 @@ def test_a_log_beyond_it_is_told(tmp_path, most, says):
     config = write(tmp_path, OWN)
     log = encoded(tmp_path, table(tmp_path, seconds=SECONDS), config)
     with pytest.raises(DataError, match=rf"\.log: {says}.*cut the log into several") as told:
-        read.read_measurements([log], model=MODEL, config=config, most=most)
+        read.read_measurements([log], model=MODEL, config=config, reading=read.Reading(most=most))
     assert "\n" not in str(told.value)
 
 
@@ -59,8 +59,8 @@ def test_samples_of_other_strings_are_not_kept(tmp_path, monkeypatch):
     config = write(tmp_path, OWN + '[[string]]\nname = "string_2"\nmodel = "string_1.toml"\n')
     log = tmp_path / "two.log"
     assert main(["simulate", "--config", str(config), "--out", str(log), "--duration", "20"]) == 0
-    heard, believed = [], read._believed
-    monkeypatch.setattr(read, "_believed", lambda *words: heard.append(believed(*words)) or heard[-1])
+    heard, accepted = [], read.accepted_samples
+    monkeypatch.setattr(read, "accepted_samples", lambda *words: heard.append(accepted(*words)) or heard[-1])
     (record,) = read.read_measurements([log], model=MODEL, config=config, string="string_2")
     assert len(record.surface.y) > 20
     assert set(heard[0].input.tolist()) <= set(heard[0].inputs.values())

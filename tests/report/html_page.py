@@ -50,7 +50,9 @@ class Page(HTMLParser):
 
     def figures(self, text):
         names = [a["id"] for t, a in self.tags if a.get("class") == "plot"]
-        return {n: json.loads(unpacked(text, f"{n}-data")) for n in names}
+        all_of_them = json.loads(unpacked(text, "figures")) if names else {}
+        assert list(all_of_them) == names
+        return all_of_them
 
 
 def unpacked(text, name):

@@ -126,6 +126,28 @@ def test_signs_are_told_by_the_voltage_before_the_charge():
     assert rises(I, V, None) == ""
     assert rises(-I, V, None) == "the voltage rises with it"
     assert rises(None, V, None) == ""
+    t = np.arange(600.0)
+    falls, rest = 3.6 - 1e-3 * t, np.where(t < 300, 0.0, 1.0)  # a discharge at constant current, after a rest
+    assert rises(-2.5 * rest, np.where(t < 300, 3.6, falls + 0.3), None) == "the voltage falls while it is negative"
+    assert rises(2.5 * np.ones(600), falls[::-1], None) == "the voltage rises while it is positive"
+    assert rises(2.5 * np.ones(600), falls, None) == rises(-2.5 * np.ones(600), falls[::-1], None) == ""
+    assert rises(np.where(t < 300, 2.5, -2.5), falls, None) == ""  # both ways: a slope tells nothing
+    assert rises(-2.5 * np.ones(600), np.full(600, 3.3), None) == ""
+
+
+def test_a_german_export_without_brackets_says_its_units_all_the_same(tmp_path):
+    path = tmp_path / "Messung.csv"
+    rows = [f"{k},0;{3000 * (-1) ** k};3,6{k % 2};25,{k:02d};23,5" for k in range(30)]
+    head = "Zeit in s;Strom in mA;Spannung in V;Temperatur Zelle °C;Umgebungstemperatur °C"
+    path.write_text("\n".join([head, *rows]), encoding="utf-8")
+    found = {c["name"]: (c["ours"], c["stated"]) for c in look(path)["columns"]}
+    assert found == {
+        "Zeit in s": ("time_s", "s"),
+        "Strom in mA": ("current_A", "mA"),
+        "Spannung in V": ("voltage_V", "V"),
+        "Temperatur Zelle °C": ("surface_1_C", "°C"),
+        "Umgebungstemperatur °C": ("coolant_inlet_C", "°C"),
+    }
 
 
 def test_words_are_parted():

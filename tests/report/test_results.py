@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from bms_gateway.engine.events import Estimated, Level, Notice, Parameters, SendFrames
+from bms_gateway.engine.events import Cells, Estimated, Level, Notice, Parameters, SendFrames
 from bms_gateway.engine.readings import Layout
 from bms_gateway.errors import UsageError
 from bms_gateway.frames.batch import FrameBatch
@@ -163,8 +163,11 @@ def test_a_run_that_fails_leaves_no_new_folder(tmp_path):
 
 
 def test_tables_for_people_align_and_show_dashes_for_nothing():
-    text = cells_table("s", np.array([30.0, np.nan]), np.array([0.1, 0.2]), np.array([25.0, 26.0]), [0, 11], np.ones(2))
+    values = {"core": np.array([30.0, np.nan]), "core_sd": np.array([0.1, 0.2]), "surface": np.array([25.0, 26.0])}
+    nothing = dict.fromkeys(("centre_sd", "heat", "heat_sd"), np.zeros(2))
+    cells = Cells(0, "s", quality=np.array([0, 11], np.uint8), centre=np.array([31.0, np.nan]), **values, **nothing)
+    text = cells_table(cells, np.ones(2))
     first, second = text.splitlines()[1:]
-    assert first.split() == ["s", "1", "good", "30.00", "0.10", "25.00", "1.00", "29.00"]
-    assert second.split() == ["s", "2", "estimated", "–", "0.20", "26.00", "1.00", "–"]
+    assert first.split() == ["s", "1", "good", "30.00", "0.10", "25.00", "31.00", "1.00", "29.00"]
+    assert second.split() == ["s", "2", "estimated", "–", "0.20", "26.00", "–", "1.00", "–"]
     assert len({len(line) for line in text_table(["a", "bb"], [[1, 2], [33, 44]]).splitlines()}) == 1

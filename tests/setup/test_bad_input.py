@@ -34,6 +34,7 @@ def folder(tmp_path):
         (["a.log", "--dbc", "none.dbc"], 2, "none.dbc"),
         (["a.log", "--dbc", "bad.dbc"], 2, "bad.dbc"),
         (["a.log", "--dbc", "dir"], 2, "dir"),
+        (["a.log", "--dbc", "cut.log.gz"], 2, "no text of a DBC"),
         (["a.log", "--dbc", "a.log"], 2, "a.log"),
         (["a.log", "--dbc", "a.dbc", "--cell", "nonsense"], 2, "nonsense"),
         (["a.log", "--dbc", "a.dbc", "--cell", ""], 2, "cell"),

@@ -8,8 +8,9 @@ import pytest
 from bms_gateway.cli.main import main
 from tests.setup.vehicles import VEHICLES, write
 from tests.setup.vehicles_abroad import ABROAD
+from tests.setup.vehicles_afar import AFAR, IN_SERIES
 
-ALL = VEHICLES | ABROAD
+ALL = VEHICLES | ABROAD | AFAR
 
 
 @pytest.fixture(scope="module", params=sorted(ALL))
@@ -109,7 +110,13 @@ def test_each_pack_has_its_own_water(found) -> None:
 def test_the_only_readings_are_written_as_those_of_all_cells(found) -> None:
     _, _, out, _ = found
     text = (out / "gateway.toml").read_text()
-    assert 'hottest = { max_of = "1-15", signal = "BMS_Msg2.MaxCelTemp" }' in text  # 15: 55.8 V at 3.7 V each
-    assert 'coldest = { min_of = "1-15", signal = "BMS_Msg2.MinCelTemp" }' in text
-    assert 'mean = { mean_of = "1-15", signal = "BMS_Msg2.GemCelTemp" }' in text
-    assert "sensors = [1, 8, 15]" in (out / "string_1.toml").read_text()
+    assert 'hottest = { max_of = "1-14", signal = "BMS_Msg2.MaxCelTemp" }' in text  # by MaxCelSpanning
+    assert 'coldest = { min_of = "1-14", signal = "BMS_Msg2.MinCelTemp" }' in text
+    assert 'mean = { mean_of = "1-14", signal = "BMS_Msg2.GemCelTemp" }' in text
+    assert "sensors = [1, 8, 14]" in (out / "string_1.toml").read_text()
+
+
+@pytest.mark.parametrize("found", sorted(IN_SERIES), indirect=True)
+def test_the_voltage_of_an_extreme_cell_tells_how_many_are_in_series(found) -> None:
+    vehicle, _, _, said = found
+    assert said["series_cells"] == IN_SERIES[vehicle.name]

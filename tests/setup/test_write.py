@@ -2,9 +2,13 @@
 
 import pytest
 
+from bms_gateway.cli.main import main
+from bms_gateway.config.model_file import read_model
 from bms_gateway.setup.proposal import Proposal
 from bms_gateway.setup.write import lump
-from bms_gateway.thermal.cells import cell_of
+from bms_gateway.thermal.cells import cell_of, cell_priors
+from tests.setup.vehicles import write
+from tests.setup.vehicles_afar import worded
 
 
 @pytest.mark.parametrize("parallel", [1, 2, 4, 8])
@@ -24,3 +28,12 @@ def test_a_resistance_that_is_not_theirs_is_told() -> None:
     assert len(notes) == 1
     assert "30 mΩ" in notes[0]
     assert "4.1 mΩ" in notes[0]
+
+
+def test_an_unknown_cell_may_be_a_flat_one_or_round_ones_in_parallel(tmp_path) -> None:
+    log, dbc = write(worded(), tmp_path)
+    assert main(["init", str(log), "--dbc", str(dbc), "--out", str(tmp_path / "v"), "--yes"]) == 0
+    R_c = read_model(tmp_path / "v" / "string_1.toml").priors["R_c"]
+    for words in ("prismatic 148x91x27mm 50Ah", "prismatic 173x207x72mm 280Ah", "21700 20p"):
+        possible = cell_priors(cell_of(words), conduction=True)["R_c"].value
+        assert abs(R_c.value - possible) <= 2 * R_c.rel_sd * R_c.value, words

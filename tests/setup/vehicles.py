@@ -39,6 +39,7 @@ class Vehicle:
     scale: dict[str, float] = field(default_factory=dict)
     overrides: dict[str, dict] = field(default_factory=dict)
     address: int = 0
+    encoding: str = "utf-8"
 
 
 @dataclass
@@ -108,7 +109,7 @@ def write(vehicle: Vehicle, folder: Path, seed: int = 1) -> tuple[Path, Path]:
     for old, new in vehicle.told:
         assert old in told, old
         told = told.replace(old, new)
-    dbc.write_text(told, encoding="utf-8")
+    dbc.write_text(told, encoding=vehicle.encoding)
     return log, dbc
 
 

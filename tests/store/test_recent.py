@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from bms_gateway.engine import Decoded, Engine
 from bms_gateway.errors import DataError, StateError
-from bms_gateway.records.recent_signals import write_recent
+from bms_gateway.records.recent_signals import Stretch, write_recent
 from bms_gateway.store.recent import Recent, read_recent
 from bms_gateway.store.rows import excerpt
 from tests.engine.packs import database, plan
@@ -312,7 +312,7 @@ def test_a_block_whose_layout_is_none_is_left_out(tmp_path, strings):
 def test_strings_without_a_sample_are_told(tmp_path):
     ring = laid(tmp_path / "recent", {**BLOCK, "inputs": [1]})
     with pytest.raises(DataError, match="of no string a signal is recorded in this time"):
-        write_recent(tmp_path / "a.csv", ring.parent, 60.0, None, "export", print)
+        write_recent(tmp_path / "a.csv", ring.parent, Stretch(60.0), None, "export", print)
 
 
 @pytest.mark.parametrize(

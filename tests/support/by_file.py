@@ -13,7 +13,6 @@ LONGEST = (
     "acceptance/test_pack.py",
     "engine/test_statistics.py",
     "diagnosis/test_hidden_effects.py",
-    "health/test_limits.py",
     "workbench/test_robust.py",
     "identify/test_window.py",
     # 48 to 20 s without them

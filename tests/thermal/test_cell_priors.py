@@ -199,6 +199,30 @@ def test_the_thickness_is_the_least_measure() -> None:
 
 
 @pytest.mark.parametrize(
+    ("model", "name", "capacity"),
+    [
+        ("INR21700-50E", "samsung_50e", 4.9),
+        ("US18650VTC6", "sony_vtc6", 3.0),
+        ("INR18650-26X", "INR18650-26X", 2.6),
+        ("NCR18650B", "panasonic_ncr18650b", 3.25),
+        ("INR18650Q", "INR18650Q", None),
+    ],
+)
+def test_a_makers_model_is_the_published_cell_or_its_format(model: str, name: str, capacity: float | None) -> None:
+    cell = cell_of(model)
+    assert (cell.name, cell.capacity_Ah) == (name, capacity)
+    assert cell_of(f"{cell.name} 2p").size == cell.size
+
+
+@pytest.mark.parametrize(
+    "text", ["prismatic 174 x 207 x 72 mm 280 Ah 0.3 mOhm", "prismatic 174×207×72mm 280Ah 0.3mOhm"]
+)
+def test_numbers_may_stand_apart_from_their_units(text: str) -> None:
+    cell = cell_of(text)
+    assert (cell.size, cell.capacity_Ah, cell.resistance) == (pytest.approx((0.207, 0.174, 0.072)), 280.0, 0.3e-3)
+
+
+@pytest.mark.parametrize(
     ("text", "part"),
     [
         ("", "says nothing"),
@@ -212,6 +236,8 @@ def test_the_thickness_is_the_least_measure() -> None:
         ("21700 1.5p", "whole number"),
         ("21700 5000Ah", "0.01 to 1000 Ah"),
         ("21700 900g", "g/cm³"),
+        ("21700 500Ah", "valid: up to 10 Ah"),
+        ("21700 g", "is not known"),
         ("21700 25Ohm", "0.01 mOhm to 1 Ohm"),
     ],
 )

@@ -19,6 +19,14 @@ PATIENCE_S = 60.0
 TIMEOUTS_MS = {"script": 240_000, "pageLoad": 240_000}
 """The plots' script alone holds a starved page for longer than the driver's own half minute."""
 ELEMENT = "element-6066-11e4-a52e-4f735466cecf"
+RESTS = """
+const body = document.body.dataset;
+const rests = () => body.busy === '' && document.querySelector('#job').hidden && !Number(body.underway ?? 0);
+if (!rests()) return false;
+const { desk } = JSON.parse(sessionStorage.workbench ?? '{}');
+const told = await fetch(`/api/state?desk=${desk}`).then(r => r.ok ? r.json() : null, () => null);
+return Boolean(told && told.job === null && String(told.version) === body.version && rests());
+"""
 KEYS = {"Escape": "\ue00c", "Enter": "\ue007", "Tab": "\ue004", "Left": "\ue012", "Right": "\ue014"}
 
 
@@ -176,10 +184,8 @@ class Window:
         )
 
     def idle(self, patience_s=PATIENCE_S) -> None:
-        """Wait until nothing runs and the page shows what came of it."""
-        self.wait(
-            "return document.body.dataset.busy === '' && document.querySelector('#job').hidden", patience_s=patience_s
-        )
+        """Wait until nothing runs, of what was clicked before too, and the page shows what came of it."""
+        self.wait(RESTS, patience_s=patience_s)
 
     def complaints(self) -> list[str]:
         """What the browser's console holds against the page."""

@@ -57,7 +57,7 @@ def test_doubt_is_said_on_every_step_in_the_bars_the_report_and_the_file(window,
     with served(pack.folder, *pack.words) as url:
         page = window(url)
         seen_compared(page)
-        page.wait("return document.body.dataset.busy === ''", patience_s=FIT_S)
+        page.idle(FIT_S)
         for step in ("open", "compare", "diagnose", "add", "take"):
             page.click(f"#tab-{step}")
             assert page.there("#doubt"), step
@@ -68,7 +68,7 @@ def test_doubt_is_said_on_every_step_in_the_bars_the_report_and_the_file(window,
         assert "outside the 95 % band" in said
         red = page.run("return getComputedStyle(document.querySelector('#panel-compare .danger')).color")
         assert red == "rgb(176, 0, 32)"
-        assert page.run(
+        page.wait(
             "return document.querySelector('#plot-core').data.some(d => d.name === 'thermocouple outside the band')"
         )
         hatched = (
@@ -92,7 +92,6 @@ def test_doubt_is_said_on_every_step_in_the_bars_the_report_and_the_file(window,
         page.wait("return document.querySelector('#refusal')", patience_s=FIT_S)
         page.click("#force")
         page.wait("return document.querySelectorAll('#panel-add .way li').length === 3", patience_s=FIT_S)
-        seen_compared(page)
         page.idle(FIT_S)
         assert "Something unknown remains" in page.text("#doubt")
         assert "Something unknown remains" in page.text("#panel-add .way li:last-child")

@@ -7,7 +7,7 @@ import pytest
 
 from bms_gateway.config.model_file import parse_model
 from bms_gateway.diagnosis.prepare import measured
-from bms_gateway.records.read import read_measurements
+from bms_gateway.records.read import Reading, read_measurements
 from bms_gateway.workbench import pictures
 from bms_gateway.workbench.series import Shelf, drawn
 from tests.truth.hidden import Scenario, make_log
@@ -35,7 +35,7 @@ def test_a_minute_shows_every_row_though_the_fit_takes_means(tmp_path, cells, ho
     log = make_log(Scenario(cells=cells, sensors=(1, cells), noise=0.05, seconds=int(3600 * hours), seed=4, columns=()))
     rows, model = written(tmp_path / "long.csv", log, every_s), parse_model(log.model)
     seen = []
-    (record,) = read_measurements([tmp_path / "long.csv"], model=model, seen=seen.append)
+    (record,) = read_measurements([tmp_path / "long.csv"], model=model, reading=Reading(seen=seen.append))
     assert len(record.instants) < 0.6 * len(rows["time_s"]), "the fit takes every row: the record is too short"
     shelf = Shelf(tmp_path)
     figures = pictures.readings([measured(record, model)], shelf, [(seen[0], float(record.instants[0]))])

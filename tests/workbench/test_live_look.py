@@ -62,6 +62,9 @@ def test_the_forecast_is_that_of_the_engine(log):
         watch.take(event)
     assert list(TOLD_S.values()) == ["60", "300", "600"]  # places 1 to 3 are one, five and ten minutes
     for shown, s in zip(newest(watch)["strings"], engine.strings, strict=True):
+        R_e = next(e for e in s.estimates if e.name == "R_e")
+        assert shown["R_e"][:2] == pytest.approx([1e3 * R_e.value, 1.96e3 * R_e.sd], abs=1e-3)  # ± 95 %
+        assert shown["trend"][-1][1:] == shown["R_e"][:2]
         f, ahead = s.forecast, shown["ahead"]
         k = f.hottest
         assert ahead["cell"] == k + 1

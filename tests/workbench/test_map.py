@@ -1,6 +1,7 @@
 """The map of the residual of all sensors over time: where and when a reading is wrong, whole and zoomed."""
 
 import csv
+from itertools import cycle
 
 import numpy as np
 import pytest
@@ -112,8 +113,21 @@ def test_the_map_zooms_with_the_other_pictures_and_a_click_shows_a_cell(window, 
         come(lambda: page.run(count) == COLUMNS, "the whole map again")
         page.click("#cell-1")
         page.wait("return document.querySelector('#plot-surface').dataset.name === 'surface-0-1'")
+        page.wait("return document.querySelector('#plot-core').dataset.name === 'core-0-1'")
+        page.idle(FIT_S)
         page.run("document.querySelector('#plot-map').scrollIntoView({block: 'center'})")
-        x, y = page.run(PIXEL, 10.0, 1)  # the second row
-        for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
-            page.cdp("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+
+        def point(kind, aside=0.0):
+            x, y = page.run(PIXEL, 10.0, 1)  # the second row
+            page.cdp("Input.dispatchMouseEvent", type=kind, x=x + aside, y=y, button="left", clickCount=1)
+
+        asides = cycle(range(5))
+
+        def hovered():
+            point("mouseMoved", next(asides))
+            return page.run("return Boolean(document.querySelector('#plot-map')._hoverdata?.length)")
+
+        come(hovered, "the map to see the pointer")  # a click is one on what the pointer has reached
+        point("mousePressed")
+        point("mouseReleased")
         page.wait("return document.querySelector('#plot-surface').dataset.name === 'surface-0-3'")

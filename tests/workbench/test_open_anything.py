@@ -122,7 +122,6 @@ def test_each_of_several_tables_has_its_columns(window, url, pack, tmp_path):
     page.idle(FIT_S)
     page.click("#tab-open")
     page.click("#open")
-    page.wait("return document.body.dataset.busy !== ''")
     compared(page)
     assert page.text("#error-text") == ""
     assert page.text("#opened").count("of cells 1, 3") == 4

@@ -49,11 +49,9 @@ def test_a_page_left_open_goes_on_when_the_server_is_back(window, pack, tmp_path
     before = page.run("return JSON.parse(sessionStorage.workbench).desk")
     with served(tmp_path, "--port", url.rstrip("/").rpartition(":")[2]):
         page.wait("return JSON.parse(sessionStorage.workbench).desk !== arguments[0]", before, patience_s=FIT_S)
-        page.wait(
-            "return document.body.dataset.busy === '' && document.querySelector('#error').hidden"
-            " && document.querySelectorAll('#variants .tick').length === 3",
-            patience_s=FIT_S,
-        )
+        page.idle(FIT_S)
+        assert page.text("#error-text") == ""
+        assert page.run("return document.querySelectorAll('#variants .tick').length") == 3
         page.click("#tab-diagnose")
         page.click("#diagnose")
         page.wait("return document.querySelector('#panel-diagnose .verdict')", patience_s=FIT_S)

@@ -1,4 +1,4 @@
-"""How strings have been doing of late, all at once: what says which of them must be looked at by itself."""
+"""Recent history of all strings, computed together; it shows which strings must be judged one by one."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,59 +12,62 @@ from bms_gateway.health.heat.layout import Bools, Ints
 from bms_gateway.thermal import Floats
 
 LEAP_K, LEAP_S, SOUND_INLET = 1.0, 900.0, -6.0
-"""An inlet whose reading leaps so far in a step may be wrong for so long. One that neither leaps nor stands still is
-sound for all that its reading says: ln of how much less likely its fault then is."""
+"""A jump of the inlet's reading by the first number in one step makes it doubtful for the time of the second. An inlet
+that neither jumps nor stands still is most likely sound; the third number is the ln prior of its fault."""
 MISSING, MISSING_SURE, MISSING_BACK = 0.35, 2.5, 0.5
-"""Share of its heat that the current makes at most, with so many sd on top, where not credible; where it is again."""
+"""Ratio of the measured heat to that of the current. The current is not credible if the ratio plus so many sd is below
+the first number, and is credible again above the third."""
 COLD = -0.25
-"""Share below which no current that is wrong takes it: cells that cool so are cooled by something else."""
+"""Least ratio that a wrong current can cause: below it, the cells are cooled by something else."""
 WARMS_K, WARMS_ALONE_K = 0.7, 2.8
-"""Warming of the cells, by the current believed, before its lack says anything; and with fewer than three sensors."""
+"""Least warming that the measured current should have caused, before missing heat is judged; the second number holds
+for strings with fewer than three sensors."""
 COOLING, COOLING_BACK, COOLING_GRAVE = 0.5, 0.35, 1.5
-"""Growth of R_u against the identified that is told, that is over, and that is an alarm."""
+"""Growth of R_u against the identified value at which it is reported, at which it has ended, and at which it is an
+alarm."""
 FLOW_USUAL_S, FLOW_SURE, FLOW_GRAVE = 3600.0, 3.0, 6.0
-"""How long the films are remembered against which growth is told, and sd of it: where the films have changed at once,
-and where they are so much worse that it does not matter how fast."""
+"""Time constant of the usual state of the films, and the sd by which the loss must exceed it: for a sudden change, and
+for a loss so large that its speed does not matter."""
 FROZEN_S, FROZEN_K = 300.0, 0.8
-"""An inlet that reads the same for so long, while the cells say that it moved by so much, is frozen."""
+"""An inlet is frozen if it reads the same for so long while the cells show that it moved by so much."""
 FOUND_STEPS = 60
-"""Steps after a sleep in which the offset of the inlet is found."""
+"""Number of steps after a sleep in which the filter finds the offset of the inlet."""
 USUAL_LN, USUAL_S, USUAL_FIRST = 2.5, 1800.0, 4.5
-"""Mean of the greatest ln evidence in sound strings whose model is good; over how long it is taken; and what it begins
-with, as nobody knows how good the model is. Where it is more the model is worse, and all evidence counts less."""
+"""Mean of the greatest ln evidence in sound strings with a good model; its time constant; and its first value, while
+the quality of the model is unknown. A greater mean shows a poorer model; all evidence is then reduced."""
 VAGUE_DOUBT = 2.5
-"""What evidence is divided by where a string has fewer than three sensors, so that its model is all it is held against,
-or where nobody measures its coolant."""
+"""Divisor of the evidence of a string with fewer than three sensors, which can be compared with its model only, or
+without a measured coolant inlet."""
 
 
 @dataclass(slots=True)
 class Course:
-    """How S strings of n cells have been doing, all at once.
+    """Recent history of S strings of n cells.
 
     Attributes
     ----------
     constant_inlet : ndarray of bool (S,)
-        Whose inlet is a constant of the configuration.
+        The inlet is a constant of the configuration.
     load : ndarray (S, n), W
-        Heat by the current, ten minutes' mean.
+        Heat by the current, mean of ten minutes.
     warmed : ndarray (S,), K
-        What the current, if believed, has warmed the cells by in the last two minutes.
+        Warming of the cells in the last two minutes that the measured current should have caused.
     frozen, leapt : ndarray of int (S,)
-        For how many steps the inlet has read the same, and how many are left since it leapt.
+        Number of steps for which the inlet has read the same, and for which it still counts as doubtful after a jump.
     frozen_at : ndarray (S,), K
         Offset of the inlet when it last moved.
     film : ndarray (S,)
-        Share of the films' conductance lost, as it usually is; NaN before it is known.
+        Usual loss of the films' conductance, as a share; NaN before it is known.
     cooling : ndarray of bool (S,)
-        Where it is told that the films are worse.
+        Worse cooling has been reported.
     inlet : ndarray (S,), °C
-        As last measured.
+        Last measured value.
     fine : ndarray (S, m), K
-        Steps of the thermocouples' readings; 0 where not known.
+        Resolution of the thermocouples' readings; 0 where unknown.
     ln : ndarray (S,)
-        Mean of the greatest ln evidence so far: how good the models are.
+        Mean of the greatest ln evidence so far; it shows the quality of the models.
     alone : ndarray of bool (S,)
-        Which have too few sensors to hold one against the others.
+        The string has too few sensors to compare one of them with the others.
     """
 
     constant_inlet: Bools
@@ -89,7 +92,18 @@ class Course:
         no_flag, fine = np.zeros(S, np.bool_), np.zeros((S, f.at.sensed))
         ln = np.full(S, USUAL_FIRST)
         return cls(
-            fixed, np.zeros((S, n)), np.zeros(S), no, no, np.zeros(S), unknown, no_flag, unknown, fine, ln, f.alone
+            fixed,
+            np.zeros((S, n)),
+            np.zeros(S),
+            no,
+            no,
+            np.zeros(S),
+            unknown,
+            no_flag,
+            unknown,
+            fine,
+            ln,
+            f.usual.alone,
         )
 
     @property

@@ -112,7 +112,7 @@ class Evidence:
         for j, place in enumerate(common.values()):
             self._first[place, a + 4 * m + j] = 1.0
         size = np.array([[SIZE.get(Kind(k), 1.0) for k in self.kinds]] * S)
-        size[:, :a] = HEAT_SIZE * of.C
+        size[:, :a] = HEAT_SIZE * of.usual.C
         self._size2: Floats = np.square(size)[:, None, :]
         real = np.ones((S, H), np.bool_)
         real[:, :a] = at.seen

@@ -1,4 +1,4 @@
-"""What the watch over heat has found."""
+"""A finding of the watch over heat."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from bms_gateway.health.heat.fault_evidence import Kind
 
 @dataclass(slots=True)
 class Finding:
-    """Something that is wrong now.
+    """A fault that exists now.
 
     Attributes
     ----------
@@ -20,9 +20,9 @@ class Finding:
     since_ns : int
     text : str
     heat, heat_sd : float
-        W, of all cells in which it may sit; NaN but for heat.
+        W, sum over all cells in which it may be; NaN for other faults than heat.
     sure : float
-        Share of the evidence that this cause had when it was told.
+        Probability of this cause when the finding was reported.
     """
 
     code: str

@@ -189,7 +189,7 @@ class HeatWatch:
             rest.resting[:] = False
         else:
             rest.sleep(gap_s, len(self._ticked) * self._tick_s)
-        self.filter.running &= rest.resting & ~(self.filter.alone & unseen)
+        self.filter.running &= rest.resting & ~(self.filter.usual.alone & unseen)
         for share in self._shares:
             share.pause()
         self._clear()
@@ -300,7 +300,7 @@ class HeatWatch:
         off = y - f.z[self._row, 2 * at.sensors + 1] - f.z[:, at.bias]
         strayed = np.array([np.isfinite(o).any() and abs(float(np.nanmedian(o))) > STRAYED_K for o in off])
         calm = np.array([not v.suspects for v in self.verdicts])  # what strays by a fault is what tells of it
-        f.running &= ~(strayed & ~f.alone & calm) & ~rest.flows
+        f.running &= ~(strayed & ~f.usual.alone & calm) & ~rest.flows
         for v in self.verdicts:
             v.woke_ns = now_ns
         rest.slept_s = 0.0
@@ -386,8 +386,8 @@ class HeatWatch:
             if not v.leads:
                 core_sd[s] = np.sqrt(more[T] + np.square(mean[T] - z[T]))
             else:
-                gap = f.gap_sd[s] * (mean[T] - mean[T + 1])
-                beside = f.beside_sd[s] * (mean[T + 1] - mean[T + 1][self._nearest[s]])
+                gap = f.usual.gap_sd[s] * (mean[T] - mean[T + 1])
+                beside = f.usual.beside_sd[s] * (mean[T + 1] - mean[T + 1][self._nearest[s]])
                 core[s], core_sd[s] = mean[T], np.sqrt(P[T, T] + more[T] + np.square(gap) + np.square(beside))
         row, place = at.seen.nonzero()
         running = f.running[row]

@@ -1,14 +1,14 @@
-r"""What the heat filter carries of a string of n cells with m thermocouples, and where each number stands.
+r"""States of the heat filter for a string of n cells with m thermocouples, and their order.
 
 .. math::
     z = [T_{c1}, T_{s1}, \dots, T_{sn} \,|\, a, u, b_f, \varepsilon, a' \,|\, b_1 \dots b_m \,|\,
          p_1 \dots \,|\, a_1 \dots \,|\, u_1 \dots]
 
-a and a' are the share of heat beyond the current's, common to all cells, over hours and over minutes, u the share of
-the films' conductance that is lost, b_f [K] the offset of the inlet, ε [V/K] the entropic coefficient, b_j [K] the
-offset of a thermocouple. The last three blocks belong to the cells that a thermocouple can
-tell of, the sensed ones and their neighbours: unexplained heat p [W] and the cell's own scales of heat and R_u. What is
-common to all cells is cancelled by the other sensors; that is what makes a single cell's heat visible at all.
+Five states are common to all cells: a and a' are the shares by which the heat exceeds that of the current, over hours
+and over minutes; u is the lost share of the films' conductance; b_f [K] is the offset of the inlet's sensor; ε [V/K] is
+the entropic coefficient. b_j [K] is the offset of a thermocouple. The last three blocks belong to the observed cells,
+which are those with a thermocouple and their neighbours: unexplained heat p [W], and the cell's own factors on heat and
+R_u. The common states are well known from all sensors together. Heat of a single cell can therefore be told from them.
 """
 
 from collections.abc import Sequence
@@ -26,16 +26,16 @@ COMMON = 5  # a, u, b_f, ε, a'
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Places of S strings' numbers; strings with fewer sensors than the others have places that stay empty.
+    """Indices of the states of S strings; a string with fewer sensors than the others has unused states.
 
     Attributes
     ----------
     strings, cells, sensed, near : int
-        S, n, m and how many cells are told of.
+        S, n, m and the number of observed cells a.
     sensors : ndarray of int (S, m)
-        0-based cells; `fitted` (S, m) says which count.
+        0-based cells with a thermocouple; `fitted` (S, m) is False for unused entries.
     told : ndarray of int (S, a)
-        0-based cells that sensors tell of; `seen` (S, a) says which count.
+        0-based observed cells; `seen` (S, a) is False for unused entries.
     """
 
     strings: int
@@ -49,7 +49,7 @@ class Layout:
 
     @classmethod
     def of(cls, models: Sequence[StringModel]) -> "Layout":
-        """Lay out strings of equal length."""
+        """Order the states of strings of equal length."""
         n = models[0].cells
         near = [sorted({k + d for k in m.sensors for d in (-1, 0, 1)} & set(range(1, n + 1))) for m in models]
         m, a = max(len(x.sensors) for x in models), max(len(x) for x in near)
@@ -64,12 +64,12 @@ class Layout:
 
     @property
     def nodes(self) -> int:
-        """Temperatures, 2n."""
+        """Number of temperatures, 2n."""
         return 2 * self.cells
 
     @property
     def states(self) -> int:
-        """All numbers of a string."""
+        """Number of states of a string."""
         return self.nodes + COMMON + self.sensed + 3 * self.near
 
     @property

@@ -1,4 +1,4 @@
-"""Sentences of what was found about heat: the likeliest cause, what else it could be, and what to do."""
+"""Sentences of the findings of the watch over heat: the likeliest cause, other possible causes, and what to do."""
 
 from typing import TYPE_CHECKING
 
@@ -60,12 +60,12 @@ def sentence(f: "Finding", cells: int, now_ns: int, *, over: bool = False) -> st
 
 
 def _watts(value: float, digits: int) -> str:
-    """Tell a heat to so many digits, and never by a power of ten."""
+    """Write a heat with so many digits, never with a power of ten."""
     return f"{value:.0f}" if abs(value) >= 9.5 * 10.0 ** (digits - 2) else f"{value:.{digits}g}"
 
 
 def _how_long(ns: int) -> str:
-    """Tell a time in minutes or hours."""
+    """Write a time in minutes or hours."""
     minutes = ns / 60e9
     return f"about {minutes:.0f} min" if minutes < 90.0 else f"about {minutes / 60.0:.1f} h"
 

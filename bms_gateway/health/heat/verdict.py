@@ -1,4 +1,4 @@
-"""What the evidence of a string says: which fault, since when, how sure, what else it could be, and what to do."""
+"""Verdict on one string by its evidence: which fault, since when, how probable, and which other causes are possible."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -27,55 +27,55 @@ from bms_gateway.health.heat.sentences import sentence
 from bms_gateway.thermal import Floats
 
 SURE = 14.0
-"""ln evidence from which heat is believed: some 5 sd, with a few dozen faults and onsets looked at each step."""
+"""Least ln evidence at which heat is accepted: about 5 sd, because each step tests a few dozen faults and onsets."""
 ENOUGH = {Kind.SLOPE: 8.0, Kind.FLOW: 9.0, Kind.INLET: 9.0, Kind.LOAD: 9.0}
-"""The same where a mistake costs less, or where what follows is looked at again before it is told."""
+"""The same for faults of which a false report costs less, or whose consequence is tested again before the report."""
 ALONE, ALONE_HEAT = 0.95, 0.998
-"""Share of all the evidence that one cause must have to be told at once: a thermocouple that comes off while its cell
-cools looks like heat for a minute."""
+"""Least probability of a cause that is reported at once. It is higher for heat, because a thermocouple that comes off
+while its cell cools looks like heat for a minute."""
 WAIT_S = 180.0
-"""What is sure to be something, but may be one of several, is told by its likeliest cause after so long."""
+"""Time after which a certain fault with several possible causes is reported with the likeliest of them."""
 UNTOLD = 3.0
-"""ln: a cell that warmed in a sleep looks like a thermocouple that jumped; heat, the worse of the two, is told
-unless it is by so much less likely. Before enough frames show its course, this holds of a drift as well."""
+"""ln: after a sleep, a cell that has warmed looks like a thermocouple that has jumped. Heat is the more dangerous of
+the two; it is reported unless it is less likely by more than this. The same holds for a drift with few readings."""
 LIKE_HEAT, MOST_STOPPED, RARER = 1.5, 0.85, 4.0
-"""A lone thermocouple reads much the same of heat and of films that are lost. Fans and pumps stop more often than cells
-short: heat is rarer by so much (ln) unless its evidence is so many times that of films. A fan that stands takes no more
-than the second share."""
+"""For a string with one or two thermocouples, heat and a loss of cooling look alike. Fans and pumps stop more often
+than cells short: the ln evidence of heat is lowered by the third number, unless it is greater than that of a loss by
+the first factor. The second number is the greatest share of the films' conductance that is lost with a fan."""
 ALIKE = 1.0
-"""ln: onsets between which evidence does not choose."""
+"""ln: onsets whose evidence differs by less cannot be distinguished."""
 HOLD_S, HOLD_COMMON_S = 20.0, 60.0
-"""One step's surprise is no fault: what is told has been the likeliest for as long."""
+"""Time for which a cause must have been the likeliest before it is reported; the second is for common causes."""
 USUAL = {Kind.FLOW: 4.0, Kind.INLET: 0.0, Kind.LOAD: 2.0, Kind.SLOPE: -2.0, Kind.LAG: 3.0}
-"""ln of how much more often this changes in sound packs than a fault comes."""
+"""ln prior of a change in a sound pack, compared with that of a fault."""
 LEAST_RATE, LEAST_SHARE, ALONE_SHARE = 1e-3, 0.1, 3.0
-"""Heat below this rate of the cell's capacity, K/s, or share of the heat by its current, is no fault. The last share
-holds where no other cells tell what the current makes: a cell that is nearly empty or cold seems to make several times
-its usual heat. Where nobody measures the coolant, only heat at rest is a fault: cooling that is switched looks like
-heat."""
+"""Least heat that is a fault: a rate of the cell's heat capacity, K/s, and a share of the heat by its current. The last
+share holds for strings in which no other cells show the heat of the current: a cell that is nearly empty or cold makes
+several times its usual heat. Without a measured inlet only heat at rest is a fault, because cooling that is switched
+off looks like heat."""
 SIZE_SD = 0.2
-"""Of new heat, relative: its first half minute shows how fast heat reaches the surface, by C_s and R_c, as much as how
-much it is."""
+"""Relative sd of the size of new heat: its first half minute depends on C_s and R_c as much as on the heat."""
 GROUP, TEMPERED = 2, 8.0
-"""Heat in a cell may sit in one so far away that shares a sensor with it; and by what evidence between these counts."""
+"""Largest distance, in cells, between two cells that heat may belong to; and the divisor of the ln evidence between
+them."""
 LEAST_JUMP, BACK_JUMP = 0.7, 0.4
-"""K: a thermocouple that jumps by less is not told, and one that is off by less again is over."""
+"""K: a jump of a thermocouple is reported above the first number, and has ended below the second."""
 COARSE = 2.5
-"""Steps of its own readings that a thermocouple jumps by at least."""
+"""Least jump of a thermocouple, in steps of its resolution."""
 FLOWED_S = 1800.0
-"""After a change of the films has been believed they may be told to be worse for so long: slow changes are ageing's."""
+"""Time after a sudden change of the films in which worse cooling may be reported; ageing judges slow changes."""
 INLET_OFF, INLET_SURE = 3.0, 4.0
-"""K and sd from which the inlet is wrong whatever its sensor does."""
+"""K and sd of an offset above which the inlet's sensor is wrong, frozen or not."""
 MORE = 0.5
-"""Share of heat more than the current's from which on none of it can be missing."""
+"""If the heat exceeds that of the current by this share, no missing heat is reported."""
 SUSPECT = 5.0
-"""ln evidence from which a change of the heat that is the likeliest of all is counted before it is believed."""
+"""Least ln evidence at which the likeliest change of the heat is included in its ratio before it is accepted."""
 ENDED_SD, ENDED_S = 2.0, 300.0
-"""Heat is over if it is below so many sd for so long,"""
+"""Heat has ended if it is below so many sd for so long,"""
 ENDED_SHARE = 0.5
-"""and below this share of what was found."""
+"""and below this share of the heat that was found."""
 QUIET_SD, QUIET_S = 3.0, 900.0
-"""A thermocouple set aside that is within this of its prediction for so long is used again."""
+"""A thermocouple that was set aside is used again if it is within so many sd of its prediction for so long."""
 
 
 @dataclass(slots=True)
@@ -86,7 +86,7 @@ class Verdict:
     ----------
     findings : list of Finding
     aside : ndarray of bool (m,)
-        Thermocouples that are not believed.
+        Thermocouples whose readings are not used.
     woke_ns : int or None
         When the string last woke from a sleep.
     """
@@ -110,31 +110,31 @@ class Verdict:
 
     @property
     def hot(self) -> bool:
-        """Whether a cell heats by itself."""
+        """Whether heat of a cell's own has been found."""
         return any(f.code == "unexplained_heat" for f in self.findings)
 
     @property
     def leads(self) -> bool:
-        """Whether the filter of this watch knows the cores better than an observer to which what was found is news."""
+        """Whether the filter of this watch knows the cores better than the observer, which has not seen the fault."""
         return any(f.code in ("unexplained_heat", "cooling") for f in self.findings)
 
     @property
     def suspects(self) -> bool:
-        """Whether the last step that was weighed speaks for a fault that is not believed yet."""
+        """Whether the newest step has enough evidence for a fault that is not reported yet."""
         return self._stands > 0
 
     @property
     def of_string(self) -> bool:
-        """Whether something is wrong beside thermocouples."""
+        """Whether there is a finding other than a thermocouple's."""
         return any(f.code != "thermocouple" for f in self.findings)
 
     def look(self, w: Weighed, now_ns: int) -> list[Finding]:
-        """Take in a step that has been weighed.
+        """Judge a step whose evidence has been computed.
 
         Returns
         -------
         list of Finding
-            What has come, or is over (level 0).
+            New findings, and those that have ended (level 0).
         """
         told = self._followed(now_ns)
         each = w.ln[self.s].max(axis=0) / self.course.doubt[self.s]
@@ -145,17 +145,17 @@ class Verdict:
         return told + (self._standing(w, each, now_ns) if self.of.running[self.s] else [])
 
     def pass_over(self) -> None:
-        """Take in a step in which nothing was of note."""
+        """Take a step whose evidence is too small to be judged."""
         self._stands, self._slow_ns = 0, None
 
     def _weighed(self, each: Floats, w: Weighed, now_ns: int) -> list[Finding]:
         kinds, place = self.evidence.kinds, self.evidence.place
         E = each + self.usual()
-        if self.of.alone[self.s]:
+        if self.of.usual.alone[self.s]:
             heat, flow = kinds == Kind.HEAT, int(np.flatnonzero(kinds == Kind.FLOW)[0])
             since = int(w.ln[self.s, :, flow].argmax())
             lost = float(w.amplitude[self.s, since, flow])
-            rest = lost * float(self.evidence.moved(self.s, since, flow)[self.of.at.flow])  # not in the numbers yet
+            rest = lost * float(self.evidence.moved(self.s, since, flow)[self.of.at.flow])  # not in the states yet
             if self.of.calm[self.s] and rest + float(self.of.z[self.s, self.of.at.flow]) > MOST_STOPPED:
                 E[flow] = -np.inf
             elif 0.0 < lost < MOST_STOPPED and E[heat].max() < LIKE_HEAT * E[flow]:
@@ -172,7 +172,7 @@ class Verdict:
         hidden = self._hidden(now_ns)
         slept = bool((w.ln[self.s, hidden, best] > w.ln[self.s, onset, best] - ALIKE).any())
         if slept and kind >= Kind.FLOW and not self.findings:
-            self.evidence.forget(self.s)  # what came over all cells while nobody looked may have been a drive
+            self.evidence.forget(self.s)  # a change of all cells during the sleep may come from a drive
             self.of.running[self.s], self._stands = False, 0
             return []
         if kind in (Kind.JUMP, Kind.SLOPE) and w.amplitude[self.s, onset, best] > 0.0:
@@ -189,7 +189,7 @@ class Verdict:
         sensors = (kinds > Kind.HEAT) & (kinds < Kind.FLOW)
         same = kinds == kind if kind is Kind.HEAT or kind >= Kind.FLOW else sensors & (place == j)
         alone = float(share[same].sum())
-        # what a sleep has hidden looks the same however long one waits
+        # the causes of a change during a sleep cannot be distinguished later either
         waited = held >= (HOLD_S if slept else WAIT_S) and each[best] >= SURE
         if (
             alone < (ALONE_HEAT if kind is Kind.HEAT else ALONE)
@@ -199,13 +199,13 @@ class Verdict:
         return self._accept(best, onset, w, share, alone, now_ns)
 
     def _hidden(self, now_ns: int) -> Bools:
-        """Tell which onsets lie in or before the sleep that ended last."""
+        """Tell which onsets are before the end of the last sleep."""
         if self.woke_ns is None:
             return np.zeros(ONSETS, np.bool_)
         return self.evidence.ages(self.s) > self._lasted(self.woke_ns, now_ns)
 
     def usual(self) -> Floats:
-        """Tell how much likelier each fault (H,) is than others before any evidence, ln."""
+        """Give the ln prior of each fault (H,)."""
         usual = np.array([USUAL.get(Kind(k), 0.0) for k in self.evidence.kinds])
         c, s = self.course, self.s
         if not (c.frozen[s] * self.of.dt >= FROZEN_S or c.constant_inlet[s] or c.leapt[s] > 0):
@@ -221,7 +221,7 @@ class Verdict:
         sure: float,
         now_ns: int,
     ) -> list[Finding]:
-        """Believe a fault: the numbers move by it, and the search begins anew."""
+        """Accept a fault: the states are shifted by its effect, and the evidence starts again from zero."""
         s, f = self.s, self.of
         kind, place = Kind(int(self.evidence.kinds[fault])), int(self.evidence.place[fault])
         amplitude, var = float(w.amplitude[s, onset, fault]), float(w.var[s, onset, fault])
@@ -237,28 +237,29 @@ class Verdict:
             self._flowed_ns = now_ns
         tells = {Kind.HEAT: self._heats, Kind.INLET: self._is_off}.get(kind, self._fails)
         if kind in (Kind.FLOW, Kind.LOAD) or not tells(new):
-            return []  # what heat and films have become is looked at in every step
+            return []  # `_standing` judges the states of heat and films in every step
         self.findings.append(new)
         self._write(new, now_ns)
         return [new]
 
     def _heats(self, new: Finding) -> bool:
-        """Take heat that is believed for a fault, if it is worth one and not told already."""
+        """Make a finding of accepted heat, if it is large enough and not reported already."""
         s, f, place = self.s, self.of, new.place
-        cell = int(f.at.told[s, place])
-        load, rest = float(self.course.load[s, cell]), LEAST_RATE * float(f.C[s, place])
-        unsure = self.course.constant_inlet[s] or (f.alone[s] and f.z[s, f.at.load] < -1.0)  # a model that needs cold
-        if new.size < max(rest, (ALONE_SHARE if f.alone[s] else LEAST_SHARE) * load) or (unsure and load > rest):
+        cell, alone = int(f.at.told[s, place]), bool(f.usual.alone[s])
+        load, rest = float(self.course.load[s, cell]), LEAST_RATE * float(f.usual.C[s, place])
+        negative = alone and f.z[s, f.at.load] < -1.0  # the model would need a current that cools
+        unsure = self.course.constant_inlet[s] or negative
+        if new.size < max(rest, (ALONE_SHARE if alone else LEAST_SHARE) * load) or (unsure and load > rest):
             return False
         if float(f.z[s, f.at.heat.start + np.array(new.places)].max()) <= 0.0:
-            return False  # what the numbers make of it is cold
+            return False  # by the states the cell is cooled, not heated
         for j in new.places:
             f.open_heat(s, j, new.size)
         new.code, new.cell, new.level = "unexplained_heat", cell + 1, 2
         return not any(g.code == new.code and place in g.places for g in self.findings)
 
     def _fails(self, new: Finding) -> bool:
-        """Take a fault of a thermocouple, if it is worth one; what no offset mends sets it aside."""
+        """Make a finding of a thermocouple's fault, if it is large enough; all but a jump set it aside."""
         s, place = self.s, new.place
         new.code, new.cell = "thermocouple", int(self.of.at.sensors[s, place]) + 1
         if new.kind is Kind.JUMP:
@@ -270,7 +271,7 @@ class Verdict:
         return True
 
     def _is_off(self, new: Finding) -> bool:
-        """Take an offset of the inlet for a fault, if it is frozen or far off."""
+        """Make a finding of an inlet that is frozen, or that has a large offset."""
         s, f, at, c = self.s, self.of, self.of.at, self.course
         off, sd = float(f.z[s, at.inlet]), sqrt(float(f.P[s, at.inlet, at.inlet]))
         still = c.frozen[s] * f.dt >= FROZEN_S and not c.constant_inlet[s] and abs(new.size) > FROZEN_K
@@ -279,15 +280,15 @@ class Verdict:
         return bool(still or far) and not any(g.code == new.code for g in self.findings)
 
     def _share_out(self, fault: int, w: Weighed) -> tuple[int, ...]:
-        """Move the numbers by heat that sits in a cell or one beside: which, one sensor hardly tells.
+        """Shift the states by heat that is in a cell or in a neighbour of it: one sensor hardly distinguishes these.
 
-        The cells of the group are merged by their moments. How evidence falls between them hangs on a conduction that
-        is known to some tens of per cent, so it counts by a part only.
+        The cells of the group are merged by their moments. The evidence between them depends on R_cc, which is known
+        to some tens of per cent only; it is therefore reduced.
 
         Returns
         -------
         tuple of int
-            Numbers of the cells, of those told of, that it may sit in.
+            Indices, among the observed cells, of the cells that the heat may be in.
         """
         s, f, e = self.s, self.of, self.evidence
         cells, best = f.at.told[s], int(f.at.told[s, e.place[fault]])
@@ -310,13 +311,13 @@ class Verdict:
         f.P[s] += (off.T * chance) @ off + (along.T * (chance * var)) @ along
         h = f.at.heat.start + e.place[group]
         f.P[s, h, h] += chance * np.square(SIZE_SD * amplitude)
-        if f.alone[s]:  # nothing else has changed, however far a lone thermocouple took it
+        if f.usual.alone[s]:  # few thermocouples let the common states follow the heat: set these back
             f.z[s, f.at.common] = e.before(s, int(w.ln[s, :, fault].argmax()))
-            f.z[s, f.at.flow] = self.course.film[s]  # of the last hour: slow heat takes it along before it is told
+            f.z[s, f.at.flow] = self.course.film[s]  # mean of the last hour: slow heat shifts it before the onset
         return tuple(int(e.place[j]) for j, c in zip(group, chance.tolist(), strict=True) if c > 0.02)
 
     def _others(self, share: Floats, kind: Kind, place: int) -> tuple[tuple[str, float], ...]:
-        """List what else it could be, the likeliest first."""
+        """List the other possible causes, the likeliest first."""
         at, s = self.of.at, self.s
         found: dict[str, float] = {}
         for k, j, p in zip(self.evidence.kinds.tolist(), self.evidence.place.tolist(), share.tolist(), strict=True):
@@ -333,11 +334,11 @@ class Verdict:
         return tuple(sorted(found.items(), key=lambda x: -x[1])[:3])
 
     def _followed(self, now_ns: int) -> list[Finding]:
-        """See what has become of what was found."""
+        """Update the findings; return those that have ended."""
         told = []
         for g in list(self.findings):
             over = self._over(g, now_ns)
-            if g.low_ns is None:  # what is contradicted and may be over is told as it was believed last
+            if g.low_ns is None:  # a finding that is being contradicted keeps its last sentence
                 self._write(g, now_ns)
             if over:
                 self._end(g, now_ns)
@@ -345,15 +346,16 @@ class Verdict:
         return told
 
     def _over(self, g: Finding, now_ns: int) -> bool:
-        """Tell whether a finding has been contradicted for long enough."""
+        """Tell whether the readings have contradicted a finding for long enough."""
         s, f, at = self.s, self.of, self.of.at
         if g.code == "unexplained_heat":
             h = at.heat.start + np.array(g.places)
             heat, P = f.z[s, h], f.P[s][np.ix_(h, h)]
             chance = float(heat @ np.linalg.solve(P, heat)) < ENDED_SD**2 + len(h) - 1
             most = float(heat.sum()) + sqrt(max(0.0, float(P.sum())))
-            chance = chance and most < ENDED_SHARE * g.size  # not for want of knowledge alone
-            return self._quiet(g, now_ns, chance or float(heat.sum()) < LEAST_RATE * float(f.C[s, g.place]), ENDED_S)
+            chance = chance and most < ENDED_SHARE * g.size  # a large sd alone does not end it
+            none = float(heat.sum()) < LEAST_RATE * float(f.usual.C[s, g.place])
+            return self._quiet(g, now_ns, chance or none, ENDED_S)
         if g.kind is Kind.JUMP:
             return self._quiet(g, now_ns, abs(float(f.z[s, at.bias.start + g.place])) < BACK_JUMP, 60.0)
         if g.code == "thermocouple":
@@ -380,14 +382,14 @@ class Verdict:
         g.level, g.text = 0, sentence(g, self.of.at.cells, now_ns, over=True)
 
     def take_up(self, g: Finding, now_ns: int) -> None:
-        """Take up heat that was found before a restart at `now_ns`."""
+        """Restore heat that was found before a restart at `now_ns`."""
         for j in g.places:
             self.of.open_heat(self.s, j, g.size)
         self.findings.append(g)
         self._write(g, now_ns)
 
     def residuals(self, value: Floats, sd: Floats) -> None:
-        """Take what the thermocouples (m,) are off their prediction, used or not, K."""
+        """Take the residuals of all thermocouples (m,), K, also of those that are set aside."""
         self._residual, self._residual_sd = np.abs(value), sd
 
     def _quiet(self, g: Finding, now_ns: int, low: bool, wait_s: float) -> bool:
@@ -395,11 +397,11 @@ class Verdict:
         return g.low_ns is not None and self._lasted(g.low_ns, now_ns) >= wait_s
 
     def _lasted(self, since_ns: int, now_ns: int) -> float:
-        """Seconds from the begin of the step that ended at `since_ns`: frames may come rarely."""
+        """Seconds since the beginning of the step that ended at `since_ns`; steps may be long."""
         return (now_ns - since_ns) * 1e-9 + self.of.dt
 
     def _standing(self, w: Weighed, each: Floats, now_ns: int) -> list[Finding]:
-        """Tell what the numbers themselves say, however they came about."""
+        """Make findings of the states themselves, whether they changed suddenly or slowly."""
         s, f, at = self.s, self.of, self.of.at
         codes = {g.code for g in self.findings}
         share, var = (float(x[s]) for x in f.made())
@@ -412,7 +414,7 @@ class Verdict:
         new = []
         sound = each[best] < SUSPECT or self.evidence.kinds[best] == Kind.LOAD
         warms = bool(self.course.warms[s]) and sound and "cooling" not in codes
-        warms = warms and float(f.z[s, at.load]) < MORE  # numbers that say both know neither
+        warms = warms and float(f.z[s, at.load]) < MORE  # states that show missing heat and more heat show neither
         if "missing_heat" not in codes and warms and missing(share, sqrt(var)):
             new.append(Finding("missing_heat", None, 2, now_ns, kind=Kind.LOAD, size=max(0.0, share)))
         u, u_sd = float(f.z[s, at.flow]), sqrt(float(f.P[s, at.flow, at.flow]))

@@ -14,6 +14,15 @@ from bms_gateway.thermal.cells.published import FORMATS, PUBLISHED
 _NUMBER = r"(\d+(?:[.]\d+)?)"
 _MEASURE = re.compile(rf"{_NUMBER}\s*(Ah|mAh|g|kg|mOhm|mΩ|Ohm|Ω|uOhm|p|mm)(dc|ac)?", re.IGNORECASE)
 _BOX = re.compile(rf"{_NUMBER}x{_NUMBER}(?:x{_NUMBER})?(?:mm)?", re.IGNORECASE)
+_APART = re.compile(r"(\d)\s+(Ah|mAh|g|kg|mOhm|mΩ|Ohm|Ω|uOhm|mm)\b", re.IGNORECASE)
+_TIMES = re.compile(r"(?<=\d)(?:(?:\s*mm)?\s+[x×*]\s+|(?:mm)?[x×*])(?=\d)", re.IGNORECASE)
+_MODEL = re.compile(
+    r"(?=[A-Z]|\d+[-_])(?:[IUN][NCMF]?R|US)?(14500|18650|20700|21700|26650)[-_]?([A-Z]?(\d\d)[A-Z]{0,2}\d?|[A-Z]{0,3}\d?)",
+    re.IGNORECASE,
+)
+"""A maker's model, as INR21700-50E: letters of chemistry and shape, the format, tenths of Ah, letters of the series."""
+_DENSE = 400.0
+"""Ah/l; no cell holds more."""
 _PLAIN: Final[Mapping[str, tuple[str, str]]] = MappingProxyType(
     {
         **{word: ("cooling", word) for word in ("still", "forced", "plate", "liquid")},
@@ -44,7 +53,8 @@ def cell_of(text: str) -> CellFacts:
     Parameters
     ----------
     text : str
-        Words with blanks or commas between: a published name or a format, then capacity (`5Ah`), mass (`69g`),
+        Words with blanks or commas between: a published name, a format or a maker's model (`INR21700-50E`), then
+        capacity (`5Ah`), mass (`69g`),
         resistance (`25mOhm`, `25mOhm ac` at 1 kHz), parallel count (`2p`), gap (`2mm`), cooling, orientation,
         chemistry. The size of flat cells is `290x216x7.1mm`, length, width and thickness; of odd cylinders
         `cylinder 32x113mm`.
@@ -56,13 +66,16 @@ def cell_of(text: str) -> CellFacts:
 
     Examples
     --------
+    >>> cell_of("INR21700-48X").capacity_Ah, cell_of("prismatic 174 x 207 x 72 mm 280 Ah").capacity_Ah
+    (4.8, 280.0)
     >>> c = cell_of("21700, 5Ah, 69g, 25mOhm, forced, 2p")
     >>> c.capacity_Ah, c.parallel, c.cooling
     (5.0, 2, 'forced')
     """
     if (comma := re.search(r"\d,\d+[a-zA-ZΩ]*", text)) is not None:
         raise UsageError(f"cell: '{comma[0]}': decimals take a point, as '{comma[0].replace(',', '.')}'")
-    words = [w for w in re.split(r"[\s,;]+", text.strip()) if w]
+    told = _APART.sub(r"\1\2", _TIMES.sub("x", text.strip()))  # "280 Ah", "174 x 207 x 72 mm"
+    words = [w for w in re.split(r"[\s,;]+", told) if w]
     if not words:
         raise UsageError(f"cell: says nothing; {EXAMPLE}")
     cell, rest = _kind(words)
@@ -71,6 +84,11 @@ def cell_of(text: str) -> CellFacts:
     if not cell.size:
         shown = "127x43x9.5mm" if cell.shape != "cylinder" else "32x113mm"
         raise UsageError(f"cell '{text}': the size of a {cell.shape} cell is needed, as {shown}")
+    if cell.capacity_Ah is not None and cell.capacity_Ah > 1e3 * cell.volume * _DENSE:
+        raise UsageError(
+            f"cell '{text}': {cell.capacity_Ah:g} Ah in {1e6 * cell.volume:.3g} cm³ is no cell; "
+            f"valid: up to {1e3 * cell.volume * _DENSE:.3g} Ah"
+        )
     if cell.mass is not None and not _LIGHT <= cell.mass / cell.volume <= _HEAVY:
         raise UsageError(
             f"cell '{text}': {1e3 * cell.mass:g} g in {1e6 * cell.volume:.3g} cm³ is no cell; "
@@ -89,11 +107,23 @@ def _kind(words: list[str]) -> tuple[CellFacts, list[str]]:
             return known, rest
         if (known := by_name.get(_plain("".join(words[i : i + 2])))) is not None:
             return known, words[:i] + words[i + 2 :]
+        if (model := _MODEL.fullmatch(word)) is not None and model[1] in FORMATS:
+            return _of_maker(model), rest
         if word.lower() in SHAPES:
             shape = word.lower()
             bare: Callable[..., CellFacts] = CellFacts
             return bare(shape, shape, ()), rest
     raise UsageError(f"cell '{' '.join(words)}' is not known{did_you_mean(words[0], WORDS)}; {EXAMPLE}")
+
+
+def _of_maker(model: re.Match[str]) -> CellFacts:
+    """Find the published cell of a maker's model; else its format, with the capacity that the model's name tells."""
+    form, series = FORMATS[model[1]], _plain(model[2])
+    end = series if len(series) > 1 else model[1] + series
+    published = [c for name, c in PUBLISHED.items() if series and c.size == form.size and _plain(name).endswith(end)]
+    if len(published) == 1:
+        return published[0]
+    return replace(form, name=model[0], capacity_Ah=int(model[3]) / 10 if model[3] else None)
 
 
 def _plain(name: str) -> str:

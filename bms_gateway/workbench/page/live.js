@@ -41,7 +41,7 @@ export function prepare(known, grafana) {
     el("div", { class: "card" }, el("dt", { id: `${id}-title` }, ""), el("dd", { class: "value words", id: `${id}-value` }, "–"), el("dd", { id: `${id}-line` }, ""))));
   rows = about.strings.map((s) => string(s));
   $("panel-live").append(controls, el("section", { id: "banner", "aria-label": "Alerts", hidden: true }, el("h3", { id: "banner-title", role: "alert" }), el("ul", { id: "banner-list" })), el("p", { id: "live-state", role: "status", class: "muted" }, "Waiting for frames…"), facts,
-    el("p", { class: "muted", id: "live-key" }, "Cell, core in °C, ± 95 % half width in K; coolant flows from left to right. ",
+    el("p", { class: "muted", id: "live-key" }, "Cell, core in °C, ± 95 % half width in K, as all bands here; coolant flows from left to right. ",
       `${String(limit - BELOW_K).replace("-", "−")} `, el("span", { class: "scale", id: "scale" }), ` ${limit - NEAR_K} °C · `,
       el("span", { class: "patch", style: `background:rgb(${NEAR})` }), ` from ${limit - NEAR_K} °C · `, el("span", { class: "patch", style: `background:rgb(${OVER})` }), ` limit ${limit} °C and over`,
       " · dashed: no sensor of its own · dotted, ?: core not proven · double frame: its sensor is not used · ring: hottest point · pale in a dashed frame: nothing new (stale) · grey in a frame: the bus is silent (parked)"),

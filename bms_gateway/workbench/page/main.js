@@ -1,5 +1,5 @@
 // Starts the page: finds this tab's desk, listens for changes, steps and keys.
-import { $, get, post, ui, keep, attempt, complain, claim as claimed } from "./util.js";
+import { $, get, post, ui, keep, attempt, complain, fault, claim as claimed } from "./util.js";
 import * as plots from "./plots.js";
 import * as measure from "./measure.js";
 import * as road from "./road.js";
@@ -39,7 +39,7 @@ async function refresh() {
       const fresh = version !== state.version;
       version = state.version;
       job(state.job);
-      complain(state.error);
+      fault(state.error);
       road.show(state);
       if (!state.job?.trial) plots.trying(null);
       await plots.show(state, fresh);
@@ -79,7 +79,7 @@ function listen() {
     heard(JSON.parse(e.data));
   };
   source.onerror = () => {
-    if (source.readyState === EventSource.CLOSED) { claim().then(listen, (e) => complain(e.message)); return; }
+    if (source.readyState === EventSource.CLOSED) { complain(""); claim().then(listen, (e) => complain(e.message)); return; }
     lost = true;
     complain("the workbench does not answer: is the program still running?");
   };

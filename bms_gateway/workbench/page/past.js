@@ -4,8 +4,9 @@ import { $, el, post, attempt, ui, complain } from "./util.js";
 const SVG = "http://www.w3.org/2000/svg";
 const EVERY_MS = 4000;
 const LEFT = 62, RIGHT = 12;
-// What is drawn: its name, its title, its height in px, and what it is multiplied by; of the rest, what is known.
-const PANELS = [["hottest", "hottest point, °C", 120, 1], ["current", "current, A", 50, 1], ["inlet", "inlet, °C", 40, 1], ["flow", "flow, % of nominal", 40, 100], ["soc", "SOC, %", 40, 100], ["voltage", "voltage, V", 40, 1]];
+// What is drawn: its name, its title, its height in px, and what it is multiplied by (a flow also by the nominal one); of the rest, what is known.
+const PANELS = [["hottest", "hottest point, °C", 120, 1], ["current", "current, A", 50, 1], ["inlet", "inlet, °C", 40, 1], ["flow", "flow, l/min", 40, 1], ["soc", "SOC, %", 40, 100], ["voltage", "voltage, V", 40, 1]];
+const PER_MIN = 60000; // l/min in a m³/s
 const COLORS = { hottest: "var(--after)", inlet: "var(--after)", soc: "var(--good)" };
 const TOP = 8, GAP = 14, FOOT = 24;
 const SPANS = [[600, "last 10 min"], [3600, "last hour"], [0, "all that is kept"]];
@@ -81,7 +82,7 @@ function draw() {
   const panels = PANELS.filter(([name]) => shown[name].some((v) => v !== null)).map(([name, title, height, scale]) => {
     const top = below + GAP;
     below = top + height;
-    return [name, title, top, below, scale];
+    return [name, title, top, below, name === "flow" ? PER_MIN * about.strings[shown.string].nominal_m3_s : scale];
   });
   svg.setAttribute("height", below + FOOT);
   const x = (t) => LEFT + ((width - LEFT - RIGHT) * (t - t0)) / (t1 - t0);
@@ -90,20 +91,20 @@ function draw() {
     const y = shown[name].map((v) => (v === null ? null : scale * v)), there = y.map((v, i) => [i, v]).filter(([, v]) => v !== null);
     const half = (i) => (name === "hottest" ? shown.half[i] ?? 0 : 0);
     let low = Math.min(...there.map(([i, v]) => v - half(i))), high = Math.max(...there.map(([i, v]) => v + half(i)));
-    if (name === "hottest" && limit < high + 20) high = Math.max(high, limit + 1);
+    if (name === "hottest" && limit < high + 20) [low, high] = [Math.min(low, limit - 1), Math.max(high, limit + 1)];
     const middle = (low + high) / 2, spread = Math.max(high - low, 1) / 2;
     low = middle - spread; high = middle + spread;
     const at = (v) => bottom - ((bottom - top) * (v - low)) / (high - low);
     put("rect", { x: LEFT, y: top, width: width - LEFT - RIGHT, height: bottom - top, fill: "none", stroke: "var(--line)" });
     put("text", { x: LEFT - 5, y: top + 10, "text-anchor": "end" }, high.toFixed(spread < 5 ? 1 : 0));
     put("text", { x: LEFT - 5, y: bottom, "text-anchor": "end" }, low.toFixed(spread < 5 ? 1 : 0));
-    put("text", { x: LEFT + 6, y: top + 13, fill: "var(--soft)" }, title);
     if (name === "hottest") {
       const edge = (sign, list) => list.map(([i, v]) => `${x(shown.t[i]).toFixed(1)},${at(v + sign * half(i)).toFixed(1)}`);
       put("polygon", { points: [...edge(1, there), ...edge(-1, [...there].reverse())].join(" "), fill: "var(--after)", "fill-opacity": 0.2 });
       if (limit <= high) put("line", { x1: LEFT, x2: width - RIGHT, y1: at(limit), y2: at(limit), stroke: "var(--danger)", "stroke-dasharray": "6 4", class: "limit" });
     }
     for (const run of runs(y)) put("polyline", { points: run.map((i) => `${x(shown.t[i]).toFixed(1)},${at(y[i]).toFixed(1)}`).join(" "), fill: "none", stroke: COLORS[name] ?? "var(--ink)", "stroke-width": name === "hottest" ? 2 : 1.2 });
+    put("text", { x: LEFT + 6, y: top + 13, fill: "var(--soft)", stroke: "var(--paper)", "stroke-width": 4, "paint-order": "stroke" }, title); // above the curves
   }
   for (const m of shown.marks.filter((k) => k.state !== "over")) {
     put("line", { x1: x(m.at), x2: x(m.at), y1: TOP, y2: below, stroke: m.level === "alarm" ? "var(--danger)" : "var(--before)", "stroke-width": 2, class: `mark ${m.level}` });

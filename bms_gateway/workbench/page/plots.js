@@ -3,6 +3,7 @@ import { $, el, get, ui, keep, K, complain } from "./util.js";
 import { sketch } from "./sketch.js";
 import * as measure from "./measure.js";
 import * as tracks from "./tracks.js";
+import { picture } from "./pairs.js";
 
 const CONFIG = { displaylogo: false, responsive: true,
   modeBarButtons: [["zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d", "toImage"]] };
@@ -222,14 +223,29 @@ async function resampled() {
 const figureOf = async (place, name) =>
   (await get("figure", { name, ...tracks.query(), ...(range && timed().includes(place) ? { from: range[0], to: range[1] } : {}) })).figure;
 
+// Contours of two parameters, where somebody looks at them.
+async function pairs() {
+  const styles = new Map(state.steps.map((s, i) => [s.name, styleOf(i)])), node = $("plot-pair");
+  const found = picture(state.steps, ticked(state.steps), (s) => styles.get(s.name), () => pairs().catch((e) => complain(e.message)));
+  if (!found || !$("pairs").open || !window.Plotly) return;
+  const [across, up] = [found.layout.xaxis.title.text, found.layout.yaxis.title.text];
+  node.style.height = `${found.layout.height}px`;
+  node.setAttribute("role", "group");
+  node.setAttribute("aria-label", `Contours of ${across} and ${up}; the sentence above tells the same`);
+  await Plotly.react(node, themed(found.data), themed(found.layout), { ...CONFIG, displayModeBar: false });
+  node.dataset.pair = found.pair.join();
+}
+
 let resizing = 0;
 addEventListener("resize", () => { clearTimeout(resizing); resizing = setTimeout(() => { if (window.Plotly && state?.opened) redraw(); }, 250); });
 
 export async function redraw() {
   for (const place of places()) await draw(place);
+  await pairs();
 }
 measure.prepare(() => { if (window.Plotly && state?.opened) cursors(); });
 
+$("pairs").addEventListener("toggle", () => { if (state && $("pairs").open) pairs().catch((e) => complain(e.message)); });
 $("leftover").addEventListener("toggle", () => { if (state && $("leftover").open) show(state).catch((e) => complain(e.message)); });
 
 // Fetches the figures of the chosen record and cell, and draws them.
@@ -258,6 +274,7 @@ export async function show(next, fresh) {
     specs[place] = { name, figure: found };
     await draw(place);
   }
+  await pairs();
   tell();
   $("stage").dataset.version = state.version;
 }
@@ -313,8 +330,8 @@ function string() {
   for (let k = 1; k <= state.opened.cells; k++) {
     const c = known?.[k - 1];
     const sensed = state.opened.sensors.includes(k);
-    const told = !sensed ? "no sensor" : c?.error_K === undefined || c.error_K === null ? "sensor" : K(c.error_K);
-    const label = `cell ${k}: ${sensed ? (c ? `error ${told}, ${c.ratio?.toFixed(1)} times the noise` : "sensor") : "no sensor"}` +
+    const told = !sensed ? "no sensor" : c?.error_K === undefined || c.error_K === null ? "sensor" : K(c.error_K, 2);
+    const label = `cell ${k}: ${sensed ? (c ? `error ${K(c.error_K)}, ${c.ratio?.toFixed(1)} times the noise` : "sensor") : "no sensor"}` +
       (c ? `; core up to ${c.core_C?.toFixed(1)} °C, ± ${K(c.core_95_K)}` : "");
     nodes.push(el("button", { class: `cell${sensed ? "" : " unseen"}`, type: "button", id: `cell-${k}`, title: label, "aria-label": label,
       "aria-pressed": String(k === ui.cell), style: sensed && c?.ratio ? `background:${tint(c.ratio)}` : null,

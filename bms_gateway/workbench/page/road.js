@@ -126,13 +126,21 @@ function opened() {
     ...(state.dropped ? [el("p", { class: "alarm", id: "dropped" }, state.dropped)] : []),
     ...(state.session?.notes ? [el("h3", {}, "Notes"), el("p", { class: "written", id: "notes-told" }, state.session.notes)] : []),
     el("h3", {}, "Records"),
-    el("ul", {}, ...o.records.map((r) => el("li", {}, `${short(r.source)}: ${r.minutes.toFixed(0)} min, ${r.readings} readings of cell${r.cells.length > 1 ? "s" : ""} ${r.cells.join(", ")}${r.core ? "; a thermocouple in a core, used to judge only" : ""}`))),
+    el("ul", {}, ...o.records.map((r) => el("li", {}, `${short(r.source)}: ${r.minutes.toFixed(0)} min, ${r.readings} readings of cell${r.cells.length > 1 ? "s" : ""} ${counted(r.cells)}${r.core ? "; a thermocouple in a core, used to judge only" : ""}`))),
     el("h3", {}, "Direct checks"),
     o.checks.length
       ? el("ul", { class: "checks" }, ...o.checks.map((c) => el("li", { class: c.severity }, el("b", {}, `${c.weight}: `), by(c) + c.sentence)))
       : el("p", { class: "muted" }, "The checks found nothing wrong: signs, gaps, stuck sensors, soak and spans are plausible."),
     o.notes.length ? fold("notes", "How the data were read", el("ul", {}, ...o.notes.map((n) => el("li", {}, by(n) + n.note)))) : "",
   );
+}
+
+// Numbers as a list, of which many in a row are told by their ends.
+const MANY = 6;
+function counted(cells) {
+  const runs = [];
+  for (const k of cells) { if (runs.length && runs.at(-1).at(-1) === k - 1) runs.at(-1).push(k); else runs.push([k]); }
+  return runs.map((r) => (r.length > MANY ? `${r[0]} to ${r.at(-1)}` : r.join(", "))).join(", ");
 }
 
 const none = (text) => [el("p", { class: "muted" }, text)];
@@ -193,10 +201,13 @@ function verdict() {
 
 const inModel = (key) => state.steps.some((s) => s.words.some((w) => w === key || w === key.split(":")[0])) || state.opened?.effects.includes(key);
 
+// A number in thousands and more, such as 2.0·10⁶.
+const power = (x) => x.toExponential(1).replace(/e\+(\d+)$/, (_, digits) => `·10${[...digits].map((k) => "⁰¹²³⁴⁵⁶⁷⁸⁹"[k]).join("")}`);
+
 function effect(r, i, d) {
   const id = `effect-${i}`;
   const open = ui.open.includes(id);
-  const odds = r.evidence === null ? "–" : (Math.abs(r.evidence) >= 1000 ? r.evidence.toExponential(1).replace("e+", "e") : r.evidence.toFixed(Math.abs(r.evidence) < 10 ? 1 : 0)).replace("-", "−");
+  const odds = r.evidence === null ? "–" : (Math.abs(r.evidence) >= 1000 ? power(r.evidence) : r.evidence.toFixed(Math.abs(r.evidence) < 10 ? 1 : 0)).replace("-", "−");
   const point = () => { if (r.drawn) preview(r.name); };
   const leave = () => preview(null);
   const button = el("button", { type: "button", id, "aria-expanded": String(open), onmouseenter: point, onmouseleave: leave, onfocus: point, onblur: leave,
@@ -398,11 +409,14 @@ function away() {
     el("p", {}, el("button", { type: "button", id: "take-report", "data-work": true, onclick: attempt(report) }, "HTML report of what is shown")),
     el("p", {}, el("a", { href: url("session"), id: "take-session", download: "session.json", onclick: session }, "Session file: the names of the files, the steps and the notes, to go on later or elsewhere")));
   takeLines.replaceChildren(
-    el("h3", {}, "The same by commands"), el("pre", { id: "commands" }, state.commands.join("\n")),
+    el("h3", {}, "The same by commands"), el("pre", { id: "commands" }, ...state.commands.flatMap(whole)),
     el("button", { type: "button", onclick: attempt(async () => navigator.clipboard.writeText(state.commands.join("\n"))) }, "Copy"),
     el("h3", {}, "In the gateway's config"), el("pre", { id: "config-lines" }, state.config),
     el("p", { class: "muted" }, "Put the model file beside the config; run and analyze then estimate with it."));
 }
+
+// A line of commands that is broken between words alone: "--model" stays whole.
+const whole = (line, k) => [k ? "\n" : "", ...line.split(" ").flatMap((word, i) => [i ? " " : "", el("span", {}, word)])];
 
 async function report() {
   const response = await fetch(`/api/take?${new URLSearchParams({ desk: ui.desk, what: "report" })}`);

@@ -17,7 +17,7 @@ export function el(tag, attributes = {}, ...children) {
 // What a reload keeps, of this tab alone.
 const KEPT = "workbench";
 export const ui = Object.assign(
-  { desk: "", tab: "open", record: 0, cell: 0, off: [], session: null, open: [], tracks: [], beside: [], by: "start", cursors: null, measuring: false },
+  { desk: "", tab: "open", record: 0, cell: 0, off: [], session: null, open: [], tracks: [], beside: [], by: "start", cursors: null, measuring: false, pair: null },
   JSON.parse(sessionStorage.getItem(KEPT) || "{}"),
 );
 export const keep = (change = {}) => {
@@ -25,9 +25,20 @@ export const keep = (change = {}) => {
   sessionStorage.setItem(KEPT, JSON.stringify(ui));
 };
 
-export function complain(text) {
+function say(text) {
   $("error").hidden = !text;
   if ($("error-text").textContent !== (text || "")) $("error-text").textContent = text || "";
+}
+
+// What went wrong with a wish stays until the next wish; the desk takes back only what it has said itself.
+let ofDesk = "";
+export function complain(text) {
+  ofDesk = "";
+  say(text);
+}
+export function fault(text) {
+  if (text ? text !== ofDesk : ofDesk) say(text);
+  ofDesk = text;
 }
 
 async function answered(response) {
@@ -45,6 +56,13 @@ async function asked(url, how) {
   return answered(response);
 }
 
+// How much of what a person asked for is still under way, for those who wait until the page has come to rest.
+let underway = 0;
+const until = async (work) => {
+  document.body.dataset.underway = ++underway;
+  try { return await work(); } finally { document.body.dataset.underway = --underway; }
+};
+
 // What a person does before this tab has its desk waits for it.
 let claimed = null;
 export const desked = new Promise((done) => { claimed = done; });
@@ -52,12 +70,12 @@ export const claim = () => claimed();
 const AT_ONCE = ["desk", "resume"]; // asked for on the way to a desk
 
 export const get = (what, query = {}) => asked(`/api/${what}?${new URLSearchParams({ desk: ui.desk, ...query })}`);
-export const post = async (what, body = {}) => {
+export const post = (what, body = {}) => until(async () => {
   if (!AT_ONCE.includes(what)) await desked;
   return asked(`/api/${what}?${new URLSearchParams({ desk: ui.desk })}`, {
     method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body),
   });
-};
+});
 export const upload = async (file) => {
   await desked;
   return asked(`/api/upload?${new URLSearchParams({ desk: ui.desk, name: file.name })}`, {
@@ -69,7 +87,7 @@ export const upload = async (file) => {
 export const attempt = (work) => async (...words) => {
   try {
     complain("");
-    await work(...words);
+    await until(() => work(...words));
   } catch (e) { complain(e.message); }
 };
 

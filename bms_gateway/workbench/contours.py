@@ -1,0 +1,42 @@
+"""What a fit knows of its numbers two by two: the page draws the contours of any two of them.
+
+The posterior is taken for a Gaussian of the fit's coordinates. Most of these are logarithms, so that a contour of the
+numbers themselves is an ellipse that is bent where they are known badly.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from bms_gateway.diagnosis.core_band import posterior
+from bms_gateway.identify.map_fit import MapFit
+from bms_gateway.report.html_correlation import shown
+from bms_gateway.report.html_tables import called, shown_as
+
+
+def known(fit: MapFit) -> dict[str, Any]:
+    """Give each number of a fit that is no start, with what was known of it before, and the covariance of all.
+
+    A number is `scale` times its coordinate, or times the exponential of it where `log` says so.
+    """
+    at = shown(fit)
+    numbers = []
+    for i in at:
+        c = fit.problem.coordinates[i]
+        plain = shown_as(c, fit.problem.model)
+        numbers.append(
+            {
+                "key": c.name,
+                "name": called(c),
+                "unit": plain.unit,
+                "scale": _short(plain.scale),
+                "log": plain.log,
+                "at": _short(float(fit.theta[i])),
+                "before": [_short(c.prior), _short(c.sd)],
+            }
+        )
+    return {"numbers": numbers, "covariance": [list(map(_short, row)) for row in posterior(fit)[np.ix_(at, at)]]}
+
+
+def _short(x: float) -> float:
+    return float(f"{x:.7g}")
