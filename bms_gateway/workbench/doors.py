@@ -54,7 +54,7 @@ class Door:
     def __init__(self, host: str, address: str, port: int, more: Iterable[str] = ()) -> None:
         self.local = is_loopback(address)
         self._port, self._lock = port, threading.Lock()
-        self._shown = own_address(address) if host in WILDCARDS else host
+        self._shown = own_address(address) if address in WILDCARDS else host
         others = () if self.local else (socket.gethostname(), self._shown)
         self.known = names(host, port).union(
             *(names(x, port) for x in others), (_with_port(x, port).lower() for x in more)

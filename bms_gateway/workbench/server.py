@@ -79,6 +79,8 @@ class Server(ThreadingHTTPServer):
     def __init__(
         self, site: Site, host: str, port: int, more: Iterable[str] = (), tell: Callable[[str], None] | None = None
     ) -> None:
+        if not host.strip():  # a variable of a script that is not set; the system would take it for every address
+            raise UsageError("workbench: --host is empty; give an address of this machine, or 0.0.0.0 for all of them")
         self.address_family = socket.AF_INET6 if ":" in host else socket.AF_INET
         try:
             super().__init__((host, port), Handler)

@@ -193,6 +193,13 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "Block: 0  ->  1": READ_AT,
         "Block: 0  ->  1  #2": READ_AT,
         "layout_of: True  ->  False": STRICT,
+        "_unpacked: True  ->  False": STRICT,
+        "_sorted: 1  ->  2": "numpy finds the length of an axis for any negative number",
+        "_unsorted: 1  ->  2": "numpy finds the length of an axis for any negative number",
+        "packed: 6  ->  7": "how hard it is packed; what is unpacked is the same",
+        "_blocks: at < len(raw)  ->  at <= len(raw)": "behind the last byte nothing is found, nor damaged",
+        "_blocks: further < 0  ->  further <= 0": "a further place lies behind this one, so it is never 0",
+        "_blocks: 0  ->  1  #2": "a further place lies behind this one, so it is never 0",
     },
     "bms_gateway/store/trial.py": {
         "Trial.__init__: 0.0  ->  1.0": "asked after `begin`, which sets it, or a second after the boot",

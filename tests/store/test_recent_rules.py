@@ -2,6 +2,7 @@
 
 import errno
 import json
+import os
 import struct
 import zlib
 from pathlib import Path
@@ -420,6 +421,22 @@ def test_a_disk_that_refuses_costs_what_waits_and_says_why(tmp_path):
     ring.add(noise(6), ONE)
     assert ring.flush() is None
     assert len(samples(read(ring.directory)[0])) == 6
+
+
+def test_a_segment_that_somebody_deletes_at_the_same_moment_is_no_failure(tmp_path, monkeypatch):
+    real = Path.unlink
+
+    def unlink(path, **how):
+        os.unlink(path)
+        real(path, **how)
+
+    monkeypatch.setattr(module, "SEGMENT_BYTES", (1, 1))
+    monkeypatch.setattr(Path, "unlink", unlink)
+    ring = Recent(tmp_path, 0.001)
+    for _ in range(4):
+        ring.add(noise(40), ONE)
+        assert ring.flush() is None
+    assert len(samples(read(tmp_path)[0])) % 40 == 0
 
 
 def test_a_new_segment_is_known_to_the_disk_by_its_name(tmp_path, monkeypatch):

@@ -253,6 +253,24 @@ def test_an_address_of_another_machine_is_refused_in_one_line(capsys, monkeypatc
     assert capsys.readouterr().err.count("\n") == 1
 
 
+@pytest.mark.parametrize("host", ["", " "])
+def test_an_empty_host_does_not_open_the_page_to_every_network(host, capsys, monkeypatch):
+    monkeypatch.setattr("signal.signal", lambda *_: None)
+    monkeypatch.setattr(Server, "serve_forever", lambda *_, **__: pytest.fail("it serves"))
+    assert main(["workbench", "--host", host, "--port", "0"]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+@pytest.mark.parametrize("host", ["0", "0x0", "0.0.0.0", "::", "0::"])
+def test_whichever_way_all_addresses_are_written_the_one_that_is_printed_can_be_opened(host):
+    """`--host 0` printed http://0:8420/."""
+    every = "::" if ":" in host else "0.0.0.0"
+    door = Door(host, every, 8420)
+    assert urlsplit(door.url).hostname == doors.own_address(every).lower()
+    assert door.refusal("GET", {"host": urlsplit(door.url).netloc.lower()}, "127.0.0.1") == ""
+    assert not door.local
+
+
 @pytest.mark.parametrize(
     ("host", "port", "more", "known"),
     [
