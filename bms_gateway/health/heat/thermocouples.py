@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bms_gateway.health.heat.filter import CASING_SD, READING_SD
 from bms_gateway.thermal import Floats
@@ -68,8 +69,8 @@ class Thermocouples:
         for now in y:  # steps show between rare frames too
             moved = np.abs(now - self._newest)
             changed = moved > SAME
-            self._common = np.where(changed, common_divisor(self._common, moved), self._common)
-            self._whole = np.where(self._changes < ENOUGH, common_divisor(self._whole, np.abs(now)), self._whole)
+            self._common = finer(self._common, moved, changed)
+            self._whole = finer(self._whole, np.abs(now), self._changes < ENOUGH)
             self._changes += changed
             self._newest = np.where(np.isfinite(now), now, self._newest)
         change = np.abs(np.diff(np.concatenate((self._last[None], y)), axis=0))
@@ -99,6 +100,21 @@ class Thermocouples:
             raise ValueError("heat: not of these strings")
         self._common, self._noise, self._newest = np.where(step > 0.0, step, np.inf), noise, newest
         self._changes = np.where(step > 0.0, ENOUGH, 0)
+
+
+def finer(step: Floats, x: Floats, asked: NDArray[np.bool_]) -> Floats:
+    """Make steps divide `x` too where they are asked to; nearly always they do already, which is quickly seen.
+
+    >>> finer(np.array([0.5, 0.5, 0.5]), np.array([1.5, 0.7, 0.7]), np.array([True, True, False])).round(4).tolist()
+    [0.5, 0.1, 0.5]
+    """
+    asked = asked & np.isfinite(x)
+    if not asked.any():
+        return step
+    known = np.isfinite(step) & (step > SAME)
+    of = np.where(known, step, 1.0)
+    divided = known & (np.abs(x - of * np.rint(x / of)) < SAME)
+    return step if divided[asked].all() else np.where(asked, common_divisor(step, x), step)
 
 
 def common_divisor(a: Floats, b: Floats) -> Floats:
