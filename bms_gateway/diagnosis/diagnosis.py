@@ -213,7 +213,7 @@ def _diagnosed(model: StringModel, records: Sequence[Record], settings: Settings
         if _only_voltage(by_voltage):
             other.physical = found.rounds
             return _with_doubt(replace(by_voltage, sentence=f"{by_voltage.sentence} {INPUT_ONLY}"))
-    open_rows = found.hopeless or (found.left_open > 0.0 and not first.unknown_remains)
+    open_rows = found.hopeless or (found.left_open > 0.0 and first.verdict == "adequate")
     if open_rows or not needs_second(found) or (model.cells > 1 and not _doubtful(first)):
         return _with_doubt(first)
     second = second_search(model, ready, progress=lambda share, text: tell(0.6 + 0.4 * share, text))
