@@ -104,6 +104,7 @@ class Alerting:
         for s in self._estimators.strings:
             s.hot = self.limits.over(s.mine)
             s.runaway = bool(self.runaway.latched[s.mine].any())
+            s.burning = s.runaway or self.limits.measured_over(s.mine)
         return told
 
     def step(self, t1: int, heard: int, *, silent: bool) -> list[Alerted]:

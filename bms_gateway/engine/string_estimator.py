@@ -135,8 +135,9 @@ class StringEstimator:
         With `ageing` and `mismatch`, which are what is asked for most.
     kept : CellNumbers or None
         What a commissioning run left in its model.
-    hot, runaway : bool
-        Whether a cell is over its limit or lost in heat; whether one has run away.
+    hot, burning, runaway : bool
+        Whether a cell is over its limit or lost in heat; whether a measured surface is so, or a cell runs away; whether
+        one has run away.
     forecast : Forecast or None
         What comes next, renewed every ten seconds; None before anything is known.
     """
@@ -156,6 +157,7 @@ class StringEstimator:
     cells: CellIdentifier | None = None
     kept: CellNumbers | None = None
     hot: bool = False
+    burning: bool = False
     runaway: bool = False
     forecast: Forecast | None = None
 

@@ -301,6 +301,10 @@ class Limits:
         """Tell whether any of some cells is over a limit or lost in heat."""
         return bool((self.core.over[part] | self.surface.over[part] | self.lost[part]).any())
 
+    def measured_over(self, part: slice) -> bool:
+        """Tell whether any of some cells has a surface that was read over its limit, or is lost in heat."""
+        return bool((self.surface.over[part] | self.lost[part]).any())
+
     def acknowledge(self, part: slice) -> bool:
         """End the alarms of some cells; a cell that is still too hot raises a new one. Return whether one ended."""
         was = bool(self.lost[part].any())

@@ -90,7 +90,7 @@ class Verdict:
     cools : bool
         Whether no current flows and all thermocouples fall: when some were set aside, few cannot tell heat then.
     too_hot : bool
-        Whether an alarm of a limit or of a runaway is on in the string: its heat is not over.
+        Whether a surface of the string is over its limit, or a cell runs away: heat of the string is not over.
     """
 
     s: int
@@ -384,7 +384,7 @@ class Verdict:
             most = float(heat.sum()) + sqrt(max(0.0, float(P.sum())))
             chance = chance and most < ENDED_SHARE * g.size  # a large sd alone does not end it
             cold = float(heat.sum()) < LEAST_RATE * float(f.usual.C[s, g.place])
-            seen = watched(f, s, g.place, self.read) and not self.too_hot
+            seen = not self.too_hot and (not self._proven or watched(f, s, g.place, self.read))
             return self._quiet(g, now_ns, (chance or cold) and seen, ENDED_S)
         if g.kind is Kind.JUMP:
             return self._quiet(g, now_ns, abs(float(f.z[s, at.bias.start + g.place])) < BACK_JUMP, 60.0)
