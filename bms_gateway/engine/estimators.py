@@ -225,7 +225,7 @@ class Estimators:
             found += [(group.members[j], f) for j, f in new]
             for s, v in zip(group.strings, watch.verdicts, strict=True):
                 s.health.heat = v.findings
-                v.too_hot = s.burning
+                v.burning = s.burning
             heats = self.newest.heat.copy(), self.newest.heat_sd.copy()  # whoever has the last ones keeps them
             group.put(heats[0], watch.told.heat)
             group.put(heats[1], watch.told.heat_sd)

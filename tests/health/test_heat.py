@@ -448,7 +448,7 @@ def burning(seed: int) -> list[tuple[str, int | None, int, bool]]:
     for k, row in enumerate(y):
         tick = HeatTick(zero, None, zero, np.full(1, 25.0 + 0.01 * (k % 2)), row[None, :], np.zeros((1, n)))
         since = k if row.max() >= 80.0 else since
-        watch.verdicts[0].too_hot = hot = k - since < 30 and since > 0
+        watch.verdicts[0].burning = hot = k - since < 30 and since > 0
         told += [(f.code, f.cell, f.level, hot) for _, f in watch.add(k * 10**9, tick) or ()]
     assert true.max() > 500.0
     return told

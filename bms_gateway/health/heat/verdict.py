@@ -89,7 +89,7 @@ class Verdict:
         Thermocouples that were used in the last step.
     cools : bool
         Whether no current flows and all thermocouples fall: when some were set aside, few cannot tell heat then.
-    too_hot : bool
+    burning : bool
         Whether a surface of the string is over its limit, or a cell runs away: heat of the string is not over.
     """
 
@@ -102,7 +102,7 @@ class Verdict:
     woke_ns: int | None = None
     read: Bools = field(init=False)
     cools: bool = False
-    too_hot: bool = False
+    burning: bool = False
     _proven: bool = False
     _stands: int = 0
     _stood_ns: int = 0
@@ -384,7 +384,7 @@ class Verdict:
             most = float(heat.sum()) + sqrt(max(0.0, float(P.sum())))
             chance = chance and most < ENDED_SHARE * g.size  # a large sd alone does not end it
             cold = float(heat.sum()) < LEAST_RATE * float(f.usual.C[s, g.place])
-            seen = not self.too_hot and (not self._proven or watched(f, s, g.place, self.read))
+            seen = not self.burning and (not self._proven or watched(f, s, g.place, self.read))
             return self._quiet(g, now_ns, (chance or cold) and seen, ENDED_S)
         if g.kind is Kind.JUMP:
             return self._quiet(g, now_ns, abs(float(f.z[s, at.bias.start + g.place])) < BACK_JUMP, 60.0)
