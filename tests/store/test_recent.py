@@ -316,16 +316,12 @@ def test_strings_without_a_sample_are_told(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "line",
-    [
-        b'{"a":[' + b"[]," * (5 << 20) + b"[]]}",
-        b'{"a":[' + b"[]," * (21 << 20) + b"[]]}",
-        b'{"a":[' + b"1," * (7 << 20) + b"1]}",
-    ],
+    ("item", "count"),
+    [(b"[]", 5 << 20), (b"[]", 21 << 20), (b"1", 7 << 20)],
 )
-def test_a_block_of_some_kilobytes_does_not_fill_the_memory(tmp_path, line):
+def test_a_block_of_some_kilobytes_does_not_fill_the_memory(tmp_path, item, count):
     """64 kB of empty lists took 1.7 GB and 22 s."""
-    ring, problems = laid(tmp_path / "recent", line), []
+    ring, problems = laid(tmp_path / "recent", b'{"a":[' + (item + b",") * count + item + b"]}"), []
     assert (ring / "recent-00000001").stat().st_size < 100_000
     tracemalloc.start()
     assert samples(ring, problems) == []
