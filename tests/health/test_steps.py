@@ -32,3 +32,31 @@ def test_the_step_of_a_bus_is_found_from_noisy_readings() -> None:
         y = np.round(rng.normal(25.0, 0.3, (10, 2, 3)) / 0.1) * 0.1
         thermocouples.take(y, np.zeros_like(y), 1.0)
     assert np.allclose(thermocouples.step, 0.1)
+
+
+@pytest.mark.parametrize("step", [0.5, 1.0])
+@pytest.mark.parametrize("rate", [0.2, 1.0, 2.0])
+def test_means_over_a_second_of_a_coarse_reading_do_not_make_it_fine(step, rate) -> None:
+    """A log that was resampled from ten readings a second to one has the mean of both where a reading changed."""
+    rng = np.random.default_rng(2)
+    time_s = np.arange(6000) / 10.0
+    true = 20.0 + rng.uniform(0.0, step, 3) + rate * time_s[:, None] / 60.0
+    y = (np.floor(true / step) * step).reshape(-1, 10, 3).mean(axis=1)
+    assert (np.abs(y / step - np.rint(y / step)) > SAME).sum() > 2
+    thermocouples, moved = Thermocouples(1, 3), np.zeros(3, bool)
+    for k in range(1, len(y)):
+        thermocouples.take(y[k, None, None], np.zeros((1, 1, 3)), 1.0)
+        moved |= np.abs(y[k] - y[k - 1]) > SAME
+        assert k < 30 or (thermocouples.step[0, moved] > step - SAME).all()
+    assert np.allclose(thermocouples.step[0, np.ptp(y, axis=0) > 3.0 * step], step)
+    kept = Thermocouples(1, 3)
+    kept.restore(thermocouples.snapshot())
+    assert (kept.step[0, moved] > step - SAME).all()
+
+
+def test_a_fine_reading_that_is_held_for_seconds_stays_fine() -> None:
+    rng = np.random.default_rng(3)
+    y = np.repeat(np.round(rng.normal(25.0, 0.05, (40, 1, 3)) / 0.01) * 0.01, 8, axis=0)
+    thermocouples = Thermocouples(1, 3)
+    thermocouples.take(y, np.zeros_like(y), 1.0)
+    assert (thermocouples.step < 0.05).all()

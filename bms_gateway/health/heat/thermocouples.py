@@ -17,6 +17,9 @@ COARSEST = 1.0
 ENOUGH = 3
 """Changes of a reading that tell its step. Before, it is at most what the readings of the string have in common: a bus
 counts temperatures in whole steps, mostly from 0 °C, and all of them alike."""
+STAIRS = 4
+"""Readings equal to the one before, per reading that is not, from which on a thermocouple reads in stairs. What a
+resampled log has between two stairs is their mean: steps are learnt from values that were read twice in a row."""
 
 
 class Thermocouples:
@@ -30,17 +33,19 @@ class Thermocouples:
 
     def __init__(self, strings: int, sensors: int) -> None:
         shape = strings, sensors
-        self._last, self._newest = np.full((2, *shape), np.nan)
-        self._common, self._whole = np.full((2, *shape), np.inf)
-        self._changes = np.zeros(shape, np.int64)
+        self._last = np.full(shape, np.nan)
+        self._all, self._stairs = Values(shape), Values(shape)
+        self._repeats = np.zeros(shape, np.int64)
         self._noise = np.full(shape, READING_SD**2)
 
     @property
     def step(self) -> Floats:
         """Steps of the readings (S, m), K; 0 where none is known."""
-        together = np.minimum(self._whole.min(axis=1, keepdims=True), COARSEST)
-        most = np.where(self._changes < ENOUGH, together, COARSEST)
-        return np.where(np.isfinite(self._common), np.minimum(self._common, most), 0.0)
+        stairs = self._repeats >= STAIRS * np.maximum(self._all.changes, 1)
+        # a mean was read, and no second stair yet: the steps are those of the first
+        first = stairs & (self._all.changes > 0) & (self._stairs.changes == 0)
+        step = np.where(stairs, self._stairs.step, self._all.step)
+        return np.where(first, common_divisor(np.full(step.shape, COARSEST), self._stairs.most), step)
 
     def pause(self) -> None:
         """Take in a time without frames."""
@@ -67,12 +72,10 @@ class Thermocouples:
         mean = np.where(there, y, 0.0).sum(axis=0) / divisor
         lag = np.where(there, age + back, 0.0).sum(axis=0) / divisor
         for now in y:  # steps show between rare frames too
-            moved = np.abs(now - self._newest)
-            changed = moved > SAME
-            self._common = finer(self._common, moved, changed)
-            self._whole = finer(self._whole, np.abs(now), self._changes < ENOUGH)
-            self._changes += changed
-            self._newest = np.where(np.isfinite(now), now, self._newest)
+            stands = np.abs(now - self._all.newest) <= SAME
+            self._repeats += stands
+            self._all.take(now)
+            self._stairs.take(np.where(stands, now, np.nan))
         change = np.abs(np.diff(np.concatenate((self._last[None], y)), axis=0))
         both = np.isfinite(change)
         square = np.where(both, np.square(change), 0.0).sum(axis=0) / 2.0
@@ -84,7 +87,9 @@ class Thermocouples:
 
     def snapshot(self) -> dict[str, Any]:
         """Return what a restart takes up: steps, K, noise, K², and newest readings, °C."""
-        named = {"step": self._common, "noise": self._noise, "newest": self._newest}
+        stairs = self._repeats >= STAIRS * np.maximum(self._all.changes, 1)
+        step = np.where(stairs, self._stairs.common, self._all.common)
+        named = {"step": step, "noise": self._noise, "newest": self._all.newest}
         return {k: [[x if np.isfinite(x) else None for x in row] for row in v.tolist()] for k, v in named.items()}
 
     def restore(self, state: Mapping[str, Any]) -> None:
@@ -98,8 +103,49 @@ class Thermocouples:
         step, noise, newest = (np.array(state[k], np.float64) for k in ("step", "noise", "newest"))  # None is NaN
         if not step.shape == noise.shape == newest.shape == self._noise.shape or not (noise >= 0.0).all():
             raise ValueError("heat: not of these strings")
-        self._common, self._noise, self._newest = np.where(step > 0.0, step, np.inf), noise, newest
-        self._changes = np.where(step > 0.0, ENOUGH, 0)
+        self._noise = noise
+        for values in (self._all, self._stairs):
+            values.common, values.newest = np.where(step > 0.0, step, np.inf), newest
+            values.changes = np.where(step > 0.0, ENOUGH, 0)
+
+
+class Values:
+    """What values that thermocouples read have in common.
+
+    Attributes
+    ----------
+    newest : ndarray (S, m), °C
+        The last value; NaN before the first.
+    common : ndarray (S, m), K
+        Greatest common divisor of all changes; infinite before the first.
+    changes : ndarray (S, m)
+        Their number.
+    """
+
+    def __init__(self, shape: tuple[int, int]) -> None:
+        self.newest = np.full(shape, np.nan)
+        self.common, self._whole = np.full((2, *shape), np.inf)
+        self.changes = np.zeros(shape, np.int64)
+
+    @property
+    def most(self) -> Floats:
+        """The greatest step that the values allow (S, m), K."""
+        together = np.minimum(self._whole.min(axis=1, keepdims=True), COARSEST)
+        return np.where(self.changes < ENOUGH, together, COARSEST)
+
+    @property
+    def step(self) -> Floats:
+        """Steps of the values (S, m), K; 0 where none is known."""
+        return np.where(np.isfinite(self.common), np.minimum(self.common, self.most), 0.0)
+
+    def take(self, now: Floats) -> None:
+        """Take in values (S, m), °C, NaN where there are none."""
+        moved = np.abs(now - self.newest)
+        changed = moved > SAME
+        self.common = finer(self.common, moved, changed)
+        self._whole = finer(self._whole, np.abs(now), self.changes < ENOUGH)
+        self.changes += changed
+        self.newest = np.where(np.isfinite(now), now, self.newest)
 
 
 def finer(step: Floats, x: Floats, asked: NDArray[np.bool_]) -> Floats:
