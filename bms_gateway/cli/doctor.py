@@ -1,9 +1,11 @@
 """`doctor`: what this computer lacks to run the gateway, and the command for it."""
 
 import argparse
+import re
 from pathlib import Path
 
 from bms_gateway.cli.main import Parser
+from bms_gateway.errors import UsageError
 
 EXAMPLE = """
   bms-gateway doctor
@@ -27,6 +29,9 @@ def run(args: argparse.Namespace) -> int:
     from bms_gateway.service.doctor import examine, state_folder
 
     writable({"--json": args.json})
+    if args.interface is not None and not re.fullmatch(r"[A-Za-z0-9_.:-]{1,15}", args.interface):
+        # what is printed is there to be pasted into a shell
+        raise UsageError(f"--interface {args.interface!r}: an interface has a name of 1 to 15 letters and digits: can0")
     channel, store = args.interface or "can0", None
     if args.config is not None:
         from bms_gateway.config.load import load_config

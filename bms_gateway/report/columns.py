@@ -15,7 +15,7 @@ __all__ = ["UNITS", "Column", "bare_unit", "find_columns", "quantity_of", "split
 _F: Final = (5 / 9, -160 / 9)
 _TEMPERATURE: Final = {
     **dict.fromkeys(("°C", "C", "degC", "deg C", "℃", "ºC", "Celsius"), (1.0, 0.0)),
-    **dict.fromkeys(("K", "Kelvin", "°K", "degK"), (1.0, -273.15)),
+    **dict.fromkeys(("K", "Kelvin", "°K", "degK", "deg K"), (1.0, -273.15)),
     **dict.fromkeys(("°F", "F", "degF", "deg F", "ºF", "Fahrenheit"), _F),
     **dict.fromkeys(("m°C", "mdegC"), (1e-3, 0.0)),
     "mK": (1e-3, -273.15),
@@ -62,6 +62,12 @@ _BASES: Final[dict[str, tuple[str, str]]] = {
 _OURS: Final = {own.lower(): own for own, _ in _BASES.values()}
 _CELL: Final = re.compile(rf"({'|'.join(CELL_COLUMNS)})_([1-9][0-9]{{0,5}})")
 _CELL_KIND: Final[dict[str, str]] = {**{q: INPUTS[q].kind for q in CELL}, "core": "temperature"}
+_BEHIND: Final = re.compile(r"(.*\S)\s*[,;]\s*([^,;]+)")
+_NO_WORDS: Final = frozenset(
+    {"degC", "degF", "degK", "deg C", "deg F", "deg K", "m°C", "mdegC", "mK", "Celsius", "Fahrenheit", "Kelvin"}
+    | {"mA", "kA", "uA", "µA", "mV", "kV"}
+)
+"""Units that are units wherever they stand last in a name; others must stand behind a comma or in brackets."""
 _BRACKETS: Final = re.compile(r"(.*?)[\s_]*[\[(]\s*([^\[\]()]{0,30}?)\s*[\])]")
 
 
@@ -209,6 +215,12 @@ def _mapped(path: object, ours: str, column: str, names: Sequence[str], units: M
         factors = _unit(quantity, unit) if unit else None
         if unit and factors is None and _ELSE.fullmatch(unit):
             raise _no_unit(path, bare, unit, quantity, ours)
+        if not unit and quantity == "temperature" and re.fullmatch(r".*\s[FK]", bare):
+            letter = bare[-1]
+            raise DataError(
+                f"{path}: column {bare!r} for {ours}: is {letter} its unit? say it: "
+                f"--columns '{ours}={column} [{'degF' if letter == 'F' else letter}]', or [°C] if {letter} is a name"
+            )
         return Column(column, *factors, unit) if factors else Column(column)
     base, unit = split_unit(bare)
     if unit is not None and base in names:  # the unit is the user's word
@@ -229,17 +241,23 @@ def _tail(name: str, quantity: str) -> str | None:
 
 
 def split_unit(name: str) -> tuple[str, str | None]:
-    """Part a name and its unit at the end: in brackets, after a slash or "in", or a °C or % that stands alone.
+    """Part a name and its unit at the end: in brackets, after a comma, a slash or "in", or what can only be a unit.
 
     Examples
     --------
     >>> split_unit("Strom (mA)"), split_unit("Strom in mA"), split_unit("Temperatur Zelle °C")
     (('Strom', 'mA'), ('Strom', 'mA'), ('Temperatur Zelle', '°C'))
+    >>> split_unit("TC1 degF"), split_unit("TC1, F"), split_unit("Volt, pack")
+    (('TC1', 'degF'), ('TC1', 'F'), ('Volt, pack', None))
     >>> split_unit("T in C")  # may be an inlet
     ('T in C', None)
     """
     if found := _BRACKETS.fullmatch(name):
         return found[1], found[2]
+    if (found := _BEHIND.fullmatch(name)) and any(found[2].strip() in units for units in UNITS.values()):
+        return found[1], found[2].strip()
+    if tail := next((u for u in _NO_WORDS if name.endswith(f" {u}")), None):
+        return name.removesuffix(tail).strip(), tail
     base, _, unit = name.rpartition(" ")
     if "/" in unit and any(unit in units for units in UNITS.values()):
         return base.strip(), unit

@@ -239,6 +239,8 @@ def _sound(group: list[Member], series: list[Series]) -> Surfaces:
     s = max(group, key=lambda m: m.series.distinct).series
     unit = unit_of(s.info.unit)
     middles = [m.series for m in group if _lives(m.series)]
+    if unit is not None:  # a channel without a sensor fits another scale as well as not
+        middles = [x for x in middles if reading(x, unit)[2] is None] or middles
     typical = sorted(middles, key=lambda x: x.middle)[len(middles) // 2]
     factor, shift, told, clear = _unit_by_data([m.series for m in group], typical, series)
     why = [f"unit {s.info.unit}" if unit else "named as a temperature"]

@@ -151,6 +151,8 @@ def _readable(traffic: Traffic, proposal: Proposal) -> tuple[list[Series], Right
 def _likely(s: Series) -> bool:
     """Whether another reading of the bits is worth telling: of what the gateway could use."""
     unit = unit_of(s.info.unit)
+    if unit is not None and unit.family == "current":
+        return True  # of a shunt, a charger, an inverter: each may be the pack's
     return not has(named(s.info), OTHER_THINGS) and (unit is None or unit.family != "other")
 
 
@@ -311,7 +313,9 @@ def _signed(proposal: Proposal, e: Electrical, c: Scored, by_charge: float | Non
         why.append("so it is positive on charge: scale = -1")
     if e.told and e.ohm is not None:
         scale *= _slipped(abs(e.ohm.resistance) / (proposal.series_cells or 1), c, why)
-        if e.ohm.fine and abs(e.ohm.correlation) > 0.4:
+        # counts that stand for a current say nothing of ohms
+        counts = c.unit is None and not c.series.low <= 0.0 <= c.series.high
+        if e.ohm.fine and abs(e.ohm.correlation) > 0.4 and not counts:
             proposal.resistance = abs(e.ohm.resistance * c.factor / scale)
     return scale
 

@@ -202,3 +202,24 @@ def test_parquet_with_stamps_counts_from_its_first_row(tmp_path):
     table["time_s"] = start + (1e6 * T).astype("timedelta64[us]")
     parquet.write_table(pyarrow.table(table), tmp_path / "t.parquet")
     reads_alike(read_table(tmp_path / "t.parquet"))
+
+
+@pytest.mark.parametrize(
+    "tail", [" degF", ", degF", ", F", ",°F", " deg F", ", deg F", " Fahrenheit", " (degF)", " °F"]
+)
+@pytest.mark.parametrize("asked", [False, True])
+def test_fahrenheit_in_a_name_is_converted_however_it_is_written(tmp_path, tail, asked):
+    name = "TC1" if asked else "surface 1"
+    content = text({NAMES[4]: lambda x: f"{1.8 * x + 32:.6f}"}, (*NAMES[:4], f'"{name}{tail}"'))
+    pairs = parse_columns([f"surface_1_C={name}{tail}"]) if asked else None
+    t = read_table(put(tmp_path, content), pairs)
+    reads_alike(t)
+    assert any("converted from" in n for n in t.notes)
+
+
+@pytest.mark.parametrize("letter", ["F", "K"])
+def test_a_letter_that_may_be_a_unit_is_asked_for(tmp_path, letter):
+    file = put(tmp_path, text(names=(*NAMES[:4], f"TC1 {letter}")))
+    with pytest.raises(DataError, match=rf"is {letter} its unit\? say it: --columns 'surface_1_C=TC1 {letter} \["):
+        read_table(file, parse_columns([f"surface_1_C=TC1 {letter}"]))
+    reads_alike(read_table(file, parse_columns([f"surface_1_C=TC1 {letter} [°C]"])))

@@ -105,3 +105,9 @@ def test_the_command_ends_with_what_it_found(tmp_path, capsys):
     assert not found["ok"]
     assert any(f["name"] == "interface nocan7" and f["state"] == "missing" for f in found["found"])
     assert "missing" in capsys.readouterr().out.splitlines()[-1]
+
+
+@pytest.mark.parametrize("name", ["can0; rm -rf x", "can 0", "$(id)", "", "a" * 16])
+def test_what_no_interface_is_called_is_not_put_into_commands(name, capsys):
+    assert main(["doctor", "--interface", name]) == 2
+    assert "an interface has a name of 1 to 15 letters and digits" in capsys.readouterr().err

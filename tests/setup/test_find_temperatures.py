@@ -150,3 +150,12 @@ def test_every_signal_is_used_or_is_told_why_not(tmp_path) -> None:
     found = proposed(vehicle, tmp_path)
     told = {p.path for p in found.signals} | {path for path, _ in found.unused}
     assert told == {f"{m}.{s}" for m, s in (path.split(".") for path in vehicle.values)}
+
+
+def test_channels_without_a_sensor_do_not_change_the_scale_of_the_others(tmp_path) -> None:
+    """Seven of twelve read the end of their range, 154.6 °C, which is a usual temperature in tenths."""
+    cells = {f"NTC{k + 1}": WARM[:, k] if k < 5 else np.full(len(WARM), 154.6) for k in range(12)}
+    found = list(proposed(plain(cells, unit="degC"), tmp_path).of("surface"))
+    assert {p.path.rpartition(".")[2] for p in found} == {f"NTC{k + 1}" for k in range(5)}
+    assert {(p.factor, p.shift) for p in found} == {(1.0, 0.0)}
+    assert not any("contradicts" in why for p in found for why in p.why)

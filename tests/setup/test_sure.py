@@ -92,3 +92,26 @@ def test_the_first_minute_shows_no_hottest_core(tmp_path, capsys) -> None:
     assert main(["init", str(log), "--dbc", str(dbc), "--cell", "catl_lf280", "--out", str(tmp_path / "v")]) == 0
     line = next(t for t in capsys.readouterr().out.splitlines() if t.startswith("hottest core:"))
     assert 60.0 <= float(line.rsplit(", ", 1)[1].split(" s ")[0]) < SECONDS
+
+
+def test_a_current_of_a_shunt_that_is_declared_unsigned_is_read_with_its_sign(tmp_path) -> None:
+    vehicle = plain({f"CellTemp{k + 1}": drive(8).surface[:, k] for k in range(4)}, unit="degC")
+    signed, unsigned = (f' SG_ Ishunt : 0|32@1{sign} (1,0) [0|0] "mA" B' for sign in "-+")
+    old = ' SG_ PackCurrent : 0|16@1- (0.1,0) [-1000|1000] "A" B'
+    vehicle.dbc = vehicle.dbc.replace(old, signed).replace("PackVoltage : 16|16", "PackVoltage : 32|16")
+    vehicle.values["Elec.Ishunt"] = 1e3 * vehicle.values.pop("Elec.PackCurrent")
+    vehicle.told = [(signed, unsigned)]
+    (current,) = proposed(vehicle, tmp_path).of("current")
+    assert current.path == "Elec.Ishunt"
+    assert current.overrides["signed"] is True
+    assert current.factor == pytest.approx(1e-3)
+
+
+def test_counts_that_stand_for_a_current_tell_no_resistance(tmp_path) -> None:
+    vehicle = plain({f"CellTemp{k + 1}": drive(8).surface[:, k] for k in range(4)}, unit="degC")
+    old = ' SG_ PackCurrent : 0|16@1- (0.1,0) [-1000|1000] "A" B'
+    vehicle.dbc = vehicle.dbc.replace(old, ' SG_ Current_raw : 0|16@1+ (1,0) [0|0] "" B')
+    vehicle.values["Elec.Current_raw"] = 32768 + vehicle.values.pop("Elec.PackCurrent") / 0.02
+    found = proposed(vehicle, tmp_path)
+    assert [p.path for p in found.of("current")] == ["Elec.Current_raw"]
+    assert found.resistance is None
