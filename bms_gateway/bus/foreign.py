@@ -5,14 +5,17 @@ a text reader is started again behind the damaged line, with a blank line in pla
 start. The binary readers continue with the next block of the file where they can.
 """
 
+import gc
 import io
 import logging
 import shutil
 import struct
+import sys
 import tempfile
+import traceback
 import zlib
 from collections.abc import Iterator
-from contextlib import closing, suppress
+from contextlib import closing, contextmanager, suppress
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -173,7 +176,27 @@ def _mf4_reader(source: BinaryIO) -> Any:
     source.seek(0)
     if len(head) < MDF_HEADER or not head.startswith(MDF_STARTS):
         raise EOFError("it has no header of MDF")
-    return can.MF4Reader(source)
+    try:
+        return can.MF4Reader(source)
+    except Exception as error:
+        with _unraised(AttributeError):  # its half-made reader fails again when it is thrown away
+            cause: BaseException | None = error
+            while cause is not None:
+                traceback.clear_frames(cause.__traceback__)
+                cause = cause.__context__
+            gc.collect()
+        raise
+
+
+@contextmanager
+def _unraised(kind: type[Exception]) -> Iterator[None]:
+    """Keep errors of one kind in `__del__` off the terminal."""
+    before = sys.unraisablehook
+    sys.unraisablehook = lambda said: None if issubclass(said.exc_type, kind) else before(said)
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
 
 
 def _opened(path: Path, kind: str) -> IO[bytes]:

@@ -8,8 +8,10 @@ from typing import Final, NamedTuple
 
 from bms_gateway.frames.signal_info import SignalInfo
 
-_RUN_ON: Final = re.compile(r"(bms|bmu|bcu|bmc|pack|string|rack|stack|batt?|hvb|akku)([a-h])", re.I)
+_RUN_ON: Final = re.compile(r"(bms|bmu|bcu|bmc|b?ess|pack|string|rack|stack|batt?|hvb|akku)([a-h])", re.I)
 """A letter that stands for a number and has run onto its word: BMSA, BMSB."""
+_CAPITALS: Final = re.compile(r"([A-Z]{3,})([A-H])")
+"""The same at the end of any word in capitals, where a name is compared with others."""
 _PARTS: Final = re.compile(r"So[CHE](?![a-z])|[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
 
 
@@ -271,13 +273,13 @@ def lettered(text: str) -> tuple[str, tuple[str, ...]]:
     --------
     >>> lettered("StringB_Current"), lettered("T_a"), lettered("BMS_HV")
     (('String@_Current', ('B',)), ('T_@', ('A',)), ('BMS_HV', ()))
-    >>> lettered("BMSA_Temp#")
-    ('BMS@_Temp#', ('A',))
+    >>> lettered("BMSA_Temp#"), lettered("ACCUB_Temp#")
+    (('BMS@_Temp#', ('A',)), ('ACCU@_Temp#', ('B',)))
     """
     found: list[str] = []
 
     def blank(word: re.Match[str]) -> str:
-        if run_on := _RUN_ON.fullmatch(word[0]):
+        if run_on := _RUN_ON.fullmatch(word[0]) or _CAPITALS.fullmatch(word[0]):
             found.append(run_on[2].upper())
             return f"{run_on[1]}@"
         if len(word[0]) > 1 or word[0].upper() not in "ABCDEFGH":

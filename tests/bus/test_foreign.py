@@ -4,6 +4,7 @@ import io
 import itertools
 import logging
 import sys
+from contextlib import suppress
 
 import can
 import pytest
@@ -144,6 +145,20 @@ def test_what_has_no_header_of_mdf_leaves_no_traceback(content: bytes, tmp_path,
     (tmp_path / "b.mf4").write_bytes(content)
     with pytest.raises(DataError, match=r"b.mf4: not a .mf4 log \(it has no header of MDF\)"):
         list(read_log(tmp_path / "b.mf4"))
+    gc.collect()
+    assert not thrown
+
+
+@pytest.mark.parametrize("share", [0.2, 0.5, 0.9])
+def test_mf4_that_was_cut_leaves_no_traceback(share, tmp_path, monkeypatch):
+    pytest.importorskip("asammdf")
+    write(tmp_path / "a.mf4")
+    whole = (tmp_path / "a.mf4").read_bytes()
+    (tmp_path / "a.mf4").write_bytes(whole[: int(share * len(whole))])
+    thrown: list[object] = []
+    monkeypatch.setattr(sys, "unraisablehook", thrown.append)
+    with suppress(DataError):  # what is left of the frames may be readable
+        list(read_log(tmp_path / "a.mf4"))
     gc.collect()
     assert not thrown
 

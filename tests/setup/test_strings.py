@@ -10,7 +10,15 @@ from tests.setup.vehicles import parallel, write
 
 @pytest.mark.parametrize(
     "names",
-    [("String1", "String2"), ("StringA", "StringB"), ("strang_a", "strang_b"), ("BMSA", "BMSB"), ("packa", "packb")],
+    [
+        ("String1", "String2"),
+        ("StringA", "StringB"),
+        ("strang_a", "strang_b"),
+        ("BMSA", "BMSB"),
+        ("packa", "packb"),
+        ("ESSA", "ESSB"),
+        ("ACCUA", "ACCUB"),
+    ],
 )
 def test_each_string_gets_its_own(names, tmp_path) -> None:
     vehicle = parallel(names)
