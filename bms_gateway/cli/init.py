@@ -90,7 +90,7 @@ def _write(
     for text in written.notes:
         note(text)
     if cell is None:
-        note("the cell is unknown (--cell): the bands of the cores are as wide as a guess of its size makes them")
+        note("the cell is unknown (--cell): its size is a guess, and so the cores are sent as doubtful")
     for text in list(advice(settled.uses))[:10]:
         say(text, args.json)
     _show(settled.cores, out, args.json)

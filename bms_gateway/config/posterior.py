@@ -59,7 +59,7 @@ def write_posterior(p: Posterior) -> list[str]:
     why = ["not_proven = [", *(f"  {json.dumps(text, ensure_ascii=False)}," for text in p.not_proven), "]"]
     return [
         "",
-        "[posterior]  # from fit or add: what was fitted (SI), and whether the core is proven; keep as it is",
+        "[posterior]  # the numbers above (SI) and whether they prove the core: it goes when one is changed by hand",
         f"names = {json.dumps(list(p.values))}",
         f"values = {[float(x) for x in p.values.values()]}",
         f"sd = {[float(x) for x in p.sd.values()]}  # of the logarithm where it is known in per cent",

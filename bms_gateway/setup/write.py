@@ -18,7 +18,7 @@ from bms_gateway.frames.dbc_text import format_dbc
 from bms_gateway.frames.vocabulary import INPUTS, WHOLE
 from bms_gateway.setup.proposal import Proposal, Proposed
 from bms_gateway.setup.vehicle_logs import Traffic
-from bms_gateway.thermal import Condition, Prior, StringModel
+from bms_gateway.thermal import Condition, Posterior, Prior, StringModel
 from bms_gateway.thermal.cells import CellFacts, cell_of, cell_priors, stated_parameters
 
 UNKNOWN_CELL: Final = "21700"
@@ -35,6 +35,9 @@ FROM_STEPS_SD: Final = 0.35
 LIQUID: Final = (3.6e6, 2e-3)
 """J/(m³ K) of water with glycol; flows above so many m³/s are of air."""
 AIR: Final = 1190.0
+UNKNOWN_DOUBT: Final = 0.35
+"""Share of core minus surface that may be wrong: as of a model whose core no fit has proven."""
+UNKNOWN_WHY: Final = "the cell is not known and its size is a guess: name the cell (bms-gateway init ... --cell)"
 INLET_UNKNOWN_K: Final = 3.0
 KEYS: Final = {"max": "hottest", "min": "coldest", "mean": "mean"}
 """Keys of the config for the greatest, least and mean surface."""
@@ -136,7 +139,7 @@ def _model(
         priors["C_f"] = Prior(min(max(by_volume * nominal, 1e-2), 1e5), 0.3)
     priors = {name: Prior(float(f"{p.value:.4g}"), p.rel_sd) for name, p in priors.items()}
     capacity = None if lumped.capacity_Ah is None else lumped.capacity_Ah * lumped.parallel
-    return StringModel(
+    model = StringModel(
         cells,
         tuple(sorted(_cell(p, cells) for p in proposal.of("surface") if p.string == string)),
         condition,
@@ -146,6 +149,11 @@ def _model(
         flow=float(f"{nominal:.4g}") if nominal > 0 else None,
         cell_format=_in_words(lumped) if known else None,
     )
+    if known:
+        return model
+    # the drive may fit a wrong size well: what it says of the core is not proven
+    values, sds = model.free_numbers
+    return replace(model, posterior=Posterior(values, sds, 0.0, UNKNOWN_DOUBT, False, (UNKNOWN_WHY,)))
 
 
 def _unknown(round_cells: dict[str, Prior], resistance: float | None, *, conduction: bool) -> dict[str, Prior]:
@@ -179,7 +187,7 @@ def _heading(lumped: CellFacts, known: bool, resistance: float | None) -> str:
         lines.append(f"Cell: {lumped.name}{side}. Formulas and sources: bms-gateway cells '{lumped.name}'")
     else:
         lines.append(
-            "THE CELL IS UNKNOWN: its size is a guess, and the bands of the cores are as wide as that guess makes them."
+            "THE CELL IS UNKNOWN: its size is a guess, and so the cores are sent as doubtful. [posterior] says it."
         )
         lines.append("bms-gateway init … --cell '21700 5Ah 69g 25mOhm 2p' (or lg_m50, pouch …) makes it better.")
     if resistance is not None:

@@ -1,5 +1,7 @@
 """What `init` writes and says of the cells, by the resistance that voltage and current give."""
 
+import csv
+
 import pytest
 
 from bms_gateway.cli.main import main
@@ -37,3 +39,17 @@ def test_an_unknown_cell_may_be_a_flat_one_or_round_ones_in_parallel(tmp_path) -
     for words in ("prismatic 148x91x27mm 50Ah", "prismatic 173x207x72mm 280Ah", "21700 20p"):
         possible = cell_priors(cell_of(words), conduction=True)["R_c"].value
         assert abs(R_c.value - possible) <= 2 * R_c.rel_sd * R_c.value, words
+
+
+def test_cores_of_a_cell_that_is_not_named_are_doubtful_from_the_first_moment(tmp_path, capsys) -> None:
+    log, dbc = write(worded(), tmp_path)
+    for name, words in (("named", ["--cell", "prismatic 148x91x27mm 50Ah"]), ("not_named", [])):
+        config = tmp_path / name
+        assert main(["init", str(log), "--dbc", str(dbc), "--out", str(config), "--yes", *words]) == 0
+        assert main(["check", str(config / "gateway.toml")]) == 0
+        out = tmp_path / f"of_{name}"
+        assert main(["analyze", str(log), "--config", str(config / "gateway.toml"), "--out", str(out)]) == 0
+        rows = csv.DictReader((out / "estimates.csv").read_text().splitlines())
+        doubtful = {r["quality"] for r in rows if r["core_C"]}
+        assert (doubtful == {"doubtful"}) == (name == "not_named")
+    assert "the cell is not known" in capsys.readouterr().out
