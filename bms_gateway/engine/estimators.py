@@ -166,7 +166,8 @@ class Estimators:
             of_each = zip(group.strings, I.tolist(), V.tolist(), IV.tolist(), strict=True)
             heat = group.heat = np.array([s.heat(i, v, iv, dt) for s, i, v, iv in of_each])
         measured = Driven(I2, heat, inlet, flow)
-        e = group.observed.step(readings, measured, y, age)
+        of = None if (some := readings.several) is None else (group.by_cell(some[0]), group.by_cell(some[1]))
+        e = group.observed.step(readings, measured, y, age, of)
         square, inlet = group.observed.plainly(measured)
         driven = measured if group.observed.shares else Driven(square, heat, inlet, flow)
         core, core_sd, surface, centre, centre_sd = e.core, e.core_sd, e.surface, e.centre, e.centre_sd

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ GOOD, STALE, ESTIMATED, NEVER, DOUBTFUL = (
     np.uint8(q) for q in (Quality.GOOD, Quality.STALE, Quality.ESTIMATED, Quality.NEVER, Quality.DOUBTFUL)
 )
 At = slice | NDArray[np.intp]
+T = TypeVar("T", bound=np.generic)
 
 
 @dataclass(slots=True)
@@ -115,7 +116,7 @@ class Group:
             for s, v in zip(self.strings, self.watch.verdicts, strict=True):
                 s.health.heat = v.findings
 
-    def by_cell(self, row: Floats) -> Floats:
+    def by_cell(self, row: NDArray[T]) -> NDArray[T]:
         """Take its cells out of those of all (N,), as (S, n)."""
         return row[self.flat].reshape(len(self.members), self.cells)
 

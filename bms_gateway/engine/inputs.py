@@ -3,6 +3,7 @@
 from math import nan
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bms_gateway.engine.current import Means
 from bms_gateway.engine.events import Notice
@@ -10,7 +11,7 @@ from bms_gateway.engine.input_news import InputNews
 from bms_gateway.engine.integrals import Integrals
 from bms_gateway.engine.places import Places
 from bms_gateway.engine.plan import Channel, Plan
-from bms_gateway.engine.readings import Readings
+from bms_gateway.engine.readings import Assigned, Readings
 from bms_gateway.engine.reasons import REPEATED, UNKNOWN_MUX
 from bms_gateway.engine.samples import Raw, Samples
 from bms_gateway.engine.wiring import Wire, Wiring
@@ -18,7 +19,7 @@ from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.counter import CounterGuard
 from bms_gateway.frames.database import Database
 from bms_gateway.frames.decode import decode
-from bms_gateway.frames.guard import QUALITIES, Guard
+from bms_gateway.frames.guard import QUALITIES, Guard, GuardResult
 from bms_gateway.frames.j1939 import Senders
 from bms_gateway.frames.own_dbc import OWN_DBC
 from bms_gateway.frames.quality import Quality
@@ -149,12 +150,7 @@ class Inputs:
         y = np.where(at.sensed & (seen >= t0), g.value.take(at.surface), nan)
         age = np.where(np.isfinite(y), (t1 - seen) * 1e-9, 0.0)
         own = np.append(g.channel_quality, np.uint8(ESTIMATED)).take(at.surface)
-        for one in self._wiring.several:
-            stamp = int(g.time_ns[one.input])
-            if stamp >= t0:
-                cell, reading = one.place(float(g.value[one.input]), y, expected)
-                if cell >= 0:
-                    y[cell], age[cell], own[cell] = reading, (t1 - stamp) * 1e-9, g.channel_quality[one.input]
+        several = self._assign(g, (y, age, own), expected, t0, t1) if self._wiring.several else None
         # one more at the end, for index −1: a channel that does not exist
         quality = np.append(g.channel_quality, np.uint8(ESTIMATED))
         known = np.append(np.where(g.channel_quality == GOOD, g.value, nan), nan)
@@ -170,7 +166,23 @@ class Inputs:
             own,
             at.parts,
             cells,
+            several,
         )
+
+    def _assign(
+        self, g: GuardResult, into: tuple[Floats, Floats, NDArray[np.uint8]], expected: Floats | None, t0: int, t1: int
+    ) -> Assigned:
+        """Put the readings of some cell among several `into` surfaces, ages and qualities (N,); tell where."""
+        y, age, own = into
+        source, said = np.zeros(len(y), np.int8), np.full(len(y), nan)
+        for one in self._wiring.several:
+            stamp, value = int(g.time_ns[one.input]), float(g.value[one.input])
+            if stamp >= t0:
+                cell, reading = one.place(value, y, expected)
+                if cell >= 0:
+                    y[cell], age[cell], own[cell] = reading, (t1 - stamp) * 1e-9, g.channel_quality[one.input]
+                    source[cell], said[cell] = one.number, value
+        return source, said
 
     def raw(self) -> Raw:
         """Give the newest tick's surfaces and cells' voltages as they were decoded."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 import numpy as np
 
 from bms_gateway.engine.forecast_result import LooksAhead
-from bms_gateway.engine.readings import Readings
+from bms_gateway.engine.readings import Assigned, Readings
 from bms_gateway.engine.string_estimator import StringEstimator
 from bms_gateway.health.heat.heat_watch import Share, step_of
 from bms_gateway.identify import Estimate as Parameter
@@ -15,8 +15,10 @@ from bms_gateway.identify.contract import FIXED_OFFLINE
 from bms_gateway.observe import AdaptiveObserver
 from bms_gateway.observe.contract import Observer
 from bms_gateway.observe.estimate import Estimate
+from bms_gateway.observe.innovation_check import Surprise
 from bms_gateway.observe.measured import SOC_UNKNOWN
 from bms_gateway.observe.outlook import Outlook
+from bms_gateway.observe.statistic_check import StatisticSurprise
 from bms_gateway.thermal import Disturbance, Floats
 
 if TYPE_CHECKING:
@@ -57,8 +59,11 @@ class Observed(Protocol):
         """What the watch over heat must take off the readings of each string; none where its balances hold."""
         ...
 
-    def step(self, readings: Readings, driven: Driven, y: Floats, age: Floats) -> Estimate:
-        """Advance one tick; of the readings of all strings, y (S, n) are its surfaces, °C, `age` (S, n) s old."""
+    def step(self, readings: Readings, driven: Driven, y: Floats, age: Floats, of: Assigned | None) -> Estimate:
+        """Advance one tick; of the readings of all strings, y (S, n) are its surfaces, °C, `age` (S, n) s old.
+
+        `of` tells which of these (S, n) are of some cell among several.
+        """
         ...
 
     def by_cell(self, heat: Floats) -> Floats | None:
@@ -81,8 +86,9 @@ class PlainStrings:
     observer: AdaptiveObserver
     by_voltage: bool
 
-    def step(self, readings: Readings, driven: Driven, y: Floats, age: Floats) -> Estimate:  # noqa: ARG002 — the protocol
+    def step(self, readings: Readings, driven: Driven, y: Floats, age: Floats, of: Assigned | None) -> Estimate:  # noqa: ARG002 — the protocol
         """Take the tick in."""
+        _assign(self.observer.surprise, of)
         return self.observer.step(driven.square, self.by_cell(driven.heat), driven.inlet, y, age, driven.flow)
 
     @property
@@ -120,17 +126,18 @@ class StringWithEffects:
         from bms_gateway.observe.effect_observer import EffectObserver
 
         model, soc = s.plan.model, s.wire.constants.get("soc", SOC_UNKNOWN)
-        observer = EffectObserver(model, dt, disturbance, soc=soc)
+        observer = EffectObserver(model, dt, disturbance, soc=soc, several=s.plan.of_several)
         numbers = observer.effect_numbers
         s.effects = tuple(Parameter(x.name, x.value, x.sd, x.unit, FIXED_OFFLINE) for x in numbers)
         share = EffectShare(model, step_of(dt), soc) if model.sensors and not heat_only(model) else None
         return cls(observer, s, number, share)
 
-    def step(self, readings: Readings, driven: Driven, y: Floats, age: Floats) -> Estimate:  # noqa: ARG002 — the protocol
+    def step(self, readings: Readings, driven: Driven, y: Floats, age: Floats, of: Assigned | None) -> Estimate:  # noqa: ARG002 — the protocol
         """Take the tick in."""
         m = self.string.measured(readings[self.number])
         if self.share is not None:
             self.share.add(m)
+        _assign(self.observer.surprise, of)
         return self.observer.step(m, y[0], age[0])
 
     @property
@@ -158,8 +165,14 @@ def plain_strings(
 ) -> PlainStrings:
     """Stack strings numbered `members`, with what was kept of their cells."""
     mine = [strings[i] for i in members]
-    observer = AdaptiveObserver([s.plan.model for s in mine], dt, disturbance)
+    several = any(s.plan.of_several for s in mine)
+    observer = AdaptiveObserver([s.plan.model for s in mine], dt, disturbance, several=several)
     for j, s in enumerate(mine):
         if s.kept is not None:
             observer.set_parameters(j, s.kept.values, s.kept.names, s.kept.common, s.kept.own)
     return PlainStrings(observer, any(s.voltage is not None for s in mine))
+
+
+def _assign(check: Surprise | StatisticSurprise, of: Assigned | None) -> None:
+    if of is not None and isinstance(check, StatisticSurprise):
+        check.assign(*of)

@@ -16,6 +16,10 @@ from bms_gateway.frames.vocabulary import Quantity
 from bms_gateway.identify import PairMeans
 from bms_gateway.thermal import Floats
 
+Assigned = tuple[NDArray[np.int8], Floats]
+"""Of readings of some cell among several, at the cell that each is taken for: number of the kind among `STATISTICS`,
+from 1, and what was said, °C; 0 and NaN at the others."""
+
 
 @dataclass(frozen=True, slots=True)
 class Reading:
@@ -88,6 +92,8 @@ class Readings:
         Each string's of the N cells.
     cells : list of PairMeans or None
         By string; empty where no string hears its cells' voltages.
+    several : tuple of ndarray (N,) or None
+        Which readings are of some cell among several; None where no string has such.
     """
 
     means: Floats
@@ -98,6 +104,7 @@ class Readings:
     quality: NDArray[np.uint8]
     parts: tuple[slice, ...]
     cells: list[PairMeans | None] = field(default_factory=list)
+    several: Assigned | None = None
 
     @property
     def inlet(self) -> Floats:

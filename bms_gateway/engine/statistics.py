@@ -8,12 +8,15 @@ is the derivative of max, min and mean; where they do not differ, the choice doe
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.engine.plan import Statistic
 from bms_gateway.thermal import Floats
+
+STATISTICS: Final[tuple[Statistic, ...]] = ("max", "min", "mean")
 
 
 def statistic_of(kind: Statistic, surfaces: Sequence[Floats] | Floats) -> Floats:
@@ -51,6 +54,11 @@ class OneOfSeveral:
     input: int
     kind: Statistic
     cells: NDArray[np.intp]
+
+    @property
+    def number(self) -> int:
+        """Number of its kind among `STATISTICS`, from 1."""
+        return STATISTICS.index(self.kind) + 1
 
     def place(self, value: float, y: Floats, expected: Floats | None) -> tuple[int, float]:
         """Find the cell, and what its surface must be.

@@ -27,10 +27,10 @@ from bms_gateway.observe.estimate import Errors, Estimate
 from bms_gateway.observe.flow import at_level, flow_levels
 from bms_gateway.observe.forecast_start import Standing
 from bms_gateway.observe.gap import resumed, unknown_heat, unseen_phases
-from bms_gateway.observe.innovation_check import Surprise
 from bms_gateway.observe.kalman import Innovation, Kalman, KalmanState, Predicted
 from bms_gateway.observe.model import OFFSETS, Bools, Ints, StackedModel, augmented, stack, start_covariance
 from bms_gateway.observe.sensitivity import PARAMETERS, Flows, bridged, carried, corrected
+from bms_gateway.observe.statistic_check import surprise_of
 from bms_gateway.observe.stored import like, plain
 from bms_gateway.observe.unseen import JUST_LEFT_S, RESTED_S, Usual, either, faded, opened
 from bms_gateway.thermal import HEAT_GAIN_SD, Disturbance, Floats, Start, StringModel, StringParameters
@@ -47,6 +47,8 @@ class AdaptiveObserver:
         Step.
     disturbance : Disturbance, optional
     start : Start, optional
+    several : bool
+        Whether readings may belong to some cell among several: `surprise` is then told which (`assign`).
     heat_rel_sd : float
         Relative error of heat that is given instead of made from I²R_e.
 
@@ -73,6 +75,7 @@ class AdaptiveObserver:
         disturbance: Disturbance | None = None,
         start: Start | None = None,
         *,
+        several: bool = False,
         heat_rel_sd: float = HEAT_GAIN_SD,
     ) -> None:
         if len({m.cells for m in models}) != 1:
@@ -90,7 +93,7 @@ class AdaptiveObserver:
         self._kalman = Kalman(stack(in_force, dt, disturbance), sensors, fitted)
         self._flows = Flows.of(in_force)
         self._bands = Bands(models, sensors, fitted)
-        self._surprise = Surprise(in_force, sensors, dt, disturbance.sensor)
+        self.surprise = surprise_of(in_force, sensors, dt, disturbance.sensor, several)
         self._rebuild()
         self._everywhere = np.arange(self._strings)
         self._all_known = np.ones((self._strings, OFFSETS), np.bool_)
@@ -168,7 +171,7 @@ class AdaptiveObserver:
         state, innovation = self._kalman.update(predicted, y, age)
         self._state, self._inlet = state, inlet1
         surface = y.take(self._kalman.cell)
-        grown = self._surprise.step(surface, innovation.value, innovation.sd, self._reading_sd, known, inlet1)
+        grown = self.surprise.step(surface, innovation.value, innovation.sd, self._reading_sd, known, inlet1)
         if grown is not None:
             self._state, self._left = self._kalman.loosened(self._state, grown), 0
         if self._left > 0 and state.K is predicted.before.K:
@@ -181,7 +184,7 @@ class AdaptiveObserver:
         levers = self._levers()
         self._bands.follow(levers)
         sd = self._bands.told(levers, None if self._everyone else self._available)
-        return self._estimate(levers, sd, innovation.value, self._reading_sd)
+        return self._estimate(levers, sd, innovation.value, self.surprise.rounded(self._reading_sd))
 
     def _turn(self, news: Bools, known: Bools, inlet: Floats) -> None:
         """Take in which inputs (S, 2) are back or lost, before the step that they come with or are missed in."""
@@ -272,7 +275,7 @@ class AdaptiveObserver:
         rise, over, gap = self._levers()[:3, s]
         self._parameters[s] = new
         self._exchange(np.array([s]))
-        self._surprise.settle(s)
+        self.surprise.settle(s)
         self._gain = self._gain.copy()
         self._gain[s] = gain
         x = self._state.x.copy()
@@ -352,7 +355,7 @@ class AdaptiveObserver:
         values = [{k: plain(np.asarray(getattr(p, k))) for k in PARAMETERS[:-1]} for p in self._parameters]
         cells = plain(self._bands.own) if self._bands.owned else None
         found = {"own": own, "state": state, "parameters": values, "cells": cells, "block": block}
-        return found | {"surprise": self._surprise.snapshot()}
+        return found | {"surprise": self.surprise.snapshot()}
 
     def restore(self, snapshot: Mapping[str, Any]) -> None:
         """Go on from `snapshot` as if never stopped, bit for bit.
@@ -369,7 +372,7 @@ class AdaptiveObserver:
             names = [f.name for f in fields(KalmanState)]
             state = KalmanState(**{k: like(snapshot["state"][k], getattr(self._state, k)) for k in names})
             J = like(snapshot["own"]["J"], self._blocks.J)
-            surprise = self._surprise.restored(snapshot.get("surprise"))
+            surprise = self.surprise.restored(snapshot.get("surprise"))
             blocks = Blocks(self._strings, self._cells, self._unread.shape[1])
             block = snapshot.get("block")  # states of before sensitivities went in blocks have none that waits
             if block is None:
@@ -395,7 +398,7 @@ class AdaptiveObserver:
         for name, value in own.items():
             setattr(self, f"_{name}", value)
         self._parameters, self._state, self._usual = parameters, state, usual
-        self._surprise, self._root = surprise, np.stack([root(c) for c in self._cov])
+        self.surprise, self._root = surprise, np.stack([root(c) for c in self._cov])
         bands.own, bands.owned = owned, cells is not None
         self._blocks, self._bands = blocks, bands
         self._everyone, self._fresh = bool(self._available.all()), False
@@ -467,7 +470,7 @@ class AdaptiveObserver:
         self._R_e = np.stack([p.R_e for p in self._parameters])
         self._share: Floats = np.asarray(self._R_e / self._R_e.mean(axis=1, keepdims=True), dtype=np.float64)
         self._bands.pace(self._parameters, self._dt)
-        self._surprise.set_parameters(self._parameters)
+        self.surprise.set_parameters(self._parameters)
 
     def _catch_up(self, at: Ints) -> None:
         """Let the sensitivities of the strings `at` make the steps that wait."""

@@ -24,10 +24,10 @@ from bms_gateway.observe.effect_bands import deviations, unlike_of
 from bms_gateway.observe.effect_inputs import Inputs
 from bms_gateway.observe.estimate import Errors, Estimate
 from bms_gateway.observe.gap import phases, resumed, steps, strayed, unknown_heat, unseen_heat
-from bms_gateway.observe.innovation_check import Surprise
 from bms_gateway.observe.measured import SOC_UNKNOWN, Measured
 from bms_gateway.observe.model import OFFSETS, start_covariance
 from bms_gateway.observe.outlook_effects import EffectStanding
+from bms_gateway.observe.statistic_check import surprise_of
 from bms_gateway.observe.stored import like, plain
 from bms_gateway.observe.tangent import ROW, Tangent, disturbed, drive_of, heated, jacobian
 from bms_gateway.observe.uncertain import EffectNumber, effect_numbers, forcing, log_change, uncertain
@@ -62,7 +62,8 @@ class EffectObserver:
     dt : float, s
         Step.
     disturbance : Disturbance, optional
-    start : Start, optional
+    start, several : optional
+        As for `AdaptiveObserver`.
     soc : float, optional
         State of charge from which counting starts.
 
@@ -85,6 +86,8 @@ class EffectObserver:
         disturbance: Disturbance | None = None,
         start: Start | None = None,
         soc: float = SOC_UNKNOWN,
+        *,
+        several: bool = False,
     ) -> None:
         self._model, self._dt = model, float(dt)
         self._disturbance, self._start = disturbance or Disturbance(), start or Start()
@@ -96,9 +99,9 @@ class EffectObserver:
         self._v = self._physics.numbers(self._values)
         n, D, p = model.cells, self._physics.states, len(self.uncertain)
         self.belief = Belief(np.zeros(D + OFFSETS), np.eye(D + OFFSETS), np.zeros((D + OFFSETS, p)))
-        self._F = np.zeros((D + OFFSETS, p))
+        self._F, self._G = np.zeros((D + OFFSETS, p)), np.zeros((n, p))
         self._seen, self._coolant, self._lag = np.zeros(n), np.zeros(n), np.zeros(n)
-        self._surprise = Surprise(self.parameters, self._sensors[None], self._dt, self._disturbance.sensor)
+        self.surprise = surprise_of(self.parameters, self._sensors[None], self._dt, self._disturbance.sensor, several)
         self._centre, self._effective = centre_share(model), (nan, 0.0)
         self._unread, self._available = np.full(len(self._sensors), np.inf), np.array(False)
         self._inputs = Inputs(soc, model.capacity_Ah, self._dt, self._disturbance.correlation)
@@ -107,12 +110,11 @@ class EffectObserver:
         self._rows, self._states = np.zeros((0, len(ROW))), np.zeros((0, D + OFFSETS))
         self._carries: dict[str, dict[str, Floats]] = {}
         # where the Jacobian was taken, and how many steps ago
-        self._at, self._at_row, self._at_memory = np.zeros(D + OFFSETS), self._inputs.row, dict[str, Floats]()
-        self._age = 0
-        # for a step that knows to where inlet and flow have gone: state, length, and whether current may have flowed
+        self._at, self._at_row, self._age = np.zeros(D + OFFSETS), self._inputs.row, 0
+        self._at_memory: dict[str, Floats] = {}
+        # for a step that knows where inlet and flow have gone: state, length, whether current may have flowed
         self._before_gap: tuple[dict[str, Any], float, bool] | None = None
         self._tangent: Tangent | None = None
-        self._G = np.zeros((n, p))
 
     @property
     def parameters(self) -> tuple[StringParameters, ...]:
@@ -198,7 +200,8 @@ class EffectObserver:
         k = self._sensors
         sd = np.sqrt(now.P[2 * k + 1, 2 * k + 1] + self._disturbance.sensor**2)[None]
         inputs = self._inputs.known[None], np.array([self._inputs.inlet])
-        grown = self._surprise.step(y[None, k], r[:, k], sd, np.maximum(r_sd[:, k], sd), *inputs)
+        grown = self.surprise.step(y[None, k], r[:, k], sd, np.maximum(r_sd[:, k], sd), *inputs)
+        r_sd[:, k] = self.surprise.rounded(r_sd[:, k])
         if grown is not None:
             self.belief = self.belief.loosened(2 * k, grown[0])
 
@@ -232,7 +235,7 @@ class EffectObserver:
         new = self._values | {k: np.array(x, np.float64) for k, x in values.items() if k in self._values}
         moved = log_change(self._values, new, self.uncertain)
         self._values, self._v = new, self._physics.numbers(new)
-        self._surprise.set_parameters(self.parameters)
+        self.surprise.set_parameters(self.parameters)
         b = self.belief
         self.belief = Belief(b.z + b.J @ moved, b.P, b.J)
         self._lag = self._lag + self._gap(b.J @ moved)
@@ -242,7 +245,7 @@ class EffectObserver:
         cov = exchanged(self._cov, at, covariance[np.ix_(given, given)])
         self._cov, self._root = cov, root(cov)
         self._tangent = self._before_gap = None
-        self._surprise.settle(0)
+        self.surprise.settle(0)
 
     def propagate(self, gap_s: float, inlet: Floats | None = None, *, unseen: bool = False) -> Estimate:
         """Carry the string over a time without frames; see `AdaptiveObserver.propagate`, inlet (1,)."""
@@ -301,7 +304,7 @@ class EffectObserver:
             "values": {k: plain(v) for k, v in self._values.items()},
             "memories": {k: {e: plain(a) for e, a in m.items()} for k, m in memories.items()},
             "linear": self._tangent is not None,
-            "surprise": self._surprise.snapshot(),
+            "surprise": self.surprise.snapshot(),
         }
 
     def restore(self, snapshot: Mapping[str, Any]) -> None:
@@ -323,7 +326,7 @@ class EffectObserver:
             memories = {k: {e: np.array(a, np.float64) for e, a in m.items()} for k, m in snapshot["memories"].items()}
             carry, at_memory = memories.pop(""), memories.pop("at")
             linear = bool(snapshot["linear"])
-            surprise = self._surprise.restored(snapshot.get("surprise"))
+            surprise = self.surprise.restored(snapshot.get("surprise"))
         except (KeyError, TypeError, ValueError, AttributeError) as e:
             raise StateError(f"observer state: not of this string ({type(e).__name__}: {e})") from e
         held = [own["cov"], own["F"], own["lag"], states, *values.values(), *carry.values(), *at_memory.values()]
@@ -335,8 +338,8 @@ class EffectObserver:
         self._carry, self._at_memory, self._inputs = carry, at_memory, inputs
         self._carries = {k.removeprefix("of "): m for k, m in memories.items()}
         self._v, self._root = self._physics.numbers(values), root(self._cov)
-        self._surprise, self._tangent = surprise, None
-        self._surprise.set_parameters(self.parameters)
+        self.surprise, self._tangent = surprise, None
+        self.surprise.set_parameters(self.parameters)
         if linear:
             self._linearise()
 

@@ -18,7 +18,7 @@ Beyond Lin et al., whose observer has one gain for ever.
 
 from collections.abc import Mapping, Sequence
 from copy import copy
-from math import exp
+from math import exp, sqrt
 from typing import Any, Final
 
 import numpy as np
@@ -40,6 +40,8 @@ BLURS: Final = 2.0
 """A step of so many standard deviations of the noise is blurred."""
 STIRRED: Final = 0.1
 """Share of what the coolant has moved by within a minute, for a film is known to no better."""
+COARSEST_K: Final = 1.5
+"""No bus sends temperatures in coarser steps: what moves by more each time is a loose contact."""
 LASTS_S: Final = 10.0
 """For how long heat of a cell's own is about as great as it was."""
 MORE: Final = 3.0
@@ -84,7 +86,7 @@ class SensorNoise:
     Attributes
     ----------
     fine : ndarray (S, m), K
-        Smallest step of the readings; infinite where none was seen.
+        Smallest step of the readings; infinite where none was seen: then nothing tells how coarse they are.
     rough : ndarray (S, m), K²
         Variance of an innovation that is only noise.
     coolant : ndarray (S,), °C
@@ -102,6 +104,7 @@ class SensorNoise:
         self.coolant = np.full(shape[0], np.nan)
         self._waiting = np.full((BLOCK, 2, *shape), np.nan)
         self._waits, self._young = 0, True  # whether some sensor may be young
+        self._noise, self._held, self._some_coarse = noise, np.full(shape, np.nan), True  # newest readings, if coarse
 
     def take(self, y: Floats, value: Floats, there: Bools) -> bool:
         """Let a step wait: readings and innovations, and `there`, which of these count. Whether to `learn` now."""
@@ -110,6 +113,19 @@ class SensorNoise:
         waiting[1] = np.where(there, value, np.nan)
         self._waits += 1
         return self._waits == BLOCK or (self._young and bool((there & (self._count < YOUNG)).any()))
+
+    def finer(self, y: Floats) -> bool:
+        """Tell whether a sensor whose steps noise does not blur, or have not been seen, has moved by less than ever."""
+        if not self._some_coarse:
+            return False
+        step = np.abs(y - self._held)
+        self._held = np.where(np.isnan(y), self._held, y)
+        less = (step > FINE_K) & (step < self.fine) & (self.fine > self._noise)
+        if not less.any():
+            return False
+        self.fine = np.where(less, step, self.fine)
+        self._some_coarse = bool((self.fine > self._noise).any())
+        return True
 
     def learn(self, inlet: Floats) -> None:
         """Learn the noise of the sensors, the steps of their readings and the coolant's mean from a block of steps."""
@@ -158,6 +174,9 @@ class SensorNoise:
         for name, value in taken.items():
             setattr(new, name, value)
         new._waits, new._young = waits, True
+        new._held, new._some_coarse = new._last[0], True
+        for row in new._waiting[:, 0]:
+            new._held = np.where(np.isnan(row), new._held, row)
         return new
 
 
@@ -201,9 +220,19 @@ class Surprise:
     def set_parameters(self, parameters: Sequence[StringParameters]) -> None:
         """Take other numbers of the strings into use."""
         R_c, C_s, R_u = (np.stack([getattr(p, k) for p in parameters]) for k in ("R_c", "C_s", "R_u"))
-        row = np.arange(len(parameters))[:, None]
-        lag, ratio = (R_c * C_s)[row, self._sensors], (R_c / R_u)[row, self._sensors]
-        self._lag, self._ratio = lag / self._dt, 1.0 + ratio
+        self._of_cells = R_c * C_s / self._dt, 1.0 + R_c / R_u
+        self._weigh()
+
+    def _weigh(self) -> None:
+        """Take lag and ratio of the sensed cells from those of all."""
+        row = np.arange(len(self._sensors))[:, None]
+        self._lag, self._ratio = (a[row, self._sensors] for a in self._of_cells)
+
+    def move(self, sensors: Ints) -> None:
+        """Let the sensors be at other cells (S, m)."""
+        if not np.array_equal(sensors, self._sensors):
+            self._sensors = sensors
+            self._weigh()
 
     def settle(self, s: int) -> None:
         """Let string `s` find the state that fits other numbers."""
@@ -234,8 +263,11 @@ class Surprise:
             settled = self._settles <= 0.0
             there &= (np.logical_and.reduce(inputs, axis=1) & settled)[:, None]
             self._settles = np.where(settled, 0.0, self._settles - self._dt)
+        finer = self._sensed.finer(y)
         if self._sensed.take(y, value, there):
             self._sensed.learn(inlet)
+            self._judge()
+        elif finer:
             self._judge()
         value = np.where(there, value, 0.0)
         self._mean += self._share * (value - self._mean)
@@ -271,10 +303,15 @@ class Surprise:
         self.open = np.asarray((self.own > 0.0).any(axis=1), dtype=np.bool_)
         return at_once + self._grows * np.square(self.own)
 
+    def rounded(self, sd: Floats) -> Floats:
+        """Widen what innovations should be, `sd` (S, m), by the steps of readings that noise does not blur."""
+        return np.hypot(sd, self._rounding) if self._coarse else sd
+
     def _judge(self) -> None:
         """Reckon what averages and deviations are no chance, by what is known of the sensors."""
-        fine, rough = self._sensed.fine, self._sensed.rough
-        step = np.where(fine < np.inf, fine, 0.0)
+        step, rough = self._sensed.fine, self._sensed.rough  # infinite before the first: then nothing is odd
+        self._rounding = np.where((step > self._noise) & (step <= COARSEST_K), step, 0.0) / sqrt(12.0)
+        self._coarse = bool(self._rounding.any())
         rounded = ROUNDED * np.maximum(step - BLURS * np.sqrt(rough), 0.0)
         self._beside = OFF_K + STEPS * step + rounded
         self._least = ODD * np.sqrt(rough * self._white) + self._beside  # whatever else is not known

@@ -11,7 +11,9 @@ from bms_gateway.cli.main import main
 from bms_gateway.config.load import load_config
 from bms_gateway.engine.statistics import OneOfSeveral
 from bms_gateway.errors import ConfigError
-from tests.benchmarks.bench_several import CASES, DBC, MODEL, hottest, score
+from tests.benchmarks.bench_several import CASES, DBC, MODEL, Case, hottest, score
+from tests.benchmarks.bench_several import config as bench_config
+from tests.benchmarks.bench_several import drive as bench_drive
 from tests.truth.cycle import repeated
 from tests.truth.string import TruthString, rk4
 
@@ -27,15 +29,20 @@ def config(folder: Path, cells: int, surface: str, extra: str = "") -> Path:
     return path
 
 
-def drive(folder: Path, cells: int, seed: int, minutes: int = 40) -> tuple[Path, np.ndarray]:
-    """Log of a drive, and the true hottest core by the second; cells differ by 5 %, and are off together."""
+def drive(folder: Path, cells: int, seed: int, minutes: int = 40, short_W: float = 0.0) -> tuple[Path, np.ndarray]:
+    """Log of a drive, and the true hottest core by the second; cells differ by 5 %, and are off together.
+
+    Cell 2 has a short of `short_W` from minute 5 on.
+    """
     rng = np.random.default_rng(seed)
     current = 0.7 * repeated(minutes, seed)
     inlet = 22.0 + 2.0 * np.sin(np.arange(len(current) + 1) / 200)
     off = {"R_e": 3.5e-3 * np.exp(0.15 * rng.normal() + 0.05 * rng.normal(size=cells))}
     off |= {"R_u": 0.79 * np.exp(0.15 * rng.normal() + 0.05 * rng.normal(size=cells))}
     off |= {"R_c": 1.266 * np.exp(0.1 * rng.normal() + 0.03 * rng.normal(size=cells))}
-    core, surface = rk4(TruthString.of(cells, R_cc=4.0, **off), current, inlet, (25.0, 25.0))
+    heat = current[:, None] ** 2 * off["R_e"]
+    heat[300:, 1] += short_W
+    core, surface = rk4(TruthString.of(cells, R_cc=4.0, **off), current, inlet, (25.0, 25.0), heat=heat)
     lines = []
     for k in range(len(current)):
         t = 1_700_000_000 + k
@@ -79,6 +86,30 @@ def test_the_hottest_core_is_known(tmp_path) -> None:
     rmse, inside = error_of(8, HOT, 1, 12, tmp_path)
     assert rmse <= 1.5
     assert inside >= 0.95
+
+
+@pytest.mark.parametrize(("cells", "seed"), [(12, 4), (24, 16)])
+def test_a_coarse_reading_that_goes_from_cell_to_cell_is_not_odd(cells: int, seed: int, tmp_path) -> None:
+    case = Case(("hot", "cold"), 1.0)
+    log, truth = bench_drive(tmp_path, case, seed, 5, cells)
+    path = bench_config(tmp_path, case, cells)
+    assert main(["analyze", str(log), "--config", str(path), "--out", str(tmp_path / "out")]) == 0
+    t, core, sd = hottest(tmp_path / "out" / "estimates.csv")
+    late = (t > 60) & (t < len(truth))
+    assert sd[late].max() < 3.0
+    assert (np.abs(core[late] - truth[t[late].astype(int)]) < 2.0 * sd[late]).all()
+
+
+def test_the_band_opens_where_some_cell_heats_by_itself(tmp_path) -> None:
+    log, truth = drive(tmp_path, 4, 1, 7, short_W=100.0)
+    path = config(tmp_path, 4, HOT.format(4))
+    assert main(["analyze", str(log), "--config", str(path), "--out", str(tmp_path / "out")]) == 0
+    t, core, sd = hottest(tmp_path / "out" / "estimates.csv")
+    error = np.abs(core - truth[np.minimum(t, len(truth) - 1).astype(int)])
+    late = (t > 330) & (t < len(truth))
+    told = np.isfinite(core)  # known to 12 K
+    assert (told & (error > 2.0 * sd))[late].mean() <= 0.1
+    assert not told[late].all()
 
 
 @pytest.mark.slow

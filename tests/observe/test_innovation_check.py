@@ -9,7 +9,8 @@ from bms_gateway.observe import AdaptiveObserver
 from bms_gateway.observe.effect_observer import EffectObserver
 from bms_gateway.observe.measured import Measured
 from bms_gateway.thermal import AddedEffect
-from tests.benchmarks.heat_case import Case, make, model, with_seeds
+from tests.benchmarks.heat_case import CELLS, PACKS, SENSORS, Case, make, model, with_seeds
+from tests.truth.string import TruthString, rk4
 
 LAYOUTS = {"no other cell": (1, (1,), 1), "no other sensor": (12, (6,), 6), "other sensors": (12, (2, 6, 10), 6)}
 AT = 600
@@ -97,3 +98,35 @@ def test_a_string_with_effects_widens_too() -> None:
         if t >= 330:
             inside.append(abs(float(e.core[0, 0] - made.core[t, 0])) <= 2.0 * float(e.core_sd[0, 0]))
     assert np.mean(inside) >= 0.9
+
+
+def test_a_coarse_thermocouple_that_has_not_moved_yet_is_not_odd() -> None:
+    """A pack that stands for minutes and then drives: readings of 1 K stand still while the surface warms."""
+    steps: list[float] = []
+    for offset in np.linspace(-0.45, 0.45, 7):
+        observer = AdaptiveObserver([model("liquid", 1, (1,))], 1.0)
+        truth = TruthString.of(1, **{k: PACKS["liquid"][k] for k in ("C_c", "C_s", "R_e", "R_c", "R_u")})
+        current = np.where(np.arange(400) < 200, 0.0, 40.0)
+        _, surface = rk4(truth, current, np.full(401, 25.0 + offset), 25.0 + offset)
+        widest = 0.0
+        for t in range(400):
+            y = np.round(surface[t + 1][None])
+            e = observer.step(current[t : t + 1] ** 2, None, np.array([25.0 + offset]), y, np.zeros((1, 1)))
+            if t == 190:
+                rested = float(e.core_sd[0, 0])
+            widest = max(widest, float(e.core_sd[0, 0])) if t > 190 else 0.0
+        steps.append(widest / rested)
+    assert max(steps) < 2.0
+
+
+def test_steps_of_the_readings_are_expected_of_their_innovations() -> None:
+    squares = []
+    for seed in (501, 502, 503):
+        (made,) = make([Case("liquid", seed, 1200, step=1.0, hard=False)])
+        observer = AdaptiveObserver([model("liquid", CELLS, SENSORS)], 1.0)
+        of_case = []
+        for t in range(1200):
+            now = made.current[t : t + 1] ** 2, None, made.inlet[t : t + 1], made.y[t][None], np.zeros((1, CELLS))
+            of_case.append(float(observer.step(*now).errors.mean_square()[0]))
+        squares.append(np.mean(of_case[120:]))
+    assert max(squares) < 2.0  # 4 is called a mismatch
