@@ -16,8 +16,6 @@ from bms_gateway.thermal import StringParameters, exchange
 
 PRIMES = (2_147_483_647, 2_147_483_629)
 """The two greatest below 2³¹: a product of residues fits into 64 bits."""
-AT_ONCE = 4_000_000
-"""Residues that are eliminated together: 32 MB, and enough for numpy to be busy."""
 
 Residues = NDArray[np.int64]
 
@@ -71,8 +69,8 @@ def exact_ranks(p: StringParameters, sets: Sequence[Sequence[int]]) -> NDArray[n
 
     Notes
     -----
-    What a set determines is the sum of what its sensors determine, each of which is found once. Sensors that lie in the
-    share of another are left out, which leaves one sensor in most sets; sums of several are eliminated together.
+    A sensor adds nothing to a set if another sensor of the set determines its reading. Such sensors are left out. Most
+    sets then have one sensor, and sets that have become equal are computed once.
 
     References
     ----------
@@ -154,23 +152,11 @@ def _closed(A: Residues, sensors: Sequence[int], prime: int) -> Residues:
 
 
 def _ranks(A: Residues, sets: Sequence[Sequence[int]], prime: int) -> NDArray[np.int64]:
-    N = len(A)
     alone = {k: _closed(A, [k], prime) for k in sorted({k for s in sets for k in s})}
     # A sensor that lies in what another determines adds nothing: its unit row is then one of the reduced rows.
     within = {k: {int(j) // 2 + 1 for j in np.flatnonzero(_units(rows)) if j % 2} for k, rows in alone.items()}
     needed = [_independent(s, within) for s in sets]
-    ranks = {s: len(alone[s[0]]) if s else 0 for s in needed if len(s) < 2}
-    sums = sorted({s for s in needed if len(s) > 1})
-    if sums:
-        rows = max(sum(len(alone[k]) for k in s) for s in sums)
-        step = max(1, AT_ONCE // (rows * N))
-        for i in range(0, len(sums), step):
-            part = sums[i : i + step]
-            stack = np.zeros((len(part), rows, N), np.int64)
-            for of, s in zip(stack, part, strict=True):
-                together = np.concatenate([alone[k] for k in s])
-                of[: len(together)] = together
-            ranks |= dict(zip(part, _eliminated(stack, prime).tolist(), strict=True))
+    ranks = {s: len(_closed(A, s, prime)) for s in set(needed)}
     return np.array([ranks[s] for s in needed], np.int64)
 
 
@@ -187,26 +173,3 @@ def _independent(sensors: Sequence[int], within: Mapping[int, set[int]]) -> tupl
         if not any(k in within[j] for j in kept):
             kept.append(k)
     return tuple(sorted(kept))
-
-
-def _eliminated(M: Residues, prime: int) -> NDArray[np.int64]:
-    """Rank of each matrix of a stack (S, rows, N); the stack is used up."""
-    S, rows, N = M.shape
-    every, rank = np.arange(S), np.zeros(S, np.int64)
-    for column in range(N):
-        free = (M[:, :, column] != 0) & (np.arange(rows) >= rank[:, None])
-        found = free.any(axis=1)
-        if not found.any():
-            continue
-        at, to = np.where(found, free.argmax(axis=1), 0), np.where(found, rank, 0)
-        pivot = M[every, at]
-        M[every, at] = M[every, to]
-        M[every, to] = pivot
-        # Rows cleared with the pivot row scaled to one: below it only, and not where this column has no pivot.
-        scale = np.array([pow(int(x), -1, prime) if x else 0 for x in pivot[:, column]], np.int64)
-        pivot = pivot * scale[:, None] % prime
-        below = np.where(found[:, None] & (np.arange(rows) > to[:, None]), M[:, :, column], 0)
-        M -= below[:, :, None] * pivot[:, None, :] % prime
-        M %= prime
-        rank += found
-    return rank
