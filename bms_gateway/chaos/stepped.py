@@ -10,13 +10,14 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from bms_gateway.bus.access import Access
 from bms_gateway.bus.clock import BusClock
-from bms_gateway.bus.in_process import MemoryBus
+from bms_gateway.bus.in_process import MemoryBus, MemoryPort
+from bms_gateway.bus.port import Port
 from bms_gateway.bus.replay import SocketCanSender
 from bms_gateway.bus.socketcan import SocketCanPort
 from bms_gateway.bus.traffic import SECOND
@@ -39,95 +40,52 @@ class EndedError(Exception):
     """The service ends, by a bug."""
 
 
-class Bus(Protocol):
-    """The three parties: who sends the pack's frames, the gateway's port, who listens to the gateway."""
-
-    def put(self, frames: FrameBatch) -> None:
-        """Send frames of the vehicle."""
-        ...
-
-    def take(self) -> FrameBatch:
-        """Give what the gateway's port has received."""
-        ...
-
-    def answer(self, frames: FrameBatch) -> None:
-        """Send frames of the gateway, through its port."""
-        ...
-
-    def overhear(self) -> FrameBatch:
-        """Give what a bystander has received."""
-        ...
-
-    def close(self) -> None:
-        """Leave."""
-        ...
-
-
-class MemoryWires:
-    """A bus inside this process."""
-
-    def __init__(self) -> None:
-        bus = MemoryBus()
-        self._vehicle, self._gateway, self._bystander = bus.port(), bus.port(), bus.port()
-
-    def put(self, frames: FrameBatch) -> None:
-        """See `Bus`."""
-        self._vehicle.send(frames)
-        self._bystander.drain()
-
-    def take(self) -> FrameBatch:
-        """See `Bus`."""
-        return self._gateway.drain()
-
-    def answer(self, frames: FrameBatch) -> None:
-        """See `Bus`."""
-        self._gateway.send(frames)
-
-    def overhear(self) -> FrameBatch:
-        """See `Bus`."""
-        return self._bystander.drain()
-
-    def close(self) -> None:
-        """See `Bus`."""
-
-
-class InterfaceWires:
-    """A SocketCAN interface, with the port of the service.
+class Bus:
+    """The vehicle, the gateway's port and a bystander that listens to the gateway, on one bus.
 
     Parameters
     ----------
-    channel : str
+    channel : str or None
+        A SocketCAN interface; None: a bus inside this process.
     engine : Engine
         Its identifiers set the filters and what may be sent.
     """
 
-    def __init__(self, channel: str, engine: Engine) -> None:
-        self._vehicle = SocketCanSender(channel)
-        # bus time goes faster than the clock here, so the rate may too
-        self._gateway = SocketCanPort(channel, Access(engine.can_ids.tolist(), own=engine.sends, rate=1e6))
-        self._bystander = SocketCanPort(channel, Access(engine.sends))
+    def __init__(self, channel: str | None, engine: Engine) -> None:
+        self._vehicle: MemoryPort | SocketCanSender
+        self._gateway: Port
+        self._bystander: Port
+        if channel is None:
+            bus = MemoryBus()
+            self._vehicle, self._gateway, self._bystander = bus.port(), bus.port(), bus.port()
+        else:
+            self._vehicle = SocketCanSender(channel)
+            # Bus time passes faster than the clock here, so the rate may be higher too.
+            self._gateway = SocketCanPort(channel, Access(engine.can_ids.tolist(), own=engine.sends, rate=1e6))
+            self._bystander = SocketCanPort(channel, Access(engine.sends))
 
     def put(self, frames: FrameBatch) -> None:
-        """See `Bus`."""
+        """Send frames of the vehicle; the bystander ignores them."""
         self._vehicle.send(frames)
+        self._bystander.drain()
 
     def take(self) -> FrameBatch:
-        """See `Bus`."""
+        """Give what the gateway's port has received."""
         return self._gateway.drain()
 
     def answer(self, frames: FrameBatch) -> None:
-        """See `Bus`."""
+        """Send frames of the gateway, through its port."""
         now = np.full(len(frames), self._gateway.now_ns(), np.int64)
         self._gateway.send(FrameBatch(now, frames.can_id, frames.length, frames.data))
         while self._gateway.pump() is not None:
             pass
 
     def overhear(self) -> FrameBatch:
-        """See `Bus`."""
+        """Give what the bystander has received."""
         return self._bystander.drain()
 
     def close(self) -> None:
-        """See `Bus`."""
+        """Leave the bus."""
         for end in (self._vehicle, self._gateway, self._bystander):
             end.close()
 
@@ -179,7 +137,7 @@ class SteppedBench:
             cycle=injection.cycle,
         )
         engine = self.engine()
-        bus: Bus = MemoryWires() if self._channel is None else InterfaceWires(self._channel, engine)
+        bus = Bus(self._channel, engine)
         try:
             with TemporaryDirectory(prefix="bms-gateway-chaos-") as folder:
                 run = _Run(self, scenario, record, engine, bus, Path(folder))
@@ -235,7 +193,7 @@ class _Run:
         if during and injection.parked:
             if k - record.start_s > LONG_S and k < record.end_s - 1:
                 return  # asleep: nothing happens, and the clocks go on by themselves
-            self._quiet(k)
+            self._step((k + 1) * SECOND, during=True)
         else:
             self._slices(k, second.frames, during)
         seen = self.bystander.close_second(k + 1.0, second.truth, self._counts())
@@ -253,9 +211,6 @@ class _Run:
             if len(part):
                 self.bus.put(part)
             self._step(k * SECOND + (i + 1) * SLICE_NS, during)
-
-    def _quiet(self, k: int) -> None:
-        self._step((k + 1) * SECOND, during=True)
 
     def _step(self, steady_ns: int, during: bool) -> None:
         """Let time go on to `steady_ns` and the gateway do what is due."""
