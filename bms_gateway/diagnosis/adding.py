@@ -25,7 +25,7 @@ from bms_gateway.diagnosis.weighing import HALF, Settings, gate, prior_odds
 from bms_gateway.errors import ConfigError, DataError, clipped, whole_number
 from bms_gateway.frames.vocabulary import INPUTS, OPTIONAL, WHOLE
 from bms_gateway.identify.map_fit import MapFit, refreshed, stacked
-from bms_gateway.thermal import Floats, StringModel
+from bms_gateway.thermal import StringModel
 from bms_gateway.thermal.effects import Effect, effect_named
 
 COLUMNS: dict[str, str] = {INPUTS[q].kind: INPUTS[q].column for q in WHOLE if q in OPTIONAL}
@@ -102,11 +102,6 @@ class Addition(Step):
 
     model: StringModel
     core: tuple[KnownCore, KnownCore]
-
-    @property
-    def core_K(self) -> tuple[Floats, Floats]:
-        """95 % half width of each cell's core (n,) before and after, K."""
-        return self.core[0].half_width_K, self.core[1].half_width_K
 
 
 def wanted(word: str, model: StringModel) -> Wanted:

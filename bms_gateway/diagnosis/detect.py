@@ -125,7 +125,7 @@ class Card:
     sentences: tuple[str, ...]
 
 
-def detectability(fit: MapFit, offered: Sequence[Candidate], *, inflation: float = 1.0) -> Card:
+def detectability(fit: MapFit, offered: Sequence[Candidate]) -> Card:
     """Tell what the records of a fit could show.
 
     Parameters
@@ -133,8 +133,6 @@ def detectability(fit: MapFit, offered: Sequence[Candidate], *, inflation: float
     fit : MapFit
         Of the model as it is.
     offered : sequence of Candidate
-    inflation : float
-        Of the variance by autocorrelation that a right model's residual would have; 1 for white noise.
 
     Returns
     -------
@@ -149,7 +147,7 @@ def detectability(fit: MapFit, offered: Sequence[Candidate], *, inflation: float
     best: dict[str, tuple[Detectable, int]] = {}
     for i, g in enumerate(gains):
         places = sum(c.name == g.candidate.name for c in offered)
-        found = _smallest(g, float(S[i, i]), float(np.log(families * places)), inflation)
+        found = _smallest(g, float(S[i, i]), float(np.log(families * places)))
         old = best.get(g.candidate.key)
         if old is None or found.smallest < old[0].smallest:
             best[g.candidate.key] = (found, i)
@@ -222,10 +220,10 @@ def _sized(c: Candidate) -> bool:
     return bool(c.strengths) and c.effect.parameters[0].neutral is not None
 
 
-def _smallest(g: Gain, S: float, handicap: float, inflation: float) -> Detectable:
+def _smallest(g: Gain, S: float, handicap: float) -> Detectable:
     c, p = g.candidate, g.candidate.strengths[0]
     width = 3.0 if p.log else p.sd
-    S = max(S, 1e-12) / inflation
+    S = max(S, 1e-12)
     # ½ s² S − ½ ln(1 + S w²) − ln(hypotheses) = log-odds wanted
     s = float(np.sqrt(2.0 / S * (VISIBLE_ODDS + handicap + 0.5 * np.log1p(S * width**2))))
     if p.log:

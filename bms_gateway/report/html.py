@@ -13,7 +13,7 @@ from pathlib import Path
 from bms_gateway.diagnosis.adding import Addition
 from bms_gateway.diagnosis.candidates import Candidate
 from bms_gateway.diagnosis.checks import Finding
-from bms_gateway.diagnosis.compare import Comparison, CoreCheck, Variant
+from bms_gateway.diagnosis.compare import Comparison, CoreCheck
 from bms_gateway.diagnosis.core_known import KnownCore
 from bms_gateway.diagnosis.detect import Card
 from bms_gateway.diagnosis.experiment import Experiment
@@ -93,7 +93,7 @@ class Aside:
 def write_comparison(path: Path, comparison: Comparison, aside: Aside) -> None:
     """Write a comparison as a page: the model from its file, and refitted. Raises what `write_page` raises."""
     filed, now = comparison.filed, comparison.refitted
-    models = [_variant(FILED, filed), _variant(REFITTED, now)]
+    models = [Shown.of(FILED, filed), Shown.of(REFITTED, now)]
     head = f'<p class="verdict">{escape(filed.findings[0])}</p>'
     head += core_html(comparison.core, now.core_checks)
     head += aside.doubts + summary(models)
@@ -271,10 +271,6 @@ def core_html(core: KnownCore | None, checks: Sequence[CoreCheck] = ()) -> str:
         said += items([parameters_labelled(text) for text in core.why])
     read = [f'<p class="danger">{escape(thermocouple_sentence(c))}</p>' for c in checks if outside(c)]
     return said + "".join(read)
-
-
-def _variant(name: str, v: Variant) -> Shown:
-    return Shown(name, v.fit, v.sensors, v.cores)
 
 
 def _effects(added: Sequence[Candidate], tied: Sequence[str]) -> str:
