@@ -45,12 +45,6 @@ def refuse_log(path: Path) -> None:
 def not_carried(string: StringPlan, database: Database, table: Table) -> list[dict[str, Any]]:
     """Find the columns with values that their signal cannot carry.
 
-    Parameters
-    ----------
-    string : StringPlan
-    database : Database
-    table : Table
-
     Returns
     -------
     list of dict
@@ -103,12 +97,6 @@ def far_apart(table: Table) -> float | None:
 
 def refuse_other_units(string: StringPlan, database: Database, table: Table) -> None:
     """Refuse a table in which a whole quantity would be lost, because its unit or its column is wrong.
-
-    Parameters
-    ----------
-    string : StringPlan
-    database : Database
-    table : Table
 
     Raises
     ------

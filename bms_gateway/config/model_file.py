@@ -124,14 +124,6 @@ class ModelFile(Section):
 def read_model(path: Path) -> StringModel:
     """Read a string model.
 
-    Parameters
-    ----------
-    path : Path
-
-    Returns
-    -------
-    StringModel
-
     Raises
     ------
     ConfigError

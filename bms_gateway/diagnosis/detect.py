@@ -133,10 +133,6 @@ def detectability(fit: MapFit, offered: Sequence[Candidate]) -> Card:
     fit : MapFit
         Of the model as it is.
     offered : sequence of Candidate
-
-    Returns
-    -------
-    Card
     """
     gains = screen(fit, [c for c in offered if _sized(c)])
     gains = sorted(gains, key=lambda g: [c is g.candidate for c in offered].index(True))
@@ -160,12 +156,7 @@ def detectability(fit: MapFit, offered: Sequence[Candidate]) -> Card:
 
 
 class Projection:
-    """What is left of responses once all numbers of a fit have done their best.
-
-    Parameters
-    ----------
-    fit : MapFit
-    """
+    """What is left of responses once all numbers of a fit have done their best."""
 
     def __init__(self, fit: MapFit) -> None:
         self._fit = fit

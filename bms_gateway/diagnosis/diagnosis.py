@@ -187,10 +187,6 @@ def diagnose(
     settings : Settings, optional
     progress : callable, optional
         Told the share of the work done and what is being done.
-
-    Returns
-    -------
-    Diagnosis
     """
     tell = progress or (lambda _share, _text: None)
     d = _diagnosed(model, records, settings, tell)

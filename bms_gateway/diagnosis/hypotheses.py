@@ -156,13 +156,7 @@ def _at_bound(c: Coordinate, z: float, one_sided: bool) -> bool:
 
 
 class Board:
-    """All hypotheses tried on some records.
-
-    Parameters
-    ----------
-    model : StringModel
-    bench : Bench
-    """
+    """All hypotheses tried on some records."""
 
     def __init__(self, model: StringModel, bench: Bench) -> None:
         self.bench = bench

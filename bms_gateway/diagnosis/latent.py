@@ -121,12 +121,7 @@ class Latent:
 
 
 def latent(fit: MapFit) -> Latent:
-    """Find the heat that a fit misses.
-
-    Parameters
-    ----------
-    fit : MapFit
-    """
+    """Find the heat that a fit misses."""
     s = structure(fit)
     nodes: tuple[Node, Node] = ("core", "surface")
     solved = {node: _deconvolved(fit, node) for node in nodes}

@@ -193,13 +193,7 @@ def fit(
 
 
 def averaged(m: Measured, settings: ModelError) -> Measured:
-    """Join intervals and average readings; all are used, and the white floor is their least noise.
-
-    Parameters
-    ----------
-    m : Measured
-    settings : ModelError
-    """
+    """Join intervals and average readings; all are used, and the white floor is their least noise."""
     wanted = np.clip(m.drive.N * m.drive.dt / settings.blocks, settings.shortest, settings.longest)
     size = max(round(float(wanted) / m.drive.dt), 1)
     spans, drives, parts = [], [], []

@@ -142,10 +142,6 @@ def make_record(rows: Columns, model: StringModel, half_way: bool | None = None)
     half_way : bool, optional
         Whether a step lies half-way between its rows, or at the later one. Default: by the pattern of the stamps.
 
-    Returns
-    -------
-    Record
-
     Raises
     ------
     DataError

@@ -34,12 +34,6 @@ ABOVE = (Quality.OUT_OF_RANGE, Quality.OPEN)
 class Alerting:
     """Conditions and alerts of the strings of one engine.
 
-    Parameters
-    ----------
-    settings : AlertSettings
-    inputs : Inputs
-    estimators : Estimators
-
     Attributes
     ----------
     alerts : Alerts

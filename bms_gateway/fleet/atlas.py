@@ -155,10 +155,6 @@ def draw_atlas(rows: Iterable[Row], config: str = "CONFIG", models: Mapping[str,
         For the command that a sentence advises.
     models : mapping of string to path, optional
         The same.
-
-    Returns
-    -------
-    Atlas
     """
     columns, logs = _columns(rows)
     by_regime: dict[tuple[str, str], list[_Column]] = defaultdict(list)

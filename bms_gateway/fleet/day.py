@@ -82,10 +82,6 @@ class _String:
 class Days:
     """Gathers events into rows.
 
-    Parameters
-    ----------
-    plan : Plan
-
     Attributes
     ----------
     rows : list of Row

@@ -72,10 +72,6 @@ class CellResidual:
 class Residuals:
     """Errors of one string, gathered tick by tick.
 
-    Parameters
-    ----------
-    model : StringModel
-
     Attributes
     ----------
     seconds : ndarray (regimes,)

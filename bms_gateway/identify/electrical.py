@@ -88,12 +88,7 @@ class PairMeans:
 
 
 class ElectricalSums:
-    """Running sums of one string.
-
-    Parameters
-    ----------
-    cells : int
-    """
+    """Running sums of one string."""
 
     def __init__(self, cells: int) -> None:
         self._cells = cells

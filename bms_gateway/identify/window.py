@@ -114,11 +114,6 @@ class WindowJob:
 class WindowIdentifier:
     """Windowed maximum a posteriori identification of one string.
 
-    Parameters
-    ----------
-    model : StringModel
-    settings : Settings
-
     References
     ----------
     Lin et al., Eq 1, 16–18 for the model; the method is ours, in place of Eq 5.

@@ -131,10 +131,6 @@ def read_table(
     needed : sequence of str
         Columns that it must have; of others that are missing every value is.
 
-    Returns
-    -------
-    Table
-
     Raises
     ------
     DataError
