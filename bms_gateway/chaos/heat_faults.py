@@ -12,6 +12,7 @@ from bms_gateway.chaos.facts import Facts
 from bms_gateway.chaos.reaction import Reaction, Told, Untold
 from bms_gateway.chaos.scenario import Injection, Scenario
 from bms_gateway.chaos.sensors import SOUND_WINDOW_S, Frozen, Slow
+from bms_gateway.health.heat.usual import REFERENCE
 from bms_gateway.thermal import Floats
 
 WARM_S = 900.0
@@ -25,7 +26,6 @@ BESIDE = ((0.2, 120.0), (0.06, 240.0), (0.02, 1200.0))
 FAULT_S, SLOW_FAULT_S, MISSING_S = 300.0, 1200.0, 120.0
 LOOSE_SHARE = 0.3  # of the coolant in the reading of a thermocouple that is loose
 FILM_POWER = 0.63  # by which a film's conductance goes with the flow
-REFERENCE = 3
 FEW = "with fewer than three thermocouples on the string, only heat far above that of the current is told"
 FEW_AT_REST = (
     "with fewer than three thermocouples on the string, heat at rest is told in a time that nobody has measured"

@@ -27,10 +27,10 @@ from bms_gateway.chaos.scenario import STEADY, Outcome, Scenario, is_sound, judg
 from bms_gateway.engine import Engine, Notice, Plan, SendFrames, drain
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.database import Database
+from bms_gateway.service.live import SETTLE_NS
 from bms_gateway.store import StateStore, Trial
 
 SLICE_NS = SECOND // 10
-SETTLE_NS = 2_000_000  # as the service waits with a deadline
 LONG_S = 180  # of a longer rest only so much is gone through step by step: then the engine sleeps
 SAVE_S = 60  # as the service saves
 USED = {"state", "state.previous", "state.trying", "state.new"}

@@ -5,7 +5,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bms_gateway.cli.main import Parser
+from bms_gateway.cli.main import DEFAULT_CONFIG, Parser
 from bms_gateway.errors import ConfigError, UsageError, clipped, did_you_mean, whole_number
 from bms_gateway.records.recent_signals import STATE_DIRECTORY
 
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from bms_gateway.engine.plan import StringPlan
     from bms_gateway.health import Ageing, StringHealth
 
-DEFAULT_CONFIG = Path("/etc/bms-gateway/gateway.toml")
 EXAMPLE = """
   bms-gateway baseline --show
   bms-gateway baseline --reset string_1:3 --reason "cell 3 replaced, order 4711"

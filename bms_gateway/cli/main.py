@@ -12,6 +12,7 @@ import signal
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from types import FrameType, ModuleType
 from typing import NoReturn
 
@@ -19,6 +20,8 @@ from bms_gateway import __version__
 from bms_gateway.errors import GatewayError, UsageError, did_you_mean
 
 PROGRAM = "bms-gateway"
+DEFAULT_CONFIG = Path("/etc/bms-gateway/gateway.toml")
+"""Where `deploy/install.sh` puts the config."""
 DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
 """Faults of a disk, which may come with any byte that a command writes, and are no bug of the command."""
 

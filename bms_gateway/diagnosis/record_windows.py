@@ -20,7 +20,8 @@ from bms_gateway.identify.contract import Posterior, Tick
 from bms_gateway.identify.coordinates import Belief, Measured
 from bms_gateway.identify.map_fit import TO_THE_END
 from bms_gateway.identify.problem import Problem
-from bms_gateway.identify.window import GAP_S, WindowIdentifier
+from bms_gateway.identify.window import WindowIdentifier
+from bms_gateway.identify.window_readings import GAP_S
 from bms_gateway.thermal import Floats, StringModel
 from bms_gateway.thermal.drive import Span
 

@@ -11,11 +11,11 @@ from datetime import UTC, datetime, timedelta
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
+
+from bms_gateway.thermal import Floats
 
 __all__ = ["ASKED", "DateForm", "date_form"]
 
-Floats = NDArray[np.float64]
 ASKED: Final = ("dd/mm/yyyy", "mm/dd/yyyy")
 """What may be said of a column of dates where its rows do not tell."""
 _CLOCK: Final = r"(\d{1,2}):(\d\d)(?::(\d\d)(?:[.,](\d{1,9}))?)?"

@@ -16,8 +16,8 @@ from bms_gateway.gunzip import Gunzip
 from bms_gateway.report.dates import DateForm
 from bms_gateway.report.table_cells import MISSING, Decimals, is_number, mark_of, units_row
 from bms_gateway.report.text import HEAD, Recoded, decoded, refuse_others, utf16
+from bms_gateway.thermal import Floats
 
-Floats = NDArray[np.float64]
 CHUNK: Final = 1 << 18  # bytes of text: its cells are some megabytes
 LONGEST_LINE: Final = 1 << 17  # bytes; the names of all columns of a thousand cells have half of it
 MOST_IDLE: Final = 1_000_000  # lines in a row that are blank or remarks

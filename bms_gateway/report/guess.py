@@ -10,11 +10,10 @@ from typing import Final
 from unicodedata import normalize
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bms_gateway.report.columns import UNITS, bare_unit, split_unit
+from bms_gateway.thermal import Floats
 
-Floats = NDArray[np.float64]
 ENOUGH: Final = 0.3
 """Correlation of steps of current and voltage from which on they tell the sign, as the direct checks have it."""
 BLOCKS: Final = 60
