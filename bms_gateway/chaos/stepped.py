@@ -31,13 +31,13 @@ from bms_gateway.service.live import SETTLE_NS
 from bms_gateway.store import StateStore, Trial
 
 SLICE_NS = SECOND // 10
-LONG_S = 180  # of a longer rest only so much is gone through step by step: then the engine sleeps
+LONG_S = 180  # only this much of a longer rest is run step by step; afterwards the engine sleeps
 SAVE_S = 60  # as the service saves
 USED = {"state", "state.previous", "state.trying", "state.new"}
 
 
 class EndedError(Exception):
-    """The service ends, by a bug."""
+    """Stands for a bug that ends the service."""
 
 
 class Bus:
@@ -119,7 +119,7 @@ class SteppedBench:
         return Bystander(self._plan, self._database)
 
     def record(self, scenario: Scenario) -> Record:
-        """Run one scenario and give all that was seen."""
+        """Run one scenario and return its record."""
         injection = scenario.injection
         record = Record(scenario.warm_s, scenario.warm_s + scenario.lasts_s)
         fault_s = record.start_s, record.end_s
@@ -192,7 +192,7 @@ class _Run:
             self._restart(k, during)
         if during and injection.parked:
             if k - record.start_s > LONG_S and k < record.end_s - 1:
-                return  # asleep: nothing happens, and the clocks go on by themselves
+                return  # the engine sleeps: nothing happens while the clocks go on
             self._step((k + 1) * SECOND, during=True)
         else:
             self._slices(k, second.frames, during)
@@ -213,7 +213,7 @@ class _Run:
             self._step(k * SECOND + (i + 1) * SLICE_NS, during)
 
     def _step(self, steady_ns: int, during: bool) -> None:
-        """Let time go on to `steady_ns` and the gateway do what is due."""
+        """Advance the time to `steady_ns`, and let the gateway do what is due."""
         before, self._steady_ns = self._steady_ns, steady_ns
         self._clock.begin()
         arrived = self.bus.take()
@@ -250,7 +250,7 @@ class _Run:
             self._start()
 
     def _start(self) -> None:
-        """Start as the service does; with `ends` it is gone again at once wherever it finds a state."""
+        """Start as the service does; with `ends`, the service ends again at once if it finds a state."""
         trial, engine = Trial(self._store.directory, "bench"), self.fresh()
 
         def use(state: dict[str, Any]) -> None:

@@ -95,7 +95,7 @@ def _show(args: argparse.Namespace, loaded: "LoadedConfig", store: Path) -> int:
 
 
 def _stored(store: Path) -> "Mapping[str, Any]":
-    """Newest stored state; empty where there is none yet. Nothing is touched: the service may be saving."""
+    """Read the newest stored state; empty if there is none. No file is changed: the service may be saving."""
     from bms_gateway.cli.output import note
     from bms_gateway.store import StateStore
 
@@ -108,7 +108,7 @@ def _stored(store: Path) -> "Mapping[str, Any]":
 
 
 def _health(string: "StringPlan", state: "Mapping[str, Any]") -> "StringHealth":
-    """Health as stored; as new where nothing is."""
+    """Give the stored health of a string; without a stored one, that of a new string."""
     from bms_gateway.engine.plausible import fitting
     from bms_gateway.engine.string_estimator import health_of
 
@@ -121,7 +121,7 @@ def _health(string: "StringPlan", state: "Mapping[str, Any]") -> "StringHealth":
 
 
 def _document(h: "StringHealth") -> dict[str, object]:
-    """Say what is shown for machines."""
+    """Give the content as a document for machines."""
     cells = {} if h.cells is None else {str(k): _growth(a) for k, a in enumerate(h.cells.ageing, start=1)}
     return {
         "commissioned": h.commissioned,
@@ -142,7 +142,7 @@ def _growth(ageing: "Ageing") -> float | None:
 
 
 def _lines(name: str, h: "StringHealth") -> list[str]:
-    """Say what is shown for people."""
+    """Give the content as lines for people."""
     from datetime import UTC, datetime
 
     def day(t: int) -> str:
