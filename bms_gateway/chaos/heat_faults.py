@@ -22,8 +22,8 @@ MORE_S = 60.0
 WATTS = (1.0, 3.0, 10.0)
 SENSED = ((0.03, 120.0), (0.02, 180.0), (0.01, 240.0), (0.005, 720.0), (0.0, 900.0))
 BESIDE = ((0.2, 120.0), (0.06, 240.0), (0.02, 1200.0))
-"""Rates of warming, K/s, above which a short must be reported within so many seconds: in a cell with a thermocouple, and
-in a neighbour of such a cell."""
+"""Rates of warming, K/s, above which a short must be reported within so many seconds: in a cell with a thermocouple,
+and in a neighbour of such a cell."""
 FAULT_S, SLOW_FAULT_S, MISSING_S = 300.0, 1200.0, 120.0
 LOOSE_SHARE = 0.3  # share of the coolant in the reading of a loose thermocouple
 FILM_POWER = 0.63  # exponent with which the conductance of the film depends on the flow

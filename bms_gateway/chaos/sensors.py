@@ -13,7 +13,7 @@ from bms_gateway.thermal import Floats
 FAR = 1e5  # beyond what any signal can hold: it is sent as the end of the range, or as not available
 SLOW_S = 90.0  # a thermocouple that has come off its cell and hangs in the air beside it
 SOUND_WINDOW_S = 2700.0
-"""Cores are proven again by the first window of twenty minutes without the fault; one with the fault may still be open."""
+"""Cores are proven again by the first window of twenty minutes without the fault; another one may still be open."""
 NOISY_K = 6.0
 HEATS_K_S = 0.35  # rise of a cell with an internal short before it runs away
 RUNS_S = 240.0

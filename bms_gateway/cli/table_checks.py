@@ -21,7 +21,7 @@ UNITS: dict[str, tuple[tuple[str, str, float, float], ...]] = {
     "soc": (("%", "shares of 1", 1e-2, 0.0),),
     "flow": (("l/min", "m³/s", 1e-3 / 60.0, 0.0),),
 }
-"""Units in which each kind of quantity may have been written: unit, that of a table, factor and offset to the latter."""
+"""Units in which each kind of quantity may be written: unit, that of a table, factor and offset to the latter."""
 MOSTLY = 0.9
 FAR_S = 10.0
 """s. If the rows of a current are not further apart, its heat is right on average: cells follow more slowly."""
