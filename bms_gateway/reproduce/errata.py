@@ -1,4 +1,4 @@
-"""Where the print of the paper is wrong, and what is right: one table for the terminal, the README here, and tests."""
+"""Errors of the paper's print and their corrections: one table for the terminal, this room's README, and tests."""
 
 from dataclasses import dataclass
 

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from bms_gateway.thermal import StringParameters, exchange
 
 PRIMES = (2_147_483_647, 2_147_483_629)
-"""The two greatest below 2³¹: a product of residues fits into 64 bits."""
+"""The two greatest primes below 2³¹: a product of two residues fits into 64 bits."""
 
 Residues = NDArray[np.int64]
 
 
 def exact_rank(p: StringParameters, sensors: Sequence[int]) -> int:
-    """Rank of (A, C) as if computed with rational numbers.
+    """Compute the rank of (A, C) as with rational numbers.
 
     Parameters
     ----------
@@ -37,8 +37,9 @@ def exact_rank(p: StringParameters, sensors: Sequence[int]) -> int:
 
     Notes
     -----
-    The rows of C are multiplied by A and reduced against what is there until nothing new comes, in the integers modulo
-    two primes; the greater rank is wrong with a chance of about (2n/2³¹)².
+    The rows of C are multiplied by A again and again, and reduced by the rows found before, until no new row is
+    independent. This is done in the integers modulo two primes; the greater rank is wrong with a probability of about
+    (2n/2³¹)².
 
     References
     ----------
@@ -167,7 +168,7 @@ def _units(rows: Residues) -> NDArray[np.bool_]:
 
 
 def _independent(sensors: Sequence[int], within: Mapping[int, set[int]]) -> tuple[int, ...]:
-    """Leave out sensors that another one's space holds; of two that hold each other, the second."""
+    """Leave out sensors whose reading another sensor determines; of two that determine each other, the second."""
     kept: list[int] = []
     for k in sorted(sensors, key=lambda k: (-len(within[k]), k)):
         if not any(k in within[j] for j in kept):
