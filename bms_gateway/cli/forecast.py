@@ -95,7 +95,7 @@ def run(args: argparse.Namespace) -> int:
         write_json(args.json, document)
     for log, n in zip(args.log, notes, strict=True):
         if n.broken:
-            note(f"{log}: {n.broken} broken lines passed over, the first at line {n.broken_at[0][0]}")
+            note(f"{log}: {n.broken} damaged lines skipped, the first at line {n.broken_at[0][0]}")
     for line in (*last_lines(document), *score_lines(document)):
         say(line, args.json)
     return 0
