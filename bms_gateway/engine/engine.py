@@ -101,8 +101,8 @@ class Engine:
         self.frames = 0
         self.dropped = 0
         self.recording = False
-        self._stored = False  # the state was restored, and no frame has come since
-        self._sure = False  # the time since the snapshot is known, whatever the clock shows
+        # From a restore to the first frame: whether the time since the snapshot is known, whatever the clock shows.
+        self._restored: bool | None = None
         self.judging = False
 
     def foresee(self) -> None:
@@ -276,8 +276,8 @@ class Engine:
         self._woken = start
         if self._tick_end is not None and start != self._tick_end:
             gap_ns: int | None = start - self._tick_end
-            unseen = self._stored and not 0 <= start - self._tick_end <= AT_ONCE_NS
-            if start < self._tick_end or (unseen and not self._sure and min(start, self._tick_end) < CLOCK_SET_NS):
+            unseen = self._restored is not None and not 0 <= start - self._tick_end <= AT_ONCE_NS
+            if start < self._tick_end or (unseen and not self._restored and min(start, self._tick_end) < CLOCK_SET_NS):
                 gap_ns = None
             how_long = "a time that the clock does not tell" if gap_ns is None else f"{gap_ns * 1e-9:.0f} s"
             self._queue.append(
@@ -285,7 +285,7 @@ class Engine:
             )
             self.inputs.forget()
             self.estimators.pass_time(None if gap_ns is None else gap_ns * 1e-9, unseen=unseen)
-        self._stored = False
+        self._restored = None
         self._tick_end = start
 
     def _tick(self, samples: Samples, t1: int) -> None:
@@ -431,6 +431,6 @@ class Engine:
         if self._tick_end is not None and not 0 <= self._tick_end < LATEST_NS:
             seconds = max(-(1 << 99), min(self._tick_end, 1 << 99)) * 1e-9  # an integer may be too large for a float
             raise StateError(f"stored state: its time, {seconds:.4g} s since 1970, is none of a clock")
-        self._stored, self._sure = self._tick_end is not None, sure
+        self._restored = None if self._tick_end is None else sure
         for text in left:
             self._queue.append(Notice(self._tick_end or 0, Level.NOTICE, "state", text))
