@@ -139,7 +139,7 @@ async def _garbage(bench: LiveBench) -> None:
 
 
 async def _refused(bench: LiveBench) -> None:
-    """Have the configuration read again, and wait until it is refused."""
+    """Make the service read its configuration again, and wait until it refuses the configuration."""
     loop, tally = asyncio.get_running_loop(), bench.gateway.tally
     before, end = tally.reloads_refused, loop.time() + RECOVERS_S
     os.kill(os.getpid(), signal.SIGHUP)
@@ -157,7 +157,7 @@ def _error(bits: int) -> bytes:
 
 
 async def _bus_off(bench: LiveBench) -> None:
-    bench.hushed = True  # a controller that is off hears nothing
+    bench.hushed = True  # a controller that is off receives nothing
     bench.raw(_error(BUS_OFF))
     await asyncio.sleep(AWAY_S)
     bench.raw(_error(RESTARTED))
@@ -190,7 +190,7 @@ async def _removed(bench: LiveBench) -> None:
 
 
 async def _burst(bench: LiveBench) -> None:
-    _flood(bench, bench.wanted, FLOOD)  # without a pause in which the gateway could read
+    _flood(bench, bench.wanted, FLOOD)  # without a pause, so that the gateway cannot read in between
     await asyncio.sleep(1.0)
 
 

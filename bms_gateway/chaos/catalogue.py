@@ -29,14 +29,14 @@ class Chaos:
     plan, database
         Of the gateway's config.
     channel : str or None
-        Interface; None: inside this process, without what needs a kernel.
+        Interface; None: a bus inside this process, without the scenarios that need a kernel.
     seed : int
         Of the simulated pack.
 
     Attributes
     ----------
     scenarios : mapping of name to Scenario
-        In the order in which they are run; those that do not fit say so in `unfit`.
+        In the order in which they are run; `unfit` says why one cannot be run here.
     """
 
     def __init__(self, plan: Plan, database: Database, channel: str | None = None, seed: int = 0) -> None:
@@ -52,7 +52,7 @@ class Chaos:
         self._live: RealTimeBench | None = None
 
     def choose(self, names: Sequence[str]) -> list[str]:
-        """Check names; none means all.
+        """Check the names of scenarios; without names, all scenarios are chosen.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""What can come through the doors of the service: its metrics port and its broker."""
+"""Faults that reach the service through its metrics port and its broker."""
 
 import asyncio
 import socket
@@ -19,7 +19,7 @@ from bms_gateway.service.watch import Watch
 
 IDLE: Final = 60
 SCRAPES: Final = 10
-SCRAPE_S: Final = 10.0  # a tenth of the patience of Prometheus would do on a free machine
+SCRAPE_S: Final = 10.0  # on a free machine a tenth of the time-out of Prometheus would do
 GET: Final = b"GET /metrics HTTP/1.1\r\n\r\n"
 HERE: Final = "127.0.0.1"
 WELCOME: Final = bytes([0x20, 2, 0, 0])
@@ -52,7 +52,7 @@ def door_scenarios() -> list[BusScenario]:
 
 @asynccontextmanager
 async def _beside(part: "asyncio.Future[None]") -> AsyncIterator[None]:
-    """Have something run beside the gateway meanwhile."""
+    """Run a task beside the gateway within the block."""
     try:
         yield
     finally:

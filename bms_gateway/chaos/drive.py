@@ -14,13 +14,13 @@ from bms_gateway.frames.database import Database
 from bms_gateway.thermal import Floats
 
 Change = Callable[[Floats, Floats], Floats]
-CYCLE = "us06"  # the current must move as on the road: while it is constant for minutes, a stuck sensor shows no fault
+CYCLE = "us06"  # the current must change as on the road: a stuck sensor shows no fault while the current is constant
 NOISY = ("surface", "coolant_inlet")
 
 
 @dataclass(frozen=True, slots=True)
 class Sensed(Series):
-    """The readings of a sensor: a series with noise, and with the fault while it lasts.
+    """The readings of a sensor: a series with noise, and with the fault between `start_s` and `end_s`.
 
     Attributes
     ----------
@@ -45,7 +45,9 @@ class Sensed(Series):
         if self.change is None or not broken.any():
             return value
         value = value.copy()
-        value[broken] = self.change(t[broken], value[broken])  # what keeps a reading keeps one of when it broke
+        value[broken] = self.change(
+            t[broken], value[broken]
+        )  # a fault that keeps a reading keeps one from the time when the sensor broke
         return value
 
 
@@ -66,11 +68,11 @@ class Incident:
     changes : mapping of (quantity, cell) to callable
         Faults of the sensors of the first string.
     fault_s : (float, float)
-        When they begin and end.
+        Begin and end of the faults.
     rest_s : (float, float), optional
-        Between these no current flows.
+        Begin and end of a time without current.
     fault : PackFault, optional
-        What breaks in the pack.
+        Fault of the pack itself.
     """
 
     changes: Mapping[Key, Change] = field(default_factory=dict)
@@ -83,7 +85,7 @@ NOTHING: Final = Incident()
 
 
 class Drive:
-    """The pack of a plan on the road.
+    """The simulated pack of a plan on a drive.
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ class Facts:
 
     @classmethod
     def of(cls, plan: Plan, database: Database, seed: int = 0) -> "Facts":
-        """Look at a plan, and drive its pack for ten minutes."""
+        """Collect the facts of a plan; its pack is driven for ten minutes."""
         first = next(iter(VirtualPack(plan, seed, cycle=CYCLE).segments(600)))[0]
         return cls(plan, database, seed, float(np.abs(first.series["current", None].value).max()))
 

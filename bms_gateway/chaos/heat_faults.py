@@ -12,20 +12,21 @@ from bms_gateway.chaos.facts import Facts
 from bms_gateway.chaos.reaction import Reaction, Told, Untold
 from bms_gateway.chaos.scenario import Injection, Scenario
 from bms_gateway.chaos.sensors import SOUND_WINDOW_S, Frozen, Slow
+from bms_gateway.health.heat.usual import REFERENCE
 from bms_gateway.thermal import Floats
 
 WARM_S = 900.0
-"""The watch over heat finds its state first."""
+"""Time before the fault, in which the watch over heat finds its state."""
 MORE_S = 60.0
-"""By which a fault outlasts the time to its alert."""
+"""Time by which a fault lasts longer than the time to its alert."""
 WATTS = (1.0, 3.0, 10.0)
 SENSED = ((0.03, 120.0), (0.02, 180.0), (0.01, 240.0), (0.005, 720.0), (0.0, 900.0))
 BESIDE = ((0.2, 120.0), (0.06, 240.0), (0.02, 1200.0))
-"""Rates, K/s, from which a short is told within so many seconds: in a cell with a thermocouple, and beside one."""
+"""Rates of warming, K/s, above which a short must be reported within so many seconds: in a cell with a thermocouple,
+and in a neighbour of such a cell."""
 FAULT_S, SLOW_FAULT_S, MISSING_S = 300.0, 1200.0, 120.0
-LOOSE_SHARE = 0.3  # of the coolant in the reading of a thermocouple that is loose
-FILM_POWER = 0.63  # by which a film's conductance goes with the flow
-REFERENCE = 3
+LOOSE_SHARE = 0.3  # share of the coolant in the reading of a loose thermocouple
+FILM_POWER = 0.63  # exponent with which the conductance of the film depends on the flow
 FEW = "with fewer than three thermocouples on the string, only heat far above that of the current is told"
 FEW_AT_REST = (
     "with fewer than three thermocouples on the string, heat at rest is told in a time that nobody has measured"
@@ -55,7 +56,7 @@ def _scenario(
         SOUND_WINDOW_S,
         injection,
         unfit,
-        misleads=True,  # until it is told the bus says nothing of it
+        misleads=True,  # before the alert, the bus cannot show the fault
         warm_s=WARM_S,
     )
 
@@ -117,5 +118,5 @@ def _look_alikes(facts: Facts) -> list[Scenario]:
 
 
 def _loose(_t: Floats, value: Floats) -> Floats:
-    """Show a reading with a share of the coolant in it."""
+    """Give a reading that contains a share of the coolant temperature."""
     return value + LOOSE_SHARE * (np.float64(INLET_C) - value)

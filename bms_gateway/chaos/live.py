@@ -37,20 +37,20 @@ from bms_gateway.service.live import Gateway
 from bms_gateway.service.reread import reread
 from bms_gateway.store import StateStore
 
-WARM_MOST_S = 60.0  # a slow machine may take so long for what takes three seconds
-STEADY_FIRST = 3  # seconds that must look alike before anything is broken
+WARM_MOST_S = 60.0  # a slow machine may need this long for what normally takes three seconds
+STEADY_FIRST = 3  # seconds that must look alike before a fault is injected
 SLICE_S = 0.02
-SMALL_BUFFER = 64 << 10  # of the gateway's socket, where a burst is to overflow it
+SMALL_BUFFER = 64 << 10  # receive buffer of the gateway's socket, for a burst that must overflow it
 DRIVE_S = 300
 FOREIGN_ID = 0x7E5
 NO_JOB, MINUTE_NS = -1, 60 * SECOND
-SAVE_S = 0.5  # between two saves of the gateway: of a minute nobody would see anything here
+SAVE_S = 0.5  # between two saves of the gateway: with the usual minute, a scenario would end before a save
 FIT_S = 3.0  # a fit that takes longer is killed
-MOST_BEHIND_S = 0.1  # a machine too slow for the load asked for gets what it can
+MOST_BEHIND_S = 0.1  # a machine that is too slow for this load sends what it can
 
 
 def foreign_frames(count: int) -> FrameBatch:
-    """Make frames that concern nobody here."""
+    """Make frames that no node of the bench wants."""
     ids, data = np.full(count, FOREIGN_ID, np.uint32), np.full((count, 8), 0x55, np.uint8)
     return FrameBatch(np.zeros(count, np.int64), ids, np.full(count, 8, np.uint8), data)
 
@@ -69,7 +69,7 @@ class RefusingPort(SocketCanPort):
 
 @dataclass(slots=True)
 class LiveBench:
-    """The parts of the bench that a fault may change.
+    """The parts of the bench that a fault may use and change.
 
     Attributes
     ----------
@@ -78,13 +78,13 @@ class LiveBench:
     port : RefusingPort
         The gateway's.
     own : tuple of int
-        Identifiers of the gateway.
+        Identifiers that the gateway sends.
     wanted : tuple of int
         Identifiers that it reads.
     raw : callable
-        Puts one frame as the kernel lays it out onto the bus, whatever it is.
+        Puts one frame in the kernel's layout on the bus, without a check.
     send_all : callable
-        Puts data frames of anybody onto the bus.
+        Puts data frames of any sender on the bus.
     """
 
     channel: str | None
@@ -98,13 +98,13 @@ class LiveBench:
     disk: threading.Event
     """Set while the disk answers."""
     hushed: bool = False
-    """The pack says nothing."""
+    """Whether the pack is silent."""
     config: Path = Path()
-    """What a reload reads."""
+    """Config that a reload reads."""
     talk: Callable[[], None] = lambda: None
-    """Puts what the pack and others have to say by now on the bus: where the loop is held up."""
+    """Puts all frames that are due on the bus; for faults that block the loop."""
     counts: Counter[str] = field(default_factory=Counter)
-    """What a fault itself has counted, for its reactions."""
+    """Counts of the fault itself, for the expected reactions."""
 
     def count(self, name: str) -> None:
         """Count something that happened."""
@@ -112,7 +112,7 @@ class LiveBench:
 
     @property
     def engine(self) -> Engine:
-        """The engine of now."""
+        """The present engine of the gateway."""
         assert isinstance(self.gateway.engine, Engine)  # noqa: S101 (the bench has no other)
         return self.gateway.engine
 
@@ -125,7 +125,7 @@ class LiveBench:
     _gateway: Gateway | None = None
 
     def start_fit(self, job: Job) -> None:
-        """Have the gateway do a job, which nobody asked for."""
+        """Make the gateway start a job that its engine has not handed out."""
         now_ns = self.port.now_ns()
         self.gateway.start_job(StartJob(now_ns, NO_JOB, now_ns + MINUTE_NS, job))
 
@@ -135,7 +135,7 @@ class LiveBench:
         Raises
         ------
         BusError
-            It failed: no right to, or no such interface.
+            The command failed: missing rights, or no such interface.
         """
         process = await asyncio.create_subprocess_exec("ip", "link", *words.split(), stderr=asyncio.subprocess.PIPE)
         _, said = await process.communicate()
@@ -220,18 +220,18 @@ def _listening(told: Callable[[str, str], None]) -> Iterator[None]:
 
 @dataclass(frozen=True, slots=True)
 class BusScenario:
-    """A scenario in real time, and what is done.
+    """A scenario in real time, with the function that injects the fault.
 
     Attributes
     ----------
     scenario : Scenario
     fault : Fault
     small_buffer : bool
-        Of the gateway's socket.
+        Whether the receive buffer of the gateway's socket is small.
     load : int
-        Frames of others beside those of the pack, 1/s.
+        Frames of other nodes beside those of the pack, 1/s.
     all_frames : bool
-        Whether the gateway's port takes these, too, as it does where it needs their identifiers.
+        Whether the gateway's port receives these frames too, as if it needed their identifiers.
     """
 
     scenario: Scenario
@@ -296,7 +296,7 @@ class RealTimeBench:
             return (await reread(bench.config)).engine()
 
         def end_jobs() -> None:
-            disk.set()  # if the service were stopped during the fault, it would wait for the disk
+            disk.set()  # a service that stops during this fault would wait for the disk
             fits.close()
 
         bench = LiveBench(self._channel, port, tuple(own), wanted, vehicle.raw, vehicle.send, folder, disk)
@@ -320,7 +320,7 @@ class RealTimeBench:
                     gateway.stop()
                     await work
                 if gateway.ended_by is not None:
-                    raise KeyboardInterrupt  # which the service took for itself, if only while it ended
+                    raise KeyboardInterrupt  # the service has replaced this handler while it ran
                 return await driven
         finally:
             vehicle.close()
@@ -361,7 +361,7 @@ class _LiveRun:
             self.tell(event.code, event.text)
 
     async def drive(self, fault: Fault) -> Record:
-        """Warm up, break, wait for the end of the fault and of its consequences."""
+        """Warm up, inject the fault, and wait until the fault and its consequences are over."""
         record = self.record
         while not self._steady():
             if self.now_s > WARM_MOST_S:
@@ -387,7 +387,7 @@ class _LiveRun:
         return alike and bool(np.isfinite(last[-1].sd).all())
 
     async def _until(self, end_s: float, doing: "asyncio.Future[None] | None" = None) -> None:
-        """Keep the pack talking for a second of the bench, or until the fault is over; then sum up."""
+        """Let the pack send for a second of the bench, or until the fault is over; then close the second."""
         while self.now_s < end_s or (doing is not None and not doing.done() and self.now_s < end_s + 0.75):
             self.send_due()
             self.ears.pump()
@@ -395,12 +395,12 @@ class _LiveRun:
             await asyncio.sleep(SLICE_S)
             if doing is not None and doing.done():
                 break
-        nowhere = np.full(self._cells, np.nan)  # the truth of the drive is that of another start
+        nowhere = np.full(self._cells, np.nan)  # the true cores of the drive belong to another start
         seen = self.bystander.close_second(self.now_s, nowhere, self._counts())
         self.record.seen.append(seen)
 
     def send_due(self) -> None:
-        """Put what is due on the bus."""
+        """Put the frames that are due on the bus."""
         now, self._sent_s = self._sent_s, self.now_s
         if self.bench.hushed:
             return

@@ -11,7 +11,7 @@ from bms_gateway.frames.quality import Quality
 
 
 class Reaction(Protocol):
-    """Found in a record or not."""
+    """An expected reaction, which a record shows or does not show."""
 
     @property
     def text(self) -> str:
@@ -19,7 +19,7 @@ class Reaction(Protocol):
         ...
 
     def first_s(self, record: Record) -> float | None:
-        """Bench time at which it is first seen after the fault began; None if never."""
+        """Bench time at which the reaction is first seen after the fault began; None if never."""
         ...
 
 
@@ -29,7 +29,7 @@ def _first(record: Record, holds: Callable[[Seen], bool]) -> float | None:
 
 @dataclass(frozen=True, slots=True)
 class Marked:
-    """Some cell is sent with one of these qualities, which none had before."""
+    """Some cell is sent with one of these qualities, which no cell had before the fault."""
 
     qualities: frozenset[Quality]
 
@@ -40,7 +40,7 @@ class Marked:
 
     @property
     def text(self) -> str:
-        """As the config's user reads it in `estimates.csv`."""
+        """The qualities as `estimates.csv` writes them."""
         return "marked " + " or ".join(sorted(q.name.lower() for q in self.qualities))
 
     def first_s(self, record: Record) -> float | None:
@@ -55,7 +55,7 @@ class Marked:
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """A line for people with this code, and this word in it; with `within_s`, so soon after the fault began."""
+    """A notice with this code that contains this word; with `within_s`, it must come within this time."""
 
     code: str
     word: str = ""
@@ -76,7 +76,7 @@ class Told:
 
 @dataclass(frozen=True, slots=True)
 class Untold:
-    """No line for people with one of these codes comes while the fault lasts."""
+    """No notice with one of these codes comes while the fault lasts."""
 
     codes: tuple[str, ...]
 

@@ -16,9 +16,9 @@ from bms_gateway.thermal import Floats
 
 ABSENT = np.uint8(Quality.NEVER)
 SLACK_K = 1.5
-"""A core that is off by less is right whatever its band says: neither sensors nor models are better."""
+"""A core with a smaller error counts as right whatever its band is: neither sensors nor models are more exact."""
 BAND = 3.0
-"""Standard deviations; one tick in some hundred of a sound filter is further out, by less than `SLACK_K`."""
+"""Half width of the band, sd. A right filter is outside in one tick of some hundred, by less than `SLACK_K`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,12 +30,12 @@ class Seen:
     time_s : float
         Bench time, the end of the second.
     frames : int
-        Frames of the gateway in it.
+        Frames of the gateway in this second.
     state : int or None
         `GatewayState`, None where no status came.
     quality : ndarray of uint8 (cells of all strings,)
     error, sd : ndarray (cells of all strings,)
-        Core as sent less the true core, K, and its stated sd; NaN where not available.
+        Core as sent minus the true core, K, and its stated sd; NaN if not available.
     counts : mapping of str to int
         Counters of the engine and the port.
     """
@@ -50,7 +50,7 @@ class Seen:
 
     @property
     def in_band(self) -> bool:
-        """Whether no core that was sent lies outside its own band."""
+        """Whether every core that was sent lies inside its own band."""
         sent = np.isfinite(self.error)
         return bool((np.abs(self.error[sent]) <= np.maximum(SLACK_K, BAND * self.sd[sent])).all())
 
@@ -71,7 +71,7 @@ class Record:
     Attributes
     ----------
     start_s, end_s : float
-        Of the fault, bench time.
+        Begin and end of the fault, bench time.
     """
 
     start_s: float
@@ -84,7 +84,7 @@ class Record:
         return max((s for s in self.seen if s.time_s <= self.start_s), key=lambda s: s.time_s)
 
     def since(self) -> Iterable[Seen]:
-        """Seconds from the fault's beginning on."""
+        """Seconds after the beginning of the fault."""
         return (s for s in self.seen if s.time_s > self.start_s)
 
 
@@ -130,7 +130,7 @@ class Bystander:
         self._values[samples.signal] = np.where(samples.flag == Quality.GOOD, samples.value, np.nan)
 
     def close_second(self, time_s: float, truth: Floats, counts: Mapping[str, int]) -> Seen:
-        """Sum up what came since the last time.
+        """Sum up what came since the last call.
 
         Parameters
         ----------

@@ -18,23 +18,23 @@ from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.thermal import Floats
 
 Kind = Literal["heat", "sensor", "frame", "time", "bus", "service"]
-STEADY = 5  # seconds in a row that must be sound before a fault counts as recovered from
+STEADY = 5  # number of consecutive sound seconds after which the gateway counts as recovered
 
 
 @dataclass(frozen=True, slots=True)
 class Injection:
-    """What is done to the traffic of a simulated pack while the fault lasts.
+    """What a fault changes in the traffic of a simulated pack while it lasts.
 
     Attributes
     ----------
     values : mapping of (quantity, cell) to callable
-        Sensors of the first string: what they show for what is true, ``(time_s, value) -> value``.
+        Sensors of the first string: what they show in place of the true value, ``(time_s, value) -> value``.
     frames : callable, optional
         Frames of a tenth of a second as they are put on the bus, ``(frames, rng) -> frames``.
     stamps : callable, optional
         Stamps that the frames get, ns of the wall clock, ``(stamps, rng) -> stamps``.
     wall_s : float
-        The wall clock is set by so much when the fault begins.
+        Step of the wall clock when the fault begins, s.
     epoch_s : float
         What the wall clock shows when the bench starts, s since 1970.
     parked : bool
@@ -42,15 +42,15 @@ class Injection:
     rests : bool
         No current flows from beginning to end; the frames go on.
     pack : PackFault, optional
-        What breaks in the pack itself, whenever the fault lasts.
+        Fault of the pack itself while the fault lasts.
     cycle : str
-        What is driven, of `thermal.cycles.CYCLES`.
+        Drive cycle, a name of `thermal.cycles.CYCLES`.
     restart : bool
         The gateway is stopped when the fault begins, with its state kept, and started when it ends.
     stored : callable, optional
         What happens to the directory of the state while it is stopped, ``(directory)``.
     ends : bool
-        Whenever it has taken up a stored state, it ends with its first tick; it is started again every second.
+        Whenever the gateway has restored a stored state, it ends with its first tick; it is started again every second.
     """
 
     values: dict[Key, Callable[[Floats, Floats], Floats]] = field(default_factory=dict)
@@ -86,11 +86,11 @@ class Scenario:
         How long the gateway may take after it.
     injection : Injection
     warm_s : float
-        How long the gateway runs before it begins: until the sensors are believed and the unknown start is forgotten.
+        How long the gateway runs before the fault: until the sensors are accepted and the unknown start is forgotten.
     misleads : bool
-        Until it is noticed it cannot be known, and cores may be off; afterwards their band must hold again.
+        The cores may be wrong until the gateway notices the fault; afterwards they must be inside their bands again.
     unfit : str
-        Why it cannot be tried with this config or on this bus; empty where it can.
+        Why the scenario cannot be run with this config or on this bus; empty if it can.
     """
 
     name: str
@@ -115,11 +115,11 @@ class Outcome:
     reacted_s : tuple of float or None
         Seconds from the fault to each expected reaction.
     in_band : bool
-        No core was sent outside its band, from the fault to the end; not asked where the fault misleads.
+        No core was sent outside its band, from the fault to the end; not checked if the fault misleads.
     recovered_s : float or None
         Seconds from the end of the fault until all was as before it.
     sound_before : bool
-        The cores were right before anything was broken: else nothing that follows means anything.
+        The cores were right before the fault; otherwise the rest of the outcome has no meaning.
     """
 
     scenario: Scenario
@@ -135,7 +135,7 @@ class Outcome:
 
     @property
     def holds(self) -> bool:
-        """Whether all was as expected; what cannot be tried does not count against it."""
+        """Whether all was as expected; true for a scenario that cannot be run."""
         if not self.tried:
             return True
         late = self.recovered_s is None or self.recovered_s > self.scenario.recovers_s
@@ -182,7 +182,7 @@ def recovered_s(record: Record) -> float | None:
         run = run + 1 if is_sound(s, before) else 0
         if run == STEADY:
             lasting = [x.time_s for x in after if x.time_s <= s.time_s][-STEADY:]
-            # a second of the bench ends up to a second after what it shows
+            # a second of the bench ends up to a second after the event that it shows
             step = min((b - a for a, b in pairwise(lasting)), default=1.0)
             return max(0.0, lasting[0] - record.end_s - step)
     return None

@@ -10,14 +10,14 @@ from bms_gateway.engine.broadcast import State
 from bms_gateway.frames.quality import Quality
 from bms_gateway.thermal import Floats
 
-FAR = 1e5  # beyond what any signal can carry: it leaves as the end of its range, or as not available
+FAR = 1e5  # beyond what any signal can hold: it is sent as the end of the range, or as not available
 SLOW_S = 90.0  # a thermocouple that has come off its cell and hangs in the air beside it
 SOUND_WINDOW_S = 2700.0
-"""Cores are proven again by the first window of twenty minutes that the fault did not touch; one may be under way."""
+"""Cores are proven again by the first window of twenty minutes without the fault; another one may still be open."""
 NOISY_K = 6.0
-HEATS_K_S = 0.35  # of a cell with an internal short, until it runs away
+HEATS_K_S = 0.35  # rise of a cell with an internal short before it runs away
 RUNS_S = 240.0
-FOLD_S = 5.0  # in which its rate grows by e
+FOLD_S = 5.0  # time in which its rate grows by a factor of e
 DIES_K = 250.0
 FROZEN = np.nan
 
@@ -105,7 +105,7 @@ class RunsAway:
 
 
 class Frozen:
-    """Shows what it showed first."""
+    """Keeps its first reading."""
 
     def __init__(self) -> None:
         self._kept = FROZEN

@@ -1,4 +1,4 @@
-"""What can happen to the service itself: no processor time, a fit that hangs, a disk that hangs or cannot be read."""
+"""Faults of the service itself: no processor time, a fit that hangs, a disk that hangs or cannot be read."""
 
 import asyncio
 import os
@@ -14,7 +14,7 @@ from bms_gateway.chaos.reaction import Counted, Reaction, Told, Uncounted
 from bms_gateway.chaos.scenario import Scenario
 
 STALL_S: Final = 8.0
-STALL_RATE: Final = 300  # frames/s that the port has to take meanwhile: more than one system call gives
+STALL_RATE: Final = 300  # frames/s that the port receives meanwhile: more than one system call reads
 TRIES: Final = 3
 PATIENCE_S: Final = 30.0  # a child process starts in some tenths of a second, on a busy machine in some seconds
 
@@ -73,7 +73,7 @@ async def _stall(bench: LiveBench) -> None:
     end = time.monotonic() + STALL_S
     while time.monotonic() < end:
         bench.talk()
-        time.sleep(0.01)  # that nothing else of this loop runs is the fault
+        time.sleep(0.01)  # the fault is that nothing else of this loop runs
     await asyncio.sleep(1.0)
 
 
@@ -95,16 +95,16 @@ async def _state_unreadable(bench: LiveBench) -> None:
     await _come(lambda: (bench.folder / "state").is_file())
     spoilt, gateway = bench.folder / "spoilt", bench.gateway
     for _ in range(TRIES):
-        spoilt.symlink_to("state")  # under that name a link to itself: nobody can read it, not even root
+        spoilt.symlink_to("state")  # the name becomes a link to itself, which nobody can read, not even root
         spoilt.replace(bench.folder / "state")
         saves = gateway.tally.saves
         await _come(lambda: bool(gateway.unread()) or gateway.tally.saves >= saves + 2)  # noqa: B023 (used at once)
         if gateway.unread():
-            return  # else it took the name in the very moment of a save, for which no disk has a fault
+            return  # otherwise the link came in the very moment of a save, which replaced it: try again
 
 
 async def _come(true: Callable[[], bool]) -> None:
-    """Wait until something holds; where it does not come the reaction that is missing tells."""
+    """Wait until a condition holds; if it never does, the missing reaction shows this in the outcome."""
     end = time.monotonic() + PATIENCE_S
     while not true() and time.monotonic() < end:
         await asyncio.sleep(0.05)

@@ -1,4 +1,4 @@
-"""What a start can find in the place of the stored state."""
+"""Faulty states that a start of the service can find on disk."""
 
 import hashlib
 from pathlib import Path
@@ -9,7 +9,7 @@ from bms_gateway.chaos.scenario import Injection, Scenario
 from bms_gateway.store.state import MAGIC, VERSION
 
 STOPPED_S: Final = 20.0
-LOOP_S: Final = 10.0  # one start a second: three with each of two generations, and the one that lives
+LOOP_S: Final = 10.0  # one start a second: three with each of two generations of the state, and one that succeeds
 LISTS: Final = 15_000_000
 RECOVERS_S: Final = 60.0
 

@@ -10,13 +10,14 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from bms_gateway.bus.access import Access
 from bms_gateway.bus.clock import BusClock
-from bms_gateway.bus.in_process import MemoryBus
+from bms_gateway.bus.in_process import MemoryBus, MemoryPort
+from bms_gateway.bus.port import Port
 from bms_gateway.bus.replay import SocketCanSender
 from bms_gateway.bus.socketcan import SocketCanPort
 from bms_gateway.bus.traffic import SECOND
@@ -26,108 +27,65 @@ from bms_gateway.chaos.scenario import STEADY, Outcome, Scenario, is_sound, judg
 from bms_gateway.engine import Engine, Notice, Plan, SendFrames, drain
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.database import Database
+from bms_gateway.service.live import SETTLE_NS
 from bms_gateway.store import StateStore, Trial
 
 SLICE_NS = SECOND // 10
-SETTLE_NS = 2_000_000  # as the service waits with a deadline
-LONG_S = 180  # of a longer rest only so much is gone through step by step: then the engine sleeps
+LONG_S = 180  # only this much of a longer rest is run step by step; afterwards the engine sleeps
 SAVE_S = 60  # as the service saves
 USED = {"state", "state.previous", "state.trying", "state.new"}
 
 
 class EndedError(Exception):
-    """The service ends, by a bug."""
+    """Stands for a bug that ends the service."""
 
 
-class Bus(Protocol):
-    """The three parties: who sends the pack's frames, the gateway's port, who listens to the gateway."""
-
-    def put(self, frames: FrameBatch) -> None:
-        """Send frames of the vehicle."""
-        ...
-
-    def take(self) -> FrameBatch:
-        """Give what the gateway's port has received."""
-        ...
-
-    def answer(self, frames: FrameBatch) -> None:
-        """Send frames of the gateway, through its port."""
-        ...
-
-    def overhear(self) -> FrameBatch:
-        """Give what a bystander has received."""
-        ...
-
-    def close(self) -> None:
-        """Leave."""
-        ...
-
-
-class MemoryWires:
-    """A bus inside this process."""
-
-    def __init__(self) -> None:
-        bus = MemoryBus()
-        self._vehicle, self._gateway, self._bystander = bus.port(), bus.port(), bus.port()
-
-    def put(self, frames: FrameBatch) -> None:
-        """See `Bus`."""
-        self._vehicle.send(frames)
-        self._bystander.drain()
-
-    def take(self) -> FrameBatch:
-        """See `Bus`."""
-        return self._gateway.drain()
-
-    def answer(self, frames: FrameBatch) -> None:
-        """See `Bus`."""
-        self._gateway.send(frames)
-
-    def overhear(self) -> FrameBatch:
-        """See `Bus`."""
-        return self._bystander.drain()
-
-    def close(self) -> None:
-        """See `Bus`."""
-
-
-class InterfaceWires:
-    """A SocketCAN interface, with the port of the service.
+class Bus:
+    """The vehicle, the gateway's port and a bystander that listens to the gateway, on one bus.
 
     Parameters
     ----------
-    channel : str
+    channel : str or None
+        A SocketCAN interface; None: a bus inside this process.
     engine : Engine
         Its identifiers set the filters and what may be sent.
     """
 
-    def __init__(self, channel: str, engine: Engine) -> None:
-        self._vehicle = SocketCanSender(channel)
-        # bus time goes faster than the clock here, so the rate may too
-        self._gateway = SocketCanPort(channel, Access(engine.can_ids.tolist(), own=engine.sends, rate=1e6))
-        self._bystander = SocketCanPort(channel, Access(engine.sends))
+    def __init__(self, channel: str | None, engine: Engine) -> None:
+        self._vehicle: MemoryPort | SocketCanSender
+        self._gateway: Port
+        self._bystander: Port
+        if channel is None:
+            bus = MemoryBus()
+            self._vehicle, self._gateway, self._bystander = bus.port(), bus.port(), bus.port()
+        else:
+            self._vehicle = SocketCanSender(channel)
+            # Bus time passes faster than the clock here, so the rate may be higher too.
+            self._gateway = SocketCanPort(channel, Access(engine.can_ids.tolist(), own=engine.sends, rate=1e6))
+            self._bystander = SocketCanPort(channel, Access(engine.sends))
 
     def put(self, frames: FrameBatch) -> None:
-        """See `Bus`."""
+        """Send frames of the vehicle; the bystander ignores them."""
         self._vehicle.send(frames)
+        self._bystander.drain()
 
     def take(self) -> FrameBatch:
-        """See `Bus`."""
+        """Give what the gateway's port has received."""
         return self._gateway.drain()
 
     def answer(self, frames: FrameBatch) -> None:
-        """See `Bus`."""
+        """Send frames of the gateway, through its port."""
         now = np.full(len(frames), self._gateway.now_ns(), np.int64)
         self._gateway.send(FrameBatch(now, frames.can_id, frames.length, frames.data))
         while self._gateway.pump() is not None:
             pass
 
     def overhear(self) -> FrameBatch:
-        """See `Bus`."""
+        """Give what the bystander has received."""
         return self._bystander.drain()
 
     def close(self) -> None:
-        """See `Bus`."""
+        """Leave the bus."""
         for end in (self._vehicle, self._gateway, self._bystander):
             end.close()
 
@@ -161,7 +119,7 @@ class SteppedBench:
         return Bystander(self._plan, self._database)
 
     def record(self, scenario: Scenario) -> Record:
-        """Run one scenario and give all that was seen."""
+        """Run one scenario and return its record."""
         injection = scenario.injection
         record = Record(scenario.warm_s, scenario.warm_s + scenario.lasts_s)
         fault_s = record.start_s, record.end_s
@@ -179,7 +137,7 @@ class SteppedBench:
             cycle=injection.cycle,
         )
         engine = self.engine()
-        bus: Bus = MemoryWires() if self._channel is None else InterfaceWires(self._channel, engine)
+        bus = Bus(self._channel, engine)
         try:
             with TemporaryDirectory(prefix="bms-gateway-chaos-") as folder:
                 run = _Run(self, scenario, record, engine, bus, Path(folder))
@@ -234,8 +192,8 @@ class _Run:
             self._restart(k, during)
         if during and injection.parked:
             if k - record.start_s > LONG_S and k < record.end_s - 1:
-                return  # asleep: nothing happens, and the clocks go on by themselves
-            self._quiet(k)
+                return  # the engine sleeps: nothing happens while the clocks go on
+            self._step((k + 1) * SECOND, during=True)
         else:
             self._slices(k, second.frames, during)
         seen = self.bystander.close_second(k + 1.0, second.truth, self._counts())
@@ -254,11 +212,8 @@ class _Run:
                 self.bus.put(part)
             self._step(k * SECOND + (i + 1) * SLICE_NS, during)
 
-    def _quiet(self, k: int) -> None:
-        self._step((k + 1) * SECOND, during=True)
-
     def _step(self, steady_ns: int, during: bool) -> None:
-        """Let time go on to `steady_ns` and the gateway do what is due."""
+        """Advance the time to `steady_ns`, and let the gateway do what is due."""
         before, self._steady_ns = self._steady_ns, steady_ns
         self._clock.begin()
         arrived = self.bus.take()
@@ -295,7 +250,7 @@ class _Run:
             self._start()
 
     def _start(self) -> None:
-        """Start as the service does; with `ends` it is gone again at once wherever it finds a state."""
+        """Start as the service does; with `ends`, the service ends again at once if it finds a state."""
         trial, engine = Trial(self._store.directory, "bench"), self.fresh()
 
         def use(state: dict[str, Any]) -> None:

@@ -117,7 +117,7 @@ def _miscounted(f: FrameBatch, message: MessageInfo | None, rng: np.random.Gener
     data = f.data.copy()
     rows = np.flatnonzero(f.can_id == message.can_id)
     framed = data[rows, :8]
-    # five on from what is right is never in sequence
+    # the right value plus five is never in sequence
     wrong = ((framed[:, 1] & 0x0F) * 5 + rng.integers(5, 9, len(rows))) % 15
     protect(framed, wrong.astype(np.uint8), id_crc(np.full(len(rows), message.e2e.data_id)))
     data[rows, :8] = framed
@@ -125,7 +125,7 @@ def _miscounted(f: FrameBatch, message: MessageInfo | None, rng: np.random.Gener
 
 
 def _unused(message: MessageInfo, switch: SignalInfo) -> int | None:
-    """Value of a multiplexer that no signal of its message has."""
+    """Find a value of the multiplexer that no signal of its message uses."""
     used = {v for s in message.signals.values() for step in s.mux if step.signal == switch.name for v in step.values}
     low, high = (int(x) for x in switch.raw_limits)
     return next((v for v in range(high, max(low, high - 1024) - 1, -1) if v not in used), None)
@@ -134,7 +134,7 @@ def _unused(message: MessageInfo, switch: SignalInfo) -> int | None:
 def _with_unknown(
     f: FrameBatch, message: MessageInfo | None, switch: SignalInfo | None, value: int | None
 ) -> FrameBatch:
-    """Put after each frame of the message one more with that multiplexer value, in other respects whole."""
+    """After each frame of the message, insert a copy with this multiplexer value; the rest of the frame is valid."""
     if message is None or switch is None or value is None:
         return f
     rows = np.flatnonzero(f.can_id == message.can_id)
@@ -156,7 +156,7 @@ def _with_unknown(
 
 
 def _strange_ids(facts: Facts) -> NDArray[np.uint32]:
-    """List standard identifiers that nobody has in any DBC of the config."""
+    """List standard identifiers that no DBC of the config contains."""
     known = {m.can_id for m in facts.database.messages.values()}
     return np.array([i for i in range(0x7F0, 0x400, -1) if i not in known][:64], np.uint32)
 

@@ -4,11 +4,10 @@ import argparse
 import os
 from pathlib import Path
 
-from bms_gateway.cli.main import Parser
+from bms_gateway.cli.main import DEFAULT_CONFIG, Parser
 from bms_gateway.errors import ConfigError, UsageError, did_you_mean
 from bms_gateway.records.recent_signals import STATE_DIRECTORY
 
-DEFAULT_CONFIG = Path("/etc/bms-gateway/gateway.toml")
 EXAMPLE = """
   bms-gateway acknowledge all --reason "string_1 cooled and looked at"
   bms-gateway acknowledge string_1 --reason "cell 3 exchanged"

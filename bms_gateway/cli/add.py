@@ -40,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
 
     model = given_model(args)
     words = _words(args)
-    asked_for(words, model)  # a wrong name is told before the tables are read
+    asked_for(words, model)  # report a wrong name before the tables are read
     records = given_measurements(args, model)
     with share_of("adding") as tell:
         found = add(model, records, *words, force=args.force, progress=tell)

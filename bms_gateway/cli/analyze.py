@@ -87,7 +87,7 @@ def _batches(logs: list[Path], notes: "list[LogNotes]", span: "Span") -> "Iterat
 
 
 def _sent(engine: "Engine", batches: "Iterable[FrameBatch]", folder: "ResultFolder") -> "Iterator[FrameBatch]":
-    """Frames that the service would have sent; everything else goes into the folder on the way."""
+    """Yield the frames that the service would have sent; all other results are written into the folder meanwhile."""
     from bms_gateway.engine import SendFrames, drive
 
     for event in drive(engine, batches):
@@ -98,7 +98,7 @@ def _sent(engine: "Engine", batches: "Iterable[FrameBatch]", folder: "ResultFold
 
 
 def _conclude(engine: "Engine", folder: "ResultFolder") -> None:
-    """Put what the flags say at the end into the summary."""
+    """Put the flags at the end of the logs into the summary."""
     for s in engine.strings:
         summary = folder.strings[s.plan.name]
         growth = s.ageing.growth
@@ -139,7 +139,7 @@ def _tell(
 
 
 def _standing(engine: "Engine", out: str) -> "Iterator[str]":
-    """Say which alerts stand at the end."""
+    """Say which alerts are raised at the end."""
     standing = engine.alerts.raised
     for c in standing[:MOST_TOLD]:
         where = "" if c.string is None else f"{c.string}: "

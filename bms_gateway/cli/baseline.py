@@ -5,7 +5,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bms_gateway.cli.main import Parser
+from bms_gateway.cli.main import DEFAULT_CONFIG, Parser
 from bms_gateway.errors import ConfigError, UsageError, clipped, did_you_mean, whole_number
 from bms_gateway.records.recent_signals import STATE_DIRECTORY
 
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from bms_gateway.engine.plan import StringPlan
     from bms_gateway.health import Ageing, StringHealth
 
-DEFAULT_CONFIG = Path("/etc/bms-gateway/gateway.toml")
 EXAMPLE = """
   bms-gateway baseline --show
   bms-gateway baseline --reset string_1:3 --reason "cell 3 replaced, order 4711"
@@ -96,7 +95,7 @@ def _show(args: argparse.Namespace, loaded: "LoadedConfig", store: Path) -> int:
 
 
 def _stored(store: Path) -> "Mapping[str, Any]":
-    """Newest stored state; empty where there is none yet. Nothing is touched: the service may be saving."""
+    """Read the newest stored state; empty if there is none. No file is changed: the service may be saving."""
     from bms_gateway.cli.output import note
     from bms_gateway.store import StateStore
 
@@ -109,7 +108,7 @@ def _stored(store: Path) -> "Mapping[str, Any]":
 
 
 def _health(string: "StringPlan", state: "Mapping[str, Any]") -> "StringHealth":
-    """Health as stored; as new where nothing is."""
+    """Give the stored health of a string; without a stored one, that of a new string."""
     from bms_gateway.engine.plausible import fitting
     from bms_gateway.engine.string_estimator import health_of
 
@@ -122,7 +121,7 @@ def _health(string: "StringPlan", state: "Mapping[str, Any]") -> "StringHealth":
 
 
 def _document(h: "StringHealth") -> dict[str, object]:
-    """Say what is shown for machines."""
+    """Give the content as a document for machines."""
     cells = {} if h.cells is None else {str(k): _growth(a) for k, a in enumerate(h.cells.ageing, start=1)}
     return {
         "commissioned": h.commissioned,
@@ -143,7 +142,7 @@ def _growth(ageing: "Ageing") -> float | None:
 
 
 def _lines(name: str, h: "StringHealth") -> list[str]:
-    """Say what is shown for people."""
+    """Give the content as lines for people."""
     from datetime import UTC, datetime
 
     def day(t: int) -> str:

@@ -1,4 +1,4 @@
-"""`cells`: what is known of a cell's thermal parameters before it was measured, each number with its source."""
+"""`cells`: thermal parameters of a cell that was not measured yet, each number with its source."""
 
 import argparse
 from typing import TYPE_CHECKING, Any

@@ -17,7 +17,7 @@ EXAMPLE = """\
   sudo bms-gateway chaos --config gateway.toml --on vcan0
 """
 MEMORY = "memory"
-LISTEN_S = 1.5  # a battery or a gateway that is on the bus says something every second
+LISTEN_S = 1.5  # a battery or a gateway on the bus sends something every second
 
 
 def arguments(parser: Parser) -> None:

@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
     loaded = load_config(Path(args.config))
     distinct({"--json": args.json}, [*loaded.files, *args.log])
     plan = loaded.plan
-    loaded.engine()  # what cannot be made of it would end the service
+    loaded.engine()  # a config of which no engine can be made would end the service
     strings: list[dict[str, Any]] = []
     for s in plan.strings:
         p, sensors = s.model.nominal, _sensed(s)
@@ -131,13 +131,13 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _unknown_per_10K(model: "StringModel") -> float:
-    """Give what R_e and R_c, as little as they are known, add to a core that is 10 K above its surface, K."""
+    """Give the sd, K, that the uncertainty of R_e and R_c adds to a core that is 10 K above its surface."""
     spread = [model.priors[name].rel_sd or 0.0 for name in ("R_e", "R_c") if name in model.priors]
     return float(10.0 * sum(x**2 for x in spread) ** 0.5)
 
 
 def _say_what_sd_means(strings: list[dict[str, Any]], json_target: str | None) -> None:
-    """Say once for all strings alike that `analyze` begins with more than the table's sd."""
+    """Say, once for equal strings, that the bands of `analyze` begin wider than the table's sd."""
     by_value: dict[float, list[str]] = {}
     for one in strings:
         by_value.setdefault(one["unknown_sd_per_10K"], []).append(one["name"])
@@ -192,7 +192,7 @@ def _tell(uses: "dict[str, Use]", json_target: str | None) -> None:
 
 
 def _sensed(string: "StringPlan") -> tuple[int, ...]:
-    """Cells with a sensor; of a reading that is one of several cells, the one that stands for them."""
+    """List the cells with a sensor; for a reading of several cells, the cell that stands for them."""
     from bms_gateway.engine.statistics import stand_in
 
     own = {c.cell for c in string.channels if c.quantity == "surface" and c.cell is not None}
@@ -201,7 +201,7 @@ def _sensed(string: "StringPlan") -> tuple[int, ...]:
 
 
 def _unstorable(store: Path | None) -> str | None:
-    """Return why no state can be kept in a directory, if so; the service creates a missing directory."""
+    """Return why no state can be kept in a directory, None if it can; the service creates a missing directory."""
     if store is None:
         return None
     there = store.absolute()
@@ -210,7 +210,7 @@ def _unstorable(store: Path | None) -> str | None:
             there.lstat()
         except (FileNotFoundError, NotADirectoryError):
             there = there.parent
-        except OSError as e:  # a name that is too long, a folder that may not be entered
+        except OSError as e:  # the name is too long, or a folder may not be entered
             return f"{clipped(str(there), 200)} cannot be made: {e.strerror}"
         else:
             break

@@ -98,7 +98,7 @@ def _fish() -> str:
 
 
 def _roff(text: str) -> str:
-    """Escape what roff would take for its own."""
+    """Escape the characters that have a meaning in roff."""
     escaped = text.replace("\\", "\\e").replace("-", "\\-")
     return f"\\&{escaped}" if escaped.startswith((".", "'")) else escaped
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 SECOND = 1_000_000_000
 CHANNEL = "vcan0"
 LIVE_S, SIMULATED_S = 45.0, 2700.0  # in real time: long enough to find every core; simulated: to identify twice
-LONGEST_S = 86_400  # its truth is kept in memory
+LONGEST_S = 86_400  # the true temperatures are kept in memory
 UNKNOWN = 0.10  # R_e, R_c and R_u of each string differ from its model file by so much (relative sd)
 EXAMPLE = """\
   bms-gateway demo
@@ -45,7 +45,7 @@ def arguments(parser: Parser) -> None:
 
 @dataclass
 class Score:
-    """What the estimates are worth, gathered tick by tick.
+    """Errors of the estimates, collected tick by tick.
 
     Attributes
     ----------
@@ -114,7 +114,7 @@ def _traffic_of(segments: "tuple[Segment, ...]", traffic: "Traffic") -> "FrameBa
 
 
 def _truth(pack: "VirtualPack", seconds: float) -> "dict[str, Floats]":
-    """Gather the true cores (K, n) by string at whole seconds; driven again, the pack gives the same."""
+    """Compute the true cores (K, n) of each string at whole seconds; the same seed gives the same pack and drive."""
     parts: dict[str, list[Floats]] = {}
     for segments in pack.segments(seconds):
         for s in segments:
@@ -153,7 +153,7 @@ def _take(
     score: Score,
     draw: Callable[[str], None],
 ) -> None:
-    """Send what is to be sent, score what is estimated, draw the newest."""
+    """Send the gateway's frames, score its estimates, and show the newest ones."""
     from bms_gateway.engine import Estimated, SendFrames
 
     tables: list[str] = []
@@ -206,7 +206,7 @@ def _drive_live(
 
     port = SocketCanPort(CHANNEL, Access(engine.can_ids.tolist(), own=engine.sends))
     sender = SocketCanSender(CHANNEL)
-    batches = list(frames)  # made beforehand: the bus must not wait for the simulation
+    batches = list(frames)  # the traffic is made beforehand, so that the bus does not wait for the simulation
     began = time.time_ns()
     first = int(batches[0].time_ns[0])
     vehicle = threading.Thread(target=replay, args=(batches, sender), daemon=True)
@@ -229,7 +229,7 @@ def _drive_live(
 
 
 def _already_sent(_batch: "FrameBatch") -> None:
-    """Leave frames alone that the gateway has put on the bus itself."""
+    """Ignore frames that the gateway itself has put on the bus."""
 
 
 def _conclude(args: argparse.Namespace, engine: "Engine", pack: "VirtualPack", score: Score, live: bool) -> int:

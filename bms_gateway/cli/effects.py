@@ -131,13 +131,13 @@ def _detail(e: "Effect") -> Iterator[str]:
 
 
 def _entry(label: str, text: str) -> list[str]:
-    """Text beside its label, wrapped; nothing for no text."""
+    """Yield a text beside its label, wrapped; nothing for an empty text."""
     lines = textwrap.wrap(text, WIDTH - MARGIN, break_on_hyphens=False)
     return [f"{label if i == 0 else '':<{MARGIN}}{line}" for i, line in enumerate(lines)]
 
 
 def _priors(e: "Effect") -> list[str]:
-    """Priors of an effect's parameters; those that follow each other with the same one together."""
+    """Yield the priors of an effect's parameters; consecutive parameters with the same prior share a line."""
     found: list[tuple[str, list[str]]] = []
     for p in e.parameters:
         prior = _prior(p)

@@ -77,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
     refuse_other_units(plan.strings[index], loaded.database, table)
     feed = _feed(plan, index, table)
     traffic = Traffic(plan, loaded.database, [index])
-    # The last row is an instant too: frames go on until just after it.
+    # The last row is an instant as well, so the frames end just after it.
     start_ns, stop_ns = (round(float(t) * SECOND) for t in table.time_s[[0, -1]])
     with progress("encoding", (stop_ns - start_ns) / SECOND) as advance:
 
@@ -121,7 +121,7 @@ def _string(plan: "Plan", name: str | None) -> int:
 
 
 def _feed(plan: "Plan", index: int, table: "Table") -> "dict[Key, Series]":
-    """Series of the inputs of the string; a sensor without a column is an error, an unused column a note."""
+    """Give the series of the string's inputs. A sensor without a column is an error; an unused column is a remark."""
     from bms_gateway.bus.traffic import feed_of
 
     string = plan.strings[index]

@@ -96,18 +96,18 @@ def _jobs(args: argparse.Namespace) -> int:
 
 
 def _once(logs: list[Path]) -> list[Path]:
-    """Each log once, where patterns of the shell overlap."""
+    """List each log once, even if patterns of the shell overlap."""
     return list({log.resolve(): log for log in reversed(logs)}.values())[::-1]
 
 
 def _positions(atlas: "Atlas") -> list["Row"]:
-    """Rows of atlas.parquet: each place with what was found there."""
+    """Make the rows of atlas.parquet: each place with its finding."""
     kinds = {(f.string, c, r): f.kind for f in atlas.findings for c in f.cells for r in f.regimes}
     return [asdict(p) | {"finding": kinds.get((p.string, p.cell, p.regime))} for p in atlas.positions]
 
 
 class _Seen:
-    """Counts of rows that are too many to be kept: their number, the vehicles, the hottest."""
+    """Counts of the rows, which are too many to be kept in memory: their number, the vehicles, the hottest rows."""
 
     def __init__(self) -> None:
         self.rows = 0

@@ -58,7 +58,7 @@ def arguments(parser: Parser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Drive the engine over the logs, score its forecasts, and tell the last one."""
+    """Run the engine over the logs, score its forecasts, and print the last one."""
     from bms_gateway.bus.logfile import LogNotes
     from bms_gateway.cli.output import distinct, note, say, writable, write_json
     from bms_gateway.config.load import load_config
@@ -95,7 +95,7 @@ def run(args: argparse.Namespace) -> int:
         write_json(args.json, document)
     for log, n in zip(args.log, notes, strict=True):
         if n.broken:
-            note(f"{log}: {n.broken} broken lines passed over, the first at line {n.broken_at[0][0]}")
+            note(f"{log}: {n.broken} damaged lines skipped, the first at line {n.broken_at[0][0]}")
     for line in (*last_lines(document), *score_lines(document)):
         say(line, args.json)
     return 0
@@ -104,7 +104,7 @@ def run(args: argparse.Namespace) -> int:
 def _driven(
     args: argparse.Namespace, engine: "Engine", scorer: "Scorer", span: "Span", notes: "list[LogNotes]"
 ) -> "Iterator[tuple[Foreseen | None, list[Row]]]":
-    """Drive the engine over the logs: each forecast, and the rows that can then be judged."""
+    """Run the engine over the logs: yield each forecast, and the rows that can be judged by then."""
     from bms_gateway.bus.logfile import read_log
     from bms_gateway.engine import Foreseen, drive
     from bms_gateway.report.progress import progress
@@ -126,7 +126,7 @@ def _driven(
 
 
 def _sound(args: argparse.Namespace) -> None:
-    """Refuse numbers that mean nothing.
+    """Refuse numbers that have no meaning.
 
     Raises
     ------
@@ -141,7 +141,7 @@ def _sound(args: argparse.Namespace) -> None:
 
 
 def _profile(args: argparse.Namespace) -> "tuple[Any, Any, Any] | None":
-    """Currents, squares and inlets (NaN: as now) of the ten-second steps ahead; None where nothing is planned."""
+    """Give currents, squares and inlets (NaN: as now) of the coming ten-second steps; None without a profile."""
     import numpy as np
 
     from bms_gateway.observe.ahead import ENDS, STEP_S
@@ -156,7 +156,7 @@ def _profile(args: argparse.Namespace) -> "tuple[Any, Any, Any] | None":
     time = time - time[0]
     edges = np.arange(steps + 1) * STEP_S
     fine = np.unique(np.concatenate((edges, time[(time >= 0.0) & (time <= edges[-1])])))
-    at = np.maximum(np.searchsorted(time, fine[:-1], side="right") - 1, 0)  # a row holds until the next
+    at = np.maximum(np.searchsorted(time, fine[:-1], side="right") - 1, 0)  # a row is valid until the next one
     length, of = np.diff(fine), np.minimum((fine[:-1] / STEP_S).astype(int), steps - 1)
 
     def mean(x: Any) -> Any:
@@ -209,7 +209,7 @@ def _document(
 
 
 def _truth(path: Path, cells: dict[str, int], span: "Span") -> "Truth":
-    """Read the true cores; their time is the log's own, or else counts from its first frame."""
+    """Read the true cores; their time is that of the log, or counts from the log's first frame."""
     import numpy as np
 
     from bms_gateway.report.forecast_tables import read_truth

@@ -103,7 +103,7 @@ def _write(
 
 
 def _guessed(out: Path, traffic: "Traffic") -> "list[Guess]":
-    """Guess without a DBC, and write what was guessed as one; an older one of that name is written over."""
+    """Guess the signals without a DBC, and write the guess as a DBC; an older file of that name is replaced."""
     import numpy as np
 
     from bms_gateway.errors import UsageError
@@ -149,7 +149,7 @@ def _asks(args: argparse.Namespace) -> bool:
 
 
 def _may_write(out: Path, args: argparse.Namespace) -> bool:
-    """Whether a config that is there already may be replaced."""
+    """Whether an existing config may be replaced."""
     from bms_gateway.errors import UsageError
 
     there = out / "gateway.toml"
@@ -167,7 +167,7 @@ def _may_write(out: Path, args: argparse.Namespace) -> bool:
 
 
 def _keep(there: Path) -> None:
-    """Keep the config that is there under another name, beside those that were kept before."""
+    """Keep the existing config under another name, beside earlier ones."""
     from bms_gateway.cli.output import note
     from bms_gateway.errors import UsageError
 
@@ -181,7 +181,7 @@ def _keep(there: Path) -> None:
 
 
 def document(proposal: "Proposal") -> dict[str, Any]:
-    """Tell machines what was found."""
+    """Give the result as a document for machines."""
     return {
         "signals": [_entry(p) for p in proposal.signals],
         "unused": [{"signal": path, "why": why} for path, why in proposal.unused],
@@ -244,7 +244,7 @@ def _table(proposal: "Proposal") -> str:
 
 
 def _ask(proposal: "Proposal") -> None:
-    """Ask about every choice for the whole pack that is not sure; what is refused is left out."""
+    """Ask about every uncertain choice for the whole pack; a refused signal is left out."""
     for p in [p for p in proposal.signals if not p.sure and p.role not in ("surface", "cell_voltage")]:
         low, high = p.observed
         if not _agrees(f"{p.role}: {p.path} ({low:.4g} … {high:.4g}; {'; '.join(p.why[:3])})?"):

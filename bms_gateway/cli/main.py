@@ -12,6 +12,7 @@ import signal
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from types import FrameType, ModuleType
 from typing import NoReturn
 
@@ -19,8 +20,10 @@ from bms_gateway import __version__
 from bms_gateway.errors import GatewayError, UsageError, did_you_mean
 
 PROGRAM = "bms-gateway"
+DEFAULT_CONFIG = Path("/etc/bms-gateway/gateway.toml")
+"""Where `deploy/install.sh` puts the config."""
 DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
-"""Faults of a disk, which may come with any byte that a command writes, and are no bug of the command."""
+"""Faults of a disk. They can come with any byte that a command writes, and are no bug of the command."""
 
 COMMANDS = {
     "demo": "the main job with no hardware: a simulated pack, a live table of its cells, the error against the truth",
@@ -50,8 +53,8 @@ COMMANDS = {
     "observability": "how well surface sensors determine the cores: exact rank, the paper's rank, sd of each core",
     "place": "where to put surface sensors so that the least certain core is known best",
 }
-"""Command and what it does. The file of the same name in this room has `arguments(parser)`, `run(args) -> int` and
-`EXAMPLE`; it imports what is heavy inside `run`, so that help and errors come at once."""
+"""Each command and what it does. The file of the same name in this room has `arguments(parser)`, `run(args) -> int` and
+`EXAMPLE`. It imports large modules inside `run`, so that help and errors come at once."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -77,7 +80,7 @@ class Parser(argparse.ArgumentParser):
         raise UsageError(f"{self.prog.removeprefix(PROGRAM).strip()}: {message} (see {self.prog} --help)")
 
     def parse(self, words: Sequence[str]) -> argparse.Namespace:
-        """Parse; an unknown option is told first, with the nearest one, since it is why others seem to be missing."""
+        """Parse; an unknown option is reported first, because others then seem to be missing."""
         for word in words:
             name = word.split("=")[0]
             if name == "--":
@@ -103,7 +106,7 @@ def main(words: Sequence[str] | None = None) -> int:
     int
         Exit status.
     """
-    # Before numpy is loaded: on matrices of a dozen rows threads cost ten times what they bring
+    # Set before numpy is loaded: on matrices of a dozen rows, threads cost ten times what they gain
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     _open_standard_streams()
     try:
@@ -117,10 +120,10 @@ def main(words: Sequence[str] | None = None) -> int:
         print(f"{PROGRAM}: stopped", file=sys.stderr)
         return 130
     except _EndedError as e:
-        os.kill(os.getpid(), e.number)  # by the signal itself, as the shell and systemd expect it
+        os.kill(os.getpid(), e.number)  # end by the signal itself, as the shell and systemd expect
         return 128 + e.number
     except BrokenPipeError:
-        _drop_output()  # the reader of a pipe has gone
+        _drop_output()  # the reader of a pipe has closed it
         return 141
     except OSError as e:
         if e.errno not in DISK:
@@ -145,14 +148,14 @@ class _EndedError(BaseException):
 
 @contextmanager
 def _ended_by_signals() -> Iterator[None]:
-    """Let what is at work clean up when SIGTERM or SIGHUP asks for the end, as it does after Ctrl-C."""
+    """Let the command clean up after SIGTERM or SIGHUP, as it does after Ctrl-C."""
 
     def end(number: int, _: FrameType | None) -> None:
-        signal.signal(number, signal.SIG_DFL)  # a second one ends it for sure
+        signal.signal(number, signal.SIG_DFL)  # a second signal ends the program at once
         raise _EndedError(number)
 
     before: dict[signal.Signals, signal.Handlers] = {}
-    with suppress(ValueError):  # not the main thread: whoever calls from there handles signals
+    with suppress(ValueError):  # not the main thread: the caller handles the signals
         for number in (signal.SIGTERM, signal.SIGHUP):
             if signal.getsignal(number) is signal.SIG_DFL:
                 signal.signal(number, end)
@@ -165,7 +168,7 @@ def _ended_by_signals() -> Iterator[None]:
 
 
 def _open_standard_streams() -> None:
-    """Have standard output and error take every text, whatever their encoding, and also where they were closed."""
+    """Make standard output and error accept every text, whatever their encoding, and even if they are closed."""
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
         if stream is None:
@@ -175,8 +178,8 @@ def _open_standard_streams() -> None:
 
 
 def _drop_output() -> None:
-    """Let nothing more be written to standard output: Python would, and would complain, when it closes the stream."""
-    with suppress(OSError, ValueError):  # replaced by something without a descriptor
+    """Drop all further standard output: otherwise Python would write at the end, and report an error."""
+    with suppress(OSError, ValueError):  # standard output was replaced by an object without a descriptor
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
@@ -198,7 +201,7 @@ def _dispatch(words: list[str]) -> int:
     module.arguments(parser)
     try:
         args = parser.parse(rest)
-    except SystemExit as e:  # --help has printed all there is
+    except SystemExit as e:  # --help has printed everything
         return int(e.code or 0)
     status: int = module.run(args)
     return status

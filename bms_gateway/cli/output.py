@@ -21,7 +21,7 @@ def say(text: str, json_target: str | None = None) -> None:
 
 
 def note(text: str) -> None:
-    """Print a remark that belongs to no result."""
+    """Print a remark that is not part of the result."""
     print(f"bms-gateway: note: {text}", file=sys.stderr)
 
 
@@ -31,7 +31,7 @@ def distinct(outputs: Mapping[str, Path | str | None], inputs: Iterable[Path | s
     Parameters
     ----------
     outputs : mapping of option to path
-        As ``{"--out": "drive.log"}``; None and "-" (standard output) are passed over.
+        Such as ``{"--out": "drive.log"}``; None and "-" (standard output) are ignored.
     inputs : iterable of path
         Every file that the command reads.
 
@@ -59,13 +59,13 @@ def _same(a: Path, b: Path) -> bool:
     try:
         if a.exists():
             return a.is_file() and a.samefile(b)
-    except OSError:  # the other is not there, or its folder may not be looked into
+    except OSError:  # the other file does not exist, or its folder may not be entered
         pass
     return os.path.realpath(a) == os.path.realpath(b)
 
 
 def writable(outputs: Mapping[str, Path | str | None]) -> None:
-    """Find out before the work whether its results can be written.
+    """Check before the work whether the results can be written.
 
     Raises
     ------
@@ -88,13 +88,13 @@ def _hindrance(path: Path) -> str | None:
         return "is a directory"
     if not path.parent.is_dir():
         return f"no such folder: {path.parent}"
-    # a plain file is replaced, which is a matter of its folder
+    # a plain file is replaced, so only its folder must be writable
     place = path.parent if path.is_file() or not path.exists() else path
     return None if os.access(place, os.W_OK) else "permission denied"
 
 
 def write_json(target: str, document: Mapping[str, Any]) -> None:
-    """Write a result for machines to a file, as a whole or not at all, or to standard output for `-`.
+    """Write a result for machines to a file, which is complete or not written at all, or to standard output for `-`.
 
     Raises
     ------
@@ -102,7 +102,9 @@ def write_json(target: str, document: Mapping[str, Any]) -> None:
         The file cannot be written.
     """
     text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-    raw = text.encode("utf-8", "backslashreplace")  # a file's name need not be text; this way it is sound JSON
+    raw = text.encode(
+        "utf-8", "backslashreplace"
+    )  # the name of a file need not be valid text; this makes valid JSON of it
     if target == "-":
         _put_out(raw)
         return
@@ -114,7 +116,7 @@ def write_json(target: str, document: Mapping[str, Any]) -> None:
 
 
 def _put_out(raw: bytes) -> None:
-    """Write JSON to standard output: in UTF-8, whatever text for people is written in there."""
+    """Write JSON to standard output, always in UTF-8, whatever the encoding of the terminal."""
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.flush()
         sys.stdout.buffer.write(raw)
@@ -134,6 +136,6 @@ def needs_plotly(what: str = "--html", extra: str = "report") -> None:
 
 
 def command_line(name: str) -> str:
-    """Return the words that were typed, for the page that tells how it was made."""
+    """Return the command line as it was typed, for a page that shows how it was made."""
     words = sys.argv[1:]
     return shlex.join([PROGRAM, *words]) if words[:1] == [name] else ""

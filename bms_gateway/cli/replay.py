@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
     distinct({"--json": args.json}, [args.log])
     notes = LogNotes()
     batches = read_log(Path(args.log), notes=notes)
-    # the first piece is read before the interface is opened: a file that is no log is refused in any state of the bus
+    # the first piece is read before the interface is opened, so that a file which is no log is refused without a bus
     first = next(batches, None)
     if first is None:
         raise DataError(f"{args.log}: no data frames in it")

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from bms_gateway.store import StateStore, Trial
     from bms_gateway.store.recent import Recent
 
-END_MOST_S = 4.0  # a second more than the gateway takes where all that it waits for at the end hangs
+END_MOST_S = 4.0  # a second more than the gateway takes if everything that it waits for at the end hangs
 INTERRUPT_MOST_S = 1.5  # the same after Ctrl-C
 EXAMPLE = """
   bms-gateway run /etc/bms-gateway/gateway.toml
@@ -35,11 +35,11 @@ def arguments(parser: Parser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run until SIGTERM; SIGINT ends it too, and is told as of every command."""
+    """Run until SIGTERM or SIGINT; after SIGINT the exit status is that of every interrupted command."""
     if args.seconds is not None and not args.seconds > 0:
         raise UsageError(f"run: --seconds {args.seconds:g}: must be above 0")
-    # What is made here lasts. To look through it for garbage would take an eighth of the start and, every other minute
-    # of a day's run, tens of milliseconds in which no frame is looked at.
+    # The objects made here last. Searching them for garbage would take an eighth of the start, and later, every other
+    # minute, tens of milliseconds in which no frame is processed.
     gc.disable()
     try:
         from bms_gateway.service.signals import Signals
@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _assembled(config: Path, signals: "Signals") -> "tuple[Gateway, Port, StateStore | None, Trial | None]":
-    """Gateway of a config with all that runs beside it, its port, where it keeps its state, and the trial of that."""
+    """Make the gateway of a config with all that runs beside it, its port, its store, and the trial of its state."""
     import logging
 
     from bms_gateway.config.load import load_config
@@ -123,7 +123,7 @@ def _assembled(config: Path, signals: "Signals") -> "tuple[Gateway, Port, StateS
 
 
 def started(loaded: "LoadedConfig", store: "StateStore | None", log: Any, trial: "Trial | None" = None) -> "Engine":
-    """Engine with the newest stored state that can be trusted and used, and a line on each that could not."""
+    """Make the engine with the newest stored state that is valid, and log a line on each state that is not."""
     from bms_gateway.service.boot import on_this_line
 
     engine = loaded.engine()
@@ -132,7 +132,7 @@ def started(loaded: "LoadedConfig", store: "StateStore | None", log: Any, trial:
 
     def use(state: "Mapping[str, Any]") -> None:
         nonlocal engine
-        fresh = loaded.engine()  # one that refuses may be half filled
+        fresh = loaded.engine()  # an engine that refuses a state may be half filled
         moved, sure = on_this_line(state)
         fresh.restore(moved, sure=sure)
         engine = fresh
@@ -148,7 +148,7 @@ def started(loaded: "LoadedConfig", store: "StateStore | None", log: Any, trial:
 
 
 def continued(fresh: "Callable[[], Engine]", state: "Mapping[str, Any]", log: Any) -> "Engine":
-    """Engine that goes on from a state, or, where that cannot be used, a fresh one and a line that says why."""
+    """Make an engine that goes on from a state. If the state cannot be used, make a fresh engine, and log why."""
     from bms_gateway.errors import StateError
 
     engine = fresh()
@@ -161,16 +161,16 @@ def continued(fresh: "Callable[[], Engine]", state: "Mapping[str, Any]", log: An
 
 
 async def reloaded(config: Path, running: "Engine", log: Any, started: "LoadedConfig | None" = None) -> "Engine":
-    """Engine of the config as it is now, going on from the running one.
+    """Make the engine of the present config, which goes on from the running one.
 
     Parameters
     ----------
     config : Path
     running : Engine
-        Goes on while the config is read.
+        The running engine; it goes on while the config is read.
     log : Logger
     started : LoadedConfig, optional
-        What the service was started with; what runs beside the engine must be the same.
+        Config with which the service was started; the parts beside the engine must be the same.
 
     Raises
     ------
@@ -193,7 +193,7 @@ async def reloaded(config: Path, running: "Engine", log: Any, started: "LoadedCo
 
 
 def _recent(loaded: "LoadedConfig") -> "Recent | None":
-    """Ring of the recent signals; None where no state is kept, or no room is given to it."""
+    """Open the ring of the recent signals; None if no state is kept, or no space is given to the ring."""
     from bms_gateway.store.recent import Recent
 
     if loaded.store is None or not loaded.config.store.recent_MB:
@@ -202,7 +202,7 @@ def _recent(loaded: "LoadedConfig") -> "Recent | None":
 
 
 def saver(store: "StateStore", recent: "Recent | None" = None) -> "Callable[[Mapping[str, object]], None]":
-    """Make what the gateway saves with: the state first, should the room be short, then the recent signals."""
+    """Make the function that saves: first the state, in case the disk is nearly full, then the recent signals."""
     import time
 
     def save(state: "Mapping[str, object]") -> None:
@@ -211,7 +211,7 @@ def saver(store: "StateStore", recent: "Recent | None" = None) -> "Callable[[Map
             problems.append(recent.flush())
         for problem in problems:
             if problem is not None:
-                raise problem  # the gateway tells it, counts it and goes on
+                raise problem  # the gateway reports and counts the failure, and goes on
 
     return save
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from bms_gateway.thermal import Condition, Disturbance, StringModel
 
 MAX_CELLS = 1000
-"""As in a model file."""
+"""Most cells of a string, as in a model file."""
 UNKNOWN = {
     "heat-common": ("heat_common", "W", 0.0, 1e3, "heat error that the cells share"),
     "heat-cell": ("heat_cell", "W", 0.0, 1e3, "heat error of each cell on its own"),

@@ -21,16 +21,16 @@ UNITS: dict[str, tuple[tuple[str, str, float, float], ...]] = {
     "soc": (("%", "shares of 1", 1e-2, 0.0),),
     "flow": (("l/min", "m³/s", 1e-3 / 60.0, 0.0),),
 }
-"""What each kind of quantity may have been written in: the unit, the table's, factor and offset to the latter."""
+"""Units in which each kind of quantity may be written: unit, that of a table, factor and offset to the latter."""
 MOSTLY = 0.9
 FAR_S = 10.0
-"""s between rows of a current up to which its heat is right on average: cells take so long to follow."""
+"""s. If the rows of a current are not further apart, its heat is right on average: cells follow more slowly."""
 STEPS = 0.25
-"""Mean step of the squared current from row to row, of its mean, above which rows do not tell what flows between."""
+"""Mean step of the squared current from row to row, over its mean; above it, the current between rows is unknown."""
 
 
 def refuse_log(path: Path) -> None:
-    """Tell a log that is given as a table.
+    """Refuse a log that is given as a table.
 
     Raises
     ------
@@ -45,16 +45,10 @@ def refuse_log(path: Path) -> None:
 def not_carried(string: StringPlan, database: Database, table: Table) -> list[dict[str, Any]]:
     """Find the columns with values that their signal cannot carry.
 
-    Parameters
-    ----------
-    string : StringPlan
-    database : Database
-    table : Table
-
     Returns
     -------
     list of dict
-        One per column: how many rows, where the first is, what would fit in the table's unit, what is sent instead.
+        One per column: number of rows, place of the first, range that would fit in the table's unit, and what is sent.
     """
     found: list[dict[str, Any]] = []
     for c in string.channels:
@@ -63,7 +57,7 @@ def not_carried(string: StringPlan, database: Database, table: Table) -> list[di
             continue
         info = database.resolve(c.signal)
         low, high = _raw_range(info)
-        with np.errstate(over="ignore"):  # 1e308 fits no signal, and infinity none either
+        with np.errstate(over="ignore"):  # neither 1e308 nor infinity fits any signal
             raw = ((values - c.offset) / c.scale - info.offset) / info.scale
         raw = raw if info.is_float else np.rint(raw)
         rows = np.flatnonzero((raw < low) | (raw > high))
@@ -76,7 +70,7 @@ def not_carried(string: StringPlan, database: Database, table: Table) -> list[di
                 "rows": len(rows),
                 "first": f"{table.place(int(rows[0]))} ({values[rows[0]]:g})",
                 "signal": c.signal,
-                # a float signal may have but one end
+                # a float signal may have one limit only
                 "lowest": max(lowest, -np.finfo(np.float64).max),
                 "highest": min(highest, np.finfo(np.float64).max),
                 "sent_as": "not available" if info.j1939 else "the nearest limit",
@@ -92,7 +86,7 @@ def empty(string: StringPlan, table: Table) -> list[str]:
 
 
 def far_apart(table: Table) -> float | None:
-    """Tell how far the rows of a current are apart, s, where it moves so much that nobody knows what flows between."""
+    """Give the distance of a current's rows, s, if the current moves so much that its values in between are unknown."""
     known = np.isfinite(table.current_A)
     spacing, current = np.diff(table.time_s[known]), table.current_A[known]
     if not len(spacing) or (typical := float(np.median(spacing))) <= FAR_S:
@@ -104,17 +98,11 @@ def far_apart(table: Table) -> float | None:
 def refuse_other_units(string: StringPlan, database: Database, table: Table) -> None:
     """Refuse a table in which a whole quantity would be lost, because its unit or its column is wrong.
 
-    Parameters
-    ----------
-    string : StringPlan
-    database : Database
-    table : Table
-
     Raises
     ------
     DataError
-        Over half of a column's values are none that the signal carries and the gateway believes; with the unit in
-        which they would be.
+        The signal cannot carry over half of a column's values, or the gateway would refuse them. The message names the
+        unit in which they would be right.
     """
     for c in string.channels:
         values = _column(table, c)

@@ -1,4 +1,4 @@
-"""`workbench`: a local page on which a model is held against measurements, and a live page of the pack."""
+"""`workbench`: a local page on which a model is compared with measurements, and a live page of the pack."""
 
 import argparse
 import signal
@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
 
     needs_plotly("workbench", "workbench")
     sweep()
-    signal.signal(signal.SIGTERM, _stop)  # as Ctrl-C: uploads and processes are to go too
+    signal.signal(signal.SIGTERM, _stop)  # as after Ctrl-C: uploads and processes must be removed too
     if args.bitrate <= 0:
         raise UsageError(f"workbench: --bitrate {args.bitrate:g}: must be above 0")
     given = _given(args)
@@ -98,7 +98,7 @@ def _serve(site: "Site", server: "Server") -> int:
     from bms_gateway.report.page import plotly_script
 
     _tell(server)
-    # packed before it is asked for: that takes a part of a second
+    # packing takes a part of a second, so it is done before the first request
     threading.Thread(target=plotly_script, daemon=True).start()
     try:
         server.serve_forever()
@@ -152,7 +152,7 @@ def _tell(server: "Server") -> None:
 
 
 def _say_now(text: str) -> None:
-    """Print at once: the program goes on, and where this goes to a file nobody could open the page otherwise."""
+    """Print at once: the program goes on, and a reader of its output in a file needs the address now."""
     say(text)
     sys.stdout.flush()
 
@@ -207,7 +207,7 @@ def _on_the_bus(args: argparse.Namespace, site: "Site", loaded: "LoadedConfig", 
 
 
 def _listening(loaded: "LoadedConfig", channel: str) -> "Listening":
-    """Open the interface for all frames, since all of them load the bus; none may be sent."""
+    """Open the interface for all frames, because the load of the bus is shown; the port may send none."""
     from bms_gateway.workbench.sources import Listening
 
     bus = loaded.config.bus

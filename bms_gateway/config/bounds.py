@@ -44,13 +44,13 @@ def bounded(
     Parameters
     ----------
     where : str
-        File that the line begins with.
+        File with which the error line begins.
     seconds : float, optional
         Processor time of this thread, s; default `READ_S`.
     mib : float
         Resident memory beyond that at the beginning, MiB; on Linux only.
     doing : str
-        What it is that takes so much.
+        What needs the time or memory, for the error line.
 
     Raises
     ------

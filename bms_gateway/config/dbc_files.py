@@ -24,13 +24,13 @@ from bms_gateway.frames.packed import pack, unpack
 from bms_gateway.frames.signal_info import MessageInfo
 
 FORMAT = 3
-"""Raised when `frames.packed` writes otherwise, or `frames.dbc` reads something else out of the same text."""
+"""To be increased when `frames.packed` writes another format, or `frames.dbc` reads the same text differently."""
 OWN_TABLE = "dbc/bms_gateway.table"
 """Table of our DBC in the checkout, made by `python dbc/tabulate.py`."""
 KEPT = 32
 """Most tables in the directory. Each has some 100 kB, and every change of a DBC makes a new one."""
 MOST_BYTES = 64 << 20
-"""Of a table, and of a DBC."""
+"""Largest size of a table, and of a DBC."""
 _NOT_OURS = stat.S_IWGRP | stat.S_IWOTH
 
 
@@ -40,7 +40,7 @@ def read_dbc(name: str, text: str) -> list[MessageInfo]:
     Parameters
     ----------
     name : str
-        Of its file, for the messages and for what is told of faults.
+        Name of the file, for the messages and for error lines.
     text : str
 
     Raises
@@ -69,7 +69,7 @@ def _read(name: str, text: str) -> list[MessageInfo]:
 
 
 def table(head: str, messages: list[MessageInfo]) -> str:
-    """Write a table that is believed under this first line."""
+    """Write a table that begins with this line, by which a reader recognises it as valid."""
     body = pack(messages)
     return f"{head} {_sha256(body)}\n{body}"
 
@@ -128,7 +128,7 @@ def _shipped_table() -> bytes | None:
 
 
 def _believed(name: str, content: bytes | None, head: str) -> list[MessageInfo] | None:
-    """Messages of a table; None where it is not what it must be."""
+    """Read the messages of a table; None if the table is not valid."""
     if content is None:
         return None
     first, _, body = content.partition(b"\n")
@@ -160,7 +160,7 @@ def _content(file: Path) -> bytes | None:
 
 
 def _keep(file: Path, content: str) -> None:
-    """Write a table in one step, and remove the oldest where there are many; without a word where it cannot be."""
+    """Write a table in one step, and remove the oldest of more than `KEPT`; a failure to write is no error."""
     fresh = file.with_suffix(f".{os.getpid()}")
     with suppress(OSError):
         file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -177,7 +177,7 @@ def _keep(file: Path, content: str) -> None:
 
 
 def _directory() -> Path | None:
-    """Where tables are kept; None: nowhere."""
+    """Find the directory of the tables; None if there is none."""
     # systemd lists several directories with colons; ours is the first
     if given := os.environ.get("CACHE_DIRECTORY", "").split(":")[0]:
         return Path(given)
@@ -187,7 +187,7 @@ def _directory() -> Path | None:
 
 
 def _version_of_cantools() -> str:
-    """Its version as installed, without loading it: another one may read a text otherwise."""
+    """Give the installed version of cantools without loading it: another version may read a text differently."""
     from importlib.metadata import version
 
     return version("cantools")

@@ -23,7 +23,7 @@ Correlated = tuple[tuple[str, ...], Floats]
 ROUNDING = 1e-6
 """Tolerance for rounded digits, where a number is compared with its bound or a matrix with a correlation."""
 LONGEST_KEY = 100
-"""Characters of a key of the user's that are shown."""
+"""Most characters of a user's key that an error line shows."""
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
@@ -114,7 +114,7 @@ def example(effect: "Effect", key: str) -> str:
 
 
 def optional(effect: "Effect", p: "EffectParameter") -> bool:
-    """Whether a number may be left out, and then stands where it does nothing."""
+    """Whether a number may be left out; it then has the value at which the effect does nothing."""
     return p.neutral is not None and p is not effect.parameters[0]
 
 
@@ -137,12 +137,12 @@ def write_effects(effects: Sequence[AddedEffect]) -> tuple[str, list[str]]:
 def read_correlation(
     given: Correlation, symbols: Mapping[str, object], effects: Sequence[AddedEffect]
 ) -> Correlated | None:
-    """Read the correlation; parameters that the model's condition does not have are left aside.
+    """Read the correlation; parameters that the model's condition does not have are ignored.
 
     Raises
     ------
     ConfigError
-        A name that the model does not know, or a matrix that is none of a correlation.
+        A name that the model does not know, or a matrix that is not a correlation matrix.
     """
     known = {s: s for s in symbols}
     known |= {f"{e.name}.{p}": f"{e.key}.{p}" for e in effects for p in e.values}

@@ -80,8 +80,8 @@ def load_config(path: Path, *, uploaded: bool = False) -> LoadedConfig:
     path : Path
         Files that it names are relative to its directory.
     uploaded : bool
-        From somebody who may not choose what is read here: each file that it names is the one beside it of the same
-        name, whatever path leads there in the config.
+        Whether the config comes from somebody who may not choose which files this computer reads. Of each path in the
+        config, only the file name counts then, and the file must lie beside the config.
 
     Returns
     -------
@@ -140,7 +140,7 @@ def _load(path: Path, uploaded: bool) -> LoadedConfig:
 
 
 def _beside(config: GatewayConfig) -> GatewayConfig:
-    """Leave the last part of every path; what is only for the service, and names secrets, is left out."""
+    """Keep only the last part of every path; leave out the tables that only the service needs: they name secrets."""
 
     def plain(name: str) -> str:
         return PureWindowsPath(name).name  # takes both kinds of slash

@@ -54,7 +54,7 @@ class Flow(Section):
 
 
 class Known(Section):
-    """`[before]`, what was known before any data; and so the numbers of `[parameters]`."""
+    """`[before]`: what was known before any data; `[parameters]` has the same form."""
 
     C_c: Parameter
     C_s: Parameter
@@ -79,7 +79,7 @@ class Part(Section):
 
     @property
     def share(self) -> Share:
-        """The same as the model takes it."""
+        """Give it as the model takes it."""
         return Share(self.value, self.sd)
 
 
@@ -123,14 +123,6 @@ class ModelFile(Section):
 
 def read_model(path: Path) -> StringModel:
     """Read a string model.
-
-    Parameters
-    ----------
-    path : Path
-
-    Returns
-    -------
-    StringModel
 
     Raises
     ------
@@ -227,7 +219,7 @@ def _model(file: ModelFile) -> StringModel:
 
 
 def _format(words: str | None) -> str | None:
-    """Check a cell's description: one that cannot be read would be found out in the middle of a diagnosis."""
+    """Check the description of the cell now; otherwise a diagnosis would stop half-way because of it."""
     if words is not None:
         from bms_gateway.thermal.cells import (
             cell_of,
@@ -291,7 +283,7 @@ def _priors(given: Known, key: str, cells: int) -> dict[str, Prior]:
 
 
 def _complete(model: StringModel, priors: Mapping[str, Prior], key: str) -> Mapping[str, Prior]:
-    """Check that the coupling which a condition has is there, and leave aside that which it has not."""
+    """Check that the file has every coupling of its condition, and ignore the others."""
     coupling = {"R_cc": model.has_conduction, "C_f": model.has_coolant_path}
     for name, needed in coupling.items():
         if needed and name not in priors:

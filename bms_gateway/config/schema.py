@@ -40,18 +40,18 @@ class Source(Section):
     scale, offset : float
         Quantity = scale · value + offset, in SI (°C for temperatures), after the DBC's own unit was converted.
     constant, constant_C : float or None
-        A number where the bus has none, SI; `constant_C` for temperatures.
+        Value of a quantity that the bus does not carry, SI; `constant_C` for temperatures.
     minimum, maximum : float or None
-        What the signal may say, in the DBC's own unit, where its declared range is wrong.
+        Valid range of the signal in the DBC's own unit, where the range that the DBC declares is wrong.
     byte_order : {"little_endian", "big_endian"} or None
-        Of the same bytes, where the DBC is wrong about it.
+        Byte order of the signal, where that of the DBC is wrong.
     signed : bool or None
-        Whether the bits are a two's complement, where the DBC is wrong about it.
+        Whether the bits are a two's complement, where the DBC declares the opposite.
     mask : int or None
         The bits of the raw value that are the measurement, where the DBC takes others into it: one run of ones, as
         0x0FFF.
     max_of, min_of, mean_of : str or None
-        Of a surface: the signal is the greatest, least or mean one of these cells, as "1-96" or "1,3,5-8".
+        For a surface: the signal is the greatest, least or mean surface of these cells, such as "1-96" or "1,3,5-8".
     """
 
     signal: str | None = None
@@ -158,7 +158,7 @@ class String(Section):
     Attributes
     ----------
     identify : {"window", "rls", "off"}, optional
-        Where this string is to be identified otherwise than `[identify]` says.
+        Method for this string, if it differs from that in `[identify]`.
     """
 
     name: str = Field(min_length=1, max_length=64)
@@ -180,9 +180,10 @@ class Bus(Section):
     Attributes
     ----------
     receive_buffer : int
-        Bytes asked of the kernel, which takes them as they fill: 8 MiB hold 2.2 s of a full 1 Mbit/s bus.
+        Size of the kernel's receive buffer, bytes. The kernel uses memory only as the buffer fills. 8 MiB hold 2.2 s
+        of a full 1 Mbit/s bus.
     source_address : int or None
-        Of the sender of all J1939 messages of `dbc`, where it is not that of the DBC.
+        Source address of all J1939 messages of `dbc`, if it differs from that in the DBC.
     """
 
     interface: str = "socketcan"
@@ -216,7 +217,7 @@ class Store(Section):
     Attributes
     ----------
     recent_MB : float
-        What the record of recent signals may take, 10⁶ bytes; 0 keeps none.
+        Most disk space of the recent signals, 10⁶ bytes; 0 keeps none.
     """
 
     path: Text | None = None
@@ -239,7 +240,7 @@ class Observer(Section):
 
     @property
     def disturbance(self) -> Disturbance:
-        """The same as the observers take it."""
+        """Give these settings as the observers take them."""
         return Disturbance(
             heat_common=self.heat_common_W,
             heat_cell=self.heat_cell_W,
@@ -268,7 +269,7 @@ class Cells(Section):
 
     @property
     def settings(self) -> CellSettings:
-        """The same as identification takes it."""
+        """Give these settings as the identification takes them."""
         spread = {"R_e": self.R_e_rel_sd, "R_u": self.R_u_rel_sd, "R_c": self.R_c_rel_sd, "C_c": self.C_c_rel_sd}
         return CellSettings(
             spread=spread,
@@ -319,13 +320,13 @@ class Alerting(Section):
     Attributes
     ----------
     grace_s : float
-        After a start and after each pause of the bus nothing is raised for so long.
+        Time after a start, and after each pause of the bus, in which no alert is raised.
     hold_s, clear_s : float
-        So long something must be wrong, and right again.
+        How long a condition must last before its alert is raised, and be absent before the alert is cleared.
     core_max_C : float
-        Temperature of a cell's hottest point, not of the mean of its roll, from which on there is an alarm.
+        Temperature of a cell's hottest point (not of the mean of its roll) at which an alarm is raised.
     surface_max_C : float or None
-        The same of a surface that is read; that of the cores where it is left out.
+        The same limit for a measured surface; `core_max_C` if it is left out.
     """
 
     grace_s: float = Field(default=10.0, ge=1.0, le=600.0)
@@ -347,7 +348,7 @@ class Alerting(Section):
 
     @property
     def settings(self) -> AlertSettings:
-        """The same as the engine takes it."""
+        """Give these settings as the engine takes them."""
         return AlertSettings(self.grace_s, self.hold_s, self.clear_s, self.core_max_C, self.surface_max_C)
 
 
@@ -361,13 +362,13 @@ class Mqtt(Section):
     Attributes
     ----------
     topic : str
-        What every topic begins with; one of its own for each gateway of a broker.
+        Beginning of every topic; each gateway of a broker needs its own.
     password_file, ca_file, cert_file, key_file : str, optional
-        Relative to the config. Of password and key only the owner may know.
+        Paths relative to the config. Only the owner may be able to read the password and the key.
     interval_s : float
-        Between two summaries of the estimates.
+        Time between two summaries of the estimates.
     spool : int
-        Messages of each kind that wait in memory while the broker is not reached.
+        How many messages of each kind wait in memory while the broker cannot be reached.
     """
 
     host: Text = Field(max_length=255)

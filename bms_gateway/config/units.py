@@ -119,7 +119,8 @@ def effect_units(unit: str, to_si: float) -> Mapping[str, float]:
     unit : str
         The one that the effect shows.
     to_si : float
-        Its factor; an own effect may measure in what nobody here knows, and then "SI" is there beside it.
+        Its factor to SI. An effect of the user's own may have a unit that is unknown here; "SI" may then be written
+        too.
 
     Examples
     --------
@@ -134,8 +135,8 @@ def effect_units(unit: str, to_si: float) -> Mapping[str, float]:
 def signal_conversion(quantity: Quantity, unit: str | None) -> tuple[float, float]:
     """Scale and offset from a DBC's unit to SI (°C for temperatures).
 
-    Only where the printed unit leaves no doubt; one that says nothing passes as it is, and the user's own scale mends
-    it.
+    A conversion is made only if the printed unit leaves no doubt. A value with any other unit passes unchanged; the
+    user can correct it by `scale`.
 
     Parameters
     ----------

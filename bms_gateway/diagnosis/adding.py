@@ -1,7 +1,7 @@
-"""Adding effects to a model: which are meant, what a refit makes of them, and whether they may stay.
+"""Adding effects to a model: the effects that a user names, the refit with them, and whether they may stay.
 
-What `diagnose` finds, and what it cannot tell from that, may be added. Anything else is fitted on its own and told why
-not: an effect that lowers the error of a surface can still take the core the wrong way.
+An effect may be added if `diagnose` finds it, or cannot tell it from what it finds. Any other effect is fitted alone,
+and refused with the reason: an effect that lowers the error of a surface can still move the core the wrong way.
 """
 
 from collections.abc import Callable, Sequence
@@ -25,56 +25,57 @@ from bms_gateway.diagnosis.weighing import HALF, Settings, gate, prior_odds
 from bms_gateway.errors import ConfigError, DataError, clipped, whole_number
 from bms_gateway.frames.vocabulary import INPUTS, OPTIONAL, WHOLE
 from bms_gateway.identify.map_fit import MapFit, refreshed, stacked
-from bms_gateway.thermal import Floats, StringModel
+from bms_gateway.thermal import StringModel
 from bms_gateway.thermal.effects import Effect, effect_named
 
 COLUMNS: dict[str, str] = {INPUTS[q].kind: INPUTS[q].column for q in WHOLE if q in OPTIONAL}
-"""What an effect needs of a table."""
+"""Columns of a table that an effect may need."""
 FORCED = "Added by force, though"
-"""What was added against the records is never proven by them."""
+"""Remark on the cores of a model to which something was added against the records."""
 LACKING = "these records lack something that is in no catalogue"
 UNKNOWN = "Something unknown remains beside what was added."
 WAYS = 4
-"""Starts and places of one effect that are refitted; the others promise less."""
+"""Number of starts and places of one effect that are refitted; the screening promises less for the others."""
 
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """An effect that a user asks for; `cell` is None where it has no place, or where the best is to be found."""
+    """An effect that a user names; `cell` is None if it has no place, or if the best place is to be found."""
 
     effect: Effect
     cell: int | None = None
 
     @property
     def key(self) -> str:
-        """As the user called it."""
+        """The effect as the user wrote it."""
         return self.effect.name if self.cell is None else f"{self.effect.name}:{self.cell}"
 
     def meets(self, c: Candidate) -> bool:
-        """Whether a candidate is what is asked for."""
+        """Whether a candidate is the effect that the user names."""
         return c.name == self.effect.name and self.cell in (None, c.cell)
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """What a refit with effects more gave.
+    """Result of a refit with more effects.
 
     Attributes
     ----------
     added : tuple of Candidate
     before, after : MapFit
     log_odds : float
-        For all that was added against nothing, tempered.
+        Tempered log-odds of the model with the added effects against the model without them.
     refused : str
-        Why it should not stay; empty where nothing speaks against it.
+        Why the effects should not stay; empty if there is no reason.
     remark : str
-        What else these records say; may be empty.
+        Further remark on these records; may be empty.
     seen : tuple of MapFit
-        Before and after against the readings themselves: only for errors.
+        Before and after, compared with all readings as they came; used only for errors.
     held_K : tuple of float, or None
-        Error on the held-out blocks before and after, by fits without them: where `seen` was fitted to all readings.
+        Error on the held-out blocks before and after, by fits without these blocks; given if `seen` was fitted to all
+        readings.
     doubts : tuple of str
-        What the search said against the core with these effects, a sentence each.
+        Reasons of the search why the core with these effects is not proven, a sentence each.
     """
 
     added: tuple[Candidate, ...]
@@ -90,23 +91,18 @@ class Step:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Addition(Step):
-    """A model with effects more, and what becomes of its cores.
+    """A model with more effects, and how well its cores are known.
 
     Attributes
     ----------
     model : StringModel
-        With its posterior: what is written where nothing speaks against it.
+        The model with its posterior, which is written if the addition is accepted.
     core : tuple of KnownCore
         Before and after. A band that is not proven is not narrower than the one before.
     """
 
     model: StringModel
     core: tuple[KnownCore, KnownCore]
-
-    @property
-    def core_K(self) -> tuple[Floats, Floats]:
-        """95 % half width of each cell's core (n,) before and after, K."""
-        return self.core[0].half_width_K, self.core[1].half_width_K
 
 
 def wanted(word: str, model: StringModel) -> Wanted:
@@ -137,7 +133,7 @@ def wanted(word: str, model: StringModel) -> Wanted:
 
 
 def check_signals(wants: Sequence[Wanted], records: Sequence[Record]) -> None:
-    """Refuse records without what an effect needs.
+    """Refuse records that lack a column which an effect needs.
 
     Raises
     ------
@@ -174,19 +170,19 @@ def add_effects(
     progress : callable, optional
         Told the share of the work done and what is being done.
     ask : callable, optional
-        Diagnoses as `diagnose` does: who has asked the same already, need not ask again.
+        Gives a diagnosis as `diagnose` does; a caller that has one already can return it here.
 
     Returns
     -------
     Addition
-        Fitted from what was known before any data.
+        The fit starts from what was known before any data.
     """
     d = ask(model.unfitted, records, progress=progress)
     return _with_cores(weighed_step(d, wants), model, records, d)
 
 
 def cores_with_named(model: StringModel, records: Sequence[Record], d: Diagnosis) -> tuple[KnownCore, ...]:
-    """Tell the cores of a diagnosed model as it is and, where effects are named, what adding them makes of them."""
+    """Give the cores of a diagnosed model as it is and, if effects are named, with these effects."""
     if not d.selected:
         return (known_core(model, records, rounds=d.search.asked),)
     wants = [Wanted(s.candidate.effect, s.candidate.cell) for s in d.selected]
@@ -218,7 +214,7 @@ def weighed_step(d: Diagnosis, wants: Sequence[Wanted]) -> Step:
 
 
 def _doubts(d: Diagnosis) -> tuple[str, ...]:
-    """Say what a diagnosis has against the core with the effects that it names."""
+    """Give the reasons of a diagnosis why the core with the named effects is not proven."""
     said = list(d.alarms)
     if d.verdict == "undecidable":
         tied = sorted({t for s in d.selected for t in s.tied_with})
@@ -229,9 +225,9 @@ def _doubts(d: Diagnosis) -> tuple[str, ...]:
 
 
 def _with_cores(step: Step, model: StringModel, records: Sequence[Record], d: Diagnosis) -> Addition:
-    """Give the model that may be written, and the cores before and after: no narrower where they are not proven."""
+    """Give the model that may be written, and the cores before and after; unproven bands do not get narrower."""
     before = known_core(model, records, rounds=d.search.asked)
-    # another step may prove what one could not, but nothing makes up for what was added against the records
+    # a later step may prove the core, but not if something was added against the records
     said = [*(x for x in model.doubts if x.startswith(FORCED)), *step.doubts]
     said += [f"{FORCED}: {step.refused}."] if step.refused else []
     said += [] if _falls(step) else ["The error where nothing was fitted does not fall with what was added."]
@@ -241,14 +237,14 @@ def _with_cores(step: Step, model: StringModel, records: Sequence[Record], d: Di
 
 
 def _falls(step: Step) -> bool:
-    """Whether the error falls where nothing was fitted; by fits without those readings."""
+    """Whether the error falls on readings that were held out of both fits."""
     held = (rmse(f, ~stacked(f.problem)[4]) for f in step.seen)
     before, after = step.held_K or tuple(held)
     return falls(before, after)
 
 
 def _on_bench(d: Diagnosis, second: SecondSearch, wants: Sequence[Wanted]) -> Step | None:
-    """Take the fit from the search that lets the model err; None where it has none with these effects."""
+    """Take the fit of the second search, which allows for a model error; None if it has none with these effects."""
     named = named_by(second)
     keys = [next((c.key for c in named if w.meets(c)), w.key) for w in wants]
     after = fit_with(second, keys)
@@ -330,7 +326,7 @@ def _best(current: MapFit, ways: Sequence[Candidate], s: Settings) -> tuple[Cand
 
 
 def _contradiction(d: Diagnosis, wants: Sequence[Wanted], before: MapFit, after: MapFit) -> str:
-    """Say why effects that pass the gates are still not what these records lack."""
+    """Say why effects that pass the gates are still not the missing effects."""
     if d.verdict == "adequate":
         return "nothing is missing that these records could show"
     if d.verdict == "unknown_effect":
@@ -342,7 +338,7 @@ def _contradiction(d: Diagnosis, wants: Sequence[Wanted], before: MapFit, after:
 
 
 def _unbelievable(fit: MapFit, added: Sequence[Candidate]) -> str:
-    """Say which number of an added effect nobody should believe."""
+    """Say which number of an added effect is not plausible."""
     sd = np.sqrt(np.diag(posterior(fit)))
     for c in added:
         told = []

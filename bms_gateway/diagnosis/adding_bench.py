@@ -1,4 +1,4 @@
-"""Adding effects where the model's own error, not the noise of the thermocouples, sets what can be told."""
+"""Adding effects if the model error, not the noise of the thermocouples, limits what the records can show."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -12,7 +12,7 @@ from bms_gateway.identify.map_fit import MapFit
 
 
 def fit_with(found: SecondSearch, keys: Sequence[str]) -> MapFit | None:
-    """Return the fit with exactly these effects among those that the search believes possible; None where none is."""
+    """Return the fit with exactly these effects among the accepted hypotheses of the search; None if there is none."""
     if sorted(keys) == sorted(c.candidate.key for c in found.chosen):
         return found.best
     for h in found.hypotheses:
@@ -22,10 +22,10 @@ def fit_with(found: SecondSearch, keys: Sequence[str]) -> MapFit | None:
 
 
 def named_by(found: SecondSearch) -> list[Candidate]:
-    """Return the effects that the search names; none where what is missing is in no catalogue."""
+    """Return the effects that the search names; none if the missing effect is not in the catalogue."""
     return [c.candidate for c in found.chosen] if found.verdict == "missing_effect" else []
 
 
 def all_used(records: Sequence[Measured]) -> list[Measured]:
-    """Return the records with nothing held out, as this search fits them."""
+    """Return the records with nothing held out, because this search fits all readings."""
     return [replace(m, used=np.ones_like(m.used)) for m in records]

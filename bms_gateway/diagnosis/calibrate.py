@@ -25,32 +25,32 @@ from bms_gateway.thermal.effects import EffectParameter, effect_named
 LEAST_STRUCTURE = 0.18
 """Structured error in units of the noise, and its z, above which a model does not explain the readings."""
 UNTOLD, WEAK = 0.9, 0.5
-"""Posterior over prior sd, from which a number is not identifiable, or only weakly."""
+"""Posterior sd over prior sd above which a number is not identifiable, or only weakly."""
 UNIDENTIFIABLE, AT_BOUND = "not identifiable", "at its bound: not believed"
 AGAINST_FORMAT = "against the cell's format: not believed"
 FIRM = 0.1
-"""Relative prior sd up to which a parameter is known beforehand and need not be learnt."""
+"""Relative prior sd up to which a parameter counts as known before the fit."""
 LEARNT = 0.9
-"""The same of a cell's departure from the others, below which it goes into the model."""
+"""The same ratio for a cell's departure from the others, below which the departure goes into the model."""
 CALIBRATED = ("C_c", "C_s", "R_c")
-"""What a calibration with the core tells of the cell itself: its cooling and its resistance, which ages, stay open."""
+"""Numbers that a calibration with the core settles. Cooling depends on the place, resistance ages: both stay open."""
 CELL_SD = 0.03
-"""Relative: cells of one type differ by as much, so that a calibration of one knows another no better."""
+"""Relative scatter of cells of one type: a calibration of one cell determines another cell no better."""
 
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """What a fit made of one number.
+    """One number before and after a fit.
 
     Attributes
     ----------
     name : str
         Symbol, or `effect.parameter`.
     of : str
-        The record that it belongs to where each has its own, else empty.
+        Record that the number belongs to if each record has its own; otherwise empty.
     unit : str
     before, before_sd, after, after_sd : float
-        In that unit; after_sd is that of the posterior, its evidence weakened by what the fit left over.
+        In this unit. `after_sd` is that of the posterior, with the evidence tempered by the structure of the residual.
     status : str
         `identified`, `weakly identified`, `not identifiable: why`, `at its bound: not believed`,
         `against the cell's format: not believed` or `fixed`.
@@ -68,19 +68,19 @@ class Change:
 
 @dataclass(frozen=True, slots=True)
 class Identified:
-    """Numbers that are believed, the fit that follows the surfaces best, and how far the model errs by itself.
+    """Accepted numbers, the fit with the smallest error at the surfaces, and the model error.
 
     Attributes
     ----------
     fit : MapFit
-        Numbers that are believed, and their posterior: what goes into a model file.
+        Accepted numbers and their posterior, which go into a model file.
     stated : MapFit
-        The same numbers against all readings.
+        The same numbers, compared with all readings.
     closest : MapFit
-        The numbers that follow the surfaces best, against all readings: only for errors. They are the believed ones
-        where the model explains the readings, and where it has effects.
+        The numbers with the smallest error at the surfaces, compared with all readings; used only for errors. They are
+        the accepted ones if the model explains the readings, or has effects.
     plain : MapFit
-        The model taken for right; the same fit where it explains the readings.
+        Fit that assumes no model error; the same fit if the model explains the readings.
     model_error_K : float
         Size of the slow error that the model was given; 0 where it explains the readings.
     """
@@ -115,18 +115,20 @@ class ChannelError:
 def identify(model: StringModel, records: Sequence[Record], *, core: bool = False) -> Identified:
     """Fit a string to records, from what was known before any data.
 
-    Where the model cannot follow the surfaces to within their noise, it is fitted with an error of its own: taken for
-    white noise, what it lacks drives its numbers and with them its core far off, and makes them look certain. If the
-    model has no effects, the numbers by the windows of the live method are then believed (`record_windows`). Where rows
-    of the current lie so far apart that no window learns from them, the records teach nothing.
+    If the model cannot follow the surfaces to within their noise, the fit allows for a model error. Without it, the
+    missing effect would count as white noise: it would move the numbers, and with them the core, far from the truth,
+    with small standard deviations. If the model has no effects, the numbers then come from the windows of the live
+    method (`record_windows`). If the rows of the current lie so far apart that no window can use them, nothing is
+    learnt from the records.
 
     Parameters
     ----------
     model : StringModel
     records : sequence of Record
-        Of one cell type: physics are shared, each has its own start, and its own cooling where there are several.
+        Records of one cell type: they share the physics; each has its own start and, if there are several, its own
+        cooling.
     core : bool
-        Use thermocouples in cores too, and hold nothing out.
+        Whether to use thermocouples in cores too; nothing is then held out.
     """
     start = model.unfitted
     ready = [measured(r, start, core=core) for r in records]
@@ -149,7 +151,7 @@ def identify(model: StringModel, records: Sequence[Record], *, core: bool = Fals
 
 
 def seen_on(fit: MapFit, records: Sequence[Measured]) -> MapFit:
-    """Hold the numbers of a fit against other readings of its records: what the model says there, and what is left."""
+    """Compare the numbers of a fit with other readings of its records: prediction and residual."""
     problem = Problem(fit.problem.model, records, fit.problem.beliefs)
     prediction = problem.predict(fit.theta, nu=fit.nu)
     y, _, sigma0, step, _ = stacked(problem)
@@ -158,7 +160,7 @@ def seen_on(fit: MapFit, records: Sequence[Measured]) -> MapFit:
 
 
 def held_out(m: Measured) -> Measured:
-    """Hold out of averaged readings the blocks that are held out of every record."""
+    """Mark the averaged readings that lie in the held-out blocks of every record."""
     at = m.row + m.share
     return replace(m, used=~in_held_out(at / max(float(at.max()), 1.0)))
 
@@ -177,23 +179,25 @@ def fitted_model(
     Parameters
     ----------
     fit : MapFit
-        Of the model or of it with more effects, from what was known before any data.
+        Fit of the model, or of the model with more effects, that starts from what was known before any data.
     model : StringModel
-        What that was, is kept in `before`.
+        The model; its numbers before any data are kept in `before`.
     calibrated : bool
-        The fit has seen cores: what it tells of the cell is known from now on, to no better than cells are alike.
+        Whether the fit has used thermocouples in cores; its numbers of the cell then become priors, no narrower than
+        the scatter between cells.
     doubt : float
-        Share of the difference core to surface that may be wrong beyond what the numbers' covariance says.
+        Share of core minus surface that may be wrong in addition to the covariance of the numbers.
     model_error_K : float
-        Slow error of the surface that the fit allowed for.
+        Model error that the fit allowed for.
     not_proven : sequence of str
-        What speaks against the core.
+        Reasons why the core is not proven.
 
     Returns
     -------
     StringModel
-        Where each of several records has its own cooling, R_u is their geometric mean, and its sd covers the next one.
-        Cells differ where the readings tell it; the tolerances stay, for they are not known exactly then either.
+        If several records each have their own cooling, R_u is the geometric mean, and its sd covers that of a further
+        record. Cells get values of their own if the readings determine them; their tolerances stay, because these
+        values are not exact either.
     """
     problem = fit.problem
     names, mix = _mixed(fit)
@@ -231,7 +235,7 @@ def fitted_model(
 
 
 def changes(fit: MapFit) -> tuple[Change, ...]:
-    """List every number of a fit, what was known of it and what is known now."""
+    """List every number of a fit before and after the fit."""
     model = fit.problem.model
     sd = np.sqrt(np.diag(posterior(fit)))
     sources = [m.source for m in fit.problem.records]
@@ -279,12 +283,12 @@ def channel_errors(fit: MapFit) -> tuple[ChannelError, ...]:
 
 
 def root_mean_square(x: Floats) -> float:
-    """Root mean square; NaN of nothing."""
+    """Root mean square; NaN without values."""
     return float(np.sqrt(np.mean(x**2))) if len(x) else float("nan")
 
 
 def _mixed(fit: MapFit) -> tuple[list[str], Floats]:
-    """Names of the model's free numbers, and the matrix that makes them of the coordinates: means over records."""
+    """Give the names of the model's free numbers, and the matrix from coordinates to them, as means over records."""
     coordinates = fit.problem.coordinates
     plain = [c.name.partition("@")[0] for c in coordinates]
     names = [n for n in fit.problem.model.priors if n in plain]
@@ -294,13 +298,13 @@ def _mixed(fit: MapFit) -> tuple[list[str], Floats]:
 
 
 def _scatter(fit: MapFit, name: str) -> float:
-    """Variance of a number between records: the next one is cooled in a way of its own too."""
+    """Variance of a number between records, because a further record has its own cooling too."""
     own = [z for c, z in zip(fit.problem.coordinates, fit.theta, strict=True) if c.name.startswith(f"{name}@")]
     return float(np.var(own, ddof=1)) if name in OWN and len(own) > 1 else 0.0
 
 
 def _departures(fit: MapFit, name: str, C: Floats) -> Floats | float:
-    """Factor of each cell (n,) on the string's value, 1 where the readings don't tell cells apart."""
+    """Factor of each cell (n,) on the string's value; 1 if the readings do not tell the cells apart."""
     at = [i for i, c in enumerate(fit.problem.nuisances) if c.name.startswith(f"{name}[")]
     if not at or not len(fit.nu):
         return 1.0
@@ -336,14 +340,14 @@ def _effect_change(fit: MapFit, e: AddedEffect, p: EffectParameter, sd: Floats) 
 
 
 def statuses(fit: MapFit) -> list[str]:
-    """Say of each coordinate of a fit whether the records tell it: the one place that decides that."""
+    """Decide for each coordinate of a fit whether the records identify it; no other place decides this."""
     sd, odd = np.sqrt(np.diag(posterior(fit))), _against_format(fit)
     names = [c.name for c in fit.problem.coordinates]
     return [AGAINST_FORMAT if n in odd else _status(fit, i, float(sd[i])) for i, n in enumerate(names)]
 
 
 def _against_format(fit: MapFit) -> set[str]:
-    """Symbols of a fit that no cell of the model's format has."""
+    """Symbols whose fitted values no cell of the model's format has."""
     return {symbol for odd in odd_fitted(fit) if odd.excluded for symbol in OF[odd.name]}
 
 
@@ -359,7 +363,7 @@ def _status(fit: MapFit, i: int, sd: float) -> str:
 
 
 def _rounded(x: Floats, to_si: float) -> Floats:
-    """Six significant digits of the number shown: far below what is known, and a file that can be read."""
+    """Round to six significant digits of the number shown, far finer than its uncertainty."""
     return np.asarray([float(f"{v / to_si:.6g}") * to_si for v in np.ravel(x)]).reshape(np.shape(x))
 
 
@@ -368,7 +372,7 @@ def _short(sd: float) -> float:
 
 
 def _correlation(R: Floats) -> Floats:
-    """Symmetric, ones on the diagonal, rounded."""
+    """Give the correlation: symmetric, ones on the diagonal, rounded."""
     R = np.round(0.5 * (R + R.T), 6) + 0.0
     np.fill_diagonal(R, 1.0)
     return np.asarray(R)

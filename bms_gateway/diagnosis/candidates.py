@@ -1,4 +1,4 @@
-"""Effects of the catalogue as they could be added to a model: where, and from which numbers a fit starts."""
+"""Candidates: effects of the catalogue with the place and the start values at which a model could get them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -19,7 +19,7 @@ class Candidate:
     cell : int or None
     start : mapping of parameter to float, SI
     free : tuple of str, optional
-        Parameters that the record can tell; the others stay neutral. All where left out.
+        Parameters that the record can determine; the others stay neutral. All if left out.
     """
 
     effect: Effect
@@ -43,12 +43,12 @@ class Candidate:
 
     @property
     def strengths(self) -> tuple[EffectParameter, ...]:
-        """Free parameters with a value at which the effect vanishes: those that a score can speak of."""
+        """Free parameters with a value at which the effect vanishes; a score exists only for these."""
         return tuple(p for p in self.effect.parameters if p.neutral is not None and self.is_free(p))
 
     @property
     def follows_charge(self) -> bool:
-        """Whether its law goes by the state of charge: by nature, or with the numbers that it was given."""
+        """Whether its law depends on the state of charge, always or with its present numbers."""
         return "soc" in self.effect.signals or (self.name == "entropic_heat" and len(self.strengths) > 1)
 
     @property
@@ -76,23 +76,23 @@ def places(effect: Effect, cells: int, sensors: tuple[int, ...]) -> tuple[int | 
     if effect.place == "sensor":
         return sensors
     if effect.place == "gap":
-        return tuple(range(1, cells - 1))  # what the stream loses after the last but one cell shows nowhere
+        return tuple(range(1, cells - 1))  # a loss of the stream after the last cell but one shows at no surface
     return tuple(range(1, cells + 1))
 
 
 INSTEAD = frozenset({"voltage_heat"})
-"""No missing effect, but another way to the same heat: its source is chosen, its physics is not told by it."""
+"""Effects that replace the source of the heat. They are not missing physics: the heat's cause stays unknown."""
 
 
 def excluded(effect: Effect, drive: Drive) -> str:
-    """Say by what a record rules an effect out; empty where it does not."""
+    """Say why a record rules an effect out; empty if it does not."""
     if effect.name == "current_offset" and rests_at_zero(drive):
         return "the current reads zero where it rests"
     return ""
 
 
 def candidates(model: StringModel, drive: Drive, surfaces: tuple[float, float]) -> tuple[Candidate, ...]:
-    """All that could be added to a model, given what the record knows.
+    """List all candidates for a model, given the columns of the record.
 
     Parameters
     ----------

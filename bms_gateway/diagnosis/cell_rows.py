@@ -1,4 +1,4 @@
-"""Voltages of single cells as they were recorded, each with the current that was in force at its row."""
+"""Recorded voltages of single cells, each with the current that flowed at its row."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from bms_gateway.identify import PairMeans
 from bms_gateway.thermal import Floats
 
 HELD_S = 1.5
-"""How long a current stands for a voltage that comes after it, as on the bus."""
+"""How long after a current reading a voltage may be paired with it, as on the bus."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ class CellRows:
         there = newest >= 0
         held = at[np.maximum(newest, 0)]
         current = np.where(there & (t - t[held] <= HELD_S), self.current_A[held], np.nan)
-        # a hair's breadth, for stamps that were computed
+        # a small tolerance, for stamps that were computed
         interval = np.searchsorted(instants, t + 1e-6 * (instants[1] - instants[0]), "right") - 1
         within = (interval >= 0) & (interval < N)
         means = np.full((4, N, cells), np.nan)

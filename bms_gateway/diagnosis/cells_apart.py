@@ -1,4 +1,4 @@
-"""The cells of a string told apart by one record: all surfaces sensed once, as at commissioning, or what there is."""
+"""R_e of each cell of a string from one record: with all surfaces sensed, as at commissioning, or with some."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -14,7 +14,7 @@ from bms_gateway.identify.resistance_by_cell import CellRecord
 from bms_gateway.thermal import Disturbance, StringModel
 
 LEAST_S = 600.0
-"""One slow time constant of a cell: less shows no difference between cells."""
+"""One slow time constant of a cell; a shorter record shows no difference between cells."""
 
 
 def sensed_everywhere(model: StringModel) -> StringModel:
@@ -36,7 +36,7 @@ def sensed_everywhere(model: StringModel) -> StringModel:
 def tell_apart(
     model: StringModel, record: Record, settings: CellSettings, disturbance: Disturbance
 ) -> tuple[CellResult, tuple[str, ...]]:
-    """Find R_e of each cell from what was known before any data, and one uninterrupted part of a record.
+    """Find R_e of each cell from the priors and one uninterrupted part of a record.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""State of charge over a record: recorded, or counted at the level that a record or the voltage tells."""
+"""State of charge over a record: recorded, or counted from a level that the voltage or the capacity gives."""
 
 from itertools import pairwise
 
@@ -10,9 +10,9 @@ from bms_gateway.diagnosis.sensor_noise import resolution
 from bms_gateway.thermal import Floats
 
 APART = 0.05
-"""Of the capacity: how far counted and recorded charge may drift apart before counting is not believed."""
+"""Share of the capacity by which counted and recorded charge may differ; a greater difference is reported."""
 EXPLAINED = 0.8
-"""Share of the drift that a single cause must explain to be named."""
+"""Least share of the drift that a cause must explain to be named."""
 
 
 def state_of_charge(
@@ -23,7 +23,7 @@ def state_of_charge(
     notes: list[str],
     terminal: Terminal | None = None,
 ) -> tuple[Floats | None, float]:
-    """State of charge at the middle of each interval, and how well its level is known.
+    """Give the state of charge at the middle of each interval, and the sd of its level.
 
     Parameters
     ----------
@@ -37,14 +37,14 @@ def state_of_charge(
     notes : list of str
         Taken further.
     terminal : Terminal, optional
-        Voltages that tell the level of a counted charge.
+        Voltages that determine the level of a counted charge.
 
     Returns
     -------
     ndarray (N,) or None
-        0…1; None where neither a record nor a capacity tells.
+        0…1; None without a recorded charge and without a capacity.
     sd : float
-        Of the level of a counted charge; 0 for a recorded one.
+        sd of the level of a counted charge; 0 for a recorded one.
     """
     if capacity_Ah is None:
         if recorded is None:
@@ -79,7 +79,7 @@ def _counted(current: Floats, grid: Grid, capacity_Ah: float) -> Floats:
 def _at_a_level(
     counted: Floats, parts: list[slice], current: Floats, grid: Grid, terminal: Terminal | None, notes: list[str]
 ) -> tuple[Floats | None, float]:
-    """Put each part at its own level: by the voltage, else by what the cell can hold."""
+    """Set the level of each part by the voltage, otherwise by the capacity."""
     if (span := max(float(np.ptp(counted[p])) for p in parts)) > 1.0 + APART:
         notes.append(
             f"SOC: counting gives a change of {100.0 * span:.0f} %, more than the cell holds by "
@@ -113,7 +113,7 @@ def _told(levels: list[Level]) -> str:
 
 
 def _cause(apart: Floats, hours: Floats, counted: Floats, capacity_Ah: float) -> str:
-    """Name what would explain the drift: an offset of the current makes it grow in time, a capacity with the charge."""
+    """Name a cause of the drift: an offset of the current makes it grow with time, a wrong capacity with the charge."""
     offset, by_time = _line(hours, apart)
     share, by_charge = _line(counted, apart)
     if by_time >= max(by_charge, EXPLAINED):

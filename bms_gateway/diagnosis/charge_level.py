@@ -1,11 +1,12 @@
-r"""Level of a counted state of charge: by the voltage where there is one, else by what the cell can hold.
+r"""Level of a counted state of charge: from the voltage if there is one, otherwise from the capacity.
 
-Counting tells how the charge moves, not where it starts. The voltage of a rested cell tells that, as well as the
-chemistry is known and as steep as its curve is: to a few per cent of a full NMC cell, hardly for half an LFP cell.
-A loaded cell is taken as rested after a correction by R_e, half of it at once and half of it slow, that may be wrong
-by its own size. A record must not run below empty or above full, which tells the level where most of the charge moves.
+Counting gives changes of the charge, not its start. The voltage of a rested cell gives the start. Its accuracy depends
+on how well the chemistry is known and how steep its curve is: a few per cent for a full NMC cell, next to nothing for a
+half full LFP cell. The voltage of a loaded cell is corrected by R_e, half of it at once and half of it slow; this
+correction may be wrong by its own size. The charge of a record must not fall below empty or rise above full; this
+determines the level if most of the capacity is used.
 
-All voltages of a part count as one: a curve that is wrong by 40 mV is wrong in all of them.
+All voltages of a part count as one reading, because a curve that is wrong by 40 mV is wrong in all of them.
 """
 
 from dataclasses import dataclass
@@ -21,25 +22,25 @@ from bms_gateway.thermal.cells.open_circuit import REST_SD_V, REST_V, rest_volta
 LEVELS = np.linspace(0.0, 1.0, 201)
 """Grid of levels, of the capacity."""
 BEYOND = 0.02
-"""Of the capacity: sd of how far a record may seem to run below empty or above full, for capacities are rounded."""
+"""Share of the capacity: sd of the limits at empty and full, because stated capacities are rounded."""
 CAPACITY_SD = 0.05
-"""Relative sd of a capacity by a data sheet: cells come with a few per cent more, and lose it with age."""
+"""Relative sd of a data sheet's capacity: new cells hold a few per cent more, aged cells less."""
 SLOW_S = 300.0
 """s in which the slow half of an overpotential (diffusion) builds up and fades."""
 LEAST_DOUBT = 0.6
-"""Relative sd of R_e at least: it is two to three times as high in the cold as at 25 °C."""
+"""Least relative sd of R_e, which is two to three times as high in the cold as at 25 °C."""
 BIN = 0.02
-"""Of the capacity: voltages nearer to each other in charge tell the same; the least loaded of them speaks."""
+"""Share of the capacity: of voltages nearer to each other in charge, only the one with the least load is used."""
 AS_GOOD = 1.5
-"""Times the sd of the best voltage up to which others are heard."""
+"""Voltages with at most this multiple of the best voltage's sd are used."""
 LEAST_SD = 0.01
 AT_REST = 0.01
-"""V of overpotential below which a cell counts as rested in words."""
+"""Overpotential, V, below which the text calls a cell rested."""
 
 
 @dataclass(frozen=True, slots=True)
 class Terminal:
-    """Voltages of a cell as recorded, K of them, with the current that was in force.
+    """K recorded voltages of a cell, with the current at their rows.
 
     Attributes
     ----------
@@ -47,7 +48,7 @@ class Terminal:
     resistance : float
         R_e before any data, Ω.
     resistance_sd : float
-        Of its logarithm.
+        sd of the logarithm of R_e.
     chemistry : Chemistry or None
     """
 
@@ -68,7 +69,7 @@ class Level:
     soc, sd : float
         0…1.
     told_by : {"rest", "load", "capacity"}
-        Voltage of a rested cell, of a loaded one, or none: only what the cell can hold.
+        Source of the level: the voltage of a rested cell, that of a loaded one, or only the capacity.
     """
 
     soc: float
@@ -77,10 +78,10 @@ class Level:
 
 
 def within_capacity(counted: Floats) -> Level:
-    """Level (0…1) by what the cell can hold alone, with the sd of what that leaves open.
+    """Find the level (0…1) from the capacity alone, with its sd.
 
-    Each level is as likely as any other at which the part stays between empty and full, edges known as well as the
-    capacity is.
+    All levels at which the part stays between empty and full are equally likely; the limits are as uncertain as the
+    capacity.
 
     Parameters
     ----------
@@ -94,7 +95,7 @@ def within_capacity(counted: Floats) -> Level:
 
 
 def by_voltage(counted: Floats, part: slice, current: Floats, grid: Grid, u: Terminal) -> Level | None:
-    """Level of one part by its voltages; None where it has none.
+    """Find the level of one part from its voltages; None without a voltage.
 
     Parameters
     ----------
@@ -136,15 +137,15 @@ def by_voltage(counted: Floats, part: slice, current: Floats, grid: Grid, u: Ter
 
 
 def _faded(current: Floats, dt: float) -> Floats:
-    """Let the current lag as its slow overpotential does."""
-    from scipy.signal import lfilter  # takes longer to load than all else: only who has a voltage pays
+    """Filter the current with the time constant of the slow overpotential."""
+    from scipy.signal import lfilter  # loading this module takes long, so it is done only if there is a voltage
 
     a = float(np.exp(-dt / SLOW_S))
     return np.asarray(lfilter([1.0 - a], [1.0, -a], current))
 
 
 def _told(Q: Floats, doubt: Floats) -> np.ndarray:
-    """Choose the rows that are heard: of each small step of the charge the least loaded one, if as good as any."""
+    """Choose the rows that are used: of each small step of the charge the one with the least load, if it is good."""
     floor = float(min(REST_SD_V.values()))
     order = np.lexsort((doubt, np.round(Q / BIN)))
     first = order[np.diff(np.round(Q[order] / BIN), prepend=np.nan) != 0.0]

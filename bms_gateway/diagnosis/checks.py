@@ -1,6 +1,6 @@
-"""Cheap checks of a record before any statistics: what it cannot tell, and what looks wrong in it.
+"""Quick checks of a record before any statistics: what the record cannot show, and what looks wrong in it.
 
-Thresholds are wide on purpose: each finding is one that a person would agree with at a glance at the plot.
+The thresholds are wide on purpose: a person who looks at the plot would agree with each finding.
 """
 
 from collections.abc import Iterator, Sequence
@@ -20,38 +20,39 @@ Severity = Literal["stop", "warn", "note"]
 """Nothing can be learnt; something is probably wrong; a limit worth knowing."""
 
 SHORTEST_S = 300.0
-"""Core and surface exchange heat in tens of seconds, surface and coolant in minutes: less shows neither."""
+"""Core and surface exchange heat in tens of seconds, surface and coolant in minutes; a shorter record shows neither."""
 RISE = 4.0
-"""Temperatures must move by so many times what one reading errs by."""
+"""Temperatures must change by this multiple of the error of one reading."""
 ACTIVE, REST = 0.1, 0.03
 """Shares of the greatest current, above which a string works and below which it rests."""
 REST_S = 30.0
-"""Rest in all that makes its level worth stating."""
+"""Least total rest for which the current at rest is reported."""
 SOAK_S = 60.0
-"""Rest at the start after which temperatures that stand still can be compared."""
+"""Least rest at the start after which constant temperatures can be compared."""
 STILL_S, STILL_COARSE_S, COARSE_K = 120.0, 1800.0, 0.1
-"""A fine sensor that shows the same number for so long under current is stuck; a coarse one may for half an hour."""
+"""A fine sensor that shows the same number for this time under current is stuck; a coarse one may for half an hour."""
 MUST_MOVE = 3.0
-"""Times its step, or its noise: what a model whose resistance may be half as large must expect of a surface."""
+"""Multiple of the sensor's step or noise by which the model must expect a surface to change; its resistance may be half
+as large."""
 INLET_K = 0.5
 SOC_SPAN = 0.2
 ABSURD_K = 1000.0
-"""Warming that no record shows: cells burn before."""
+"""A predicted warming that no record can contain, because cells burn before."""
 STEADY = 0.05
 """Scatter of the squared current, relative to its mean, below which the current counts as constant."""
 MISSING = 0.25
 """Share of the readings."""
 LOOP = 0.8
-"""Correlation of flow with temperature from which on a fan is seen to follow it."""
+"""Least correlation of flow with temperature at which a fan seems to follow the temperature."""
 SWAPPED_K = 0.5
 SATURATED = 0.02
 LEVELS = 0.05
-"""Share of the time at exactly the greatest current that is no chance, in a drive of so many levels per interval."""
+"""Share of the time at exactly the greatest current that is no chance, for this number of levels per interval."""
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing found.
+    """One finding.
 
     Attributes
     ----------
@@ -73,7 +74,7 @@ def check_record(record: Record, model: StringModel) -> tuple[Finding, ...]:
     Returns
     -------
     tuple of Finding
-        The worst first, else in a fixed order. With a "stop" the data are insufficient for any verdict.
+        The worst first, then in a fixed order. With a "stop", the data are insufficient for any verdict.
     """
     checks = (
         _format,
@@ -96,7 +97,7 @@ def check_record(record: Record, model: StringModel) -> tuple[Finding, ...]:
 
 
 def _format(_: Record, model: StringModel) -> Iterator[Finding]:
-    """Look whether the model's own numbers are those of the cell that it names."""
+    """Check whether the numbers of the model fit the cell that it names."""
     for odd in odd_declared(model):
         yield Finding("cell_format", "warn", f"Model file: {odd.says}")
 
@@ -146,7 +147,7 @@ def _current(r: Record, model: StringModel) -> Iterator[Finding]:
             yield Finding("one_direction", "note", sentence)
     level = float(np.abs(d.I).max())
     at_end = float(np.mean(np.abs(d.I) >= (1.0 - 1e-6) * level))
-    # a profile of few levels is at one of them all the time
+    # a profile with few levels is always at one of them
     if at_end > SATURATED and len(np.unique(np.round(d.I / level, 4))) > LEVELS * d.N:
         yield Finding(
             "current_saturated",
@@ -173,7 +174,7 @@ def _rise(r: Record, _: StringModel) -> Iterator[Finding]:
 
 
 def _rest(r: Record, _: StringModel) -> Iterator[Finding]:
-    """Look at what the current sensor reads where plainly nothing flows: a level held to within its last digits."""
+    """Check the reading of the current sensor at rest: a level that is constant to its last digits."""
     d = r.drive
     peak = float(np.sqrt(d.I2.max()))
     steady = (np.abs(d.I) < REST * peak) & (np.sqrt(np.maximum(d.I2 - d.I**2, 0.0)) < 0.003 * peak)
@@ -242,9 +243,10 @@ def _stuck(r: Record, model: StringModel) -> Iterator[Finding]:
 
 
 def _must_move(r: Record, model: StringModel, cell: int, first: int, last: int) -> bool:
-    """Whether a surface that reads one value over some intervals cannot have stood still, by the model's numbers.
+    """Whether, by the model's numbers, a surface must have changed in intervals in which its reading is constant.
 
-    A slow charge warms a cell by less than a step of its sensor, and a steady one by nothing once it is warm.
+    A slow charge warms a cell by less than a step of its sensor, and a steady current does not warm a warm cell
+    further.
     """
     d, p = r.drive, model.nominal
     q = np.nan_to_num(d.I2)[:, None] * p.R_e
@@ -256,7 +258,7 @@ def _must_move(r: Record, model: StringModel, cell: int, first: int, last: int) 
 
 
 def _passable(p: StringParameters) -> StringParameters:
-    """Take the exact exchange where the bulk node would overshoot."""
+    """Take the exact coolant exchange if the bulk node would overshoot."""
     return replace(p, coolant="ntu") if np.isfinite(p.C_f) else p
 
 
@@ -307,7 +309,7 @@ def _inlet(r: Record, _: StringModel) -> Iterator[Finding]:
 
 
 def _along(r: Record, model: StringModel) -> Iterator[Finding]:
-    """Look whether the cells get warmer along the coolant's way, as they must."""
+    """Check whether the cells get warmer along the coolant path, as they must."""
     if not model.has_coolant_path or len(r.cells) < 2:
         return
     half = r.grid[len(r.grid) // 2 :]
@@ -398,7 +400,7 @@ def _correlation(a: Floats, b: Floats) -> float:
 
 
 def _mean(y: Floats) -> Floats:
-    """Mean down the columns over what is known; NaN where nothing is."""
+    """Mean of each column over its known values; NaN without any."""
     known = np.isfinite(y)
     count = known.sum(axis=0)
     return np.asarray(np.where(known, y, 0.0).sum(axis=0) / np.where(count > 0, count, np.nan))

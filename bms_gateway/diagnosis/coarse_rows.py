@@ -25,11 +25,11 @@ HOPELESS = 0.2
 effects were given wrong names."""
 DRAWS = 8
 STEPS = 150
-"""Steps of the current whose instants are asked about: those that move most heat."""
+"""Number of steps of the current whose instants are examined: those with the most heat."""
 MATTERS = 0.1
-"""Share of the noise below which what is left open could not pass for an effect."""
+"""Share of the noise below which the unknown heat cannot be mistaken for an effect."""
 SHOWN = 10.0
-"""Log-evidence from which the readings show that the current stepped between its rows."""
+"""Least log-evidence with which the readings show that the current stepped between its rows."""
 
 
 def doubt(r: Record) -> float:
@@ -38,7 +38,7 @@ def doubt(r: Record) -> float:
 
 
 def shows_steps(fit: MapFit, records: Sequence[Record]) -> float:
-    r"""Tell how much better the readings are explained where each step of the current lies anywhere between its rows.
+    r"""Compute how much better the readings are explained if each step of the current may lie between its rows.
 
     A step :math:`\Delta I^2` between rows d apart leaves the heat :math:`R_e \Delta I^2 d / \sqrt{12}` unknown (one
     standard deviation), and the surfaces answer to it as to any heat in the core. With these answers as columns H,
@@ -48,12 +48,12 @@ def shows_steps(fit: MapFit, records: Sequence[Record]) -> float:
     ----------
     fit : MapFit
     records : sequence of Record
-        From which those of the fit were made.
+        Records from which those of the fit were made.
 
     Returns
     -------
     float
-        Log-evidence, of all readings, held-out ones too; 0 where every row of the current stands for its own time.
+        Log-evidence from all readings, held-out ones too; 0 if every row of the current is valid for its own time.
     """
     gained, first = 0.0, 0
     y, sigma, *_ = stacked(fit.problem)
@@ -71,9 +71,9 @@ def shows_steps(fit: MapFit, records: Sequence[Record]) -> float:
 
 
 def _answers(fit: MapFit, i: int, record: Record) -> Floats:
-    """Answers (M, K) of the readings of record `i` to what each of K steps leaves open, K."""
+    """Responses (M, K) of the readings of record `i` to the unknown heat of each of K steps, K."""
     problem, m, u = fit.problem, fit.problem.records[i], fit.problem.records[i].drive
-    # one answer to a square that is larger by 1 A² for a second stands for all: the string is nearly linear
+    # one response, to 1 A² more for a second, is used for all steps, because the string is nearly linear
     size = float(np.max(u.I2))
     bumped = replace(m, drive=replace(u, I2=u.I2 + size * (np.arange(u.N) == m.spans[0].first)))
     ms = [bumped if r == i else x for r, x in enumerate(problem.records)]
@@ -98,13 +98,13 @@ def _answers(fit: MapFit, i: int, record: Record) -> Floats:
 
 
 def left_open(fit: MapFit, doubts: Sequence[float]) -> float:
-    """Tell how far readings may lie from a right model because nobody knows the current between its rows.
+    """Compute how far readings may be from a right model because the current between its rows is unknown.
 
     Parameters
     ----------
     fit : MapFit
     doubts : sequence of float
-        Of its records, as `doubt` tells them.
+        Doubts of its records, from `doubt`.
 
     Returns
     -------
@@ -125,7 +125,7 @@ def left_open(fit: MapFit, doubts: Sequence[float]) -> float:
 
 
 def _drawn(m: Measured, doubt: float, rng: np.random.Generator) -> Measured:
-    """Draw a record whose heat is off in each minute by what is not known of it."""
+    """Draw a record whose heat is wrong in each minute by a random part of its uncertainty."""
     u = m.drive
     minute = (np.arange(u.N) * u.dt // MINUTE_S).astype(int)
     off = rng.standard_normal(minute[-1] + 1)[minute]

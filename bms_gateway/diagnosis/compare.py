@@ -1,8 +1,8 @@
-"""The measured and the free-running model side by side: where, when and in which regime they part.
+"""Measurement and free-running model compared: where, when and in which regime they differ.
 
-Two models are held against the readings: the one filed, with nothing free but where each record starts, and the same
-refitted within the spread that it declares itself. What the first shows and the second does not was a matter of
-numbers; what both show is a matter of structure.
+Two models are compared with the readings: the filed model, of which only the start of each record is free, and the same
+model refitted within its priors. An error that only the first one has comes from wrong numbers. An error that both have
+comes from the structure of the model.
 """
 
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ from bms_gateway.thermal.centre import probe_lever
 
 @dataclass(frozen=True, slots=True)
 class CoreCheck:
-    """Model against a thermocouple in a core, which no fit has seen: read where `core_probe` says that it sits.
+    """Model compared with a thermocouple in a core that no fit has used, at the place that `core_probe` states.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class CoreCheck:
     rmse_K, bias_K : float
         Bias: thermocouple minus model.
     covered : float
-        Share of the readings within 1.96 sd, of the band and of where the thermocouple sits.
+        Share of the readings within 1.96 sd; the sd contains the band and the place of the thermocouple.
     time_s, measured : ndarray (K,)
     """
 
@@ -51,7 +51,7 @@ class CoreCheck:
 
 @dataclass(frozen=True, slots=True)
 class Variant:
-    """One model against the readings.
+    """One model compared with the readings.
 
     Attributes
     ----------
@@ -61,9 +61,10 @@ class Variant:
     structure : Structure
     sensors : tuple of Sensor
     blocks : tuple of Block
-        That carry most of the excess, in order of time; none where there is none.
+        Blocks with most of the excess error, in order of time; empty if there is no excess.
     explained : tuple of (feature, share)
-        How much of the excess of all sensors each feature's bins explain, most first; `always` is a constant error.
+        Share of the excess of all sensors that the bins of each feature explain, greatest first; `always` is a constant
+        error.
     series : tuple of Series
     cores : tuple of CoreBand, one per record
     core_checks : tuple of CoreCheck
@@ -92,10 +93,10 @@ class Comparison:
     ----------
     sources : tuple of str
     filed, refitted : Variant
-        The filed one's cores carry the refitted one's sd and the distance to it: a model that is taken for exact does
-        not know how wrong it is.
+        The cores of the filed model have the sd of the refitted model, plus the distance to it: the filed model is
+        taken as exact and has no sd of its own.
     core : KnownCore
-        By these records: what stands behind the bands, and whether it is proven.
+        How well these records determine the cores, and whether they are proven.
     """
 
     sources: tuple[str, ...]
@@ -105,7 +106,7 @@ class Comparison:
 
 
 def compare(model: StringModel, records: Sequence[Record]) -> Comparison:
-    """Hold a model against records.
+    """Compare a model with records.
 
     Parameters
     ----------
@@ -115,13 +116,13 @@ def compare(model: StringModel, records: Sequence[Record]) -> Comparison:
     Returns
     -------
     Comparison
-        Filed and refitted; readings of cores, where there are any, are used for `core_checks` only.
+        Filed and refitted; readings of cores, if there are any, are used for `core_checks` only.
     """
     ready = [measured(r, model) for r in records]
     core = known_core(model, records)
     refitted = core.identified.closest
     filed = fitted(Problem(as_filed(model), ready))
-    # what a model that is taken for exact does not know: how far refitting moves it, and what that leaves open
+    # the uncertainty of a model that is taken as exact: the move by refitting, and the sd after it
     doubted = tuple(
         replace(best, T_c=mine.T_c, gap_K=mine.gap_K, lag_K=mine.lag_K, sd_K=np.hypot(best.sd_K, mine.T_c - best.T_c))
         for mine, best in zip(core_bands(filed), core.bands, strict=True)
@@ -135,7 +136,7 @@ def compare(model: StringModel, records: Sequence[Record]) -> Comparison:
 
 
 def as_filed(model: StringModel) -> StringModel:
-    """Return the model with all its numbers taken for exact: nothing is left free but where a record starts."""
+    """Return the model with all its numbers taken as exact; only the start of each record stays free."""
     return replace(
         model,
         priors={name: replace(p, rel_sd=0.0) for name, p in model.priors.items()},
@@ -174,7 +175,7 @@ def _variant(
 
 
 def core_checks(records: Sequence[Record], fit: MapFit, bands: Sequence[CoreBand]) -> tuple[CoreCheck, ...]:
-    """Hold a fit against the thermocouples in the cores of its records, where there are any.
+    """Compare a fit with the thermocouples in the cores of its records.
 
     Parameters
     ----------

@@ -1,11 +1,11 @@
-r"""The core that a fitted model states, and how wrong it could be though the surface looks fine.
+r"""The core of a fitted model, and how wrong it could be although the surface agrees.
 
 .. math:: v = J \Sigma J^T + s^2 (1 + R_c/R_u)^2 + m^2 \, (T_c - T_s)^2
 
-The posterior Σ of a fit, coordinates and nuisances together, is carried to the cores by their sensitivities J. What the
-fit leaves over is not white: its evidence is tempered by the autocorrelation of its residual, as the search does, and
-a slow error s at the surface stands for s(1 + R_c/R_u) in the core. Of the difference core to surface two nodes may get
-a share m wrong, which no surface shows.
+The posterior Σ of a fit, coordinates and nuisances together, gives the variance of the cores by their sensitivities J.
+The residual of the fit is not white, so the evidence is tempered by the autocorrelation of the residual, as in the
+search. A slow error s at the surface means an error s(1 + R_c/R_u) in the core. Two nodes may have a share m of core
+minus surface wrong, which no surface shows.
 """
 
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ from bms_gateway.thermal.drive import Span
 POINTS = 600
 """Instants per record at which a core is stated with its sd: as many as a screen shows."""
 LUMPED = 0.05
-"""m of a model against which nothing speaks: position of the core's thermocouple, conduction along the axis …"""
+"""m of a model whose core is proven: position of the core's thermocouple, conduction along the axis …"""
 UNPROVEN = 0.35
 """… and of one whose core is not proven: two sd are two thirds of its R_c, as much as one type of cell differs between
 two ways of cooling."""
@@ -45,12 +45,12 @@ class CoreBand:
     sd_K : ndarray (K, n)
         From the fit's posterior.
     remainder_K : ndarray (n,)
-        What the structure left at the surface may mean in the core.
+        Error of the core that the remaining structure at the surface may mean.
     lever_K : ndarray (K, n)
-        Difference core to surface, of which two nodes may get a share wrong; where it has just changed sign it is not
-        known any better, so half of its square is the record's mean.
+        Core minus surface, of which two nodes may have a share wrong. The core is no better known where this difference
+        just changes sign, so half of its square is the record's mean.
     gap_K, lag_K : ndarray (K, n)
-        Difference core to surface; the same as the profile within the roll has followed it.
+        Core minus surface; the same, with the lag of the profile within the roll.
     roll : Share
         φ of `thermal.centre`.
     share : float
@@ -70,7 +70,7 @@ class CoreBand:
 
     @property
     def total_K(self) -> Floats:
-        """Standard deviation (K, n) of all three together."""
+        """Standard deviation (K, n) of all three parts together."""
         return np.asarray(np.sqrt(self.sd_K**2 + self.remainder_K**2 + (self.share * self.lever_K) ** 2))
 
     @property
@@ -80,24 +80,24 @@ class CoreBand:
 
     @property
     def centre_sd_K(self) -> Floats:
-        """Its standard deviation (K, n): the surface is read, so that a core is off by as much as its gap is."""
+        """Its standard deviation (K, n); the surface is measured, so a core's error is that of core minus surface."""
         return np.asarray(np.hypot((1.0 + self.roll.value) * self.total_K, self.roll.sd * self.lag_K))
 
 
 def half_width_K(bands: Sequence[CoreBand]) -> Floats:
-    """95 % half width (n,) of each cell's core, root mean square over all records, K: what tables and sentences say."""
+    """95 % half width (n,) of each cell's core, root mean square over all records, K, as reports state it."""
     return np.asarray(BAND_SD * typical_K([b.total_K for b in bands]))
 
 
 def typical_K(x: Sequence[Floats]) -> Floats:
-    """Root mean square (n,) over all instants of all records: how a core's sd is told in one number."""
+    """Root mean square (n,) over all instants of all records: a core's sd in one number."""
     return np.asarray(np.sqrt(np.mean(np.concatenate(list(x)) ** 2, axis=0)))
 
 
 def seen_at(m: Measured, channels: Sequence[Channel], row: np.ndarray, share: Floats | None = None) -> Measured:
-    """Give a record that is read elsewhere: `channels` at each of the rows of its trajectory.
+    """Give a record with other readings: `channels` at each of the rows of its trajectory.
 
-    Its own channels stay, without readings: where it starts was taken from their thermocouples.
+    Its own channels stay, without readings, because its start was taken from their thermocouples.
     """
     K, C, own = len(row), len(channels), len(m.channels)
     share = np.zeros(K) if share is None else share
@@ -115,7 +115,7 @@ def seen_at(m: Measured, channels: Sequence[Channel], row: np.ndarray, share: Fl
 
 
 def sensitivity(fit: MapFit, records: Sequence[Measured]) -> tuple[Floats, Floats]:
-    """Tell what other thermocouples would read, and how it depends on all numbers of a fit.
+    """Compute the readings of other thermocouples, and their derivatives by all numbers of a fit.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def sensitivity(fit: MapFit, records: Sequence[Measured]) -> tuple[Floats, Float
         Per unit of [θ, ν].
     """
     problem = Problem(fit.problem.model, records)
-    nuisances = problem.nuisances = fit.problem.nuisances  # offsets of sensors too, which are read elsewhere here
+    nuisances = problem.nuisances = fit.problem.nuisances  # offsets of the sensors too, which have other places here
     moved = problem.jacobian(fit.theta, fit.prediction, problem.coordinates, nu=fit.nu)
     scatter = moved[:, :0]
     if len(fit.nu):
@@ -140,14 +140,14 @@ def sensitivity(fit: MapFit, records: Sequence[Measured]) -> tuple[Floats, Float
 
 
 def tempered(fit: MapFit, inflation: float) -> Floats:
-    """Covariance (P + Q, P + Q) of all numbers, the data's weight divided by the inflation of their variance."""
+    """Covariance (P + Q, P + Q) of all numbers; the data's weight is divided by the inflation of their variance."""
     sd = np.concatenate([[c.sd for c in fit.problem.coordinates], fit.linear.sd])
     prior = np.diag(1.0 / sd**2)
     return np.asarray(np.linalg.inv((fit.H - prior) / inflation + prior), dtype=np.float64)
 
 
 def posterior(fit: MapFit) -> Floats:
-    """Covariance (P + Q, P + Q) of coordinates and nuisances, evidence weakened where the residual is coloured."""
+    """Covariance (P + Q, P + Q) of coordinates and nuisances; a coloured residual lowers the weight of the data."""
     if fit.noise is not None:
         return np.asarray(np.linalg.inv(fit.H), dtype=np.float64)
     return tempered(fit, max(1.0, structure(fit).inflation))
@@ -168,9 +168,9 @@ def core_bands(
     structured_K : sequence of float, one per cell
         Slow error of the surface; 0 where left out.
     covariance : ndarray (P + Q, P + Q), optional
-        Of the fit's numbers, where it is not `posterior`'s.
+        Covariance of the fit's numbers, if not that of `posterior`.
     share : float
-        Of the difference core to surface that may be wrong.
+        Share of core minus surface that may be wrong.
     """
     n = fit.problem.model.cells
     channels: list[Channel] = [("core", k) for k in range(1, n + 1)]
@@ -212,7 +212,7 @@ def core_bands(
 
 
 def core_moved(before: MapFit, after: MapFit) -> tuple[float, float]:
-    r"""Tell how far effects move the cores, and how well these are known with them.
+    r"""Compute how far effects move the cores, and how well the cores are known with the effects.
 
     With s the standard deviation of a core and d the way that it moved, the move is one towards the truth with a
     probability of :math:`\Phi(|d|/2s)`: a move within the band's half width says little about it.
@@ -236,13 +236,13 @@ def core_moved(before: MapFit, after: MapFit) -> tuple[float, float]:
 
 
 def at_times(band: CoreBand, cell: int, t: Floats, lever: Share | None = None) -> tuple[Floats, Floats]:
-    """Core of one cell (from 1) and its sd at other times; with `lever` what a thermocouple in it reads."""
+    """Core of one cell (from 1) and its sd at other times; with `lever`, the reading of a thermocouple in it."""
     T_c, sd, gap = (np.interp(t, band.time_s, x[:, cell - 1]) for x in (band.T_c, band.total_K, band.gap_K))
     return (T_c, sd) if lever is None else (T_c + lever.value * gap, np.hypot(sd, lever.sd * gap))
 
 
 def _thinned(spans: Sequence[Span]) -> np.ndarray:
-    """Rows of a trajectory, few enough to be shown, with both ends of each span."""
+    """Choose rows of a trajectory, few enough to be shown, with both ends of each span."""
     rows = sum(len(s) + 1 for s in spans)
     every = max(rows // POINTS, 1)
     found, first = [], 0

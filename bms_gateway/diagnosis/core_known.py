@@ -1,23 +1,23 @@
-"""How well records let the cores of a model be known, and whether that is proven: the one place that says either.
+"""How well records determine the cores of a model, and whether the cores are proven; no other module decides this.
 
 `compare`, `diagnose`, `add`, `fit`, the reports and the workbench all ask `known_core`, so that one model and one set
 of records have one band. It depends on the model's structure, on what was known before any data, and on the records;
 never on the command that asks.
 
-A core is **proven** by records when nothing speaks against it, that is when all of these hold:
+A core is **proven** by records if all of these hold:
 
-* the model file does not say otherwise: nothing was added by force, no witness of the search spoke against the core, no
-  effect moved it by less than it is known to, and none was chosen among several that explain the records alike;
+* the model file does not deny it: nothing was added by force, no witness of the search contradicted the core, no effect
+  moved the core by less than its band, and none was chosen among several that explain the records equally well;
 * the records can show an effect at all: none of the direct checks refuses them, and the rows of the current do not lie
   too far apart;
 * the model explains the surfaces: no structure is left, and the error holds on held-out readings, both by the limits of
-  `diagnose`. Where it does not, the model has an error of its own, and what that does in the core no surface tells;
-* no effect of the catalogue passes the gates of `diagnose`: one that a model lacks can move its core and leave its
-  surface as it is;
+  `diagnose`. Otherwise there is a model error, whose effect on the core no surface shows;
+* no effect of the catalogue passes the gates of `diagnose`: a missing effect can move the core without a change of
+  the surface;
 * no number ends at a bound, beyond `FAR` standard deviations of what was known of it, or against the cell's format.
 
-After `fit --calibrate` a thermocouple in the core has testified: the third and fourth are then asked for only as far as
-the model's own error exceeds `LARGE_K`.
+After `fit --calibrate`, a thermocouple in the core has confirmed the core: the third and fourth condition are then
+checked only if the model error exceeds `LARGE_K`.
 """
 
 from collections.abc import Sequence
@@ -43,25 +43,25 @@ from bms_gateway.thermal.centre import probe_lever
 from bms_gateway.thermal.effects import effect_named
 
 FAR = 3.0
-"""sd of what was known of a number, beyond which it is not believed: one in four hundred."""
+"""Distance of a number from its prior, in sd of the prior, above which it is not plausible: one in four hundred."""
 LARGE_K = 0.3
-"""Slow error of a model at the surface, from which not even a calibrated core is believed: it is that of a weak effect,
-and R_c/R_u of it goes into the core."""
+"""Model error at the surface above which not even a calibrated core counts as proven: that of a weak effect, of which
+R_c/R_u goes into the core."""
 ONE = Settings(effects=1, ways=0)
-"""Of the search: only whether there is an effect to be named."""
+"""Settings of the search: only whether any effect can be named."""
 
 
 @dataclass(frozen=True, slots=True)
 class KnownCore:
-    """Cores of a model by records.
+    """Cores of a model, as some records determine them.
 
     Attributes
     ----------
     identified : Identified
-        The fit that they are taken from.
+        The fit from which they are taken.
     bands : tuple of CoreBand, one per record
     why : tuple of str
-        What speaks against the core, a sentence each; empty where it is proven.
+        Reasons why the core is not proven, a sentence each; empty if it is proven.
     """
 
     identified: Identified
@@ -70,7 +70,7 @@ class KnownCore:
 
     @property
     def proven(self) -> bool:
-        """Whether nothing speaks against the core."""
+        """Whether the core is proven."""
         return not self.why
 
     @property
@@ -80,12 +80,12 @@ class KnownCore:
 
     @property
     def sd_K(self) -> float:
-        """The same of the cell that is known least: the one number for a string."""
+        """The same for the least certain cell: one number for a string."""
         return float(self.cell_sd_K.max())
 
     @property
     def centre_sd_K(self) -> float:
-        """Standard deviation of the hottest point that is known least, root mean square over all records."""
+        """Standard deviation of the least certain hottest point, root mean square over all records."""
         return float(typical_K([b.centre_sd_K for b in self.bands]).max())
 
     @property
@@ -94,12 +94,12 @@ class KnownCore:
         return half_width_K(self.bands)
 
     def widened(self, share: float) -> "KnownCore":
-        """Hold at least this share of the difference core to surface for possibly wrong."""
+        """Assume that at least this share of core minus surface may be wrong."""
         bands = tuple(replace(b, share=max(b.share, share)) for b in self.bands)
         return replace(self, bands=bands)
 
     def share_for(self, before: "KnownCore") -> float:
-        """Least share, to four digits, with which no cell's band is narrower than another model's on these records."""
+        """Find the least share, to four digits, with which no cell's band is narrower than that of another model."""
         wanted = before.cell_sd_K**2
         rest = typical_K([np.hypot(b.sd_K, b.remainder_K) for b in self.bands]) ** 2
         lever = typical_K([b.lever_K for b in self.bands]) ** 2
@@ -113,22 +113,23 @@ def known_core(
     identified: Identified | None = None,
     rounds: Sequence[Sequence[Trial]] | None = None,
 ) -> KnownCore:
-    """Tell how well records let the cores of a model be known, and whether that is proven.
+    """Compute how well records determine the cores of a model, and whether the cores are proven.
 
     Parameters
     ----------
     model : StringModel
-        Fitted from what was known before any data; its `doubts` count as they are.
+        The model; the fit starts from its numbers before any data, and its `doubts` stay.
     records : sequence of Record
     identified : Identified, optional
-        By `identify`, of this model and these records without thermocouples in cores: spares the fit.
+        Result of `identify` for this model and these records, without thermocouples in cores; it replaces the fit.
     rounds : sequence of sequence of Trial, optional
-        Of a search for what this model, as it was before any data, lacks in these records: spares the first of them.
+        Rounds of a search for the effects that this model, before any data, lacks in these records; they replace the
+        first round.
 
     Returns
     -------
     KnownCore
-        The same for the same model and records, to the last bit, whatever is spared.
+        The same for the same model and records, to the last bit, whatever was given.
 
     Notes
     -----
@@ -150,22 +151,22 @@ def judged_model(
     identified: Identified | None = None,
     before: KnownCore | None = None,
 ) -> tuple[StringModel, KnownCore]:
-    """Return the model with the numbers of a fit as it is written, and what these records make of its cores.
+    """Return the model with the numbers of a fit, as it is written, and its cores as these records determine them.
 
     Parameters
     ----------
     fit : MapFit
     model : StringModel
-        What it was.
+        The model before the fit.
     records : sequence of Record
     said : sequence of str
-        What is held against its cores already.
+        Reasons against its cores that are known already.
     calibrated : bool
-        The fit has seen cores.
+        Whether the fit has used thermocouples in cores.
     identified : Identified, optional
         As `known_core` takes it.
     before : KnownCore, optional
-        Than which the band must not be narrower where it is not proven.
+        Cores whose band is a lower limit for the new one, unless the new cores are proven.
     """
     core = known_core(fitted_model(fit, model, calibrated=calibrated, not_proven=said), records, identified)
     share = 0.0 if core.proven else max(UNPROVEN, core.share_for(before) if before else 0.0)
@@ -178,7 +179,7 @@ def judged_model(
 
 
 def bands_of(found: Identified, share: float) -> tuple[CoreBand, ...]:
-    """State the cores of each record by a fit, whose slow error at the surface is told or what it was given."""
+    """Compute the cores of each record from a fit, with its model error at the surface."""
     n = found.stated.problem.model.cells
     left = [max(s, found.model_error_K) for s in nearest(sensors(found.stated), n)]
     return core_bands(found.stated, left, covariance=posterior(found.fit), share=share)
@@ -210,7 +211,7 @@ def _against(
 def _lacking(
     model: StringModel, records: Sequence[Record], doubts: Sequence[float], rounds: Sequence[Sequence[Trial]] | None
 ) -> str:
-    """Say what a model that explains the surfaces lacks all the same; empty where it is nothing of the catalogue."""
+    """Say which effect a model lacks although it explains the surfaces; empty if it lacks none."""
     if rounds is None:
         start = model.unfitted
         rounds = search(start, [measured(r, start) for r in records], ONE, doubts=doubts).rounds
@@ -224,7 +225,7 @@ def _lacking(
 
 
 def numbers_far(fit: MapFit) -> list[str]:
-    """Name the numbers of a fit that end at a bound, far from what was known of them, or against the cell's format."""
+    """Name the numbers of a fit that end at a bound, far from their prior, or outside the cell's format."""
     said = []
     for c, z in zip(fit.problem.coordinates, fit.theta.tolist(), strict=True):
         if c.only_start:
@@ -238,7 +239,7 @@ def numbers_far(fit: MapFit) -> list[str]:
 
 
 def _vanished(c: Coordinate, z: float) -> bool:
-    """Whether an effect's number has ended where the effect is none, or all of a share: no sign of trouble."""
+    """Whether an effect's number ends where the effect vanishes, or at a full share: this is no fault."""
     if c.effect is None:
         return c.name.partition("@")[0] not in KINDS
     p = effect_named(c.effect.partition(":")[0]).parameter(c.name.rpartition(".")[2])

@@ -1,4 +1,4 @@
-"""Which readings tell of charge that the training knows: a curve over the state of charge is not known beyond it."""
+"""Which readings belong to a state of charge that was trained: a curve over the charge is unknown elsewhere."""
 
 from collections.abc import Sequence
 
@@ -9,13 +9,13 @@ from bms_gateway.identify.coordinates import Measured
 from bms_gateway.thermal import Floats
 
 LOADED = 0.1
-"""Share of the greatest current from which an interval tells what heat is made at its charge."""
+"""Least share of the greatest current with which an interval shows the heat at its charge."""
 HOLE = 0.15
-"""Of the capacity: training on both sides of a narrower hole knows what lies in it …"""
+"""Share of the capacity: a narrower hole counts as trained if both its sides are …"""
 EDGE = 0.02
-"""… and beyond its ends it reaches so far."""
+"""… and so does a range of this width beyond the ends."""
 MEMORY_S = 600.0
-"""s for which a surface remembers heat: one slow time constant of a cell."""
+"""Time, s, over which heat affects a surface: one slow time constant of a cell."""
 
 
 def covered(records: Sequence[Measured]) -> np.ndarray:
@@ -24,7 +24,7 @@ def covered(records: Sequence[Measured]) -> np.ndarray:
     Parameters
     ----------
     records : sequence of Measured
-        Of one cell type; what is `used` is what was trained.
+        Records of one cell type; their `used` readings are the trained ones.
 
     Returns
     -------

@@ -19,7 +19,7 @@ HOLDS = 1.15
 
 
 def rests_at_zero(u: Drive) -> bool:
-    """Whether the current reads zero where it rests: for half a minute in all, in stretches of ten seconds and more."""
+    """Whether the current reads zero at rest: for half a minute in all, in stretches of ten seconds and more."""
     peak = float(np.sqrt(u.I2.max()))
     zero = np.abs(u.I) <= max(ZERO[0] * peak, ZERO[1])
     zero &= np.sqrt(np.maximum(u.I2 - u.I**2, 0.0)) <= STEADY * peak
@@ -29,7 +29,7 @@ def rests_at_zero(u: Drive) -> bool:
 
 
 def charge_too_much(u: Drive, b: float, capacity_Ah: float | None) -> str:
-    """Say so where an offset of b A would move more charge than a cell holds, and the current as recorded does not.
+    """Say if an offset of b A, but not the recorded current, would move more charge than a cell holds; else empty.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""The entropic coefficient over the state of charge, as a curve with a band: what a calorimetric one is laid beside.
+"""The entropic coefficient over the state of charge as a curve with a band, to be compared with a calorimetric curve.
 
 The effect itself has a level and four knots, enough to be found and to be predicted with. Once it is found, a last fit
 to all readings lets the curve depart from the straight lines between them, as far as dU/dT of real electrodes does,
@@ -26,10 +26,10 @@ from bms_gateway.thermal.effects.entropic_heat import KNOTS
 from bms_gateway.thermal.effects.laws import by_knots
 
 TEMPERED = 5.0
-"""By what the evidence between two ends counts: the model errs by more than its readings' noise."""
+"""Factor on the evidence between two ends, because the model error is greater than the noise of the readings."""
 EFFORT = FitEffort(iterations=30)
 LOADED = 0.05
-"""Share of the greatest current from which a record tells something of the charge that it stands at."""
+"""Least share of the greatest current with which a record determines the coefficient at its charge."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +42,7 @@ class Curve:
         Key, as in model files.
     unit : str
     soc, value, sd : ndarray (K,)
-        Where the records went, 5 % apart; in that unit.
+        Charges that the records cover, 5 % apart; values in this unit.
     """
 
     effect: str
@@ -53,15 +53,15 @@ class Curve:
 
 
 def entropic_curve(found: MapFit, charge_sd: float = 0.0, error: ModelError | None = None) -> Curve | None:
-    """Work out dU/dT over the state of charge from a fit with `entropic_heat`.
+    """Compute dU/dT over the state of charge from a fit with `entropic_heat`.
 
     Parameters
     ----------
     found : MapFit
     charge_sd : float
-        How well the level of the charge is known, 0…1.
+        sd of the level of the charge, 0…1.
     error : ModelError, optional
-        In whose regime the fit was made; None where its noise is that of the thermocouples.
+        Model error with which the fit was made; None if its noise is that of the thermocouples.
 
     Returns
     -------
@@ -88,13 +88,13 @@ def _of(fit: MapFit) -> tuple[Floats, Floats]:
     E = np.stack([_shape(name) for name in names], axis=1)
     P = len(names)
     square, freedom = strain_of(fit)
-    # numbers that lie farther from what was known of them than they may: the model errs, and its band with it
+    # numbers too far from their priors show a model error, which widens the band
     birge = max(1.0, square / max(freedom, 1))
     return E @ fit.theta, birge * np.einsum("kp,pq,kq->k", E, posterior(fit)[:P, :P], E)
 
 
 def _with_curve(found: MapFit, error: ModelError | None) -> list[MapFit]:
-    """Fit on with the curve free, to all readings: from what was found, and anew from what was known before."""
+    """Fit all readings with a free curve: from the numbers found, and from the priors."""
     shapes = EntropicCurve.parameters
     free = AddedEffect(EntropicCurve.name, None, {p.name: 0.0 for p in shapes}, {p.name: p.sd for p in shapes})
     model = replace(found.problem.model, effects=(*found.problem.model.effects, free))
@@ -104,12 +104,12 @@ def _with_curve(found: MapFit, error: ModelError | None) -> list[MapFit]:
         theta, bench = np.concatenate([found.theta, np.zeros(len(shapes))]), Bench(records, error)
         on = fit_with_error(bench, problem, theta, EFFORT, guess=found.prediction.X)
         return [on.map, fit_with_error(bench, problem, problem.begin, EFFORT).map]
-    # anew: what the straight lines lacked has bent the other numbers
+    # from the priors, because the straight lines have biased the other numbers
     return [fitted(problem), map_fit(problem, FitStart(problem.begin))]
 
 
 def _shape(name: str) -> Floats:
-    """Tell how a number of a fit moves the curve at `FINE`, V/K per unit."""
+    """Give the derivative of the curve at `FINE` by a number of the fit, V/K per unit."""
     effect, _, number = name.partition(".")
     if effect == "entropic_heat":
         knot = number.rpartition("_")[2]
@@ -122,7 +122,7 @@ def _shape(name: str) -> Floats:
 
 
 def _visited(fit: MapFit) -> np.ndarray:
-    """Which of `FINE` lie where some record moved charge."""
+    """Which of `FINE` lie where some record has a current."""
     step = float(FINE[1] - FINE[0])
     there = np.zeros(len(FINE), np.bool_)
     for m in fit.problem.records:

@@ -1,11 +1,11 @@
-r"""What a record could show before anything is diagnosed: the smallest visible size of each effect, and look-alikes.
+r"""What a record could show, computed before a diagnosis: the smallest visible size of each effect, and look-alikes.
 
-A fit has columns J for all that it may adjust. What is left of an effect's column h once those have done their best,
+A fit has columns J for all numbers that it may adjust. The part of an effect's column h that these cannot explain,
 
 .. math:: S = h^T W h - h^T W J \, H^{-1} J^T W h,
 
-is what evidence can feed on: a strength s promises ½ s² S of log-likelihood, of which its Occam factor and its prior
-take their part. Two effects whose remaining columns are parallel cannot be told apart.
+determines the evidence: a strength s gains ½ s² S of log-likelihood, less its Occam factor and its prior. Two effects
+whose remaining columns are parallel cannot be told apart.
 """
 
 from collections.abc import Sequence
@@ -22,11 +22,11 @@ from bms_gateway.thermal import Floats
 from bms_gateway.thermal.effects import EffectParameter
 
 VISIBLE_ODDS = 3.0
-"""Log-odds that the search asks of an effect."""
+"""Log-odds that an effect needs in the search."""
 ALIKE = 0.95
-"""Cosine from which two effects look alike: telling them takes ten times the evidence that showing one takes."""
+"""Cosine above which two effects look alike: to tell them apart needs ten times the evidence that one of them needs."""
 LIKELY = 2.0
-"""Prior sd up to which a size is one that is met with."""
+"""Sizes up to this number of prior sd count as usual."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,11 +39,11 @@ class Detectable:
     cell : int or None
     parameter, unit : str
     smallest : float
-        In the unit shown; infinite where no size within the effect's bounds would do.
+        Smallest size in the unit shown; infinite if no size within the effect's bounds is enough.
     typical : float
         Prior sd, in the unit shown.
     visible : bool
-        Whether sizes that are met with would be found.
+        Whether usual sizes would be found.
     """
 
     key: str
@@ -67,7 +67,7 @@ class Alike:
 
 @dataclass(frozen=True, slots=True)
 class Combination:
-    """How well the records tell a product of parameters.
+    """How well the records determine a product of parameters.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class Combination:
     rel_sd : float
         Posterior, of the product.
     apart : mapping as tuple of (symbol, rel_sd)
-        Of each factor alone.
+        Relative sd of each factor alone.
     sentence : str
     """
 
@@ -89,7 +89,7 @@ class Combination:
 
 @dataclass(frozen=True, slots=True)
 class Absorbed:
-    """What free parameters take up without a trace, and what they leave to be known.
+    """Changes that free parameters absorb completely, and combinations of parameters that the records determine.
 
     Attributes
     ----------
@@ -109,7 +109,7 @@ class Card:
     Attributes
     ----------
     effects : tuple of Detectable
-        In the order of the catalogue; of several starts the one that shows best.
+        Effects in the order of the catalogue; of several starts, the most visible one.
     alike : tuple of Alike
         Pairs of visible effects, the most alike first.
     groups : tuple of tuple of str
@@ -125,20 +125,14 @@ class Card:
     sentences: tuple[str, ...]
 
 
-def detectability(fit: MapFit, offered: Sequence[Candidate], *, inflation: float = 1.0) -> Card:
-    """Tell what the records of a fit could show.
+def detectability(fit: MapFit, offered: Sequence[Candidate]) -> Card:
+    """Compute what the records of a fit could show.
 
     Parameters
     ----------
     fit : MapFit
         Of the model as it is.
     offered : sequence of Candidate
-    inflation : float
-        Of the variance by autocorrelation that a right model's residual would have; 1 for white noise.
-
-    Returns
-    -------
-    Card
     """
     gains = screen(fit, [c for c in offered if _sized(c)])
     gains = sorted(gains, key=lambda g: [c is g.candidate for c in offered].index(True))
@@ -149,7 +143,7 @@ def detectability(fit: MapFit, offered: Sequence[Candidate], *, inflation: float
     best: dict[str, tuple[Detectable, int]] = {}
     for i, g in enumerate(gains):
         places = sum(c.name == g.candidate.name for c in offered)
-        found = _smallest(g, float(S[i, i]), float(np.log(families * places)), inflation)
+        found = _smallest(g, float(S[i, i]), float(np.log(families * places)))
         old = best.get(g.candidate.key)
         if old is None or found.smallest < old[0].smallest:
             best[g.candidate.key] = (found, i)
@@ -162,12 +156,7 @@ def detectability(fit: MapFit, offered: Sequence[Candidate], *, inflation: float
 
 
 class Projection:
-    """What is left of responses once all numbers of a fit have done their best.
-
-    Parameters
-    ----------
-    fit : MapFit
-    """
+    """The part of responses that the numbers of a fit cannot explain."""
 
     def __init__(self, fit: MapFit) -> None:
         self._fit = fit
@@ -175,7 +164,7 @@ class Projection:
         self._factor = scipy.linalg.cho_factor(fit.H)
 
     def gram(self, columns: Floats) -> Floats:
-        """Inner products (p, p) of what is left of the columns (M', p), K per unit, in units of the noise."""
+        """Inner products (p, p) of the unexplained parts of the columns (M', p), K per unit, in units of the noise."""
         J = self._fit.weighed(columns)
         cross = self._base.T @ J
         S = J.T @ J - cross.T @ scipy.linalg.cho_solve(self._factor, cross)
@@ -183,7 +172,7 @@ class Projection:
 
 
 def absorbed(fit: MapFit) -> Absorbed:
-    """Tell what the free parameters of a fit take up, and which of their products the records determine."""
+    """Find the changes that the free parameters of a fit absorb, and their products that the records determine."""
     names = [c.name for c in fit.problem.coordinates]
     several = len(fit.problem.records) > 1
     cov = posterior(fit)
@@ -214,7 +203,7 @@ PRODUCTS = (
     (("R_e", "R_u"), "surface rise over the coolant"),
     (("C_c", "R_c"), "time in which the core follows"),
 )
-"""What a steady string shows of its parameters."""
+"""Products of parameters that a steady string shows."""
 
 
 def _sized(c: Candidate) -> bool:
@@ -222,14 +211,14 @@ def _sized(c: Candidate) -> bool:
     return bool(c.strengths) and c.effect.parameters[0].neutral is not None
 
 
-def _smallest(g: Gain, S: float, handicap: float, inflation: float) -> Detectable:
+def _smallest(g: Gain, S: float, handicap: float) -> Detectable:
     c, p = g.candidate, g.candidate.strengths[0]
     width = 3.0 if p.log else p.sd
-    S = max(S, 1e-12) / inflation
+    S = max(S, 1e-12)
     # ½ s² S − ½ ln(1 + S w²) − ln(hypotheses) = log-odds wanted
     s = float(np.sqrt(2.0 / S * (VISIBLE_ODDS + handicap + 0.5 * np.log1p(S * width**2))))
     if p.log:
-        # its response is taken whole, at the start's value: visible there or not
+        # its whole response at the start's value is visible or not
         at = c.start.get(p.name, p.probe)
         return _stated(g, p, at / p.to_si if s <= 1.0 else np.inf, at / p.to_si, s <= 1.0)
     reach = max(abs(p.upper), abs(p.lower))

@@ -1,13 +1,15 @@
-"""Which physical effect is missing: the verdict on one or several records of a string, with all that stands behind it.
+"""Which physical effect is missing: the verdict on one or several records of a string, with its reasons.
 
 adequate
-    What the declared tolerances explain: nothing is missing that these records could show.
+    The declared tolerances explain the records: no effect is missing that these records could show.
 missing_effect
-    Named, with the effects that these records cannot tell from it; `unknown_remains` where it does not explain all.
+    An effect is named, with the effects that these records cannot tell from it; `unknown_remains` if it does not
+    explain everything.
 undecidable
-    Something of the catalogue is missing, and several effects explain it about equally well.
+    An effect of the catalogue is missing, and several effects explain the records about equally well.
 unknown_effect
-    Structure that no effect of the catalogue explains; what merely resembles it is told as such, never as the cause.
+    There is structure that no effect of the catalogue explains. Similar effects are named as similar, never as the
+    cause.
 insufficient_data
     The records cannot show an effect at all.
 """
@@ -47,14 +49,14 @@ Verdict = Literal["adequate", "missing_effect", "undecidable", "unknown_effect",
 
 ROWS_OPEN = " The rows of the current lie so far apart that {:.2g} K may be theirs."
 EXPLAINED, EXPLAINED_HELD = 0.95, 0.5
-"""Share of the structure's power, of the held-out excess, that an effect must take away to be named as the cause: a
-right name leaves less, unless the noise hides it all the same."""
+"""Least share of the structure's power, and of the held-out excess, that an effect must remove to be the named cause.
+The right effect removes more, unless the noise hides the structure."""
 DECIDED = 0.5
 """Posterior share of the first effect below which several explain the records about equally well."""
 LEVEL_KNOWN = 0.1
-"""sd of the level of a counted charge up to which a law that goes by it needs no word of doubt."""
+"""sd of the level of a counted charge above which a law that depends on the charge gets a warning."""
 HALVED = 0.5
-"""Share of the error that effects may leave where the charge is known, to be worth another record."""
+"""Largest share of the error that effects may leave at a known charge if another record is to be proposed."""
 SHORT_STRING = 5
 INPUT_ONLY = (
     "Heat from the voltage explains it: that is a better input and no physics. What I²R_e lacks is none of the "
@@ -86,9 +88,9 @@ class Ranked:
         Posterior probability of the effect within its round.
     parameters : mapping of str to Number
     tied_with : tuple of str
-        Effects that these records cannot tell from it.
+        Effects that these records cannot tell from this one.
     refused : str
-        Why it was not let in; empty where nothing speaks against it.
+        Why it was refused; empty if it was not.
     """
 
     effect: str
@@ -123,7 +125,7 @@ class Selected:
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """The verdict and what stands behind it.
+    """The verdict and its reasons.
 
     Attributes
     ----------
@@ -138,9 +140,9 @@ class Diagnosis:
     baseline, after : Errors
     search : Search
     second : SecondSearch or None
-        Where the model's own error, not the noise, sets what can be told.
+        The second search, if the model error and not the noise limits what the records can show.
     alarms : tuple of str
-        What speaks against the core of the model with the selected effects, a sentence each.
+        Reasons why the core of the model with the selected effects is not proven, a sentence each.
     """
 
     verdict: Verdict
@@ -157,16 +159,16 @@ class Diagnosis:
 
     @property
     def decided_by_second(self) -> bool:
-        """Whether names and fits are those of the second search: in a string it only casts doubt on the first."""
+        """Whether effects and fits come from the second search; in a string it only casts doubt on the first search."""
         return self.second is not None and self.search.baseline.problem.model.cells == 1
 
     @property
     def fits(self) -> tuple[MapFit, MapFit]:
-        """The model as it is and with the selected effects, held against all readings; of the search that decided."""
+        """The model as it is and with the selected effects, compared with all readings; of the deciding search."""
         ready = self.search.baseline.problem.records
         if self.second is None or not self.decided_by_second:
             return self.search.baseline, self.search.final if self.selected else self.search.baseline
-        ready = [replace(m, used=np.ones_like(m.used)) for m in ready]  # it held nothing out
+        ready = [replace(m, used=np.ones_like(m.used)) for m in ready]  # the second search holds nothing out
         before = seen_on(self.second.baseline, ready)
         return before, seen_on(self.second.best, ready) if self.selected else before
 
@@ -187,10 +189,6 @@ def diagnose(
     settings : Settings, optional
     progress : callable, optional
         Told the share of the work done and what is being done.
-
-    Returns
-    -------
-    Diagnosis
     """
     tell = progress or (lambda _share, _text: None)
     d = _diagnosed(model, records, settings, tell)
@@ -223,7 +221,7 @@ def _diagnosed(model: StringModel, records: Sequence[Record], settings: Settings
 
 
 def _rows_are_open(found: Search, records: Sequence[Record]) -> bool:
-    """Whether steps of the current between its rows explain what the search found better than its effects do."""
+    """Whether steps of the current between its rows explain the records better than the effects of the search."""
     most = left_open(found.baseline, [r.sampling.doubt for r in records])
     if most < MATTERS * noise_floor(found.baseline, ~stacked(found.baseline.problem)[4]):
         return False
@@ -238,12 +236,12 @@ def _heat_by_voltage(ready: Sequence[Measured]) -> bool:
 
 
 def _only_voltage(d: Diagnosis) -> bool:
-    """Whether heat by the voltage is what explains the readings, and all of them."""
+    """Whether heat from the voltage explains all readings."""
     return d.verdict == "missing_effect" and not d.unknown_remains and d.selected[0].candidate.name in INSTEAD
 
 
 def judged(found: Search) -> Diagnosis:
-    """Pass the verdict on what a search found."""
+    """Give the verdict from the result of a search."""
     base, final = errors(found.baseline), errors(found.final)
     held = within(found.final)
     floor = float(np.mean(stacked(found.final.problem)[1][held] ** 2))
@@ -285,10 +283,10 @@ def judged(found: Search) -> Diagnosis:
 
 
 def _with_doubt(d: Diagnosis) -> Diagnosis:
-    """Say what speaks against the core with the named effects.
+    """Give the reasons why the core with the named effects is not proven.
 
-    A number that no cell of the format has; or that they move it by less than it is known to: no surface tells which
-    is nearer.
+    Either no cell of the format has one of the numbers, or the effects move the core by less than its band: no surface
+    shows which core is nearer to the truth.
     """
     if not d.selected:
         return d
@@ -304,7 +302,7 @@ def _with_doubt(d: Diagnosis) -> Diagnosis:
 
 
 def _with_charge(d: Diagnosis, sd: float) -> Diagnosis:
-    """Say so where an effect is named whose law goes by a charge that may start elsewhere."""
+    """Warn if the law of a named effect depends on a charge whose level is uncertain."""
     names = [s.candidate.key for s in d.selected if s.candidate.follows_charge]
     if sd <= LEVEL_KNOWN or not names:
         return d
@@ -317,13 +315,13 @@ def _with_charge(d: Diagnosis, sd: float) -> Diagnosis:
 
 
 def _doubtful(d: Diagnosis) -> bool:
-    """Whether a string's first search names what explains too little; in a long one a second would take minutes."""
+    """Whether a string's first search explains too little; in a long string, a second search takes minutes."""
     left = d.after.structure.power / max(d.baseline.structure.power, 1e-9)
     return bool(d.selected) and left > 1.0 - EXPLAINED and d.search.baseline.problem.model.cells <= SHORT_STRING
 
 
 def judged_again(first: Diagnosis, second: SecondSearch) -> Diagnosis:
-    """Pass the verdict of the second search: its names, its errors, its doubts."""
+    """Give the verdict of the second search: its effects, its errors, its doubts."""
     floor = first.baseline.noise_floor_K
     base, after = (
         Errors(rmse(seen, stacked(seen.problem)[4]), held, floor, structure(f))
@@ -363,7 +361,7 @@ def judged_again(first: Diagnosis, second: SecondSearch) -> Diagnosis:
         return Diagnosis(
             "unknown_effect", True, text, (), names, ranking, base, base, first.search, second, second.alarms
         )
-    # an effect that is likelier to be another is one of several
+    # an effect that is probably another one is one of several
     doubtful = [s for s in selected if probable[s.candidate.key] < DECIDED]
     verdict: Verdict = "undecidable" if doubtful else "missing_effect"
     text = missing(selected, base, after, remains=True, known_K=second.known_K) + predicted
@@ -429,7 +427,7 @@ def nothing_missing(base: Errors) -> str:
 
 
 def something_unknown(base: Errors, looks: Sequence[str]) -> str:
-    """Say that an effect is missing which the catalogue does not hold; `looks` are effects that it looks like."""
+    """Say that an effect is missing which the catalogue does not contain; `looks` are similar effects."""
     like = f" It looks partly like {', '.join(looks)}, but that does not explain it." if looks else ""
     return (
         f"Something is missing that no effect of the catalogue explains: {base.heldout_rmse_K:.2g} K on "

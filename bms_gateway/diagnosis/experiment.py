@@ -1,12 +1,13 @@
-r"""What to drive next, or where to put a sensor, so that two explanations of a record part.
+r"""The next drive, or the place of a further sensor, with which two explanations of a record can be told apart.
 
-Both are run over each test of a library with the numbers that they were fitted with. What refitting either could make
-good is taken off: with d the difference of what they predict and J the columns of all that the wrong one may adjust,
+Both explanations are simulated over each test of a library, with their fitted numbers. The part of the difference that
+a refit could remove is subtracted: with d the difference of the predictions and J the columns of all numbers that the
+wrong explanation may adjust,
 
 .. math:: χ^2 = d^T W d - d^T W J (J^T W J + Λ)^{-1} J^T W d, \qquad \text{expected log-odds} = χ^2/2
 
-where Λ holds what the records at hand say of its numbers (the posterior where they stay what they are, the prior where
-a new record brings its own start, cooling and sensor offsets). The lesser of the two directions counts.
+where Λ is the precision of its numbers from the present records: the posterior for numbers that stay the same, the
+prior for those that each record has anew (start, cooling, sensor offsets). The smaller value of both directions counts.
 """
 
 from collections.abc import Sequence
@@ -28,19 +29,19 @@ from bms_gateway.thermal import Floats
 from bms_gateway.thermal.drive import Span
 
 ENOUGH_ODDS = 3.0
-"""Expected log-odds from which a test decides."""
+"""Least expected log-odds with which a test decides."""
 CLEAR = 0.95
-"""Share of the first effect from which nothing needs to be told apart."""
+"""Probability of the first effect above which no test is needed."""
 NEAR = 3.0
-"""Log-odds within which another cell may be meant."""
+"""Log-odds within which the effect may sit on another cell."""
 MOST_PAIRS = 3
 START_SD = 1.0
-"""K: where each cell starts is read off its own sensor, whatever either explanation makes of that reading."""
+"""K: the start of each cell is read from its own sensor, whatever the explanations say about this reading."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ranked:
-    """One test: the plan, and the log-odds it can be expected to bring."""
+    """One test: the plan, and its expected log-odds."""
 
     plan: Plan
     log_odds: float
@@ -48,7 +49,7 @@ class Ranked:
 
 @dataclass(frozen=True, slots=True)
 class Sensor:
-    """A surface sensor more: cell, and the log-odds that the best test would then bring."""
+    """One more surface sensor: its cell, and the expected log-odds of the best test with it."""
 
     cell: int
     log_odds: float
@@ -66,7 +67,7 @@ class Parting:
     tests : tuple of Ranked
         The best first.
     sensor : Sensor or None
-        Where no test decides with the sensors at hand, and one more would help.
+        A further sensor, if no test decides with the present ones and a further one would help.
     sentence : str
     """
 
@@ -97,12 +98,12 @@ def next_experiment(found: Search, *, uncertain: bool = False) -> Experiment | N
     ----------
     found : Search
     uncertain : bool
-        The verdict leaves doubt: the two best explanations are held against each other although nothing is tied.
+        Whether the verdict is uncertain: the two best explanations are then compared although nothing is tied.
 
     Returns
     -------
     Experiment
-        Or None where nothing is to be told apart.
+        None if no explanations must be told apart.
     """
     pairs = _pairs(found, uncertain)
     if not pairs:
@@ -148,7 +149,7 @@ def _pairs(found: Search, uncertain: bool) -> list[tuple[Trial, Trial]]:
 
 
 def _forecastable(t: Trial) -> bool:
-    """Whether a plan says all that the effect needs: none says what the voltage will be."""
+    """Whether a plan contains all inputs of the effect; no plan contains the voltage."""
     return "voltage" not in t.candidate.effect.signals
 
 
@@ -188,7 +189,7 @@ def _spoken(c: Candidate) -> str:
 
 
 class _Known:
-    """What the records at hand say of one hypothesis: its fit, inflation of the residual, tempered covariance."""
+    """One hypothesis from the present records: its fit, inflation of the residual, tempered covariance."""
 
     def __init__(self, fit: MapFit) -> None:
         self.fit = fit
@@ -197,7 +198,7 @@ class _Known:
 
 
 class _Forecast:
-    """What one fit says of one test, at sensors on all cells, and all that it might yet adjust."""
+    """Prediction of one fit for one test, at sensors on all cells, with the columns of all adjustable numbers."""
 
     def __init__(self, known: _Known, plan: Plan) -> None:
         fit = known.fit
@@ -227,7 +228,7 @@ class _Forecast:
         self.weight = np.sqrt(plan.drive.dt * pace) / of_cell[self.cell - 1]
 
     def left(self, y: Floats, rows: NDArray[np.bool_]) -> float:
-        """Squared distance to readings `y` once this fit has adjusted itself, in units of the noise."""
+        """Squared distance to readings `y` after this fit has adjusted its numbers, in units of the noise."""
         w = self.weight[rows]
         d, J = (y - self.y)[rows] * w, self.J[rows] * w[:, None]
         b = J.T @ d
@@ -241,7 +242,7 @@ def _between(a: _Forecast, b: _Forecast, sensors: Sequence[int]) -> float:
 
 
 def planned(m: Measured, plan: Plan, cells: int) -> Measured:
-    """Give a record-to-be: a plan, read on all cells at each instant, soaked when it begins."""
+    """Make the record of a plan: read on all cells at each instant, with uniform temperature at the start."""
     u = plan.drive
     N = u.N
     channels: list[Channel] = [("surface", k) for k in range(1, cells + 1)]

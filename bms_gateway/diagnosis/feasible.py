@@ -1,7 +1,7 @@
-"""Tests that a bench or a parked vehicle can drive: current, inlet and flow, within what the record itself has seen.
+"""Tests that a bench or a parked vehicle can drive: current, inlet and flow, within the range of the record itself.
 
 Each is built from the record: its greatest currents, its own drive where a drive is asked for, its mean inlet, and the
-capacity of the cells, so that the charge stays where it may be. All start soaked at the inlet's temperature.
+capacity of the cells, so that the charge stays where it may be. All start with every cell at the inlet's temperature.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,9 +20,9 @@ INLET_K = 10.0
 FLOWS = (0.5, 1.5)
 SOC = (0.1, 0.95)
 SOC_STEP = 0.25
-"""Share of the charge that one long step may move."""
+"""Share of the capacity that one long step may use."""
 LATER_H = 1.0
-"""When a drive is repeated: drifts that matter show within the hour."""
+"""Time after which a drive is repeated: relevant drifts show within an hour."""
 GENTLE_C = 1.0
 """C-rate of a direction that the record never drove."""
 
@@ -52,7 +52,7 @@ class Plan:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What a test may ask for.
+    """Limits of the tests.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class Limits:
         Mean of the record's.
     capacity_Ah : float or None
     known : frozenset
-        What the record had besides current and temperatures; a test is recorded alike.
+        Inputs of the record besides current and temperatures; a test has the same inputs.
     own : ndarray (K,) A, its mean square (K,) A²
         The record's own drive, in steps of the plans.
     """
@@ -147,21 +147,21 @@ def _steps(seconds: float) -> int:
 
 
 def _filled(parts: Sequence[Floats]) -> Floats:
-    """Parts over and over until the time is up."""
+    """Repeat the parts until the time is over."""
     x = np.concatenate(parts)
     N = _steps(60.0 * MINUTES)
     return np.asarray(np.tile(x, N // len(x) + 1)[:N])
 
 
 def _pulses(A: float, B: float, on_s: float, for_s: float) -> Floats:
-    """Discharge at A and charge at B by turns, equal charge both ways."""
+    """Discharge at A and charge at B alternately, with equal charge in both directions."""
     out, back = np.full(_steps(on_s), A), np.full(_steps(on_s * A / B), -B)
     one = np.concatenate([out, back])
     return np.asarray(np.tile(one, max(round(for_s / (len(one) * STEP_S)), 1)))
 
 
 def _longest(limits: Limits, A: float, most_s: float) -> float:
-    """How long a current may flow one way."""
+    """Longest time for which a current may flow in one direction."""
     if not limits.capacity_Ah:
         return most_s
     return min(most_s, SOC_STEP * limits.capacity_Ah * 3600.0 / A)
@@ -303,4 +303,4 @@ LIBRARY: tuple[Callable[[Limits], Plan], ...] = (
     _cool_down,
     _again_later,
 )
-"""Makers of the tests, in the order in which equals are preferred."""
+"""Functions that make the tests; of equal tests the first one is preferred."""

@@ -9,15 +9,15 @@ from bms_gateway.diagnosis.misfit import Block, Sensor
 from bms_gateway.diagnosis.regimes import Bin, Regime
 
 WORTH = 0.1
-"""Share of the excess from which a regime is worth a sentence."""
+"""Least share of the excess for which a regime is reported."""
 SPREAD = 0.3
-"""Share of the excess in three blocks below which no time stands out."""
+"""Least share of the excess in three blocks for which these times are reported."""
 TOGETHER = 4
-"""Cells of one pattern from which on one sentence tells of all of them."""
+"""Least number of cells with the same pattern that share one sentence."""
 ALONG = 0.8
-"""Rank correlation of the error with the place along the coolant from which on it grows or falls."""
+"""Least rank correlation of the error with the place along the coolant for which the error grows or falls."""
 LARGE_CORE_K = 1.0
-"""95 % half width of a core from which one is warned although the surface looks fine."""
+"""95 % half width of a core above which a warning is given although the surface agrees."""
 
 
 def sensor_sentences(
@@ -55,7 +55,7 @@ def sensor_sentences(
 
 
 def core_sentences(bands: Sequence[CoreBand], sensors: Sequence[Sensor], name: str) -> tuple[str, ...]:
-    """Say how wrong the core could be, and warn where a good surface hides it."""
+    """Say how wrong the core could be, and warn if the surface agrees all the same."""
     half = half_width_K(bands)
     k = int(np.argmax(half))
     core = f"the core of cell {k + 1}"
@@ -73,7 +73,7 @@ def core_sentences(bands: Sequence[CoreBand], sensors: Sequence[Sensor], name: s
 
 
 def _patterns(bad: Sequence[Sensor]) -> list[list[Sensor]]:
-    """Put sensors together that fail in the same way, the worst pattern and the worst sensor of each first."""
+    """Group sensors with the same pattern of errors, the worst pattern and its worst sensor first."""
     groups: dict[tuple[str, bool, str], list[Sensor]] = {}
     for s in sorted(bad, key=lambda s: -s.structured_K):
         regime, strong = _strongest(s)
@@ -86,7 +86,7 @@ def _patterns(bad: Sequence[Sensor]) -> list[list[Sensor]]:
 
 
 def _told(group: Sequence[Sensor], cells: int) -> list[str]:
-    """Tell of sensors that fail in the same way: of many in one sentence."""
+    """Describe sensors with the same pattern of errors; many sensors share one sentence."""
     if len(group) < TOGETHER:
         return [_misfit(s) for s in group]
     found = [(s, *_strongest(s)) for s in group]
@@ -129,7 +129,7 @@ def _along(size: Mapping[int, float]) -> str:
 
 
 def _strongest(s: Sensor) -> tuple[Regime | None, Bin | None]:
-    """Find the regime that explains the error of a sensor best, and its bin with the largest error; none of either."""
+    """Find the regime that explains a sensor's error best, and its bin with the largest error; None if none does."""
     always, *others = s.regimes
     best = next((r for r in others if r.share > WORTH), None)
     if always.share > 0.5 and always.bins[0].significant and (best is None or best.share < always.share):

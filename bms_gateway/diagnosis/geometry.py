@@ -1,4 +1,4 @@
-"""What a cell's format and mass say against its numbers: R_c and the heat capacity have no room for what a fit wants.
+"""Limits of a cell's format and mass on its numbers: a fit can ask for an R_c or a heat capacity that no such cell has.
 
 The format is a word of the model file (`[cell] format`), as `bms-gateway cells` takes it. It bounds R_c (the way across
 the layers) and C_c + C_s (the mass). R_e and R_u it does not bound: they depend on age and surroundings.
@@ -15,10 +15,10 @@ from bms_gateway.thermal import KINDS, Floats, StringModel
 from bms_gateway.thermal.cells import CellFacts, Chemistry, cell_of, stated_parameters
 
 DOUBTED, EXCLUDED = 2.5, 4.0
-"""sd of what a format tells, beyond which a number is an alarm (one in eighty), and is not believed at all."""
+"""Distance from the format's value, in sd, above which a number is an alarm (one in eighty), and is excluded."""
 TOTAL = "C_c + C_s"
 OF = {"R_c": ("R_c",), TOTAL: ("C_c", "C_s")}
-"""What a format bounds, and the model's numbers that it is the sum of."""
+"""Quantities that a format limits, and the model's numbers of which each is the sum."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,30 +45,30 @@ class Odd:
 
     @property
     def excluded(self) -> bool:
-        """Whether it is out of the question, and not only doubtful."""
+        """Whether the number is excluded, and not only doubtful."""
         return self.off > EXCLUDED
 
 
 def facts_of(model: StringModel) -> CellFacts | None:
-    """Return what the model file says of the cell, None where it names no format."""
+    """Return the facts of the cell in the model file, None if it names no format."""
     return None if model.cell_format is None else cell_of(model.cell_format)
 
 
 def chemistry_of(model: StringModel) -> Chemistry | None:
-    """Return the cell's chemistry, None where the model file does not tell it."""
+    """Return the cell's chemistry, None if the model file does not name it."""
     facts = facts_of(model)
     return None if facts is None else facts.chemistry
 
 
 def odd_declared(model: StringModel) -> tuple[Odd, ...]:
-    """List the numbers of a model file that are none of its format."""
+    """List the numbers of a model file that no cell of its format has."""
     values = {name: float(np.exp(np.mean(np.log(p.value)))) for name, p in model.priors.items()}
     names = ("C_c", "C_s", "R_c")
     return _odd(model, values, names, np.diag([model.priors[name].rel_sd ** 2 for name in names]))
 
 
 def odd_fitted(fit: MapFit) -> tuple[Odd, ...]:
-    """List the numbers of a fit that are none of the model's format."""
+    """List the numbers of a fit that no cell of the model's format has."""
     model = fit.problem.model
     if model.cell_format is None:
         return ()

@@ -17,16 +17,16 @@ from bms_gateway.thermal import Floats, StringModel
 from bms_gateway.thermal.effects import effect_named
 
 COST = 1.0
-"""Log-odds that any effect costs, however common it is: a hypothesis of fewer effects is the likelier one."""
+"""Log-odds that every effect costs, because a hypothesis with fewer effects is more probable."""
 WILD_GAP = 4.0
-"""Times the baseline's mean distance core to surface (or 0.5 K): from there a core is absurd."""
+"""Multiple of the baseline's mean of core minus surface (or of 0.5 K) above which a core is absurd."""
 LEAST_GAP = 0.5
 HOTTEST = 120.0
 """°C: separators shut down above."""
 FAR = 4.0
-"""sd of a current offset: beyond what its sensor can have."""
+"""Current offset, in sd of its prior, that no sensor has."""
 SPECIAL = -2.5
-"""Plausibility from which down an effect needs a special cause: a bad sensor, a sheet that melts, a bracket."""
+"""Plausibility below which an effect needs a special cause: a bad sensor, a melting sheet, a bracket."""
 UNCLEAN = "it needs a special cause, and leaves what no such cause explains"
 
 
@@ -42,7 +42,7 @@ class Hypothesis:
     score : float
         Log evidence and log prior odds.
     refused : str
-        Why it is not believed, however well it fits; empty where it may be.
+        Why it is refused, however well it fits; empty if it is not.
     """
 
     effects: tuple[Candidate, ...]
@@ -52,7 +52,7 @@ class Hypothesis:
 
     @property
     def key(self) -> tuple[str, ...]:
-        """Effects, sorted: the order in which they came in does not matter."""
+        """Effects in sorted order, because the order of adding does not matter."""
         return tuple(sorted(variant(c) for c in self.effects))
 
     @property
@@ -88,7 +88,7 @@ def variant(c: Candidate) -> str:
 
 
 def offered_by(model: StringModel, bench: Bench) -> tuple[Candidate, ...]:
-    """List all that could be added, given what every record knows."""
+    """List all candidates, given the columns that every record has."""
     known = frozenset.intersection(*(m.drive.known for m in bench.records))
     y = np.concatenate([m.y for m in bench.records])
     surfaces = float(np.quantile(y, 0.05)), float(np.quantile(y, 0.95))
@@ -99,12 +99,12 @@ def offered_by(model: StringModel, bench: Bench) -> tuple[Candidate, ...]:
         c = freed(c, bench.records)
         found.append(c)
         if c.name == "entropic_heat" and len(c.free or ()) > 1:
-            found.append(replace(c, free=("dUdT",)))  # a level may explain what a curve explains at more cost
+            found.append(replace(c, free=("dUdT",)))  # a level may explain the same as a curve, which costs more
     return tuple(found)
 
 
 def freed(c: Candidate, records: Sequence[Measured]) -> Candidate:
-    """Free the numbers that any of the records can tell."""
+    """Free the numbers that at least one of the records can determine."""
     told = {name for m in records for name in c.effect.determined(m.drive)}
     return replace(c, free=tuple(p.name for p in c.effect.parameters if p.name in told))
 
@@ -156,13 +156,7 @@ def _at_bound(c: Coordinate, z: float, one_sided: bool) -> bool:
 
 
 class Board:
-    """All hypotheses tried on some records.
-
-    Parameters
-    ----------
-    model : StringModel
-    bench : Bench
-    """
+    """All hypotheses tried on some records."""
 
     def __init__(self, model: StringModel, bench: Bench) -> None:
         self.bench = bench
@@ -176,11 +170,11 @@ class Board:
         return sorted((h for h in self.found.values() if len(h.effects) == effects), key=lambda h: (-h.score, h.key))
 
     def accepted(self) -> list[Hypothesis]:
-        """Those that are not refused, best first."""
+        """Hypotheses that are not refused, best first."""
         return sorted((h for h in self.found.values() if not h.refused), key=lambda h: (-h.score, h.key))
 
     def prospects(self, parents: Sequence[Hypothesis], most: int) -> list[tuple[Hypothesis, Gain]]:
-        """Which effects to add to which hypotheses, by the score that a linear step promises."""
+        """Choose which effects to add to which hypotheses, by the score that a linear step promises."""
         best: dict[tuple[str, ...], tuple[float, Hypothesis, Gain]] = {}
         for h in parents:
             there = {c.key for c in h.effects} | {c.name for c in h.effects if c.effect.place == "string"}
@@ -197,7 +191,7 @@ class Board:
         self._keep(self.fitted(h, c, values))
 
     def fitted(self, h: Hypothesis, c: Candidate, values: Mapping[str, float]) -> Hypothesis:
-        """Fit a hypothesis and one effect more."""
+        """Fit a hypothesis with one more effect."""
         parent = h.fit.map
         problem = Problem(c.put_into(parent.problem.model, values), self.bench.records, self.bench.beliefs)
         theta = np.concatenate([parent.theta, problem.begin[len(parent.theta) :]])
@@ -231,7 +225,7 @@ class Board:
         return max((x for x in self.accepted() if set(x.names) <= rest), key=lambda x: x.score)
 
     def refuse_special(self) -> None:
-        """Believe no hypothesis with a special cause any more: the model's own error is what they mop up."""
+        """Refuse all hypotheses with a special cause from now on: they only absorb the model error."""
         for key, h in self.found.items():
             if h.special and not h.refused:
                 self.found[key] = replace(h, refused=UNCLEAN)

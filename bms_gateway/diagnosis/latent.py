@@ -1,4 +1,4 @@
-r"""The heat that a fitted model misses, as it would have to be over time, and what it follows.
+r"""The heat that a fitted model misses, over time, and the feature that this heat follows.
 
 The residual u is taken for the response of the fitted string, linear about its mean, to a heat q(t) in the core or at
 the surface of each cell with a sensor: straight between knots, a random walk from knot to knot,
@@ -8,11 +8,12 @@ the surface of each cell with a sensor: straight between knots, a random walk fr
 
 solved at once as a Gaussian regression, s by its marginal likelihood. That is what a Kalman smoother with the same
 walk gives, without its loop over the readings, with gaps and stamps between the instants for nothing, and with the
-evidence for core against surface beside it. The numbers of the fit move along (δ, with their priors): they have taken
-their part of what is missing, and may give it back.
+evidence for core against surface beside it. The numbers of the fit may move too (δ, with their priors), because
+they have absorbed a part of the missing heat.
 
-What it follows is not read off that curve, which is smooth and in part a matter of the priors, but asked of the
-readings: what share of the misfit goes when a heat proportional to the feature is added and all numbers are refitted.
+The feature that the heat follows is not taken from this curve, which is smooth and depends on the priors. It is found
+from the readings: by the share of the misfit that vanishes if a heat proportional to the feature is added and all
+numbers are refitted.
 """
 
 from collections.abc import Sequence
@@ -44,7 +45,7 @@ MISSING_Z = 6.0
 
 @dataclass(frozen=True, slots=True)
 class Heat:
-    """Missing heat at one cell over one record, as if it all were made at one node.
+    """Missing heat at one cell over one record, assumed to be made at one node.
 
     Attributes
     ----------
@@ -52,7 +53,7 @@ class Heat:
     record, cell : int
     time_s : ndarray (K,), s since the record began
     heat_W, sd_W : ndarray (K,)
-        Positive where the cell makes more than the model knows.
+        Positive if the cell makes more heat than the model.
     """
 
     node: Node
@@ -70,18 +71,18 @@ class Heat:
 
 @dataclass(frozen=True, slots=True)
 class Follow:
-    """A feature, and what a heat proportional to it would explain.
+    """A feature, with the share of the misfit that a heat proportional to it explains.
 
     Attributes
     ----------
     node : {"core", "surface"}
     feature, title, unit : str
     share : float
-        Of the misfit above the noise, 0…1, with all numbers of the fit refitted.
+        Share of the misfit above the noise, 0…1, with all numbers of the fit refitted.
     slope : float
         W per unit.
     correlation : float
-        Of the feature with the heat as drawn, for a scatter plot.
+        Correlation of the feature with the heat over time, for a scatter plot.
     values : tuple of ndarray
         The feature at the knots of each heat of that node in turn.
     """
@@ -98,18 +99,18 @@ class Follow:
 
 @dataclass(frozen=True, slots=True)
 class Latent:
-    """Missing heat and what it follows.
+    """Missing heat, and the features that it follows.
 
     Attributes
     ----------
     heats : tuple of Heat
         The core's of all records and cells, then the surface's.
     node : {"core", "surface"}
-        Where the heat that follows the best feature is made; where no feature does, what `odds` say.
+        Node of the heat that follows the best feature; without such a feature, the node that `odds` favour.
     odds : float
-        Log-odds of the core against the surface for a heat of any course, tempered.
+        Tempered log-odds of the core against the surface for a heat of any course.
     follows : tuple of Follow
-        At either node, the one that explains most first.
+        Features at both nodes, the one that explains most first.
     sentence : str
     """
 
@@ -121,12 +122,7 @@ class Latent:
 
 
 def latent(fit: MapFit) -> Latent:
-    """Find the heat that a fit misses.
-
-    Parameters
-    ----------
-    fit : MapFit
-    """
+    """Find the heat that a fit misses."""
     s = structure(fit)
     nodes: tuple[Node, Node] = ("core", "surface")
     solved = {node: _deconvolved(fit, node) for node in nodes}
@@ -202,7 +198,7 @@ def _hats(t: Floats, knots: Floats) -> Floats:
 
 
 def _response(fit: MapFit, r: int, node: Node, heat: Floats) -> Floats:
-    """Run what one record's surface sensors read (M, K), K, under heats (N, n, K), W, at one node of each cell."""
+    """Simulate the readings of one record's surface sensors (M, K), K, under heats (N, n, K), W, at one node."""
     problem, m = fit.problem, fit.problem.records[r]
     system, _ = problem.system(r, fit.theta, fit.nu)
     v, recursion = system.v, reference(system, fit.prediction.X[r].mean(axis=0))
@@ -221,7 +217,7 @@ def _response(fit: MapFit, r: int, node: Node, heat: Floats) -> Floats:
 
 
 def _features(u: Drive, T_s: Floats, T_c: Floats) -> dict[str, tuple[str, str, Floats]]:
-    """Title, unit and values (N,) of what a missing heat may follow."""
+    """Title, unit and values (N,) of the features that a missing heat may follow."""
     found = {
         "I2": ("I²", "A²", u.I2),
         "I": ("I", "A", u.I),
@@ -244,7 +240,7 @@ def _features(u: Drive, T_s: Floats, T_c: Floats) -> dict[str, tuple[str, str, F
 
 
 def _follows(fit: MapFit, node: Node, heats: Sequence[Heat]) -> list[Follow]:
-    """Ask the readings of heats proportional to each feature, in all cells alike."""
+    """Compute the share of the misfit for a heat proportional to each feature, equal in all cells."""
     tables = [_table(fit, r) for r in range(len(fit.problem.records))]
     names = [n for n in tables[0] if all(n in t and float(np.abs(t[n][2]).max()) > 0.0 for t in tables)]
     columns = np.concatenate(

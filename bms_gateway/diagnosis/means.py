@@ -14,7 +14,7 @@ from bms_gateway.thermal import Floats
 
 @dataclass(frozen=True, slots=True)
 class Path:
-    """P straight pieces, one after the other, that may step between them; beyond the ends the end values go on.
+    """P straight pieces in a row, with possible steps between them; beyond the ends the end values continue.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class Path:
 
 
 def path(t: Floats, x: Floats, straight: NDArray[np.bool_] | bool, *, half_way: bool = False) -> Path:
-    """Draw a signal through its rows.
+    """Make the path of a signal through its rows.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def _edges(instants: Floats, *paths: Path) -> Floats:
 
 
 def _gather(instants: Floats, edges: Floats, value: Floats) -> Floats:
-    """Weigh what was found between edges by its share of each interval."""
+    """Average values between edges, weighted by their share of each interval."""
     span = np.diff(edges)
     interval = np.searchsorted(instants, edges[:-1], "right") - 1
     total = np.bincount(interval, value * span, len(instants) - 1)

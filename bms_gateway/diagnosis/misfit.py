@@ -1,4 +1,4 @@
-"""Errors of a model at each sensor: how large, how much of it structure, where, when and in which regime."""
+"""Errors of a model at each sensor: size, structured part, place, time and regime."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -21,13 +21,13 @@ from bms_gateway.identify.map_fit import MapFit, stacked
 from bms_gateway.thermal import Floats
 
 BLOCKS = 24
-"""Blocks of time per record among which the excess is shared out."""
+"""Number of blocks of time per record over which the excess is divided."""
 MOST_EXCESS = 0.5
-"""Share of the excess that the blocks told of carry together."""
+"""Least share of the excess in the blocks that are reported."""
 APART_S = 1e4
-"""Between records, so that no stretch of time reaches from one into the next."""
+"""Time between records, so that no stretch of time spans two of them."""
 DISAGREES, DISAGREES_Z = 0.18, 6.0
-"""Structured error in units of the noise, and its z, from which a model fails at a sensor …"""
+"""Structured error in units of the noise, and its z, above which a model fails at a sensor …"""
 DISAGREES_HELD = 1.2
 """… or held-out error over the noise floor."""
 CHANCE_Z = 3.0
@@ -35,15 +35,15 @@ CHANCE_Z = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Level:
-    """How far readings lie from a model.
+    """Distance of readings from a model.
 
     Attributes
     ----------
     readings : int
     rmse_K : float
-        NaN where there is no reading.
+        NaN without a reading.
     floor_K : float
-        What noise and rounding alone would leave.
+        Error that noise and rounding alone would cause.
     """
 
     readings: int
@@ -67,7 +67,7 @@ class Worst:
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """A stretch of time that carries much of what lies above the noise.
+    """A stretch of time with much of the excess error.
 
     Attributes
     ----------
@@ -121,7 +121,7 @@ class Sensor:
     cell : int
     trained, held : Level
     structured_K, z : float
-        Error that is alike over some samples, and how many sd it is from chance.
+        Error that is correlated over some samples, and its distance from chance in sd.
     share : float
         Of the mean square above the noise, over all sensors.
     worst : Worst
@@ -154,7 +154,7 @@ def level(error: Floats, sigma: Floats, rows: NDArray[np.bool_]) -> Level:
 
 
 def series(fit: MapFit) -> tuple[Series, ...]:
-    """Gather readings and model of each sensor over each record."""
+    """Collect readings and model of each sensor over each record."""
     found, first = [], 0
     for r, m in enumerate(fit.problem.records):
         model = fit.y[first : first + len(m.y)]
@@ -243,7 +243,7 @@ def _worst(error: Floats, t: Floats, record: NDArray[np.intp], inflation: float)
 
 
 def blocks(fit: MapFit) -> tuple[Block, ...]:
-    """Blocks of time that carry most of what lies above the noise, neighbours joined."""
+    """Blocks of time with most of the excess error; neighbouring blocks are joined."""
     found: list[Block] = []
     y, sigma, _, _, _ = stacked(fit.problem)
     square, white = (y - fit.y) ** 2, sigma**2
@@ -286,7 +286,7 @@ def blocks(fit: MapFit) -> tuple[Block, ...]:
 
 
 def nearest(found: Sequence[Sensor], cells: int) -> list[float]:
-    """Structured error that is no chance of the sensor next to each cell, K."""
+    """Significant structured error of the sensor next to each cell, K."""
     at = np.array([s.cell for s in found])
     size = [s.structured_K if s.z > CHANCE_Z else 0.0 for s in found]
     return [size[int(np.argmin(np.abs(at - k)))] for k in range(1, cells + 1)]

@@ -1,8 +1,8 @@
-"""Fits that do not trust the model beyond a floor: averaged readings, plausible priors, a slow discrepancy of its own.
+"""Fits with a model error: averaged readings, plausible priors, and a slow discrepancy.
 
-The first search takes a thermocouple at its word. That is right for a pack which the skeleton of two nodes fits to
-the noise, and wrong for a real cell with a good thermocouple: there the skeleton itself errs by more than the noise,
-and every effect that can mop up a little of it would be called found.
+The first search trusts a thermocouple to within its noise. That is right for a pack which two nodes fit to the noise,
+and wrong for a real cell with a good thermocouple. There the error of two nodes exceeds the noise, and every effect
+that can absorb a little of this error would seem to be found.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,7 +18,7 @@ from bms_gateway.thermal import Floats
 from bms_gateway.thermal.drive import Drive, Span
 
 REFINEMENTS = 3
-"""Of the sensitivities, for the last digits: where heat follows the core, one does not lead along a flat valley."""
+"""Updates of the sensitivities for the last digits: if heat follows the core, one is not enough in a flat valley."""
 _MEANS = ("I", "I2", "I_abs", "T_in", "flow", "soc", "V", "IV", "hours")
 
 
@@ -29,16 +29,18 @@ class ModelError:
     Attributes
     ----------
     floor : float, K·√s
-        White error of the model: 0.05 K on the mean of a minute. At a quarter of it sensor effects are added to mop up
-        what the skeleton misses, at three times it the right ones are lost; in between the names stay.
+        White model error: 0.05 K on the mean of a minute. With a quarter of it, effects of sensors are added that
+        absorb the model error; with three times it, the right effects are lost; in between the named effects are the
+        same.
     share : float
-        Of the surface's range: least size of the slow discrepancy. The lumped model is not right to half a per cent.
+        Least size of the slow discrepancy as a share of the surface's range: two nodes are not exact to half a per
+        cent.
     blocks : int
         Means into which a record is cut, about: enough for time constants of ten seconds in an hour …
     shortest, longest : float, s
         … and their limits. Shorter than a surface's time constant, for what is faster than a mean is lost.
     start_core, start_surface : float, K
-        How far core and surface may be from the first readings at the start of a record: a cell on a bench has rested.
+        sd of core and surface at the start of a record, about the first readings: a cell on a bench has rested.
     contact : float
         sd of thermocouple_contact: a glued bead loses a few per cent, more is a bad mounting.
     lag : float, s
@@ -48,7 +50,7 @@ class ModelError:
     current_offset, current_share : float
         sd of current_offset: A, or this share of the peak, whichever is more. Shunts and Hall sensors stay within.
     rounds : int
-        How often the discrepancy and the fit are made to agree.
+        Number of rounds in which fit and discrepancy are adapted to each other.
     """
 
     floor: float = 0.4
@@ -82,7 +84,7 @@ class ModelError:
 
 @dataclass(slots=True)
 class Bench:
-    """Records in the regime, and what all fits to them share.
+    """Averaged records, and the settings that all fits to them share.
 
     Parameters
     ----------
@@ -129,7 +131,7 @@ class Fit:
 
 
 EACH = FitEffort(iterations=8)
-"""Of a fit of the numbers: the noise is found anew after it."""
+"""Effort of one fit of the numbers, after which the discrepancy is found again."""
 
 
 def fit(
@@ -153,14 +155,14 @@ def fit(
     effort : FitEffort
         Of each fit of the numbers.
     parent : Fit, optional
-        Of the same problem with fewer coordinates at the end: lends its discrepancy, nuisances and columns.
+        Fit of the same problem with fewer coordinates at the end; its discrepancy, nuisances and columns are the start.
     guess : sequence of ndarray, optional
         Trajectories near the start's.
     """
     d = START if parent is None else parent.discrepancy
     if d.size < bench.least:
         d = replace(d, size=bench.least)
-    # a trial that runs away is judged by its cost, which is then not finite
+    # a trial that diverges has a cost that is not finite, by which it is refused
     with np.errstate(over="ignore", invalid="ignore"):
         sd = np.array([c.sd for c in problem.nuisances])
         if parent is None:
@@ -193,13 +195,7 @@ def fit(
 
 
 def averaged(m: Measured, settings: ModelError) -> Measured:
-    """Join intervals and average readings; all are used, and the white floor is their least noise.
-
-    Parameters
-    ----------
-    m : Measured
-    settings : ModelError
-    """
+    """Join intervals and average readings; all are used, and the white floor is their least noise."""
     wanted = np.clip(m.drive.N * m.drive.dt / settings.blocks, settings.shortest, settings.longest)
     size = max(round(float(wanted) / m.drive.dt), 1)
     spans, drives, parts = [], [], []
@@ -237,7 +233,7 @@ def averaged(m: Measured, settings: ModelError) -> Measured:
 
 
 def first_part(m: Measured, share: float) -> Measured:
-    """Hold out what comes after this share of a record."""
+    """Hold out the readings after this share of each record."""
     last = m.row + m.share
     return replace(m, used=last < share * float(last.max()))
 

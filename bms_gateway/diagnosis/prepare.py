@@ -1,4 +1,4 @@
-"""From a record to what a fit takes: a grid coarse enough for the size of the string, starts, noise."""
+"""From a record to the input of a fit: a grid coarse enough for the size of the string, starts, noise."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -11,15 +11,15 @@ from bms_gateway.thermal import Floats, StringModel
 from bms_gateway.thermal.drive import Drive, Span
 
 START_S = 45.0
-"""Readings of so long at the start of a span give its surfaces: cells hardly warm in it, and noise averages out."""
+"""Time at the start of a span whose readings give its surfaces: cells hardly warm in it, and noise averages out."""
 UNSEEN_SD = 0.2
 """K: how far the surface of a cell without a sensor may start from the line between its neighbours with one."""
 LEAST_START_SD = 0.02
 WORK = 12_000
-"""Cells times intervals that a ranking may take: beyond, intervals are joined; their means stay exact."""
+"""Most cells times intervals of a ranking; beyond it, intervals are joined, and their means stay exact."""
 COARSEST_S = 5.0
 HIDDEN = 0.15
-"""Share of a sensor's noise that joining may err by."""
+"""Largest error of joining, as a share of a sensor's noise."""
 
 
 def measured(record: Record, model: StringModel, *, join: int | None = None, core: bool = False) -> Measured:
@@ -89,7 +89,7 @@ def measured(record: Record, model: StringModel, *, join: int | None = None, cor
 
 
 def joined(record: Record, model: StringModel) -> int:
-    """How many intervals a ranking joins into one: as many as the work asks for and the noise hides.
+    """Choose how many intervals a ranking joins into one: as many as the size requires and the noise hides.
 
     Within an interval the heat counts as constant and readings lie on a straight line. A surface bends by at most
     q / (C_c R_c C_s), so that this errs by an eighth of that times dt².
@@ -122,7 +122,7 @@ _INPUTS = ("I", "I2", "I_abs", "T_in", "flow", "soc", "V", "IV", "hours")
 
 
 def _start(record: Record, span: Span, cells: int) -> tuple[Floats, Floats]:
-    """Surfaces at the start of a span and how well they are known: a parabola through each sensor's first readings."""
+    """Find the surfaces at the start of a span and their sd: by a parabola through each sensor's first readings."""
     dt = record.drive.dt
     at, value, sd = [], [], []
     for j, k in enumerate(record.cells):

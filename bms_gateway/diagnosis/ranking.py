@@ -1,7 +1,7 @@
-"""One ranking over all that a diagnosis weighed: what is named, what would come next, what might be in its place.
+"""One ranking of all effects of a diagnosis: the named ones, further ones, and those that might be in their place.
 
-What each of several effects is worth shows when it alone is taken out and everything else is fitted anew: in the
-evidence that is lost, and in the error that is left.
+The worth of one of several effects is found by a refit without this effect: by the loss of evidence, and by the error
+that remains.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -22,14 +22,14 @@ from bms_gateway.diagnosis.weighing import HALF, Settings, prior_odds, worth
 from bms_gateway.identify.map_fit import MapFit, stacked
 
 Role = Literal["named", "tied", "next", "instead", ""]
-"""Part of the verdict; not to be told from a part of it; one more beside the verdict; in its place; there is none."""
+"""Part of the verdict; not distinguishable from a part of it; a further effect; one in its place; no verdict."""
 OTHERS = 8
-"""Hypotheses of the second search that are told beside the one it chose."""
+"""Number of hypotheses of the second search that are reported beside the chosen one."""
 
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """Where an effect, or several together, stand.
+    """Place of an effect, or of several together, in the ranking.
 
     Attributes
     ----------
@@ -71,7 +71,7 @@ class Standing:
 
 
 def ranking(d: Diagnosis) -> tuple[Standing, ...]:
-    """Rank everything that a diagnosis weighed, each effect at each place once.
+    """Rank all effects of a diagnosis, each effect at each place once.
 
     Returns
     -------
@@ -94,7 +94,7 @@ def ranking(d: Diagnosis) -> tuple[Standing, ...]:
 
 
 def _once(found: Iterable[Standing]) -> Iterator[Standing]:
-    """Leave out what was there before: the likeliest of several starts is told, and in its foremost role."""
+    """Leave out repeated effects: each is reported with its likeliest start and in its first role."""
     there = set()
     for x in found:
         if x.effects not in there:
@@ -121,7 +121,7 @@ def _named(d: Diagnosis) -> Iterator[Standing]:
 
 
 def _odds(d: Diagnosis, c: Candidate, less: MapFit) -> float:
-    """Log-odds for an effect beside all the others that are named, tempered as where the search lets effects in."""
+    """Log-odds for an effect beside all the other named ones, tempered as in the search."""
     base, final = d.search.baseline.problem, d.search.final
     y = stacked(base)[0]
     offered = candidates(
@@ -132,7 +132,7 @@ def _odds(d: Diagnosis, c: Candidate, less: MapFit) -> float:
 
 
 def _next(d: Diagnosis) -> Iterator[Standing]:
-    """Tell what the last round weighed beside all that is named, and did not let in."""
+    """List the effects that the last round compared and refused, beside all named ones."""
     rounds = d.search.rounds
     if len(rounds) > 1 and not any(t.passed for t in rounds[-1]):
         for t in rounds[-1]:
@@ -142,7 +142,7 @@ def _next(d: Diagnosis) -> Iterator[Standing]:
 
 
 def _tied(d: Diagnosis) -> Iterator[Standing]:
-    """Tell what these records cannot tell from a named effect, as it was weighed in that one's place."""
+    """List the effects that these records cannot tell from a named one, with their evidence in its place."""
     for s in d.selected:
         trials = next(
             (r for r in d.search.rounds if any(t.candidate.key == s.candidate.key and t.passed for t in r)), []
@@ -165,7 +165,7 @@ def _named_by_second(d: Diagnosis, second: SecondSearch) -> Iterator[Standing]:
         key = s.candidate.key
         others = sorted(keys - {key})
         less = fit_with(second, others) if others else second.baseline
-        # where the others alone were not to be believed, they still leave an error
+        # even if the others alone are refused, their error is known
         bare = _over_all(d, without(second.best, key) if less is None else less)
         held = d.after.heldout_rmse_K
         share = second.probability.get(key, nan)
@@ -173,7 +173,7 @@ def _named_by_second(d: Diagnosis, second: SecondSearch) -> Iterator[Standing]:
 
 
 def _hypotheses(d: Diagnosis, second: SecondSearch) -> Iterator[Standing]:
-    """Tell the hypotheses that come closest to the chosen one: with one effect more, and others."""
+    """List the hypotheses nearest to the chosen one: those with one more effect, and others."""
     chosen = {s.candidate.key for s in d.selected}
     tied = {frozenset(chosen - {s.candidate.key} | {t}) for s in d.selected for t in s.tied_with}
     for r in [r for r in second.ranking if r.effects and set(r.effects) != chosen][:OTHERS]:

@@ -1,4 +1,4 @@
-"""One record of measurements as the comparison and the diagnosis take it: inputs on one grid, readings at their stamps.
+"""One record of measurements for comparison and diagnosis: inputs on one grid, readings at their own time stamps.
 
 How rows become a signal, decided here once:
 
@@ -36,7 +36,7 @@ class Record:
     Attributes
     ----------
     source : str
-        What it is called in reports.
+        Name in reports.
     drive : Drive
         Means of the inputs over the intervals.
     instants : ndarray (N + 1,)
@@ -44,24 +44,24 @@ class Record:
     surface : Readings
         Of the m sensors that the model has and the source has data of.
     grid : ndarray (N + 1, m)
-        The same at the instants, from the readings on both sides; NaN where there is none near.
+        The surfaces at the instants, from the readings on both sides; NaN if no reading is near.
     held : ndarray of bool (M,)
         Readings that lie in a held-out part.
     noise : Noise
         Of each sensor.
     core : Readings
-        Of thermocouples in cores. Never to choose by; empty in most records.
+        Readings of thermocouples in cores, which no choice of effects may use; empty in most records.
     segments : tuple of int
         Instants, the first being 0, at which the state is unknown. The interval before any but the first stands for a
         gap and says nothing.
     notes : tuple of str
-        What was found, bridged, left out or assumed.
+        Sentences on what was found, bridged, left out or assumed.
     sampling : Sampling
         Of the current.
     voltages : CellRows or None
         Voltages of single cells, where there were any.
     charge_sd : float
-        How well the level of the state of charge is known, 0…1; 0 where it was recorded.
+        sd of the level of the state of charge, 0…1; 0 if the charge was recorded.
     """
 
     source: str
@@ -138,13 +138,9 @@ def make_record(rows: Columns, model: StringModel, half_way: bool | None = None)
     ----------
     rows : Columns
     model : StringModel
-        Which cells have sensors, nominal flow, capacity.
+        Its sensors, nominal flow and capacity.
     half_way : bool, optional
         Whether a step lies half-way between its rows, or at the later one. Default: by the pattern of the stamps.
-
-    Returns
-    -------
-    Record
 
     Raises
     ------

@@ -21,7 +21,7 @@ from bms_gateway.thermal.drive import Drive
 SAME_CURRENT = 0.01
 """Share of the greatest current below which two readings belong to one level, where the voltage creeps."""
 BURSTS = 0.05
-"""Share of rows that follow at once on others, from which on a tester is seen to log around its set points."""
+"""Least share of rows right after other rows at which the rows count as bursts around set points."""
 BURST_S = 0.1
 """Of the usual interval."""
 CELL_VOLTS, LITHIUM_VOLTS = (0.5, 5.5), (2.0, 4.6)
@@ -29,19 +29,19 @@ CELL_VOLTS, LITHIUM_VOLTS = (0.5, 5.5), (2.0, 4.6)
 MINUTE_S = 60.0
 FLOW_UNITS = {"L/s": 1e3, "L/min": 6e4, "L/h": 3.6e6, "m³/h": 3.6e3}
 FLOW_WITHIN = 5.0
-"""Factor about nominal within which a flow is believed; units lie further apart."""
+"""Factor about nominal within which a flow is accepted; a wrong unit gives a greater factor."""
 
 
 @dataclass(frozen=True, slots=True)
 class Sampling:
-    """How well rows tell a current that moves between them.
+    """How well rows determine a current that changes between them.
 
     Attributes
     ----------
     seconds : float
         Usual time from row to row.
     doubt : float
-        Relative standard deviation of a minute's mean square current by what may have happened between rows; 0 where
+        Relative standard deviation of a minute's mean square current, because the current between rows is unknown; 0 if
         the source states mean squares.
     """
 
@@ -53,7 +53,7 @@ class Sampling:
 class Columns:
     """Measurements of one string, K rows: columns of a table, samples of a log, or arrays that a person has.
 
-    NaN is a missing value, so that each quantity may have stamps of its own. Lists are taken too.
+    NaN is a missing value, so each quantity may have its own time stamps. Lists are accepted too.
 
     Attributes
     ----------
@@ -72,9 +72,9 @@ class Columns:
         State of charge, 0…1.
     coolant_flow_m3_s : ndarray (K,), optional
     core_C : mapping of cell (from 1) to ndarray (K,)
-        Thermocouples in the cores, °C: never to choose by.
+        Thermocouples in the cores, °C; no choice of effects uses them.
     cell_voltage_V : mapping of cell (from 1) to ndarray (K,)
-        Tells the cells apart; no other use is made of it.
+        Used only to tell the cells apart.
     mean_square_current : ndarray (K,), optional
         A², of the time that a row stands for; the square of the rows otherwise.
     source : str
@@ -83,7 +83,7 @@ class Columns:
     Raises
     ------
     DataError
-        A column is no row of numbers, or has another number of rows than `time_s`.
+        A column is not a row of numbers, or has another length than `time_s`.
 
     Examples
     --------
@@ -159,7 +159,7 @@ ROWS_OF_CELLS = {column.replace("_{}", ""): column for column in CELL_COLUMNS.va
 
 @dataclass(frozen=True, slots=True)
 class Signals:
-    """The inputs as chains of straight pieces.
+    """The inputs as paths of straight pieces.
 
     Attributes
     ----------
@@ -190,7 +190,7 @@ class Signals:
     terminal: Terminal | None
 
     def drive(self, grid: Grid, model: StringModel, notes: list[str]) -> tuple[Drive, float]:
-        """Take the means over the intervals of the grid; with them, how well the level of the charge is known."""
+        """Compute the means over the intervals of the grid, and the sd of the level of the charge."""
         x = grid.instants
         n = len(x) - 1
         current = mean(x, self.current)
@@ -221,7 +221,7 @@ class Signals:
 
 
 def draw_inputs(rows: Columns, model: StringModel, half_way: bool | None, notes: list[str]) -> Signals:
-    """Draw every input through its believable rows.
+    """Make the path of every input through its plausible rows.
 
     Parameters
     ----------
@@ -281,12 +281,12 @@ def _believable(rows: Columns, x: Floats, quantity: Quantity, name: str, notes: 
 
 
 def _refuse_unit(source: str, name: str, x: Floats, quantity: Quantity, unit: str, perhaps: str) -> None:
-    """Refuse a column of which nothing worth is left once what nobody believes is left out.
+    """Refuse a column that has no useful values after implausible values are left out.
 
     Raises
     ------
     DataError
-        Some values are beyond belief.
+        Some values are implausible, and the others show nothing.
     """
     low, high = INPUTS[quantity].plausible
     wild = x[np.isfinite(x) & ((x < low) | (x > high))]
@@ -303,7 +303,7 @@ def _in_bursts(t: Floats) -> bool:
 
 
 def _doubt(t: Floats, amps: Floats, bridge: float) -> float:
-    """Relative sd of a minute's mean square current, were each step anywhere between its two rows, all alike likely."""
+    """Relative sd of a minute's mean square current, if each step is equally likely anywhere between its two rows."""
     d, square = np.diff(t), amps**2
     known = d <= bridge
     if not known.any():
@@ -325,7 +325,7 @@ def _tell_gaps(t: Floats, bridge: float, part: float, notes: list[str]) -> None:
 
 
 def _tell_reach(t: Floats, own: Floats, name: str, notes: list[str]) -> None:
-    """Tell where an input is not known while the current is."""
+    """Note where an input is unknown while the current is known."""
     missing = max(own[0] - t[0], 0.0), max(t[-1] - own[-1], 0.0)
     limit = bridged(own)[0] if len(own) > 2 else 0.0
     if len(own) > 1 and (longest := float(np.diff(own).max())) > max(60.0, limit):
@@ -347,7 +347,7 @@ def _mean_square(rows: Columns, half_way: bool) -> Path | None:
 def _voltage(
     rows: Columns, model: StringModel, t_I: Floats, amps: Floats, half_way: bool, notes: list[str]
 ) -> tuple[Path | None, Terminal | None]:
-    """Voltage of a cell: the string's, shared out evenly as in the gateway, unless it plainly is a cell's already."""
+    """Give the voltage of a cell: that of the string over its cells, unless it clearly is that of a cell."""
     if rows.voltage_V is None:
         return None, None
     known = np.isfinite(rows.voltage_V)
@@ -378,7 +378,7 @@ def _voltage(
 
 
 def _flow(rows: Columns, model: StringModel, notes: list[str]) -> Path | None:
-    """Flow as a ratio to nominal; a unit other than m³/s shows by its factor."""
+    """Give the flow as a ratio to nominal; a unit other than m³/s is recognised by its factor."""
     if rows.coolant_flow_m3_s is None:
         return None
     known = np.isfinite(rows.coolant_flow_m3_s)

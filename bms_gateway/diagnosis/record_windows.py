@@ -1,9 +1,9 @@
 """Numbers of a string by the windows of the live method, from whole records: service and `fit` learn in one way.
 
-Where a model does not follow the surfaces, a fit of the whole record pays for what it lacks with capacities and
-resistances. A window carries the effects that every real cell may have (`identify.carried`), and raises its noise until
-no number is dragged farther than is plausible (`identify.doubt`). So the numbers come from the windows, and the fit of
-the whole record keeps them and finds what is left: starts, offsets, cells.
+If a model does not follow the surfaces, a fit of the whole record makes up for the missing effect by wrong capacities
+and resistances. A window allows for the effects that every real cell may have (`identify.carried`), and increases its
+noise until no number is implausible (`identify.doubt`). So the numbers come from the windows. The fit of the whole
+record keeps them, and finds the rest: starts, offsets, cells.
 
 Beyond Lin et al., Eq 3-10.
 """
@@ -20,21 +20,22 @@ from bms_gateway.identify.contract import Posterior, Tick
 from bms_gateway.identify.coordinates import Belief, Measured
 from bms_gateway.identify.map_fit import TO_THE_END
 from bms_gateway.identify.problem import Problem
-from bms_gateway.identify.window import GAP_S, WindowIdentifier
+from bms_gateway.identify.window import WindowIdentifier
+from bms_gateway.identify.window_readings import GAP_S
 from bms_gateway.thermal import Floats, StringModel
 from bms_gateway.thermal.drive import Span
 
 HELD = 0.03
-"""Of a number's sd by the windows: how firmly the fit of what is left keeps the number."""
+"""Share of a number's sd from the windows with which the fit of the rest keeps this number."""
 MOST_CELLS = 24
-"""Of a string that is learnt so: a window asks for the response to each cell's departures, which at 60 cells takes ten
-seconds of CPU a window, four times as long as all else."""
+"""Largest string that is learnt in this way: a window needs the response to each cell's departures, which takes ten
+seconds of CPU for 60 cells, four times as long as the rest."""
 NS = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """Numbers that several records have in common, by windows.
+    """Numbers that several records have in common, found by windows.
 
     Attributes
     ----------
@@ -63,8 +64,8 @@ def learned(model: StringModel, records: Sequence[Measured]) -> Posterior | None
     Returns
     -------
     Posterior or None
-        None where no window of them teaches anything: too short, too cold, or rows too far apart; and for strings of
-        more than `MOST_CELLS`.
+        None if nothing is learnt from any window (too short, too cold, or rows too far apart), and for strings of more
+        than `MOST_CELLS`.
     """
     if model.cells > MOST_CELLS:
         return None
@@ -81,7 +82,7 @@ def learned(model: StringModel, records: Sequence[Measured]) -> Posterior | None
 
 
 def untaught(model: StringModel) -> Posterior:
-    """Give what is known of the numbers before any record, in the form of `learned`."""
+    """Give the priors of the numbers in the form of `learned`."""
     return WindowIdentifier(model).posterior()
 
 
@@ -99,7 +100,7 @@ def keeping(bench: Bench, fit: Fit, known: Posterior) -> Fit:
     Returns
     -------
     Fit
-        The marginal of what `known` tells is that of `known`.
+        The marginal posterior of these numbers is `known`.
     """
     old = fit.map.problem
     found = _in_coordinates(old, known)
@@ -121,7 +122,7 @@ def keeping(bench: Bench, fit: Fit, known: Posterior) -> Fit:
 
 
 def _in_coordinates(problem: Problem, known: Posterior) -> Found:
-    """Take from a posterior over logarithms what all records have in common."""
+    """Take from a posterior over logarithms the numbers that all records have in common."""
     names = [c.name for c in problem.coordinates]
     mine = [i for i, name in enumerate(known.names) if name in names]
     at = np.array([names.index(known.names[i]) for i in mine], np.intp)

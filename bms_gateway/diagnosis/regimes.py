@@ -1,8 +1,8 @@
-"""In which regime a model fails: its error over bins of what the string was doing, with honest error bars.
+"""The regimes in which a model fails: its error over bins of features of the drive, with right error bars.
 
-Neighbouring errors of a slow system are nearly the same error. So the mean over a bin is given the scatter of whole
-stretches of time, not of single readings (the cluster-robust variance), and a feature counts for what its bins'
-means explain beyond that.
+In a slow system, neighbouring errors are nearly equal. The sd of the mean over a bin therefore comes from the scatter
+of whole stretches of time, not of single readings (cluster-robust variance). A feature counts by what the means of its
+bins explain beyond that.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,12 +19,12 @@ from bms_gateway.thermal.drive import Drive
 REST = 0.03
 """Share of the greatest current below which a string rests."""
 SLOPE_S = 60.0
-"""Time over which the slope of the inlet is taken: shorter is noise of its sensor."""
+"""Time over which the slope of the inlet is taken; over a shorter time it is noise of the sensor."""
 SHORTEST_S = 60.0
 """Least length of a stretch of time whose errors count as one: surfaces follow within it."""
 MOST_STRETCHES = 60
 FEW = 10
-"""Stretches, below which a bin's own scatter is not trusted alone."""
+"""Least number of stretches for which the scatter of a bin is used alone."""
 SIGNIFICANT = 3.0
 """sd."""
 
@@ -36,12 +36,12 @@ class Bin:
     Attributes
     ----------
     label : str
-        As a sentence says it: "while discharging above 60 A".
+        Words for a sentence: "while discharging above 60 A".
     low, high : float
         In the unit of the regime.
     readings : int
     mean_K, sd_K : float
-        Mean error, and how well it is known though neighbouring errors are alike.
+        Mean error, and its standard deviation, which allows for the correlation of neighbouring errors.
     rmse_K : float
     """
 
@@ -55,7 +55,7 @@ class Bin:
 
     @property
     def significant(self) -> bool:
-        """Whether the mean error is no chance."""
+        """Whether the mean error is significant."""
         return abs(self.mean_K) > SIGNIFICANT * self.sd_K
 
 
@@ -70,7 +70,7 @@ class Regime:
     title, unit : str
     bins : tuple of Bin
     explained_K2 : float
-        Mean square that the bins' means account for, beyond what chance would.
+        Mean square that the means of the bins explain, beyond chance.
     share : float
         Of the mean square above the noise, 0…1.
     """
@@ -103,7 +103,7 @@ FEATURES: Mapping[str, _Kind] = {
     "flow": _Kind("coolant flow over nominal", "%", 3.0, "with the flow {} % of nominal"),
     "time": _Kind("time since the start", "min", 1.0, "at times {} min"),
 }
-"""What the errors are sorted by: title, unit, least span worth bins, and how a sentence says a bin."""
+"""Features by which the errors are sorted: title, unit, least span for which bins are made, and words for a bin."""
 
 
 def interval_of(m: Measured) -> NDArray[np.intp]:
@@ -144,13 +144,13 @@ def slope(u: Drive) -> Floats:
 
 
 def string_features(u: Drive, tau: float) -> dict[str, Floats]:
-    """Features (N,) that all cells share, in the units of `FEATURES`; what is not known is left out.
+    """Features (N,) that all cells share, in the units of `FEATURES`; unknown ones are left out.
 
     Parameters
     ----------
     u : Drive
     tau : float, s
-        How long a cell remembers its heat.
+        Time constant with which a cell forgets its heat.
     """
     recent = low_passed(np.stack([u.I2, u.I], axis=1), u.dt, tau)
     found = {
@@ -173,7 +173,7 @@ def stretches(t: Floats, inflation: float, dt: float) -> NDArray[np.intp]:
     """Give each reading the number (M,) of its stretch of time, long enough for stretches to be independent."""
     span = float(np.ptp(t)) + dt
     length = max(SHORTEST_S, 2.0 * inflation * dt, span / MOST_STRETCHES)
-    length = min(length, span / 12.0)  # fewer would leave no scatter to be seen
+    length = min(length, span / 12.0)  # with fewer stretches the scatter is unknown
     return np.asarray((t - t.min()) / length, dtype=np.intp)
 
 
@@ -278,11 +278,11 @@ def _binned(
     sums = np.bincount(at, error - mean[index], K * C).reshape(K, C)
     clusters = (np.bincount(at, minlength=K * C).reshape(K, C) > 0).sum(axis=1)
     spread = (sums**2).sum(axis=1) / safe**2 * clusters / np.maximum(clusters - 1, 1)
-    # one or two stretches show no scatter of their own: there the whole sensor's stands in
+    # one or two stretches have no scatter of their own: that of the whole sensor is used
     overall = np.bincount(stretch, error, C) / np.maximum(np.bincount(stretch, minlength=C), 1)
     few = np.var(overall) / np.maximum(clusters, 1)
     spread = np.where(clusters < FEW, np.maximum(spread, few), spread)
-    # the scatter of a handful is itself uncertain: the variance of Student's t
+    # the scatter of few stretches is itself uncertain: the variance of Student's t
     variance = np.maximum(spread * (clusters + 1.0) / np.maximum(clusters - 1.0, 1.0), white / safe)
     return tuple(
         Bin(labels[k], *bounds[k], int(n[k]), float(mean[k]), float(np.sqrt(variance[k])), float(np.sqrt(square[k])))

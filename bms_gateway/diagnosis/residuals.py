@@ -1,4 +1,4 @@
-"""What a fit leaves over: how much, how much of it is structure, and what it does where nothing was fitted."""
+"""The residual of a fit: its size, its structured part, and the residual of held-out readings."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -11,15 +11,15 @@ from bms_gateway.identify.map_fit import MapFit, stacked
 from bms_gateway.thermal import Floats
 
 LAGS = range(3, 9)
-"""Samples: beyond what a thermocouple's own filter colours, short against a cell's slow time constant."""
+"""Lags in samples: beyond the filter of a thermocouple, short against a cell's slow time constant."""
 LONGEST = 400
-"""Samples over which the inflation of a sum's variance is gathered."""
+"""Number of lags over which the inflation of a sum's variance is computed."""
 REGIME = {"soc": 0.01, "T_in": 0.5, "flow": 0.03}
 """How far outside the trained range a held-out reading may lie before it counts as extrapolation."""
 COARSE = 3.0
 """Standard deviations of the noise in a step from which on it is hardly known."""
 LEAST_Z = 6.0
-"""Structure below this is none."""
+"""Structure below this value counts as none."""
 ENOUGH = 50
 """Readings inside the trained range; with fewer all held-out readings count."""
 
@@ -28,9 +28,9 @@ LEAST_STRUCTURE = 0.18
 COARSE_STRUCTURE = 0.6
 """… and where the resolution is so coarse that rounding itself leaves structure."""
 CHANCE = 1.5
-"""What rows too coarse leave open counts so often: one record's share of it is a draw of few."""
+"""Factor on the error that coarse rows may cause, because the error of one record is a draw of few."""
 HELD_RATIO = 1.2
-"""Held-out residual over the noise, from which the model does not hold there."""
+"""Held-out residual over the noise above which the model fails on held-out readings."""
 COARSE_SDS = 2.0
 """Of the held-out residual that coarse steps leave to a few readings: so many it must be above that."""
 
@@ -46,7 +46,7 @@ class Structure:
     z : float
         It over its standard deviation for a white residual.
     inflation : float
-        By how much a sum over the residual varies more than a white one of the noise's size: tempers evidence.
+        Variance of a sum over the residual, over that of white noise of the same size; it tempers the evidence.
     """
 
     power: float
@@ -69,12 +69,12 @@ def structure(fit: MapFit, held: bool = False) -> Structure:
 
 
 def noise_hardly_known(fit: MapFit) -> bool:
-    """Whether steps far above the noise leave little to tell it from."""
+    """Whether the steps of the sensors are so far above the noise that its size is hardly known."""
     return any(bool(np.any(m.step > COARSE * m.sigma0)) for m in fit.problem.records)
 
 
 def usual_scale(fit: MapFit, z: float) -> float:
-    """Tell how much more noise than thought there is: what trained readings leave white, under coarse steps; else 1."""
+    """Give the factor on the noise by the white residual of trained readings if steps are coarse; otherwise 1."""
     if z > LEAST_Z or not noise_hardly_known(fit):
         return 1.0
     return max(1.0, scale(fit, stacked(fit.problem)[4]))
@@ -107,7 +107,7 @@ def rmse(fit: MapFit, rows: np.ndarray) -> float:
 
 
 def noise_floor(fit: MapFit, rows: np.ndarray) -> float:
-    """Tell what a perfect model would leave over some readings, K."""
+    """Give the root mean square, K, that a perfect model would leave on some readings."""
     sigma = stacked(fit.problem)[1]
     return float(np.sqrt(np.mean(sigma[rows] ** 2))) if rows.any() else float("nan")
 
@@ -119,15 +119,15 @@ def log_density(fit: MapFit, rows: np.ndarray) -> float:
 
 
 def scale(fit: MapFit, rows: np.ndarray, sds: float = 0.0) -> float:
-    """Root mean square of the generalised residual over what a model that is right leaves: 1 for it.
+    """Root mean square of the generalised residual over that of a right model, for which it is 1.
 
     Parameters
     ----------
     fit : MapFit
     rows : ndarray of bool (M,)
     sds : float
-        So many standard deviations of its square are taken off: with steps far above the noise few readings stand near
-        enough to the edge of their level to tell anything, and the mean of the squares hangs on them.
+        This number of standard deviations of its square is subtracted: with steps far above the noise, only the few
+        readings near the edge of their level carry information, and the mean square depends on them.
     """
     if not rows.any():
         return float("nan")
@@ -158,7 +158,7 @@ def unexplained(fit: MapFit, left_open: float = 0.0) -> tuple[bool, bool]:
     ----------
     fit : MapFit
     left_open : float, K
-        What the readings may be off because the current is not known between its rows.
+        Error of the readings that the unknown current between its rows may cause.
     """
     held = within(fit)
     found, coarse = structure(fit), noise_hardly_known(fit)

@@ -22,8 +22,10 @@ from bms_gateway.health.nearing import Nearing
 from bms_gateway.health.runaway import Runaway
 from bms_gateway.thermal import StringModel
 
-QUIET_S: Final = 2.5  # without a wanted frame for longer the bus is quiet: stale values are then no fault of sensors
-PAUSE_S: Final = 10.0  # after so long a pause senders come up one by one
+QUIET_S: Final = (
+    2.5  # without a wanted frame for longer than this the bus is quiet: stale values are then no fault of the sensors
+)
+PAUSE_S: Final = 10.0  # after a pause of this length the senders start one by one
 GOOD, STALE, ESTIMATED, DOUBTFUL, NEVER, JUMPY = (
     np.uint8(q)
     for q in (Quality.GOOD, Quality.STALE, Quality.ESTIMATED, Quality.DOUBTFUL, Quality.NEVER, Quality.JUMPY)
@@ -33,12 +35,6 @@ ABOVE = (Quality.OUT_OF_RANGE, Quality.OPEN)
 
 class Alerting:
     """Conditions and alerts of the strings of one engine.
-
-    Parameters
-    ----------
-    settings : AlertSettings
-    inputs : Inputs
-    estimators : Estimators
 
     Attributes
     ----------
@@ -63,18 +59,18 @@ class Alerting:
         self._paused = False
 
     def wake(self, start_ns: int) -> None:
-        """Begin with the first tick, and anew after each silence."""
+        """Begin at the first tick, and again after each silence of the bus."""
         self.alerts.begin(start_ns / 1e9)
         for n in self._nearing:
             n.forget()
 
     def sense(self, readings: Readings, t1: int, heard: int) -> list[Event]:
-        """Take what was read and estimated in a tick, before it is sent; new runaways are told at once.
+        """Take the readings and estimates of a tick before they are sent; new runaways are reported at once.
 
         Parameters
         ----------
         readings : Readings
-            As the guard let them pass.
+            Readings that the guard has accepted.
         t1 : int
             End of the tick, ns.
         heard : int
@@ -108,7 +104,7 @@ class Alerting:
         return told
 
     def step(self, t1: int, heard: int, *, silent: bool) -> list[Alerted]:
-        """Look at the strings at the end of a tick.
+        """Work out the alerts at the end of a tick.
 
         Parameters
         ----------
@@ -117,7 +113,7 @@ class Alerting:
         heard : int
             Stamp of the newest wanted frame, ns.
         silent : bool
-            Whether the bus falls asleep now: nobody looks again before it wakes.
+            Whether the bus falls asleep now: the next look follows only when it wakes.
 
         Returns
         -------
@@ -167,7 +163,7 @@ class Alerting:
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Take up a stored state, of the strings that are still there with as many cells."""
+        """Restore a stored state for the strings that still exist with the same number of cells."""
         for s in self._estimators.strings:
             if (stored := state.get(s.plan.name)) is not None and len(stored["limits"]["lost"]) == len(s.core):
                 self.limits.restore(s.mine, stored["limits"])

@@ -21,7 +21,7 @@ from bms_gateway.observe.model import Bools
 from bms_gateway.thermal import Floats
 
 BLOCK = 60
-"""Ticks that are put together to one block of columns: few objects, and no second copy of a long backlog."""
+"""Number of ticks in one block of columns: this needs few objects, and no second copy of a long backlog."""
 
 
 class GroupTick(NamedTuple):
@@ -30,9 +30,9 @@ class GroupTick(NamedTuple):
     Attributes
     ----------
     flow : ndarray (S,) or None
-        Over nominal; NaN where unknown, None where nobody knows it.
+        Flow over nominal flow; NaN for a string whose flow is unknown, None if all are unknown.
     cells : sequence of PairMeans or None
-        By string, or empty.
+        One per string, or empty.
     """
 
     time_ns: int
@@ -48,7 +48,7 @@ class GroupTick(NamedTuple):
     cells: Sequence[PairMeans | None]
 
     def of(self, j: int) -> Tick:
-        """Take string `j` out."""
+        """Give the tick of string `j`."""
         square, heat, inlet = float(self.square[j]), float(self.heat[j]), float(self.inlet[j])
         return Tick(self.time_ns, self.dt, square, heat, inlet, self.surface[j], self.age[j], float(self.current[j]))
 
@@ -75,11 +75,13 @@ class Backlog:
     def __init__(self, strings: Sequence[StringEstimator], dt: float) -> None:
         self._strings, self._dt = strings, dt
         self._now = 0  # number of the next tick
-        self._taken = np.zeros(len(strings), np.int64)  # number of the first tick that each has not taken in yet
-        self._due = np.zeros(len(strings), np.int64)  # number of the tick that each must see when it comes
-        self._next = self._least = 0  # the first of these, and of those
+        self._taken = np.zeros(
+            len(strings), np.int64
+        )  # per string: number of the first tick that it has not taken in yet
+        self._due = np.zeros(len(strings), np.int64)  # per string: number of the tick that it must see at once
+        self._next = self._least = 0  # the least of both
         self._blocks: list[_Block] = []
-        self._single: list[GroupTick] = []  # the newest, not in a block yet
+        self._single: list[GroupTick] = []  # the newest ticks, not in a block yet
 
     @property
     def kept(self) -> int:
@@ -92,7 +94,7 @@ class Backlog:
         Returns
         -------
         list of (int, Job)
-            What strings want computed, by their index in the group.
+            Jobs that strings want computed, with the index of the string in the group.
         """
         usual: Bools = np.isfinite(tick.square + tick.inlet)
         if tick.flow is not None:
@@ -121,7 +123,7 @@ class Backlog:
         return jobs
 
     def catch_up(self, j: int) -> None:
-        """Let string `j` take in all that waits for it, and see the next tick itself: something about it changes."""
+        """Let string `j` take in all its waiting ticks, and see the next tick at once: something about it changes."""
         self._bring(j)
         self._due[j] = self._next = self._now
 
@@ -146,6 +148,6 @@ class Backlog:
         self._single = []
 
     def _forget(self) -> None:
-        """Drop what everybody has."""
+        """Drop the ticks that every string has taken in."""
         self._least = int(self._taken.min())
         self._blocks = [b for b in self._blocks if b.end > self._least]

@@ -60,7 +60,7 @@ class Counts:
 
 
 Value = float | Floats | NDArray[np.uint8]
-"""One for all rows of a part, or one for each row."""
+"""One value for all rows of a part, or one for each row."""
 Content = tuple[Value, ...]
 """A value for every column of a part."""
 
@@ -157,11 +157,11 @@ NEXT = (*(f"point_sd_{part}" for part in ("1min", "5min", "10min")), "limit_cell
 WAYS = ("discharge", "charge")
 FOR = ("10s", "1min", "10min")
 WIDEST_K = 25.0
-"""Standard deviations above are sent as this: what the bus has room for."""
+"""Greatest standard deviation that the signal can hold; greater ones are sent as this value."""
 WITHIN_S = 600.0
-"""What `limit_in` says of a limit that is not reached within ten minutes."""
+"""Value of `limit_in` if the limit is not reached within ten minutes."""
 ALARM = 2
-"""In the value table `Fault` of our DBC."""
+"""Entry of the value table `Fault` of our DBC."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,7 +172,7 @@ class _Part:
     columns: tuple[int, ...]
     cycle_ns: int
     single: bool
-    """Whether it is one row, and its values are numbers; else they may be arrays with a value for each cell."""
+    """Whether the part has one row with numbers as values; otherwise a value may be an array, one entry per cell."""
 
 
 class Broadcast:
@@ -253,7 +253,7 @@ class Broadcast:
         start = 0
         for part, content in due:
             end = start + len(part.rows)
-            where = start if part.single else slice(start, end)  # one number is put in faster
+            where = start if part.single else slice(start, end)  # writing a single number is faster
             for column, value in zip(part.columns, content, strict=True):
                 values[where, column] = value
             start = end

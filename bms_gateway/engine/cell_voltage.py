@@ -47,7 +47,7 @@ class CellVoltages:
         time_ns, value : ndarray (K,)
             Accepted samples sorted by input, each input's in order.
         edge : ndarray (inputs + 1,)
-            Where each input's begin.
+            Index at which the samples of each input begin.
         currents : mapping of input to Run
 
         Returns
@@ -71,7 +71,7 @@ class CellVoltages:
             of = [np.bincount(cell, w, width) for w in (None, i, i * i, V, i * V)]
             with np.errstate(invalid="ignore"):
                 means = np.array(of[1:]) / of[0]
-            table = np.full((4, len(edge)), np.nan)  # one more column for −1
+            table = np.full((4, len(edge)), np.nan)  # one more column, for the index −1
             table[:, inputs] = means
             sums[current] = table
         return [self._of(sums.get(current), cells) for current, cells in self._wires]
@@ -84,7 +84,7 @@ class CellVoltages:
         return PairMeans(*mine) if np.isfinite(mine[3]).any() else None
 
     def _carried(self, current: int, run: Run) -> Run:
-        """Put the newest sample of before the tick in front."""
+        """Put the newest sample before the tick in front."""
         t, I = run  # noqa: E741
         last = self._last.get(current)
         if len(t):

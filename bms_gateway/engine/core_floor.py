@@ -28,7 +28,7 @@ FOLLOWS_S: Final = 3600.0
 
 @dataclass(slots=True)
 class Floor:
-    """Lowest temperature (S,) that a core of S strings of n cells can have had cause to reach, °C.
+    """Follows the lowest temperature (S,), °C, that the cores of S strings of n cells can physically have.
 
     Attributes
     ----------
@@ -63,15 +63,15 @@ class Floor:
         core, core_sd, surface : ndarray (S, n), °C, K, °C
             Estimates; NaN where not available.
         inlet : ndarray (S,), °C
-            NaN where unknown: then the others decide.
+            NaN if unknown; the other temperatures then decide.
         current, square : ndarray (S,), A, A²
-            Means of I and I² over the step; NaN where unknown: then nothing is told.
+            Means of I and I² over the step; NaN if unknown: no core is then found too cold.
         dt : float, s
 
         Returns
         -------
         ndarray of bool (S, n) or None
-            None where none is, as nearly always.
+            None if no core is too cold, as nearly always.
         """
         now = np.fmin(np.fmin.reduce(surface, axis=1), inlet)
         cooled = np.maximum(0.0, REVERSIBLE_V * np.abs(current)[:, None] - square[:, None] * self.R_e)

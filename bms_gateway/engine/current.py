@@ -64,10 +64,6 @@ class Current:
             Accepted voltage samples of the same tick, V; empty where there is no voltage.
         t0, t1 : int
             The tick, ns.
-
-        Returns
-        -------
-        Means
         """
         starts, values = np.empty(len(I) + 1, np.int64), np.empty(len(I) + 1)
         starts[0], starts[1:] = t0, time_ns

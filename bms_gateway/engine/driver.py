@@ -14,7 +14,7 @@ def drive(engine: Engine, batches: Iterable[FrameBatch]) -> Iterator[Event]:
     ----------
     engine : Engine
     batches : iterable of FrameBatch
-        In bus order; how they are cut makes no difference.
+        In the order of the bus, cut at any place.
 
     Yields
     ------
@@ -28,9 +28,11 @@ def drive(engine: Engine, batches: Iterable[FrameBatch]) -> Iterator[Event]:
 
 
 def drain(engine: Engine) -> Iterator[Event]:
-    """Yield what the engine has to say now, running its jobs inline."""
+    """Yield the events that the engine holds now, and run its jobs at once."""
     while (event := engine.next_output()) is not None:
         if not isinstance(event, StartJob):
             yield event
-        elif engine.awaits(event.job_id):  # one batch may hold the due time too: then the engine has run it itself
+        elif engine.awaits(
+            event.job_id
+        ):  # a batch may span the due time of a job as well: the engine has then run the job itself
             engine.finish(event.job_id, event.job.run())

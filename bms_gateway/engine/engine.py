@@ -10,10 +10,10 @@ out, then nothing, and no timer is armed. The next frame wakes the engine, which
 step. A start from a stored state is the same thing: a gap between the snapshot and the first frame.
 
 **Jobs.** Identification of a window takes tenths of a second. The engine hands it out as a job and applies its result
-at a fixed later bus time, so a live service and an inline replay change parameters at the same tick. A result that is
-late is waited for: to compute it on the spot would hold up a full bus until the kernel drops frames, and it is late
-because the machine is busy as it is. On the spot is run only what nobody has taken: a long batch may hold a job's
-start and its due time.
+at a fixed later bus time, so a live service and an inline replay change parameters at the same tick. The engine
+waits for a late result. It does not compute such a result itself: the result is late because the machine is busy, and
+a full bus would then lose frames in the kernel. The engine computes only a job that nobody has taken, because one long
+batch may span both the start of the job and its due time.
 """
 
 from collections import deque
@@ -42,13 +42,13 @@ from bms_gateway.frames.database import Database
 from bms_gateway.frames.quality import Quality
 from bms_gateway.health.alerts import Alerts
 
-JOB_DUE_TICKS = 30  # far beyond what a window takes on a slow core, far below what a window spans
-GRACE_TICKS = 10  # after a start or a pause: what no sensor has said yet is no fault of it; a fault lasts longer
-UNHEARD_TICKS = 10  # no message of a battery comes less often than that
-AT_ONCE_NS = 2_000_000_000  # a reload takes less, a restart more: nothing happens unseen in between
+JOB_DUE_TICKS = 30  # far longer than the fit of a window takes on a slow core, far shorter than a window
+GRACE_TICKS = 10  # after a start or a pause: a sensor that has sent nothing yet is not faulty; a fault lasts longer
+UNHEARD_TICKS = 10  # longest period of a battery's messages
+AT_ONCE_NS = 2_000_000_000  # a reload takes less, a restart more: a shorter stop cannot hide a change
 CLOCK_SET_NS = 1_577_836_800_000_000_000  # 2020: an older stamp is of a clock that starts in 1970 and was not set yet
 SNAPSHOT_VERSION = 1
-GOOD = np.uint8(Quality.GOOD)  # of numpy's own type, which it compares faster
+GOOD = np.uint8(Quality.GOOD)  # numpy's own type, because numpy compares it faster
 LATEST_NS = 9_000_000_000_000_000_000  # the year 2255: stamps and periods added to them fit into 64 bits
 
 
@@ -61,14 +61,14 @@ class Engine:
     database : Database
         Ours and the user's, loaded.
     whole : bool
-        Whether to take in all channels of the plan, for a record: also those of which no estimator makes anything.
+        Whether to take in all channels of the plan, also those that no estimator uses; for a record.
 
     Attributes
     ----------
     frames : int
         Wanted frames so far.
     dropped : int
-        Frames lost before they reached us; whoever reads the bus sets it.
+        Frames lost before they reached the engine; the reader of the bus sets this number.
     recording : bool
         Whether each tick's samples are wanted as `Decoded` events, for a record of recent signals.
     judging : bool
@@ -101,17 +101,17 @@ class Engine:
         self.frames = 0
         self.dropped = 0
         self.recording = False
-        self._stored = False  # the state is that of another run, and no frame has come since
-        self._sure = False  # the time since then is known, whatever the clock shows
+        # From a restore to the first frame: whether the time since the snapshot is known, whatever the clock shows.
+        self._restored: bool | None = None
         self.judging = False
 
     def foresee(self) -> None:
-        """Tell forecasts from now on, with what they start from, as `Foreseen` events."""
+        """Yield forecasts, with the states they start from, as `Foreseen` events from now on."""
         self.estimators.forecasts.wanted = True
 
     @property
     def plan(self) -> Plan:
-        """What it was made from."""
+        """The plan of the engine."""
         return self._plan
 
     @property
@@ -126,7 +126,7 @@ class Engine:
 
     @property
     def any_sender(self) -> list[int]:
-        """Those of them that are parameter groups of J1939: frames of these are taken from another address too."""
+        """Identifiers that are parameter groups of J1939; their frames may also come from another source address."""
         return self.inputs.senders.can_ids
 
     @property
@@ -141,22 +141,22 @@ class Engine:
 
     @property
     def strings(self) -> list[StringEstimator]:
-        """What is known of each string now, in the order of the plan; to be read only."""
+        """What is known of each string now, in the order of the plan; read-only."""
         return self.estimators.strings
 
     @property
     def duration_s(self) -> float:
-        """From the first wanted frame to the newest, on the line of time that only goes forward."""
+        """Bus time from the first wanted frame to the newest one."""
         return 0.0 if self._clock.last_ns is None else (self._clock.last_ns - self._clock.first_ns) * 1e-9
 
     @property
     def clock_faults(self) -> str:
-        """What was wrong with the stamps so far, for people; empty where nothing was."""
+        """Faults of the time stamps so far, in words; empty if there were none."""
         return self._clock.faults()
 
     @property
     def clock_counts(self) -> dict[str, int]:
-        """What was wrong with the stamps so far, counted: reordered frames, clocks set back, absurd stamps."""
+        """Counts of the faults of the time stamps so far: reordered frames, clocks set back, absurd stamps."""
         return {"reordered": self._clock.reordered, "set_back": self._clock.set_back, "absurd": self._clock.absurd}
 
     @property
@@ -176,7 +176,7 @@ class Engine:
 
     @property
     def rejected(self) -> dict[str, int]:
-        """Samples turned away so far, by reason."""
+        """Refused samples so far, by reason."""
         return self.inputs.rejected
 
     @property
@@ -186,11 +186,11 @@ class Engine:
 
     @property
     def extremes(self) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
-        """Least and greatest value of each input so far, believed or not, as the DBC has them (2, C)."""
+        """Least and greatest value (2, C) of each input so far, used or refused, in the DBC's unit."""
         return self.inputs.extremes
 
     def receive(self, frames: FrameBatch, *, now_ns: int) -> None:
-        """Take the next frames of the bus; never raises for what they hold.
+        """Take the next frames of the bus; no content of a frame raises an exception.
 
         Parameters
         ----------
@@ -208,7 +208,7 @@ class Engine:
         if self._deadline is None:
             self._wake(int(frames.time_ns[0]))
         elif self._tick_end is not None and int(frames.time_ns[0]) < self._tick_end:
-            # stamped before a timer that has already fired: it counts for the open tick
+            # the stamp lies before a timer that has already fired: the frame counts for the open tick
             time = np.maximum(frames.time_ns, self._tick_end)
             frames = FrameBatch(time, frames.can_id, frames.length, frames.data)
         self._pending.append(frames)
@@ -230,20 +230,20 @@ class Engine:
             self._tick(self.inputs.decode(batch), self._deadline)
 
     def next_output(self) -> Event | None:
-        """Next event of the one ordered queue; None when there is nothing to say."""
+        """Next event of the one ordered queue; None if the queue is empty."""
         event = self._queue.popleft() if self._queue else None
         if isinstance(event, StartJob):
             self._jobs.take(event.job_id)
         return event
 
     def awaits(self, job_id: int) -> bool:
-        """Whether the result of a job is still of use: it has not been applied."""
+        """Whether a job still needs a result: none has been applied."""
         return self._jobs.awaits(job_id)
 
     def finish(self, job_id: int, result: object) -> None:
         """Hand in the result of a job; it takes effect at the job's due time, or at the next tick if that is over.
 
-        None gives the job back: it has not been done, and will not be.
+        None gives the job back: it will not be computed.
         """
         self._jobs.finish(job_id, result)
 
@@ -276,8 +276,8 @@ class Engine:
         self._woken = start
         if self._tick_end is not None and start != self._tick_end:
             gap_ns: int | None = start - self._tick_end
-            unseen = self._stored and not 0 <= start - self._tick_end <= AT_ONCE_NS
-            if start < self._tick_end or (unseen and not self._sure and min(start, self._tick_end) < CLOCK_SET_NS):
+            unseen = self._restored is not None and not 0 <= start - self._tick_end <= AT_ONCE_NS
+            if start < self._tick_end or (unseen and not self._restored and min(start, self._tick_end) < CLOCK_SET_NS):
                 gap_ns = None
             how_long = "a time that the clock does not tell" if gap_ns is None else f"{gap_ns * 1e-9:.0f} s"
             self._queue.append(
@@ -285,7 +285,7 @@ class Engine:
             )
             self.inputs.forget()
             self.estimators.pass_time(None if gap_ns is None else gap_ns * 1e-9, unseen=unseen)
-        self._stored = False
+        self._restored = None
         self._tick_end = start
 
     def _tick(self, samples: Samples, t1: int) -> None:
@@ -327,7 +327,7 @@ class Engine:
             self._queue.extend(self.estimators.accept(string, result, now))
 
     def _state(self, readings: Readings) -> State:
-        """Tell what the status frame says of us: degraded while a string lacks its current or all of its surfaces."""
+        """Give the state for the status frame: degraded while a string lacks its current or all of its surfaces."""
         if not np.isfinite(self.estimators.newest.core).any():
             return State.STARTING
         sound = (readings.current_quality == GOOD).all() and readings.seen(GOOD).all()
@@ -355,12 +355,12 @@ class Engine:
         reason : str
             Kept in the history.
         time_ns : int
-            Wall clock when it was asked for.
+            Wall clock at the request.
 
         Returns
         -------
         bool
-            False where this very wish has been carried out before.
+            False if this request has been carried out before.
 
         Raises
         ------
@@ -379,19 +379,19 @@ class Engine:
         return bool(done)
 
     def acknowledge(self, string: str | None, reason: str) -> bool:
-        """End alarms that only a person can end: what is still wrong is told anew.
+        """End the alarms that only a person can end; a condition that still holds raises its alarm again.
 
         Parameters
         ----------
         string : str or None
             None for all strings.
         reason : str
-            Told with it.
+            Reported with the end of the alarms.
 
         Returns
         -------
         bool
-            False where there was nothing to end.
+            False if there were no such alarms.
         """
         done = self.alerting.acknowledge(string)
         if done:
@@ -399,7 +399,7 @@ class Engine:
         return done
 
     def snapshot(self) -> dict[str, Any]:
-        """State as JSON-able values: what `restore` needs to go on after a stop, however long."""
+        """State as JSON-able values, from which `restore` continues after a stop of any length."""
         return {
             "version": SNAPSHOT_VERSION,
             "tick_end_ns": self._tick_end,
@@ -408,14 +408,14 @@ class Engine:
         }
 
     def restore(self, state: Mapping[str, Any], *, sure: bool = False) -> None:
-        """Take up a stored state, before the first frame; the time until then counts as parked.
+        """Restore a stored state before the first frame; the time until then counts as parked.
 
         Parameters
         ----------
         state : mapping
             Of `snapshot`.
         sure : bool
-            Its time is by the same clock as that of the frames to come, even if that starts in 1970.
+            Whether its time is of the same clock as the coming frames, even if this clock starts in 1970.
 
         Raises
         ------
@@ -426,11 +426,11 @@ class Engine:
             raise StateError(f"stored state has version {state.get('version')}, this program writes {SNAPSHOT_VERSION}")
         with fitting():
             left = self.estimators.restore(state["estimators"])
-            self.alerting.restore(state.get("alarms", {}))  # states of before alarms outlived a restart have none
+            self.alerting.restore(state.get("alarms", {}))  # older states have no alarms
             self._tick_end = None if state["tick_end_ns"] is None else int(state["tick_end_ns"])
         if self._tick_end is not None and not 0 <= self._tick_end < LATEST_NS:
             seconds = max(-(1 << 99), min(self._tick_end, 1 << 99)) * 1e-9  # an integer may be too large for a float
             raise StateError(f"stored state: its time, {seconds:.4g} s since 1970, is none of a clock")
-        self._stored, self._sure = self._tick_end is not None, sure
+        self._restored = None if self._tick_end is None else sure
         for text in left:
             self._queue.append(Notice(self._tick_end or 0, Level.NOTICE, "state", text))

@@ -38,13 +38,13 @@ AVAILABLE_SD_K = 12.0
 
 
 ABOVE_K = 0.3
-"""By which a good reading must be above the hottest point to be it: three times a thermocouple's noise."""
-ADOPT_NS = 60_000_000_000  # the recursive method moves with every tick; the observer's matrices need not
+"""K, three times the noise of a thermocouple: a good reading that exceeds the hottest point by more takes its place."""
+ADOPT_NS = 60_000_000_000  # the recursive method changes at every tick; the observer need not follow each time
 
 
 @dataclass(slots=True)
 class TickResult:
-    """What one tick gave beside the numbers: events, and jobs with the string they belong to."""
+    """Results of a tick beside the estimates: events, and jobs with the string that they belong to."""
 
     events: list[Event] = field(default_factory=list)
     jobs: list[tuple[int, Job]] = field(default_factory=list)
@@ -73,8 +73,8 @@ class Estimators:
 
     def __init__(self, plan: Plan, wires: Sequence[Wire]) -> None:
         self._dt = plan.tick_ns * 1e-9
-        self._introduced = False  # what is known at the start has been told
-        self._gap_s = 0.0  # since the last tick, beyond its period
+        self._introduced = False  # whether the parameters known at the start have been reported
+        self._gap_s = 0.0  # time since the last tick, beyond the period of ticks
         self._layout = Layout.of([p.name for p in plan.strings], [p.model.cells for p in plan.strings])
         self.mismatches = Mismatches(len(plan.strings))
         self.newest = Newest.nothing(sum(p.model.cells for p in plan.strings))
@@ -129,14 +129,14 @@ class Estimators:
         numbers = newest.core, newest.core_sd, newest.surface, newest.quality, newest.centre, newest.centre_sd
         heats = newest.heat, newest.heat_sd
         all_cells = Estimated(t1, self._layout, *numbers, *heats)
-        # told in the order of the plan, however the strings were grouped
+        # reported in the order of the plan, whatever the groups are
         in_order = [e for i in sorted(told) for e in told[i]]
         if foreseen is not None:
             in_order.append(foreseen)
         return TickResult([all_cells, *in_order], sorted(jobs, key=itemgetter(0)))
 
     def _adopt_all(self, told: dict[int, list[Event]], t1: int) -> None:
-        """Give the observers what recursive methods know now."""
+        """Give the observers the present numbers of the recursive methods."""
         for group in self.groups:
             for j in group.adopts:
                 self._adopt(group, j)
@@ -153,9 +153,9 @@ class Estimators:
         jobs: list[tuple[int, Job]],
         found: list[tuple[int, Finding]],
     ) -> Floats:
-        """Advance a group; how surprised each of its strings was.
+        """Advance a group; return how well each of its strings followed its model.
 
-        What it wants computed joins `jobs`, and what the watch over heat has found joins `found`.
+        Jobs of the group are added to `jobs`, findings of the watch over heat to `found`.
         """
         dt, newest = self._dt, self.newest
         I, I2, V, IV, _ = readings.means[:, group.rows]  # noqa: E741
@@ -175,12 +175,12 @@ class Estimators:
             given = group.observed.by_cell(driven.heat)
             tick = HeatTick(driven.square, given, I, driven.inlet, y, age, driven.flow)
             core, core_sd = self._watched(group, t1, tick, (core, core_sd), found)
-            if core is not e.core:  # it may be the thermocouple that errs, or the cell that heats: the warmer counts
+            if core is not e.core:  # the thermocouple may err, or the cell may heat by itself: the warmer value counts
                 known = np.isfinite(e.core_sd)
                 more = np.where(known, core_sd, 0.0) ** 2 - np.where(known, e.core_sd, 0.0) ** 2
                 centre, centre_sd = centre + np.maximum(core - e.core, 0.0), np.sqrt(centre_sd**2 + more)
         felt = y > centre + ABOVE_K
-        if felt.any():  # a reading that is believed is a point of the cell
+        if felt.any():  # an accepted reading is the temperature of a point of the cell
             centre = np.where(felt, y, centre)
         cold = group.floor.below(core, e.core_sd, surface, inlet, I, square, dt)
         quality = group.doubtful(group.quality(readings), cold)
@@ -218,7 +218,7 @@ class Estimators:
         cores: tuple[Floats, Floats],
         found: list[tuple[int, Finding]],
     ) -> tuple[Floats, Floats]:
-        """Let the watch over heat take a tick in, and the cores where it knows better: with a fault believed."""
+        """Pass a tick to the watch over heat, and take its cores if it believes in a fault: they are better then."""
         assert group.watch is not None  # noqa: S101 - who calls has looked
         watch = group.watch
         new = watch.add(t1, tick)
@@ -227,14 +227,17 @@ class Estimators:
             for s, v in zip(group.strings, watch.verdicts, strict=True):
                 s.health.heat = v.findings
                 v.burning = s.burning
-            heats = self.newest.heat.copy(), self.newest.heat_sd.copy()  # whoever has the last ones keeps them
+            heats = (
+                self.newest.heat.copy(),
+                self.newest.heat_sd.copy(),
+            )  # holders of the last arrays keep them unchanged
             group.put(heats[0], watch.told.heat)
             group.put(heats[1], watch.told.heat_sd)
             self.newest.heat, self.newest.heat_sd = heats
         return watch.cores(*cores)
 
     def _discharges(self, readings: Readings, t1: int) -> Iterator[tuple[int, Change]]:
-        """Let the strings that hear their cells' voltages look for cells that discharge themselves."""
+        """Let the strings with voltages of single cells look for cells that discharge themselves."""
         for i, s in enumerate(self.strings):
             if s.health.self_discharge is None:
                 continue
@@ -245,7 +248,7 @@ class Estimators:
                 yield i, change
 
     def errors(self) -> tuple[Floats, Floats]:
-        """Tell what readings of all cells (N,) were off at the newest tick, and should be, K; NaN where unread."""
+        """Give errors of readings (N,) at the newest tick and their expected sd, K; NaN without a reading."""
         value, sd = np.full((2, len(self.newest.core)), nan)
         for group in self.groups:
             if group.errors is not None:
@@ -254,7 +257,7 @@ class Estimators:
         return value, sd
 
     def _adopt(self, group: Group, j: int) -> None:
-        """Give the observer what the identifier knows now."""
+        """Give the observer the present numbers of the identifier."""
         s = group.strings[j]
         observer = group.observed.observer
         cells = s.cells.numbers() if s.cells is not None and not s.identifier.doubts() else None
@@ -266,16 +269,16 @@ class Estimators:
             values = {name: getattr(numbers, name) for name in posterior.names}
             if posterior.heat is not None:
                 values["heat"] = posterior.heat.value
-            own = None if s.kept is None else s.kept.own  # what is common scales the cells; how they differ stays
+            own = None if s.kept is None else s.kept.own  # the common part scales all cells; their differences stay
             observer.set_parameters(j, values, *posterior.with_heat(), own)
         group.reveal(j)
         s.estimates = s.known()
 
     def accept(self, string: int, job_result: object, now: int) -> list[Event]:
-        """Take the result of a string's job into use."""
+        """Apply the result of a string's job."""
         s = self.strings[string]
         group, j = self.place(string)
-        group.backlog.catch_up(j)  # what has waited belongs to what was known until now
+        group.backlog.catch_up(j)  # the waiting ticks belong to the parameters that were known until now
         if isinstance(job_result, HealthResult):
             return [_told(change, s.plan.name, now) for change in s.health.accept(job_result, now)]
         if isinstance(job_result, CellResult) and s.cells is not None:
@@ -304,7 +307,7 @@ class Estimators:
         return events
 
     def pass_time(self, gap_s: float | None, *, unseen: bool = False) -> None:
-        """Carry all over a time without frames (None: of unknown length); `unseen`: we were off, current may flow."""
+        """Carry all over a time without frames (None: of unknown length); `unseen`: current may have flowed."""
         self._gap_s = RESTED_S if gap_s is None else gap_s
         self.forecasts.forget()
         for group in self.groups:
@@ -344,12 +347,12 @@ class Estimators:
         return {"strings": strings, "observers": observers, "forecasts": self.forecasts.snapshot()}
 
     def restore(self, state: Mapping[str, Any]) -> list[str]:
-        """Take up a stored state as far as it belongs to this plan.
+        """Restore a stored state as far as it belongs to this plan.
 
         Returns
         -------
         list of str
-            What was left out and why, a sentence each.
+            One sentence for each part that was left out, with the reason.
         """
         same = set()
         for s in self.strings:
@@ -358,7 +361,7 @@ class Estimators:
                 continue
             s.identifier.restore(stored["identifier"])
             check_parameters(s.plan.name, s.identifier.posterior())
-            if "health" in stored:  # states of before health had a memory of its own have none
+            if "health" in stored:  # older states have no memory of the health
                 s.health.restore(stored["health"])
             if s.cells is not None and stored.get("cells") is not None:
                 s.cells.restore(stored["cells"])
@@ -400,18 +403,18 @@ class Estimators:
 
 
 def _found(f: Finding, string: str, now: int) -> Notice:
-    """Tell of what the watch over heat has found, or no longer finds."""
+    """Make the notices of what the watch over heat has found, or no longer finds."""
     return Notice(now, Level.WARNING if f.level else Level.NOTICE, f.code, f.text, string, f.cell)
 
 
 def _told(change: Change, string: str, now: int) -> Notice:
-    """Tell of a flag that has moved."""
+    """Make the notice of a flag whose level has changed."""
     level = Level.WARNING if change.level else Level.NOTICE
     return Notice(now, level, change.code, change.text, string, change.cell)
 
 
 def _proven(s: StringEstimator, doubted: bool, now: int) -> list[Event]:
-    """Tell that a string's cores are not proven any more, or are again."""
+    """Make the notice that a string's cores are no longer proven, or are proven again."""
     if bool(s.doubts) == doubted:
         return []
     if s.doubts:
@@ -422,7 +425,7 @@ def _proven(s: StringEstimator, doubted: bool, now: int) -> list[Event]:
 
 
 def _commissioned(s: StringEstimator, now: int) -> list[Event]:
-    """Let the health take the identifier's numbers for the baseline once they are known."""
+    """Give the health the identified numbers as its baseline as soon as they are known."""
     R_e = next(e for e in s.estimates if e.name == "R_e")
     p = s.identifier.posterior()
     if not s.health.offer(p.names, p.mean, p.cov, R_e.value, R_e.status == IDENTIFIED):
@@ -433,7 +436,7 @@ def _commissioned(s: StringEstimator, now: int) -> list[Event]:
 
 
 def fingerprint(plan: StringPlan) -> str:
-    """Sum up what a stored state must agree with: the model file and the method."""
+    """Give a digest of what a stored state must agree with: the model file and the method."""
     m = plan.model
     priors = {k: (np.asarray(p.value).tolist(), p.rel_sd) for k, p in sorted(m.priors.items())}
     text = repr((m.cells, m.sensors, m.condition, m.coolant, m.flow, priors, plan.identify))

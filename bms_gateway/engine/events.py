@@ -22,7 +22,7 @@ from bms_gateway.thermal import Floats
 
 
 class Level(IntEnum):
-    """Weight of a notice; the numbers are syslog's, so that journald sorts them."""
+    """Severity of a notice; the numbers are those of syslog, so journald can sort by them."""
 
     WARNING = 4
     NOTICE = 5
@@ -49,8 +49,8 @@ class SendFrames:
 class StartJob:
     """Work to do outside: `engine.finish(job_id, job.run())`, before bus time `due_ns` if possible.
 
-    The result takes effect at `due_ns`, however early it comes, so a live service and an inline replay estimate the
-    same; one that comes later takes effect when it is there.
+    The result takes effect at `due_ns`, however early it comes, so a live service and an inline replay give the same
+    estimates. A later result takes effect when it comes.
     """
 
     time_ns: int
@@ -82,7 +82,7 @@ class Estimated:
     Attributes
     ----------
     layout : Layout
-        Names of the strings, and which of the cells are theirs.
+        Names of the strings, and the place of each string's cells.
     core, core_sd, surface : ndarray (N,)
         °C, K, °C; NaN where not available.
     quality : ndarray of uint8 (N,)
@@ -105,7 +105,7 @@ class Estimated:
     heat_sd: Floats
 
     def strings(self) -> Iterator[Cells]:
-        """Take them one by one."""
+        """Yield the cells string by string."""
         for name, mine in zip(self.layout.names, self.layout.parts, strict=True):
             core, core_sd, surface, quality = (
                 self.core[mine],
@@ -128,7 +128,7 @@ class Parameters:
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """Something a person should know, in one sentence.
+    """Something that a person should know, in one sentence.
 
     Attributes
     ----------
@@ -157,14 +157,14 @@ class Alerted:
 
 @dataclass(frozen=True, slots=True)
 class Decoded:
-    """Samples of one tick that the guard let pass; said only where `engine.recording` asks for it.
+    """Samples of one tick that the guard has accepted; given only if `engine.recording` is set.
 
     Attributes
     ----------
     sample_ns : ndarray of int64 (K,)
         Bus time of each.
     input : ndarray of intp (K,)
-        Index, as the `engine.wires` have it.
+        Index of the input, as in `engine.wires`.
     value : ndarray (K,)
         SI, °C.
     """
@@ -177,22 +177,22 @@ class Decoded:
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """How the model of one string did at one tick, and what the string was doing.
+    """Error of the model of one string at one tick, with the load of the string.
 
     Attributes
     ----------
     innovation, innovation_sd : ndarray (n,), K
-        Reading less prediction and what it should be; NaN for cells without a reading.
+        Reading minus prediction, and its expected standard deviation; NaN for cells without a reading.
     current, square : float
         Means of I and I² over the tick, A, A²; NaN where unknown.
     inlet, flow : float
-        Coolant at the tick, °C and over nominal; NaN where unknown.
+        Coolant at the tick: inlet temperature, °C, and flow over nominal flow; NaN if unknown.
     growth, growth_sd : float
-        Of R_e since commissioning, a share; NaN before anything is known.
+        Growth of R_e since commissioning, as a share, and its standard deviation; NaN before it is known.
     excess : float
-        Mean square of the normalised innovation over ten minutes; 1 when all is well, NaN at first.
+        Mean square of the normalised innovation over ten minutes; 1 if the model is right, NaN at first.
     flags : tuple of str
-        Raised ones by name.
+        Names of the raised flags.
     soc : float
         State of charge at the tick, 0…1; NaN where unknown.
     voltage : float
@@ -216,14 +216,14 @@ class Judgement:
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """All strings at one tick, in the order of the plan; said only where `engine.judging` asks for it.
+    """All strings at one tick, in the order of the plan; given only if `engine.judging` is set.
 
     Attributes
     ----------
     frames : int
         Wanted frames so far.
     rejected : mapping
-        Samples turned away so far, by reason.
+        Refused samples so far, by reason.
     """
 
     time_ns: int

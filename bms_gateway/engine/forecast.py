@@ -2,9 +2,9 @@
 
 A forecast starts from what the engine holds at that tick: the observer's state and covariance, its parameters and how
 far off these may be, the common heat; the cores of the watch over heat where it knows better, and the heat that it has
-found in a cell; what is doubted of the model. The load is that of now (`load_ahead`), or steady at a current that is
-asked for. Courses are renewed every ten seconds; variances, which are most of the work and change slowly, once a
-minute.
+found in a cell; what is doubted of the model. The load is the present one (`load_ahead`), or a constant current that
+the user names. Temperatures are computed every ten seconds. Their variances change slowly and take most of the time;
+they are computed once a minute.
 """
 
 from collections.abc import Mapping, Sequence
@@ -41,15 +41,15 @@ if TYPE_CHECKING:
 
 STEP_NS: Final = round(STEP_S * 1e9)
 DOUBTFUL: Final = np.uint8(Quality.DOUBTFUL)
-ANEW: Final = 6  # steps after which variances are worked out anew
+ANEW: Final = 6  # number of steps after which the variances are computed again
 LIMITED: Final = (0, 1, 3)  # horizons for which currents are told: 10 s, 1 min, 10 min
-MOST_A: Final = 6400.0  # what the bus has room for: no string carries more
+MOST_A: Final = 6400.0  # largest current that the signal can hold; no string carries more
 NEVER_S: Final = float("inf")
 
 
 @dataclass(slots=True)
 class _Watched:
-    """One group's outlook, what it knew when variances were last worked out, and how many steps ago that was."""
+    """Outlook of one group, with the variances last computed and their age in steps."""
 
     group: "Group"
     outlook: LooksAhead
@@ -71,7 +71,7 @@ class Forecasts:
     Attributes
     ----------
     wanted : bool
-        Whether what forecasts started from is told as `Foreseen`, for those who know what came.
+        Whether the starting states of the forecasts are given as `Foreseen`, to compare the forecasts with what came.
     """
 
     def __init__(self, groups: "Sequence[Group]", strings: "Sequence[StringEstimator]", limit_C: float) -> None:
@@ -94,11 +94,11 @@ class Forecasts:
                 s.forecast = None
 
     def snapshot(self) -> dict[str, Any]:
-        """Return what is remembered of loads, as lists of numbers."""
+        """Return the memory of past loads, as lists of numbers."""
         return {"strings": [s.plan.name for s in self._all], "load": self._load.snapshot()}
 
     def restore(self, state: Mapping[str, Any] | None, same: "set[str]") -> None:
-        """Go on with the loads of a snapshot of the same strings; older states have none.
+        """Restore the memory of past loads from a snapshot of the same strings; older states have none.
 
         Raises
         ------
@@ -118,7 +118,7 @@ class Forecasts:
         Returns
         -------
         Foreseen or None
-            Where it is wanted, and time to look.
+            If `wanted` is set and ten seconds have passed.
         """
         self._means.append(readings.means)
         if self._by_voltage:
@@ -164,7 +164,7 @@ class Forecasts:
             w.certainty, w.age = ahead.certainty, 0
         square = np.nan_to_num(self._load.square[rows])
         surely = None
-        if unknown.any():  # the usual load, give or take that of a drive
+        if unknown.any():  # the usual load, with the scatter of a drive
             R_e = np.array([float(np.mean(p.R_e)) for p in s.parameters])
             work = np.maximum(square, s.disturbance.heat_unknown / R_e)
             surely = np.where(unknown, SPREAD * work, 0.0) * np.ones_like(square_sd)
@@ -172,7 +172,7 @@ class Forecasts:
         return Origin(tuple(group.members), w.outlook, s, coming) if self.wanted else None
 
     def _coming(self, group: "Group", s: Standing, inlet_sd: Floats) -> Coming:
-        """Gather what is known of the time ahead beside the observer's state."""
+        """Collect what is known of the time ahead beside the observer's state."""
         S, n = len(group.members), group.cells
         heat, heat_sd, shift, shift_sd = np.zeros((4, S, n))
         watch = group.watch

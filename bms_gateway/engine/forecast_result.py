@@ -1,4 +1,4 @@
-"""What a forecast says of a string, and, for those who later know what came, what it started from."""
+"""The forecast of a string, and the state from which it started, with which a later comparison can judge it."""
 
 from dataclasses import dataclass
 from typing import Final, Protocol
@@ -11,33 +11,33 @@ from bms_gateway.observe.forecast_start import Coming, Profile, Standing
 from bms_gateway.thermal import Floats
 
 TOLD_S: Final = {1: "60", 2: "300", 3: "600"}
-"""Horizons at which temperatures are told, by their place among those of a forecast, s."""
+"""Horizons, s, at which temperatures are reported, by their index among the horizons of a forecast."""
 FOR_S: Final = ("10", "60", "600")
-"""For how long currents are permitted, s."""
+"""Durations, s, for which permitted currents are given."""
 
 
 @dataclass(frozen=True, slots=True)
 class Forecast:
-    """What comes next of one string of n cells, if the load stays as it is.
+    """Forecast of one string of n cells under the present load.
 
     Attributes
     ----------
     time_ns : int
     load : float
-        Root of the mean square of the current that is taken for what comes, A; its sign is that of the mean.
+        Root mean square of the current that the forecast assumes, A, with the sign of the mean current.
     steady : bool
-        Whether that current stands, rather than being the mean of the last minutes.
+        Whether this current is constant, and not the mean of the last minutes.
     core, core_sd, centre, centre_sd : ndarray (H, n)
         At `HORIZONS_S`, °C and K, given that load; NaN where the core is not known.
     load_sd : ndarray (3, H, n), K
-        By how much cores, surfaces and hottest points would be off because loads change.
+        Errors of cores, surfaces and hottest points that a change of the load would cause.
     surface, surface_sd : ndarray (H, n)
     course : ndarray (K + 1, n)
         Hottest points at `PATH_S`, °C.
     soonest_s, latest_s : ndarray (n,)
-        Of the time to the limit one standard deviation sooner and later; infinite where it is not within ten minutes.
+        Time to the limit, one standard deviation earlier and later; infinite if it is over ten minutes.
     limit_s : ndarray (n,)
-        Time to the limit; 0 where it is reached, infinite where it is not within ten minutes.
+        Time to the limit; 0 if the limit is reached already, infinite if it is over ten minutes.
     discharge, charge : ndarray (3,)
         Greatest constant current for 10 s, 1 and 10 min that keeps every hottest point two standard deviations below
         the limit, A.
@@ -75,7 +75,7 @@ class Forecast:
         return float(np.fmax.reduce(self.course, axis=None))
 
     def approach(self) -> Approach | None:
-        """Tell of the cell that reaches the limit first; None where none does within ten minutes."""
+        """Describe the cell that reaches the limit first; None if no cell does within ten minutes."""
         if (k := self.first) is None:
             return None
         permitted = self.charge if self.load < 0.0 else self.discharge
@@ -101,22 +101,22 @@ class LooksAhead(Protocol):
     """Whatever forecasts the strings of a group."""
 
     def ahead(self, s: Standing, coming: Coming, known: Certainty | None = None) -> Ahead:
-        """Look ahead from where strings stand; `known` is of a forecast a short time ago."""
+        """Forecast from the present state; `known` are the variances of a recent forecast."""
         ...
 
     def under(self, s: Standing, coming: Coming, profile: Profile) -> Ahead:
-        """Look ahead under a profile of the load."""
+        """Forecast under a given profile of the load."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """What forecasts of a group started from.
+    """Starting state of the forecasts of a group.
 
     Attributes
     ----------
     members : tuple of int
-        Its strings, by their number in the plan.
+        Numbers of its strings in the plan.
     outlook : LooksAhead
     standing : Standing
     coming : Coming
@@ -145,12 +145,12 @@ class Load10:
 
 @dataclass(frozen=True, slots=True)
 class Foreseen:
-    """Forecasts were made; said only where `engine.foreseeing` asks for it.
+    """The forecasts of a step; given only if `engine.foreseeing` is set.
 
     Attributes
     ----------
     load : Load10
-        Of the ten seconds before.
+        Load of the ten seconds before.
     forecasts : tuple of Forecast or None
         By string.
     origins : tuple of Origin

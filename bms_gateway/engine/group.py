@@ -1,4 +1,4 @@
-"""Strings that are observed together, and what is worked out for all of them at once."""
+"""Strings that one observer follows together, and what is computed for all of them at once."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from bms_gateway.health.heat.heat_watch import Share
 from bms_gateway.observe import Errors
 from bms_gateway.thermal import Floats
 
-# of numpy's own type, which it compares much faster than members of an enumeration
+# numpy's own type, because numpy compares it much faster than members of an enumeration
 GOOD, STALE, ESTIMATED, NEVER, DOUBTFUL = (
     np.uint8(q) for q in (Quality.GOOD, Quality.STALE, Quality.ESTIMATED, Quality.NEVER, Quality.DOUBTFUL)
 )
@@ -36,25 +36,25 @@ class Group:
     members : list of int
         Numbers of its strings in the plan.
     rows, flat : slice or ndarray of int
-        Where its strings and their cells stand among all.
+        Places of its strings among all strings, and of their cells among all cells.
     nominal_flow : ndarray (S,) or None
-        m³/s, NaN where not known; None where none of them knows the flow of its coolant.
+        Nominal coolant flow, m³/s; NaN if unknown, None if it is unknown for all of them.
     observed : Observed
         Their observer.
     voltage : bool
-        Whether the heat of any of them may come from its voltage.
+        Whether any of them takes its heat from the voltage.
     adopts : list of int
-        Which of them have a recursive method, whose numbers the observer takes over once in a while.
+        Strings with a recursive method; the observer takes over its numbers from time to time.
     unknown : ndarray (S,)
-        NaN for each: a quantity that none of them has.
+        NaN for each string: value of a quantity that none of them has.
     doubt : ndarray (S, 1) or None
-        Share of the difference core to surface that may be wrong beyond what the observer knows; None where it is zero.
+        Share of core minus surface that may be wrong in addition to the observer's band; None if it is zero.
     watch : HeatWatch or None
-        Over heat that no current makes; None where a string has no sensor for a cell of its own.
+        Watch over heat that no current makes; None if a string has no sensor that belongs to one cell.
     errors : Errors or None
-        Of the newest tick's readings.
+        Errors of the newest tick's readings.
     heat : ndarray (S,) or None
-        Of a mean cell by its voltage in the newest tick, W; NaN where none tells, None where there are no voltages.
+        Heat of a mean cell from its voltage in the newest tick, W; NaN if unknown, None if there are no voltages.
     """
 
     members: list[int]
@@ -103,12 +103,12 @@ class Group:
         )
 
     def reveal(self, j: int) -> None:
-        """Let the watch over heat have the numbers that the observer has now."""
+        """Give the watch over heat the present numbers of the observer."""
         if self.watch is not None:
             self.watch.set_parameters(j, self.observed.observer.parameters[j])
 
     def resume(self, heat: Mapping[str, Any] | None) -> None:
-        """Let the watch over heat go on from what was stored of it, if anything, beside a restored observer."""
+        """Restore the watch over heat from its stored state, if there is one, beside a restored observer."""
         for j in range(len(self.members)):
             self.reveal(j)
         if self.watch is not None and heat is not None:
@@ -117,18 +117,18 @@ class Group:
                 s.health.heat = v.findings
 
     def by_cell(self, row: NDArray[T]) -> NDArray[T]:
-        """Take its cells out of those of all (N,), as (S, n)."""
+        """Return the values (S, n) of its cells from those of all cells (N,)."""
         return row[self.flat].reshape(len(self.members), self.cells)
 
     def put(self, row: NDArray[Any], values: NDArray[Any]) -> None:
-        """Give `values` (S, n) of its cells their places in a row of all (N,)."""
+        """Write the values (S, n) of its cells to their places in a row of all cells (N,)."""
         if isinstance(self.flat, slice):
             row[self.flat].reshape(values.shape)[...] = values
         else:
             row[self.flat] = values.ravel()
 
     def quality(self, readings: Readings) -> NDArray[np.uint8]:
-        """Quality (S, n) of its strings' estimates: the own sensor's, and nowhere better than that of the current."""
+        """Quality (S, n) of the estimates: that of the cell's own sensor, but never better than that of the current."""
         own = readings.quality[self.flat].reshape(len(self.members), self.cells)
         if (never := own == NEVER).any():
             own = np.where(never, ESTIMATED, own)
@@ -140,7 +140,7 @@ class Group:
         return np.where(worse, current[:, None], own)
 
     def doubtful(self, quality: NDArray[np.uint8], cold: NDArray[np.bool_] | None = None) -> NDArray[np.uint8]:
-        """Quality (S, n) with doubt in place of trust: of strings whose cores are not proven, and of `cold` cores."""
+        """Quality (S, n), `doubtful` for strings whose cores are not proven and for `cold` cores."""
         doubted = [bool(s.doubts) for s in self.strings]
         if cold is None and not any(doubted):
             return quality
@@ -152,12 +152,14 @@ class Group:
 def _watch(strings: Sequence[StringEstimator], dt: float, shares: Sequence[Share]) -> HeatWatch | None:
     models = [s.plan.model for s in strings]
     if not all(m.sensors for m in models) or any(s.plan.of_several for s in strings):
-        return None  # of a reading that is some cell's, a worse cooled cell explains as much as heat
+        return (
+            None  # if it is not known which cell a reading belongs to, a worse cooled cell explains it as well as heat
+        )
     return HeatWatch(models, dt, ["coolant_inlet" in s.wire.constants for s in strings], shares)
 
 
 def index_of(places: list[int]) -> At:
-    """Address places among many: by a slice where they follow each other, which copies nothing."""
+    """Make an index of some places: a slice if they are consecutive, because a slice copies nothing."""
     if all(b - a == 1 for a, b in pairwise(places)):
         return slice(places[0], places[-1] + 1)
     return np.array(places, np.intp)

@@ -1,4 +1,4 @@
-"""What the inputs tell of themselves: which have begun or ceased to be good, which err, which never came."""
+"""News of the inputs: which have become good, or are no longer good, which are wrong, which never came."""
 
 from collections.abc import Mapping
 
@@ -22,7 +22,7 @@ class InputNews:
     ----------
     wiring : Wiring
     meters : mapping
-        What holds currents against voltages, by the inputs of both.
+        Comparisons of each current with its voltage, by the inputs of both.
 
     Attributes
     ----------
@@ -86,10 +86,10 @@ class InputNews:
         return [(wiring.names[i][0], wiring.channels[i], Quality(int(self.quality[i]))) for i in sorted(bad)]
 
     def unheard(self) -> dict[str, str]:
-        """Tell of which inputs no sample ever came, by string, as text."""
+        """List the inputs of which no sample ever came, by string, as text."""
         missing: dict[str, list[str]] = {}
         for i in np.flatnonzero(~self.heard).tolist():
             if self._wiring.channels[i].quantity == "cell_voltage" or i in self._wiring.spare:
-                continue  # our own DBC always has them; few buses carry them
+                continue  # our own DBC always contains them, but few buses carry them
             missing.setdefault(self._wiring.names[i][0], []).append(self._wiring.channels[i].signal or "")
         return {name: ", ".join(signals) for name, signals in missing.items()}

@@ -56,13 +56,13 @@ class Inputs:
     can_ids : ndarray of uint32
         Identifiers that carry an input, ascending: the kernel's filter and ours.
     rejected : dict of str to int
-        Samples turned away so far, by reason.
+        Refused samples so far, by reason.
     good : tuple of Samples and ndarray of bool
-        Samples of the newest tick, and which of them are believed.
+        Samples of the newest tick, and which of them the guard has accepted.
     counts : ndarray of int64 (C, 16)
         Samples of each input so far, by `Quality`.
     extremes : ndarray (2, C)
-        Least and greatest value of each input so far, believed or not, in the DBC's unit; ±inf before the first.
+        Least and greatest value of each input so far, used or refused, in the DBC's unit; ±inf before the first.
     """
 
     def __init__(self, plan: Plan, database: Database, *, whole: bool = False) -> None:
@@ -90,7 +90,7 @@ class Inputs:
         self.counts = np.zeros((len(signals), QUALITIES), np.int64)
         self.extremes = np.array([[np.inf], [-np.inf]]).repeat(len(signals), axis=1)
         self.rejected: dict[str, int] = {}
-        # stamps of frames of ticks to come that give no sample, by reason
+        # stamps of the collected frames that give no sample, by reason
         self._passed_over = {UNKNOWN_MUX: np.empty(0, np.int64), REPEATED: np.empty(0, np.int64)}
 
     def wanted(self, frames: FrameBatch) -> FrameBatch:
@@ -128,7 +128,7 @@ class Inputs:
         samples : Samples
         t0, t1 : int
         expected : ndarray (N,), optional
-            Surfaces that the model last had, °C: which of several cells a reading belongs to.
+            Last surfaces of the model, °C; they decide which of several cells a reading belongs to.
         """
         self._news.heard[samples.input] = True
         g = self._guard.update(samples.time_ns, samples.input, samples.value, samples.flag, t1, self._integrals.active)
@@ -218,9 +218,9 @@ class Inputs:
         return self._news.faults()
 
     def unheard(self) -> dict[str, str]:
-        """Tell of which inputs no sample ever came, by string, as text."""
+        """List the inputs of which no sample ever came, by string, as text."""
         return self._news.unheard()
 
     def forget(self) -> None:
-        """Forget what does not hold after a gap: the last current, the slope of the inlet."""
+        """Forget what is no longer valid after a gap: the last current and the slope of the inlet."""
         self._integrals.forget()

@@ -16,7 +16,7 @@ from bms_gateway.identify import PairMeans
 from bms_gateway.thermal import Floats
 
 GOOD = int(Quality.GOOD)  # numpy takes many times longer to compare with a member of an enumeration
-ACTIVE_A = 1.0  # mean current of a tick from which on a sensor that never moves is suspicious
+ACTIVE_A = 1.0  # mean current of a tick above which a sensor that never moves is suspicious
 
 
 class Integrals:
@@ -33,7 +33,7 @@ class Integrals:
     pairs : list of (int, int)
         Inputs of each current and of its voltage (−1 for none), in the order of the means.
     meters : dict
-        What holds each current against its voltage, by pair.
+        Comparison of each current with its voltage, by pair.
     inlets : dict
         Line of each inlet, by input.
     active : bool
@@ -60,7 +60,7 @@ class Integrals:
     ) -> tuple[list[Means], list[PairMeans | None]]:
         """Take the good samples of a tick [t0, t1); return the means of `pairs`, and of cells' voltages by string.
 
-        What a voltage says against a current is written into `quality` and `channel_quality`.
+        If a voltage contradicts a current, `quality` and `channel_quality` of the current are changed.
         """
         self.refused = 0
         s = samples.sorted_by_input((quality == GOOD) & self._followed.take(samples.input))
@@ -100,7 +100,7 @@ class Integrals:
         return time_ns[keep], value[keep]
 
     def forget(self) -> None:
-        """Forget what does not hold after a gap: the last current, the slope of the inlet."""
+        """Forget what is no longer valid after a gap: the last current and the slope of the inlet."""
         for current in self._currents.values():
             current.forget()
         for meter in self.meters.values():

@@ -25,7 +25,7 @@ class Jobs:
         self._next = 1
 
     def hand_out(self, string: int, job: Job, now_ns: int, due_ns: int) -> StartJob:
-        """Give a job of a string its number, and make the event that tells it."""
+        """Give a job of a string its number, and make its event."""
         event = StartJob(now_ns, self._next, due_ns, job)
         self._running[self._next] = _Running(string, due_ns, job)
         self._next += 1
@@ -37,7 +37,7 @@ class Jobs:
             self._running[job_id].taken = True
 
     def awaits(self, job_id: int) -> bool:
-        """Whether the result of a job is still of use: it has not been applied."""
+        """Whether a job still needs a result: none has been applied."""
         return job_id in self._running
 
     def finish(self, job_id: int, result: object) -> None:

@@ -8,7 +8,7 @@ from bms_gateway.engine.readings import Readings
 
 
 def judged(t1: int, frames: int, rejected: Mapping[str, int], estimators: Estimators, readings: Readings) -> Judged:
-    """Gather the errors of the tick that ends at `t1`, ns.
+    """Collect the errors of the tick that ends at `t1`, ns.
 
     Parameters
     ----------
@@ -18,7 +18,7 @@ def judged(t1: int, frames: int, rejected: Mapping[str, int], estimators: Estima
         Counts so far.
     estimators : Estimators
     readings : Readings
-        What they were given.
+        Inputs of the estimators at this tick.
     """
     innovation, innovation_sd = estimators.errors()
     of_each = []

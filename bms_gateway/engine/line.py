@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from bms_gateway.thermal import Floats
 
-READINGS = 8  # the error of the line's end is then 0.65 of a reading's noise, its lag still nothing
-SPAN_NS = 20_000_000_000  # older readings belong to another slope
+READINGS = 8  # the error at the line's end is then 0.65 of a reading's noise, still without lag
+SPAN_NS = 20_000_000_000  # older readings may belong to another slope
 
 
 class Line:

@@ -1,8 +1,8 @@
-"""What the load and the inlet of strings will be: what they are now, and by how much such a guess has been off so far.
+"""Forecast of the load and the inlet of strings: the present values, with the errors that such forecasts had so far.
 
-A *steady* current is taken at its word after twenty seconds. A restless one goes on with the mean square of the last
-minutes. By how much a held load, and a held inlet, were off what came is remembered for each horizon, over an hour: no
-model of drives is needed, and a bus that charges for hours gets the narrow band that it deserves.
+A current that has been *steady* for twenty seconds is expected to stay constant. Any other current is expected to go
+on with the mean square of the last minutes. For each horizon, the errors of such forecasts of load and inlet are
+averaged over an hour. So no model of drives is needed, and a vehicle that charges for hours gets a narrow band.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,24 +17,25 @@ from bms_gateway.observe.stored import like, plain
 from bms_gateway.thermal import Floats
 
 RESTLESS_S = 120.0
-"""Mean of a restless load: of 10, 20, 30, 60, 120, 240, 600 s best over the next one to ten minutes of eight drives."""
+"""Time constant of the mean of a load that is not steady. Of 10, 20, 30, 60, 120, 240 and 600 s it gives the best
+forecasts for one to ten minutes on eight drives."""
 STEADY = 0.2
-"""Share by which the squares of a steady current's seconds differ in two steps."""
+"""Largest relative difference of the squared current within two steps for which the current counts as steady."""
 LEAST_A2 = 1.0
-"""A²: below it a current is steady whatever its noise."""
+"""A²: a smaller squared current counts as steady whatever its noise."""
 MEMORY_S = 3600.0
 PRIOR_STEPS = 12.0
-"""Two minutes: what the first guesses weigh against the errors that were seen."""
+"""Weight of the assumed errors against the observed ones: two minutes of observed errors weigh as much."""
 PRIOR_LOAD = 1.0
-"""Share of the load by which a held one is off before any error was seen: drives' are 0.5 to 1.2."""
+"""Assumed relative error of a forecast load before any error was observed; it is 0.5 to 1.2 on drives."""
 PRIOR_INLET_K = 0.5
-"""K in ten minutes."""
+"""Assumed change of the inlet in ten minutes, K."""
 HEAT_S = 600.0
 """Mean of the heat that voltages tell per square of the current."""
 MOST: Final = 1e15
 """A⁴: more than the square of any mean square current."""
 LEAST_KNOWN = 0.5
-"""Share of a step's seconds that must be known."""
+"""Least share of a step's seconds that must be known."""
 
 
 class Load:
@@ -43,11 +44,11 @@ class Load:
     Attributes
     ----------
     square, current : ndarray (S,)
-        Mean square of the time ahead, A², and mean current, A; NaN before anything is known.
+        Forecast mean square of the current, A², and mean current, A; NaN before anything is known.
     steady : ndarray of bool (S,)
-        Whether the current stands.
+        Whether the current is steady.
     heat_per_square : ndarray (S,), W/A²
-        Of a mean cell by its voltage; NaN where none tells.
+        Heat of a mean cell from its voltage over the squared current; NaN if unknown.
     """
 
     def __init__(self, strings: int) -> None:
@@ -55,14 +56,16 @@ class Load:
         self.steady = np.zeros(strings, np.bool_)
         self.inlet = np.full(strings, np.nan)
         self._slow, self._mean = np.full((2, strings), np.nan)
-        self._before = np.full((4, strings), np.nan)  # of the last step: least, greatest and mean square, mean current
+        self._before = np.full(
+            (4, strings), np.nan
+        )  # last step: least, greatest and mean squared current, mean current
         self._heat = np.zeros((2, strings))
         H = len(ENDS)
         self._error, self._strayed, self._weight = np.zeros((H, strings)), np.zeros((H, strings)), np.zeros(H)
-        self._past: list[tuple[Floats, Floats, Floats]] = []  # guesses, inlets and squares of the last steps
+        self._past: list[tuple[Floats, Floats, Floats]] = []  # forecasts, inlets and squared currents of the last steps
 
     def forget(self) -> None:
-        """Begin anew after a time without frames; how far guesses were off is remembered."""
+        """Begin again after a time without frames; the errors of earlier forecasts are kept."""
         self._past.clear()
         self._before[:] = np.nan
         self._slow[:], self._mean[:] = np.nan, np.nan
@@ -73,11 +76,11 @@ class Load:
         Parameters
         ----------
         means : ndarray (T, 5, S)
-            Of its ticks, as `Readings.means`.
+            Means of its ticks, as `Readings.means`.
         inlet : ndarray (S,), °C
-            Newest; NaN where not known.
+            Newest inlet; NaN if unknown.
         heat : sequence of ndarray (S,), W
-            Of a mean cell by its voltage, of the ticks; NaN where none tells. Empty where no string has any.
+            Heat of a mean cell from its voltage, for each tick; NaN if unknown. Empty if no string has a voltage.
         """
         I, square = means[:, 0], means[:, 1]  # noqa: E741
         known = np.isfinite(square)
@@ -110,7 +113,7 @@ class Load:
         self.heat_per_square = np.divide(made, squares, out=np.full(len(made), np.nan), where=squares > LEAST_A2)
 
     def _learn(self, now: Floats) -> None:
-        """Hold what came against what was guessed."""
+        """Compare what came with the earlier forecasts."""
         self._past.append((self.square, self.inlet, now))
         if len(self._past) > ENDS[-1] + 1:
             del self._past[0]
@@ -125,23 +128,23 @@ class Load:
             self._strayed[h] += share * np.nan_to_num(np.square(self.inlet - inlet) - self._strayed[h])
 
     def square_sd(self) -> Floats:
-        """Tell by how much loads will be off (H, S), A²; of the first guesses as of drives."""
+        """Give the expected errors (H, S) of the forecast loads, A²; those of drives before any error was observed."""
         left = PRIOR_STEPS / (self._weight + PRIOR_STEPS)
         first = np.square(PRIOR_LOAD * np.nan_to_num(self.square))
         return np.asarray(np.sqrt(self._error + left[:, None] * first), dtype=np.float64)
 
     def inlet_sd(self) -> Floats:
-        """Tell by how much inlets will be off that of now (H, S), K."""
+        """Give the expected change (H, S) of the inlets from now on, K."""
         left = PRIOR_STEPS / (self._weight + PRIOR_STEPS)
         first = PRIOR_INLET_K**2 * np.array(HORIZONS_S) / HORIZONS_S[-1]
         return np.asarray(np.sqrt(self._strayed + (left * first)[:, None]), dtype=np.float64)
 
     def snapshot(self) -> dict[str, Any]:
-        """Return how far guesses were off, and the heat that voltages told, as lists of numbers."""
+        """Return the errors of forecasts, and the heat from voltages, as lists of numbers."""
         return {name: plain(getattr(self, f"_{name}")) for name in _KEPT}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Take up a snapshot of as many strings.
+        """Restore a snapshot of the same number of strings.
 
         Raises
         ------
@@ -159,6 +162,6 @@ _KEPT = ("error", "strayed", "weight", "heat")
 
 
 def _followed(mean: Floats, now: Floats, share: float) -> Floats:
-    """Let a mean follow; it begins with the first value, and stays where nothing is known."""
+    """Update a running mean; it begins with the first value, and an unknown value leaves it unchanged."""
     mean = np.where(np.isnan(mean), now, mean)
     return np.where(np.isnan(now), mean, mean + share * (now - mean))

@@ -1,4 +1,4 @@
-"""Observers as a group of strings drives them: what each takes in, and what it leaves for those who identify."""
+"""The observer of a group of strings: the inputs that it gets, and what it gives to the identifiers."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -34,10 +34,10 @@ class Driven(NamedTuple):
     square : ndarray (S,), A²
         Mean square of the current.
     heat : ndarray (S,), W
-        Of one cell by the voltage; NaN for none.
+        Heat of one cell from the voltage; NaN if unknown.
     inlet : ndarray (S,), °C
     flow : ndarray (S,) or None
-        Over nominal.
+        Flow over nominal flow.
     """
 
     square: Floats
@@ -51,7 +51,7 @@ class Observed(Protocol):
 
     @property
     def observer(self) -> Observer:
-        """What states, parameters and gaps are asked of."""
+        """The observer, for its states, its parameters and gaps."""
         ...
 
     @property
@@ -75,13 +75,13 @@ class Observed(Protocol):
         ...
 
     def looks_ahead(self) -> LooksAhead:
-        """Make what looks ahead from where the observer stands."""
+        """Make the outlook that forecasts from the observer's state."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class PlainStrings:
-    """S strings of two nodes a cell, stacked."""
+    """S strings with two nodes per cell, stacked."""
 
     observer: AdaptiveObserver
     by_voltage: bool
@@ -101,7 +101,7 @@ class PlainStrings:
         return heat[:, None] * self.observer.share if self.by_voltage else None
 
     def plainly(self, driven: Driven) -> tuple[Floats, Floats]:
-        """Return what drove it."""
+        """Return the square of the current and the inlet."""
         return driven.square, driven.inlet
 
     def looks_ahead(self) -> LooksAhead:
@@ -111,7 +111,7 @@ class PlainStrings:
 
 @dataclass(frozen=True, slots=True)
 class StringWithEffects:
-    """One string by its full physics, number `number` of the plan."""
+    """One string with its effects: number `number` of the plan."""
 
     observer: "EffectObserver"
     string: StringEstimator
@@ -120,8 +120,10 @@ class StringWithEffects:
 
     @classmethod
     def of(cls, s: StringEstimator, number: int, dt: float, disturbance: Disturbance) -> "StringWithEffects":
-        """Build it for a string, which is given the effects' numbers."""
-        from bms_gateway.health.heat.effect_share import EffectShare  # the catalogue doubles the time of a start
+        """Build the observer of a string, and give the string the numbers of its effects."""
+        from bms_gateway.health.heat.effect_share import (
+            EffectShare,
+        )  # importing the catalogue doubles the time of a start
         from bms_gateway.identify.window_effects import heat_only
         from bms_gateway.observe.effect_observer import EffectObserver
 
@@ -142,11 +144,11 @@ class StringWithEffects:
 
     @property
     def shares(self) -> Sequence[Share]:
-        """Return that of its effects, where they do more than heat the cores."""
+        """Return the share of its effects, if they do more than heat the cores."""
         return () if self.share is None else (self.share,)
 
     def by_cell(self, heat: Floats) -> None:
-        """Take no heat from outside: `voltage_heat` is one of the effects."""
+        """Return none: the heat from the voltage is an effect of the model (`voltage_heat`)."""
 
     def plainly(self, driven: Driven) -> tuple[Floats, Floats]:
         """Return what its effects come to."""
@@ -163,7 +165,7 @@ class StringWithEffects:
 def plain_strings(
     strings: Sequence[StringEstimator], members: Sequence[int], dt: float, disturbance: Disturbance
 ) -> PlainStrings:
-    """Stack strings numbered `members`, with what was kept of their cells."""
+    """Stack the strings numbered `members`, with the stored numbers of their cells."""
     mine = [strings[i] for i in members]
     several = any(s.plan.of_several for s in mine)
     observer = AdaptiveObserver([s.plan.model for s in mine], dt, disturbance, several=several)

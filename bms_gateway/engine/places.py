@@ -1,4 +1,4 @@
-"""Where the readings of all strings stand among the inputs: one numpy pass per quantity and tick."""
+"""Indices of the inputs of all strings, with which one numpy pass per quantity and tick collects the readings."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ class Places:
     Attributes
     ----------
     surface, volts : ndarray of intp (N,)
-        Of each cell. The voltage is the cell's; of a string of one cell the string's, where the cell has none.
+        Input of each cell. A cell without a voltage input uses that of its string if the string has one cell only.
     sensed : ndarray of bool (N,)
         Which cells have a surface.
     parts : tuple of slice
@@ -43,7 +43,7 @@ class Places:
 
     @classmethod
     def of(cls, plan: Plan, wires: Sequence[Wire], pairs: Sequence[tuple[int, int]]) -> "Places":
-        """Gather them from the wires of a plan."""
+        """Collect the indices from the wires of a plan."""
         surface = np.concatenate([w.surface for w in wires])
         volts = [w.cell_voltage if len(w.surface) > 1 else np.maximum(w.cell_voltage, w.voltage) for w in wires]
         layout = Layout.of([s.name for s in plan.strings], [s.model.cells for s in plan.strings])

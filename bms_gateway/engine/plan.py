@@ -25,7 +25,8 @@ class Channel:
     constant : float or None
         Used where the bus has none (SI, °C).
     statistic : {"max", "min", "mean"} or None
-        A surface that is the greatest, least or mean one of the cells `among` (1-based), and of none for itself.
+        For a surface: the reading is the greatest, least or mean surface of the cells `among` (1-based), not that of
+        one certain cell.
     scale, offset : float
         Quantity = scale · decoded value + offset; brings the DBC's unit to SI and mends a log that is wrong about it.
     """
@@ -41,7 +42,7 @@ class Channel:
 
     @property
     def key(self) -> tuple[str, int | None]:
-        """What a feed of values calls it: quantity and cell, `max_surface` and the like for one of several cells."""
+        """Key of the channel in a feed of values: quantity and cell; for several cells `max_surface` and similar."""
         return (self.quantity, self.cell) if self.statistic is None else (f"{self.statistic}_surface", None)
 
 
@@ -57,7 +58,7 @@ class StringPlan:
 
     @property
     def of_several(self) -> bool:
-        """Whether readings are of some cell among several: which one it is, is an expectation."""
+        """Whether a reading belongs to one of several cells, so that the model must say to which."""
         return any(c.among for c in self.channels)
 
 
@@ -73,14 +74,14 @@ class Plan:
     tick_ns : int
         Period of the estimator, ns of bus time; ticks fall on its multiples.
     silent_after_ns : int
-        With no wanted frame for so long the bus is taken for asleep: no more ticks, nothing sent, until a frame wakes
-        the engine, which then propagates its state over the gap in one step.
+        After this time without a wanted frame the bus counts as asleep: there are no ticks, and nothing is sent. The
+        next frame wakes the engine, which then carries its state over the gap in one step.
     disturbance : Disturbance
         What the observers assume that the models do not know.
     cells : CellSettings
-        How unlike cells are, and what their voltages are worth.
+        Scatter of the cells, and how exact their voltages are.
     alerts : AlertSettings
-        When something wrong becomes an alert, and the limits.
+        When a condition becomes an alert, and the limits.
     """
 
     strings: tuple[StringPlan, ...]

@@ -16,20 +16,20 @@ from bms_gateway.observe import Estimate as States
 from bms_gateway.thermal import KINDS, Floats, StringParameters
 
 LOWEST_C, HIGHEST_C = -60.0, 200.0
-"""Limits beyond what cells survive and what the guards accept, with room for a core above its surface."""
+"""Limits wider than what cells survive and what the guard accepts, with room for a core above its surface."""
 WIDEST_SD_K = 200.0
-"""A string of which nothing is known starts with 22 K."""
+"""Greatest standard deviation; a string of which nothing is known starts with 22 K."""
 WIDEST_LN_SD = 5.0
 """A parameter that is known to a factor of 150 is not known at all; the sd of priors is far smaller."""
 PAST_BOUND = 1.0
 """ln: a posterior may exceed a bound, but not by a factor of e."""
 NEGATIVE = -1e-6
-"""Share of the largest eigenvalue that rounding may leave of a covariance's smallest."""
+"""Rounding may make the smallest eigenvalue of a covariance negative by this share of the largest one."""
 
 
 @contextmanager
 def fitting() -> Iterator[None]:
-    """Take up a stored state; what raises because it has another form than this program's is a `StateError`.
+    """Restore a stored state; an exception because of an unknown form becomes a `StateError`.
 
     Raises
     ------
@@ -97,7 +97,7 @@ def check_numbers(name: str, p: StringParameters) -> None:
     """
     for symbol in KINDS:
         value = np.atleast_1d(getattr(p, symbol))
-        value = value[value != np.inf]  # of what the string has not: no conduction, no coolant node
+        value = value[value != np.inf]  # the string has no conduction or no coolant node
         low, high = KINDS[symbol].lower * np.exp(-PAST_BOUND), KINDS[symbol].upper * np.exp(PAST_BOUND)
         bad = ~((value >= low) & (value <= high))
         if bad.any():

@@ -1,4 +1,4 @@
-"""Inputs of the estimators at a tick: of all strings side by side, and of one string where only one is needed.
+"""Inputs of the estimators at a tick: of all strings together, and of a single string.
 
 There are many strings and a tick every second, so each measured quantity is one array for all strings. An object for
 one string is made only for code that works string by string.
@@ -57,7 +57,7 @@ class Reading:
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Where each string's cells stand in one row that holds the cells of all.
+    """Place of each string's cells in one row with the cells of all strings.
 
     Attributes
     ----------
@@ -71,7 +71,7 @@ class Layout:
 
     @classmethod
     def of(cls, names: Sequence[str], cells: Sequence[int]) -> "Layout":
-        """Lay out strings of so many cells each."""
+        """Make the layout of strings with these numbers of cells."""
         ends = accumulate(cells, initial=0)
         return cls(tuple(names), tuple(slice(first, end) for first, end in pairwise(ends)))
 
@@ -91,7 +91,7 @@ class Readings:
     parts : tuple of slice
         Each string's of the N cells.
     cells : list of PairMeans or None
-        By string; empty where no string hears its cells' voltages.
+        One per string; empty if no string has voltages of its cells.
     several : tuple of ndarray (N,) or None
         Which readings are of some cell among several; None where no string has such.
     """

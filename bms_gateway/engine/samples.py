@@ -1,4 +1,4 @@
-"""Decoded samples in the order of the bus, and what came of all cells in a tick."""
+"""Decoded samples in the order of the bus, and the values of all cells received in a tick."""
 
 from dataclasses import dataclass
 
@@ -41,7 +41,7 @@ class Raw:
     value, time_s : ndarray (N,)
         Newest surface as decoded, °C, and its stamp, s; NaN where none came.
     invalid : ndarray of bool (N,)
-        Where a sample came whose sender says "not available" or "error".
+        Cells for which the sender has sent "not available" or "error".
     volt : ndarray (N,)
         Newest voltage of the cell, V; NaN where none came.
     """

@@ -24,7 +24,7 @@ AHEAD_NS = 60_000_000_000
 
 @dataclass(slots=True)
 class Clock:
-    """State of the line; see the module's text.
+    """The state of this line of time; see the module's text.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class Clock:
     shift_ns : int
         Added to raw stamps since the clock was set back.
     reordered, set_back, absurd : int
-        What was met.
+        Number of frames out of order, of clocks set back, of absurd stamps.
     """
 
     first_ns: int = 0
@@ -45,7 +45,9 @@ class Clock:
     set_back: int = 0
     absurd: int = 0
     _held: FrameBatch | None = None
-    _news: deque[tuple[int, str]] = field(default_factory=deque)  # `faults` as they became with a frame of that time
+    _news: deque[tuple[int, str]] = field(
+        default_factory=deque
+    )  # new texts of `faults`, with the time of the frame that caused them
 
     def straighten(self, frames: FrameBatch) -> FrameBatch:
         """Put a batch onto the line.
@@ -58,7 +60,8 @@ class Clock:
         Returns
         -------
         FrameBatch
-            With non-decreasing times, never below what was given out before; a held frame may lead or lack.
+            Frames with non-decreasing times, never below earlier ones. A frame held from before may lead, and the last
+            may be held.
         """
         if self._held is not None:
             frames = FrameBatch.concat([self._held, frames])
@@ -116,7 +119,7 @@ class Clock:
             last = t
             if odd:
                 if self._news and self._news[-1][0] == t:
-                    self._news.pop()  # a clock that is set back again and again stops time here: one entry for all
+                    self._news.pop()  # a clock that is set back repeatedly stops time here: one entry for all
                 self._news.append((t, self.faults()))
                 odd = False
             keep.append(i)

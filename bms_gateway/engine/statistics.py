@@ -26,10 +26,10 @@ def statistic_of(kind: Statistic, surfaces: Sequence[Floats] | Floats) -> Floats
 
 
 def stand_in(kind: Statistic, cells: Sequence[int]) -> int:
-    """Tell which of several equal cells stands for a reading where no model says how they differ.
+    """Choose the cell that a reading of several cells is assigned to if no model says how the cells differ.
 
-    The greatest is the last one's, where coolant is warmest, the least the first one's, and the mean that of the one
-    midway: conduction between neighbours then does not hold them together.
+    The greatest reading belongs to the last cell, where the coolant is warmest, the least to the first cell, and the
+    mean to the cell midway. So the three cells are not neighbours, whose temperatures conduction would equalise.
 
     Examples
     --------
@@ -48,7 +48,7 @@ class OneOfSeveral:
     input : int
     kind : {"max", "min", "mean"}
     cells : ndarray of intp (k,)
-        Among all cells of all strings.
+        Indices among all cells of all strings.
     """
 
     input: int
@@ -61,21 +61,21 @@ class OneOfSeveral:
         return STATISTICS.index(self.kind) + 1
 
     def place(self, value: float, y: Floats, expected: Floats | None) -> tuple[int, float]:
-        """Find the cell, and what its surface must be.
+        """Find the cell that the reading belongs to, and the reading of its surface.
 
         Parameters
         ----------
         value : float
             The reading, °C.
         y : ndarray (N,)
-            Readings of single cells, NaN without one: they are better than an expectation.
+            Readings of single cells, NaN without one; they are used in place of the model's surfaces.
         expected : ndarray (N,) or None
-            Surfaces that the model has, °C.
+            Surfaces of the model, °C.
 
         Returns
         -------
         cell, reading
-            −1 where a cell with a sensor of its own is the one.
+            The cell is −1 if it has a sensor of its own.
         """
         T = np.full(len(self.cells), value) if expected is None else expected[self.cells].copy()
         measured = np.isfinite(y[self.cells])

@@ -1,4 +1,4 @@
-"""What belongs to one string alone: its numbers of the newest tick, its identifiers, its health."""
+"""The parts of one string: its estimates at the newest tick, its identifiers, its health."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -33,10 +33,10 @@ from bms_gateway.observe import Measured
 from bms_gateway.thermal import KINDS, Floats
 from bms_gateway.thermal.centre import hottest_of
 
-GOOD_SD = 0.1  # relative; an electrical resistance known worse than this is still being learnt
+GOOD_SD = 0.1  # relative sd; an electrical resistance that is known worse is not used yet
 CELL_V = (2.0, 4.6)  # V: lithium-ion, empty to full; a string's voltage shared out is not below
 CAPACITY_AH = 8.0  # where the model file does not say; the voltage's slope needs its order of magnitude only
-LEAST_CELLS = 3  # a string whose median a single cell does not move
+LEAST_CELLS = 3  # least number of cells for which one cell does not move the median
 
 FLAG_NAMES = {
     "ageing": ("", "R_e_watch", "R_e_warning", "R_e_alarm"),
@@ -67,7 +67,7 @@ class Newest:
         Heat of a cell that no current makes; NaN where no sensor tells of it.
     withheld : ndarray (3, N) or None
         Core, hottest point and its sd of cells known too badly to be sent; NaN elsewhere, None where there are none.
-        Limits are held against them all the same: an unknown cell may be a hot one.
+        They are compared with the limits all the same, because an unknown cell may be hot.
     """
 
     core: Floats
@@ -82,15 +82,15 @@ class Newest:
 
     @classmethod
     def nothing(cls, cells: int) -> "Newest":
-        """Know nothing yet of so many cells."""
+        """Make the numbers of so many cells, all unknown."""
         core, core_sd, surface, centre, centre_sd, heat, heat_sd = np.full((7, cells), np.nan)
         quality = np.full(cells, np.uint8(Quality.NEVER))
         return cls(core, core_sd, surface, quality, centre, centre_sd, heat, heat_sd)
 
     def renew(self) -> None:
-        """Make room for another tick's numbers; whoever has kept the last one's keeps them as they were.
+        """Make new arrays for the next tick; holders of the last arrays keep them unchanged.
 
-        Heat stays as it is until it is told anew.
+        Heat keeps its value until a new one comes.
         """
         self.core, self.core_sd, self.surface, self.centre, self.centre_sd = np.empty((5, len(self.core)))
         self.quality = np.empty_like(self.quality)
@@ -134,10 +134,10 @@ class StringEstimator:
     health : StringHealth
         With `ageing` and `mismatch`, which are what is asked for most.
     kept : CellNumbers or None
-        What a commissioning run left in its model.
+        Numbers of the cells from the commissioning run.
     hot, burning, runaway : bool
-        Whether a cell is over its limit or lost in heat; whether a measured surface is so, or a cell runs away; whether
-        one has run away.
+        `hot`: a cell is above its limit, or its core is unknown because of heat. `burning`: a measured surface is above
+        its limit, or a cell runs away. `runaway`: a cell has run away.
     forecast : Forecast or None
         What comes next, renewed every ten seconds; None before anything is known.
     """
@@ -181,7 +181,7 @@ class StringEstimator:
 
     @property
     def own_heat(self) -> Floats:
-        """Heat (n,) that no current makes, W; NaN for cells of which no sensor tells."""
+        """Heat (n,) that no current makes, W; NaN for cells without a sensor that shows it."""
         return self.newest.heat[self.mine]
 
     @property
@@ -213,7 +213,7 @@ class StringEstimator:
     def of(
         cls, plan: StringPlan, wire: Wire, whole: Plan, newest: Newest, mine: slice, mismatch: Mismatch
     ) -> "StringEstimator":
-        """Build from the plan, knowing nothing yet."""
+        """Build the string from the plan; nothing is estimated yet."""
         identifier = build(plan.identify, plan.model)
         n = plan.model.cells
         cells = CellIdentifier(plan.model, whole.disturbance, whole.cells) if hears_cells(plan, wire) else None
@@ -221,7 +221,7 @@ class StringEstimator:
             plan,
             wire,
             identifier,
-            # a model with effects says itself where the heat comes from
+            # in a model with effects, the effects decide where the heat comes from
             VoltageTracker(plan.model.capacity_Ah or CAPACITY_AH, n)
             if wire.voltage >= 0 and not plan.model.effects
             else None,
@@ -238,19 +238,19 @@ class StringEstimator:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """What speaks against the string's cores, a sentence each; while there is any they are sent as doubtful."""
+        """Reasons why the string's cores are not proven, a sentence each; with any reason they are sent as doubtful."""
         return self.plan.model.doubts + self.identifier.doubts()
 
     @property
     def flags(self) -> tuple[str, ...]:
-        """Raised flags by name, as in the summary of an analysis."""
+        """Names of the raised flags, as in the summary of an analysis."""
         raised = (
             FLAG_NAMES[c.code][c.level] + (f":{c.cell}" if c.cell is not None else "") for c in self.health.conditions()
         )
         return tuple(raised)
 
     def resistance(self) -> float:
-        """Electrical resistance of a mean cell, Ω, where its voltage tells it well; else NaN."""
+        """Electrical resistance of a mean cell, Ω, if the voltage determines it well; otherwise NaN."""
         if self.electrical is None:
             return nan
         R, sd = self.electrical.resistance, self.electrical.resistance_sd
@@ -264,7 +264,7 @@ class StringEstimator:
         return self.electrical.heat / self.plan.model.cells
 
     def known(self) -> tuple[Estimate, ...]:
-        """Parameters as the identifiers have them; R_e from the voltage where that makes the heat."""
+        """Parameters of the identifiers; R_e comes from the voltage if the heat does."""
         common = self.identifier.estimates()
         found = common + ((self.cells.estimates() if self.cells is not None else ()) or self._as_kept(common))
         if self.electrical is None or self.electrical.heat != self.electrical.heat:
@@ -276,7 +276,7 @@ class StringEstimator:
         return tuple(electrical if e.name == "R_e" else e for e in found)
 
     def _as_kept(self, common: tuple[Estimate, ...]) -> tuple[Estimate, ...]:
-        """R_e of each cell as told apart at commissioning: all go with what is common to them."""
+        """R_e of each cell: the ratios between cells from commissioning, times the common R_e."""
         if self.kept is None:
             return ()
         now, R = next(e for e in common if e.name == "R_e"), np.asarray(self.kept.values["R_e"])
@@ -292,15 +292,15 @@ class StringEstimator:
         return flow / nominal if nominal else nan
 
     def learn(self, tick: Tick, current: float, soc: float, flow: float, pairs: PairMeans | None) -> list[Job]:
-        """Let everything that identifies take in a tick; what it wants computed.
+        """Pass a tick to all identifiers; return the jobs that they want computed.
 
         Parameters
         ----------
         tick : Tick
         current, soc, flow : float
-            Mean A; 0…1; over nominal. NaN where unknown.
+            Mean current, A; state of charge, 0…1; flow over nominal flow. NaN if unknown.
         pairs : PairMeans or None
-            Of its cells' voltages.
+            Voltages of its cells, paired with the current.
         """
         jobs: list[Job | None] = [self.identifier.add(tick)]
         if self.health.commissioned:
@@ -310,20 +310,20 @@ class StringEstimator:
         return [job for job in jobs if job is not None]
 
     def patience(self, dt: float) -> int:
-        """Tell how many regular ticks may wait before `learn` must have one; then `take` brings what has waited."""
+        """Say how many regular ticks may wait before `learn` must get one; `take` then gets the waiting ticks."""
         if self.cells is not None:
             return 0
         own = self.identifier.patience(dt)
         return min(own, self.health.collector.patience(dt)) if self.health.commissioned else own
 
     def take(self, ticks: Ticks) -> None:
-        """Let everything that identifies take in regular ticks that have waited."""
+        """Pass waiting regular ticks to all identifiers."""
         self.identifier.take(ticks)
         if self.health.commissioned:
             self.health.collector.take(ticks)
 
     def measured(self, reading: Reading) -> Measured:
-        """Gather what the observer of a string with effects takes in at a tick."""
+        """Collect the inputs of the observer of a string with effects at a tick."""
         m, n = reading.means, self.plan.model.cells
         if m.V / n < CELL_V[0] <= m.V <= CELL_V[1]:
             n = 1  # the mean of the cells' voltages, as offline
@@ -332,7 +332,7 @@ class StringEstimator:
 
 
 def health_of(plan: StringPlan, identifier: Identifier | None = None, mismatch: Mismatch | None = None) -> StringHealth:
-    """Build the health of a string, knowing nothing yet but its model."""
+    """Build the health of a string from its model."""
     method = build(plan.identify, plan.model) if identifier is None else identifier
     return StringHealth(
         plan.model,
@@ -343,12 +343,12 @@ def health_of(plan: StringPlan, identifier: Identifier | None = None, mismatch: 
 
 
 def hears_cells(plan: StringPlan, wire: Wire) -> bool:
-    """Whether enough cells' voltages may come to tell the cells apart; whether they do is seen on the way."""
+    """Whether enough cells have a voltage signal to tell the cells apart; whether the signals come is seen later."""
     return identifies_cells(plan) and 2 * int((wire.cell_voltage >= 0).sum()) >= plan.model.cells
 
 
 def unproven(doubts: Sequence[str]) -> str:
-    """Say that cores are not proven, why, and what to do."""
+    """Make the sentence that cores are not proven, with the reason and what to do."""
     more = f" (and {len(doubts) - 1} more)" if len(doubts) > 1 else ""
     return (
         f"cores not proven, sent as doubtful: {doubts[0].rstrip('.')}{more}: record a drive and diagnose it, add what "

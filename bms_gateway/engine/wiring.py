@@ -29,7 +29,7 @@ class Wire:
     constants : mapping
         Quantities that the bus does not carry, by name.
     statistics : mapping
-        Inputs that are the greatest, least or mean surface of several cells, by which of these.
+        Inputs that are the greatest, least or mean surface of several cells, by kind.
     """
 
     whole: Mapping[Quantity, int]
@@ -69,7 +69,7 @@ class Wire:
 
 
 def used_inputs(string: StringPlan) -> frozenset[Quantity]:
-    """Name the inputs that the estimators of a string take in."""
+    """List the inputs that the estimators of a string use."""
     special = "effects" if string.model.effects else "cells" if identifies_cells(string) else "all"
     return frozenset(q for q, i in INPUTS.items() if i.used_by in ("all", special))
 
@@ -88,13 +88,13 @@ class Wiring:
     wires : list of Wire
         One per string.
     channels : list of Channel
-        The first that each input feeds.
+        First channel of each input.
     names : list of (str, int or None)
         The string that first names each input, and the cell.
     groups : list of int
-        Number of that string.
+        Number of this string, per input.
     spare : set of int
-        Inputs that are taken in for the record alone.
+        Inputs that are taken in only for a record.
     several : list of OneOfSeveral
     """
 
@@ -107,7 +107,7 @@ class Wiring:
 
     @classmethod
     def of(cls, plan: Plan, *, everything: bool = False) -> "Wiring":
-        """Give every input of a plan a number; with `everything` also those that no estimator takes in."""
+        """Give each input of a plan a number; with `everything` also those that no estimator uses."""
         made = cls()
         index: dict[tuple[str, float, float], int] = {}
         before = 0
@@ -124,7 +124,7 @@ class Wiring:
     def _wire(
         self, string: StringPlan, index: dict[tuple[str, float, float], int], before: int, everything: bool
     ) -> Wire:
-        """Wire a string, `before` whose first cell so many cells of other strings stand."""
+        """Wire a string; `before` is the number of cells of the strings before it."""
         whole: dict[Quantity, int] = dict.fromkeys(WHOLE, -1)
         cells: dict[Quantity, NDArray[np.intp]] = {q: np.full(string.model.cells, -1, np.intp) for q in CELL}
         constants: dict[Quantity, float] = {}

@@ -23,18 +23,18 @@ from bms_gateway.fleet.residual import REGIMES
 from bms_gateway.thermal import Floats
 
 FEWEST_VEHICLES = 4
-"""With three, one that differs cannot be told from two that do."""
+"""With three vehicles, one that differs cannot be told from two that differ."""
 FLOOR_K = 0.01
-"""Mean errors below are no concern: a tenth of a reading's noise."""
+"""Mean errors below this are ignored: a tenth of a reading's noise."""
 COMMON_SD = 4.0
 ALIKE = 0.8
-"""Share of the vehicles that must err to the same side for an error to be common."""
+"""Share of the vehicles whose errors must have the same sign for an error to be common."""
 OUTLIER_SD = 6.0
 """Far beyond chance among thousands of vehicles and a hundred places each, scatter of healthy packs included."""
 LEAST_OTHER = 0.05
 """Share of the time outside a regime, below which there is nothing to compare it with."""
 SHARED = 0.5
-"""A vehicle's other cells that are off by this share of the worst, to the same side, have it in common."""
+"""Other cells of a vehicle share the worst cell's error if theirs has the same sign and at least this share of it."""
 TO_SD = 1.4826  # from the median distance to a standard deviation, of a Gaussian
 OF_MEDIAN = 1.2533  # standard error of a median over that of a mean
 
@@ -78,7 +78,7 @@ class Position:
 
     @property
     def common(self) -> bool:
-        """Whether all vehicles make this error."""
+        """Whether the error is common to the vehicles."""
         clear = abs(self.median_K) > max(FLOOR_K, COMMON_SD * self.median_sd_K)
         return self.vehicles >= FEWEST_VEHICLES and clear and self.alike >= ALIKE
 
@@ -90,14 +90,15 @@ class Finding:
     Attributes
     ----------
     kind : str
-        `effect`: the model lacks one; `cell`: a defect of one cell; `vehicle`: of what a vehicle's cells share.
+        `effect`: the model lacks an effect; `cell`: one cell has a defect; `vehicle`: something that the cells of a
+        vehicle share has a defect.
     string : str
     cell : int or None
-        Where it shows most, 1-based; None for a whole vehicle.
+        Cell with the greatest error, 1-based; None for a whole vehicle.
     cells : tuple of int
-        Where it shows.
+        Cells that have the error.
     regime : str
-        In which it shows most.
+        Regime with the greatest error.
     regimes : tuple of str
     vehicle : str or None
     log : str
@@ -141,12 +142,12 @@ class _Column:
         return float(np.median(self.mean))
 
     def distance(self) -> Floats:
-        """Of each vehicle from the others, in standard deviations."""
+        """Distance of each vehicle from the others, in standard deviations."""
         return np.asarray((self.mean - self.median) / np.sqrt(self.spread**2 + self.sd**2))
 
 
 def draw_atlas(rows: Iterable[Row], config: str = "CONFIG", models: Mapping[str, str] | None = None) -> Atlas:
-    """Lay the residuals of all rows side by side.
+    """Compare the residuals of all rows.
 
     Parameters
     ----------
@@ -155,17 +156,13 @@ def draw_atlas(rows: Iterable[Row], config: str = "CONFIG", models: Mapping[str,
         For the command that a sentence advises.
     models : mapping of string to path, optional
         The same.
-
-    Returns
-    -------
-    Atlas
     """
     columns, logs = _columns(rows)
     by_regime: dict[tuple[str, str], list[_Column]] = defaultdict(list)
     for (string, _, regime), column in columns.items():
         by_regime[string, regime].append(column)
     for members in by_regime.values():
-        # of few vehicles the scatter is badly known: the widest of a string's cells stands for all of them
+        # the scatter of few vehicles is badly known: the widest one of a string's cells is used for all its cells
         own = [TO_SD * float(np.median(np.abs(c.mean - c.median))) for c in members]
         for c in members:
             c.spread = max(*own, 0.5 * FLOOR_K)
@@ -212,7 +209,7 @@ def _error(inside: Sequence[float], whole: Sequence[float], regime: str) -> tupl
     other = whole[0] - n
     if other < LEAST_OTHER * whole[0]:
         return None
-    # how well the mean of the other time is known: as that of the whole, over fewer readings
+    # sd of the mean of the other time: that of the whole time, increased because there are fewer readings
     return S / n - (whole[1] - S) / other, sqrt(var / n**2 + whole[2] / (whole[0] * other))
 
 
@@ -222,14 +219,14 @@ def _position(place: Place, c: _Column) -> Position:
     far = c.distance()
     worst = int(np.argmax(np.abs(far)))
     alike = float(np.mean(np.sign(c.mean) == np.sign(median)))
-    # of few vehicles the scatter is badly known, as in Student's t
+    # the scatter of few vehicles is badly known, as in Student's t
     median_sd = OF_MEDIAN * c.spread * sqrt((V - 1.0) / (V - 3.0) / V) if V >= FEWEST_VEHICLES else c.spread
     outlier = c.names[worst], float(c.mean[worst]), float(far[worst])
     return Position(string, cell, regime, V, median, median_sd, c.spread, alike, *outlier)
 
 
 def _common(members: Sequence[Position]) -> list[Position]:
-    """Those of a string's cells in one regime whose error is common; all, where they only show it together."""
+    """Give the cells of a string whose error in one regime is common; all cells if only their mean error is."""
     if len(members) > 1 and all(p.vehicles >= FEWEST_VEHICLES and p.alike >= ALIKE for p in members):
         medians = np.array([p.median_K for p in members])
         mean, sd = medians.mean(), sqrt(sum(p.median_sd_K**2 for p in members)) / len(members)
@@ -245,7 +242,7 @@ def _effects(
     config: str,
     models: Mapping[str, str],
 ) -> list[Finding]:
-    """Make at most one finding per string: common errors have one cause more often than several."""
+    """Make at most one finding per string: several common errors usually have one cause."""
     found = []
     for string in dict.fromkeys(p.string for p in positions):
         of_string = [p for p in positions if p.string == string]

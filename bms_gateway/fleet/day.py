@@ -19,7 +19,7 @@ Row = dict[str, Any]
 
 
 class _String:
-    """What is gathered of one string over a day."""
+    """What is known of one string on one day."""
 
     def __init__(self, plan: StringPlan) -> None:
         self.plan = plan
@@ -29,7 +29,7 @@ class _String:
         self.begin()
 
     def begin(self) -> None:
-        """Start a day; parameters, flags and growth go on."""
+        """Start a day; parameters, flags and growth are kept from the day before."""
         self.core, self.core_sd, self.cell, self.core_ns = nan, nan, 0, 0
         self.point, self.point_sd, self.point_cell = nan, nan, 0
         self.excess = nan
@@ -81,10 +81,6 @@ class _String:
 
 class Days:
     """Gathers events into rows.
-
-    Parameters
-    ----------
-    plan : Plan
 
     Attributes
     ----------

@@ -7,7 +7,7 @@ from pathlib import Path
 from bms_gateway import __version__
 
 FORMAT = 1
-"""Raised whenever rows come to mean something else."""
+"""To be increased whenever the meaning of the rows changes."""
 
 
 def config_key(files: Iterable[Path]) -> str:
@@ -31,7 +31,7 @@ def content_key(log: Path, config: str, vehicle: str) -> str:
     Raises
     ------
     OSError
-        There is no such log, or it cannot be looked at.
+        The log does not exist or cannot be accessed.
     """
     s = log.stat()
     return sha256(f"{s.st_size} {s.st_mtime_ns} {config} {vehicle}".encode()).hexdigest()[:16]

@@ -84,7 +84,7 @@ ATLAS = pa.schema(
 
 
 GROUP = 1000
-"""Logs whose rows are packed together: each pack costs 10 kB of its own, a row ten times less."""
+"""Number of logs whose rows are packed together: each pack adds 10 kB, each row 1 kB."""
 
 
 def write_rows(path: Path, rows: Iterable[Row], schema: Any = SCHEMA) -> None:
@@ -110,7 +110,7 @@ def join(path: Path, parts: Sequence[Path], more: Iterable[Row]) -> None:
 
 
 def read_rows(path: Path) -> list[Row] | None:
-    """Read rows back; None where the file is no result of ours, as after a disk that was full."""
+    """Read rows back; None if the file is not a complete result, for example because the disk was full."""
     try:
         rows: list[Row] = pq.read_table(path, schema=SCHEMA, partitioning=None).to_pylist()
     except (pa.ArrowInvalid, OSError, KeyError):
@@ -119,5 +119,5 @@ def read_rows(path: Path) -> list[Row] | None:
 
 
 def _maps(row: Row) -> Row:
-    """Put maps as Arrow takes them."""
+    """Convert mappings to the form that Arrow takes."""
     return {k: list(v.items()) if isinstance(v, dict) else v for k, v in row.items()}

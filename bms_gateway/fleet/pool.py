@@ -17,9 +17,9 @@ from bms_gateway.report.processes import processes
 
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 AHEAD = 2
-"""Tasks handed out per process: the next one waits at hand, and few have to be looked into when a process dies."""
+"""Tasks handed out per process: a process need not wait for its next task, and few tasks are suspect when it dies."""
 CONNECT_S = 30.0
-"""A scheduler that is there answers at once; a busy one may take its time."""
+"""A scheduler normally answers at once; a busy one may take longer."""
 DIED = "the process that analysed it was ended twice (killed, or out of memory)"
 
 Numbered = tuple[int, Outcome]
@@ -41,7 +41,9 @@ def on_this_machine(tasks: Sequence[Task], jobs: int) -> Iterator[Numbered]:
         suspects: list[tuple[int, Task]] = []
         with processes(min(jobs, len(waiting))) as pool:
             yield from _until_broken(pool, jobs, waiting, suspects)
-        for i, task in sorted(suspects, key=lambda s: s[0]):  # one of these ended a process: each alone, to find which
+        for i, task in sorted(
+            suspects, key=lambda s: s[0]
+        ):  # one of these tasks ended a process: run each in a process of its own to find out which
             with processes(1) as alone:
                 future = alone.submit(analyse, task)
                 wait([future])
@@ -51,7 +53,7 @@ def on_this_machine(tasks: Sequence[Task], jobs: int) -> Iterator[Numbered]:
 def _until_broken(
     pool: ProcessPoolExecutor, jobs: int, waiting: deque[tuple[int, Task]], suspects: list[tuple[int, Task]]
 ) -> Iterator[Numbered]:
-    """Work the tasks off until none is left, or a process has died; then `suspects` holds what was in hand."""
+    """Run the tasks until none is left or a process has died; `suspects` then holds the tasks that were running."""
     flying: dict[Future[Outcome], tuple[int, Task]] = {}
     while (waiting and not suspects) or flying:
         while waiting and not suspects and len(flying) < AHEAD * jobs:
@@ -60,7 +62,7 @@ def _until_broken(
             except BrokenProcessPool:
                 break
             waiting.popleft()
-        if not flying:  # broken while nothing was in hand: a new pool takes over
+        if not flying:  # the pool broke while no task was running: the caller makes a new pool
             return
         for future in wait(flying, return_when=FIRST_COMPLETED).done:
             i, task = flying.pop(future)
@@ -103,7 +105,7 @@ def on_cluster(tasks: Sequence[Task], address: str) -> Iterator[Numbered]:
         raise UsageError(f"--scheduler {address}: no Dask scheduler answers: {' '.join(str(e).split())}") from None
     with client:
         _expect_workers(client, address)
-        this = uuid4().hex  # a name that was used before would get what it was used for
+        this = uuid4().hex  # Dask returns the old result for a name that was used before
         numbers = {f"bms-gateway-{this}-{i}": i for i in range(len(tasks))}
         futures = client.map(analyse, tasks, key=list(numbers))
         for future in as_completed(futures, loop=client.loop):  # type: ignore[no-untyped-call]

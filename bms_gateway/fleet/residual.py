@@ -1,11 +1,11 @@
 """Readings of a string's surfaces against the predictions of its observer, cell by cell and regime by regime.
 
-The regimes are few and fixed, so that vehicles can be laid beside each other; they overlap. How strong a current is
-goes by the heat it makes: the rise of the core over the coolant that it would hold in the model from its file.
+The regimes are few and fixed, so that vehicles can be compared; they overlap. The strength of a current is measured by
+its heat: by the steady rise of the core above the coolant that the model file predicts for this current.
 
-Neighbouring errors of a slow system are nearly the same error. A mean is therefore given the scatter of whole
-stretches of time (the cluster-robust variance), as in the comparison of a single record. Stretches are closed one by
-one, so a day takes no more memory than two minutes.
+In a slow system, neighbouring errors are nearly equal. The standard deviation of a mean is therefore computed from
+the scatter of the means of whole stretches of time (cluster-robust variance), as in the comparison of a single
+record. Only the current stretch is kept in memory, so a day takes no more memory than two minutes.
 """
 
 from collections.abc import Mapping
@@ -27,19 +27,19 @@ REGIMES: Mapping[str, str] = {
     "hot": "with the coolant above 35 °C",
     "low_flow": "at low coolant flow",
 }
-"""Name, and how a sentence says it."""
+"""Names of the regimes, and the words for a sentence."""
 REST_K = 0.5
-"""Rise of the core below which a string rests: little more than a thermocouple can see."""
+"""Rise of the core below which a string counts as resting: little more than a thermocouple can resolve."""
 HIGH_K = 10.0
-"""Rise from which on the current is high: where the core matters, and its errors show."""
+"""Rise of the core above which the current counts as high."""
 RECENT_S = 60.0
-"""How long a current counts as recent: surfaces follow within it."""
+"""Time over which the current is averaged: surfaces follow the heat within it."""
 COLD_C, HOT_C = 10.0, 35.0
 LOW_FLOW = 0.7
 STRETCH_S = 120
-"""Longer than errors of an observer that is corrected each second stay alike."""
+"""Longer than the correlation time of the errors of an observer that is corrected each second."""
 FEWEST = 5
-"""Stretches from which on a mean is given an sd."""
+"""Least number of stretches for which the sd of a mean is given."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,10 +54,10 @@ class CellResidual:
         1-based.
     readings : int
     mean_K, sd_K : float
-        Mean, and how well it is known; NaN where there are too few stretches to tell.
+        Mean and its standard deviation; NaN if there are too few stretches.
     rms_K : float
     normalised : float
-        Root mean square over what the observer expected; 1 when all is well.
+        Root mean square of error over expected error; 1 if the model is right.
     """
 
     regime: str
@@ -70,11 +70,7 @@ class CellResidual:
 
 
 class Residuals:
-    """Errors of one string, gathered tick by tick.
-
-    Parameters
-    ----------
-    model : StringModel
+    """Collects the errors of one string, tick by tick.
 
     Attributes
     ----------
@@ -107,7 +103,7 @@ class Residuals:
         self._last_ns = time_ns
         if j.square == j.square:
             self._recent += (j.square - self._recent) * (1.0 - exp(-dt / RECENT_S))
-        if self._quiet_s > 0.0:  # until the observer has found the state, its innovations say nothing
+        if self._quiet_s > 0.0:  # until the observer has converged, its innovations say nothing about the model
             self._quiet_s -= dt
             return
         stretch = time_ns // (STRETCH_S * 1_000_000_000)
@@ -172,6 +168,6 @@ class Residuals:
         if C < FEWEST:
             return float("nan")
         spread = (self._SS[r, c] - 2.0 * mean * self._Sn[r, c] + mean**2 * self._nn[r, c]) / n**2 * C / (C - 1.0)
-        # the scatter of a handful is itself uncertain: the variance of Student's t
+        # the scatter of few stretches is itself uncertain: the variance of Student's t
         variance = max(spread * (C + 1.0) / (C - 1.0), self._white[r, c] / n**2)
         return sqrt(variance)

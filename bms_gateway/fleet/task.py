@@ -26,7 +26,7 @@ class Task:
     log, config : str
         Paths, the same on every machine that takes part.
     config_key : str
-        Of `config_key`, where the run was started: another machine must read the same config.
+        Result of `keys.config_key` on the machine that started the run: every other machine must read the same config.
     vehicle : str
     """
 

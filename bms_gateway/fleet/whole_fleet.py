@@ -18,7 +18,7 @@ LOGS, FLEET, ATLAS_FILE = "logs", "fleet.parquet", "atlas.parquet"
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """What a run of a fleet did.
+    """Result of a run of a fleet.
 
     Attributes
     ----------
@@ -27,7 +27,7 @@ class Run:
     bad : tuple of (str, str)
         Log and reason.
     analysed, skipped : int
-        Good logs that were analysed now, and those whose result was there.
+        Good logs that were analysed in this run, and those whose result existed already.
     """
 
     parts: tuple[Path, ...]
@@ -36,7 +36,7 @@ class Run:
     skipped: int
 
     def rows(self) -> Iterator[Row]:
-        """Rows of all good logs; one file in memory at a time."""
+        """Yield the rows of all good logs, with one file in memory at a time."""
         for part in self.parts:
             yield from read_rows(part) or ()
 
@@ -50,7 +50,7 @@ def run_fleet(
     scheduler: str | None = None,
     advance: Callable[[float], None] = lambda _: None,
 ) -> Run:
-    """Analyse logs and keep what comes out, a file per log; then join them.
+    """Analyse logs, write one file of results per log, and join these files.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def run_fleet(
     scheduler : str, optional
         Address of a Dask scheduler, in place of processes.
     advance : callable, optional
-        Told 1 for each log.
+        Called with 1 for each log that is done.
 
     Raises
     ------
@@ -129,10 +129,10 @@ class _Results:
             self._old[file.stem.split("-")[0]].add(file)
 
     def place(self, log: Path, content: str) -> Path:
-        """Where the result of this log, as it is now, belongs."""
+        """Give the path of the result of this log in its present state."""
         return self._folder / f"{place_key(log)}-{content}.parquet"
 
     def only(self, part: Path) -> None:
-        """Drop the results of what this log was before."""
+        """Remove the results of earlier states of this log."""
         for file in self._old[part.stem.split("-")[0]] - {part}:
             file.unlink(missing_ok=True)

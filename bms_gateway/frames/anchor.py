@@ -70,10 +70,6 @@ class Standing:
 class Anchors:
     """Anchors and homes of m channels.
 
-    Parameters
-    ----------
-    m : int
-
     Attributes
     ----------
     since : ndarray (m,)

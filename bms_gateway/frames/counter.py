@@ -18,10 +18,6 @@ class CounterGuard:
     step is a wrong sequence. Both are rejected, and the sequence continues from there. A repetition (two paths to one
     bus, a sender that tries again) says nothing about the sensor, so it is not used to judge the sensor.
 
-    Parameters
-    ----------
-    table : SignalTable
-
     Attributes
     ----------
     last : ndarray of int64 (K,)

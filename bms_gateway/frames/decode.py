@@ -88,10 +88,6 @@ def decode(table: SignalTable, batch: FrameBatch) -> Samples:
         From `Database.compile`.
     batch : FrameBatch
 
-    Returns
-    -------
-    Samples
-
     Notes
     -----
     Equal to cantools' ``decode_message(..., decode_choices=False)`` bit for bit, except integers beyond 2⁵³, which are

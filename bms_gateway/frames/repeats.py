@@ -23,12 +23,7 @@ FEWEST = 5
 
 
 class Repeats:
-    """Shares of repeated samples, and present runs, of m channels.
-
-    Parameters
-    ----------
-    m : int
-    """
+    """Shares of repeated samples, and present runs, of m channels."""
 
     def __init__(self, m: int) -> None:
         self._compared, self._share, self._run = np.full(m, DOUBTED), np.ones(m), np.zeros(m, np.int64)

@@ -8,12 +8,10 @@ import numpy as np
 from bms_gateway.health.window_fit import DriveWindow
 from bms_gateway.identify import Tick, Ticks
 from bms_gateway.identify.ticks import before_full
-from bms_gateway.identify.window_readings import Gathered
+from bms_gateway.identify.window_readings import GAP_S, HOLD_CURRENT_S, HOLD_INLET_S, Gathered
 from bms_gateway.thermal import Floats
 
 WINDOW_S, SHORTEST_S = 1200.0, 600.0  # two slow time constants of a cell, and one
-GAP_S = 10.0  # a longer tick is a gap: the bus was silent
-HOLD_CURRENT_S, HOLD_INLET_S = 10.0, 60.0  # for so long the last value replaces a missing one
 FLOW_MOVED = 0.15  # ln: a larger change of the flow ends the window, because a window is fitted with one flow
 
 

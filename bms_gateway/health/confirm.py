@@ -14,7 +14,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from bms_gateway.thermal import Floats
+
 Bools = NDArray[np.bool_]
 
 HEATS_S: Final = 120.0  # time constant of the mean heat that a surface follows

@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.health.alerts import Condition, Severity
+from bms_gateway.thermal import Floats
 
-Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 COOLER_K: Final = 2.0  # so far below its limit a cell is no longer over

@@ -28,10 +28,6 @@ EXCESS = Thresholds(rise=(4.0, 9.0), fall=(2.0, 6.0), hold=60)
 class Mismatches:
     """Model mismatch of S strings side by side.
 
-    Parameters
-    ----------
-    strings : int
-
     Attributes
     ----------
     excess : ndarray (S,)

@@ -31,8 +31,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.health.alerts import Condition, Severity
+from bms_gateway.thermal import Floats
 
-Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 HOT_C: Final = 60.0  # the highest discharge temperature in most data sheets of lithium-ion cells

@@ -103,13 +103,7 @@ class Leak:
 
 
 class SelfDischarge:
-    """Self-discharge of one string of n cells.
-
-    Parameters
-    ----------
-    cells : int
-    capacity_Ah : float or None
-    """
+    """Self-discharge of one string of n cells."""
 
     def __init__(self, cells: int, capacity_Ah: float | None) -> None:
         self._n, self._capacity = cells, capacity_Ah

@@ -144,10 +144,6 @@ def at_mean_charge(w: DriveWindow, current: Floats, capacity_Ah: float, slope: f
     capacity_Ah : float
     slope : float
         Of ln R_e over the missing charge.
-
-    Returns
-    -------
-    DriveWindow
     """
     moved = -np.cumsum(current.reshape(len(w.square), -1).mean(axis=1)) * w.dt / (3600.0 * capacity_Ah)
     return replace(w, square=w.square * np.exp(slope * (moved.mean() - moved)))
@@ -192,10 +188,6 @@ def fit_window(p: StringParameters, w: DriveWindow, sensed: Sequence[int], guess
         What the trend expects, as of `Observed.mean`.
     B : float
         K.
-
-    Returns
-    -------
-    Observed
     """
     if w.flow > 0.0:
         p = p.with_flow_ratio(w.flow)

@@ -177,10 +177,6 @@ def columns(
     dt : float, s
         Of a tick.
 
-    Returns
-    -------
-    Carried
-
     References
     ----------
     Not in the paper; a linear response about Lin et al., Eq 18.

@@ -22,14 +22,11 @@ from bms_gateway.identify.contract import Estimate, Posterior, Tick
 from bms_gateway.identify.doubt import HOPELESS
 from bms_gateway.identify.electrical import ElectricalResistance, ElectricalSums, PairMeans
 from bms_gateway.identify.resistance_by_cell import CellFit, CellNumbers, CellRecord, fit_cells, numbers_of
-from bms_gateway.identify.window_readings import Gathered
+from bms_gateway.identify.window_readings import GAP_S, HOLD_CURRENT_S, HOLD_INLET_S, Gathered
 from bms_gateway.thermal import Disturbance, Floats, StringModel
 
 MILESTONES_S = (1800.0, 3600.0, 5400.0)
 """Lengths at which a record is fitted; it ends with the last."""
-GAP_S = 10.0
-HOLD_CURRENT_S, HOLD_INLET_S = 10.0, 60.0
-"""As for the windows of the common parameters: what is bridged, and what ends a record."""
 STALE_S = 1.5 * MILESTONES_S[-1]
 """Of driving without a fit, as when the voltages have ceased: what is common to the cells goes on, and is better."""
 FLOW_MOVED = 0.05

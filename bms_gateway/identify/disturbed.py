@@ -63,10 +63,6 @@ def disturbed(
         What is known at the record's first instant.
     first_s : float, optional
         From there to the first block's middle; half a block by default.
-
-    Returns
-    -------
-    DisturbedString
     """
     s = continuous(p)
     (N, n), m = s.B_q.shape, len(sensed)

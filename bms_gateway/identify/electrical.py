@@ -88,12 +88,7 @@ class PairMeans:
 
 
 class ElectricalSums:
-    """Running sums of one string.
-
-    Parameters
-    ----------
-    cells : int
-    """
+    """Running sums of one string."""
 
     def __init__(self, cells: int) -> None:
         self._cells = cells
@@ -196,32 +191,3 @@ def _solved(sums: Floats) -> Floats:
         if left[0, 0] >= LEAST_SWING_A**2 * s[0, 0] and left[0, 1] < 0.0:
             out[k] = -left[0, 1] / left[0, 0]
     return out
-
-
-def electrical_resistance(current: Floats, voltage: Floats, dt: float = 1.0) -> ElectricalResistance:
-    """Electrical resistance of each cell from a record.
-
-    Parameters
-    ----------
-    current : ndarray (K,), A
-        Mean of each step, constant within it.
-    voltage : ndarray (K, n), V
-        Mean of each step; NaN where there is none.
-    dt : float, s
-
-    Returns
-    -------
-    ElectricalResistance
-
-    Examples
-    --------
-    >>> I = np.tile([60.0, 0.0, -60.0, 0.0], 300)
-    >>> e = electrical_resistance(I, 3.3 - np.outer(I, [2e-3, 3e-3]))
-    >>> np.round(1e3 * e.value, 6)
-    array([2., 3.])
-    """
-    sums = ElectricalSums(voltage.shape[1])
-    for i, v in zip(current.tolist(), voltage, strict=True):
-        same = np.full(len(v), i)
-        sums.update(PairMeans(same, same * same, v, same * v), i, dt)
-    return sums.result(dt)

@@ -278,10 +278,6 @@ def map_fit(
         The nuisances' columns: being small they need not be taken anew in each step. None are fitted without.
     noise : Whitening, optional
         Takes the place of the records' own noise.
-
-    Returns
-    -------
-    MapFit
     """
     y, _, sigma0, step, used = stacked(problem)
     none = np.zeros((sum(len(p.first) for p in problem.places), 0))

@@ -129,10 +129,6 @@ def fit_window(
     carried : float
         Size of the carried effects, in their own sd.
 
-    Returns
-    -------
-    Fit
-
     References
     ----------
     Lin et al., Eq 1, 9, 16–18 for the model; the method is ours.

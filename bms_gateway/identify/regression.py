@@ -117,15 +117,12 @@ class Roots:
     ----------
     smaller, larger : Cell or None
         By R_u; None where the discriminant is not clearly positive or a coefficient has the wrong sign.
-    discriminant : float
-        Share of γ²; the roots are R_u and R_u*, equal at 0. Never clipped.
     why : str
         Empty, or why there is no answer.
     """
 
     smaller: Cell | None
     larger: Cell | None
-    discriminant: float
     why: str
 
 
@@ -153,14 +150,14 @@ def roots(alpha: float, beta: float, gamma: float, C_c: float, C_s: float) -> Ro
     """
     share = 1.0 - 4.0 * beta * (C_c + C_s) / (C_s * gamma**2)
     if not (alpha > 0.0 and beta > 0.0 and gamma < 0.0):
-        return Roots(None, None, share, "a coefficient has the wrong sign")
+        return Roots(None, None, "a coefficient has the wrong sign")
     if share < FOLD:
-        return Roots(None, None, share, "near the fold R_u = R_u*")
+        return Roots(None, None, "near the fold R_u = R_u*")
     cells = []
     for sign in (-1.0, 1.0):
         R_u = -gamma * (1.0 + sign * np.sqrt(share)) / (2.0 * beta * (C_c + C_s))
         cells.append(Cell(float(alpha / beta / R_u), float(1.0 / (beta * C_c * C_s * R_u)), float(R_u)))
-    return Roots(cells[0], cells[1], share, "")
+    return Roots(cells[0], cells[1], "")
 
 
 def choose_root(both: Roots, R_c: float, R_u: float) -> Cell | None:

@@ -160,11 +160,6 @@ class CellNumbers:
 def numbers_of(model: StringModel, fit: CellFit) -> CellNumbers:
     """Split a fit into what is common to the cells and what is each one's own.
 
-    Parameters
-    ----------
-    model : StringModel
-    fit : CellFit
-
     Returns
     -------
     CellNumbers

@@ -108,10 +108,6 @@ def respond(
         Of R_c, that lies within the jelly roll (`thermal.roll`), of all sets or of each; where it is 0, a core is one
         node, in all sets or in none. A roll starts with the profile of steady heating.
 
-    Returns
-    -------
-    Response
-
     References
     ----------
     Lin et al., Eq 1 and 18, solved for many parameter sets.

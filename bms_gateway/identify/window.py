@@ -31,7 +31,7 @@ from bms_gateway.identify.posterior_fit import Fit, Root, fit_window
 from bms_gateway.identify.ticks import Ticks, before_full
 from bms_gateway.identify.window_evidence import Evidence, departures
 from bms_gateway.identify.window_problem import MODEL_SD, WALK_S, Window
-from bms_gateway.identify.window_readings import Gathered
+from bms_gateway.identify.window_readings import GAP_S, HOLD_CURRENT_S, HOLD_INLET_S, Gathered
 from bms_gateway.thermal import KINDS, Floats, Prior, StringModel
 
 CLOGGED = 0.05
@@ -42,11 +42,8 @@ CARRIED_DRIFT = 0.3
 DOUBTED = 3.0
 """Factor on the noise, as of `Fit.doubt`, from which on cores are not proven. Simulated cells with nothing missing stay
 at 1.0; where a missing effect moved the core out of its band it was 8 and more."""
-HOLD_CURRENT_S = 10.0  # a lost current is bridged so long: it cannot hide a drive
 FORGOTTEN = 10.0
 """ln: a step of R_u after which nothing is left of what was known of it."""
-GAP_S = 10.0  # a longer tick is a gap: the bus slept, and a straight line through it would be made up
-HOLD_INLET_S = 60.0  # the inlet moves slowly
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,11 +110,6 @@ class WindowJob:
 
 class WindowIdentifier:
     """Windowed maximum a posteriori identification of one string.
-
-    Parameters
-    ----------
-    model : StringModel
-    settings : Settings
 
     References
     ----------

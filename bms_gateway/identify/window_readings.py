@@ -10,6 +10,10 @@ from numpy.typing import NDArray
 
 from bms_gateway.thermal import Floats
 
+GAP_S = 10.0
+"""A longer tick is a gap: the bus was silent, and a straight line through it would be made up."""
+HOLD_CURRENT_S, HOLD_INLET_S = 10.0, 60.0
+"""For so long the last value replaces a missing one: a lost current cannot hide a drive, and the inlet moves slowly."""
 TOGETHER = 60
 """Ticks put together to one block."""
 

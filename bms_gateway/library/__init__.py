@@ -1,1 +1,1 @@
-"""The package as a library: the steps of the commands as functions on arrays. `import bms_gateway` gives its names."""
+"""The package as a library: the steps of the commands as functions on arrays, public as names of `bms_gateway`."""

@@ -29,7 +29,7 @@ class Signal:
     value : ndarray (K,)
         Physical value by the DBC; NaN where the sender says that there is none, or the DBC's range forbids it.
     unit : str
-        As the DBC writes it.
+        Unit as the DBC writes it.
     """
 
     time_s: Floats
@@ -53,7 +53,7 @@ def decode(
     Returns
     -------
     dict of "Message.Signal" to Signal
-        Every signal that was asked for; of a default, those with a sample.
+        Every requested signal; without a request, all signals that have a sample.
 
     Raises
     ------

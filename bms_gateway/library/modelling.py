@@ -30,7 +30,7 @@ __all__ = ["Added", "Columns", "Compared", "Diagnosed", "Fit", "Record", "add", 
 
 Records = Record | Sequence[Record]
 Progress = Callable[[float, str], None]
-"""Told the share of the work that is done, 0…1, and what is being done."""
+"""Called with the share of the work that is done, 0…1, and the present step."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +92,7 @@ class Diagnosed:
     Attributes
     ----------
     told : Told
-        The verdict with all that stands behind it.
+        The verdict with all its reasons.
     """
 
     told: Told
@@ -123,7 +123,7 @@ class Added:
     Attributes
     ----------
     model : StringModel
-        With the effects, refitted; the model that was given, where the measurements speak against them.
+        The model with the effects, refitted; the given model if the measurements do not support the effects.
     report : AddReport
         Errors and cores before and after (K), and the numbers of the effects.
     addition : Addition
@@ -136,7 +136,7 @@ class Added:
 
     @property
     def refused(self) -> str:
-        """What speaks against the effects, a sentence; empty where nothing does."""
+        """Reason against the effects, a sentence; empty if there is none."""
         return self.report.refused
 
     def document(self) -> dict[str, Any]:
@@ -190,9 +190,9 @@ def fit(model: StringModel, records: Records, *, calibrate: bool = False) -> Fit
     Parameters
     ----------
     model : StringModel
-        Fitted from what was known before any data: no data count twice.
+        The model; the fit starts from its numbers before any data, so that no data count twice.
     records : Record or sequence of Record
-        Of one cell type: physics are shared, each has its own start and cooling.
+        Records of one cell type: they share the physics, and each has its own start and cooling.
     calibrate : bool
         Use thermocouples in the cores too (`core_C` of the columns).
 
@@ -251,7 +251,7 @@ def fit(model: StringModel, records: Records, *, calibrate: bool = False) -> Fit
 
 
 def compare(model: StringModel, records: Records) -> Compared:
-    """Hold a model against measurements, as the command `compare` does: where, when and in which regime it fails.
+    """Compare a model with measurements, as the command `compare` does: where, when and in which regime it fails.
 
     Parameters
     ----------
@@ -279,14 +279,14 @@ def diagnose(model: StringModel, records: Records, progress: Progress | None = N
     Parameters
     ----------
     model : StringModel
-        Diagnosed from what was known of it before any data.
+        The model; the diagnosis starts from its numbers before any data.
     records : Record or sequence of Record
     progress : callable, optional
 
     Returns
     -------
     Diagnosed
-        With the verdict `insufficient_data` where nothing can be learnt from the records.
+        Its verdict is `insufficient_data` if nothing can be learnt from the records.
     """
     return Diagnosed(examine(model, _several(records), progress))
 
@@ -303,7 +303,7 @@ def add(
     *effects : str
         `NAME`, or `NAME:CELL` where the effect sits on one cell; several are judged together.
     force : bool
-        Add them although the measurements speak against them; the model says so.
+        Add them even if the measurements do not support them; the model file then says so.
     progress : callable, optional
 
     Returns
@@ -313,7 +313,7 @@ def add(
     Raises
     ------
     ConfigError, UsageError
-        No such effect or place, or it is in the model already, or named twice, or none is named.
+        An effect or place does not exist, is in the model already or is named twice, or no effect is named.
     DataError
         The records lack what an effect needs.
     """

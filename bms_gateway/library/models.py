@@ -75,12 +75,12 @@ def cell_model(
     condition : {"single", "full", "natural", "no-conduction"}
         How cells exchange heat: not at all; by coolant and conduction; by conduction; by coolant.
     coolant_W_K : float, optional
-        Heat capacity flow C_f of the coolant, W/K; needed where the coolant warms from cell to cell.
+        Heat capacity flow C_f of the coolant, W/K; needed if the coolant warms from cell to cell.
 
     Returns
     -------
     StringModel
-        With priors as wide as such figures are uncertain.
+        Its priors are as wide as the uncertainty of these figures.
 
     Raises
     ------

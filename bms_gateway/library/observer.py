@@ -34,7 +34,7 @@ METHODS: Final = ("window", "rls", "off")
 
 
 LATEST_S = 9e9
-"""s: stamps are nanoseconds of 64 bits inside."""
+"""s; inside, stamps are 64-bit integers of nanoseconds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ class Cores:
     time_s : ndarray (T,)
         Ends of the seconds, on the clock of the columns.
     core_C, core_sd_K : ndarray (T, n)
-        Core (mean of the jelly roll) and its standard deviation, with all that the gateway does not know.
+        Core (mean of the jelly roll) and its standard deviation, which includes all unknowns of the gateway.
     surface_C : ndarray (T, n)
     centre_C, centre_sd_K : ndarray (T, n)
         Hottest point of each cell.
@@ -55,7 +55,7 @@ class Cores:
     quality : ndarray of uint8 (T, n)
         `frames.quality.Quality` of each value.
     notices : tuple of Notice
-        What a person should know, with its time: sensors refused, cores not proven.
+        Sentences for a person, with their time: sensors refused, cores not proven.
     """
 
     time_s: Floats
@@ -77,7 +77,7 @@ class Observer:
     ----------
     model : StringModel
     identify : {"window", "rls", "off"}
-        How parameters are identified on the way; "off" leaves those of the model.
+        How parameters are identified during the run; "off" keeps those of the model.
     disturbance : Disturbance, optional
         What is unknown: heat, inlet, noise of the readings.
 
@@ -126,7 +126,7 @@ class Observer:
         Parameters
         ----------
         rows : Columns
-            With a surface of each sensor of the model. All runs have the same quantities as the first.
+            Measurements with the surface of each sensor of the model. All runs must have the quantities of the first.
 
         Returns
         -------
@@ -208,7 +208,7 @@ class Observer:
 
 
 def _signal(message: str, name: str, can_id: int, start: int, step: float) -> SignalInfo:
-    """Describe 64 bits: whole steps of a sensor that counts in steps, a float otherwise."""
+    """Describe a signal of 64 bits: whole steps if the sensor has steps, a float otherwise."""
     return SignalInfo(
         database="arrays",
         message=message,

@@ -13,7 +13,7 @@ __all__ = ["AskedString", "Placed", "place", "placed_on"]
 
 @dataclass(frozen=True, slots=True)
 class AskedString:
-    """A string whose sensors are asked for.
+    """A string on which sensors are to be placed.
 
     Attributes
     ----------
@@ -23,7 +23,7 @@ class AskedString:
         Of the model file.
     disturbance : Disturbance
     origin : str
-        Where the numbers come from, for people.
+        Source of the numbers, for the text.
     """
 
     parameters: StringParameters
@@ -51,7 +51,7 @@ class Placed:
 
     @property
     def reached(self) -> bool:
-        """Whether the wanted standard deviation can be reached; True where none was asked for."""
+        """Whether the wanted standard deviation can be reached; True if none was given."""
         r = self.report
         return r.wanted is None or r.enough is None or r.enough.worst_sd <= r.wanted
 
@@ -90,7 +90,7 @@ def place(
     Raises
     ------
     UsageError
-        Neither number is given, or it is none that the string can have.
+        Neither number is given, or the string cannot have this number.
 
     Examples
     --------
@@ -109,7 +109,7 @@ def place(
 
 
 def placed_on(asked: AskedString, sensors: int | None, wanted_K: float | None) -> Placed:
-    """Place sensors on a string; see `place`, which has checked what is asked for."""
+    """Place sensors on a string; `place` has checked the arguments."""
     problem = PlacementProblem(asked.parameters, asked.disturbance)
     enough = None if wanted_K is None else problem.fewest(wanted_K)
     count = sensors if sensors is not None else max(1, len(enough.sensors) if enough else 1)

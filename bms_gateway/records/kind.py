@@ -10,12 +10,12 @@ from bms_gateway.bus.sniff import HEAD, kind_of
 from bms_gateway.errors import DataError
 from bms_gateway.report.table import Table
 
-LONGEST_S = 10 * 86_400  # a bench run; more is time in another unit
-WIDEST_STEP_S = 100.0  # ten rows a second in ms; of a current known this seldom nobody can tell the heat
-LEAST_STEP_S = 5e-4  # a row a second in hours is half of it; frames come every hundredth of a second at most
+LONGEST_S = 10 * 86_400  # longest bench run; a longer time must be in another unit
+WIDEST_STEP_S = 100.0  # ten rows a second, in ms; a current that is known this seldom does not determine the heat
+LEAST_STEP_S = 5e-4  # a row a second, in hours, is half of it; frames come every hundredth of a second at most
 MANY_ROWS = 10
 
-COLDEST_K, HOTTEST_K = 230.0, 400.0  # what a cell may have, in K; in °C it is the temperature of a fire
+COLDEST_K, HOTTEST_K = 230.0, 400.0  # possible temperatures of a cell in K; the same numbers in °C would be a fire
 
 
 def log_kind(path: Path) -> str | None:
@@ -65,12 +65,12 @@ def check_time(table: Table) -> None:
 
 
 def check_kelvin(table: Table) -> None:
-    """Refuse temperatures that no cell survives and that are those of a room in K.
+    """Refuse temperatures that no cell survives in °C and that are normal in K.
 
     Raises
     ------
     DataError
-        With the option that says the unit.
+        Names the option that states the unit.
     """
     columns = {"coolant_inlet_C": table.coolant_inlet_C}
     columns |= {f"surface_{k}_C": x for k, x in table.surface_C.items()}

@@ -30,9 +30,8 @@ from bms_gateway.records.kind import check_kelvin, check_time, log_kind
 from bms_gateway.records.signal_use import CURRENT_REFUSED, WORTH_A_WORD
 from bms_gateway.report.progress import progress
 from bms_gateway.report.table import Table, read_table
-from bms_gateway.thermal import StringModel
+from bms_gateway.thermal import Floats, StringModel
 
-Floats = NDArray[np.float64]
 Place = tuple[Quantity, int | None]
 """A quantity, and its cell where it belongs to one."""
 MOST_OF_A_LOG = 128 << 20
@@ -41,18 +40,19 @@ MOST_OF_A_LOG = 128 << 20
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """How files are read, where a page and not a person at a terminal has asked for them.
+    """How files are read when the page of the workbench asks for them.
 
     Attributes
     ----------
     uploaded : bool
-        Whether the config is from elsewhere, as `load_config` has it.
+        See `load_config`.
     tell : callable, optional
-        Told the name of a table and the share of it that was read.
+        Called with the name of a table and the share of the table that has been read.
     most : int, optional
-        Numbers that each file may give. Default: of a table what a file of its size can mean, of a log `MOST_OF_A_LOG`.
+        Most numbers that each file may hold. Default: for a table, as many as a file of its size can hold; for a log,
+        `MOST_OF_A_LOG`.
     seen : callable, optional
-        Given the rows of each file, in their order: a record keeps no more of them than a fit can use.
+        Called with all rows of each file, in the order of the files; a record keeps only the rows that a fit can use.
     """
 
     uploaded: bool = False
@@ -79,7 +79,7 @@ def read_measurements(
     model : StringModel
         Its sensors, capacity and nominal flow.
     config : Path, optional
-        Gateway config whose mapping logs are decoded by.
+        Gateway config that says which signals of a log carry what.
     string : str, optional
         Name of the config's string; needed where it has several.
     columns : mapping, or sequence of mapping, optional
@@ -157,7 +157,7 @@ def _cells_of(table: Table, model: StringModel) -> Mapping[int, Floats]:
 
 
 def _whole_voltage(table: Table, model: StringModel) -> Floats | None:
-    """Voltage of the string, where only those of cells were recorded from their mean."""
+    """Give the voltage of the string; if only voltages of cells were recorded, the mean of these times their number."""
     if table.voltage_V is not None:
         return table.voltage_V
     return _from_cells(table.cell_voltage_V, model)
@@ -195,7 +195,9 @@ def _from_log(
             f"{', …' if len(wanted) > 3 else ''}"
         )
     time_ns, signals = np.unique(heard.time_ns), len(np.unique(heard.input))
-    if len(time_ns) * (signals + 1) > most:  # signals have stamps of their own: what they lack is blank
+    if (
+        len(time_ns) * (signals + 1) > most
+    ):  # each signal has its own time stamps; the other columns of such a row are blank
         raise _too_long(path, f"{len(time_ns):,} stamps of {signals} signals", most)
     columns: dict[Place, Floats] = {}
     for place, i in heard.inputs.items():
@@ -242,7 +244,7 @@ class Accepted:
 
 
 def accepted_samples(path: Path, loaded: LoadedConfig, string: StringPlan, most: int) -> Accepted:
-    """Let the engine read a log; what it estimates on the way is not asked for, so its models are plain."""
+    """Let the engine read a log; its estimates are not used, so its models have no effects."""
     plain = [replace(s, identify="off", model=replace(s.model, effects=())) for s in loaded.plan.strings]
     engine = Engine(replace(loaded.plan, transmit=False, strings=tuple(plain)), loaded.database, whole=True)
     engine.recording = True
@@ -254,7 +256,7 @@ def accepted_samples(path: Path, loaded: LoadedConfig, string: StringPlan, most:
         for batch in read_log(path):
             advance(len(batch))
             engine.receive(batch, now_ns=int(batch.time_ns.max(initial=0)))
-            while (event := engine.next_output()) is not None:  # jobs are taken and never done
+            while (event := engine.next_output()) is not None:  # jobs are taken and never computed
                 if isinstance(event, Decoded):
                     of_it = np.isin(event.input, mine)
                     parts.append((event.sample_ns[of_it], event.input[of_it], event.value[of_it]))
@@ -266,9 +268,9 @@ def accepted_samples(path: Path, loaded: LoadedConfig, string: StringPlan, most:
 
 
 def _places(string: StringPlan) -> dict[Place, Channel]:
-    """Say what each signal of a string measures; one of several cells is that of the cell which stands for them.
+    """Say what each signal of a string measures; a reading of several cells goes to the cell that stands for them.
 
-    A cell with a sensor of its own stands for none.
+    A cell that has a sensor of its own stands for no others.
     """
     told = [c for c in string.channels if c.signal is not None]
     places: dict[Place, Channel] = {(c.quantity, c.cell): c for c in told if c.statistic is None}
@@ -292,7 +294,7 @@ def _told(heard: Accepted, string: StringPlan) -> Iterator[str]:
         refused[Quality.GOOD] = 0
         count, of = int(refused.sum()), int(taken.sum())
         if c.quantity in OPTIONAL and refused[Quality.NOT_AVAILABLE] == of:
-            continue  # a sender that has none; nothing is lost that was ever there
+            continue  # the sender has no such value; no measurement is lost
         if not of:
             yield f"{c.signal} never comes in this log."
         elif count > WORTH_A_WORD * of:

@@ -12,14 +12,14 @@ if TYPE_CHECKING:
     from bms_gateway.store.rows import Excerpt
 
 STATE_DIRECTORY = Path("/var/lib/bms-gateway")
-"""Where the service that `install.sh` sets up keeps its state."""
+"""State directory of the service that `install.sh` sets up."""
 UNITS = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86_400.0}
 _SPAN = re.compile(r"(\d+(?:\.\d+)?) ?([A-Za-z]*)")
 
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """A stretch of recorded time: its length [s], and its end [µs], which is the newest signal where none is given."""
+    """A stretch of recorded time: its length [s] and its end [µs]; without an end, it ends with the newest signal."""
 
     last_s: float
     until_us: int | None = None
@@ -70,7 +70,7 @@ def given_span(words: str, option: str = "export: --last") -> float:
 
 
 def state_directory(config: Path | None, store: Path | None, command: str) -> Path:
-    """Find the state directory: as told, as the config says, or where the installed service has it.
+    """Find the state directory: the one that was named, else that of the config, else that of the installed service.
 
     Raises
     ------
@@ -96,7 +96,7 @@ def write_recent(
     command: str,
     tell: Callable[[str], None],
 ) -> Written:
-    """Write the last stretch of a string's signals, as a whole or not at all.
+    """Write a stretch of a string's signals to a table; the file is complete, or it is not written.
 
     Parameters
     ----------
@@ -109,12 +109,12 @@ def write_recent(
     command : str
         What errors begin with.
     tell : callable
-        Told which parts of the ring could not be used, and why.
+        Called with a sentence for each part of the ring that could not be used.
 
     Raises
     ------
     GatewayError
-        Nothing was recorded, or not of this string.
+        Nothing was recorded, or nothing of this string.
     """
     from bms_gateway.store.rows import excerpt
 

@@ -14,9 +14,9 @@ from bms_gateway.frames.signal_info import SignalInfo
 from bms_gateway.frames.vocabulary import INPUTS, OPTIONAL
 
 WORTH_A_WORD: Final = 0.05
-"""Share of refused samples from which on a signal is named; every start refuses a few."""
+"""Share of refused samples above which a signal is reported; at every start a few samples are refused."""
 LOST: Final = 0.5
-"""Share from which on a signal counts as not used."""
+"""Share of refused samples above which a signal counts as not used."""
 CURRENT_REFUSED: Final = "the voltage moves while it stands at one value: stuck, saturated or clipped"
 NOT_TAKEN: Final = "nothing is estimated from it with this config"
 
@@ -28,22 +28,23 @@ class Use:
     Attributes
     ----------
     key : str
-        What the config calls it, as `string_1.current` or `string_2.surface.3`: the first that takes it.
+        Key in the config, such as `string_1.current` or `string_2.surface.3`; the first one if several strings use the
+        signal.
     channel : Channel
     info : SignalInfo
-        As the config has it, with its own range where it states one.
+        The signal with the corrections of the config.
     seen, used : int
     refused : dict of reason to int
     observed : (float, float) or None
-        Of all samples, believed or not, in the DBC's unit; None where there was none.
+        Least and greatest value of all samples, used or refused, in the DBC's unit; None if there was no sample.
     allowed : (float, float)
-        What the DBC, or the config in its place, and the gateway believe; the DBC's unit.
+        Range that the DBC (or the config in its place) and the gateway accept, in the DBC's unit.
     taken : bool
-        An estimator takes it in.
+        Whether an estimator uses it.
     stated : bool
-        The config names it; what our own DBC has by itself need not be sent.
+        Whether the config names it; signals of our own DBC that the config does not name need not be sent.
     sender : int or None
-        Source address that its parameter group comes from, where the DBC names another.
+        Source address from which its parameter group comes, if the DBC names another one.
     """
 
     key: str
@@ -79,7 +80,7 @@ class Use:
 
 
 def signal_use(plan: Plan, database: Database, engine: Engine, stated: set[str]) -> dict[str, Use]:
-    """Gather the use that an engine made of its signals.
+    """Collect how an engine used each of its signals.
 
     Parameters
     ----------
@@ -132,7 +133,7 @@ def signal_use(plan: Plan, database: Database, engine: Engine, stated: set[str])
 
 
 def allowed_range(c: Channel, info: SignalInfo) -> tuple[float, float]:
-    """Range that is believed, in the DBC's unit: the declared one, what the bits hold and what is plausible."""
+    """Give the accepted range in the DBC's unit: the declared range, as far as the bits hold it and it is plausible."""
     raw = max(info.raw_valid[0], info.raw_limits[0]), min(info.raw_valid[1], info.raw_limits[1])
     low, high = sorted(x * info.scale + info.offset for x in raw)
     ends = sorted((x - c.offset) / c.scale for x in INPUTS[c.quantity].plausible)
@@ -151,7 +152,7 @@ def advice(uses: dict[str, Use]) -> Iterator[str]:
         if not use.seen:
             yield f"{use.key}: {signal} never comes in this log: is it another message, bus or source address?"
             continue
-        # every sensor starts by not having moved yet; that is told where it never does
+        # no sensor has moved at first; this is reported only if the sensor never moves
         waiting = 0 if use.lost else use.refused.get("never", 0)
         lost = use.seen - use.used
         if lost - waiting <= WORTH_A_WORD * use.seen or not use.refused:
@@ -168,7 +169,7 @@ def advice(uses: dict[str, Use]) -> Iterator[str]:
 
 
 def _remedy(signal: str, use: Use) -> str:
-    """Give the line that would let the observed range in, or what else it may be."""
+    """Give the config line with which the observed range would be accepted, or another likely reason."""
     assert use.observed is not None  # noqa: S101 — asked for only where something was observed
     c, info, (low, high) = use.channel, use.info, use.observed
     ends = sorted((x - c.offset) / c.scale for x in INPUTS[c.quantity].plausible)

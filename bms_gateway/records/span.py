@@ -11,7 +11,7 @@ from bms_gateway.errors import DataError
 from bms_gateway.frames.batch import EXTENDED, FrameBatch
 from bms_gateway.frames.j1939 import parameter_group
 
-MOST_IDS = 10_000  # more than any bus has: who makes them up costs no memory
+MOST_IDS = 10_000  # more identifiers than any bus has; made-up ones then cost no memory
 
 
 class Span:
@@ -63,7 +63,7 @@ def expect_estimates(logs: Iterable[Path], config: Path, engine: Engine, span: S
     Raises
     ------
     DataError
-        No frames, or none that the config speaks of.
+        There are no frames, or none of them carries a signal of the config.
     """
     names = ", ".join(str(log) for log in logs)
     if not span.frames:

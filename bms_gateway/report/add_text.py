@@ -41,7 +41,7 @@ class Side:
 
 @dataclass(frozen=True, slots=True)
 class AddReport:
-    """An addition as it is told.
+    """An addition as it is reported.
 
     Attributes
     ----------
@@ -53,7 +53,8 @@ class AddReport:
     log_odds : float
     before, after : Side
     blocks_K : tuple of float, or None
-        Error on held-out blocks before and after, by fits without them: where the fits that are shown saw them.
+        Error on held-out blocks before and after, by fits without these blocks; given if the fits shown used all
+        readings.
     changes : tuple of Change
     sources : tuple of str
     findings, notes : tuple of (source, …)
@@ -81,7 +82,7 @@ class AddReport:
 
     @property
     def tag(self) -> str:
-        """What became of it, in two or three words."""
+        """The outcome in two or three words."""
         if not self.written:
             return "Not added"
         how = "Added by force" if self.forced else "Added"
@@ -89,7 +90,7 @@ class AddReport:
 
     @property
     def names(self) -> str:
-        """Of what is added, as a sentence says them."""
+        """Names of what is added, for a sentence."""
         return " and ".join(c.key for c in self.added)
 
 
@@ -201,7 +202,7 @@ def _cores(r: AddReport) -> str:
 
 
 def _core_errors(r: AddReport, several: bool) -> Iterator[str]:
-    """Say what thermocouples in cores, which no fit has seen, make of it."""
+    """Say how the models agree with thermocouples in cores, to which nothing was fitted."""
     if not r.after.checks:
         return
     rows = [

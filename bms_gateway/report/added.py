@@ -1,4 +1,4 @@
-"""From an addition to all that is told of it: what `add` prints and the workbench shows."""
+"""The report of an addition: what `add` prints and the workbench shows."""
 
 from collections.abc import Sequence
 
@@ -23,18 +23,18 @@ def added_report(
     out: str,
     force: bool = False,
 ) -> AddReport:
-    """Gather what is told of an addition.
+    """Make the report of an addition.
 
     Parameters
     ----------
     addition : Addition
     records : sequence of Record
-        To which it was fitted.
+        The records to which it was fitted.
     findings, notes : tuple of (source, …)
     out : str
-        Model file that is written where nothing speaks against it.
+        Model file that is written if the measurements support the addition.
     force : bool
-        Whether it is written all the same.
+        Whether it is written in any case.
     """
     before, after = (_side(records, *side) for side in zip(addition.seen, addition.core, strict=True))
     return AddReport(
@@ -56,7 +56,7 @@ def added_report(
 
 
 def heading(report: AddReport, words: Sequence[str]) -> str:
-    """Write what stands on top of the model file: what was added, to which data, and whether by force."""
+    """Write the heading of the model file: what was added, fitted to which data, and whether by force."""
     text = f"{' '.join(words)} added, fitted to {', '.join(report.sources)}"
     if report.forced:
         text = f"{text}\nadded by force, though: {report.refused}"

@@ -15,7 +15,7 @@ from bms_gateway.thermal import KINDS
 
 @dataclass(frozen=True, slots=True)
 class CellsReport:
-    """Cells told apart, as it is told; `out` is the model file written."""
+    """Result of `fit --cells` as it is reported; `out` is the model file that was written."""
 
     out: str
     source: str

@@ -51,10 +51,10 @@ _WRITTEN: Final[Mapping[str, Mapping[str, tuple[float, float]]]] = {
 UNITS: Final[Mapping[str, Mapping[str, tuple[float, float]]]] = MappingProxyType(
     {**_WRITTEN} | {i.kind: {i.unit: (1.0, 0.0)} for i in INPUTS.values() if i.kind not in _WRITTEN}
 )
-"""What a quantity may be written in: unit → factor and shift to the table's own (s, A, V, °C, share, m³/s)."""
+"""Units in which a quantity may be written: unit → factor and shift to our own unit (s, A, V, °C, share, m³/s)."""
 OWN: Final = {i.kind: i.unit for i in INPUTS.values()} | {"time": "s", "soc": "share", "flow": "m³/s"}
 _ELSE: Final = re.compile(r"m?bar|psi|k?Pa|rpm|1/min|Nm|k?Wh?|m?Ah|km/h|km|m|k?g|Hz|m?Ohm")
-"""Units of what is no use here: a column that has one is not what it is taken for."""
+"""Units of quantities that are not used here: a column with such a unit is none of our quantities."""
 _BASES: Final[dict[str, tuple[str, str]]] = {
     "time": ("time_s", "time"),
     **{q: (INPUTS[q].column, INPUTS[q].kind) for q in WHOLE},
@@ -100,7 +100,7 @@ class Column:
 
 
 def quantity_of(name: str) -> str:
-    """Tell what a column of ours measures, as a key of `UNITS`."""
+    """Give the quantity of a column with one of our names, as a key of `UNITS`."""
     if found := _CELL.match(name):
         return _CELL_KIND[found[1]]
     return next(quantity for ours, quantity in _BASES.values() if ours == name)
@@ -118,7 +118,7 @@ def find_columns(
     mapped: Mapping[str, str],
     known: Sequence[str],
 ) -> dict[str, Column]:
-    """Find the columns of a file that mean something.
+    """Find the columns of a file that are used.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def find_columns(
     mapped : mapping
         From `--columns`: our name to the file's.
     known : sequence of str
-        Those of `names` that are names of ours as they are.
+        The ones of `names` that are exactly our names.
 
     Returns
     -------
@@ -156,7 +156,7 @@ def find_columns(
 
 
 def _known(path: object, name: str, below: str | None) -> Column:
-    """Take a column that has a name of ours; a unit below it must not be another one."""
+    """Take a column with one of our names; a unit below it must not contradict the name."""
     if not below:
         return Column(name)
     quantity = quantity_of(name)
@@ -172,7 +172,7 @@ def _known(path: object, name: str, below: str | None) -> Column:
 
 
 def _by_name(path: object, name: str, below: str | None) -> tuple[str, Column] | None:
-    """Take a column that is called like one of ours but for its unit: `current [mA]`, `Surface 1 (°F)`, `time_ms`."""
+    """Take a column with one of our names but another unit: `current [mA]`, `Surface 1 (°F)`, `time_ms`."""
     base, unit = split_unit(name)
     key = re.sub(r"[\s-]+", "_", base.strip()).lower()
     ours = _OURS.get(key) or _BASES.get(key, (None, ""))[0]
@@ -207,7 +207,7 @@ def _suffixed(name: str) -> tuple[str, Column] | None:
 
 
 def _mapped(path: object, ours: str, column: str, names: Sequence[str], units: Mapping[str, str]) -> Column:
-    """Take the column that `--columns` names; the unit that stands in its brackets, or below it, is its unit."""
+    """Take the column that `--columns` names; its unit stands in brackets behind it, or below its name in the file."""
     quantity = quantity_of(ours)
     bare = column if column in names else column.removeprefix("-")
     if bare in names:
@@ -223,7 +223,7 @@ def _mapped(path: object, ours: str, column: str, names: Sequence[str], units: M
             )
         return Column(column, *factors, unit) if factors else Column(column)
     base, unit = split_unit(bare)
-    if unit is not None and base in names:  # the unit is the user's word
+    if unit is not None and base in names:  # the user has stated the unit
         sign = "-" if column.startswith("-") else ""
         if quantity == "time" and unit in ASKED:
             return Column(base, date=unit)
@@ -235,13 +235,13 @@ def _mapped(path: object, ours: str, column: str, names: Sequence[str], units: M
 
 
 def _tail(name: str, quantity: str) -> str | None:
-    """Give a unit at the end of a name where it can be nothing else: `I_mA`, `SOC_pct`; `T_F` may be of a fluid."""
+    """Give the unit at the end of a name if it is clear: `I_mA`, `SOC_pct`; in `T_F` the F may mean a fluid."""
     end = name.rpartition("_")[2]
     return end if len(end) > 1 and end in UNITS[quantity] else None
 
 
 def split_unit(name: str) -> tuple[str, str | None]:
-    """Part a name and its unit at the end: in brackets, after a comma, a slash or "in", or what can only be a unit.
+    """Split a name from the unit at its end: in brackets, after a comma, a slash or "in", or what can only be a unit.
 
     Examples
     --------

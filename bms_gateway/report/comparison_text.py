@@ -19,7 +19,7 @@ TITLES: Mapping[str, str] = {
     "refitted": "The same model, refitted to these data",
 }
 LEAST_SHARE = 0.05
-"""Share of the excess from which a regime is listed."""
+"""Least share of the excess error for which a regime is listed."""
 
 
 def comparison_document(

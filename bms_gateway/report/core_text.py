@@ -11,8 +11,8 @@ from bms_gateway.report.show import number
 NOT_PROVEN = "core not proven"
 """The state of a model in words, for tags and files."""
 OUTSIDE = 0.1
-"""Share of a core thermocouple's readings outside the 95 % band from which on the band is wrong: twice what it leaves
-out. The error of a model is alike over minutes, so that the share itself scatters."""
+"""Share of a core thermocouple's readings outside the 95 % band above which the band is wrong: twice the share that is
+expected outside. The error of a model is nearly constant over minutes, so the share itself scatters."""
 
 
 def core_document(core: KnownCore | None, otherwise: str = "") -> dict[str, Any]:
@@ -21,7 +21,7 @@ def core_document(core: KnownCore | None, otherwise: str = "") -> dict[str, Any]
     Parameters
     ----------
     core : KnownCore or None
-        None where nothing can be learnt from the records, and `otherwise` says why.
+        None if nothing can be learnt from the records; `otherwise` then says why.
     """
     if core is None:
         return {"proven": False, "sd_K": None, "centre_sd_K": None, "why": [otherwise]}
@@ -39,17 +39,17 @@ def core_sentence(core: KnownCore) -> str:
 
 
 def core_text(core: KnownCore) -> str:
-    """Write that sentence, and below it what speaks against the core."""
+    """Write this sentence, and below it the reasons why the core is not proven."""
     return "\n".join([core_sentence(core), *(f"  {why}" for why in core.why)])
 
 
 def outside(check: CoreCheck) -> bool:
-    """Whether a thermocouple in a core speaks against the band."""
+    """Whether a thermocouple in a core contradicts the band."""
     return 1.0 - check.covered > OUTSIDE
 
 
 def thermocouple_sentence(check: CoreCheck) -> str:
-    """Say how far a thermocouple in a core, which no fit has seen, is from the model."""
+    """Say how far the model is from a thermocouple in a core to which it was not fitted."""
     said = f"Thermocouple in the core of cell {check.cell}, never fitted to: {number(check.rmse_K)} K off"
     if not outside(check):
         return f"{said}, within the 95 % band."

@@ -73,14 +73,14 @@ class ResultFolder:
     Parameters
     ----------
     directory : Path
-        Made where it is missing; files of an earlier run are replaced.
+        Created if it is missing; files of an earlier run are replaced.
     strings : mapping of str to int
         Names of the strings and their numbers of cells.
 
     Attributes
     ----------
     strings : dict of name to StringSummary
-        Gathered from the events; growth and flags are for the caller to fill in.
+        Collected from the events; the caller adds growth and flags.
 
     Raises
     ------
@@ -107,7 +107,7 @@ class ResultFolder:
         self._parameter_rows = csv.writer(self._parameters, lineterminator="\n")
 
     def place(self, name: str) -> Path:
-        """Where to write a further file of the results while the run goes on."""
+        """Give the path where a further file of the results is written during the run."""
         return self._part / name
 
     def write(self, event: Event) -> None:
@@ -131,7 +131,7 @@ class ResultFolder:
         rejected: Mapping[str, int],
         signals: Mapping[str, Mapping[str, Any]] = NO_SIGNALS,
     ) -> dict[str, Any]:
-        """Write `summary.json` from what was gathered and these counts; returns it."""
+        """Write `summary.json` from the collected values and these counts, and return it."""
         document = {
             "frames": frames,
             "duration_s": duration_s,
@@ -150,10 +150,10 @@ class ResultFolder:
     def __exit__(
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Put the files in their places, or, after an exception, away."""
+        """Give the files their own names, or delete them after an exception."""
         done = False
         try:
-            with ExitStack() as files:  # closes all, even where the disk has no room for what one still holds
+            with ExitStack() as files:  # closes all files, even if the disk has no space for the rest of one of them
                 for f in (self._estimates, self._parameters, self._events, self._alerts):
                     files.callback(f.close)
             if kind is None:
@@ -209,11 +209,13 @@ class ResultFolder:
 
 
 def _to_si(p: Estimate) -> float:
-    """Return what a number is multiplied with to get SI; an effect, whoever wrote it, says so itself."""
+    """Return the factor of a number to SI; an effect states its own factor."""
     key, dot, parameter = p.name.rpartition(".")
     if not dot:
         return _TO_SI.get(p.unit, 1.0)
-    from bms_gateway.thermal.effects import effect_named  # the catalogue takes its time: only where it is needed
+    from bms_gateway.thermal.effects import (
+        effect_named,
+    )  # importing the catalogue takes long, so it is done only if needed
 
     return effect_named(key.partition(":")[0]).parameter(parameter).to_si
 

@@ -1,7 +1,7 @@
-"""Times of a table that are no numbers: ISO and German dates, dates with slashes, clocks; as seconds from row one.
+"""Times of a table that are not numbers: ISO and German dates, dates with slashes, times of day; in s from row one.
 
-Two of them look alike and differ by months: 03/04/2026 is the third of April or the fourth of March. Which of both is
-told by the rows that are there, or asked for.
+Two forms look alike and differ by months: 03/04/2026 is the third of April or the fourth of March. The rows decide
+between them, or the user is asked.
 """
 
 import re
@@ -11,13 +11,13 @@ from datetime import UTC, datetime, timedelta
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
+
+from bms_gateway.thermal import Floats
 
 __all__ = ["ASKED", "DateForm", "date_form"]
 
-Floats = NDArray[np.float64]
 ASKED: Final = ("dd/mm/yyyy", "mm/dd/yyyy")
-"""What may be said of a column of dates where its rows do not tell."""
+"""What the user may state of a column of dates if its rows do not decide."""
 _CLOCK: Final = r"(\d{1,2}):(\d\d)(?::(\d\d)(?:[.,](\d{1,9}))?)?"
 _ISO: Final = re.compile(rf"(\d{{4}})[-/](\d\d)[-/](\d\d)(?:[T ]+{_CLOCK}\s*(Z|[+-]\d\d:?\d\d)?)?")
 _DOTS: Final = re.compile(rf"(\d{{1,2}})\.(\d{{1,2}})\.(\d{{4}}|\d\d)(?:[ T,]+{_CLOCK})?")
@@ -28,17 +28,17 @@ _DAY: Final = timedelta(days=1)
 _HALF_DAY: Final = timedelta(hours=12)
 _EPOCH: Final = datetime(1970, 1, 1)
 _NO_DAY: Final = datetime(2000, 1, 1)
-"""Of times without a date."""
+"""Forms of times without a date."""
 
 
 @dataclass(slots=True)
 class DateForm:
-    """How the times of one column are written; knows the first row, which becomes 0 s.
+    """The form in which the times of one column are written, with the time of the first row, which becomes 0 s.
 
     Attributes
     ----------
     name : str
-        What the form is called: "ISO dates".
+        Name of the form, such as "ISO dates".
     kind : {"iso", "dots", "day first", "month first", "clock"}
     """
 
@@ -50,7 +50,7 @@ class DateForm:
 
     @property
     def began_s(self) -> float | None:
-        """First row in s since 1970, UTC where no zone stands there; of a clock without dates since midnight."""
+        """Time of the first row: s since 1970 (UTC if no zone is given), or since midnight for times without a date."""
         if self._first is None:
             return None
         return (self._first - (_NO_DAY if self.kind == "clock" else _EPOCH)).total_seconds()
@@ -61,7 +61,7 @@ class DateForm:
         Raises
         ------
         ValueError
-            With the place of the cell that is written otherwise.
+            Holds the index of the cell that has another form.
         """
         out = np.full(len(cells), np.nan)
         for i, cell in enumerate(cells):
@@ -106,7 +106,7 @@ class DateForm:
         return self._in_utc(at, rest[0])
 
     def _in_utc(self, at: datetime, zone: str | None) -> datetime:
-        """Take off the offset that stands there; rows with and without one do not go together."""
+        """Subtract the offset of the time zone; all rows must have one, or none."""
         if self._zoned is None:
             self._zoned = zone is not None
         if self._zoned != (zone is not None):
@@ -119,19 +119,19 @@ class DateForm:
 
 
 def date_form(cells: Sequence[str], asked: str | None = None) -> DateForm | str | None:
-    """Tell how the times of a column are written.
+    """Find the form in which the times of a column are written.
 
     Parameters
     ----------
     cells : sequence of str
-        Of the first rows, blank ones too.
+        Cells of the first rows, blank ones too.
     asked : str, optional
-        One of `ASKED`, as the user says.
+        One of `ASKED`, if the user has stated it.
 
     Returns
     -------
     DateForm, str or None
-        None: these are no dates, and may be numbers. Text: a sentence that says why it cannot be told.
+        None: the cells are not dates, and may be numbers. Text: a sentence that says why the form cannot be found.
 
     Examples
     --------
@@ -161,7 +161,7 @@ def date_form(cells: Sequence[str], asked: str | None = None) -> DateForm | str 
 
 
 def _order(given: Sequence[str]) -> DateForm | str:
-    """Tell day from month by what is a date at all and goes forward, in steps of the same order."""
+    """Decide between day and month: all rows must be valid dates that go forward in steps of the same size."""
     fits = []
     for kind, how in (("day first", ASKED[0]), ("month first", ASKED[1])):
         form = DateForm(f"dates as {how}", kind)
@@ -171,7 +171,7 @@ def _order(given: Sequence[str]) -> DateForm | str:
             continue
         if len(t) < 2 or (np.diff(t) > 0).all():
             fits.append((t, DateForm(form.name, kind)))
-    twelve = any(text[-1] in "mM" for text in given)  # 11 PM is written where the month comes first
+    twelve = any(text[-1] in "mM" for text in given)  # AM and PM are used where the month comes first
     if len(fits) == 2 and not np.array_equal(fits[0][0], fits[1][0]) and not twelve:
         fits = []
     if not fits:

@@ -1,4 +1,4 @@
-"""What a page of a diagnosis shows beside the text of the terminal: computed for the command and for the workbench."""
+"""Details that the page of a diagnosis shows and the terminal does not; for the command and for the workbench."""
 
 from collections.abc import Callable, Sequence
 
@@ -15,16 +15,16 @@ from bms_gateway.thermal import StringModel
 def details_of(
     told: Told, model: StringModel, records: Sequence[Record], compared: Callable[[], Comparison]
 ) -> Details | None:
-    """Compute the details of a diagnosis; None where the data were not enough for one.
+    """Compute the details of a diagnosis; None if the data were not enough for a diagnosis.
 
     Parameters
     ----------
     told : Told
     model : StringModel
-        That was diagnosed.
+        The model that was diagnosed.
     records : sequence of Record
     compared : callable
-        Gives the comparison of this model with these records; called only where there is a diagnosis.
+        Gives the comparison of this model with these records; called only if there is a diagnosis.
     """
     d = told.diagnosis
     if d is None:

@@ -16,16 +16,16 @@ from bms_gateway.report.show import number, text_table
 from bms_gateway.report.words import labelled, named, named_all
 
 BAR = 12
-"""Characters of the longest evidence bar: the table still fits a terminal with it."""
+"""Length of the longest evidence bar in characters; the table then still fits a terminal."""
 LINEAR = 100.0
-"""Log-odds up to which bars are in proportion: beyond, what is possible could not be seen beside what is certain."""
+"""Log-odds up to which bars are in proportion; beyond, likely effects could not be seen beside a certain one."""
 SHOWN = 8
-"""Ranked effects shown to people; programs get them all."""
+"""Number of ranked effects in the text; JSON holds all."""
 
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """A diagnosis with what goes beside it.
+    """A diagnosis with all that is reported beside it.
 
     Attributes
     ----------
@@ -34,16 +34,16 @@ class Told:
     sentence : str
     sources : tuple of str
     findings : tuple of (source, Finding)
-        Of the checks, the worst of each record first.
+        Findings of the checks, the worst of each record first.
     notes : tuple of (source, str)
         What was bridged, left out or assumed when the records were read.
     absorbed : tuple of str
-        What a parameter of the model would swallow without a trace.
+        Effects that a parameter of the model absorbs completely.
     next_experiment : str or None
     card : tuple of str
-        What these records could show at all, a line each.
+        Effects that these records could show, a line each.
     ranking : tuple of Standing
-        Everything that was weighed.
+        All hypotheses that were compared.
     core : KnownCore or None
         Of the model as it is; None where nothing can be learnt from the records.
     curve : Curve or None
@@ -64,7 +64,7 @@ class Told:
 
 
 def diagnosis_document(told: Told) -> dict[str, Any]:
-    """Return the document of `diagnose --json`; what stands behind `next_experiment` may grow."""
+    """Return the document of `diagnose --json`; keys after `next_experiment` may be added."""
     d = told.diagnosis
     return {
         "verdict": d.verdict if d else "insufficient_data",
@@ -156,7 +156,7 @@ def numbers_document(numbers: Mapping[str, Number]) -> dict[str, Any]:
 
 
 def finite(x: float) -> float | None:
-    """Return a number that JSON can hold; None where there is none."""
+    """Return a number that JSON can hold; None for NaN and infinity."""
     return float(x) if math.isfinite(x) else None
 
 
@@ -172,7 +172,7 @@ def diagnosis_text(told: Told) -> str:
         if told.ranking:
             parts.append(_ranking(told.ranking, second=d.decided_by_second))
         parts.append(_errors(d))
-        # with one effect the sentence has said it
+        # with one effect, the sentence has named it already
         tied = {x.candidate.name: x.tied_with for x in d.selected if x.tied_with and len(d.selected) > 1}
         parts += [
             labelled(f"These readings cannot tell {name} from {', '.join(others)}.") for name, others in tied.items()
@@ -192,7 +192,7 @@ def diagnosis_text(told: Told) -> str:
 
 
 def warned(findings: Sequence[tuple[str, Finding]], several: bool) -> Iterator[str]:
-    """Write the doubts about the data themselves; they come before all conclusions from the data."""
+    """Write the doubts about the data; they stand before all conclusions from the data."""
     lines = [(f"{source}: " if several else "") + f.sentence for source, f in findings if f.severity == "warn"]
     if lines:
         yield _listed("Look at the data first:", lines)
@@ -201,7 +201,7 @@ def warned(findings: Sequence[tuple[str, Finding]], several: bool) -> Iterator[s
 def told_aside(
     findings: Sequence[tuple[str, Finding]], notes: Sequence[tuple[str, str]], several: bool
 ) -> Iterator[str]:
-    """Write what else the checks found and what was assumed while reading; records by name where there are several."""
+    """Write the other findings of the checks, and what was assumed while reading, with the names of several records."""
     lines = [
         (f"{source}: " if several else "") + f"{f.severity}: {f.sentence}"
         for source, f in findings
@@ -266,7 +266,7 @@ ROLES = {"named": "named", "tied": "or", "next": "next", "instead": "instead", "
 
 
 def meaning(ranked: Sequence[Standing], *, second: bool) -> str:
-    """Say what the columns of a ranking mean, after what is in it."""
+    """Explain the columns of a ranking, according to its content."""
     roles = {r.role for r in ranked}
     if "named" not in roles:
         return "log-odds: against nothing missing; 3 (20 to 1) are needed"
@@ -306,7 +306,7 @@ def _ranking(ranked: Sequence[Standing], *, second: bool) -> str:
 
 
 def reach(evidence: float, top: float) -> float:
-    """Share of a bar, 0…1, that log-odds take: in proportion, or by their logarithm where others would vanish."""
+    """Length of a bar, 0…1, for log-odds: in proportion, or by their logarithm if short bars would vanish."""
     if not (math.isfinite(evidence) and evidence > 0.0 and top > 0.0):
         return 0.0
     return min(math.log1p(evidence) / math.log1p(top) if top > LINEAR else evidence / top, 1.0)

@@ -23,13 +23,13 @@ from bms_gateway.thermal import StringModel
 def findings_and_notes(
     model: StringModel, records: Sequence[Record]
 ) -> tuple[tuple[tuple[str, Finding], ...], tuple[tuple[str, str], ...]]:
-    """Check the records, and gather what was noted while they were read; each with its source."""
+    """Check the records, and collect the notes of their reading; each with its source."""
     findings = tuple((r.source, f) for r in records for f in check_record(r, model))
     return findings, tuple((r.source, text) for r in records for text in r.notes)
 
 
 def sound(findings: Sequence[tuple[str, Finding]]) -> None:
-    """Refuse records of which nothing can be learnt.
+    """Refuse records from which nothing can be learnt.
 
     Raises
     ------
@@ -51,15 +51,15 @@ def long_enough(findings: Sequence[tuple[str, Finding]]) -> None:
 
 
 def examine(model: StringModel, records: Sequence[Record], progress: Progress | None = None) -> Told:
-    """Check records, and diagnose a model with those of which something can be learnt.
+    """Check records, and diagnose a model with the usable ones.
 
     Parameters
     ----------
     model : StringModel
-        Diagnosed from what was known of it before any data.
+        The model; the diagnosis starts from its numbers before any data.
     records : sequence of Record
     progress : callable, optional
-        Told the share of the work done and what is being done.
+        Called with the share of the work that is done, and the present step.
     """
     findings, notes = findings_and_notes(model, records)
     sources = tuple(r.source for r in records)
@@ -77,7 +77,7 @@ def examine(model: StringModel, records: Sequence[Record], progress: Progress | 
 
 
 def curve_of(d: Diagnosis, records: Sequence[Record]) -> Curve | None:
-    """Work out dU/dT over the state of charge where entropic heat is named and the records tell a curve."""
+    """Compute dU/dT over the state of charge if entropic heat is named and the records determine a curve."""
     if all(s.candidate.name != "entropic_heat" for s in d.selected):
         return None
     charge_sd = max(r.charge_sd for r in records)
@@ -87,13 +87,13 @@ def curve_of(d: Diagnosis, records: Sequence[Record]) -> Curve | None:
 
 
 def usable(records: Sequence[Record], findings: Sequence[tuple[str, Finding]]) -> list[Record]:
-    """Leave out the records of which nothing can be learnt."""
+    """Leave out the records from which nothing can be learnt."""
     stopped = {source for source, f in findings if f.severity == "stop"}
     return [r for r in records if r.source not in stopped]
 
 
 def card_of(fit: MapFit) -> Card:
-    """Tell what the records of a fit could show at all."""
+    """Compute which effects the records of a fit could show."""
     y = stacked(fit.problem)[0]
     surfaces = float(np.quantile(y, 0.05)), float(np.quantile(y, 0.95))
     return detectability(fit, candidates(fit.problem.model, fit.problem.records[0].drive, surfaces))
@@ -106,7 +106,7 @@ ANOTHER_COOLING = (
 
 
 def experiment_of(d: Diagnosis) -> Experiment | None:
-    """Plan what to drive next; None where the second search of a single cell decided, or nothing is left to tell."""
+    """Plan the next measurement; None if the second search of a single cell decided, or no question is left."""
     if d.second is not None and d.search.baseline.problem.model.cells == 1:
         return None
     return next_experiment(d.search, uncertain=d.unknown_remains or d.verdict in ("undecidable", "unknown_effect"))

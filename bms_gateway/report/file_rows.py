@@ -16,27 +16,27 @@ from bms_gateway.gunzip import Gunzip
 from bms_gateway.report.dates import DateForm
 from bms_gateway.report.table_cells import MISSING, Decimals, is_number, mark_of, units_row
 from bms_gateway.report.text import HEAD, Recoded, decoded, refuse_others, utf16
+from bms_gateway.thermal import Floats
 
-Floats = NDArray[np.float64]
-CHUNK: Final = 1 << 18  # bytes of text: its cells are some megabytes
+CHUNK: Final = 1 << 18  # bytes of text per block; its cells need some megabytes
 LONGEST_LINE: Final = 1 << 17  # bytes; the names of all columns of a thousand cells have half of it
 MOST_IDLE: Final = 1_000_000  # lines in a row that are blank or remarks
 BATCH: Final = 1 << 14  # rows of Parquet
-MOST_SAMPLED: Final = 2000  # rows that tell how times are written
+MOST_SAMPLED: Final = 2000  # rows from which the form of times is found
 
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """Rows that follow each other.
+    """Consecutive rows of a file.
 
     Attributes
     ----------
     lines : ndarray of int (N,)
         Number of each row in the file.
     values : dict of str to ndarray (N,)
-        By the column's name as it was asked for; NaN where blank.
+        Values by the name of the column as it was requested; NaN for blanks.
     read : float
-        Bytes of the file that it took.
+        Bytes of the file that these rows took.
     """
 
     lines: NDArray[np.int64]
@@ -52,13 +52,13 @@ class Rows(Protocol):
     names : list of str
         Of its columns.
     word : str
-        What its rows are called.
+        Word for a row: "line" or "row".
     units : list of str or None
         Of a row of units below the names.
     notes : sequence of str
-        What was recognised so far, a sentence each; whole once all pieces are read.
+        What was recognised so far, a sentence each; complete after the last piece.
     began_s : float or None
-        First stamp, s since 1970, of a file whose times are stamps; known once a piece is read.
+        First time, s since 1970, of a file with date-times; known after the first piece.
     """
 
     names: list[str]
@@ -80,12 +80,12 @@ class Rows(Protocol):
         ...
 
     def pieces(self, columns: Collection[str], dates: Mapping[str, DateForm]) -> Iterator[Piece]:
-        """Give the rows, of these columns only; `-name` is a column with the opposite sign, `dates` has those of times.
+        """Yield the rows of these columns; `-name` changes the sign, `dates` has the forms of columns of times.
 
         Raises
         ------
         DataError
-            What stands there is no number, or no row.
+            A cell is not a number, or a line is not a row.
         EOFError
             Gzip data that are damaged.
         """
@@ -124,7 +124,9 @@ class _Csv:
         self._blocks = self._lines()
         first = next(self._blocks, None)
         if first is not None and first.text[0].lower().startswith("sep=") and len(first.text[0]) <= 5:
-            first = first.after(1) if len(first.text) > 1 else next(self._blocks, None)  # Excel's own remark
+            first = (
+                first.after(1) if len(first.text) > 1 else next(self._blocks, None)
+            )  # a line of Excel that names the separator
         if first is None:
             raise DataError(f"{path}: empty")
         number, head = int(first.number[0]), first.text[0]
@@ -142,7 +144,7 @@ class _Csv:
         self.units = self._units()
 
     def _open(self, file: BinaryIO) -> tuple[Any, str]:
-        """Unpack, and recode UTF-16; tells the codec."""
+        """Unpack, and convert UTF-16; return the codec too."""
         packed = self.path.suffix == ".gz"
         with self.path.open("rb") as other:
             head = _head(Gunzip(other, str(self.path)) if packed else other)
@@ -189,7 +191,7 @@ class _Csv:
             lines = next(self._blocks, None)
 
     def _lines(self) -> Iterator["_Lines"]:
-        """Give lines that are neither blank nor remarks; never none."""
+        """Yield groups of lines that are neither blank nor comments; no group is empty."""
         carry, number, read, first = b"", 1, 0, 1
         while block := self._source.read(CHUNK):
             text = carry + block
@@ -277,7 +279,7 @@ class _Csv:
         return sign * out if sign < 0 else out
 
     def _number(self, cell: str, line: int, column: str) -> float:
-        """Slow path: blanks in words, decimal commas; anything else is told with its line."""
+        """Slow path: words for blanks, decimal commas; any other text is an error with its line."""
         text = cell.strip()
         if text.lower() in MISSING:
             return np.nan
@@ -295,7 +297,7 @@ class _Csv:
 
 
 def _head(source: Any) -> bytes:
-    """Read what tells the kind of a file; gzip data may come in small pieces."""
+    """Read the first bytes, which tell the kind of a file; gzip data may come in small pieces."""
     head = b""
     while len(head) < HEAD and (more := source.read(HEAD - len(head))):
         head += more

@@ -17,12 +17,12 @@ from bms_gateway.report.diagnosis_text import finite, told_aside, warned, with_s
 from bms_gateway.report.show import number, text_table
 
 HOLDS = 1.2
-"""Error over the noise up to which a model holds, as the diagnosis has it."""
+"""Error over noise up to which a model explains the readings, as in the diagnosis."""
 
 
 @dataclass(frozen=True, slots=True)
 class FitReport:
-    """A fit as it is told.
+    """A fit as it is reported.
 
     Attributes
     ----------
@@ -32,14 +32,14 @@ class FitReport:
     calibrated : bool
     changes : tuple of Change
     products : tuple of Combination
-        Products of parameters that are known better than these.
+        Products of parameters that are better known than the parameters themselves.
     channels : tuple of ChannelError
     errors : Errors
         Over all thermocouples.
     closest : Errors
-        Of the numbers that follow the surfaces best, believed or not.
+        Errors with the numbers that fit the surfaces best, plausible or not.
     model_error_K : float
-        How far the model errs by itself; 0 where it explains the readings.
+        Model error; 0 if the model explains the readings.
     findings, notes : tuple of (source, …)
     core : KnownCore
         Of the fitted model.

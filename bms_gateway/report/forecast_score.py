@@ -1,7 +1,7 @@
-r"""Forecasts of a log held against what came: for the load that was guessed, and for the current that then flowed.
+r"""Forecasts of a log compared with what came: under the forecast load, and under the current that then flowed.
 
-Held against the cores that a table of the truth knows, else against what the same engine says of cores later on; beside
-it the forecast that a core stays as it is. The score of a Gaussian forecast is its CRPS (T. Gneiting, A. E. Raftery,
+The reference is a table of the true cores, or else the later estimates of the same engine. The forecast that a core
+stays as it is is scored beside it. The score of a Gaussian forecast is its CRPS (T. Gneiting, A. E. Raftery,
 Strictly proper scoring rules, JASA 102 (2007), eq. 21),
 
 .. math:: \sigma \left( z (2 \Phi(z) - 1) + 2 \varphi(z) - 1 / \sqrt{\pi} \right)
@@ -40,7 +40,7 @@ class Score:
     sd: float = 0.0
 
     def take(self, value: float, sd: float, true: float) -> None:
-        """Take in a forecast and what came; an sd of 0 is a forecast without a band."""
+        """Add a forecast and the later value; an sd of 0 is a forecast without a band."""
         error = value - true
         self.number += 1
         self.square += error * error
@@ -54,7 +54,7 @@ class Score:
         self.crps += sd * (z * erf(z / sqrt(2.0)) + 2.0 * density - 1.0 / sqrt(pi))
 
     def document(self) -> dict[str, Any]:
-        """Tell it for machines; nothing is told of no forecasts."""
+        """Give the score as a document for machines; None without forecasts."""
         n = self.number
         if not n:
             return {"forecasts": 0, "rms_K": None, "inside_2sd": None, "mean_sd_K": None, "crps_K": None}
@@ -69,7 +69,7 @@ class Score:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One forecast of one cell, and what came; NaN where nobody knows."""
+    """One forecast of one cell, and what came; NaN if unknown."""
 
     time_ns: int
     string: str
@@ -124,7 +124,7 @@ class Scorer:
     _last: int | None = None
 
     def take(self, event: Event) -> Iterator[Row]:
-        """Take the engine's next event; rows of the forecasts that can now be judged."""
+        """Take the engine's next event; yield rows of the forecasts that can now be judged."""
         if isinstance(event, Estimated):
             self._newest = event
         elif isinstance(event, Foreseen) and self._newest is not None:
@@ -132,7 +132,7 @@ class Scorer:
         return iter(())
 
     def finish(self) -> Iterator[Row]:
-        """Judge those of which not all has come."""
+        """Judge the forecasts whose last horizons have not come."""
         while self._waiting:
             yield from self._judge(self._waiting.popleft())
 
@@ -158,7 +158,7 @@ class Scorer:
     def _actual(self, at: int, origin: Origin) -> tuple[Floats, Floats] | None:
         """Forecast under the current that flowed (3, K, S, n), and its sd (3, H, S, n); None where it is not known.
 
-        The inlet is held: a plan knows the current, and not the weather.
+        The inlet stays constant, because a plan holds the current only.
         """
         loads = [self._known.get(at + k * STEP_NS) for k in range(1, ENDS[-1] + 1)]
         got = [k for k in loads if k is not None]
@@ -232,7 +232,7 @@ class Scorer:
         return np.full(n, np.nan) if known is None else known.core[mine]
 
     def document(self) -> Mapping[str, Any]:
-        """Tell the scores for machines: by string, load and horizon."""
+        """Give the scores as a document for machines: by string, load and horizon."""
         out: dict[str, dict[str, dict[str, Any]]] = {}
         for (name, load, horizon), score in self.scores.items():
             out.setdefault(name, {}).setdefault(load.replace(" ", "_"), {})[f"{horizon:g}"] = score.document()

@@ -1,4 +1,4 @@
-"""Tables that a forecast is told of: what current comes, and the true cores of a log."""
+"""Tables for forecasts: the coming current, and the true cores of a log."""
 
 import csv
 import gzip
@@ -17,7 +17,7 @@ LONG_FORM: Final = ("time_s", "string", "cell", "core_C")
 
 
 def read_profile(path: Path) -> tuple[Floats, Floats, Floats]:
-    """Read what comes: time_s, current_A and perhaps coolant_inlet_C (NaN where there is none), (N,) each.
+    """Read a profile: time_s, current_A and perhaps coolant_inlet_C (NaN if there is none), (N,) each.
 
     Raises
     ------
@@ -40,12 +40,12 @@ def read_truth(path: Path, strings: Sequence[str], cells: Mapping[str, int]) -> 
         As `simulate --truth` writes it, or a table with `core_K_C` where there is one string.
     strings : sequence of str
     cells : mapping
-        How many each has.
+        Number of cells of each string.
 
     Raises
     ------
     DataError
-        It is neither, or speaks of none of the strings.
+        The table has neither form, or holds none of the strings.
     """
     if path.suffix.lower() not in (".parquet", ".pq"):
         with _opened(path) as f:

@@ -16,13 +16,13 @@ from bms_gateway.report.show import text_table
 
 
 def of_string(f: Forecast | None, quality: NDArray[np.uint8]) -> dict[str, Any]:
-    """Tell the forecast of one string for machines; None where nothing is known.
+    """Give the forecast of one string as a document for machines; None if nothing is known.
 
     Parameters
     ----------
     f : Forecast or None
     quality : ndarray of uint8 (n,)
-        Of the cells' cores now.
+        Present quality of the cells' cores.
     """
     if f is None:
         return {"load_A": None, "cells": [], "first": None, "discharge_A": None, "charge_A": None}
@@ -60,11 +60,11 @@ def of_string(f: Forecast | None, quality: NDArray[np.uint8]) -> dict[str, Any]:
 
 
 def of_plan(ahead: Ahead, j: int, limit_C: float, now: Forecast | None) -> dict[str, Any]:
-    """Tell the forecast of a group's string `j` under a profile for machines."""
+    """Give the forecast of a group's string `j` under a profile as a document for machines."""
     none = np.zeros(ahead.phi.shape[0])
     T, sd = ahead.under(none)[:, :, j], ahead.sd(none)[:, :, j]
     at_s = first_crossing(T[CENTRE], limit_C)
-    if now is not None:  # of a cell that is not known nothing is told
+    if now is not None:  # no forecast is given for a cell whose core is unknown
         unknown = np.isnan(now.core[-1])
         T, sd, at_s = np.where(unknown, np.nan, T), np.where(unknown, np.nan, sd), np.where(unknown, np.inf, at_s)
     ends = T[:, AT_ENDS]
@@ -90,7 +90,7 @@ def of_plan(ahead: Ahead, j: int, limit_C: float, now: Forecast | None) -> dict[
 
 
 def last_lines(document: Mapping[str, Any]) -> Iterator[str]:
-    """Say what comes next: of each string the cell that will be hottest."""
+    """Write the forecast: of each string the cell that will be hottest."""
     rows, said = [], []
     for name, s in document["strings"].items():
         known = [c for c in s["cells"] if c["ahead"][-1]["centre_C"] is not None]

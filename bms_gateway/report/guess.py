@@ -1,6 +1,6 @@
-"""What the columns of a foreign table may be: proposed by their names, units and values, for a person to confirm.
+"""Proposals for the columns of a foreign table, from their names, units and values, for a person to confirm.
 
-Nothing is taken from here without being asked: `read_table` takes what names and `--columns` say.
+No proposal is used without confirmation: `read_table` uses only names and `--columns`.
 """
 
 import re
@@ -10,26 +10,25 @@ from typing import Final
 from unicodedata import normalize
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bms_gateway.report.columns import UNITS, bare_unit, split_unit
+from bms_gateway.thermal import Floats
 
-Floats = NDArray[np.float64]
 ENOUGH: Final = 0.3
-"""Correlation of steps of current and voltage from which on they tell the sign, as the direct checks have it."""
+"""Least correlation of the steps of current and voltage that determines the sign, as in the direct checks."""
 BLOCKS: Final = 60
-"""Stretches of a record over which charge and current are held against each other."""
+"""Number of stretches of a record over which charge and current are compared."""
 FLOWS: Final = 0.05
-"""Of the largest current: below it is a rest."""
+"""Share of the largest current below which the string rests."""
 ONE_WAY, LEAST_ROWS, MOVED = 0.98, 20, 0.01
-"""Mean sign of a current that has one sign, its least rows, and share by which the voltage has moved."""
+"""Least mean sign of a current with one sign, least number of rows, and least relative change of the voltage."""
 _ROOM_K: Final = (230.0, 400.0)
 _PARTS: Final = 1.5
-"""A state of charge above it is in per cent."""
+"""A state of charge with a greater median is in per cent."""
 _COARSE_MS: Final = 50.0
-"""Whole numbers that step by so much are hardly seconds."""
+"""Whole numbers with steps of at least this size are hardly seconds."""
 _MOST: Final = {"current": 2000.0, "voltage": 1500.0}
-"""Beyond it, values are in thousandths."""
+"""Greater values are in thousandths of the unit."""
 
 _INLET: Final = (
     r"\b(inlet|vorlauf|zulauf|eintritt|einlass|t.?in|coolant|coolant temp|k(ü|ue)hlmittel|k(ü|ue)hlwasser|entr(é|e)e)\b"
@@ -54,7 +53,7 @@ _JOINED: Final = re.compile(
     r"\bt(?=(surf\w*|oberfl\w*|zelle?|cell|case|can|geh(ä|ae)use|core|kern|amb|ambient|umg\w*|luft|air|inlet|cool\w*"
     r"|k(ü|ue)hl\w*|vorlauf|skin|haut)\b)"
 )
-"""A t of a temperature that is written together with what it is of."""
+"""A t for temperature that is joined with the next word, such as `tsurf`."""
 ONES: Final = (
     ("time_s", "time", re.compile(_WHEN)),
     (
@@ -71,7 +70,7 @@ ONES: Final = (
         re.compile(r"\b(voltage|spannung|u|v|volts?|tension|pack.?voltage|packspannung|gesamtspannung)\b"),
     ),
 )
-"""Our name, its quantity, and what others call it, of what a string has once."""
+"""Quantities that a string has once: our name, the quantity, and the words that others use."""
 _NOT: Final = re.compile(
     r"\b(outlet|r(ü|ue)cklauf|auslass|austritt|power|leistung|energy|energie|error|fehler|status)\b"
 )
@@ -80,16 +79,16 @@ _NUMBER: Final = re.compile(r"(\d+)(?!.*\d)")
 
 @dataclass(frozen=True, slots=True)
 class Guess:
-    """What a column may be.
+    """Proposal for a column.
 
     Attributes
     ----------
     ours : str
-        Name of ours.
+        Our name.
     unit : str or None
-        Guessed from the values, where the file says none.
+        Unit guessed from the values, if the file states none.
     flip : bool
-        Whether the sign is likely the opposite.
+        Whether the sign is probably the opposite one.
     why : str
     """
 
@@ -100,7 +99,7 @@ class Guess:
 
 
 def plain(name: str) -> str:
-    """Write a column's name without its unit, in small letters, parted by blanks.
+    """Write a column's name without its unit, in small letters, with blanks between words.
 
     Examples
     --------
@@ -115,7 +114,7 @@ def plain(name: str) -> str:
 
 
 def lookalike(ours: str, names: Sequence[str]) -> str | None:
-    """Give the one column that others call so; None where there is none, or several."""
+    """Give the only column that matches these words; None if there is none, or several."""
     pattern = next((p for name, _, p in ONES if name == ours), None)
     near = [n for n in names if pattern is not None and pattern.search(plain(n))]
     return near[0] if len(near) == 1 else None
@@ -128,7 +127,7 @@ def guesses(
     values: Mapping[str, Floats],
     dated: str,
 ) -> dict[str, Guess]:
-    """Propose what the columns are that no name tells.
+    """Make proposals for the columns whose names are not ours.
 
     Parameters
     ----------
@@ -137,7 +136,7 @@ def guesses(
     below : sequence of str, optional
         Row of units below them.
     taken : mapping
-        Column of the file by our name, of what is known already.
+        Columns that are known already: column of the file by our name.
     values : mapping
         First values of the columns that hold numbers.
     dated : str
@@ -159,7 +158,7 @@ def guesses(
         fits = [n for n in free if n not in found and kind[n] in (None, quantity) and _called(pattern, ours, n)]
         if ours != "time_s":
             fits = [n for n in fits if ours != "coolant_inlet_C" or not re.search(_CORE, plain(n))]
-        if not fits and quantity in ("current", "time", "flow"):  # its unit alone tells
+        if not fits and quantity in ("current", "time", "flow"):  # only its unit shows what it is
             fits = [n for n in free if n not in found and kind[n] == quantity and not _NOT.search(plain(n))][:1]
         if fits:
             best = min(fits, key=lambda n: (kind[n] is None, _late(ours, n), names.index(n)))
@@ -176,12 +175,12 @@ def _called(pattern: re.Pattern[str], ours: str, name: str) -> bool:
 
 
 def _late(ours: str, name: str) -> bool:
-    """Whether it is what stands in for the inlet where there is none."""
+    """Whether a column only replaces a missing inlet, such as an air temperature."""
     return ours == "coolant_inlet_C" and not re.search(_INLET, plain(name))
 
 
 def _quantity(unit: str) -> str | None:
-    """Tell what a unit measures; None where there is none, "else" for one that is no use here."""
+    """Give the quantity of a unit; None without a unit, "else" for a unit that is not used here."""
     if not unit:
         return None
     known = [q for q, units in UNITS.items() if unit in units]
@@ -196,7 +195,7 @@ def _cells(
     values: Mapping[str, Floats],
     taken: Mapping[str, str],
 ) -> dict[str, Guess]:
-    """Give cells the numbers of their columns' names, or of their order."""
+    """Give each cell the number in its column's name, or its place in the order."""
     suffix = "V" if what == "cell_voltage" else "C"
     if what == "cell_voltage":
         pattern = r"\b(cell|zelle?|zell\w*|u|v)\b"
@@ -205,7 +204,7 @@ def _cells(
     mine = [
         n for n in free if kind[n] in (None, quantity) and re.search(pattern, plain(n)) and not _NOT.search(plain(n))
     ]
-    if what == "cell_voltage":  # without a unit, or without a number, it may be anything
+    if what == "cell_voltage":  # a column without a unit or a number may be anything
         mine = [n for n in mine if kind[n] == quantity and _NUMBER.search(plain(n))]
     elif what == "surface":
         mine = [n for n in mine if kind[n] == quantity or _heat_of_a_cell(plain(n))]
@@ -229,7 +228,7 @@ def _heat_of_a_cell(text: str) -> bool:
 
 
 def _unit_of(quantity: str, x: Floats | None, stated: str | None) -> str | None:
-    """Guess a unit by the size of the values, where the file says none and it is not the usual one."""
+    """Guess a unit from the size of the values, if the file states none and it is not the usual one."""
     given = x[np.isfinite(x)] if x is not None else np.empty(0)
     if stated is not None or len(given) < 2:
         return None
@@ -249,7 +248,7 @@ def is_percent(soc: Floats) -> bool:
 
 
 def _signed(found: dict[str, Guess], taken: Mapping[str, str], values: Mapping[str, Floats]) -> dict[str, Guess]:
-    """Flip a guessed current with which voltage or charge rise."""
+    """Change the sign of a proposed current with which voltage or charge rise."""
     column = next((n for n, g in found.items() if g.ours == "current_A"), None)
     if column is None:
         return found
@@ -262,7 +261,7 @@ def _signed(found: dict[str, Guess], taken: Mapping[str, str], values: Mapping[s
 
 
 def rises(I: Floats | None, V: Floats | None, soc: Floats | None) -> str:  # noqa: E741 - the paper's symbol
-    """Say what rises with a current and should fall; empty where nothing does."""
+    """Say what rises with a discharge current and should fall; empty if nothing does."""
     if I is None:
         return ""
     if V is not None and correlation(np.diff(I), np.diff(V)) > ENOUGH:
@@ -278,7 +277,7 @@ def rises(I: Floats | None, V: Floats | None, soc: Floats | None) -> str:  # noq
 
 
 def _one_way(current: Floats, V: Floats) -> str:
-    """Say it of a current of one sign, such as a discharge at constant current: the voltage follows the charge."""
+    """Say the same of a current with one sign, such as a constant discharge: the voltage follows the charge."""
     both = np.isfinite(current) & np.isfinite(V)
     flows = both & (np.abs(current) > FLOWS * np.max(np.abs(current[both]), initial=0.0))
     sign, over = float(np.sign(current[flows]).mean()) if flows.any() else 0.0, V[flows]
@@ -292,7 +291,7 @@ def _one_way(current: Floats, V: Floats) -> str:
 
 
 def correlation(a: Floats, b: Floats) -> float:
-    """Correlate where both are known; 0 where nothing moves."""
+    """Correlate two series where both are known; 0 if one of them is constant."""
     both = np.isfinite(a) & np.isfinite(b)
     a, b = a[both], b[both]
     if len(a) < 5 or np.std(a) == 0.0 or np.std(b) == 0.0:

@@ -13,7 +13,7 @@ from pathlib import Path
 from bms_gateway.diagnosis.adding import Addition
 from bms_gateway.diagnosis.candidates import Candidate
 from bms_gateway.diagnosis.checks import Finding
-from bms_gateway.diagnosis.compare import Comparison, CoreCheck, Variant
+from bms_gateway.diagnosis.compare import Comparison, CoreCheck
 from bms_gateway.diagnosis.core_known import KnownCore
 from bms_gateway.diagnosis.detect import Card
 from bms_gateway.diagnosis.experiment import Experiment
@@ -43,14 +43,14 @@ AGREES, FAILS = "Where the model agrees", "Where the model fails"
 
 @dataclass(frozen=True, slots=True)
 class Aside:
-    """What a page says of the data beside what it concludes from them.
+    """Remarks of a page on the data themselves.
 
     Attributes
     ----------
     sources : sequence of str
         Names of the records.
     findings : sequence of (source, Finding)
-        Of the checks.
+        Findings of the checks.
     notes : sequence of (source, str)
         What was bridged, left out or assumed when the records were read.
     command : str
@@ -66,19 +66,19 @@ class Aside:
     remains: str = ""
 
     def _by_record(self, said: Iterable[tuple[str, str]]) -> list[str]:
-        """Name the record of each sentence where there are several."""
+        """Put the name of the record before each sentence if there are several records."""
         return [f"{source}: {text}" if len(self.sources) > 1 else text for source, text in said]
 
     @property
     def doubts(self) -> str:
-        """What casts doubt on the data, for the head of the page: it comes before what is concluded from them."""
+        """Doubts about the data, for the head of the page: they stand before the conclusions from the data."""
         lines = self._by_record((s, f.sentence) for s, f in self.findings if f.severity == "warn")
         open_still = f'<p class="alarm">{escape(self.remains)}</p>' if self.remains else ""
         return open_still + (f'<div class="doubts"><p>Look at the data first:</p>{items(lines)}</div>' if lines else "")
 
     @property
     def sections(self) -> list[str]:
-        """What the data look like, and how the page was made, for its end."""
+        """Remarks on the data, and how the page was made, for its end."""
         checks = ((s, f"{f.severity}: {f.sentence}") for s, f in self.findings if f.severity != "warn")
         made = f"<pre>{escape(self.command)}</pre>" if self.command else ""
         return [
@@ -93,7 +93,7 @@ class Aside:
 def write_comparison(path: Path, comparison: Comparison, aside: Aside) -> None:
     """Write a comparison as a page: the model from its file, and refitted. Raises what `write_page` raises."""
     filed, now = comparison.filed, comparison.refitted
-    models = [_variant(FILED, filed), _variant(REFITTED, now)]
+    models = [Shown.of(FILED, filed), Shown.of(REFITTED, now)]
     head = f'<p class="verdict">{escape(filed.findings[0])}</p>'
     head += core_html(comparison.core, now.core_checks)
     head += aside.doubts + summary(models)
@@ -116,7 +116,7 @@ def write_comparison(path: Path, comparison: Comparison, aside: Aside) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Details:
-    """What a page of a diagnosis shows and the terminal does not; each part may be absent.
+    """Parts of a diagnosis that a page shows and the terminal does not; each part may be absent.
 
     Attributes
     ----------
@@ -125,7 +125,7 @@ class Details:
     latent : Latent, optional
         Of the model as it is: the heat that it does not explain.
     experiment : Experiment, optional
-        All tests with what they can be expected to bring.
+        All proposed tests, with the log-odds that they are expected to give.
     card : Card, optional
         The smallest size of each effect that these data could show.
     cores : sequence of KnownCore
@@ -156,7 +156,7 @@ def write_diagnosis(
     told : Told
         With what the terminal shows; without a diagnosis the page says what the data lack.
     details : Details, optional
-        Adds what the terminal has no place for.
+        Details that the terminal does not show.
     command : str
         Command line that makes the page again.
     step : str
@@ -232,7 +232,7 @@ def write_addition(
     remains : str
         As of `Aside`.
     step : str
-        What the model was called before.
+        Name of the model before the addition.
 
     Raises
     ------
@@ -263,7 +263,7 @@ def write_addition(
 
 
 def core_html(core: KnownCore | None, checks: Sequence[CoreCheck] = ()) -> str:
-    """Say how well the cores are known, where they are, and what speaks against them, also thermocouples in them."""
+    """Say how well the cores are known, if that was computed, and what contradicts them, also thermocouples."""
     said = ""
     if core is not None:
         sentence = core_sentence(core)
@@ -273,12 +273,8 @@ def core_html(core: KnownCore | None, checks: Sequence[CoreCheck] = ()) -> str:
     return said + "".join(read)
 
 
-def _variant(name: str, v: Variant) -> Shown:
-    return Shown(name, v.fit, v.sensors, v.cores)
-
-
 def _effects(added: Sequence[Candidate], tied: Sequence[str]) -> str:
-    """Say what effects are and how they show."""
+    """Give the equation of effects and how they show."""
     parts = []
     for c in added:
         parts.append(f"<h3>{escape(named(c.key))}</h3><pre>{escape(c.effect.equation)}</pre>")

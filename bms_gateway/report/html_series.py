@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bms_gateway.diagnosis.compare import Variant
 from bms_gateway.diagnosis.core_band import CoreBand, core_bands, half_width_K
 from bms_gateway.diagnosis.misfit import Level, Sensor, level, nearest, sensors
 from bms_gateway.diagnosis.regimes import instants_of, seconds_of
@@ -38,6 +39,11 @@ class Shown:
     fit: MapFit
     sensors: tuple[Sensor, ...]
     cores: tuple[CoreBand, ...]
+
+    @classmethod
+    def of(cls, name: str, v: Variant) -> "Shown":
+        """Show a variant of a comparison under a name."""
+        return cls(name, v.fit, v.sensors, v.cores)
 
     @property
     def levels(self) -> tuple[Level, Level]:
@@ -154,10 +160,10 @@ def envelope(t: Floats, y: Floats, most: int) -> tuple[Floats, Floats]:
     return t[rows], y[rows]
 
 
-def smooth(t: Floats, y: Floats, breaks_s: Sequence[float], width_s: float = SMOOTH_S) -> tuple[Floats, Floats]:
+def smooth(t: Floats, y: Floats, breaks_s: Sequence[float]) -> tuple[Floats, Floats]:
     """Average a series over stretches of time, at their mean times."""
     segment = np.searchsorted(np.asarray(breaks_s), t, side="right")
-    at = np.floor(t / width_s).astype(np.int64) + segment * (int(t.max() / width_s) + 2)
+    at = np.floor(t / SMOOTH_S).astype(np.int64) + segment * (int(t.max() / SMOOTH_S) + 2)
     _, index, count = np.unique(at, return_inverse=True, return_counts=True)
     return np.bincount(index, t) / count, np.bincount(index, y) / count
 

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bms_gateway.errors import DataError
 from bms_gateway.report.columns import OWN, UNITS, Column, find_columns, quantity_of, split_unit
@@ -19,8 +18,8 @@ from bms_gateway.report.file_rows import Rows
 from bms_gateway.report.guess import Guess, guesses, is_percent
 from bms_gateway.report.table import REQUIRED, converted, known, open_table
 from bms_gateway.report.table_cells import is_number
+from bms_gateway.thermal import Floats
 
-Floats = NDArray[np.float64]
 SHOWN: Final = 4
 """Cells of a column."""
 DRAWN: Final = 80

@@ -44,10 +44,6 @@ def progress(title: str, total: float | None) -> Iterator[Callable[[float], None
 def share_of(title: str) -> Iterator[Callable[[float, str], None]]:
     """Show how far long work has come that tells its share itself.
 
-    Parameters
-    ----------
-    title : str
-
     Yields
     ------
     callable

@@ -143,8 +143,8 @@ def _wanted(r: PlaceReport) -> list[str]:
         return []
     if r.enough.worst_sd > r.wanted:
         return [
-            f"± {r.wanted:g} K cannot be had: a sensor on every cell leaves ± {number(r.enough.worst_sd, SMALL)} K, "
-            "for errors of heat sit in the cores."
+            f"± {r.wanted:g} K cannot be reached: a sensor on every cell leaves ± {number(r.enough.worst_sd, SMALL)} K,"
+            " because errors of the heat act in the cores."
         ]
     m = len(r.enough.sensors)
     return [
@@ -190,6 +190,6 @@ def _independent(d: Disturbance, unsensed: bool) -> list[str]:
     if d.heat_common or d.inlet or not unsensed:
         return []
     return [
-        "With errors that each cell has on its own, no sensor on another cell tells of them but by conduction:\n"
-        "a cell that is to be known needs its own."
+        "The error of a single cell shows at other cells only through conduction:\n"
+        "a cell whose core must be known needs its own sensor."
     ]

@@ -22,8 +22,7 @@ from bms_gateway.report.dates import DateForm, date_form
 from bms_gateway.report.file_rows import Piece, Rows, open_csv, open_parquet
 from bms_gateway.report.guess import lookalike
 from bms_gateway.report.progress import progress
-
-Floats = NDArray[np.float64]
+from bms_gateway.thermal import Floats
 
 REQUIRED = ("time_s", *(INPUTS[q].column for q in WHOLE if INPUTS[q].needed))
 OPTIONAL = tuple(INPUTS[q].column for q in WHOLE if not INPUTS[q].needed)
@@ -130,10 +129,6 @@ def read_table(
         Numbers that are taken in. Default: what a file of its size can mean.
     needed : sequence of str
         Columns that it must have; of others that are missing every value is.
-
-    Returns
-    -------
-    Table
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """The paper's figures and tables, computed anew by the code that runs in the vehicle, beside the printed ones.
 
-Nothing is implemented here for the show: identification comes from `identify`, observers from `observe`, ranks and
-placement from `sensors`. This room sets the paper's scenes, compares, and says where the print is wrong.
+No method is implemented here: identification comes from `identify`, observers from `observe`, ranks and placement
+from `sensors`. This room sets up the paper's cases, compares the results, and says where the print is wrong.
 """
 
 from collections.abc import Callable, Mapping
@@ -34,11 +34,11 @@ SECTIONS: Mapping[str, Callable[[Size], Section]] = MappingProxyType(
         "errata": errata.section,
     }
 )
-"""Sections in the order in which a newcomer reads them."""
+"""Sections in the order in which a newcomer should read them."""
 
 WEIGHTS: Mapping[str, float] = MappingProxyType(
     {"noise": 50.0, "cells": 16.0, "adaptive": 8.0, "identification": 6.0, "string": 2.0, "observability": 1.0}
 )
-"""About how long each takes, in seconds, for progress and to begin with the longest; others next to nothing."""
+"""Approximate duration of sections, s, for the progress bar and to begin with the longest; the others are short."""
 
 __all__ = ["SECTIONS", "VERDICTS", "WEIGHTS", "Curve", "Figure", "Panel", "Row", "Section", "Size", "Verdict"]

@@ -13,12 +13,12 @@ from bms_gateway.thermal import Floats, StringParameters
 
 DRIVE_S = 60 * 60
 WRONG_START = 10.0
-"""°C: where the estimate begins; the cell is at 25."""
+"""Start of the estimate, °C; the cell is at 25 °C."""
 PAPER_GAIN = (0.0, 0.01)
 """L of the paper, on core and surface."""
 LIMIT = 1.0
 RENEW_S = 10
-"""s between discretisations with the latest parameters: far below the time in which they move."""
+"""Time between discretisations with the latest parameters, s: far shorter than the time in which they change."""
 DRIVES = 5
 
 TEXT = (
@@ -108,7 +108,7 @@ def follow(how: str, seed: int, *, known: bool = False, seconds: int = DRIVE_S) 
     seed : int
         Of the drive.
     known : bool
-        The observer has the right parameters from the start instead.
+        Whether the observer has the right parameters from the start.
     seconds : int
     """
     current = drive("urban-assault", seed, seconds)
@@ -146,7 +146,7 @@ def follow(how: str, seed: int, *, known: bool = False, seconds: int = DRIVE_S) 
 
 
 def _latest(identifier: RecursiveIdentifier, last: StringParameters) -> StringParameters:
-    """Parameters of now; the last ones where Eq 9 has no answer or an absurd one."""
+    """Give the present parameters; the last ones if Eq 9 has no solution or an absurd one."""
     found = identifier.cell()
     if found is None or not (1e-4 < found.R_e < 0.1 and 0.01 < found.R_c < 50 and 0.01 < found.R_u < 50):
         return last

@@ -48,7 +48,7 @@ def _row(i: int, o: Outcome, seeds: int) -> Row:
     if line.limit_sd is not None and line.limit_core_K is not None:
         promise = f"to be at most {100 * line.limit_sd:g} % and {line.limit_core_K:g} K"
     elif i == 2:
-        promise = "no promise without voltages, and the stated band says so"
+        promise = "without voltages no limit is set; the stated band is wide enough"
     elif i == 0:
         promise = f"{seeds} strings of unknown R_u, R_c, capacities, offsets; cells 2–4 have 4.3 mΩ"
     values = {"core_rmse_K": o.core_rmse_K, "R_e_sd": o.R_e_sd, "R_e_rms": o.R_e_rms, "coverage": o.coverage}

@@ -1,4 +1,4 @@
-"""Where the print of the paper is wrong, and what is right: one table for the terminal, the README here, and tests."""
+"""Errors of the paper's print and their corrections: one table for the terminal, this room's README, and tests."""
 
 from dataclasses import dataclass
 
@@ -94,9 +94,3 @@ def section(size: Size) -> Section:  # noqa: ARG001 — nothing here is computed
     """
     rows = tuple(Row(f"errata.{e.id}", e.place, e.printed, e.right, "paper wrong", e.why) for e in ERRATA)
     return Section("errata", "Errors of the print", TEXT, rows)
-
-
-def errata_table() -> str:
-    """Write the errata as the Markdown table that stands in this room's README."""
-    lines = ["| where | printed | right | why |", "|---|---|---|---|"]
-    return "\n".join([*lines, *(f"| {e.place} | {e.printed} | {e.right} | {e.why} |" for e in ERRATA)])

@@ -1,4 +1,4 @@
-"""Eq 15: whether a drive moves all coefficients, by the paper's eigenvalues and by what is known afterwards."""
+"""Eq 15: whether a drive excites all coefficients, by the paper's eigenvalues and by the uncertainty afterwards."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from bms_gateway.reproduce.setting import INLET, Size, cell, drive, identify, ru
 from bms_gateway.thermal import Floats
 
 WARM_S = 1332
-"""s driven before the window, so that it does not see the warm-up that any current makes."""
+"""Time driven before the window, s, so that the window does not contain the warm-up, which every current causes."""
 WINDOW_S = 1200
 NOISE = 0.1
 STEADY_A = 62.2
@@ -40,7 +40,7 @@ TEXT = (
 
 @dataclass(frozen=True, slots=True)
 class Excited:
-    """Extreme eigenvalues of the mean of φφᵀ; sd of ln R_e afterwards, infinite where the window is passed over."""
+    """Extreme eigenvalues of the mean of φφᵀ, and sd of ln R_e afterwards, infinite if the window is skipped."""
 
     least: float
     greatest: float
@@ -49,7 +49,7 @@ class Excited:
 
 
 def section(size: Size) -> Section:  # noqa: ARG001 — one drive of each kind tells it
-    """Rank drives by how much they teach.
+    """Rank drives by the information that they give.
 
     References
     ----------
@@ -114,7 +114,7 @@ def _verdict(name: str, e: Excited, urban: Excited) -> Verdict:
 
 
 def excited(name: str, seed: int = 0) -> Excited:
-    """Drive one window of `name` after a warm-up, and tell what it moved and what it taught."""
+    """Drive one window of `name` after a warm-up; return the eigenvalues and the sd of R_e."""
     current = _current(name, seed)
     x = run(cell(), current, np.full(2, INLET))
     y = x[:, 1] + NOISE * np.random.default_rng([seed, 15]).standard_normal(len(x))

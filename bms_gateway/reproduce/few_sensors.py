@@ -1,8 +1,8 @@
 """Beyond the paper: several cells' R_e from two surfaces, on Fig 10's string, with and without cell voltages.
 
 The truth is the product's own simulation of a string whose R_u, R_c, C_c, C_s, C_f, R_cc, sensor offsets and slow
-disturbances are drawn; the model knows their scatter, not the draw. Every line is the product's fit (`identify`) and
-its observer (`observe`), nothing else.
+disturbances are drawn; the model knows their scatter only. Every line uses the product's fit (`identify`) and its
+observer (`observe`).
 """
 
 from collections.abc import Sequence
@@ -27,13 +27,13 @@ from bms_gateway.thermal import (
 from bms_gateway.thermal.cycles import urban_assault
 
 FIG_10 = (3.5e-3, 4.3e-3, 4.3e-3, 4.3e-3, 3.5e-3)
-"""Ω: the cells without a sensor are the hot ones."""
+"""R_e of the cells, Ω: those without a sensor have the greater resistance."""
 SENSORS = (1, 5)
 SECONDS = 89 * 60
 SWING_K, COMMISSIONING_K, PERIOD_S = 5.0, 8.0, 300.0
-"""The inlet's motion, usual and on purpose: without any the level of all R_e together is known only half as well."""
+"""Swing of the inlet, K: usual and deliberate. Without a swing, the common level of R_e is known half as well."""
 REL_SD = {"C_c": 0.05, "C_s": 0.05, "R_e": 0.6, "R_c": 0.05, "R_u": 0.1, "R_cc": 0.2, "C_f": 0.05}
-"""Of the string's means."""
+"""Scatter of the string's means."""
 RATIO_SD = 0.03
 WARM_UP = 600
 """Seconds after which the cores are compared."""
@@ -48,13 +48,13 @@ class Line:
     what : str
     sensors : tuple of int
     fitted, alike : bool
-        Whether anything is found at all; whether all cells are taken to have one R_e.
+        Whether R_e is identified; whether all cells are assumed to have the same R_e.
     joint_sd : float or None
         Error of a cell's electrical resistance; None: no cell voltages on the bus.
     limit_sd, limit_core_K : float or None
-        What is promised.
+        Limits that must hold.
     swing_K : float
-        Of the coolant inlet.
+        Swing of the coolant inlet.
     """
 
     what: str
@@ -85,19 +85,19 @@ LINES = (
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What one line came to, over all seeds.
+    """Result of one line over all seeds.
 
     Attributes
     ----------
     line : Line
     R_e_sd, R_e_rms : float
-        Stated and true relative error of the cells' R_e; NaN where nothing is found.
+        Stated and true relative error of the cells' R_e; NaN if R_e is not identified.
     coverage : float
         Share of cells whose R_e lies within 1.96 sd.
     core_rmse_K : float
-        Of the cells without a sensor; of all where all have one.
+        Error of the cores without a sensor; of all cores if all have one.
     fits : tuple of CellFit
-        One per seed; empty where nothing is found.
+        One per seed; empty if R_e is not identified.
     """
 
     line: Line
@@ -109,7 +109,7 @@ class Outcome:
 
     @property
     def kept(self) -> bool:
-        """Whether the promise is kept; true where there is none."""
+        """Whether the limits hold; true if there are none."""
         sd, core = self.line.limit_sd, self.line.limit_core_K
         return (sd is None or self.R_e_sd <= sd) and (core is None or self.core_rmse_K <= core)
 
@@ -170,7 +170,7 @@ def few_sensors(seeds: int = 4, seconds: int = SECONDS, lines: Sequence[Line] = 
 
 
 def string_model(sensors: tuple[int, ...] = SENSORS) -> StringModel:
-    """Give the string as the gateway's model file has it: Table 1, with the scatter of the string's means."""
+    """Give the model of the gateway: Table 1, with the scatter of the string's means as priors."""
     values = {**TABLE_1, "R_cc": R_CC, "C_f": C_F}
     return StringModel(len(FIG_10), sensors, "full", {s: Prior(v, REL_SD[s]) for s, v in values.items()}, coolant="ntu")
 
@@ -179,7 +179,9 @@ def _packs(seeds: int, seconds: int, swing: float) -> Packs:
     cycle = urban_assault(np.random.default_rng(0))
     current = np.tile(cycle, seconds // len(cycle) + 1)[:seconds]
     t = np.arange(seconds + 1.0) * 2.0 * np.pi / PERIOD_S
-    inlet = 25.0 + swing * (0.8 * np.sin(t) + 0.2 * np.sin(2.7 * t + 1.0))  # no pure sine: richer than one
+    inlet = 25.0 + swing * (
+        0.8 * np.sin(t) + 0.2 * np.sin(2.7 * t + 1.0)
+    )  # not a pure sine, so that it excites more frequencies
     n, R_e, d = len(FIG_10), np.array(FIG_10), Disturbance()
     core, readings, ratio, joints = [], [], [], []
     for seed in range(seeds):
@@ -260,7 +262,7 @@ def _fit(line: Line, model: StringModel, packs: Packs, i: int) -> CellFit:
 
 
 def _observed(model: StringModel, packs: Packs, fits: Sequence[CellFit]) -> Floats:
-    """Cores (S, K, n) of the adaptive observer that runs on what was found."""
+    """Estimate the cores (S, K, n) by the adaptive observer with the parameters found."""
     strings, K, n = packs.core.shape
     observer = AdaptiveObserver([model] * strings, 1.0)
     for i, fit in enumerate(fits):

@@ -24,7 +24,7 @@ from bms_gateway.thermal import Floats, continuous, steady_state
 from bms_gateway.thermal.cycles import CYCLES
 
 DRIVE_S = 2700
-RUNS = 5  # drives per cycle: each seed has a wave form of its own, and the first minutes decide
+RUNS = 5  # drives per cycle: each seed has its own wave form, and the first minutes decide the result
 LIMIT = 0.05
 
 NAMES = {"urban-assault": "urban assault", "us06": "US06", "udds": "UDDS"}
@@ -85,7 +85,7 @@ def trajectory(name: str, seed: int, *, paper: bool, seconds: int = DRIVE_S) -> 
 
 
 def _times(name: str, runs: int, *, paper: bool) -> Floats:
-    """Minutes until all three are within 5 % for good, per run."""
+    """Minutes until all three stay within 5 %, per run."""
     return np.array([np.max(settled(trajectory(name, s, paper=paper), LIMIT)) for s in range(runs)])
 
 

@@ -1,4 +1,4 @@
-"""Beyond Fig 4: what noise and coarse readings do to the paper's method and to ours."""
+"""Beyond Fig 4: the effect of noise and coarse readings on the paper's method and on ours."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ DRIVE_S = 89 * 60
 CASES = ((0.0, 0.0), (0.02, 0.0), (0.05, 0.0), (0.1, 0.0), (0.05, 0.1), (0.05, 0.5), (0.05, 1.0))
 """K: white noise, and steps to which the bus rounds what is noisy already."""
 FAR_SD, RARELY = 2.5, 0.1
-"""An estimate of three that is off by so many of its sd is wrong; an honest band is so in one run of thirty."""
+"""A run is wrong if one of three estimates is off by more than this number of sd; with a right sd, one in thirty is."""
 
 TEXT = (
     "The paper shows noise-free signals. Noise of T_s sits in the regressors of Eq 8 on both sides, so least squares "
@@ -47,7 +47,7 @@ TEXT = (
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """One run: relative errors (3,) of R_e, R_c, R_u, or NaN at the fold; core RMSE in K; claimed sd (3,), status."""
+    """One run: relative errors (3,) of R_e, R_c, R_u, or NaN at the fold; core RMSE in K; stated sd (3,), status."""
 
     error: Floats
     core: float
@@ -97,7 +97,7 @@ def by_window(
     capacity_sd: float = 0.0,
     forced: bool = True,
 ) -> Outcome:
-    """Identify by the production method, as shipped but for what is known of the root."""
+    """Identify by the production method with its default settings, apart from the known root."""
     identifier = WindowIdentifier(start_model(capacity_sd), Settings(root="smaller" if forced else "both", carried=0.0))
     identify(identifier, ticks(current, surface, inlet))
     estimates = identifier.estimates()
@@ -137,7 +137,7 @@ def _rows(noise: float, step: float, rls: list[Outcome], window: list[Outcome]) 
     if (noise, step) in limits:
         limit = limits[noise, step]
         verdict, note = kept(b["core_rmse_K"] <= limit), f"to be at most {limit:g} K" if noise == 0.1 else ""
-    else:  # nothing is promised there but honesty: no confident wrong answer
+    else:  # here the only limit is that no wrong answer has a small sd
         verdict = kept(b["confidently_wrong"] <= RARELY)
         note = f"nothing is promised here but honesty: {_wrong(b)}"
     ours.append(Row(f"{key}.window", f"{case}: the production method", "–", _text(b), verdict, note, b))
@@ -158,7 +158,7 @@ def _rls_note(noise: float, step: float) -> str:
 
 
 def summary(outcomes: Sequence[Outcome]) -> dict[str, float]:
-    """Mean and sd of the errors, share of folds, median core RMSE, claims."""
+    """Mean and sd of the errors, share of folds, median core RMSE, stated sd."""
     error = np.array([o.error for o in outcomes])
     there = np.isfinite(error[:, 0])
     out: dict[str, float] = {"runs": float(len(outcomes)), "folds": float(1.0 - there.mean())}
@@ -190,7 +190,7 @@ def _signed(x: float) -> str:
 
 
 def _capacities_unknown(size: Size) -> Row:
-    """0.1 K, coolant at rest, and what the paper presumes not known: capacities to 5 %, no root."""
+    """Noise of 0.1 K, coolant at rest, and without the paper's assumptions: capacities known to 5 %, root unknown."""
     runs = [by_window(*record(s, 0.1, 0.0), capacity_sd=0.05, forced=False) for s in range(max(2, size.seeds // 2))]
     s = summary(runs)
     return Row(

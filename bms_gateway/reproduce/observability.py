@@ -1,4 +1,4 @@
-"""Eq 19 to 21, Tables 2 and 3, Figures 12 and 13: how many sensors, and why the paper's counts are rounding."""
+"""Eq 19 to 21, Tables 2 and 3, Figures 12 and 13: how many sensors, and why the paper's counts come from rounding."""
 
 import numpy as np
 
@@ -8,12 +8,12 @@ from bms_gateway.sensors import Counts, hidden_states, paper_counts, paper_strin
 from bms_gateway.sensors.paper import R_CC, TABLE_2, TABLE_3
 
 BY_PROCESSOR = 2
-"""Sets whose last singular value lies so near the threshold that another processor counts them otherwise."""
+"""Number of sets with a last singular value so near the threshold that another processor may count them differently."""
 UNITS_R_CC = 5.0
-"""K/W: where the counts move most with the unit of time."""
+"""K/W: here the counts depend most on the unit of time."""
 UNITS = ((1.0, "1/s"), (5.0, "1/(5 s)"), (60.0, "1/min"))
 NATURAL_R_CC = 45.0
-"""K/W: between 43.5 and 46.75, where natural convection counts 52 as the paper does."""
+"""K/W: between 43.5 and 46.75, where natural convection gives the paper's count of 52."""
 
 TEXT = (
     "Can a few surfaces tell all temperatures at all? They can if the observability matrix [C; CA; CA²; …] has full "
@@ -142,7 +142,7 @@ def _figures_12_13() -> list[Row]:
             "10; 9",
             f"its way {good.paper}; {bad.paper}; exactly {good.exact}; {bad.exact} of 10",
             disproved((good.paper, bad.paper) == (10, 9)),
-            "heat only travels downstream: sensor k sees the 2k states up to it, the last cell's alone sees all",
+            "heat only travels downstream: sensor k determines the 2k states up to it, the last cell's determines all",
             {"good": good.paper, "bad": bad.paper, "good_exact": good.exact, "bad_exact": bad.exact},
         ),
     ]

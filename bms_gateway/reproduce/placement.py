@@ -1,4 +1,4 @@
-"""Beyond Tables 2 and 3: where sensors belong when what counts is how well every core is known."""
+"""Beyond Tables 2 and 3: the best places of sensors, judged by how well every core is known."""
 
 import numpy as np
 
@@ -18,7 +18,7 @@ KNOWN = (
     ((3, 6, 9, 12), 0.496),
     (tuple(range(1, 13)), 0.366),
 )
-"""Sets, and the sd of the worst core, K, that an independent design computation had for them."""
+"""Sets, and the sd of the worst core, K, that an independent earlier computation gave for them."""
 NEAR = 0.005
 
 TEXT = (
@@ -75,7 +75,7 @@ def section(size: Size) -> Section:  # noqa: ARG001 — nothing here is random
 
 
 def _independent() -> Row:
-    """With errors of each cell its own, an unsensed cell learns nothing of the others' sensors."""
+    """If each cell has its own error, the sensors of other cells do not improve a cell without a sensor."""
     alone = Disturbance(heat_common=0.0, heat_cell=0.5, inlet=0.0)
     problem = PlacementProblem(paper_string(CELLS, "full", R_CC), alone)
     nothing = problem.measure([()])[0].worst_sd

@@ -1,4 +1,4 @@
-"""What a reproduction consists of: sections with rows, paper beside ours, and figures as numbers."""
+"""Parts of a reproduction: sections, rows with the paper's result beside ours, and figures as numbers."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -10,9 +10,9 @@ import numpy as np
 from bms_gateway.thermal import Floats
 
 Verdict = Literal["agrees", "differs", "paper wrong", "assumed", "beyond", "missed"]
-"""`agrees`: within what its row allows; `differs`: not, and the note says why; `paper wrong`: the print is in error and
-ours is right; `assumed`: the paper does not print it; `beyond`: the paper has nothing of the kind, and ours
-keeps its limit where it has one; `missed`: that limit is not kept."""
+"""`agrees`: within the tolerance of the row; `differs`: outside, and the note says why; `paper wrong`: the print is
+wrong, and ours is right; `assumed`: the paper does not print the number; `beyond`: the paper has no such result, and
+ours is within its limit, if there is one; `missed`: ours is beyond this limit."""
 
 VERDICTS: Mapping[Verdict, str] = MappingProxyType(
     {
@@ -33,13 +33,13 @@ class Row:
     Attributes
     ----------
     id : str
-        As ``fig7.core``; never changes its meaning.
+        Such as ``fig7.core``; its meaning never changes.
     what : str
     paper, ours : str
         With units.
     verdict : Verdict
     note : str
-        Why, and what to make of it; may be empty.
+        Reason and meaning; may be empty.
     values : mapping of str to float
         The numbers behind `ours`, for tests and plots.
     """
@@ -53,7 +53,7 @@ class Row:
     values: Mapping[str, float] = field(default_factory=dict)
 
     def as_json(self) -> dict[str, Any]:
-        """Return the row for machines; a number that is none becomes null."""
+        """Return the row for machines; NaN becomes null."""
         values = {k: float(v) if np.isfinite(v) else None for k, v in self.values.items()}
         return {
             "id": self.id,
@@ -67,17 +67,17 @@ class Row:
 
 
 def agreeing(hold: bool) -> Verdict:
-    """Verdict of something that the paper shows."""
+    """Judge a result that the paper shows."""
     return "agrees" if hold else "differs"
 
 
 def disproved(hold: bool) -> Verdict:
-    """Verdict of something that the paper shows and that is wrong, if what shows it holds."""
+    """Judge a result of the paper that is wrong, if the evidence for this holds."""
     return "paper wrong" if hold else "differs"
 
 
 def kept(hold: bool) -> Verdict:
-    """Verdict of something that only we have, against its limit."""
+    """Judge a result that the paper does not have, by its limit."""
     return "beyond" if hold else "missed"
 
 
@@ -100,7 +100,7 @@ class Panel:
     title, x_label, y_label : str
     curves : tuple of Curve
     limits : tuple of float, or None
-        Of y, where its extremes would hide the rest.
+        Limits of y, if its extremes would hide the rest.
     level : float or None
         A value to compare with, drawn as a thin line.
     """
@@ -143,7 +143,7 @@ class Section:
 
 
 def several(values: Sequence[float] | Floats, form: str = ".1f") -> str:
-    """Write numbers one after the other; `–` for what is none.
+    """Write numbers one after the other; `–` for NaN.
 
     Examples
     --------

@@ -1,6 +1,6 @@
-"""The paper's world: its cell, its start, its string and its drive, and how a run is judged.
+"""The paper's cases: its cell, its start, its string and its drive, and the measures of a run.
 
-The "truth" here is the product's own exact simulation (`thermal.simulate`): the paper simulates too, with the very
+The "truth" here is the product's own exact simulation (`thermal.simulate`): the paper simulates too, with the same
 model that it then identifies. Tests compare the same runs with an independent integrator.
 """
 
@@ -16,12 +16,12 @@ from bms_gateway.thermal import Floats, Prior, StringModel, StringParameters, co
 from bms_gateway.thermal.cycles import CYCLES
 
 EQ_14: Mapping[str, float] = MappingProxyType({"R_e": 10e-3, "R_c": 0.5, "R_u": 1.5})
-"""Ω, K/W, K/W: start of the identification. ASSUMED: the numbers of Eq 14 are printed in nothing that we have; these
-are off by factors of 2.9, 0.4 and 1.9, and lie on the wrong side of the fold."""
+"""Ω, K/W, K/W: start of the identification. ASSUMED: our sources do not print the numbers of Eq 14; these
+are wrong by factors of 2.9, 0.4 and 1.9, and lie on the wrong side of the fold."""
 REL_SD: Mapping[str, float] = MappingProxyType({"R_e": 1.0, "R_c": 0.8, "R_u": 0.8})
 """How little the start is worth."""
 R_CC = 32.0
-"""K/W between cells: the paper prints none; Fig 7's temperatures and Table 3 both ask for about this."""
+"""K/W between cells: the paper prints no value; Fig 7's temperatures and Table 3 both need about this one."""
 INLET = 25.0
 """°C."""
 RESISTANCES = ("R_e", "R_c", "R_u")
@@ -29,7 +29,7 @@ RESISTANCES = ("R_e", "R_c", "R_u")
 
 @dataclass(frozen=True, slots=True)
 class Size:
-    """How much is computed.
+    """Amount of computation.
 
     Attributes
     ----------
@@ -41,14 +41,14 @@ class Size:
 
 
 def start_model(capacity_sd: float = 0.0) -> StringModel:
-    """One cell as Eq 14 starts: resistances far off, capacities known but for `capacity_sd` (relative)."""
+    """One cell at the start of Eq 14: resistances far from the truth, capacities known to `capacity_sd` (relative)."""
     priors = {s: Prior(TABLE_1[s], capacity_sd) for s in ("C_c", "C_s")}
     priors |= {s: Prior(EQ_14[s], REL_SD[s]) for s in RESISTANCES}
     return StringModel(1, (1,), "single", priors)
 
 
 def cell(**values: float) -> StringParameters:
-    """Give the paper's single cell, `values` in place of Table 1's."""
+    """Give the paper's single cell, with `values` in place of those of Table 1."""
     v = {**TABLE_1, **values}
     return StringParameters.of(1, C_c=v["C_c"], C_s=v["C_s"], R_e=v["R_e"], R_c=v["R_c"], R_u=v["R_u"])
 
@@ -89,13 +89,13 @@ def run(p: StringParameters, current: Floats, x0: Floats, inlet: Floats | None =
 
 
 def moving_inlet(seconds: int, phase: float) -> Floats:
-    """Inlet that swings by ± 3 K about 25 °C in five minutes, no pure sine (seconds + 1,)."""
+    """Give an inlet (seconds + 1,) that swings by ± 3 K about 25 °C in five minutes; it is not a pure sine."""
     t = 2 * np.pi * np.arange(seconds + 1) / 300.0
     return np.asarray(INLET + 3.0 * (0.8 * np.sin(t + phase) + 0.2 * np.sin(2.7 * t)), dtype=np.float64)
 
 
 def ticks(current: Floats, surface: Floats, inlet: Floats | None = None) -> Iterator[Tick]:
-    """One cell's drive as what the engine would know of it, second by second; `surface` (K + 1,) °C."""
+    """Give one cell's drive as ticks, as the engine would make them; `surface` (K + 1,) °C."""
     age = np.zeros(1)
     for k, y in enumerate(surface):
         square = float(current[k - 1]) ** 2 if k else 0.0
@@ -105,7 +105,7 @@ def ticks(current: Floats, surface: Floats, inlet: Floats | None = None) -> Iter
 
 
 def identify(identifier: Identifier, stream: Iterator[Tick]) -> Identifier:
-    """Feed all ticks; jobs are run at once."""
+    """Feed all ticks to an identifier, and run its jobs at once."""
     for tick in stream:
         job = identifier.add(tick)
         if job is not None:
@@ -125,7 +125,7 @@ def settled(error: Floats, limit: float) -> Floats:
     Returns
     -------
     ndarray () or (c,)
-        NaN where it is outside at the end.
+        NaN if the error is outside at the end.
 
     Examples
     --------
@@ -139,6 +139,6 @@ def settled(error: Floats, limit: float) -> Floats:
 
 
 def core_rmse(estimate: StringParameters, current: Floats, core: Floats, inlet: Floats | None = None) -> float:
-    """Error of the core that these parameters simulate, started right, K: what a wrong parameter costs a user."""
+    """Give the error, K, of the core that these parameters simulate from the right start."""
     start = np.full(2, core[0])
     return float(np.sqrt(np.mean((run(estimate, current, start, inlet)[:, 0] - core) ** 2)))

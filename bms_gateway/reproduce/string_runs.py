@@ -1,4 +1,4 @@
-"""Figures 7 to 11: a string of five cells, its profile, its shutdown, and what observers make of a wrong start."""
+"""Figures 7 to 11: a string of five cells, its profile, its shutdown, and observers with a wrong start."""
 
 import numpy as np
 
@@ -15,14 +15,14 @@ CYCLES_DRIVEN = 4
 SEED = 0
 REST_S = 90 * 60
 RESTART = (37.0, 30.0)
-"""°C: core and surface of a string that was parked for some ten minutes."""
+"""°C: core and surface ten minutes after the string was parked."""
 NEAR = 0.25
-"""K: error that counts as forgotten."""
+"""K: below this error the start counts as forgotten."""
 HOT = (2, 3, 4)
 HOT_R_E = 4.3e-3
-"""Ω: cells that have aged, none of which has a sensor."""
+"""Ω: aged cells, which have no sensor."""
 INDEPENDENT = Disturbance(heat_common=0.0, heat_cell=0.5, inlet=0.0)
-"""W: what the paper's kind of filter assumes: every cell errs on its own."""
+"""W: assumption of a filter like the paper's, in which every cell has its own error."""
 COMMON = Disturbance()
 """0.5 W common, 0.15 W per cell, inlet 0.5 K, each for 600 s, 0.1 K sensors: the product's defaults."""
 BRIEF_S = 10.0
@@ -57,7 +57,7 @@ def section(size: Size) -> Section:  # noqa: ARG001 — one drive, as in the pap
     """
     current = drive("urban-assault", SEED, CYCLES_DRIVEN * URBAN_ASSAULT_S)
     x = run(string(), current, np.full(2 * CELLS, INLET))
-    # from the cycle's mean: how a cycle that is drawn at random happens to end shall not matter
+    # from the mean of the cycle, so that the end of a random cycle does not matter
     rest = run(string(), np.zeros(REST_S), x[-URBAN_ASSAULT_S:].mean(axis=0))
     rows7, fig7 = _profile(x)
     rows8, fig8 = _shutdown(rest)
@@ -178,7 +178,7 @@ def closed_loop(current: Floats, y: Floats, start: Floats, disturbance: Disturba
     y : ndarray (K + 1, 5), °C
     start : ndarray (10,), °C
     disturbance : Disturbance
-        Where it has nothing in common (`INDEPENDENT`), neither has the start.
+        If it has no common part (`INDEPENDENT`), the unknown start has none either.
     """
     common = disturbance.heat_common > 0.0
     sensors = np.array([SENSORS]) - 1

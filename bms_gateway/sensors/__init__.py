@@ -19,9 +19,7 @@ from bms_gateway.sensors.placement import (
     PlacementProblem,
     Placements,
     even_sets,
-    fewest,
     observable_sets,
-    place,
 )
 from bms_gateway.sensors.steady import Steady, steady_core_sd
 
@@ -38,7 +36,6 @@ __all__ = [
     "even_sets",
     "exact_rank",
     "exact_ranks",
-    "fewest",
     "hidden_states",
     "observability",
     "observable_sets",
@@ -46,7 +43,6 @@ __all__ = [
     "paper_rank",
     "paper_ranks",
     "paper_string",
-    "place",
     "set_ranks",
     "steady_core_sd",
     "table_2",

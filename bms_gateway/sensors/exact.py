@@ -15,15 +15,13 @@ from numpy.typing import NDArray
 from bms_gateway.thermal import StringParameters, exchange
 
 PRIMES = (2_147_483_647, 2_147_483_629)
-"""The two greatest below 2³¹: a product of residues fits into 64 bits."""
-AT_ONCE = 4_000_000
-"""Residues that are eliminated together: 32 MB, and enough for numpy to be busy."""
+"""The two greatest primes below 2³¹: a product of two residues fits into 64 bits."""
 
 Residues = NDArray[np.int64]
 
 
 def exact_rank(p: StringParameters, sensors: Sequence[int]) -> int:
-    """Rank of (A, C) as if computed with rational numbers.
+    """Compute the rank of (A, C) as with rational numbers.
 
     Parameters
     ----------
@@ -39,8 +37,9 @@ def exact_rank(p: StringParameters, sensors: Sequence[int]) -> int:
 
     Notes
     -----
-    The rows of C are multiplied by A and reduced against what is there until nothing new comes, in the integers modulo
-    two primes; the greater rank is wrong with a chance of about (2n/2³¹)².
+    The rows of C are multiplied by A again and again, and reduced by the rows found before, until no new row is
+    independent. This is done in the integers modulo two primes; the greater rank is wrong with a probability of about
+    (2n/2³¹)².
 
     References
     ----------
@@ -71,8 +70,8 @@ def exact_ranks(p: StringParameters, sets: Sequence[Sequence[int]]) -> NDArray[n
 
     Notes
     -----
-    What a set determines is the sum of what its sensors determine, each of which is found once. Sensors that lie in the
-    share of another are left out, which leaves one sensor in most sets; sums of several are eliminated together.
+    A sensor adds nothing to a set if another sensor of the set determines its reading. Such sensors are left out. Most
+    sets then have one sensor, and sets that have become equal are computed once.
 
     References
     ----------
@@ -154,23 +153,11 @@ def _closed(A: Residues, sensors: Sequence[int], prime: int) -> Residues:
 
 
 def _ranks(A: Residues, sets: Sequence[Sequence[int]], prime: int) -> NDArray[np.int64]:
-    N = len(A)
     alone = {k: _closed(A, [k], prime) for k in sorted({k for s in sets for k in s})}
     # A sensor that lies in what another determines adds nothing: its unit row is then one of the reduced rows.
     within = {k: {int(j) // 2 + 1 for j in np.flatnonzero(_units(rows)) if j % 2} for k, rows in alone.items()}
     needed = [_independent(s, within) for s in sets]
-    ranks = {s: len(alone[s[0]]) if s else 0 for s in needed if len(s) < 2}
-    sums = sorted({s for s in needed if len(s) > 1})
-    if sums:
-        rows = max(sum(len(alone[k]) for k in s) for s in sums)
-        step = max(1, AT_ONCE // (rows * N))
-        for i in range(0, len(sums), step):
-            part = sums[i : i + step]
-            stack = np.zeros((len(part), rows, N), np.int64)
-            for of, s in zip(stack, part, strict=True):
-                together = np.concatenate([alone[k] for k in s])
-                of[: len(together)] = together
-            ranks |= dict(zip(part, _eliminated(stack, prime).tolist(), strict=True))
+    ranks = {s: len(_closed(A, s, prime)) for s in set(needed)}
     return np.array([ranks[s] for s in needed], np.int64)
 
 
@@ -181,32 +168,9 @@ def _units(rows: Residues) -> NDArray[np.bool_]:
 
 
 def _independent(sensors: Sequence[int], within: Mapping[int, set[int]]) -> tuple[int, ...]:
-    """Leave out sensors that another one's space holds; of two that hold each other, the second."""
+    """Leave out sensors whose reading another sensor determines; of two that determine each other, the second."""
     kept: list[int] = []
     for k in sorted(sensors, key=lambda k: (-len(within[k]), k)):
         if not any(k in within[j] for j in kept):
             kept.append(k)
     return tuple(sorted(kept))
-
-
-def _eliminated(M: Residues, prime: int) -> NDArray[np.int64]:
-    """Rank of each matrix of a stack (S, rows, N); the stack is used up."""
-    S, rows, N = M.shape
-    every, rank = np.arange(S), np.zeros(S, np.int64)
-    for column in range(N):
-        free = (M[:, :, column] != 0) & (np.arange(rows) >= rank[:, None])
-        found = free.any(axis=1)
-        if not found.any():
-            continue
-        at, to = np.where(found, free.argmax(axis=1), 0), np.where(found, rank, 0)
-        pivot = M[every, at]
-        M[every, at] = M[every, to]
-        M[every, to] = pivot
-        # Rows cleared with the pivot row scaled to one: below it only, and not where this column has no pivot.
-        scale = np.array([pow(int(x), -1, prime) if x else 0 for x in pivot[:, column]], np.int64)
-        pivot = pivot * scale[:, None] % prime
-        below = np.where(found[:, None] & (np.arange(rows) > to[:, None]), M[:, :, column], 0)
-        M -= below[:, :, None] * pivot[:, None, :] % prime
-        M %= prime
-        rank += found
-    return rank

@@ -98,70 +98,6 @@ class Placements:
     nothing: Placement
 
 
-def place(p: StringParameters, sensors: int, disturbance: Disturbance | None = None, *, dt: float = 1.0) -> Placements:
-    """Find the places for some sensors that leave the least worst core standard deviation.
-
-    Parameters
-    ----------
-    p : StringParameters
-    sensors : int
-        How many, 1…n.
-    disturbance : Disturbance, optional
-    dt : float, s
-        From reading to reading.
-
-    Raises
-    ------
-    UsageError
-        A number of sensors that the string cannot have.
-
-    References
-    ----------
-    What Lin et al. ask in Tables 2 and 3, with the measure that a user needs in place of the rank.
-
-    Examples
-    --------
-    >>> p = StringParameters.of(12, C_c=268, C_s=18.8, R_e=3.5e-3, R_c=1.266, R_u=0.79, R_cc=32, C_f=11.33)
-    >>> found = place(p, 2)
-    >>> found.best[0].sensors, round(found.best[0].worst_sd, 2), [round(x.worst_sd, 2) for x in found.losses]
-    ((1, 12), 0.48, [0.73, 1.05])
-    """
-    return PlacementProblem(p, disturbance, dt=dt).best(sensors)
-
-
-def fewest(p: StringParameters, wanted: float, disturbance: Disturbance | None = None, *, dt: float = 1.0) -> Placement:
-    """Find how many sensors it takes to know every core as well as wanted, and where they go.
-
-    Parameters
-    ----------
-    p : StringParameters
-    wanted : float, K
-        Standard deviation of the worst core.
-    disturbance : Disturbance, optional
-    dt : float, s
-
-    Returns
-    -------
-    Placement
-        Of the fewest sensors whose `worst_sd` is at most `wanted`; of one on every cell where even that is not enough.
-
-    Notes
-    -----
-    Fewer by one are proved to be too few where C(n, m − 1) sets can all be tried; else they were searched.
-
-    References
-    ----------
-    What Lin et al. ask in Table 2, with the measure that a user needs in place of the rank.
-
-    Examples
-    --------
-    >>> p = StringParameters.of(12, C_c=268, C_s=18.8, R_e=3.5e-3, R_c=1.266, R_u=0.79, R_cc=32, C_f=11.33)
-    >>> fewest(p, 0.5).sensors
-    (1, 12)
-    """
-    return PlacementProblem(p, disturbance, dt=dt).fewest(wanted)
-
-
 class PlacementProblem:
     """One string whose sensors are to be placed, with everything that all its placements share.
 
@@ -183,7 +119,24 @@ class PlacementProblem:
         return [Placement(s, sd) for s, sd in zip(chosen, self.steady.core_sd(chosen), strict=True)]
 
     def best(self, sensors: int) -> Placements:
-        """Find the best places for so many sensors; as `place`."""
+        """Find the places for some sensors, 1…n, that leave the least worst core standard deviation.
+
+        Raises
+        ------
+        UsageError
+            A number of sensors that the string cannot have.
+
+        References
+        ----------
+        What Lin et al. ask in Tables 2 and 3, with the measure that a user needs in place of the rank.
+
+        Examples
+        --------
+        >>> p = StringParameters.of(12, C_c=268, C_s=18.8, R_e=3.5e-3, R_c=1.266, R_u=0.79, R_cc=32, C_f=11.33)
+        >>> found = PlacementProblem(p).best(2)
+        >>> found.best[0].sensors, round(found.best[0].worst_sd, 2), [round(x.worst_sd, 2) for x in found.losses]
+        ((1, 12), 0.48, [0.73, 1.05])
+        """
         n = self.cells
         if not 1 <= sensors <= n:
             raise UsageError(f"{sensors} sensors on {n} cells: valid: 1 to {n}")
@@ -197,7 +150,29 @@ class PlacementProblem:
         return Placements(n, sensors, sets, exhaustive, tuple(ranked), even, tuple(losses), nothing)
 
     def fewest(self, wanted: float) -> Placement:
-        """Find the fewest sensors that are enough; as the function of that name."""
+        """Find how many sensors it takes to know every core as well as wanted, and where they go.
+
+        Parameters
+        ----------
+        wanted : float, K
+            Standard deviation of the worst core.
+
+        Returns
+        -------
+        Placement
+            Of the fewest sensors whose `worst_sd` is at most `wanted`; of one on every cell where even that is not
+            enough.
+
+        Notes
+        -----
+        One sensor less is proved to be too few where C(n, m − 1) sets can all be tried; otherwise sets are searched.
+
+        Examples
+        --------
+        >>> p = StringParameters.of(12, C_c=268, C_s=18.8, R_e=3.5e-3, R_c=1.266, R_u=0.79, R_cc=32, C_f=11.33)
+        >>> PlacementProblem(p).fewest(0.5).sensors
+        (1, 12)
+        """
         (nothing,) = self.measure([()])
         if nothing.worst_sd <= wanted:
             return nothing

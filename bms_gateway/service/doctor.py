@@ -49,7 +49,7 @@ class Finding:
     command: str | None = None
 
 
-def examine(channel: str, root: Path = Path("/"), *, virtual: bool = False) -> Iterator[Finding]:
+def examine(channel: str, root: Path = Path("/")) -> Iterator[Finding]:
     """Look at this computer.
 
     Parameters
@@ -58,13 +58,11 @@ def examine(channel: str, root: Path = Path("/"), *, virtual: bool = False) -> I
         Interface that the gateway is to use.
     root : Path
         Where /proc, /sys, /run and /dev are.
-    virtual : bool
-        Whether a virtual interface is meant: it has no bit rate.
     """
     yield _python()
     yield Finding("kernel", "ok" if sys.platform == "linux" else "missing", f"{platform.system()} {platform.release()}")
     yield _modules(root)
-    yield from _interface(channel, root, virtual=virtual or channel.startswith("vcan"))
+    yield from _interface(channel, root, virtual=channel.startswith("vcan"))
     yield _buffer(root)
     yield _clock(root)
     yield from _extras()

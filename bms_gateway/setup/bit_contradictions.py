@@ -14,8 +14,10 @@ from bms_gateway.setup.vehicle_logs import Traffic
 
 SMOOTHER: Final = 0.5
 """Another reading of the bits must make the steps from sample to sample smaller than this share."""
-BOTH_ENDS: Final = 0.002
 NEAR: Final = 0.15
+"""Share of the range of the bits that counts as one of its ends."""
+BOTH_ENDS: Final = 0.002
+"""Least share of the samples at each end from which on the other sign is tried."""
 OUTSIDE: Final = 0.01
 FEWEST_JUMPS: Final = 10
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bms_gateway.setup.groups import Member, alike
 from bms_gateway.setup.signal_series import Series
@@ -27,8 +26,8 @@ from bms_gateway.setup.signal_words import (
     statistic,
     unit_of,
 )  # fmt: skip
+from bms_gateway.thermal import Floats
 
-Floats = NDArray[np.float64]
 CELL_V: Final = (1.2, 4.6)
 """Range of cell voltages: from an empty titanate cell to a full cell with a high-voltage cathode."""
 NOMINAL_V: Final = 3.7

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from bms_gateway.frames.quality import Quality
 from bms_gateway.frames.signal_info import SignalInfo
 from bms_gateway.setup.vehicle_logs import Traffic
+from bms_gateway.thermal import Floats
 
-Floats = NDArray[np.float64]
 FEWEST: Final = 5
 """Least number of samples of a series that is judged."""
 PARKED: Final = 0.95

@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.bits import Place
+from bms_gateway.setup.bit_contradictions import BOTH_ENDS, NEAR, SMOOTHER
+from bms_gateway.thermal import Floats
 
-Floats = NDArray[np.float64]
 FEWEST: Final = 20
 """Least number of frames of a message, or of one page of it, whose bits are judged."""
 STEP_S: Final = 0.5
@@ -31,9 +32,6 @@ MOST_PAGES: Final = 64
 FEWEST_OF_PAGE: Final = 12
 STAYS: Final = 0.3
 OF_ITS_OWN: Final = 0.5
-NEAR: Final = 0.15
-BOTH_ENDS: Final = 0.002
-SMOOTHER: Final = 0.5
 NOISE: Final = 0.75
 """Ratio of the mean step to that of the same samples in random order; above it, a field is no measurement."""
 LARGE: Final = 0.4

@@ -56,10 +56,6 @@ def discretize(s: ContinuousString, dt: float) -> DiscreteString:
     dt : float
         Step, s, > 0.
 
-    Returns
-    -------
-    DiscreteString
-
     References
     ----------
     Lin et al., Eq 1 and 18, sampled.

@@ -123,14 +123,6 @@ def coolant_path(p: StringParameters) -> tuple[Floats, Floats]:
 def continuous(p: StringParameters) -> ContinuousString:
     """Build the linear system of a string.
 
-    Parameters
-    ----------
-    p : StringParameters
-
-    Returns
-    -------
-    ContinuousString
-
     References
     ----------
     Lin et al., Eq 1 (one cell), Eq 16–18 (string), corrected as this module's docstring says.

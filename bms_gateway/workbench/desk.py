@@ -6,6 +6,7 @@ desk of its own.
 
 import threading
 from collections.abc import Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from bms_gateway.report.step_names import REFITTED, with_added
 from bms_gateway.workbench.beside import Beside, moved, place_of
 from bms_gateway.workbench.commands import Leg, command_lines, config_lines
 from bms_gateway.workbench.process import Worker
-from bms_gateway.workbench.session import Addition, session_of
+from bms_gateway.workbench.session import Addition, SessionRest, session_of
 from bms_gateway.workbench.steps import Frame, Window, doubt_lines, forget, joined, remains, steps_of
 from bms_gateway.workbench.uploads import Uploads
 
@@ -29,7 +30,6 @@ TITLES = {
     "track": "reading the column",
 }
 GONE = "the computing process ended unexpectedly (the terminal says why); try again, a fresh one is started"
-UNREACHED = "The session’s diagnosis of a later model is left out: its additions were not made again. Diagnose again."
 REPORT_S = 600.0
 LOOK_S = 120.0
 """For a look at tables to end, before what comes next; a starved machine takes half a minute for four."""
@@ -60,16 +60,11 @@ class Desk:
         self._refusal: Document | None = None
         self._error = ""
         self._report: Path | None = None
-        self._to_come: list[Addition] = []
+        self._to_resume = SessionRest()
         self._fitting: tuple[int, Document] = (0, {})
-        self._recalled: dict[str, Document] = {}
-        self._dropped = ""
         self._closed = False
         self._worker = Worker(self._hear)
-        from bms_gateway.workbench.measures import measured_in
-        from bms_gateway.workbench.series import drawn  # NumPy comes while the worker starts, not with the program
-
-        self._drawn, self._measured = drawn, measured_in
+        import_module("bms_gateway.workbench.measures")  # NumPy is loaded while the worker starts, not with the program
 
     @property
     def folder(self) -> Path:
@@ -128,7 +123,7 @@ class Desk:
         self.cancel()
         self.open(files, kept)
         with self.changed:
-            self._to_come = list(additions)
+            self._to_resume.to_come = list(additions)
             self._notes = notes
 
     def note(self, notes: str) -> None:
@@ -165,7 +160,7 @@ class Desk:
     def cancel(self) -> None:
         """End what runs."""
         with self.changed:
-            self._go_no_further()
+            self._to_resume.abandon()
             if self._job is None:
                 return
             self._job, self._error = None, ""
@@ -227,8 +222,10 @@ class Desk:
         found = self._whole(name, beside)
         if found is None:
             return None
+        from bms_gateway.workbench.series import drawn
+
         try:
-            return dict(self._drawn(found, self.folder, window))
+            return dict(drawn(found, self.folder, window))
         except FileNotFoundError:  # other files were opened meanwhile: the page is told, and asks again
             return None
 
@@ -237,8 +234,10 @@ class Desk:
     ) -> list[Document]:
         """Measure every curve of some figures: at two cursors, and in a window; see `measured_in`."""
         found = [f for f in (self._whole(name, beside) for name in names) if f is not None]
+        from bms_gateway.workbench.measures import measured_in
+
         try:
-            return [one for f in found for one in self._measured(f, self.folder, window, at)]
+            return [one for f in found for one in measured_in(f, self.folder, window, at)]
         except FileNotFoundError:  # as above
             return []
 
@@ -323,7 +322,7 @@ class Desk:
                 "job": self._job,
                 "error": self._error,
                 "session": self._session(files) if files else None,
-                "dropped": self._dropped,
+                "dropped": self._to_resume.dropped,
                 "commands": command_lines(files, self._way()) if files else [],
                 "config": config_lines(files, len(self._frames) - 1) if files else "",
             }
@@ -384,7 +383,7 @@ class Desk:
             if worker is not self._worker or self._closed:
                 return  # of a process that was put away
             if answer is None:  # the next task starts another: not now, it might end the same way at once
-                self._go_no_further()
+                self._to_resume.abandon()
                 if self._job is not None:
                     self._job, self._error = None, GONE
                 else:
@@ -392,7 +391,7 @@ class Desk:
             elif self._job is None:
                 return
             elif "error" in answer:
-                self._go_no_further()
+                self._to_resume.abandon()
                 self._job, self._error = None, answer["error"].replace(f"{self.folder}/", "")
             elif "done" in answer:
                 self._job = None
@@ -411,9 +410,9 @@ class Desk:
             case "look":
                 self._looked = done
             case "open":
-                self._recalled, self._dropped = done.pop("recalled"), done.pop("dropped")
+                self._to_resume.recalled, self._to_resume.dropped = done.pop("recalled"), done.pop("dropped")
                 self.files, self._opened, self._refusal = done.pop("files"), done, None
-                first = Frame(done["text"], REFITTED, diagnosed=self._recalled.pop("0", None))
+                first = Frame(done["text"], REFITTED, diagnosed=self._to_resume.diagnosed(0))
                 self._frames, self._tracks = [first], {}
                 forget(self.folder, [d["kept"]["file"] for f in done["figures"].values() for d in f["data"]])
                 self.compare()
@@ -421,12 +420,12 @@ class Desk:
                 top = self._top
                 top.figures, top.drawn = done.pop("figures"), done.pop("drawn")
                 top.compared = done
-                if self._to_come:
-                    words, force = self._to_come.pop(0)
+                if self._to_resume.to_come:
+                    words, force = self._to_resume.to_come.pop(0)
                     self.add(words, force=force)
             case "diagnose":
                 self._top.curves = done.pop("curves")
-                self._top.diagnosed, self._dropped = done, ""
+                self._top.diagnosed, self._to_resume.dropped = done, ""
             case "add":
                 self._added(done)
             case "track":
@@ -438,21 +437,15 @@ class Desk:
         text = done.pop("text", None)
         if text is None:
             self._refusal = done
-            self._go_no_further()
+            self._to_resume.abandon()
             return
         self._refusal = None
         if len(self._frames) == 1:  # measured by the same yardstick as what is added to it
             self._frames[0].stair = done["before"]
         frame = Frame(text, with_added(done["names"]), done["words"], done["forced"], done["after"], done)
-        frame.diagnosed = self._recalled.pop(str(len(self._frames)), None)
+        frame.diagnosed = self._to_resume.diagnosed(len(self._frames))
         self._frames.append(frame)
         self.compare()
-
-    def _go_no_further(self) -> None:
-        """Leave the way of a session; what it said of models that are not reached is left out."""
-        self._to_come = []
-        if self._recalled:
-            self._recalled, self._dropped = {}, UNREACHED
 
     def _told(self) -> None:
         self.version += 1

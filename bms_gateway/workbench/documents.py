@@ -81,7 +81,7 @@ def compared(c: Comparison, name: str) -> Document:
         Of the step.
     """
     steps = [(FILED, c.filed), (name, c.refitted)] if name == REFITTED else [(name, c.refitted)]
-    models = [_shown(*s) for s in steps]
+    models = [Shown.of(*s) for s in steps]
     return {
         "variants": {name: _variant(name, v) for name, v in steps},
         "errors": errors_table(models),
@@ -99,12 +99,8 @@ def told_core(core: KnownCore | None, otherwise: str = "") -> Document:
     return {**told, "why": why, "sentence": core_sentence(core) if core else ""}
 
 
-def _shown(name: str, v: Variant) -> Shown:
-    return Shown(name, v.fit, v.sensors, v.cores)
-
-
 def _variant(name: str, v: Variant) -> Document:
-    shown = _shown(name, v)
+    shown = Shown.of(name, v)
     half = half_width_K(v.cores)
     hottest, centre = (
         np.max(np.stack([x.max(axis=0) for x in xs]), axis=0)

@@ -5,13 +5,14 @@ import io
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 from math import isfinite
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.engine import Judged
 from bms_gateway.thermal.centre import hottest_of
+from bms_gateway.workbench.kept_ticks import Tick
 
 PAST: Final = ("hottest", "half", "cell", "current", "inlet", "flow", "soc", "voltage")
 """What is kept of each string at each tick: °C, K, from 1, A, °C, over nominal, 0…1, V."""
@@ -19,30 +20,6 @@ POINTS: Final = 600
 """Of a history: as many as its figure is wide."""
 SET_NS: Final = 10**18
 """Stamps from here on (2001) are wall clock; smaller ones count from the start of something."""
-
-
-class Kept(Protocol):
-    """A tick as the page keeps it."""
-
-    @property
-    def time_ns(self) -> int:
-        """End of the tick."""
-        ...
-
-    @property
-    def cells(self) -> NDArray[np.float32]:
-        """Core, its sd, surface, hottest point, its sd, heat, its sd (7, N)."""
-        ...
-
-    @property
-    def quality(self) -> NDArray[np.uint8]:
-        """`Quality` (N,)."""
-        ...
-
-    @property
-    def past(self) -> NDArray[np.float32]:
-        """`PAST` of each string (S, 8)."""
-        ...
 
 
 def past_of(centre: NDArray[Any], centre_sd: NDArray[Any], parts: Sequence[slice]) -> NDArray[np.float32]:
@@ -60,12 +37,12 @@ def driven_by(past: NDArray[np.float32], judged: Judged) -> None:
     past[:, 3:] = [[j.current, j.inlet, j.flow, j.soc, j.voltage] for j in judged.strings]
 
 
-def history(ticks: Sequence[Kept], s: int, first_ns: int) -> dict[str, Any]:
+def history(ticks: Sequence[Tick], s: int, first_ns: int) -> dict[str, Any]:
     """Give the past of one string in at most about `POINTS` points; no excursion of the hottest point is hidden.
 
     Parameters
     ----------
-    ticks : sequence of Kept
+    ticks : sequence of Tick
     s : int
         String, from 0.
     first_ns : int
@@ -101,7 +78,7 @@ COLUMNS: Final = (
 
 
 def table(
-    ticks: Sequence[Kept], names: Sequence[str], parts: Sequence[slice], words: dict[int, str], first_ns: int
+    ticks: Sequence[Tick], names: Sequence[str], parts: Sequence[slice], words: dict[int, str], first_ns: int
 ) -> Iterator[bytes]:
     """Write a stretch of estimates as CSV, tick by tick, one row for each cell."""
     out = io.StringIO()

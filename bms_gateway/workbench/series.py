@@ -88,12 +88,7 @@ def drawn(document: Any, folder: Path, window: Window | None = None) -> Any:
 
 
 class Shelves:
-    """What was kept in a folder, each file opened once.
-
-    Parameters
-    ----------
-    folder : Path
-    """
+    """What was kept in a folder, each file opened once."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder

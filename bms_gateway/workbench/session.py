@@ -5,6 +5,7 @@ Of what was computed it holds the diagnoses alone, with digests of the records a
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from math import isfinite
 from typing import Any, Final
 
@@ -12,6 +13,9 @@ from bms_gateway.errors import UsageError
 from bms_gateway.workbench.steps import Frame
 
 VERSION: Final = 1
+UNREACHED: Final = (
+    "The session’s diagnosis of a later model is left out: its additions were not made again. Diagnose again."
+)
 MOST: Final = 20
 """Additions of a session: more than any road has."""
 LONGEST_NOTES: Final = 10_000
@@ -50,6 +54,35 @@ SAID: Final[dict[str, Any]] = {
 """The same of a diagnosis."""
 Addition = tuple[list[str], bool]
 """Effects added at once, and whether by force."""
+
+
+@dataclass(slots=True)
+class SessionRest:
+    """The part of a session that is still to be done again.
+
+    Attributes
+    ----------
+    to_come : list of Addition
+        Additions that follow.
+    recalled : dict of number of the model to diagnosis
+        Diagnoses of the models that these additions lead to.
+    dropped : str
+        Why diagnoses of the session are left out, a sentence; empty if none is.
+    """
+
+    to_come: list[Addition] = field(default_factory=list)
+    recalled: dict[str, dict[str, Any]] = field(default_factory=dict)
+    dropped: str = ""
+
+    def diagnosed(self, number: int) -> dict[str, Any] | None:
+        """Take the diagnosis of model `number`, counted from 0; None if there is none."""
+        return self.recalled.pop(str(number), None)
+
+    def abandon(self) -> None:
+        """Make no further additions; the diagnoses of models that are not reached are left out."""
+        self.to_come = []
+        if self.recalled:
+            self.recalled, self.dropped = {}, UNREACHED
 
 
 def session_of(

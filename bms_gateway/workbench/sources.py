@@ -19,12 +19,7 @@ SECOND = 1_000_000_000
 
 
 class Listening:
-    """A port that counts frames and never sends one.
-
-    Parameters
-    ----------
-    port : Port
-    """
+    """A port that counts frames and never sends one."""
 
     def __init__(self, port: Port) -> None:
         self._port = port

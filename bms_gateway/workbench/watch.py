@@ -8,7 +8,6 @@ import json
 import secrets
 import threading
 import time
-from bisect import bisect_left, bisect_right
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -26,13 +25,11 @@ from bms_gateway.frames.quality import Quality
 from bms_gateway.thermal.centre import hottest_of
 from bms_gateway.workbench.events import Events, alerts_now
 from bms_gateway.workbench.history import SET_NS, driven_by, history, past_of, table
+from bms_gateway.workbench.kept_ticks import KeptTicks, Tick
 from bms_gateway.workbench.signals import Signals
 
 PERIOD_S: Final = 0.4
 """Between two pictures: two and a half a second. Cells change slower; more would only cost."""
-MOST_TICKS: Final = 20_000
-"""Kept: five and a half hours of seconds; 20 MiB with sixty cells. Beyond, a log keeps every second one, a live bus the
-newest."""
 TREND: Final = 48
 """Points of the trend of R_e: as many as its little figure has room for."""
 MOST_VIEWS: Final = 16
@@ -50,19 +47,6 @@ WHY: Final = {int(q): text for q, text in REASONS.items()} | {
     int(Quality.ESTIMATED): "no sensor of its own: estimated from the model and its neighbours",
     int(Quality.DOUBTFUL): "core not proven: the model file or the drive speaks against it",
 }
-
-
-@dataclass(frozen=True, slots=True)
-class _Tick:
-    """All cells of all strings at one tick, string after string; and per string what goes with it."""
-
-    time_ns: int
-    cells: NDArray[np.float32]
-    quality: NDArray[np.uint8]
-    past: NDArray[np.float32]
-    strings: tuple[dict[str, Any], ...]
-    alerts: tuple[dict[str, Any], ...]
-    bus: dict[str, Any]
 
 
 @dataclass(slots=True)
@@ -105,9 +89,7 @@ class Watch:
         self._parked_s = engine.plan.silent_after_ns * 1e-9
         self._parts = list(_parts([s.plan.model.cells for s in engine.strings]))
         self._lock = threading.Lock()
-        self._ticks: list[_Tick] = []
-        self._times: list[int] = []
-        self._every, self._skipped = 1, 0
+        self._ticks = KeptTicks(thinned=kind == "log")
         self._events = Events()
         self.signals = Signals(engine)
         engine.judging = True  # what drives the strings is a part of their past
@@ -153,8 +135,8 @@ class Watch:
             self.signals.take(event)
         elif isinstance(event, Estimated):
             self._keep(event)
-        elif isinstance(event, Judged) and self._ticks and self._ticks[-1].time_ns == event.time_ns:
-            driven_by(self._ticks[-1].past, event)
+        elif isinstance(event, Judged) and self._ticks and self._ticks.last_ns == event.time_ns:
+            driven_by(self._ticks.at(event.time_ns).past, event)
 
     def _keep(self, told: Estimated) -> None:
         time_ns = told.time_ns
@@ -177,21 +159,10 @@ class Watch:
             trend = self._trend[s.plan.name]
             if R_e is not None and (not trend or trend[-1][1:] != (R_e.value, R_e.sd)):
                 trend.append((time_ns, R_e.value, R_e.sd))
-        tick = _Tick(time_ns, cells, told.quality, past, tuple(strings), raised, self._traffic(time_ns))
+        tick = Tick(time_ns, cells, told.quality, past, tuple(strings), raised, self._traffic(time_ns))
         with self._lock:
             self._kept = time.monotonic()
-            self._skipped += 1
-            if self._skipped < self._every:
-                return
-            self._skipped = 0
-            self._ticks.append(tick)
-            self._times.append(time_ns)
-            if len(self._ticks) > MOST_TICKS:
-                if self.kind == "log":
-                    self._every *= 2
-                    self._ticks, self._times = self._ticks[::2], self._times[::2]
-                else:
-                    self._ticks, self._times = self._ticks[-MOST_TICKS // 2 :], self._times[-MOST_TICKS // 2 :]
+            self._ticks.add(tick)
 
     def _traffic(self, time_ns: int) -> dict[str, Any]:
         now = self._bus()
@@ -223,14 +194,15 @@ class Watch:
                 view.speed = float(wish["speed"])
             if "play" in wish:
                 view.playing = bool(wish["play"])
-                if view.at_ns is None and self._times:
-                    view.at_ns = float(self._times[-1])
+                if view.at_ns is None and self._ticks:
+                    view.at_ns = float(self._ticks.last_ns)
             if "seek" in wish:
                 to = wish["seek"]
                 if isinstance(to, bool) or not isinstance(to, int | float) or not abs(to) < FARTHEST_S:
                     raise UsageError("seek: a time in s is needed")
-                if self._times:
-                    view.at_ns = float(np.clip(self._times[0] + to * 1e9, self._times[0], self._times[-1]))
+                if self._ticks:
+                    first, last = self._ticks.first_ns, self._ticks.last_ns
+                    view.at_ns = float(np.clip(first + to * 1e9, first, last))
             if wish.get("follow"):
                 view.at_ns, view.playing = None, True
 
@@ -248,8 +220,7 @@ class Watch:
 
     def _view(self, name: str) -> _View:
         if name not in self._views:
-            first = float(self._times[0]) if self._times and self.kind == "log" else 0.0
-            self._views[name] = _View(first if self.kind == "log" else None)
+            self._views[name] = _View(float(self._ticks.first_ns) if self.kind == "log" else None)
             if len(self._views) > MOST_VIEWS:
                 self._views.popitem(last=False)
         self._views.move_to_end(name)
@@ -259,26 +230,25 @@ class Watch:
         """Let a tab's moment go on with the clock of the wall, at its speed."""
         now = time.monotonic()
         passed, view.moved = now - view.moved, now
-        if view.at_ns is None or not self._times:
+        if view.at_ns is None or not self._ticks:
             return
-        view.at_ns = max(view.at_ns, float(self._times[0]))
+        view.at_ns = max(view.at_ns, float(self._ticks.first_ns))
         if view.playing:
-            view.at_ns = min(view.at_ns + passed * view.speed * 1e9, float(self._times[-1]))
-            if self.kind == "live" and view.speed >= 1 and self._times[-1] - view.at_ns < BEHIND_NS and passed > 0:
+            view.at_ns = min(view.at_ns + passed * view.speed * 1e9, float(self._ticks.last_ns))
+            if self.kind == "live" and view.speed >= 1 and self._ticks.last_ns - view.at_ns < BEHIND_NS and passed > 0:
                 view.at_ns = None if view.speed > 1 else view.at_ns
 
     def _picture(self, view: _View) -> dict[str, Any]:
-        if not self._times:
+        if not self._ticks:
             return {"ticks": 0, "problem": self.problem, "link": self._bus()["link"]}
-        at = self._times[-1] if view.at_ns is None else int(view.at_ns)
-        tick = self._ticks[max(bisect_right(self._times, at) - 1, 0)]
-        first = self._times[0]
+        at = self._ticks.last_ns if view.at_ns is None else int(view.at_ns)
+        tick, first = self._ticks.at(at), self._ticks.first_ns
         age = (at - tick.time_ns) * 1e-9 + (self._age_s() if view.at_ns is None else 0.0)
         return {
-            "ticks": len(self._times),
+            "ticks": len(self._ticks),
             "problem": self.problem,
             "at": round((at - first) * 1e-9 + (self._age_s() if view.at_ns is None else 0.0), 2),
-            "last": round((self._times[-1] - first) * 1e-9, 3),
+            "last": round((self._ticks.last_ns - first) * 1e-9, 3),
             "wall_ms": tick.time_ns // 1_000_000 if tick.time_ns >= SET_NS else None,
             "age": round(age, 1),
             "state": "now" if age <= STALE_S else "stale" if age < self._parked_s else "parked",
@@ -305,7 +275,7 @@ class Watch:
             ticks = self._back(self._view(name), span_s)
             if not ticks:
                 return {"t": [], "marks": []}
-            ends, first = (ticks[0].time_ns, ticks[-1].time_ns), self._times[0]
+            ends, first = (ticks[0].time_ns, ticks[-1].time_ns), self._ticks.first_ns
             marks = self._events.marks(self._engine.strings[string].plan.name, *ends, first)
         return {**history(ticks, string, first), "marks": marks}
 
@@ -313,7 +283,7 @@ class Watch:
         """Write what was estimated until where a tab looks, `span_s` back, as CSV; 0: all that is kept."""
         with self._lock:
             ticks = self._back(self._view(name), span_s)
-            first = self._times[0] if self._times else 0
+            first = self._ticks.first_ns
         return table(ticks, [s.plan.name for s in self._engine.strings], self._parts, WORDS, first)
 
     def acknowledge(self, name: str, wish: Mapping[str, Any]) -> None:
@@ -329,13 +299,13 @@ class Watch:
         code, string, reason = map(str, given)
         with self._lock:
             view = self._view(name)
-            until = self._times[-1] if view.at_ns is None and self._times else int(view.at_ns or 0)
+            until = self._ticks.last_ns if view.at_ns is None else int(view.at_ns)
             self._events.acknowledge(code, string, bool(wish.get("alert")), " ".join(reason.split())[:200], until)
 
     def events_table(self) -> bytes:
         """Write all events as CSV, oldest first, with what was acknowledged."""
         with self._lock:
-            return self._events.table(self._times[0] if self._times else 0)
+            return self._events.table(self._ticks.first_ns)
 
     def until_ns(self, name: str) -> int | None:
         """Tell the moment at which a tab looks; None: the newest."""
@@ -343,19 +313,14 @@ class Watch:
             at = self._view(name).at_ns
             return None if at is None else int(at)
 
-    def _back(self, view: _View, span_s: float) -> list[_Tick]:
-        if not self._times:
-            return []
-        at = self._times[-1] if view.at_ns is None else int(view.at_ns)
-        until = max(bisect_right(self._times, at), 1)
-        begin = bisect_left(self._times, at - int(span_s * 1e9)) if span_s > 0.0 else 0
-        return self._ticks[min(begin, until - 1) : until]
+    def _back(self, view: _View, span_s: float) -> list[Tick]:
+        return self._ticks.back(self._ticks.last_ns if view.at_ns is None else int(view.at_ns), span_s)
 
     def _age_s(self) -> float:
         """Time since the newest tick came, s: of a live bus that has gone silent it grows."""
         return 0.0 if self.whole else time.monotonic() - self._kept
 
-    def _strings(self, tick: _Tick) -> list[dict[str, Any]]:
+    def _strings(self, tick: Tick) -> list[dict[str, Any]]:
         found = []
         for s, part, known in zip(self._engine.strings, self._parts, tick.strings, strict=True):
             core, sd, surface, centre, centre_sd, heat, heat_sd = tick.cells[:, part]

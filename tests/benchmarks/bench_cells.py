@@ -20,10 +20,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from bms_gateway.identify.cell_prior import CellSettings
-from bms_gateway.identify.electrical import electrical_resistance
 from bms_gateway.identify.resistance_by_cell import CellRecord, fit_cells, numbers_of
 from bms_gateway.observe import AdaptiveObserver
 from bms_gateway.thermal import Prior, StringModel
+from tests.support.cell_resistances import electrical_resistance
 from tests.truth.string import C_F, TABLE_1
 from tests.truth.unequal import Scatter, drives
 

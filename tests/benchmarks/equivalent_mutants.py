@@ -6,7 +6,6 @@ ONE_BY_ONE = "what odd frames go through gives the same for all, only slower"
 ANNOTATIONS = "an import for annotations, which are not evaluated"
 WOKEN = "set by the frame that wakes the engine, read after one"
 LATER = "stamps of the open tick and later are put off to what they are"
-TAKEN_UP = "asked of a state that was taken up, which sets it; no frame before"
 NO_GAP = "where there is no gap, of whole nanoseconds, nothing is asked of it"
 SOONER = "a string takes its ticks in before it must: only slower"
 BLOCKS = "ticks are put together when a string takes them, if not before"
@@ -84,8 +83,6 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "Engine.__init__: 0  ->  1": WOKEN,
         "Engine.__init__: 0  ->  1  #3": WOKEN,
         "Engine.__init__: 0  ->  1  #6": "losses are told in all: what was told last is not asked",
-        "Engine.__init__: False  ->  True  #2": TAKEN_UP,
-        "Engine.__init__: self._stored = False  ->  pass": TAKEN_UP,
         "Engine.__init__: self._woken = 0  ->  pass": WOKEN,
         "Engine.receive: self._tick_end is not None and int(frames.time_ns[0]) < self._tick_end  ->  "
         "self._tick_end is not None or int(frames.time_ns[0]) < self._tick_end": LATER,

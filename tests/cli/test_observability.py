@@ -75,7 +75,7 @@ def test_what_is_unknown_can_be_said(capsys):
 
 def test_where_placement_cannot_help_that_is_said(capsys):
     assert main(["observability", "--cells", "4", "--sensors", "1", "--heat-common", "0", "--inlet", "0"]) == 0
-    assert "a cell that is to be known needs its own" in capsys.readouterr().out
+    assert "a cell whose core must be known needs its own sensor" in capsys.readouterr().out
 
 
 def test_a_very_long_string_has_no_paper_rank(capsys):

@@ -71,7 +71,7 @@ def test_a_wish_that_cannot_be_had_is_said_with_status_1(capsys):
     assert got["wanted"]["sensors"] == [1, 2, 3, 4, 5]
     assert len(got["best"][0]["sensors"]) == 2
     assert main(["place", "--cells", "5", "--sensors", "2", "--wanted", "0.1"]) == 1
-    assert "± 0.1 K cannot be had" in capsys.readouterr().out
+    assert "± 0.1 K cannot be reached" in capsys.readouterr().out
 
 
 def test_too_many_sets_are_searched_and_not_counted(capsys):

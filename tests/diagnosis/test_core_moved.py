@@ -70,7 +70,7 @@ def test_the_doubt_of_a_diagnosis_goes_into_the_model_that_add_writes():
     assert not a.refused
     assert any("less than the" in why for why in a.model.doubts)
     assert a.model.doubts == a.core[1].why
-    before, after = a.core_K
+    before, after = (core.half_width_K for core in a.core)
     assert (after >= before).all()
     # whoever asks of the file that was written hears the same
     again = known_core(parse_model(format_model(a.model)), [record])
@@ -81,7 +81,7 @@ def test_a_core_that_is_known_better_by_it_is_proven_and_its_band_falls():
     log, _, _ = drift("steps")
     _, a = added("steps")
     assert a.model.doubts == ()
-    assert a.core_K[1] < a.core_K[0]
+    assert a.core[1].half_width_K < a.core[0].half_width_K
     (band,) = a.core[1].bands
     truth = np.interp(band.time_s, np.arange(len(log.core)), log.core[:, 0])
     assert np.mean(np.abs(truth - band.T_c[:, 0]) <= 2.0 * band.total_K[:, 0]) >= 0.9

@@ -5,7 +5,8 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from bms_gateway.identify.electrical import ElectricalSums, PairMeans, electrical_resistance
+from bms_gateway.identify.electrical import ElectricalSums, PairMeans
+from tests.support.cell_resistances import electrical_resistance
 from tests.truth.unequal import drives, overpotential
 
 

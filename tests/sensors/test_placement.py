@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bms_gateway.errors import UsageError
-from bms_gateway.sensors import PlacementProblem, even_sets, fewest, observable_sets, place, steady_core_sd
+from bms_gateway.sensors import PlacementProblem, even_sets, observable_sets, steady_core_sd
 from bms_gateway.sensors import placement as module
 from bms_gateway.thermal import Disturbance
 from tests.sensors.strings import COUPLINGS, cells, riccati
@@ -16,7 +16,7 @@ from tests.sensors.strings import COUPLINGS, cells, riccati
 @pytest.mark.parametrize("condition", COUPLINGS)
 def test_the_best_of_few_sets_is_what_a_plain_search_finds(condition):
     p = cells(6, condition)
-    found = place(p, 2)
+    found = PlacementProblem(p).best(2)
     worst = {s: riccati(p, s).max() for s in itertools.combinations(range(1, 7), 2)}
     assert found.exhaustive
     assert found.sets == comb(6, 2)
@@ -31,7 +31,7 @@ def test_the_best_of_few_sets_is_what_a_plain_search_finds(condition):
     ("m", "sensors", "sd"), [(1, (12,), 0.732), (2, (1, 12), 0.485), (3, (1, 2, 12), 0.467), (4, (1, 2, 11, 12), 0.429)]
 )
 def test_best_places_on_twelve_cells_are_as_derived(m, sensors, sd):
-    found = place(cells(12), m)
+    found = PlacementProblem(cells(12)).best(m)
     assert found.best[0].sensors == sensors
     assert found.best[0].worst_sd == pytest.approx(sd, rel=0.01)
     assert found.even.worst_sd >= found.best[0].worst_sd
@@ -43,7 +43,7 @@ def test_two_end_sensors_beat_the_papers_four():
 
 def test_what_is_lost_is_the_set_without_the_sensor():
     p = cells(8)
-    found = place(p, 3)
+    found = PlacementProblem(p).best(3)
     assert len(found.losses) == 3
     for k, left in zip(found.best[0].sensors, found.losses, strict=True):
         rest = tuple(j for j in found.best[0].sensors if j != k)
@@ -57,9 +57,9 @@ def test_what_is_lost_is_the_set_without_the_sensor():
 @pytest.mark.parametrize("m", [1, 2, 3, 4, 6])
 def test_the_search_finds_what_trying_all_finds(monkeypatch, condition, m):
     p = cells(12, condition)
-    all_tried = place(p, m)
+    all_tried = PlacementProblem(p).best(m)
     monkeypatch.setattr(module, "EXHAUSTIVE", 0)
-    searched = place(p, m)
+    searched = PlacementProblem(p).best(m)
     assert not searched.exhaustive
     assert searched.best[0].worst_sd <= all_tried.best[0].worst_sd * 1.01
 
@@ -67,7 +67,7 @@ def test_the_search_finds_what_trying_all_finds(monkeypatch, condition, m):
 @pytest.mark.parametrize(("n", "m"), [(40, 5), (120, 4), (250, 3)])
 def test_a_long_string_is_placed_at_least_as_well_as_evenly(n, m):
     p = cells(n)
-    found = place(p, m)
+    found = PlacementProblem(p).best(m)
     assert not found.exhaustive
     even = min(steady_core_sd(p, s).max() for s in even_sets(n, m))
     assert found.even.worst_sd == pytest.approx(even, rel=1e-9)
@@ -76,7 +76,7 @@ def test_a_long_string_is_placed_at_least_as_well_as_evenly(n, m):
 
 
 def test_a_search_is_the_same_every_time():
-    first, second = place(cells(30), 5), place(cells(30), 5)
+    first, second = PlacementProblem(cells(30)).best(5), PlacementProblem(cells(30)).best(5)
     assert [x.sensors for x in first.best] == [x.sensors for x in second.best]
     assert all(np.array_equal(a.core_sd, b.core_sd) for a, b in zip(first.best, second.best, strict=True))
 
@@ -84,7 +84,7 @@ def test_a_search_is_the_same_every_time():
 @pytest.mark.parametrize("wanted", [2.0, 1.0, 0.6, 0.55, 0.5, 0.485])
 def test_the_fewest_sensors_are_no_more_than_needed(wanted):
     p = cells(8)
-    found = fewest(p, wanted)
+    found = PlacementProblem(p).fewest(wanted)
     assert found.worst_sd <= wanted
     if found.sensors:
         less = itertools.combinations(range(1, 9), len(found.sensors) - 1)
@@ -93,26 +93,26 @@ def test_the_fewest_sensors_are_no_more_than_needed(wanted):
 
 
 def test_what_cannot_be_had_is_answered_with_a_sensor_on_every_cell():
-    found = fewest(cells(5), 0.05)
+    found = PlacementProblem(cells(5)).fewest(0.05)
     assert found.sensors == (1, 2, 3, 4, 5)
     assert found.worst_sd > 0.05
 
 
 def test_a_long_string_needs_few_sensors_for_little_certainty():
-    found = fewest(cells(100), 0.5)
+    found = PlacementProblem(cells(100)).fewest(0.5)
     assert found.worst_sd <= 0.5
     assert len(found.sensors) <= 3
 
 
 def test_sensors_follow_the_errors_that_are_declared():
     """With errors of each cell's own only, and nothing between cells, all unsensed cells are equally badly known."""
-    found = place(cells(5, "single"), 2, Disturbance(heat_common=0.0, inlet=0.0, heat_cell=0.3))
+    found = PlacementProblem(cells(5, "single"), Disturbance(heat_common=0.0, inlet=0.0, heat_cell=0.3)).best(2)
     assert found.best[0].worst_sd == pytest.approx(found.nothing.worst_sd, rel=1e-9)
     assert found.best[0].sensors == (1, 2)  # of equals, the one whose cells come first
 
 
 def test_of_equally_bad_worst_cells_the_better_mean_decides():
-    found = place(cells(12, "natural"), 5)
+    found = PlacementProblem(cells(12, "natural")).best(5)
     means = [
         round(float(x.core_sd.mean()), 6)
         for x in found.best
@@ -124,7 +124,7 @@ def test_of_equally_bad_worst_cells_the_better_mean_decides():
 @pytest.mark.parametrize("m", [0, 6])
 def test_a_number_of_sensors_that_cannot_be_is_said(m):
     with pytest.raises(UsageError, match="valid: 1 to 5"):
-        place(cells(5), m)
+        PlacementProblem(cells(5)).best(m)
 
 
 def test_even_spacing_is_what_people_do():

@@ -175,9 +175,9 @@ def test_what_was_acknowledged_is_new_again_when_it_comes_again(watch):
     assert all(r["acknowledged"].endswith("Z") for r in mine)
     assert "" in {r["reason"] for r in rows}  # the others were not
     again = [x for x in watch._events.all if (x.code, x.string, bool(x.state)) == tuple(wish.values())][-1]
-    watch._events.all.append(replace(again, time_ns=watch._times[0] + 100 * SECOND))
-    end = watch._times[0] + 200 * SECOND
-    fresh = watch._events.grouped(end, watch._times[0])
+    watch._events.all.append(replace(again, time_ns=watch._ticks.first_ns + 100 * SECOND))
+    end = watch._ticks.first_ns + 200 * SECOND
+    fresh = watch._events.grouped(end, watch._ticks.first_ns)
     watch._events.all.pop()
     assert next(x for x in fresh if [x[k] for k in wish] == list(wish.values()))["seen"] is None
     with pytest.raises(UsageError, match="nothing of the kind 'nonsense'"):

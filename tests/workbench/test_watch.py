@@ -14,6 +14,7 @@ from bms_gateway.config import load_config, shipped
 from bms_gateway.engine import Engine, Estimated, drive
 from bms_gateway.errors import UsageError
 from bms_gateway.frames.batch import FrameBatch
+from bms_gateway.workbench import kept_ticks
 from bms_gateway.workbench import watch as watching
 from bms_gateway.workbench.sources import Listening, Playback
 from bms_gateway.workbench.watch import Watch
@@ -127,10 +128,10 @@ def test_a_wish_that_makes_no_sense_is_one_line(watch, wish):
 
 
 def test_a_long_log_is_thinned_evenly(loaded, log, monkeypatch):
-    monkeypatch.setattr(watching, "MOST_TICKS", 20)
+    monkeypatch.setattr(kept_ticks, "MOST_TICKS", 20)
     watch = play(loaded, log)
-    times = np.diff(watch._times)
-    assert len(watch._times) <= 20
+    times = np.diff(watch._ticks.times_ns)
+    assert len(watch._ticks.times_ns) <= 20
     assert set(times.tolist()) == {4 * SECOND}
 
 
