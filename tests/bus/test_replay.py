@@ -136,7 +136,7 @@ def can(monkeypatch):
         slept.append(args)
         now[0] += args[3]
 
-    names = dict(AF_CAN=29, SOCK_RAW=3, CAN_RAW=1, SOL_CAN_RAW=101, CAN_RAW_FILTER=1, CAN_RAW_FD_FRAMES=5)
+    names = {"AF_CAN": 29, "SOCK_RAW": 3, "CAN_RAW": 1, "SOL_CAN_RAW": 101, "CAN_RAW_FILTER": 1, "CAN_RAW_FD_FRAMES": 5}
     opened = SimpleNamespace(socket=lambda *asked: made.append(Sock(*asked)) or made[-1], **names)
     monkeypatch.setattr(module, "socket", opened)
     monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: now[0]))
