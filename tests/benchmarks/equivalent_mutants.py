@@ -17,6 +17,8 @@ BEHIND = "room behind the last field, where the kernel writes nothing"
 NEVER_NONE = "the kernel gives an error where it has no datagram, never 0"
 READ_AT = "whoever reads a block says where it lies"
 MORE_BINS = "one empty bin more than there are groups, never looked up"
+SET_BY_EXCERPT = "what `excerpt` gives, it sets"
+FIRST_US = "no sample is of the first microseconds of 1970"
 
 EQUIVALENT: dict[str, dict[str, str]] = {
     "bms_gateway/bus/pace.py": {
@@ -247,5 +249,22 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "(os.O_RDONLY | os.O_DIRECTORY) & os.O_CLOEXEC": NO_FOLDER,
         "ask: os.O_RDONLY | os.O_DIRECTORY  ->  os.O_RDONLY & os.O_DIRECTORY": NO_FOLDER,
         "_write: 8  ->  9": "a longer name that nobody guesses",
+    },
+    "bms_gateway/store/rows.py": {
+        "Excerpt: False  ->  True": SET_BY_EXCERPT,
+        "Excerpt: 0  ->  1": SET_BY_EXCERPT,
+        "Excerpt: 0  ->  1  #2": SET_BY_EXCERPT,
+        "Excerpt.rows: -1  ->  1": FIRST_US,
+        "Excerpt.rows: 1  ->  2": FIRST_US,
+        "_rows: True  ->  False": STRICT,
+    },
+    "bms_gateway/bus/logfile.py": {
+        "write_log: 6  ->  7": "more effort in packing: the same text is unpacked",
+        "_nearest_file: 1  ->  2": "of two names the nearer one is told",
+    },
+    "bms_gateway/service/metrics.py": {
+        "Page._shell: True  ->  False": STRICT,
+        "_strings: 0  ->  1  #2": "a flag that is raised has at least level 1",
+        "_ahead: True  ->  False": STRICT,
     },
 }

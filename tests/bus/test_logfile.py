@@ -40,6 +40,7 @@ def test_the_same_frames_give_the_same_bytes_whatever_the_name_and_the_time(tmp_
     monkeypatch.setattr("time.time", lambda: 1e9)
     write_log(tmp_path / "b.log.gz", [ONE])
     assert (tmp_path / "a.log.gz").read_bytes() == (tmp_path / "b.log.gz").read_bytes()
+    assert (tmp_path / "a.log.gz").read_bytes()[3:8] == bytes(5)  # no name, and no time
 
 
 def test_the_name_of_the_interface_is_that_given(tmp_path):
@@ -142,6 +143,19 @@ def test_a_cut_gzip_gives_whole_lines_and_notes_where_it_ends(tmp_path):
     assert notes.broken_at == [(len(found) + 1, CUT_SHORT)]
 
 
+@pytest.mark.parametrize(("end", "frames"), [(LINE[:-1], 2), (b"bad end", 1), (b" ", 1)])
+def test_the_last_line_needs_no_end_and_no_batch_is_empty(tmp_path, end, frames):
+    path = tmp_path / "a.log"
+    path.write_bytes(LINE + end)
+    assert [len(batch) for batch in read_log(path)] == [1] * frames
+
+
+def test_a_log_under_the_name_of_another_format_is_told(tmp_path):
+    (tmp_path / "a.asc").write_bytes(LINE)
+    with pytest.raises(DataError, match=r"a.asc: this is a candump log: name it .log$"):
+        read(tmp_path / "a.asc")
+
+
 @pytest.mark.parametrize("chunk", [1, 31, 32, 33, 1000])
 def test_lines_are_counted_across_pieces(tmp_path, chunk):
     path = tmp_path / "a.log"
@@ -175,6 +189,8 @@ def test_reading_gives_up_after_so_many_broken_lines_in_a_row(tmp_path, monkeypa
     path = tmp_path / "a.log"
     path.write_bytes(LINE + b"12345678\n" * 3 + LINE + b"12345678\n" * 2)
     assert len(read(path, chunk=9)) == 2
+    path.write_bytes(b"12345678\n" * 3 + LINE)
+    assert len(read(path, chunk=9)) == 1
     path.write_bytes(LINE + b"12345678\n" * 4)
     with pytest.raises(DataError, match=r"a.log, line 6: 4 lines in a row cannot be read: not a candump log$"):
         read(path, chunk=9)
