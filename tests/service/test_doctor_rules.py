@@ -34,9 +34,9 @@ def one(root, name, channel="can0", **options):
     return (found.state, found.what, found.command)
 
 
-def interface(root, channel="can0", type="280", flags="0x1", queue="128"):
+def interface(root, channel="can0", kind="280", flags="0x1", queue="128"):
     here = f"sys__class__net__{channel}__"
-    return laid(root, **{f"{here}type": type, f"{here}flags": flags, f"{here}tx_queue_len": queue})
+    return laid(root, **{f"{here}type": kind, f"{here}flags": flags, f"{here}tx_queue_len": queue})
 
 
 def test_the_bounds():
@@ -127,7 +127,7 @@ OVERLAY = "; a Raspberry Pi's hat needs its dtoverlay line in /boot/firmware/con
 def test_an_interface_that_is_not_there(tmp_path):
     alone = "is not there, nor any other CAN interface"
     assert one(tmp_path, "interface can0") == ("missing", alone, UP + KEEP)
-    interface(tmp_path, "eth0", type="1")
+    interface(tmp_path, "eth0", kind="1")
     assert one(tmp_path, "interface can0") == ("missing", alone, UP + KEEP)
     interface(tmp_path, "can9")
     interface(tmp_path, "can8")
@@ -142,7 +142,7 @@ def test_an_interface_that_is_not_there(tmp_path):
 
 
 def test_an_interface_of_another_kind_or_down(tmp_path):
-    interface(tmp_path, type="1")
+    interface(tmp_path, kind="1")
     assert one(tmp_path, "interface can0") == ("missing", "is no CAN interface", "name another one: --interface can0")
     assert given(tmp_path, "transmit queue") == []
     interface(tmp_path, flags="0x40080")
