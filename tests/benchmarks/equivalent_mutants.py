@@ -221,6 +221,8 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         ": 0.2  ->  1.2": "how old a page may be",
         ": 10.0  ->  11.0": "how soon an address that is taken is tried again",
         "MetricsServer: 1  ->  2": "any number but zero sets the option",
+        "MetricsServer._answer: 1  ->  2  #2": "what follows is not looked at",
+        "MetricsServer._answer: 1  ->  2  #4": "what follows is not looked at",
     },
     "bms_gateway/service/signals.py": {
         "_End.now: True  ->  False": "the next call ends the process with all its threads",

@@ -159,6 +159,7 @@ def test_one_client_fewer_than_the_slots_costs_nobody_its_place(monkeypatch):
     async def full(address):
         idle = [socket.create_connection(address) for _ in range(SLOTS)]
         await come(lambda: len(server.clients) == SLOTS)
+        assert set(server.clients.values()) == {False}
         seen.append(server.refused)
         idle.append(socket.create_connection(address))
         await come(lambda: server.refused)
@@ -177,6 +178,7 @@ def test_a_client_that_has_asked_is_not_idle(monkeypatch):
 
     async def asks():
         ours, theirs = socket.socketpair()
+        ours.setblocking(False)  # as asyncio gives what it accepts
         theirs.sendall(GET)
         task = asyncio.ensure_future(server._serve(ours))
         server.clients[task] = False
