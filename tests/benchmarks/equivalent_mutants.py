@@ -17,6 +17,7 @@ BEHIND = "room behind the last field, where the kernel writes nothing"
 NEVER_NONE = "the kernel gives an error where it has no datagram, never 0"
 READ_AT = "whoever reads a block says where it lies"
 MORE_BINS = "one empty bin more than there are groups, never looked up"
+INFINITE = "of an infinite value the sign is asked, which no bound near zero changes"
 SET_BY_EXCERPT = "what `excerpt` gives, it sets"
 FIRST_US = "no sample is of the first microseconds of 1970"
 
@@ -268,5 +269,13 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "Page._shell: True  ->  False": STRICT,
         "_strings: 0  ->  1  #2": "a flag that is raised has at least level 1",
         "_ahead: True  ->  False": STRICT,
+    },
+    "bms_gateway/service/exposition.py": {
+        "_number: value > 0  ->  value >= 0": INFINITE,
+        "_number: 0  ->  1": INFINITE,
+    },
+    "bms_gateway/service/journal.py": {
+        "Throttle.__init__: super().__init__()  ->  pass": "a name of a filter, which nobody asks for",
+        "JournalHandler.close: super().close()  ->  pass": "logging holds its handlers weakly",
     },
 }

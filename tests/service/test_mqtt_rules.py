@@ -68,6 +68,11 @@ def test_the_bounds():
     assert (mqtt.BYTES_EACH, mqtt.BYTES_PER_S, mqtt.PORT, mqtt.PORT_TLS) == (32, 8, 1883, 8883)
 
 
+def test_a_publisher_begins_with_nothing():
+    p = publisher()
+    assert (p.connected, p.connects, p.published, p._delay_s, p.spool.head()) == (False, 0, 0, 0.0, None)
+
+
 # what is put into the spool
 
 
