@@ -1,19 +1,23 @@
 """Tables for forecasts: the coming current, and the true cores of a log."""
 
 import csv
-import gzip
 from collections.abc import Iterator, Mapping, Sequence
-from io import TextIOWrapper
+from contextlib import contextmanager
+from io import BufferedReader, TextIOWrapper
+from math import isfinite, isinf
 from pathlib import Path
-from typing import Final, TextIO
+from typing import Final
 
 import numpy as np
 
 from bms_gateway.errors import DataError, did_you_mean
-from bms_gateway.report.table import MOST_NUMBERS, read_table
+from bms_gateway.gunzip import Gunzip
+from bms_gateway.report.file_rows import LONGEST_LINE
+from bms_gateway.report.table import MOST_NUMBERS, open_table, read_table
 from bms_gateway.thermal import Floats
 
 LONG_FORM: Final = ("time_s", "string", "cell", "core_C")
+INSTANT: Final = 16  # numbers' worth of memory that an instant takes besides its cores
 
 
 def read_profile(path: Path) -> tuple[Floats, Floats, Floats]:
@@ -48,11 +52,11 @@ def read_truth(path: Path, strings: Sequence[str], cells: Mapping[str, int]) -> 
         The table has neither form, or holds none of the strings.
     """
     if path.suffix.lower() not in (".parquet", ".pq"):
-        with _opened(path) as f:
-            rows = csv.reader(f)
-            names = next(rows, [])
-            if "core_C" in names and "string" in names:
-                return _long(path, names, rows, strings, cells)
+        with open_table(path) as opened:  # says what is wrong with what is no table
+            names = opened.names
+        if "core_C" in names and "string" in names:
+            with _rows(path) as rows:
+                return _long(path, next(rows, []), rows, strings, cells)
     table = read_table(path, needed=("time_s",))
     if not table.core_C:
         raise DataError(
@@ -70,14 +74,31 @@ def read_truth(path: Path, strings: Sequence[str], cells: Mapping[str, int]) -> 
     return {strings[0]: (table.time_s, core)}
 
 
-def _opened(path: Path) -> TextIO:
+@contextmanager
+def _rows(path: Path) -> Iterator[Iterator[list[str]]]:
+    """Open a CSV file as rows of text; what is wrong on the way is a `DataError`."""
     try:
-        if path.suffix.lower() == ".gz":
-            return TextIOWrapper(gzip.open(path), encoding="utf-8", newline="")
-        return path.open(encoding="utf-8", newline="")
+        with path.open("rb") as file:
+            source = BufferedReader(Gunzip(file, str(path))) if path.suffix.lower() == ".gz" else file
+            with TextIOWrapper(source, encoding="utf-8-sig", newline="") as text:
+                yield csv.reader(_lines(path, text))
+    except EOFError:
+        raise DataError(f"{path}: the gzip data are cut short or damaged") from None
+    except UnicodeDecodeError:
+        raise DataError(f"{path}: is no text") from None
+    except csv.Error as e:
+        raise DataError(f"{path}: no table: {e}") from None
     except OSError as e:
-        beside = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
-        raise DataError(f"{path}: cannot be read: {e.strerror}{did_you_mean(path.name, beside)}") from None
+        raise DataError(f"{path}: cannot be read: {e.strerror or e}") from None
+
+
+def _lines(path: Path, text: TextIOWrapper) -> Iterator[str]:
+    number = 0
+    while line := text.readline(LONGEST_LINE):
+        number += 1
+        if len(line) == LONGEST_LINE:
+            raise DataError(f"{path}: line {number}: no end of line in {LONGEST_LINE >> 10} KiB: not a table")
+        yield line
 
 
 def _long(
@@ -87,15 +108,24 @@ def _long(
     if -1 in at:
         raise DataError(f"{path}: no column {LONG_FORM[at.index(-1)]!r}{did_you_mean(LONG_FORM[at.index(-1)], names)}")
     found: dict[str, dict[float, Floats]] = {name: {} for name in strings}
+    taken = 0
     for line, row in enumerate(rows, 2):
         if line > MOST_NUMBERS:
             raise DataError(f"{path}: line {line}: over {MOST_NUMBERS:,} rows; cut it into several")
         try:
             t, name, k, core = float(row[at[0]]), row[at[1]], int(row[at[2]]), float(row[at[3]])
         except (ValueError, IndexError):
-            raise DataError(f"{path}: line {line}: expected numbers for time_s, cell and core_C") from None
-        if name in found and 1 <= k <= cells[name]:
-            found[name].setdefault(t, np.full(cells[name], np.nan))[k - 1] = core
+            t, name, k, core = np.nan, "", 0, np.nan
+        if not isfinite(t) or isinf(core):
+            raise DataError(f"{path}: line {line}: expected numbers for time_s, cell and core_C")
+        if name not in found or not 1 <= k <= cells[name]:
+            continue
+        if t not in found[name]:
+            taken += cells[name] + INSTANT
+            if taken > MOST_NUMBERS:
+                raise DataError(f"{path}: line {line}: more instants than memory is given to; cut it into several")
+            found[name][t] = np.full(cells[name], np.nan)
+        found[name][t][k - 1] = core
     if not any(found.values()):
         raise DataError(f"{path}: speaks of none of the strings {', '.join(strings)}")
     return {name: (np.array(sorted(of)), np.stack([of[t] for t in sorted(of)])) for name, of in found.items() if of}

@@ -154,6 +154,8 @@ def open_table(path: Path) -> Iterator[Rows]:
     """
     if path.is_dir():
         raise DataError(f"{path}: is a directory; expected a table, CSV or Parquet")
+    if path.exists() and not path.is_file():  # a pipe that nobody writes to has no end
+        raise DataError(f"{path}: is no plain file; expected a table, CSV or Parquet")
     parquet = path.suffix.lower() in (".parquet", ".pq")
     try:
         with open_parquet(path) if parquet else open_csv(path) as rows:

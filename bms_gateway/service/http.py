@@ -112,7 +112,6 @@ class MetricsServer:
 
     async def _serve(self, client: socket.socket) -> None:
         loop = asyncio.get_running_loop()
-        client.setblocking(False)
         try:
             async with asyncio.timeout(DEADLINE_S):
                 head = await self._head(client)

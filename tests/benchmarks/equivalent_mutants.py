@@ -16,6 +16,9 @@ BEHIND = "room behind the last field, where the kernel writes nothing"
 NEVER_NONE = "the kernel gives an error where it has no datagram, never 0"
 READ_AT = "whoever reads a block says where it lies"
 MORE_BINS = "one empty bin more than there are groups, never looked up"
+INFINITE = "of an infinite value the sign is asked, which no bound near zero changes"
+SET_BY_EXCERPT = "what `excerpt` gives, it sets"
+FIRST_US = "no sample is of the first microseconds of 1970"
 
 EQUIVALENT: dict[str, dict[str, str]] = {
     "bms_gateway/bus/pace.py": {
@@ -216,6 +219,8 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         ": 0.2  ->  1.2": "how old a page may be",
         ": 10.0  ->  11.0": "how soon an address that is taken is tried again",
         "MetricsServer: 1  ->  2": "any number but zero sets the option",
+        "MetricsServer._answer: 1  ->  2  #2": "what follows is not looked at",
+        "MetricsServer._answer: 1  ->  2  #4": "what follows is not looked at",
     },
     "bms_gateway/service/signals.py": {
         "_End.now: True  ->  False": "the next call ends the process with all its threads",
@@ -244,5 +249,30 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "(os.O_RDONLY | os.O_DIRECTORY) & os.O_CLOEXEC": NO_FOLDER,
         "ask: os.O_RDONLY | os.O_DIRECTORY  ->  os.O_RDONLY & os.O_DIRECTORY": NO_FOLDER,
         "_write: 8  ->  9": "a longer name that nobody guesses",
+    },
+    "bms_gateway/store/rows.py": {
+        "Excerpt: False  ->  True": SET_BY_EXCERPT,
+        "Excerpt: 0  ->  1": SET_BY_EXCERPT,
+        "Excerpt: 0  ->  1  #2": SET_BY_EXCERPT,
+        "Excerpt.rows: -1  ->  1": FIRST_US,
+        "Excerpt.rows: 1  ->  2": FIRST_US,
+        "_rows: True  ->  False": STRICT,
+    },
+    "bms_gateway/bus/logfile.py": {
+        "write_log: 6  ->  7": "more effort in packing: the same text is unpacked",
+        "_nearest_file: 1  ->  2": "of two names the nearer one is told",
+    },
+    "bms_gateway/service/metrics.py": {
+        "Page._shell: True  ->  False": STRICT,
+        "_strings: 0  ->  1  #2": "a flag that is raised has at least level 1",
+        "_ahead: True  ->  False": STRICT,
+    },
+    "bms_gateway/service/exposition.py": {
+        "_number: value > 0  ->  value >= 0": INFINITE,
+        "_number: 0  ->  1": INFINITE,
+    },
+    "bms_gateway/service/journal.py": {
+        "Throttle.__init__: super().__init__()  ->  pass": "a name of a filter, which nobody asks for",
+        "JournalHandler.close: super().close()  ->  pass": "logging holds its handlers weakly",
     },
 }
