@@ -11,6 +11,7 @@ _CANDUMP = re.compile(rb"\(\d+\.\d+\)\s+\S+\s+[0-9A-Fa-f]{3,8}#")
 _SCREEN = re.compile(rb"(\(\S+( \S+)?\)\s+)?\S+\s+([RT]X\s+\S+\s+\S+\s+)?[0-9A-Fa-f]{3,8}\s+\[\d+\](\s|$)")
 _NO_STAMP = re.compile(rb"[A-Za-z]\S*\s+[0-9A-Fa-f]{3,8}#")
 _TABLE = re.compile(rb"(\xef\xbb\xbf)?[^\n\x00]*(time_s|current_A|coolant_inlet_C|surface_\d+_C)")
+FEWEST_COLUMNS: Final = 3
 _STARTS: Final = (
     (b"LOGG", ".blf"),
     (b"MDF     ", ".mf4"),
@@ -50,7 +51,7 @@ def misnamed(path: Path, kind: str) -> str | None:
     found = kind_of(_unpacked(raw) if packed else raw)
     if found == "screen":
         return "this is candump's output without exact time stamps: record with candump -l or -L"
-    if found is None and kind == ".csv" and _TABLE.match(_unpacked(raw) if packed else raw):
+    if found is None and kind == ".csv" and _is_table(_unpacked(raw) if packed else raw):
         return (
             "this is a table of measurements, no log: encode makes frames of it, and compare, fit and diagnose take it "
             "as it is"
@@ -59,6 +60,21 @@ def misnamed(path: Path, kind: str) -> str | None:
         return None
     what = f"a {_SOFTWARE[found]} log" if found in _SOFTWARE else f"a {found} log"
     return f"this is {what}: name it {found}{'.gz' if packed else ''}"
+
+
+def _is_table(head: bytes) -> bool:
+    """Whether rows of a CSV file are measurements: columns of ours, or names over rows without an identifier (0x…)."""
+    if _TABLE.match(head):
+        return True
+    wide = head.startswith((b"\xff\xfe", b"\xfe\xff"))
+    text = head[: len(head) // 2 * 2].decode("utf-16" if wide else "latin-1", errors="replace")
+    lines = [line for line in text.splitlines() if line.strip()][:-1]  # the last one may be cut
+    if len(lines) < 2 or "\x00" in text:
+        return False
+    mark = max(",;\t", key=lines[0].count)
+    names = [name.strip() for name in lines[0].split(mark)]
+    named = sum(any(c.isalpha() for c in name) for name in names)
+    return named >= FEWEST_COLUMNS and not any("0x" in line for line in lines[1:3])
 
 
 def _unpacked(raw: bytes) -> bytes:

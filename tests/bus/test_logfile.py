@@ -206,3 +206,12 @@ def test_other_formats_are_read_in_pieces_of_as_many_frames(tmp_path, monkeypatc
     for chunk in (1, 99, 100, 1000):
         read(path, chunk=chunk)
     assert asked == [(".asc", 1), (".asc", 1), (".asc", 2), (".asc", 20)]
+
+
+@pytest.mark.parametrize("codec", ["utf-8", "cp1252", "utf-16"])
+@pytest.mark.parametrize("mark", [",", ";", "\t"])
+def test_a_table_in_the_words_of_its_maker_is_called_a_table(codec, mark, tmp_path):
+    rows = [["Zeit", "Strom", "Kühlmittel Eintritt", "Zelle 1"], *([str(k), "3", "20", "21"] for k in range(1200))]
+    (tmp_path / "t.csv").write_text("\n".join(map(mark.join, rows)), encoding=codec)
+    with pytest.raises(DataError, match="this is a table of measurements, no log: encode makes frames of it"):
+        list(read_log(tmp_path / "t.csv"))
