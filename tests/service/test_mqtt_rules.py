@@ -389,6 +389,7 @@ def test_it_connects_again_after_the_pause_and_says_goodbye_at_the_end(monkeypat
 
     async def until():
         await come(lambda: len(clients) == 2 and clients[1].sent)
+        assert [t.daemon for t in threading.enumerate() if t.name == "mqtt"] == [True]  # it holds up no end
         p._put("estimate", {"k": 1})
         await come(lambda: len(clients) == 3 and len(clients[2].sent) == 2)
 
@@ -497,3 +498,22 @@ def test_tls_checks_the_brokers_certificate_shows_ours_and_is_of_today(tmp_path)
         with pytest.raises(ConfigError, match=rf"^mqtt\.{wrong}: '{file}' cannot be used: "):
             publisher(files | {wrong: file}, **settings)
     assert publisher(files)._tls is None
+
+
+def test_the_end_waits_for_the_farewell_and_half_as_long_again(monkeypatch):
+    monkeypatch.setattr(mqtt, "FAREWELL_S", 0.5)
+    within, waits = mqtt._within, []
+
+    async def noted(event, seconds):
+        waits.append(seconds)
+        return await within(event, seconds)
+
+    monkeypatch.setattr(mqtt, "_within", noted)
+    p, clients = publisher(interval_s=3600.0), []
+    p._client = lambda: clients.append(Client()) or clients[-1]
+
+    async def until():
+        await come(lambda: clients and clients[0].sent)
+
+    running(p, until)
+    assert waits == [3600.0, 0.75]
