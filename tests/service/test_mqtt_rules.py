@@ -111,7 +111,9 @@ def made(monkeypatch):
 
 
 def test_a_client_has_our_name_our_last_will_and_our_patience(made):
-    publisher(topic="t" * 120, username="car")._client()
+    client = publisher(topic="t" * 120, username="car")._client()
+    with pytest.raises(ConnectionError, match="which is not for us"):
+        client._client._sock_recv(129)
     ((args, options),) = made
     will = options.pop("will")
     assert (will.topic, will.payload, will.qos, will.retain) == (
@@ -374,7 +376,8 @@ def running(p, *parts):
     return asyncio.run(both())
 
 
-def test_it_connects_again_after_the_pause_and_says_goodbye_at_the_end(monkeypatch):
+def test_it_connects_again_after_the_pause_and_says_goodbye_at_the_end(monkeypatch, caplog):
+    caplog.set_level(logging.INFO)
     monkeypatch.setattr(mqtt, "RETRY_FIRST_S", 0.01)
     p, clients = publisher(), []
 
@@ -394,6 +397,7 @@ def test_it_connects_again_after_the_pause_and_says_goodbye_at_the_end(monkeypat
         await come(lambda: len(clients) == 3 and len(clients[2].sent) == 2)
 
     assert isinstance(running(p, until), asyncio.CancelledError)
+    assert "MQTT: broker: mqtt.password_file: is open to others; trying again, messages wait" in caplog.messages
     assert clients[1].lines == [("status", "OK")]
     assert clients[2].lines == [("status", "OK"), ("estimates", '{"k": 1}'), ("status", "STOPPED")]
     assert (p.connects, p.connected, p._delay_s) == (2, False, 0.0)
