@@ -275,4 +275,15 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "Throttle.__init__: super().__init__()  ->  pass": "a name of a filter, which nobody asks for",
         "JournalHandler.close: super().close()  ->  pass": "logging holds its handlers weakly",
     },
+    "bms_gateway/service/summary.py": {
+        "_ahead: True  ->  False": STRICT,
+        "_ahead: True  ->  False  #2": STRICT,
+    },
+    "bms_gateway/service/mqtt.py": {
+        "Publisher.__init__: self._line = ''  ->  pass": "set again before it is read",
+        "Publisher: self._client_loop is not None and self._client_task is not None  ->  "
+        "self._client_loop is not None or self._client_task is not None": "both are set together",
+        "Publisher: loop.set_exception_handler(lambda _, context: log.debug('MQTT: in the client: %s', "
+        "context['message']))  ->  pass": "a line for who looks for a fault, or asyncio's own",
+    },
 }

@@ -111,7 +111,9 @@ def made(monkeypatch):
 
 
 def test_a_client_has_our_name_our_last_will_and_our_patience(made):
-    publisher(topic="t" * 120, username="car")._client()
+    client = publisher(topic="t" * 120, username="car")._client()
+    with pytest.raises(ConnectionError, match="which is not for us"):
+        client._client._sock_recv(129)
     ((args, options),) = made
     will = options.pop("will")
     assert (will.topic, will.payload, will.qos, will.retain) == (
@@ -374,7 +376,8 @@ def running(p, *parts):
     return asyncio.run(both())
 
 
-def test_it_connects_again_after_the_pause_and_says_goodbye_at_the_end(monkeypatch):
+def test_it_connects_again_after_the_pause_and_says_goodbye_at_the_end(monkeypatch, caplog):
+    caplog.set_level(logging.INFO)
     monkeypatch.setattr(mqtt, "RETRY_FIRST_S", 0.01)
     p, clients = publisher(), []
 
@@ -389,10 +392,12 @@ def test_it_connects_again_after_the_pause_and_says_goodbye_at_the_end(monkeypat
 
     async def until():
         await come(lambda: len(clients) == 2 and clients[1].sent)
+        assert [t.daemon for t in threading.enumerate() if t.name == "mqtt"] == [True]  # it holds up no end
         p._put("estimate", {"k": 1})
         await come(lambda: len(clients) == 3 and len(clients[2].sent) == 2)
 
     assert isinstance(running(p, until), asyncio.CancelledError)
+    assert "MQTT: broker: mqtt.password_file: is open to others; trying again, messages wait" in caplog.messages
     assert clients[1].lines == [("status", "OK")]
     assert clients[2].lines == [("status", "OK"), ("estimates", '{"k": 1}'), ("status", "STOPPED")]
     assert (p.connects, p.connected, p._delay_s) == (2, False, 0.0)
@@ -497,3 +502,22 @@ def test_tls_checks_the_brokers_certificate_shows_ours_and_is_of_today(tmp_path)
         with pytest.raises(ConfigError, match=rf"^mqtt\.{wrong}: '{file}' cannot be used: "):
             publisher(files | {wrong: file}, **settings)
     assert publisher(files)._tls is None
+
+
+def test_the_end_waits_for_the_farewell_and_half_as_long_again(monkeypatch):
+    monkeypatch.setattr(mqtt, "FAREWELL_S", 0.5)
+    within, waits = mqtt._within, []
+
+    async def noted(event, seconds):
+        waits.append(seconds)
+        return await within(event, seconds)
+
+    monkeypatch.setattr(mqtt, "_within", noted)
+    p, clients = publisher(interval_s=3600.0), []
+    p._client = lambda: clients.append(Client()) or clients[-1]
+
+    async def until():
+        await come(lambda: clients and clients[0].sent)
+
+    running(p, until)
+    assert waits == [3600.0, 0.75]

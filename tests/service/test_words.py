@@ -342,7 +342,7 @@ def test_the_object_of_now_is_rounded_and_none_where_nothing_is_known():
             "core_max_C": 41.26,
             "core_max_sd_K": 4.13,
             "core_max_cell": 2,
-            "core_min_C": 20.0,
+            "core_min_C": 20.13,
             "resistance_growth": 0.1235,
             "resistance_growth_sd": 0.0309,
             "forecast": {
