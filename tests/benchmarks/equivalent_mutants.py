@@ -289,4 +289,8 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "Publisher: loop.set_exception_handler(lambda _, context: log.debug('MQTT: in the client: %s', "
         "context['message']))  ->  pass": "a line for who looks for a fault, or asyncio's own",
     },
+    "bms_gateway/bus/replay.py": {
+        "SocketCanSender._send_one: now > give_up  ->  now >= give_up": INSTANT,
+        "replay: 0  ->  1  #2": "set by the first frame",
+    },
 }

@@ -276,6 +276,7 @@ def test_first_the_status_then_alerts_then_estimates_and_the_status_again_where_
         p.spool.put("alert", Message("cars/7/alert", b"3"))
         p._wake.set()
         await sent(client, 7)()
+        assert not p._wake.is_set()  # it waits, and does not go round and round
 
     result = publishing(p, client, sent(client, 5), more)
     assert isinstance(result, asyncio.CancelledError)
