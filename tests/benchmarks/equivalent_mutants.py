@@ -292,5 +292,6 @@ EQUIVALENT: dict[str, dict[str, str]] = {
     "bms_gateway/bus/replay.py": {
         "SocketCanSender._send_one: now > give_up  ->  now >= give_up": INSTANT,
         "replay: 0  ->  1  #2": "set by the first frame",
+        "replay: clock() - shown > SHOW_S  ->  clock() - shown >= SHOW_S": INSTANT,
     },
 }
