@@ -250,6 +250,9 @@ def publishing(p, client, *parts, end=True):
         if end:
             task.cancel()
         (result,) = await asyncio.gather(task, return_exceptions=True)
+        await asyncio.sleep(0)
+        if not end:  # each connection that broke would leave its tasks behind
+            assert asyncio.all_tasks() == {asyncio.current_task()}
         return result
 
     return asyncio.run(both())
