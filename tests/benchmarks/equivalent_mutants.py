@@ -285,6 +285,7 @@ EQUIVALENT: dict[str, dict[str, str]] = {
     "bms_gateway/service/mqtt.py": {
         "Publisher.__init__: self._line = ''  ->  pass": "set again before it is read",
         "Publisher: self._told = None  ->  pass": "no line of status is STOPPED",
+        "_tls: context.minimum_version = ssl.TLSVersion.TLSv1_2  ->  pass": "the default of this Python",
         "Publisher: self._client_loop is not None and self._client_task is not None  ->  "
         "self._client_loop is not None or self._client_task is not None": "both are set together",
         "Publisher: loop.set_exception_handler(lambda _, context: log.debug('MQTT: in the client: %s', "
