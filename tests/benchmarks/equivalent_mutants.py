@@ -281,9 +281,16 @@ EQUIVALENT: dict[str, dict[str, str]] = {
     },
     "bms_gateway/service/mqtt.py": {
         "Publisher.__init__: self._line = ''  ->  pass": "set again before it is read",
+        "Publisher: self._told = None  ->  pass": "no line of status is STOPPED",
+        "_tls: context.minimum_version = ssl.TLSVersion.TLSv1_2  ->  pass": "the default of this Python",
         "Publisher: self._client_loop is not None and self._client_task is not None  ->  "
         "self._client_loop is not None or self._client_task is not None": "both are set together",
         "Publisher: loop.set_exception_handler(lambda _, context: log.debug('MQTT: in the client: %s', "
         "context['message']))  ->  pass": "a line for who looks for a fault, or asyncio's own",
+    },
+    "bms_gateway/bus/replay.py": {
+        "SocketCanSender._send_one: now > give_up  ->  now >= give_up": INSTANT,
+        "replay: 0  ->  1  #2": "set by the first frame",
+        "replay: clock() - shown > SHOW_S  ->  clock() - shown >= SHOW_S": INSTANT,
     },
 }

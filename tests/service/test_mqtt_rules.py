@@ -250,6 +250,9 @@ def publishing(p, client, *parts, end=True):
         if end:
             task.cancel()
         (result,) = await asyncio.gather(task, return_exceptions=True)
+        await asyncio.sleep(0)
+        if not end:  # each connection that broke would leave its tasks behind
+            assert asyncio.all_tasks() == {asyncio.current_task()}
         return result
 
     return asyncio.run(both())
@@ -276,6 +279,7 @@ def test_first_the_status_then_alerts_then_estimates_and_the_status_again_where_
         p.spool.put("alert", Message("cars/7/alert", b"3"))
         p._wake.set()
         await sent(client, 7)()
+        assert not p._wake.is_set()  # it waits, and does not go round and round
 
     result = publishing(p, client, sent(client, 5), more)
     assert isinstance(result, asyncio.CancelledError)

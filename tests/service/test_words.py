@@ -303,7 +303,7 @@ def string(name, core, growth=nan, ahead=None, conditions=()):
 
 
 S1 = string(
-    "s1", [30.0, 41.256, 20.0], 0.123456, forecast(), [("ageing", 2, None), ("ageing", 3, 4), ("inlet", 1, None)]
+    "s1", [30.0, 41.256, 20.126], 0.123456, forecast(), [("ageing", 2, None), ("ageing", 3, 4), ("inlet", 1, None)]
 )
 S2 = string("s2", [10.0, 11.0, 60.0])
 NONE = string("s3", [nan] * 3, ahead=forecast(hottest=None))
