@@ -15,10 +15,8 @@ from bms_gateway.identify.contract import FIXED_OFFLINE
 from bms_gateway.observe import AdaptiveObserver
 from bms_gateway.observe.contract import Observer
 from bms_gateway.observe.estimate import Estimate
-from bms_gateway.observe.innovation_check import Surprise
 from bms_gateway.observe.measured import SOC_UNKNOWN
 from bms_gateway.observe.outlook import Outlook
-from bms_gateway.observe.statistic_check import StatisticSurprise
 from bms_gateway.thermal import Disturbance, Floats
 
 if TYPE_CHECKING:
@@ -88,7 +86,8 @@ class PlainStrings:
 
     def step(self, readings: Readings, driven: Driven, y: Floats, age: Floats, of: Assigned | None) -> Estimate:  # noqa: ARG002 — the protocol
         """Take the tick in."""
-        _assign(self.observer.surprise, of)
+        if of is not None:
+            self.observer.surprise.assign(*of)
         return self.observer.step(driven.square, self.by_cell(driven.heat), driven.inlet, y, age, driven.flow)
 
     @property
@@ -139,7 +138,8 @@ class StringWithEffects:
         m = self.string.measured(readings[self.number])
         if self.share is not None:
             self.share.add(m)
-        _assign(self.observer.surprise, of)
+        if of is not None:
+            self.observer.surprise.assign(*of)
         return self.observer.step(m, y[0], age[0])
 
     @property
@@ -173,8 +173,3 @@ def plain_strings(
         if s.kept is not None:
             observer.set_parameters(j, s.kept.values, s.kept.names, s.kept.common, s.kept.own)
     return PlainStrings(observer, any(s.voltage is not None for s in mine))
-
-
-def _assign(check: Surprise | StatisticSurprise, of: Assigned | None) -> None:
-    if of is not None and isinstance(check, StatisticSurprise):
-        check.assign(*of)

@@ -22,6 +22,7 @@ from math import exp, sqrt
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bms_gateway.observe.model import Bools, Ints
 from bms_gateway.observe.stored import like, plain
@@ -233,6 +234,9 @@ class Surprise:
         if not np.array_equal(sensors, self._sensors):
             self._sensors = sensors
             self._weigh()
+
+    def assign(self, source: NDArray[np.int8], said: Floats) -> None:
+        """Leave it: each reading here is of one cell for ever; see `StatisticSurprise.assign`."""
 
     def settle(self, s: int) -> None:
         """Let string `s` find the state that fits other numbers."""
