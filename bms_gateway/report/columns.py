@@ -257,7 +257,8 @@ def split_unit(name: str) -> tuple[str, str | None]:
     if (found := _BEHIND.fullmatch(name)) and any(found[2].strip() in units for units in UNITS.values()):
         return found[1], found[2].strip()
     if tail := next((u for u in _NO_WORDS if name.endswith(f" {u}")), None):
-        return name.removesuffix(tail).strip(), tail
+        base = name.removesuffix(tail).strip()
+        return (base.removesuffix(" in") if len(base) > len("T in") else base), tail
     base, _, unit = name.rpartition(" ")
     if "/" in unit and any(unit in units for units in UNITS.values()):
         return base.strip(), unit

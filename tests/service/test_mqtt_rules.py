@@ -5,7 +5,6 @@ import json
 import logging
 import ssl
 import threading
-from concurrent.futures import CancelledError
 from types import SimpleNamespace
 
 import aiomqtt
@@ -15,7 +14,7 @@ from bms_gateway.config.schema import Mqtt
 from bms_gateway.errors import ConfigError
 from bms_gateway.health.alerts import Change, Condition, Severity
 from bms_gateway.service import mqtt
-from bms_gateway.service.mqtt import Publisher, Threads
+from bms_gateway.service.mqtt import Publisher
 from bms_gateway.service.spool import Message
 from tests.service.test_mqtt import certificates
 from tests.support.live_service import come
@@ -443,34 +442,6 @@ def test_a_client_that_ends_without_a_reason_is_a_bug_too():
     p._live = ends
     with pytest.raises(RuntimeError, match="the client has ended"):
         asyncio.run(p.run())
-
-
-def test_a_call_in_a_thread_of_its_own_gives_its_result_or_its_error():
-    threads = Threads()
-    assert threads.submit(divmod, 7, 3).result(30.0) == (2, 1)
-    assert threads.submit(int, "11", base=2).result(30.0) == 3
-    with pytest.raises(ZeroDivisionError):
-        threads.submit(divmod, 1, 0).result(30.0)
-    seen = []
-    threads.submit(lambda: seen.append((threading.current_thread().name, threading.current_thread().daemon))).result(
-        30.0
-    )
-    assert seen == [("mqtt-connect", True)]
-
-
-def test_a_call_that_was_cancelled_before_it_began_is_not_made(monkeypatch):
-    begun = []
-    monkeypatch.setattr(mqtt, "Thread", lambda target, **_: SimpleNamespace(start=lambda: begun.append(target)))
-    called = []
-    future = Threads().submit(called.append, 1)
-    assert future.cancel()
-    begun[0]()
-    assert called == []
-    with pytest.raises(CancelledError):
-        future.result(0)
-
-
-# the rest
 
 
 def test_the_metrics_of_the_connection():
