@@ -45,9 +45,8 @@ class Sensed(Series):
         if self.change is None or not broken.any():
             return value
         value = value.copy()
-        value[broken] = self.change(
-            t[broken], value[broken]
-        )  # a fault that keeps a reading keeps one from the time when the sensor broke
+        # a fault that keeps a reading keeps one from the time when the sensor broke
+        value[broken] = self.change(t[broken], value[broken])
         return value
 
 

@@ -1,5 +1,6 @@
 """The bus of the live service, and the service as it is installed under systemd."""
 
+import logging
 import subprocess
 import sys
 
@@ -38,3 +39,16 @@ def pack(installed, tmp_path):
     yield log
     player.kill()
     player.wait()
+
+
+@pytest.fixture
+def package():
+    """The package's logger, as it was before."""
+    logger = logging.getLogger("bms_gateway")
+    before = logger.handlers[:], logger.level, logger.propagate
+    yield logger
+    for handler in logger.handlers:
+        if handler not in before[0]:
+            handler.close()
+    logger.handlers[:], logger.propagate = before[0], before[2]
+    logger.setLevel(before[1])

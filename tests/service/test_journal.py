@@ -29,19 +29,6 @@ def test_a_flood_of_one_kind_is_cut_told_of_once_and_leaves_others_alone():
     assert quiet.getMessage() == "a"
 
 
-@pytest.fixture
-def package():
-    """The package's logger, as it was before."""
-    logger = logging.getLogger("bms_gateway")
-    before = logger.handlers[:], logger.level, logger.propagate
-    yield logger
-    for handler in logger.handlers:
-        if handler not in before[0]:
-            handler.close()
-    logger.handlers[:], logger.propagate = before[0], before[2]
-    logger.setLevel(before[1])
-
-
 def to_journal(monkeypatch):
     """Make standard error look as systemd leaves it."""
     stat = os.fstat(2)

@@ -151,19 +151,6 @@ def test_the_socket_does_not_block_and_is_let_go(journald):
     assert ours.fileno() == -1
 
 
-@pytest.fixture
-def package():
-    """The package's logger, as it was before."""
-    logger = logging.getLogger("bms_gateway")
-    before = logger.handlers[:], logger.level, logger.propagate
-    yield logger
-    for handler in logger.handlers:
-        if handler not in before[0]:
-            handler.close()
-    logger.handlers[:], logger.propagate = before[0], before[2]
-    logger.setLevel(before[1])
-
-
 def test_lines_go_to_one_place_only_cut_and_from_the_level_that_is_asked_for(package, monkeypatch):
     monkeypatch.delenv("JOURNAL_STREAM", raising=False)
     handler = start_logging(logging.WARNING)

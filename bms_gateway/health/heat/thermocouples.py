@@ -34,14 +34,19 @@ class Thermocouples:
     def __init__(self, strings: int, sensors: int) -> None:
         shape = strings, sensors
         self._last = np.full(shape, np.nan)
-        self._all, self._stairs = Values(shape), Values(shape)
+        self._all, self._stairs = CommonStep(shape), CommonStep(shape)
         self._repeats = np.zeros(shape, np.int64)
         self._noise = np.full(shape, READING_SD**2)
 
     @property
+    def _in_stairs(self) -> NDArray[np.bool_]:
+        """Which thermocouples (S, m) read in stairs."""
+        return np.asarray(self._repeats >= STAIRS * np.maximum(self._all.changes, 1), dtype=np.bool_)
+
+    @property
     def step(self) -> Floats:
         """Steps of the readings (S, m), K; 0 where none is known."""
-        stairs = self._repeats >= STAIRS * np.maximum(self._all.changes, 1)
+        stairs = self._in_stairs
         # a mean was read, and no second stair yet: the steps are those of the first
         first = stairs & (self._all.changes > 0) & (self._stairs.changes == 0)
         step = np.where(stairs, self._stairs.step, self._all.step)
@@ -87,8 +92,7 @@ class Thermocouples:
 
     def snapshot(self) -> dict[str, Any]:
         """Return what a restart takes up: steps, K, noise, K², and newest readings, °C."""
-        stairs = self._repeats >= STAIRS * np.maximum(self._all.changes, 1)
-        step = np.where(stairs, self._stairs.common, self._all.common)
+        step = np.where(self._in_stairs, self._stairs.common, self._all.common)
         named = {"step": step, "noise": self._noise, "newest": self._all.newest}
         return {k: [[x if np.isfinite(x) else None for x in row] for row in v.tolist()] for k, v in named.items()}
 
@@ -109,8 +113,8 @@ class Thermocouples:
             values.changes = np.where(step > 0.0, ENOUGH, 0)
 
 
-class Values:
-    """What values that thermocouples read have in common.
+class CommonStep:
+    """The step that the values which each thermocouple reads have in common.
 
     Attributes
     ----------
