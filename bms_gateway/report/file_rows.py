@@ -124,9 +124,8 @@ class _Csv:
         self._blocks = self._lines()
         first = next(self._blocks, None)
         if first is not None and first.text[0].lower().startswith("sep=") and len(first.text[0]) <= 5:
-            first = (
-                first.after(1) if len(first.text) > 1 else next(self._blocks, None)
-            )  # a line of Excel that names the separator
+            # a line of Excel that names the separator
+            first = first.after(1) if len(first.text) > 1 else next(self._blocks, None)
         if first is None:
             raise DataError(f"{path}: empty")
         number, head = int(first.number[0]), first.text[0]
