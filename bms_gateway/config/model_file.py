@@ -221,9 +221,8 @@ def _model(file: ModelFile) -> StringModel:
 def _format(words: str | None) -> str | None:
     """Check the description of the cell now; otherwise a diagnosis would stop half-way because of it."""
     if words is not None:
-        from bms_gateway.thermal.cells import (
-            cell_of,
-        )  # the service, whose models name no format as a rule, starts faster
+        # the service, whose models name no format as a rule, starts faster
+        from bms_gateway.thermal.cells import cell_of
 
         try:
             cell_of(words)

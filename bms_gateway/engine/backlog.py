@@ -75,9 +75,8 @@ class Backlog:
     def __init__(self, strings: Sequence[StringEstimator], dt: float) -> None:
         self._strings, self._dt = strings, dt
         self._now = 0  # number of the next tick
-        self._taken = np.zeros(
-            len(strings), np.int64
-        )  # per string: number of the first tick that it has not taken in yet
+        # per string: number of the first tick that it has not taken in yet
+        self._taken = np.zeros(len(strings), np.int64)
         self._due = np.zeros(len(strings), np.int64)  # per string: number of the tick that it must see at once
         self._next = self._least = 0  # the least of both
         self._blocks: list[_Block] = []

@@ -227,10 +227,8 @@ class Estimators:
             for s, v in zip(group.strings, watch.verdicts, strict=True):
                 s.health.heat = v.findings
                 v.burning = s.burning
-            heats = (
-                self.newest.heat.copy(),
-                self.newest.heat_sd.copy(),
-            )  # holders of the last arrays keep them unchanged
+            # holders of the last arrays keep them unchanged
+            heats = self.newest.heat.copy(), self.newest.heat_sd.copy()
             group.put(heats[0], watch.told.heat)
             group.put(heats[1], watch.told.heat_sd)
             self.newest.heat, self.newest.heat_sd = heats

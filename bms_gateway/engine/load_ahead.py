@@ -56,9 +56,8 @@ class Load:
         self.steady = np.zeros(strings, np.bool_)
         self.inlet = np.full(strings, np.nan)
         self._slow, self._mean = np.full((2, strings), np.nan)
-        self._before = np.full(
-            (4, strings), np.nan
-        )  # last step: least, greatest and mean squared current, mean current
+        # last step: least, greatest and mean squared current, mean current
+        self._before = np.full((4, strings), np.nan)
         self._heat = np.zeros((2, strings))
         H = len(ENDS)
         self._error, self._strayed, self._weight = np.zeros((H, strings)), np.zeros((H, strings)), np.zeros(H)
