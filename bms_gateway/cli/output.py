@@ -102,9 +102,8 @@ def write_json(target: str, document: Mapping[str, Any]) -> None:
         The file cannot be written.
     """
     text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-    raw = text.encode(
-        "utf-8", "backslashreplace"
-    )  # the name of a file need not be valid text; this makes valid JSON of it
+    # the name of a file need not be valid text; this makes valid JSON of it
+    raw = text.encode("utf-8", "backslashreplace")
     if target == "-":
         _put_out(raw)
         return

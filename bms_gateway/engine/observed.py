@@ -120,9 +120,8 @@ class StringWithEffects:
     @classmethod
     def of(cls, s: StringEstimator, number: int, dt: float, disturbance: Disturbance) -> "StringWithEffects":
         """Build the observer of a string, and give the string the numbers of its effects."""
-        from bms_gateway.health.heat.effect_share import (
-            EffectShare,
-        )  # importing the catalogue doubles the time of a start
+        # importing the catalogue doubles the time of a start
+        from bms_gateway.health.heat.effect_share import EffectShare
         from bms_gateway.identify.window_effects import heat_only
         from bms_gateway.observe.effect_observer import EffectObserver
 

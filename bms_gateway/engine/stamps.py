@@ -45,9 +45,8 @@ class Clock:
     set_back: int = 0
     absurd: int = 0
     _held: FrameBatch | None = None
-    _news: deque[tuple[int, str]] = field(
-        default_factory=deque
-    )  # new texts of `faults`, with the time of the frame that caused them
+    # new texts of `faults`, with the time of the frame that caused them
+    _news: deque[tuple[int, str]] = field(default_factory=deque)
 
     def straighten(self, frames: FrameBatch) -> FrameBatch:
         """Put a batch onto the line.

@@ -97,9 +97,8 @@ class SensorNoise:
     def __init__(self, shape: tuple[int, ...], dt: float, noise: float) -> None:
         self._dt = dt
         nothing = np.zeros(shape)  # what the first innovation is off counts as noise
-        self._last = np.stack(
-            (np.full_like(nothing, np.nan), nothing)
-        )  # newest reading, newest innovation that counted
+        # newest reading, newest innovation that counted
+        self._last = np.stack((np.full_like(nothing, np.nan), nothing))
         self.fine = np.full(shape, np.inf)
         self.rough, self._count = np.full(shape, noise**2), np.zeros(shape)
         self.coolant = np.full(shape[0], np.nan)

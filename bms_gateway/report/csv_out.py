@@ -213,9 +213,8 @@ def _to_si(p: Estimate) -> float:
     key, dot, parameter = p.name.rpartition(".")
     if not dot:
         return _TO_SI.get(p.unit, 1.0)
-    from bms_gateway.thermal.effects import (
-        effect_named,
-    )  # importing the catalogue takes long, so it is done only if needed
+    # importing the catalogue takes long, so it is done only if needed
+    from bms_gateway.thermal.effects import effect_named
 
     return effect_named(key.partition(":")[0]).parameter(parameter).to_si
 

@@ -179,9 +179,8 @@ def _packs(seeds: int, seconds: int, swing: float) -> Packs:
     cycle = urban_assault(np.random.default_rng(0))
     current = np.tile(cycle, seconds // len(cycle) + 1)[:seconds]
     t = np.arange(seconds + 1.0) * 2.0 * np.pi / PERIOD_S
-    inlet = 25.0 + swing * (
-        0.8 * np.sin(t) + 0.2 * np.sin(2.7 * t + 1.0)
-    )  # not a pure sine, so that it excites more frequencies
+    # not a pure sine, so that it excites more frequencies
+    inlet = 25.0 + swing * (0.8 * np.sin(t) + 0.2 * np.sin(2.7 * t + 1.0))
     n, R_e, d = len(FIG_10), np.array(FIG_10), Disturbance()
     core, readings, ratio, joints = [], [], [], []
     for seed in range(seeds):
