@@ -145,8 +145,8 @@ def _say_what_sd_means(strings: list[dict[str, Any]], json_target: str | None) -
         if value > 0:
             shown = names[0] if len(names) == 1 else f"{names[0]} … {names[-1]}"
             say(
-                f"{shown}: worst core sd holds with the parameters known; until they are identified, what is not known "
-                f"of R_e and R_c adds ± {value:.2g} K for each 10 K that a core is above its surface",
+                f"{shown}: the worst core sd is that of a model whose parameters are known. Before they are identified, "
+                f"the uncertainty of R_e and R_c adds {value:.2g} K of sd to a core that is 10 K above its surface",
                 json_target,
             )
 

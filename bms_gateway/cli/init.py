@@ -19,7 +19,16 @@ EXAMPLE = """
   bms-gateway init drive.mf4 --dbc vehicle.dbc --cell "21700 5Ah 69g 25mOhm 4p" --out my_vehicle --yes
 """
 SHOWN = 60
+UNUSED_SHOWN = 6
 GUESSED = "guessed.dbc"
+READ_AS = {
+    "current": (1.0, "A"),
+    "voltage": (1.0, "V"),
+    "temperature": (1.0, "°C"),
+    "soc": (100.0, "%"),
+    "flow": (60_000.0, "l/min"),
+}
+"""By the kind of a quantity: factor from SI to the unit of the terminal's table, and this unit."""
 
 
 def arguments(parser: Parser) -> None:
@@ -212,11 +221,14 @@ def _entry(p: "Proposed") -> dict[str, Any]:
 
 
 def _table(proposal: "Proposal") -> str:
+    from bms_gateway.frames.vocabulary import INPUTS
     from bms_gateway.report.show import text_table
+    from bms_gateway.setup.propose import NO_ROLE
 
     rows = []
     for p in proposal.signals[:SHOWN]:
-        low, high = p.observed
+        factor, unit = READ_AS[INPUTS[p.role].kind]
+        low, high = (factor * x for x in p.observed)
         where = "" if p.string is None else f"string_{p.string}"
         role = f"{p.role} {p.statistic}" if p.index is None and p.statistic else p.role
         role = role if p.index is None else f"{role} {p.index}"
@@ -227,11 +239,12 @@ def _table(proposal: "Proposal") -> str:
                 p.path,
                 "yes" if p.sure else "likely",
                 f"{low:.4g} … {high:.4g}",
-                f"{p.resolution:.3g}",
+                f"{factor * p.resolution:.3g}",
+                unit,
                 f"{p.series.rate_Hz:.3g}",
             ]
         )
-    lines = [text_table(["role", "string", "signal", "sure", "observed", "step", "Hz"], rows, left=4)]
+    lines = [text_table(["role", "string", "signal", "sure", "observed", "step", "unit", "Hz"], rows, left=4)]
     if len(proposal.signals) > SHOWN:
         lines.append(f"… and {len(proposal.signals) - SHOWN} more")
     told = [(p.path, w) for p in proposal.signals for w in p.why if "contradicts" in w or "sign is" in w]
@@ -240,14 +253,22 @@ def _table(proposal: "Proposal") -> str:
     lines += [f"not used: {path}: {why}" for path, why in odd[:20]]
     if len(odd) > 20:
         lines.append(f"not used: … and {len(odd) - 20} more thermocouples (--json tells all)")
+    unused = [(why != NO_ROLE, path) for path, why in proposal.unused if path not in proposal.refused]
+    other = [path for _, path in sorted(unused, key=lambda u: u[0])]  # names that nobody here knows come first
+    if other:
+        shown = ", ".join(other[:UNUSED_SHOWN]) + (" …" if len(other) > UNUSED_SHOWN else "")
+        lines.append(f"{len(other)} other signals have no role here (--json tells the reason for each): {shown}")
     return "\n".join(lines)
 
 
 def _ask(proposal: "Proposal") -> None:
     """Ask about every uncertain choice for the whole pack; a refused signal is left out."""
+    from bms_gateway.frames.vocabulary import INPUTS
+
     for p in [p for p in proposal.signals if not p.sure and p.role not in ("surface", "cell_voltage")]:
-        low, high = p.observed
-        if not _agrees(f"{p.role}: {p.path} ({low:.4g} … {high:.4g}; {'; '.join(p.why[:3])})?"):
+        factor, unit = READ_AS[INPUTS[p.role].kind]
+        low, high = (factor * x for x in p.observed)
+        if not _agrees(f"{p.role}: {p.path} ({low:.4g} … {high:.4g} {unit}; {'; '.join(p.why[:3])})?"):
             proposal.signals.remove(p)
             proposal.unused.append((p.path, f"refused as {p.role}"))
 
@@ -260,15 +281,23 @@ def _agrees(question: str) -> bool:
 
 
 def _show(cores: "Cores", out: Path, json_target: str | None) -> None:
+    import numpy as np
+
     from bms_gateway.cli.output import say
+    from bms_gateway.frames.quality import AVAILABLE_SD_K
     from bms_gateway.report.show import cells_table
     from bms_gateway.setup.picture import draw
 
     if cores.last is None:
         say("no core could be estimated from this log: too short, or no sample was believed", json_target)
         return
+    if cores.unknown_s > 0:
+        say(f"in the last {cores.unknown_s:.0f} s no core is known to {AVAILABLE_SD_K:g} K; before that:", json_target)
     for cells in cores.last.strings():
-        say(cells_table(cells), json_target)
+        if np.isfinite(cells.core).any():
+            say(cells_table(cells), json_target)
+        else:
+            say(f"{cells.string}: no core is known to {AVAILABLE_SD_K:g} K", json_target)
     if (hottest := cores.hottest) is not None:
         say(
             f"hottest core: {hottest.core_C:.1f} ± {hottest.sd_K:.1f} °C, cell {hottest.cell} of {hottest.string}, "

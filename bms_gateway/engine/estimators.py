@@ -19,7 +19,7 @@ from bms_gateway.engine.plausible import check_covariance, check_numbers, check_
 from bms_gateway.engine.readings import Layout, Readings
 from bms_gateway.engine.string_estimator import Newest, StringEstimator, unproven
 from bms_gateway.engine.wiring import Wire
-from bms_gateway.frames.quality import Quality
+from bms_gateway.frames.quality import AVAILABLE_SD_K, Quality
 from bms_gateway.health import Change, HealthResult, Mismatch, Mismatches
 from bms_gateway.health.heat import Finding
 from bms_gateway.health.heat.heat_watch import HeatTick
@@ -33,10 +33,6 @@ from bms_gateway.observe.unseen import RESTED_S
 from bms_gateway.thermal import Floats
 
 NOT_AVAILABLE = np.uint8(Quality.NOT_AVAILABLE)  # of numpy's own type, which it compares faster
-AVAILABLE_SD_K = 12.0
-"""A core known no better than this is sent as not available: no decision can be built on it, and the DBC ends there."""
-
-
 ABOVE_K = 0.3
 """K, three times the noise of a thermocouple: a good reading that exceeds the hottest point by more takes its place."""
 ADOPT_NS = 60_000_000_000  # the recursive method changes at every tick; the observer need not follow each time

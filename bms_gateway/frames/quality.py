@@ -1,6 +1,10 @@
 """The quality of a value, which goes with it from the socket to the output frame."""
 
 from enum import IntEnum
+from typing import Final
+
+AVAILABLE_SD_K: Final = 12.0
+"""A core known no better than this is sent as not available: no decision can be built on it, and the DBC ends there."""
 
 
 class Quality(IntEnum):

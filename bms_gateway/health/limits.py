@@ -1,6 +1,7 @@
 """Temperature limits. An alarm ends only when good readings show that the cell is cool; missing readings do not end it.
 
-A cell is *over* when its temperature reaches the limit. It stays over until a credible value is below the limit. A
+A cell is *over* when its temperature reaches the limit. An estimate whose sd is greater than that of an available core
+makes a cell over only where it reaches the limit also with its sd subtracted. A cell stays over until a credible value is below the limit. A
 value is credible if it comes from good sensors, is `COOLER_K` below the limit, is below the limit also with its sd
 added, and has not fallen faster than a cell can cool. The lowest temperature to which the cell can have cooled is
 computed from its last high value, so that many small falls are judged like one large fall. A thermocouple that has
@@ -21,6 +22,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from bms_gateway.frames.quality import AVAILABLE_SD_K
 from bms_gateway.health.alerts import Condition, Severity
 from bms_gateway.thermal import Floats
 
@@ -156,7 +158,7 @@ class Limit:
         broke : ndarray of bool (N,), optional
             Where the sensor was broken since its last good reading.
         """
-        above = value >= self.limit  # NaN is not
+        above = (value >= self.limit) & ((sd <= AVAILABLE_SD_K) | (value - sd >= self.limit))  # NaN is not
         known = (good & np.isfinite(value)) | above
         self.over |= above
         heard = known & good

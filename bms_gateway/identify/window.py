@@ -321,9 +321,9 @@ class WindowIdentifier:
         if self._doubt <= DOUBTED:
             return ()
         return (
-            "the model does not explain the surfaces of the last drives with parameters near those of its file (its "
-            f"error would have to be {self._doubt:.0f} times what the readings show): an effect is missing, or a "
-            "number of the file is wrong",
+            "the surfaces of the last drives do not fit parameters near those of the model file (they would fit if the "
+            f"model's error were {self._doubt:.0f} times as large as the residuals): an effect is missing, or a number "
+            "of the file is wrong",
         )
 
     def snapshot(self) -> dict[str, Any]:

@@ -27,17 +27,29 @@ class Hottest:
 
 @dataclass(slots=True)
 class Cores:
-    """Hottest, coldest and their surfaces at each tick."""
+    """Hottest, coldest and their surfaces at each tick.
+
+    Attributes
+    ----------
+    last : Estimated or None
+        The last tick at which a core was known; where none ever was, the last one.
+    unknown_s : float
+        Time from there to the end, in which no core was known.
+    """
 
     last: Estimated | None = None
+    unknown_s: float = 0.0
     hottest: Hottest | None = None
     time_ns: list[int] = field(default_factory=list)
     rows: list[tuple[float, float, float, float]] = field(default_factory=list)
 
     def take(self, e: Estimated) -> None:
         """Take one tick."""
-        self.last = e
-        if not np.isfinite(e.core).any():
+        known = bool(np.isfinite(e.core).any())
+        if known or not self.rows or self.last is None:
+            self.last = e
+        self.unknown_s = (e.time_ns - self.last.time_ns) * 1e-9
+        if not known:
             return
         k = int(np.nanargmax(e.core))
         self.time_ns.append(e.time_ns)

@@ -46,6 +46,7 @@ LEAST_S: Final = 60.0
 _FIRST: Final[tuple[Role, ...]] = ("current", "voltage", "soc")
 ORDER: Final = (*_FIRST, *(q for q in INPUTS if q not in _FIRST))
 """Order of the roles in a proposal: signals of the pack, then those of cells."""
+NO_ROLE: Final = "its name and its values fit no role"
 Rights = dict[str, tuple[dict[str, float | str | bool], list[str]]]
 
 
@@ -492,5 +493,5 @@ def _rest(proposal: Proposal, series: list[Series], candidates: list[Scored], vo
         elif s.path in ranked:
             why = "another signal is more likely"
         else:
-            why = "its name and its values fit no role"
+            why = NO_ROLE
         proposal.unused.append((s.path, why))

@@ -19,7 +19,7 @@ def commands() -> list[list[str]]:
     return [words[1:] for words in told]
 
 
-def test_the_commands_of_readme_lead_to_cores(tmp_path, monkeypatch) -> None:
+def test_the_commands_of_readme_lead_to_cores(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "deploy").symlink_to(ROOT / "deploy")
     told = commands()
@@ -27,6 +27,10 @@ def test_the_commands_of_readme_lead_to_cores(tmp_path, monkeypatch) -> None:
     for words in told:
         more = ["--json", "init.json"] if words[0] == "init" else []
         assert main([*words, *more]) == 0
+    out = capsys.readouterr().out
+    charge = next(line.split() for line in out.splitlines() if line.startswith("soc "))
+    assert charge[2:] == ["yes", "52.13", "…", "71.07", "0.01", "%", "10"]
+    assert "no role here" not in out
     found = json.loads(Path("init.json").read_text())
     assert [s["cells"] for s in found["strings"]] == [4]
     assert all(s["sure"] for s in found["signals"])

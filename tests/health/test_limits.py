@@ -53,6 +53,21 @@ def test_an_estimate_below_the_limit_ends_no_alarm_while_its_sensor_is_bad_or_it
     assert step(at, 120, [70.0], [75.0]) == {}
 
 
+@pytest.mark.parametrize(
+    ("value", "sd", "raised"), [(97.0, 108.0, 0), (95.0, 14.0, 1), (93.0, 14.0, 0), (81.0, 11.0, 1)]
+)
+def test_an_unknown_core_raises_no_alarm_but_where_it_is_above_the_limit_with_its_sd_subtracted(value, sd, raised):
+    found = step(limits(1), 0, [60.0], [value], sd=sd)
+    assert list(found) == ["core"] * raised
+
+
+def test_an_alarm_of_a_core_that_becomes_unknown_stays():
+    at = limits(1)
+    assert "core" in step(at, 0, [60.0], [81.0])
+    assert "core" in step(at, 10, [60.0], [70.0], sd=50.0)
+    assert "core" in step(at, 20, [60.0], [85.0], sd=50.0)
+
+
 def test_a_fall_that_no_cell_can_make_ends_no_alarm_before_it_could_have_cooled():
     at = limits(1)
     assert "surface" in step(at, 0, [90.0], [NAN])

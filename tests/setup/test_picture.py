@@ -38,6 +38,20 @@ def test_the_hottest_is_that_after_settling_with_its_own_string_and_cell() -> No
     assert (hottest.string, hottest.cell, hottest.core_C, hottest.at_s) == ("rear", 1, 34.0, 100.0)
 
 
+def test_the_last_tick_is_the_last_one_at_which_a_core_was_known() -> None:
+    cores = taken()
+    assert (cores.last.time_ns, cores.unknown_s) == (101 * 10**9, 0.0)
+    cores.take(estimated(140, [NAN] * 4, [25.0, 26.0, 28.0, 27.0]))
+    assert (cores.last.time_ns, cores.unknown_s) == (101 * 10**9, 39.0)
+
+
+def test_where_no_core_was_ever_known_the_last_tick_stands() -> None:
+    cores = Cores()
+    for second in (5, 6):
+        cores.take(estimated(second, [NAN] * 4, [25.0, 26.0, 28.0, 27.0]))
+    assert (cores.last.time_ns, cores.unknown_s, cores.hottest) == (6 * 10**9, 0.0, None)
+
+
 def test_the_surfaces_are_drawn(tmp_path, monkeypatch) -> None:
     pytest.importorskip("matplotlib")
     from matplotlib.axes import Axes

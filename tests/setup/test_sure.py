@@ -115,3 +115,18 @@ def test_counts_that_stand_for_a_current_tell_no_resistance(tmp_path) -> None:
     found = proposed(vehicle, tmp_path)
     assert [p.path for p in found.of("current")] == ["Elec.Current_raw"]
     assert found.resistance is None
+
+
+def test_signals_of_unknown_names_are_named_on_the_terminal_before_what_is_no_measurement(tmp_path, capsys) -> None:
+    d = drive(8)
+    vehicle = plain({f"CellTemp{k + 1}": d.surface[:, k] for k in range(4)}, unit="degC")
+    vehicle.dbc += (
+        '\nBO_ 901 Body: 8 B\n SG_ DoorAjar : 0|16@1+ (1,0) [0|9] "" B\n SG_ Zandaka : 16|16@1+ (0.01,0) [0|100] "" B'
+    )
+    vehicle.values["Body.DoorAjar"] = np.full(len(d.t), 3.0)
+    vehicle.values["Body.Zandaka"] = 50 + 40 * np.sin(np.arange(len(d.t)) ** 1.5)
+    log, dbc = write(vehicle, tmp_path)
+    assert main(["init", str(log), "--dbc", str(dbc), "--out", str(tmp_path / "o"), "--yes"]) == 0
+    line = next(x for x in capsys.readouterr().out.splitlines() if "other signals have no role here" in x)
+    assert line.startswith("2 other signals")
+    assert line.endswith("Body.Zandaka, Body.DoorAjar")
