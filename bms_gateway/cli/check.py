@@ -145,8 +145,9 @@ def _say_what_sd_means(strings: list[dict[str, Any]], json_target: str | None) -
         if value > 0:
             shown = names[0] if len(names) == 1 else f"{names[0]} … {names[-1]}"
             say(
-                f"{shown}: the worst core sd is that of a model whose parameters are known. Before they are identified, "
-                f"the uncertainty of R_e and R_c adds {value:.2g} K of sd to a core that is 10 K above its surface",
+                f"{shown}: the worst core sd is that of a model whose parameters are known. Before they are "
+                f"identified, the uncertainty of R_e and R_c adds {value:.2g} K of sd to a core that is 10 K above its "
+                "surface",
                 json_target,
             )
 

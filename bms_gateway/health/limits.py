@@ -1,13 +1,13 @@
 """Temperature limits. An alarm ends only when good readings show that the cell is cool; missing readings do not end it.
 
 A cell is *over* when its temperature reaches the limit. An estimate whose sd is greater than that of an available core
-makes a cell over only where it reaches the limit also with its sd subtracted. A cell stays over until a credible value is below the limit. A
-value is credible if it comes from good sensors, is `COOLER_K` below the limit, is below the limit also with its sd
-added, and has not fallen faster than a cell can cool. The lowest temperature to which the cell can have cooled is
-computed from its last high value, so that many small falls are judged like one large fall. A thermocouple that has
-fallen faster may have come off. It ends no alarm, even when the cell could have cooled to its reading in the meantime,
-until another reading confirms it. A cell whose temperature becomes unknown stays over; the alarm then reports the last
-known value and the rate at which it rose.
+makes a cell over only where it reaches the limit also with its sd subtracted. A cell stays over until a credible value
+is below the limit. A value is credible if it comes from good sensors, is `COOLER_K` below the limit, is below the limit
+also with its sd added, and has not fallen faster than a cell can cool. The lowest temperature to which the cell can
+have cooled is computed from its last high value, so that many small falls are judged like one large fall. A
+thermocouple that has fallen faster may have come off. It ends no alarm, even when the cell could have cooled to its
+reading in the meantime, until another reading confirms it. A cell whose temperature becomes unknown stays over; the
+alarm then reports the last known value and the rate at which it rose.
 
 A thermocouple that fails may be damaged by the heat of its cell. It is *lost in heat* if it fails while its cell heats
 towards the limit, or if it reads beyond its range while a cell of its string heats near the limit, and if this lasts
