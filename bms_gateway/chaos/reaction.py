@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 from math import inf
 from typing import Protocol
 
@@ -187,7 +188,12 @@ class Unmoved:
 
     def first_s(self, record: Record) -> float | None:
         """See `Reaction`."""
-        before = record.before().quality.tolist()
+        before = record.before()
         during = [s for s in record.since() if s.time_s <= record.end_s]
-        untouched = bool(during) and all(s.quality.tolist() == before for s in during)
+        untouched = bool(during)
+        for last, s in pairwise((before, *during)):
+            if s.frames == 0:  # a tick at the edge of two seconds may have been sent in the first of them
+                untouched &= last.frames > before.frames
+            else:
+                untouched &= s.quality.tolist() == before.quality.tolist()
         return record.end_s if untouched else None

@@ -41,12 +41,14 @@ def arguments(parser: Parser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Check; 1 where a string is not observable, or a log shows that a configured signal is not used."""
     from bms_gateway.config.load import load_config
+    from bms_gateway.records.once import given_once
     from bms_gateway.report.show import number, ranges, text_table
     from bms_gateway.sensors import determined_states, steady_core_sd
 
     writable({"--json": args.json})
     loaded = load_config(Path(args.config))
     distinct({"--json": args.json}, [*loaded.files, *args.log])
+    given_once(args.log)
     plan = loaded.plan
     loaded.engine()  # a config of which no engine can be made would end the service
     strings: list[dict[str, Any]] = []

@@ -63,6 +63,7 @@ def run(args: argparse.Namespace) -> int:
     from bms_gateway.cli.output import distinct, note, say, writable, write_json
     from bms_gateway.config.load import load_config
     from bms_gateway.engine import Engine
+    from bms_gateway.records.once import given_once
     from bms_gateway.records.span import Span, expect_estimates
     from bms_gateway.report.forecast_score import Scorer
     from bms_gateway.report.forecast_text import last_lines, row_text, score_lines
@@ -72,6 +73,7 @@ def run(args: argparse.Namespace) -> int:
     writable(outputs)
     loaded = load_config(args.config)
     distinct(outputs, [*loaded.files, *args.log, *(p for p in (args.profile, args.truth) if p is not None)])
+    given_once(args.log)
     plan, plans = loaded.plan, _profile(args)
     engine, span, notes = Engine(plan, loaded.database), Span(), [LogNotes() for _ in args.log]
     engine.foresee()

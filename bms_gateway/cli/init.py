@@ -47,6 +47,7 @@ def run(args: argparse.Namespace) -> int:
     """Propose, ask, write, estimate; 1 where a current or every thermocouple is missing."""
     from bms_gateway.cli.output import distinct, note, writable
     from bms_gateway.errors import UsageError
+    from bms_gateway.records.once import given_once
     from bms_gateway.setup.propose import propose
     from bms_gateway.setup.vehicle_logs import read_traffic
     from bms_gateway.thermal.cells import cell_of
@@ -58,6 +59,7 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f"--out {out}: is a file; name a folder")
     writable({"--json": args.json})
     distinct({"--json": args.json, "--out gateway.toml": out / "gateway.toml"}, [*args.log, *args.dbc])
+    given_once(args.log)
     cell = cell_of(args.cell) if args.cell is not None else None
     traffic = read_traffic(args.log, args.dbc)
     proposal = propose(traffic)

@@ -27,6 +27,7 @@ from bms_gateway.errors import ConfigError, DataError, UsageError, did_you_mean
 from bms_gateway.frames.quality import Quality
 from bms_gateway.frames.vocabulary import CELL, INPUTS, OPTIONAL, WHOLE, Quantity
 from bms_gateway.records.kind import check_kelvin, check_time, log_kind
+from bms_gateway.records.once import given_once
 from bms_gateway.records.signal_use import CURRENT_REFUSED, WORTH_A_WORD
 from bms_gateway.report.progress import progress
 from bms_gateway.report.table import Table, read_table
@@ -94,7 +95,7 @@ def read_measurements(
     Raises
     ------
     UsageError
-        A log without a config, a string that is not in it.
+        A log without a config, a string that is not in it, a file that is given twice.
     ConfigError, DataError
         One line: file, place, what is wrong.
     """
@@ -103,6 +104,8 @@ def read_measurements(
             "the model has no sensors (sensors = []): there is nothing to compare measurements with; a reading of "
             'cells 1 to n stands for a cell: max_of = "1-n" for n, min_of for 1, mean_of for n/2 + 1'
         )
+    paths = list(paths)
+    given_once(paths)
     how = reading or Reading()
     loaded: tuple[LoadedConfig, StringPlan] | None = None
     records = []

@@ -2,6 +2,7 @@
 
 import json
 import os
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from bms_gateway.cli.main import main
 from bms_gateway.cli.output import distinct, write_json
 from bms_gateway.errors import UsageError
 from bms_gateway.frames.batch import FrameBatch
+from bms_gateway.records.once import given_once
 from tests.config.files import OWN, write
 
 TABLE = "time_s,current_A,coolant_inlet_C,surface_1_C,surface_3_C,surface_5_C\n" + "".join(
@@ -117,3 +119,27 @@ def test_a_link_is_followed_and_a_device_stays_one(tmp_path):
     with whole(tmp_path / "pipe") as beside:
         assert beside == tmp_path / "pipe"
     distinct({"--a": "/dev/null", "--b": "/dev/null", "--c": "-", "--d": None}, [])
+
+
+@pytest.mark.parametrize("name", ["a.csv", "copy.csv", "link.csv"])
+def test_a_file_that_is_given_twice_is_refused_under_any_name(tmp_path, name):
+    for file in ("a.csv", "copy.csv"):
+        (tmp_path / file).write_text("time_s,current_A\n0,1\n")
+    (tmp_path / "other.csv").write_text("time_s,current_A\n0,2\n")
+    (tmp_path / "link.csv").symlink_to("a.csv")
+    given_once(
+        [tmp_path / "a.csv", tmp_path / "other.csv", tmp_path / "missing.csv", Path("/dev/null"), Path("/dev/null")]
+    )
+    with pytest.raises(UsageError, match="give each file once") as told:
+        given_once([tmp_path / "a.csv", tmp_path / "other.csv", tmp_path / name])
+    assert str(told.value).startswith(str(tmp_path / name))
+
+
+def test_a_log_that_is_given_twice_leaves_no_results(tmp_path, capsys):
+    from tests.chaos.bench import config
+
+    write_log(tmp_path / "a.log", frames(3))
+    words = ["analyze", str(tmp_path / "a.log"), str(tmp_path / "a.log"), "--config", str(config(tmp_path))]
+    assert main([*words, "--out", str(tmp_path / "r")]) == 2
+    assert capsys.readouterr().err == f"bms-gateway: error: {tmp_path / 'a.log'} is given twice: give each file once\n"
+    assert not (tmp_path / "r").exists()
