@@ -30,6 +30,8 @@ _WHOLE = (*REQUIRED, *OPTIONAL)
 MOST_NUMBERS = 16 << 20
 """Numbers that any table may have: 128 MiB. A larger one has at most `PER_BYTE` of them for each byte of its file."""
 PER_BYTE = 2
+FEW = 12
+"""Names of a table that are shown in one line."""
 _CELL_COLUMN = re.compile("|".join(column.format("([1-9][0-9]{0,8})") for column in CELL_COLUMNS.values()))
 _OURS = (*_WHOLE, *(column.split("{")[0] for column in CELL_COLUMNS.values()))
 _NEXT = re.compile(rf",(?=\s*(?:{'|'.join(_OURS)})[A-Za-z0-9_]*\s*=)")
@@ -179,14 +181,9 @@ def _read(
 ) -> Table:
     names = rows.names
     ours = find_columns(path, names, rows.units, columns, [name for name in names if known(name)])
-    for name in needed:
-        if name not in ours:
-            hint = did_you_mean(name, names)
-            like = None if "did you mean" in hint else lookalike(name, names)
-            if like is not None:
-                hint = f"; {like!r} may be it"
-            mapped = f"{name}=COLUMN" if like is None else f"'{name}={like}'"
-            raise DataError(f"{path}: no column {name!r}{hint} (map it: --columns {mapped})")
+    missing = [name for name in needed if name not in ours]
+    if missing:
+        raise DataError(f"{path}: {_missing(missing, names)}")
     dates = dates_of(path, rows, ours["time_s"])
     used = {c.bare for c in ours.values()} | {c.column for c in ours.values()}
     lines, values, notes = _kept(path, rows, ours, dates, tell, most)
@@ -203,6 +200,19 @@ def _read(
         lines=lines,
         notes=tuple(notes),
     )
+
+
+def _missing(missing: Sequence[str], names: Sequence[str]) -> str:
+    """Tell all columns that are not there, and for each the one that may be it."""
+    if len(missing) > 1:
+        mapped = ",".join(f"{name}={lookalike(name, names) or 'COLUMN'}" for name in missing)
+        valid = f"; the table has {', '.join(names[:FEW])}" + (" …" if len(names) > FEW else "")
+        return f"no columns {', '.join(map(repr, missing))}{valid} (map them: --columns '{mapped}')"
+    name, hint = missing[0], did_you_mean(missing[0], names)
+    like = None if "did you mean" in hint else lookalike(name, names)
+    if like is not None:
+        return f"no column {name!r}; {like!r} may be it (map it: --columns '{name}={like}')"
+    return f"no column {name!r}{hint} (map it: --columns {name}=COLUMN)"
 
 
 def dates_of(path: Path, rows: Rows, time: Column) -> dict[str, DateForm]:
