@@ -17,9 +17,11 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import BinaryIO, Final
 
 from bms_gateway.engine.events import Job
@@ -55,6 +57,7 @@ class Aside:
         self._deadline_s, self._child = deadline_s, child
         self._lock = threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None
+        self._starting: int | None = None  # the thread that starts a child
         self._closed = False
 
     @property
@@ -64,7 +67,7 @@ class Aside:
         return None if running is None else running.pid
 
     def run(self, job: Job) -> object:
-        """Run a job and wait for its result; to be called in a thread.
+        """Run a job and wait for its result; to be called in a thread, and not again before it has returned.
 
         Parameters
         ----------
@@ -76,25 +79,23 @@ class Aside:
         object
             As of ``job.run()``, or `NotDone`.
         """
-        # a group of its own: an interrupt from the keyboard is for the service. No session of its own: Linux may share
-        # the processor out by sessions, and then priorities count only within one.
-        given = pickle.dumps(job)
+        given, late = pickle.dumps(job), NotDone(f"it had not ended after {self._deadline_s:g} s and was killed")
         with self._lock:
             if self._closed:
                 return NotDone("the service ends")
-            try:
-                process = subprocess.Popen(  # noqa: S603 (our own module)
-                    self._child, stdin=subprocess.PIPE, stdout=subprocess.PIPE, process_group=0
-                )
-            except OSError as error:
-                return NotDone(f"no process could be started for it: {error.strerror}")
-            self._process = process
+            self._starting = threading.get_native_id()
+        due = time.monotonic() + self._deadline_s
         try:
-            out, _ = process.communicate(given, timeout=self._deadline_s)
+            process = self._start()
+            if time.monotonic() >= due:
+                return late
+            out, _ = process.communicate(given, timeout=due - time.monotonic())
+        except OSError as error:
+            return NotDone(f"no process could be started for it: {error.strerror}")
         except subprocess.TimeoutExpired:
-            return NotDone(f"it had not ended after {self._deadline_s:g} s and was killed")
+            return late
         finally:
-            self._reap(process)
+            self._reap()
         if process.returncode < 0:
             return NotDone(f"its process was ended by {signal_name(-process.returncode)}")
         if process.returncode:
@@ -108,9 +109,44 @@ class Aside:
             self._closed = True
             if self._process is not None:
                 self._process.kill()
+        self._kill_started()
 
-    def _reap(self, process: "subprocess.Popen[bytes]") -> None:
+    def _start(self) -> "subprocess.Popen[bytes]":
+        """Start a child; one that hangs before it is the program that was asked for is killed too."""
+        timer = threading.Timer(self._deadline_s, self._kill_started)
+        timer.daemon = True
+        timer.start()
+        try:
+            # a group of its own: an interrupt from the keyboard is for the service. No session of its own: Linux may
+            # share the processor out by sessions, and then priorities count only within one.
+            process = subprocess.Popen(  # noqa: S603 (our own module)
+                self._child, stdin=subprocess.PIPE, stdout=subprocess.PIPE, process_group=0
+            )
+        finally:
+            timer.cancel()
+            with self._lock:
+                self._starting = None
+        with self._lock:
+            self._process = process
+            if self._closed:
+                process.kill()
+        return process
+
+    def _kill_started(self) -> None:
+        """Kill the child of the thread that waits for its start: only the kernel knows its number yet."""
+        with self._lock:
+            if self._starting is None:
+                return
+            with suppress(OSError):  # a kernel without this list, or the child is gone
+                children = Path(f"/proc/self/task/{self._starting}/children").read_text(encoding="ascii")
+                for child in children.split():
+                    os.kill(int(child), signal.SIGKILL)
+
+    def _reap(self) -> None:
         """Leave nothing of a child, however it went."""
+        process = self._process
+        if process is None:
+            return
         if process.poll() is None:
             process.kill()
             with suppress(subprocess.TimeoutExpired):

@@ -101,6 +101,52 @@ def test_the_end_of_the_service_kills_the_child_that_works_and_starts_no_other(c
     assert len(children) == 1
 
 
+@pytest.fixture
+def hanging(monkeypatch):
+    """The start of a child hangs while what was started lives, as between fork and exec; gives what was started."""
+    started, begin = [], subprocess.Popen
+
+    def hang(*args, **how):
+        started.append(begin(["sleep", "600"]))
+        started[-1].wait()
+        return begin(*args, **how)
+
+    monkeypatch.setattr(subprocess, "Popen", hang)
+    return started
+
+
+def test_a_child_that_hangs_before_it_has_begun_is_killed_at_the_deadline_too(hanging):
+    one = Aside(deadline_s=0.3, child=(*SMALL, ECHO))
+    began = time.monotonic()
+    assert one.run(0) == NotDone("it had not ended after 0.3 s and was killed")
+    assert 0.3 <= time.monotonic() - began < PATIENCE_S
+    assert ([c.returncode for c in hanging], one.process) == ([-9], None)
+
+
+def test_the_end_of_the_service_does_not_wait_for_a_child_that_hangs_before_it_has_begun(hanging):
+    one, found = Aside(child=(*SMALL, FOR_EVER)), []
+    thread = threading.Thread(target=lambda: found.append(one.run(0)))
+    thread.start()
+    end = time.monotonic() + PATIENCE_S
+    while not hanging and time.monotonic() < end:
+        time.sleep(0.002)
+    one.close()
+    thread.join(PATIENCE_S)
+    assert found == [NotDone("its process was ended by SIGKILL")]
+    assert [c.returncode for c in hanging] == [-9]
+
+
+def test_no_child_of_another_thread_is_killed_with_one_that_hangs(hanging):
+    bystander, found = os.posix_spawnp("sleep", ["sleep", "600"], os.environ), []
+    thread = threading.Thread(target=lambda: found.append(Aside(deadline_s=0.2, child=(*SMALL, ECHO)).run(0)))
+    thread.start()
+    thread.join(PATIENCE_S)
+    assert found == [NotDone("it had not ended after 0.2 s and was killed")]
+    assert os.waitpid(bystander, os.WNOHANG) == (0, 0)
+    os.kill(bystander, 9)
+    os.waitpid(bystander, 0)
+
+
 def test_the_end_of_a_service_without_a_child_kills_nothing():
     one = Aside(child=(*SMALL, ECHO))
     one.close()
