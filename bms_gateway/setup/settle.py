@@ -35,11 +35,15 @@ def missing(proposal: Proposal, traffic: Traffic) -> str | None:
             f"none of the {len(traffic.unknown)} identifiers of these logs {given}; "
             f"the most frequent are {', '.join(f'0x{i & ~EXTENDED:X}' for i in frequent)}: no config was written"
         )
+    lost = None
     if next(proposal.of("current"), None) is None:
-        return "no signal is a current of the pack: nothing was written; is it in another DBC or log?"
-    if not proposal.cells:
-        return "no signal is a temperature of cells: nothing was written; is it in another DBC or log?"
-    return None
+        lost = "a current of the pack"
+    elif not proposal.cells:
+        lost = "a temperature of cells"
+    if lost is None:
+        return None
+    where = "is it in another DBC or log?" if traffic.strict else "correct the DBC where the notes say it is wrong"
+    return f"no signal is {lost}: nothing was written; {where}"
 
 
 def settle(proposal: Proposal, traffic: Traffic, out: Path, *, cell: CellFacts | None, logs: Iterable[Path]) -> Settled:

@@ -13,6 +13,7 @@ DBC = 'VERSION ""\nBU_: B\nBO_ 256 A: 8 B\n SG_ Speed : 0|16@1+ (0.1,0) [0|0] "r
 @pytest.fixture
 def folder(tmp_path):
     (tmp_path / "a.dbc").write_text(DBC)
+    (tmp_path / "long.dbc").write_text(DBC.replace("0|16@1+", "60|16@1+").replace("Speed", "PackCurrent"))
     (tmp_path / "a.log").write_text("".join(f"({1e9 + k / 10:.6f}) can0 100#{k:04x}000000000000\n" for k in range(300)))
     (tmp_path / "empty.log").write_text("")
     (tmp_path / "text.log").write_text("this is no log\nat all\n")
@@ -44,7 +45,12 @@ def folder(tmp_path):
         (["a.log", "--dbc", "a.dbc", "--json", "a.log"], 2, "is read by the command"),
         (["a.log", "--dbcs", "a.dbc"], 2, "did you mean '--dbc'"),
         ([], 2, "LOG"),
-        (["a.log", "--dbc", "a.dbc"], 1, "no signal is a current"),
+        (
+            ["a.log", "--dbc", "a.dbc"],
+            1,
+            "no signal is a current of the pack: nothing was written; is it in another DBC",
+        ),
+        (["a.log", "--dbc", "long.dbc"], 1, "nothing was written; correct the DBC where the notes say it is wrong"),
         (["a.log"], 1, "give the vehicle's DBC with --dbc"),
     ],
 )
