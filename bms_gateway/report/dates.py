@@ -18,11 +18,11 @@ __all__ = ["ASKED", "DateForm", "date_form"]
 
 ASKED: Final = ("dd/mm/yyyy", "mm/dd/yyyy")
 """What the user may state of a column of dates if its rows do not decide."""
-_CLOCK: Final = r"(\d{1,2}):(\d\d)(?::(\d\d)(?:[.,](\d{1,9}))?)?"
+_CLOCK: Final = r"(\d{1,2}):(\d\d)(?::(\d\d)(?:[.,](\d{1,9}))?)?(?:\s*([AaPp][Mm]))?"
 _ISO: Final = re.compile(rf"(\d{{4}})[-/](\d\d)[-/](\d\d)(?:[T ]+{_CLOCK}\s*(Z|[+-]\d\d:?\d\d)?)?")
 _DOTS: Final = re.compile(rf"(\d{{1,2}})\.(\d{{1,2}})\.(\d{{4}}|\d\d)(?:[ T,]+{_CLOCK})?")
-_SLASHES: Final = re.compile(rf"(\d{{1,2}})/(\d{{1,2}})/(\d{{4}})(?:[ T,]+{_CLOCK}\s*([AaPp][Mm])?)?")
-_ALONE: Final = re.compile(r"(\d{1,4}):(\d\d):(\d\d)(?:[.,](\d{1,9}))?")
+_SLASHES: Final = re.compile(rf"(\d{{1,2}})/(\d{{1,2}})/(\d{{4}})(?:[ T,]+{_CLOCK})?")
+_ALONE: Final = re.compile(r"(\d{1,4}):(\d\d):(\d\d)(?:[.,](\d{1,9}))?(?:\s*([AaPp][Mm]))?")
 _SHORT: Final = re.compile(r"\d{1,4}:\d\d(?:[.,]\d+)?")
 _DAY: Final = timedelta(days=1)
 _HALF_DAY: Final = timedelta(hours=12)
@@ -85,25 +85,19 @@ class DateForm:
             found = _ALONE.fullmatch(text)
             if found is None or int(found[2]) > 59 or int(found[3]) > 59:
                 raise ValueError(text)
+            hour = _hour(found[1], found[5], text)
             return _NO_DAY + timedelta(
-                hours=int(found[1]), minutes=int(found[2]), seconds=int(found[3]), microseconds=_micro(found[4])
+                hours=hour, minutes=int(found[2]), seconds=int(found[3]), microseconds=_micro(found[4])
             )
         pattern = {"iso": _ISO, "dots": _DOTS}.get(self.kind, _SLASHES)
         found = pattern.fullmatch(text)
         if found is None:
             raise ValueError(text)
-        a, b, c, hour, minute, second, fraction, *rest = (*found.groups(), None)
+        a, b, c, hour, minute, second, fraction, half, *zone = (*found.groups(), None)
         y, m, d = {"iso": (a, b, c), "month first": (c, a, b)}.get(self.kind, (c, b, a))
         year = int(y) + (2000 if len(y) == 2 else 0)
-        at = datetime(year, int(m), int(d), int(hour or 0) % 24, int(minute or 0), int(second or 0), _micro(fraction))
-        if int(hour or 0) > 23:
-            raise ValueError(text)
-        if rest[0] and rest[0].lower() in ("am", "pm"):
-            if not 1 <= at.hour <= 12:
-                raise ValueError(text)
-            at = at.replace(hour=at.hour % 12 + (12 if rest[0].lower() == "pm" else 0))
-            rest = [None]
-        return self._in_utc(at, rest[0])
+        clock = _hour(hour or "0", half, text), int(minute or 0), int(second or 0), _micro(fraction)
+        return self._in_utc(datetime(year, int(m), int(d), *clock), zone[0])
 
     def _in_utc(self, at: datetime, zone: str | None) -> datetime:
         """Subtract the offset of the time zone; all rows must have one, or none."""
@@ -180,6 +174,16 @@ def _order(given: Sequence[str]) -> DateForm | str:
             f"--columns 'time_s=COLUMN [{ASKED[0]}]'"
         )
     return fits[-1 if twelve else 0][1]
+
+
+def _hour(written: str, half: str | None, text: str) -> int:
+    """Give the hour of the day, or of a clock that goes on beyond 24 h, of 12 hours where AM or PM stands behind it."""
+    hour = int(written)
+    if half is None:
+        return hour
+    if not 1 <= hour <= 12:
+        raise ValueError(text)
+    return hour % 12 + (12 if half.lower() == "pm" else 0)
 
 
 def _micro(fraction: str | None) -> int:

@@ -146,6 +146,10 @@ STAMPS = {
     ],
     "English": [f"25/12/2026 10:00:{x:04.1f}" for x in T],
     "American": [f"3/4/2026 1:59:{30 + x:04.1f} PM" for x in T],
+    "a clock of twelve hours": [f"11:59:{40 + x:04.1f} AM" if x < 20 else f"12:00:{x - 20:04.1f} pm" for x in T],
+    "ISO of twelve hours, midnight": [
+        f"2026-11-03 11:59:{40 + x:04.1f} PM" if x < 20 else f"2026-11-04 12:00:{x - 20:04.1f} AM" for x in T
+    ],
     "one day of slashes": [f"03/04/2026 10:00:{x:04.1f}" for x in T],
     "a clock past midnight": [f"23:59:{40 + x:04.1f}" if x < 20 else f"00:00:{x - 20:04.1f}" for x in T],
 }
@@ -181,6 +185,10 @@ def test_day_or_month_is_asked_for_and_then_taken(tmp_path):
         (text({"current_A": ["1,5" if k == 7 else "1.5" for k in range(N)]}, mark=";"), "line 9.*decimal commas and"),
         (text({"soc": ["170" if k == 30 else "50" for k in range(N)]}), "line 32: soc is 170; it must be 0 to 100 %"),
         (text({"time_s": [*STAMPS["ISO"][:-1], "later"]}), "line 61.*'later' is no time"),
+        (
+            text({"time_s": [*STAMPS["a clock of twelve hours"][:-1], "13:00:50 PM"]}),
+            "line 61.*'13:00:50 PM' is no time",
+        ),
     ],
 )
 def test_what_cannot_be_told_is_one_line_with_what_to_add(tmp_path, content, says):
