@@ -85,9 +85,9 @@ class DateForm:
             found = _ALONE.fullmatch(text)
             if found is None or int(found[2]) > 59 or int(found[3]) > 59:
                 raise ValueError(text)
-            hour = _hour(found[1], found[5], text)
+            hours, fraction_us = _hour(found[1], found[5], text), _micro(found[4])
             return _NO_DAY + timedelta(
-                hours=hour, minutes=int(found[2]), seconds=int(found[3]), microseconds=_micro(found[4])
+                hours=hours, minutes=int(found[2]), seconds=int(found[3]), microseconds=fraction_us
             )
         pattern = {"iso": _ISO, "dots": _DOTS}.get(self.kind, _SLASHES)
         found = pattern.fullmatch(text)
