@@ -130,6 +130,8 @@ def test_the_end_of_the_service_does_not_wait_for_a_child_that_hangs_before_it_h
     end = time.monotonic() + PATIENCE_S
     while not hanging and time.monotonic() < end:
         time.sleep(0.002)
+    timers = [t for t in threading.enumerate() if isinstance(t, threading.Timer)]
+    assert [t.daemon for t in timers] == [True]  # the interpreter does not wait for it either
     one.close()
     thread.join(PATIENCE_S)
     assert found == [NotDone("its process was ended by SIGKILL")]
