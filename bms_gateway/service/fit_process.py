@@ -57,7 +57,7 @@ class Aside:
         self._deadline_s, self._child = deadline_s, child
         self._lock = threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None
-        self._starting: int | None = None  # the thread that starts a child
+        self._thread: int | None = None
         self._closed = False
 
     @property
@@ -83,13 +83,11 @@ class Aside:
         with self._lock:
             if self._closed:
                 return NotDone("the service ends")
-            self._starting = threading.get_native_id()
+            self._thread = threading.get_native_id()
         due = time.monotonic() + self._deadline_s
         try:
             process = self._start()
-            if time.monotonic() >= due:
-                return late
-            out, _ = process.communicate(given, timeout=due - time.monotonic())
+            out, _ = process.communicate(given, timeout=max(due - time.monotonic(), 0.0))
         except OSError as error:
             return NotDone(f"no process could be started for it: {error.strerror}")
         except subprocess.TimeoutExpired:
@@ -107,14 +105,12 @@ class Aside:
         """Kill what works, and start nothing any more."""
         with self._lock:
             self._closed = True
-            if self._process is not None:
-                self._process.kill()
-        self._kill_started()
+        self._kill()
 
     def _start(self) -> "subprocess.Popen[bytes]":
-        """Start a child; one that hangs before it is the program that was asked for is killed too."""
-        timer = threading.Timer(self._deadline_s, self._kill_started)
-        timer.daemon = True
+        """Start a child; one that hangs before it is the program that was asked for is killed at the deadline too."""
+        timer = threading.Timer(self._deadline_s, self._kill)
+        timer.daemon = True  # the interpreter does not wait for it
         timer.start()
         try:
             # a group of its own: an interrupt from the keyboard is for the service. No session of its own: Linux may
@@ -124,23 +120,22 @@ class Aside:
             )
         finally:
             timer.cancel()
-            with self._lock:
-                self._starting = None
         with self._lock:
             self._process = process
             if self._closed:
                 process.kill()
         return process
 
-    def _kill_started(self) -> None:
-        """Kill the child of the thread that waits for its start: only the kernel knows its number yet."""
+    def _kill(self) -> None:
+        """Kill the child. While it is being started only the kernel has its number, in a list for each thread."""
         with self._lock:
-            if self._starting is None:
-                return
-            with suppress(OSError):  # a kernel without this list, or the child is gone
-                children = Path(f"/proc/self/task/{self._starting}/children").read_text(encoding="ascii")
-                for child in children.split():
-                    os.kill(int(child), signal.SIGKILL)
+            if self._process is not None:
+                self._process.kill()
+            elif self._thread is not None:
+                with suppress(OSError):  # a kernel without this list, or the child is gone
+                    children = Path(f"/proc/self/task/{self._thread}/children").read_text(encoding="ascii")
+                    for child in children.split():
+                        os.kill(int(child), signal.SIGKILL)
 
     def _reap(self) -> None:
         """Leave nothing of a child, however it went."""

@@ -138,6 +138,24 @@ def test_the_end_of_the_service_does_not_wait_for_a_child_that_hangs_before_it_h
     assert [c.returncode for c in hanging] == [-9]
 
 
+def test_a_deadline_is_that_of_its_own_child(monkeypatch):
+    """The first child ends well; half a deadline after its start a second one begins, whose start hangs."""
+    one, begin = Aside(deadline_s=1.0, child=("true",)), subprocess.Popen
+    began = time.monotonic()
+    with pytest.raises(EOFError):
+        one.run(0)  # it writes nothing
+    time.sleep(max(0.0, began + 0.5 - time.monotonic()))
+
+    def hang(*args, **how):
+        begin(["sleep", "600"]).wait()
+        return begin(*args, **how)
+
+    monkeypatch.setattr(subprocess, "Popen", hang)
+    began = time.monotonic()
+    assert isinstance(one.run(0), NotDone)
+    assert time.monotonic() - began >= 1.0
+
+
 def test_no_child_of_another_thread_is_killed_with_one_that_hangs(hanging):
     bystander, found = os.posix_spawnp("sleep", ["sleep", "600"], os.environ), []
     thread = threading.Thread(target=lambda: found.append(Aside(deadline_s=0.2, child=(*SMALL, ECHO)).run(0)))
