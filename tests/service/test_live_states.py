@@ -72,6 +72,14 @@ def test_the_watchdog_is_not_fed_when_nothing_drains_any_more(world, caplog, whe
     assert len(caplog.messages) == 4 - len(fed)
 
 
+def test_the_watchdog_is_not_fed_when_frames_that_woke_it_are_never_drained(world, caplog):
+    world.watchdog_s, port = 3.0, world.port()
+    gateway = world.gateway(port=port)
+    world.play(gateway, (1.4, lambda: setattr(gateway, "_on_drain", lambda: None)), (1.5, port.arrive), seconds=3.5)
+    assert world.times("WATCHDOG=1") == [1_000_000]
+    assert caplog.messages == ["stalled: receiving False, estimating True, sending True"] * 2
+
+
 def test_the_watchdog_is_not_fed_once_a_deadline_is_two_seconds_old(world, caplog):
     world.watchdog_s = 3.0
     engine = Engine(0.0)
