@@ -19,6 +19,7 @@ MORE_BINS = "one empty bin more than there are groups, never looked up"
 INFINITE = "of an infinite value the sign is asked, which no bound near zero changes"
 SET_BY_EXCERPT = "what `excerpt` gives, it sets"
 FIRST_US = "no sample is of the first microseconds of 1970"
+BILLIONTH = "a billionth of a wait, which no clock shows"
 
 EQUIVALENT: dict[str, dict[str, str]] = {
     "bms_gateway/bus/pace.py": {
@@ -278,6 +279,16 @@ EQUIVALENT: dict[str, dict[str, str]] = {
     "bms_gateway/service/summary.py": {
         "_ahead: True  ->  False": STRICT,
         "_ahead: True  ->  False  #2": STRICT,
+    },
+    "bms_gateway/service/reporting.py": {
+        ": if TYPE_CHECKING:  ->  if not TYPE_CHECKING:": ANNOTATIONS,
+    },
+    "bms_gateway/service/live.py": {
+        "Gateway.__init__: 0  ->  1": "no tick ends in the first nanosecond of 1970",
+        "Gateway._on_drain: 1000000000.0  ->  1000000001.0": BILLIONTH,
+        "Gateway._arm: 1000000000.0  ->  1000000001.0": BILLIONTH,
+        "Gateway._feed: 1000000000.0  ->  1000000001.0": BILLIONTH,
+        "Gateway._arm: self._timer = None  ->  pass": "a timer that is over or cancelled may be cancelled once more",
     },
     "bms_gateway/service/mqtt.py": {
         "Publisher.__init__: self._line = ''  ->  pass": "set again before it is read",
