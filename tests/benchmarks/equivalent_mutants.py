@@ -19,6 +19,7 @@ MORE_BINS = "one empty bin more than there are groups, never looked up"
 INFINITE = "of an infinite value the sign is asked, which no bound near zero changes"
 SET_BY_EXCERPT = "what `excerpt` gives, it sets"
 FIRST_US = "no sample is of the first microseconds of 1970"
+ANOTHER_LINE = "a line that is taken with the mark of another one does not fit, and is read by itself"
 BILLIONTH = "a billionth of a wait, which no clock shows"
 
 EQUIVALENT: dict[str, dict[str, str]] = {
@@ -279,6 +280,39 @@ EQUIVALENT: dict[str, dict[str, str]] = {
     "bms_gateway/service/summary.py": {
         "_ahead: True  ->  False": STRICT,
         "_ahead: True  ->  False  #2": STRICT,
+    },
+    "bms_gateway/bus/candump.py": {
+        ": 32  ->  33": "blank bytes around a block, one more",
+        ": 8  ->  9": "lines with a ninth layout of stamps are read by themselves or not: the same, only slower",
+        ": 9  ->  10": "in which blocks blank lines are looked for, which is seen in time alone",
+        ": 128  ->  129": "no digit has the high bit, whatever the others are",
+        ": 16  ->  17": "the value of a single digit",
+        ": 256  ->  257  #2": "no byte is 256",
+        "parse_block: newline - start < SHORTEST  ->  newline - start <= SHORTEST": (
+            "in which blocks blank lines are looked for, which is seen in time alone"
+        ),
+        "parse_block: not ((marks > start) & (marks < newline)).all()  ->  "
+        "((marks > start) & (marks < newline)).all()": ANOTHER_LINE,
+        "parse_block: (marks > start) & (marks < newline)  ->  (marks > start) | (marks < newline)": ANOTHER_LINE,
+        "parse_block: marks > start  ->  marks >= start": ANOTHER_LINE,
+        "parse_block: marks > start  ->  marks < start": ANOTHER_LINE,
+        "parse_block: marks < newline  ->  marks <= newline": ANOTHER_LINE,
+        "parse_block: marks < newline  ->  marks > newline": ANOTHER_LINE,
+        "format_block: 3  ->  4  #2": "what is put there is written once more below",
+        "format_block: 8  ->  9": "no CAN frame has nine bytes",
+        "_filled: newline - 1  ->  newline + 1": "a blank line before another one may stay, and is passed over later",
+        "_filled: 1  ->  2  #2": "the end of a line is blank",
+        "_words: 7  ->  8": "the last word lies behind the block",
+        "_number: digits <= 8  ->  digits < 8": "no digits in front are worth nothing",
+        "_pairs: False  ->  True": "a copy more",
+        "_pairs: 1  ->  2": NONE_FOR_NONE,
+        "_stamps: break  ->  continue": "nothing is left for the other rounds either",
+        "_ids: 1  ->  2": NONE_FOR_NONE,
+        "_ids: 0  ->  1  #2": "both lie before every line",
+        "_payloads: 16  ->  17": "an odd number of digits is refused by itself",
+        "_payloads: 0  ->  1  #3": "of a payload that does not fit nothing is used",
+        "_read_odd: newline > start  ->  newline >= start": "an empty line is passed over all the same",
+        "_read_odd: 0  ->  1": "the identifier of a line that has none",
     },
     "bms_gateway/service/reporting.py": {
         ": if TYPE_CHECKING:  ->  if not TYPE_CHECKING:": ANNOTATIONS,

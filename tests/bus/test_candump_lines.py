@@ -2,6 +2,7 @@
 
 import random
 from itertools import product
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -145,6 +146,10 @@ def test_names_blanks_and_tails():
         check([line, STANDARD])
     short = [b"x", b"(0.0) 0#", b"(0.0) a 0#", b"(0.0)a 0#", b"#", b"(", b"\0"]
     check([b"", b" ", b"\t\r", STANDARD, b"", *short, STANDARD])
+    check([STANDARD, b" " * 12, STANDARD, b"(1) can0 123#11"])
+    for last in (b"(1.000001) can0 123", b"(1.000001)  123#AA", b"no mark"):
+        check([last])
+        check([STANDARD, STANDARD, last])
 
 
 def test_what_candump_writes_is_read_by_columns_and_not_line_by_line(monkeypatch):
@@ -161,7 +166,8 @@ def test_what_candump_writes_is_read_by_columns_and_not_line_by_line(monkeypatch
         stamp = b"%010d.%06d" % (draw.randrange(9 * 10**9), draw.randrange(10**6))
         data = draw.randbytes(draw.randrange(9)).hex().encode()
         tail = draw.choice([b"", b" R", b" T", b"\r"])
-        lines.append(b"(%s) can%d %s#%s%s" % (stamp, k % 3, name, data.upper() if k % 5 else data, tail))
+        channel = draw.choice([b"can0", b"vcan1", b"b3d5f7", b"9"])
+        lines.append(b"(%s) %s %s#%s%s" % (stamp, channel, name, data.upper() if k % 5 else data, tail))
     lines += [
         b"(1.000000) can0 7FF#",
         b"(1.000000) can0 1FFFFFFF#",
@@ -173,6 +179,25 @@ def test_what_candump_writes_is_read_by_columns_and_not_line_by_line(monkeypatch
         check([line])
     for n in (1, 4, 8, 9, 10):
         check([f"({'8' * n}.{'7' * m}) can0 123#AA".encode() for m in range(1, 9)])
+
+
+def test_only_lines_that_are_odd_are_read_by_themselves(monkeypatch):
+    odd = [b"(1.x) can0 123#11", b"rubbish", b"(1.000001) can0 123##1" + b"AB" * 12, b"(2) can0 123#11"]
+    alone, pattern = [], candump._LINE
+    monkeypatch.setattr(candump, "_LINE", SimpleNamespace(fullmatch=lambda x: alone.append(x) or pattern.fullmatch(x)))
+    for k in range(4):
+        lines = [STANDARD] * 20
+        for place in (0, 1, 7):
+            lines.insert(place, odd[(k + place) % 4])
+        alone.clear()
+        check(lines)
+        assert alone == [lines[0], lines[1], lines[7]]
+
+
+@pytest.mark.parametrize(("line", "width"), [(b"(1) can0 1#" + b"AB" * 8, 8), (b"(1) can0 1##0" + b"AB" * 12, 64)])
+def test_a_block_is_as_wide_as_its_longest_frame_may_be(line, width):
+    for lines in ((line,), (STANDARD, line), (line, STANDARD)):
+        assert parse_block(b"\n".join(lines), 1, LogNotes())[0].data.shape == (len(lines), width)
 
 
 def test_at_most_twenty_broken_lines_are_named_and_cut_to_eighty_characters():
