@@ -45,7 +45,6 @@ class BoundedBlf(blf.BLFReader):
     def _parse_container(self, data: bytes) -> Iterator[can.Message]:
         yield from super()._parse_container(data)
         if len(self._tail) > MOST:
-            self._tail = b""
             raise blf.BLFParseError(f"an object of over {MOST >> 20} MiB")
 
 

@@ -20,6 +20,7 @@ INFINITE = "of an infinite value the sign is asked, which no bound near zero cha
 SET_BY_EXCERPT = "what `excerpt` gives, it sets"
 FIRST_US = "no sample is of the first microseconds of 1970"
 ANOTHER_LINE = "a line that is taken with the mark of another one does not fit, and is read by itself"
+LOOKED_FOR = "in which blocks blank lines are looked for, which is seen in time alone"
 BILLIONTH = "a billionth of a wait, which no clock shows"
 
 EQUIVALENT: dict[str, dict[str, str]] = {
@@ -281,16 +282,21 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "_ahead: True  ->  False": STRICT,
         "_ahead: True  ->  False  #2": STRICT,
     },
+    "bms_gateway/bus/blf.py": {
+        "BoundedBlf.__init__: True  ->  False": "the first container begins with an object",
+    },
+    "bms_gateway/bus/foreign.py": {
+        ": if TYPE_CHECKING:  ->  if not TYPE_CHECKING:": ANNOTATIONS,
+    },
     "bms_gateway/bus/candump.py": {
         ": 32  ->  33": "blank bytes around a block, one more",
         ": 8  ->  9": "lines with a ninth layout of stamps are read by themselves or not: the same, only slower",
-        ": 9  ->  10": "in which blocks blank lines are looked for, which is seen in time alone",
+        ": 9  ->  10": LOOKED_FOR,
         ": 128  ->  129": "no digit has the high bit, whatever the others are",
         ": 16  ->  17": "the value of a single digit",
         ": 256  ->  257  #2": "no byte is 256",
-        "parse_block: newline - start < SHORTEST  ->  newline - start <= SHORTEST": (
-            "in which blocks blank lines are looked for, which is seen in time alone"
-        ),
+        "parse_block: newline - start < SHORTEST  ->  newline - start <= SHORTEST": LOOKED_FOR,
+        "parse_block: newline - start < SHORTEST  ->  newline - start > SHORTEST": LOOKED_FOR,
         "parse_block: not ((marks > start) & (marks < newline)).all()  ->  "
         "((marks > start) & (marks < newline)).all()": ANOTHER_LINE,
         "parse_block: (marks > start) & (marks < newline)  ->  (marks > start) | (marks < newline)": ANOTHER_LINE,

@@ -144,8 +144,8 @@ def test_readers_do_not_log_the_lines_that_are_counted_here(csv, name, monkeypat
 # BLF
 
 
-OBJECT, CONTAINER = 48, 1000
-"""Bytes of a classic frame in a BLF, and of what is packed together here: frames lie across the ends of containers."""
+OBJECT = 48
+"""Bytes of a classic frame in a BLF."""
 
 
 def containers(raw):
@@ -158,20 +158,21 @@ def containers(raw):
     return found
 
 
+@pytest.mark.parametrize("size", [1000, 20 * OBJECT])  # frames lie across the ends of containers, and end there
 @pytest.mark.parametrize("damaged", [(0,), (1, 3), (2, 3), (4,), (1, 2, 3), ()])
-def test_a_damaged_container_of_a_blf_costs_its_frames_only_and_none_is_made_up(damaged, tmp_path):
+def test_a_damaged_container_of_a_blf_costs_its_frames_only_and_none_is_made_up(damaged, size, tmp_path):
     path = tmp_path / "a.blf"
-    with can.BLFWriter(path, max_container_size=CONTAINER) as writer:
+    with can.BLFWriter(path, max_container_size=size) as writer:
         for k in range(100):
             writer(can.Message(timestamp=1.7e9 + k, arbitration_id=k, is_extended_id=False, data=bytes([k] * 8)))
     raw = bytearray(path.read_bytes())
     places = containers(raw)
-    assert len(places) == -(-100 * OBJECT // CONTAINER)
+    assert len(places) == -(-100 * OBJECT // size)
     for n in damaged:
         raw[places[n] + 32 : places[n] + 36] = b"\xff" * 4  # where its packed data begin
     path.write_bytes(raw)
     batches, notes = read(path, ".blf")
-    lies_in = [{OBJECT * k // CONTAINER, (OBJECT * (k + 1) - 1) // CONTAINER} for k in range(100)]
+    lies_in = [{OBJECT * k // size, (OBJECT * (k + 1) - 1) // size} for k in range(100)]
     left = [k for k in range(100) if not lies_in[k] & set(damaged)]
     found = rows(FrameBatch.concat(batches))
     assert [(can_id, payload) for _, can_id, payload in found] == [(k, bytes([k] * 8)) for k in left]
