@@ -21,6 +21,8 @@ SET_BY_EXCERPT = "what `excerpt` gives, it sets"
 FIRST_US = "no sample is of the first microseconds of 1970"
 ANOTHER_LINE = "a line that is taken with the mark of another one does not fit, and is read by itself"
 LOOKED_FOR = "in which blocks blank lines are looked for, which is seen in time alone"
+OTHER_DRAWS = "other draws of the same distribution"
+TWO_LEFT = "without 29 bits two filters are left, which every limit allows"
 BILLIONTH = "a billionth of a wait, which no clock shows"
 
 EQUIVALENT: dict[str, dict[str, str]] = {
@@ -281,6 +283,19 @@ EQUIVALENT: dict[str, dict[str, str]] = {
     "bms_gateway/service/summary.py": {
         "_ahead: True  ->  False": STRICT,
         "_ahead: True  ->  False  #2": STRICT,
+    },
+    "bms_gateway/bus/filters.py": {
+        "join_filters: dropped < 29  ->  dropped <= 29": TWO_LEFT,
+        "join_filters: 29  ->  30": TWO_LEFT,
+    },
+    "bms_gateway/bus/traffic.py": {
+        "Series.at: t >= self.time_s[-1]  ->  t > self.time_s[-1]": "at the last point the other condition holds",
+        "Series.at: t <= self.time_s[-1]  ->  t < self.time_s[-1]": "at the last point the other condition holds",
+        "Traffic.__init__: 202  ->  203": OTHER_DRAWS,
+        "_cycle: 0  ->  1": "a nanosecond is less than the second that it is held against",
+        "Traffic._load: 0  ->  1": "set again when the slots are spread",
+        "Traffic._sample: value + self._noise_K * self._rng.standard_normal(len(t))  ->  "
+        "value - self._noise_K * self._rng.standard_normal(len(t))": OTHER_DRAWS,
     },
     "bms_gateway/bus/blf.py": {
         "BoundedBlf.__init__: True  ->  False": "the first container begins with an object",

@@ -37,6 +37,7 @@ def test_a_series_is_known_between_near_points_and_a_little_beyond_its_ends():
     assert s.at(array(*known)).tolist() == list(known.values())
     assert np.isnan(s.at(array(-5.001, 6.001, 10.0, 13.999, 20.001, 30.0))).all()
     assert np.isnan(Series(array(0, 8, 9), array(1, 2, 3), 5.0).at(array(4.0)))
+    assert np.isnan(Series(array(0, 1, 9), array(1, 2, 3), 5.0).at(array(4.0)))
     one = Series(array(3), array(7), 10.0)
     assert one.at(array(-7, 3, 13)).tolist() == [7, 7, 7]
     assert np.isnan(one.at(array(-7.1, 13.1))).all()
