@@ -293,6 +293,9 @@ EQUIVALENT: dict[str, dict[str, str]] = {
     "bms_gateway/bus/sniff.py": {
         "_unpacked: 31  ->  32": "zlib then finds out by itself that it is gzip",
     },
+    "bms_gateway/bus/virtual.py": {
+        "VirtualPack.__init__: 96  ->  97": OTHER_DRAWS,
+    },
     "bms_gateway/bus/filters.py": {
         "join_filters: dropped < 29  ->  dropped <= 29": TWO_LEFT,
         "join_filters: 29  ->  30": TWO_LEFT,
