@@ -23,6 +23,7 @@ ANOTHER_LINE = "a line that is taken with the mark of another one does not fit, 
 LOOKED_FOR = "in which blocks blank lines are looked for, which is seen in time alone"
 OTHER_DRAWS = "other draws of the same distribution"
 TWO_LEFT = "without 29 bits two filters are left, which every limit allows"
+A_SECOND = "a step is one second"
 BILLIONTH = "a billionth of a wait, which no clock shows"
 
 EQUIVALENT: dict[str, dict[str, str]] = {
@@ -295,6 +296,9 @@ EQUIVALENT: dict[str, dict[str, str]] = {
     },
     "bms_gateway/bus/virtual.py": {
         "VirtualPack.__init__: 96  ->  97": OTHER_DRAWS,
+        "VirtualPack.segments: duration_s / STEP_S  ->  duration_s * STEP_S": A_SECOND,
+        "VirtualPack.segments: k.astype(np.float64) * STEP_S  ->  k.astype(np.float64) / STEP_S": A_SECOND,
+        "VirtualPack.segments: True  ->  False": STRICT,
     },
     "bms_gateway/bus/filters.py": {
         "join_filters: dropped < 29  ->  dropped <= 29": TWO_LEFT,
