@@ -6,7 +6,6 @@ the guest of `tests/canvm`) a missing `vcan0` is a failure: tests that are never
 
 import os
 import socket
-import tempfile
 from functools import cache
 from pathlib import Path
 
@@ -15,6 +14,7 @@ from hypothesis import settings
 from xdist.remote import Producer
 
 from tests.support.by_file import ByFile
+from tests.support.tables import PREFIX, Tables
 
 # as the program does: on one thread, where two workers on two cores would spin four (read when numpy is loaded)
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -25,16 +25,15 @@ settings.load_profile("any-machine")
 
 # Tables of parsed DBC files are kept for this run alone, in its workers and in what tests start. The process that began
 # the run makes and removes them: a worker may end without any clean-up.
-TABLES = "bms-gateway-tables-"
 _tables = None
-if not Path(os.environ.get("CACHE_DIRECTORY", "")).name.startswith(TABLES):
-    _tables = tempfile.TemporaryDirectory(prefix=TABLES, ignore_cleanup_errors=True)
-    os.environ["CACHE_DIRECTORY"] = _tables.name
+if not Path(os.environ.get("CACHE_DIRECTORY", "")).name.startswith(PREFIX):
+    _tables = Tables()
+    os.environ["CACHE_DIRECTORY"] = str(_tables.folder)
 
 
 def pytest_unconfigure() -> None:
     if _tables is not None:
-        _tables.cleanup()
+        _tables.close()
 
 
 def required() -> bool:

@@ -28,6 +28,35 @@ def test_no_tables_are_left_behind(tmp_path, more):
     assert not list(tmp_path.glob("bms-gateway-tables-*"))
 
 
+START = "import os, tests.conftest; print(os.environ['CACHE_DIRECTORY'], flush=True); input()"
+
+
+def test_tables_of_a_run_that_was_killed_go_at_the_next_start_and_no_others(tmp_path):
+    env = {k: v for k, v in os.environ.items() if k != "CACHE_DIRECTORY"} | {"TMPDIR": str(tmp_path)}
+
+    def started():
+        pipe = subprocess.PIPE
+        process = subprocess.Popen([sys.executable, "-c", START], cwd=ROOT, env=env, stdin=pipe, stdout=pipe, text=True)
+        return process, Path(process.stdout.readline().strip())
+
+    def left():
+        return {p for p in tmp_path.iterdir() if p.name.startswith("bms-gateway-tables-")}
+
+    killed, its = started()
+    killed.kill()
+    killed.communicate()
+    assert left() == {its}
+    (its / "some.table").write_text("old")
+    running, theirs = started()
+    assert left() == {theirs}
+    last, ours = started()
+    assert left() == {theirs, ours}
+    for process in (last, running):
+        process.communicate("\n", timeout=60)
+        assert process.returncode == 0
+    assert left() == set()
+
+
 def test_files_that_take_longest_are_handed_out_first():
     handed = []
     node = Mock(send_runtest_some=handed.extend)

@@ -2,6 +2,10 @@
 
 A container of a few kilobytes may unpack to gigabytes, and the header of one object may claim the length of all
 containers that follow. Here both give a damaged record.
+
+Frames may lie across the end of a container. Behind one that is damaged, python-can would put what was left of the one
+before it together with the next one, which gives frames that nobody sent. Here reading goes on with the first object
+that begins behind the damage.
 """
 
 import zlib
@@ -19,6 +23,7 @@ class BoundedBlf(blf.BLFReader):
 
     def __init__(self, file: BinaryIO) -> None:
         super().__init__(_Bounded(file))  # type: ignore[arg-type]
+        self._follows = True
 
     def __iter__(self) -> Generator[can.Message, None, None]:
         """Messages of the containers from here on."""
@@ -29,12 +34,17 @@ class BoundedBlf(blf.BLFReader):
             packed = self.file.read(size - blf.OBJ_HEADER_BASE_STRUCT.size)
             self.file.read(size % 4)  # padding
             if kind == blf.LOG_CONTAINER:
-                yield from self._parse_container(_unpacked(packed))
+                follows, self._follows = self._follows, False
+                data = _unpacked(packed)
+                if not follows:
+                    self._tail = b""
+                    data = data[_first(data) :]
+                yield from self._parse_container(data)
+                self._follows = True
 
     def _parse_container(self, data: bytes) -> Iterator[can.Message]:
         yield from super()._parse_container(data)
         if len(self._tail) > MOST:
-            self._tail = b""
             raise blf.BLFParseError(f"an object of over {MOST >> 20} MiB")
 
 
@@ -51,6 +61,12 @@ class _Bounded:
 
     def close(self) -> None:
         self._file.close()
+
+
+def _first(data: bytes) -> int:
+    """Place of the first object that begins in a container."""
+    at = data.find(b"LOBJ")
+    return len(data) if at < 0 else at
 
 
 def _unpacked(packed: bytes) -> bytes:

@@ -142,7 +142,7 @@ def parse_block(text: bytes, first_line: int, notes: LogNotes) -> tuple[FrameBat
     time_ns, after_stamp = _stamps(padded, raw, words, start)
     can_id, before_id = _ids(raw, words, marks)
     data, length, whole = _payloads(words, marks, end)
-    good = whole & (after_stamp < before_id) & ((can_id & ERR == 0) | (can_id & EXTENDED != 0))
+    good = whole & (after_stamp < before_id)
     columns = _Columns(time_ns, can_id, length, data, good)
     if not good.all():
         _read_odd(padded, start, newline, columns, number, notes)

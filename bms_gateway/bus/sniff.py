@@ -67,7 +67,7 @@ def _is_table(head: bytes) -> bool:
     if _TABLE.match(head):
         return True
     wide = head.startswith((b"\xff\xfe", b"\xfe\xff"))
-    text = head[: len(head) // 2 * 2].decode("utf-16" if wide else "latin-1", errors="replace")
+    text = head.decode("utf-16" if wide else "latin-1", errors="replace")
     lines = [line for line in text.splitlines() if line.strip()][:-1]  # the last one may be cut
     if len(lines) < 2 or "\x00" in text:
         return False

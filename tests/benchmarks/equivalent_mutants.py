@@ -19,6 +19,12 @@ MORE_BINS = "one empty bin more than there are groups, never looked up"
 INFINITE = "of an infinite value the sign is asked, which no bound near zero changes"
 SET_BY_EXCERPT = "what `excerpt` gives, it sets"
 FIRST_US = "no sample is of the first microseconds of 1970"
+ANOTHER_LINE = "a line that is taken with the mark of another one does not fit, and is read by itself"
+LOOKED_FOR = "in which blocks blank lines are looked for, which is seen in time alone"
+OTHER_DRAWS = "other draws of the same distribution"
+TWO_LEFT = "without 29 bits two filters are left, which every limit allows"
+A_SECOND = "a step is one second"
+BILLIONTH = "a billionth of a wait, which no clock shows"
 
 EQUIVALENT: dict[str, dict[str, str]] = {
     "bms_gateway/bus/pace.py": {
@@ -278,6 +284,82 @@ EQUIVALENT: dict[str, dict[str, str]] = {
     "bms_gateway/service/summary.py": {
         "_ahead: True  ->  False": STRICT,
         "_ahead: True  ->  False  #2": STRICT,
+    },
+    "bms_gateway/service/doctor.py": {
+        "_python: sys.version_info >= OLDEST  ->  sys.version_info > OLDEST": "a version has more parts than that",
+    },
+    "bms_gateway/bus/whole.py": {
+        "whole: 200  ->  201": "a character more of a long name that is cut",
+    },
+    "bms_gateway/bus/sniff.py": {
+        "_unpacked: 31  ->  32": "zlib then finds out by itself that it is gzip",
+    },
+    "bms_gateway/bus/virtual.py": {
+        "VirtualPack.__init__: 96  ->  97": OTHER_DRAWS,
+        "VirtualPack.segments: duration_s / STEP_S  ->  duration_s * STEP_S": A_SECOND,
+        "VirtualPack.segments: k.astype(np.float64) * STEP_S  ->  k.astype(np.float64) / STEP_S": A_SECOND,
+        "VirtualPack.segments: True  ->  False": STRICT,
+    },
+    "bms_gateway/bus/filters.py": {
+        "join_filters: dropped < 29  ->  dropped <= 29": TWO_LEFT,
+        "join_filters: 29  ->  30": TWO_LEFT,
+    },
+    "bms_gateway/bus/traffic.py": {
+        "Series.at: t >= self.time_s[-1]  ->  t > self.time_s[-1]": "at the last point the other condition holds",
+        "Series.at: t <= self.time_s[-1]  ->  t < self.time_s[-1]": "at the last point the other condition holds",
+        "Traffic.__init__: 202  ->  203": OTHER_DRAWS,
+        "_cycle: 0  ->  1": "a nanosecond is less than the second that it is held against",
+        "Traffic._load: 0  ->  1": "set again when the slots are spread",
+        "Traffic._sample: value + self._noise_K * self._rng.standard_normal(len(t))  ->  "
+        "value - self._noise_K * self._rng.standard_normal(len(t))": OTHER_DRAWS,
+    },
+    "bms_gateway/bus/blf.py": {
+        "BoundedBlf.__init__: True  ->  False": "the first container begins with an object",
+    },
+    "bms_gateway/bus/foreign.py": {
+        ": if TYPE_CHECKING:  ->  if not TYPE_CHECKING:": ANNOTATIONS,
+    },
+    "bms_gateway/bus/candump.py": {
+        ": 32  ->  33": "blank bytes around a block, one more",
+        ": 8  ->  9": "lines with a ninth layout of stamps are read by themselves or not: the same, only slower",
+        ": 9  ->  10": LOOKED_FOR,
+        ": 128  ->  129": "no digit has the high bit, whatever the others are",
+        ": 16  ->  17": "the value of a single digit",
+        ": 256  ->  257  #2": "no byte is 256",
+        "parse_block: newline - start < SHORTEST  ->  newline - start <= SHORTEST": LOOKED_FOR,
+        "parse_block: newline - start < SHORTEST  ->  newline - start > SHORTEST": LOOKED_FOR,
+        "parse_block: not ((marks > start) & (marks < newline)).all()  ->  "
+        "((marks > start) & (marks < newline)).all()": ANOTHER_LINE,
+        "parse_block: (marks > start) & (marks < newline)  ->  (marks > start) | (marks < newline)": ANOTHER_LINE,
+        "parse_block: marks > start  ->  marks >= start": ANOTHER_LINE,
+        "parse_block: marks > start  ->  marks < start": ANOTHER_LINE,
+        "parse_block: marks < newline  ->  marks <= newline": ANOTHER_LINE,
+        "parse_block: marks < newline  ->  marks > newline": ANOTHER_LINE,
+        "format_block: 3  ->  4  #2": "what is put there is written once more below",
+        "format_block: 8  ->  9": "no CAN frame has nine bytes",
+        "_filled: newline - 1  ->  newline + 1": "a blank line before another one may stay, and is passed over later",
+        "_filled: 1  ->  2  #2": "the end of a line is blank",
+        "_words: 7  ->  8": "the last word lies behind the block",
+        "_number: digits <= 8  ->  digits < 8": "no digits in front are worth nothing",
+        "_pairs: False  ->  True": "a copy more",
+        "_pairs: 1  ->  2": NONE_FOR_NONE,
+        "_stamps: break  ->  continue": "nothing is left for the other rounds either",
+        "_ids: 1  ->  2": NONE_FOR_NONE,
+        "_ids: 0  ->  1  #2": "both lie before every line",
+        "_payloads: 16  ->  17": "an odd number of digits is refused by itself",
+        "_payloads: 0  ->  1  #3": "of a payload that does not fit nothing is used",
+        "_read_odd: newline > start  ->  newline >= start": "an empty line is passed over all the same",
+        "_read_odd: 0  ->  1": "the identifier of a line that has none",
+    },
+    "bms_gateway/service/reporting.py": {
+        ": if TYPE_CHECKING:  ->  if not TYPE_CHECKING:": ANNOTATIONS,
+    },
+    "bms_gateway/service/live.py": {
+        "Gateway.__init__: 0  ->  1": "no tick ends in the first nanosecond of 1970",
+        "Gateway._on_drain: 1000000000.0  ->  1000000001.0": BILLIONTH,
+        "Gateway._arm: 1000000000.0  ->  1000000001.0": BILLIONTH,
+        "Gateway._feed: 1000000000.0  ->  1000000001.0": BILLIONTH,
+        "Gateway._arm: self._timer = None  ->  pass": "a timer that is over or cancelled may be cancelled once more",
     },
     "bms_gateway/service/mqtt.py": {
         "Publisher.__init__: self._line = ''  ->  pass": "set again before it is read",

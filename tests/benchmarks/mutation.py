@@ -7,8 +7,9 @@ reach the changed line; a mutant that they let pass has survived. Survivors that
 in `equivalent_mutants`; an entry there that no longer fits its module is told. `--limit` takes so many mutants, spread
 evenly over the module; `--again` those that survived in what an earlier run printed.
 
-The checkout is copied aside first, and never touched. One process loads the libraries and forks for each mutant; the
-mutant itself is compiled in the child, so that nothing is written. Annotations, decorators and texts are not mutated.
+The checkout is copied aside first, and never touched. One process loads the libraries and the rooms below the module's
+own, which cannot import it, and forks for each mutant; the mutant itself is compiled in the child, so that nothing is
+written. Annotations, decorators and texts are not mutated.
 
 `--written` is for modules that the tests run in processes of their own: each mutant is written into the copy too, and
 all tests are run on it, since nobody counts the lines that such processes reach.
@@ -18,6 +19,7 @@ import argparse
 import ast
 import contextlib
 import gc
+import importlib
 import importlib.abc
 import importlib.machinery
 import importlib.util
@@ -30,6 +32,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import tomllib
 from collections.abc import Iterable, Iterator
 from copy import deepcopy
 from dataclasses import dataclass
@@ -271,6 +274,17 @@ def survives(module: str, tree: ast.Module, tests: list[str], patience_s: float)
     return False
 
 
+def rooms_below(modules: list[str]) -> list[str]:
+    """Names of all modules in rooms that may import none of these, by the layers that `lint-imports` holds."""
+    contracts = tomllib.loads(Path("pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+    layers = [{room.strip() for room in layer.split("|")} for layer in contracts[0]["layers"]]
+    own = {Path(m).parts[1].removesuffix(".py") for m in modules}
+    lowest = max(i for i, rooms in enumerate(layers) if rooms & own)
+    rooms = set().union(*layers[lowest + 1 :])
+    files = (path.relative_to("bms_gateway").with_suffix("") for path in Path("bms_gateway").rglob("*.py"))
+    return sorted(".".join(("bms_gateway", *f.parts)).removesuffix(".__init__") for f in files if f.parts[0] in rooms)
+
+
 def judge(
     module: str,
     limit: int | None,
@@ -344,6 +358,10 @@ def work(modules: list[str], tests: list[str], limit: int | None, again: str | N
     import scipy.optimize
     import scipy.stats  # noqa: F401
 
+    for name in rooms_below(modules):
+        importlib.import_module(name)
+    if loaded := {m.removesuffix(".py").replace("/", ".") for m in modules} & set(sys.modules):
+        sys.exit(f"loaded by rooms below: {', '.join(sorted(loaded))}")
     gc.freeze()  # no collection goes through all that in a child
     dead = equivalent = tried = 0
     for module in modules:
@@ -375,6 +393,7 @@ def main() -> int:
             "MUTATION_COPY": str(Path.cwd()),
             "BMS_GATEWAY_DATA": data,
             "OPENBLAS_NUM_THREADS": "1",
+            "TMPDIR": name,
         }
         command = [sys.executable, "-m", "tests.benchmarks.mutation", *sys.argv[1:]]
         return subprocess.run(command, cwd=copy, env=environment).returncode

@@ -6,8 +6,10 @@ import sys
 
 import pytest
 
+from bms_gateway.service import live
 from tests.support.installed_service import CONFIG, LENT, ROOT, drop_in, install, sh
 from tests.support.live_service import Bus
+from tests.support.live_world import Fits, Saves, World
 
 
 @pytest.fixture
@@ -15,6 +17,20 @@ def bus():
     bus = Bus()
     yield bus
     bus.close()
+
+
+@pytest.fixture
+def world(monkeypatch):
+    """What is around the loop of the live service, in time that passes at once."""
+    world = World()
+    monkeypatch.setattr(live, "Fits", Fits)
+    monkeypatch.setattr(live, "Saves", Saves)
+    monkeypatch.setattr(live, "notify", world.notify)
+    monkeypatch.setattr(live, "reloading", lambda: world.notify("RELOADING"))
+    monkeypatch.setattr(live, "watchdog_s", lambda: world.watchdog_s)
+    yield world
+    for port in world.ports:
+        port.close()
 
 
 @pytest.fixture(scope="package")

@@ -4,10 +4,13 @@ import threading
 from concurrent.futures import CancelledError
 from types import SimpleNamespace
 
+import aiomqtt
 import pytest
 
 from bms_gateway.service import mqtt
 from bms_gateway.service.mqtt import Threads
+from tests.service.test_mqtt_rules import publisher, running
+from tests.support.live_service import come
 
 
 def test_a_call_in_a_thread_of_its_own_gives_its_result_or_its_error():
@@ -33,3 +36,19 @@ def test_a_call_that_was_cancelled_before_it_began_is_not_made(monkeypatch):
     assert called == []
     with pytest.raises(CancelledError):
         future.result(0)
+
+
+def test_a_client_connects_in_a_thread_for_which_no_end_of_the_program_waits(monkeypatch):
+    seen = []
+
+    def connect(_):
+        seen.append((threading.current_thread().name, threading.current_thread().daemon))
+        raise OSError("no route")
+
+    monkeypatch.setattr(aiomqtt.Client, "_client_connect", connect)
+
+    async def until():
+        await come(lambda: seen)
+
+    running(publisher(), until)
+    assert seen == [("mqtt-connect", True)]

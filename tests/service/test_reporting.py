@@ -1,5 +1,6 @@
 """What runs beside the gateway follows the config, and a reload that would change it is refused."""
 
+import json
 import re
 
 import pytest
@@ -8,7 +9,8 @@ from bms_gateway.bus.in_process import MemoryBus
 from bms_gateway.config import load_config, shipped
 from bms_gateway.engine import Engine
 from bms_gateway.errors import ConfigError, MissingExtraError
-from bms_gateway.service import reporting
+from bms_gateway.health.alerts import Change, Condition, Severity
+from bms_gateway.service import metrics, reporting
 from bms_gateway.service.live import Gateway
 from bms_gateway.service.reporting import accompany, same_beside
 from tests.config.files import MAPPED, write
@@ -48,6 +50,29 @@ def test_the_settings_of_alerts_are_those_of_the_config(loaded):
         assert (alerts.grace_s, alerts.hold_s, alerts.clear_s) == (20.0, 1.0, 2.0)
     assert gateway.engine.plan.alerts.core_max_C == 55.0
     assert gateway.summary() == "OK"
+
+
+def test_a_change_of_the_alerts_is_told_to_systemd_at_once_and_to_the_broker(loaded):
+    told = []
+    change = Change(Condition("sensor", Severity.ALARM, "60 °C", "s1", 4), True)
+    for more in ("", BROKER):
+        gateway, watch = parts(loaded(more))
+        gateway.tell_status = lambda: told.append("status")
+        for listener in watch.listeners:
+            listener(change)
+        assert told == ["status"]
+        told.clear()
+    kind, message = gateway.beside["mqtt"].__self__.spool.head()
+    assert (kind, json.loads(message.payload)["text"]) == ("alert", "60 °C")
+
+
+def test_the_metrics_are_those_of_what_runs_and_of_the_broker_where_there_is_one(loaded, monkeypatch):
+    further = []
+    monkeypatch.setattr(metrics, "Page", lambda gateway, engine, watch, more: further.append(more))
+    parts(loaded())
+    parts(loaded(BROKER))
+    assert [len(more) for more in further] == [0, 1]
+    assert "bms_gateway_mqtt_connected" in {family.name for call in further[1] for family in call()}
 
 
 def test_mqtt_without_its_extra_is_one_line_with_the_command(loaded, monkeypatch):

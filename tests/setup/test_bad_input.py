@@ -1,6 +1,7 @@
 """What cannot be done is told in one line that names the culprit; nothing is written, and nothing is a traceback."""
 
 import gzip
+import os
 
 import pytest
 
@@ -20,6 +21,7 @@ def folder(tmp_path):
     (tmp_path / "cut.log.gz").write_bytes(gzip.compress(b"(1.0) can0 100#00\n" * 9)[:20])
     (tmp_path / "bad.dbc").write_text("BO_ this is no DBC")
     (tmp_path / "dir").mkdir()
+    os.mkfifo(tmp_path / "pipe")
     return tmp_path
 
 
@@ -32,9 +34,12 @@ def folder(tmp_path):
         (["empty.log"], 2, "no data frames"),
         (["text.log"], 2, "text.log"),
         (["cut.log.gz"], 2, "cut.log.gz"),
-        (["a.log", "--dbc", "none.dbc"], 2, "none.dbc"),
+        (["a.log", "--dbc", "none.dbc"], 2, "--dbc none.dbc: no such file"),
+        (["a.log", "--dbc", "n" * 300], 2, "cannot be read: File name too long"),
         (["a.log", "--dbc", "bad.dbc"], 2, "bad.dbc"),
-        (["a.log", "--dbc", "dir"], 2, "dir"),
+        (["a.log", "--dbc", "dir"], 2, "--dbc dir: is a directory; expected a DBC file"),
+        (["a.log", "--dbc", "pipe"], 2, "--dbc pipe: is no plain file; expected a DBC file"),
+        (["a.log", "--dbc", "a.dbc", "--dbc", "pipe"], 2, "--dbc pipe: is no plain file; expected a DBC file"),
         (["a.log", "--dbc", "cut.log.gz"], 2, "no text of a DBC"),
         (["a.log", "--dbc", "a.log"], 2, "a.log"),
         (["a.log", "--dbc", "a.dbc", "--cell", "nonsense"], 2, "nonsense"),
