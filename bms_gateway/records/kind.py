@@ -29,9 +29,9 @@ def log_kind(path: Path) -> str | None:
 
 def _content(path: Path) -> str | None:
     """Return the format of a log whose text cannot be that of a table."""
-    if not path.is_file():
-        return None
     try:
+        if not path.is_file():
+            return None
         with path.open("rb") as file:
             kind = kind_of(file.read(HEAD))
     except OSError:  # reading the table will say it

@@ -143,10 +143,6 @@ def _frames(logs: list[Path], remarks: list[str]) -> FrameBatch:
 
 
 def _read(file: Path, remarks: list[str]) -> tuple[list[MessageInfo], bool]:
-    if not file.is_file():
-        from bms_gateway.config.toml import nearest_file
-
-        raise ConfigError(f"--dbc {file}: no such file{nearest_file(file)}")
     text = dbc_text(file)
     try:
         return read_dbc(str(file), text), True

@@ -242,7 +242,7 @@ def test_arrays_that_do_not_fit_are_one_line(more, told):
         (lambda m: bms.add(m, []), "name at least one effect"),
         (lambda m: bms.add(m, [], "entropic_heat", "entropic_heat"), "is there twice"),
         (lambda m: bms.read_records(model=m), "at least one table"),
-        (lambda m: bms.decode("drive.log", "absent.dbc"), "no such DBC file: absent.dbc"),
+        (lambda m: bms.decode("drive.log", "absent.dbc"), "absent.dbc: no such file"),
         (lambda m: bms.cell_model("lg_m50", 2, (3,), "natural"), "cell 3 does not exist"),
         (lambda m: bms.cell_model("lg_m50", 2, (1,), "full"), "coolant_W_K: missing"),
         (lambda m: bms.cell_model("lg_m50", condition="wet"), "condition 'wet': valid: full"),
