@@ -327,7 +327,8 @@ class _Charge:
         """
         given = soc[np.isfinite(soc)]
         if self._percent is None and len(given):
-            self._percent = len(given) >= _MOSTLY and float(np.median(given)) > 1.5
+            with np.errstate(over="ignore"):  # the mean of two values may be too large for a float
+                self._percent = len(given) >= _MOSTLY and float(np.median(given)) > 1.5
         share = 0.01 * soc if self._percent else soc
         wild = np.flatnonzero((share < -0.1) | (share > 1.1))
         if len(wild):
