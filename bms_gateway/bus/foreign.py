@@ -42,7 +42,9 @@ BROKEN: Final = (
 )
 """What python-can's readers raise on bad records, next to its own."""
 LONGEST_LINE: Final = 1 << 16  # characters; the longest record of a text format has some hundred
+LONGEST_READ: Final = 1 << 26  # characters of one line that are read to find its end
 MOST_BLANK: Final = 100_000  # lines in a row
+MOST_IDLE: Final = 1_000_000  # lines in a row that give no frame: remarks, statistics
 GIVE_UP: Final = 1_000  # broken records in a row: this is another kind of file
 MDF_STARTS: Final = (b"MDF ", b"UnFinMF ")  # the second where its logger was switched off before the end
 MDF_HEADER: Final = 168  # bytes of identification and header
@@ -54,11 +56,19 @@ class LongLineError(ValueError):
 
 
 class _Lines:
-    """Lines of a text file, counted; `restart` puts a blank line before the next one."""
+    """Lines of a text file, counted; `restart` puts a blank line before the next one.
+
+    Attributes
+    ----------
+    number : int
+        Of the last line.
+    idle : int
+        Lines since the last frame; whoever gets a frame sets it to 0.
+    """
 
     def __init__(self, path: Path, file: IO[str]) -> None:
         self._path, self._file = path, file
-        self.number = self._blanks = 0
+        self.number = self._blanks = self.idle = 0
         self.last = ""
         self._blank = False
 
@@ -79,9 +89,18 @@ class _Lines:
         self._blanks = 0 if line.strip() else self._blanks + 1
         if self._blanks > MOST_BLANK:
             raise DataError(f"{self._path}, line {self.number}: {self._blanks} blank lines in a row: not a log")
+        self.idle += 1
+        if self.idle > MOST_IDLE:
+            raise DataError(
+                f"{self._path}, line {self.number}: {MOST_IDLE:,} lines in a row without a frame: not a log"
+            )
         if len(line) == LONGEST_LINE and not line.endswith("\n"):
+            length = len(line)
             while (rest := self._file.readline(LONGEST_LINE)) and not rest.endswith("\n"):
-                pass  # however long it is, only a piece of it is in memory
+                length += len(rest)  # only a piece of it is in memory
+                if length > LONGEST_READ:
+                    size = f"{LONGEST_READ >> 20} MiB"
+                    raise DataError(f"{self._path}, line {self.number}: no end of line in {size}: not a log")
             raise LongLineError(f"a line of over {LONGEST_LINE >> 10} KiB")
         self.last = line
         return line
@@ -147,7 +166,7 @@ def _messages(path: Path, kind: str, notes: LogNotes) -> Iterator["can.Message"]
         record = in_a_row = 0
         while in_a_row < GIVE_UP:
             try:
-                for message in reader:
+                for message in _heard(reader, lines):
                     record += 1
                     in_a_row = 0
                     yield message
@@ -166,6 +185,14 @@ def _messages(path: Path, kind: str, notes: LogNotes) -> Iterator["can.Message"]
             else:
                 return
     raise DataError(f"{path}: {GIVE_UP} records in a row cannot be read as {kind}: is it another format?")
+
+
+def _heard(reader: Any, lines: _Lines | None) -> Iterator["can.Message"]:
+    """Messages of a reader; its lines are told of each."""
+    for message in reader:
+        if lines is not None:
+            lines.idle = 0
+        yield message
 
 
 def _mf4_reader(source: BinaryIO) -> Any:

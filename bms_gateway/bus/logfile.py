@@ -54,14 +54,8 @@ def read_log(path: Path | str, *, chunk: int = CHUNK, notes: LogNotes | None = N
     """
     path = Path(path)
     notes = LogNotes() if notes is None else notes
-    if path.is_dir():
-        raise UsageError(f"{path}: is a directory; expected a log")
-    kind = _kind(path)
-    if not path.exists():
-        raise UsageError(f"no such log: {path}{_nearest_file(path)}")
-    if not path.is_file():
-        raise UsageError(f"{path}: is no plain file; expected a log")
     try:
+        kind = _kind_of_file(path)
         if problem := misnamed(path, kind):
             raise DataError(f"{path}: {problem}")
         if kind in CANDUMP:
@@ -119,6 +113,18 @@ def write_log(path: Path | str, batches: Iterable[FrameBatch], channel: str = "c
     return count
 
 
+def _kind_of_file(path: Path) -> str:
+    """Tell the format of a log by its name, once it is sure that there is a file; `OSError` where nobody can look."""
+    if path.is_dir():
+        raise UsageError(f"{path}: is a directory; expected a log")
+    kind = _kind(path)
+    if not path.exists():
+        raise UsageError(f"no such log: {path}{_nearest_file(path)}")
+    if not path.is_file():
+        raise UsageError(f"{path}: is no plain file; expected a log")
+    return kind
+
+
 def _kind(path: Path) -> str:
     suffixes = [s.lower() for s in path.suffixes]
     if suffixes and suffixes[-1] == ".gz":
@@ -134,7 +140,11 @@ def _kind(path: Path) -> str:
 def _nearest_file(path: Path) -> str:
     if not path.parent.is_dir():
         return f" (no such folder: {path.parent})"
-    near = get_close_matches(path.name, [p.name for p in path.parent.iterdir()], n=1, cutoff=0.6)
+    try:
+        beside = [p.name for p in path.parent.iterdir()]
+    except OSError:  # a folder that may not be looked into gives no advice
+        return ""
+    near = get_close_matches(path.name, beside, n=1, cutoff=0.6)
     return f"; did you mean '{path.parent / near[0]}'?" if near else ""
 
 

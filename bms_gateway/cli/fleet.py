@@ -97,7 +97,7 @@ def _jobs(args: argparse.Namespace) -> int:
 
 def _once(logs: list[Path]) -> list[Path]:
     """List each log once, even if patterns of the shell overlap."""
-    return list({log.resolve(): log for log in reversed(logs)}.values())[::-1]
+    return list({os.path.realpath(log): log for log in reversed(logs)}.values())[::-1]
 
 
 def _positions(atlas: "Atlas") -> list["Row"]:

@@ -17,13 +17,15 @@ from types import FrameType, ModuleType
 from typing import NoReturn
 
 from bms_gateway import __version__
-from bms_gateway.errors import GatewayError, UsageError, did_you_mean
+from bms_gateway.errors import MOST_SHOWN, GatewayError, UsageError, clipped, did_you_mean
 
 PROGRAM = "bms-gateway"
 DEFAULT_CONFIG = Path("/etc/bms-gateway/gateway.toml")
 """Where `deploy/install.sh` puts the config."""
 DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
 """Faults of a disk. They can come with any byte that a command writes, and are no bug of the command."""
+PATHS = (errno.EACCES, errno.EPERM, errno.ELOOP, errno.ENAMETOOLONG, errno.ENOTDIR, errno.ESTALE)
+"""Faults of a path that a person named: there is no such place, or this user may not look there."""
 
 COMMANDS = {
     "demo": "the main job with no hardware: a simulated pack, a live table of its cells, the error against the truth",
@@ -126,13 +128,22 @@ def main(words: Sequence[str] | None = None) -> int:
         _drop_output()  # the reader of a pipe has closed it
         return 141
     except OSError as e:
-        if e.errno not in DISK:
+        told = _fault_of_a_file(e)
+        if told is None:
             raise
-        where = f"{os.fsdecode(e.filename)}: " if e.filename else ""
-        print(f"{PROGRAM}: error: {where}a result cannot be written: {e.strerror}", file=sys.stderr)
+        print(f"{PROGRAM}: error: {told}", file=sys.stderr)
         _drop_output()
         return 2
     return status
+
+
+def _fault_of_a_file(e: OSError) -> str | None:
+    """Say in one line what an error of the system says of a file; None where it speaks of none, and so is a bug."""
+    named = isinstance(e.filename, str | bytes)
+    where = f"{clipped(' '.join(os.fsdecode(e.filename).split()), MOST_SHOWN)}: " if named else ""
+    if e.errno in DISK:
+        return f"{where}a result cannot be written: {e.strerror}"
+    return f"{where}cannot be used: {e.strerror}" if named and e.errno in PATHS else None
 
 
 _TAKE_ALL = (("utf-8", "surrogateescape"), ("utf-8", "backslashreplace"))

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from bms_gateway import __version__
 from bms_gateway.config.bounds import bounded
-from bms_gateway.config.toml import nearest_file, read_bytes
+from bms_gateway.config.toml import read_bytes
 from bms_gateway.errors import ConfigError
 from bms_gateway.frames.dbc import parse
 from bms_gateway.frames.own_dbc import OWN_DBC
@@ -88,22 +88,6 @@ def own_dbc_text() -> str:
         Neither is there: the installation is incomplete.
     """
     return shipped(f"dbc/{OWN_DBC}").read_text(encoding="utf-8")
-
-
-def why_no_dbc(file: Path) -> str:
-    """Say why a path that a person gave names no file that could be a DBC; empty where it does.
-
-    A pipe is refused: a DBC is read more than once, and a pipe that nobody writes to has no end.
-    """
-    try:
-        mode = file.stat().st_mode
-    except (FileNotFoundError, NotADirectoryError):
-        return f"no such file{nearest_file(file)}"
-    except OSError as e:  # a folder that may not be entered, a name that is too long
-        return f"cannot be read: {e.strerror}"
-    if stat.S_ISDIR(mode):
-        return "is a directory; expected a DBC file"
-    return "" if stat.S_ISREG(mode) else "is no plain file; expected a DBC file"
 
 
 def dbc_text(file: Path) -> str:

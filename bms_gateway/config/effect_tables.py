@@ -4,6 +4,7 @@ An effect's key is its name; one that sits on a cell has `cell = k`, and where t
 called `NAME:CELL`.
 """
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
     from bms_gateway.thermal.effects import Effect, EffectParameter
 
 Correlated = tuple[tuple[str, ...], Floats]
+MOST_SPANS, MOST_LOG_SPANS = 1000.0, 10.0
+"""Greatest standard deviation of an effect's number, over the distance of its bounds: beyond anything that is meant."""
 ROUNDING = 1e-6
 """Tolerance for rounded digits, where a number is compared with its bound or a matrix with a correlation."""
 LONGEST_KEY = 100
@@ -260,7 +263,17 @@ def _number(p: "EffectParameter", given: EffectNumber) -> tuple[float, float]:
     spread: float | None = getattr(given, right)
     if given.fixed == (spread is not None):
         raise ConfigError(f".{p.name}: needs either {right} (how well it is known) or fixed = true")
-    return x, 0.0 if spread is None else spread if p.log else spread * factor
+    if spread is not None and (spread := spread if p.log else spread * factor) > (most := _widest(p)):
+        valid = f"{most:.3g}" if p.log else f"{most / factor:.3g} {unit}"
+        raise ConfigError(f".{p.name}.{right}: far wider than {p.name} can be; valid: up to {valid}")
+    return x, 0.0 if spread is None else spread
+
+
+def _widest(p: "EffectParameter") -> float:
+    """Greatest standard deviation that a number may have, as it is kept."""
+    if p.log:
+        return MOST_LOG_SPANS * max(math.log(p.upper / p.lower), p.sd)
+    return MOST_SPANS * max(p.upper - p.lower, p.sd)
 
 
 def _number_line(p: "EffectParameter", value: float, sd: float) -> str:

@@ -354,7 +354,7 @@ def _voltage(
     t, V = rows.time_s[known], rows.voltage_V[known]
     if len(t) < 2:
         return None, None
-    usual = float(np.median(V))
+    usual = _median(V)
     low, high = LITHIUM_VOLTS
     if model.cells > 1 and usual / model.cells < low <= usual <= high:
         notes.append(f"voltage_V is {usual:.3g} V: taken as the mean of the cells, not as the whole string's.")
@@ -377,6 +377,12 @@ def _voltage(
     return path(t, V, creeps | (np.diff(t) > bridged(t)[0]), half_way=half_way), terminal
 
 
+def _median(x: Floats) -> float:
+    """Give the median, infinite where values are too large for the mean of two of them."""
+    with np.errstate(over="ignore"):
+        return float(np.median(x))
+
+
 def _flow(rows: Columns, model: StringModel, notes: list[str]) -> Path | None:
     """Give the flow as a ratio to nominal; a unit other than m³/s is recognised by its factor."""
     if rows.coolant_flow_m3_s is None:
@@ -386,7 +392,7 @@ def _flow(rows: Columns, model: StringModel, notes: list[str]) -> Path | None:
     running = flow[flow > 0.0]
     if len(running) < 2:
         return None
-    usual = float(np.median(running))
+    usual = _median(running)
     nominal = model.flow
     if nominal is None:
         nominal = usual

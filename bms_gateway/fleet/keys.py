@@ -1,5 +1,6 @@
 """Keys that say whether a log has been analysed already: the same log, the same config, the same program."""
 
+import os
 from collections.abc import Iterable
 from hashlib import sha256
 from pathlib import Path
@@ -22,7 +23,7 @@ def config_key(files: Iterable[Path]) -> str:
 
 def place_key(log: Path) -> str:
     """Name a log by where it lies."""
-    return sha256(str(log.resolve()).encode()).hexdigest()[:16]
+    return sha256(os.fsencode(os.path.realpath(log))).hexdigest()[:16]
 
 
 def content_key(log: Path, config: str, vehicle: str) -> str:

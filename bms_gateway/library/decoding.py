@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.bus.logfile import read_log
-from bms_gateway.config.dbc_files import dbc_text, read_dbc, why_no_dbc
-from bms_gateway.errors import UsageError
+from bms_gateway.config.dbc_files import dbc_text, read_dbc
 from bms_gateway.frames import decode as frames
 from bms_gateway.frames.database import Database
 from bms_gateway.frames.quality import Quality
@@ -61,9 +60,6 @@ def decode(
         One line: file, what is wrong, the nearest valid choice.
     """
     files = [Path(f) for f in ([dbc] if isinstance(dbc, Path | str) else dbc)]
-    for file in files:
-        if why := why_no_dbc(file):
-            raise UsageError(f"dbc {file}: {why}")
     database = Database.load({str(file): dbc_text(file) for file in files}, read_dbc)
     every = [s.path for m in database.messages.values() for s in m.signals.values() if s.scale != 0.0]
     wanted = every if signals is None else list(dict.fromkeys(signals))

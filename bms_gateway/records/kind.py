@@ -29,9 +29,9 @@ def log_kind(path: Path) -> str | None:
 
 def _content(path: Path) -> str | None:
     """Return the format of a log whose text cannot be that of a table."""
-    if not path.is_file():
-        return None
     try:
+        if not path.is_file():
+            return None
         with path.open("rb") as file:
             kind = kind_of(file.read(HEAD))
     except OSError:  # reading the table will say it
@@ -78,8 +78,10 @@ def check_kelvin(table: Table) -> None:
     columns |= {f"surface_{k}_C": x for k, x in table.surface_C.items()}
     for name, x in columns.items():
         given = x[np.isfinite(x)]
-        if len(given) and COLDEST_K < float(np.median(given)) < HOTTEST_K:
+        with np.errstate(over="ignore"):  # the mean of two values may be too large for a float
+            median = float(np.median(given)) if len(given) else 0.0
+        if COLDEST_K < median < HOTTEST_K:
             raise DataError(
-                f"{table.source}: {name}: half of its values are above {np.median(given):.4g} °C: are they in K? "
+                f"{table.source}: {name}: half of its values are above {median:.4g} °C: are they in K? "
                 f"Say it: --columns '{name}=COLUMN [K]'"
             )

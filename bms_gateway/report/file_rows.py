@@ -1,6 +1,7 @@
 """Rows of CSV and Parquet files a piece at a time, so that a file of any size takes the memory of a piece."""
 
 import csv
+from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -20,6 +21,7 @@ from bms_gateway.thermal import Floats
 
 CHUNK: Final = 1 << 18  # bytes of text per block; its cells need some megabytes
 LONGEST_LINE: Final = 1 << 17  # bytes; the names of all columns of a thousand cells have half of it
+MOST_COLUMNS: Final = 10_000  # three for each of a thousand cells, and as many again with other names
 MOST_IDLE: Final = 1_000_000  # lines in a row that are blank or remarks
 BATCH: Final = 1 << 14  # rows of Parquet
 MOST_SAMPLED: Final = 2000  # rows from which the form of times is found
@@ -131,9 +133,11 @@ class _Csv:
         number, head = int(first.number[0]), first.text[0]
         self._mark = mark_of(first.text[:20])
         self.names = [name.strip() for name in self._cells(first.only(1), None)]
-        twice = [name for name in self.names if name and self.names.count(name) > 1]
-        if twice:
-            raise DataError(f"{path}: line {number}: column {twice[0]!r} stands there twice")
+        if len(self.names) > MOST_COLUMNS:
+            raise DataError(f"{path}: line {number}: {len(self.names):,} columns, more than {MOST_COLUMNS:,}")
+        twice = next((name for name, count in Counter(self.names).items() if name and count > 1), None)
+        if twice is not None:
+            raise DataError(f"{path}: line {number}: column {twice!r} stands there twice")
         if len(self.names) > 1 and all(is_number(name) for name in self.names):
             raise DataError(
                 f"{path}: line {number}: {head[:40]!r} are numbers where a header of names should be, such as "

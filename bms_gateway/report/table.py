@@ -154,21 +154,28 @@ def open_table(path: Path) -> Iterator[Rows]:
     MissingExtraError
         Parquet without pyarrow.
     """
-    if path.is_dir():
-        raise DataError(f"{path}: is a directory; expected a table, CSV or Parquet")
-    if path.exists() and not path.is_file():  # a pipe that nobody writes to has no end
-        raise DataError(f"{path}: is no plain file; expected a table, CSV or Parquet")
     parquet = path.suffix.lower() in (".parquet", ".pq")
     try:
+        if path.is_dir():
+            raise DataError(f"{path}: is a directory; expected a table, CSV or Parquet")
+        if path.exists() and not path.is_file():  # a pipe that nobody writes to has no end
+            raise DataError(f"{path}: is no plain file; expected a table, CSV or Parquet")
         with open_parquet(path) if parquet else open_csv(path) as rows:
             yield rows
     except FileNotFoundError:
-        beside = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
-        raise DataError(f"{path}: no such file{did_you_mean(path.name, beside)}") from None
+        raise DataError(f"{path}: no such file{_nearest(path)}") from None
     except EOFError:
         raise DataError(f"{path}: the gzip data are cut short or damaged") from None
     except OSError as e:
-        raise DataError(f"{path}: cannot be read: {e}") from None
+        raise DataError(f"{path}: cannot be read: {e.strerror or e}") from None
+
+
+def _nearest(path: Path) -> str:
+    """Tell the nearest name in the same folder; nothing where nobody may look into it."""
+    try:
+        return did_you_mean(path.name, [p.name for p in path.parent.iterdir()])
+    except OSError:
+        return ""
 
 
 def _read(
@@ -330,7 +337,8 @@ class _Charge:
         """
         given = soc[np.isfinite(soc)]
         if self._percent is None and len(given):
-            self._percent = len(given) >= _MOSTLY and float(np.median(given)) > 1.5
+            with np.errstate(over="ignore"):  # the mean of two values may be too large for a float
+                self._percent = len(given) >= _MOSTLY and float(np.median(given)) > 1.5
         share = 0.01 * soc if self._percent else soc
         wild = np.flatnonzero((share < -0.1) | (share > 1.1))
         if len(wild):

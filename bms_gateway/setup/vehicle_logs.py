@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from bms_gateway.bus.logfile import LogNotes, read_log
-from bms_gateway.config.dbc_files import dbc_text, own_dbc_text, read_dbc, why_no_dbc
+from bms_gateway.config.dbc_files import dbc_text, own_dbc_text, read_dbc
 from bms_gateway.errors import ConfigError, DataError
 from bms_gateway.frames.batch import EXTENDED, FrameBatch
 from bms_gateway.frames.dbc import parse_lenient
@@ -143,8 +143,6 @@ def _frames(logs: list[Path], remarks: list[str]) -> FrameBatch:
 
 
 def _read(file: Path, remarks: list[str]) -> tuple[list[MessageInfo], bool]:
-    if why := why_no_dbc(file):
-        raise ConfigError(f"--dbc {file}: {why}")
     text = dbc_text(file)
     try:
         return read_dbc(str(file), text), True

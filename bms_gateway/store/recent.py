@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 from bms_gateway.engine.engine import Engine
 from bms_gateway.engine.events import Decoded
 from bms_gateway.errors import StateError
-from bms_gateway.frames.vocabulary import INPUTS
+from bms_gateway.frames.vocabulary import CELL, INPUTS, WHOLE
 from bms_gateway.store.dear import is_dear
 from bms_gateway.store.files import append, make_directory, read_file, sync_directory
 from bms_gateway.thermal import Floats
@@ -50,6 +50,8 @@ SEGMENTS = 16  # share of the ring that is deleted when it is full
 SEGMENT_BYTES = (64 << 10, 4 << 20)  # a reader holds one in memory
 _NAME = re.compile(r"recent-(\d{8,})")
 _PLAIN = re.compile(r"[A-Za-z0-9_.-]{1,200}")  # names of strings and columns
+_CELLS = "(?:[1-9][0-9]{0,2}|1000)"  # as many as a string model may have
+_COLUMN = re.compile("|".join([INPUTS[q].column for q in WHOLE] + [INPUTS[q].column.format(_CELLS) for q in CELL]))
 
 Layout = Mapping[str, Mapping[str, int | float]]
 """Columns of each string, by the names that tables have: the input that fills it (int), or its constant (float)."""
@@ -290,7 +292,8 @@ def _block(raw: bytes, at: int) -> tuple[Block | None, int]:
 def _unpacked(line: Any, body: bytes) -> Block:
     counts = np.array(line["counts"], np.int64)
     N = int(counts.sum())
-    if len(body) != 8 * N or not N or (counts <= 0).any() or len(counts) != len(line["inputs"]):
+    wrong = (counts <= 0) | (counts > len(body) // 8)  # the sum of greater ones may be anything
+    if len(body) != 8 * N or not N or wrong.any() or len(counts) != len(line["inputs"]):
         raise ValueError("not as long as it says")
     step, value = _unsorted(body[: 4 * N], "<u4"), _unsorted(body[4 * N :], "<f4")
     samples, at = {}, 0
@@ -302,12 +305,13 @@ def _unpacked(line: Any, body: bytes) -> Block:
 
 
 def _columns(columns: Any) -> dict[str, int | float]:
-    """Columns of a string, as `Layout` has them; `ValueError` where they are none."""
+    """Columns of a string that are ours, as `Layout` has them; `ValueError` where they are none."""
     found: dict[str, int | float] = {}
     for name, source in columns.items():
         if type(source) not in (int, float) or not math.isfinite(source):
             raise ValueError(f"the column {name!r} comes from no input and is no constant")
-        found[_name(name)] = source
+        if _COLUMN.fullmatch(_name(name)):
+            found[name] = source
     return found
 
 

@@ -1,6 +1,6 @@
 """Rows of a table from the ring of recent signals, a block at a time: a day's table is never held in memory."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -10,9 +10,13 @@ from numpy.typing import NDArray
 from bms_gateway.errors import DataError, StateError
 from bms_gateway.frames.vocabulary import INPUTS, WHOLE
 from bms_gateway.store.recent import Block, read_recent
+from bms_gateway.thermal import Floats
 
 NEEDED = tuple(INPUTS[q].column for q in WHOLE if INPUTS[q].needed)
 SECOND_US = 1_000_000
+MOST_CELLS = 200_000
+"""Cells of the table that are text at the same time: each takes some hundred bytes."""
+Samples = tuple[NDArray[np.int64], Floats]
 
 
 @dataclass(slots=True)
@@ -99,20 +103,33 @@ def _note_columns(block: Block, seen: dict[str, dict[str, None]]) -> None:
                 mine[column] = None
 
 
-def _rows(block: Block, string: str, columns: Iterable[str], first_us: int, last_us: int) -> Iterator[list[str]]:
+def _rows(block: Block, string: str, columns: Sequence[str], first_us: int, last_us: int) -> Iterator[list[str]]:
     layout = block.layout[string]
     mine = {c: layout[c] for c in columns if c in layout}
     heard = {c: block.samples[i] for c, i in mine.items() if not isinstance(i, float) and i in block.samples}
     if not heard:
         return
-    stamps: NDArray[np.int64] = np.unique(np.concatenate([time for time, _ in heard.values()]))
+    # a sample may fill several columns
+    stamps: NDArray[np.int64] = np.unique(np.concatenate([block.samples[i][0] for i in _inputs(mine, block)]))
     stamps = stamps[(stamps >= first_us) & (stamps <= last_us)]
+    count = max(1, MOST_CELLS // (1 + len(columns)))
+    for at in range(0, len(stamps), count):
+        yield from _some_rows(stamps[at : at + count], columns, mine, heard)
+
+
+def _inputs(mine: Mapping[str, int | float], block: Block) -> set[int]:
+    return {i for i in mine.values() if not isinstance(i, float) and i in block.samples}
+
+
+def _some_rows(
+    stamps: NDArray[np.int64], columns: Sequence[str], mine: Mapping[str, int | float], heard: Mapping[str, Samples]
+) -> Iterator[list[str]]:
     text = []
     for column in columns:
         cells = np.full(len(stamps), "", dtype="U24")
         if column in heard:
             time, value = heard[column]
-            inside = (time >= first_us) & (time <= last_us)
+            inside = (time >= stamps[0]) & (time <= stamps[-1])
             cells[np.searchsorted(stamps, time[inside])] = value[inside].astype(np.float32).astype("U24")
         elif isinstance(constant := mine.get(column), float):
             cells[:] = f"{constant:.9g}"

@@ -173,6 +173,10 @@ class Handler(BaseHTTPRequestHandler):
             self._json({"error": " ".join(str(e).split())}, HTTPStatus.BAD_REQUEST)
         except (BrokenPipeError, ConnectionResetError, TimeoutError):
             self.close_connection = True  # the browser has gone
+        except OSError as e:
+            if not e.filename:
+                raise
+            self._json({"error": f"a file of this name cannot be used: {e.strerror}"}, HTTPStatus.BAD_REQUEST)
 
     def _asked(self) -> tuple[str, dict[str, str]]:
         """Path and query of the request."""

@@ -253,6 +253,12 @@ EFFECT_FAULTS = [
     ("sd = 0.04", "fixed = true, sd = 0.04", "effect.entropic_heat.dUdT: needs either sd"),
     (", sd = 0.04", "", "effect.entropic_heat.dUdT: needs either sd"),
     ("sd = 0.04", "sd = 0", "effect.entropic_heat.dUdT.sd: 0"),
+    ("sd = 0.04", "sd = 1e308", "effect.entropic_heat.dUdT.sd: far wider than dUdT can be; valid: up to 3e+03 mV/K"),
+    (
+        "rel_sd = 0.3",
+        "rel_sd = 1e308",
+        "effect.charge_transfer.I_0.rel_sd: far wider than I_0 can be; valid: up to 161",
+    ),
     ("sd = 0.04", "sdd = 0.04", "effect.entropic_heat.dUdT.sdd: unknown key; did you mean 'sd'?"),
     ("dUdT = { value = 0.55", "cell = 2\ndUdT = { value = 0.55", "effect.entropic_heat: entropic_heat sits on no cell"),
     ("cell = 4\n", "", "effect.cell_resistance.cell: missing; cell_resistance sits on one cell; valid: 1 to 5"),

@@ -315,6 +315,7 @@ def test_a_block_is_read_as_the_text_of_the_module_says(tmp_path):
         ({"inputs": ["x", 2]}, STEPS + VALUES),
         ({"counts": ["a", 1]}, STEPS + VALUES),
         ({"counts": [2**70, 1]}, STEPS + VALUES),
+        ({"inputs": [4, 2, 1], "counts": [2**63 - 1, 2**63 - 1, 5]}, STEPS + VALUES),
         ({"start_us": None}, STEPS + VALUES),
         ({"start_us": 2**70}, STEPS + VALUES),
         ({"strings": []}, STEPS + VALUES),
@@ -329,6 +330,12 @@ def test_a_block_that_contradicts_itself_is_left_out(tmp_path, spoilt, body):
     blocks, problems = laid(tmp_path, raw)
     assert blocks == []
     assert f": {len(raw)} of {len(raw)} bytes are damaged" in problems[0]
+
+
+def test_columns_that_are_not_ours_are_left_out(tmp_path):
+    columns = {"current_A": 4, "time_s": 4, "surface_1000_C": 2, "surface_1001_C": 2, "core_1_C": 4, "x" * 200: 4}
+    (block,), _ = laid(tmp_path, packed({**SOUND, "strings": {"s": columns}}, STEPS + VALUES))
+    assert block.layout == {"s": {"current_A": 4, "surface_1000_C": 2}}
 
 
 @pytest.mark.parametrize("missing", sorted(SOUND))

@@ -1,5 +1,6 @@
 """Rows of a table from the ring, on blocks made here: which stretch, which columns, and what stands in each cell."""
 
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -173,3 +174,15 @@ def test_values_are_written_with_the_digits_that_give_them_back(ring):
     found = list(excerpt(folder, 60.0).rows("a"))
     assert [np.float32(row[1]) for row in found] == [np.float32(v) for v in values]
     assert {row[3] for row in found} == {"0.333333333"}
+
+
+def test_a_table_of_many_columns_is_never_in_memory_as_a_whole(ring):
+    """Of a block of some kilobytes, in which a thousand columns show the same samples."""
+    columns = {"current_A": 0} | {f"surface_{k}_C": 0 for k in range(1, 1001)}
+    found = excerpt(ring(block({0: [(k, 1.5) for k in range(2_000)]}, (1, 8), {"a": columns})), 60.0)
+    tracemalloc.start()
+    count = sum(len(row) == 1003 for row in found.rows("a"))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert count == 2_000
+    assert peak < 64 << 20

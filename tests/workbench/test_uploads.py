@@ -28,6 +28,7 @@ from tests.config.model_texts import EXAMPLE
 from tests.support.desk_steps import done
 from tests.support.doors import ask, serving
 
+JSON = {"Content-Type": "application/json"}
 BYTES = {"Content-Type": "application/octet-stream"}
 
 
@@ -45,6 +46,18 @@ def test_they_are_bounded_and_stay_in_their_folder(monkeypatch):
         monkeypatch.setattr(uploads, "PER_DESK", 12)
         assert ask(server, "POST", f"/api/upload?desk={desk.name}&name=c.csv", b"x" * 10, **BYTES)[0] == 400
         assert [p.name for p in desk.folder.iterdir()] == ["evil.csv"]
+
+
+@pytest.mark.parametrize("name", ["\U00020000" * 100, "a" * 300, "b/" * 2100], ids=["characters", "letters", "folders"])
+@pytest.mark.parametrize("what", ["open", "look", "resume"])
+def test_a_name_that_no_file_can_have_is_an_answer(what, name):
+    with serving() as server:
+        desk = server.site.new_desk()
+        files = {"tables": [name], "model": name, "config": name}
+        body = {"workbench_session": 1, "files": files} if what == "resume" else files
+        status, answer, _ = ask(server, "POST", f"/api/{what}?desk={desk.name}", json.dumps(body).encode(), **JSON)
+        assert status in (200, 400)  # what is named by its path is opened later, and told then
+        assert status == 200 or json.loads(answer)["error"]
 
 
 class Waiting(io.BytesIO):
