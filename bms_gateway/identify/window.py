@@ -26,13 +26,14 @@ from bms_gateway.identify.contract import (
     log_prior,
     not_identifiable,
 )
-from bms_gateway.identify.identifiable import R_E, R_U, fold_distance, fold_gradient, lumped_jacobian
+from bms_gateway.identify.identifiable import C_C, R_C, R_E, R_U, fold_distance, fold_gradient, lumped_jacobian
 from bms_gateway.identify.posterior_fit import Fit, Root, fit_window
 from bms_gateway.identify.ticks import Ticks, before_full
+from bms_gateway.identify.unsized import as_shown, shown_sd
 from bms_gateway.identify.window_evidence import Evidence, departures
 from bms_gateway.identify.window_problem import MODEL_SD, WALK_S, Window
 from bms_gateway.identify.window_readings import GAP_S, HOLD_CURRENT_S, HOLD_INLET_S, Gathered
-from bms_gateway.thermal import KINDS, Floats, Prior, StringModel
+from bms_gateway.thermal import HEAT_GAIN_SD, KINDS, Floats, Prior, StringModel
 
 CLOGGED = 0.05
 """ln: how far R_u may have gone since a fit that the model file carries, as `GROWN` for R_e. Held to the fit's own sd
@@ -124,6 +125,7 @@ class WindowIdentifier:
         self._settings = settings or Settings()
         self._names, self._prior_mean, self._prior_sd = log_prior(self._model)
         p = len(self._names)
+        self._shown = shown_sd(float(self._prior_sd[C_C]))
         self._evidence = Evidence.none(p, len(CARRIED) + departures(model))
         self._gain, self._gain_cov = 0.0, np.zeros(p + 1)
         self._mean, self._cov = self._prior_mean.copy(), np.diag(self._prior_sd**2)
@@ -266,8 +268,12 @@ class WindowIdentifier:
         """Take back the result of the last job."""
         p = len(self._names)
         self._pending = False
-        self._mean, self._cov, self._doubt = result.mean[:p], result.cov[:p, :p], result.doubt
-        self._gain, self._gain_cov = float(result.mean[p]), result.cov[p]
+        mean, cov = result.mean, result.cov
+        if self._shown > 0.0:
+            known, known_sd = np.append(self._prior_mean, 0.0), np.append(self._prior_sd, HEAT_GAIN_SD)
+            mean, cov = as_shown(mean, cov, known, known_sd, R_C, self._shown)
+        self._mean, self._cov, self._doubt = mean[:p], cov[:p, :p], result.doubt
+        self._gain, self._gain_cov = float(mean[p]), cov[p]
         if self._looking:
             self._looking = False
             return

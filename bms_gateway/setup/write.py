@@ -20,6 +20,7 @@ from bms_gateway.setup.proposal import Proposal, Proposed
 from bms_gateway.setup.vehicle_logs import Traffic
 from bms_gateway.thermal import Condition, Posterior, Prior, StringModel
 from bms_gateway.thermal.cells import CellFacts, cell_of, cell_priors, stated_parameters
+from bms_gateway.thermal.cells.facts import Cooling
 
 UNKNOWN_CELL: Final = "21700"
 """Format of an unknown cell: a round one of medium size."""
@@ -28,7 +29,13 @@ FLAT_CELL: Final = (0.148, 0.091, 0.027)
 FLAT_OHM_M3: Final = 0.47e-6
 """Resistance times volume of flat cells."""
 LEAST_FLAT_M3: Final = 1e-4
-UNKNOWN_SD: Final = {"C_c": 0.7, "C_s": 0.9, "R_e": 0.9, "R_c": 0.9, "R_u": 0.9, "R_cc": 1.0}
+LARGE_CELL: Final = "4680"
+LARGE_OHM: Final = 6e-3
+"""Format of a large round cell, and its resistance over minutes."""
+MOST_LARGE_OHM: Final = 10e-3
+"""More is too much for a large round cell."""
+UNKNOWN_SD: Final = {"C_c": 0.7, "C_s": 0.9, "R_e": 0.9, "R_c": 0.9, "R_u": 1.4, "R_cc": 1.0}
+"""Of R_u: nobody says whether the pack stands in still air or on coolant, which is a factor of fifteen."""
 FROM_STEPS: Final = 1.2
 """Factor from the resistance by steps of a second to that over minutes."""
 FROM_STEPS_SD: Final = 0.35
@@ -38,6 +45,8 @@ AIR: Final = 1190.0
 UNKNOWN_DOUBT: Final = 0.35
 """Share of core minus surface that may be wrong: as of a model whose core no fit has proven."""
 UNKNOWN_WHY: Final = "the cell is not known and its size is a guess: name the cell (bms-gateway init ... --cell)"
+COOLING: Final[tuple[Cooling, Cooling]] = ("still", "liquid")
+"""Surroundings between which those of an unknown cell lie."""
 INLET_UNKNOWN_K: Final = 3.0
 KEYS: Final = {"max": "hottest", "min": "coldest", "mean": "mean"}
 """Keys of the config for the greatest, least and mean surface."""
@@ -131,7 +140,7 @@ def _model(
     condition: Condition = "single" if cells == 1 else "full" if nominal > 0 else "natural"
     priors = cell_priors(lumped, conduction=cells > 1)
     if not known:
-        priors = _unknown(priors, resistance, conduction=cells > 1)
+        priors = unknown_priors(lumped, resistance, conduction=cells > 1)
     if resistance is not None:
         priors["R_e"] = Prior(min(max(resistance, 1e-5), 1.0), FROM_STEPS_SD)
     if condition == "full":
@@ -156,22 +165,34 @@ def _model(
     return replace(model, posterior=Posterior(values, sds, 0.0, UNKNOWN_DOUBT, False, (UNKNOWN_WHY,)))
 
 
-def _unknown(round_cells: dict[str, Prior], resistance: float | None, *, conduction: bool) -> dict[str, Prior]:
-    """Priors of a cell that is either round cells in parallel or one flat cell of the same resistance: their mean.
+def unknown_priors(lumped: CellFacts, resistance: float | None, *, conduction: bool) -> dict[str, Prior]:
+    """Priors of a cell that is one of several kinds of the same resistance: their mean.
 
-    R_c of a flat cell is several times that of round cells in parallel. The deviation covers both.
+    R_c of a flat or a large round cell is several times that of small round cells in parallel. R_u is midway, as a
+    factor, between still air and liquid coolant. The deviations cover all of them.
     """
-    values = [round_cells]
-    volume = FLAT_OHM_M3 / resistance if resistance else 0.0
+    still, cooled = (
+        [cell_priors(replace(c, cooling=cooling), conduction=conduction) for c in _possible(lumped, resistance)]
+        for cooling in COOLING
+    )
+    values = {name: float(np.mean([v[name].value for v in still])) for name in still[0]}
+    values["R_u"] = math.sqrt(values["R_u"] * float(np.mean([v["R_u"].value for v in cooled])))
+    return {name: Prior(value, max(still[0][name].rel_sd, UNKNOWN_SD[name])) for name, value in values.items()}
+
+
+def _possible(lumped: CellFacts, resistance: float | None) -> list[CellFacts]:
+    """Cells that an unknown one of this resistance may be: `lumped` round ones, large round ones, one flat cell."""
+    found = [lumped]
+    if not resistance:
+        return found
+    if resistance < MOST_LARGE_OHM:
+        found.append(replace(cell_of(LARGE_CELL), parallel=max(round(LARGE_OHM / resistance), 1)))
+    volume = FLAT_OHM_M3 / resistance
     if volume >= LEAST_FLAT_M3:
         grown = (volume / math.prod(FLAT_CELL)) ** (1 / 3)
         length, width, thickness = (grown * side for side in FLAT_CELL)
-        flat = CellFacts("flat", "prismatic", (length, width, thickness))
-        values.append(cell_priors(flat, conduction=conduction))
-    return {
-        name: Prior(float(np.mean([v[name].value for v in values])), max(p.rel_sd, UNKNOWN_SD[name]))
-        for name, p in round_cells.items()
-    }
+        found.append(CellFacts("flat", "prismatic", (length, width, thickness)))
+    return found
 
 
 def _in_words(cell: CellFacts) -> str:

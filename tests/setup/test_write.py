@@ -1,13 +1,15 @@
 """What `init` writes and says of the cells, by the resistance that voltage and current give."""
 
 import csv
+import math
 
 import pytest
 
 from bms_gateway.cli.main import main
 from bms_gateway.config.model_file import read_model
 from bms_gateway.setup.proposal import Proposal
-from bms_gateway.setup.write import lump
+from bms_gateway.setup.write import lump, unknown_priors
+from bms_gateway.thermal import KINDS
 from bms_gateway.thermal.cells import cell_of, cell_priors
 from tests.setup.vehicles import write
 from tests.setup.vehicles_afar import worded
@@ -36,9 +38,28 @@ def test_an_unknown_cell_may_be_a_flat_one_or_round_ones_in_parallel(tmp_path) -
     log, dbc = write(worded(), tmp_path)
     assert main(["init", str(log), "--dbc", str(dbc), "--out", str(tmp_path / "v"), "--yes"]) == 0
     R_c = read_model(tmp_path / "v" / "string_1.toml").priors["R_c"]
-    for words in ("prismatic 148x91x27mm 50Ah", "prismatic 173x207x72mm 280Ah", "21700 20p"):
+    for words in ("prismatic 148x91x27mm 50Ah", "prismatic 173x207x72mm 280Ah", "21700 20p", "4680 4p"):
         possible = cell_priors(cell_of(words), conduction=True)["R_c"].value
         assert abs(R_c.value - possible) <= 2 * R_c.rel_sd * R_c.value, words
+
+
+def test_an_unknown_cell_may_stand_in_air_or_on_coolant(tmp_path) -> None:
+    # Bug: R_u was that of still air. No window of a cooled pack explained its surfaces, and all were left out.
+    log, dbc = write(worded(), tmp_path)
+    assert main(["init", str(log), "--dbc", str(dbc), "--out", str(tmp_path / "v"), "--yes"]) == 0
+    R_u = read_model(tmp_path / "v" / "string_1.toml").priors["R_u"]
+    for words in ("21700 20p", "21700 forced 20p", "21700 liquid 20p", "4680 liquid 4p", "prismatic 148x91x27mm 50Ah"):
+        possible = cell_priors(cell_of(words), conduction=True)["R_u"].value
+        assert abs(math.log(R_u.value / possible)) <= 1.5 * R_u.rel_sd, words
+
+
+@pytest.mark.parametrize("resistance", [None, 0.3e-3, 2e-3, 6e-3, 9e-3, 25e-3])
+def test_an_unknown_cell_of_any_resistance_gets_a_sound_model(resistance, tmp_path) -> None:
+    """One cell in series, by the step of a second; what is written can be read."""
+    measured = Proposal(series_cells=1, resistance=resistance)
+    lumped, per_cell = lump(measured, None, [])
+    priors = unknown_priors(lumped, per_cell, conduction=True)
+    assert all(KINDS[s].lower <= p.value <= KINDS[s].upper and p.rel_sd >= 0.5 for s, p in priors.items())
 
 
 def test_cores_of_a_cell_that_is_not_named_are_doubtful_from_the_first_moment(tmp_path, capsys) -> None:
