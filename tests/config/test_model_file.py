@@ -77,7 +77,7 @@ def added(draw, cells, sensors):
         values, sd = {}, {}
         for p in effect.parameters:
             values[p.name] = draw(st.floats(p.lower, p.upper))
-            sd[p.name] = draw(st.just(0.0) | st.floats(1e-6 * p.sd, 100 * p.sd))
+            sd[p.name] = draw(st.just(0.0) | st.floats(1e-6 * p.sd, 10 * p.sd))
         e = AddedEffect(effect.name, draw(st.sampled_from(where)), values, sd)
         found[e.key] = e
     return tuple(found.values())
