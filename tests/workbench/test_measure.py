@@ -176,6 +176,11 @@ def test_measuring_in_the_page_by_mouse_and_by_keyboard(window, pack, tables, ax
         page.press("Right")
         after = page.run(place)
         assert after > before
+        theme = "return document.documentElement.dataset.theme"
+        was = page.run(theme)
+        for shown in ({"light": "dark", "dark": "light"}[was], was):  # the other keys of the page work there too
+            page.press("t")
+            assert page.run(theme) == shown
         where = "return document.querySelector('#plot-core').layout.shapes.find(s => s.name === 'cursor a').x0"
         page.wait(f"{where} === arguments[0]", after)  # the line stands there in every figure
         page.wait("return document.querySelector('#measures').dataset.cursors.startsWith(arguments[0])", f"{after}")
