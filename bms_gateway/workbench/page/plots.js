@@ -261,7 +261,11 @@ export async function show(next, fresh) {
   if (fresh) curves = new Map();
   if (!opened.records[ui.record]) keep({ record: 0 });
   const record = opened.records[ui.record];
-  if (!(ui.cell >= 1 && ui.cell <= opened.cells)) keep({ cell: worst() ?? record.cells[0] });
+  // the cell that fails most is shown first, until a person chooses another
+  const of = JSON.stringify([opened.records.map((r) => r.source), state.files?.model]);
+  if (ui.of !== of) keep({ of, cell: 0, chosen: false });
+  const there = ui.cell >= 1 && ui.cell <= opened.cells;
+  if (!ui.chosen || !there) keep({ cell: worst() ?? (there ? ui.cell : record.cells[0]), chosen: worst() !== null });
   choices();
   tracks.show(state, () => show(state).catch((e) => complain(e.message)));
   string();
@@ -345,7 +349,7 @@ function string() {
 
 export function pick(k) {
   if (!state?.opened || k < 1 || k > state.opened.cells) return;
-  keep({ cell: k });
+  keep({ cell: k, chosen: true });
   show(state).catch((e) => complain(e.message));
 }
 
