@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from bms_gateway.diagnosis.record_inputs import Columns
 from bms_gateway.errors import DataError, UsageError, did_you_mean
 from bms_gateway.frames.vocabulary import CELL_COLUMNS, INPUTS, WHOLE
-from bms_gateway.report.columns import Column, find_columns
+from bms_gateway.report.columns import INLET, Column, find_columns
 from bms_gateway.report.dates import DateForm, date_form
 from bms_gateway.report.file_rows import Piece, Rows, open_csv, open_parquet
 from bms_gateway.report.guess import lookalike
@@ -73,7 +73,7 @@ def parse_columns(pairs: Iterable[str]) -> dict[str, str]:
     ----------
     pairs : iterable of str
         `name=column`; several may stand in one, separated by commas. `name=-column` changes the sign,
-        `name=column [mA]` says the unit.
+        `name=column [mA]` says the unit. `coolant_inlet_C=22 °C` is a constant where no column is called so.
 
     Returns
     -------
@@ -186,7 +186,8 @@ def _read(
             if like is not None:
                 hint = f"; {like!r} may be it"
             mapped = f"{name}=COLUMN" if like is None else f"'{name}={like}'"
-            raise DataError(f"{path}: no column {name!r}{hint} (map it: --columns {mapped})")
+            constant = f"; a constant: --columns '{name}=22 °C'" if name == INLET else ""
+            raise DataError(f"{path}: no column {name!r}{hint} (map it: --columns {mapped}{constant})")
     dates = dates_of(path, rows, ours["time_s"])
     used = {c.bare for c in ours.values()} | {c.column for c in ours.values()}
     lines, values, notes = _kept(path, rows, ours, dates, tell, most)
@@ -218,6 +219,11 @@ def dates_of(path: Path, rows: Rows, time: Column) -> dict[str, DateForm]:
 def _said(ours: Mapping[str, Column], dates: Mapping[str, DateForm]) -> list[str]:
     """Say what was converted, one sentence for all columns of one unit."""
     said = [f"{column!r} has {form.name}: time_s is counted from its first row" for column, form in dates.items()]
+    said += [
+        f"{name} is taken as {c.constant:.4g} °C all along: no column has it"
+        for name, c in ours.items()
+        if c.constant is not None
+    ]
     by_unit: dict[str, list[str]] = {}
     for c in ours.values():
         if c.unit is not None and (c.factor, c.shift) != (1.0, 0.0) and c.column not in dates:
@@ -244,8 +250,8 @@ def _kept(
     before, read = np.empty(0), 0.0
     charge = _Charge(path, rows.word)
     with progress(path.name, size) as advance:
-        for piece in rows.pieces({c.column for c in ours.values()}, dates):
-            values = {name: converted(piece.values[c.column], c, c.column in dates) for name, c in ours.items()}
+        for piece in rows.pieces({c.column for c in ours.values() if c.constant is None}, dates):
+            values = {name: _values(piece, c, c.column in dates) for name, c in ours.items()}
             _check_time(path, values["time_s"], before, rows.word, piece)
             if "soc" in values:
                 values["soc"] = charge.share(values["soc"], piece)
@@ -269,6 +275,12 @@ def _kept(
         {name: np.frombuffer(column) for name, column in kept.items()},
         charge.notes(),
     )
+
+
+def _values(piece: Piece, c: Column, is_date: bool) -> Floats:
+    if c.constant is not None:
+        return np.full(len(piece.lines), c.constant)
+    return converted(piece.values[c.column], c, is_date)
 
 
 def converted(values: Floats, c: Column, is_date: bool) -> Floats:
