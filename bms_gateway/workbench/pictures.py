@@ -17,7 +17,17 @@ from bms_gateway.frames.vocabulary import INPUTS, Quantity
 from bms_gateway.identify.coordinates import Measured
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.report.html_figures import axis, cores, drive, layout, overlay
-from bms_gateway.report.html_series import Clock, Trace, breaks_of, broken, clock, envelope, missing_in, smooth, traces_of
+from bms_gateway.report.html_series import (
+    Clock,
+    Trace,
+    breaks_of,
+    broken,
+    clock,
+    envelope,
+    missing_in,
+    smooth,
+    traces_of,
+)
 from bms_gateway.report.page import Figure, numbers
 from bms_gateway.thermal import Floats
 from bms_gateway.thermal.centre import probe_lever
