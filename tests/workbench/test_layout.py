@@ -22,6 +22,11 @@ for (const e of panels.querySelectorAll('*')) {
 return found;
 """
 
+SCROLLED = """
+return ['#regimes .scroll', '#measures'].map(css => document.querySelector(css))
+  .filter(e => e.scrollWidth > e.clientWidth).map(e => `${e.ariaLabel}: ${e.scrollWidth} in ${e.clientWidth}`);
+"""
+
 LONG = """
 const p = document.createElement('p');
 p.innerText = 'x'.repeat(400);
@@ -60,3 +65,22 @@ def test_results_are_whole_at_every_width(window, axe, tmp_path):
         # the test sees what is cut off
         page.run(LONG)
         assert any("panels: " in told for told in page.run(CUT))
+
+
+def test_tables_of_twelve_cells_are_seen_whole(window, tmp_path):
+    pack = make_pack(tmp_path, cells=12, sensors=tuple(range(1, 13)))
+    with served(pack.folder, *pack.words) as url:
+        page = window(url)
+        seen_compared(page)
+        page.idle(FIT_S)
+        page.click("#tab-compare")
+        page.press("c")
+        page.wait("return document.querySelectorAll('#measures tbody tr').length > 5")
+        assert page.run("return document.querySelectorAll('#regimes thead th').length") == 1 + 12
+        for width in (1280, 1920):
+            page.cdp("Emulation.setDeviceMetricsOverride", width=width, height=800, deviceScaleFactor=1, mobile=False)
+            page.idle()
+            assert page.run(SCROLLED) == [], width
+        page.cdp("Emulation.setDeviceMetricsOverride", width=1024, height=800, deviceScaleFactor=1, mobile=False)
+        page.idle()
+        assert not any(told.startswith("table of errors") for told in page.run(SCROLLED))

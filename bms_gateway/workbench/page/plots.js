@@ -13,7 +13,7 @@ const DARK = { "#ffffff": "#16181b", "#1a1a1a": "#e8e8e8", "#000000": "#f2f2f2",
 const TIMED = ["surface", "drive", "core", "map"], LEFT = ["auto", "noise", "heat", "inlet"];
 const timed = () => [...TIMED, ...tracks.shown()];
 const places = () => [...timed(), ...LEFT];
-const NARROW = 600; // px, below which a plot has no room for buttons
+const NARROW = 600, BUTTONS = 14; // px, below which a plot has no room for buttons, and height of their row
 // Blue below, orange above; small values get colour sooner than large ones.
 const rgb = (color) => [1, 3, 5].map((i) => parseInt(color.slice(i, i + 2), 16));
 const between = (a, b, share) => `rgb(${rgb(a).map((x, i) => Math.round(x + (rgb(b)[i] - x) * share)).join()})`;
@@ -125,6 +125,11 @@ async function draw(place) {
   if (overTime) {
     layout.xaxis.range = range ?? whole() ?? layout.xaxis.range;
     layout.shapes = [...(layout.shapes ?? []), ...themed(measure.lines())];
+  }
+  // names of additions are long: the buttons of the plot get a row of their own above them
+  if (["surface", "core"].includes(place) && state.steps.length > 2 && innerWidth > NARROW) {
+    layout.margin = { ...layout.margin, t: layout.margin.t + BUTTONS };
+    layout.height += BUTTONS;
   }
   layout.uirevision = `${ui.record}`;
   // what was measured lies on top: a model that fits would hide it
