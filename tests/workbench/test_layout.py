@@ -84,3 +84,37 @@ def test_tables_of_twelve_cells_are_seen_whole(window, tmp_path):
         page.cdp("Emulation.setDeviceMetricsOverride", width=1024, height=800, deviceScaleFactor=1, mobile=False)
         page.idle()
         assert not any(told.startswith("table of errors") for told in page.run(SCROLLED))
+
+        # its report fits between the margins of a page of A4, so that a printer does not shrink it
+        report = page.run(
+            "const desk = JSON.parse(sessionStorage.workbench).desk;"
+            "return fetch(`/api/take?desk=${desk}&what=report`).then(r => r.text())"
+        )
+        (tmp_path / "report.html").write_text(report, encoding="utf-8")
+        paper = window(f"file://{tmp_path / 'report.html'}")
+        paper.wait("return document.documentElement.dataset.drawn")
+        paper.cdp("Emulation.setDeviceMetricsOverride", width=710, height=1000, deviceScaleFactor=1, mobile=False)
+        paper.cdp("Emulation.setEmulatedMedia", media="print")
+        paper.run("dispatchEvent(new Event('beforeprint'))")
+        paper.wait("return [...document.querySelectorAll('.plot .main-svg')].every(s => s.clientWidth <= 690)")
+        wide = "return [...document.querySelectorAll('table')].map(t => t.getBoundingClientRect().right)"
+        assert max(paper.run(wide)) <= 710
+
+
+def test_a_report_of_uploads_names_them_as_a_person_does(window, tmp_path):
+    pack = make_pack(tmp_path)
+    with served(pack.folder) as url:
+        page = window(url)
+        page.upload("#tables-file", pack.hidden)
+        page.wait("return document.querySelectorAll('#mapping tbody tr').length === 7")
+        page.upload("#model-file", pack.model)
+        page.wait("return document.querySelector('#model').value")
+        page.click("#open")
+        seen_compared(page)
+        page.idle(FIT_S)
+        report = page.run(
+            "const desk = JSON.parse(sessionStorage.workbench).desk;"
+            "return fetch(`/api/take?desk=${desk}&what=report`).then(r => r.text())"
+        )
+        assert "<li>hidden.csv" in report
+        assert "bms-gateway-workbench-" not in report
