@@ -118,3 +118,15 @@ def test_a_report_of_uploads_names_them_as_a_person_does(window, tmp_path):
         )
         assert "<li>hidden.csv" in report
         assert "bms-gateway-workbench-" not in report
+
+
+def test_small_errors_fade_into_a_dark_page_too(window, tmp_path):
+    pack = make_pack(tmp_path, seconds=600)
+    with served(pack.folder, *pack.words) as url:
+        page = window(url)
+        seen_compared(page)
+        page.idle(FIT_S)
+        look = "return getComputedStyle(document.querySelector('#regimes table.heat td')).filter"
+        theme = "document.documentElement.dataset.theme = arguments[0];"
+        assert page.run(theme + look, "light") == "none"
+        assert page.run(theme + look, "dark") == "invert(1) hue-rotate(180deg)"
