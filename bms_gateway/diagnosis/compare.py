@@ -118,8 +118,9 @@ def compare(model: StringModel, records: Sequence[Record]) -> Comparison:
     Comparison
         Filed and refitted; readings of cores, if there are any, are used for `core_checks` only.
     """
-    ready = [measured(r, model) for r in records]
     core = known_core(model, records)
+    # on the instants of the refit, which are chosen by the numbers before any data
+    ready = [measured(r, model, join=joined(r, model.unfitted)) for r in records]
     refitted = core.identified.closest
     filed = fitted(Problem(as_filed(model), ready))
     # the uncertainty of a model that is taken as exact: the move by refitting, and the sd after it

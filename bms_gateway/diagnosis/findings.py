@@ -14,6 +14,10 @@ SPREAD = 0.3
 """Least share of the excess in three blocks for which these times are reported."""
 TOGETHER = 4
 """Least number of cells with the same pattern that share one sentence."""
+TWO = 2
+"""The same where the error is constant: a sentence of each would tell nothing else."""
+SHORT_S = 120.0
+"""Times shorter than this are told in tenths of a minute."""
 ALONG = 0.8
 """Least rank correlation of the error with the place along the coolant for which the error grows or falls."""
 LARGE_CORE_K = 1.0
@@ -87,7 +91,8 @@ def _patterns(bad: Sequence[Sensor]) -> list[list[Sensor]]:
 
 def _told(group: Sequence[Sensor], cells: int) -> list[str]:
     """Describe sensors with the same pattern of errors; many sensors share one sentence."""
-    if len(group) < TOGETHER:
+    constant = all(regime is not None and regime.feature == "always" for regime, _ in map(_strongest, group))
+    if len(group) < (TWO if constant else TOGETHER):
         return [_misfit(s) for s in group]
     found = [(s, *_strongest(s)) for s in group]
     order = sorted(s.cell for s in group)
@@ -120,7 +125,9 @@ def _place(bins: Sequence[Bin], one: Bin) -> str:
 
 
 def _along(size: Mapping[int, float]) -> str:
-    """Say whether an error grows or falls from cell to cell."""
+    """Say whether an error grows or falls from cell to cell; of a few cells that means nothing."""
+    if len(size) < TOGETHER:
+        return ""
     place, rank = (np.argsort(np.argsort(x)) for x in (list(size), list(size.values())))
     together = float(np.corrcoef(place, rank)[0, 1])
     if abs(together) < ALONG:
@@ -176,10 +183,10 @@ def _when(blocks: Sequence[Block], records: int) -> str:
     told = sum(b.share for b in most)
     if len(blocks) > 6 or told < SPREAD:
         return "The error is spread over the whole time."
-    parts = []
+    parts, places = [], 1 if min(b.last_s - b.first_s for b in most) < SHORT_S else 0
     for b in sorted(most, key=lambda b: (b.record, b.first_s)):
         where = f" of record {b.record + 1}" if records > 1 else ""
-        parts.append(f"{b.first_s / 60:.0f}-{b.last_s / 60:.0f} min{where}")
+        parts.append(f"{b.first_s / 60:.{places}f} to {b.last_s / 60:.{places}f} min{where}")
     return f"{100.0 * told:.0f} % of the error lies at {', '.join(parts)}."
 
 

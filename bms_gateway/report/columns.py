@@ -62,6 +62,9 @@ _BASES: Final[dict[str, tuple[str, str]]] = {
 _OURS: Final = {own.lower(): own for own, _ in _BASES.values()}
 _CELL: Final = re.compile(rf"({'|'.join(CELL_COLUMNS)})_([1-9][0-9]{{0,5}})")
 _CELL_KIND: Final[dict[str, str]] = {**{q: INPUTS[q].kind for q in CELL}, "core": "temperature"}
+INLET: Final = INPUTS["coolant_inlet"].column
+"""Of all columns the one that may be a constant: chambers are often set, and not recorded."""
+_NUMBER: Final = re.compile(r"([-+\u2212]?\d{1,6}(?:[.,]\d{1,9})?)\s*\[?\s*([^\s\[\]\d][^\[\]]*?)?\s*\]?")
 _BEHIND: Final = re.compile(r"(.*\S)\s*[,;]\s*([^,;]+)")
 _NO_WORDS: Final = frozenset(
     {"degC", "degF", "degK", "deg C", "deg F", "deg K", "m°C", "mdegC", "mK", "Celsius", "Fahrenheit", "Kelvin"}
@@ -85,6 +88,8 @@ class Column:
         As it is written, where it is written.
     date : str or None
         Order of day and month as the user says it.
+    constant : float or None
+        In our unit, where no column has the quantity; `column` is then how it was written.
     """
 
     column: str
@@ -92,6 +97,7 @@ class Column:
     shift: float = 0.0
     unit: str | None = None
     date: str | None = None
+    constant: float | None = None
 
     @property
     def bare(self) -> str:
@@ -231,7 +237,25 @@ def _mapped(path: object, ours: str, column: str, names: Sequence[str], units: M
         if factors is None:
             raise _no_unit(path, base, unit, quantity, ours)
         return Column(sign + base, *factors, unit)
-    raise DataError(f"{path}: no column {column!r} for {ours}{did_you_mean(column, names)}")
+    hint = ""
+    if ours == INLET:
+        if (constant := _constant(path, column)) is not None:
+            return constant
+        hint = f" (a constant inlet: --columns '{INLET}=22 °C')"
+    raise DataError(f"{path}: no column {column!r} for {ours}{did_you_mean(column, names)}{hint}")
+
+
+def _constant(path: object, text: str) -> Column | None:
+    """Take a number with its unit as the temperature of an inlet that nobody recorded; °C where none is written."""
+    written = _NUMBER.fullmatch(text)
+    factors = _unit("temperature", written[2] or "°C") if written else None
+    if written is None or factors is None:
+        return None
+    value = factors[0] * float(written[1].replace(",", ".").replace("\u2212", "-")) + factors[1]
+    low, high = INPUTS["coolant_inlet"].plausible
+    if not low <= value <= high:
+        raise DataError(f"{path}: {INLET} {text!r}: must be {low:g} to {high:g} °C; is it in another unit?")
+    return Column(text, constant=value)
 
 
 def _tail(name: str, quantity: str) -> str | None:

@@ -7,6 +7,7 @@ import numpy as np
 
 from bms_gateway.diagnosis.compare import Variant
 from bms_gateway.diagnosis.core_band import CoreBand, core_bands, half_width_K
+from bms_gateway.diagnosis.grid import bridged
 from bms_gateway.diagnosis.misfit import Level, Sensor, level, nearest, sensors
 from bms_gateway.diagnosis.regimes import instants_of, seconds_of
 from bms_gateway.identify.coordinates import Measured
@@ -20,6 +21,8 @@ ALL_POINTS = 60_000
 SMOOTH_S = 60.0
 """Time over which a residual is averaged for the eye: core and surface exchange heat in tens of seconds."""
 HOURS_FROM_S = 3.0 * 3600.0
+LEAST_ROWS = 3
+"""Readings from which on the usual time between two is known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +82,7 @@ class Trace:
     sigma_K : float
         Noise and rounding of one reading.
     breaks_s : tuple of float
-        Where a stretch with a start of its own begins.
+        Where a stretch with a start of its own begins, and where readings are missing for long: lines are open there.
     """
 
     record: int
@@ -121,7 +124,8 @@ def traces_of(fits: Sequence[MapFit]) -> list[Trace]:
             if not mine.any():
                 continue
             models = tuple(f.y[part][mine] for f in fits)
-            found.append(Trace(r, cell, t[mine], m.y[mine], models, float(sigma[part][mine][0]), starts))
+            breaks = tuple(sorted((*starts, *missing_in(t[mine]))))
+            found.append(Trace(r, cell, t[mine], m.y[mine], models, float(sigma[part][mine][0]), breaks))
     return found
 
 
@@ -173,6 +177,22 @@ def broken(t: Floats, y: Floats, breaks_s: Sequence[float]) -> tuple[Floats, Flo
     at = np.searchsorted(t, np.asarray(breaks_s))
     inside = (at > 0) & (at < len(t))
     return np.insert(t, at[inside], np.asarray(breaks_s)[inside]), np.insert(y, at[inside], np.nan)
+
+
+def missing_in(t: Floats) -> tuple[float, ...]:
+    """Tell the middle of each time without readings that is so long that a straight line would claim too much, s.
+
+    Examples
+    --------
+    >>> missing_in(np.concatenate([np.arange(0.0, 400.0), np.arange(700.0, 900.0)]))
+    (549.5,)
+    >>> missing_in(np.concatenate([np.arange(0.0, 400.0), np.arange(400.0, 900.0, 60.0)]))  # rows of a rest
+    ()
+    """
+    if len(t) < LEAST_ROWS:
+        return ()
+    wide = np.flatnonzero(np.diff(t) > bridged(t)[1])
+    return tuple(float(x) for x in (t[wide] + t[wide + 1]) / 2.0)
 
 
 def points_each(traces: int) -> int:

@@ -266,7 +266,10 @@ def _bins(s: Sensor, feature: str) -> tuple[Bin, ...]:
 
 def _between(bins: Sequence[Bin], regime: Regime) -> str:
     low, high = float(np.mean([b.low for b in bins])), float(np.mean([b.high for b in bins]))
-    return f"about {low:.3g} to {high:.3g} {unit(regime.unit)}"
+    # as many decimals as tell the ends apart: a record that starts at half a second starts at 0 min
+    places = int(np.clip(1.0 - np.floor(np.log10(max(high - low, 1e-9))), 0.0, 4.0))
+    first, last = (f"{round(x, places) + 0.0:g}" for x in (low, high))
+    return f"about {first} to {last} {unit(regime.unit)}"
 
 
 def _heat(bins: Sequence[Bin], i: int, largest: float, first: str) -> str:

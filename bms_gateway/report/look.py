@@ -44,7 +44,8 @@ def look(path: Path, columns: Mapping[str, str] | None = None) -> dict[str, Any]
     dict
         `columns`: name, unit as written, first cells, `ours` (our name or ""), `by` ("name", "told", "guess" or ""),
         `unit` and `flip` that are proposed, `why`, least and greatest value and a few points in our unit. `missing`:
-        our names that a table must have and that neither its names nor `columns` tell.
+        our names that a table must have and that neither its names nor `columns` tell. `inlet`: a constant inlet as
+        `columns` tells it, or "".
 
     Raises
     ------
@@ -64,6 +65,7 @@ def look(path: Path, columns: Mapping[str, str] | None = None) -> dict[str, Any]
             "source": path.name,
             "columns": [c for c in shown if c["name"]],
             "missing": [name for name in REQUIRED if name not in found],
+            "inlet": next((c.column for c in found.values() if c.constant is not None), ""),
             "surfaces": any(n.startswith("surface_") for n in found),
             "notes": [*rows.notes, *_unread(rows, shown, dated)],
             "units": {quantity: _units(quantity, [c["stated"] for c in shown]) for quantity in UNITS},

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from bms_gateway.diagnosis.record_inputs import Columns
 from bms_gateway.errors import DataError, UsageError, did_you_mean
 from bms_gateway.frames.vocabulary import CELL_COLUMNS, INPUTS, WHOLE
-from bms_gateway.report.columns import Column, find_columns
+from bms_gateway.report.columns import INLET, Column, find_columns
 from bms_gateway.report.dates import DateForm, date_form
 from bms_gateway.report.file_rows import Piece, Rows, open_csv, open_parquet
 from bms_gateway.report.guess import lookalike
@@ -75,7 +75,7 @@ def parse_columns(pairs: Iterable[str]) -> dict[str, str]:
     ----------
     pairs : iterable of str
         `name=column`; several may stand in one, separated by commas. `name=-column` changes the sign,
-        `name=column [mA]` says the unit.
+        `name=column [mA]` says the unit. `coolant_inlet_C=22 °C` is a constant where no column is called so.
 
     Returns
     -------
@@ -211,15 +211,16 @@ def _read(
 
 def _missing(missing: Sequence[str], names: Sequence[str]) -> str:
     """Tell all columns that are not there, and for each the one that may be it."""
+    constant = f"; a constant: --columns '{INLET}=22 °C'" if INLET in missing else ""
     if len(missing) > 1:
         mapped = ",".join(f"{name}={lookalike(name, names) or 'COLUMN'}" for name in missing)
         valid = f"; the table has {', '.join(names[:FEW])}" + (" …" if len(names) > FEW else "")
-        return f"no columns {', '.join(map(repr, missing))}{valid} (map them: --columns '{mapped}')"
+        return f"no columns {', '.join(map(repr, missing))}{valid} (map them: --columns '{mapped}'{constant})"
     name, hint = missing[0], did_you_mean(missing[0], names)
     like = None if "did you mean" in hint else lookalike(name, names)
     if like is not None:
-        return f"no column {name!r}; {like!r} may be it (map it: --columns '{name}={like}')"
-    return f"no column {name!r}{hint} (map it: --columns {name}=COLUMN)"
+        return f"no column {name!r}; {like!r} may be it (map it: --columns '{name}={like}'{constant})"
+    return f"no column {name!r}{hint} (map it: --columns {name}=COLUMN{constant})"
 
 
 def dates_of(path: Path, rows: Rows, time: Column) -> dict[str, DateForm]:
@@ -235,6 +236,11 @@ def dates_of(path: Path, rows: Rows, time: Column) -> dict[str, DateForm]:
 def _said(ours: Mapping[str, Column], dates: Mapping[str, DateForm]) -> list[str]:
     """Say what was converted, one sentence for all columns of one unit."""
     said = [f"{column!r} has {form.name}: time_s is counted from its first row" for column, form in dates.items()]
+    said += [
+        f"{name} is taken as {c.constant:.4g} °C all along: no column has it"
+        for name, c in ours.items()
+        if c.constant is not None
+    ]
     by_unit: dict[str, list[str]] = {}
     for c in ours.values():
         if c.unit is not None and (c.factor, c.shift) != (1.0, 0.0) and c.column not in dates:
@@ -261,8 +267,8 @@ def _kept(
     before, read = np.empty(0), 0.0
     charge = _Charge(path, rows.word)
     with progress(path.name, size) as advance:
-        for piece in rows.pieces({c.column for c in ours.values()}, dates):
-            values = {name: converted(piece.values[c.column], c, c.column in dates) for name, c in ours.items()}
+        for piece in rows.pieces({c.column for c in ours.values() if c.constant is None}, dates):
+            values = {name: _values(piece, c, c.column in dates) for name, c in ours.items()}
             _check_time(path, values["time_s"], before, rows.word, piece)
             if "soc" in values:
                 values["soc"] = charge.share(values["soc"], piece)
@@ -286,6 +292,12 @@ def _kept(
         {name: np.frombuffer(column) for name, column in kept.items()},
         charge.notes(),
     )
+
+
+def _values(piece: Piece, c: Column, is_date: bool) -> Floats:
+    if c.constant is not None:
+        return np.full(len(piece.lines), c.constant)
+    return converted(piece.values[c.column], c, is_date)
 
 
 def converted(values: Floats, c: Column, is_date: bool) -> Floats:

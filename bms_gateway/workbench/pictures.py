@@ -17,7 +17,17 @@ from bms_gateway.frames.vocabulary import INPUTS, Quantity
 from bms_gateway.identify.coordinates import Measured
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.report.html_figures import axis, cores, drive, layout, overlay
-from bms_gateway.report.html_series import Clock, Trace, breaks_of, broken, clock, envelope, smooth, traces_of
+from bms_gateway.report.html_series import (
+    Clock,
+    Trace,
+    breaks_of,
+    broken,
+    clock,
+    envelope,
+    missing_in,
+    smooth,
+    traces_of,
+)
 from bms_gateway.report.page import Figure, numbers
 from bms_gateway.thermal import Floats
 from bms_gateway.thermal.centre import probe_lever
@@ -83,7 +93,7 @@ def readings(
                 trace = Trace(r, cell, t[mine], m.y[mine], (), float(m.sigma0[j]), breaks_of(m))
                 spec = overlay(trace, (), m, time, FEW, HEIGHT)
                 samples = _every(file, "surface", cell, m, (trace.time_s, trace.measured))
-                at, y = broken(*samples, trace.breaks_s)
+                at, y = broken(*samples, sorted((*trace.breaks_s, *missing_in(samples[0]))))
                 spec["data"] = [_shelved(spec["data"][0], shelf, at / time.seconds, y)]
                 spec["span"] = {"yaxis": _span(samples[1])}
                 found[f"surface-{r}-{cell}"] = {**spec, "seconds": time.seconds}

@@ -21,6 +21,7 @@ PREFIX: Final = "bms-gateway-workbench-"
 PER_DESK: Final = 1024**3
 """Bytes that one tab may keep."""
 CHUNK: Final = 1 << 20
+_NOT_IN_NAMES: Final = frozenset('/\\:*?"<>|')
 _DIRECTORY = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
 
 
@@ -95,15 +96,15 @@ class Uploads:
 
 
 def safe_name(name: str) -> str:
-    """Give the last part of a file's name, without what could lead elsewhere.
+    """Give the last part of a file's name, without what could lead elsewhere or what no system takes.
 
     Examples
     --------
-    >>> safe_name("../../etc/passwd"), safe_name("drive 1.log.gz"), safe_name("..")
-    ('passwd', 'drive 1.log.gz', '')
+    >>> safe_name("../../etc/passwd"), safe_name("drive 1, cold.log.gz"), safe_name("..")
+    ('passwd', 'drive 1, cold.log.gz', '')
     """
     last = name.replace("\\", "/").rpartition("/")[2]
-    return "".join(c for c in last if c.isalnum() or c in "._- +()").strip().lstrip(".")[:120]
+    return "".join(c for c in last if c.isprintable() and c not in _NOT_IN_NAMES).lstrip(". ").rstrip()[:120]
 
 
 def sweep() -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from bms_gateway.diagnosis.compare import as_filed, compare
+from bms_gateway.diagnosis.prepare import joined
 from bms_gateway.diagnosis.regimes import FEATURES, low_passed, regimes, stretches
 from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal import Share
@@ -143,6 +144,16 @@ def test_two_records_are_compared_each_with_its_own_start():
     assert len(got.refitted.cores) == 2
     assert {(s.record, s.cell) for s in got.refitted.series} == {(r, k) for r in (0, 1) for k in (1, 3, 5)}
     assert got.refitted.held.ratio < 1.1
+
+
+def test_a_fitted_model_is_compared_on_the_instants_of_its_refit():
+    _, record, model = hidden(seed=41, cells=12, sensors=(1, 12))
+    hot = {**model.priors, "R_e": replace(model.priors["R_e"], value=4.0 * model.priors["R_e"].value)}
+    fitted = replace(model, priors=hot, before=model.priors)
+    assert joined(record, fitted) < joined(record, model)  # by its own numbers it would have more of them
+    got = compare(fitted, [record])
+    assert np.array_equal(got.filed.cores[0].time_s, got.refitted.cores[0].time_s)
+    assert [len(s.time_s) for s in got.filed.series] == [len(s.time_s) for s in got.refitted.series]
 
 
 @pytest.mark.parametrize("correlation", [0.0, 60.0, 200.0])

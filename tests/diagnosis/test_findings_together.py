@@ -1,9 +1,10 @@
 """Sensors that fail in the same way are told in one sentence; few of them one by one."""
 
 import numpy as np
+import pytest
 
 from bms_gateway.diagnosis.findings import sensor_sentences
-from bms_gateway.diagnosis.misfit import Level, Sensor, Worst
+from bms_gateway.diagnosis.misfit import Block, Level, Sensor, Worst
 from bms_gateway.diagnosis.regimes import Bin, Regime
 
 
@@ -42,3 +43,26 @@ def test_few_cells_are_told_one_by_one():
     found = sensor_sentences([sensor(k, -0.5) for k in (1, 3, 5)], (), (), 1)
     assert [text.split(" reads")[0] for text in found] == ["Cell 1", "Cell 3", "Cell 5"]
     assert np.all([text.endswith("they agree.") for text in found])
+
+
+def test_a_constant_error_of_two_cells_is_one_sentence():
+    found = sensor_sentences([constant(2, 0.44), constant(5, 0.49), calm(3)], (), (), 1)
+    assert found[0] == "2 cells (2, 5) read 0.44 to 0.49 K more than the model all along."
+
+
+def constant(cell, mean_K):
+    one = sensor(cell, 0.0)
+    always = Regime("always", "always", "", (Bin("all along", 0.0, 0.0, 1000, mean_K, 0.01, mean_K),), mean_K**2, 0.9)
+    return Sensor(cell, one.trained, one.held, abs(mean_K), 50.0, 0.1, Worst(0, 100.0, mean_K), (always,))
+
+
+@pytest.mark.parametrize(
+    ("ends", "told"),
+    [
+        ((540.0, 577.5), "60 % of the error lies at 9.0 to 9.6 min."),
+        ((540.0, 720.0), "60 % of the error lies at 9 to 12 min."),
+    ],
+)
+def test_short_times_are_told_in_tenths_of_a_minute(ends, told):
+    found = sensor_sentences([sensor(1, 0.5)], [Block(0, *ends, 0.6, 0.5)], (), 1)
+    assert found[-1] == told

@@ -1,9 +1,12 @@
 """Tables as people have them read like the plain one; what cannot be told is asked for, with the line to add."""
 
+import re
+
 import numpy as np
 import pytest
 
 from bms_gateway.errors import DataError
+from bms_gateway.report.look import look
 from bms_gateway.report.table import parse_columns, read_table
 
 N = 60
@@ -118,6 +121,40 @@ def test_units_are_converted_and_told(tmp_path, name, unit, how, where):
     t = read_table(put(tmp_path, text({name: how}, names, below=below)), pairs)
     reads_alike(t)
     assert any(f"converted from {unit}" in n for n in t.notes)
+
+
+@pytest.mark.parametrize("written", ["20.25", "20,25 °C", "68.45 °F", "293.4 [K]", "+20.25 degC"])
+def test_an_inlet_that_nobody_recorded_may_be_a_constant(tmp_path, written):
+    names = tuple("room" if n == "coolant_inlet_C" else n for n in NAMES)
+    path = put(tmp_path, text(names=names))
+    t = read_table(path, parse_columns([f"current_A=current_A,coolant_inlet_C={written}"]))
+    assert t.coolant_inlet_C == pytest.approx(np.full(len(t), 20.25), abs=1e-6)
+    assert "coolant_inlet_C is taken as 20.25 °C all along: no column has it" in t.notes
+    assert look(path, parse_columns([f"coolant_inlet_C={written}"]))["inlet"] == written
+
+
+@pytest.mark.parametrize(
+    ("written", "says"),
+    [
+        ("293", "must be -38.5 to 120 °C; is it in another unit?"),
+        ("20 bar", "no column '20 bar' for coolant_inlet_C"),
+        ("chamber", "a constant inlet: --columns 'coolant_inlet_C=22 °C'"),
+        ("nan", "no column 'nan'"),
+    ],
+)
+def test_what_is_no_constant_inlet_is_one_line(tmp_path, written, says):
+    with pytest.raises(DataError, match=re.escape(says)):
+        read_table(put(tmp_path, text()), {"coolant_inlet_C": written})
+
+
+def test_a_column_that_is_called_like_a_number_is_a_column(tmp_path):
+    names = tuple("22" if n == "coolant_inlet_C" else n for n in NAMES)
+    reads_alike(read_table(put(tmp_path, text(names=names)), {"coolant_inlet_C": "22"}))
+
+
+def test_no_other_quantity_is_a_constant(tmp_path):
+    with pytest.raises(DataError, match="no column '22' for current_A"):
+        read_table(put(tmp_path, text()), {"current_A": "22"})
 
 
 def test_a_unit_at_the_end_of_a_name_counts(tmp_path):

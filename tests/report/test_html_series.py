@@ -1,11 +1,16 @@
 """Series and lines of a page: few points that hide no excursion, open gaps, styles that differ without colour."""
 
+from itertools import pairwise
+
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bms_gateway.diagnosis.misfit import Level, Sensor, Worst
+from bms_gateway.diagnosis.regimes import Bin, Regime
 from bms_gateway.report.html_figures import HEATS, STYLES
-from bms_gateway.report.html_series import broken, envelope, smooth
+from bms_gateway.report.html_series import Shown, broken, envelope, smooth
+from bms_gateway.report.html_tables import heat_map
 
 
 def test_lines_differ_in_style_too_where_colour_is_not_seen():
@@ -34,3 +39,24 @@ def test_lines_are_open_where_the_record_has_a_gap():
     at, y = smooth(np.array([0.0, 1, 2, 50, 51]), np.arange(5.0), (49.0,))
     assert at.tolist() == [1.0, 50.5]
     assert y.tolist() == [1.0, 3.5]
+
+
+def regime_of(ends):
+    """Two cells whose bins of the time lie a little apart, as those of cells with other readings do."""
+    trained = Level(100, 0.5, 0.05)
+    sensors = []
+    for cell, shift in ((1, 0.0), (2, 0.3)):
+        bins = tuple(
+            Bin(f"at times below {b + shift:g} min", a + shift, b + shift, 50, 0.2, 0.01, 0.3)
+            for a, b in pairwise(ends)
+        )
+        always = Regime("always", "always", "", (Bin("all along", 0.0, 0.0, 100, 0.0, 0.05, 0.5),), 0.0, 0.0)
+        time = Regime("time", "time since the start", "min", bins, 0.04, 0.8)
+        sensors.append(Sensor(cell, trained, trained, 0.5, 50.0, 1.0, Worst(0, 100.0, 0.5), (always, time)))
+    return Shown("refitted", None, tuple(sensors), ())
+
+
+def test_ends_of_a_regime_are_told_as_finely_as_they_lie_apart():
+    text = heat_map((regime_of((-0.14167, 4.667, 120.04)),))
+    assert "about 0 to 4.8 min" in text
+    assert "about 5 to 120 min" in text

@@ -318,6 +318,8 @@ def test_the_page_is_a_control_room(window, log, axe, tmp_path):
                     "Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False
                 )
                 page.wait("return document.documentElement.scrollWidth <= innerWidth")
+                inside = "e => e.getBoundingClientRect().right <= innerWidth && e.getBoundingClientRect().left >= 0"
+                assert page.run(f"return [...document.querySelectorAll('#events td')].every({inside})"), width
                 page.wait(  # the past is drawn anew, as wide as it now is
                     "const s = document.querySelector('#past'), r = s.querySelector('rect');"
                     "return Math.abs(Number(r.getAttribute('width')) - s.clientWidth) < 80"

@@ -22,6 +22,11 @@ for (const e of panels.querySelectorAll('*')) {
 return found;
 """
 
+SCROLLED = """
+return ['#regimes .scroll', '#measures'].map(css => document.querySelector(css))
+  .filter(e => e.scrollWidth > e.clientWidth).map(e => `${e.ariaLabel}: ${e.scrollWidth} in ${e.clientWidth}`);
+"""
+
 LONG = """
 const p = document.createElement('p');
 p.innerText = 'x'.repeat(400);
@@ -60,3 +65,68 @@ def test_results_are_whole_at_every_width(window, axe, tmp_path):
         # the test sees what is cut off
         page.run(LONG)
         assert any("panels: " in told for told in page.run(CUT))
+
+
+def test_tables_of_twelve_cells_are_seen_whole(window, tmp_path):
+    pack = make_pack(tmp_path, cells=12, sensors=tuple(range(1, 13)))
+    with served(pack.folder, *pack.words) as url:
+        page = window(url)
+        seen_compared(page)
+        page.idle(FIT_S)
+        page.click("#tab-compare")
+        page.press("c")
+        page.wait("return document.querySelectorAll('#measures tbody tr').length > 5")
+        assert page.run("return document.querySelectorAll('#regimes thead th').length") == 1 + 12
+        for width in (1280, 1920):
+            page.cdp("Emulation.setDeviceMetricsOverride", width=width, height=800, deviceScaleFactor=1, mobile=False)
+            page.idle()
+            assert page.run(SCROLLED) == [], width
+        page.cdp("Emulation.setDeviceMetricsOverride", width=1024, height=800, deviceScaleFactor=1, mobile=False)
+        page.idle()
+        assert not any(told.startswith("table of errors") for told in page.run(SCROLLED))
+
+        # its report fits between the margins of a page of A4, so that a printer does not shrink it
+        report = page.run(
+            "const desk = JSON.parse(sessionStorage.workbench).desk;"
+            "return fetch(`/api/take?desk=${desk}&what=report`).then(r => r.text())"
+        )
+        (tmp_path / "report.html").write_text(report, encoding="utf-8")
+        paper = window(f"file://{tmp_path / 'report.html'}")
+        paper.wait("return document.documentElement.dataset.drawn")
+        paper.cdp("Emulation.setDeviceMetricsOverride", width=710, height=1000, deviceScaleFactor=1, mobile=False)
+        paper.cdp("Emulation.setEmulatedMedia", media="print")
+        paper.run("dispatchEvent(new Event('beforeprint'))")
+        paper.wait("return [...document.querySelectorAll('.plot .main-svg')].every(s => s.clientWidth <= 690)")
+        wide = "return [...document.querySelectorAll('table')].map(t => t.getBoundingClientRect().right)"
+        assert max(paper.run(wide)) <= 710
+
+
+def test_a_report_of_uploads_names_them_as_a_person_does(window, tmp_path):
+    pack = make_pack(tmp_path)
+    with served(pack.folder) as url:
+        page = window(url)
+        page.upload("#tables-file", pack.hidden)
+        page.wait("return document.querySelectorAll('#mapping tbody tr').length === 7")
+        page.upload("#model-file", pack.model)
+        page.wait("return document.querySelector('#model').value")
+        page.click("#open")
+        seen_compared(page)
+        page.idle(FIT_S)
+        report = page.run(
+            "const desk = JSON.parse(sessionStorage.workbench).desk;"
+            "return fetch(`/api/take?desk=${desk}&what=report`).then(r => r.text())"
+        )
+        assert "<li>hidden.csv" in report
+        assert "bms-gateway-workbench-" not in report
+
+
+def test_small_errors_fade_into_a_dark_page_too(window, tmp_path):
+    pack = make_pack(tmp_path, seconds=600)
+    with served(pack.folder, *pack.words) as url:
+        page = window(url)
+        seen_compared(page)
+        page.idle(FIT_S)
+        look = "return getComputedStyle(document.querySelector('#regimes table.heat td')).filter"
+        theme = "document.documentElement.dataset.theme = arguments[0];"
+        assert page.run(theme + look, "light") == "none"
+        assert page.run(theme + look, "dark") == "invert(1) hue-rotate(180deg)"

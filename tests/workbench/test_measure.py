@@ -10,7 +10,7 @@ import pytest
 from bms_gateway.errors import UsageError
 from bms_gateway.workbench.beside import Beside
 from bms_gateway.workbench.desk import Desk
-from tests.support.desk_steps import done
+from tests.support.desk_steps import done, files
 from tests.support.page_steps import FIT_S
 from tests.truth.packs import pack as make_pack
 from tests.workbench.browser import come, faults
@@ -159,6 +159,34 @@ def test_any_column_of_a_table_is_a_track_of_its_own_with_its_unit(desk):
 
 
 @pytest.mark.slow
+def test_where_readings_are_missing_for_long_lines_are_open(pack, tmp_path):
+    """Of one surface nothing was recorded from 400 to 700 s: neither a reading nor a residual is drawn there."""
+    head, *rows = pack.hidden.read_text().splitlines()
+    at = head.split(",").index("surface_1_C")
+    cells = [r.split(",") for r in rows]
+    for c in cells[400:700]:
+        c[at] = ""
+    table = tmp_path / "gap.csv"
+    table.write_text("\n".join([head, *(",".join(c) for c in cells)]) + "\n")
+    desk = Desk("gap")
+    try:
+        desk.open({**files(pack), "tables": [str(table)]})
+        assert done(desk)["error"] == ""
+        names = ["surface-0-1", "surface-0-3"]
+        found = desk.measures(names, None, (300.0 / 60.0, 550.0 / 60.0))
+        there, missing = ({(f["name"], f["step"]) for f in found if f[k] is not None} for k in "ab")
+        mine = {x for x in there if x[0].startswith("cell 1: ")}
+        assert {step for _, step in mine} == {"", "from its file", "refitted"}
+        assert not any(x[0].startswith("cell 1: ") for x in missing)
+        assert {x for x in there if x[0].startswith("cell 3: ")} <= missing
+        line = desk.figure("surface-0-1")["data"][0]
+        inside = [y for x, y in zip(line["x"], line["y"], strict=True) if 400 / 60 < x < 700 / 60]
+        assert inside == [None]
+    finally:
+        desk.close()
+
+
+@pytest.mark.slow
 def test_measuring_in_the_page_by_mouse_and_by_keyboard(window, pack, tables, axe):
     with served(pack.folder, *tables, "--model", pack.model) as url:
         page = window(url)
@@ -176,6 +204,11 @@ def test_measuring_in_the_page_by_mouse_and_by_keyboard(window, pack, tables, ax
         page.press("Right")
         after = page.run(place)
         assert after > before
+        theme = "return document.documentElement.dataset.theme"
+        was = page.run(theme)
+        for shown in ({"light": "dark", "dark": "light"}[was], was):  # the other keys of the page work there too
+            page.press("t")
+            assert page.run(theme) == shown
         where = "return document.querySelector('#plot-core').layout.shapes.find(s => s.name === 'cursor a').x0"
         page.wait(f"{where} === arguments[0]", after)  # the line stands there in every figure
         page.wait("return document.querySelector('#measures').dataset.cursors.startsWith(arguments[0])", f"{after}")

@@ -58,6 +58,9 @@ def test_a_german_table_from_another_tool_is_opened_by_its_columns(window, url, 
     assert "guessed" in page.text("#mapping-told")
     assert "the SOC rises with it" in page.text("#mapping tbody tr:nth-child(3)")  # why, to be read without a pointer
     assert faults(page, axe) == []
+    for width in (1024, 1280, 1920):  # all of the table is to be seen
+        page.cdp("Emulation.setDeviceMetricsOverride", width=width, height=800, deviceScaleFactor=1, mobile=False)
+        page.wait("const s = document.querySelector('#mapping .scroll'); return s.scrollWidth <= s.clientWidth")
 
     # a wrong choice is told, and the values follow the unit
     choose(page, "#column-7", "")
@@ -156,6 +159,34 @@ def test_a_cell_that_is_described_needs_no_model_file(window, url, pack, tmp_pat
     seen_compared(page)
     page.click("#tab-open")
     assert page.run("return document.querySelector('#form-cell').value") == "a123_32157"
+    assert page.complaints() == []
+
+
+def test_an_inlet_that_nobody_recorded_is_typed(window, url, pack, tmp_path, axe):
+    page, table = window(url), tmp_path / "chamber.csv"
+    head, _, rows = pack.hidden.read_text().partition("\n")
+    table.write_text(head.replace("coolant_inlet_C", "remark") + "\n" + rows)
+    page.upload("#tables-file", table)
+    page.wait("return document.querySelector('#mapping-told')?.innerText === 'Still missing: coolant inlet.'")
+    page.idle()
+    page.upload("#model-file", pack.model)
+    page.wait("return document.querySelector('#model').value")
+    page.type("#inlet", "295,15 K")
+    page.press("Tab")
+    page.wait("return !document.querySelector('#mapping-told').innerText.includes('Still missing')")
+    page.idle()
+    assert faults(page, axe) == []
+    page.reload()  # nothing is open yet, and what was filled in is still there
+    page.wait("return document.querySelector('#inlet')?.value === '295,15 K'")
+    assert page.run("return document.querySelector('#tables').value") == "chamber.csv"
+    assert page.run("return document.querySelector('#model').value") == "pack.toml"
+    page.click("#open")
+    compared(page)
+    assert page.text("#error-text") == ""
+    page.click("#notes summary")
+    assert "coolant_inlet_C is taken as 22 °C all along" in page.text("#notes")
+    page.click("#tab-take")
+    assert "--columns 'coolant_inlet_C=295,15 K'" in page.text("#commands")
     assert page.complaints() == []
 
 

@@ -129,6 +129,12 @@ def test_a_safe_name_is_one_part_and_not_hidden(name):
     assert not safe.startswith(".")
 
 
+def test_a_name_stays_as_a_person_wrote_it():
+    for name in ("Prüfstand, Tag 1 – Überlast.csv", "R&D #7 (50 %) 'warm'; 2nd=ok.csv", "電池.csv"):
+        assert safe_name(name) == name
+    assert safe_name(" . ./. .hidden") == "hidden"
+
+
 HELD = """
 import sys, time
 from bms_gateway.workbench.uploads import Uploads

@@ -29,7 +29,7 @@ function pairs(g) {
     const c = g.look.columns[r.at];
     const unit = r.unit && r.unit !== c.stated ? ` [${r.unit}]` : "";
     return `${ours(r)}=${r.flip ? "-" : ""}${r.name}${unit}`;
-  });
+  }).concat(g.inlet && !hasInlet(g) ? [`coolant_inlet_C=${g.inlet}`] : []);
 }
 
 // Takes what the server found in the tables; what a person chose before stays where the columns are the same.
@@ -44,7 +44,7 @@ export function show(found, isOpen) {
     const same = groups.find((g) => header(g.look) === header(look));
     if (same) { same.sources.push(look.source); continue; }
     const old = before.find((g) => header(g.look) === header(look));
-    const g = { look, sources: [look.source], rows: old?.rows ?? look.columns.map((c, at) => {
+    const g = { look, sources: [look.source], inlet: old?.inlet ?? look.inlet ?? "", rows: old?.rows ?? look.columns.map((c, at) => {
       const [what, cell] = parts(c.ours);
       return { at, name: c.name, what, cell, unit: unitOf(look, c), flip: c.flip, by: c.by, why: c.why, touched: false };
     }) };
@@ -55,7 +55,8 @@ export function show(found, isOpen) {
 }
 
 const twice = (g) => { const all = g.rows.filter((r) => r.what).map(ours); return all.filter((x, i) => all.indexOf(x) !== i); };
-const lacking = (g) => ["time_s", "current_A", "coolant_inlet_C"].filter((x) => !g.rows.some((r) => r.what === x)).map((x) => ONCE[x].split(",")[0])
+const hasInlet = (g) => g.rows.some((r) => r.what === "coolant_inlet_C");
+const lacking = (g) => ["time_s", "current_A", "coolant_inlet_C"].filter((x) => !g.rows.some((r) => r.what === x) && !(g.inlet && x === "coolant_inlet_C")).map((x) => ONCE[x].split(",")[0])
   .concat(g.rows.some((r) => r.what === "surface") ? [] : ["surface of a cell"]);
 
 function draw() {
@@ -75,10 +76,18 @@ function columnsOf(g) {
     el("p", { class: lack.length || double.length ? "alarm" : "muted", id: k ? `mapping-told-${k}` : "mapping-told", role: "status" },
       double.length ? `Two columns are taken for ${double[0]}.` : lack.length ? `Still missing: ${lack.join(", ")}.`
         : guessed ? `${guessed} columns are guessed (marked ?): check them, with their units and signs.` : "The names of the columns say what they are."),
+    hasInlet(g) ? "" : constant(g, k),
     el("div", { class: "scroll", tabindex: "0", role: "group", "aria-label": `columns of ${names}` },
-      el("table", { class: "columns" }, el("thead", {}, el("tr", {}, ...["Column", "First values", "Is", "Unit", "Sign −", "Reads as"].map((t) => el("th", { scope: "col" }, t)))),
+      el("table", { class: "columns" }, el("thead", {}, el("tr", {}, ...["Column", "First values", "Is", "Unit", "Sign −", "First rows read as"].map((t) => el("th", { scope: "col" }, t)))),
         el("tbody", {}, ...g.rows.map((r) => line(g, r))))),
     look.notes.length ? el("p", { class: "muted" }, `${look.notes.join("; ")}.`) : ""];
+}
+
+// Chambers are often set, and not recorded: their temperature is typed then.
+function constant(g, k) {
+  const id = k ? `inlet-${k}` : "inlet";
+  return el("p", {}, el("label", { for: id, class: "typed" }, "No column has the inlet, or the air around? It was, all along (°C where no unit is written) "),
+    el("input", { id, value: g.inlet, class: "some", inputmode: "text", autocomplete: "off", placeholder: "22 °C", onchange: (e) => { g.inlet = e.target.value.trim(); draw(); again(); } }));
 }
 
 function line(g, r) {

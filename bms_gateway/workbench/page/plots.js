@@ -13,7 +13,7 @@ const DARK = { "#ffffff": "#16181b", "#1a1a1a": "#e8e8e8", "#000000": "#f2f2f2",
 const TIMED = ["surface", "drive", "core", "map"], LEFT = ["auto", "noise", "heat", "inlet"];
 const timed = () => [...TIMED, ...tracks.shown()];
 const places = () => [...timed(), ...LEFT];
-const NARROW = 600; // px, below which a plot has no room for buttons
+const NARROW = 600, BUTTONS = 14; // px, below which a plot has no room for buttons, and height of their row
 // Blue below, orange above; small values get colour sooner than large ones.
 const rgb = (color) => [1, 3, 5].map((i) => parseInt(color.slice(i, i + 2), 16));
 const between = (a, b, share) => `rgb(${rgb(a).map((x, i) => Math.round(x + (rgb(b)[i] - x) * share)).join()})`;
@@ -125,6 +125,11 @@ async function draw(place) {
   if (overTime) {
     layout.xaxis.range = range ?? whole() ?? layout.xaxis.range;
     layout.shapes = [...(layout.shapes ?? []), ...themed(measure.lines())];
+  }
+  // names of additions are long: the buttons of the plot get a row of their own above them
+  if (["surface", "core"].includes(place) && state.steps.length > 2 && innerWidth > NARROW) {
+    layout.margin = { ...layout.margin, t: layout.margin.t + BUTTONS };
+    layout.height += BUTTONS;
   }
   layout.uirevision = `${ui.record}`;
   // what was measured lies on top: a model that fits would hide it
@@ -261,7 +266,11 @@ export async function show(next, fresh) {
   if (fresh) curves = new Map();
   if (!opened.records[ui.record]) keep({ record: 0 });
   const record = opened.records[ui.record];
-  if (!(ui.cell >= 1 && ui.cell <= opened.cells)) keep({ cell: worst() ?? record.cells[0] });
+  // the cell that fails most is shown first, until a person chooses another
+  const of = JSON.stringify([opened.records.map((r) => r.source), state.files?.model]);
+  if (ui.of !== of) keep({ of, cell: 0, chosen: false });
+  const there = ui.cell >= 1 && ui.cell <= opened.cells;
+  if (!ui.chosen || !there) keep({ cell: worst() ?? (there ? ui.cell : record.cells[0]), chosen: worst() !== null });
   choices();
   tracks.show(state, () => show(state).catch((e) => complain(e.message)));
   string();
@@ -345,7 +354,7 @@ function string() {
 
 export function pick(k) {
   if (!state?.opened || k < 1 || k > state.opened.cells) return;
-  keep({ cell: k });
+  keep({ cell: k, chosen: true });
   show(state).catch((e) => complain(e.message));
 }
 

@@ -39,10 +39,17 @@ export function prepare() {
     e.target.value = "";
     await take(files);
   }));
+  // what is filled in and not yet opened outlives a reload
+  for (const f of fields()) f.value = ui.typed?.[f.id] ?? f.value;
+  $("describe").open = Boolean(ui.typed?.["form-cell"]);
+  $("open-form").addEventListener("input", typed);
   addEventListener("dragover", (e) => e.preventDefault());
   addEventListener("drop", attempt(async (e) => { e.preventDefault(); await take([...e.dataTransfer.files]); }));
   addEventListener("variant", () => state && compare());
 }
+
+const fields = () => [...$("open-form").querySelectorAll("input:not([type=file]), textarea, select")];
+const typed = () => keep({ typed: Object.fromEntries(fields().map((f) => [f.id, f.value])) });
 
 // Opens a session; where it lacks files it waits for them to be uploaded.
 let waiting = null;
@@ -69,6 +76,7 @@ async function take(files, field = null) {
     else if (to) $(to).value = name;
     if (to === "dbc" || to === "config") $("more").open = true;
   }
+  typed();
   const session = named.length ? await sessionIn(named[0]) : waiting;
   if (session) await resume(session);
   else if (field !== "model" && field !== "config" && columns.tables().length) await columns.ask();
