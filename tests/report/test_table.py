@@ -83,7 +83,8 @@ FAULTS = [
     (
         "time,I,T_amb\n0,1,2\n",
         "no columns 'time_s', 'current_A', 'coolant_inlet_C'; the table has time, I, T_amb "
-        "(map them: --columns 'time_s=time,current_A=I,coolant_inlet_C=T_amb'; a constant: --columns 'coolant_inlet_C=22 °C')",
+        "(map them: --columns 'time_s=time,current_A=I,coolant_inlet_C=T_amb'; "
+        "a constant: --columns 'coolant_inlet_C=22 °C')",
     ),
     (HEAD + "0,1,25\n1,x,25\n", "line 3: column 'current_A': 'x' is not a number"),
     (HEAD + "0,1,25\n\n1,1e,25\n", "line 4: column 'current_A': '1e' is not a number"),
