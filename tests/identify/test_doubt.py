@@ -58,7 +58,7 @@ def test_a_strong_effect_that_is_missing_is_told_and_leaves_the_band_of_R_c_wide
     assert abs(error) < 2 * sd
     assert sd > 0.2
     (sentence,) = identifier.doubts()
-    assert "does not explain the surfaces" in sentence
+    assert "do not fit parameters near those of the model file" in sentence
 
 
 @pytest.mark.parametrize("effects", [{}, {"radial_gradient": ("medium", None)}, {"radial_gradient": (1.1, None)}])
