@@ -299,6 +299,16 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "VirtualPack.segments: duration_s / STEP_S  ->  duration_s * STEP_S": A_SECOND,
         "VirtualPack.segments: k.astype(np.float64) * STEP_S  ->  k.astype(np.float64) / STEP_S": A_SECOND,
         "VirtualPack.segments: True  ->  False": STRICT,
+        "VirtualPack.segments: len(time) - 1  ->  len(time) + 1": "slices end with their arrays",
+        "VirtualPack.segments: real[:-1] * STEP_S  ->  real[:-1] / STEP_S": A_SECOND,
+        "VirtualPack._inlet: w * time + self._phase  ->  w * time - self._phase": OTHER_DRAWS,
+        "VirtualPack._start_state: self._inlet(string, np.zeros(1)) + rng.uniform(0.0, 8.0) + rng.normal(0.0, 0.5, n)"
+        "  ->  self._inlet(string, np.zeros(1)) + rng.uniform(0.0, 8.0) - rng.normal(0.0, 0.5, n)": OTHER_DRAWS,
+        "VirtualPack._start_state: surface + rng.uniform(0.0, 8.0) + rng.normal(0.0, 0.5, n)  ->  "
+        "surface + rng.uniform(0.0, 8.0) - rng.normal(0.0, 0.5, n)": OTHER_DRAWS,
+        "_truth: getattr(p, name) * np.exp(together + each)  ->  "
+        "getattr(p, name) / np.exp(together + each)": OTHER_DRAWS,
+        "_truth: together + each  ->  together - each": OTHER_DRAWS,
     },
     "bms_gateway/bus/filters.py": {
         "join_filters: dropped < 29  ->  dropped <= 29": TWO_LEFT,

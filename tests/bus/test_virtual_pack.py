@@ -107,6 +107,17 @@ def test_the_inlet_swings_by_two_waves_about_25_degrees(plan, driven):
     assert VirtualPack(plan)._phase == VirtualPack(plan, 0)._phase
 
 
+def test_an_inlet_that_the_config_gives_as_a_number_is_that_number(plan, driven):
+    driven(0.0)
+    string = plan.strings[0]
+    channels = tuple(replace(c, constant=11.0) if c.quantity == "coolant_inlet" else c for c in string.channels)
+    *_, core, surface, _ = joined(
+        VirtualPack(replace(plan, strings=(replace(string, channels=channels),)), 4), 0, 30_000
+    )
+    assert core[-1] == pytest.approx(np.full(5, 11.0), abs=1e-3)
+    assert surface[-1] == pytest.approx(np.full(5, 11.0), abs=1e-3)
+
+
 def test_a_start_is_up_to_eight_kelvin_above_the_coolant_and_cells_differ(plan, driven):
     driven(0.0)
     segments = next(VirtualPack(many(plan, 600), 1).segments(1))
@@ -156,7 +167,8 @@ def expected(pack, which, current, inlet, start, fault):
     sound = TruthString.of(5, **values)
     broken = TruthString.of(5, **values | {"R_u": p.R_u * fault.R_u, "C_f": p.C_f * fault.flow})
     core, surface = [start[0][None]], [start[1][None]]
-    for string, a, b in ((sound, 0, 100), (broken, 100, 250), (sound, 250, len(current) - 1)):
+    first, last = (int(x) for x in fault.during_s)
+    for string, a, b in ((sound, 0, first), (broken, first, last), (sound, last, len(current) - 1)):
         share = fault.current if string is broken else 1.0
         heat = np.outer((share * current[a:b]) ** 2, p.R_e)
         for cell, watts in fault.heat_W.items():
@@ -167,10 +179,11 @@ def expected(pack, which, current, inlet, start, fault):
     return np.concatenate(core), np.concatenate(surface)
 
 
-def test_what_breaks_breaks_in_the_first_string_from_its_begin_to_its_end(plan):
-    pack = VirtualPack(plan, 6)
-    sound = [joined(VirtualPack(plan, 6), k, 400) for k in (0, 1)]
-    broken = [joined(pack, k, 400, fault=FAULT) for k in (0, 1)]
+@pytest.mark.parametrize("during", [(100, 250), (599, 640)])  # a step before a segment ends
+def test_what_breaks_breaks_in_the_first_string_from_its_begin_to_its_end(plan, during):
+    pack, fault, whole = VirtualPack(plan, 6), replace(FAULT, during_s=during), during[1] + 150
+    sound = [joined(VirtualPack(plan, 6), k, whole) for k in (0, 1)]
+    broken = [joined(pack, k, whole, fault=fault) for k in (0, 1)]
     for a, b in zip(sound[1], broken[1], strict=True):
         if isinstance(a, dict):
             assert all(np.array_equal(a[key], b[key]) for key in a)
@@ -179,12 +192,12 @@ def test_what_breaks_breaks_in_the_first_string_from_its_begin_to_its_end(plan):
     _, core, surface, series = broken[0]
     current = sound[0][3]["current", None]
     assert np.array_equal(series["current", None], current)  # what is shown
-    truth = expected(pack, 0, current, series["coolant_inlet", None], (core[0], surface[0]), FAULT)
+    truth = expected(pack, 0, current, series["coolant_inlet", None], (core[0], surface[0]), fault)
     assert np.abs(core - truth[0]).max() < 1e-3
     assert np.abs(surface - truth[1]).max() < 1e-3
     assert np.abs(core - sound[0][1]).max() > 2.0
-    inside = np.zeros(401, bool)
-    inside[100:250] = True
+    inside = np.zeros(whole + 1, bool)
+    inside[slice(*during)] = True
     assert series["coolant_flow", None] == pytest.approx(np.where(inside, 0.5, 1.0) * 0.0095)
 
 
