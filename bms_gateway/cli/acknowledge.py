@@ -28,9 +28,9 @@ def run(args: argparse.Namespace) -> int:
     import time
 
     from bms_gateway.config.load import load_config
-    from bms_gateway.store.requests import Acknowledgement, ask
+    from bms_gateway.store.requests import Acknowledgement, ask, one_line
 
-    reason = " ".join(args.reason.split())[:200]
+    reason = one_line(args.reason)
     if not reason:
         raise UsageError("acknowledge: --reason TEXT: the next person wants to know what was checked or repaired")
     loaded = load_config(args.config)

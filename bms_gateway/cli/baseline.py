@@ -70,10 +70,10 @@ def _target(word: str, loaded: "LoadedConfig") -> "tuple[StringPlan, int | None]
 def _reset(args: argparse.Namespace, loaded: "LoadedConfig", store: Path) -> int:
     import time
 
-    from bms_gateway.store.requests import BaselineReset, ask
+    from bms_gateway.store.requests import BaselineReset, ask, one_line
 
     string, cell = _target(args.reset, loaded)
-    reason = " ".join(args.reason.split())[:200]
+    reason = one_line(args.reason)
     ask(store, BaselineReset(string.name, cell, reason, time.time_ns()))
     what = string.name if cell is None else f"cell {cell} of {string.name}"
     print(

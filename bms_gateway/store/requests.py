@@ -12,7 +12,7 @@ import json
 import os
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from bms_gateway.errors import StateError
@@ -50,6 +50,17 @@ class Acknowledgement:
 
 
 Wish = BaselineReset | Acknowledgement
+
+
+def one_line(reason: str) -> str:
+    r"""Make one line of at most 200 printable characters of what a person wrote: it goes to the journal.
+
+    Examples
+    --------
+    >>> one_line(" new\n module\x1b[31m ")
+    'new module [31m'
+    """
+    return " ".join("".join(c if c.isprintable() else " " for c in reason).split())[:200]
 
 
 def ask(directory: Path, wish: Wish) -> Path:
@@ -127,4 +138,4 @@ def _of_kind(directory: Path, kind: type[Wish]) -> Iterator[tuple[Path, Wish | O
             sound &= wish.cell is None or (type(wish.cell) is int and wish.cell >= 1)
         else:
             sound &= wish.string is None or isinstance(wish.string, str)
-        yield path, wish if sound else None
+        yield path, replace(wish, reason=one_line(wish.reason)) if sound else None

@@ -96,6 +96,16 @@ def test_an_acknowledgement_is_for_a_string_or_for_all(tmp_path, string, sound):
     assert wishes(tmp_path) == [Acknowledgement(string, "r", 6) if sound else None]
 
 
+@pytest.mark.parametrize(
+    "reason", ["new\nCRITICAL forged", "new\x1b[2J\tCRITICAL  forged", "new\x00\u2028CRITICAL forged "]
+)
+def test_a_reason_is_one_printable_line_whoever_wrote_the_request(tmp_path, reason):
+    (found,) = laid(tmp_path, reason=reason)
+    assert found.reason.isprintable()
+    assert found.reason.startswith("new")
+    assert found.reason.endswith("CRITICAL forged")
+
+
 def test_a_request_has_ten_thousand_bytes_at_most(tmp_path):
     bare = len(json.dumps({"string": "s", "cell": 1, "reason": "", "time_ns": 5}))
     assert laid(tmp_path, reason="x" * (10_000 - bare)) != [None]
