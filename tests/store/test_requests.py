@@ -106,6 +106,11 @@ def test_a_reason_is_one_printable_line_whoever_wrote_the_request(tmp_path, reas
     assert found.reason.endswith("CRITICAL forged")
 
 
+def test_a_reason_has_two_hundred_characters_at_most(tmp_path):
+    (found,) = laid(tmp_path, reason="é" * 300)
+    assert found.reason == "é" * 200
+
+
 def test_a_request_has_ten_thousand_bytes_at_most(tmp_path):
     bare = len(json.dumps({"string": "s", "cell": 1, "reason": "", "time_ns": 5}))
     assert laid(tmp_path, reason="x" * (10_000 - bare)) != [None]
