@@ -14,7 +14,7 @@ SPREAD = 0.3
 """Least share of the excess in three blocks for which these times are reported."""
 TOGETHER = 4
 """Least number of cells with the same pattern that share one sentence."""
-TWO = 2
+TOGETHER_CONSTANT = 2
 """The same where the error is constant: a sentence of each would tell nothing else."""
 SHORT_S = 120.0
 """Times shorter than this are told in tenths of a minute."""
@@ -92,7 +92,7 @@ def _patterns(bad: Sequence[Sensor]) -> list[list[Sensor]]:
 def _told(group: Sequence[Sensor], cells: int) -> list[str]:
     """Describe sensors with the same pattern of errors; many sensors share one sentence."""
     constant = all(regime is not None and regime.feature == "always" for regime, _ in map(_strongest, group))
-    if len(group) < (TWO if constant else TOGETHER):
+    if len(group) < (TOGETHER_CONSTANT if constant else TOGETHER):
         return [_misfit(s) for s in group]
     found = [(s, *_strongest(s)) for s in group]
     order = sorted(s.cell for s in group)

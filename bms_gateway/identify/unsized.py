@@ -23,9 +23,9 @@ SIZE_UNKNOWN_SD: Final = 0.5
 """Of ln C_c: the capacity of a cell that was named, or weighed, is known far better than this."""
 
 
-def shown_sd(name_sd: float) -> float:
+def shown_sd(capacity_sd: float) -> float:
     """Tell s by the prior sd of ln C_c: as much as the size is open, and 0 where it is known."""
-    return name_sd if name_sd >= SIZE_UNKNOWN_SD else 0.0
+    return capacity_sd if capacity_sd >= SIZE_UNKNOWN_SD else 0.0
 
 
 def as_shown(mean: Floats, cov: Floats, known: Floats, known_sd: Floats, at: int, sd: float) -> tuple[Floats, Floats]:

@@ -57,7 +57,7 @@ class Aside:
         self._deadline_s, self._child = deadline_s, child
         self._lock = threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None
-        self._thread: int | None = None
+        self._thread: int | None = None  # that waits for the start of a child
         self._closed = False
 
     @property
@@ -87,13 +87,14 @@ class Aside:
         due = time.monotonic() + self._deadline_s
         try:
             process = self._start()
-            out, _ = process.communicate(given, timeout=max(due - time.monotonic(), 0.0))
         except OSError as error:
             return NotDone(f"no process could be started for it: {error.strerror}")
+        try:
+            out, _ = process.communicate(given, timeout=max(due - time.monotonic(), 0.0))
         except subprocess.TimeoutExpired:
             return late
         finally:
-            self._reap()
+            self._reap(process)
         if process.returncode < 0:
             return NotDone(f"its process was ended by {signal_name(-process.returncode)}")
         if process.returncode:
@@ -120,6 +121,8 @@ class Aside:
             )
         finally:
             timer.cancel()
+            with self._lock:
+                self._thread = None
         with self._lock:
             self._process = process
             if self._closed:
@@ -137,11 +140,8 @@ class Aside:
                     for child in children.split():
                         os.kill(int(child), signal.SIGKILL)
 
-    def _reap(self) -> None:
+    def _reap(self, process: "subprocess.Popen[bytes]") -> None:
         """Leave nothing of a child, however it went."""
-        process = self._process
-        if process is None:
-            return
         if process.poll() is None:
             process.kill()
             with suppress(subprocess.TimeoutExpired):

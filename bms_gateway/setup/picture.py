@@ -46,7 +46,7 @@ class Cores:
     def take(self, e: Estimated) -> None:
         """Take one tick."""
         known = bool(np.isfinite(e.core).any())
-        if known or not self.rows or self.last is None:
+        if known or self.last is None or not self.rows:
             self.last = e
         self.unknown_s = (e.time_ns - self.last.time_ns) * 1e-9
         if not known:

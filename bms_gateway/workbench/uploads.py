@@ -107,9 +107,9 @@ def safe_name(name: str) -> str:
     return "".join(c for c in last if c.isprintable() and c not in _NOT_IN_NAMES).lstrip(". ").rstrip()[:120]
 
 
-def sweep() -> None:
-    """Throw away what programs of this user left that were killed."""
-    for folder in Path(tempfile.gettempdir()).glob(f"{PREFIX}*"):
+def sweep(prefix: str = PREFIX) -> None:
+    """Throw away the folders of this name that programs of this user left which were killed."""
+    for folder in Path(tempfile.gettempdir()).glob(f"{prefix}*"):
         with suppress(OSError):  # somebody else's, or another start sweeps it too
             handle = os.open(folder, _DIRECTORY)
             try:
@@ -120,10 +120,10 @@ def sweep() -> None:
                 os.close(handle)
 
 
-def own_folder() -> tuple[Path, int]:
+def own_folder(prefix: str = PREFIX) -> tuple[Path, int]:
     """Make a folder and lock it; a start that sweeps may come in between, and then it is made once more."""
     while True:
-        folder = Path(tempfile.mkdtemp(prefix=PREFIX))
+        folder = Path(tempfile.mkdtemp(prefix=prefix))
         with suppress(FileNotFoundError):
             handle = os.open(folder, _DIRECTORY)
             fcntl.flock(handle, fcntl.LOCK_EX)

@@ -138,6 +138,17 @@ def test_the_end_of_the_service_does_not_wait_for_a_child_that_hangs_before_it_h
     assert [c.returncode for c in hanging] == [-9]
 
 
+def test_the_end_of_the_service_kills_no_other_child_of_the_thread_that_made_fits():
+    one = Aside(child=(*SMALL, ECHO))
+    assert one.run(1) == 1
+    bystander = os.posix_spawnp("sleep", ["sleep", "600"], os.environ)
+    one.close()
+    time.sleep(0.05)
+    assert os.waitpid(bystander, os.WNOHANG) == (0, 0)
+    os.kill(bystander, 9)
+    os.waitpid(bystander, 0)
+
+
 def test_a_deadline_is_that_of_its_own_child(monkeypatch):
     """The first child ends well; half a deadline after its start a second one begins, whose start hangs."""
     one, begin = Aside(deadline_s=1.0, child=("true",)), subprocess.Popen
