@@ -7,7 +7,7 @@ that was ended in the middle of something can be replaced by a fresh one.
 import tempfile
 from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -149,7 +149,7 @@ class Bench:
         self._files = None
         model = read_model(Path(files.model))
         whole, own = parse_columns(files.columns), dict(enumerate(files.each))
-        self._records = read_measurements(
+        read = read_measurements(
             [Path(t) for t in files.tables],
             model=model,
             config=Path(files.config) if files.config else None,
@@ -162,6 +162,8 @@ class Bench:
                 seen=seen,
             ),
         )
+        # where an upload lies here means nothing to those who read of it
+        self._records = [replace(r, source=_named(r.source, folder)) for r in read]
         self._files, self._filed = files, model
         self._made.clear()
 
@@ -273,6 +275,7 @@ class Bench:
     def _report(self, request: Mapping[str, Any], folder: Path, tell: Tell) -> documents.Document:
         """Write the page that the commands write with --html: of the last diagnosis, addition or comparison."""
         text, kind, command, remains, step = (str(request[k]) for k in ("text", "kind", "command", "remains", "step"))
+        command = _named(command, folder)
         tell(0.1, "writing the report")
         comparison = self._comparison(text)
         made = self._of(text)
@@ -290,9 +293,12 @@ class Bench:
             # an addition of a process that was ended since is shown by what it left: its model against the readings
             how = command if kind == "compare" else ""
             write_comparison(path, comparison, Aside(comparison.sources, findings, notes, how, remains))
-        # where an upload lies here means nothing to those who read the report
-        path.write_text(path.read_text(encoding="utf-8").replace(f"{folder}/", ""), encoding="utf-8")
         return {"path": str(path)}
+
+
+def _named(text: str, folder: Path) -> str:
+    """Leave out of a text where the uploads of a tab lie."""
+    return text.replace(f"{folder}/", "")
 
 
 def _taken(files: Mapping[str, Any], folder: Path, tell: Tell) -> tuple[dict[str, Any], list[str]]:
