@@ -58,6 +58,7 @@ class Aside:
         self._lock = threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None
         self._thread: int | None = None  # that waits for the start of a child
+        self._elder: frozenset[int] = frozenset()  # children of this thread that it had before: not ours to kill
         self._closed = False
 
     @property
@@ -84,6 +85,7 @@ class Aside:
             if self._closed:
                 return NotDone("the service ends")
             self._thread = threading.get_native_id()
+            self._elder = _children_of(self._thread)
         due = time.monotonic() + self._deadline_s
         try:
             process = self._start()
@@ -135,10 +137,9 @@ class Aside:
             if self._process is not None:
                 self._process.kill()
             elif self._thread is not None:
-                with suppress(OSError):  # a kernel without this list, or the child is gone
-                    children = Path(f"/proc/self/task/{self._thread}/children").read_text(encoding="ascii")
-                    for child in children.split():
-                        os.kill(int(child), signal.SIGKILL)
+                for child in _children_of(self._thread) - self._elder:
+                    with suppress(ProcessLookupError):  # it has ended since
+                        os.kill(child, signal.SIGKILL)
 
     def _reap(self, process: "subprocess.Popen[bytes]") -> None:
         """Leave nothing of a child, however it went."""
@@ -152,6 +153,15 @@ class Aside:
                     pipe.close()
         with self._lock:
             self._process = None
+
+
+def _children_of(thread: int) -> frozenset[int]:
+    """Processes that a thread of this process has started; none where the kernel keeps no such list."""
+    try:
+        listed = Path(f"/proc/self/task/{thread}/children").read_text(encoding="ascii")
+    except OSError:
+        return frozenset()
+    return frozenset(int(child) for child in listed.split())
 
 
 def work(given: BinaryIO, out: BinaryIO) -> None:

@@ -178,6 +178,32 @@ def test_no_child_of_another_thread_is_killed_with_one_that_hangs(hanging):
     os.waitpid(bystander, 0)
 
 
+def test_no_earlier_child_of_the_same_thread_is_killed_with_one_that_hangs(hanging):
+    """`multiprocessing` keeps a helper process of its own for each program, often a child of the main thread."""
+    bystander = os.posix_spawnp("sleep", ["sleep", "600"], os.environ)
+    found = Aside(deadline_s=0.2, child=(*SMALL, ECHO)).run(0)
+    assert found == NotDone("it had not ended after 0.2 s and was killed")
+    assert os.waitpid(bystander, os.WNOHANG) == (0, 0)
+    os.kill(bystander, 9)
+    os.waitpid(bystander, 0)
+
+
+def test_a_kernel_that_lists_no_children_ends_no_fit_by_a_fault(monkeypatch):
+    """Without the list nothing can be killed before it has begun; what hangs for a while is then late, no more."""
+    begin = subprocess.Popen
+
+    def slow(*args, **how):
+        begin(["sleep", "0.5"]).wait()
+        return begin(*args, **how)
+
+    def refused(*_args, **_how):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(subprocess, "Popen", slow)
+    monkeypatch.setattr(Path, "read_text", refused)
+    assert Aside(deadline_s=0.2, child=(*SMALL, ECHO)).run(0) == NotDone("it had not ended after 0.2 s and was killed")
+
+
 def test_the_end_of_a_service_without_a_child_kills_nothing():
     one = Aside(child=(*SMALL, ECHO))
     one.close()
