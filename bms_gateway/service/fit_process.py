@@ -156,7 +156,7 @@ class Aside:
 
 
 def _children_of(thread: int) -> frozenset[int]:
-    """Processes that a thread of this process has started; none where the kernel keeps no such list."""
+    """List the processes that a thread of this process has started; none where the kernel keeps no such list."""
     try:
         listed = Path(f"/proc/self/task/{thread}/children").read_text(encoding="ascii")
     except OSError:
