@@ -35,6 +35,8 @@ MUST_MOVE = 3.0
 """Multiple of the sensor's step or noise by which the model must expect a surface to change; its resistance may be half
 as large."""
 INLET_K = 0.5
+LOST_S, LOST = 30.0, 0.1
+"""A current that is missing for this time at once, or for this share of the record, leaves heat unknown that shows."""
 SOC_SPAN = 0.2
 ABSURD_K = 1000.0
 """A predicted warming that no record can contain, because cells burn before."""
@@ -90,6 +92,7 @@ def check_record(record: Record, model: StringModel) -> tuple[Finding, ...]:
         _loop,
         _charge,
         _sampling,
+        _missing_current,
         _rows,
     )
     found = [f for check in checks for f in check(record, model)]
@@ -368,6 +371,19 @@ def _sampling(r: Record, _: StringModel) -> Iterator[Finding]:
             "note",
             f"The surface of {_cells(coarse)} is measured in steps of {r.noise.step.max():g} K.",
         )
+
+
+def _missing_current(r: Record, _: StringModel) -> Iterator[Finding]:
+    lost = r.sampling
+    seconds = float(r.drive.N * r.drive.dt)
+    if lost.longest_s < LOST_S and lost.missing_s < LOST * seconds:
+        return
+    yield Finding(
+        "current_missing",
+        "warn",
+        f"The current is missing for {lost.missing_s:.0f} s of {seconds:.0f} s, at the longest for "
+        f"{lost.longest_s:.0f} s: the heat there is a guess between the readings before and after it.",
+    )
 
 
 def _rows(r: Record, _: StringModel) -> Iterator[Finding]:

@@ -43,10 +43,16 @@ class Sampling:
     doubt : float
         Relative standard deviation of a minute's mean square current, because the current between rows is unknown; 0 if
         the source states mean squares.
+    missing_s : float
+        Total time for which the current is missing and taken as a straight line.
+    longest_s : float
+        The longest such gap.
     """
 
     seconds: float = 0.0
     doubt: float = 0.0
+    missing_s: float = 0.0
+    longest_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -249,7 +255,7 @@ def draw_inputs(rows: Columns, model: StringModel, half_way: bool | None, notes:
             notes.append("Rows of the current come in bursts: its steps are put half-way between rows.")
     bridge = bridged(t)[0]
     gaps = np.diff(t) > bridge
-    _tell_gaps(t, bridge, bridged(t)[1], notes)
+    missing_s, longest_s = _tell_gaps(t, bridge, bridged(t)[1], notes)
     t_in, T_in = _believable(rows, rows.coolant_inlet_C, "coolant_inlet", "coolant_inlet_C", notes)
     if not len(t_in):
         _refuse_unit(rows.source, "coolant_inlet_C", rows.coolant_inlet_C, "coolant_inlet", "°C", "K")
@@ -265,7 +271,12 @@ def draw_inputs(rows: Columns, model: StringModel, half_way: bool | None, notes:
         voltage=voltage,
         flow=_flow(rows, model, notes),
         soc=_recorded_charge(rows, notes),
-        sampling=Sampling(usual_interval(t), 0.0 if rows.mean_square_current is not None else _doubt(t, amps, bridge)),
+        sampling=Sampling(
+            usual_interval(t),
+            0.0 if rows.mean_square_current is not None else _doubt(t, amps, bridge),
+            missing_s,
+            longest_s,
+        ),
         terminal=terminal,
     )
 
@@ -314,7 +325,8 @@ def _doubt(t: Floats, amps: Floats, bridge: float) -> float:
     return float(np.sqrt(variance * seconds / MINUTE_S)) / charge if charge > 0.0 else 0.0
 
 
-def _tell_gaps(t: Floats, bridge: float, part: float, notes: list[str]) -> None:
+def _tell_gaps(t: Floats, bridge: float, part: float, notes: list[str]) -> tuple[float, float]:
+    """Note where the current is missing and bridged; gives the time in all and that of the longest gap, s."""
     d = np.diff(t)
     d = d[(d > bridge) & (d <= part)]
     if len(d):
@@ -322,6 +334,7 @@ def _tell_gaps(t: Floats, bridge: float, part: float, notes: list[str]) -> None:
             f"The current is missing at {len(d)} places, for {d.max():.0f} s at the longest and {d.sum():.0f} s in "
             "all: bridged by straight lines."
         )
+    return float(d.sum()), float(d.max(initial=0.0))
 
 
 def _tell_reach(t: Floats, own: Floats, name: str, notes: list[str]) -> None:

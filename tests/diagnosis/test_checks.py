@@ -173,6 +173,27 @@ def test_missing_readings_are_counted():
     assert "40 %" in sentence or "39 %" in sentence or "41 %" in sentence
 
 
+@pytest.mark.parametrize(
+    ("gaps", "told"),
+    [
+        ([(1000, 1060)], (60, 60)),  # a current frame that stopped for a minute
+        ([(1000, 1020)], None),  # too short to matter
+        ([(200 + 200 * k, 228 + 200 * k) for k in range(13)], (364, 28)),  # many short ones
+        ([(1000, 1400)], None),  # the record is divided there
+    ],
+)
+def test_a_current_that_is_missing_for_long_is_told(gaps, told):
+    c = rows()
+    for first_s, last_s in gaps:
+        c["current_A"][first_s + 1 : last_s] = np.nan
+    found = findings(c).get("current_missing")
+    if told is None:
+        assert found is None
+    else:
+        assert found.severity == "warn"
+        assert f"missing for {told[0]} s of 3000 s, at the longest for {told[1]} s" in found.sentence
+
+
 def test_a_square_wave_is_not_called_by_its_mean():
     c = rows()
     wave = np.where(np.arange(3001) // 50 % 2, 79.0, -79.0)

@@ -68,7 +68,7 @@ def test_a_report_fits_every_window_and_paper(window, pack, axe, tmp_path):
             "const desk = JSON.parse(sessionStorage.workbench).desk;"
             "return fetch(`/api/take?desk=${desk}&what=report`).then(r => r.text())"
         )
-    assert len(text.encode()) < 2.6e6  # of which plotly, packed, 2.0e6
+    assert len(text.encode()) < 2e6
     (tmp_path / "report.html").write_text(text, encoding="utf-8")
     report = window(f"file://{tmp_path / 'report.html'}")
     report.wait("return document.documentElement.dataset.drawn")

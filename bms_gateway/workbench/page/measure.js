@@ -98,20 +98,20 @@ function ask() {
   }, AFTER_MS);
 }
 
-const HEADS = ["Curve", "at A", "at B", "B − A", "slope", "least", "greatest", "mean", "rms", "samples"];
+const heads = () => ["Curve", "at A", "at B", "B − A", `slope per ${shown.unit}`, "least", "greatest", "mean", "rms", "samples"];
 
 // The values with the window and the cursors that they are of: both may have moved on meanwhile.
 function table(curves, window, places) {
   const rows = curves.filter((c) => !c.step || shown.steps.includes(c.step)).map((c) => {
     const both = c.a !== null && c.b !== null, apart = places[1] - places[0];
-    const unit = c.unit ? ` ${c.unit}` : "", size = Math.floor(Math.log10(Math.max(Math.abs(c.min), Math.abs(c.max)) || 1));
+    const size = Math.floor(Math.log10(Math.max(Math.abs(c.min), Math.abs(c.max)) || 1));
     const fixed = (x) => (x === null ? "–" : size > 5 || size < -3 ? plain(x) : x.toFixed(Math.min(Math.max(4 - size, 0), 6)).replace(/^-(?=.*[1-9])/, "−").replace(/^-/, ""));
     const cells = [c.a, c.b, both ? c.b - c.a : null].map(fixed);
-    const slope = both && apart ? `${plain((c.b - c.a) / apart, 4)}${unit}/${shown.unit}` : "–";
+    const slope = both && apart ? plain((c.b - c.a) / apart, 4) : "–";
     return el("tr", {}, el("th", { scope: "row" }, `${c.name}${c.unit ? `, ${c.unit}` : ""}`),
       ...[...cells, slope, ...[c.min, c.max, c.mean, c.rms].map(fixed), String(c.count)].map((t) => el("td", { class: "n" }, t)));
   });
-  $("measures").replaceChildren(el("table", {}, el("thead", {}, el("tr", {}, ...HEADS.map((t) => el("th", { scope: "col", class: t === "Curve" ? null : "n" }, t)))), el("tbody", {}, ...rows)));
+  $("measures").replaceChildren(el("table", {}, el("thead", {}, el("tr", {}, ...heads().map((t) => el("th", { scope: "col", class: t === "Curve" ? null : "n" }, t)))), el("tbody", {}, ...rows)));
   $("measures").dataset.window = window.join();
   $("measures").dataset.cursors = places.join();
 }
