@@ -61,7 +61,9 @@ def test_results_are_whole_at_every_width(window, axe, tmp_path):
             page.click("#theme")
             assert page.run("return document.documentElement.dataset.theme") == theme
             for width in (390, 1024, 1280, 1920):
-                page.cdp("Emulation.setDeviceMetricsOverride", width=width, height=800, deviceScaleFactor=1, mobile=False)
+                page.cdp(
+                    "Emulation.setDeviceMetricsOverride", width=width, height=800, deviceScaleFactor=1, mobile=False
+                )
                 for step in ("compare", "diagnose", "add"):
                     page.click(f"#tab-{step}")
                     assert faults(page, axe) == [], (theme, width, step)
