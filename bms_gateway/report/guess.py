@@ -48,6 +48,11 @@ _OF_A_CELL: Final = re.compile(
     r"|skin|haut|mantel|geh(ä|ae)use"
 )
 """What tells a surface where no unit says that it is a temperature."""
+_OF_THE_BATTERY: Final = re.compile(
+    r"\b(t|temp|temperatur\w*)\b.*\b(batt?|battery|batterie|pack|akku|module?|modul)\b"
+    r"|\b(batt?|battery|batterie|pack|akku|module?|modul)\b.*\b(t|temp|temperatur\w*)\b"
+)
+_AN_EXTREME: Final = re.compile(r"\b(max|min|maximum|minimum|highest|lowest|delta|diff)\b")
 _ELECTRIC: Final = re.compile(r"\b(voltage|volts?|\w*spannung|current|strom|soc|u|v|i)\b")
 _JOINED: Final = re.compile(
     r"\bt(?=(surf\w*|oberfl\w*|zelle?|cell|case|can|geh(ä|ae)use|core|kern|amb|ambient|umg\w*|luft|air|inlet|cool\w*"
@@ -165,6 +170,8 @@ def guesses(
             found[best] = Guess(ours, _unit_of(quantity, values.get(best), kind[best]), why="by its name")
     for what, quantity in (("core", "temperature"), ("surface", "temperature"), ("cell_voltage", "voltage")):
         found |= _cells(what, quantity, [n for n in free if n not in found], kind, values, taken)
+    if not any(ours.startswith("surface_") for ours in (*taken, *(g.ours for g in found.values()))):
+        found |= _of_the_battery([n for n in free if n not in found], kind, values)
     return _signed(found, taken, values)
 
 
@@ -221,6 +228,18 @@ def _cells(
         for ours, n in given.items()
         if ours not in taken
     }
+
+
+def _of_the_battery(
+    free: Sequence[str], kind: Mapping[str, str | None], values: Mapping[str, Floats]
+) -> dict[str, Guess]:
+    """Take the one temperature of a battery as a surface, where no cell has a temperature of its own."""
+    for n in free:
+        text = plain(n)
+        if kind[n] in (None, "temperature") and _OF_THE_BATTERY.search(text) and not _AN_EXTREME.search(text):
+            why = "a temperature of the battery: no cell has its own"
+            return {n: Guess("surface_1_C", _unit_of("temperature", values.get(n), kind[n]), why=why)}
+    return {}
 
 
 def _heat_of_a_cell(text: str) -> bool:

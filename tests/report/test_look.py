@@ -89,6 +89,13 @@ VOLTS = "cell_voltage_1_V cell_voltage_2_V"
         ("Zeit;Strom;Umgebung;T_Oberfla\u0308che", "0;1;20;20", f"{INLET} surface_1_C"),
         ("t;I;Tin;TZelle1;TZelle2", "0;1;20;20;20", f"{INLET} surface_1_C surface_2_C"),
         ("t;I;Tair;Tcore;Tcase;total", "0;1;20;20;20;7", f"{INLET} core_1_C surface_1_C -"),
+        (
+            "t_s;I_A;V_V;T_batt_max_C;T_batt_C;T_amb_C",
+            "0;1;380;23;23;20",
+            f"time_s current_A voltage_V - surface_1_C {AIR}",
+        ),
+        ("t;I;T_amb;Battery Temperature", "0;1;20;20", f"{INLET} surface_1_C"),
+        ("t;I;T_amb;T_batt;T1;T2", "0;1;20;20;20;20", f"{INLET} - surface_1_C surface_2_C"),
         ("t;I;T_amb;Cell_3_Voltage;Cell_3_Temp;Zellspannung", "0;1;20;3.6;20;3.6", f"{INLET} - surface_3_C -"),
     ],
 )

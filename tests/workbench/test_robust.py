@@ -58,6 +58,28 @@ def test_a_page_left_open_goes_on_when_the_server_is_back(window, pack, tmp_path
 
 
 @pytest.mark.slow
+def test_a_page_that_is_loaded_again_in_mid_search_finds_the_search_and_then_its_verdict(window, pack):
+    with served(pack.folder, *pack.words) as url:
+        page = window(url)
+        seen_compared(page)
+        page.idle(FIT_S)
+        desk = page.run("return JSON.parse(sessionStorage.workbench).desk")
+        page.click("#tab-diagnose")
+        page.click("#diagnose")
+        page.wait("return Number(document.querySelector('#job-share').value) > 0.02", patience_s=FIT_S)
+        for _ in range(3):
+            share = float(page.run("return document.querySelector('#job-share').value"))
+            page.reload()
+            page.wait("return document.body.dataset.busy === 'diagnose'")
+            assert page.run("return JSON.parse(sessionStorage.workbench).desk") == desk
+            page.wait("return document.querySelector('#job-share').value >= arguments[0]", share, patience_s=FIT_S)
+        page.wait("return document.querySelector('#panel-diagnose .verdict')", patience_s=FIT_S)
+        page.idle(FIT_S)
+        assert "entropic_heat" in page.text("#panel-diagnose")
+        assert page.complaints() == []
+
+
+@pytest.mark.slow
 def test_a_report_fits_every_window_and_paper(window, pack, axe, tmp_path):
     with served(pack.folder, *pack.words) as url:
         page = window(url)
