@@ -96,6 +96,7 @@ class Watch:
         self._trend: dict[str, list[tuple[int, float, float]]] = {s.plan.name: [] for s in engine.strings}
         self._views: OrderedDict[str, _View] = OrderedDict()
         self._before: tuple[int, int, int] | None = None
+        self._heard = (0, 0)  # wanted frames so far, and the end of the tick in which the newest came
         self._kept = time.monotonic()
         self.problem = ""
         """Why there will be no more ticks, as one line; empty while there may be."""
@@ -136,7 +137,11 @@ class Watch:
         elif isinstance(event, Estimated):
             self._keep(event)
         elif isinstance(event, Judged) and self._ticks and self._ticks.last_ns == event.time_ns:
-            driven_by(self._ticks.at(event.time_ns).past, event)
+            tick = self._ticks.at(event.time_ns)
+            driven_by(tick.past, event)
+            if event.frames != self._heard[0]:
+                self._heard = event.frames, event.time_ns
+            tick.bus["silent_s"] = (event.time_ns - self._heard[1]) * 1e-9
 
     def _keep(self, told: Estimated) -> None:
         time_ns = told.time_ns
@@ -244,6 +249,7 @@ class Watch:
         at = self._ticks.last_ns if view.at_ns is None else int(view.at_ns)
         tick, first = self._ticks.at(at), self._ticks.first_ns
         age = (at - tick.time_ns) * 1e-9 + (self._age_s() if view.at_ns is None else 0.0)
+        silent = age + tick.bus.get("silent_s", 0.0)  # the engine goes on for a while without frames
         return {
             "ticks": len(self._ticks),
             "problem": self.problem,
@@ -251,7 +257,8 @@ class Watch:
             "last": round((self._ticks.last_ns - first) * 1e-9, 3),
             "wall_ms": tick.time_ns // 1_000_000 if tick.time_ns >= SET_NS else None,
             "age": round(age, 1),
-            "state": "now" if age <= STALE_S else "stale" if age < self._parked_s else "parked",
+            "silent": round(silent, 1),
+            "state": "now" if silent <= STALE_S else "stale" if silent < self._parked_s else "parked",
             "alerts": tick.alerts,
             "whole": self.whole,
             "following": view.at_ns is None,

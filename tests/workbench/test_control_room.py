@@ -219,6 +219,19 @@ def test_the_signals_of_a_window_are_those_of_the_bus(watch, log, tmp_path):
         watch.signals.table(7, 30.0, None, tmp_path / "x.csv")
 
 
+def test_a_silent_bus_within_a_log_is_told(tmp_path):
+    """The engine goes on for a while without frames, by the model alone; then it waits."""
+    frames = traffic(140.0)
+    kept = frames[(frames.time_ns <= DEAD_S * SECOND) | (frames.time_ns > 110 * SECOND)]
+    path = tmp_path / "drive.log"
+    write_log(path, [FrameBatch(kept.time_ns + BEGAN_NS, kept.can_id, kept.length, kept.data)])
+    watch = watched(load_config(shipped(EXAMPLE)).plan, path)
+    shown = [(s["state"], round(s["silent"])) for s in (at(watch, t) for t in (20, 32, 50, 80, 105, 120))]
+    states, silent = zip(*shown, strict=True)
+    assert states == ("now", "now", "stale", "stale", "parked", "now")
+    assert silent == pytest.approx((0, 2, 20, 50, 75, 0), abs=1)
+
+
 def test_what_is_old_is_told(watch, monkeypatch):
     shown = at(watch, 50)
     assert (shown["state"], shown["age"]) == ("now", 0.0)

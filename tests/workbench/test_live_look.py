@@ -149,7 +149,7 @@ def test_old_doubtful_and_hot_cells_look_different(window, log, axe, tmp_path):
         )
         looks, said = {}, {}
         for state, age in (("now", 0), ("stale", 12), ("parked", 4000)):
-            page.run("show({...structuredClone(last), state: arguments[0], age: arguments[1]})", state, age)
+            page.run("show({...structuredClone(last), state: arguments[0], silent: arguments[1]})", state, age)
             looks[state], said[state] = tuple(page.run(look)), page.text("#live-state")
             assert faults(page, axe) == [], state
         assert looks == {

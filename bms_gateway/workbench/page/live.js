@@ -111,8 +111,8 @@ function condition(p) {
   if (!p.ticks) return `Waiting for frames; the interface is ${p.link}.`;
   if (about.kind === "log" && !p.whole) return "Still reading the log.";
   if (about.kind === "live" && p.following && p.bus.link !== "up") return `The interface is ${p.bus.link}.`;
-  if (p.state === "stale") return `Stale: nothing new for ${Math.round(p.age)} s.`;
-  return p.state === "parked" ? `Parked: the bus has been silent for ${clock(p.age)}; the last estimates are shown.` : "";
+  if (p.state === "stale") return `Stale: nothing new for ${Math.round(p.silent)} s.`;
+  return p.state === "parked" ? `Parked: the bus has been silent for ${clock(p.silent)}; the last estimates are shown.` : "";
 }
 
 const moment = (ms) => new Date(ms).toLocaleString([], { dateStyle: "short", timeStyle: "medium" });
