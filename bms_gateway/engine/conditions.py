@@ -37,7 +37,7 @@ REMEDIES: Final = {
 def of_inputs(inputs: Inputs, strings: Sequence[StringEstimator]) -> Iterator[Condition]:
     """List faulty inputs of a bus that is not quiet, and strings of which no core is known."""
     yield from _sensors(inputs.faults())
-    for string, missing in inputs.unheard().items():
+    for string, missing in inputs.missed().items():
         text = f"never received: {missing}: check the names in the config, the DBC, and the sender"
         yield Condition("unheard", Severity.WARNING, text, string)
     if len(strings) and np.isnan(strings[0].newest.core).any():

@@ -44,7 +44,6 @@ from bms_gateway.health.alerts import Alerts
 
 JOB_DUE_TICKS = 30  # far longer than the fit of a window takes on a slow core, far shorter than a window
 GRACE_TICKS = 10  # after a start or a pause: a sensor that has sent nothing yet is not faulty; a fault lasts longer
-UNHEARD_TICKS = 10  # longest period of a battery's messages
 AT_ONCE_NS = 2_000_000_000  # a reload takes less, a restart more: a shorter stop cannot hide a change
 CLOCK_SET_NS = 1_577_836_800_000_000_000  # 2020: an older stamp is of a clock that starts in 1970 and was not set yet
 SNAPSHOT_VERSION = 1
@@ -300,9 +299,8 @@ class Engine:
             self._queue.extend(self.inputs.changes(t1))
         if faults := self._clock.news(t1):
             self._queue.append(Notice(t1, Level.WARNING, "clock", f"time stamps: {faults}"))
-        if t1 - self._started == UNHEARD_TICKS * self._plan.tick_ns:
-            for name, missing in self.inputs.unheard().items():
-                self._queue.append(Notice(t1, Level.WARNING, "unheard", f"not received so far: {missing}", name))
+        for name, missing in self.inputs.newly_missed().items():
+            self._queue.append(Notice(t1, Level.WARNING, "unheard", f"not received so far: {missing}", name))
         tick = self.estimators.step(readings, t1)
         self._queue.extend(tick.events)
         self._queue.extend(self.alerting.sense(readings, t1, self._heard))

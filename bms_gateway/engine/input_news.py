@@ -12,6 +12,8 @@ from bms_gateway.engine.wiring import Wiring
 from bms_gateway.frames.ammeter import Ammeter
 from bms_gateway.frames.quality import Quality
 
+UNHEARD_NS = 10_000_000_000
+"""An input is missed after this time at the earliest: longest period of most messages of a battery."""
 GOOD = int(Quality.GOOD)  # numpy takes many times longer to compare with a member of an enumeration
 
 
@@ -23,6 +25,8 @@ class InputNews:
     wiring : Wiring
     meters : mapping
         Comparisons of each current with its voltage, by the inputs of both.
+    due_ns : ndarray (C,)
+        Time within which each input comes.
 
     Attributes
     ----------
@@ -30,10 +34,15 @@ class InputNews:
         `Quality` of each input now.
     heard : ndarray of bool (C,)
         Whether a sample of it ever came.
+    waited_ns : int
+        For how long the inputs have been read.
     """
 
-    def __init__(self, wiring: Wiring, meters: Mapping[tuple[int, int], Ammeter]) -> None:
+    def __init__(self, wiring: Wiring, meters: Mapping[tuple[int, int], Ammeter], due_ns: NDArray[np.int64]) -> None:
         self._wiring, self._meters = wiring, meters
+        self._missed_after_ns = np.maximum(due_ns, UNHEARD_NS)
+        self._missed = np.zeros(len(wiring.channels), np.bool_)  # and told
+        self.waited_ns = 0
         self.quality: NDArray[np.uint8] = np.full(len(wiring.channels), Quality.NEVER, np.uint8)
         self._told = self.quality.copy()
         self.heard = np.zeros(len(wiring.channels), np.bool_)
@@ -87,8 +96,21 @@ class InputNews:
 
     def unheard(self) -> dict[str, str]:
         """List the inputs of which no sample ever came, by string, as text."""
+        return self._named(~self.heard)
+
+    def missed(self) -> dict[str, str]:
+        """List those of `unheard` that should have come by now."""
+        return self._named(~self.heard & (self.waited_ns >= self._missed_after_ns))
+
+    def newly_missed(self) -> dict[str, str]:
+        """List those of `missed` that are so since the last call."""
+        new = ~self.heard & (self.waited_ns >= self._missed_after_ns) & ~self._missed
+        self._missed |= new
+        return self._named(new)
+
+    def _named(self, those: NDArray[np.bool_]) -> dict[str, str]:
         missing: dict[str, list[str]] = {}
-        for i in np.flatnonzero(~self.heard).tolist():
+        for i in np.flatnonzero(those).tolist():
             if self._wiring.channels[i].quantity == "cell_voltage" or i in self._wiring.spare:
                 continue  # our own DBC always contains them, but few buses carry them
             missing.setdefault(self._wiring.names[i][0], []).append(self._wiring.channels[i].signal or "")

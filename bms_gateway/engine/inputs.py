@@ -24,6 +24,8 @@ from bms_gateway.frames.j1939 import Senders
 from bms_gateway.frames.own_dbc import OWN_DBC
 from bms_gateway.frames.quality import Quality
 from bms_gateway.frames.rules import default_rule
+from bms_gateway.frames.signal_info import Switch
+from bms_gateway.frames.turns import ROUNDS
 from bms_gateway.thermal import Floats
 
 # plain integers: numpy takes many times longer to compare with a member of an enumeration
@@ -75,16 +77,19 @@ class Inputs:
         self.senders = Senders(groups.intersection(self.can_ids.tolist()), groups)
         self._scale = np.array([c.scale for c in channels])
         self._offset = np.array([c.offset for c in channels])
-        self._guard = Guard(
-            [
-                default_rule(c.quantity, database.resolve(signal), c.scale, c.offset, group)
-                for c, signal, group in zip(channels, signals, self._wiring.groups, strict=True)
-            ]
-        )
+        rules = []
+        turns: dict[tuple[str, tuple[Switch, ...]], int] = {}  # a message may have thousands of multiplexed signals
+        for c, path, group in zip(channels, signals, self._wiring.groups, strict=True):
+            signal = database.resolve(path)
+            if (part := (signal.message, signal.mux)) not in turns:
+                turns[part] = database.message(signal.message).turns(signal)
+            rules.append(default_rule(c.quantity, signal, c.scale, c.offset, group, turns[part]))
+        self._guard = Guard(rules)
         self._counters = CounterGuard(self._table)
         steps = [abs(c.scale) * database.resolve(x).resolution for c, x in zip(channels, signals, strict=True)]
         self._integrals = Integrals(self.wires, steps)
-        self._news = InputNews(self._wiring, self._integrals.meters)
+        due_ns = [max(r.stale_after_ns, ROUNDS * r.round_ns) for r in rules]
+        self._news = InputNews(self._wiring, self._integrals.meters, np.array(due_ns, np.int64))
         self._places = Places.of(plan, self.wires, self._integrals.pairs)
         self.good = _NOTHING
         self.counts = np.zeros((len(signals), QUALITIES), np.int64)
@@ -131,6 +136,7 @@ class Inputs:
             Last surfaces of the model, °C; they decide which of several cells a reading belongs to.
         """
         self._news.heard[samples.input] = True
+        self._news.waited_ns += t1 - t0
         g = self._guard.update(samples.time_ns, samples.input, samples.value, samples.flag, t1, self._integrals.active)
         rejected = g.rejected.sum(axis=0)
         for code in rejected.nonzero()[0].tolist():
@@ -220,6 +226,14 @@ class Inputs:
     def unheard(self) -> dict[str, str]:
         """List the inputs of which no sample ever came, by string, as text."""
         return self._news.unheard()
+
+    def missed(self) -> dict[str, str]:
+        """List the inputs of which no sample ever came although one should have, by string, as text."""
+        return self._news.missed()
+
+    def newly_missed(self) -> dict[str, str]:
+        """List those of `missed` that are so since the last call."""
+        return self._news.newly_missed()
 
     def forget(self) -> None:
         """Forget what is no longer valid after a gap: the last current and the slope of the inlet."""

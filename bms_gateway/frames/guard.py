@@ -41,6 +41,7 @@ from bms_gateway.frames.peers import Peers
 from bms_gateway.frames.quality import Quality
 from bms_gateway.frames.repeats import Repeats
 from bms_gateway.frames.rules import PROOF_K, STUCK_COARSE_S, Rule
+from bms_gateway.frames.turns import Turns
 
 __all__ = ["Guard", "GuardResult"]
 
@@ -222,7 +223,7 @@ class Guard:
         self.rules = tuple(rules)
         n = len(self.rules)
         self._ranges = Ranges.of(self.rules)
-        self._stale_ns = np.array([r.stale_after_ns for r in self.rules], np.int64)
+        self._turns = Turns(self.rules)
         self._value, self._value_ns = np.full(n, np.nan), np.zeros(n, np.int64)
         self._last, self._received_ns = np.full(n, NEVER, np.uint8), np.full(n, -1, np.int64)
         # from here on: only the channels that are judged by their past
@@ -278,6 +279,7 @@ class Guard:
         self._peers.advance(t1_ns, on, shown.updated, shown.changed, self._repeats.lively())
         self._neighbours.advance(self._previous, self._anchors.home, shown.updated)
         self._last[channel] = quality
+        self._turns.take(channel, time_ns, self._received_ns)
         self._received_ns[channel] = time_ns
         if len(held_back):
             quality[held_back] = STUCK
@@ -343,7 +345,7 @@ class Guard:
         return np.asarray(judged & self._repeats.freezes(c), np.bool_)
 
     def _channels(self, t1_ns: int) -> NDArray[np.uint8]:
-        late = t1_ns - self._received_ns > self._stale_ns
+        late = t1_ns - self._received_ns > self._turns.stale_ns()
         received = self._received_ns >= 0
         return np.where(late & received, STALE, self._last)
 

@@ -30,6 +30,9 @@ class Rule:
         Active time after which an unmoved channel is STUCK; inf for never.
     needs_proof : bool
         The channel is not used before it has moved.
+    round_ns : int
+        Longest time from value to value where parts of a multiplexed message take turns; 0 for other signals. The
+        last value is then stale after some of the rounds that are seen, if that is later (`turns.Turns`).
     """
 
     quantity: Quantity
@@ -43,6 +46,7 @@ class Rule:
     jump_rate: float = 0.0
     stuck_after_s: float = math.inf
     needs_proof: bool = False
+    round_ns: int = 0
 
     @property
     def remembers(self) -> bool:
@@ -56,11 +60,18 @@ STUCK_COARSE_S, COARSE_K = 1800.0, 0.5
 PROOF_K = 0.05
 """Coarser signals may stand still for a whole drive: with this rule they would never be used."""
 FASTEST_CYCLES = 5
-"""Cycle times missed before a value is stale."""
+"""Cycle times missed before a value is stale; a second where the DBC names no cycle time."""
+LONGEST_ROUND_NS = 60_000_000_000
+"""Of a multiplexer: a DBC may list thousands of parts, of which few are sent."""
 
 
 def default_rule(
-    quantity: Quantity, info: SignalInfo | None, scale: float = 1.0, offset: float = 0.0, group: int = 0
+    quantity: Quantity,
+    info: SignalInfo | None,
+    scale: float = 1.0,
+    offset: float = 0.0,
+    group: int = 0,
+    turns: int = 1,
 ) -> Rule:
     """Choose the rule of a channel by its quantity and by what the DBC says of its signal.
 
@@ -73,24 +84,27 @@ def default_rule(
         The channel's own: quantity = scale · decoded + offset.
     group : int
         Number of the string.
+    turns : int
+        Frames of its message in which a multiplexed signal comes once.
     """
     this = INPUTS[quantity]
     lower, upper = this.plausible
     if quantity == "current":
         low_end, high_end = _ends(info, scale, offset)
         lower, upper = max(lower, low_end), min(upper, high_end)
-    stale_after_ns = 5_000_000_000
-    if info is not None and info.cycle_ns is not None:
-        stale_after_ns = max(FASTEST_CYCLES * info.cycle_ns, 1_000_000_000)
+    cycle_ns = 1_000_000_000 if info is None or info.cycle_ns is None else info.cycle_ns
+    stale_after_ns = max(FASTEST_CYCLES * cycle_ns, 1_000_000_000)
+    round_ns = min(turns * cycle_ns, LONGEST_ROUND_NS) if turns > 1 else 0
     if this.kind != "temperature":
-        return Rule(quantity, group, lower, upper, stale_after_ns=stale_after_ns)
+        return Rule(quantity, group, lower, upper, stale_after_ns=stale_after_ns, round_ns=round_ns)
     step = abs(scale) * info.resolution if info is not None else 0.0
     low_rail, high_rail = _rails(info, scale, offset)
     # a temperature stays valid for some ticks of 1 s, even where the DBC names no cycle time
     stale_after_ns = max(stale_after_ns, 10_000_000_000)
     if not this.of_cells:
         # a thermostat may hold the inlet constant, and an opening valve may make it jump
-        return Rule(quantity, group, lower, upper, low_rail, high_rail, stale_after_ns, jump=10.0, jump_rate=1.0)
+        jump, rate = 10.0, 1.0
+        return Rule(quantity, group, lower, upper, low_rail, high_rail, stale_after_ns, jump, rate, round_ns=round_ns)
     slope = math.log(STUCK_COARSE_S / STUCK_FINE_S) / math.log(COARSE_K / FINE_K)
     stuck = STUCK_FINE_S * (max(step, FINE_K) / FINE_K) ** slope
     return Rule(
@@ -106,6 +120,7 @@ def default_rule(
         jump_rate=0.2,
         stuck_after_s=min(stuck, STUCK_COARSE_S),
         needs_proof=0.0 < step <= PROOF_K,
+        round_ns=round_ns,
     )
 
 

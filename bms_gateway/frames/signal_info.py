@@ -127,6 +127,19 @@ class MessageInfo:
     any_sender: bool = False
     """Whether it is a parameter group of J1939, whose source address in the DBC binds nobody."""
 
+    def turns(self, signal: SignalInfo) -> int:
+        """Count the frames of a round in which each multiplexed part comes once, with this signal in one of them.
+
+        Returns
+        -------
+        int
+            1 for a signal that is in every frame. Nested multiplexers count as if all their values took turns.
+        """
+        count = 1
+        for step in signal.mux:
+            count *= len({v for s in self.signals.values() for m in s.mux if m.signal == step.signal for v in m.values})
+        return count
+
 
 def j1939_limits(size: int) -> tuple[int, int]:
     """First raw value of the error range and of the not-available range for an unsigned signal of `size` bits.

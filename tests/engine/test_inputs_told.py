@@ -1,5 +1,6 @@
 """What the inputs tell of themselves: which have begun or ceased to be good, which err, which never came."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -33,9 +34,10 @@ def inputs() -> Inputs:
 class News(InputNews):
     """News of inputs that were good when they were last told, and meters by hand."""
 
-    def __init__(self, plan: Plan | None = None) -> None:
-        self.wiring, self.meters = Wiring.of(plan or with_charge()), {}
-        super().__init__(self.wiring, self.meters)
+    def __init__(self, due_s: Mapping[int, float] | None = None) -> None:
+        self.wiring, self.meters = Wiring.of(with_charge()), {}
+        after = [S * (due_s or {}).get(i, 5) for i in range(len(self.wiring.channels))]
+        super().__init__(self.wiring, self.meters, np.array(after, np.int64))
         self.wires = self.wiring.wires
         self.charge = self.wires[0].whole["soc"]
         self.quality[:] = Quality.GOOD
@@ -101,6 +103,23 @@ def test_faults_are_inputs_that_were_good_once_in_their_order() -> None:
         ("string_1", "voltage", None, Quality.STALE),
         ("string_2", "surface", 2, Quality.OPEN),
     ]
+
+
+def test_an_input_is_missed_when_it_should_have_come_and_told_once() -> None:
+    """A thermocouple whose multiplexer comes round every 33 s is not missed after ten."""
+    wire = Wiring.of(with_charge()).wires[0]
+    quick, slow = wire.surface[0], wire.surface[3]
+    made = News({slow: 99})
+    made.heard[:] = True
+    made.heard[[slow, quick]] = False
+    told = {}
+    for second in range(1, 121):
+        made.waited_ns = second * S
+        if new := made.newly_missed():
+            told[second] = new
+        assert made.unheard() == {"string_1": f"{own_signal(1, 'surface', 1)}, {own_signal(1, 'surface', 4)}"}
+        assert made.missed() == ({} if second < 10 else made.unheard() if second >= 99 else told[10])
+    assert told == {10: {"string_1": own_signal(1, "surface", 1)}, 99: {"string_1": own_signal(1, "surface", 4)}}
 
 
 def test_voltages_of_cells_that_never_came_are_no_news() -> None:

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from bms_gateway.engine import Engine, Notice, StartJob
-from bms_gateway.engine import engine as module
 from bms_gateway.engine.broadcast import Counts, State
 from bms_gateway.engine.engine import AT_ONCE_NS, CLOCK_SET_NS, GRACE_TICKS, JOB_DUE_TICKS, LATEST_NS
 from bms_gateway.engine.estimators import TickResult
 from bms_gateway.engine.events import Decoded, Level
+from bms_gateway.engine.input_news import UNHEARD_NS
 from bms_gateway.errors import StateError
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.quality import Quality
@@ -295,9 +295,12 @@ def test_sensors_are_blamed_from_the_tenth_tick_after_waking_on(monkeypatch: pyt
     assert asked[4:] == [14, 15, 16, 17, 110, 111, 112]  # the seventeenth tick is the one that finds the bus silent
 
 
-def test_what_was_never_heard_is_told_once_ten_ticks_after_the_start() -> None:
+def test_what_is_missed_is_told_at_the_tick_in_which_it_is() -> None:
     made, _, _ = engine(silent_s=3.0)
-    made.inputs.unheard = lambda: {"string_1": "this, that", "string_2": "more"}
+    asked: list[int] = []
+    made.inputs.newly_missed = lambda: (
+        {"string_1": "this, that", "string_2": "more"} if asked.append(0) or len(asked) == 10 else {}
+    )
     told = [e for e in feed(made, said(14)) + feed(made, said(14, start=100)) if isinstance(e, Notice)]
     unheard = [e for e in told if e.code == "unheard"]
     assert unheard == [
@@ -377,7 +380,7 @@ def test_a_late_frame_counts_for_the_open_tick() -> None:
 
 
 def test_the_rules_stand_as_they_are_documented() -> None:
-    assert (JOB_DUE_TICKS, GRACE_TICKS, module.UNHEARD_TICKS, AT_ONCE_NS) == (30, 10, 10, 2 * S)
+    assert (JOB_DUE_TICKS, GRACE_TICKS, UNHEARD_NS, AT_ONCE_NS) == (30, 10, 10 * S, 2 * S)
     assert np.datetime64("2020-01-01", "ns").astype(int) == CLOCK_SET_NS
     assert plan(1).silent_after_ns == 60 * S
 

@@ -16,7 +16,12 @@ DBC = (
     ' SG_ down : 64|8@1+ (-2,0) [0|0] "A" A\n SG_ few : 72|16@1- (0.5,1) [-50|60] "A" A\n'
     ' SG_ real : 96|32@1- (1,0) [0|0] "C" A\n SG_ near : 128|8@1- (1,127.5) [0|0] "A" A\n'
     ' SG_ above : 136|8@1+ (1,0.25) [0|0] "A" A\n'
-    "BO_ 2 SLOW: 8 A\n"
+    'BO_ 4 TURNS: 8 A\n SG_ part M : 0|8@1+ (1,0) [0|0] "" A\n'
+    ' SG_ tenths m0 : 8|16@1+ (0.1,-100) [0|0] "C" A\n SG_ other m0 : 24|16@1+ (0.1,-100) [0|0] "C" A\n'
+    + "".join(f' SG_ t{k} m{k} : 8|16@1+ (0.1,-100) [0|0] "C" A\n' for k in range(1, 33))
+    + 'BO_ 5 MANY: 8 A\n SG_ part M : 0|16@1+ (1,0) [0|0] "" A\n'
+    + "".join(f' SG_ t{k} m{k} : 16|16@1+ (0.1,-100) [0|0] "C" A\n' for k in range(1, 100))
+    + "BO_ 2 SLOW: 8 A\n"
     ' SG_ tenths : 0|16@1+ (0.1,-100) [0|0] "C" A\nBO_ 3 FAST: 8 A\n SG_ tenths : 0|16@1+ (0.1,-100) [0|0] "C" A\n'
     "SIG_VALTYPE_ 1 real : 1;\n"
     'BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;\nBA_DEF_DEF_ "GenMsgCycleTime" 0;\n'
@@ -65,6 +70,17 @@ def test_a_rule_that_says_nothing_believes_all() -> None:
 @pytest.mark.parametrize("said", [{"jump": 2.0}, {"stuck_after_s": 5.0}, {"needs_proof": True}])
 def test_each_rule_about_the_past_makes_a_channel_remember(said: dict[str, float]) -> None:
     assert Rule("surface", **said).remembers
+
+
+def test_the_round_of_values_that_take_turns_is_what_the_dbc_lists() -> None:
+    listed = (("TURNS.tenths", 33, 33), ("TURNS.part", 1, 0), ("MANY.t7", 99, 60), ("FAST.tenths", 1, 0))
+    for path, turns, seconds in listed:
+        info = signal(path)
+        assert DATABASE.message(info.message).turns(info) == turns
+        for quantity in ("surface", "coolant_inlet", "current"):
+            rule = default_rule(quantity, info, turns=turns)
+            assert rule.round_ns == seconds * S
+            assert rule.stale_after_ns == default_rule(quantity, info).stale_after_ns
 
 
 @pytest.mark.parametrize(
