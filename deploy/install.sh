@@ -15,6 +15,8 @@ python=python3
 if [ "${1:-}" = --python ]; then python=$2; shift 2; fi
 here=$(cd "$(dirname "$0")" && pwd)
 source=${1:-$(dirname "$here")}
+case $python in /*) ;; */*) python=$PWD/$python ;; esac
+case $source in /*) ;; *) source=$PWD/$source ;; esac
 home=/opt/bms-gateway
 config=/etc/bms-gateway
 buffer=8388608
@@ -30,15 +32,20 @@ own() {
 }
 own "$home"
 own "$config"
-"$python" -c 'import sys; sys.exit(sys.version_info < (3, 11))' || fail "needs Python 3.11 or later, $python is older"
+for file in "$here"/example/*.toml "$here/bms-gateway.service"; do
+  [ -f "$file" ] && [ ! -L "$file" ] || fail "$file must be a plain file: what a link leads to is not copied"
+done
+# Python would load modules from the folder that root happens to be in, whoever that folder belongs to
+cd /
+"$python" -I -c 'import sys; sys.exit(sys.version_info < (3, 11))' || fail "needs Python 3.11 or later, $python is older"
 
 # A new version goes into a folder of its own and takes the old one's place when it is whole: a service that restarts
 # in between, or a failed download, finds the old version as it was.
 next=$home/venv-$(date +%Y%m%d%H%M%S)-$$
 trap 'rm -rf "$next"' EXIT
-"$python" -m venv "$next"
-"$next/bin/python" -m pip install --quiet --disable-pip-version-check "$source"
-"$next/bin/python" -c 'import bms_gateway' || fail "the installed package does not load"
+"$python" -I -m venv "$next"
+"$next/bin/python" -I -m pip install --quiet --disable-pip-version-check "$source"
+"$next/bin/python" -I -c 'import bms_gateway' || fail "the installed package does not load"
 before=$(readlink "$home/venv" 2>/dev/null || true)
 ln -sfn "$next" "$home/venv.new"
 mv -T "$home/venv.new" "$home/venv"

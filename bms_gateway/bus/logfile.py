@@ -9,10 +9,10 @@ from typing import Final
 
 from bms_gateway.bus.candump import CUT_SHORT, LogNotes, format_block, parse_block
 from bms_gateway.bus.sniff import misnamed
-from bms_gateway.bus.whole import whole
 from bms_gateway.errors import DataError, UsageError
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.gunzip import Gunzip
+from bms_gateway.whole import whole
 
 __all__ = ["FORMATS", "LogNotes", "read_log", "write_log"]
 
@@ -101,7 +101,7 @@ def write_log(path: Path | str, batches: Iterable[FrameBatch], channel: str = "c
         raise UsageError(f"logs are written as candump text: name {path.name} '.log' or '.log.gz'")
     count = 0
     try:
-        with whole(path) as beside, beside.open("wb") as file:
+        with whole(path) as file:
             # neither time nor name in the gzip header: the same frames give the same bytes
             packed = path.suffix.lower() == ".gz"
             with gzip.GzipFile("", "wb", 6, file, mtime=0) if packed else nullcontext(file) as out:

@@ -7,10 +7,10 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bms_gateway.bus.whole import whole
 from bms_gateway.cli.main import Parser
 from bms_gateway.cli.output import say, writable, write_json
 from bms_gateway.errors import DataError
+from bms_gateway.whole import whole_text
 
 if TYPE_CHECKING:
     from bms_gateway.thermal.effects import Effect, EffectParameter
@@ -78,8 +78,8 @@ def _written(path: str) -> str:
         raise DataError(f"{path}: needs the line {START} once and after it the line {END} once, for the table between")
     new = f"{before}{start}{catalogue_table()}{end}{after}"
     if new != text:
-        with whole(file) as beside:
-            beside.write_text(new, encoding="utf-8")
+        with whole_text(file) as text_file:
+            text_file.write(new)
     return f"{path}: the table was " + ("brought up to date" if new != text else "up to date already")
 
 

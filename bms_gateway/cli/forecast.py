@@ -233,10 +233,10 @@ def _truth(path: Path, cells: dict[str, int], span: "Span") -> "Truth":
 
 
 def _write(name: str, rows: list[str]) -> None:
-    from bms_gateway.bus.whole import whole
+    from bms_gateway.whole import whole_text
 
     try:
-        with whole(Path(name)) as beside:
-            beside.write_text("\n".join([",".join(COLUMNS), *rows]) + "\n", encoding="utf-8", newline="\n")
+        with whole_text(Path(name)) as file:
+            file.write("\n".join([",".join(COLUMNS), *rows]) + "\n")
     except OSError as e:
         raise UsageError(f"--out {name}: cannot be written: {e.strerror}") from None

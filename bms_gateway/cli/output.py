@@ -10,9 +10,9 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from bms_gateway.bus.whole import whole
 from bms_gateway.cli.main import PROGRAM
 from bms_gateway.errors import MissingExtraError, UsageError
+from bms_gateway.whole import whole
 
 
 def say(text: str, json_target: str | None = None) -> None:
@@ -108,8 +108,8 @@ def write_json(target: str, document: Mapping[str, Any]) -> None:
         _put_out(raw)
         return
     try:
-        with whole(Path(target)) as beside:
-            beside.write_bytes(raw)
+        with whole(Path(target)) as file:
+            file.write(raw)
     except OSError as e:
         raise UsageError(f"--json {target}: cannot be written: {e.strerror}") from None
 

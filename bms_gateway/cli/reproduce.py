@@ -90,18 +90,18 @@ def _folder(given: str) -> Path:
 
 def _write(out: Path, sections: "list[Section]", report: str) -> int:
     """Write the figures and the text; returns how many figures."""
-    from bms_gateway.bus.whole import whole
     from bms_gateway.report.reproduce_figures import draw
+    from bms_gateway.whole import whole, whole_text
 
     figures = [f for s in sections for f in s.figures]
     path = out / REPORT
     try:
-        with whole(path) as beside:
-            beside.write_text(report + "\n", encoding="utf-8")
+        with whole_text(path) as text_file:
+            text_file.write(report + "\n")
         for figure in figures:
             path = out / f"{figure.name}.png"
-            with whole(path) as beside:
-                draw(figure, beside)
+            with whole(path) as file:
+                draw(figure, file)
     except OSError as e:
         raise UsageError(f"--out {path}: cannot be written: {e.strerror}") from None
     return len(figures)

@@ -7,10 +7,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
-from bms_gateway.bus.whole import whole
 from bms_gateway.cli.main import Parser
 from bms_gateway.cli.output import distinct, say, writable, write_json
 from bms_gateway.errors import UsageError, did_you_mean
+from bms_gateway.whole import whole_text
 
 if TYPE_CHECKING:
     from bms_gateway.bus.virtual import Segment
@@ -91,7 +91,7 @@ def _truth_file(name: str | None) -> Iterator[TextIO | None]:
         yield None
         return
     try:
-        with whole(Path(name)) as beside, beside.open("w", encoding="utf-8", newline="\n") as f:
+        with whole_text(Path(name)) as f:
             f.write("time_s,string,cell,core_C,surface_C\n")
             yield f
     except OSError as e:

@@ -5,7 +5,6 @@ Numbers are written with the unit that people use (mΩ, K/W) and checked against
 """
 
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -30,6 +29,7 @@ from bms_gateway.config.units import PARAMETER_UNITS, parameter_factor
 from bms_gateway.errors import ConfigError, UsageError
 from bms_gateway.thermal import CELL_SYMBOLS, KINDS, Condition, Coolant, Prior, Share, StringModel, exchange
 from bms_gateway.thermal.parameters import DEFAULT_TOLERANCES
+from bms_gateway.whole import whole_text
 
 # A relative sd above 3 (a factor of e^3 either way) is a slip, for example per cent in place of a share.
 MAX_REL_SD = 3.0
@@ -149,11 +149,10 @@ def write_model(model: StringModel, path: Path, heading: str = "") -> None:
     ConfigError
         The place cannot be written.
     """
-    beside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    comment = "".join(f"# {' '.join(line.split())}\n" for line in heading.splitlines())
     try:
-        comment = "".join(f"# {' '.join(line.split())}\n" for line in heading.splitlines())
-        beside.write_text(comment + format_model(model), encoding="utf-8")
-        beside.replace(path)
+        with whole_text(path) as file:
+            file.write(comment + format_model(model))
     except OSError as e:
         raise ConfigError(f"{path}: cannot be written: {e.strerror}") from None
 

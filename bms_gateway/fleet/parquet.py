@@ -4,10 +4,10 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from bms_gateway.bus.whole import whole
 from bms_gateway.errors import MissingExtraError
 from bms_gateway.fleet.day import Row
 from bms_gateway.fleet.residual import REGIMES
+from bms_gateway.whole import whole
 
 try:
     import pyarrow as pa  # type: ignore[import-not-found,import-untyped,unused-ignore]

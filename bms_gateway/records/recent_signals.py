@@ -141,12 +141,12 @@ def _string(found: "Excerpt", name: str | None, command: str) -> str:
 
 
 def _write(out: Path, found: "Excerpt", name: str) -> Written:
-    from bms_gateway.bus.whole import whole
     from bms_gateway.report.progress import progress
+    from bms_gateway.whole import whole_text
 
     first_us, last_us = found.first_us, found.last_us
     count, first, last = 0, 0.0, 0.0
-    with whole(out) as part, part.open("w", encoding="utf-8", newline="\n") as f:
+    with whole_text(out) as f:
         f.write(",".join(("time_s", *found.columns[name])) + "\n")
         with progress("exporting", (last_us - first_us) * 1e-6) as advance:
             for row in found.rows(name):

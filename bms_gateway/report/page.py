@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from bms_gateway.errors import MissingExtraError, UsageError
 from bms_gateway.report.words import in_words
+from bms_gateway.whole import whole_text
 
 Figure = dict[str, Any]
 """`data` and `layout` as plotly takes them."""
@@ -266,7 +267,8 @@ def write_page(path: Path, title: str, head: str, sections: Sequence[str]) -> No
         f"{script}\n{figures}\n<script>{unlzma}{js}</script>\n</body></html>\n"
     )
     try:
-        path.write_text(text, encoding="utf-8", newline="\n")
+        with whole_text(path) as file:
+            file.write(text)
     except OSError as e:
         raise UsageError(f"{path}: cannot be written: {e.strerror}") from None
 

@@ -1,8 +1,7 @@
 """Figures of a reproduction as PNG files."""
 
 import importlib
-from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -30,8 +29,8 @@ def drawing() -> Any:
         raise MissingExtraError("drawing figures (--out)", "report") from None
 
 
-def draw(figure: Figure, path: Path) -> None:
-    """Draw a figure into a PNG file.
+def draw(figure: Figure, file: BinaryIO) -> None:
+    """Draw a figure as PNG into an open file.
 
     Raises
     ------
@@ -40,7 +39,7 @@ def draw(figure: Figure, path: Path) -> None:
     OSError
         The file cannot be written.
     """
-    _drawn(drawing(), figure).savefig(path, format="png", dpi=DPI)
+    _drawn(drawing(), figure).savefig(file, format="png", dpi=DPI)
 
 
 def _drawn(module: Any, figure: Figure) -> Any:

@@ -10,6 +10,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from stat import S_ISREG
 
+from bms_gateway.folders import link_in, open_folder
+
 _APPEND = os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
 _FRESH = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
 _READ = os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK  # a pipe that lies in the place of a file must not stop us
@@ -78,8 +80,14 @@ def reading(path: Path) -> Iterator[int | None]:
     Raises
     ------
     OSError
+        For root also: it is a link, or behind one, that another user can change.
     """
-    handle = os.open(path, _READ)
+    at = open_folder(path.parent)
+    try:
+        guarded = link_in(at, path.name) is not None
+        handle = os.open(path.name, _READ | (0 if guarded or os.geteuid() else os.O_NOFOLLOW), dir_fd=at)
+    finally:
+        os.close(at)
     try:
         yield handle if S_ISREG(os.fstat(handle).st_mode) else None
     finally:

@@ -16,6 +16,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from bms_gateway.errors import StateError
+from bms_gateway.folders import open_folder
 
 PATTERN = "baseline.*.request"
 ACKNOWLEDGED = "acknowledged.*.request"
@@ -73,7 +74,7 @@ def ask(directory: Path, wish: Wish) -> Path:
     """
     name = _pattern(wish).replace("*", str(wish.time_ns))
     try:
-        at = os.open(directory, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        at = open_folder(directory)
         try:
             _write(at, name, json.dumps(asdict(wish)).encode())
         finally:

@@ -1,6 +1,7 @@
 """Small parts of the bus by their rules: kernel filters, what is received, a bus inside the process, whole files."""
 
 import os
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -10,7 +11,7 @@ from bms_gateway.bus.access import LISTEN, Access
 from bms_gateway.bus.filters import group_filters, join_filters
 from bms_gateway.bus.in_process import MemoryBus
 from bms_gateway.bus.port import GATHER_S, Counters, Link
-from bms_gateway.bus.whole import whole
+from bms_gateway.whole import whole, whole_text
 from tests.bus.frames import make, rows
 
 EXTENDED, REMOTE = 1 << 31, 1 << 30
@@ -144,21 +145,20 @@ def left(folder):
 
 def test_a_file_takes_its_place_when_all_went_well(tmp_path):
     target = tmp_path / "a.txt"
-    with whole(target) as beside:
-        beside.write_text("new")
-        assert beside.parent == tmp_path
-        assert beside.name.startswith(".a.txt.")
-        assert not target.exists()
+    with whole(target) as file:
+        file.write(b"new")
+        (beside,) = left(tmp_path)
+        assert beside.startswith(".a.txt.")
     assert (target.read_text(), left(tmp_path)) == ("new", ["a.txt"])
     target.chmod(0o640)
     (tmp_path / "link").symlink_to(target)
-    with whole(tmp_path / "link") as beside:
-        beside.write_text("newer")
+    with whole_text(tmp_path / "link") as text:
+        text.write("newer")
         assert target.read_text() == "new"
     assert (target.read_text(), target.stat().st_mode & 0o7777) == ("newer", 0o640)
     assert (tmp_path / "link").is_symlink()
-    with whole(tmp_path / ("n" * 255)) as beside:
-        beside.write_text("x")
+    with whole(tmp_path / ("n" * 255)) as file:
+        file.write(b"x")
     assert left(tmp_path) == ["a.txt", "link", "n" * 255]
 
 
@@ -168,9 +168,9 @@ def test_a_file_stays_as_it_was_when_something_went_wrong(tmp_path, begun):
     target.write_text("old")
 
     def fail():
-        with whole(target) as beside:
+        with whole_text(target) as file:
             if begun:
-                beside.write_text("half")
+                file.write("half")
             raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):
@@ -180,7 +180,15 @@ def test_a_file_stays_as_it_was_when_something_went_wrong(tmp_path, begun):
 
 def test_what_is_no_plain_file_is_written_in_place(tmp_path):
     os.mkfifo(tmp_path / "pipe")
-    for target in (tmp_path / "pipe", tmp_path):
-        with whole(target) as place:
-            assert place == target
-    assert left(tmp_path) == ["pipe"]
+    (tmp_path / "link").symlink_to("pipe")
+    for name in ("pipe", "link"):
+        reader = os.open(tmp_path / "pipe", os.O_RDONLY | os.O_NONBLOCK)
+        with whole(tmp_path / name) as file:
+            file.write(name.encode())
+        assert os.read(reader, 100) == name.encode()
+        os.close(reader)
+    with whole(Path("/dev/null")) as file:
+        file.write(b"nothing")
+    with pytest.raises(IsADirectoryError), whole(tmp_path):
+        pass
+    assert left(tmp_path) == ["link", "pipe"]

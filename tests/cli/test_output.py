@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from bms_gateway.bus.logfile import read_log, write_log
-from bms_gateway.bus.whole import whole
 from bms_gateway.cli.main import main
 from bms_gateway.cli.output import distinct, write_json
 from bms_gateway.errors import UsageError
@@ -115,9 +114,6 @@ def test_a_link_is_followed_and_a_device_stays_one(tmp_path):
     write_json(str(tmp_path / "link.json"), {"a": 1})
     assert (tmp_path / "link.json").is_symlink()
     assert json.loads((tmp_path / "real.json").read_text()) == {"a": 1}
-    os.mkfifo(tmp_path / "pipe")
-    with whole(tmp_path / "pipe") as beside:
-        assert beside == tmp_path / "pipe"
     distinct({"--a": "/dev/null", "--b": "/dev/null", "--c": "-", "--d": None}, [])
 
 

@@ -23,7 +23,8 @@ class Disk:
         real_open, real_read = os.open, os.read
 
         def open_(path, flags, *more, **options):
-            if self.call == "open" and not flags & (os.O_WRONLY | os.O_DIRECTORY) and self.is_bad(os.stat(path)):
+            looks = self.call == "open" and not flags & (os.O_WRONLY | os.O_DIRECTORY)
+            if looks and self.is_bad(os.stat(path, dir_fd=options.get("dir_fd"))):
                 raise OSError(self.code, os.strerror(self.code))
             return real_open(path, flags, *more, **options)
 

@@ -27,9 +27,17 @@ def prop(name):
 
 
 def install(wheel):
-    """Run the script as a user does, without a network, then lend the packages."""
+    """Run the script as a user does, without a network, then lend the packages.
+
+    Root may stand in a folder of somebody else's: modules that lie there are not loaded.
+    """
+    trap = Path("/tmp/of-somebody-else")  # noqa: S108 (in a guest of our own)
+    for module in ("venv", "pip", "bms_gateway", "sitecustomize"):
+        (trap / module).mkdir(parents=True, exist_ok=True)
+        for part in ("__init__", "__main__"):
+            (trap / module / f"{part}.py").write_text("raise SystemExit('loaded from where root happens to be')\n")
     environment = {**os.environ, "PIP_NO_INDEX": "1", "PIP_NO_DEPS": "1"}
-    sh(ROOT / "deploy" / "install.sh", "--python", lend(), wheel, env=environment)
+    sh(ROOT / "deploy" / "install.sh", "--python", lend(), wheel, env=environment, cwd=trap)
     packages = Path(f"/opt/bms-gateway/venv/lib/python3.{sys.version_info.minor}/site-packages")
     (packages / "lent.pth").write_text(f"{LENT / 'site'}\n")
 

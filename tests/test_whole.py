@@ -1,0 +1,215 @@
+"""Root writes and reads beside another user, who puts links wherever root might follow one."""
+
+import errno
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from bms_gateway.folders import MOST_LINKS, open_folder
+from bms_gateway.store.files import read_file
+from bms_gateway.store.requests import BaselineReset, ask
+from bms_gateway.whole import whole
+
+OTHER = 65534  # nobody
+NOT_ROOT = pytest.mark.skipif(os.geteuid() != 0, reason="only root can make folders of another user")
+TRIES = 1_000
+LINKS = """
+import os, sys
+folder, secret = sys.argv[1:]
+os.setresuid(65534, 65534, 65534)
+os.chdir(folder)
+print("up", flush=True)
+while True:
+    for name in {".", *os.listdir(".")} - {"."} | {"out.json"}:
+        try:
+            os.unlink(name)
+        except OSError:
+            pass
+        try:
+            os.symlink(secret, name)
+            os.unlink(name)
+            os.close(os.open(name, os.O_CREAT | os.O_WRONLY, 0o666))
+        except OSError:
+            pass
+"""
+SWAPS = """
+import os, sys
+home, secret = sys.argv[1:]
+os.setresuid(65534, 65534, 65534)
+os.chdir(home)
+print("up", flush=True)
+while True:
+    try:
+        os.rename("state", "away")
+        os.symlink(secret, "state")
+        os.unlink("state")
+        os.rename("away", "state")
+    except OSError:
+        pass
+"""
+
+
+@pytest.fixture
+def home(tmp_path):
+    """A folder of another user, with its state; beside it a folder of root's."""
+    for folder in (tmp_path, *tmp_path.parents):
+        if folder.owner() == "root" and folder != Path("/"):
+            folder.chmod(folder.stat().st_mode | 0o011)  # pytest keeps its folders shut; passing through is enough
+    made = tmp_path / "home"
+    made.mkdir()
+    (made / "state").mkdir()
+    for folder in (made, made / "state"):
+        os.chown(folder, OTHER, OTHER)
+    secret = tmp_path / "secret"
+    secret.mkdir(mode=0o700)
+    (secret / "file").write_text("for root alone")
+    (secret / "file").chmod(0o600)
+    return made
+
+
+def untouched(home):
+    secret = home.parent / "secret"
+    found = secret / "file"
+    kept = (found.read_text(), found.stat().st_mode & 0o777, [p.name for p in secret.iterdir()])
+    found.chmod(0o600)
+    return kept == ("for root alone", 0o600, ["file"])
+
+
+def beside(attack, *words):
+    process = subprocess.Popen([sys.executable, "-c", attack, *map(str, words)], stdout=subprocess.PIPE)
+    assert process.stdout.readline() == b"up\n"
+    return process
+
+
+def ended(process):
+    process.kill()
+    process.wait()
+    process.stdout.close()
+
+
+@NOT_ROOT
+def test_a_thousand_results_of_root_in_a_folder_of_an_attacker_change_no_file_of_root(home):
+    """By its path the temporary file was opened and its mode set: 20 of 20 went through a link."""
+    attacker = beside(LINKS, home, home.parent / "secret" / "file")
+    won = written = 0
+    try:
+        for _ in range(TRIES):
+            try:
+                with whole(home / "out.json") as file:
+                    file.write(b"{}")
+                written += 1
+            except OSError:
+                pass  # refused
+            won += not untouched(home)
+    finally:
+        ended(attacker)
+    print(f"{won} of {TRIES} won, {written} written")
+    assert won == 0
+
+
+@NOT_ROOT
+def test_a_thousand_requests_into_a_folder_that_its_owner_swaps_for_a_link_reach_no_other(home):
+    """17 of 1,000 were written into a folder of root's."""
+    attacker = beside(SWAPS, home, home.parent / "secret")
+    won = written = 0
+    try:
+        for n in range(TRIES):
+            try:
+                ask(home / "state", BaselineReset("string_1", None, "x", n))
+                written += 1
+            except Exception:
+                pass
+            won += not untouched(home)
+    finally:
+        ended(attacker)
+    print(f"{won} of {TRIES} won, {written} written")
+    assert won == 0
+
+
+@NOT_ROOT
+def test_root_reads_no_state_through_a_link_of_another_user(home):
+    (home / "state" / "state").symlink_to(home.parent / "secret" / "file")
+    with pytest.raises(OSError, match="state is a link that another user can change") as told:
+        read_file(home / "state" / "state", 100)
+    assert told.value.errno == errno.ELOOP
+    (home / "state" / "state").unlink()
+    (home / "state" / "state").write_text("sound")
+    assert read_file(home / "state" / "state", 100) == b"sound"
+
+
+@NOT_ROOT
+def test_links_that_nobody_else_can_change_are_followed(home):
+    """As that of systemd from the state directory to its private one."""
+    own = home.parent
+    (own / "link").symlink_to("home/../home")
+    (own / "again").symlink_to(own / "link" / "state")
+    (home / "state" / "state").write_text("sound")
+    assert read_file(own / "again" / "state", 100) == b"sound"
+    with whole(own / "again" / "new") as file:
+        file.write(b"new")
+    assert (home / "state" / "new").read_text() == "new"
+    (own / "to-file").symlink_to(own / "there.json")
+    with whole(own / "to-file") as file:
+        file.write(b"there")
+    assert (own / "there.json").read_text() == "there"
+    assert (own / "to-file").is_symlink()
+
+
+@NOT_ROOT
+def test_links_into_which_another_user_can_put_a_link_are_not(home):
+    own, secret = home.parent, home.parent / "secret"
+    (home / "in").symlink_to(secret)
+    (own / "out").symlink_to(home / "in")
+    for way in (home / "in", own / "out"):
+        with pytest.raises(OSError, match="in is a link that another user can change"):
+            open_folder(way)
+    shared = own / "shared"  # as /tmp: anybody's, and nobody takes another's name away
+    shared.mkdir()
+    shared.chmod(0o1777)
+    (shared / "ours").symlink_to(secret)
+    (shared / "theirs").symlink_to(secret)
+    os.chown(shared / "theirs", OTHER, OTHER, follow_symlinks=False)
+    os.close(open_folder(shared / "ours"))
+    with pytest.raises(OSError, match="theirs is a link that another user can change"):
+        open_folder(shared / "theirs")
+
+
+def test_a_folder_is_opened_by_any_spelling_and_what_is_none_is_refused(tmp_path, monkeypatch):
+    (tmp_path / "a" / "b").mkdir(parents=True)
+    (tmp_path / "file").write_text("")
+    monkeypatch.chdir(tmp_path / "a")
+    for way in (Path(), Path("b/.."), Path("../a"), tmp_path / "a", Path("./b/../../a/")):
+        at = open_folder(way)
+        assert os.fstat(at).st_ino == (tmp_path / "a").stat().st_ino
+        os.close(at)
+    with pytest.raises(NotADirectoryError):
+        open_folder(tmp_path / "file")
+    with pytest.raises(FileNotFoundError):
+        open_folder(tmp_path / "none" / "b")
+    for k in range(MOST_LINKS + 1):
+        (tmp_path / f"l{k}").symlink_to(f"l{k + 1}" if k < MOST_LINKS else "a")
+    os.close(open_folder(tmp_path / "l1"))
+    with pytest.raises(OSError, match=r"[Tt]oo many|Not a directory"):
+        open_folder(tmp_path / "l0")
+    with pytest.raises(OSError, match=r"[Tt]oo many|Not a directory"), whole(tmp_path / "l0" / "x"):
+        pass
+    (tmp_path / "loop").symlink_to("loop")
+    with pytest.raises(OSError, match="Too many levels of symbolic links"), whole(tmp_path / "loop"):
+        pass
+
+
+def test_no_descriptor_is_left_open(tmp_path):
+    def count():
+        return len(list(Path("/proc/self/fd").iterdir()))
+
+    before = count()
+    for k in range(50):
+        with whole(tmp_path / "a") as file:
+            file.write(b"x")
+        for way in (tmp_path / "a" / "b", tmp_path / "none" / f"{k}"):
+            with pytest.raises(OSError), whole(way):  # noqa: PT011 - one or the other
+                pass
+    assert count() == before
