@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from bms_gateway.config.dbc_files import read_dbc
 from bms_gateway.folders import MOST_LINKS, open_folder
 from bms_gateway.store.files import read_file
 from bms_gateway.store.requests import BaselineReset, ask
@@ -138,6 +139,27 @@ def test_root_reads_no_state_through_a_link_of_another_user(home):
     (home / "state" / "state").unlink()
     (home / "state" / "state").write_text("sound")
     assert read_file(home / "state" / "state", 100) == b"sound"
+
+
+@NOT_ROOT
+def test_root_with_the_home_of_another_user_keeps_no_cache_behind_a_link_of_theirs(home, monkeypatch):
+    """32 of the 40 files there were left: the oldest were removed."""
+    secret = home.parent / "secret"
+    for k in range(40):
+        (secret / f"{k}.table").write_text("of root's own")
+    (home / ".cache").mkdir()
+    (home / ".cache" / "bms-gateway").symlink_to(secret)
+    for path in (home / ".cache", home / ".cache" / "bms-gateway"):
+        os.chown(path, OTHER, OTHER, follow_symlinks=False)
+    for name in ("CACHE_DIRECTORY", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("HOME", str(home))
+    text = 'VERSION ""\nBS_:\nBU_: A\nBO_ 1 M: 8 A\n SG_ x : 0|8@1+ (1,0) [0|0] "" A\n'
+    assert [m.name for m in read_dbc("a.dbc", text)] == ["M"]
+    assert len(list(secret.glob("*.table"))) == 40
+    (home / ".cache" / "bms-gateway").unlink()
+    read_dbc("a.dbc", text)
+    assert len(list((home / ".cache" / "bms-gateway").glob("*.table"))) == 1
 
 
 @NOT_ROOT

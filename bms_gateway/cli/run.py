@@ -41,11 +41,15 @@ def run(args: argparse.Namespace) -> int:
     # The objects made here last. Searching them for garbage would take an eighth of the start, and later, every other
     # minute, tens of milliseconds in which no frame is processed.
     gc.disable()
-    try:
-        from bms_gateway.service.signals import Signals
+    from bms_gateway.service.signals import Signals
 
-        signals = Signals(END_MOST_S, INTERRUPT_MOST_S)
+    signals = Signals(END_MOST_S, INTERRUPT_MOST_S)
+    signals.listen()  # a disk that does not answer holds up the start too
+    try:
         gateway, port, store, trial = _assembled(args.config, signals)
+    except BaseException:
+        signals.close()
+        raise
     finally:
         gc.enable()
     gc.freeze()

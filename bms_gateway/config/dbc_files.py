@@ -18,6 +18,7 @@ from bms_gateway import __version__
 from bms_gateway.config.bounds import bounded
 from bms_gateway.config.toml import read_bytes
 from bms_gateway.errors import ConfigError
+from bms_gateway.folders import open_folder
 from bms_gateway.frames.dbc import parse
 from bms_gateway.frames.own_dbc import OWN_DBC
 from bms_gateway.frames.packed import pack, unpack
@@ -161,19 +162,29 @@ def _content(file: Path) -> bytes | None:
 
 def _keep(file: Path, content: str) -> None:
     """Write a table in one step, and remove the oldest of more than `KEPT`; a failure to write is no error."""
-    fresh = file.with_suffix(f".{os.getpid()}")
     with suppress(OSError):
         file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        at = open_folder(file.parent)  # root may have another user's home
         try:
-            handle = os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
-            with os.fdopen(handle, "w", encoding="utf-8") as f:
-                f.write(content)
-            fresh.replace(file)
+            _replace(at, file.name, content)
+            with os.scandir(at) as found:
+                tables = [(f.stat(follow_symlinks=False).st_mtime_ns, f.name) for f in found]
+            for _, old in sorted(((t, n) for t, n in tables if n.endswith(".table")), reverse=True)[KEPT:]:
+                os.unlink(old, dir_fd=at)
         finally:
-            fresh.unlink(missing_ok=True)
-        by_age = sorted(file.parent.glob("*.table"), key=lambda p: p.stat().st_mtime_ns, reverse=True)
-        for old in by_age[KEPT:]:
-            old.unlink(missing_ok=True)
+            os.close(at)
+
+
+def _replace(at: int, name: str, content: str) -> None:
+    fresh = f"{name}.{os.getpid()}"
+    try:
+        handle = os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600, dir_fd=at)
+        with os.fdopen(handle, "w", encoding="utf-8") as f:
+            f.write(content)
+        os.rename(fresh, name, src_dir_fd=at, dst_dir_fd=at)
+    finally:
+        with suppress(FileNotFoundError):
+            os.unlink(fresh, dir_fd=at)
 
 
 def _directory() -> Path | None:

@@ -28,6 +28,10 @@ from bms_gateway.engine.events import Job
 from bms_gateway.service.memory import first_to_go
 from bms_gateway.service.signals import signal_name
 
+if sys.version_info < (3, 11, 4):
+    # These hold the interpreter's lock from vfork to exec: a program on a disk that hangs would stop the whole service.
+    setattr(subprocess, "_USE_VFORK", False)  # noqa: B010 (the documented way; typed as if nobody might)
+
 DEADLINE_S: Final = 60.0  # twice what a result may take to count in time; on a slow core it takes some seconds
 REAP_S: Final = 1.0  # what is killed is gone in milliseconds, unless the kernel itself hangs
 NICE: Final = 5  # the loop goes first; and beside a busy program a fit still ends long before it is due

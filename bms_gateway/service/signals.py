@@ -16,11 +16,13 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 log = logging.getLogger(__name__)
 
 ENDING: Final = frozenset({signal.SIGTERM, signal.SIGINT})
+POKE: Final = signal.SIGURG  # that nothing else sends: ignored unless a program asks for it
 CLOSED: Final = b"\0"  # no signal has this number
 LAST_WORD_S: Final = 0.2  # a journal that hangs, too, gets so long
 
@@ -55,23 +57,46 @@ class Signals:
     def __init__(self, most_s: float | None = None, interrupt_s: float | None = None) -> None:
         self._most_s = most_s
         self._interrupt_s = most_s if interrupt_s is None else interrupt_s
+        self._loop: asyncio.AbstractEventLoop | None = None
         self._actions: Mapping[int, Callable[[], object]] = {}
-        self._close: Callable[[], None] = _nothing
+        self._before: dict[int, signal._HANDLER] = {}
+        self._poke: Callable[[], None] = _nothing
+        self._started: Callable[[], None] = _nothing
+        self._close: Callable[[], None] | None = None
 
-    def take(self, loop: asyncio.AbstractEventLoop, actions: Mapping[int, Callable[[], object]]) -> None:
-        """Have an action run in the loop on each of some signals; to be called once, in the main thread."""
-        self._actions = actions
+    def listen(self) -> None:
+        """Look at the clock from the first signal that asks for the end, until `take`; its handler runs as before.
+
+        To be called in the main thread, which must have handlers of its own for these signals. The kernel gives a
+        signal to the main thread if it can, even where this thread waits for a disk and hears nothing. So it is shut
+        there, comes to ours, and the main thread is told by another one, whose only effect is that a wait is ended.
+        """
+        self._open()
+        before = signal.signal(POKE, _nothing)
+        signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
+        main = threading.get_ident()
+        self._poke = partial(signal.pthread_kill, main, POKE)
+
+        def over() -> None:
+            self._poke = _nothing
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)
+            signal.signal(POKE, before)
+
+        self._started = over
+
+    def _open(self) -> None:
         ours, theirs = socket.socketpair()
         theirs.setblocking(False)
-        thread = threading.Thread(target=self._listen, args=(ours, loop), name="signals", daemon=True)
+        thread = threading.Thread(target=self._listen, args=(ours,), name="signals", daemon=True)
         thread.start()
         descriptor = signal.set_wakeup_fd(theirs.fileno(), warn_on_full_buffer=False)
-        before = {number: signal.signal(number, _nothing) for number in actions}
 
         def close() -> None:
+            self._started()
             signal.set_wakeup_fd(descriptor)
-            for number, handler in before.items():
+            for number, handler in self._before.items():
                 signal.signal(number, handler)
+            self._before = {}
             theirs.send(CLOSED)
             thread.join()
             ours.close()
@@ -79,16 +104,26 @@ class Signals:
 
         self._close = close
 
+    def take(self, loop: asyncio.AbstractEventLoop, actions: Mapping[int, Callable[[], object]]) -> None:
+        """Have an action run in the loop on each of some signals; to be called once, in the main thread."""
+        if self._close is None:
+            self._open()
+        self._started()
+        self._started = _nothing
+        self._loop, self._actions = loop, actions
+        self._before = {number: signal.signal(number, _nothing) for number in actions}
+
     def drop(self) -> None:
         """Run no action any more: the signals are heard, and do nothing but what `most_s` says."""
         self._actions = {}
 
     def close(self) -> None:
-        """Handle signals as before `take`; in the main thread."""
-        self._close()
-        self._close = _nothing
+        """Handle signals as before `listen` and `take`; in the main thread."""
+        if self._close is not None:
+            self._close()
+        self._close = None
 
-    def _listen(self, ours: socket.socket, loop: asyncio.AbstractEventLoop) -> None:
+    def _listen(self, ours: socket.socket) -> None:
         end: _End | None = None
         while True:
             ours.settimeout(None if end is None else max(1e-3, end.at_s - time.monotonic()))
@@ -104,9 +139,11 @@ class Signals:
             most_s, status = (self._interrupt_s, 130) if number == signal.SIGINT else (self._most_s, 1)
             if number in ENDING and end is None and most_s is not None:
                 end = _End(time.monotonic() + most_s, most_s, status)
-            if (action := self._actions.get(number)) is not None:
+            if number != POKE:
+                self._poke()
+            if self._loop is not None and (action := self._actions.get(number)) is not None:
                 with suppress(RuntimeError):  # the loop has just been closed
-                    loop.call_soon_threadsafe(action)
+                    self._loop.call_soon_threadsafe(action)
 
 
 def signal_name(number: int) -> str:

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -14,6 +15,7 @@ from bms_gateway.service import signals as module
 from bms_gateway.service.signals import LAST_WORD_S, Signals
 from tests.support.live_service import PATIENCE_S
 
+EXAMPLE = Path(__file__).resolve().parents[2] / "deploy" / "example"
 MOST_S, INTERRUPT_S = 1.0, 0.5
 HEAD = f"""
 import asyncio, os, signal, threading, time
@@ -105,7 +107,8 @@ def test_each_signal_is_heard_and_none_puts_the_end_off(monkeypatch, most_s, wai
 
     signals._actions = {n: lambda n=n: heard.append(n) for n in (signal.SIGHUP, signal.SIGTERM)}
     pipe = Pipe(signal.SIGHUP, signal.SIGTERM, signal.SIGHUP, signal.SIGINT, signal.SIGTERM)
-    signals._listen(pipe, Loop())
+    signals._loop = Loop()
+    signals._listen(pipe)
     assert heard == [signal.SIGHUP, signal.SIGTERM, signal.SIGHUP, signal.SIGTERM]
     assert ended == [(most_s, 1)]
     assert pipe.waits[:2] == [None, None]
@@ -137,6 +140,71 @@ def test_closed_it_leaves_all_as_it_was():
 
     assert asyncio.run(main()) == [1]
     assert signal.getsignal(signal.SIGHUP) is before
+    assert signal.set_wakeup_fd(-1) == -1
+
+
+STARTS = """
+import signal, sys, time
+from bms_gateway.cli import main, run
+from bms_gateway.store import StateStore
+
+def hang(store):  # as on a disk that does not answer: the main thread comes to no handler
+    signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGTERM, signal.SIGINT, signal.SIGURG])
+    print("up", flush=True)
+    time.sleep(600)
+
+run.END_MOST_S, run.INTERRUPT_MOST_S = MOST_S, INTERRUPT_S
+StateStore.lock = hang
+sys.exit(main.main(["run", sys.argv[1]]))
+"""
+
+
+@pytest.mark.parametrize(
+    ("number", "most_s", "status"), [(signal.SIGTERM, MOST_S, 1), (signal.SIGINT, INTERRUPT_S, 130)]
+)
+def test_a_start_that_hangs_is_ended_after_its_time_too(tmp_path, number, most_s, status):
+    """It waited for a disk that did not answer, and SIGTERM, which ends other programs there, was not heard."""
+    for name in ("gateway.toml", "string.toml"):
+        (tmp_path / name).write_text((EXAMPLE / name).read_text())
+    config = tmp_path / "gateway.toml"
+    config.write_text(config.read_text().replace("# [store]", f'[store]\npath = "{tmp_path / "state"}"\n#', 1))
+    code = STARTS.replace("MOST_S, INTERRUPT_S\n", f"{MOST_S}, {INTERRUPT_S}\n")
+    process = subprocess.Popen([sys.executable, "-c", code, config], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    assert process.stdout.readline() == b"up\n", process.stderr.read()
+    time.sleep(1.0)  # it has said so, and now it hangs
+    begun = time.monotonic()
+    process.send_signal(number)
+    _, said = process.communicate(timeout=PATIENCE_S)
+    assert most_s <= time.monotonic() - begun < PATIENCE_S
+    assert process.returncode == status
+    assert b"the service still hangs: it is killed" in said
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, 128 + 15), (signal.SIGINT, 130)])
+def test_a_start_that_waits_for_a_pipe_ends_at_once(tmp_path, number, status):
+    os.mkfifo(tmp_path / "gateway.toml")
+    code = STARTS.replace("StateStore.lock = hang", "print('up', flush=True)").replace(
+        "MOST_S, INTERRUPT_S\n", "600, 600\n"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, tmp_path / "gateway.toml"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    assert process.stdout.readline() == b"up\n", process.stderr.read()
+    time.sleep(1.0)
+    process.send_signal(number)
+    process.communicate(timeout=PATIENCE_S)
+    assert process.returncode in (status, -number)
+
+
+def test_while_it_starts_a_program_is_as_it_was_before_but_for_the_signals_that_end_it():
+    before = signal.getsignal(signal.SIGURG), signal.pthread_sigmask(signal.SIG_BLOCK, [])
+    signals = Signals()
+    signals.listen()
+    try:
+        assert signal.pthread_sigmask(signal.SIG_BLOCK, []) == before[1] | module.ENDING
+    finally:
+        signals.close()
+    assert (signal.getsignal(signal.SIGURG), signal.pthread_sigmask(signal.SIG_BLOCK, [])) == before
     assert signal.set_wakeup_fd(-1) == -1
 
 

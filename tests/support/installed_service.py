@@ -31,7 +31,7 @@ def install(wheel):
 
     Root may stand in a folder of somebody else's: modules that lie there are not loaded.
     """
-    trap = Path("/tmp/of-somebody-else")  # noqa: S108 (in a guest of our own)
+    trap = Path("/tmp/of-somebody-else")
     for module in ("venv", "pip", "bms_gateway", "sitecustomize"):
         (trap / module).mkdir(parents=True, exist_ok=True)
         for part in ("__init__", "__main__"):
