@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from bms_gateway.bus.logfile import LogNotes, read_log
+from bms_gateway.config.bounds import bounded
 from bms_gateway.config.dbc_files import dbc_text, own_dbc_text, read_dbc
 from bms_gateway.errors import ConfigError, DataError
 from bms_gateway.frames.batch import EXTENDED, FrameBatch
@@ -147,7 +148,8 @@ def _read(file: Path, remarks: list[str]) -> tuple[list[MessageInfo], bool]:
     try:
         return read_dbc(str(file), text), True
     except ConfigError as e:
-        found = parse_lenient(str(file), text)
+        with bounded(str(file)):
+            found = parse_lenient(str(file), text)
         if found is None:
             raise
         remarks.append(f"{e}. It was read in spite of that; what is needed of it is written anew")

@@ -101,9 +101,10 @@ def with_config(files: dict[str, Any], folder: Path) -> tuple[dict[str, Any], li
         sure = "" if p.sure else " (likely, not sure: check it)"
         said.append(f"{which}{where}: {p.path}, {low:.4g} to {high:.4g}{sure}.")
     string = files.get("string") or "string_1"
+    strings = [f"string_{k}" for k in range(1, len(proposal.cells) + 1)]
+    if string not in strings:  # whoever asks may be on another machine: no path is made of it
+        raise UsageError(f"open: the log has no string '{clipped(string, 60)}'{did_you_mean(string, strings)}")
     model = settled.written.config.parent / f"{string}.toml"
-    if not model.is_file():
-        raise UsageError(f"open: the log has strings 1 to {len(proposal.cells)}; '{string}' is none of them")
     config = str(settled.written.config)
     return {**files, "config": config, "string": string, "model": files.get("model") or str(model)}, said
 

@@ -11,7 +11,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from http import HTTPStatus
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from http.server import ThreadingHTTPServer
 from importlib.resources import files
 from math import isfinite
 from pathlib import Path
@@ -25,6 +25,7 @@ from bms_gateway.workbench.beside import Beside
 from bms_gateway.workbench.clients import Clients
 from bms_gateway.workbench.desk import Desk
 from bms_gateway.workbench.doors import CLOSED, HEADERS, Door
+from bms_gateway.workbench.heads import ShortHeads
 from bms_gateway.workbench.session import additions_of, diagnoses_of, notes_of
 from bms_gateway.workbench.site import Site, session_files, wanted_files
 from bms_gateway.workbench.uploads import safe_name
@@ -112,7 +113,7 @@ class Server(ThreadingHTTPServer):
             super().handle_error(request, client_address)
 
 
-class Handler(BaseHTTPRequestHandler):
+class Handler(ShortHeads):
     """Answers one connection."""
 
     server: Server

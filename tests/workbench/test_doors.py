@@ -116,6 +116,40 @@ def test_a_request_for_no_address_is_one_line(server):
     assert ask(server, "GET", "http://[")[0] == 400
 
 
+def sent(server, raw):
+    """Give what comes back for some bytes, until the connection is closed or nothing comes."""
+    with socket.create_connection(server.server_address[:2], timeout=20) as s:
+        with suppress(OSError):
+            s.sendall(raw)
+        got = b""
+        with suppress(OSError):
+            while part := s.recv(65536):
+                got += part
+        return got
+
+
+@pytest.mark.parametrize(("lines", "size"), [(1, 65_000), (97, 65_000), (99, 400), (1, 16_384)])
+def test_a_head_that_is_too_long_is_refused_before_it_is_kept(server, lines, size):
+    """64 connections with 6 MB of head each took 575 MiB, without a token."""
+    head = b"".join(b"x%d: %s\r\n" % (k, b"a" * size) for k in range(lines))
+    told = sent(server, b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n" + head + b"\r\n")
+    assert told == b"" or told.startswith(b"HTTP/1.1 431 ")
+
+
+def test_the_limit_of_a_head_is_that_of_each_request_and_no_body_counts(server, desk):
+    connection = http.client.HTTPConnection(*server.server_address[:2], timeout=20)
+    name = f"127.0.0.1:{server.server_address[1]}"
+    for _ in range(4):
+        connection.request("GET", f"/api/state?desk={desk}", headers={"Host": name, "X": "a" * 10_000})
+        answer = connection.getresponse()
+        assert (answer.status, bool(answer.read())) == (200, True)
+    body = json.dumps({"nothing": "a" * 30_000})
+    connection.request("POST", f"/api/cancel?desk={desk}", body, {"Host": name, **JSON})
+    answer = connection.getresponse()
+    assert (answer.status, bool(answer.read())) == (200, True)
+    connection.close()
+
+
 def test_an_unknown_tab_is_told_so(server):
     status, body, _ = ask(server, "GET", "/api/state?desk=nobody")
     assert (status, json.loads(body)["error"]) == (400, "this tab is not known (any more): reload the page")

@@ -21,6 +21,7 @@ from bms_gateway.errors import ConfigError, UsageError
 from bms_gateway.workbench import server as served
 from bms_gateway.workbench import uploads
 from bms_gateway.workbench.desk import Desk
+from bms_gateway.workbench.form import with_config
 from bms_gateway.workbench.site import Site, wanted_files
 from bms_gateway.workbench.uploads import PREFIX, Uploads, safe_name, sweep
 from tests.config.files import MAPPED, write
@@ -241,3 +242,19 @@ def test_from_afar_a_config_tells_nothing_of_the_files_here(foreign):
                 wanted_files(site, desk, {**wanted, "config": name})
     finally:
         desk.close()
+
+
+def test_the_name_of_a_string_is_no_path(foreign, tmp_path):
+    """`"string": "/home/me/secret"` told what `/home/me/secret.toml` says."""
+    (foreign[1] / "secret.toml").write_text("password = 'a-word-of-mine'\n")
+    worked = Path(__file__).resolve().parents[2] / "deploy" / "worked"
+    folder = tmp_path / "desk"
+    folder.mkdir()
+    files = {"tables": [str(worked / "drive.log.gz")], "dbc": [str(worked / "vehicle.dbc")], "model": "", "config": ""}
+    names = (f"{foreign[1]}/secret", f"../{foreign[1].name}/secret", "gateway", "string_1/../string_1", "string_2")
+    for name in names:
+        with pytest.raises(UsageError, match="open: the log has no string '") as told:
+            with_config({**files, "string": name}, folder)
+        assert "a-word-of-mine" not in str(told.value)
+    found, _ = with_config({**files, "string": "string_1"}, folder)
+    assert Path(found["model"]) == folder / "string_1.toml"

@@ -1,0 +1,51 @@
+"""Requests whose heads are short: whoever may not come in is known only when the head has been read."""
+
+from http.client import LineTooLong
+from http.server import BaseHTTPRequestHandler
+from typing import Any, BinaryIO, Final
+
+MOST_BYTES: Final = 16_384
+"""Of a head: a browser sends one or two thousand. The library takes a hundred lines of 64 KiB."""
+
+
+class _Lines:
+    """Reads a connection, and lets no head have more lines than `MOST_BYTES` hold."""
+
+    def __init__(self, raw: BinaryIO) -> None:
+        self._raw = raw
+        self._left: int | None = None
+
+    def begin(self) -> None:
+        """Begin a head: its first line, which names what is asked for, has a limit of its own."""
+        self._left = None
+
+    def readline(self, most: int = -1) -> bytes:
+        """Read a line.
+
+        Raises
+        ------
+        LineTooLong
+            The head is.
+        """
+        line = self._raw.readline(most if self._left is None else self._left + 1)
+        self._left = MOST_BYTES if self._left is None else self._left - len(line)
+        if self._left < 0:
+            raise LineTooLong("head")
+        return line
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._raw, name)
+
+
+class ShortHeads(BaseHTTPRequestHandler):
+    """Answers a head that is too long with 431, and closes the connection."""
+
+    def setup(self) -> None:
+        """Prepare the connection."""
+        super().setup()
+        self.rfile: Any = _Lines(self.rfile)
+
+    def handle_one_request(self) -> None:
+        """Read a request and answer it."""
+        self.rfile.begin()
+        super().handle_one_request()
