@@ -40,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
     from bms_gateway.config.load import load_config
     from bms_gateway.engine import Engine
     from bms_gateway.records.once import given_once
-    from bms_gateway.records.signal_use import advice, signal_use
+    from bms_gateway.records.signal_use import advice, contradictions, signal_use
     from bms_gateway.records.span import Span, expect_estimates
     from bms_gateway.report.csv_out import FILES, ResultFolder
 
@@ -71,7 +71,9 @@ def run(args: argparse.Namespace) -> int:
         )
     if args.json:
         write_json(args.json, summary)
-    _tell(args, engine, folder, notes, summary["duration_s"], list(advice(uses)))
+    _tell(
+        args, engine, folder, notes, summary["duration_s"], [*contradictions(loaded.plan, engine.inputs), *advice(uses)]
+    )
     return 0
 
 

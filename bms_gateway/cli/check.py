@@ -83,19 +83,22 @@ def run(args: argparse.Namespace) -> int:
     problem = _unstorable(loaded.store)
     if problem:
         note(f"{args.config}: store.path: {problem}: the state would not be kept here")
-    uses = _uses(loaded, args.log) if args.log else {}
+    uses, wrong = _uses(loaded, args.log) if args.log else ({}, [])
     lost = [signal for signal, use in uses.items() if use.lost]
     blind = [s["name"] for s in strings if not s["observable"]]
+    holed = [use.key for use in uses.values() if use.holed]
     if args.json:
         bus = loaded.config.bus
         document = {
-            "ok": not blind and not lost,
+            "ok": not (blind or lost or wrong or holed),
             "config": args.config,
             "channel": bus.channel,
             "transmit": plan.transmit,
         }
         store = {"store": str(loaded.store) if loaded.store else None, "store_problem": problem}
-        used = {"signals": {signal: use.document() for signal, use in uses.items()}} if args.log else {}
+        used: dict[str, Any] = {}
+        if args.log:
+            used = {"signals": {signal: use.document() for signal, use in uses.items()}, "contradictions": wrong}
         write_json(args.json, document | store | {"strings": strings} | used)
     rows = [
         [
@@ -113,8 +116,17 @@ def run(args: argparse.Namespace) -> int:
     headers = ["string", "sensors", "condition", "cells", "exact rank", "observable", "worst cell", "worst core sd K"]
     say(text_table(headers, rows, left=3), args.json)
     if args.log:
-        _tell(uses, args.json)
+        _tell(uses, wrong, args.json)
     _say_what_sd_means(strings, args.json)
+    unsound = [*["the voltage contradicts the current"][: len(wrong)], *(f"a part of {x} is refused" for x in holed)]
+    return _conclude(args, strings, lost, unsound)
+
+
+def _conclude(args: argparse.Namespace, strings: list[dict[str, Any]], lost: list[str], unsound: list[str]) -> int:
+    """Say what of the config is not sound, or that all is; give the exit status."""
+    from bms_gateway.report.show import ranges
+
+    blind = [s["name"] for s in strings if not s["observable"]]
     if blind:
         remedy = "add surface sensors, or change the condition if cells do touch or share coolant"
         say(f"not observable: {', '.join(blind)}: {remedy}", args.json)
@@ -127,6 +139,9 @@ def run(args: argparse.Namespace) -> int:
     if lost:
         shown = ", ".join(lost[:5]) + (f" and {len(lost) - 5} more" if len(lost) > 5 else "")
         say(f"not used: {shown}", args.json)
+        return 1
+    if unsound:
+        say(f"not sound: {', '.join(unsound)}", args.json)
         return 1
     say(f"{args.config}: sound", args.json)
     return 0
@@ -154,14 +169,17 @@ def _say_what_sd_means(strings: list[dict[str, Any]], json_target: str | None) -
             )
 
 
-def _uses(loaded: "LoadedConfig", logs: list[Path]) -> "dict[str, Use]":
-    """Let the engine read the logs; its estimates are not needed, so simple models are used."""
+def _uses(loaded: "LoadedConfig", logs: list[Path]) -> "tuple[dict[str, Use], list[str]]":
+    """Let the engine read the logs; give the use of each signal, and what contradicts what.
+
+    The estimates are not needed, so simple models are used.
+    """
     from dataclasses import replace
 
     from bms_gateway.bus.logfile import read_log
     from bms_gateway.engine import Engine
     from bms_gateway.errors import DataError
-    from bms_gateway.records.signal_use import signal_use
+    from bms_gateway.records.signal_use import contradictions, signal_use
     from bms_gateway.report.progress import progress
 
     frames = 0
@@ -179,15 +197,16 @@ def _uses(loaded: "LoadedConfig", logs: list[Path]) -> "dict[str, Use]":
                         pass
     if not frames:
         raise DataError(f"{', '.join(str(log) for log in logs)}: no data frames")
-    return signal_use(plan, loaded.database, engine, {s.name for s in loaded.config.string if s.signals is not None})
+    stated = {s.name for s in loaded.config.string if s.signals is not None}
+    return signal_use(plan, loaded.database, engine, stated), list(contradictions(plan, engine.inputs))
 
 
-def _tell(uses: "dict[str, Use]", json_target: str | None) -> None:
+def _tell(uses: "dict[str, Use]", wrong: list[str], json_target: str | None) -> None:
     from bms_gateway.records.signal_use import advice
     from bms_gateway.report.signals_text import signals_table
 
     say(signals_table({signal: use.document() for signal, use in uses.items()}), json_target)
-    told = list(advice(uses))
+    told = [*wrong, *advice(uses)]
     for line in told[:MOST_TOLD]:
         say(line, json_target)
     if len(told) > MOST_TOLD:

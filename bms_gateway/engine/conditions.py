@@ -12,7 +12,7 @@ import numpy as np
 
 from bms_gateway.engine.inputs import Inputs
 from bms_gateway.engine.plan import Channel
-from bms_gateway.engine.reasons import REASONS
+from bms_gateway.engine.reasons import REASONS, WRONG_SIGN
 from bms_gateway.engine.string_estimator import StringEstimator, unproven
 from bms_gateway.frames.quality import Quality
 from bms_gateway.health.alerts import Condition, Severity
@@ -40,6 +40,9 @@ def of_inputs(inputs: Inputs, strings: Sequence[StringEstimator]) -> Iterator[Co
     for string, missing in inputs.missed().items():
         text = f"never received: {missing}: check the names in the config, the DBC, and the sender"
         yield Condition("unheard", Severity.WARNING, text, string)
+    for string, channel, meter in inputs.compared():
+        if meter.reversed:
+            yield Condition("current_sign", Severity.WARNING, f"{WRONG_SIGN} ({channel.signal})", string)
     if len(strings) and np.isnan(strings[0].newest.core).any():
         for s in strings:
             if np.isnan(s.core).all():

@@ -88,6 +88,10 @@ class InputNews:
             why = CURRENT_STANDS.format(" and ".join(f"{amps:g}" for amps in stands))
         return Notice(t1, Level.WARNING, "sensor", f"{what} is not used: {why} ({c.signal})", string, cell)
 
+    def compared(self) -> list[tuple[str, Channel, Ammeter]]:
+        """List the currents that a voltage checks: the string that first names each, its channel, the comparison."""
+        return [(self._wiring.names[i][0], self._wiring.channels[i], meter) for (i, _), meter in self._meters.items()]
+
     def faults(self) -> list[tuple[str, Channel, Quality]]:
         """List inputs once received and not good now: the string that first names each, its channel, its quality."""
         wiring = self._wiring

@@ -15,6 +15,7 @@ from bms_gateway.engine.readings import Assigned, Readings
 from bms_gateway.engine.reasons import REPEATED, UNKNOWN_MUX
 from bms_gateway.engine.samples import Raw, Samples
 from bms_gateway.engine.wiring import Wire, Wiring
+from bms_gateway.frames.ammeter import Ammeter
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.counter import CounterGuard
 from bms_gateway.frames.database import Database
@@ -64,7 +65,8 @@ class Inputs:
     counts : ndarray of int64 (C, 16)
         Samples of each input so far, by `Quality`.
     extremes : ndarray (2, C)
-        Least and greatest value of each input so far, used or refused, in the DBC's unit; ±inf before the first.
+        Least and greatest value of each input so far, used or refused, in the DBC's unit, without what its sender calls
+        no measurement; ±inf before the first.
     """
 
     def __init__(self, plan: Plan, database: Database, *, whole: bool = False) -> None:
@@ -116,8 +118,9 @@ class Inputs:
         """Decode all inputs of the next frames; alive counters are followed, so each frame must come once, in order."""
         s = decode(self._table, frames)
         flag, repeated = self._counters.follow(s)
+        measured = (flag != NOT_AVAILABLE) & (flag != ERROR)
         for extreme, of in zip(self.extremes, (np.fmin, np.fmax), strict=True):
-            of.at(extreme, s.signal, s.value)
+            of.at(extreme, s.signal[measured], s.value[measured])
         for reason, which in ((UNKNOWN_MUX, s.unknown), (REPEATED, repeated)):
             if len(which):
                 self._passed_over[reason] = np.concatenate([self._passed_over[reason], frames.time_ns[which]])
@@ -218,6 +221,10 @@ class Inputs:
     def changes(self, t1: int) -> list[Notice]:
         """Report which inputs have become good, or are no longer good, since the last call."""
         return self._news.changes(t1)
+
+    def compared(self) -> list[tuple[str, Channel, Ammeter]]:
+        """List the currents that a voltage checks: the string that first names each, its channel, the comparison."""
+        return self._news.compared()
 
     def faults(self) -> list[tuple[str, Channel, Quality]]:
         """List inputs once received and not good now: the string that first names each, its channel, its quality."""

@@ -82,6 +82,16 @@ class Ammeter:
         """Values that are refused, A."""
         return tuple(s.value for s in self._suspects if s.refused)
 
+    @property
+    def together(self) -> float:
+        """Correlation of the steps of voltage and current; NaN before there were enough."""
+        return self._IV / sqrt(self._II * self._VV) if self._moves >= ENOUGH else nan
+
+    @property
+    def resistance(self) -> float:
+        """Resistance that the steps of current and voltage show, Ω, whatever the sign; NaN where they show none."""
+        return abs(self._IV) / self._II if abs(self.together) >= REVERSED else nan
+
     def update(self, I: NDArray[np.float64], V: NDArray[np.float64]) -> None:  # noqa: E741
         """Take the accepted samples of one tick, A (discharge positive) and V; either may be empty."""
         if not len(I):
@@ -119,8 +129,7 @@ class Ammeter:
         self._II, self._IV, self._VV = keep * self._II + dI * dI, keep * self._IV + dI * dV, keep * self._VV + dV * dV
         self._moves += 1
         if self._moves >= ENOUGH:
-            together = self._IV / sqrt(self._II * self._VV)
-            self.reversed = together > (RIGHT if self.reversed else REVERSED)
+            self.reversed = self.together > (RIGHT if self.reversed else REVERSED)
 
 
 class _Suspect:

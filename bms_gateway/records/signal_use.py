@@ -5,9 +5,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 
+import numpy as np
+
 from bms_gateway.engine import Engine
+from bms_gateway.engine.inputs import Inputs
 from bms_gateway.engine.plan import Channel, Plan
-from bms_gateway.engine.reasons import REASONS
+from bms_gateway.engine.reasons import REASONS, WRONG_SIGN
 from bms_gateway.frames.database import Database
 from bms_gateway.frames.quality import Quality
 from bms_gateway.frames.signal_info import SignalInfo
@@ -18,6 +21,16 @@ WORTH_A_WORD: Final = 0.05
 LOST: Final = 0.5
 """Share of refused samples above which a signal counts as not used."""
 CURRENT_REFUSED: Final = "the voltage moves while it stands at one value: stuck, saturated or clipped"
+UNLIKE: Final = 8.0
+"""Ratio of the resistance that current and voltage show to that of the model from which on one of them is wrong; the
+resistance of a cell that nobody named is known to a factor of three."""
+OTHER_UNITS: Final = {
+    "temperature": (("K", 1.0, -273.15), ("°C and not in K", 1.0, 273.15)),
+    "current": (("mA", 1e-3, 0.0),),
+    "voltage": (("mV", 1e-3, 0.0),),
+}
+"""Units in which a signal may be although its DBC says another one: SI = scale · what was taken for SI + offset."""
+COLD_C: Final = -40.0
 NOT_TAKEN: Final = "nothing is estimated from it with this config"
 
 
@@ -65,6 +78,12 @@ class Use:
         if not self.taken or (not self.stated and self.channel.quantity in OPTIONAL):
             return False
         return self.used < LOST * self.seen or self.used == 0
+
+    @property
+    def holed(self) -> bool:
+        """Whether a part of a current is beyond its range: its heat is missing, and its numbers may be wrong bits."""
+        beyond = self.refused.get("out_of_range", 0)
+        return self.taken and self.channel.quantity == "current" and beyond > WORTH_A_WORD * self.seen
 
     def document(self) -> dict[str, Any]:
         """For machines."""
@@ -161,11 +180,43 @@ def advice(uses: dict[str, Use]) -> Iterator[str]:
         share = f"{use.key} ({signal}) refused {100 * lost / use.seen:.0f} %"
         if most == "out_of_range" and use.observed is not None:
             (low, high), (least, most_allowed), unit = use.observed, use.allowed, use.info.unit
-            ends = f"observed {low:g} … {high:g} {unit}, allowed {least:g} … {most_allowed:g}"
+            allowed = (
+                f"allowed {least:g} … {most_allowed:g}" if least <= most_allowed else "the DBC allows no such value"
+            )
+            ends = f"observed {low:g} … {high:g} {unit}, {allowed}"
             yield f"{share}: {ends}: {_remedy(signal, use)}"
         else:
             stands = use.channel.quantity == "current" and most == "stuck"
             yield f"{share}, mostly: {CURRENT_REFUSED if stands else REASONS[Quality[most.upper()]]}"
+
+
+def contradictions(plan: Plan, inputs: Inputs) -> Iterator[str]:
+    """Say which currents their voltage contradicts: in the sign, or in a size that such a cell cannot have.
+
+    Parameters
+    ----------
+    plan : Plan
+    inputs : Inputs
+        After the traffic.
+    """
+    model = {s.name: s.model for s in plan.strings}
+    for string, channel, meter in inputs.compared():
+        where = f"{string}.current ({channel.signal})"
+        if meter.reversed:
+            yield f"{where}: {WRONG_SIGN}"
+        expected = float(np.sum(model[string].nominal.R_e))
+        ratio = meter.resistance / expected
+        if not ratio > UNLIKE and not ratio < 1.0 / UNLIKE:  # nor where there is nothing to compare
+            continue
+        n = model[string].cells
+        shown, own = (1e3 * x / n for x in (meter.resistance, expected))
+        power = 3 * round(math.log10(ratio) / 3)
+        mends = power and abs(math.log10(ratio) - power) < math.log10(UNLIKE)
+        mend = f"scale = {10.0**power:g} in its entry mends it if the unit is wrong" if mends else "check its scale"
+        yield (
+            f"{where}: where it steps, the voltage steps as if a cell had {shown:.3g} mΩ, and the model file says "
+            f"{own:.3g} mΩ: {mend}, else look at R_e of the model and at the scale of the voltage"
+        )
 
 
 def _remedy(signal: str, use: Use) -> str:
@@ -173,6 +224,8 @@ def _remedy(signal: str, use: Use) -> str:
     assert use.observed is not None  # noqa: S101 — asked for only where something was observed
     c, info, (low, high) = use.channel, use.info, use.observed
     ends = sorted((x - c.offset) / c.scale for x in INPUTS[c.quantity].plausible)
+    if (mend := _unit(signal, use)) is not None:
+        return mend
     if high < ends[0] or low > ends[1]:
         believed = f"{ends[0]:g} … {ends[1]:g}"
         return f"no value of a {c.quantity.replace('_', ' ')} ({believed} in this unit): set scale and offset"
@@ -185,7 +238,32 @@ def _remedy(signal: str, use: Use) -> str:
         fields.append(f"maximum = {min(high, ends[1]):g}")
     if len(fields) == 1:
         return "its ends are where the sensor has run out of range"
-    return f"if that is real, set minimum/maximum: {use.key.split('.', 1)[1]} = {{ {', '.join(fields)} }}"
+    real = f"if that is real, set minimum/maximum: {use.key.split('.', 1)[1]} = {{ {', '.join(fields)} }}"
+    return real + (", else look at its byte order, sign and factor in the DBC" if c.quantity == "current" else "")
+
+
+def _unit(signal: str, use: Use) -> str | None:
+    """Give the config line that reads the observed values in another unit than the DBC says; None where none fits."""
+    assert use.observed is not None  # noqa: S101 — asked for only where something was observed
+    c, observed = use.channel, use.observed
+    low, high = INPUTS[c.quantity].plausible
+    least, most = sorted(c.scale * x + c.offset for x in observed)
+    if low <= least and most <= high:
+        return None
+    kind = INPUTS[c.quantity].kind
+    for unit, scale, offset in OTHER_UNITS.get(kind, ()):
+        a, b = scale * least + offset, scale * most + offset
+        if not (low <= a and b <= high and (kind != "temperature" or a >= COLD_C)):
+            continue
+        change = f"offset = {offset:g}" if scale == 1.0 else f"scale = {scale:g}"
+        fields = [f'signal = "{signal}"', change]
+        declared = use.info.minimum, use.info.maximum
+        if declared[0] is not None and observed[0] < declared[0]:
+            fields.append(f"minimum = {observed[0]:g}")
+        if declared[1] is not None and observed[1] > declared[1]:
+            fields.append(f"maximum = {observed[1]:g}")
+        return f"is it in {unit}? {use.key.split('.', 1)[1]} = {{ {', '.join(fields)} }} reads it so"
+    return None
 
 
 def _short(x: float) -> float | None:
