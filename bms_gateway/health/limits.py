@@ -342,6 +342,8 @@ class Limits:
         elif np.isfinite(self._points.value[at]):
             p = self._points
             now = f" is {p.value[at]:.1f} ± {BAND_SD * p.sd[at]:.1f} °C (core {p.core[at]:.1f} °C)"
+            if p.value[at] < limit.limit:
+                now += ", was above the limit and is not known to be below it again"
         else:
             now = f" was {limit.last[at]:.1f} °C"
         others = [int(k) - part.start + 1 for k in over if k != at]

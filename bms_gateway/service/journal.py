@@ -17,6 +17,7 @@ from collections.abc import Callable
 from typing import Final
 
 FREE: Final = 5  # lines of one kind per WINDOW_S: enough for five strings to tell the same
+ASKED: Final = 60  # the same of answers: a person who asks waits for one
 WINDOW_S: Final = 60.0
 NOTICE: Final = 25  # between INFO and WARNING, as syslog has it
 JOURNAL: Final = "/run/systemd/journal/socket"
@@ -29,7 +30,8 @@ _SYSLOG = {logging.DEBUG: 7, logging.INFO: 6, NOTICE: 5, logging.WARNING: 4, log
 class Throttle(logging.Filter):
     """Lets `FREE` lines of a kind through per `WINDOW_S`; the first line after that tells how many were held back.
 
-    The kind is the attribute `kind` or `code` of the record where there is one, else the place in the code.
+    Of records with the attribute `asked`, which answer a person, `ASKED` are let through. The kind is the attribute
+    `kind` or `code` of the record where there is one, else the place in the code.
 
     Attributes
     ----------
@@ -46,16 +48,16 @@ class Throttle(logging.Filter):
     def filter(self, record: logging.LogRecord) -> bool:
         """Decide on one line."""
         kind = getattr(record, "kind", None) or getattr(record, "code", None) or f"{record.pathname}:{record.lineno}"
-        now = self._clock()
+        now, free = self._clock(), ASKED if getattr(record, "asked", False) else FREE
         since, count = self._since.get(kind, (now, 0))
         if now - since >= WINDOW_S:
-            if count > FREE:
-                record.msg = f"{record.getMessage()} ({count - FREE} more like this in between)"
+            if count > free:
+                record.msg = f"{record.getMessage()} ({count - free} more like this in between)"
                 record.args = None
             since, count = now, 0
         self._since[kind] = (since, count + 1)
-        self.held += count >= FREE
-        return count < FREE
+        self.held += count >= free
+        return count < free
 
 
 class _Lines(logging.Formatter):

@@ -34,6 +34,7 @@ from bms_gateway.service.signals import ENDING, Signals
 from bms_gateway.service.tally import Tally
 
 log = logging.getLogger(__name__)
+ANSWER: Final = {"code": "reload", "asked": True}
 
 DRAIN_S: Final = 0.01  # what is read at a deadline gathered no longer; nor do others beside the first after a silence
 SETTLE_NS: Final = 2_000_000  # from the kernel's stamp to the socket it takes some µs, on a loaded machine up to 1 ms
@@ -402,11 +403,11 @@ class Gateway:
             self.engine = await reload()
         except GatewayError as error:
             self.tally.reloads_refused += 1
-            log.error("not reloaded, going on as before: %s", error)  # noqa: TRY400 (as above)
+            log.error("not reloaded, going on as before: %s", error, extra=ANSWER)  # noqa: TRY400 (as above)
         else:
             self.tally.reloads += 1
             self.tally.fit_problems.clear()  # what the engine before has left undone is of no use to this one
-            log.info("reloaded")
+            log.info("reloaded", extra=ANSWER)
             self._arm()
 
     def _on_reloaded(self, reload: Callable[[], Awaitable[LiveEngine]], done: "asyncio.Task[None]") -> None:

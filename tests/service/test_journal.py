@@ -4,7 +4,7 @@ import socket
 
 import pytest
 
-from bms_gateway.service.journal import FREE, NOTICE, WINDOW_S, Throttle, start_logging
+from bms_gateway.service.journal import ASKED, FREE, NOTICE, WINDOW_S, Throttle, start_logging
 from bms_gateway.service.notify import notify, reloading, watchdog_s
 
 
@@ -27,6 +27,22 @@ def test_a_flood_of_one_kind_is_cut_told_of_once_and_leaves_others_alone():
     assert late.getMessage() == "a (3 more like this in between)"
     assert throttle.filter(quiet := record("a", "sensor"))
     assert quiet.getMessage() == "a"
+
+
+def test_who_asks_is_answered_each_time_up_to_once_a_second():
+    now = [0.0]
+    throttle = Throttle(lambda: now[0])
+
+    def answer():
+        made = record("reloaded", "reload")
+        made.asked = True
+        return made
+
+    assert [throttle.filter(answer()) for _ in range(ASKED + 2)] == [True] * ASKED + [False] * 2
+    assert (throttle.held, ASKED) == (2, 60)
+    now[0] = WINDOW_S
+    assert throttle.filter(late := answer())
+    assert late.getMessage() == "reloaded (2 more like this in between)"
 
 
 def to_journal(monkeypatch):
