@@ -39,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
     from bms_gateway.cli.output import distinct, writable, write_json
     from bms_gateway.config.load import load_config
     from bms_gateway.engine import Engine
-    from bms_gateway.records.once import given_once
+    from bms_gateway.records.once import given_once, in_order
     from bms_gateway.records.signal_use import advice, contradictions, signal_use
     from bms_gateway.records.span import Span, expect_estimates
     from bms_gateway.report.csv_out import FILES, ResultFolder
@@ -51,6 +51,7 @@ def run(args: argparse.Namespace) -> int:
     loaded = load_config(args.config)
     distinct({"--json": args.json} | {f"--out {file}": out / file for file in FILES}, [*loaded.files, *args.log])
     given_once(args.log)
+    in_order(args.log)
     engine = Engine(loaded.plan, loaded.database)
     notes = [LogNotes() for _ in args.log]
     span = Span()

@@ -1,10 +1,16 @@
-"""Logs and tables that a person gives: each only once, because the samples of a copy are no new evidence."""
+"""Logs and tables that a person gives: each only once, because a copy is no new evidence, and in the order of time."""
 
 import filecmp
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
 from pathlib import Path
+from typing import Final
 
+from bms_gateway.bus.logfile import read_log
 from bms_gateway.errors import UsageError
+
+CLOCK_SET_NS: Final = 1_577_836_800_000_000_000
+"""2020: an older stamp is of a clock that counts from the start of a recording, or that was not set."""
 
 
 def given_once(files: Iterable[Path]) -> None:
@@ -27,3 +33,21 @@ def given_once(files: Iterable[Path]) -> None:
             copy = "" if same == file else f" has the same content as {same}"
             raise UsageError(f"{file}{copy or ' is given twice'}: give each file once")
         others.append(file)
+
+
+def in_order(logs: Sequence[Path]) -> None:
+    """Refuse logs of one drive that are given in another order than they were recorded: the state goes on in time.
+
+    Raises
+    ------
+    UsageError
+        A log begins before the one that is given before it.
+    """
+    if len(logs) < 2:
+        return
+    first_ns = {log: next((int(b.time_ns[0]) for b in read_log(log) if len(b)), 0) for log in logs}
+    for before, after in pairwise(logs):
+        if CLOCK_SET_NS <= first_ns[after] < first_ns[before]:
+            seconds = (first_ns[before] - first_ns[after]) * 1e-9
+            right = " ".join(str(log) for log in sorted(logs, key=first_ns.__getitem__))
+            raise UsageError(f"{after} begins {seconds:.0f} s before {before}: give the logs in order of time: {right}")
