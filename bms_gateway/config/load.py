@@ -114,7 +114,10 @@ def _reader(where: str, config: GatewayConfig, databases: Mapping[str, str]) -> 
 
 def _load(path: Path, uploaded: bool) -> LoadedConfig:
     where = str(path)
-    config = validate(GatewayConfig, read_toml(path), where)
+    data = read_toml(path)
+    if "parameters" in data and "string" not in data:
+        raise ConfigError(f"{where}: is the model file of a string; a gateway config is needed, which names such files")
+    config = validate(GatewayConfig, data, where)
     if uploaded:
         config = _beside(config)
     databases = {}

@@ -134,7 +134,10 @@ def read_model(path: Path) -> StringModel:
 
 def parse_model(text: str, where: str = "model") -> StringModel:
     """Read a string model from TOML text; `where` is what error lines call it."""
-    file = validate(ModelFile, parse_toml(text, where), where)
+    data = parse_toml(text, where)
+    if "string" in data and "parameters" not in data:
+        raise ConfigError(f"{where}: is a gateway config; a model file is needed, as its [[string]] entries name them")
+    file = validate(ModelFile, data, where)
     try:
         return _model(file)
     except ConfigError as e:

@@ -6,6 +6,7 @@ import pytest
 
 from bms_gateway.cli.main import main
 from bms_gateway.config import load_config, own_dbc_text
+from bms_gateway.config.model_file import read_model
 from bms_gateway.errors import ConfigError
 from bms_gateway.thermal import Disturbance
 from tests.config.bench_cell import write_bench_cell
@@ -288,3 +289,12 @@ def test_check_mentions_a_state_that_cannot_be_kept(tmp_path, capsys):
     (tmp_path / "state").write_text("")
     assert main(["check", str(file)]) == 0
     assert f"store.path: {tmp_path / 'state'} is no directory" in capsys.readouterr().err
+
+
+def test_a_model_file_and_a_config_in_each_others_place_are_told_what_they_are(tmp_path):
+    config = write(tmp_path)
+    model = tmp_path / "string_1.toml"
+    with pytest.raises(ConfigError, match=r"gateway\.toml: is a gateway config; a model file is needed"):
+        read_model(config)
+    with pytest.raises(ConfigError, match=r"string_1\.toml: is the model file of a string; a gateway config is needed"):
+        load_config(model)
