@@ -91,7 +91,10 @@ def _place(target: Path) -> tuple[int, str, bool]:
 
 @contextmanager
 def _in_place(at: int, name: str, linked: bool) -> Iterator[BinaryIO]:
-    handle = os.open(name, os.O_WRONLY | os.O_CLOEXEC | (0 if linked else os.O_NOFOLLOW), dir_fd=at)
+    flags = os.O_WRONLY | os.O_CLOEXEC
+    if not linked:
+        flags |= os.O_NOFOLLOW
+    handle = os.open(name, flags, dir_fd=at)
     with os.fdopen(handle, "wb") as file:
         if S_ISREG(os.fstat(handle).st_mode):
             raise OSError(errno.EBUSY, "somebody else replaces it")
@@ -106,7 +109,6 @@ def _replaced(at: int, name: str) -> Iterator[BinaryIO]:
     try:
         with os.fdopen(handle, "wb") as file:
             yield file
-            file.flush()
             with suppress(FileNotFoundError):
                 before = os.stat(name, dir_fd=at, follow_symlinks=False)
                 if S_ISREG(before.st_mode) and before.st_uid == os.geteuid():

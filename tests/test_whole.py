@@ -2,6 +2,8 @@
 
 import errno
 import os
+import re
+import stat
 import subprocess
 import sys
 from pathlib import Path
@@ -197,6 +199,9 @@ def test_links_into_which_another_user_can_put_a_link_are_not(home):
     os.close(open_folder(shared / "ours"))
     with pytest.raises(OSError, match="theirs is a link that another user can change"):
         open_folder(shared / "theirs")
+    shared.chmod(0o777)  # now anybody may put another link in the place of ours
+    with pytest.raises(OSError, match="ours is a link that another user can change"):
+        open_folder(shared / "ours")
 
 
 def test_a_folder_is_opened_by_any_spelling_and_what_is_none_is_refused(tmp_path, monkeypatch):
@@ -211,6 +216,7 @@ def test_a_folder_is_opened_by_any_spelling_and_what_is_none_is_refused(tmp_path
         open_folder(tmp_path / "file")
     with pytest.raises(FileNotFoundError):
         open_folder(tmp_path / "none" / "b")
+    assert MOST_LINKS == 40  # as the kernel's own
     for k in range(MOST_LINKS + 1):
         (tmp_path / f"l{k}").symlink_to(f"l{k + 1}" if k < MOST_LINKS else "a")
     os.close(open_folder(tmp_path / "l1"))
@@ -223,12 +229,85 @@ def test_a_folder_is_opened_by_any_spelling_and_what_is_none_is_refused(tmp_path
         pass
 
 
+@NOT_ROOT
+def test_results_are_not_written_through_a_link_of_another_user_and_take_no_mode_of_theirs(home):
+    (home / "out.json").symlink_to(home.parent / "secret" / "file")
+    with pytest.raises(OSError, match=r"out\.json is a link that another user can change"), whole(home / "out.json"):
+        pass
+    assert untouched(home)
+    (home / "out.json").unlink()
+    (home / "out.json").write_text("theirs")
+    (home / "out.json").chmod(0o666)
+    os.chown(home / "out.json", OTHER, OTHER)
+    with whole(home / "out.json") as file:
+        file.write(b"ours")
+    found = (home / "out.json").stat()
+    assert (found.st_uid, found.st_mode & 0o777) == (0, 0o666 & ~umask())
+
+
+def umask():
+    now = os.umask(0)
+    os.umask(now)
+    return now
+
+
+def test_a_new_file_has_a_name_that_nobody_can_foresee_and_the_usual_mode(tmp_path):
+    (tmp_path / "shut").write_text("")
+    (tmp_path / "shut").chmod(0o600)
+    before, names = os.umask(0), []
+    try:
+        for name in ("a.txt", "n" * 255):
+            with whole(tmp_path / name):
+                (made,) = (p.name for p in tmp_path.iterdir() if p.name.startswith("."))
+                names.append(made)
+                if name == "a.txt":  # a link that comes meanwhile is replaced, and its file's mode is not taken
+                    (tmp_path / name).symlink_to("shut")
+            assert stat.S_IMODE((tmp_path / name).lstat().st_mode) == 0o666
+    finally:
+        os.umask(before)
+    for made, start in zip(names, ("a.txt", "n" * 40), strict=True):
+        assert re.fullmatch(rf"\.{re.escape(start)}\.[0-9a-f]{{16}}\.tmp", made)
+    assert (tmp_path / "shut").read_text() == ""
+
+
+@pytest.mark.parametrize(("name", "code"), [("pipe", errno.ELOOP), ("link", errno.EBUSY)])
+def test_a_pipe_that_becomes_a_file_meanwhile_is_not_written(tmp_path, monkeypatch, name, code):
+    (tmp_path / "file").write_text("old")
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "link").symlink_to("pipe")
+    look = os.stat
+
+    def swap(path, *, dir_fd=None, follow_symlinks=True):
+        found = look(path, dir_fd=dir_fd, follow_symlinks=follow_symlinks)
+        if path == name and follow_symlinks and dir_fd is not None:
+            (tmp_path / "pipe").unlink()
+            (tmp_path / "pipe").symlink_to("file")
+        return found
+
+    monkeypatch.setattr(os, "stat", swap)
+    with pytest.raises(OSError, match=r"Too many|somebody else") as told, whole(tmp_path / name) as file:
+        file.write(b"new")
+    assert told.value.errno == code
+    assert (tmp_path / "file").read_text() == "old"
+
+
 def test_no_descriptor_is_left_open(tmp_path):
     def count():
         return len(list(Path("/proc/self/fd").iterdir()))
 
+    (tmp_path / "to-a").symlink_to("to-b")
+    (tmp_path / "to-b").symlink_to("a")
+    shared = tmp_path / "shared"
+    shared.mkdir()
+    shared.chmod(0o777)
+    (shared / "link").symlink_to(tmp_path / "a")
     before = count()
     for k in range(50):
+        with whole(tmp_path / "to-a") as file:
+            file.write(b"x")
+        if os.geteuid() == 0:
+            with pytest.raises(OSError, match="another user can change"), whole(shared / "link"):
+                pass
         with whole(tmp_path / "a") as file:
             file.write(b"x")
         for way in (tmp_path / "a" / "b", tmp_path / "none" / f"{k}"):
