@@ -80,13 +80,18 @@ STATISTIC: Final[Mapping[str, str]] = MappingProxyType(
 COOLANT: Final = _list("""
     coolant cool inlet water eau acqua agua refroidissement entree entrada ingresso liquide refrigerante
     koelvloeistof aanvoer vorlauf kuehlmittel kuhlmittel kuehl kuhl glycol in entry supply cooling liquid lengque
-    lengqueye jinshui jinkou
+    lengqueye jinshui jinkou eintritt einlass zulauf zuluft
     """)
-INWARD: Final = _list("inlet in vorlauf supply entry entree entrada ingresso aanvoer jinshui jinkou")
-OUTWARD: Final = _list("outlet out return ruecklauf exit back retour sortie salida uscita chushui chukou huishui")
+INWARD: Final = _list("""
+    inlet in vorlauf supply entry entree entrada ingresso aanvoer jinshui jinkou eintritt einlass zulauf zuluft
+    """)
+OUTWARD: Final = _list("""
+    outlet out return ruecklauf austritt auslass ablauf abluft exit back retour sortie salida uscita chushui chukou
+    huishui
+    """)
 AMBIENT: Final = _list("""
     ambient outside amb air umgebung aussen chamber exterieure exterieur esterna ambiente buiten env environment oat
-    ots huanjing
+    ots huanjing aussentemp aussentemperatur aussenluft umgebungstemperatur luft
     """)
 
 

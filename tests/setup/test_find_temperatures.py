@@ -159,3 +159,18 @@ def test_channels_without_a_sensor_do_not_change_the_scale_of_the_others(tmp_pat
     assert {p.path.rpartition(".")[2] for p in found} == {f"NTC{k + 1}" for k in range(5)}
     assert {(p.factor, p.shift) for p in found} == {(1.0, 0.0)}
     assert not any("contradicts" in why for p in found for why in p.why)
+
+
+@pytest.mark.parametrize("inlet", ["Luft_Eintritt_T", "Zuluft_Temp", "Wasser_Einlass_T"])
+def test_what_enters_comes_before_the_weather(inlet, tmp_path) -> None:
+    """A constant outside temperature was taken for the inlet."""
+    vehicle = plain({f"CellTemp{k + 1}": WARM[:, k] for k in range(4)}, unit="degC")
+    names = (inlet, "Luft_Austritt_T", "Aussentemp")
+    vehicle.dbc += "\nBO_ 900 Klima: 8 B" + "".join(
+        f'\n SG_ {name} : {16 * k}|16@1- (0.1,0) [0|0] "degC" B' for k, name in enumerate(names)
+    )
+    d = drive(8)
+    for name, values in zip(names, (d.inlet, d.inlet + 4.0, np.full_like(d.inlet, 12.0)), strict=True):
+        vehicle.values[f"Klima.{name}"] = values
+    (found,) = proposed(vehicle, tmp_path).of("coolant_inlet")
+    assert found.path == f"Klima.{inlet}"
