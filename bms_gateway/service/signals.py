@@ -96,7 +96,6 @@ class Signals:
             signal.set_wakeup_fd(descriptor)
             for number, handler in self._before.items():
                 signal.signal(number, handler)
-            self._before = {}
             theirs.send(CLOSED)
             thread.join()
             ours.close()

@@ -230,11 +230,12 @@ EQUIVALENT: dict[str, dict[str, str]] = {
     },
     "bms_gateway/service/signals.py": {
         "_End.now: True  ->  False": "the next call ends the process with all its threads",
-        "Signals.take: True  ->  False": "the thread has ended when the process does, or `_End` ends the process",
-        "Signals.take: False  ->  True  #2": "a warning when the descriptor is full, which holds hundreds of signals",
-        "Signals.take.close: ours.close()  ->  pass": LET_GO,
-        "Signals.take.close: theirs.close()  ->  pass": LET_GO,
-        "Signals.take.close: thread.join()  ->  pass": "the byte ends the thread a moment later",
+        "Signals.listen.over: self._poke = _nothing  ->  pass": "the kernel ignores a signal that nothing handles",
+        "Signals._open: True  ->  False": "the thread has ended when the process does, or `_End` ends the process",
+        "Signals._open: False  ->  True  #2": "a warning when the descriptor is full, which holds hundreds of signals",
+        "Signals._open.close: ours.close()  ->  pass": LET_GO,
+        "Signals._open.close: theirs.close()  ->  pass": LET_GO,
+        "Signals._open.close: thread.join()  ->  pass": "the byte ends the thread a moment later",
     },
     "bms_gateway/store/files.py": {
         ": os.O_RDONLY | os.O_CLOEXEC  ->  os.O_RDONLY & os.O_CLOEXEC": "Python closes descriptors for children",

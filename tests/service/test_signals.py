@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -194,6 +195,29 @@ def test_a_start_that_waits_for_a_pipe_ends_at_once(tmp_path, number, status):
     process.send_signal(number)
     process.communicate(timeout=PATIENCE_S)
     assert process.returncode in (status, -number)
+
+
+class Ended(Exception):
+    pass
+
+
+def test_a_wait_of_the_start_is_ended_by_the_signal():
+    def end(*_):
+        raise Ended
+
+    before, signals = signal.signal(signal.SIGTERM, end), Signals()
+    timer = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGTERM))
+    begun = time.monotonic()
+    signals.listen()
+    try:
+        timer.start()
+        with pytest.raises(Ended):
+            time.sleep(PATIENCE_S)
+    finally:
+        signals.close()
+        signal.signal(signal.SIGTERM, before)
+    assert time.monotonic() - begun < PATIENCE_S
+    timer.join()
 
 
 def test_while_it_starts_a_program_is_as_it_was_before_but_for_the_signals_that_end_it():
