@@ -1,7 +1,9 @@
 """`export`: the gateway's recent decoded signals as a table."""
 
 import argparse
+import time
 from pathlib import Path
+from typing import Final
 
 from bms_gateway.cli.main import Parser
 from bms_gateway.cli.output import distinct, note, say, writable, write_json
@@ -15,6 +17,10 @@ EXAMPLE = """\
 
 works while the service runs, and after; a row for every instant at which a signal of the string came
 """
+SHORT_S, SHORT = 5.0, 0.05
+"""Least time, and share of what was asked for, by which a table is shorter without anybody's missing it."""
+OLD_S: Final = 60.0
+CLOCK_SET_S: Final = 1_577_836_800.0  # 2020: older stamps are of a clock that was not set
 
 
 def arguments(parser: Parser) -> None:
@@ -47,5 +53,9 @@ def run(args: argparse.Namespace) -> int:
         told = {"table": args.out, "string": w.string, "rows": w.rows, "from_s": w.first_s, "to_s": w.last_s}
         write_json(args.json, told)
     minutes = (w.last_s - w.first_s) / 60.0
+    if seconds - 60.0 * minutes > max(SHORT_S, SHORT * seconds):
+        note(f"of {args.last} only {minutes:.1f} min are recorded")
+    if (age_s := time.time() - w.last_s) > OLD_S and w.last_s > CLOCK_SET_S:
+        note(f"the newest signal came {age_s / 60.0:.1f} min ago; later ones wait for a save, or the bus is silent")
     say(f"{args.out}: {w.rows} rows, {minutes:.1f} min of {w.string}: {', '.join(w.columns)}", args.json)
     return 0

@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import re
 import shutil
 import signal
 import socket
@@ -15,10 +16,12 @@ import numpy as np
 import pytest
 
 from bms_gateway.bus.logfile import read_log
+from bms_gateway.cli import export as command
 from bms_gateway.cli.export import given_span
 from bms_gateway.cli.main import main
 from bms_gateway.config import own_dbc_text, shipped
 from bms_gateway.errors import UsageError
+from bms_gateway.records.recent_signals import Written
 from bms_gateway.report.table import read_table
 from tests.store.ring import drove
 
@@ -104,6 +107,25 @@ def test_the_last_minutes_are_those_before_the_newest_signal(gateway, capsys):
     assert 119.0 < times[-1] - times[0] <= 120.0
     assert (told["from_s"], told["to_s"]) == (times[0], times[-1])
     assert times[-1] > SECONDS - 3
+
+
+def test_a_table_that_is_shorter_or_older_than_it_seems_says_so(gateway, capsys, monkeypatch):
+    """3 min were asked for, and 1.9 min that ended 70 s ago were written without a word."""
+    words = ["--out", str(gateway / "told.csv"), "--store", str(gateway / "lib"), "--string", "string_1"]
+    assert main(["export", "--last", "1d", *words]) == 0
+    minutes = (SECONDS - 1) / 60
+    said = re.search(r"of 1d only ([\d.]+) min are recorded", capsys.readouterr().err)
+    assert float(said[1]) == pytest.approx(minutes, abs=0.15)
+    assert main(["export", "--last", "2min", *words]) == 0
+    assert "only" not in capsys.readouterr().err
+    for age_s, told in ((30.0, None), (90.0, "came 1.5 min ago")):
+        newest = 1_750_000_000.0
+        written = Written("string_1", ("time_s",), 10, newest - 120.0, newest)
+        monkeypatch.setattr(command, "write_recent", lambda *_, w=written: w)
+        monkeypatch.setattr(command.time, "time", lambda at=newest + age_s: at)
+        assert main(["export", "--last", "2min", *words]) == 0
+        err = capsys.readouterr().err
+        assert err == "" if told is None else told in err
 
 
 @pytest.mark.parametrize(
