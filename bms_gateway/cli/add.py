@@ -33,7 +33,8 @@ def arguments(parser: Parser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Add; 1 where the measurements speak against it."""
     from bms_gateway.config.model_file import write_model
-    from bms_gateway.library.modelling import add, asked_for
+    from bms_gateway.diagnosis.adding import asked_for
+    from bms_gateway.library.modelling import add
     from bms_gateway.report.add_text import add_document, add_text
     from bms_gateway.report.added import heading
     from bms_gateway.report.progress import share_of

@@ -22,7 +22,7 @@ from bms_gateway.diagnosis.screen import screen
 from bms_gateway.diagnosis.search import Progress, refit, refit_from_nominal
 from bms_gateway.diagnosis.second_search import SecondSearch
 from bms_gateway.diagnosis.weighing import HALF, Settings, gate, prior_odds
-from bms_gateway.errors import ConfigError, DataError, clipped, whole_number
+from bms_gateway.errors import ConfigError, DataError, UsageError, clipped, whole_number
 from bms_gateway.frames.vocabulary import INPUTS, OPTIONAL, WHOLE
 from bms_gateway.identify.map_fit import MapFit, refreshed, stacked
 from bms_gateway.thermal import StringModel
@@ -130,6 +130,23 @@ def wanted(word: str, model: StringModel) -> Wanted:
     if all((name if cell is None else f"{name}:{cell}") in there for cell in valid if not colon or cell == found.cell):
         raise ConfigError(f"{word} is in the model already")
     return found
+
+
+def asked_for(effects: Sequence[str], model: StringModel) -> list[Wanted]:
+    """Understand the effects that are to be added at once.
+
+    Raises
+    ------
+    UsageError
+        As of `wanted`; there is none, or one is there twice.
+    """
+    wants = [wanted(word, model) for word in effects]
+    if not wants:
+        raise UsageError("add: name at least one effect of the catalogue")
+    twice = next((w.key for i, w in enumerate(wants) if w.key in [x.key for x in wants[:i]]), None)
+    if twice:
+        raise UsageError(f"add: {twice} is there twice")
+    return wants
 
 
 def check_signals(wants: Sequence[Wanted], records: Sequence[Record]) -> None:

@@ -25,8 +25,9 @@ RISE = 4.0
 """Temperatures must change by this multiple of the error of one reading."""
 ACTIVE, REST = 0.1, 0.03
 """Shares of the greatest current, above which a string works and below which it rests."""
-REST_S = 30.0
-"""Least total rest for which the current at rest is reported."""
+REST_S, PAUSE_S = 30.0, 10.0
+"""Least total rest for which the current at rest is reported, and least length of each: a current that passes through
+zero does not rest."""
 SOAK_S = 60.0
 """Least rest at the start after which constant temperatures can be compared."""
 STILL_S, STILL_COARSE_S, COARSE_K = 120.0, 1800.0, 0.1
@@ -34,7 +35,9 @@ STILL_S, STILL_COARSE_S, COARSE_K = 120.0, 1800.0, 0.1
 MUST_MOVE = 3.0
 """Multiple of the sensor's step or noise by which the model must expect a surface to change; its resistance may be half
 as large."""
-INLET_K = 0.5
+INLET_K, INLET_LOST_S = 0.5, 120.0
+STILL_INLET_S = 300.0
+"""Least time under current for which an inlet that otherwise moves stands still, until it is told."""
 LOST_S, LOST = 30.0, 0.1
 """A current that is missing for this time at once, or for this share of the record, leaves heat unknown that shows."""
 SOC_SPAN = 0.2
@@ -181,6 +184,7 @@ def _rest(r: Record, _: StringModel) -> Iterator[Finding]:
     d = r.drive
     peak = float(np.sqrt(d.I2.max()))
     steady = (np.abs(d.I) < REST * peak) & (np.sqrt(np.maximum(d.I2 - d.I**2, 0.0)) < 0.003 * peak)
+    steady &= _lasting(steady, PAUSE_S / d.dt)
     if float(steady.sum()) * d.dt < REST_S:
         return
     levels = d.I[steady]
@@ -292,6 +296,13 @@ def _sign(r: Record, _: StringModel) -> Iterator[Finding]:
 def _inlet(r: Record, _: StringModel) -> Iterator[Finding]:
     d = r.drive
     span = float(np.ptp(d.T_in))
+    if (lost_s := r.sampling.inlet_missing_s) >= INLET_LOST_S:
+        yield Finding(
+            "inlet_missing",
+            "warn",
+            f"The inlet is missing for {lost_s:.0f} s: what the cells do meanwhile may look like a missing effect.",
+        )
+    yield from _still_inlet(r)
     if span < INLET_K:
         yield Finding(
             "inlet_constant",
@@ -308,6 +319,19 @@ def _inlet(r: Record, _: StringModel) -> Iterator[Finding]:
             "warn",
             f"Under current every surface is at least {-most:.1f} K colder than the coolant inlet: is the outlet or "
             "another sensor mapped as inlet?",
+        )
+
+
+def _still_inlet(r: Record) -> Iterator[Finding]:
+    """Find a time under current in which an inlet stands still that otherwise moves from reading to reading."""
+    d, (first, last) = r.drive, r.sampling.inlet_still_s
+    within = (r.instants[:-1] >= first) & (r.instants[:-1] < last)
+    if float((_above(d, ACTIVE) & within).sum()) * d.dt >= STILL_INLET_S:
+        yield Finding(
+            "inlet_stuck",
+            "warn",
+            f"The inlet reads {float(d.T_in[within].mean()):.1f} °C for {(last - first) / 60:.0f} min, from "
+            f"{(first - r.instants[0]) / 60:.0f} min on, and moves all the other time: is its sensor stuck?",
         )
 
 
@@ -395,6 +419,15 @@ def _rows(r: Record, _: StringModel) -> Iterator[Finding]:
             f"The current jumps between its rows, {r.sampling.seconds:.3g} s apart: a minute's heat is known to "
             f"±{100.0 * share:.0f} % only, and {what}. Log it every second or faster.",
         )
+
+
+def _lasting(on: NDArray[np.bool_], least: float) -> NDArray[np.bool_]:
+    """Keep the runs of at least so many intervals."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], on, [False]]).astype(np.int8)))
+    kept = np.zeros(len(on), np.bool_)
+    for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        kept[first:last] = last - first >= least
+    return kept
 
 
 def _cells(cells: Sequence[int]) -> str:

@@ -169,8 +169,8 @@ def _contrast(bins: Sequence[Bin], strong: Bin) -> str:
         b = max(opposite, key=lambda b: abs(b.mean_K))
         return f", and {_amount(b.mean_K)} {b.label}."
     calm = min(others, key=lambda b: (b.label != "at rest" or b.significant, abs(b.mean_K)))
-    if abs(calm.mean_K) < 0.3 * abs(strong.mean_K):
-        return f"; {calm.label} they agree."
+    if not calm.significant:
+        return f"; {calm.label} they agree on average."
     return f", {_amount(calm.mean_K)} {calm.label}."
 
 

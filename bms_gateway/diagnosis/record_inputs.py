@@ -30,6 +30,8 @@ MINUTE_S = 60.0
 FLOW_UNITS = {"L/s": 1e3, "L/min": 6e4, "L/h": 3.6e6, "m³/h": 3.6e3}
 FLOW_WITHIN = 5.0
 """Factor about nominal within which a flow is accepted; a wrong unit gives a greater factor."""
+MOVES = 0.8
+"""Least share of the readings of an inlet that differ from the one before, where it is no coarse one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,12 +49,19 @@ class Sampling:
         Total time for which the current is missing and taken as a straight line.
     longest_s : float
         The longest such gap.
+    inlet_missing_s : float
+        The longest time for which the inlet is missing while the current is known.
+    inlet_still_s : (float, float)
+        Longest time, from stamp to stamp, in which the readings of the inlet are one number, if otherwise they change
+        from reading to reading; (0, 0) for a coarse or constant inlet.
     """
 
     seconds: float = 0.0
     doubt: float = 0.0
     missing_s: float = 0.0
     longest_s: float = 0.0
+    inlet_missing_s: float = 0.0
+    inlet_still_s: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -260,7 +269,7 @@ def draw_inputs(rows: Columns, model: StringModel, half_way: bool | None, notes:
     if not len(t_in):
         _refuse_unit(rows.source, "coolant_inlet_C", rows.coolant_inlet_C, "coolant_inlet", "°C", "K")
         raise DataError(f"{rows.source}: coolant_inlet_C has no values: give the inlet or ambient temperature")
-    _tell_reach(t, t_in, "coolant inlet", notes)
+    inlet_missing_s = _tell_reach(t, t_in, "coolant inlet", notes)
     current = path(t, amps, gaps, half_way=half_way)
     voltage, terminal = _voltage(rows, model, t, amps, half_way, notes)
     return Signals(
@@ -276,6 +285,8 @@ def draw_inputs(rows: Columns, model: StringModel, half_way: bool | None, notes:
             0.0 if rows.mean_square_current is not None else _doubt(t, amps, bridge),
             missing_s,
             longest_s,
+            inlet_missing_s,
+            _still(t_in, T_in),
         ),
         terminal=terminal,
     )
@@ -337,15 +348,30 @@ def _tell_gaps(t: Floats, bridge: float, part: float, notes: list[str]) -> tuple
     return float(d.sum()), float(d.max(initial=0.0))
 
 
-def _tell_reach(t: Floats, own: Floats, name: str, notes: list[str]) -> None:
-    """Note where an input is unknown while the current is known."""
+def _still(t: Floats, x: Floats) -> tuple[float, float]:
+    """Give the longest time in which readings that otherwise move are one number; (0, 0) where they seldom move."""
+    moves = np.flatnonzero(np.diff(x, prepend=np.nan, append=np.nan) != 0.0)
+    held = np.diff(moves)
+    k = int(np.argmax(held))
+    others = len(x) - int(held[k])
+    if not others or len(held) - 1 < MOVES * others:
+        return 0.0, 0.0
+    return float(t[moves[k]]), float(t[moves[k + 1] - 1])
+
+
+def _tell_reach(t: Floats, own: Floats, name: str, notes: list[str]) -> float:
+    """Note where an input is unknown while the current is known; gives the longest time that was noted, s."""
     missing = max(own[0] - t[0], 0.0), max(t[-1] - own[-1], 0.0)
-    limit = bridged(own)[0] if len(own) > 2 else 0.0
-    if len(own) > 1 and (longest := float(np.diff(own).max())) > max(60.0, limit):
+    limit = max(60.0, bridged(own)[0] if len(own) > 2 else 0.0)
+    found = 0.0
+    if len(own) > 1 and (longest := float(np.diff(own).max())) > limit:
         notes.append(f"The {name} is missing for {longest:.0f} s at the longest: bridged by straight lines.")
-    if max(missing) > max(60.0, limit):
+        found = longest
+    if max(missing) > limit:
         where = "at the start" if missing[0] > missing[1] else "at the end"
         notes.append(f"The {name} is missing for {max(missing):.0f} s {where}: taken as constant there.")
+        found = max(found, *missing)
+    return float(found)
 
 
 def _mean_square(rows: Columns, half_way: bool) -> Path | None:

@@ -84,7 +84,9 @@ class Inputs:
         for c, path, group in zip(channels, signals, self._wiring.groups, strict=True):
             signal = database.resolve(path)
             if (part := (signal.message, signal.mux)) not in turns:
-                turns[part] = database.message(signal.message).turns(signal)
+                message = database.message(signal.message)
+                # by our own DBC all parts come in each cycle
+                turns[part] = 1 if message.database == OWN_DBC else message.turns(signal)
             rules.append(default_rule(c.quantity, signal, c.scale, c.offset, group, turns[part]))
         self._guard = Guard(rules)
         self._counters = CounterGuard(self._table)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bms_gateway.diagnosis.adding import Addition, Wanted, add_effects, check_signals, wanted
+from bms_gateway.diagnosis.adding import Addition, add_effects, asked_for, check_signals
 from bms_gateway.diagnosis.calibrate import changes, channel_errors, identify
 from bms_gateway.diagnosis.checks import Finding
 from bms_gateway.diagnosis.compare import Comparison
@@ -325,17 +325,6 @@ def add(
     addition = add_effects(model, some, wants, progress)
     report = added_report(addition, some, findings, notes, out="", force=force)
     return Added(addition.model if report.written else model, report, addition)
-
-
-def asked_for(effects: Sequence[str], model: StringModel) -> list[Wanted]:
-    """Understand the effects that `add` is given; raises as `add` does."""
-    wants = [wanted(word, model) for word in effects]
-    if not wants:
-        raise UsageError("add: name at least one effect of the catalogue")
-    twice = next((w.key for i, w in enumerate(wants) if w.key in [x.key for x in wants[:i]]), None)
-    if twice:
-        raise UsageError(f"add: {twice} is there twice")
-    return wants
 
 
 def _several(records: Records) -> list[Record]:

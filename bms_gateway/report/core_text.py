@@ -10,6 +10,8 @@ from bms_gateway.report.show import number
 
 NOT_PROVEN = "core not proven"
 """The state of a model in words, for tags and files."""
+SEEN, USUAL = 0.5, 5.0
+"""Per cent of the readings outside the band below which none is told, and up to which the band allows them."""
 OUTSIDE = 0.1
 """Share of a core thermocouple's readings outside the 95 % band above which the band is wrong: twice the share that is
 expected outside. The error of a model is nearly constant over minutes, so the share itself scatters."""
@@ -51,6 +53,8 @@ def outside(check: CoreCheck) -> bool:
 def thermocouple_sentence(check: CoreCheck) -> str:
     """Say how far the model is from a thermocouple in a core to which it was not fitted."""
     said = f"Thermocouple in the core of cell {check.cell}, never fitted to: {number(check.rmse_K)} K off"
-    if not outside(check):
+    share = 100.0 * (1.0 - check.covered)
+    if share < SEEN:
         return f"{said}, within the 95 % band."
-    return f"{said}; {100.0 * (1.0 - check.covered):.0f} % of its readings lie outside the 95 % band."
+    usual = ", as up to 5 % may" if share <= USUAL else ""
+    return f"{said}; {share:.0f} % of its readings lie outside the 95 % band{usual}."

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from bms_gateway.config.model_file import format_model, parse_model, read_model
-from bms_gateway.diagnosis.adding import Addition, add_effects, check_signals, wanted
+from bms_gateway.diagnosis.adding import Addition, add_effects, asked_for, check_signals
 from bms_gateway.diagnosis.compare import Comparison, compare
 from bms_gateway.diagnosis.diagnosis import Diagnosis, diagnose
 from bms_gateway.diagnosis.prepare import measured
@@ -244,7 +244,7 @@ class Bench:
 
     def _add(self, text: str, words: list[str], force: bool, tell: Tell, show: Show) -> documents.Document:
         model = parse_model(text)
-        wants = [wanted(word, model) for word in words]
+        wants = asked_for(words, model)
         findings, notes = findings_and_notes(model, self._records)
         sound(findings)
         check_signals(wants, self._records)

@@ -1,5 +1,6 @@
 """The command lines that do the same as the page, and the lines for the gateway's config."""
 
+import json
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -89,4 +90,8 @@ def _export(files: Mapping[str, Any]) -> list[str]:
 def config_lines(files: Mapping[str, Any], steps: int) -> str:
     """Write the lines of the gateway's config by which it estimates with the model."""
     name = files.get("string") or "string_1"
-    return f'[[string]]\nname = "{name}"\nmodel = "{Path(model_name(str(files["model"]), steps)).name}"\n'
+    model = Path(model_name(str(files["model"]), steps)).name
+    # a string of JSON is one of TOML
+    return (
+        f"[[string]]\nname = {json.dumps(name, ensure_ascii=False)}\nmodel = {json.dumps(model, ensure_ascii=False)}\n"
+    )

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from bms_gateway.errors import UsageError, did_you_mean
-from bms_gateway.report.step_names import REFITTED, with_added
+from bms_gateway.report.step_names import FILED, REFITTED, with_added
 from bms_gateway.workbench.beside import Beside, moved, place_of
 from bms_gateway.workbench.commands import Leg, command_lines, config_lines
 from bms_gateway.workbench.process import Worker
@@ -280,7 +280,7 @@ class Desk:
         if figure is None:
             return None
         return figure, [
-            (step, bool(f.compared and f.compared["core"]["proven"]), own[name])
+            (step, bool(step != FILED and f.compared and f.compared["core"]["proven"]), own[name])
             for f in self._frames
             for step, own in f.drawn.items()
             if name in own

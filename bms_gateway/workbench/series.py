@@ -43,7 +43,7 @@ class Shelf:
         return {
             "file": self._path.name,
             "x": self._key(np.asarray(x, np.float64)),
-            "y": self._key(np.asarray(y, np.float32)),
+            "y": self._key(np.asarray(y, np.float64)),
         }
 
     def save(self) -> None:

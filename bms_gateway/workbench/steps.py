@@ -7,7 +7,7 @@ something open casts doubt on its own model and on all later ones, until a later
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from bms_gateway.report.step_names import FILED
 
@@ -56,7 +56,8 @@ def steps_of(frames: list[Frame]) -> list[Document]:
     for i, f in enumerate(frames):
         variants = f.compared["variants"] if f.compared else {}
         if i == 0:
-            found.append(_step(FILED, f, variants.get(FILED), "" if f.compared is None else remains(frames[:1])))
+            filed = _step(FILED, f, variants.get(FILED), "" if f.compared is None else remains(frames[:1]))
+            found.append({**filed, "core": f.compared and UNFITTED})
         if i or f.compared:
             variant = variants.get(f.label)
             one = _step(f.label, f, variant, remains(frames[: i + 1]))
@@ -64,6 +65,16 @@ def steps_of(frames: list[Frame]) -> list[Document]:
             one["stair"] = f.stair or one["stair"]
             found.append(one)
     return found
+
+
+UNFITTED: Final = {
+    "proven": False,
+    "sd_K": None,
+    "centre_sd_K": None,
+    "why": ["How well its cores are known is said of the model that was refitted to these records."],
+    "sentence": "Core not judged: these are the parameters of the file, which were not fitted to these records.",
+}
+"""What there is to say of the cores of the model as it is in its file."""
 
 
 def _step(name: str, f: Frame, variant: Document | None, left: str) -> Document:

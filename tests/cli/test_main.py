@@ -211,7 +211,7 @@ def test_the_service_starts_without_what_only_other_commands_need():
     rooms = {m.split(".")[1] for m in loaded if m.startswith("bms_gateway.")}
     assert rooms == {
         *("errors", "thermal", "frames", "identify", "observe", "health"),
-        *("engine", "bus", "config", "store", "service", "cli"),
+        *("engine", "bus", "config", "store", "service", "cli", "whole", "folders"),
     }
     needless = {f"thermal.{m}" for m in ("effects", "physics", "trajectory", "cycles")}
     needless |= {f"identify.{m}" for m in ("recursive", "regression", "least_squares", "map_fit", "problem")}

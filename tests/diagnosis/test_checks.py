@@ -194,6 +194,34 @@ def test_a_current_that_is_missing_for_long_is_told(gaps, told):
         assert f"missing for {told[0]} s of 3000 s, at the longest for {told[1]} s" in found.sentence
 
 
+def test_an_inlet_that_is_missing_or_stuck_for_long_is_told():
+    c = rows()
+    rng = np.random.default_rng(3)
+    c["coolant_inlet_C"] = 20 + np.sin(c["time_s"] / 300) + 0.02 * rng.standard_normal(3001)
+    assert not {"inlet_missing", "inlet_stuck"} & set(findings(c))
+    lost = c["coolant_inlet_C"].copy()
+    lost[800:1400] = np.nan
+    assert "missing for 601 s" in findings(c, coolant_inlet_C=lost)["inlet_missing"].sentence
+    lost[:] = c["coolant_inlet_C"]
+    lost[2700:] = np.nan  # it ends before the drive does
+    assert "missing for 301 s" in findings(c, coolant_inlet_C=lost)["inlet_missing"].sentence
+    stuck = c["coolant_inlet_C"].copy()
+    stuck[800:1400] = stuck[800]
+    told = findings(c, coolant_inlet_C=stuck)["inlet_stuck"].sentence
+    assert re.search(r"for 10 min, from 13 min on", told)
+    steps = np.round(c["coolant_inlet_C"])  # whole degrees stand still, and are not stuck
+    assert "inlet_stuck" not in findings(c, coolant_inlet_C=steps)
+    assert not {"inlet_missing", "inlet_stuck"} & set(findings(c, coolant_inlet_C=np.full(3001, 22.0)))
+
+
+def test_a_current_that_passes_through_zero_does_not_rest():
+    c = rows()
+    wave = 20.0 * np.sin(2 * np.pi * (c["time_s"] + 0.3) / 60.0) - 0.5
+    assert "current_at_rest" not in findings(c, current_A=wave)
+    wave[1000:1060] = -0.5
+    assert "reads -0.5 A" in findings(c, current_A=wave)["current_at_rest"].sentence
+
+
 def test_a_square_wave_is_not_called_by_its_mean():
     c = rows()
     wave = np.where(np.arange(3001) // 50 % 2, 79.0, -79.0)

@@ -42,7 +42,7 @@ def test_what_differs_in_sign_or_place_is_another_pattern():
 def test_few_cells_are_told_one_by_one():
     found = sensor_sentences([sensor(k, -0.5) for k in (1, 3, 5)], (), (), 1)
     assert [text.split(" reads")[0] for text in found] == ["Cell 1", "Cell 3", "Cell 5"]
-    assert np.all([text.endswith("they agree.") for text in found])
+    assert np.all([text.endswith("they agree on average.") for text in found])
 
 
 def test_a_constant_error_of_two_cells_is_one_sentence():

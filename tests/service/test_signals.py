@@ -154,6 +154,7 @@ def hang(store):  # as on a disk that does not answer: the main thread comes to 
     print("up", flush=True)
     time.sleep(600)
 
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a test run in the background would ignore it
 run.END_MOST_S, run.INTERRUPT_MOST_S = MOST_S, INTERRUPT_S
 StateStore.lock = hang
 sys.exit(main.main(["run", sys.argv[1]]))

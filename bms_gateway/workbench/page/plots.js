@@ -59,6 +59,20 @@ const faint = (color, share) => `rgba(${rgb(color).join()},${share})`;
 // Steps that are ticked; the newest of them is drawn in full, with its band, the others as ghosts.
 export const ticked = (all) => { const on = all.filter((s) => !ui.off.includes(s.name)); return on.length ? on : all.slice(-1); };
 
+// The outline of a band, one closed piece for each stretch without a hole: between two lines with holes plotly fills wedges.
+function ribbon(low, high) {
+  const x = [], y = [], known = (v) => v !== null && v !== undefined && !Number.isNaN(v);
+  let first = 0;
+  for (let i = 0; i <= low.x.length; i += 1) {
+    if (i < low.x.length && known(low.y[i]) && known(high.y[i])) continue;
+    for (let k = first; k < i; k += 1) { x.push(low.x[k]); y.push(low.y[k]); }
+    for (let k = i - 1; k >= first; k -= 1) { x.push(high.x[k]); y.push(high.y[k]); }
+    if (i > first) { x.push(null); y.push(null); }
+    first = i + 1;
+  }
+  return { x, y };
+}
+
 function ofSteps(figure, place) {
   const order = state.steps.map((s) => s.name), names = ticked(state.steps).map((s) => s.name);
   const top = names.at(-1), found = [];
@@ -70,7 +84,7 @@ function ofSteps(figure, place) {
     if (s.low && (!ghost || place === "core")) {
       const fill = faint(color, ghost ? 0.08 : 0.16);
       const hatched = place === "core" && !s.proven ? { fillpattern: { shape: "/", size: 8, solidity: 0.25, fgcolor: faint(color, 0.55), bgcolor: fill } } : { fillcolor: fill };
-      found.push(line(s.low, 0, silent), line(s.high, 0, { ...silent, fill: "tonexty", ...hatched }));
+      found.push({ ...line(ribbon(s.low, s.high), 0, { ...silent, fill: "toself", ...hatched }), mode: "none" });
     }
     if (s.each && !ghost) found.push(line(s.each, 0.7, { ...silent, yaxis: "y2", opacity: 0.4, dash: "solid" }));
     if (s.mean) found.push(line(s.mean, ghost ? 1.6 : 2.6, { ...silent, yaxis: "y2" }));
