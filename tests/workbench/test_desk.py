@@ -3,6 +3,7 @@
 import csv
 import shlex
 import time
+import tomllib
 
 import numpy as np
 import pytest
@@ -337,6 +338,39 @@ def test_command_lines_quote_what_a_shell_would_cut():
     assert "current_A=-I A" in lines[0]
     assert lines[2][lines[2].index("--out") + 1] == "m_with_1.toml"
     assert 'model = "m_with_1.toml"' in config_lines(given, 1)
+    odd = {**given, "model": """m"o'del\\<b>.toml""", "string": 'a "b"'}
+    (string,) = tomllib.loads(config_lines(odd, 0))["string"]
+    assert string == {"name": 'a "b"', "model": """m"o'del\\<b>.toml"""}
+
+
+def test_an_effect_that_is_named_twice_is_refused(pack):
+    """It was added twice in spite of its refusal, and no command could read the model."""
+    desk = Desk("twice")
+    try:
+        desk.open(files(pack))
+        assert done(desk)["opened"]
+        for force in (False, True):
+            desk.add(["entropic_heat", "entropic_heat"], force=force)
+            told = done(desk)
+            assert told["error"] == "add: entropic_heat is there twice"
+    finally:
+        desk.close()
+
+
+def test_the_cores_of_a_model_that_was_not_fitted_are_not_claimed(pack):
+    """By the page they were known as well as those of the refitted model, 5 K away."""
+    desk = Desk("filed")
+    try:
+        desk.open(files(pack))
+        state = done(desk)
+        filed, refitted = state["steps"]
+        assert filed["core"]["proven"] is False
+        assert filed["core"]["sentence"].startswith("Core not judged: ")
+        assert refitted["core"]["sentence"] != filed["core"]["sentence"]
+        figure = desk.figure("core-0-1")
+        assert next(s["proven"] for s in figure["steps"]) is False
+    finally:
+        desk.close()
 
 
 def test_a_coolant_that_is_none_is_refused(pack, tmp_path):
