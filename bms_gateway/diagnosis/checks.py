@@ -184,13 +184,14 @@ def _rest(r: Record, _: StringModel) -> Iterator[Finding]:
     d = r.drive
     peak = float(np.sqrt(d.I2.max()))
     steady = (np.abs(d.I) < REST * peak) & (np.sqrt(np.maximum(d.I2 - d.I**2, 0.0)) < 0.003 * peak)
-    steady &= _lasting(steady, PAUSE_S / d.dt)
-    if float(steady.sum()) * d.dt < REST_S:
+    rests = [d.I[a:b] for a, b in _runs(steady) if (b - a) * d.dt >= PAUSE_S]
+    if sum(len(x) for x in rests) * d.dt < REST_S:
         return
-    levels = d.I[steady]
+    levels = np.concatenate(rests)
     level = float(np.median(levels))
     spread = 1.4826 * float(np.median(np.abs(levels - level)))
-    if abs(level) > max(0.003 * peak, 0.02) and spread < 0.5 * abs(level):
+    apart = float(np.ptp([np.median(x) for x in rests]))
+    if abs(level) > max(0.003 * peak, 0.02) and max(spread, apart) < 0.5 * abs(level):
         yield Finding(
             "current_at_rest",
             "note",
@@ -421,13 +422,10 @@ def _rows(r: Record, _: StringModel) -> Iterator[Finding]:
         )
 
 
-def _lasting(on: NDArray[np.bool_], least: float) -> NDArray[np.bool_]:
-    """Keep the runs of at least so many intervals."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], on, [False]]).astype(np.int8)))
-    kept = np.zeros(len(on), np.bool_)
-    for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-        kept[first:last] = last - first >= least
-    return kept
+def _runs(on: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """List the runs of intervals that are on: the first one of each, and the one behind it."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], on, [False]]).astype(np.int8))).tolist()
+    return list(zip(edges[::2], edges[1::2], strict=True))
 
 
 def _cells(cells: Sequence[int]) -> str:

@@ -34,7 +34,9 @@ _INLET: Final = (
     r"\b(inlet|vorlauf|zulauf|eintritt|einlass|t.?in|coolant|coolant temp|k(ü|ue)hlmittel|k(ü|ue)hlwasser|entr(é|e)e)\b"
 )
 _AIR: Final = r"\b(ambient|amb|chamber|umgebung|umgebungstemperatur|kammer|klimakammer|raum|room|t.?amb|luft|air)\b"
-_CORE: Final = r"\b(core|kern|kerntemperatur|mitte|innen|inside|center|centre)\b"
+_CORE: Final = (
+    r"\b(core|kern|kerntemperatur|mitte|innen|inside|center|centre|c(oe|œ)ur|noyau|n(ú|u)cleo|nucleo|kerne?)\b"
+)
 _WHEN: Final = (
     r"\b(time|zeit|timestamp|datum|date|uhrzeit|elapsed|test.?time|zeitstempel|messzeit|versuchszeit)\b"
     r"|^t( (s|ms|sec|min|h))?$"
@@ -67,7 +69,14 @@ ONES: Final = (
         re.compile(r"\b(current|strom|i|amps?|amperes?|courant|pack.?current|packstrom|batteriestrom|gesamtstrom)\b"),
     ),
     ("coolant_inlet_C", "temperature", re.compile(f"{_INLET}|{_AIR}")),
-    ("soc", "soc", re.compile(r"\b(soc|ladezustand|state of charge|charge level|ladestand)\b")),
+    (
+        "soc",
+        "soc",
+        re.compile(
+            r"\b(soc|ladezustand|state of charge|charge level|ladestand|(é|e)tat de charge|estado de carga"
+            r"|stato di carica)\b"
+        ),
+    ),
     ("coolant_flow_m3_s", "flow", re.compile(r"\b(flow|durchfluss|volumenstrom|flow rate|d(é|e)bit|volume flow)\b")),
     (
         "voltage_V",

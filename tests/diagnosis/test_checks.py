@@ -220,6 +220,8 @@ def test_a_current_that_passes_through_zero_does_not_rest():
     assert "current_at_rest" not in findings(c, current_A=wave)
     wave[1000:1060] = -0.5
     assert "reads -0.5 A" in findings(c, current_A=wave)["current_at_rest"].sentence
+    wave[1400:1460], wave[1800:1830] = -0.1, -0.55  # low loads of different sizes are no rest
+    assert "current_at_rest" not in findings(c, current_A=wave)
 
 
 def test_a_square_wave_is_not_called_by_its_mean():

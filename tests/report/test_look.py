@@ -95,6 +95,11 @@ VOLTS = "cell_voltage_1_V cell_voltage_2_V"
             f"time_s current_A voltage_V - surface_1_C {AIR}",
         ),
         ("t;I;T_amb;Battery Temperature", "0;1;20;20", f"{INLET} surface_1_C"),
+        (
+            "t;I;T ambiante amb;T coeur élément 3;T coeur élément 6;T surface élément 3;Etat de charge %",
+            "0;1;20;20;20;20;50",
+            f"{INLET} core_3_C core_6_C surface_3_C soc",
+        ),
         ("t;I;T_amb;T_batt;T1;T2", "0;1;20;20;20;20", f"{INLET} - surface_1_C surface_2_C"),
         ("t;I;T_amb;Cell_3_Voltage;Cell_3_Temp;Zellspannung", "0;1;20;3.6;20;3.6", f"{INLET} - surface_3_C -"),
     ],

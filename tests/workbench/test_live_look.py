@@ -177,3 +177,14 @@ def test_old_doubtful_and_hot_cells_look_different(window, log, axe, tmp_path):
         )
         assert "internal resistance (R_e)" in told
         assert page.complaints() == []
+
+
+def test_what_a_dead_program_showed_last_looks_old(window, log, tmp_path):
+    """The cells kept their colours, and the clock of the log its time."""
+    with served(tmp_path, "--live", log, "--config", shipped(EXAMPLE)) as url:
+        page = window(url)
+        page.wait("return document.querySelectorAll('.live-cell').length === 60")
+        page.wait("return document.querySelector('#panel-live').dataset.pictures > 2")
+    page.wait("return document.querySelector('#live-state').innerText.includes('may be long past')")
+    look = "return [...document.querySelectorAll('.live-string')].map(s => s.className)"
+    assert set(page.run(look)) == {"live-string parked"}

@@ -74,6 +74,10 @@ export function listen(on) {
 let gone = false;
 function complainOnce(now) {
   if (now !== gone) complain(now ? "the workbench does not answer: is the program still running?" : "");
+  if (now && newest) { // what is shown is old from now on, whatever it says
+    for (const r of rows) r.node.className = "live-string parked";
+    put($("live-state"), `The workbench does not answer: what is shown is of ${$("wall").textContent || clock(newest.at)}, and may be long past.`);
+  }
   gone = now;
 }
 
