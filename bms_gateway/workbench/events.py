@@ -11,6 +11,7 @@ from bms_gateway.engine import Alerted, Notice
 from bms_gateway.engine.events import Level
 from bms_gateway.errors import UsageError
 from bms_gateway.health.alerts import Condition, Severity
+from bms_gateway.report.show import ranges
 from bms_gateway.workbench.history import wall_clock
 
 MOST: Final = 2000
@@ -131,12 +132,11 @@ class Events:
             {
                 "code": g[-1].code,
                 "string": g[-1].string,
-                "level": WORDS[max(e.severity for e in g)],
+                **_said(g),
                 "state": g[-1].state,
                 "count": sum(e.state != "over" for e in g),
                 "first": _seconds(g[0].time_ns, first_ns),
                 "at": _seconds(g[-1].time_ns, first_ns),
-                "text": g[-1].text,
                 "alert": bool(g[-1].state),
                 "seen": self._told(g),
             }
@@ -158,6 +158,21 @@ class Events:
             {"at": _seconds(e.time_ns, first_ns), "level": WORDS[e.severity], "state": e.state, "text": e.text}
             for e in found[-MARKS:]
         ]
+
+
+def _said(group: Sequence[Happened]) -> dict[str, str]:
+    """Say what stands: of an alert its newest text; of notices the gravest of what was last said of each cell."""
+    newest = group[-1]
+    if newest.state:
+        return {"level": WORDS[max(e.severity for e in group)], "text": newest.text}
+    last = {e.cell: e for e in group}
+    grave = max(e.severity for e in last.values())
+    told = [e for e in last.values() if e.severity == grave]
+    top = max(told, key=lambda e: e.time_ns)
+    others = [e.cell for e in told if e.cell is not None and e.cell != top.cell]
+    many = len(others) > 1
+    more = f"; cell{'s' * many} {ranges(sorted(others))} too" if others else ""
+    return {"level": WORDS[grave], "text": f"{top.text}{more}"}
 
 
 def alerts_now(raised: Sequence[Condition]) -> tuple[dict[str, Any], ...]:

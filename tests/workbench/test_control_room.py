@@ -14,10 +14,12 @@ import pytest
 from bms_gateway.bus.logfile import read_log, write_log
 from bms_gateway.config import load_config, shipped
 from bms_gateway.config.model_file import read_model
-from bms_gateway.engine import Engine, Estimated, drive
+from bms_gateway.engine import Engine, Estimated, Notice, drive
+from bms_gateway.engine.events import Level
 from bms_gateway.errors import UsageError
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.report.table import read_table
+from bms_gateway.workbench.events import Events
 from bms_gateway.workbench.sources import Playback
 from bms_gateway.workbench.watch import Watch
 from tests.support.vehicle_traffic import traffic
@@ -105,6 +107,28 @@ def test_events_are_grouped_and_none_is_of_the_future(watch):
     assert [e["at"] for e in shown["events"]] == sorted((e["at"] for e in shown["events"]), reverse=True)
     assert {e["level"] for e in shown["events"] if e["state"]} >= {"alarm", "warning"}
     assert at(watch, 0)["events"] == []
+
+
+def test_a_group_says_of_every_cell_what_was_said_last():
+    """Sixteen thermocouples were good again, and one was named, as a warning to be acknowledged."""
+    events = Events()
+
+    def notice(second, level, cell, text):
+        events.take(Notice(second * SECOND, level, "sensor", f"surface of cell {cell} {text}", "string_1", cell))
+
+    for cell in (8, 9, 10):
+        notice(cell, Level.WARNING, cell, "is not used")
+    (group,) = events.grouped(20 * SECOND, 0)
+    assert (group["level"], group["count"]) == ("warning", 3)
+    assert group["text"] == "surface of cell 10 is not used; cells 8,9 too"
+    notice(21, Level.NOTICE, 9, "is good again")
+    (group,) = events.grouped(30 * SECOND, 0)
+    assert (group["level"], group["text"]) == ("warning", "surface of cell 10 is not used; cell 8 too")
+    for cell in (8, 10):
+        notice(31 + cell, Level.NOTICE, cell, "is good again")
+    (group,) = events.grouped(60 * SECOND, 0)
+    assert (group["level"], group["count"]) == ("note", 6)
+    assert group["text"] == "surface of cell 10 is good again; cells 8,9 too"
 
 
 def test_the_time_of_day_is_that_of_the_frames(watch):
