@@ -72,7 +72,7 @@ def test_doubt_is_said_on_every_step_in_the_bars_the_report_and_the_file(window,
             "return document.querySelector('#plot-core').data.some(d => d.name === 'thermocouple outside the band')"
         )
         hatched = (
-            "return document.querySelector('#plot-core').data.filter(d => d.fill === 'tonexty')"
+            "return document.querySelector('#plot-core').data.filter(d => d.fill === 'toself')"
             ".map(d => d.fillpattern?.shape)"
         )
         assert page.run(hatched) == ["/", "/"]  # the bands of both steps

@@ -114,7 +114,7 @@ def test_the_road_from_a_table_to_a_better_model(window, url, axe, pack, tmp_pat
     assert faults(page, axe) == []
 
     hatched = (
-        "return document.querySelector('#plot-core').data.filter(d => d.fill === 'tonexty')"
+        "return document.querySelector('#plot-core').data.filter(d => d.fill === 'toself')"
         ".map(d => [d.name, d.fillpattern?.shape ?? ''])"
     )
     come(lambda: dict(page.run(hatched)) == {"from its file": "/", "refitted": "/", ADDED: ""}, "bands of the cores")

@@ -1,5 +1,5 @@
 // The live pack: cells coloured by their core, what is flagged in words, sensors, bus; or a log that is played.
-import { $, el, post, attempt, complain } from "./util.js";
+import { $, el, post, attempt, complain, counted } from "./util.js";
 import * as past from "./past.js";
 
 // Cividis, told apart with any common colour blindness, dark to light as the core gets hotter.
@@ -199,7 +199,9 @@ function row(r, s, state) {
   const f = s.ahead;
   put(r.ahead, f ? `forecast at ${Math.abs(f.load_A ?? 0).toFixed(0)} A${f.load_A < 0 ? " charging" : ""}: hottest point in 1, 5, 10 min ${f.point.map((x, i) => `${degrees(x)} ± ${(f.half[i] ?? 0).toFixed(1)}`).join(", ")} °C (cell ${f.cell})${f.limit_s ? (f.limit_s[1] > 0 ? `; cell ${f.limit_s[0]} reaches its limit in ${f.limit_s[1]} s` : "; the limit is reached") : ""}; for 10 min ${f.discharge[2]} A discharge, ${f.charge[2]} A charge` : "");
   put(r.resistance, s.R_e ? `internal resistance (R_e) ${s.R_e[0].toFixed(2)} ± ${s.R_e[1].toFixed(2)} mΩ, ${s.R_e[2]}${s.growth === null ? "" : `; ${s.growth > 0 ? "+" : ""}${s.growth.toFixed(1)} % since commissioning`}` : "");
-  const bad = s.quality.map((q, k) => [k + 1, about.words[q]]).filter(([k, w]) => r.sensors.has(k) && w !== "good" && w !== "doubtful").map(([k, w]) => `sensor ${k} is ${w}`);
+  const by = new Map();
+  s.quality.forEach((q, k) => { const w = about.words[q]; if (r.sensors.has(k + 1) && w !== "good" && w !== "doubtful") by.set(w, [...(by.get(w) ?? []), k + 1]); });
+  const bad = [...by].map(([w, k]) => (k.length > 1 ? `sensors ${counted(k)} are ${w}` : `sensor ${k[0]} is ${w}`));
   if (s.quality.some((q) => about.words[q] === "doubtful")) bad.unshift("core not proven");
   put(r.heat, s.heat ? `heat that no current makes: ${s.heat[1].toFixed(2)} ± ${s.heat[2].toFixed(2)} W in cell ${s.heat[0]}` : "");
   const flags = s.flags.map((f) => f.replaceAll("_", " "));

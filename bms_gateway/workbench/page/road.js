@@ -1,5 +1,5 @@
 // The panels of the road: open, compare, diagnose, add, take away.
-import { $, el, get, post, upload, attempt, ui, keep, K, complain } from "./util.js";
+import { $, el, get, post, upload, attempt, ui, keep, K, complain, counted } from "./util.js";
 import * as columns from "./open.js";
 import { colorOf, preview, ticked } from "./plots.js";
 
@@ -141,14 +141,6 @@ function opened() {
       : el("p", { class: "muted" }, "The checks found nothing wrong: signs, gaps, stuck sensors, soak and spans are plausible."),
     o.notes.length ? fold("notes", "How the data were read", el("ul", {}, ...o.notes.map((n) => el("li", {}, by(n) + n.note)))) : "",
   );
-}
-
-// Numbers as a list, of which many in a row are told by their ends.
-const MANY = 6;
-function counted(cells) {
-  const runs = [];
-  for (const k of cells) { if (runs.length && runs.at(-1).at(-1) === k - 1) runs.at(-1).push(k); else runs.push([k]); }
-  return runs.map((r) => (r.length > MANY ? `${r[0]} to ${r.at(-1)}` : r.join(", "))).join(", ");
 }
 
 const none = (text) => [el("p", { class: "muted" }, text)];

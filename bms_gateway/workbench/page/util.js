@@ -97,3 +97,11 @@ export function amount(x, digits = 3) {
   const size = rounded ? Math.floor(Math.log10(rounded)) : 0;
   return x.toFixed(Math.min(Math.max(digits - 1 - size, 0), 6));
 }
+
+// Numbers as a list, of which many in a row are told by their ends.
+const MANY = 6;
+export function counted(cells) {
+  const runs = [];
+  for (const k of cells) { if (runs.length && runs.at(-1).at(-1) === k - 1) runs.at(-1).push(k); else runs.push([k]); }
+  return runs.map((r) => (r.length > MANY ? `${r[0]} to ${r.at(-1)}` : r.join(", "))).join(", ");
+}
