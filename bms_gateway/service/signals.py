@@ -108,7 +108,6 @@ class Signals:
         if self._close is None:
             self._open()
         self._started()
-        self._started = _nothing
         self._loop, self._actions = loop, actions
         self._before = {number: signal.signal(number, _nothing) for number in actions}
 

@@ -233,6 +233,24 @@ def test_while_it_starts_a_program_is_as_it_was_before_but_for_the_signals_that_
     assert signal.set_wakeup_fd(-1) == -1
 
 
+def test_when_it_has_started_its_own_thread_hears_signals_again():
+    import asyncio
+
+    shut = signal.pthread_sigmask(signal.SIG_BLOCK, [])
+    signals = Signals()
+    signals.listen()
+
+    async def main():
+        signals.take(asyncio.get_running_loop(), {signal.SIGHUP: lambda: None})
+        assert signal.pthread_sigmask(signal.SIG_BLOCK, []) == shut
+
+    try:
+        asyncio.run(main())
+    finally:
+        signals.close()
+    assert signal.pthread_sigmask(signal.SIG_BLOCK, []) == shut
+
+
 def test_a_person_waits_a_second_and_systemd_five():
     assert live.HASTE * (live.SAVE_LAST_S + live.END_S) < 0.8  # and the interpreter takes its time to end
     assert live.SAVE_LAST_S + live.END_S < END_MOST_S < 5.0
