@@ -51,7 +51,7 @@ def whole(target: Path) -> Iterator[BinaryIO]:
             plain = S_ISREG(os.stat(name, dir_fd=at).st_mode)
         except FileNotFoundError:
             plain = True
-        with _replaced(at, name) if plain else _in_place(at, name, linked) as file:
+        with replaced(at, name) if plain else _in_place(at, name, linked) as file:
             yield file
     finally:
         os.close(at)
@@ -102,10 +102,17 @@ def _in_place(at: int, name: str, linked: bool) -> Iterator[BinaryIO]:
 
 
 @contextmanager
-def _replaced(at: int, name: str) -> Iterator[BinaryIO]:
-    """Write a file under a name that nobody could have made before, then give it its own name."""
+def replaced(at: int, name: str, mode: int = 0o666) -> Iterator[BinaryIO]:
+    """Give a new file in an open folder; it takes the place of whatever has its name there when all went well.
+
+    Until then it has a name that nobody could have made before. A plain file of ours gives it its mode.
+
+    Raises
+    ------
+    OSError
+    """
     fresh = f".{name[:40]}.{os.urandom(8).hex()}.tmp"
-    handle = os.open(fresh, _FRESH, 0o666, dir_fd=at)
+    handle = os.open(fresh, _FRESH, mode, dir_fd=at)
     try:
         with os.fdopen(handle, "wb") as file:
             yield file

@@ -39,7 +39,7 @@ def arguments(parser: Parser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Check; 1 where a string is not observable, or a log shows that a configured signal is not used."""
+    """Check; 1 where a string is not observable, or a log shows that a signal is not used or contradicts another."""
     from bms_gateway.config.load import load_config
     from bms_gateway.records.once import given_once
     from bms_gateway.report.show import number, ranges, text_table
@@ -86,11 +86,11 @@ def run(args: argparse.Namespace) -> int:
     uses, wrong = _uses(loaded, args.log) if args.log else ({}, [])
     lost = [signal for signal, use in uses.items() if use.lost]
     blind = [s["name"] for s in strings if not s["observable"]]
-    holed = [use.key for use in uses.values() if use.holed]
+    cut = [use.key for use in uses.values() if use.cut]
     if args.json:
         bus = loaded.config.bus
         document = {
-            "ok": not (blind or lost or wrong or holed),
+            "ok": not (blind or lost or wrong or cut),
             "config": args.config,
             "channel": bus.channel,
             "transmit": plan.transmit,
@@ -118,7 +118,8 @@ def run(args: argparse.Namespace) -> int:
     if args.log:
         _tell(uses, wrong, args.json)
     _say_what_sd_means(strings, args.json)
-    unsound = [*["the voltage contradicts the current"][: len(wrong)], *(f"a part of {x} is refused" for x in holed)]
+    unsound = ["the voltage contradicts the current"] if wrong else []
+    unsound += [f"a part of {key} is refused" for key in cut]
     return _conclude(args, strings, lost, unsound)
 
 

@@ -3,7 +3,6 @@
 import argparse
 import time
 from pathlib import Path
-from typing import Final
 
 from bms_gateway.cli.main import Parser
 from bms_gateway.cli.output import distinct, note, say, writable, write_json
@@ -19,8 +18,8 @@ works while the service runs, and after; a row for every instant at which a sign
 """
 SHORT_S, SHORT = 5.0, 0.05
 """Least time, and share of what was asked for, by which a table is shorter without anybody's missing it."""
-OLD_S: Final = 60.0
-CLOCK_SET_S: Final = 1_577_836_800.0  # 2020: older stamps are of a clock that was not set
+OLD_S = 60.0
+"""Age of the newest signal from which it is told."""
 
 
 def arguments(parser: Parser) -> None:
@@ -39,6 +38,8 @@ def arguments(parser: Parser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Write the table."""
+    from bms_gateway.engine.engine import CLOCK_SET_NS
+
     seconds = given_span(args.last)
     if args.out == "-":
         raise UsageError("export: --out -: the table is a file; name it, such as TABLE.csv")
@@ -55,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
     minutes = (w.last_s - w.first_s) / 60.0
     if seconds - 60.0 * minutes > max(SHORT_S, SHORT * seconds):
         note(f"of {args.last} only {minutes:.1f} min are recorded")
-    if (age_s := time.time() - w.last_s) > OLD_S and w.last_s > CLOCK_SET_S:
+    if (age_s := time.time() - w.last_s) > OLD_S and 1e9 * w.last_s > CLOCK_SET_NS:
         note(f"the newest signal came {age_s / 60.0:.1f} min ago; later ones wait for a save, or the bus is silent")
     say(f"{args.out}: {w.rows} rows, {minutes:.1f} min of {w.string}: {', '.join(w.columns)}", args.json)
     return 0

@@ -23,6 +23,7 @@ from bms_gateway.frames.dbc import parse
 from bms_gateway.frames.own_dbc import OWN_DBC
 from bms_gateway.frames.packed import pack, unpack
 from bms_gateway.frames.signal_info import MessageInfo
+from bms_gateway.whole import replaced
 
 FORMAT = 3
 """To be increased when `frames.packed` writes another format, or `frames.dbc` reads the same text differently."""
@@ -166,25 +167,16 @@ def _keep(file: Path, content: str) -> None:
         file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         at = open_folder(file.parent)  # root may have another user's home
         try:
-            _replace(at, file.name, content)
+            with replaced(at, file.name, 0o600) as f:
+                f.write(content.encode())
             with os.scandir(at) as found:
-                tables = [(f.stat(follow_symlinks=False).st_mtime_ns, f.name) for f in found]
-            for _, old in sorted(((t, n) for t, n in tables if n.endswith(".table")), reverse=True)[KEPT:]:
+                tables = [
+                    (f.stat(follow_symlinks=False).st_mtime_ns, f.name) for f in found if f.name.endswith(".table")
+                ]
+            for _, old in sorted(tables, reverse=True)[KEPT:]:
                 os.unlink(old, dir_fd=at)
         finally:
             os.close(at)
-
-
-def _replace(at: int, name: str, content: str) -> None:
-    fresh = f"{name}.{os.getpid()}"
-    try:
-        handle = os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600, dir_fd=at)
-        with os.fdopen(handle, "w", encoding="utf-8") as f:
-            f.write(content)
-        os.rename(fresh, name, src_dir_fd=at, dst_dir_fd=at)
-    finally:
-        with suppress(FileNotFoundError):
-            os.unlink(fresh, dir_fd=at)
 
 
 def _directory() -> Path | None:

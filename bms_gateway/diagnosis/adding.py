@@ -137,8 +137,10 @@ def asked_for(effects: Sequence[str], model: StringModel) -> list[Wanted]:
 
     Raises
     ------
+    ConfigError
+        As of `wanted`.
     UsageError
-        As of `wanted`; there is none, or one is there twice.
+        There is none, or one is there twice.
     """
     wants = [wanted(word, model) for word in effects]
     if not wants:

@@ -35,7 +35,9 @@ STILL_S, STILL_COARSE_S, COARSE_K = 120.0, 1800.0, 0.1
 MUST_MOVE = 3.0
 """Multiple of the sensor's step or noise by which the model must expect a surface to change; its resistance may be half
 as large."""
-INLET_K, INLET_LOST_S = 0.5, 120.0
+INLET_K = 0.5
+INLET_LOST_S = 120.0
+"""An inlet that is missing for this time may have gone anywhere: the coolant of a pack changes within minutes."""
 STILL_INLET_S = 300.0
 """Least time under current for which an inlet that otherwise moves stands still, until it is told."""
 LOST_S, LOST = 30.0, 0.1

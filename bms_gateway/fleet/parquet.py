@@ -95,13 +95,13 @@ def write_rows(path: Path, rows: Iterable[Row], schema: Any = SCHEMA) -> None:
     OSError
         It cannot be written.
     """
-    with whole(path) as beside:
-        pq.write_table(pa.Table.from_pylist([_maps(r) for r in rows], schema), beside)
+    with whole(path) as file:
+        pq.write_table(pa.Table.from_pylist([_maps(r) for r in rows], schema), file)
 
 
 def join(path: Path, parts: Sequence[Path], more: Iterable[Row]) -> None:
     """Write one file from many, one after the other, and further rows; never more than `GROUP` parts in memory."""
-    with whole(path) as beside, pq.ParquetWriter(beside, SCHEMA) as out:
+    with whole(path) as file, pq.ParquetWriter(file, SCHEMA) as out:
         for at in range(0, len(parts), GROUP):
             some = [pq.read_table(part, schema=SCHEMA, partitioning=None) for part in parts[at : at + GROUP]]
             out.write_table(pa.concat_tables(some).combine_chunks())

@@ -4,13 +4,10 @@ import filecmp
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Final
 
 from bms_gateway.bus.logfile import read_log
+from bms_gateway.engine.engine import CLOCK_SET_NS
 from bms_gateway.errors import UsageError
-
-CLOCK_SET_NS: Final = 1_577_836_800_000_000_000
-"""2020: an older stamp is of a clock that counts from the start of a recording, or that was not set."""
 
 
 def given_once(files: Iterable[Path]) -> None:
@@ -41,7 +38,7 @@ def in_order(logs: Sequence[Path]) -> None:
     Raises
     ------
     UsageError
-        A log begins before the one that is given before it.
+        A log begins before the one that is given before it. Stamps of a clock that was not set have no order.
     """
     if len(logs) < 2:
         return

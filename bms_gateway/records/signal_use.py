@@ -30,7 +30,6 @@ OTHER_UNITS: Final = {
     "voltage": (("mV", 1e-3, 0.0),),
 }
 """Units in which a signal may be although its DBC says another one: SI = scale · what was taken for SI + offset."""
-COLD_C: Final = -40.0
 NOT_TAKEN: Final = "nothing is estimated from it with this config"
 
 
@@ -80,7 +79,7 @@ class Use:
         return self.used < LOST * self.seen or self.used == 0
 
     @property
-    def holed(self) -> bool:
+    def cut(self) -> bool:
         """Whether a part of a current is beyond its range: its heat is missing, and its numbers may be wrong bits."""
         beyond = self.refused.get("out_of_range", 0)
         return self.taken and self.channel.quantity == "current" and beyond > WORTH_A_WORD * self.seen
@@ -253,7 +252,7 @@ def _unit(signal: str, use: Use) -> str | None:
     kind = INPUTS[c.quantity].kind
     for unit, scale, offset in OTHER_UNITS.get(kind, ()):
         a, b = scale * least + offset, scale * most + offset
-        if not (low <= a and b <= high and (kind != "temperature" or a >= COLD_C)):
+        if not (low <= a and b <= high):
             continue
         change = f"offset = {offset:g}" if scale == 1.0 else f"scale = {scale:g}"
         fields = [f'signal = "{signal}"', change]

@@ -34,9 +34,7 @@ _INLET: Final = (
     r"\b(inlet|vorlauf|zulauf|eintritt|einlass|t.?in|coolant|coolant temp|k(ü|ue)hlmittel|k(ü|ue)hlwasser|entr(é|e)e)\b"
 )
 _AIR: Final = r"\b(ambient|amb|chamber|umgebung|umgebungstemperatur|kammer|klimakammer|raum|room|t.?amb|luft|air)\b"
-_CORE: Final = (
-    r"\b(core|kern|kerntemperatur|mitte|innen|inside|center|centre|c(oe|œ)ur|noyau|n(ú|u)cleo|nucleo|kerne?)\b"
-)
+_CORE: Final = r"\b(core|kern|kerntemperatur|mitte|innen|inside|center|centre|c(oe|œ)ur|noyau|n(ú|u)cleo)\b"
 _WHEN: Final = (
     r"\b(time|zeit|timestamp|datum|date|uhrzeit|elapsed|test.?time|zeitstempel|messzeit|versuchszeit)\b"
     r"|^t( (s|ms|sec|min|h))?$"
