@@ -204,6 +204,20 @@ def test_a_kernel_that_lists_no_children_ends_no_fit_by_a_fault(monkeypatch):
     assert Aside(deadline_s=0.2, child=(*SMALL, ECHO)).run(0) == NotDone("it had not ended after 0.2 s and was killed")
 
 
+@pytest.mark.parametrize(
+    ("version", "vfork"), [((3, 11, 0), False), ((3, 11, 3), False), ((3, 11, 4), True), ((3, 12, 0), True)]
+)
+def test_a_fit_is_not_started_by_vfork_where_python_holds_its_lock_until_the_program_is_read(
+    monkeypatch, version, vfork
+):
+    """Before 3.11.4, a program on a disk that hangs would stop all threads of the service. Later, vfork is quicker."""
+    monkeypatch.setattr(subprocess, "_USE_VFORK", True)
+    monkeypatch.setattr(sys, "version_info", (*version, "final", 0))
+    monkeypatch.delitem(sys.modules, fit_process.__name__)
+    runpy.run_module(fit_process.__name__, run_name="loaded_again")
+    assert subprocess._USE_VFORK is vfork
+
+
 def test_the_end_of_a_service_without_a_child_kills_nothing():
     one = Aside(child=(*SMALL, ECHO))
     one.close()
