@@ -139,6 +139,24 @@ def test_root_reads_no_state_through_a_link_of_another_user(home):
 
 
 @NOT_ROOT
+def test_root_reads_no_state_through_a_link_that_takes_its_place_after_it_was_looked_at(home, monkeypatch):
+    state, look = home / "state" / "state", os.stat
+    state.write_text("sound")
+
+    def swap(path, **how):
+        found = look(path, **how)
+        if path == "state":
+            state.unlink()
+            state.symlink_to(home.parent / "secret" / "file")
+        return found
+
+    monkeypatch.setattr(os, "stat", swap)
+    with pytest.raises(OSError, match="Too many levels of symbolic links"):
+        read_file(state, 100)
+    assert state.is_symlink()
+
+
+@NOT_ROOT
 def test_root_with_the_home_of_another_user_keeps_no_cache_behind_a_link_of_theirs(home, monkeypatch):
     """32 of the 40 files there were left: the oldest were removed."""
     secret = home.parent / "secret"
@@ -175,6 +193,7 @@ def test_links_that_nobody_else_can_change_are_followed(home):
         file.write(b"there")
     assert (own / "there.json").read_text() == "there"
     assert (own / "to-file").is_symlink()
+    assert read_file(own / "to-file", 100) == b"there"
 
 
 @NOT_ROOT

@@ -24,6 +24,7 @@ LOOKED_FOR = "in which blocks blank lines are looked for, which is seen in time 
 OTHER_DRAWS = "other draws of the same distribution"
 TWO_LEFT = "without 29 bits two filters are left, which every limit allows"
 A_SECOND = "a step is one second"
+MORE_PARTS = "a version has more parts than that"
 BILLIONTH = "a billionth of a wait, which no clock shows"
 
 EQUIVALENT: dict[str, dict[str, str]] = {
@@ -182,6 +183,9 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "to_batch: len(kept) < len(messages)  ->  len(kept) <= len(messages)": "nothing is counted where all are kept",
         "to_batch: 1  ->  2": "numpy finds the length of an axis for any negative number",
     },
+    "bms_gateway/service/fit_process.py": {
+        ": sys.version_info < (3, 11, 4)  ->  sys.version_info <= (3, 11, 4)": MORE_PARTS,
+    },
     "bms_gateway/service/reread.py": {
         ": if TYPE_CHECKING:  ->  if not TYPE_CHECKING:": ANNOTATIONS,
         ": child.returncode < 0  ->  child.returncode <= 0": "asked where it is not 0",
@@ -287,7 +291,7 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "_ahead: True  ->  False  #2": STRICT,
     },
     "bms_gateway/service/doctor.py": {
-        "_python: sys.version_info >= OLDEST  ->  sys.version_info > OLDEST": "a version has more parts than that",
+        "_python: sys.version_info >= OLDEST  ->  sys.version_info > OLDEST": MORE_PARTS,
     },
     "bms_gateway/bus/whole.py": {
         "whole: 200  ->  201": "a character more of a long name that is cut",
