@@ -9,7 +9,6 @@ LATER = "stamps of the open tick and later are put off to what they are"
 NO_GAP = "where there is no gap, of whole nanoseconds, nothing is asked of it"
 SOONER = "a string takes its ticks in before it must: only slower"
 BLOCKS = "ticks are put together when a string takes them, if not before"
-NO_FOLDER = "what is no directory is refused by the next call all the same; Python closes descriptors for children"
 INSTANT = "at that very instant of a clock"
 LET_GO = "Python closes a socket that nobody holds any more"
 BEHIND = "room behind the last field, where the kernel writes nothing"
@@ -256,9 +255,6 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "_read: len(body) < size  ->  len(body) <= size": "they differ here",
     },
     "bms_gateway/store/requests.py": {
-        "ask: os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC  ->  "
-        "(os.O_RDONLY | os.O_DIRECTORY) & os.O_CLOEXEC": NO_FOLDER,
-        "ask: os.O_RDONLY | os.O_DIRECTORY  ->  os.O_RDONLY & os.O_DIRECTORY": NO_FOLDER,
         "_write: 8  ->  9": "a longer name that nobody guesses",
     },
     "bms_gateway/store/rows.py": {
