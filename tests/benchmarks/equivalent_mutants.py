@@ -289,9 +289,6 @@ EQUIVALENT: dict[str, dict[str, str]] = {
     "bms_gateway/service/doctor.py": {
         "_python: sys.version_info >= OLDEST  ->  sys.version_info > OLDEST": MORE_PARTS,
     },
-    "bms_gateway/bus/whole.py": {
-        "whole: 200  ->  201": "a character more of a long name that is cut",
-    },
     "bms_gateway/bus/sniff.py": {
         "_unpacked: 31  ->  32": "zlib then finds out by itself that it is gzip",
     },
