@@ -19,7 +19,7 @@ import numpy as np
 
 from bms_gateway.health.heat import HeatWatch
 from bms_gateway.health.heat.heat_watch import HeatTick
-from tests.benchmarks.heat_case import LAYOUTS, Case, Made, make, model, with_seeds
+from tests.benchmarks.heat_case import LAYOUTS, PACKS, Case, Made, make, model, with_seeds
 
 FIRST_SEED = 1000
 RIGHT = {
@@ -141,6 +141,7 @@ def table() -> list[Case]:
         ]
         rows += [Case(pack, 0, drive="us06", fault="scale", size=w) for w in (0.0, 0.3)]
         rows.append(Case(pack, 0, drive="us06", fault="stuck", size=0.0))
+    rows += [Case(p, 0, 9000, drive=d, fault="fan", size=1.8) for p in PACKS for d in ("urban", "us06", "udds")]
     return rows
 
 

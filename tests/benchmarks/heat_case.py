@@ -46,7 +46,7 @@ class Case:
     cell : int
         1-based, of heat or of a thermocouple.
     size : float
-        W of heat; K/h of drift; K of a jump; share of a scale.
+        W of heat; K/h of drift; K of a jump; share of a scale; factor on R_u of a fan (0: 3, a fan that stops).
     at : int
         s, when it begins.
     step : float
@@ -133,7 +133,7 @@ def _break(x, c: Case) -> None:
     if c.fault == "heat":
         x.core_heat[c.at :, c.cell - 1] += c.size
     elif c.fault == "fan":
-        x.R_u[c.at :] *= 3.0
+        x.R_u[c.at :] *= c.size or 3.0
     elif c.fault == "pump":
         x.R_u[c.at :] *= 5.0**0.63
         x.C_f[c.at :] /= 5.0

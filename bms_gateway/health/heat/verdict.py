@@ -11,6 +11,7 @@ from bms_gateway.health.heat.course import (
     COOLING_BACK,
     COOLING_GRAVE,
     FLOW_GRAVE,
+    FLOW_SLOW,
     FLOW_SURE,
     FROZEN_K,
     FROZEN_S,
@@ -19,7 +20,7 @@ from bms_gateway.health.heat.course import (
     Course,
     missing,
 )
-from bms_gateway.health.heat.fault_evidence import OLDEST_READ, ONSETS, Evidence, Kind, Weighed
+from bms_gateway.health.heat.fault_evidence import OLDEST_READ, ONSETS, TEMPERED, Evidence, Kind, Weighed, tempered
 from bms_gateway.health.heat.filter import HeatFilter
 from bms_gateway.health.heat.finding import Finding
 from bms_gateway.health.heat.layout import Bools
@@ -55,9 +56,8 @@ several times its usual heat. Without a measured inlet only heat at rest is a fa
 off looks like heat."""
 SIZE_SD = 0.2
 """Relative sd of the size of new heat: its first half minute depends on C_s and R_c as much as on the heat."""
-GROUP, TEMPERED = 2, 8.0
-"""Largest distance, in cells, between two cells that heat may belong to; and the divisor of the ln evidence between
-them."""
+GROUP = 2
+"""Largest distance, in cells, between two cells that heat may belong to."""
 LEAST_JUMP, BACK_JUMP = 0.7, 0.4
 """K: a jump of a thermocouple is reported above the first number, and has ended below the second."""
 COARSE = 2.5  # least jump of a thermocouple, in steps of its resolution
@@ -177,7 +177,7 @@ class Verdict:
 
     def _weighed(self, each: Floats, w: Weighed, now_ns: int) -> list[Finding]:
         kinds, place = self.evidence.kinds, self.evidence.place
-        E = each + self.usual()
+        E = (each if self.course.few[self.s] else tempered(each, kinds)) + self.usual()
         if self.of.usual.alone[self.s]:
             self._hold_films(E, w)
         if self._proven:
@@ -458,10 +458,11 @@ class Verdict:
         grown = self._grown()
         own = (self._stands > 0 and self.evidence.kinds[best] < Kind.FLOW) or self.hot
         if "cooling" not in codes:
-            slower = grown > COOLING and u - self.course.film[s] > FLOW_SURE * u_sd and not own
             flowed = self._flowed_ns is not None and self._lasted(self._flowed_ns, now_ns) < FLOWED_S
-            grave = grown > COOLING_GRAVE and u - self.course.film[s] > FLOW_GRAVE * u_sd
-            slower = slower and (flowed or grave)
+            vague = self.course.few[s] or f.calm[s]
+            least, sure = (COOLING_GRAVE, FLOW_GRAVE) if vague else (COOLING, FLOW_SLOW)
+            least, sure = (COOLING, FLOW_SURE) if flowed else (least, sure)
+            slower = grown > least and u - self.course.film[s] > sure * u_sd and not own
             self._slow_ns = (now_ns if self._slow_ns is None else self._slow_ns) if slower else None
             hold = HOLD_S if flowed else HOLD_COMMON_S
             if self._slow_ns is not None and self._lasted(self._slow_ns, now_ns) >= hold:
