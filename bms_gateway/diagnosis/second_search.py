@@ -177,13 +177,6 @@ class SecondSearch:
         before, after = (_error_held(f) for f in self.blocks)
         return before, after
 
-    def held_with(self, keys: Sequence[str]) -> float:
-        """RMSE on the held-out blocks, K, with these effects: those chosen, or of one of `hypotheses`."""
-        if sorted(keys) == sorted(c.candidate.key for c in self.chosen):
-            return self.held_K[1]
-        h = next(h for h in self.hypotheses if sorted(keys) == sorted(c.key for c in h.effects))
-        return _error_held(_blocks(Bench(h.fit.map.problem.records, self.settings.error), h.fit, self.records))
-
 
 def needs_second(first: Search) -> bool:
     """Whether the first search leaves structure that it could not explain: much, half of it, or a number at its bound.
