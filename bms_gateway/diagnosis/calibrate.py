@@ -9,7 +9,7 @@ from bms_gateway.diagnosis.coarse_rows import HOPELESS, doubt
 from bms_gateway.diagnosis.core_band import posterior
 from bms_gateway.diagnosis.error_words import falls
 from bms_gateway.diagnosis.geometry import OF, odd_fitted
-from bms_gateway.diagnosis.model_error import Bench, ModelError, averaged
+from bms_gateway.diagnosis.model_error import REFINEMENTS, Bench, ModelError, averaged
 from bms_gateway.diagnosis.model_error import fit as fit_with_error
 from bms_gateway.diagnosis.prepare import measured
 from bms_gateway.diagnosis.record import Record, in_held_out
@@ -18,7 +18,7 @@ from bms_gateway.diagnosis.residuals import LEAST_Z, rmse, structure
 from bms_gateway.identify.contract import FIXED
 from bms_gateway.identify.coordinates import OWN, Measured
 from bms_gateway.identify.likelihood import generalised
-from bms_gateway.identify.map_fit import TO_THE_END, MapFit, fitted, stacked
+from bms_gateway.identify.map_fit import TO_THE_END, FitEffort, MapFit, fitted, stacked
 from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal import KINDS, AddedEffect, Floats, Posterior, Prior, StringModel
 from bms_gateway.thermal.effects import EffectParameter, effect_named
@@ -29,6 +29,8 @@ UNTOLD, WEAK = 0.9, 0.5
 """Posterior sd over prior sd above which a number is not identifiable, or only weakly."""
 UNIDENTIFIABLE, AT_BOUND = "not identifiable", "at its bound: not believed"
 AGAINST_FORMAT = "against the cell's format: not believed"
+LAST_DIGITS = FitEffort(60, least_gain=1e-3, refinements=REFINEMENTS)
+"""Of the numbers of a model with effects: in a long flat valley the core still moves by a kelvin for the usual gain."""
 FIRM = 0.1
 """Relative prior sd up to which a parameter counts as known before the fit."""
 LEARNT = 0.9
@@ -139,10 +141,10 @@ def identify(model: StringModel, records: Sequence[Record], *, core: bool = Fals
     left, hopeless = structure(fit), max(doubt(r) for r in records) > HOPELESS
     if core or (not hopeless and (left.z <= LEAST_Z or left.size <= LEAST_STRUCTURE)):
         return Identified(fit, fit, 0.0)
-    settings = ModelError()
+    settings = ModelError().fine if start.effects else ModelError()
     bench = Bench([held_out(averaged(m, settings)) for m in ready], settings)
     problem = Problem(start, bench.records, bench.beliefs)
-    found = fit_with_error(bench, problem, problem.begin, TO_THE_END)
+    found = fit_with_error(bench, problem, problem.begin, LAST_DIGITS if start.effects else TO_THE_END)
     known = None if start.effects else learned(start, ready)
     if known is None and hopeless:
         known = untaught(start)

@@ -58,9 +58,6 @@ class SecondSettings:
         Log-odds that every effect must earn over the best hypothesis without it: 3 is 20 to 1.
     digits : float
         Cost at which the fits of the best hypotheses end.
-    numbers : float
-        Share of the white floor with which the numbers of the chosen hypothesis are fitted. The floor guards the
-        choice; once that is made, what the readings know of the numbers need not be thrown away with it.
     explained : float
         Share of the misfit above the noise that the choice must explain.
     train, tail : float
@@ -79,7 +76,6 @@ class SecondSettings:
     again: int = 5
     gain: float = 3.0
     digits: float = 1e-3
-    numbers: float = 0.5
     explained: float = 0.5
     train: float = 0.6
     tail: float = 0.5
@@ -87,7 +83,7 @@ class SecondSettings:
     @property
     def fine(self) -> ModelError:
         """Regime in which the numbers of the chosen hypothesis are fitted."""
-        return replace(self.error, floor=self.numbers * self.error.floor)
+        return self.error.fine
 
 
 @dataclass(frozen=True, slots=True)

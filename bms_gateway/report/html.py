@@ -26,7 +26,7 @@ from bms_gateway.report.html_correlation import correlation_table
 from bms_gateway.report.html_evidence import evidence, missing_heat, summary
 from bms_gateway.report.html_ranking import detectability_table, experiment_table, ranking_table
 from bms_gateway.report.html_series import Shown, shown
-from bms_gateway.report.html_tables import curve_table, errors_table, heat_map, parameters_table
+from bms_gateway.report.html_tables import curve_table, errors_table, parameters_table
 from bms_gateway.report.page import items, paragraph, section, write_page
 from bms_gateway.report.step_names import FILED, REFITTED, with_added
 from bms_gateway.report.words import in_words, labelled, named, named_all, parameters_labelled
@@ -266,8 +266,7 @@ def closest_html(comparison: Comparison) -> str:
     v = comparison.closest
     if v is None:
         return ""
-    said = paragraph(f"{closer_numbers(comparison.core.identified)} {LEFT}")
-    return said + items(v.findings) + heat_map([Shown.of("closest", v)])
+    return paragraph(f"{closer_numbers(comparison.core.identified)} {LEFT}") + items(v.findings)
 
 
 def core_html(core: KnownCore | None, checks: Sequence[CoreCheck] = ()) -> str:
