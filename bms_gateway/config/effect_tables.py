@@ -31,9 +31,13 @@ _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
 class EffectNumber(Section):
-    """`{ value, unit, sd | rel_sd | fixed = true }`; rel_sd for what is fitted in its logarithm."""
+    """`{ value, unit, sd | rel_sd | fixed = true, start }`; rel_sd for what is fitted in its logarithm.
+
+    `start` is where a fit starts, in this unit; `value` if left out.
+    """
 
     value: float
+    start: float | None = None
     unit: str | None = None
     sd: float | None = Field(default=None, gt=0.0)
     rel_sd: float | None = Field(default=None, gt=0.0)
@@ -132,7 +136,9 @@ def write_effects(effects: Sequence[AddedEffect]) -> tuple[str, list[str]]:
         if e.cell is not None and key == e.name:
             lines.append(f"cell = {e.cell}")
         lines += [
-            _number_line(p, e.values[p.name], e.sd.get(p.name, p.sd)) for p in effect.parameters if p.name in e.values
+            _number_line(p, e.values[p.name], e.sd.get(p.name, p.sd), (e.start or {}).get(p.name))
+            for p in effect.parameters
+            if p.name in e.values
         ]
     return _names(keys), lines
 
@@ -208,16 +214,20 @@ def _effect(effect: "Effect", key: str, table: EffectTable, cells: int, sensors:
     for name in table.numbers:
         if name not in names:
             raise ConfigError(f".{name}: unknown key{did_you_mean(name, [*names, 'cell'])}")
-    values, sd = {}, {}
+    values, sd, start = {}, {}, {}
     for p in effect.parameters:
         given = table.numbers.get(p.name)
         if given is not None:
             values[p.name], sd[p.name] = _number(p, given)
+            if given.start is not None:
+                begin = given.model_copy(update={"value": given.start})
+                start[p.name], _ = _number(p, begin)
         elif optional(effect, p) and p.neutral is not None:
             values[p.name], sd[p.name] = p.neutral, 0.0
         else:
             raise ConfigError(f".{p.name}: missing; needed: {example(effect, key)}")
-    return AddedEffect(effect.name, _cell(effect, key, table, cells, sensors), values, sd)
+    begins = {**values, **start} if start else None
+    return AddedEffect(effect.name, _cell(effect, key, table, cells, sensors), values, sd, begins)
 
 
 def _cell(effect: "Effect", key: str, table: EffectTable, cells: int, sensors: tuple[int, ...]) -> int | None:
@@ -276,10 +286,12 @@ def _widest(p: "EffectParameter") -> float:
     return MOST_SPANS * max(p.upper - p.lower, p.sd)
 
 
-def _number_line(p: "EffectParameter", value: float, sd: float) -> str:
+def _number_line(p: "EffectParameter", value: float, sd: float, start: float | None) -> str:
     units = effect_units(p.unit, p.to_si)
-    text, unit = shown(np.array([value] if p.log or sd == 0.0 else [value, sd]), p.unit, units)
+    begin = [] if start is None or sd == 0.0 else [start]
+    text, unit = shown(np.array([value, *([] if p.log or sd == 0.0 else [sd]), *begin]), p.unit, units)
     known = "fixed = true" if sd == 0.0 else f"rel_sd = {float(sd)!r}" if p.log else f"sd = {text[1]}"
+    known += f", start = {text[-1]}" if begin else ""
     return f'{p.name} = {{ value = {text[0]}, unit = "{unit}", {known} }}  # {p.description}'
 
 

@@ -10,11 +10,11 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from bms_gateway.diagnosis.adding_bench import all_used, fit_with, named_by
-from bms_gateway.diagnosis.calibrate import UNTOLD, seen_on
+from bms_gateway.diagnosis.calibrate import UNTOLD, identify, seen_on, starting_with
 from bms_gateway.diagnosis.candidates import INSTEAD, Candidate, candidates, excluded, places
 from bms_gateway.diagnosis.core_band import posterior
 from bms_gateway.diagnosis.core_known import KnownCore, judged_model, known_core
-from bms_gateway.diagnosis.diagnosis import Diagnosis, diagnose
+from bms_gateway.diagnosis.diagnosis import Diagnosis, diagnose, errors
 from bms_gateway.diagnosis.error_words import falls, why_not
 from bms_gateway.diagnosis.record import Record
 from bms_gateway.diagnosis.residuals import rmse, structure
@@ -62,47 +62,47 @@ class Step:
     Attributes
     ----------
     added : tuple of Candidate
-    before, after : MapFit
+    after : MapFit
+        As the search fitted it: where the identification of its numbers starts.
     log_odds : float
         Tempered log-odds of the model with the added effects against the model without them.
     refused : str
         Why the effects should not stay; empty if there is no reason.
     remark : str
         Further remark on these records; may be empty.
-    seen : tuple of MapFit
-        Before and after, compared with all readings as they came; used only for errors.
-    held_K : tuple of float, or None
-        Error on the held-out blocks before and after, by fits without these blocks; given if `seen` was fitted to all
-        readings.
     doubts : tuple of str
         Reasons of the search why the core with these effects is not proven, a sentence each.
     """
 
     added: tuple[Candidate, ...]
-    before: MapFit
     after: MapFit
     log_odds: float
     refused: str
     remark: str
-    seen: tuple[MapFit, MapFit]
-    held_K: tuple[float, float] | None = None
     doubts: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Addition(Step):
-    """A model with more effects, and how well its cores are known.
+    """A model with more effects, its numbers, and how well its cores are known.
 
     Attributes
     ----------
     model : StringModel
-        The model with its posterior, which is written if the addition is accepted.
+        The model with its numbers and their posterior, which is written if the addition is accepted.
     core : tuple of KnownCore
-        Before and after. A band that is not proven is not narrower than the one before.
+        Before and after: numbers and errors of both models, and their cores. A band that is not proven is not narrower
+        than the one before.
     """
 
     model: StringModel
     core: tuple[KnownCore, KnownCore]
+
+    @property
+    def fits(self) -> tuple[MapFit, MapFit]:
+        """The numbers before and after, compared with all readings."""
+        before, after = (c.identified.fit for c in self.core)
+        return before, after
 
 
 def wanted(word: str, model: StringModel) -> Wanted:
@@ -203,7 +203,7 @@ def add_effects(
 def cores_with_named(model: StringModel, records: Sequence[Record], d: Diagnosis) -> tuple[KnownCore, ...]:
     """Give the cores of a diagnosed model as it is and, if effects are named, with these effects."""
     if not d.selected:
-        return (known_core(model, records, rounds=d.search.asked),)
+        return (known_core(model, records, d.identified[0], d.search.asked),)
     wants = [Wanted(s.candidate.effect, s.candidate.cell) for s in d.selected]
     return _with_cores(weighed_step(d, wants), model, records, d).core
 
@@ -218,17 +218,7 @@ def weighed_step(d: Diagnosis, wants: Sequence[Wanted]) -> Step:
     if len(named) == len(wants) and all(any(w.meets(c) for c in named) for w in wants):
         odds = min(s.log_odds for s in d.selected)
         after = d.search.final
-        before = d.search.baseline
-        return Step(
-            tuple(named),
-            before,
-            after,
-            odds,
-            refused=_unbelievable(after, named),
-            remark="",
-            seen=(before, after),
-            doubts=_doubts(d),
-        )
+        return Step(tuple(named), after, odds, _unbelievable(after, named), "", _doubts(d))
     return _fitted_alone(d, wants)
 
 
@@ -245,21 +235,17 @@ def _doubts(d: Diagnosis) -> tuple[str, ...]:
 
 def _with_cores(step: Step, model: StringModel, records: Sequence[Record], d: Diagnosis) -> Addition:
     """Give the model that may be written, and the cores before and after; unproven bands do not get narrower."""
-    before = known_core(model, records, rounds=d.search.asked)
+    before = known_core(model, records, d.identified[0], d.search.asked)
+    same = bool(d.selected) and step.after is d.with_selected
+    found = d.identified[1] if same else identify(starting_with(step.after, model), records)
     # a later step may prove the core, but not if something was added against the records
     said = [*(x for x in model.doubts if x.startswith(FORCED)), *step.doubts]
     said += [f"{FORCED}: {step.refused}."] if step.refused else []
-    said += [] if _falls(step) else ["The error where nothing was fitted does not fall with what was added."]
-    written, after = judged_model(step.after, model, records, said, before=before)
+    held_K = (errors(f).heldout_rmse_K for f in (before.identified.fit, found.fit))
+    said += [] if falls(*held_K) else ["The error where nothing was fitted does not fall with what was added."]
+    written, after = judged_model(found.fit, model, records, said, identified=found, before=before)
     own = {f.name: getattr(step, f.name) for f in fields(step)}
     return Addition(**own, model=written, core=(before, after))
-
-
-def _falls(step: Step) -> bool:
-    """Whether the error falls on readings that were held out of both fits."""
-    held = (rmse(f, ~stacked(f.problem)[4]) for f in step.seen)
-    before, after = step.held_K or tuple(held)
-    return falls(before, after)
 
 
 def _on_bench(d: Diagnosis, second: SecondSearch, wants: Sequence[Wanted]) -> Step | None:
@@ -286,17 +272,7 @@ def _on_bench(d: Diagnosis, second: SecondSearch, wants: Sequence[Wanted]) -> St
         Candidate(w.effect, int(k.partition(":")[2]) if ":" in k else None) for w, k in zip(wants, keys, strict=True)
     )
     odds = min((chosen[k].log_odds for k in keys if k in chosen), default=0.0)
-    return Step(
-        added,
-        second.baseline,
-        after,
-        odds,
-        refused,
-        remark,
-        seen,
-        (second.held_K[0], second.held_with(keys)),
-        (*second.alarms, *([remark] if remark else []), UNKNOWN),
-    )
+    return Step(added, after, odds, refused, remark, (*second.alarms, *([remark] if remark else []), UNKNOWN))
 
 
 def _fitted_alone(d: Diagnosis, wants: Sequence[Wanted]) -> Step:
@@ -330,8 +306,7 @@ def _fitted_alone(d: Diagnosis, wants: Sequence[Wanted]) -> Step:
         remark = "" if refused else f"These records cannot tell it from {them}."
         if not refused and all(c.name in INSTEAD for c in added):
             remark = f"Heat from the voltage in place of I²R_e: what that lacks is {them}."
-    doubts = (*_doubts(d), *([remark] if remark else []))
-    return Step(tuple(added), before, after, float(odds), refused, remark, seen=(before, after), doubts=doubts)
+    return Step(tuple(added), after, float(odds), refused, remark, (*_doubts(d), *([remark] if remark else [])))
 
 
 def _best(current: MapFit, ways: Sequence[Candidate], s: Settings) -> tuple[Candidate, MapFit]:

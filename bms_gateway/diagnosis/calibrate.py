@@ -7,17 +7,18 @@ import numpy as np
 
 from bms_gateway.diagnosis.coarse_rows import HOPELESS, doubt
 from bms_gateway.diagnosis.core_band import posterior
+from bms_gateway.diagnosis.error_words import falls
 from bms_gateway.diagnosis.geometry import OF, odd_fitted
-from bms_gateway.diagnosis.model_error import Bench, ModelError, averaged
+from bms_gateway.diagnosis.model_error import REFINEMENTS, Bench, ModelError, averaged
 from bms_gateway.diagnosis.model_error import fit as fit_with_error
 from bms_gateway.diagnosis.prepare import measured
 from bms_gateway.diagnosis.record import Record, in_held_out
 from bms_gateway.diagnosis.record_windows import keeping, learned, untaught
-from bms_gateway.diagnosis.residuals import LEAST_Z, structure
+from bms_gateway.diagnosis.residuals import LEAST_Z, rmse, structure
 from bms_gateway.identify.contract import FIXED
 from bms_gateway.identify.coordinates import OWN, Measured
 from bms_gateway.identify.likelihood import generalised
-from bms_gateway.identify.map_fit import TO_THE_END, MapFit, fitted, stacked
+from bms_gateway.identify.map_fit import TO_THE_END, FitEffort, MapFit, fitted, stacked
 from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal import KINDS, AddedEffect, Floats, Posterior, Prior, StringModel
 from bms_gateway.thermal.effects import EffectParameter, effect_named
@@ -28,6 +29,8 @@ UNTOLD, WEAK = 0.9, 0.5
 """Posterior sd over prior sd above which a number is not identifiable, or only weakly."""
 UNIDENTIFIABLE, AT_BOUND = "not identifiable", "at its bound: not believed"
 AGAINST_FORMAT = "against the cell's format: not believed"
+LAST_DIGITS = FitEffort(60, least_gain=1e-3, refinements=REFINEMENTS)
+"""Of the numbers of a model with effects: in a long flat valley the core still moves by a kelvin for the usual gain."""
 FIRM = 0.1
 """Relative prior sd up to which a parameter counts as known before the fit."""
 LEARNT = 0.9
@@ -68,28 +71,29 @@ class Change:
 
 @dataclass(frozen=True, slots=True)
 class Identified:
-    """Accepted numbers, the fit with the smallest error at the surfaces, and the model error.
+    """The numbers of a model by some records, and the model error.
 
     Attributes
     ----------
     fit : MapFit
-        Accepted numbers and their posterior, which go into a model file.
-    stated : MapFit
-        The same numbers, compared with all readings.
+        The numbers and their posterior, compared with all readings as they came: all that is shown of a fitted model,
+        and what goes into its file.
     closest : MapFit
-        The numbers with the smallest error at the surfaces, compared with all readings; used only for errors. They are
-        the accepted ones if the model explains the readings, or has effects.
-    plain : MapFit
-        Fit that assumes no model error; the same fit if the model explains the readings.
+        The fit that comes closest to the surfaces, because it assumes no model error: it judges the model, as a search
+        does, and is no model to be used. The same fit if the model explains the readings.
     model_error_K : float
         Size of the slow error that the model was given; 0 where it explains the readings.
     """
 
     fit: MapFit
-    stated: MapFit
     closest: MapFit
-    plain: MapFit
     model_error_K: float
+
+    @property
+    def comes_closer(self) -> bool:
+        """Whether `closest` is closer to the surfaces than the numbers."""
+        used = stacked(self.fit.problem)[4]
+        return falls(rmse(self.fit, used), rmse(self.closest, used))
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +122,8 @@ def identify(model: StringModel, records: Sequence[Record], *, core: bool = Fals
     If the model cannot follow the surfaces to within their noise, the fit allows for a model error. Without it, the
     missing effect would count as white noise: it would move the numbers, and with them the core, far from the truth,
     with small standard deviations. If the model has no effects, the numbers then come from the windows of the live
-    method (`record_windows`). If the rows of the current lie so far apart that no window can use them, nothing is
+    method (`record_windows`); otherwise, what the model error leaves that is not white lowers the weight of the data
+    once more (`posterior`). If the rows of the current lie so far apart that no window can use them, nothing is
     learnt from the records.
 
     Parameters
@@ -135,19 +140,18 @@ def identify(model: StringModel, records: Sequence[Record], *, core: bool = Fals
     fit = fitted(Problem(start, ready))
     left, hopeless = structure(fit), max(doubt(r) for r in records) > HOPELESS
     if core or (not hopeless and (left.z <= LEAST_Z or left.size <= LEAST_STRUCTURE)):
-        return Identified(fit, fit, fit, fit, 0.0)
-    settings = ModelError()
+        return Identified(fit, fit, 0.0)
+    settings = ModelError().fine if start.effects else ModelError()
     bench = Bench([held_out(averaged(m, settings)) for m in ready], settings)
     problem = Problem(start, bench.records, bench.beliefs)
-    found = fit_with_error(bench, problem, problem.begin, TO_THE_END)
-    closest = seen_on(found.map, ready)
+    found = fit_with_error(bench, problem, problem.begin, LAST_DIGITS if start.effects else TO_THE_END)
     known = None if start.effects else learned(start, ready)
     if known is None and hopeless:
         known = untaught(start)
     if known is None:
-        return Identified(found.map, closest, closest, fit, found.discrepancy.size)
+        return Identified(seen_on(found.map, ready), fit, found.discrepancy.size)
     believed = keeping(bench, found, known)
-    return Identified(believed.map, seen_on(believed.map, ready), closest, fit, believed.discrepancy.size)
+    return Identified(seen_on(believed.map, ready), fit, believed.discrepancy.size)
 
 
 def seen_on(fit: MapFit, records: Sequence[Measured]) -> MapFit:
@@ -179,7 +183,8 @@ def fitted_model(
     Parameters
     ----------
     fit : MapFit
-        Fit of the model, or of the model with more effects, that starts from what was known before any data.
+        Fit of the model, or of the model with more effects, that starts from what was known before any data; where it
+        starts is kept in `before` and in the `start` of each effect.
     model : StringModel
         The model; its numbers before any data are kept in `before`.
     calibrated : bool
@@ -232,6 +237,12 @@ def fitted_model(
     )
     left = Posterior(*found.free_numbers, model_error_K, doubt, calibrated, tuple(not_proven))
     return replace(found, posterior=left)
+
+
+def starting_with(fit: MapFit, model: StringModel) -> StringModel:
+    """Return a model before any data with the effects of a fit, whose numbers are where its identification starts."""
+    effects = fitted_model(fit, model).effects
+    return replace(model.unfitted, effects=tuple(replace(e, start=None) for e in effects))
 
 
 def changes(fit: MapFit) -> tuple[Change, ...]:
@@ -322,7 +333,7 @@ def _effect(fit: MapFit, e: AddedEffect, spread: Mapping[str, float]) -> AddedEf
             value = float(_rounded(np.asarray(np.exp(z) if p.log else z), p.to_si))
             values[p.name] = min(max(value, p.lower), p.upper)
             sd[p.name] = _short(spread[name]) if p.log else _short(spread[name] / p.to_si) * p.to_si
-    return replace(e, values=values, sd=sd)
+    return replace(e, values=values, sd=sd, start=e.values if any(sd.values()) else None)
 
 
 def _effect_change(fit: MapFit, e: AddedEffect, p: EffectParameter, sd: Floats) -> Change:

@@ -1,8 +1,9 @@
 """Measurement and free-running model compared: where, when and in which regime they differ.
 
 Two models are compared with the readings: the filed model, of which only the start of each record is free, and the same
-model refitted within its priors. An error that only the first one has comes from wrong numbers. An error that both have
-comes from the structure of the model.
+model refitted within its priors, with the numbers that every command states. Where the refitted model does not explain
+the surfaces, its numbers may not come as close to them as other numbers would, because these would pay for what the
+model lacks. What even the closest numbers leave comes from the structure of the model; it is told beside the two.
 """
 
 from collections.abc import Sequence
@@ -55,7 +56,7 @@ class Variant:
 
     Attributes
     ----------
-    name : {"filed", "refitted"}
+    name : {"filed", "refitted", "closest"}
     fit : MapFit
     trained, held : Level
     structure : Structure
@@ -68,6 +69,7 @@ class Variant:
     series : tuple of Series
     cores : tuple of CoreBand, one per record
     core_checks : tuple of CoreCheck
+        Of cores nothing is said by numbers that are not believed.
     findings : tuple of str
     """
 
@@ -97,12 +99,16 @@ class Comparison:
         taken as exact and has no sd of its own.
     core : KnownCore
         How well these records determine the cores, and whether they are proven.
+    closest : Variant or None
+        What other numbers of the same model leave of the error, which come clearly closer to the surfaces and are not
+        believed; None where there are none.
     """
 
     sources: tuple[str, ...]
     filed: Variant
     refitted: Variant
     core: KnownCore
+    closest: Variant | None = None
 
 
 def compare(model: StringModel, records: Sequence[Record]) -> Comparison:
@@ -121,7 +127,7 @@ def compare(model: StringModel, records: Sequence[Record]) -> Comparison:
     core = known_core(model, records)
     # on the instants of the refit, which are chosen by the numbers before any data
     ready = [measured(r, model, join=joined(r, model.unfitted)) for r in records]
-    refitted = core.identified.closest
+    refitted, closest = core.identified.fit, core.identified.closest
     filed = fitted(Problem(as_filed(model), ready))
     # the uncertainty of a model that is taken as exact: the move by refitting, and the sd after it
     doubted = tuple(
@@ -133,6 +139,7 @@ def compare(model: StringModel, records: Sequence[Record]) -> Comparison:
         _variant("filed", filed, sensors_of(filed), doubted, records),
         _variant("refitted", refitted, sensors_of(refitted), core.bands, records),
         core,
+        _variant("closest", closest, sensors_of(closest), (), records) if core.identified.comes_closer else None,
     )
 
 
@@ -157,8 +164,9 @@ def _variant(
     names = ["always", *FEATURES]
     totals = {k: sum(weight[s.cell] * r.share for s in sensors for r in s.regimes if r.feature == k) for k in names}
     explained = tuple(sorted(((k, float(x)) for k, x in totals.items() if x > 0.0), key=lambda e: -e[1]))
-    findings = sensor_sentences(sensors, blocks, explained, len(records)) + core_sentences(bands, sensors, name)
-    checks = core_checks(records, fit, bands)
+    findings = sensor_sentences(sensors, blocks, explained, len(records))
+    findings += core_sentences(bands, sensors, name) if bands else ()
+    checks = core_checks(records, fit, bands) if bands else ()
     return Variant(
         name,
         fit,

@@ -148,7 +148,7 @@ def tempered(fit: MapFit, inflation: float) -> Floats:
 
 def posterior(fit: MapFit) -> Floats:
     """Covariance (P + Q, P + Q) of coordinates and nuisances; a coloured residual lowers the weight of the data."""
-    if fit.noise is not None:
+    if fit.noise is not None or fit.tempered:
         return np.asarray(np.linalg.inv(fit.H), dtype=np.float64)
     return tempered(fit, max(1.0, structure(fit).inflation))
 
@@ -157,7 +157,6 @@ def core_bands(
     fit: MapFit,
     structured_K: Sequence[float] = (),
     *,
-    covariance: Floats | None = None,
     share: float = LUMPED,
 ) -> tuple[CoreBand, ...]:
     """State the cores of each record of a fit.
@@ -167,8 +166,6 @@ def core_bands(
     fit : MapFit
     structured_K : sequence of float, one per cell
         Slow error of the surface; 0 where left out.
-    covariance : ndarray (P + Q, P + Q), optional
-        Covariance of the fit's numbers, if not that of `posterior`.
     share : float
         Share of core minus surface that may be wrong.
     """
@@ -184,8 +181,7 @@ def core_bands(
         gaps.append(gap[row])
         levers.append(np.sqrt((gap[row] ** 2 + np.mean(gap**2, axis=0)) / 2.0))
     y, J = sensitivity(fit, records)
-    C = posterior(fit) if covariance is None else covariance
-    variance = np.einsum("mp,pq,mq->m", J, C, J, optimize=True)
+    variance = np.einsum("mp,pq,mq->m", J, posterior(fit), J, optimize=True)
     left = np.asarray(structured_K) if len(structured_K) else np.zeros(n)
     bands, first = [], 0
     for r, (t, lever, gap) in enumerate(zip(times, levers, gaps, strict=True)):

@@ -28,7 +28,7 @@ import numpy as np
 from bms_gateway.diagnosis.calibrate import Identified, fitted_model, identify
 from bms_gateway.diagnosis.checks import check_record
 from bms_gateway.diagnosis.coarse_rows import HOPELESS, doubt, left_open
-from bms_gateway.diagnosis.core_band import LUMPED, UNPROVEN, CoreBand, core_bands, half_width_K, posterior, typical_K
+from bms_gateway.diagnosis.core_band import LUMPED, UNPROVEN, CoreBand, core_bands, half_width_K, typical_K
 from bms_gateway.diagnosis.geometry import odd_fitted
 from bms_gateway.diagnosis.misfit import nearest, sensors
 from bms_gateway.diagnosis.prepare import measured
@@ -180,9 +180,9 @@ def judged_model(
 
 def bands_of(found: Identified, share: float) -> tuple[CoreBand, ...]:
     """Compute the cores of each record from a fit, with its model error at the surface."""
-    n = found.stated.problem.model.cells
-    left = [max(s, found.model_error_K) for s in nearest(sensors(found.stated), n)]
-    return core_bands(found.stated, left, covariance=posterior(found.fit), share=share)
+    n = found.fit.problem.model.cells
+    left = [max(s, found.model_error_K) for s in nearest(sensors(found.fit), n)]
+    return core_bands(found.fit, left, share=share)
 
 
 def _against(
@@ -199,7 +199,7 @@ def _against(
     if calibrated and fitted.model_error_K <= LARGE_K:
         return said + numbers_far(fitted.fit)
     own = f": it needs an error of its own of {fitted.model_error_K:.2g} K" if fitted.model_error_K else ""
-    structured, fails_held = unexplained(fitted.plain, left_open(fitted.plain, doubts))
+    structured, fails_held = unexplained(fitted.closest, left_open(fitted.closest, doubts))
     if structured or fails_held:
         where = "the surfaces" if structured else "readings that were held out"
         said.append(f"The model does not explain {where}{own}.")

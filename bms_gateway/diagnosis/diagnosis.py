@@ -14,16 +14,17 @@ insufficient_data
     The records cannot show an effect at all.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
 
-from bms_gateway.diagnosis.calibrate import seen_on
+from bms_gateway.diagnosis.calibrate import Identified, identify, starting_with
 from bms_gateway.diagnosis.candidates import INSTEAD, Candidate
 from bms_gateway.diagnosis.coarse_rows import MATTERS, SHOWN, doubt, left_open, shows_steps
-from bms_gateway.diagnosis.core_band import core_moved
+from bms_gateway.diagnosis.core_band import core_moved, posterior
 from bms_gateway.diagnosis.error_words import course, falls, rises, why_not
 from bms_gateway.diagnosis.geometry import odd_fitted
 from bms_gateway.diagnosis.prepare import measured
@@ -131,23 +132,30 @@ class Diagnosis:
     ----------
     verdict : Verdict
     unknown_remains : bool
-    sentence : str
-        The verdict for a battery engineer.
+    said : callable
+        Writes the verdict for a battery engineer, given `baseline` and `after`.
     selected : tuple of Selected
     looks_like : tuple of str
         What an unknown effect resembles.
     ranking : tuple of Ranked
+        By the fits of the search, the closest to the readings that each model comes.
     baseline, after : Errors
+        Of the model as it is and with the selected effects, by their `identified` numbers; of the search's fits
+        before these are known.
     search : Search
     second : SecondSearch or None
         The second search, if the model error and not the noise limits what the records can show.
     alarms : tuple of str
         Reasons why the core of the model with the selected effects is not proven, a sentence each.
+    more : str
+        What follows the first part of the verdict.
+    identified : tuple of Identified
+        Of the model as it is and, if effects are selected, with these: the numbers that every command states.
     """
 
     verdict: Verdict
     unknown_remains: bool
-    sentence: str
+    said: Callable[[Errors, Errors], str]
     selected: tuple[Selected, ...]
     looks_like: tuple[str, ...]
     ranking: tuple[Ranked, ...]
@@ -156,6 +164,13 @@ class Diagnosis:
     search: Search
     second: SecondSearch | None = None
     alarms: tuple[str, ...] = ()
+    more: str = ""
+    identified: tuple[Identified, ...] = ()
+
+    @property
+    def sentence(self) -> str:
+        """The verdict for a battery engineer."""
+        return self.said(self.baseline, self.after) + self.more
 
     @property
     def decided_by_second(self) -> bool:
@@ -163,14 +178,14 @@ class Diagnosis:
         return self.second is not None and self.search.baseline.problem.model.cells == 1
 
     @property
+    def with_selected(self) -> MapFit:
+        """The model with the selected effects as the deciding search fitted it."""
+        return self.second.best if self.second is not None and self.decided_by_second else self.search.final
+
+    @property
     def fits(self) -> tuple[MapFit, MapFit]:
-        """The model as it is and with the selected effects, compared with all readings; of the deciding search."""
-        ready = self.search.baseline.problem.records
-        if self.second is None or not self.decided_by_second:
-            return self.search.baseline, self.search.final if self.selected else self.search.baseline
-        ready = [replace(m, used=np.ones_like(m.used)) for m in ready]  # the second search holds nothing out
-        before = seen_on(self.second.baseline, ready)
-        return before, seen_on(self.second.best, ready) if self.selected else before
+        """The model as it is and with the selected effects: their numbers, compared with all readings."""
+        return self.identified[0].fit, self.identified[-1].fit
 
 
 def diagnose(
@@ -191,9 +206,11 @@ def diagnose(
         Told the share of the work done and what is being done.
     """
     tell = progress or (lambda _share, _text: None)
-    d = _diagnosed(model, records, settings, tell)
+    d = _diagnosed(model, records, settings, lambda share, text: tell(0.9 * share, text))
+    tell(0.9, "finding the numbers of the model")
+    d = _with_numbers(_with_charge(d, max(r.charge_sd for r in records)), model, records)
     tell(1.0, "done")
-    return _with_charge(d, max(r.charge_sd for r in records))
+    return d
 
 
 def _diagnosed(model: StringModel, records: Sequence[Record], settings: Settings | None, tell: Progress) -> Diagnosis:
@@ -210,7 +227,7 @@ def _diagnosed(model: StringModel, records: Sequence[Record], settings: Settings
         by_voltage = judged(other)
         if _only_voltage(by_voltage):
             other.physical = found.rounds
-            return _with_doubt(replace(by_voltage, sentence=f"{by_voltage.sentence} {INPUT_ONLY}"))
+            return _with_doubt(replace(by_voltage, more=f"{by_voltage.more} {INPUT_ONLY}"))
     open_rows = found.hopeless or (found.left_open > 0.0 and first.verdict == "adequate")
     if open_rows or not needs_second(found) or (model.cells > 1 and not _doubtful(first)):
         return _with_doubt(first)
@@ -218,6 +235,16 @@ def _diagnosed(model: StringModel, records: Sequence[Record], settings: Settings
     if model.cells > 1 and second.verdict == "missing_effect":
         return replace(first, unknown_remains=True, second=second, alarms=second.alarms)
     return judged_again(first, second)
+
+
+def _with_numbers(d: Diagnosis, model: StringModel, records: Sequence[Record]) -> Diagnosis:
+    """State errors and numbers as every command does: of the model as it is, and with the selected effects."""
+    found = [identify(model, records)]
+    if d.selected:
+        found.append(identify(starting_with(d.with_selected, model), records))
+    selected = tuple(replace(s, parameters=numbers(found[-1].fit, s.candidate)) for s in d.selected)
+    before, after = errors(found[0].fit), errors(found[-1].fit)
+    return replace(d, identified=tuple(found), selected=selected, baseline=before, after=after)
 
 
 def _rows_are_open(found: Search, records: Sequence[Record]) -> bool:
@@ -266,20 +293,10 @@ def judged(found: Search) -> Diagnosis:
     rows = ROWS_OPEN.format(found.left_open) if found.left_open else ""
     looks = tuple(dict.fromkeys(t.candidate.name for r in found.rounds[:1] for t in r[:3] if t.log_odds > 3.0))
     if verdict == "unknown_effect":
-        text = something_unknown(base, looks) + rows
-        return Diagnosis(verdict, True, text, (), looks, ranking, base, base, found)
-    text = nothing_missing(base) if verdict == "adequate" else missing(selected, base, final, remains=remains)
-    return Diagnosis(
-        verdict,
-        remains,
-        text + rows,
-        selected,
-        (),
-        ranking,
-        base,
-        final,
-        found,
-    )
+        said = partial(something_unknown, looks=looks)
+        return Diagnosis(verdict, True, said, (), looks, ranking, base, base, found, more=rows)
+    told = nothing_missing if verdict == "adequate" else partial(missing, selected=selected, remains=remains)
+    return Diagnosis(verdict, remains, told, selected, (), ranking, base, final, found, more=rows)
 
 
 def _with_doubt(d: Diagnosis) -> Diagnosis:
@@ -291,14 +308,14 @@ def _with_doubt(d: Diagnosis) -> Diagnosis:
     if not d.selected:
         return d
     if odd := tuple(o.says for o in odd_fitted(d.search.final)):
-        d = replace(d, sentence=f"{d.sentence} {' '.join(odd)}", alarms=odd)
+        d = replace(d, more=f"{d.more} {' '.join(odd)}", alarms=odd)
     moved, half_width = core_moved(d.search.baseline, d.search.final)
     if moved > half_width:
         return d
     doubt = (
         f"With what is named the core moves by {moved:.2g} K, less than the ± {half_width:.2g} K to which it is known."
     )
-    return replace(d, sentence=f"{d.sentence} The core is not known better by it: {doubt}", alarms=(*d.alarms, doubt))
+    return replace(d, more=f"{d.more} The core is not known better by it: {doubt}", alarms=(*d.alarms, doubt))
 
 
 def _with_charge(d: Diagnosis, sd: float) -> Diagnosis:
@@ -311,7 +328,7 @@ def _with_charge(d: Diagnosis, sd: float) -> Diagnosis:
         f"{' and '.join(names)} {verb} by the SOC, whose level is known to ± {100.0 * sd:.0f} % only: "
         "record it, or name the cell in the model file ([cell] format)."
     )
-    return replace(d, sentence=f"{d.sentence} {doubt}")
+    return replace(d, more=f"{d.more} {doubt}")
 
 
 def _doubtful(d: Diagnosis) -> bool:
@@ -351,25 +368,27 @@ def judged_again(first: Diagnosis, second: SecondSearch) -> Diagnosis:
     if second.verdict == "unknown_effect":
         why = why_not(base.heldout_rmse_K, after.heldout_rmse_K)
         ranking = tuple(replace(r, refused=why) for r in ranking)
-        text = something_unknown(base, names)
+        more = ""
         if second.known_K is not None and second.known_K[1] < HALVED * second.known_K[0]:
-            text += (
+            more = (
                 f" It would explain held-out readings between trained ones (error {course(*second.known_K)}), but the "
                 "rest holds charge that no other reading covers: charge and discharge the cell once more, or add a "
                 "record at another rate."
             )
+        said = partial(something_unknown, looks=names)
         return Diagnosis(
-            "unknown_effect", True, text, (), names, ranking, base, base, first.search, second, second.alarms
+            "unknown_effect", True, said, (), names, ranking, base, base, first.search, second, second.alarms, more
         )
     # an effect that is probably another one is one of several
     doubtful = [s for s in selected if probable[s.candidate.key] < DECIDED]
     verdict: Verdict = "undecidable" if doubtful else "missing_effect"
-    text = missing(selected, base, after, remains=True, known_K=second.known_K) + predicted
+    more = predicted
     for s in doubtful:
-        text += f" {s.candidate.key} is one of several: its probability is {100.0 * probable[s.candidate.key]:.0f} %."
+        more += f" {s.candidate.key} is one of several: its probability is {100.0 * probable[s.candidate.key]:.0f} %."
     if not second.core_claimed:
-        text += f" The core is not known better by it: {' '.join(second.alarms)}"
-    return Diagnosis(verdict, True, text, selected, (), ranking, base, after, first.search, second, second.alarms)
+        more += f" The core is not known better by it: {' '.join(second.alarms)}"
+    told = partial(missing, selected=selected, remains=True, known_K=second.known_K)
+    return Diagnosis(verdict, True, told, selected, (), ranking, base, after, first.search, second, second.alarms, more)
 
 
 def errors(fit: MapFit) -> Errors:
@@ -381,7 +400,7 @@ def errors(fit: MapFit) -> Errors:
 
 def numbers(fit: MapFit, c: Candidate) -> dict[str, Number]:
     """Numbers of one effect of a fit in the units shown to people; sd by the delta method where it is a logarithm."""
-    sd = np.sqrt(np.diag(fit.covariance))
+    sd = np.sqrt(np.diag(posterior(fit)))
     found = {}
     for p in filter(c.is_free, c.effect.parameters):
         i = fit.problem.index(f"{c.key}.{p.name}")
@@ -418,7 +437,7 @@ def named(c: Candidate) -> str:
     return f"{c.name}{place}: {c.effect.title}"
 
 
-def nothing_missing(base: Errors) -> str:
+def nothing_missing(base: Errors, after: Errors) -> str:  # noqa: ARG001 - as of the other verdicts
     """Say that the model is adequate."""
     return (
         f"The model explains these readings: {base.heldout_rmse_K:.2g} K on held-out blocks, "
@@ -426,7 +445,7 @@ def nothing_missing(base: Errors) -> str:
     )
 
 
-def something_unknown(base: Errors, looks: Sequence[str]) -> str:
+def something_unknown(base: Errors, after: Errors, looks: Sequence[str]) -> str:  # noqa: ARG001 - as above
     """Say that an effect is missing which the catalogue does not contain; `looks` are similar effects."""
     like = f" It looks partly like {', '.join(looks)}, but that does not explain it." if looks else ""
     return (
@@ -436,10 +455,10 @@ def something_unknown(base: Errors, looks: Sequence[str]) -> str:
 
 
 def missing(
-    selected: Sequence[Selected],
     base: Errors,
     after: Errors,
     *,
+    selected: Sequence[Selected],
     remains: bool,
     known_K: tuple[float, float] | None = None,
 ) -> str:

@@ -43,17 +43,17 @@ def course(before: float, after: float, show: Callable[[float], str] = "{:.2g}".
 
 
 def why_not(before: float, after: float) -> str:
-    """Say why effects that do not explain the readings are refused, by what they do to the error.
+    """Say why effects that do not explain the readings are refused, by what they do to the error of the closest fits.
 
     Examples
     --------
     >>> why_not(0.4, 0.3)
-    'it explains a part only: the error falls from 0.4 to 0.3 K'
+    'it explains a part only: closely fitted, the error falls from 0.4 to 0.3 K'
     >>> why_not(0.4, 0.5)
-    'it makes it worse: the error rises from 0.4 to 0.5 K'
+    'it makes it worse: closely fitted, the error rises from 0.4 to 0.5 K'
     >>> why_not(0.4, 0.4)
-    'it changes nothing: the error stays at 0.4 K'
+    'it changes nothing: closely fitted, the error stays at 0.4 K'
     """
     what = "makes it worse" if rises(before, after) else "explains a part only"
     what = what if rises(before, after) or falls(before, after) else "changes nothing"
-    return f"it {what}: the error {course(before, after)}"
+    return f"it {what}: closely fitted, the error {course(before, after)}"

@@ -51,6 +51,9 @@ class ModelError:
         sd of current_offset: A, or this share of the peak, whichever is more. Shunts and Hall sensors stay within.
     rounds : int
         Number of rounds in which fit and discrepancy are adapted to each other.
+    numbers : float
+        Share of the floor with which the numbers of a model with effects are fitted. The floor guards the choice of
+        effects; once that is made, what the readings know of the numbers need not be thrown away with it.
     """
 
     floor: float = 0.4
@@ -66,6 +69,12 @@ class ModelError:
     current_offset: float = 0.5
     current_share: float = 0.01
     rounds: int = 3
+    numbers: float = 0.5
+
+    @property
+    def fine(self) -> "ModelError":
+        """Regime in which the numbers of a model with effects are fitted."""
+        return replace(self, floor=self.numbers * self.floor)
 
     def beliefs(self, records: Sequence[Measured]) -> dict[str, Belief]:
         """Priors in place of the catalogue's."""

@@ -42,7 +42,8 @@ class Standing:
     share : float
         Posterior probability; NaN where it was not weighed.
     heldout_rmse_K : float
-        With it; of what is named, with all of it; NaN where nothing was held out for it.
+        By the fits of the search, as all errors here: with it; of what is named, with all of it; NaN where nothing was
+        held out for it.
     error_K : float
         With it, on held-out readings, or on all where the second search decided, which holds nothing out.
     without_K : float
@@ -116,7 +117,7 @@ def _named(d: Diagnosis) -> Iterator[Standing]:
         less = without(d.search.final, key) if several else d.search.baseline
         odds = _odds(d, s.candidate, less) if several else s.log_odds
         share = next((t.share for t in passed if t.candidate.key == key), nan)
-        held = d.after.heldout_rmse_K
+        held = _held(d.search.final)
         yield Standing((key,), "named", odds, share, held, held, _held(less), s.parameters, s.tied_with, "")
 
 
@@ -167,7 +168,7 @@ def _named_by_second(d: Diagnosis, second: SecondSearch) -> Iterator[Standing]:
         less = fit_with(second, others) if others else second.baseline
         # even if the others alone are refused, their error is known
         bare = _over_all(d, without(second.best, key) if less is None else less)
-        held = d.after.heldout_rmse_K
+        held = second.held_K[1]
         share = second.probability.get(key, nan)
         yield Standing((key,), "named", s.log_odds, share, held, error, bare, s.parameters, s.tied_with, "")
 

@@ -118,7 +118,7 @@ def keeping(bench: Bench, fit: Fit, known: Posterior) -> Fit:
     H[np.ix_(found.at, found.at)] = np.linalg.inv(found.covariance) + across.T @ np.linalg.solve(
         H[np.ix_(rest, rest)], across
     )
-    return replace(new, map=replace(new.map, problem=old, theta=theta, H=H))
+    return replace(new, map=replace(new.map, problem=old, theta=theta, H=H, tempered=True))
 
 
 def _in_coordinates(problem: Problem, known: Posterior) -> Found:

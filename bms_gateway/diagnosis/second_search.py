@@ -58,9 +58,6 @@ class SecondSettings:
         Log-odds that every effect must earn over the best hypothesis without it: 3 is 20 to 1.
     digits : float
         Cost at which the fits of the best hypotheses end.
-    numbers : float
-        Share of the white floor with which the numbers of the chosen hypothesis are fitted. The floor guards the
-        choice; once that is made, what the readings know of the numbers need not be thrown away with it.
     explained : float
         Share of the misfit above the noise that the choice must explain.
     train, tail : float
@@ -79,7 +76,6 @@ class SecondSettings:
     again: int = 5
     gain: float = 3.0
     digits: float = 1e-3
-    numbers: float = 0.5
     explained: float = 0.5
     train: float = 0.6
     tail: float = 0.5
@@ -87,7 +83,7 @@ class SecondSettings:
     @property
     def fine(self) -> ModelError:
         """Regime in which the numbers of the chosen hypothesis are fitted."""
-        return replace(self.error, floor=self.numbers * self.error.floor)
+        return self.error.fine
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,13 +172,6 @@ class SecondSearch:
         """RMSE on the held-out blocks without and with the chosen effects."""
         before, after = (_error_held(f) for f in self.blocks)
         return before, after
-
-    def held_with(self, keys: Sequence[str]) -> float:
-        """RMSE on the held-out blocks, K, with these effects: those chosen, or of one of `hypotheses`."""
-        if sorted(keys) == sorted(c.candidate.key for c in self.chosen):
-            return self.held_K[1]
-        h = next(h for h in self.hypotheses if sorted(keys) == sorted(c.key for c in h.effects))
-        return _error_held(_blocks(Bench(h.fit.map.problem.records, self.settings.error), h.fit, self.records))
 
 
 def needs_second(first: Search) -> bool:

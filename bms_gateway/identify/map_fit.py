@@ -101,6 +101,10 @@ class MapFit:
     cost, log_evidence : float
     noise : Whitening or None
         In place of the white noise of rounded readings; `r` is then what it leaves.
+    steep : float
+        As `curvature` gives it.
+    tempered : bool
+        Whether H allows for what is not white in the residual already.
     """
 
     problem: Problem
@@ -115,6 +119,7 @@ class MapFit:
     log_evidence: float
     noise: Whitening | None = None
     steep: float = 1.0
+    tempered: bool = False
 
     @property
     def covariance(self) -> Floats:

@@ -231,7 +231,7 @@ def fit(model: StringModel, records: Records, *, calibrate: bool = False) -> Fit
     found = identify(model, some, core=calibrate)
     # earlier statements about effects stay, unless a thermocouple in the core has been used since
     said = model.doubts if model.effects and not calibrate else ()
-    same = None if calibrate or model.effects else found
+    same = None if calibrate else found
     written, core = judged_model(found.fit, model, some, said, calibrated=calibrate, identified=same)
     report = FitReport(
         "",
@@ -239,9 +239,8 @@ def fit(model: StringModel, records: Records, *, calibrate: bool = False) -> Fit
         calibrate,
         changes(found.fit),
         absorbed(found.fit).combinations,
-        channel_errors(found.stated),
-        errors(found.stated),
-        errors(found.closest),
+        channel_errors(found.fit),
+        errors(found.fit),
         found.model_error_K,
         findings,
         notes,

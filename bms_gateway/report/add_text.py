@@ -14,7 +14,7 @@ from bms_gateway.diagnosis.core_known import KnownCore
 from bms_gateway.diagnosis.diagnosis import Errors
 from bms_gateway.diagnosis.error_words import course
 from bms_gateway.report.core_text import NOT_PROVEN, core_document, core_text
-from bms_gateway.report.diagnosis_text import finite, told_aside, warned
+from bms_gateway.report.diagnosis_text import errors_document, finite, told_aside, warned
 from bms_gateway.report.fit_text import change_document, changes_table
 from bms_gateway.report.show import number, text_table
 from bms_gateway.report.words import labelled
@@ -52,9 +52,6 @@ class AddReport:
     refused, remark : str
     log_odds : float
     before, after : Side
-    blocks_K : tuple of float, or None
-        Error on held-out blocks before and after, by fits without these blocks; given if the fits shown used all
-        readings.
     changes : tuple of Change
     sources : tuple of str
     findings, notes : tuple of (source, …)
@@ -69,7 +66,6 @@ class AddReport:
     log_odds: float
     before: Side
     after: Side
-    blocks_K: tuple[float, float] | None
     changes: tuple[Change, ...]
     sources: tuple[str, ...]
     findings: tuple[tuple[str, Finding], ...]
@@ -78,7 +74,7 @@ class AddReport:
     @property
     def held_K(self) -> tuple[float, float]:
         """Error before and after where nothing was fitted."""
-        return self.blocks_K or (self.before.errors.heldout_rmse_K, self.after.errors.heldout_rmse_K)
+        return self.before.errors.heldout_rmse_K, self.after.errors.heldout_rmse_K
 
     @property
     def tag(self) -> str:
@@ -104,8 +100,8 @@ def add_document(r: AddReport) -> dict[str, Any]:
         "model": r.out if r.written else None,
         "effects": [{"effect": c.name, "cell": c.cell} for c in r.added],
         "evidence": finite(r.log_odds),
-        "before": _errors_document(r.before.errors, r.held_K[0]),
-        "after": _errors_document(r.after.errors, r.held_K[1]),
+        "before": errors_document(r.before.errors),
+        "after": errors_document(r.after.errors),
         "noise_floor_K": finite(r.before.errors.noise_floor_K),
         "sensors": [
             {
@@ -133,10 +129,6 @@ def add_document(r: AddReport) -> dict[str, Any]:
         "checks": [{"table": s, "kind": f.kind, "severity": f.severity, "sentence": f.sentence} for s, f in r.findings],
         "notes": [{"table": s, "note": text} for s, text in r.notes],
     }
-
-
-def _errors_document(e: Errors, held_K: float) -> dict[str, Any]:
-    return {"train_rmse_K": finite(e.train_rmse_K), "heldout_rmse_K": finite(held_K)}
 
 
 def _measured_core(c: CoreCheck) -> dict[str, Any]:
@@ -167,7 +159,7 @@ def headline(r: AddReport) -> str:
     """Say in a sentence what the addition does to the error."""
     where = "held-out error"
     before, after = r.held_K
-    if np.isnan(after):  # all readings were fitted
+    if np.isnan(after):  # nothing was held out
         where, before, after = "error", r.before.errors.train_rmse_K, r.after.errors.train_rmse_K
     return (
         f"With {r.names} the {where} {course(before, after, lambda x: number(x, 3))}; "

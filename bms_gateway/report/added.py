@@ -9,7 +9,6 @@ from bms_gateway.diagnosis.compare import core_checks
 from bms_gateway.diagnosis.core_known import KnownCore
 from bms_gateway.diagnosis.diagnosis import errors
 from bms_gateway.diagnosis.record import Record
-from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.report.add_text import AddReport, Side
 from bms_gateway.report.core_text import NOT_PROVEN
 
@@ -36,7 +35,7 @@ def added_report(
     force : bool
         Whether it is written in any case.
     """
-    before, after = (_side(records, *side) for side in zip(addition.seen, addition.core, strict=True))
+    before, after = (_side(records, core) for core in addition.core)
     return AddReport(
         out,
         addition.added,
@@ -47,8 +46,7 @@ def added_report(
         addition.log_odds,
         before,
         after,
-        addition.held_K,
-        changes(addition.after),
+        changes(addition.fits[1]),
         tuple(m.source for m in addition.after.problem.records),
         findings,
         notes,
@@ -63,5 +61,6 @@ def heading(report: AddReport, words: Sequence[str]) -> str:
     return text if report.after.core.proven else f"{text}\n{NOT_PROVEN}: see [posterior]"
 
 
-def _side(records: Sequence[Record], fit: MapFit, core: KnownCore) -> Side:
+def _side(records: Sequence[Record], core: KnownCore) -> Side:
+    fit = core.identified.fit
     return Side(errors(fit), channel_errors(fit), core, core_checks(records, fit, core.bands))

@@ -5,13 +5,15 @@ from typing import Any
 
 import numpy as np
 
+from bms_gateway.diagnosis.calibrate import Identified, changes
 from bms_gateway.diagnosis.checks import Finding
 from bms_gateway.diagnosis.compare import Comparison, CoreCheck, Variant
 from bms_gateway.diagnosis.core_band import CoreBand, half_width_K, typical_K
 from bms_gateway.diagnosis.misfit import Level
 from bms_gateway.diagnosis.regimes import Regime
 from bms_gateway.report.core_text import core_document, core_text
-from bms_gateway.report.diagnosis_text import finite, told_aside, warned
+from bms_gateway.report.diagnosis_text import LEFT, closer_numbers, finite, told_aside, warned
+from bms_gateway.report.fit_text import change_document
 from bms_gateway.report.show import number, text_table
 
 TITLES: Mapping[str, str] = {
@@ -30,6 +32,8 @@ def comparison_document(
         "tables": list(c.sources),
         "filed": _variant(c.filed),
         "refitted": _variant(c.refitted),
+        "closest": _variant(c.closest) if c.closest else None,
+        "parameters": [change_document(x) for x in changes(c.refitted.fit)],
         "core": core_document(c.core),
         "checks": [{"table": s, "kind": f.kind, "severity": f.severity, "sentence": f.sentence} for s, f in findings],
         "notes": [{"table": s, "note": text} for s, text in notes],
@@ -124,22 +128,32 @@ def comparison_text(c: Comparison, findings: Sequence[tuple[str, Finding]], note
     """Write a comparison for people: what was found, per sensor, per regime, and the cores."""
     several = len(c.sources) > 1
     parts = [*warned(findings, several), *(_variant_text(v, several) for v in (c.filed, c.refitted))]
+    parts += [_closest_text(c.closest, c.core.identified)] if c.closest else []
     parts.append(core_text(c.core))
     parts += told_aside(findings, notes, several)
     return "\n\n".join(parts)
 
 
 def _variant_text(v: Variant, several: bool) -> str:
-    parts = [TITLES[v.name] + ".", *v.findings, "", _sensors(v)]
+    parts = [TITLES[v.name] + ".", *_where(v), "", _cores(v.cores, several)]
+    if v.core_checks:
+        parts += ["", _measured_cores(v.core_checks, several)]
+    return "\n".join(parts)
+
+
+def _closest_text(v: Variant, found: Identified) -> str:
+    return "\n".join([f"{closer_numbers(found)} {LEFT}", *_where(v)])
+
+
+def _where(v: Variant) -> list[str]:
+    """Write at which sensor, when and in which regime a model fails."""
+    parts = [*v.findings, "", _sensors(v)]
     regimes = [r for r in v.explained if r[1] >= LEAST_SHARE]
     if regimes:
         titles = {r.feature: r.title for s in v.sensors for r in s.regimes}
         rows = [[titles.get(feature, feature), f"{100 * share:.0f} %"] for feature, share in regimes]
         parts += ["", text_table(["the error above the noise follows", "share"], rows)]
-    parts += ["", _cores(v.cores, several)]
-    if v.core_checks:
-        parts += ["", _measured_cores(v.core_checks, several)]
-    return "\n".join(parts)
+    return parts
 
 
 def _sensors(v: Variant) -> str:

@@ -6,10 +6,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from bms_gateway.diagnosis.calibrate import Identified
 from bms_gateway.diagnosis.checks import Finding
 from bms_gateway.diagnosis.core_known import KnownCore
 from bms_gateway.diagnosis.curve import Curve
-from bms_gateway.diagnosis.diagnosis import Diagnosis, Errors, Number, Selected
+from bms_gateway.diagnosis.diagnosis import Diagnosis, Errors, Number, Selected, errors
 from bms_gateway.diagnosis.ranking import Standing
 from bms_gateway.report.core_text import core_document, core_text
 from bms_gateway.report.show import number, text_table
@@ -71,15 +72,9 @@ def diagnosis_document(told: Told) -> dict[str, Any]:
         "unknown_remains": bool(d and d.unknown_remains),
         "selected": [{"effect": s.candidate.name, "cell": s.candidate.cell} for s in d.selected] if d else [],
         "ranking": [_ranked(r) for r in told.ranking if len(r.effects) == 1],
-        "baseline": {
-            "train_rmse_K": finite(d.baseline.train_rmse_K) if d else None,
-            "heldout_rmse_K": finite(d.baseline.heldout_rmse_K) if d else None,
-            "noise_floor_K": finite(d.baseline.noise_floor_K) if d else None,
-        },
-        "after": {
-            "train_rmse_K": finite(d.after.train_rmse_K) if d else None,
-            "heldout_rmse_K": finite(d.after.heldout_rmse_K) if d else None,
-        },
+        "baseline": errors_document(d.baseline if d else None)
+        | {"noise_floor_K": finite(d.baseline.noise_floor_K) if d else None},
+        "after": errors_document(d.after if d else None),
         "absorbed": list(told.absorbed),
         "next_experiment": told.next_experiment,
         "core": core_document(told.core, told.sentence),
@@ -146,6 +141,13 @@ def _curve(c: Curve) -> dict[str, Any]:
     }
 
 
+def errors_document(e: Errors | None) -> dict[str, Any]:
+    """Return the errors of a model as documents hold them."""
+    if e is None:
+        return {"train_rmse_K": None, "heldout_rmse_K": None}
+    return {"train_rmse_K": finite(e.train_rmse_K), "heldout_rmse_K": finite(e.heldout_rmse_K)}
+
+
 def _structure(e: Errors) -> dict[str, Any]:
     return {"size_sigma": finite(e.structure.size), "z": finite(e.structure.z)}
 
@@ -172,6 +174,7 @@ def diagnosis_text(told: Told) -> str:
         if told.ranking:
             parts.append(_ranking(told.ranking, second=d.decided_by_second))
         parts.append(_errors(d))
+        parts += [text for x in d.identified[:1] if (text := closer_numbers(x))]
         # with one effect, the sentence has named it already
         tied = {x.candidate.name: x.tied_with for x in d.selected if x.tied_with and len(d.selected) > 1}
         parts += [
@@ -261,6 +264,8 @@ def placed(effect: str, cell: int | None) -> str:
     return effect if cell is None else f"{effect}:{cell}"
 
 
+CLOSEST = "errors are those of the search, the closest that each model comes to the readings"
+"""What the errors of a ranking are: effects are weighed by them, and a model that is stated has its own."""
 ROLES = {"named": "named", "tied": "or", "next": "next", "instead": "instead", "": ""}
 """Of effects in a ranking, for people."""
 
@@ -269,13 +274,14 @@ def meaning(ranked: Sequence[Standing], *, second: bool) -> str:
     """Explain the columns of a ranking, according to its content."""
     roles = {r.role for r in ranked}
     if "named" not in roles:
-        return "log-odds: against nothing missing; 3 (20 to 1) are needed"
+        return f"log-odds: against nothing missing; 3 (20 to 1) are needed; {CLOSEST}"
     against = "what is named" if second else "nothing missing"
     said = [
         "named: log-odds against leaving it out, and the error of a refit without it",
         *(["or: cannot be told from what is named"] if "tied" in roles else []),
         *(["next: one more beside what is named"] if "next" in roles else []),
         *([f"instead: in place of what is named, log-odds against {against}"] if "instead" in roles else []),
+        CLOSEST,
     ]
     return "; ".join(said)
 
@@ -323,6 +329,25 @@ def _errors(d: Diagnosis) -> str:
         rows.append(_error_row("with what is missing", d.after))
     rows.append(["noise alone", *[number(d.baseline.noise_floor_K, 3)] * 2, "0", ""])
     return text_table(["error", "fitted K", "held-out K", "structured (noise = 1)", "z"], rows)
+
+
+LEFT = "What even these leave, the model lacks:"
+"""Before what the closest numbers of a model leave of its error."""
+
+
+def closer_numbers(found: Identified) -> str:
+    """Say how near a model can come to the surfaces by numbers that are not believed; empty where that is no nearer.
+
+    A search weighs effects by such numbers; the parameters that are shown and written are never these.
+    """
+    if not found.comes_closer:
+        return ""
+    closest = errors(found.closest)
+    held = "" if math.isnan(closest.heldout_rmse_K) else f" ({closest.heldout_rmse_K:.3g} K on held-out blocks)"
+    return (
+        f"Other numbers of the same model follow the surfaces to {closest.train_rmse_K:.3g} K{held}, but "
+        "lie farther from what was known than a model with such an error can prove. They are not believed."
+    )
 
 
 def _error_row(name: str, e: Errors) -> list[str]:

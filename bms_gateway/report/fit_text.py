@@ -13,7 +13,7 @@ from bms_gateway.diagnosis.detect import Combination
 from bms_gateway.diagnosis.diagnosis import Errors
 from bms_gateway.identify.contract import FIXED
 from bms_gateway.report.core_text import core_document, core_text
-from bms_gateway.report.diagnosis_text import finite, told_aside, warned, with_sd
+from bms_gateway.report.diagnosis_text import closer_numbers, finite, told_aside, warned, with_sd
 from bms_gateway.report.show import number, text_table
 
 HOLDS = 1.2
@@ -36,8 +36,6 @@ class FitReport:
     channels : tuple of ChannelError
     errors : Errors
         Over all thermocouples.
-    closest : Errors
-        Errors with the numbers that fit the surfaces best, plausible or not.
     model_error_K : float
         Model error; 0 if the model explains the readings.
     findings, notes : tuple of (source, …)
@@ -52,7 +50,6 @@ class FitReport:
     products: tuple[Combination, ...]
     channels: tuple[ChannelError, ...]
     errors: Errors
-    closest: Errors
     model_error_K: float
     findings: tuple[tuple[str, Finding], ...]
     notes: tuple[tuple[str, str], ...]
@@ -115,11 +112,8 @@ def fit_text(r: FitReport) -> str:
             f"The model was given an error of its own, {r.model_error_K:.2g} K over minutes: its numbers and their sd "
             "allow for what it lacks, as far as a surface can tell."
         )
-    if r.errors.train_rmse_K > HOLDS * r.closest.train_rmse_K:
-        parts.append(
-            f"Other numbers follow the surfaces to {r.closest.train_rmse_K:.3g} K, but lie farther from what was known "
-            "than a model with such an error can prove. They are not believed."
-        )
+    if closer := closer_numbers(r.core.identified):
+        parts.append(closer)
     if all(c.status == FIXED or c.status.startswith(UNIDENTIFIABLE) for c in r.changes):
         parts.append("These readings teach nothing: no number is known better than before.")
     if r.products:

@@ -21,7 +21,7 @@ from bms_gateway.diagnosis.latent import Latent
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.report.add_text import AddReport, headline
 from bms_gateway.report.core_text import core_sentence, outside, thermocouple_sentence
-from bms_gateway.report.diagnosis_text import Told
+from bms_gateway.report.diagnosis_text import LEFT, Told, closer_numbers
 from bms_gateway.report.html_correlation import correlation_table
 from bms_gateway.report.html_evidence import evidence, missing_heat, summary
 from bms_gateway.report.html_ranking import detectability_table, experiment_table, ranking_table
@@ -102,6 +102,7 @@ def write_comparison(path: Path, comparison: Comparison, aside: Aside) -> None:
         items(filed.findings),
         "<h3>Refitted to these data</h3>",
         items(now.findings),
+        closest_html(comparison),
     ]
     sections = [
         section("where", "Where, when and in which regime it fails", *said),
@@ -184,8 +185,8 @@ def write_diagnosis(
         models = [shown(step, before, bands[0])]
         if d.selected:
             models.append(shown(with_added(named_all(s.candidate.key for s in d.selected)), after, bands[1]))
-        head += summary(models, blocks=(d.baseline.heldout_rmse_K, d.after.heldout_rmse_K))
-        where = items(comparison.refitted.findings) if comparison else ""
+        head += summary(models)
+        where = items(comparison.refitted.findings) + closest_html(comparison) if comparison else ""
         tied = [t for s in d.selected for t in s.tied_with]
         sections = [
             section("missing", "What is missing", _effects([s.candidate for s in d.selected], tied)),
@@ -241,25 +242,31 @@ def write_addition(
     """
     aside = Aside(report.sources, report.findings, report.notes, command, remains)
     names = (step, with_added(named_all(c.key for c in addition.added)))
-    models = [
-        shown(name, seen, core.bands) for name, seen, core in zip(names, addition.seen, addition.core, strict=True)
-    ]
+    models = [shown(name, c.identified.fit, c.bands) for name, c in zip(names, addition.core, strict=True)]
     kind = "added" if report.written and not report.forced and report.after.core.proven else "refused"
     against = [in_words(f"{'Added by force, though' if report.forced else 'Not added'}: {report.refused}.")]
     sections = [
         section("missing", "What was added" if report.written else "What was tried", _effects(addition.added, ())),
         *evidence(models, report.after.checks),
         section("errors", "Errors before and after", errors_table(models)),
-        section("parameters", f"Parameters, {models[-1].name}", parameters_table(addition.after)),
-        section("correlations", "Correlation of the parameters", correlation_table(addition.after)),
+        section("parameters", f"Parameters, {models[-1].name}", parameters_table(models[-1].fit)),
+        section("correlations", "Correlation of the parameters", correlation_table(models[-1].fit)),
         *aside.sections,
     ]
     sentence = escape(in_words(headline(report)))
     head = f'<p><span class="tag {kind}">{escape(report.tag)}</span></p><p class="verdict">{sentence}</p>'
     head += core_html(report.after.core, report.after.checks)
     head += items([*(against if report.refused else []), *([in_words(report.remark)] if report.remark else [])])
-    head += aside.doubts + summary(models, addition.after, blocks=report.blocks_K)
+    head += aside.doubts + summary(models)
     write_page(path, "Model with an effect added", head, sections)
+
+
+def closest_html(comparison: Comparison) -> str:
+    """Say what even the closest numbers of a model leave of its error; empty where there are no closer ones."""
+    v = comparison.closest
+    if v is None:
+        return ""
+    return paragraph(f"{closer_numbers(comparison.core.identified)} {LEFT}") + items(v.findings)
 
 
 def core_html(core: KnownCore | None, checks: Sequence[CoreCheck] = ()) -> str:

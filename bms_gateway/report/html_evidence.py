@@ -31,18 +31,15 @@ KEY = (
 """What the legends of the overlays do not say."""
 
 
-def summary(models: Sequence[Shown], numbers: MapFit | None = None, blocks: tuple[float, float] | None = None) -> str:
+def summary(models: Sequence[Shown]) -> str:
     """Make four cards: errors against the noise, fitted and held out; the core; what is not identifiable.
 
     Parameters
     ----------
     models : sequence of Shown
-    numbers : MapFit, optional
-        Whose numbers are told; the last model's where left out.
-    blocks : tuple of float, optional
-        Errors on held-out blocks by fits without them, K: where the models shown were fitted to all readings.
+        The last one's numbers are told.
     """
-    last_fit = numbers or models[-1].fit
+    last_fit = models[-1].fit
     levels = [m.levels for m in models]
     fitted, held = levels[-1]
     line = f"noise alone {amount(fitted.floor_K)} K; {amount(fitted.ratio, 2)} × the noise"
@@ -50,9 +47,6 @@ def summary(models: Sequence[Shown], numbers: MapFit | None = None, blocks: tupl
     if held.readings:
         line = f"noise alone {amount(held.floor_K)} K; {amount(held.ratio, 2)} × the noise"
         found.append(Card("Error on held-out blocks", _arrow([number(x.rmse_K, 3) for _, x in levels]), line))
-    elif blocks:
-        line = "from fits without these blocks"
-        found.append(Card("Error on held-out blocks", _arrow([number(x, 3) for x in blocks[: len(models)]]), line))
     half = [m.worst_core for m in models]
     found.append(
         Card("Core, 95 % band", "±" + _arrow([number(h) for h, _ in half]), f"cell {half[-1][1]}, known least")

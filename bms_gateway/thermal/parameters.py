@@ -194,17 +194,25 @@ class AddedEffect:
     values : mapping of parameter to number, SI
     sd : mapping of parameter to number
         Standard deviation: SI, or of the logarithm for a parameter that is fitted in it; 0 means fixed.
+    start : mapping of parameter to number, SI, or None
+        Where every fit of these numbers starts; None if it starts from `values`.
     """
 
     name: str
     cell: int | None = None
     values: Mapping[str, float] = field(default_factory=dict)
     sd: Mapping[str, float] = field(default_factory=dict)
+    start: Mapping[str, float] | None = None
 
     @property
     def key(self) -> str:
         """The effect's name in model files and results: `name`, or `name:cell` where it sits on one cell."""
         return self.name if self.cell is None else f"{self.name}:{self.cell}"
+
+    @property
+    def unfitted(self) -> "AddedEffect":
+        """The effect with the numbers from which every fit starts."""
+        return self if self.start is None else replace(self, values=self.start, start=None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -347,7 +355,9 @@ class StringModel:
         """The string as it was known before any data: every fit starts here, so that no data count twice."""
         if self.before is None:
             return self
-        return replace(self, priors=self.before, before=None, correlation=None, commissioning=None, posterior=None)
+        effects = tuple(e.unfitted for e in self.effects)
+        known = replace(self, priors=self.before, before=None, effects=effects)
+        return replace(known, correlation=None, commissioning=None, posterior=None)
 
     @property
     def has_conduction(self) -> bool:

@@ -1,7 +1,8 @@
 """An addition while it is being fitted: errors and curves after every step of Gauss and Newton, for the eye.
 
-By the search's own functions, from the search's own baseline, one effect at its most promising place; what is kept in
-the end, and whether it may be, is `add_effects`' to say.
+By the search's own functions, from the search's own baseline, one effect at its most promising place: each model as
+close to the readings as it comes. What is kept in the end, whether it may be, and its numbers are `add_effects`' to
+say.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -12,7 +13,7 @@ import numpy as np
 
 from bms_gateway.diagnosis.adding import Wanted
 from bms_gateway.diagnosis.candidates import candidates
-from bms_gateway.diagnosis.core_band import UNPROVEN, CoreBand, core_bands, half_width_K
+from bms_gateway.diagnosis.core_band import UNPROVEN, core_bands, half_width_K
 from bms_gateway.diagnosis.core_known import known_core
 from bms_gateway.diagnosis.diagnosis import Diagnosis, errors
 from bms_gateway.diagnosis.misfit import nearest, sensors
@@ -62,7 +63,10 @@ def approach(
     """
     start = model.unfitted
     base = known.search.baseline if known else fitted(Problem(start, [measured(r, start) for r in records]))
-    before = _stair(base, known_core(model, records, rounds=known.search.asked if known else None).bands)
+    core = known_core(
+        model, records, known.identified[0] if known else None, rounds=known.search.asked if known else None
+    )
+    before = stair(errors(core.identified.fit), float(core.half_width_K.max()))
     show({"before": before, "after": before, "curves": preview(base, POINTS)})
     fit, shown, drawn_s = base, base.cost, monotonic()
     told, last = before, base
@@ -98,8 +102,7 @@ def _steps(parent: MapFit, w: Wanted) -> Iterator[MapFit]:
         yield fit
 
 
-def _stair(fit: MapFit, bands: Sequence[CoreBand] = ()) -> dict[str, Any]:
-    e, n = errors(fit), fit.problem.model.cells
+def _stair(fit: MapFit) -> dict[str, Any]:
     # on the way nothing is proven
-    half = half_width_K(bands or core_bands(fit, nearest(sensors(fit), n), share=UNPROVEN))
-    return stair(e.train_rmse_K, e.heldout_rmse_K, e.noise_floor_K, float(half.max()))
+    half = half_width_K(core_bands(fit, nearest(sensors(fit), fit.problem.model.cells), share=UNPROVEN))
+    return stair(errors(fit), float(half.max()))

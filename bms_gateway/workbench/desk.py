@@ -440,9 +440,7 @@ class Desk:
             self._to_resume.abandon()
             return
         self._refusal = None
-        if len(self._frames) == 1:  # measured by the same yardstick as what is added to it
-            self._frames[0].stair = done["before"]
-        frame = Frame(text, with_added(done["names"]), done["words"], done["forced"], done["after"], done)
+        frame = Frame(text, with_added(done["names"]), done["words"], done["forced"], done)
         frame.diagnosed = self._to_resume.diagnosed(len(self._frames))
         self._frames.append(frame)
         self.compare()

@@ -12,14 +12,14 @@ from bms_gateway.diagnosis.checks import Finding
 from bms_gateway.diagnosis.compare import Comparison, CoreCheck, Variant
 from bms_gateway.diagnosis.core_band import half_width_K
 from bms_gateway.diagnosis.core_known import KnownCore
-from bms_gateway.diagnosis.diagnosis import Diagnosis
+from bms_gateway.diagnosis.diagnosis import Diagnosis, Errors, errors
 from bms_gateway.diagnosis.ranking import Standing
 from bms_gateway.diagnosis.record import Record
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.report.add_text import AddReport, headline
 from bms_gateway.report.core_text import core_document, core_sentence, outside, thermocouple_sentence
 from bms_gateway.report.diagnosis_text import Told, finite, number_lines, reach
-from bms_gateway.report.html import VERDICTS
+from bms_gateway.report.html import VERDICTS, closest_html
 from bms_gateway.report.html_correlation import correlation_table
 from bms_gateway.report.html_evidence import summary
 from bms_gateway.report.html_ranking import GROUPS, NAMED_AT, against
@@ -83,7 +83,7 @@ def compared(c: Comparison, name: str) -> Document:
     steps = [(FILED, c.filed), (name, c.refitted)] if name == REFITTED else [(name, c.refitted)]
     models = [Shown.of(*s) for s in steps]
     return {
-        "variants": {name: _variant(name, v) for name, v in steps},
+        "variants": {name: _variant(name, v, closest_html(c) if v is c.refitted else "") for name, v in steps},
         "errors": errors_table(models),
         "core": told_core(c.core),
         "parameters": parameters_table(c.refitted.fit),
@@ -99,7 +99,7 @@ def told_core(core: KnownCore | None, otherwise: str = "") -> Document:
     return {**told, "why": why, "sentence": core_sentence(core) if core else ""}
 
 
-def _variant(name: str, v: Variant) -> Document:
+def _variant(name: str, v: Variant, closest: str) -> Document:
     shown = Shown.of(name, v)
     half = half_width_K(v.cores)
     hottest, centre = (
@@ -126,8 +126,9 @@ def _variant(name: str, v: Variant) -> Document:
         "findings": [in_words(t) for t in v.findings],
         "cards": summary([shown]),
         "regimes": heat_map([shown]),
+        "closest": closest,
         "cells": cells,
-        "stair": stair(v.trained.rmse_K, v.held.rmse_K, v.trained.floor_K, float(half.max())),
+        "stair": stair(errors(v.fit), float(half.max())),
         "core_measured": [thermocouple(x) for x in v.core_checks],
         "known": known(v.fit) if name != FILED else None,  # nothing was learnt of a model that was not fitted
     }
@@ -138,12 +139,12 @@ def thermocouple(check: CoreCheck) -> Document:
     return {"cell": check.cell, "sentence": thermocouple_sentence(check), "alarm": outside(check)}
 
 
-def stair(trained_K: float, held_K: float, floor_K: float, core_K: float) -> Document:
+def stair(e: Errors, core_K: float) -> Document:
     """Give one step of the staircase: errors and half width of the least certain core, K."""
     return {
-        "trained_K": finite(trained_K),
-        "held_K": finite(held_K),
-        "floor_K": finite(floor_K),
+        "trained_K": finite(e.train_rmse_K),
+        "held_K": finite(e.heldout_rmse_K),
+        "floor_K": finite(e.noise_floor_K),
         "core_K": finite(core_K),
     }
 
@@ -164,7 +165,7 @@ def diagnosed(told: Told) -> tuple[Document, dict[str, Document]]:
         "needs": reach(NAMED_AT, top),
         "groups": GROUPS,
         "against": against(second=bool(d and d.decided_by_second)),
-        "error": "error" if d and d.decided_by_second else "held-out error",
+        "error": f"closest {'error' if d and d.decided_by_second else 'held-out error'}",
         "ranking": [_standing(r, top, r.name in fits) for r in told.ranking],
         "absorbed": [in_words(t) for t in told.absorbed],
         "core": told_core(told.core, told.sentence),
@@ -215,12 +216,11 @@ def _fits(d: Diagnosis, ranking: Sequence[Standing]) -> dict[str, MapFit]:
     found: dict[str, MapFit] = {}
     for r in ranking:
         fit: MapFit | None
-        if d.second is not None and d.decided_by_second:
-            keys = chosen if r.role == "named" else [*chosen, *r.effects] if r.role == "next" else list(r.effects)
-            fit = fit_with(d.second, keys)
+        if r.role == "named":
+            fit = d.fits[1]
+        elif d.second is not None and d.decided_by_second:
+            fit = fit_with(d.second, [*chosen, *r.effects] if r.role == "next" else list(r.effects))
             fit = None if fit is None else seen_on(fit, all_used(ready))
-        elif r.role == "named":
-            fit = d.search.final
         else:
             fit = (last if r.role == "next" else first).get(r.name)
         if fit is not None:
@@ -230,11 +230,7 @@ def _fits(d: Diagnosis, ranking: Sequence[Standing]) -> dict[str, MapFit]:
 
 def added(report: AddReport, addition: Addition, words: Sequence[str]) -> Document:
     """Tell what an addition did to the errors, or why it may not stay."""
-    floor = report.before.errors.noise_floor_K
-    steps = [
-        stair(side.errors.train_rmse_K, held, floor, float(side.core.half_width_K.max()))
-        for side, held in zip((report.before, report.after), report.held_K, strict=True)
-    ]
+    steps = [stair(side.errors, float(side.core.half_width_K.max())) for side in (report.before, report.after)]
     return {
         "words": list(words),
         "names": named_all(c.key for c in report.added),
@@ -247,8 +243,7 @@ def added(report: AddReport, addition: Addition, words: Sequence[str]) -> Docume
         "headline": in_words(headline(report)),
         "before": steps[0],
         "after": steps[1],
-        "tail": report.blocks_K is not None,
-        "parameters": parameters_table(addition.after),
+        "parameters": parameters_table(addition.fits[1]),
         "core_measured": [
             {**thermocouple(a), "before_K": finite(b.rmse_K), "after_K": finite(a.rmse_K)}
             for b, a in zip(report.before.checks, report.after.checks, strict=True)

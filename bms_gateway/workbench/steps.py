@@ -31,8 +31,6 @@ class Frame:
         Name of the step.
     words : list of str
         Effects added to the frame before, as `add` takes them.
-    stair : dict
-        Errors, K.
     drawn : dict
         What it draws into the figures, by the name of the step; the first frame draws two steps.
     """
@@ -41,7 +39,6 @@ class Frame:
     label: str
     words: list[str] = field(default_factory=list)
     forced: bool = False
-    stair: Document | None = None
     told: Document | None = None
     compared: Document | None = None
     figures: dict[str, Document] = field(default_factory=dict)
@@ -62,7 +59,6 @@ def steps_of(frames: list[Frame]) -> list[Document]:
             variant = variants.get(f.label)
             one = _step(f.label, f, variant, remains(frames[: i + 1]))
             one |= {"words": f.words, "forced": f.forced, "told": f.told}
-            one["stair"] = f.stair or one["stair"]
             found.append(one)
     return found
 
@@ -85,7 +81,7 @@ def _step(name: str, f: Frame, variant: Document | None, left: str) -> Document:
         "forced": False,
         "told": None,
         "variant": variant,
-        "stair": variant["stair"] if variant else None,
+        "stair": variant["stair"] if variant else f.told["after"] if f.told else None,
         "core": core,
         "remains": left,
     }

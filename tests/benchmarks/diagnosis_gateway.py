@@ -47,13 +47,13 @@ def gateway(scenario):
     addition = add_effects(model, [record], [wanted(named.candidate.key, model)])
     found = {"name": scenario.name, "refused": addition.refused}
     before = identify(model, [record])
-    models = fitted_model(before.fit, model), fitted_model(addition.after, model, doubt=addition.doubt)
+    models = fitted_model(before.fit, model), addition.model
     with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()):
         here = Path(folder)
         plain, better = (config_with(m, k, here) for m, k in zip(models, ("plain", "better"), strict=True))
         can = encoded(log, plain, here)
         live = [judged(log, analyze(can, c, here / c.stem)) for c in (plain, better)]
-    offline = [core_error(log, record, f) for f in (before.seen, addition.seen[1])]
+    offline = [core_error(log, record, f) for f in addition.fits]
     return found | {"live": [c.rms for c in live], "inside": [c.inside for c in live], "offline": offline}
 
 

@@ -74,11 +74,13 @@ def added(draw, cells, sensors):
         where = list(places[effect.place])
         if cells < effect.least_cells or not where:
             continue
-        values, sd = {}, {}
+        values, sd, start = {}, {}, {}
         for p in effect.parameters:
             values[p.name] = draw(st.floats(p.lower, p.upper))
             sd[p.name] = draw(st.just(0.0) | st.floats(1e-6 * p.sd, 10 * p.sd))
-        e = AddedEffect(effect.name, draw(st.sampled_from(where)), values, sd)
+            start[p.name] = draw(st.floats(p.lower, p.upper)) if sd[p.name] else values[p.name]
+        begin = draw(st.sampled_from([None, start])) if any(sd.values()) else None
+        e = AddedEffect(effect.name, draw(st.sampled_from(where)), values, sd, begin)
         found[e.key] = e
     return tuple(found.values())
 

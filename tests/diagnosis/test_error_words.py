@@ -49,7 +49,7 @@ def test_an_error_that_rises_is_not_said_to_fall():
     d = judged(found)
     assert f"falls from {d.baseline.heldout_rmse_K:.2g} to {d.after.heldout_rmse_K:.2g} K" in d.sentence
     worse = replace(d.after, heldout_rmse_K=1.3 * d.baseline.heldout_rmse_K)
-    text = missing(d.selected, d.baseline, worse, remains=False)
+    text = missing(d.baseline, worse, selected=d.selected, remains=False)
     assert "rises from" in text
     assert "falls from" not in text
     assert "speak for them only where they were fitted" in text
@@ -59,6 +59,6 @@ def test_what_is_tied_is_said_of_the_effect_that_it_looks_like():
     d = by_first()
     first, second = d.selected
     tied = (replace(first, tied_with=()), replace(second, tied_with=("charge_transfer",)))
-    text = missing(tied, d.baseline, d.after, remains=False)
+    text = missing(d.baseline, d.after, selected=tied, remains=False)
     assert f"These readings cannot tell {second.candidate.key} from charge_transfer." in text
     assert "tell it" not in text

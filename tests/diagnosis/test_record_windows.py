@@ -33,7 +33,7 @@ def strong(effect, seed, cells=1):
 
 def inside(found, record, core):
     """Share of the time after ten minutes in which all cores lie inside two sd of what the numbers alone say."""
-    (band,) = core_bands(found.stated, covariance=posterior(found.fit))
+    (band,) = core_bands(found.fit)
     true = np.stack([np.interp(band.time_s, record.instants, c) for c in core.T], axis=1)
     late = band.time_s > 600.0
     return np.mean(np.abs(band.T_c - true)[late] <= 2.0 * band.total_K[late])
@@ -66,7 +66,7 @@ def test_core_of_measured_cells_is_inside_the_band_of_their_numbers(name):
 
 def test_numbers_that_follow_the_surfaces_best_are_told_apart():
     found, _, _ = strong("ambient_loss", 5)
-    best, believed = (np.sqrt(np.mean((f.y - _readings(f)) ** 2)) for f in (found.closest, found.stated))
+    best, believed = (np.sqrt(np.mean((f.y - _readings(f)) ** 2)) for f in (found.closest, found.fit))
     assert best < believed
 
 

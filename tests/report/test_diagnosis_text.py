@@ -26,7 +26,7 @@ def told(*ranks, verdict="missing_effect", selected=("resistance_temperature",),
     structure = Structure(0.04, 12.0, 1.5)
     base, after = Errors(0.2, 0.3, 0.1, structure), Errors(0.1, NAN, 0.1, structure)
     chosen = tuple(Selected(Candidate(effect_named(s)), ("charge_transfer",), NUMBERS, 40.0) for s in selected)
-    d = Diagnosis(verdict, False, "The sentence.", chosen, (), (), base, after, None)
+    d = Diagnosis(verdict, False, lambda *_: "The sentence.", chosen, (), (), base, after, None)
     return Told(d, d.sentence, ("a.csv",), ranking=ranks, **more)
 
 

@@ -11,7 +11,8 @@ import pytest
 
 from bms_gateway.config.model_file import parse_model
 from bms_gateway.diagnosis.adding import Addition
-from bms_gateway.diagnosis.calibrate import channel_errors
+from bms_gateway.diagnosis.adding_bench import all_used
+from bms_gateway.diagnosis.calibrate import channel_errors, seen_on
 from bms_gateway.diagnosis.checks import Finding, check_record
 from bms_gateway.diagnosis.compare import compare
 from bms_gateway.diagnosis.diagnosis import diagnose, errors
@@ -22,6 +23,7 @@ from bms_gateway.diagnosis.record_inputs import Columns
 from bms_gateway.diagnosis.residuals import rmse
 from bms_gateway.diagnosis.weighing import Settings
 from bms_gateway.errors import MissingExtraError, UsageError
+from bms_gateway.identify.map_fit import stacked
 from bms_gateway.identify.problem import Problem
 from bms_gateway.report.add_text import AddReport, Side, headline
 from bms_gateway.report.diagnosis_text import Told
@@ -76,23 +78,25 @@ def replace_records(fit, records):
 def report_of(addition, told=None, *, force=False):
     """What the terminal is told of an addition."""
     before, after = (
-        Side(errors(f), channel_errors(f), core) for f, core in zip(addition.seen, addition.core, strict=True)
+        Side(errors(f), channel_errors(f), core) for f, core in zip(addition.fits, addition.core, strict=True)
     )
     refused, written = addition.refused, force or not addition.refused
     return AddReport(
         "out.toml", addition.added, written, force and bool(refused), refused, addition.remark, addition.log_odds,
-        before, after, addition.held_K, (), *((told.sources, told.findings, told.notes) if told else (("x",), (), ())),
+        before, after, (), *((told.sources, told.findings, told.notes) if told else (("x",), (), ())),
     )  # fmt: skip
 
 
-def cores_of(comparison, *half_K, why=()):
-    """Cores of a comparison with these 95 % half widths."""
+def cores_of(comparison, *half_K, why=(), fits=()):
+    """Cores of a comparison with these 95 % half widths, of these fits in place of its own."""
     own = comparison.core
     flat = [
         [replace(b, sd_K=np.full_like(b.sd_K, h / 1.96), remainder_K=0.0 * b.remainder_K, share=0.0) for b in own.bands]
         for h in half_K
     ]
-    return tuple(replace(own, bands=tuple(bands), why=why) for bands in flat)
+    found = tuple(replace(own, bands=tuple(bands), why=why) for bands in flat)
+    of = [replace(own.identified, fit=f) for f in fits] or [own.identified] * len(found)
+    return tuple(replace(core, identified=x) for core, x in zip(found, of, strict=True))
 
 
 @pytest.fixture(scope="module")
@@ -116,8 +120,10 @@ def road(tmp_path_factory):
     heat = latent(found.search.baseline)
     write_diagnosis(folder / "d.html", told, Details(comparison, heat), command=COMMAND)
     write_comparison(folder / "c.html", comparison, Aside(told.sources, told.findings, told.notes, COMMAND))
-    fits, cores = (found.search.baseline, found.search.final), cores_of(comparison, 2.5, 0.5)
-    addition = Addition(tuple(s.candidate for s in found.selected), *fits, 9.0, "", "", fits, model=model, core=cores)
+    cores = cores_of(comparison, 2.5, 0.5, fits=found.fits)
+    addition = Addition(
+        tuple(s.candidate for s in found.selected), found.search.final, 9.0, "", "", model=model, core=cores
+    )
     write_addition(folder / "a.html", report_of(addition, told), addition)
     texts = {p.stem: p.read_text(encoding="utf-8") for p in folder.iterdir()}
     return folder, record, comparison, told, model, {k: (t, Page(t)) for k, t in texts.items()}
@@ -180,9 +186,8 @@ def test_the_page_says_what_the_terminal_says(road):
 
 def test_errors_are_those_of_the_readings(road):
     """Against root mean squares taken here from readings and model, not by the report."""
-    found = road[3].diagnosis.search
     rows = road[-1]["d"][1].tables["errors"][0]
-    for column, fit in ((2, found.baseline), (6, found.final)):
+    for column, fit in zip((2, 6), road[3].diagnosis.fits, strict=True):
         m = fit.problem.records[0]
         for j, (_, cell) in enumerate(m.channels):
             row = next(r for r in rows if r[0] == f"cell {cell}")
@@ -204,7 +209,8 @@ def test_ranking_and_parameters_are_those_of_the_diagnosis(road):
         assert bare(row[7]) == r.refused
     groups = [r[0] for r in page.tables["ranking"][0][1:] if len(r) == 1]
     assert groups == ["Named", "In place of what is named"]
-    assert rows[0][5] == amount(d.baseline.heldout_rmse_K)
+    base = d.search.baseline
+    assert rows[0][5] == amount(rmse(base, ~stacked(base.problem)[4]))
     B = next(r for r in page.tables["parameters"][0] if r[0].endswith(" (resistance_temperature.B)"))
     number = d.selected[0].parameters["B"]
     value, sd = (float(x) for x in B[1].split(" ± "))
@@ -289,11 +295,10 @@ def test_half_widths_of_cores_that_are_given_are_those_shown(road):
 @pytest.mark.parametrize(("force", "tag"), [(False, "Not added"), (True, "Added by force")])
 def test_the_page_of_an_addition_says_what_speaks_against_it(road, tmp_path, force, tag):
     d = road[3].diagnosis
-    fits = d.search.baseline, d.search.final
-    cores = cores_of(road[2], 1.0, 1.0)
+    cores = cores_of(road[2], 1.0, 1.0, fits=d.fits)
     why = "worse on the held-out blocks"
     one = (d.selected[0].candidate,)
-    addition = Addition(one, *fits, 1.0, why, "It is only a try.", fits, model=road[-2], core=cores)
+    addition = Addition(one, d.search.final, 1.0, why, "It is only a try.", model=road[-2], core=cores)
     report = report_of(addition, force=force)
     write_addition(tmp_path / "x.html", report, addition, "bms-gateway add x")
     text = Page((tmp_path / "x.html").read_text(encoding="utf-8")).text
@@ -305,26 +310,24 @@ def test_the_page_of_an_addition_says_what_speaks_against_it(road, tmp_path, for
 
 
 def test_where_nothing_was_held_out_the_page_claims_no_held_out_error(road, tmp_path):
-    """Fits that used every reading: their errors in the last part, predicted from the first, stand in its place."""
     d = road[3].diagnosis
     fits = tuple(
         replace(f, problem=replace_records(f, [replace(m, used=np.ones_like(m.used)) for m in f.problem.records]))
-        for f in (d.search.baseline, d.search.final)
+        for f in d.fits
     )
-    one, cores = (d.selected[0].candidate,), cores_of(road[2], 1.0, 1.0)
-    addition = Addition(one, *fits, 9.0, "", "", fits, (0.4321, 0.1234), model=road[-2], core=cores)
+    one, cores = (d.selected[0].candidate,), cores_of(road[2], 1.0, 1.0, fits=fits)
+    addition = Addition(one, d.search.final, 9.0, "", "", model=road[-2], core=cores)
     write_addition(tmp_path / "x.html", report_of(addition), addition)
     text = (tmp_path / "x.html").read_text(encoding="utf-8")
     page = Page(text)
-    assert "0.432 → 0.123 K" in page.text
-    assert "Error on held-out blocks" in page.text
-    assert "from fits without these blocks" in page.text
+    assert "Error where fitted" in page.text
+    assert "Error on held-out blocks" not in page.text
     shapes = [s for f in page.figures(text).values() for s in f["layout"].get("shapes", ())]
     assert not [s for s in shapes if s["type"] == "rect"]
 
 
-def test_the_page_of_the_second_search_tells_the_error_of_fits_without_the_held_out_blocks(tmp_path):
-    """It fits every reading, and shows no block as held out; the error there is that of fits without them."""
+def test_the_page_of_the_second_search_tells_the_numbers_of_both_models_and_ranks_by_the_closest_fits(tmp_path):
+    """It weighs effects by fits of every reading; what is stated of a model was fitted without the held-out blocks."""
     d = by_second()
     assert d.decided_by_second
     told = Told(d, d.sentence, ("cell.csv",), ranking=ranking(d))
@@ -332,15 +335,14 @@ def test_the_page_of_the_second_search_tells_the_error_of_fits_without_the_held_
     text = (tmp_path / "x.html").read_text(encoding="utf-8")
     page = Page(text)
     assert "something unknown remains" in page.text
-    assert f"{d.second.held_K[0]:.3f} → {d.second.held_K[1]:.3f} K" in page.text
-    assert "from fits without these blocks" in page.text
+    assert f"{d.baseline.heldout_rmse_K:.3f} → {d.after.heldout_rmse_K:.3f} K" in page.text
     shapes = [s for f in page.figures(text).values() for s in f["layout"].get("shapes", ())]
-    assert not [s for s in shapes if s["type"] == "rect"]
+    assert [s for s in shapes if s["type"] == "rect"]
     head, *rows = page.tables["ranking"][0]
     assert head[4:6] == ["error, K", "without it, K"]
     first = next(r for r in rows if len(r) > 1)
-    error = rmse(d.fits[1], np.concatenate([m.used for m in d.fits[1].problem.records]))
-    assert first[4] == amount(error)
+    closest = seen_on(d.second.best, all_used(d.search.baseline.problem.records))
+    assert first[4] == amount(rmse(closest, np.ones(len(closest.y), np.bool_)))
     assert next(r[0] for r in rows if len(r) == 1) == "Named"
 
 

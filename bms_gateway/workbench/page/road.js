@@ -158,7 +158,7 @@ function compare() {
   const { name, variant: v, remains, core: known } = ticked(state.steps).at(-1);
   if (remains) box.append(el("p", { class: "alarm" }, remains));
   box.append(...core(known), el("h3", {}, { "from its file": "The model with the parameters from its file", refitted: "Refitted to these data, within what the model declares" }[name] ?? name));
-  if (v) box.append(el("ul", { class: "found" }, ...v.findings.map((f) => el("li", {}, f))), el("div", { html: v.cards }),
+  if (v) box.append(el("ul", { class: "found" }, ...v.findings.map((f) => el("li", {}, f))), el("div", { id: "closest", html: v.closest }), el("div", { html: v.cards }),
     ...v.core_measured.map((m) => el("p", { class: m.alarm ? "danger" : "" }, m.sentence)));
   box.append(fold("errors", "Errors by sensor", scroll("errors by sensor", c.errors)),
     fold("parameters", "Parameters, refitted", scroll("parameters", c.parameters)),
@@ -262,7 +262,6 @@ const KINDS = [["trained_K", "error where fitted"], ["held_K", "error held out"]
 function steps() {
   const r = state.refusal ?? state.job?.trial;
   const all = state.steps.map((s) => ({ ...s, kind: s.forced ? "forced" : s.core?.proven === false ? "unproven" : "" }));
-  if (r && all.length === 2) all[1].stair = r.before; // measured by the same yardstick as what is added to it
   if (state.job?.trial) all.push({ name: `+ ${r.names}, being fitted`, kind: "fitting", stair: state.job.trial.after });
   else if (r) all.push({ name: `+ ${r.names} (not added)`, kind: "tried", stair: r.after });
   return all;
