@@ -49,6 +49,8 @@ class Case:
         W of heat; K/h of drift; K of a jump; share of a scale; factor on R_u of a fan (0: 3, a fan that stops).
     at : int
         s, when it begins.
+    lasts : int
+        s; 0 for ever. Of heat.
     step : float
         K, of the readings.
     hard : bool
@@ -65,6 +67,7 @@ class Case:
     cell: int = 6
     size: float = 0.0
     at: int = 3600
+    lasts: int = 0
     step: float = 0.1
     noise: float = 0.05
     hard: bool = True
@@ -131,7 +134,7 @@ def _terms(c: Case, rng: np.random.Generator):
 def _break(x, c: Case) -> None:
     """Let the fault begin that is one of the pack."""
     if c.fault == "heat":
-        x.core_heat[c.at :, c.cell - 1] += c.size
+        x.core_heat[c.at : c.at + c.lasts if c.lasts else None, c.cell - 1] += c.size
     elif c.fault == "fan":
         x.R_u[c.at :] *= c.size or 3.0
     elif c.fault == "pump":

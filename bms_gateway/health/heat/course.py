@@ -25,9 +25,9 @@ for strings with fewer than three sensors."""
 COOLING, COOLING_BACK, COOLING_GRAVE = 0.5, 0.35, 1.5
 """Growth of R_u against the identified value at which it is reported, at which it has ended, and at which it is an
 alarm."""
-FLOW_USUAL_S, FLOW_SURE, FLOW_SLOW, FLOW_GRAVE = 3600.0, 3.0, 3.5, 6.0
-"""Time constant of the usual state of the films, and the sd by which the loss must exceed it: for a sudden change; for
-one that comes within an hour; and for a grave one where few thermocouples, or no load, tell of the films."""
+FLOW_USUAL_S, FLOW_SURE, FLOW_GRAVE = 3600.0, 3.0, 6.0
+"""Time constant of the usual state of the films, and the sd by which the loss must exceed it: for a sudden change, and
+for a loss so large that its speed does not matter."""
 FROZEN_S, FROZEN_K = 300.0, 0.8
 """An inlet is frozen if it reads the same for so long while the cells show that it moved by so much."""
 FOUND_STEPS = 60

@@ -100,6 +100,7 @@ class Evidence:
     kinds, place : ndarray of int (H,)
         Kind of each fault, and the number of its cell or sensor among those told of.
     at : Layout
+    of : HeatFilter
     """
 
     def __init__(self, of: HeatFilter) -> None:
@@ -125,7 +126,7 @@ class Evidence:
         self._real = real[:, None, :]
         self._least = np.where(np.isin(self.kinds, (Kind.HEAT, Kind.LAG, Kind.LOOSE)), 0.0, -np.inf)
         self._most = np.array([MOST.get(Kind(k), np.inf) for k in self.kinds])
-        self.at, self._of = at, of
+        self.at, self.of = at, of
         self._s = np.zeros((S, at.states, ONSETS, H))
         self._C, self._D = np.zeros((2, S, ONSETS, H))
         self._born = np.zeros((S, ONSETS))  # s, of the onset
@@ -143,7 +144,7 @@ class Evidence:
         """Begin anew with string `s`."""
         self._s[s] = self._first[:, None, :]
         self._C[s], self._D[s] = 0.0, 0.0
-        self._born[s], self._before[s] = self.now, self._of.before[s]
+        self._born[s], self._before[s] = self.now, self.of.before[s]
         self._late[s] = np.nan
 
     def take(self, x: Linear, *, read: bool = True) -> None:
@@ -154,14 +155,14 @@ class Evidence:
         N, m, a = at.nodes, at.sensed, at.near
         flat = self._s.reshape(at.strings, at.states, ONSETS * H)
         top = np.matmul(x.G, flat)
-        decay = self._of.decay
+        decay = self.of.decay
         s = np.concatenate((top, flat[:, N:] * decay[:, None]), axis=1)
         if not read:  # a fault lasts while the filter forgets; this shows only where frames are rare
             lasting = s.reshape(at.strings, at.states, ONSETS, H)
             j = np.arange(a)
             lasting[:, at.heat.start + j, :, j] += 1.0 - decay[at.heat.start - N]
-        self.now += self._of.dt
-        g = np.matmul(self._of.H, s).reshape(at.strings, m, ONSETS, H)
+        self.now += self.of.dt
+        g = np.matmul(self.of.H, s).reshape(at.strings, m, ONSETS, H)
         k = np.arange(m)
         hours = (self.now - self._born) / 3600.0
         g[:, k, :, a + m + k] += hours
@@ -177,9 +178,9 @@ class Evidence:
 
     def _lagging(self, x: Linear) -> Floats:
         """Tell what readings (S, m, onsets) that follow late since the onset are off, K."""
-        before = (x.surface - x.rate * self._of.dt)[:, :, None]
+        before = (x.surface - x.rate * self.of.dt)[:, :, None]
         late = np.where(np.isnan(self._late), before, self._late)
-        late += (x.surface[:, :, None] - late) * -np.expm1(-self._of.dt / LATE_S)
+        late += (x.surface[:, :, None] - late) * -np.expm1(-self.of.dt / LATE_S)
         self._late = late
         return late - x.surface[:, :, None]
 
@@ -188,7 +189,7 @@ class Evidence:
         if len(self._slots) < ONSETS:
             slot = len(self._slots)
         else:
-            ages = [self.now - b + self._of.dt for b in self._birth]
+            ages = [self.now - b + self.of.dt for b in self._birth]
             if ages[0] > OLDEST and self._read - self._read_before[0] >= OLDEST_READ:
                 i = 0
             else:
@@ -201,7 +202,7 @@ class Evidence:
         self._read_before.append(self._read)
         self._s[:, :, slot] = self._first
         self._C[:, slot], self._D[:, slot] = 0.0, 0.0
-        self._born[:, slot], self._before[:, slot] = self.now, self._of.before
+        self._born[:, slot], self._before[:, slot] = self.now, self.of.before
         self._late[:, :, slot] = np.nan
 
     def weigh(self) -> Weighed:

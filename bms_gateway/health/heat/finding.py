@@ -21,6 +21,8 @@ class Finding:
     text : str
     heat, heat_sd : float
         W, sum over all cells in which it may be; NaN for other faults than heat.
+    warmest : float
+        K, the greatest gap between its surface and the coolant since heat was found.
     sure : float
         Probability of this cause when the finding was reported.
     """
@@ -38,4 +40,5 @@ class Finding:
     others: tuple[tuple[str, float], ...] = ()
     low_ns: int | None = None
     size: float = 0.0
+    warmest: float = 0.0
     sure: float = 1.0

@@ -144,6 +144,7 @@ class HeatWatch:
         self._sensors = Thermocouples(S, m)
         self._rest, self._now_ns = Rest.of(S), 0
         self._blind, self._cools, self._used = np.zeros(S, np.bool_), np.zeros(S, np.bool_), np.ones((S, m), np.bool_)
+        self._gaps = np.zeros((S, m))
         self._clear()
         nothing = np.full((S, self.filter.at.cells), np.nan)
         self._first = self.filter.z.copy(), self.filter.P.copy()
@@ -278,6 +279,7 @@ class HeatWatch:
         use = np.where(heard[:, None] & ~aside, y, np.nan)
         self._used = np.isfinite(use)
         x = f.step(Step(heat, current, inlet0, inlet1, use, lag, R))
+        self._gaps = x.surface - x.coolant
         self._cools = f.calm & (np.where(self._used, x.rate, -np.inf).max(axis=1) < -COOLS_K_S)
         self._mend()
         if aside.any():
@@ -358,7 +360,7 @@ class HeatWatch:
         self.course.ln = self.course.ln + np.where(sound, learnt * (self.filter.dt / USUAL_S), 0.0)
         found = []
         for v in self.verdicts:
-            v.read, v.cools = self._used[v.s], bool(self._cools[v.s])
+            v.read, v.gaps, v.cools = self._used[v.s], self._gaps[v.s], bool(self._cools[v.s])
             if not heard[v.s] or new[v.s] or not read[v.s]:
                 continue  # what nobody reads is neither found nor over
             if of_note[v.s] or v.findings:

@@ -11,7 +11,6 @@ from bms_gateway.health.heat.course import (
     COOLING_BACK,
     COOLING_GRAVE,
     FLOW_GRAVE,
-    FLOW_SLOW,
     FLOW_SURE,
     FROZEN_K,
     FROZEN_S,
@@ -21,6 +20,7 @@ from bms_gateway.health.heat.course import (
     missing,
 )
 from bms_gateway.health.heat.fault_evidence import OLDEST_READ, ONSETS, TEMPERED, Evidence, Kind, Weighed, tempered
+from bms_gateway.health.heat.few_thermocouples import cooled, hold_films
 from bms_gateway.health.heat.filter import HeatFilter
 from bms_gateway.health.heat.finding import Finding
 from bms_gateway.health.heat.layout import Bools
@@ -40,10 +40,6 @@ WAIT_S = 180.0
 UNTOLD = 3.0
 """ln: after a sleep, a cell that has warmed looks like a thermocouple that has jumped. Heat is the more dangerous of
 the two; it is reported unless it is less likely by more than this. The same holds for a drift with few readings."""
-LIKE_HEAT, MOST_STOPPED, RARER = 1.5, 0.85, 4.0
-"""For a string with one or two thermocouples, heat and a loss of cooling look alike. Fans and pumps stop more often
-than cells short: the ln evidence of heat is lowered by the third number, unless it is greater than that of a loss by
-the first factor. The second number is the greatest share of the films' conductance that is lost with a fan."""
 ALIKE = 1.0  # ln: onsets whose evidence differs by less cannot be distinguished
 HOLD_S, HOLD_COMMON_S = 20.0, 60.0
 """Time for which a cause must have been the likeliest before it is reported; the second is for common causes."""
@@ -66,10 +62,8 @@ INLET_OFF, INLET_SURE = 3.0, 4.0  # K and sd of an offset above which the inlet'
 MORE = 0.5  # if the heat exceeds that of the current by this share, no missing heat is reported
 SUSPECT = 5.0
 """Least ln evidence at which the likeliest change of the heat is included in its ratio before it is accepted."""
-ENDED_SD, ENDED_S = 2.0, 300.0
-"""Heat has ended if it is below so many sd for so long,"""
-ENDED_SHARE = 0.5
-"""and below this share of the heat that was found."""
+ENDED_SD, ENDED_S, ENDED_SHARE = 2.0, 300.0, 0.5
+"""Heat has ended if it is below so many sd for so long, and with so many sd below this share of what was found."""
 QUIET_SD, QUIET_S = 3.0, 900.0
 """A thermocouple that was set aside is used again if it is within so many sd of its prediction for so long."""
 
@@ -87,6 +81,8 @@ class Verdict:
         When the string last woke from a sleep.
     read : ndarray of bool (m,)
         Thermocouples that were used in the last step.
+    gaps : ndarray (m,), K
+        Surfaces over the coolant, at the thermocouples, in the last step.
     cools : bool
         Whether no current flows and all thermocouples fall: when some were set aside, few cannot tell heat then.
     burning : bool
@@ -101,6 +97,7 @@ class Verdict:
     findings: list[Finding] = field(default_factory=list)
     woke_ns: int | None = None
     read: Bools = field(init=False)
+    gaps: Floats = field(init=False)
     cools: bool = False
     burning: bool = False
     _proven: bool = False
@@ -114,7 +111,7 @@ class Verdict:
 
     def __post_init__(self) -> None:
         self.aside = np.zeros(self.of.at.sensed, np.bool_)
-        self.read = np.ones(self.of.at.sensed, np.bool_)
+        self.read, self.gaps = np.ones(self.of.at.sensed, np.bool_), np.zeros(self.of.at.sensed)
 
     @property
     def hot(self) -> bool:
@@ -179,7 +176,7 @@ class Verdict:
         kinds, place = self.evidence.kinds, self.evidence.place
         E = (each if self.course.few[self.s] else tempered(each, kinds)) + self.usual()
         if self.of.usual.alone[self.s]:
-            self._hold_films(E, w)
+            hold_films(E, w, self.evidence, self.s)
         if self._proven:
             E[kinds >= Kind.FLOW] = -np.inf
         elif self.cools and self.course.few[self.s] and self.aside.any():
@@ -221,18 +218,6 @@ class Verdict:
         ) and not waited:
             return []
         return self._accept(best, onset, w, share, alone, now_ns)
-
-    def _hold_films(self, E: Floats, w: Weighed) -> None:
-        """Hold the evidence (H,) of heat and of lost films in a string with few thermocouples against each other."""
-        kinds = self.evidence.kinds
-        heat, flow = kinds == Kind.HEAT, int(np.flatnonzero(kinds == Kind.FLOW)[0])
-        since = int(w.ln[self.s, :, flow].argmax())
-        lost = float(w.amplitude[self.s, since, flow])
-        rest = lost * float(self.evidence.moved(self.s, since, flow)[self.of.at.flow])  # not in the numbers yet
-        if self.of.calm[self.s] and rest + float(self.of.z[self.s, self.of.at.flow]) > MOST_STOPPED:
-            E[flow] = -np.inf
-        elif 0.0 < lost < MOST_STOPPED and E[heat].max() < LIKE_HEAT * E[flow]:
-            E[heat] = np.minimum(E[heat], E[flow] - RARER)
 
     def _hidden(self, now_ns: int) -> Bools:
         """Tell which onsets are before the end of the last sleep."""
@@ -381,11 +366,13 @@ class Verdict:
             h = at.heat.start + np.array(g.places)
             heat, P = f.z[s, h], f.P[s][np.ix_(h, h)]
             chance = float(heat @ np.linalg.solve(P, heat)) < ENDED_SD**2 + len(h) - 1
-            most = float(heat.sum()) + sqrt(max(0.0, float(P.sum())))
-            chance = chance and most < ENDED_SHARE * g.size  # a large sd alone does not end it
-            cold = float(heat.sum()) < LEAST_RATE * float(f.usual.C[s, g.place])
+            now, sd = float(heat.sum()), sqrt(max(0.0, float(P.sum())))
+            cold = now < LEAST_RATE * float(f.usual.C[s, g.place])
+            low = (chance or cold) and now + ENDED_SD * sd < ENDED_SHARE * g.size  # a large sd alone does not end it
+            low = low or (cold and bool(f.calm[s]) and now + sd < g.size)  # at rest nothing else makes heat
             seen = not self.burning and (not self._proven or watched(f, s, g.place, self.read))
-            return self._quiet(g, now_ns, (chance or cold) and seen, ENDED_S)
+            seen = cooled(f, s, g, self.gaps) and seen if self.course.few[s] and f.calm[s] else seen
+            return self._quiet(g, now_ns, low and seen, ENDED_S)
         if g.kind is Kind.JUMP:
             return self._quiet(g, now_ns, abs(float(f.z[s, at.bias.start + g.place])) < BACK_JUMP, 60.0)
         if g.code == "thermocouple":
@@ -459,9 +446,7 @@ class Verdict:
         own = (self._stands > 0 and self.evidence.kinds[best] < Kind.FLOW) or self.hot
         if "cooling" not in codes:
             flowed = self._flowed_ns is not None and self._lasted(self._flowed_ns, now_ns) < FLOWED_S
-            vague = self.course.few[s] or f.calm[s]
-            least, sure = (COOLING_GRAVE, FLOW_GRAVE) if vague else (COOLING, FLOW_SLOW)
-            least, sure = (COOLING, FLOW_SURE) if flowed else (least, sure)
+            least, sure = (COOLING, FLOW_SURE) if flowed else (COOLING_GRAVE, FLOW_GRAVE)
             slower = grown > least and u - self.course.film[s] > sure * u_sd and not own
             self._slow_ns = (now_ns if self._slow_ns is None else self._slow_ns) if slower else None
             hold = HOLD_S if flowed else HOLD_COMMON_S

@@ -1,0 +1,49 @@
+"""Rules for strings with one or two thermocouples, where no other cell shows what current and coolant do."""
+
+import numpy as np
+
+from bms_gateway.health.heat.fault_evidence import Evidence, Kind, Weighed
+from bms_gateway.health.heat.filter import HeatFilter
+from bms_gateway.health.heat.finding import Finding
+from bms_gateway.thermal import Floats
+
+LIKE_HEAT, MOST_STOPPED, RARER = 1.5, 0.85, 4.0
+"""Heat and a loss of cooling look alike. Fans and pumps stop more often
+than cells short: the ln evidence of heat is lowered by the third number, unless it is greater than that of a loss by
+the first factor. The second number is the greatest share of the films' conductance that is lost with a fan."""
+COOLED = 0.8
+"""Share of the greatest gap between surface and coolant since heat was found, below which a cell at rest has cooled."""
+
+
+def hold_films(E: Floats, w: Weighed, e: Evidence, s: int) -> None:
+    """Hold the evidence (H,) of heat and of lost films in string `s` against each other."""
+    f = e.of
+    heat, flow = e.kinds == Kind.HEAT, int(np.flatnonzero(e.kinds == Kind.FLOW)[0])
+    since = int(w.ln[s, :, flow].argmax())
+    lost = float(w.amplitude[s, since, flow])
+    rest = lost * float(e.moved(s, since, flow)[f.at.flow])  # not in the numbers yet
+    if f.calm[s] and rest + float(f.z[s, f.at.flow]) > MOST_STOPPED:
+        E[flow] = -np.inf
+    elif 0.0 < lost < MOST_STOPPED and E[heat].max() < LIKE_HEAT * E[flow]:
+        E[heat] = np.minimum(E[heat], E[flow] - RARER)
+
+
+def cooled(f: HeatFilter, s: int, g: Finding, gaps: Floats) -> bool:
+    """Tell whether the cell of heat `g` has cooled since it was found.
+
+    At rest, a cell that goes on to heat does not cool; the estimate of its heat alone may be wrong by a multiple.
+
+    Parameters
+    ----------
+    f : HeatFilter
+    s : int
+        String.
+    g : Finding
+    gaps : ndarray (m,), K
+        Surfaces over the coolant, at the thermocouples.
+    """
+    at = f.at
+    apart = np.where(at.fitted[s], np.abs(at.sensors[s] - at.told[s, g.place]), at.cells)
+    gap = float(gaps[int(apart.argmin())])
+    g.warmest = max(g.warmest, gap)
+    return gap < COOLED * g.warmest
