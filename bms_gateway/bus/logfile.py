@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import nullcontext
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Final
+from typing import BinaryIO, Final
 
 from bms_gateway.bus.candump import CUT_SHORT, LogNotes, format_block, parse_block
 from bms_gateway.bus.sniff import misnamed
@@ -99,17 +99,22 @@ def write_log(path: Path | str, batches: Iterable[FrameBatch], channel: str = "c
     path = Path(path)
     if _kind(path) not in CANDUMP:
         raise UsageError(f"logs are written as candump text: name {path.name} '.log' or '.log.gz'")
-    count = 0
     try:
         with whole(path) as file:
             # neither time nor name in the gzip header: the same frames give the same bytes
             packed = path.suffix.lower() == ".gz"
             with gzip.GzipFile("", "wb", 6, file, mtime=0) if packed else nullcontext(file) as out:
-                for batch in batches:
-                    out.write(format_block(batch, channel))
-                    count += len(batch)
+                return write_frames(out, batches, channel)
     except OSError as error:
         raise DataError(f"{path}: cannot be written ({error.strerror or error})") from None
+
+
+def write_frames(out: BinaryIO | gzip.GzipFile, batches: Iterable[FrameBatch], channel: str = "can0") -> int:
+    """Write frames as lines of candump to an open file; return their number."""
+    count = 0
+    for batch in batches:
+        out.write(format_block(batch, channel))
+        count += len(batch)
     return count
 
 

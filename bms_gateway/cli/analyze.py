@@ -35,7 +35,7 @@ def arguments(parser: Parser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Analyze the logs; results lie in the folder, a table of the strings goes to standard output."""
-    from bms_gateway.bus.logfile import LogNotes, write_log
+    from bms_gateway.bus.logfile import LogNotes, write_frames
     from bms_gateway.cli.output import distinct, writable, write_json
     from bms_gateway.config.load import load_config
     from bms_gateway.engine import Engine
@@ -57,7 +57,8 @@ def run(args: argparse.Namespace) -> int:
     span = Span()
     with ResultFolder(out, {s.name: s.model.cells for s in loaded.plan.strings}) as folder:
         batches = _batches(args.log, notes, span)
-        write_log(folder.place("broadcast.log"), _sent(engine, batches, folder), loaded.config.bus.channel)
+        with folder.create("broadcast.log") as file:
+            write_frames(file, _sent(engine, batches, folder), loaded.config.bus.channel)
         expect_estimates(args.log, args.config, engine, span)
         _conclude(engine, folder)
         broken = sum(n.broken for n in notes)

@@ -1,6 +1,7 @@
 """`init`: from the logs and the DBC of a vehicle to a config, its models and the first cores."""
 
 import argparse
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -120,6 +121,7 @@ def _guessed(out: Path, traffic: "Traffic") -> "list[Guess]":
     from bms_gateway.errors import UsageError
     from bms_gateway.setup.guessed_dbc import guessed_dbc
     from bms_gateway.setup.without_dbc import guess
+    from bms_gateway.whole import whole_text
 
     frames = traffic.frames
     guesses = guess(frames)
@@ -128,7 +130,8 @@ def _guessed(out: Path, traffic: "Traffic") -> "list[Guess]":
         length = {i: int(np.median(frames.length[frames.can_id == i])) for i in ids}
         try:
             out.mkdir(parents=True, exist_ok=True)
-            (out / GUESSED).write_text(guessed_dbc(guesses, length), encoding="utf-8")
+            with whole_text(out / GUESSED) as file:
+                file.write(guessed_dbc(guesses, length))
         except OSError as e:
             raise UsageError(f"--out {out}: cannot be written: {e.strerror}") from None
     return guesses
@@ -181,11 +184,17 @@ def _keep(there: Path) -> None:
     """Keep the existing config under another name, beside earlier ones."""
     from bms_gateway.cli.output import note
     from bms_gateway.errors import UsageError
+    from bms_gateway.store.files import reading
+    from bms_gateway.whole import whole
 
     names = [there.with_name("gateway.toml.bak"), *(there.with_name(f"gateway.toml.bak{k}") for k in range(2, 1000))]
     kept = next((name for name in names if not name.exists()), names[-1])
     try:
-        kept.write_bytes(there.read_bytes())
+        with reading(there) as handle:
+            if handle is not None:
+                with open(handle, "rb", closefd=False) as old, whole(kept) as copy:
+                    copy.write(old.read())
+                    os.fchmod(copy.fileno(), os.fstat(handle).st_mode & 0o777)
     except OSError as e:
         raise UsageError(f"--out {there.parent}: {there.name} cannot be kept as {kept.name}: {e.strerror}") from None
     note(f"{there} was there already: kept as {kept.name}")

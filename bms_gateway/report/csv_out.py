@@ -1,21 +1,24 @@
 """The files that `analyze` writes: estimates, parameters, events, alerts and the summary."""
 
 import csv
+import errno
+import io
 import json
+import os
 from collections.abc import Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass, field
 from itertools import chain
 from pathlib import Path
-from shutil import rmtree
-from tempfile import mkdtemp
+from stat import S_ISDIR
 from types import MappingProxyType, TracebackType
-from typing import Any, Self, TextIO
+from typing import Any, BinaryIO, Final, Self, TextIO
 
 import numpy as np
 
 from bms_gateway.engine.events import Alerted, Cells, Estimated, Event, Notice, Parameters
 from bms_gateway.errors import UsageError
+from bms_gateway.folders import open_folder
 from bms_gateway.frames.quality import Quality
 from bms_gateway.identify import Estimate
 from bms_gateway.thermal import KINDS
@@ -24,6 +27,8 @@ from bms_gateway.thermal.centre import hottest_of
 ESTIMATES = "time_s,string,cell,core_C,core_sd_K,surface_C,quality,centre_C,centre_sd_K,heat_W,heat_sd_W"
 PARAMETERS = "time_s,string,name,value,sd,unit,status"
 
+_OURS: Final = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
+_FRESH: Final = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
 _QUALITY = {int(q): q.name.lower() for q in Quality}
 _TO_SI = {kind.unit: kind.to_si for kind in KINDS.values()}
 
@@ -67,8 +72,9 @@ FILES = ("estimates.csv", "parameters.csv", "events.jsonl", "alerts.jsonl", "bro
 class ResultFolder:
     """Writes the events of a run into a folder; a context manager.
 
-    All files are written under temporary names, and get their own names when the run has ended well. A run that fails
-    leaves the results of the earlier run unchanged.
+    All files are written in a folder beside them, and get their places when the run has ended well. A run that fails
+    leaves the results of the earlier run unchanged. Both folders are held open: whoever may change names in the folder
+    of the results meanwhile, leads nothing to another place.
 
     Parameters
     ----------
@@ -93,9 +99,15 @@ class ResultFolder:
         self.strings = {name: StringSummary(cells) for name, cells in strings.items()}
         self._rows: dict[str, tuple[str, list[str]]] = {}
         self._made = not directory.exists()
+        self._names: list[str] = []
         try:
             directory.mkdir(parents=True, exist_ok=True)
-            self._part = Path(mkdtemp(prefix=".part-", dir=directory))
+            self._at = open_folder(directory)
+            self._name = f".part-{os.urandom(8).hex()}"
+            os.mkdir(self._name, 0o700, dir_fd=self._at)
+            self._part = os.open(self._name, _OURS, dir_fd=self._at)
+            if os.fstat(self._part).st_uid != os.geteuid():
+                raise PermissionError(errno.EPERM, "another user changes its names")
         except OSError as e:
             raise UsageError(f"{directory}: cannot write results there: {e.strerror}") from None
         self._estimates = self._open("estimates.csv")
@@ -106,9 +118,11 @@ class ResultFolder:
         self._parameters.write(PARAMETERS + "\n")
         self._parameter_rows = csv.writer(self._parameters, lineterminator="\n")
 
-    def place(self, name: str) -> Path:
-        """Give the path where a further file of the results is written during the run."""
-        return self._part / name
+    def create(self, name: str) -> BinaryIO:
+        """Open a further file of the results; it is closed by the caller."""
+        file = os.fdopen(os.open(name, _FRESH, 0o666, dir_fd=self._part), "wb")
+        self._names.append(name)
+        return file
 
     def write(self, event: Event) -> None:
         """Write one event; frames to send and jobs are not written here."""
@@ -157,16 +171,31 @@ class ResultFolder:
                 for f in (self._estimates, self._parameters, self._events, self._alerts):
                     files.callback(f.close)
             if kind is None:
-                for file in sorted(self._part.iterdir()):
-                    file.replace(self.directory / file.name)
+                self._put()
                 done = True
         finally:
-            rmtree(self._part)
+            for name in self._names:
+                with suppress(FileNotFoundError):
+                    os.unlink(name, dir_fd=self._part)
+            with suppress(OSError):  # somebody else may have renamed it
+                os.rmdir(self._name, dir_fd=self._at)
+            os.close(self._part)
+            os.close(self._at)
             if not done and self._made:
-                self.directory.rmdir()
+                with suppress(OSError):
+                    self.directory.rmdir()
+
+    def _put(self) -> None:
+        """Put all files in their places, or none where a folder is in the way."""
+        for name in self._names:
+            with suppress(FileNotFoundError):
+                if S_ISDIR(os.stat(name, dir_fd=self._at, follow_symlinks=False).st_mode):
+                    raise UsageError(f"{self.directory / name}: is a folder; the results have a file of this name")
+        for name in self._names:
+            os.rename(name, name, src_dir_fd=self._part, dst_dir_fd=self._at)
 
     def _open(self, name: str) -> TextIO:
-        return self.place(name).open("w", encoding="utf-8", newline="\n")
+        return io.TextIOWrapper(self.create(name), encoding="utf-8", newline="\n")
 
     def _write_estimates(self, e: Cells) -> None:
         n = len(e.core)

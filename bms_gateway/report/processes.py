@@ -20,15 +20,31 @@ class Processes(ProcessPoolExecutor):
     def __init__(self, count: int) -> None:
         # spawned: a fork would copy the locks of this process's threads
         super().__init__(count, multiprocessing.get_context("spawn"), initializer=_end_with_parent)
-        resource_tracker.ensure_running()  # it would open the ears again when it is started
+        with _safe_path():
+            resource_tracker.ensure_running()  # it would open the ears again when it is started
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> "Future[T]":
         """Hand out work; a process that is started for it takes over that it hears no interrupt, from the beginning."""
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
-            return super().submit(fn, *args, **kwargs)
+            with _safe_path():
+                return super().submit(fn, *args, **kwargs)
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def _safe_path() -> Iterator[None]:
+    """Let processes that start meanwhile load no module of the folder in which the program happens to run."""
+    before = os.environ.get("PYTHONSAFEPATH")
+    os.environ["PYTHONSAFEPATH"] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["PYTHONSAFEPATH"]
+        else:
+            os.environ["PYTHONSAFEPATH"] = before
 
 
 @contextmanager

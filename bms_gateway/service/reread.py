@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from bms_gateway.engine import Engine
 
 CHILD: Final = (sys.executable, "-P", "-m", "bms_gateway.service.reread")  # nothing from where it happens to run
+OTHER: Final = "another version of the program has been installed: restart the service"
 PATIENCE_S: Final = 25.0
 """Of a child that a busy machine, or a file system that hangs, keeps from its work; systemd gives a reload 30 s."""
 
@@ -44,7 +45,10 @@ class Reread:
 
     def engine(self) -> "Engine":
         """Give the engine; a fresh one each time."""
-        made: Engine = pickle.loads(self.packed)  # noqa: S301 (written by our own child)
+        try:
+            made: Engine = pickle.loads(self.packed)  # noqa: S301 (written by our own child)
+        except (AttributeError, ImportError, TypeError, ValueError, pickle.UnpicklingError) as e:
+            raise ConfigError(f"{OTHER} ({e})") from None
         return made
 
 
@@ -84,8 +88,11 @@ async def reread(path: Path) -> Reread:
         raise ConfigError(f"{path}: the process that read it ended with {how}")
     version, _, content = answer.partition(b"\n")
     if version != __version__.encode():  # its classes may be others
-        raise ConfigError(f"{path}: another version of the program has been installed: restart the service")
-    found: Reread | str = pickle.loads(content)  # noqa: S301 (written by our own child)
+        raise ConfigError(f"{path}: {OTHER}")
+    try:
+        found: Reread | str = pickle.loads(content)  # noqa: S301 (written by our own child)
+    except (AttributeError, ImportError, TypeError, ValueError, pickle.UnpicklingError):
+        raise ConfigError(f"{path}: {OTHER}") from None
     if isinstance(found, str):
         raise ConfigError(found)
     return found

@@ -8,6 +8,7 @@ import numpy as np
 
 from bms_gateway.engine.events import Estimated
 from bms_gateway.thermal import Floats
+from bms_gateway.whole import whole
 
 MOST_POINTS = 4000
 SETTLING_S = 60.0
@@ -86,5 +87,6 @@ def draw(cores: Cores, path: Path) -> Path | None:
     axes.set_xlabel("time, s")
     axes.set_ylabel("temperature, °C")
     axes.legend(loc="best")
-    figure.savefig(path, dpi=120)
+    with whole(path) as file:
+        figure.savefig(file, format="png", dpi=120)
     return path

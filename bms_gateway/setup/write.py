@@ -21,6 +21,7 @@ from bms_gateway.setup.vehicle_logs import Traffic
 from bms_gateway.thermal import Condition, Posterior, Prior, StringModel
 from bms_gateway.thermal.cells import CellFacts, cell_of, cell_priors, stated_parameters
 from bms_gateway.thermal.cells.facts import Cooling
+from bms_gateway.whole import whole_text
 
 UNKNOWN_CELL: Final = "21700"
 """Format of an unknown cell: a round one of medium size."""
@@ -89,7 +90,8 @@ def write_setup(
             write_model(model, path, _heading(lumped, cell is not None, resistance))
             files.append(path)
         config = out / "gateway.toml"
-        config.write_text(_config(proposal, names, list(logs)), encoding="utf-8")
+        with whole_text(config) as file:
+            file.write(_config(proposal, names, list(logs)))
     except OSError as e:
         raise UsageError(f"--out {out}: cannot be written: {e.strerror}") from None
     return Written(config, (config, *files), tuple(notes))
@@ -101,7 +103,8 @@ def _dbc(proposal: Proposal, traffic: Traffic, out: Path) -> tuple[list[str], li
     path = out / "vehicle.dbc"
     comment = "The part of the vehicle's DBC that gateway.toml needs, written by bms-gateway init."
     infos = [traffic.messages[p.series.info.message].signals[p.series.info.name] for p in proposal.signals]
-    path.write_text(format_dbc(traffic.messages.values(), infos, comment), encoding="utf-8")
+    with whole_text(path) as file:
+        file.write(format_dbc(traffic.messages.values(), infos, comment))
     return [path.name], [path]
 
 

@@ -30,7 +30,10 @@ class Worker:
     def __init__(self, hear: "Callable[[Worker, dict[str, Any] | None], None]") -> None:
         self._hear = hear
         self._process = subprocess.Popen(  # noqa: S603 - our own interpreter with our own words
-            [sys.executable, "-c", START, PACKAGE], stdin=subprocess.PIPE, stdout=subprocess.PIPE, encoding="utf-8"
+            [sys.executable, "-P", "-c", START, PACKAGE],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            encoding="utf-8",
         )
         self._thread = threading.Thread(target=self._listen, daemon=True)
         self._thread.start()
