@@ -18,9 +18,9 @@ class Processes(ProcessPoolExecutor):
     """A pool whose processes ignore Ctrl-C: the parent receives it and ends them."""
 
     def __init__(self, count: int) -> None:
-        # spawned: a fork would copy the locks of this process's threads
-        super().__init__(count, multiprocessing.get_context("spawn"), initializer=_end_with_parent)
-        with _safe_path():
+        with _safe_path():  # the pool's locks start the resource tracker
+            # spawned: a fork would copy the locks of this process's threads
+            super().__init__(count, multiprocessing.get_context("spawn"), initializer=_end_with_parent)
             resource_tracker.ensure_running()  # it would open the ears again when it is started
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> "Future[T]":
