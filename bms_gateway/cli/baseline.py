@@ -145,6 +145,8 @@ def _lines(name: str, h: "StringHealth") -> list[str]:
     """Give the content as lines for people."""
     from datetime import UTC, datetime
 
+    from bms_gateway.store.requests import one_line
+
     def day(t: int) -> str:
         try:
             return datetime.fromtimestamp(t * 1e-9, UTC).strftime("%Y-%m-%d")
@@ -158,7 +160,7 @@ def _lines(name: str, h: "StringHealth") -> list[str]:
     for k, a in enumerate(h.cells.ageing if h.cells is not None else (), start=1):
         if a.growth == a.growth:
             lines.append(f"  cell {k}: {100 * a.growth:+.1f} ± {100 * a.growth_sd:.1f} %")
-    lines += [f"  {day(t)}  {text}" for t, text in h.history.events]
+    lines += [f"  {day(t)}  {one_line(text, 400)}" for t, text in h.history.events]  # whoever owns the state wrote it
     step = max(1, len(h.history.rows) // 12)
     for t, R, g, sd, _ in h.history.rows[::-step][::-1]:
         lines.append(f"  {day(t)}  R_e {1e3 * R:.3f} mOhm  {100 * g:+.1f} ± {100 * sd:.1f} %")

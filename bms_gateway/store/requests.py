@@ -53,15 +53,15 @@ class Acknowledgement:
 Wish = BaselineReset | Acknowledgement
 
 
-def one_line(reason: str) -> str:
-    r"""Make one line of at most 200 printable characters of what a person wrote: it goes to the journal.
+def one_line(reason: str, most: int = 200) -> str:
+    r"""Make one line of printable characters of what a person wrote: it goes to a journal, or to a terminal.
 
     Examples
     --------
     >>> one_line(" new\n module\x1b[31m ")
     'new module [31m'
     """
-    return " ".join("".join(c if c.isprintable() else " " for c in reason).split())[:200]
+    return " ".join("".join(c if c.isprintable() else " " for c in reason).split())[:most]
 
 
 def ask(directory: Path, wish: Wish) -> Path:

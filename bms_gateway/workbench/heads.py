@@ -1,5 +1,6 @@
-"""Requests whose heads are short: whoever may not come in is known only when the head has been read."""
+"""Requests: heads are short, since only a head that was read tells who may come in; bodies have whole characters."""
 
+import json
 from http.client import LineTooLong
 from http.server import BaseHTTPRequestHandler
 from typing import Any, BinaryIO, Final
@@ -49,3 +50,22 @@ class ShortHeads(BaseHTTPRequestHandler):
         """Read a request and answer it."""
         self.rfile.begin()
         super().handle_one_request()
+
+
+def body_of(sent: bytes) -> Any:
+    r"""Give the document of a body in JSON.
+
+    Raises
+    ------
+    ValueError
+        It is no JSON, or has half a character, such as ``"\ud800"``, which no file and no answer can hold.
+    RecursionError
+
+    Examples
+    --------
+    >>> body_of(b'{"a": "\\u00b0C"}')
+    {'a': '°C'}
+    """
+    document = json.loads(sent or b"{}")
+    json.dumps(document, ensure_ascii=False).encode()
+    return document

@@ -25,7 +25,7 @@ from bms_gateway.workbench.beside import Beside
 from bms_gateway.workbench.clients import Clients
 from bms_gateway.workbench.desk import Desk
 from bms_gateway.workbench.doors import CLOSED, HEADERS, Door
-from bms_gateway.workbench.heads import ShortHeads
+from bms_gateway.workbench.heads import ShortHeads, body_of
 from bms_gateway.workbench.session import additions_of, diagnoses_of, notes_of
 from bms_gateway.workbench.site import Site, session_files, wanted_files
 from bms_gateway.workbench.uploads import safe_name
@@ -434,7 +434,7 @@ class Handler(ShortHeads):
     def _body(self) -> dict[str, Any]:
         length = self._length(LARGEST_SESSION if self._url == "/api/resume" else LARGEST_JSON)
         try:
-            document = json.loads(self.rfile.read(length) or b"{}")
+            document = body_of(self.rfile.read(length))
         except (ValueError, RecursionError):
             raise UsageError("the request is no JSON, or nested too deeply") from None
         if not isinstance(document, dict):

@@ -176,6 +176,16 @@ def test_an_event_of_a_time_that_no_calendar_has_is_shown(config: Path, capsys, 
     assert "of no day   baseline of R_e reset: new module" in out
 
 
+def test_an_event_of_a_state_is_one_line_on_the_terminal(config: Path, capsys) -> None:
+    """Whoever owns the state could write to the terminal of root what they liked."""
+    engine = Engine(*_parts(config))
+    engine.strings[0].health.history.note(1, "\x1b]0;owned\x07\x1b[2J\nstring_1: all is well")
+    assert StateStore(config.parent / "state").save(engine.snapshot(), wall_ns=1) is None
+    _, out, _ = call(capsys, "--show", "--config", config)
+    assert "1970-01-01  ]0;owned [2J string_1: all is well\n" in out
+    assert "\x1b" not in out
+
+
 def test_a_reset_is_shown_from_then_on_and_not_only_once_the_next_baseline_is_there(config: Path, capsys) -> None:
     engine = Engine(*_parts(config))
     engine.reset_baseline("string_1", None, "new module", time_ns=1_700_000_000_000_000_000)

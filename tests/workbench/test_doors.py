@@ -91,6 +91,8 @@ def test_the_page_forbids_itself_all_but_its_own_files(server):
         ("undo", "[" * 30_000),
         ("open", '{"tables": ["a\\u0000b"], "model": "m"}'),
         ("open", '{"tables": ["t"], "model": "\\ud800"}'),
+        ("open", '{"tables": ["t"], "model": "m", "string": "\\ud800"}'),
+        ("track", '{"record": 0, "column": "\\ud800"}'),
     ],
 )
 def test_what_cannot_be_done_is_one_line(server, desk, path, body):
