@@ -4,7 +4,7 @@ from math import exp, log
 
 import numpy as np
 
-from bms_gateway.health.heat.fault_evidence import Weighed, tempered
+from bms_gateway.health.heat.fault_evidence import Weighed
 from bms_gateway.health.heat.verdict import Verdict
 from bms_gateway.thermal import Floats
 
@@ -13,8 +13,7 @@ def suspicion(verdict: Verdict, w: Weighed) -> tuple[Floats, list[tuple[int, int
     """Tell the chance (H,) of each fault, and of those of note (best onset, fault, chance)."""
     ln = w.ln[verdict.s]
     each = ln.max(axis=0) / verdict.course.doubt[verdict.s]
-    few = verdict.course.few[verdict.s]
-    E = (each if few else tempered(each, verdict.evidence.kinds)) + verdict.usual()
+    E = each + verdict.usual()
     none = log(1e4)
     top = max(float(E.max()), none)
     share = np.exp(E - top)

@@ -63,7 +63,8 @@ MORE = 0.5  # if the heat exceeds that of the current by this share, no missing 
 SUSPECT = 5.0
 """Least ln evidence at which the likeliest change of the heat is included in its ratio before it is accepted."""
 ENDED_SD, ENDED_S, ENDED_SHARE = 2.0, 300.0, 0.5
-"""Heat has ended if it is below so many sd for so long, and with so many sd below this share of what was found."""
+"""Heat has ended if it is below so many sd for so long, and with one sd below this share of what was found; in strings
+with few thermocouples with so many sd."""
 QUIET_SD, QUIET_S = 3.0, 900.0
 """A thermocouple that was set aside is used again if it is within so many sd of its prediction for so long."""
 
@@ -368,10 +369,11 @@ class Verdict:
             chance = float(heat @ np.linalg.solve(P, heat)) < ENDED_SD**2 + len(h) - 1
             now, sd = float(heat.sum()), sqrt(max(0.0, float(P.sum())))
             cold = now < LEAST_RATE * float(f.usual.C[s, g.place])
-            low = (chance or cold) and now + ENDED_SD * sd < ENDED_SHARE * g.size  # a large sd alone does not end it
-            low = low or (cold and bool(f.calm[s]) and now + sd < g.size)  # at rest nothing else makes heat
+            alone = bool(f.usual.alone[s])  # nothing else shows it: the sd is part of the evidence
+            low = chance and now + (ENDED_SD if alone else 1.0) * sd < ENDED_SHARE * g.size
+            low = low or (cold and (not alone or (bool(f.calm[s]) and now + sd < g.size)))
             seen = not self.burning and (not self._proven or watched(f, s, g.place, self.read))
-            seen = cooled(f, s, g, self.gaps) and seen if self.course.few[s] and f.calm[s] else seen
+            seen = cooled(f, s, g, self.gaps) and seen if alone and f.calm[s] else seen
             return self._quiet(g, now_ns, low and seen, ENDED_S)
         if g.kind is Kind.JUMP:
             return self._quiet(g, now_ns, abs(float(f.z[s, at.bias.start + g.place])) < BACK_JUMP, 60.0)
