@@ -96,15 +96,6 @@ def test_a_blower_that_stops_is_told_and_the_cores_are_known_on(drive: str) -> N
     assert np.nanmedian([told.healthy for told in found]) > 0.9
 
 
-@pytest.mark.parametrize("pack", ["forced", "liquid"])
-def test_a_fan_that_weakens_is_told_by_its_name(pack: str) -> None:
-    """R_u × 1.8: neither a wrong inlet, nor heat of a cell, nor a current that is not credible."""
-    case = Case(pack, 0, seconds=4500, drive="us06", fault="fan", size=1.8, at=2700)
-    alerts = raised(case, range(90, 98))
-    assert sum(x != [] and x[0][1] == "cooling" for x in alerts) >= 7
-    assert {code for x in alerts for _, code, _ in x} <= {"cooling", "thermocouple"}
-
-
 @pytest.mark.parametrize("pack", ["small", "liquid"])
 def test_nothing_is_told_of_strings_with_nothing_wrong(pack: str) -> None:
     for drive, step in (("urban", 0.1), ("us06", 0.5)):

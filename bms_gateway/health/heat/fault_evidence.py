@@ -28,7 +28,7 @@ from enum import IntEnum
 import numpy as np
 
 from bms_gateway.health.heat.filter import HeatFilter, Linear
-from bms_gateway.health.heat.layout import COMMON, LOST, Ints
+from bms_gateway.health.heat.layout import COMMON
 from bms_gateway.thermal import Floats
 
 ONSETS = 10
@@ -69,10 +69,7 @@ SLOPE_S = 600.0
 """A drift is told from heat by its shape after so long: heat has come to rest by then."""
 MOST = {Kind.SLOPE: 4.0, Kind.LOOSE: 1.3, Kind.LAG: 1.6, Kind.FLOW: 1.0, Kind.LOAD: 1.5}
 """Amplitudes beyond are none: a reading that climbs by more kelvin in an hour is no drift but a cell that heats, and
-cells that seem to make so much more heat than the current are cooled less. Films that conducted more than by the model
-have more to lose."""
-TEMPERED = 8.0
-"""Divisor of the ln evidence between causes whose shapes differ by numbers that are known to some tens of per cent."""
+cells that seem to make so much more heat than the current are cooled less."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,9 +209,7 @@ class Evidence:
         ln = 0.5 * self._D * amplitude - 0.5 * np.log(1.0 + self._size2 * self._C)
         young = (self.now - self._born)[:, :, None] < SLOPE_S
         ln = np.where(young & (self.kinds == Kind.SLOPE), -np.inf, ln)
-        most = np.broadcast_to(self._most, ln.shape).copy()
-        most[:, :, self.kinds == Kind.FLOW] += np.maximum(0.0, -self._before[:, :, [LOST]])
-        ln = np.where(self._real & (amplitude > self._least) & (amplitude < most), ln, -np.inf)
+        ln = np.where(self._real & (amplitude > self._least) & (amplitude < self._most), ln, -np.inf)
         return Weighed(ln, amplitude, 1.0 / prec)
 
     def moved(self, s: int, onset: int, fault: int) -> Floats:
@@ -239,12 +234,3 @@ class Evidence:
         ages = np.array([abs(self.now - b - age_s) for b in self._birth])
         slot = self._slots[int(ages.argmin())] if len(ages) else 0
         return np.asarray(1.0 / np.sqrt(self._C[:, slot, :a] + 1.0 / self._size2[:, 0, :a]), dtype=np.float64)
-
-
-def tempered(each: Floats, kinds: Ints) -> Floats:
-    """Reduce what separates lost films from a wrong inlet in the ln evidence (H,): both warm all cells nearly alike."""
-    E, alike = each.copy(), np.isin(kinds, (Kind.FLOW, Kind.INLET))
-    top = E[alike].max()
-    if np.isfinite(top):
-        E[alike] = top - (top - E[alike]) / TEMPERED
-    return E

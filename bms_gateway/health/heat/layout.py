@@ -21,7 +21,7 @@ from bms_gateway.thermal import Floats, StringModel
 
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
-COMMON, LOST = 5, 1  # a, u, b_f, ε, a', and the place of u among them
+COMMON = 5  # a, u, b_f, ε, a'
 
 
 @dataclass(frozen=True, slots=True)

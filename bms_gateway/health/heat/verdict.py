@@ -19,7 +19,7 @@ from bms_gateway.health.heat.course import (
     Course,
     missing,
 )
-from bms_gateway.health.heat.fault_evidence import OLDEST_READ, ONSETS, TEMPERED, Evidence, Kind, Weighed, tempered
+from bms_gateway.health.heat.fault_evidence import OLDEST_READ, ONSETS, Evidence, Kind, Weighed
 from bms_gateway.health.heat.few_thermocouples import cooled, hold_films
 from bms_gateway.health.heat.filter import HeatFilter
 from bms_gateway.health.heat.finding import Finding
@@ -52,8 +52,9 @@ several times its usual heat. Without a measured inlet only heat at rest is a fa
 off looks like heat."""
 SIZE_SD = 0.2
 """Relative sd of the size of new heat: its first half minute depends on C_s and R_c as much as on the heat."""
-GROUP = 2
-"""Largest distance, in cells, between two cells that heat may belong to."""
+GROUP, TEMPERED = 2, 8.0
+"""Largest distance, in cells, between two cells that heat may belong to; and the divisor of the ln evidence between
+them."""
 LEAST_JUMP, BACK_JUMP = 0.7, 0.4
 """K: a jump of a thermocouple is reported above the first number, and has ended below the second."""
 COARSE = 2.5  # least jump of a thermocouple, in steps of its resolution
@@ -175,7 +176,7 @@ class Verdict:
 
     def _weighed(self, each: Floats, w: Weighed, now_ns: int) -> list[Finding]:
         kinds, place = self.evidence.kinds, self.evidence.place
-        E = (each if self.course.few[self.s] else tempered(each, kinds)) + self.usual()
+        E = each + self.usual()
         if self.of.usual.alone[self.s]:
             hold_films(E, w, self.evidence, self.s)
         if self._proven:
