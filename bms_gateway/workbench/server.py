@@ -436,7 +436,7 @@ class Handler(ShortHeads):
         try:
             document = body_of(self.rfile.read(length))
         except (ValueError, RecursionError):
-            raise UsageError("the request is no JSON, or nested too deeply") from None
+            raise UsageError("the request is no JSON, has half a character, or is nested too deeply") from None
         if not isinstance(document, dict):
             raise UsageError("the request must be a JSON object")
         return document

@@ -58,7 +58,7 @@ def test_notes_come_and_go_over_the_wire_and_stay_what_they_were(pack):
         for wrong in ({"notes": 1}, {"notes": "x" * (LONGEST_NOTES + 1)}, {"notes": "\ud83d"}, {}):
             status, told, _ = ask(server, "POST", f"/api/note{where}", json.dumps(wrong), **JSON)
             assert status == 400
-            assert json.loads(told)["error"].startswith("notes: ")
+            assert json.loads(told)["error"].startswith(("notes: ", "the request is no JSON, has half a character"))
         assert desk.session()["notes"] == written
         assert ask(server, "POST", f"/api/note{where}", json.dumps({"notes": "other"}), **JSON)[0] == 200
         assert desk.session()["notes"] == "other"
