@@ -11,12 +11,14 @@ from bms_gateway.cli.init import _keep
 from bms_gateway.errors import UsageError
 from bms_gateway.report.csv_out import ResultFolder
 from bms_gateway.report.processes import processes
-from tests.test_whole import NOT_ROOT, OTHER, home, untouched  # noqa: F401 - a fixture
+from tests.support.other_user import NOT_ROOT, OTHER, home, untouched
+
+__all__ = ["home"]
 
 
 @NOT_ROOT
 @pytest.mark.parametrize("name", ["gateway.toml", "gateway.toml.bak"])
-def test_a_config_is_kept_through_no_link_of_another_user(home, name):  # noqa: F811
+def test_a_config_is_kept_through_no_link_of_another_user(home, name):
     """What a file of root's says was copied to where everybody reads it."""
     out = home / "out"
     out.mkdir()
@@ -31,6 +33,13 @@ def test_a_config_is_kept_through_no_link_of_another_user(home, name):  # noqa: 
     assert sorted(p.name for p in out.iterdir()) == sorted({"gateway.toml", name})
 
 
+def test_a_config_that_is_no_file_is_not_said_to_be_kept(tmp_path):
+    os.mkfifo(tmp_path / "gateway.toml")
+    with pytest.raises(UsageError, match=r"cannot be kept as gateway\.toml\.bak: it is no file"):
+        _keep(tmp_path / "gateway.toml")
+    assert not (tmp_path / "gateway.toml.bak").exists()
+
+
 def test_a_kept_config_has_the_mode_of_the_one_it_was(tmp_path):
     (tmp_path / "gateway.toml").write_text("password")
     (tmp_path / "gateway.toml").chmod(0o600)
@@ -40,7 +49,7 @@ def test_a_kept_config_has_the_mode_of_the_one_it_was(tmp_path):
 
 
 @NOT_ROOT
-def test_results_reach_no_other_folder_whatever_becomes_of_their_names(home):  # noqa: F811
+def test_results_reach_no_other_folder_whatever_becomes_of_their_names(home):
     """The folder of the unfinished results was found by its name: a link in its place led to a folder of root's."""
     out = home / "out"
     out.mkdir()

@@ -189,14 +189,17 @@ def _keep(there: Path) -> None:
 
     names = [there.with_name("gateway.toml.bak"), *(there.with_name(f"gateway.toml.bak{k}") for k in range(2, 1000))]
     kept = next((name for name in names if not name.exists()), names[-1])
+    fault = f"--out {there.parent}: {there.name} cannot be kept as {kept.name}"
     try:
         with reading(there) as handle:
             if handle is not None:
                 with open(handle, "rb", closefd=False) as old, whole(kept) as copy:
+                    os.fchmod(copy.fileno(), os.fstat(handle).st_mode & 0o777)  # before a word of it is there
                     copy.write(old.read())
-                    os.fchmod(copy.fileno(), os.fstat(handle).st_mode & 0o777)
     except OSError as e:
-        raise UsageError(f"--out {there.parent}: {there.name} cannot be kept as {kept.name}: {e.strerror}") from None
+        raise UsageError(f"{fault}: {e.strerror}") from None
+    if handle is None:
+        raise UsageError(f"{fault}: it is no file")
     note(f"{there} was there already: kept as {kept.name}")
 
 

@@ -100,14 +100,15 @@ class ResultFolder:
         self._rows: dict[str, tuple[str, list[str]]] = {}
         self._made = not directory.exists()
         self._names: list[str] = []
+        self._name = f".part-{os.urandom(8).hex()}"
         try:
             directory.mkdir(parents=True, exist_ok=True)
             self._at = open_folder(directory)
-            self._name = f".part-{os.urandom(8).hex()}"
-            os.mkdir(self._name, 0o700, dir_fd=self._at)
-            self._part = os.open(self._name, _OURS, dir_fd=self._at)
-            if os.fstat(self._part).st_uid != os.geteuid():
-                raise PermissionError(errno.EPERM, "another user changes its names")
+            try:
+                self._part = _new_folder(self._at, self._name)
+            except OSError:
+                os.close(self._at)
+                raise
         except OSError as e:
             raise UsageError(f"{directory}: cannot write results there: {e.strerror}") from None
         self._estimates = self._open("estimates.csv")
@@ -235,6 +236,16 @@ class ResultFolder:
             factor = _to_si(p)
             row = (at, e.string, p.name, _blank(p.value / factor), _blank(p.sd / factor), p.unit, p.status)
             self._parameter_rows.writerow(row)
+
+
+def _new_folder(at: int, name: str) -> int:
+    """Make a folder in an open one, and open it."""
+    os.mkdir(name, 0o700, dir_fd=at)
+    made = os.open(name, _OURS, dir_fd=at)
+    if os.fstat(made).st_uid != os.geteuid():  # somebody has put another one in its place
+        os.close(made)
+        raise PermissionError(errno.EPERM, "another user changes its names")
+    return made
 
 
 def _to_si(p: Estimate) -> float:

@@ -131,7 +131,7 @@ def _normal(z: Floats) -> Floats:
 
 def _drawn(x: Floats, y: Floats, shape: str = "linear") -> dict[str, Any]:
     low, high = float(np.min(y)), float(np.max(y))
-    return {"model": {"x": numbers(x), "y": numbers(y), "shape": shape}, "span": {"yaxis": (low, high)}}
+    return {"model": {"x": numbers(x), "y": numbers(y, 4), "shape": shape}, "span": {"yaxis": (low, high)}}
 
 
 def _layout(x: str, y: str) -> dict[str, Any]:

@@ -82,7 +82,7 @@ def test_the_histogram_is_that_of_the_residual_over_the_noise(hidden, clean):
     for left, figures in (hidden, clean):
         at, density = drawn(figures["noise"])
         width = at[1] - at[0]
-        assert density.sum() * width == pytest.approx(1.0, abs=3e-3)  # written in few digits
+        assert density.sum() * width == pytest.approx(1.0, abs=1e-3)
         inside = np.abs(left / NOISE_K) < 1.0
         middle = np.abs(at) < 1.0
         assert density[middle].sum() * width == pytest.approx(inside.mean(), abs=0.06)
