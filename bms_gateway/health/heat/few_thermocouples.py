@@ -8,9 +8,9 @@ from bms_gateway.health.heat.finding import Finding
 from bms_gateway.thermal import Floats
 
 LIKE_HEAT, MOST_STOPPED, RARER = 1.5, 0.85, 4.0
-"""Heat and a loss of cooling look alike. Fans and pumps stop more often
-than cells short: the ln evidence of heat is lowered by the third number, unless it is greater than that of a loss by
-the first factor. The second number is the greatest share of the films' conductance that is lost with a fan."""
+"""Heat and a loss of cooling look alike. Fans and pumps stop more often than cells short: the ln evidence of heat is
+lowered by the third number, unless it is greater than that of a loss by the first factor. The second number is the
+greatest share of the films' conductance that is lost with a fan."""
 COOLED = 0.8
 """Share of the greatest gap between surface and coolant since heat was found, below which a cell at rest has cooled."""
 
@@ -29,7 +29,7 @@ def hold_films(E: Floats, w: Weighed, e: Evidence, s: int) -> None:
 
 
 def cooled(f: HeatFilter, s: int, g: Finding, gaps: Floats) -> bool:
-    """Tell whether the cell of heat `g` has cooled since it was found.
+    """Tell whether the cell of heat `g` has cooled since it was found; the greatest gap is kept in `g`.
 
     At rest, a cell that goes on to heat does not cool; the estimate of its heat alone may be wrong by a multiple.
 

@@ -370,11 +370,13 @@ class Verdict:
             chance = float(heat @ np.linalg.solve(P, heat)) < ENDED_SD**2 + len(h) - 1
             now, sd = float(heat.sum()), sqrt(max(0.0, float(P.sum())))
             cold = now < LEAST_RATE * float(f.usual.C[s, g.place])
-            alone = bool(f.usual.alone[s])  # nothing else shows it: the sd is part of the evidence
+            alone = bool(f.usual.alone[s])
             low = chance and now + (ENDED_SD if alone else 1.0) * sd < ENDED_SHARE * g.size
-            low = low or (cold and (not alone or (bool(f.calm[s]) and now + sd < g.size)))
+            if not alone:
+                low = low or cold
+            elif f.calm[s]:
+                low = cooled(f, s, g, self.gaps) and (low or (cold and now + sd < g.size))
             seen = not self.burning and (not self._proven or watched(f, s, g.place, self.read))
-            seen = cooled(f, s, g, self.gaps) and seen if alone and f.calm[s] else seen
             return self._quiet(g, now_ns, low and seen, ENDED_S)
         if g.kind is Kind.JUMP:
             return self._quiet(g, now_ns, abs(float(f.z[s, at.bias.start + g.place])) < BACK_JUMP, 60.0)
