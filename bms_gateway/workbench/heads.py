@@ -1,6 +1,7 @@
 """Requests: heads are short, since only a head that was read tells who may come in; bodies have whole characters."""
 
 import json
+from collections.abc import Callable
 from http.client import LineTooLong
 from http.server import BaseHTTPRequestHandler
 from typing import Any, BinaryIO, Final
@@ -10,10 +11,17 @@ MOST_BYTES: Final = 16_384
 
 
 class _Lines:
-    """Reads a connection, and lets no head have more lines than `MOST_BYTES` hold."""
+    """Reads a connection, and lets no head have more lines than `MOST_BYTES` hold.
 
-    def __init__(self, raw: BinaryIO) -> None:
-        self._raw = raw
+    Parameters
+    ----------
+    raw : file
+    answers : callable
+        Is told with `begins=False` when a body is waited for, and with `begins=True` when it has come.
+    """
+
+    def __init__(self, raw: BinaryIO, answers: Callable[..., None]) -> None:
+        self._raw, self._answers = raw, answers
         self._left: int | None = None
 
     def begin(self) -> None:
@@ -34,6 +42,14 @@ class _Lines:
             raise LineTooLong("head")
         return line
 
+    def read(self, most: int = -1) -> bytes:
+        """Read a part of a body; who sends it byte by byte is as idle as who sends nothing."""
+        self._answers(begins=False)
+        try:
+            return self._raw.read(most)
+        finally:
+            self._answers(begins=True)
+
     def __getattr__(self, name: str) -> Any:
         return getattr(self._raw, name)
 
@@ -44,7 +60,10 @@ class ShortHeads(BaseHTTPRequestHandler):
     def setup(self) -> None:
         """Prepare the connection."""
         super().setup()
-        self.rfile: Any = _Lines(self.rfile)
+        self.rfile: Any = _Lines(self.rfile, self.answers)
+
+    def answers(self, *, begins: bool) -> None:
+        """Hear that the answer to a request begins, or ends or waits for more of the request."""
 
     def handle_one_request(self) -> None:
         """Read a request and answer it."""

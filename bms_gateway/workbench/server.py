@@ -122,20 +122,10 @@ class Handler(ShortHeads):
     server_version = "bms-gateway"
     sys_version = ""
     GETS: ClassVar = {
-        "state": "_state",
-        "figure": "_figure",
-        "measures": "_measures",
-        "curves": "_curves",
-        "events": "_events",
-        "take": "_take",
-        "site": "_site",
-        "presets": "_presets",
-        "watch": "_watch",
-        "history": "_history",
-        "window": "_window",
-        "signals": "_signals",
-        "happened": "_happened",
+        *("state", "figure", "measures", "curves", "events", "take", "site", "presets", "watch", "history", "window"),
+        *("signals", "happened"),
     }
+    """What is asked for with GET under /api; a method of each name answers, with an underscore before it."""
 
     def log_message(self, format: str, *args: Any) -> None:  # noqa: A002 - the base class calls it so
         """Keep the terminal clean."""
@@ -149,11 +139,15 @@ class Handler(ShortHeads):
         self._guarded(self._post)
 
     def _guarded(self, answer: Any) -> None:
-        self.server.clients.answer(self.connection, begins=True)
+        self.answers(begins=True)
         try:
             self._checked(answer)
         finally:
-            self.server.clients.answer(self.connection, begins=False)
+            self.answers(begins=False)
+
+    def answers(self, *, begins: bool) -> None:
+        """Keep a connection that is being answered; others make room when there are many."""
+        self.server.clients.answer(self.connection, begins=begins)
 
     def _checked(self, answer: Any) -> None:
         headers = {k.lower(): v for k, v in self.headers.items()}
@@ -215,7 +209,7 @@ class Handler(ShortHeads):
         elif path.startswith("/page/"):
             self._asset(path.removeprefix("/page/"))
         elif path.removeprefix("/api/") in self.GETS:
-            getattr(self, self.GETS[path.removeprefix("/api/")])()
+            getattr(self, "_" + path.removeprefix("/api/"))()
         else:
             self._json({"error": f"there is nothing at {path}"}, HTTPStatus.NOT_FOUND)
 

@@ -17,6 +17,7 @@ from bms_gateway.config import shipped
 from bms_gateway.errors import UsageError
 from bms_gateway.workbench import clients, doors
 from bms_gateway.workbench import site as sites
+from bms_gateway.workbench.clients import MOST
 from bms_gateway.workbench.doors import Door, names, refusal
 from bms_gateway.workbench.grafana import dashboard_address
 from bms_gateway.workbench.server import Server
@@ -150,6 +151,23 @@ def test_the_limit_of_a_head_is_that_of_each_request_and_no_body_counts(server, 
     answer = connection.getresponse()
     assert (answer.status, bool(answer.read())) == (200, True)
     connection.close()
+
+
+def test_those_who_send_a_request_byte_by_byte_lock_nobody_out(server, desk):
+    """Their requests have begun, so they counted as being answered, for as long as they liked."""
+    head = b"POST /api/undo?desk=%s HTTP/1.1\r\nHost: 127.0.0.1:%d\r\nContent-Type: application/json\r\n"
+    head = head % (desk.encode(), server.server_address[1]) + b"Content-Length: 60000\r\n\r\n{"
+    slow = [socket.create_connection(server.server_address) for _ in range(MOST)]
+    try:
+        for one in slow:
+            one.sendall(head)
+        time.sleep(0.5)  # until all are waited for
+        for one in slow:
+            one.sendall(b" ")
+        assert ask(server, "GET", f"/api/state?desk={desk}")[0] == 200
+    finally:
+        for one in slow:
+            one.close()
 
 
 def test_an_unknown_tab_is_told_so(server):
