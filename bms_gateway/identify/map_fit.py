@@ -39,6 +39,9 @@ VANISHING = 0.8
 """Share of its size by which a step may take an effect away: gone, its other numbers could not bring it back."""
 ROUNDING = 1e-12
 """Of a precision scaled to a unit diagonal: combinations known worse than this are lost in rounding."""
+RUNS_AWAY = 1e24
+"""Precision of a number as a multiple of its prior's: readings cannot tell a number to 1e-12 of its prior's sd. More
+comes of derivatives that grow without limit, as those of a negative conductance to the surroundings do."""
 FORETOLD = 0.8
 """Share of the gain that a step's columns promised from which they are used once more."""
 GAIN = 0.05
@@ -322,8 +325,8 @@ def map_fit(
         if iteration and cost - _promise(H, gradient) > effort.outclassed:
             break
         before, promised = cost, 0.0
-        if not (np.isfinite(H).all() and np.isfinite(gradient).all()):
-            cost, H = np.inf, np.eye(len(z))  # a trajectory that runs away tells no direction: the fit is none
+        if not np.isfinite(gradient).all() or not (np.diag(H) * sd**2 < RUNS_AWAY).all():
+            cost, H = np.inf, np.diag(sd**-2)  # what runs away tells no direction and no number: the fit is none
             break
         for new, damped in _steps(problem, H, gradient, z, lower, upper, damping):
             trial = problem.predict(new[:P], prediction.X, new[P:])

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bms_gateway.identify.map_fit import FitStart, converged, fitted, map_fit, nuisance_columns, solved
+from bms_gateway.diagnosis.core_band import posterior
+from bms_gateway.identify.map_fit import FitEffort, FitStart, converged, fitted, map_fit, nuisance_columns, solved
 from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal import AddedEffect, Prior
 from tests.identify.fit_records import SECONDS, model, record
@@ -102,3 +103,18 @@ def test_precisions_of_unlike_numbers_are_solved():
     H = np.diag([1e-8, 1.0, 1e12])
     H[0, 1] = H[1, 0] = 0.9e-4
     assert np.allclose(H @ solved(H, np.eye(3)), np.eye(3), atol=1e-6)
+
+
+@pytest.mark.parametrize("hours", [10, 15, 20, 40, 200])
+def test_where_derivatives_grow_without_limit_there_is_no_fit_and_nothing_is_known(hours):
+    # A pack at rest in its equilibrium, which is unstable: the surroundings return more than the film takes away.
+    m, _, _ = record(seed=5)
+    rest, T = np.zeros(SECONDS), 25.0
+    at_rest = replace(m.drive, dt=hours * 3600.0 / SECONDS, I=rest, I2=rest, I_abs=rest, T_in=rest + T)
+    m = replace(m, drive=at_rest, y=T + 0.1 * np.random.default_rng(1).normal(size=len(m.y)), start=(np.full(1, T),))
+    wrong = model(1, AddedEffect("ambient_loss", None, {"G": -0.3}, {"G": 0.2}))
+    problem = Problem(replace(wrong, priors=wrong.priors | {"R_u": Prior(15.0, 0.1)}), [m])
+    fit = map_fit(problem, FitStart(problem.begin), FitEffort(iterations=1))
+    sd = np.concatenate([[c.sd for c in problem.coordinates], fit.linear.sd])
+    assert fit.cost == np.inf
+    assert np.diag(posterior(fit)) == pytest.approx(sd**2)
