@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from bms_gateway.diagnosis.coarse_rows import HOPELESS, doubt
 from bms_gateway.diagnosis.geometry import odd_declared
 from bms_gateway.diagnosis.record import Record
+from bms_gateway.diagnosis.together import along, cells_in_words, span
 from bms_gateway.thermal import Floats, StringModel, StringParameters, continuous, discretize, simulate
 from bms_gateway.thermal.drive import Drive
 
@@ -217,21 +218,29 @@ def _soak(r: Record, model: StringModel) -> Iterator[Finding]:
         return
     apart = level - float(np.median(d.T_in[:end]))
     allowed = 2.0 * (model.tolerances["surface_offset_K"] + model.tolerances["inlet_offset_K"])
-    for cell, off, q in zip(r.cells, apart.tolist(), r.noise.step.tolist(), strict=True):
-        if abs(off) > max(allowed, q):
-            yield Finding(
-                "soak_offset",
-                "warn",
-                f"At rest at the start the surface of cell {cell} reads {off:+.2f} K against the inlet: an offset of a "
-                "sensor, or a pack that was not yet at the coolant's temperature.",
-            )
+    odd = np.abs(apart) > np.maximum(allowed, r.noise.step)
+    for sign, side in ((1.0, "above"), (-1.0, "below")):
+        size = {
+            k: abs(off) for k, off, x in zip(r.cells, apart.tolist(), odd.tolist(), strict=True) if x and sign * off > 0
+        }
+        if not size:
+            continue
+        goes = along(size)
+        if not goes and max(size.values()) - min(size.values()) > allowed:
+            goes = f", cell {max(size, key=size.__getitem__)} the most"
+        yield Finding(
+            "soak_offset",
+            "warn",
+            f"At rest at the start {_surfaces(list(size), 'reads', 'read')} {span(size.values())} K {side} the inlet"
+            f"{goes}: a sensor has an offset, or the pack was not yet at the coolant's temperature.",
+        )
 
 
 def _stuck(r: Record, model: StringModel) -> Iterator[Finding]:
     d = r.drive
     t = r.surface.at(r.instants)
     work = np.append(0.0, np.cumsum(_above(d, ACTIVE) * d.dt))
-    stuck = []
+    stuck: dict[int, tuple[float, float, float]] = {}
     for j, cell in enumerate(r.cells):
         mine = r.sensor == j
         y, left = r.y[mine], r.left[mine]
@@ -240,14 +249,16 @@ def _stuck(r: Record, model: StringModel) -> Iterator[Finding]:
         limit = STILL_S if r.noise.step[j] < COARSE_K else STILL_COARSE_S
         k = int(np.argmax(held))
         if held[k] > limit and _must_move(r, model, cell, int(left[edges[k]]), int(left[edges[k + 1] - 1])):
-            stuck.append(cell)
-            first = float(t[mine][edges[k]] - r.instants[0])
-            yield Finding(
-                "stuck_sensor",
-                "warn",
-                f"The surface of cell {cell} reads {y[edges[k]]:g} °C for {held[k] / 60:.1f} min under current, from "
-                f"{first / 60:.1f} min on: is its sensor stuck?",
-            )
+            stuck[cell] = float(y[edges[k]]), held[k] / 60, float(t[mine][edges[k]] - r.instants[0]) / 60
+    if stuck:
+        at, held_min, from_min = zip(*stuck.values(), strict=True)
+        yield Finding(
+            "stuck_sensor",
+            "warn",
+            f"{_surfaces(list(stuck), 'stands', 'stand').capitalize()} still at {span(at, 'g')} °C for "
+            f"{span(held_min, '.1f')} min under current, {'the first ' if len(stuck) > 1 else ''}from "
+            f"{min(from_min):.1f} min on: {'are their sensors' if len(stuck) > 1 else 'is its sensor'} stuck?",
+        )
     if len(stuck) == len(r.cells):
         yield Finding("all_stuck", "stop", "Every surface sensor stands still under current.")
 
@@ -390,13 +401,15 @@ def _sampling(r: Record, _: StringModel) -> Iterator[Finding]:
         lost.append(1.0 - (len(gaps) + 1) * float(np.median(gaps)) / seconds)
     if few := [cell for cell, share in zip(r.cells, lost, strict=True) if share > MISSING]:
         yield Finding(
-            "readings_missing", "note", f"Up to {100 * max(lost):.0f} % of the readings of {_cells(few)} are missing."
+            "readings_missing",
+            "note",
+            f"Up to {100 * max(lost):.0f} % of the readings of {cells_in_words(few)} are missing.",
         )
     if coarse := [cell for cell, q in zip(r.cells, r.noise.step.tolist(), strict=True) if q >= COARSE_K]:
         yield Finding(
             "coarse_sensor",
             "note",
-            f"The surface of {_cells(coarse)} is measured in steps of {r.noise.step.max():g} K.",
+            f"The surface of {cells_in_words(coarse)} is measured in steps of {r.noise.step.max():g} K.",
         )
 
 
@@ -430,8 +443,9 @@ def _runs(on: NDArray[np.bool_]) -> list[tuple[int, int]]:
     return list(zip(edges[::2], edges[1::2], strict=True))
 
 
-def _cells(cells: Sequence[int]) -> str:
-    return f"cell{'s' if len(cells) > 1 else ''} {', '.join(map(str, cells))}"
+def _surfaces(cells: Sequence[int], one: str, several: str) -> str:
+    """Name the surfaces of cells, with the verb that belongs to one or to several."""
+    return f"the surface{'s' if len(cells) > 1 else ''} of {cells_in_words(cells)} {several if len(cells) > 1 else one}"
 
 
 def _above(d: Drive, share: float) -> NDArray[np.bool_]:

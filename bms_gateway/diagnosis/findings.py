@@ -1,12 +1,13 @@
 """What a comparison found, in plain sentences."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from bms_gateway.diagnosis.core_band import CoreBand, half_width_K
 from bms_gateway.diagnosis.misfit import Block, Sensor
 from bms_gateway.diagnosis.regimes import Bin, Regime
+from bms_gateway.diagnosis.together import along, cells_in_words, runs, span
 
 WORTH = 0.1
 """Least share of the excess for which a regime is reported."""
@@ -18,8 +19,6 @@ TOGETHER_CONSTANT = 2
 """The same where the error is constant: a sentence of each would tell nothing else."""
 SHORT_S = 120.0
 """Times shorter than this are told in tenths of a minute."""
-ALONG = 0.8
-"""Least rank correlation of the error with the place along the coolant for which the error grows or falls."""
 LARGE_CORE_K = 1.0
 """95 % half width of a core above which a warning is given although the surface agrees."""
 
@@ -46,7 +45,7 @@ def sensor_sentences(
         return ("The model agrees with every sensor to within its noise.",)
     found = [text for group in _patterns(bad) for text in _told(group, len(sensors))]
     if fine:
-        found.append(f"The model agrees with {_cells(fine)} to within the noise.")
+        found.append(f"The model agrees with {cells_in_words(fine)} to within the noise.")
     if explained:
         feature, share = explained[0]
         titles = {r.feature: r.title for s in bad for r in s.regimes}
@@ -96,13 +95,13 @@ def _told(group: Sequence[Sensor], cells: int) -> list[str]:
         return [_misfit(s) for s in group]
     found = [(s, *_strongest(s)) for s in group]
     order = sorted(s.cell for s in group)
-    who = "All cells" if len(group) == cells else f"{len(group)} cells ({_runs(order)})"
+    who = "All cells" if len(group) == cells else f"{len(group)} cells ({runs(order)})"
     if found[0][1] is None or found[0][2] is None:
-        least, most = (f(abs(s.worst.error_K) for s in group) for f in (min, max))
-        return [f"{who} depart from the model by {_range(least, most)} K, and no single regime explains it."]
+        most = span(abs(s.worst.error_K) for s in group)
+        return [f"{who} depart from the model by {most} K, and no single regime explains it."]
     strong = {s.cell: b for s, _, b in found if b is not None}
     size = {k: abs(b.mean_K) for k, b in strong.items()}
-    amount = f"{_range(min(size.values()), max(size.values()))} K {'more' if found[0][2].mean_K > 0.0 else 'less'}"
+    amount = f"{span(size.values())} K {'more' if found[0][2].mean_K > 0.0 else 'less'}"
     labels = {b.label for b in strong.values()}
     regime = found[0][1]
     if regime.feature == "always":
@@ -111,28 +110,12 @@ def _told(group: Sequence[Sensor], cells: int) -> list[str]:
         where = next(iter(labels))
     else:
         where = f"where the {regime.title} is {_place(regime.bins, found[0][2])}"
-    return [f"{who} read {amount} than the model {where}{_along(size)}."]
-
-
-def _range(least: float, most: float) -> str:
-    few, many = f"{least:.2g}", f"{most:.2g}"
-    return few if few == many else f"{few} to {many}"
+    return [f"{who} read {amount} than the model {where}{along(size)}."]
 
 
 def _place(bins: Sequence[Bin], one: Bin) -> str:
     at = [b is one for b in bins].index(True)
     return "low" if at < (len(bins) - 1) / 2 else "high" if at > (len(bins) - 1) / 2 else "in between"
-
-
-def _along(size: Mapping[int, float]) -> str:
-    """Say whether an error grows or falls from cell to cell; of a few cells that means nothing."""
-    if len(size) < TOGETHER:
-        return ""
-    place, rank = (np.argsort(np.argsort(x)) for x in (list(size), list(size.values())))
-    together = float(np.corrcoef(place, rank)[0, 1])
-    if abs(together) < ALONG:
-        return ""
-    return ", growing along the coolant" if together > 0.0 else ", falling along the coolant"
 
 
 def _strongest(s: Sensor) -> tuple[Regime | None, Bin | None]:
@@ -188,24 +171,3 @@ def _when(blocks: Sequence[Block], records: int) -> str:
         where = f" of record {b.record + 1}" if records > 1 else ""
         parts.append(f"{b.first_s / 60:.{places}f} to {b.last_s / 60:.{places}f} min{where}")
     return f"{100.0 * told:.0f} % of the error lies at {', '.join(parts)}."
-
-
-def _cells(cells: Sequence[int]) -> str:
-    return f"cell {cells[0]}" if len(cells) == 1 else f"cells {_runs(cells)}"
-
-
-def _runs(cells: Sequence[int]) -> str:
-    """Name cells in order, neighbours from the third on as a stretch.
-
-    Examples
-    --------
-    >>> _runs([1, 2, 3, 4, 7, 9, 10])
-    '1 to 4, 7, 9, 10'
-    """
-    runs: list[list[int]] = []
-    for k in cells:
-        if runs and k == runs[-1][-1] + 1:
-            runs[-1].append(k)
-        else:
-            runs.append([k])
-    return ", ".join(f"{r[0]} to {r[-1]}" if len(r) > 2 else ", ".join(map(str, r)) for r in runs)

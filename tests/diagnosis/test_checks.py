@@ -123,7 +123,47 @@ def test_an_offset_at_rest_is_read_off():
 def test_an_offset_after_a_soak_is_read_off():
     c = rows()
     c["surface_C"][3] = c["surface_C"][3] + 0.8
-    assert "cell 3 reads +0.8" in findings(c)["soak_offset"].sentence
+    assert "the surface of cell 3 reads 0.8 K above the inlet:" in findings(c)["soak_offset"].sentence
+
+
+def twelve(**more):
+    """Columns and model of a string with a sensor on each of its twelve cells."""
+    cells = tuple(range(1, 13))
+    return rows(sensors=cells, **more), string_model(12, cells)
+
+
+def sentences(kind, columns, model):
+    return [
+        f.sentence for f in check_record(make_record(Columns(**columns, source="log"), model), model) if f.kind == kind
+    ]
+
+
+def test_a_pack_that_starts_warm_is_one_sentence():
+    c, model = twelve()
+    c["surface_C"] = {k: y + 3.0 for k, y in c["surface_C"].items()}
+    assert sentences("soak_offset", c, model) == [
+        "At rest at the start the surfaces of cells 1 to 12 read 3 K above the inlet: a sensor has an offset, or the "
+        "pack was not yet at the coolant's temperature."
+    ]
+    c["surface_C"][5] = c["surface_C"][5] + 0.9
+    c["surface_C"][9] = c["surface_C"][9] - 5.0
+    above, below = sentences("soak_offset", c, model)
+    assert "cells 1 to 8, 10 to 12 read 3 to 3.9 K above the inlet, cell 5 the most:" in above
+    assert "the surface of cell 9 reads 2 K below the inlet:" in below
+    c["surface_C"] = {k: y + 0.2 * k for k, y in twelve()[0]["surface_C"].items()}
+    assert "K above the inlet, growing along the coolant:" in sentences("soak_offset", c, model)[0]
+
+
+def test_sensors_that_stand_still_together_are_one_sentence():
+    c, model = twelve()
+    for k in (2, 3, 4, 9):
+        c["surface_C"][k][1000 + 10 * k : 2500] = 24.0 + k
+    (told,) = sentences("stuck_sensor", c, model)
+    assert re.fullmatch(
+        r"The surfaces of cells 2 to 4, 9 stand still at 26 to 33 °C for 1\d\.\d to 1\d\.\d min under current, the "
+        r"first from 17\.0 min on: are their sensors stuck\?",
+        told,
+    )
 
 
 def test_a_constant_current_is_told():
