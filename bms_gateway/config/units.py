@@ -88,7 +88,7 @@ _KNOWN_UNITS: Mapping[str, frozenset[str]] = MappingProxyType(
         ),
     }
 )
-_CALLED = {"soc": "a state of charge", "flow": "a coolant flow"}
+_CALLED = {"soc": "an SOC", "flow": "a coolant flow"}
 
 
 def parameter_factor(symbol: str, unit: str) -> float:

@@ -1,4 +1,4 @@
-"""Finds the state of charge: a share that changes slowly and falls with the current."""
+"""Finds the SOC: a share that changes slowly and falls with the current."""
 
 from typing import Final
 
@@ -23,19 +23,19 @@ from bms_gateway.setup.signal_words import (
 SCALES: Final = ((1.05, 1.0, "shares of 1"), (105.0, 1e-2, "%"), (1050.0, 1e-3, "0.1 %"), (10_500.0, 1e-4, "0.01 %"))
 """Greatest value, factor to shares of 1, and what that is called."""
 FAST: Final = 0.02
-"""Greatest rate of a state of charge, 1/s."""
+"""Greatest rate of an SOC, 1/s."""
 SWING: Final = 0.01
-"""Change of the state of charge that tells the sign of a current."""
+"""Change of the SOC that tells the sign of a current."""
 FOLLOWS: Final = 0.9
 """Correlation with the charge drawn."""
 SAID: Final = 3.0
-"""Least score of a state of charge by which the sign of a current is judged."""
+"""Least score of an SOC by which the sign of a current is judged."""
 _STATE: Final = ("state", "level", "zustand", "stand", "etat", "estado", "stato")
 _CHARGE: Final = ("charge", "carga", "carica", "lade")
 
 
 def charges(series: list[Series], electrical: Electrical, edges: NDArray[np.float64]) -> list[Scored]:
-    """Rank what may be the state of charge.
+    """Rank what may be the SOC.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def charges(series: list[Series], electrical: Electrical, edges: NDArray[np.floa
             tuple(w for w in STATISTIC if STATISTIC[w] != "mean"),
             ("target", "keep", "related", "correction", "user", "display"),
         )
-        why = ["named as the state of charge", *([told] if told else [])]
+        why = ["named as the SOC", *([told] if told else [])]
         values = factor * s.x
         steps = np.abs(np.diff(values)) / np.maximum(np.diff(s.t), 1.0)
         if len(steps) and np.quantile(steps, 0.98) > FAST:
@@ -79,7 +79,7 @@ def charges(series: list[Series], electrical: Electrical, edges: NDArray[np.floa
 
 
 def sign_by_charge(charge: list[Scored], current: Scored, edges: NDArray[np.float64]) -> float | None:
-    """Tell the sign that makes discharge positive: the state of charge falls as it is drawn.
+    """Tell the sign that makes discharge positive: the SOC falls as it is drawn.
 
     Returns
     -------

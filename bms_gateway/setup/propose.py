@@ -38,7 +38,7 @@ from bms_gateway.setup.vehicle_logs import Traffic
 CLEAR: Final = 2.0
 """Least lead over the next candidate at which a choice is sure."""
 LONG_S: Final = 120.0
-AGAINST: Final = "the pack's voltage and the state of charge contradict each other about the sign of the current"
+AGAINST: Final = "the pack's voltage and the SOC contradict each other about the sign of the current"
 LEAST_A: Final = 1.0
 """Least range of a current of a vehicle that drives."""
 LEAST_S: Final = 60.0
@@ -51,7 +51,7 @@ Rights = dict[str, tuple[dict[str, float | str | bool], list[str]]]
 
 
 def propose(traffic: Traffic) -> Proposal:
-    """Find the signals of the pack's current, voltage, state of charge, coolant, thermocouples and cell voltages.
+    """Find the signals of the pack's current, voltage, SOC, coolant, thermocouples and cell voltages.
 
     Parameters
     ----------
@@ -249,7 +249,7 @@ def _put(proposal: Proposal, p: Proposed, strings: Sequence[int]) -> None:
 def _current(
     proposal: Proposal, e: Electrical, rights: Rights, strings: Sequence[int], by_charge: float | None
 ) -> bool:
-    """Take the current; returns whether the state of charge contradicts its sign."""
+    """Take the current; returns whether the SOC contradicts its sign."""
     c = e.current
     if c is None or c.score < 1.5:
         return False
@@ -306,7 +306,7 @@ def _signed(proposal: Proposal, e: Electrical, c: Scored, by_charge: float | Non
         why.append(f"the pack's voltage {falls} as it rises (correlation of their steps {e.ohm.correlation:+.2f})")
     elif by_charge is not None:
         scale = by_charge * c.factor
-        why.append(f"the state of charge {'falls' if by_charge > 0 else 'rises'} as it counts up")
+        why.append(f"the SOC {'falls' if by_charge > 0 else 'rises'} as it counts up")
     else:
         told = False
         why.append("the data do not show its sign: positive is assumed to be discharge")

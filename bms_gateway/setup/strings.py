@@ -26,7 +26,7 @@ class Own:
     ----------
     electrical : Electrical
     charge : list of Scored
-        The candidates of its state of charge, the likeliest first; empty where the pack has one for all.
+        The candidates of its SOC, the likeliest first; empty where the pack has one for all.
     cells : list of Member
         Voltages of its cells; those of the whole pack where they are not told apart.
     """

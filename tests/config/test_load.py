@@ -178,7 +178,7 @@ FAULTS = [
     (MAPPED.replace('"Temps.T1"', '{ signal = "Pack.Voltage", scale = 2.0 }'), "unit 'mV' does not fit a temperature"),
     (MAPPED.replace('"Pack.Current"', '"Temps.T1"'), "signals.current: 'Temps.T1': unit 'C' does not fit a current"),
     (MAPPED.replace('"Pack.InletF"', '"Pack.Soc"'), "unit '%' does not fit a temperature"),
-    (MAPPED.replace('"Pack.Soc"', '"Pack.Voltage"'), "unit 'mV' does not fit a state of charge"),
+    (MAPPED.replace('"Pack.Soc"', '"Pack.Voltage"'), "unit 'mV' does not fit an SOC"),
     (MAPPED.replace("[identify]", "[engine]\nsilent_after_s = 0.1\n[identify]"), "engine.silent_after_s: 0.1"),
 ]
 

@@ -32,7 +32,7 @@ def test_the_charge_tells_the_sign_where_the_voltage_does_not(sign: float, tmp_p
     found = proposed(charged(sign, voltage=None), tmp_path)
     current = next(found.of("current"))
     assert current.factor == sign
-    assert any("state of charge" in why for why in current.why)
+    assert any("the SOC" in why for why in current.why)
 
 
 def test_voltage_and_charge_that_contradict_make_neither_sure(tmp_path) -> None:
