@@ -11,6 +11,7 @@ from typing import Any
 
 from bms_gateway.errors import StateError
 from bms_gateway.health.flag import Flag, Thresholds
+from bms_gateway.health.limits import BAND_SD
 
 # Each `fall` is 3 or 4 points below its `rise`, so that the scatter of windows does not switch the flag on and off.
 GROWTH = Thresholds(rise=(0.10, 0.20, 0.30), fall=(0.07, 0.16, 0.26), hold=3)
@@ -60,7 +61,7 @@ class Ageing:
 
     def sentence(self, of: str = "", doubt: str = "") -> str:
         """Say what the flag means and what to do; `of` names the cell, `doubt` names another possible cause."""
-        grown = f"{100 * self.growth:+.0f} ± {100 * self.growth_sd:.0f} %"
+        grown = f"{100 * self.growth:+.0f} ± {100 * BAND_SD * self.growth_sd:.0f} %"
         what = f"resistance growth{of} {grown} since commissioning"
         return f"{what}: {DO[self.flag.level]}{doubt if self.flag.level else ''}"
 

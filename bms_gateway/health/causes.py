@@ -13,6 +13,7 @@ import numpy as np
 from bms_gateway.errors import StateError
 from bms_gateway.health.ageing import stored_level
 from bms_gateway.health.flag import Flag, Thresholds
+from bms_gateway.health.limits import BAND_SD
 from bms_gateway.health.trend import CONFIRM, J, Kind, Trend, U
 from bms_gateway.thermal import Floats
 
@@ -68,7 +69,7 @@ class Cooling:
         if not self.flag.level:
             return "cooling is as at commissioning again"
         why = "" if flow_known else " (the bus does not tell the coolant's flow: less of it looks the same)"
-        grown = f"{100 * self.growth:+.0f} ± {100 * self.growth_sd:.0f} %"
+        grown = f"{100 * self.growth:+.0f} ± {100 * BAND_SD * self.growth_sd:.0f} %"
         return (
             f"heat leaves the cells less well than at commissioning (R_u {grown}){why}: "
             "check fan or pump, filter and ducts; this is no ageing of the cells"

@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from bms_gateway.health.limits import BAND_SD
 from bms_gateway.thermal import Floats
 
 HOUR_S = 3600.0
@@ -93,10 +94,10 @@ class Leak:
         """Tell what was found, how sure it is, and what to do."""
         mA = ""
         if isfinite(self.current):
-            mA = f"{1e3 * self.current:.2g} ± {1e3 * self.current_sd:.1g} mA ({self.watts:.2g} W): "
+            mA = f"{1e3 * self.current:.2g} ± {1e3 * BAND_SD * self.current_sd:.1g} mA ({self.watts:.2g} W): "
         return (
             f"cell {self.cell} discharges itself: {mA}its voltage has fallen against its string's median by "
-            f"{-1e3 * self.slope:.2g} ± {1e3 * self.slope_sd:.1g} mV/h for {self.hours:.1f} h at rest "
+            f"{-1e3 * self.slope:.2g} ± {1e3 * BAND_SD * self.slope_sd:.1g} mV/h for {self.hours:.1f} h at rest "
             f"({-self.slope / self.slope_sd:.0f} sd); balancing would look the same: if this cell is not balanced, a "
             "soft short is likely: do not charge, watch its temperature, have the cell tested"
         )

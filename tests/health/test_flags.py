@@ -47,7 +47,7 @@ def test_growth_is_flagged_and_its_absence_is_not(truth: float, level: int) -> N
     for _ in range(6):
         a.update(truth + rng.normal(0, 0.01), 0.015)
     assert a.flag.level == level
-    assert f"{100 * a.growth:+.0f} ± 2 %" in a.sentence()
+    assert f"{100 * a.growth:+.0f} ± 3 %" in a.sentence()
 
 
 def test_growth_that_is_hardly_known_raises_nothing() -> None:

@@ -99,7 +99,7 @@ def test_flags_restored_with_the_state_are_raised_after_the_grace_time():
     ageing = pack.engine.strings[0].health.ageing
     ageing.flag.level, ageing.growth, ageing.growth_sd = 3, 0.31, 0.02
     assert pack.drive(2) == "OK"
-    assert pack.drive(3).startswith("ALARM: string_1: resistance growth +31 ± 2 % since commissioning: alarm")
+    assert pack.drive(3).startswith("ALARM: string_1: resistance growth +31 ± 4 % since commissioning: alarm")
     pack.engine.strings[1].health.mismatch.flag.level = 1
     pack.drive(1)
     assert [c.name for c in pack.watch.alerts.raised] == ["ageing", "mismatch"]

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bms_gateway.health.heat.fault_evidence import Evidence, Kind
+from bms_gateway.health.limits import BAND_SD
 from bms_gateway.thermal import Floats
 
 if TYPE_CHECKING:
@@ -13,10 +14,10 @@ if TYPE_CHECKING:
 LEAST_SHARE = 0.01
 """Of the evidence, of another cause that is told."""
 TROUBLE = {
-    Kind.JUMP: "has jumped by {:+.1f} K",
-    Kind.SLOPE: "drifts by {:+.1f} K/h",
-    Kind.LOOSE: "has come loose: {:.0%} of the coolant is in its reading",
-    Kind.LAG: "follows its cell a minute late or more ({:.0%} of its reading): it has come off",
+    Kind.JUMP: "has jumped by {0:+.1f} K",
+    Kind.SLOPE: "drifts by {0:+.1f} K/h",
+    Kind.LOOSE: "has come loose: {1:.0f} % of the coolant is in its reading",
+    Kind.LAG: "follows its cell a minute late or more ({1:.0f} % of its reading): it has come off",
 }
 
 
@@ -37,13 +38,13 @@ def sentence(f: "Finding", cells: int, now_ns: int, *, over: bool = False) -> st
         return OVER[f.code].format(cell=f.cell)
     else_ = ""
     if f.others:
-        else_ = "; could also be " + ", ".join(f"{name} ({p:.0%})" for name, p in f.others)
+        else_ = "; could also be " + ", ".join(f"{name} ({100 * p:.0f} %)" for name, p in f.others)
     if f.code == "unexplained_heat":
         near = [k for k in ((f.cell or 0) - 1, (f.cell or 0) + 1) if 1 <= k <= cells]
         beside = f"; it may sit in cell {' or '.join(map(str, near))}" if near else ""
         return (
-            f"cell {f.cell} heats by itself: {_watts(f.heat, 2)} ± {_watts(f.heat_sd, 1)} W that no current makes, "
-            f"since {_how_long(now_ns - f.since_ns)} ({f.sure:.0%} sure{beside}){else_}: an "
+            f"cell {f.cell} heats by itself: {_watts(f.heat, 2)} ± {_watts(BAND_SD * f.heat_sd, 1)} W that no current "
+            f"makes, since {_how_long(now_ns - f.since_ns)} ({100 * f.sure:.0f} % sure{beside}){else_}: an "
             "internal short is likely, stop, cool the string and watch the cell"
         )
     if f.code == "missing_heat":
@@ -60,7 +61,7 @@ def sentence(f: "Finding", cells: int, now_ns: int, *, over: bool = False) -> st
             f"the coolant inlet reads {-f.size:+.1f} K off what the cells feel{else_}: its sensor is frozen or wrong, "
             "check it"
         )
-    what = TROUBLE[f.kind].format(f.size)
+    what = TROUBLE[f.kind].format(f.size, 100 * f.size)
     return f"thermocouple of cell {f.cell} {what}{else_}: check its seat, wire and plug"
 
 
