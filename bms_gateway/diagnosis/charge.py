@@ -102,11 +102,11 @@ def _told(levels: list[Level]) -> str:
     first, worst = levels[0], max(levels, key=lambda x: x.sd)
     if first.told_by == "capacity":
         return (
-            f"its level, {100.0 * first.soc:.0f} ± {100.0 * first.sd:.0f} % at the start, is an assumption: the middle"
-            " of what keeps the cell between empty and full"
+            f"its level, {100.0 * first.soc:.0f} ± {100.0 * first.sd:.0f} % (1 sd) at the start, is an assumption: the "
+            "middle of what keeps the cell between empty and full"
         )
     what = "at rest" if first.told_by == "rest" else "under load"
-    text = f"{100.0 * first.soc:.0f} ± {100.0 * first.sd:.0f} % at the start, by the voltage {what}"
+    text = f"{100.0 * first.soc:.0f} ± {100.0 * first.sd:.0f} % (1 sd) at the start, by the voltage {what}"
     if len(levels) > 1:
         text += f"; each of {len(levels)} parts has its own level, ± {100.0 * worst.sd:.0f} % at worst"
     return text

@@ -433,7 +433,7 @@ def _rows(r: Record, _: StringModel) -> Iterator[Finding]:
             "current_coarse",
             "warn",
             f"The current jumps between its rows, {r.sampling.seconds:.3g} s apart: a minute's heat is known to "
-            f"±{100.0 * share:.0f} % only, and {what}. Log it every second or faster.",
+            f"± {100.0 * share:.0f} % (1 sd) only, and {what}. Log it every second or faster.",
         )
 
 

@@ -192,7 +192,7 @@ def absorbed(fit: MapFit) -> Absorbed:
         product = float(np.sqrt(max(cov[np.ix_(index, index)].sum(), 0.0)))
         apart = tuple((s, float(np.sqrt(cov[i, i]))) for s, i in zip(symbols, index, strict=True))
         text = f"{'·'.join(symbols)} ({meaning}) is known to {_percent(product)}; "
-        text += ", ".join(f"{s} alone to {_percent(x)}" for s, x in apart) + "."
+        text += ", ".join(f"{s} alone to {_percent(x)}" for s, x in apart) + " (1 sd)."
         found.append(Combination(symbols, meaning, product, apart, text))
     found.sort(key=lambda c: c.rel_sd)
     return Absorbed(tuple(sentences), tuple(found))
@@ -282,4 +282,4 @@ def _listed(names: Sequence[str], last: str = "or") -> str:
 
 
 def _percent(rel_sd: float) -> str:
-    return f"±{100 * rel_sd:.2g} %"
+    return f"± {100 * rel_sd:.2g} %"

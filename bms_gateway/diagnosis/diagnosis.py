@@ -313,7 +313,8 @@ def _with_doubt(d: Diagnosis) -> Diagnosis:
     if moved > half_width:
         return d
     doubt = (
-        f"With what is named the core moves by {moved:.2g} K, less than the ± {half_width:.2g} K to which it is known."
+        f"With what is named the core moves by {moved:.2g} K, less than the ± {half_width:.2g} K (95 %) to which it is "
+        "known."
     )
     return replace(d, more=f"{d.more} The core is not known better by it: {doubt}", alarms=(*d.alarms, doubt))
 
@@ -325,7 +326,7 @@ def _with_charge(d: Diagnosis, sd: float) -> Diagnosis:
         return d
     verb = "goes" if len(names) == 1 else "go"
     doubt = (
-        f"{' and '.join(names)} {verb} by the SOC, whose level is known to ± {100.0 * sd:.0f} % only: "
+        f"{' and '.join(names)} {verb} by the SOC, whose level is known to ± {100.0 * sd:.0f} % (1 sd) only: "
         "record it, or name the cell in the model file ([cell] format)."
     )
     return replace(d, more=f"{d.more} {doubt}")

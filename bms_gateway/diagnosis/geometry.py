@@ -93,7 +93,7 @@ def _odd(model: StringModel, values: Mapping[str, float], names: tuple[str, ...]
         if off > DOUBTED:
             kind = KINDS[parts[0]]
             shown = f"{value / kind.to_si:.2g} {kind.unit}"
-            usual = f"{expected / kind.to_si:.2g} {kind.unit} ± {100.0 * stated[parts[0]].rel_sd:.0f} %"
+            usual = f"{expected / kind.to_si:.2g} {kind.unit} ± {100.0 * stated[parts[0]].rel_sd:.0f} % (1 sd)"
             times = f"{value / expected:.2g} times" if value > expected else f"{100.0 * value / expected:.0f} % of"
             word = "is not possible for" if off > EXCLUDED else "is doubtful for"
             text = f"{name} = {shown} {word} a cell '{facts.name}': {times} its {usual} ({stated[parts[0]].formula})."

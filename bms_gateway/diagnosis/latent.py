@@ -300,7 +300,7 @@ def _sentence(node: Node, heats: Sequence[Heat], follows: Sequence[Follow], *, m
     if follows[0].share > FOLLOWS:
         f = follows[0]
         return (
-            f"{f.share:.0%} of the misfit goes with a heat {where} that follows {f.title} "
+            f"{100.0 * f.share:.0f} % of the misfit goes with a heat {where} that follows {f.title} "
             f"({f.slope:+.2g} W per {f.unit})."
         ).replace(" per W)", ")")
     return f"The readings ask for {size:.2g} W (rms) more or less heat {where}; it follows no single feature."

@@ -104,7 +104,7 @@ def implausible(f: MapFit) -> list[Witness]:
         if c.name in ACTIVATION:
             p = effect_named(c.name.partition(".")[0]).parameter(c.name.rpartition(".")[2])
             off = (z - p.prior) / p.sd
-            text = f"{c.name} = {z:.0f} K is not plausible: usual are {p.prior:.0f} ± {p.sd:.0f} K"
+            text = f"{c.name} = {z:.0f} K is not plausible: usual are {p.prior:.0f} ± {p.sd:.0f} K (1 sd)"
             limit = BEYOND
         elif c.effect is None or c.name.startswith("current_offset"):
             off, limit = (z - c.prior) / c.sd, FAR
@@ -320,4 +320,4 @@ def activation(f: MapFit, r: int, m: Measured) -> Witness | None:
     B, own = float(f.theta[number[0]]), float(np.sqrt(f.covariance[number[0], number[0]]))
     off = (B - float(k[1])) / float(np.hypot(sd, own))
     text = f"By the voltage the losses fall with B = {k[1]:.0f} ± {sd:.0f} K, by the surface with {B:.0f} ± {own:.0f} K"
-    return Witness("voltage activation", text + ".", abs(off), FAR, abs(off) > FAR)
+    return Witness("voltage activation", text + " (1 sd).", abs(off), FAR, abs(off) > FAR)

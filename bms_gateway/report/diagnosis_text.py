@@ -14,7 +14,7 @@ from bms_gateway.diagnosis.diagnosis import Diagnosis, Errors, Number, Selected,
 from bms_gateway.diagnosis.ranking import Standing
 from bms_gateway.report.core_text import core_document, core_text
 from bms_gateway.report.show import number, text_table
-from bms_gateway.report.words import labelled, named, named_all
+from bms_gateway.report.words import labelled, named, named_all, parameter_named
 
 BAR = 12
 """Length of the longest evidence bar in characters; the table then still fits a terminal."""
@@ -48,7 +48,7 @@ class Told:
     core : KnownCore or None
         Of the model as it is; None where nothing can be learnt from the records.
     curve : Curve or None
-        dU/dT over the state of charge, where entropic heat is named.
+        dU/dT over the SOC, where entropic heat is named.
     """
 
     diagnosis: Diagnosis | None
@@ -223,8 +223,8 @@ def _listed(title: str, lines: Sequence[str]) -> str:
 def _what_is_missing(selected: Sequence[Selected]) -> str:
     lines = []
     for s in selected:
-        lines.append(f"{named(placed(s.candidate.name, s.candidate.cell))}: {s.candidate.effect.equation}")
-        lines += [f"  {text}" for text in number_lines(s.parameters)]
+        lines.append(f"{named(s.candidate.key)}: {s.candidate.effect.equation}")
+        lines += [f"  its numbers, {WITH_SD}:", *(f"    {x}" for x in number_lines([s.candidate.key], s.parameters))]
     return "\n".join(lines)
 
 
@@ -234,14 +234,21 @@ def _curve_text(c: Curve) -> str:
     rows = [
         ["at SOC, %", *(f"{100 * float(c.soc[k]):.0f}" for k in at)],
         [f"dU/dT, {c.unit}", *(f"{c.value[k]:+.2f}" for k in at)],
-        ["± sd", *(f"{c.sd[k]:.2f}" for k in at)],
+        [WITH_SD, *(f"{c.sd[k]:.2f}" for k in at)],
     ]
     return text_table(rows[0], rows[1:], left=1)
 
 
-def number_lines(numbers: Mapping[str, Number]) -> list[str]:
-    """Write each number with its standard deviation and unit."""
-    return [f"{name} = {with_sd(x.value, x.sd)} {x.unit}".rstrip() for name, x in numbers.items()]
+WITH_SD = "± 1 sd"
+"""What stands behind ± in `with_sd`, for the head of a list or a table; bands are of 95 %, and say so."""
+
+
+def number_lines(effects: Sequence[str], numbers: Mapping[str, Number]) -> list[str]:
+    """Write each number of effects by its label, with its standard deviation and unit."""
+    return [
+        f"{parameter_named(effects, name)} = {with_sd(x.value, x.sd)} {x.unit if x.unit != '1' else ''}".rstrip()
+        for name, x in numbers.items()
+    ]
 
 
 def with_sd(value: float, sd: float) -> str:

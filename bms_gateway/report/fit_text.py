@@ -13,7 +13,7 @@ from bms_gateway.diagnosis.detect import Combination
 from bms_gateway.diagnosis.diagnosis import Errors
 from bms_gateway.identify.contract import FIXED
 from bms_gateway.report.core_text import core_document, core_text
-from bms_gateway.report.diagnosis_text import closer_numbers, finite, told_aside, warned, with_sd
+from bms_gateway.report.diagnosis_text import WITH_SD, closer_numbers, finite, told_aside, warned, with_sd
 from bms_gateway.report.show import number, text_table
 
 HOLDS = 1.2
@@ -152,7 +152,7 @@ def changes_table(changes: Sequence[Change]) -> str:
         ]
         for c in changes
     ]
-    return text_table(["parameter", "unit", "status", "before", "after"], rows, left=3)
+    return text_table(["parameter", "unit", "status", f"before, {WITH_SD}", f"after, {WITH_SD}"], rows, left=3)
 
 
 def _errors(channels: Sequence[ChannelError], several: bool) -> str:

@@ -17,12 +17,11 @@ MOST, TOLD = 40, 6
 
 
 def correlations(fit: MapFit) -> tuple[list[str], Floats]:
-    """Give the names of a fit's numbers that are no starts, and their correlation (P, P)."""
+    """Give a fit's numbers that are no starts, each by its label, and their correlation (P, P)."""
     at = shown(fit)
     covariance = posterior(fit)[np.ix_(at, at)]
     sd = np.sqrt(np.diag(covariance))
-    names = [_name(fit.problem.coordinates[i].name) for i in at]
-    return names, np.clip(covariance / np.outer(sd, sd), -1.0, 1.0)
+    return [called(fit.problem.coordinates[i]) for i in at], np.clip(covariance / np.outer(sd, sd), -1.0, 1.0)
 
 
 def shown(fit: MapFit) -> list[int]:
@@ -31,21 +30,23 @@ def shown(fit: MapFit) -> list[int]:
 
 
 def correlation_table(fit: MapFit) -> str:
-    """Give the correlation of a fit's numbers as a table, with a sentence on those that are not known apart."""
+    """Give the correlation of a fit's numbers as a table, with a sentence on those that are not known apart.
+
+    Labels are long: the head of a column has the place of its number in the rows.
+    """
     names, r = correlations(fit)
     n = len(names)
     if n < 2:
         return ""
     pairs = [(float(r[i, j]), i, j) for i in range(n) for j in range(i) if abs(r[i, j]) > APART]
     pairs.sort(key=lambda p: -abs(p[0]))
-    labels = [called(fit.problem.coordinates[i]) for i in shown(fit)]
-    told = "; ".join(f"{labels[i]} and {labels[j]}: {_number(x)}" for x, i, j in pairs[:TOLD])
+    told = "; ".join(f"{names[i]} and {names[j]}: {_number(x)}" for x, i, j in pairs[:TOLD])
     said = f"Hardly known apart: {told}." if pairs else f"No two numbers are correlated by more than {APART:g}."
-    head = "".join(f'<th scope="col">{escape(name)}</th>' for name in names[:-1])
+    head = "".join(f'<th scope="col" aria-label="{escape(name)}">{j}</th>' for j, name in enumerate(names[:-1], 1))
     rows = []
-    for i in range(1, n):
+    for i in range(n):
         cells = "".join(_cell(float(r[i, j])) for j in range(i)) + "<td></td>" * (n - 1 - i)
-        rows.append(f'<tr><th scope="row">{escape(names[i])}</th>{cells}</tr>')
+        rows.append(f'<tr><th scope="row">{i + 1} {escape(names[i])}</th>{cells}</tr>')
     table = (
         f'<table class="heat"><thead><tr><th scope="col"></th>{head}</tr></thead><tbody>{"".join(rows)}</tbody></table>'
     )
@@ -62,8 +63,3 @@ def _cell(x: float) -> str:
 def _number(x: float) -> str:
     text = f"{x:.2f}"
     return "0" if float(text) == 0.0 else text.replace("-", "−")
-
-
-def _name(name: str) -> str:
-    plain, _, record = name.partition("@")
-    return f"{plain} (record {record})" if record else plain

@@ -24,7 +24,7 @@ def _sample(shape: str) -> str:
 
 HELD_KEY = _sample('<rect width="34" height="12" fill="#ececec"/>') + "held out: never fitted to"
 KEY = (
-    _sample('<path d="M0 2H34M0 10H34" stroke="#777" stroke-dasharray="1 3"/>') + "± 2 σ of the sensor",
+    _sample('<path d="M0 2H34M0 10H34" stroke="#777" stroke-dasharray="1 3"/>') + "± 2 sd of the sensor",
     _sample('<path d="M0 6H34" stroke="#777" stroke-width=".8"/>') + "reading minus model",
     _sample('<path d="M0 6H34" stroke="#777" stroke-width="3"/>') + "its mean over a minute",
 )
@@ -96,7 +96,7 @@ def missing_heat(found: Latent, fit: MapFit) -> str:
         time = clock(3600.0 * float(m.drive.hours[-1]))
         several = f", record {r + 1}" if len(fit.problem.records) > 1 else ""
         follows = ", and what it follows most" if any(f.share >= WORTH for f in found.follows) else ""
-        caption = f"Missing heat, were it all made in the {found.node}{several}, ± one sd{follows}."
+        caption = f"Missing heat, were it all made in the {found.node}{several}, ± 1 sd{follows}."
         told = f"Missing heat at the {found.node} over time, and the features that it follows"
         parts.append(figure(f"latent-{r + 1}", latent(found, r, m, time), caption, described=told, time=r))
     return "\n".join([*parts, follows_table(found)])

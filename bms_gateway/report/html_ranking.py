@@ -1,20 +1,18 @@
 """Tables of a diagnosis: the ranking with its bars, what to measure next, what the data could show at all."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from html import escape
 
 import numpy as np
 
 from bms_gateway.diagnosis.detect import Card, Detectable
-from bms_gateway.diagnosis.diagnosis import Number
 from bms_gateway.diagnosis.experiment import ENOUGH_ODDS, Experiment
 from bms_gateway.diagnosis.latent import Latent
 from bms_gateway.diagnosis.ranking import Standing
-from bms_gateway.report.diagnosis_text import LINEAR, meaning, reach, with_sd
+from bms_gateway.report.diagnosis_text import LINEAR, WITH_SD, meaning, number_lines, reach
 from bms_gateway.report.html_figures import WORTH
-from bms_gateway.report.html_tables import unit
 from bms_gateway.report.page import amount, paragraph, table
-from bms_gateway.report.words import in_words, labelled
+from bms_gateway.report.words import in_words, labelled, named, parameter_named, unit
 from bms_gateway.thermal.effects import effect_named
 
 TESTS_SHOWN = 6
@@ -76,7 +74,8 @@ def ranking_table(ranked: Sequence[Standing], *, second: bool = False) -> str:
         ]
         row = f'<th scope="row">{escape(titles)}<br><span class="muted">({escape(r.name)})</span></th>'
         row += f"<td>{_bar(r, top, kind)}</td>" + "".join(f'<td class="n">{c}</td>' for c in columns)
-        row += f'<td class="numbers">{_numbers(r.parameters)}</td>'
+        numbers = map(in_words, number_lines(r.effects, r.parameters))
+        row += f'<td class="numbers">{"<br>".join(map(escape, numbers))}</td>'
         row += f'<td class="why">{escape(in_words(r.refused))}</td>'
         rows.append(f'<tr class="{kind}">{row}</tr>')
     error = "error, K" if second else "held-out, K"
@@ -86,8 +85,10 @@ def ranking_table(ranked: Sequence[Standing], *, second: bool = False) -> str:
     note += "Hatched: refused, with the reason."
     return (
         f'{HATCH}<table class="ranking"><caption>{escape(note[0].upper() + note[1:])}</caption><thead><tr>'
-        f'<th scope="col">effect</th><th scope="col">evidence{_scale(top)}</th>{head}<th scope="col">its numbers</th>'
-        '<th scope="col">why not</th></tr></thead><tbody>\n' + "\n".join(rows) + "\n</tbody></table>"
+        f'<th scope="col">effect</th><th scope="col">evidence{_scale(top)}</th>{head}'
+        f'<th scope="col">its numbers, {WITH_SD}</th><th scope="col">why not</th></tr></thead><tbody>\n'
+        + "\n".join(rows)
+        + "\n</tbody></table>"
     )
 
 
@@ -95,12 +96,6 @@ def _share(share: float) -> str:
     if not np.isfinite(share):
         return ""
     return f"{100 * share:.0f} %" if share >= 0.005 else "&lt; 1 %"
-
-
-def _numbers(numbers: Mapping[str, Number]) -> str:
-    return "<br>".join(
-        escape(f"{n} = {with_sd(x.value, x.sd)} {unit(x.unit)}").replace("-", "−") for n, x in numbers.items()
-    )
 
 
 def _bar(r: Standing, top: float, kind: str) -> str:
@@ -189,7 +184,8 @@ def detectability_table(card: Card) -> str:
         if np.isfinite(low) and high > 1.05 * low:
             size += f" … {amount(high, 2) if np.isfinite(high) else 'none'}"
         usual, u = f"{amount(first.typical, 2)}", unit(first.unit)
-        rows.append([escape(name), escape(first.parameter), size, usual, u, _visible(mine, seen)])
+        number = parameter_named([name], first.parameter)
+        rows.append([escape(named(name)), escape(number), size, usual, u, _visible(mine, seen)])
     note = (
         "Smallest size that these data would show with log-odds of 3, and the size that the catalogue counts as usual; "
         "over the cells where an effect can sit on one, from the best to the worst place."

@@ -15,25 +15,20 @@ from bms_gateway.diagnosis.regimes import Bin, Regime
 from bms_gateway.identify.coordinates import Coordinate
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.report.core_text import OUTSIDE
-from bms_gateway.report.diagnosis_text import with_sd
+from bms_gateway.report.diagnosis_text import WITH_SD, with_sd
 from bms_gateway.report.html_series import Shown
 from bms_gateway.report.page import amount, grouped, table
 from bms_gateway.report.show import number
+from bms_gateway.report.words import unit
 from bms_gateway.thermal import KINDS, StringModel
 from bms_gateway.thermal.centre import probe_lever
-from bms_gateway.thermal.effects import effect_named
+from bms_gateway.thermal.effects import EffectParameter, effect_named
 
-UNITS = {"mOhm": "mΩ", "Ohm": "Ω", "degC": "°C", "1": ""}
 FEATURES_SHOWN = 6
 SENSORS_SHOWN, TOGETHER = 16, 12
 """Sensors in a heat map at most, and columns up to which before and after stand in one."""
 BESIDE = 4
 """Columns up to which two heat maps stand side by side."""
-
-
-def unit(name: str) -> str:
-    """Write a unit as people do."""
-    return UNITS.get(name, name)
 
 
 def errors_table(models: Sequence[Shown]) -> str:
@@ -123,11 +118,14 @@ def at_limits(fit: MapFit) -> list[str]:
 def called(c: Coordinate) -> str:
     """Give a number of a model by its label, its symbol in brackets."""
     name, _, record = c.name.partition("@")
-    if c.effect is None:
-        label = KINDS[name].description
-    else:
-        label = effect_named(c.effect.partition(":")[0]).parameter(c.name.removeprefix(c.effect + ".")).description
+    label = KINDS[name].description if c.effect is None else _parameter(c).description
     return f"{label} ({name}{f', record {record}' if record else ''})"
+
+
+def _parameter(c: Coordinate) -> EffectParameter:
+    """Give the number of an effect that a coordinate of a fit, such as `cell_cooling:2.a`, is."""
+    effect, _, name = c.name.rpartition(".")
+    return effect_named(effect.partition(":")[0]).parameter(name)
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +147,7 @@ def shown_as(c: Coordinate, model: StringModel) -> ShownAs:
         name, _, _ = c.name.partition("@")
         kind, prior = KINDS[name], np.asarray(model.priors[name].value)
         return ShownAs(float(prior.mean()) / kind.to_si, True, unit(kind.unit))
-    p = effect_named(c.effect.partition(":")[0]).parameter(c.name.removeprefix(c.effect + "."))
+    p = _parameter(c)
     return ShownAs(1.0 / p.to_si, p.log, unit(p.unit))
 
 
@@ -173,7 +171,9 @@ def parameters_table(fit: MapFit) -> str:
                 state,
             ]
         )
-    return table(["number", "value ± sd", "unit", "known before", "limits", "state"], rows, words=(0, 2, 5))
+    return table(
+        ["number", f"value {WITH_SD}", "unit", f"known before, {WITH_SD}", "limits", "state"], rows, words=(0, 2, 5)
+    )
 
 
 def _free(fit: MapFit) -> list[tuple[Coordinate, float, float, str]]:
@@ -189,7 +189,7 @@ def curve_table(c: Curve) -> str:
         [f"{100.0 * s:.0f} %", f"{v:+.3f}".replace("-", "−"), f"{sd:.3f}"]
         for s, v, sd in zip(c.soc, c.value, c.sd, strict=True)
     ]
-    return table(["SOC", f"dU/dT, {c.unit}", "± sd"], rows)
+    return table(["SOC", f"dU/dT, {c.unit}", f"{WITH_SD}, {c.unit}"], rows)
 
 
 def heat_map(models: Sequence[Shown]) -> str:

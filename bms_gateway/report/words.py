@@ -1,4 +1,4 @@
-"""Sentences as people read them: what an effect is called before its identifier, a true minus sign, no unit of 1.
+"""Sentences as people read them: what an effect is called before its identifier, a true minus sign, units as printed.
 
 JSON documents keep the sentences with identifiers alone.
 """
@@ -11,6 +11,9 @@ from typing import Final
 from bms_gateway.thermal import KINDS
 from bms_gateway.thermal.effects import catalogue, effect_named
 
+_UNITS: Final = {"mOhm": "mΩ", "Ohm": "Ω", "degC": "°C", "m2": "m²", "m3/s": "m³/s", "1": ""}
+"""Units as model files and JSON have them, so that they can be typed, and as pages print them."""
+_WRITTEN: Final = re.compile(rf"(?<=\d )({'|'.join(u for u in _UNITS if u != '1')})(?![\w/])")
 _MINUS: Final = re.compile(r"(?<![\w.)])-(?=\d)")
 _BEFORE: Final = r"(?<![\w(/.\-])"
 """An identifier in brackets stands there already; one in the name of a file is a part of it."""
@@ -26,6 +29,17 @@ def _names() -> tuple[re.Pattern[str], re.Pattern[str], dict[str, str]]:
     both = "|".join(rf"{n}(?::\d+)?{_PLACE}: {re.escape(titles[n])}" for n in by_length)
     alone = rf"{_BEFORE}(?P<name>{keys})(?::(?P<cell>\d+))?{_PLACE}{_AFTER}"
     return re.compile(f"{_BEFORE}({both})"), re.compile(alone), titles
+
+
+def unit(name: str) -> str:
+    """Print a unit on a page; nothing for the unit of a share.
+
+    Examples
+    --------
+    >>> unit("mOhm"), unit("K/W"), unit("1")
+    ('mΩ', 'K/W', '')
+    """
+    return _UNITS.get(name, name)
 
 
 def named(key: str, place: str = "") -> str:
@@ -69,6 +83,18 @@ def labelled(text: str) -> str:
     return alone.sub(label, both.sub(once, text))
 
 
+def parameter_named(effects: Iterable[str], name: str) -> str:
+    """Give a number of an effect by its label, its symbol in brackets; one that no effect has by its symbol.
+
+    Examples
+    --------
+    >>> parameter_named(["entropic_heat"], "dUdT"), parameter_named([], "x")
+    ('level of the entropic coefficient (dUdT)', 'x')
+    """
+    known = (p for key in effects for p in effect_named(key.partition(":")[0]).parameters)
+    return next((f"{p.description} ({name})" for p in known if p.name == name), name)
+
+
 def parameters_labelled(text: str) -> str:
     """Put the label of each parameter of the cells before its symbol.
 
@@ -86,7 +112,7 @@ def in_words(text: str) -> str:
 
     Examples
     --------
-    >>> in_words("Missing: entropic_heat: reversible (entropic) heat. At rest -3.7 A; g = 0.02 ± 0.01 1")
-    'Missing: reversible (entropic) heat (entropic_heat). At rest −3.7 A; g = 0.02 ± 0.01'
+    >>> in_words("Missing: entropic_heat: reversible (entropic) heat. At rest -3.7 A; R_1 = 0.2 ± 0.1 mOhm.")
+    'Missing: reversible (entropic) heat (entropic_heat). At rest −3.7 A; R_1 = 0.2 ± 0.1 mΩ.'
     """
-    return re.sub(r"(± [\d.]+) 1(?=$|;)", r"\1", _MINUS.sub("−", labelled(text)))
+    return _WRITTEN.sub(lambda m: unit(m[0]), _MINUS.sub("−", labelled(text)))

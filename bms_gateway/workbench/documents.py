@@ -26,7 +26,7 @@ from bms_gateway.report.html_ranking import GROUPS, NAMED_AT, against
 from bms_gateway.report.html_series import Shown
 from bms_gateway.report.html_tables import errors_table, heat_map, parameters_table, thermocouples_table
 from bms_gateway.report.step_names import FILED, REFITTED
-from bms_gateway.report.words import in_words, named_all, parameters_labelled
+from bms_gateway.report.words import in_words, named_all, parameter_named, parameters_labelled, unit
 from bms_gateway.thermal import StringModel
 from bms_gateway.thermal.effects import catalogue, effect_named
 from bms_gateway.workbench.contours import known
@@ -185,7 +185,7 @@ def _standing(r: Standing, top: float, drawn: bool) -> Document:
         "share": finite(r.share),
         "error_K": finite(r.error_K),
         "without_K": finite(r.without_K),
-        "numbers": [in_words(t) for t in number_lines(r.parameters)],
+        "numbers": [in_words(t) for t in number_lines(r.effects, r.parameters)],
         "tied": [in_words(t) for t in r.tied_with],
         "refused": in_words(r.refused),
         "drawn": drawn,
@@ -203,7 +203,10 @@ def effect(key: str) -> Document:
         "signature": e.signature,
         "needs": e.needs,
         "confused_with": [in_words(t) for t in e.confused_with],
-        "parameters": [f"{p.name}: {p.description}{f', {p.unit}' if p.unit != '1' else ''}" for p in e.parameters],
+        "parameters": [
+            ", ".join([parameter_named([name], p.name), *([unit(p.unit)] if unit(p.unit) else [])])
+            for p in e.parameters
+        ],
     }
 
 

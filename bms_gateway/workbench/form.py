@@ -1,12 +1,15 @@
 """A string model from what a person knows of the cell, and a config from a log and its DBC: what `init` would write."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
 from bms_gateway.config.load import cell_list
 from bms_gateway.config.model_file import write_model
 from bms_gateway.errors import UsageError, clipped, did_you_mean, whole_number
+from bms_gateway.frames.vocabulary import Quantity
 from bms_gateway.records.kind import log_kind
+from bms_gateway.setup.proposal import Proposed
 from bms_gateway.setup.propose import propose
 from bms_gateway.setup.settle import missing, settle
 from bms_gateway.setup.vehicle_logs import read_traffic
@@ -17,6 +20,16 @@ from bms_gateway.workbench.looking import surfaces
 
 MODEL: Final = "model.toml"
 MOST_CELLS: Final = 400
+CALLED: Final[Mapping[Quantity, str]] = {
+    "current": "current",
+    "coolant_inlet": "coolant inlet",
+    "voltage": "voltage",
+    "soc": "SOC",
+    "coolant_flow": "coolant flow",
+    "surface": "surface temperature",
+    "cell_voltage": "voltage",
+}
+"""What each quantity is called before its identifier."""
 MEDIA: Final = ("liquid", "air")
 FLOW_SD: Final = 0.3
 PER_L_MIN: Final = 1e-3 / 60.0
@@ -94,12 +107,7 @@ def with_config(files: dict[str, Any], folder: Path) -> tuple[dict[str, Any], li
     said = [*proposal.remarks, *settled.written.notes]
     if cell is None:
         said.append("The cell is unknown: name it in the form, and the bands of the cores get narrower.")
-    for p in proposal.signals:
-        where = "" if p.string is None else f" of string_{p.string}"
-        which = p.role if p.index is None else f"{p.role} {p.index}"
-        low, high = p.observed
-        sure = "" if p.sure else " (likely, not sure: check it)"
-        said.append(f"{which}{where}: {p.path}, {low:.4g} to {high:.4g}{sure}.")
+    said += map(taken_for, proposal.signals)
     string = files.get("string") or "string_1"
     strings = [f"string_{k}" for k in range(1, len(proposal.cells) + 1)]
     if string not in strings:  # whoever asks may be on another machine: no path is made of it
@@ -107,6 +115,17 @@ def with_config(files: dict[str, Any], folder: Path) -> tuple[dict[str, Any], li
     model = settled.written.config.parent / f"{string}.toml"
     config = str(settled.written.config)
     return {**files, "config": config, "string": string, "model": files.get("model") or str(model)}, said
+
+
+def taken_for(p: Proposed) -> str:
+    """Say what a signal is taken for, by its label, and what it has read."""
+    of = [*([] if p.index is None else [f"cell {p.index}"]), *([] if p.string is None else [f"string_{p.string}"])]
+    where = f" of {', '.join(of)}" if of else ""
+    label = CALLED[p.role]
+    key = "" if label.lower() == p.role else f" ({p.role}{'' if p.index is None else f' {p.index}'})"
+    low, high = p.observed
+    sure = "" if p.sure else " (likely, not sure: check it)"
+    return f"{label}{where}{key}: {p.path}, {low:.4g} to {high:.4g}{sure}."
 
 
 def _beside(dbc: Path, folder: Path) -> Path:

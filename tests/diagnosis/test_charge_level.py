@@ -115,7 +115,7 @@ def test_without_a_voltage_the_level_is_said_to_be_an_assumption():
     amps, soc = drive(4, 0.8)
     r = record(amps, soc, phosphate=False, volts=False)
     told = next(n for n in r.notes if "is an assumption" in n)
-    assert f"{100 * start_of(r):.0f} ± {100 * r.charge_sd:.0f} % at the start" in told
+    assert f"{100 * start_of(r):.0f} ± {100 * r.charge_sd:.0f} % (1 sd) at the start" in told
     assert r.charge_sd > 0.2
 
 

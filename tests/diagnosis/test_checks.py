@@ -104,7 +104,7 @@ def test_rows_of_a_jumping_current_that_are_too_far_apart_are_told():
         found = findings(every(rows(6000), k))["current_coarse"]
         assert found.severity == "warn"
         assert f"{k} s apart" in found.sentence
-        told = float(re.search(r"±(\d+) %", found.sentence)[1]) / 100.0
+        told = float(re.search(r"± (\d+) % \(1 sd\)", found.sentence)[1]) / 100.0
         assert told == pytest.approx(true, rel=0.3), k
 
 

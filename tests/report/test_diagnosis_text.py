@@ -2,15 +2,18 @@
 
 import json
 import re
+from dataclasses import replace
 
 import pytest
 
 from bms_gateway.diagnosis.candidates import Candidate
 from bms_gateway.diagnosis.checks import Finding
+from bms_gateway.diagnosis.detect import Absorbed, Card, Detectable
 from bms_gateway.diagnosis.diagnosis import Diagnosis, Errors, Number, Selected
 from bms_gateway.diagnosis.ranking import Standing
 from bms_gateway.diagnosis.residuals import Structure
 from bms_gateway.report.diagnosis_text import Told, diagnosis_document, diagnosis_text, with_sd
+from bms_gateway.report.html_ranking import detectability_table, ranking_table
 from bms_gateway.thermal.effects import effect_named
 
 NAN = float("nan")
@@ -134,7 +137,7 @@ def test_people_are_told_the_verdict_first_then_all_the_rest():
     order = [
         "The sentence.",
         "Is its sensor stuck?",
-        "B = 3100 ± 210 K",
+        "activation temperature (B) = 3100 ± 210 K",
         "evidence",
         "noise alone",
         "A gain goes into R_e.",
@@ -160,3 +163,23 @@ def test_several_records_are_named():
 )
 def test_numbers_have_as_many_digits_as_are_known(value, sd, text):
     assert with_sd(value, sd) == text
+
+
+def test_numbers_have_their_labels_their_units_and_what_stands_behind_their_plus_minus():
+    number = {"R_1": Number(0.25, 0.01, "mOhm")}
+    chosen = replace(told().diagnosis.selected[0], candidate=Candidate(effect_named("polarization")), parameters=number)
+    one = ranked("polarization", evidence=40.0, role="named")
+    one = replace(one, parameters=number)
+    text = diagnosis_text(replace(told(one), diagnosis=replace(told().diagnosis, selected=(chosen,))))
+    assert "its numbers, ± 1 sd:\n    resistance of the slow part (R_1) = 0.250 ± 0.010 mOhm" in text
+    html = ranking_table([one])
+    assert "its numbers, ± 1 sd</th>" in html
+    assert "resistance of the slow part (R_1) = 0.250 ± 0.010 mΩ<" in html
+
+
+def test_what_the_data_could_show_has_labels():
+    size = Detectable("polarization", "polarization", None, "R_1", "mOhm", 0.1, 0.6, visible=True)
+    html = detectability_table(Card((size,), (), (), Absorbed((), ()), ()))
+    assert "(polarization)<" in html
+    assert ">resistance of the slow part (R_1)<" in html
+    assert ">mΩ<" in html

@@ -8,8 +8,11 @@ from bms_gateway.diagnosis.compare import compare
 from bms_gateway.identify.effort import beat, heard
 from bms_gateway.records.read import read_measurements
 from bms_gateway.report.html_correlation import correlation_table, correlations
+from bms_gateway.thermal import KINDS
 from bms_gateway.workbench.moving import Moving
 from tests.truth.packs import pack as make_pack
+
+R_E, R_U = "internal electrical resistance (R_e)", f"{KINDS['R_u'].description} (R_u)"
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +59,9 @@ def test_what_only_a_product_tells_is_correlated(compared):
     names, r = correlations(compared.refitted.fit)
     assert np.allclose(np.diag(r), 1.0)
     assert np.allclose(r, r.T)
-    assert r[names.index("R_e"), names.index("R_u")] < -0.3
+    assert r[names.index(R_E), names.index(R_U)] < -0.3
     table = correlation_table(compared.refitted.fit)
-    assert table.count("<tr>") == len(names)
-    assert ">R_u</th>" in table
+    assert table.count("<tr>") == 1 + len(names)
+    place = 1 + names.index(R_U)
+    assert f">{place} {R_U}</th>" in table
+    assert f'aria-label="{R_U}">{place}</th>' in table

@@ -38,7 +38,7 @@ def test_radii_hold_their_share():
 def test_numbers_and_covariance_are_those_of_the_fit(fit):
     found = known(fit)
     names, r = correlations(fit)
-    assert [n["key"] for n in found["numbers"]] == names
+    assert [n["name"] for n in found["numbers"]] == names
     of = np.array(found["covariance"])
     sd = np.sqrt(np.diag(of))
     np.testing.assert_allclose(of / np.outer(sd, sd), r, atol=1e-5)
@@ -49,7 +49,7 @@ def test_numbers_and_covariance_are_those_of_the_fit(fit):
         in_si = 1e-3 if n["unit"] == "mΩ" else 1.0
         assert in_si * n["scale"] * np.exp(n["at"]) == pytest.approx(nominal * np.exp(fit.theta[i]), rel=1e-6)
         assert n["before"][1] == pytest.approx(fit.problem.model.priors[n["key"]].rel_sd)
-        assert of[names.index(n["key"]), names.index(n["key"])] == pytest.approx(posterior(fit)[i, i], rel=1e-6)
+        assert of[names.index(n["name"]), names.index(n["name"])] == pytest.approx(posterior(fit)[i, i], rel=1e-6)
 
 
 CURVES = (

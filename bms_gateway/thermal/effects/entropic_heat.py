@@ -16,7 +16,7 @@ REACH = 0.15
 
 
 def _departure(number: int) -> EffectParameter:
-    text = f"departure from it at {KNOTS[number - 1]:.0%} SOC"
+    text = f"departure from it at {100.0 * KNOTS[number - 1]:.3g} % SOC"
     return EffectParameter(f"dUdT_{number}", text, "mV/K", 1e-3, 0.0, 0.25e-3, -1.5e-3, 1.5e-3, probe=0.1e-3)
 
 

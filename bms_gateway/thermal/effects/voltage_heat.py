@@ -14,7 +14,7 @@ REACH = 0.1125
 
 
 def _departure(number: int) -> EffectParameter:
-    text = f"departure from it at {KNOTS[number - 1]:.0%} SOC"
+    text = f"departure from it at {100.0 * KNOTS[number - 1]:.3g} % SOC"
     # 0.2 V: LFP moves by 0.1 V over the range, NMC by 0.7
     return EffectParameter(f"U_{number}", text, "V", 1.0, 0.0, 0.2, -1.0, 1.0, probe=0.05)
 

@@ -237,7 +237,7 @@ function told(r, d) {
   say("Why not", r.refused);
   say(d.error, r.error_K === null ? "" : `${K(r.error_K)}${r.without_K === null ? "" : `; without it ${K(r.without_K)}`}`);
   say("Probability", r.share === null ? "" : `${(100 * r.share).toFixed(0)} %`);
-  say("Its numbers", r.numbers.join("; "));
+  say("Its numbers, ± 1 sd", r.numbers.join("; "));
   say("These data cannot tell it from", r.tied.join(", "));
   for (const e of r.effects) {
     list.append(el("dt", {}, "Equation"), el("dd", {}, el("pre", {}, e.equation)));
