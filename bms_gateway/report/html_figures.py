@@ -42,6 +42,8 @@ FEATURES, WORTH = 2, 0.02
 """Features drawn below it, and the share of the misfit from which one is worth showing."""
 COARSE_K = 0.02
 """Noise of one reading from which hundredths of a kelvin are drawn and no thousandths."""
+STEPS = "hvh"
+"""Line of a value that is held around its sample, not on its way to the next."""
 HELD = "rgba(0,0,0,0.075)"
 GRID = "#e3e3e3"
 
@@ -156,8 +158,8 @@ def overlay(trace: Trace, names: Sequence[str], m: Measured, clock: Clock, point
 def drive(m: Measured, clock: Clock, points: int, nominal_m3_s: float | None) -> Figure:
     """Draw what drove the string: current, inlet, and of charge and flow what is known; flow is told of the nominal."""
     u = m.drive
-    current = "current, A"
-    rows = [(current, u.I, BLACK), ("inlet, °C", u.T_in, BLUE)]
+    inlet = "inlet, °C"
+    rows = [("current, A", u.I, BLACK), (inlet, u.T_in, BLUE)]
     if "soc" in u.known:
         rows.append(("SOC, %", 100.0 * u.soc, GREEN))
     if "flow" in u.known and nominal_m3_s is not None and float(np.ptp(u.flow)) > FLOW_MOVES:
@@ -168,8 +170,8 @@ def drive(m: Measured, clock: Clock, points: int, nominal_m3_s: float | None) ->
         suffix = "" if i == 0 else str(i + 1)
         t, few = envelope(3600.0 * u.hours, y, points)
         one = line(clock(t), numbers(few), title, color, width=1.2, yaxis=f"y{suffix}", showlegend=False)
-        if title == current:
-            one["line"]["shape"] = "hvh"  # it is held from row to row
+        if title != inlet:
+            one["line"]["shape"] = STEPS
         data.append(one)
         top = 1.0 - i * height
         axes[f"yaxis{suffix}"] = axis(title, domain=[max(top - height + 0.05, 0.0), top], nticks=4)

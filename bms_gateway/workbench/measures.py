@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from bms_gateway.report.html_figures import STEPS
 from bms_gateway.workbench.series import Floats, Kept, Shelves
 from bms_gateway.workbench.steps import Window
 
@@ -55,7 +56,7 @@ def _curves(figure: Mapping[str, Any]) -> Iterator[tuple[str, str, str, Kept, bo
                 title, unit = _title(layout, f"yaxis{d.get('yaxis', 'y').removeprefix('y')}")
                 name = d["name"].removesuffix(f", {unit}")
                 what = name if title in ("", name) else f"{title}, {name}"
-                yield source + what, "", unit, d["kept"], d.get("line", {}).get("shape") == "hvh"
+                yield source + what, "", unit, d["kept"], d.get("line", {}).get("shape") == STEPS
         for s in part.get("steps", ()):
             for role, axis in ROLES.items():
                 if role in s:

@@ -14,7 +14,7 @@ from bms_gateway.records.kind import log_kind
 from bms_gateway.report.columns import OWN, Column, bare_unit, find_columns, quantity_of, split_unit
 from bms_gateway.report.file_rows import Rows
 from bms_gateway.report.guess import is_percent
-from bms_gateway.report.html_figures import BLACK, axis, layout, line, shaded
+from bms_gateway.report.html_figures import BLACK, STEPS, axis, layout, line, shaded
 from bms_gateway.report.html_series import clock
 from bms_gateway.report.look import look
 from bms_gateway.report.page import Figure
@@ -23,6 +23,8 @@ from bms_gateway.thermal import Floats
 from bms_gateway.workbench.series import Shelf
 
 HEIGHT: Final = 170
+STAYS: Final = 0.5
+"""Share of the rows that equal the row before, from which on a column is drawn in steps."""
 EPOCH_S: Final = 1e8
 """From here on a time is one of the wall clock, in s since 1970; below, only the record's own, or a time of day."""
 
@@ -90,11 +92,25 @@ def track(path: Path, columns: Sequence[str], name: str, record: Record, m: Meas
     spec = layout(HEIGHT, m, axis_of, yaxis=axis(unit), shapes=shaded(m, axis_of))
     spec["title"] = {"text": f"{base}, {unit}" if unit else base, "font": {"size": 13}, "x": 0.01, "xanchor": "left"}
     drawn = {k: v for k, v in line([], [], base, BLACK, width=1.2, showlegend=False).items() if k not in ("x", "y")}
+    if _switches(y[inside]):
+        drawn["line"]["shape"] = STEPS
     return {
         "data": [{**drawn, "kept": shelf.keep(t[inside] / axis_of.seconds, y[inside])}],
         "layout": spec,
         "seconds": axis_of.seconds,
     }
+
+
+def _switches(y: Floats) -> bool:
+    """Whether a column stays as it is from row to row more often than not, as states and coarse readings do.
+
+    Examples
+    --------
+    >>> _switches(np.array([0.0, 0.0, 0.0, np.nan, 1.0, 1.0])), _switches(np.array([0.0, 0.1, 0.2, 0.2]))
+    (True, False)
+    """
+    known = y[np.isfinite(y)]
+    return len(known) > 1 and float(np.mean(np.diff(known) == 0.0)) > STAYS
 
 
 def _columns(path: Path, rows: Rows, columns: Sequence[str]) -> dict[str, Column]:

@@ -26,10 +26,10 @@ def written(source: Path, to: Path, began: datetime, pressure: bool) -> Path:
         head, *rows = list(csv.reader(file))
     with to.open("w", newline="") as file:
         write = csv.writer(file)
-        write.writerow([*head, *(["Druck am Einlass [bar]"] if pressure else [])])
+        write.writerow([*head, *(["Druck am Einlass [bar]", "Luefter"] if pressure else [])])
         for k, row in enumerate(rows):
             at = (began + timedelta(seconds=float(row[0]))).isoformat(sep=" ", timespec="milliseconds")
-            write.writerow([at, *row[1:], *([f"{pressure_at(k):.4f}"] if pressure else [])])
+            write.writerow([at, *row[1:], *([f"{pressure_at(k):.4f}", k // 50 % 2] if pressure else [])])
     return to
 
 
@@ -103,6 +103,13 @@ def test_the_current_is_held_and_an_end_is_no_value(desk, pack):
     assert found["b"] is None
 
 
+def test_what_is_held_is_drawn_in_steps_and_the_inlet_is_not(desk):
+    drawn = {d["name"]: d["line"].get("shape") for d in desk.figure("drive-0")["data"]}
+    assert drawn.pop("inlet, °C") is None
+    assert {"current, A", "SOC, %"} <= drawn.keys()
+    assert set(drawn.values()) == {"hvh"}
+
+
 def test_records_are_laid_over_each_other_by_start_and_by_wall_clock(desk, tables):
     own = desk.figure("surface-1-3")["data"][0]
     for by, shift in (("start", 0.0), ("clock", LATER.total_seconds() / 60.0)):
@@ -152,6 +159,12 @@ def test_any_column_of_a_table_is_a_track_of_its_own_with_its_unit(desk):
     assert found["unit"] == "bar"
     assert found["count"] in (1500, 1499)
     assert found["max"] == pytest.approx(max(wanted), abs=1e-3)
+    desk.track(0, "Luefter")
+    _, switch = done(desk)["tracks"]
+    shapes = {n: desk.figure(n)["data"][0]["line"].get("shape") for n in (name, switch)}
+    assert shapes == {name: None, switch: "hvh"}  # a fan is on or off, and never on its way
+    found = curve(desk.measures([switch], None, (49.4 / 60.0, 49.6 / 60.0)), "Luefter")
+    assert (found["a"], found["b"]) == (0.0, 1.0)
     with pytest.raises(UsageError, match="did you mean 'surface_3_C'"):
         desk.track(0, "surface_3")
     with pytest.raises(UsageError, match="no record 3"):
