@@ -18,7 +18,7 @@ from bms_gateway.diagnosis.diagnosis import Diagnosis, Number, Ranked, numbers
 from bms_gateway.diagnosis.residuals import rmse, structure
 from bms_gateway.diagnosis.search import without
 from bms_gateway.diagnosis.second_search import SecondSearch
-from bms_gateway.diagnosis.weighing import HALF, Settings, prior_odds, worth
+from bms_gateway.diagnosis.weighing import HALF, Settings, Trial, prior_odds, worth
 from bms_gateway.identify.map_fit import MapFit, stacked
 
 Role = Literal["named", "tied", "next", "instead", ""]
@@ -37,8 +37,7 @@ class Standing:
         Keys as in model files.
     role : Role
     evidence : float
-        Log-odds: of what is named and what is next against leaving it out; of the rest against nothing, or, after the
-        second search, against what is named.
+        Log-odds: of what is named against leaving it out, of the rest against the model with the effects `beside`.
     share : float
         Posterior probability; NaN where it was not weighed.
     heldout_rmse_K : float
@@ -52,6 +51,8 @@ class Standing:
     tied_with : tuple of str
     refused : str
         Why it was not let in; empty where nothing speaks against it.
+    beside : tuple of str
+        Keys of the effects in the model that the evidence is weighed against; of what is named, all others of it.
     """
 
     effects: tuple[str, ...]
@@ -64,6 +65,7 @@ class Standing:
     parameters: Mapping[str, Number]
     tied_with: tuple[str, ...]
     refused: str
+    beside: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
@@ -85,7 +87,9 @@ def ranking(d: Diagnosis) -> tuple[Standing, ...]:
     Costs a refit for each effect where several are named.
     """
     if not d.selected:
-        return tuple(_once(_alone(r, "") for r in d.ranking))
+        # what the second search compares is weighed against leaving it out, what the first one does against nothing
+        keys = [_key(r) for r in d.ranking] if d.decided_by_second else []
+        return tuple(_once(_alone(r, "", [k for k in keys if k != _key(r)]) for r in d.ranking))
     second = d.second if d.decided_by_second else None
     named = list(_named_by_second(d, second) if second else _named(d))
     rest = list(_hypotheses(d, second)) if second else [*_next(d), *_tied(d), *_instead(d)]
@@ -103,10 +107,13 @@ def _once(found: Iterable[Standing]) -> Iterator[Standing]:
             yield x
 
 
-def _alone(r: Ranked, role: Role) -> Standing:
-    key = r.effect if r.cell is None else f"{r.effect}:{r.cell}"
-    held = r.heldout_rmse_K
-    return Standing((key,), role, r.evidence, r.share, held, held, nan, r.parameters, r.tied_with, r.refused)
+def _key(r: Ranked) -> str:
+    return r.effect if r.cell is None else f"{r.effect}:{r.cell}"
+
+
+def _alone(r: Ranked, role: Role, beside: Iterable[str] = ()) -> Standing:
+    held, tied, there = r.heldout_rmse_K, r.tied_with, tuple(beside)
+    return Standing((_key(r),), role, r.evidence, r.share, held, held, nan, r.parameters, tied, r.refused, there)
 
 
 def _named(d: Diagnosis) -> Iterator[Standing]:
@@ -118,7 +125,8 @@ def _named(d: Diagnosis) -> Iterator[Standing]:
         odds = _odds(d, s.candidate, less) if several else s.log_odds
         share = next((t.share for t in passed if t.candidate.key == key), nan)
         held = _held(d.search.final)
-        yield Standing((key,), "named", odds, share, held, held, _held(less), s.parameters, s.tied_with, "")
+        without_K, others = _held(less), tuple(x.candidate.key for x in d.selected if x is not s)
+        yield Standing((key,), "named", odds, share, held, held, without_K, s.parameters, s.tied_with, "", others)
 
 
 def _odds(d: Diagnosis, c: Candidate, less: MapFit) -> float:
@@ -136,10 +144,7 @@ def _next(d: Diagnosis) -> Iterator[Standing]:
     """List the effects that the last round compared and refused, beside all named ones."""
     rounds = d.search.rounds
     if len(rounds) > 1 and not any(t.passed for t in rounds[-1]):
-        for t in rounds[-1]:
-            held = _held(t.fit)
-            found = numbers(t.fit, t.candidate)
-            yield Standing((t.candidate.key,), "next", t.log_odds, t.share, held, held, nan, found, (), t.why)
+        yield from (_weighed(d, t, "next") for t in rounds[-1])
 
 
 def _tied(d: Diagnosis) -> Iterator[Standing]:
@@ -148,10 +153,15 @@ def _tied(d: Diagnosis) -> Iterator[Standing]:
         trials = next(
             (r for r in d.search.rounds if any(t.candidate.key == s.candidate.key and t.passed for t in r)), []
         )
-        for t in trials:
-            if t.candidate.name in s.tied_with:
-                held, found = _held(t.fit), numbers(t.fit, t.candidate)
-                yield Standing((t.candidate.key,), "tied", t.log_odds, t.share, held, held, nan, found, (), t.why)
+        yield from (_weighed(d, t, "tied") for t in trials if t.candidate.name in s.tied_with)
+
+
+def _weighed(d: Diagnosis, t: Trial, role: Role) -> Standing:
+    """Give the place of an effect that a round of the search has weighed against the model of that round."""
+    there = {e.key for e in d.search.baseline.problem.model.effects} | {t.candidate.key}
+    beside = tuple(e.key for e in t.fit.problem.model.effects if e.key not in there)
+    held, found = _held(t.fit), numbers(t.fit, t.candidate)
+    return Standing((t.candidate.key,), role, t.log_odds, t.share, held, held, nan, found, (), t.why, beside)
 
 
 def _instead(d: Diagnosis) -> Iterator[Standing]:
@@ -170,7 +180,8 @@ def _named_by_second(d: Diagnosis, second: SecondSearch) -> Iterator[Standing]:
         bare = _over_all(d, without(second.best, key) if less is None else less)
         held = second.held_K[1]
         share = second.probability.get(key, nan)
-        yield Standing((key,), "named", s.log_odds, share, held, error, bare, s.parameters, s.tied_with, "")
+        numbers_of, tied = s.parameters, s.tied_with
+        yield Standing((key,), "named", s.log_odds, share, held, error, bare, numbers_of, tied, "", tuple(others))
 
 
 def _hypotheses(d: Diagnosis, second: SecondSearch) -> Iterator[Standing]:
@@ -184,7 +195,8 @@ def _hypotheses(d: Diagnosis, second: SecondSearch) -> Iterator[Standing]:
         role: Role = "next" if mine > chosen else "tied" if names in tied and not r.refused else "instead"
         fit = fit_with(second, r.effects)
         error = nan if fit is None else _over_all(d, fit)
-        yield Standing(effects, role, r.log_odds, r.share, nan, error, nan, {}, (), r.refused)
+        named = tuple(s.candidate.key for s in d.selected)
+        yield Standing(effects, role, r.log_odds, r.share, nan, error, nan, {}, (), r.refused, named)
 
 
 def _over_all(d: Diagnosis, fit: MapFit) -> float:

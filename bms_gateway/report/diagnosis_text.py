@@ -3,7 +3,9 @@
 import math
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
+from itertools import groupby
 from typing import Any
 
 from bms_gateway.diagnosis.calibrate import Identified
@@ -277,30 +279,88 @@ ROLES = {"named": "named", "tied": "or", "next": "next", "instead": "instead", "
 """Of effects in a ranking, for people."""
 
 
-def meaning(ranked: Sequence[Standing], *, second: bool) -> str:
+GROUPS = {
+    "": "Weighed",
+    "named": "Named",
+    "tied": "Cannot be told from it",
+    "next": "One more, beside what is named",
+    "instead": "In place of what is named",
+}
+"""Titles of the parts of a ranking, by role."""
+LEAST_TOP = 10.0
+"""Log-odds that a bar of full length has at least."""
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A part of a ranking whose bars are weighed against the same model, and so have one scale.
+
+    Attributes
+    ----------
+    role : str
+    title : str
+    against : str
+        What its evidence is weighed against.
+    top : float
+        Log-odds of a bar of full length.
+    ranked : tuple of Standing
+    """
+
+    role: str
+    title: str
+    against: str
+    top: float
+    ranked: tuple[Standing, ...]
+
+
+def parts_of(ranked: Sequence[Standing]) -> list[Part]:
+    """Part a ranking by role, and by what its evidence is weighed against."""
+    named = {r.effects[0] for r in ranked if r.role == "named"}
+    found = []
+    for (role, against), group in groupby(ranked, lambda r: (r.role, _against(r, named))):
+        mine = tuple(group)
+        top = max((r.evidence for r in mine if math.isfinite(r.evidence)), default=0.0)
+        found.append(Part(role, GROUPS[role], against, max(top, LEAST_TOP), mine))
+    return found
+
+
+def _against(r: Standing, named: AbstractSet[str]) -> str:
+    if r.role == "named":
+        return "log-odds against leaving it out"
+    if not r.beside:
+        return "log-odds against the model as it is"
+    return f"log-odds against {'what is named' if set(r.beside) == named else f'the model with {named_all(r.beside)}'}"
+
+
+def meaning(ranked: Sequence[Standing]) -> str:
     """Explain the columns of a ranking, according to its content."""
-    roles = {r.role for r in ranked}
-    if "named" not in roles:
-        return f"log-odds: against nothing missing; 3 (20 to 1) are needed; {CLOSEST}"
-    against = "what is named" if second else "nothing missing"
-    said = [
-        "named: log-odds against leaving it out, and the error of a refit without it",
-        *(["or: cannot be told from what is named"] if "tied" in roles else []),
-        *(["next: one more beside what is named"] if "next" in roles else []),
-        *([f"instead: in place of what is named, log-odds against {against}"] if "instead" in roles else []),
-        CLOSEST,
-    ]
-    return "; ".join(said)
+    parts = parts_of(ranked)
+    said = []
+    for role, (before, after) in MEANS.items():
+        against = dict.fromkeys(p.against for p in parts if p.role == role)
+        if against:
+            said.append(f"{before}{', or '.join(against)}{after}")
+    return "; ".join([*said, *(["bars of each kind have a scale of their own"] if len(parts) > 1 else []), CLOSEST])
+
+
+MEANS = {
+    "": ("", "; 3 (20 to 1) are needed"),
+    "named": ("named: ", ", and the error of a refit without it"),
+    "tied": ("or: cannot be told from what is named, ", ""),
+    "next": ("next: one more beside what is named, ", ""),
+    "instead": ("instead: in place of what is named, ", ""),
+}
+"""What stands around what the evidence of each role is weighed against."""
 
 
 def _ranking(ranked: Sequence[Standing], *, second: bool) -> str:
-    best = max((r.evidence for r in ranked if math.isfinite(r.evidence)), default=0.0)
+    tops = {id(r): p.top for p in parts_of(ranked) for r in p.ranked}
     told = any(r.role for r in ranked)
     rows = [
         [
             *([ROLES[r.role]] if told else []),
             named_all(r.effects) or r.name,
-            _bar(r.evidence, best),
+            _bar(r.evidence, tops[id(r)]),
             labelled(r.refused),
             number(r.evidence, 1 if abs(r.evidence) < 1000.0 else 0),
             number(100.0 * r.share, 0) + (" %" if math.isfinite(r.share) else ""),
@@ -315,7 +375,7 @@ def _ranking(ranked: Sequence[Standing], *, second: bool) -> str:
     text = text_table(headers, rows, left=3 + told)
     if len(ranked) > SHOWN:
         text += f"\n… and {len(ranked) - SHOWN} less likely ones"
-    return f"{text}\n{textwrap.fill(meaning(ranked, second=second), 100)}"
+    return f"{text}\n{textwrap.fill(meaning(ranked), 100)}"
 
 
 def reach(evidence: float, top: float) -> float:
@@ -325,8 +385,8 @@ def reach(evidence: float, top: float) -> float:
     return min(math.log1p(evidence) / math.log1p(top) if top > LINEAR else evidence / top, 1.0)
 
 
-def _bar(evidence: float, best: float) -> str:
-    share = reach(evidence, best)
+def _bar(evidence: float, top: float) -> str:
+    share = reach(evidence, top)
     return "█" * max(1, round(BAR * share)) if share else "·"
 
 

@@ -9,7 +9,7 @@ from bms_gateway.diagnosis.detect import Card, Detectable
 from bms_gateway.diagnosis.experiment import ENOUGH_ODDS, Experiment
 from bms_gateway.diagnosis.latent import Latent
 from bms_gateway.diagnosis.ranking import Standing
-from bms_gateway.report.diagnosis_text import LINEAR, WITH_SD, meaning, number_lines, reach
+from bms_gateway.report.diagnosis_text import LINEAR, WITH_SD, meaning, number_lines, parts_of, reach
 from bms_gateway.report.html_figures import WORTH
 from bms_gateway.report.page import amount, paragraph, table
 from bms_gateway.report.words import in_words, labelled, named, parameter_named, unit
@@ -29,66 +29,52 @@ HATCH = (
 )
 
 
-GROUPS = {
-    "named": "Named",
-    "tied": "Cannot be told from it",
-    "next": "One more, beside what is named",
-    "instead": "In place of what is named",
-}
-"""Titles of the parts of a ranking, by role."""
-
-
-def against(*, second: bool) -> dict[str, str]:
-    """Say what the evidence of each part of a ranking is weighed against, by role; "" where nothing is named."""
-    rest = "what is named" if second else "a model that lacks nothing"
-    return {
-        "": "log-odds against a model that lacks nothing",
-        "named": "log-odds against leaving it out",
-        "tied": f"log-odds against {rest}",
-        "next": "log-odds against what is named alone",
-        "instead": f"log-odds against {rest}",
-    }
-
-
 def ranking_table(ranked: Sequence[Standing], *, second: bool = False) -> str:
-    """Give the ranking with evidence bars; what is named and tied stands out, what is refused is hatched."""
+    """Give the ranking with evidence bars; what is named and tied stands out, what is refused is hatched.
+
+    Bars that are weighed against different models stand in parts of their own, each with its scale.
+    """
     if not ranked:
         return ""
-    top = max(max((r.evidence for r in ranked if np.isfinite(r.evidence)), default=0.0), 10.0)
     told = any(r.role for r in ranked)
     weighed = any(np.isfinite(r.share) for r in ranked)
     rows = []
-    before = ""
-    for r in ranked:
-        if r.role != before:
-            title = f'<th class="group" colspan="8" scope="rowgroup">{GROUPS[r.role]}</th>'
-            rows.append(f'<tr class="group">{title}</tr>')
-            before = r.role
-        kind = {"named": "chosen", "tied": "tied"}.get(r.role, "")
-        titles = " and ".join(effect_named(e.partition(":")[0]).title for e in r.effects) or r.name
-        columns = [
-            f"{r.evidence:.{1 if abs(r.evidence) < 1000.0 else 0}f}".replace("-", "−"),
-            *([_share(r.share)] if weighed else []),
-            amount(r.error_K),
-            *([amount(r.without_K) if r.role == "named" else ""] if told else []),
-        ]
-        row = f'<th scope="row">{escape(titles)}<br><span class="muted">({escape(r.name)})</span></th>'
-        row += f"<td>{_bar(r, top, kind)}</td>" + "".join(f'<td class="n">{c}</td>' for c in columns)
-        numbers = map(in_words, number_lines(r.effects, r.parameters))
-        row += f'<td class="numbers">{"<br>".join(map(escape, numbers))}</td>'
-        row += f'<td class="why">{escape(in_words(r.refused))}</td>'
-        rows.append(f'<tr class="{kind}">{row}</tr>')
+    for part in parts_of(ranked):
+        rows.append(
+            f'<tr class="group"><th class="group" scope="rowgroup">{part.title}</th><td>{_scale(part.top)}</td>'
+            f'<td class="against" colspan="6">Bars: {escape(part.against)}.</td></tr>'
+        )
+        rows += [_row(r, part.top, told=told, weighed=weighed) for r in part.ranked]
     error = "error, K" if second else "held-out, K"
     heads = ["log-odds", *(["prob."] if weighed else []), error, *(["without it, K"] if told else [])]
     head = "".join(f'<th scope="col" class="n">{h}</th>' for h in heads)
-    note = f"{meaning(ranked, second=second)}. An effect needs 3, which is 20 to 1: dashed line. "
+    note = f"{meaning(ranked)}. An effect needs 3, which is 20 to 1: dashed line. "
     note += "Hatched: refused, with the reason."
     return (
         f'{HATCH}<table class="ranking"><caption>{escape(note[0].upper() + note[1:])}</caption><thead><tr>'
-        f'<th scope="col">effect</th><th scope="col">evidence{_scale(top)}</th>{head}'
+        f'<th scope="col">effect</th><th scope="col">evidence</th>{head}'
         f'<th scope="col">its numbers, {WITH_SD}</th><th scope="col">why not</th></tr></thead><tbody>\n'
         + "\n".join(rows)
         + "\n</tbody></table>"
+    )
+
+
+def _row(r: Standing, top: float, *, told: bool, weighed: bool) -> str:
+    kind = {"named": "chosen", "tied": "tied"}.get(r.role, "")
+    titles = " and ".join(effect_named(e.partition(":")[0]).title for e in r.effects) or r.name
+    columns = [
+        f"{r.evidence:.{1 if abs(r.evidence) < 1000.0 else 0}f}".replace("-", "−"),
+        *([_share(r.share)] if weighed else []),
+        amount(r.error_K),
+        *([amount(r.without_K) if r.role == "named" else ""] if told else []),
+    ]
+    numbers = map(in_words, number_lines(r.effects, r.parameters))
+    return (
+        f'<tr class="{kind}"><th scope="row">{escape(titles)}<br><span class="muted">({escape(r.name)})</span></th>'
+        f"<td>{_bar(r, top, kind)}</td>"
+        + "".join(f'<td class="n">{c}</td>' for c in columns)
+        + f'<td class="numbers">{"<br>".join(map(escape, numbers))}</td>'
+        f'<td class="why">{escape(in_words(r.refused))}</td></tr>'
     )
 
 

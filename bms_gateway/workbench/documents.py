@@ -18,11 +18,11 @@ from bms_gateway.diagnosis.record import Record
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.report.add_text import AddReport, headline
 from bms_gateway.report.core_text import core_document, core_sentence, outside, thermocouple_sentence
-from bms_gateway.report.diagnosis_text import Told, finite, number_lines, reach
+from bms_gateway.report.diagnosis_text import Part, Told, finite, number_lines, parts_of, reach
 from bms_gateway.report.html import VERDICTS, closest_html
 from bms_gateway.report.html_correlation import correlation_table
 from bms_gateway.report.html_evidence import summary
-from bms_gateway.report.html_ranking import GROUPS, NAMED_AT, against
+from bms_gateway.report.html_ranking import NAMED_AT
 from bms_gateway.report.html_series import Shown
 from bms_gateway.report.html_tables import errors_table, heat_map, parameters_table, thermocouples_table
 from bms_gateway.report.step_names import FILED, REFITTED
@@ -154,7 +154,6 @@ def diagnosed(told: Told) -> tuple[Document, dict[str, Document]]:
     d = told.diagnosis
     verdict = d.verdict if d else "insufficient_data"
     remains = bool(d and d.unknown_remains and d.selected)
-    top = max(max((r.evidence for r in told.ranking if np.isfinite(r.evidence)), default=0.0), 10.0)
     fits = _fits(d, told.ranking) if d else {}
     document = {
         "verdict": verdict,
@@ -162,11 +161,8 @@ def diagnosed(told: Told) -> tuple[Document, dict[str, Document]]:
         "remains": verdict == "unknown_effect" or remains,
         "sentence": in_words(told.sentence),
         "selected": [s.candidate.key for s in d.selected] if d else [],
-        "needs": reach(NAMED_AT, top),
-        "groups": GROUPS,
-        "against": against(second=bool(d and d.decided_by_second)),
         "error": f"closest {'error' if d and d.decided_by_second else 'held-out error'}",
-        "ranking": [_standing(r, top, r.name in fits) for r in told.ranking],
+        "ranking": [_standing(r, p, r.name in fits) for p in parts_of(told.ranking) for r in p.ranked],
         "absorbed": [in_words(t) for t in told.absorbed],
         "core": told_core(told.core, told.sentence),
         "card": [in_words(t) for t in told.card],
@@ -175,13 +171,16 @@ def diagnosed(told: Told) -> tuple[Document, dict[str, Document]]:
     return document, {name: preview(fit) for name, fit in fits.items()}
 
 
-def _standing(r: Standing, top: float, drawn: bool) -> Document:
+def _standing(r: Standing, part: Part, drawn: bool) -> Document:
     return {
         "name": r.name,
         "effects": [effect(key) for key in r.effects],
         "role": r.role,
+        "group": part.title,
+        "against": part.against,
+        "needs": reach(NAMED_AT, part.top),
         "evidence": finite(r.evidence),
-        "reach": reach(r.evidence, top),
+        "reach": reach(r.evidence, part.top),
         "share": finite(r.share),
         "error_K": finite(r.error_K),
         "without_K": finite(r.without_K),

@@ -25,6 +25,9 @@ RANKED: Final[dict[str, Any]] = {
     "name": str,
     "effects": [str],
     "role": str,
+    "group": str,
+    "against": str,
+    "needs": (float, int),
     "evidence": NUMBER,
     "reach": (float, int),
     "share": NUMBER,
@@ -41,9 +44,6 @@ SAID: Final[dict[str, Any]] = {
     "remains": bool,
     "sentence": str,
     "selected": [str],
-    "needs": (float, int),
-    "groups": {"named": str, "tied": str, "next": str, "instead": str},
-    "against": {"": str, "named": str, "tied": str, "next": str, "instead": str},
     "error": str,
     "ranking": [RANKED],
     "absorbed": [str],
@@ -52,6 +52,14 @@ SAID: Final[dict[str, Any]] = {
     "next": str,
 }
 """The same of a diagnosis."""
+OLDER: Final[dict[str, Any]] = {
+    **SAID,
+    "needs": (float, int),
+    "groups": {"named": str, "tied": str, "next": str, "instead": str},
+    "against": {"": str, "named": str, "tied": str, "next": str, "instead": str},
+    "ranking": [{k: x for k, x in RANKED.items() if k not in ("group", "against", "needs")}],
+}
+"""The same as older sessions have it."""
 Addition = tuple[list[str], bool]
 """Effects added at once, and whether by force."""
 
@@ -163,10 +171,24 @@ def diagnoses_of(session: Mapping[str, Any]) -> dict[str, Any]:
     digest, diagnosed = session.get("digest", {}), session.get("diagnosed", [])
     if not _is(digest, dict) or not all(_is(x, str) for x in digest.values()) or not _is(diagnosed, list):
         raise UsageError("session: digest must name texts, and diagnosed must be a list")
+    diagnosed = [_by_part(one) for one in diagnosed]
     for one in diagnosed:
         if not _is(one, {"step": int, "said": SAID}) or not 0 <= one["step"] <= MOST:
             raise UsageError("session: what a diagnosis said is not as the workbench writes it")
     return {"digest": digest, "diagnosed": diagnosed}
+
+
+def _by_part(one: Any) -> Any:
+    """Take a diagnosis of an older session, whose bars have one scale and which tells its parts by role."""
+    if not isinstance(one, dict) or not _is(one.get("said"), OLDER):
+        return one
+    said = one["said"]
+    roles = [
+        {"group": said["groups"].get(r["role"], "Weighed"), "against": said["against"].get(r["role"], "")}
+        for r in said["ranking"]
+    ]
+    ranking = [{**r, **of, "needs": said["needs"]} for r, of in zip(said["ranking"], roles, strict=True)]
+    return {**one, "said": {**{k: x for k, x in said.items() if k in SAID}, "ranking": ranking}}
 
 
 def _is(x: Any, kind: Any) -> bool:

@@ -58,3 +58,20 @@ def test_the_second_search_tells_the_hypotheses_that_come_closest():
             assert x.evidence == score[frozenset(x.effects)]
     used = [m.used for f in d.fits for m in f.problem.records]
     assert not any(np.all(u) for u in used)  # what is stated of both models was fitted without the held-out blocks
+
+
+def test_what_the_evidence_is_weighed_against_is_the_model_of_its_round():
+    """A tie of the second round was said to be weighed against a model that lacks nothing."""
+    d = by_first()
+    first, later = (s.candidate.key for s in d.selected)
+    for x in ranking(d):
+        rounds = [r for r in d.search.rounds if any(x.evidence == t.log_odds for t in r)]
+        if x.role == "named":
+            assert set(x.beside) == {first, later} - set(x.effects)
+        elif rounds and rounds[0] is d.search.rounds[0]:
+            assert x.beside == ()
+        elif rounds:
+            assert x.beside in {(first,), (first, later)}
+    second = by_second()
+    chosen = {s.candidate.key for s in second.selected}
+    assert all(set(x.beside) == chosen for x in ranking(second) if x.role != "named")

@@ -12,7 +12,7 @@ from bms_gateway.diagnosis.detect import Absorbed, Card, Detectable
 from bms_gateway.diagnosis.diagnosis import Diagnosis, Errors, Number, Selected
 from bms_gateway.diagnosis.ranking import Standing
 from bms_gateway.diagnosis.residuals import Structure
-from bms_gateway.report.diagnosis_text import Told, diagnosis_document, diagnosis_text, with_sd
+from bms_gateway.report.diagnosis_text import Told, diagnosis_document, diagnosis_text, parts_of, with_sd
 from bms_gateway.report.html_ranking import detectability_table, ranking_table
 from bms_gateway.thermal.effects import effect_named
 
@@ -85,12 +85,13 @@ def test_bars_are_as_long_as_the_evidence():
     text = diagnosis_text(
         told(
             ranked("resistance_temperature", evidence=40.0, role="named"),
-            ranked("charge_transfer", evidence=20.0, refused="worse on the held-out blocks"),
+            ranked("hysteresis", evidence=30.0),
+            ranked("charge_transfer", evidence=15.0, refused="worse on the held-out blocks"),
             ranked("cell_cooling:3", evidence=-2.0),
         )
     )
     lines = of_effects(text, ("named ", "instead "))
-    assert lines["resistance_temperature"].count("█") == 2 * lines["charge_transfer"].count("█") > 0
+    assert lines["hysteresis"].count("█") == 2 * lines["charge_transfer"].count("█") > 0
     assert "█" not in lines["cell_cooling:3"]
     assert "worse on the held-out blocks" in lines["charge_transfer"]
 
@@ -183,3 +184,46 @@ def test_what_the_data_could_show_has_labels():
     assert "(polarization)<" in html
     assert ">resistance of the slow part (R_1)<" in html
     assert ">mΩ<" in html
+
+
+PAIR = ("entropic_heat", "ambient_loss")
+RANKS = (
+    ranked("entropic_heat", evidence=400.0, role="named"),
+    ranked("ambient_loss", evidence=20.0, role="named"),
+    ranked("charge_transfer", evidence=300.0, role="tied"),
+    replace(ranked("end_plate", evidence=15.0, role="tied"), beside=("entropic_heat",)),
+    replace(ranked("current_offset", evidence=2.0, role="next"), beside=PAIR),
+    ranked("hysteresis", evidence=90.0, role="instead"),
+)
+AGAINST = [
+    "log-odds against leaving it out",
+    "log-odds against the model as it is",
+    "log-odds against the model with reversible (entropic) heat (entropic_heat)",
+    "log-odds against what is named",
+    "log-odds against the model as it is",
+]
+
+
+def test_bars_that_are_weighed_against_different_models_have_scales_of_their_own():
+    parts = parts_of(RANKS)
+    assert [p.against for p in parts] == AGAINST
+    assert [p.top for p in parts] == [400.0, 300.0, 15.0, 10.0, 90.0]
+    html = ranking_table(RANKS)
+    assert re.findall(r"Bars: (.*?)\.</td>", html) == AGAINST
+    assert "a model that lacks nothing" not in html
+    need = [float(x) for x in re.findall(r'<line x1="([\d.]+)"', html)]
+    assert len(set(need[:2])) == 1  # of one part
+    assert len(set(need)) == 5
+
+
+def test_the_terminal_says_what_each_part_is_weighed_against():
+    text = " ".join(diagnosis_text(told(*RANKS)).split())
+    assert f"or: cannot be told from what is named, {AGAINST[1]}, or {AGAINST[2]};" in text
+    assert f"next: one more beside what is named, {AGAINST[3]};" in text
+    assert f"instead: in place of what is named, {AGAINST[4]};" in text
+    assert "bars of each kind have a scale of their own" in text
+
+
+def test_nothing_named_is_weighed_against_the_model_as_it_is():
+    (part,) = parts_of([ranked("hysteresis", evidence=1.0, role="")])
+    assert (part.title, part.against, part.top) == ("Weighed", "log-odds against the model as it is", 10.0)

@@ -201,14 +201,16 @@ def test_errors_are_those_of_the_readings(road):
 def test_ranking_and_parameters_are_those_of_the_diagnosis(road):
     d = road[3].diagnosis
     page = road[-1]["d"][1]
-    rows = [r for r in page.tables["ranking"][0][1:] if len(r) > 1]
+    rows = [r for r in page.tables["ranking"][0][1:] if len(r) > 3]
     for row, r in zip(rows, road[3].ranking, strict=True):
         assert row[0].endswith(f"({r.name})")
         assert float(row[2].replace("−", "-")) == round(r.evidence, 1 if abs(r.evidence) < 1000 else 0)
         assert row[4] == amount(r.heldout_rmse_K)
         assert bare(row[7]) == r.refused
-    groups = [r[0] for r in page.tables["ranking"][0][1:] if len(r) == 1]
+    groups = [r[0] for r in page.tables["ranking"][0][1:] if len(r) == 3]
     assert groups == ["Named", "In place of what is named"]
+    against = [r[2] for r in page.tables["ranking"][0][1:] if len(r) == 3]
+    assert against == ["Bars: log-odds against leaving it out.", "Bars: log-odds against the model as it is."]
     base = d.search.baseline
     assert rows[0][5] == amount(rmse(base, ~stacked(base.problem)[4]))
     B = next(r for r in page.tables["parameters"][0] if r[0].endswith(" (resistance_temperature.B)"))
@@ -340,10 +342,10 @@ def test_the_page_of_the_second_search_tells_the_numbers_of_both_models_and_rank
     assert [s for s in shapes if s["type"] == "rect"]
     head, *rows = page.tables["ranking"][0]
     assert head[4:6] == ["error, K", "without it, K"]
-    first = next(r for r in rows if len(r) > 1)
+    first = next(r for r in rows if len(r) > 3)
     closest = seen_on(d.second.best, all_used(d.search.baseline.problem.records))
     assert first[4] == amount(rmse(closest, np.ones(len(closest.y), np.bool_)))
-    assert next(r[0] for r in rows if len(r) == 1) == "Named"
+    assert next(r[0] for r in rows if len(r) == 3) == "Named"
 
 
 def test_pages_stay_small(road):

@@ -112,7 +112,7 @@ def test_the_hidden_effect_is_named_and_drawn(desk, diagnosed):
     assert d["selected"] == ["entropic_heat"]
     first = d["ranking"][0]
     assert first["role"] == "named"
-    assert first["reach"] > d["needs"]
+    assert first["reach"] > first["needs"]
     assert first["effects"][0]["equation"]
     curve = desk.curves("entropic_heat")["surface-0-1"]
     assert len(curve["x"]) == len(curve["y"]) > 50

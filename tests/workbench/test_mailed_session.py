@@ -121,13 +121,35 @@ def test_what_no_diagnosis_said_is_one_line(diagnosed, wrong):
 
 @pytest.mark.parametrize(
     ("place", "wrong"),
-    [("verdict", 3), ("ranking", [{}]), ("needs", float("inf")), ("needs", True), ("core", None), ("selected", [None])],
+    [("verdict", 3), ("ranking", [{}]), ("core", None), ("selected", [None])],
 )
 def test_no_field_of_it_is_of_another_type(diagnosed, place, wrong):
     session = json.loads(diagnosed[0])
     session["diagnosed"][0]["said"][place] = wrong
     with pytest.raises(UsageError, match="what a diagnosis said"):
         diagnoses_of(session)
+
+
+@pytest.mark.parametrize("wrong", [float("inf"), True, "3"])
+def test_no_number_of_a_ranking_is_of_another_type(diagnosed, wrong):
+    session = json.loads(diagnosed[0])
+    session["diagnosed"][0]["said"]["ranking"][0]["needs"] = wrong
+    with pytest.raises(UsageError, match="what a diagnosis said"):
+        diagnoses_of(session)
+
+
+def test_a_session_with_one_scale_for_all_bars_opens_too(diagnosed):
+    session = json.loads(diagnosed[0])
+    said = session["diagnosed"][0]["said"]
+    now = json.loads(json.dumps(said))
+    for r in said["ranking"]:
+        del r["group"], r["against"], r["needs"]
+    roles = ("named", "tied", "next", "instead")
+    said |= {"needs": 0.1, "groups": dict.fromkeys(roles, "Part"), "against": dict.fromkeys(("", *roles), "log-odds")}
+    (one,) = diagnoses_of(session)["diagnosed"]
+    assert one["said"].keys() == now.keys()
+    for r, new in zip(one["said"]["ranking"], now["ranking"], strict=True):
+        assert r == {**new, "group": "Part" if new["role"] else "Weighed", "against": "log-odds", "needs": 0.1}
 
 
 def test_files_of_another_machine_are_found_beside_the_session(tmp_path):

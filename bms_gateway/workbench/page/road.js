@@ -188,11 +188,11 @@ function verdict() {
   const list = el("ul", { class: "effects" });
   let before = null;
   for (const [i, r] of d.ranking.entries()) {
-    if (r.role !== before) list.append(el("li", {}, el("h3", {}, d.groups[r.role] ?? "Weighed"), el("p", { class: "muted against" }, `Bars: ${d.against[r.role]}.`)));
-    before = r.role;
+    if (r.role + r.against !== before) list.append(el("li", {}, el("h3", {}, r.group), el("p", { class: "muted against" }, `Bars: ${r.against}.`)));
+    before = r.role + r.against;
     list.append(effect(r, i, d));
   }
-  if (d.ranking.length) box.append(el("p", { class: "muted" }, `Evidence as log-odds, all bars on one scale; dashed: what an effect needs, 3 (20 to 1). ${d.recalled ? "Kept from the session: diagnose again to draw curves of effects." : "Point at an effect, or tap it, to draw its curve."}`), list);
+  if (d.ranking.length) box.append(el("p", { class: "muted" }, `Evidence as log-odds. Bars under one heading are weighed against the same model and have one scale, those under another heading have another; dashed: what an effect needs, 3 (20 to 1). ${d.recalled ? "Kept from the session: diagnose again to draw curves of effects." : "Point at an effect, or tap it, to draw its curve."}`), list);
   if (d.next) box.append(el("h3", {}, "What to measure next"), el("p", { id: "next" }, d.next));
   if (d.card.length) box.append(fold("card", "What these data could show at all", el("ul", {}, ...d.card.map((t) => el("li", {}, t)))));
   if (d.absorbed.length) box.append(fold("absorbed", "What a parameter absorbs", el("ul", {}, ...d.absorbed.map((t) => el("li", {}, t)))));
@@ -220,7 +220,7 @@ function effect(r, i, d) {
       $(id)?.focus({ preventScroll: true });
     } },
     el("span", { class: "name" }, named(r)),
-    el("span", { class: "track" }, el("span", { class: "fill", style: `width:${100 * r.reach}%` }), el("span", { class: "need", style: `left:${100 * d.needs}%` })),
+    el("span", { class: "track" }, el("span", { class: "fill", style: `width:${100 * r.reach}%` }), el("span", { class: "need", style: `left:${100 * r.needs}%` })),
     el("span", { class: "odds" }, odds));
   const item = el("li", { class: `effect ${r.role}${r.refused ? " refused" : ""}` }, button);
   if (open) item.append(told(r, d));
