@@ -25,3 +25,19 @@ def test_amounts_have_three_digits_also_where_they_are_rounded_up(window, tmp_pa
             "return import('/page/util.js').then(({ K }) => arguments[0].map((x) => K(x)));", list(WRITTEN)
         )
     assert dict(zip(WRITTEN, written, strict=True)) == WRITTEN
+
+
+def test_times_of_the_live_page_are_of_the_wall_and_have_a_date_where_it_is_another_day(window, tmp_path):
+    with served(tmp_path) as url:
+        page = window(url)
+        today, yesterday, beside, without, of = page.run(
+            "return import('/page/util.js').then(({ when }) => {"
+            "const now = new Date(), day = 86400000; now.setHours(12, 0, 30, 0);"
+            "const at = (ms) => ({ wall_ms: ms, at: 30, age: 0 }), old = now.getTime() - day;"
+            "return [when(at(now.getTime()), 10), when(at(old), 10), when(at(old), 10, old), when(at(null), 10),"
+            "  [now.getTime() - 20000, old - 20000].map(ms => [new Date(ms).toLocaleTimeString(), "
+            "    new Date(ms).toLocaleString([], { dateStyle: 'short', timeStyle: 'medium' })])]; });"
+        )
+    assert today == beside == of[0][0]  # beside a time of the same day no date is needed
+    assert yesterday == of[1][1]
+    assert without == "0:00:10"

@@ -1,5 +1,5 @@
 // The live pack: cells coloured by their core, what is flagged in words, sensors, bus; or a log that is played.
-import { $, el, post, attempt, complain, counted } from "./util.js";
+import { $, el, post, attempt, complain, counted, clock, moment, wallMs, when } from "./util.js";
 import * as past from "./past.js";
 
 // Cividis, told apart with any common colour blindness, dark to light as the core gets hotter.
@@ -15,8 +15,8 @@ let source = null;
 let sliding = false;
 export let pictures = 0;
 
-const clock = (s) => `${Math.floor(s / 3600)}:${String(Math.floor(s / 60) % 60).padStart(2, "0")}:${String(Math.floor(s % 60)).padStart(2, "0")}`;
 const degrees = (x) => (x === null ? "–" : `${x.toFixed(1)}`);
+const band = (half) => (half === null ? "" : ` ± ${half.toFixed(1)}`);
 const steer = (wish) => attempt(() => post("watch", { view, ...wish }))();
 
 export function prepare(known, grafana) {
@@ -33,8 +33,8 @@ export function prepare(known, grafana) {
     el("label", { for: "time" }, "Time"),
     el("input", { type: "range", id: "time", min: 0, max: 1, step: 1, value: 0,
       onpointerdown: () => { sliding = true; }, onpointerup: () => { sliding = false; },
-      oninput: (e) => { $("at").textContent = clock(Number(e.target.value)); steer({ seek: Number(e.target.value) }); } }),
-    el("output", { id: "at", for: "time" }, "0:00:00"), el("span", { id: "wall", class: "muted" }),
+      oninput: (e) => { $("at").textContent = newest ? when(newest, Number(e.target.value)) : ""; steer({ seek: Number(e.target.value) }); } }),
+    el("output", { id: "at", for: "time" }, "0:00:00"),
     log ? "" : el("button", { type: "button", id: "follow", onclick: () => steer({ follow: true }) }, "Now"));
   const limit = about.limits.core_C;
   const facts = el("dl", { id: "live-bus" }, ...["hottest", "bus", "refused", "model"].map((id) =>
@@ -76,7 +76,7 @@ function complainOnce(now) {
   if (now !== gone) complain(now ? "the workbench does not answer: is the program still running?" : "");
   if (now && newest) { // what is shown is old from now on, whatever it says
     for (const r of rows) r.node.className = "live-string parked";
-    put($("live-state"), `The workbench does not answer: what is shown is of ${$("wall").textContent || clock(newest.at)}, and may be long past.`);
+    put($("live-state"), `The workbench does not answer: what is shown is of ${when(newest, newest.at)}, and may be long past.`);
   }
   gone = now;
 }
@@ -88,9 +88,8 @@ function picture(p) {
   $("panel-live").dataset.pictures = pictures;
   put($("live-state"), p.problem || condition(p));
   if (!p.ticks) return;
-  if (!sliding) { $("time").max = Math.max(p.last, p.at); $("time").value = p.at; put($("at"), `${clock(p.at)} of ${clock(p.last)}`); }
-  $("time").setAttribute("aria-valuetext", clock(p.at));
-  put($("wall"), p.wall_ms === null ? "" : moment(p.wall_ms));
+  if (!sliding) { $("time").max = Math.max(p.last, p.at); $("time").value = p.at; put($("at"), `${when(p, p.at)} of ${when(p, p.last, wallMs(p, p.at))}`); $("at").dataset.s = p.at; }
+  $("time").setAttribute("aria-valuetext", when(p, p.at));
   put($("play"), p.playing ? "Pause" : "Play");
   if (document.activeElement !== $("speed")) $("speed").value = p.speed;
   if ($("follow")) $("follow").disabled = p.following;
@@ -118,9 +117,6 @@ function condition(p) {
   if (p.state === "stale") return `Stale: nothing new for ${Math.round(p.silent)} s.`;
   return p.state === "parked" ? `Parked: the bus has been silent for ${clock(p.silent)}; the last estimates are shown.` : "";
 }
-
-const moment = (ms) => new Date(ms).toLocaleString([], { dateStyle: "short", timeStyle: "medium" });
-const when = (p, at) => (p.wall_ms === null ? clock(Math.max(at, 0)) : new Date(p.wall_ms + 1e3 * (at - (p.at - p.age))).toLocaleTimeString());
 
 // What is wrong at the moment that is shown, the gravest first; and that what is shown is old.
 function banner(p) {
@@ -166,7 +162,7 @@ function events(p, again = false) {
 
 // Who has looked at it, and when; or the button to say so.
 function seen(e) {
-  if (e.seen) return el("span", { class: "muted" }, `${new Date(e.seen.wall_ms).toLocaleTimeString()}${e.seen.reason ? `: ${e.seen.reason}` : ""}`);
+  if (e.seen) return el("span", { class: "muted" }, `${moment(e.seen.wall_ms)}${e.seen.reason ? `: ${e.seen.reason}` : ""}`);
   return el("button", { type: "button", class: "acknowledge", "aria-label": `Acknowledge: ${e.text}`, onclick: attempt(async () => {
     const reason = prompt("What was checked? (may be empty)");
     if (reason === null) return;
@@ -183,7 +179,7 @@ function row(r, s, state) {
   const limit = about.limits.core_C;
   for (const c of r.cells) {
     const core = s.core[c.k], half = s.half[c.k], q = s.quality[c.k], centre = s.centre[c.k];
-    const now = `${core}|${half}|${centre}|${q}|${s.hottest === c.k}`;
+    const now = `${core}|${half}|${centre}|${s.centre_half[c.k]}|${q}|${s.hottest === c.k}`;
     if (c.last === now) continue;
     c.last = now;
     const word = about.words[q], hottest = Math.max(core ?? -Infinity, centre ?? -Infinity);
@@ -192,10 +188,10 @@ function row(r, s, state) {
     c.node.style.background = `rgb(${red},${green},${blue})`;
     c.node.style.color = 0.3 * red + 0.59 * green + 0.11 * blue > 128 ? "#000" : "#fff";
     c.node.className = `live-cell ${["estimated", "doubtful"].includes(word) ? word : word === "good" ? "" : `bad ${word.replaceAll(" ", "-")}`}${s.hottest === c.k ? " hottest" : ""}${hottest >= limit ? " over" : ""}`;
-    c.node.title = `cell ${c.k + 1}: ${word} (${about.why[q] ?? ""}); surface ${degrees(s.surface[c.k])} °C; hottest point ${degrees(centre)} °C${hottest >= limit ? `, over its limit of ${limit} °C` : ""}`;
+    c.node.title = `cell ${c.k + 1}: ${word} (${about.why[q] ?? ""}); surface ${degrees(s.surface[c.k])} °C; hottest point ${degrees(centre)}${band(s.centre_half[c.k])} °C${hottest >= limit ? `, over its limit of ${limit} °C` : ""}`;
   }
   if (r.told.picked !== undefined) put(r.told, r.cells[r.told.picked].node.title);
-  put(r.hottest, s.hottest === null ? "no core known" : `hottest: cell ${s.hottest + 1}, core ${degrees(s.core[s.hottest])} °C, hottest point ${degrees(s.centre[s.hottest])} °C`);
+  put(r.hottest, s.hottest === null ? "no core known" : `hottest: cell ${s.hottest + 1}, core ${degrees(s.core[s.hottest])}${band(s.half[s.hottest])} °C, hottest point ${degrees(s.centre[s.hottest])}${band(s.centre_half[s.hottest])} °C`);
   const f = s.ahead;
   put(r.ahead, f ? `forecast at ${Math.abs(f.load_A ?? 0).toFixed(0)} A${f.load_A < 0 ? " charging" : ""}: hottest point in 1, 5, 10 min ${f.point.map((x, i) => `${degrees(x)} ± ${(f.half[i] ?? 0).toFixed(1)}`).join(", ")} °C (cell ${f.cell})${f.limit_s ? (f.limit_s[1] > 0 ? `; cell ${f.limit_s[0]} reaches its limit in ${f.limit_s[1]} s` : "; the limit is reached") : ""}; for 10 min ${f.discharge[2]} A discharge, ${f.charge[2]} A charge` : "");
   put(r.resistance, s.R_e ? `internal resistance (R_e) ${s.R_e[0].toFixed(2)} ± ${s.R_e[1].toFixed(2)} mΩ, ${s.R_e[2]}${s.growth === null ? "" : `; ${s.growth > 0 ? "+" : ""}${s.growth.toFixed(1)} % since commissioning`}` : "");

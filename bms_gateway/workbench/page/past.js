@@ -1,5 +1,5 @@
 // The past of one string on the live page: hottest point with its band, limit and alerts; what drove it; export.
-import { $, el, post, attempt, ui, complain } from "./util.js";
+import { $, el, post, attempt, ui, complain, wallMs, when } from "./util.js";
 
 const SVG = "http://www.w3.org/2000/svg";
 const EVERY_MS = 4000;
@@ -46,7 +46,7 @@ function toFleet() {
   const known = fleet && latest?.wall_ms != null && shown.t.length > 1;
   $("grafana").hidden = !known;
   if (!known) return;
-  const ms = (t) => Math.round(latest.wall_ms + 1e3 * (t - (latest.at - latest.age))), to = new URL(fleet);
+  const ms = (t) => Math.round(wallMs(latest, t)), to = new URL(fleet);
   for (const [k, v] of [["from", ms(shown.t[0])], ["to", ms(shown.t.at(-1))], ["var-string", about.strings[shown.string].name]]) to.searchParams.set(k, v);
   $("grafana").href = to.href;
 }
@@ -99,8 +99,8 @@ function draw() {
     put("text", { x: LEFT - 5, y: top + 10, "text-anchor": "end" }, high.toFixed(spread < 5 ? 1 : 0));
     put("text", { x: LEFT - 5, y: bottom, "text-anchor": "end" }, low.toFixed(spread < 5 ? 1 : 0));
     if (name === "hottest") {
-      const edge = (sign, list) => list.map(([i, v]) => `${x(shown.t[i]).toFixed(1)},${at(v + sign * half(i)).toFixed(1)}`);
-      put("polygon", { points: [...edge(1, there), ...edge(-1, [...there].reverse())].join(" "), fill: "var(--after)", "fill-opacity": 0.2 });
+      const edge = (sign, run) => run.map((i) => `${x(shown.t[i]).toFixed(1)},${at(y[i] + sign * half(i)).toFixed(1)}`);
+      for (const run of runs(y)) put("polygon", { points: [...edge(1, run), ...edge(-1, run).reverse()].join(" "), fill: "var(--after)", "fill-opacity": 0.2 }); // a gap stays open
       if (limit <= high) put("line", { x1: LEFT, x2: width - RIGHT, y1: at(limit), y2: at(limit), stroke: "var(--danger)", "stroke-dasharray": "6 4", class: "limit" });
     }
     for (const run of runs(y)) put("polyline", { points: run.map((i) => `${x(shown.t[i]).toFixed(1)},${at(y[i]).toFixed(1)}`).join(" "), fill: "none", stroke: COLORS[name] ?? "var(--ink)", "stroke-width": name === "hottest" ? 2 : 1.2 });
@@ -111,9 +111,10 @@ function draw() {
   }
   marks();
   const bottom = below + 18;
-  for (const share of [0, 0.5, 1]) put("text", { x: x(t0 + share * (t1 - t0)), y: bottom, "text-anchor": ["start", "middle", "end"][2 * share] }, clock(t0 + share * (t1 - t0)));
+  const times = [t0, (t0 + t1) / 2, t1]; // the date, where it is not today, stands once
+  times.forEach((t, i) => put("text", { x: x(t), y: bottom, "text-anchor": ["start", "middle", "end"][i], class: "time" }, when(latest, t, i ? wallMs(latest, times[i - 1]) : null)));
   const hot = shown.hottest.filter((v) => v !== null);
-  svg.setAttribute("aria-label", `hottest point of ${about.strings[shown.string].name} from ${clock(t0)} to ${clock(t1)}: ${Math.min(...hot).toFixed(1)} to ${Math.max(...hot).toFixed(1)} °C, limit ${limit} °C, ${shown.marks.length} changes of alerts`);
+  svg.setAttribute("aria-label", `hottest point of ${about.strings[shown.string].name} from ${when(latest, t0)} to ${when(latest, t1)}: ${Math.min(...hot).toFixed(1)} to ${Math.max(...hot).toFixed(1)} °C, limit ${limit} °C, ${shown.marks.length} changes of alerts`);
 }
 
 // The alerts that the upright lines stand for, in words, the newest first; a button goes to its moment.
@@ -122,7 +123,7 @@ function marks() {
   const raised = shown.marks.filter((k) => k.state !== "over").reverse(), told = JSON.stringify(raised), list = $("past-marks");
   if (list.dataset.told === told) return;
   list.dataset.told = told;
-  list.replaceChildren(...raised.slice(0, MOST_MARKS).map((m) => el("li", { class: m.level }, el("button", { type: "button", onclick: () => seek(m.at) }, clock(m.at)), ` ${m.level === "alarm" ? "Alarm" : "Warning"}: ${m.text}`)),
+  list.replaceChildren(...raised.slice(0, MOST_MARKS).map((m) => el("li", { class: m.level }, el("button", { type: "button", onclick: () => seek(m.at) }, when(latest, m.at)), ` ${m.level === "alarm" ? "Alarm" : "Warning"}: ${m.text}`)),
     ...(raised.length > MOST_MARKS ? [el("li", {}, `and ${raised.length - MOST_MARKS} earlier, see below`)] : []));
 }
 
@@ -132,5 +133,3 @@ function runs(y) {
   y.forEach((v, i) => { if (v === null) { if (found.at(-1).length) found.push([]); } else found.at(-1).push(i); });
   return found.filter((r) => r.length);
 }
-
-const clock = (s) => `${Math.floor(s / 3600)}:${String(Math.floor(s / 60) % 60).padStart(2, "0")}:${String(Math.floor(s % 60)).padStart(2, "0")}`;

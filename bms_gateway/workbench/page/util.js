@@ -98,6 +98,16 @@ export function amount(x, digits = 3) {
   return x.toFixed(Math.min(Math.max(digits - 1 - size, 0), 6));
 }
 
+// A time of the live page, in s since its beginning: that of the wall where the frames have it, with its date where it is of another day
+// than what stands beside it.
+export const clock = (s) => `${Math.floor(s / 3600)}:${String(Math.floor(s / 60) % 60).padStart(2, "0")}:${String(Math.floor(s % 60)).padStart(2, "0")}`;
+export const wallMs = (p, at) => (p.wall_ms === null ? null : p.wall_ms + 1e3 * (at - (p.at - p.age)));
+export const moment = (ms, beside = Date.now()) => {
+  const [one, other] = [new Date(ms), new Date(beside)];
+  return one.toDateString() === other.toDateString() ? one.toLocaleTimeString() : one.toLocaleString([], { dateStyle: "short", timeStyle: "medium" });
+};
+export const when = (p, at, beside) => { const ms = wallMs(p, at); return ms === null ? clock(Math.max(at, 0)) : moment(ms, beside ?? Date.now()); };
+
 // Numbers as a list, of which many in a row are told by their ends.
 const MANY = 6;
 export function counted(cells) {
