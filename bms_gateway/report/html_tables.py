@@ -27,6 +27,8 @@ from bms_gateway.thermal.effects import EffectParameter, effect_named
 FEATURES_SHOWN = 6
 SENSORS_SHOWN, TOGETHER = 16, 12
 """Sensors in a heat map at most, and columns up to which before and after stand in one."""
+TAP = "Tap a value: its number of readings, its sd and its RMSE stand here."
+"""Below a map, until `told.js` tells of a value."""
 BESIDE = 4
 """Columns up to which two heat maps stand side by side."""
 
@@ -237,10 +239,11 @@ def _heat_table(
             tints = "".join(_heat(bins, i, largest, _first(n % len(models))) for n, bins in enumerate(row))
             label = same[0].label if shared else _between(same, regime)
             body.append(f'<tr><th scope="row">{escape(label).replace(" -", " −")}</th>{tints}</tr>')
+    text = "\n".join(body).replace(" title=", ' tabindex="0" title=', 1)  # from there the arrow keys go on
     return (
-        f'<table class="heat"><thead><tr><th rowspan="{2 if under else 1}" scope="col">{escape(title)}</th>{over}</tr>'
-        f"{under}</thead>"
-        "<tbody>\n" + "\n".join(body) + "\n</tbody></table>"
+        '<div class="map"><table class="heat"><thead><tr>'
+        f'<th rowspan="{2 if under else 1}" scope="col">{escape(title)}</th>{over}</tr>{under}</thead>'
+        f'<tbody>\n{text}\n</tbody></table><p class="cell-told" role="status">{TAP}</p></div>'
     )
 
 
@@ -283,5 +286,5 @@ def _heat(bins: Sequence[Bin], i: int, largest: float, first: str) -> str:
     color = "".join(f"{round(255 + (c - 255) * strong):02x}" for c in tint)
     text = f"{b.mean_K:+.2f}".replace("-", "−") if abs(b.mean_K) >= 0.005 else "0.00"
     text = f"<b>{text}</b>" if b.significant else text
-    told = f"{b.readings} readings: {b.mean_K:+.3f} ± {b.sd_K:.3f} K, RMSE {b.rmse_K:.3f} K"
+    told = f"{b.readings} readings: {b.mean_K:+.3f} K, sd {b.sd_K:.3f} K, RMSE {b.rmse_K:.3f} K".replace("-", "−")
     return f'<td{first} style="background:#{color}" title="{told}">{text}</td>'

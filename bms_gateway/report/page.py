@@ -249,7 +249,8 @@ def write_page(path: Path, title: str, head: str, sections: Sequence[str]) -> No
     """
     script = _packed_once("plotly", gzip.decompress(plotly_script()))
     own = files("bms_gateway.report")
-    css, unlzma, js = (own.joinpath(name).read_text(encoding="utf-8") for name in ("page.css", "unlzma.js", "page.js"))
+    names = ("page.css", "unlzma.js", "page.js", "told.js")
+    css, unlzma, js, told = (own.joinpath(name).read_text(encoding="utf-8") for name in names)
     body, figures = _figures_apart("\n".join(s for s in sections if s))
     wide = (
         '<div class="wide" tabindex="0" role="group" aria-label="table">'  # on a phone tables are wider than the page
@@ -264,7 +265,7 @@ def write_page(path: Path, title: str, head: str, sections: Sequence[str]) -> No
         '<footer><p id="damaged" class="alarm" role="alert" hidden>The figures cannot be unpacked: this file is '
         "damaged, or the browser is very old. All tables can be read.</p>"
         "<noscript>The figures need JavaScript; all tables can be read without.</noscript></footer>\n"
-        f"{script}\n{figures}\n<script>{unlzma}{js}</script>\n</body></html>\n"
+        f"{script}\n{figures}\n<script>{unlzma}{js}</script>\n<script>{told}</script>\n</body></html>\n"
     )
     try:
         with whole_text(path) as file:

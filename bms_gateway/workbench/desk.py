@@ -16,7 +16,7 @@ from bms_gateway.workbench.beside import Beside, moved, place_of
 from bms_gateway.workbench.commands import Leg, command_lines, config_lines
 from bms_gateway.workbench.process import Worker
 from bms_gateway.workbench.session import Addition, SessionRest, session_of
-from bms_gateway.workbench.steps import Frame, Window, doubt_lines, forget, joined, remains, steps_of
+from bms_gateway.workbench.steps import TABLES, Frame, Window, doubt_lines, forget, joined, remains, steps_of
 from bms_gateway.workbench.uploads import Uploads
 
 Document = dict[str, Any]
@@ -311,7 +311,7 @@ class Desk:
                 "opened": opened,
                 "looked": self._looked,
                 "steps": steps_of(self._frames),
-                "compared": {k: v for k, v in top.compared.items() if k != "variants"}
+                "compared": {k: v for k, v in top.compared.items() if k not in ("variants", *TABLES)}
                 if top and top.compared
                 else None,
                 "figures": list(dict.fromkeys(shown)),

@@ -237,7 +237,7 @@ class Handler(ShortHeads):
 
     def _asset(self, name: str) -> None:
         folder = files("bms_gateway.workbench").joinpath("page")
-        known = {p.name: p for p in folder.iterdir()}
+        known = {p.name: p for p in (*folder.iterdir(), files("bms_gateway.report").joinpath("told.js"))}
         if name not in known or Path(name).suffix not in TYPES:
             self._json({"error": f"there is nothing at {name}"}, HTTPStatus.NOT_FOUND)
             return

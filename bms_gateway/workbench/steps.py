@@ -16,6 +16,8 @@ Window = tuple[float, float]
 """First and last value on the axis of a figure."""
 SERIES = ".series-"
 """How the names of the files of long series begin; no upload is called so."""
+TABLES: Final = ("errors", "parameters", "correlations", "thermocouples")
+"""Of a comparison: HTML that is shown with its step; the two steps of the first model share it."""
 REMAINS = "Something unknown remains"
 
 
@@ -81,6 +83,7 @@ def _step(name: str, f: Frame, variant: Document | None, left: str) -> Document:
         "forced": False,
         "told": None,
         "variant": variant,
+        "tables": {"of": f.label, **{k: f.compared[k] for k in TABLES}} if f.compared else None,
         "stair": variant["stair"] if variant else f.told["after"] if f.told else None,
         "core": core,
         "remains": left,

@@ -27,7 +27,7 @@ const { desk } = JSON.parse(sessionStorage.workbench ?? '{}');
 const told = await fetch(`/api/state?desk=${desk}`).then(r => r.ok ? r.json() : null, () => null);
 return Boolean(told && told.job === null && String(told.version) === body.version && rests());
 """
-KEYS = {"Escape": "\ue00c", "Enter": "\ue007", "Tab": "\ue004", "Left": "\ue012", "Right": "\ue014"}
+KEYS = {"Escape": "\ue00c", "Enter": "\ue007", "Tab": "\ue004", "Left": "\ue012", "Right": "\ue014", "Down": "\ue015"}
 
 
 def why_none() -> str:

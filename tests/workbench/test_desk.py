@@ -128,6 +128,15 @@ def test_the_error_falls_on_held_out_blocks(added):
     assert added["compared"] is not None
 
 
+def test_each_step_has_its_own_tables(added):
+    filed, before, after = (s["tables"] for s in added["steps"])
+    assert filed == before
+    assert (before["of"], after["of"]) == ("refitted", ADDED)
+    assert "(entropic_heat.dUdT)" in after["parameters"]
+    assert "(entropic_heat.dUdT)" not in before["parameters"]
+    assert "parameters" not in added["compared"]
+
+
 def test_every_step_stays_in_the_picture_on_one_axis(desk, added):
     assert [s["name"] for s in added["steps"]] == ["from its file", "refitted", ADDED]
     figure = desk.figure("surface-0-3")

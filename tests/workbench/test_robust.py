@@ -1,5 +1,7 @@
 """Work outlives a restart of the server and the seventh tab; reports fit any window and paper."""
 
+import re
+
 import pytest
 
 from bms_gateway.workbench.site import MOST_AWAKE, Site
@@ -99,6 +101,8 @@ def test_a_report_fits_every_window_and_paper(window, pack, axe, tmp_path):
         report.cdp("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
         report.wait("return document.documentElement.scrollWidth <= innerWidth", patience_s=10)
         assert faults(report, axe) == [], width
+    report.click("table.heat td[title]")
+    assert re.match(r"cell 1, .*: \d+ readings: .* K, sd .* K, RMSE .* K$", report.text(".cell-told"))
     report.cdp("Emulation.setDeviceMetricsOverride", width=690, height=1000, deviceScaleFactor=1, mobile=False)
     report.cdp("Emulation.setEmulatedMedia", media="print")
     report.run("dispatchEvent(new Event('beforeprint'))")

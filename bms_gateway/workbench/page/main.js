@@ -112,7 +112,7 @@ async function claim() {
 }
 
 function keys(e) {
-  if (e.ctrlKey || e.metaKey || e.altKey) return;
+  if (e.ctrlKey || e.metaKey || e.altKey || e.defaultPrevented) return;
   const typing = e.target.closest("input:not([type=radio], [type=checkbox], [type=range]), textarea, select") || (e.target.type === "range" && e.key.startsWith("Arrow"));
   if (e.key === "Escape") { if (road.busy()) road.work("cancel"); complain(""); return; }
   if (typing) return;

@@ -18,6 +18,7 @@ const fold = (id, title, ...inside) =>
 const scroll = (name, html) => el("div", { class: "scroll", tabindex: "0", role: "group", "aria-label": name, html });
 
 export function prepare() {
+  $("what").addEventListener("click", () => $("what").setAttribute("aria-expanded", String($("what").getAttribute("aria-expanded") !== "true"))); // it is cut otherwise
   $("open-form").addEventListener("submit", attempt(async (e) => {
     e.preventDefault();
     await columns.settled();
@@ -106,7 +107,7 @@ export function show(next) {
   $("start").hidden = Boolean(state.opened || state.looked);
   const added = state.steps.filter((s) => s.words.length);
   $("what").textContent = state.opened ? `${state.opened.records.map((r) => short(r.source)).join(", ")} · ${short(state.files.model)}${added.map((s) => ` ${s.name}`).join("")}` : "";
-  $("what").title = $("what").textContent;
+  $("what").hidden = !state.opened;
   document.title = `${added.at(-1)?.name ?? "Workbench"} · bms-gateway`;
   const focused = document.activeElement?.id;
   doubt(); opened(); compare(); verdict(); adding(); away();
@@ -155,16 +156,16 @@ function compare() {
     if (state.opened) box.append(el("button", { class: "main", type: "button", id: "compare", "data-work": true, onclick: () => work("compare") }, "Compare"));
     return;
   }
-  const { name, variant: v, remains, core: known } = ticked(state.steps).at(-1);
+  const { name, variant: v, remains, core: known, tables: t } = ticked(state.steps).at(-1);
   if (remains) box.append(el("p", { class: "alarm" }, remains));
   box.append(...core(known), el("h3", {}, { "from its file": "The model with the parameters from its file", refitted: "Refitted to these data, within what the model declares" }[name] ?? name));
   if (v) box.append(el("ul", { class: "found" }, ...v.findings.map((f) => el("li", {}, f))), el("div", { id: "closest", html: v.closest }), el("div", { html: v.cards }),
     ...v.core_measured.map((m) => el("p", { class: m.alarm ? "danger" : "" }, m.sentence)));
-  box.append(fold("errors", "Errors by sensor", scroll("errors by sensor", c.errors)),
-    fold("parameters", "Parameters, refitted", scroll("parameters", c.parameters)),
-    c.correlations ? fold("correlations", "Correlation of the parameters", scroll("correlation of the parameters", c.correlations)) : "");
-  if (c.thermocouples) box.append(fold("thermocouples", "Thermocouples in cores", scroll("thermocouples in cores", c.thermocouples)));
+  for (const [id, title] of t ? TABLES.filter(([id]) => t[id]) : []) box.append(fold(id, `${title}: ${t.of}`, scroll(`${title}: ${t.of}`, t[id])));
 }
+
+// Of the step that is shown in full; that of the file has those of the refitted model, and their heads say so.
+const TABLES = [["errors", "Errors by sensor"], ["parameters", "Parameters"], ["correlations", "Correlation of the parameters"], ["thermocouples", "Thermocouples in cores"]];
 
 // How well the cores are known, and what speaks against them.
 function core(c) {
