@@ -5,6 +5,7 @@ import io
 import json
 import re
 from dataclasses import replace
+from itertools import pairwise
 from urllib.parse import parse_qs, urlsplit
 
 import cantools
@@ -330,6 +331,13 @@ def test_the_page_is_a_control_room(window, log, axe, tmp_path):
         for told in ("#past-marks button", "#events tbody td:first-child"):
             assert all(t.startswith(day) for t in page.run(when, told)), told
 
+        # the current is held from tick to tick: each piece of its line is level or upright
+        points = page.run("return document.querySelector('#past .line-current').getAttribute('points')").split()
+        at = np.array([[float(v) for v in p.split(",")] for p in points])
+        assert np.all((np.diff(at, axis=0) == 0.0).any(axis=1))
+        slow = page.run("return document.querySelector('#past .line-inlet').getAttribute('points')").split()
+        assert len(points) > 1.5 * len(slow)
+
         # where nothing is known the band is open, as its line is
         page.run(GAP)
         page.run(seek, "84")
@@ -390,6 +398,11 @@ def test_the_page_is_a_control_room(window, log, axe, tmp_path):
                     "const s = document.querySelector('#past'), r = s.querySelector('rect');"
                     "return Math.abs(Number(r.getAttribute('width')) - s.clientWidth) < 80"
                 )
+                ends = page.run(
+                    "return [...document.querySelectorAll('#past .time')].map(t => t.getBoundingClientRect())"
+                    ".map(r => [r.left, r.right])"
+                )
+                assert all(one[1] < other[0] for one, other in pairwise(ends)), width
                 assert faults(page, axe) == [], (dark, width)
             page.click("#theme")
 

@@ -8,6 +8,8 @@ const LEFT = 62, RIGHT = 12;
 const PANELS = [["hottest", "hottest point, °C", 120, 1], ["current", "current, A", 50, 1], ["inlet", "inlet, °C", 40, 1], ["flow", "flow, l/min", 40, 1], ["soc", "SOC, %", 40, 100], ["voltage", "voltage, V", 40, 1]];
 const PER_MIN = 60000; // l/min in a m³/s
 const COLORS = { hottest: "var(--after)", inlet: "var(--after)", soc: "var(--good)" };
+const HELD = ["current", "flow", "soc"]; // from one tick to the next
+const NARROW = 520; // px, below which there is room for two times only
 const TOP = 8, GAP = 14, FOOT = 24;
 const SPANS = [[600, "last 10 min"], [3600, "last hour"], [0, "all that is kept"]];
 let about = null, fleet = "", view = "", seek = null, shown = null, asked = 0, key = "", busy = false;
@@ -96,14 +98,15 @@ function draw() {
     low = middle - spread; high = middle + spread;
     const at = (v) => bottom - ((bottom - top) * (v - low)) / (high - low);
     put("rect", { x: LEFT, y: top, width: width - LEFT - RIGHT, height: bottom - top, fill: "none", stroke: "var(--line)" });
-    put("text", { x: LEFT - 5, y: top + 10, "text-anchor": "end" }, high.toFixed(spread < 5 ? 1 : 0));
-    put("text", { x: LEFT - 5, y: bottom, "text-anchor": "end" }, low.toFixed(spread < 5 ? 1 : 0));
+    put("text", { x: LEFT - 5, y: top + 10, "text-anchor": "end" }, number(high, spread));
+    put("text", { x: LEFT - 5, y: bottom, "text-anchor": "end" }, number(low, spread));
     if (name === "hottest") {
       const edge = (sign, run) => run.map((i) => `${x(shown.t[i]).toFixed(1)},${at(y[i] + sign * half(i)).toFixed(1)}`);
       for (const run of runs(y)) put("polygon", { points: [...edge(1, run), ...edge(-1, run).reverse()].join(" "), fill: "var(--after)", "fill-opacity": 0.2 }); // a gap stays open
       if (limit <= high) put("line", { x1: LEFT, x2: width - RIGHT, y1: at(limit), y2: at(limit), stroke: "var(--danger)", "stroke-dasharray": "6 4", class: "limit" });
     }
-    for (const run of runs(y)) put("polyline", { points: run.map((i) => `${x(shown.t[i]).toFixed(1)},${at(y[i]).toFixed(1)}`).join(" "), fill: "none", stroke: COLORS[name] ?? "var(--ink)", "stroke-width": name === "hottest" ? 2 : 1.2 });
+    const point = (i, v) => `${x(shown.t[i]).toFixed(1)},${at(v).toFixed(1)}`;
+    for (const run of runs(y)) put("polyline", { points: run.flatMap((i, k) => [...(k && HELD.includes(name) ? [point(i, y[i - 1])] : []), point(i, y[i])]).join(" "), class: `line-${name}`, fill: "none", stroke: COLORS[name] ?? "var(--ink)", "stroke-width": name === "hottest" ? 2 : 1.2 });
     put("text", { x: LEFT + 6, y: top + 13, fill: "var(--soft)", stroke: "var(--paper)", "stroke-width": 4, "paint-order": "stroke" }, title); // above the curves
   }
   for (const m of shown.marks.filter((k) => k.state !== "over")) {
@@ -111,8 +114,8 @@ function draw() {
   }
   marks();
   const bottom = below + 18;
-  const times = [t0, (t0 + t1) / 2, t1]; // the date, where it is not today, stands once
-  times.forEach((t, i) => put("text", { x: x(t), y: bottom, "text-anchor": ["start", "middle", "end"][i], class: "time" }, when(latest, t, i ? wallMs(latest, times[i - 1]) : null)));
+  const times = width < NARROW ? [t0, t1] : [t0, (t0 + t1) / 2, t1]; // the date, where it is not today, stands once
+  times.forEach((t, i) => put("text", { x: x(t), y: bottom, "text-anchor": t === t0 ? "start" : t === t1 ? "end" : "middle", class: "time" }, when(latest, t, i ? wallMs(latest, times[i - 1]) : null)));
   const hot = shown.hottest.filter((v) => v !== null);
   svg.setAttribute("aria-label", `hottest point of ${about.strings[shown.string].name} from ${when(latest, t0)} to ${when(latest, t1)}: ${Math.min(...hot).toFixed(1)} to ${Math.max(...hot).toFixed(1)} °C, limit ${limit} °C, ${shown.marks.length} changes of alerts`);
 }
@@ -126,6 +129,8 @@ function marks() {
   list.replaceChildren(...raised.slice(0, MOST_MARKS).map((m) => el("li", { class: m.level }, el("button", { type: "button", onclick: () => seek(m.at) }, when(latest, m.at)), ` ${m.level === "alarm" ? "Alarm" : "Warning"}: ${m.text}`)),
     ...(raised.length > MOST_MARKS ? [el("li", {}, `and ${raised.length - MOST_MARKS} earlier, see below`)] : []));
 }
+
+const number = (v, spread) => v.toFixed(spread < 5 ? 1 : 0).replace("-", "−");
 
 // Stretches of indices without a gap.
 function runs(y) {
