@@ -107,7 +107,7 @@ function table(curves, window, places) {
     const size = Math.floor(Math.log10(Math.max(Math.abs(c.min), Math.abs(c.max)) || 1));
     const fixed = (x) => (x === null ? "–" : size > 5 || size < -3 ? plain(x) : x.toFixed(Math.min(Math.max(4 - size, 0), 6)).replace(/^-(?=.*[1-9])/, "−").replace(/^-/, ""));
     const cells = [c.a, c.b, both ? c.b - c.a : null].map(fixed);
-    const slope = both && apart ? plain((c.b - c.a) / apart, 4) : "–";
+    const slope = both && apart ? plain((c.b - c.a) / apart, 3) : "–";
     return el("tr", {}, el("th", { scope: "row" }, `${c.name}${c.unit ? `, ${c.unit}` : ""}`),
       ...[...cells, slope, ...[c.min, c.max, c.mean, c.rms].map(fixed), String(c.count)].map((t) => el("td", { class: "n" }, t)));
   });
