@@ -15,6 +15,7 @@ from bms_gateway.diagnosis.regimes import instants_of
 from bms_gateway.identify.coordinates import Measured
 from bms_gateway.report.html_series import Clock, Trace, broken, envelope, held_out, smooth
 from bms_gateway.report.page import Figure, numbers
+from bms_gateway.report.words import unit
 from bms_gateway.thermal import Floats
 
 BLACK, BLUE, VERMILLION, GREEN, ORANGE, SKY, PURPLE = (
@@ -234,7 +235,7 @@ def latent(found: Latent, record: int, m: Measured, clock: Clock) -> Figure:
         data.append({**x, "yaxis": f"y{i + 2}"})
         bottom = FEATURE_PX * (len(follows) - 1 - i)
         domain = [bottom / inside, (bottom + FEATURE_PX - GAP_PX) / inside]
-        axes[f"yaxis{i + 2}"] = axis("" if f.unit == "1" else f.unit, domain=domain, nticks=4)
+        axes[f"yaxis{i + 2}"] = axis(unit(f.unit), domain=domain, nticks=4)
         notes.append(
             {
                 "text": f.title,
