@@ -105,7 +105,7 @@ def _write(
         note("the cell is unknown (--cell): its size is a guess, and so the cores are sent as doubtful")
     for text in list(advice(settled.uses))[:10]:
         say(text, args.json)
-    _show(settled.cores, out, args.json)
+    _show(settled.cores, int(traffic.frames.time_ns[0]), out, args.json)
     logs = " ".join(str(p) for p in args.log)
     beside = len(written.files) - 1
     say(f"{written.config}: written, with {beside} file{'s' if beside > 1 else ''} beside it. Next:", args.json)
@@ -294,11 +294,12 @@ def _agrees(question: str) -> bool:
         return True
 
 
-def _show(cores: "Cores", out: Path, json_target: str | None) -> None:
+def _show(cores: "Cores", start_ns: int, out: Path, json_target: str | None) -> None:
     import numpy as np
 
     from bms_gateway.cli.output import say
     from bms_gateway.frames.quality import AVAILABLE_SD_K
+    from bms_gateway.report.hottest import hottest_sentence
     from bms_gateway.report.show import cells_table
     from bms_gateway.setup.picture import draw
 
@@ -312,12 +313,8 @@ def _show(cores: "Cores", out: Path, json_target: str | None) -> None:
             say(cells_table(cells), json_target)
         else:
             say(f"{cells.string}: no core is known to {AVAILABLE_SD_K:g} K", json_target)
-    if (hottest := cores.hottest) is not None:
-        say(
-            f"hottest core: {hottest.core_C:.1f} ± {hottest.sd_K:.1f} °C, cell {hottest.cell} of {hottest.string}, "
-            f"{hottest.at_s:.0f} s after the start",
-            json_target,
-        )
+    if cores.hottest is not None:
+        say(hottest_sentence(cores.hottest, start_ns), json_target)
     if (picture := draw(cores, out / "cores.png")) is not None:
         say(f"picture: {picture}", json_target)
     else:

@@ -95,6 +95,13 @@ def test_analyze_says_the_same_in_its_summary(tmp_path, capsys) -> None:
     assert "current (Pack.Current) refused" in told
 
 
+def test_analyze_tells_what_never_comes_although_nothing_was_refused(tmp_path, capsys) -> None:
+    config, log = write(tmp_path, '{ signal = "Pack.Current", minimum = -20 }', volts="Never.V")
+    assert main(["analyze", str(log), "--config", str(config), "--out", str(tmp_path / "r")]) == 0
+    assert json.loads((tmp_path / "r" / "summary.json").read_text())["rejected"] == {}
+    assert "s.voltage: Never.V never comes in this log" in capsys.readouterr().out
+
+
 def test_a_log_that_is_none_is_one_line(tmp_path, capsys) -> None:
     config, _ = write(tmp_path)
     (tmp_path / "empty.log").write_text("")

@@ -52,6 +52,7 @@ def test_a_parameter_group_is_read_whoever_sends_it_and_the_sender_is_told(tmp_p
     assert "Temps is read from source address 86, the first that sends it; the DBC names 0" in said
     assert "Temps.T1 never comes" not in said
     assert main(["analyze", "drive.log", "--config", "gateway.toml", "--out", "any"]) == 0
+    assert "Temps is read from source address 86, the first that sends it" in capsys.readouterr().out
     folder(tmp_path, CONFIG)
     assert main(["analyze", "drive.log", "--config", "gateway.toml", "--out", "stated"]) == 0
     for name in ("estimates.csv", "broadcast.log"):
