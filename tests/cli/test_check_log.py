@@ -37,7 +37,7 @@ def write(folder: Path, current: str = '"Pack.Current"', amps=lambda k: -8.0 + 0
     lines = []
     for k in range(10 * SECONDS):
         t = 1_700_000_000 + k / 10
-        values = {"Current": amps(k), "Volts": 350.0 - 0.1 * (k % 7)}
+        values = {"Current": amps(k), "Volts": 3.7 - 0.1 * (k % 7)}
         data = database.encode_message("Pack", values, strict=False)
         lines.append(f"({t:.6f}) can0 100#{data.hex()}")
         if k % 10 == 0:
