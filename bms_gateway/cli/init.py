@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import re
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -244,11 +245,9 @@ def _table(proposal: "Proposal") -> str:
         factor, unit = READ_AS[INPUTS[p.role].kind]
         low, high = (factor * x for x in p.observed)
         where = "" if p.string is None else f"string_{p.string}"
-        role = f"{p.role} {p.statistic}" if p.index is None and p.statistic else p.role
-        role = role if p.index is None else f"{role} {p.index}"
         rows.append(
             [
-                role,
+                _which(p),
                 where,
                 p.path,
                 "yes" if p.sure else "likely",
@@ -261,8 +260,7 @@ def _table(proposal: "Proposal") -> str:
     lines = [text_table(["role", "string", "signal", "sure", "observed", "step", "unit", "Hz"], rows, left=4)]
     if len(proposal.signals) > SHOWN:
         lines.append(f"… and {len(proposal.signals) - SHOWN} more")
-    told = [(p.path, w) for p in proposal.signals for w in p.why if "contradicts" in w or "sign is" in w]
-    lines += [f"{path}: {w}" for path, w in told[:SHOWN]]
+    lines += _reasons(proposal)[:SHOWN]
     odd = [(path, why) for path, why in proposal.unused if path in proposal.refused]
     lines += [f"not used: {path}: {why}" for path, why in odd[:20]]
     if len(odd) > 20:
@@ -273,6 +271,27 @@ def _table(proposal: "Proposal") -> str:
         shown = ", ".join(other[:UNUSED_SHOWN]) + (" …" if len(other) > UNUSED_SHOWN else "")
         lines.append(f"{len(other)} other signals have no role here (--json tells the reason for each): {shown}")
     return "\n".join(lines)
+
+
+def _which(p: "Proposed") -> str:
+    """Name the role with its cell, or with the kind of a reading of several cells."""
+    if p.index is not None:
+        return f"{p.role} {p.index}"
+    return f"{p.role} {p.statistic}" if p.statistic else p.role
+
+
+def _reasons(proposal: "Proposal") -> list[str]:
+    """Say why each signal was taken; signals of one role for which the same was found are told in one line."""
+    alike: dict[tuple[str, str], list[Proposed]] = {}
+    for p in proposal.signals:
+        without_numbers = re.sub(r"[\d.]+", "", "; ".join(p.why))
+        alike.setdefault((p.role, without_numbers), []).append(p)
+    lines = ["why:"]
+    for group in alike.values():
+        more = f" and {len(group) - 1} more" if len(group) > 1 else ""
+        why = [w for w in group[0].why if w not in proposal.remarks]  # these stand above
+        lines.append(f"  {_which(group[0])} ({group[0].path}{more}): {'; '.join(why)}")
+    return lines
 
 
 def _ask(proposal: "Proposal") -> None:
