@@ -194,7 +194,9 @@ def _among(
                 f"{m.name}: its parameter group comes from address 0x{there[0] & 0xFF:02X}{more}, "
                 f"not from 0x{m.can_id & 0xFF:02X} as in the DBC"
             )
-    remarks += [_unmarked(file, names) for file, names in unmarked.items()]
+    at_home = Counter(m.database for m in chosen.values() if m.can_id & EXTENDED)
+    # where most identifiers are as the DBC has them, the last byte of the others is no address either
+    remarks += [_unmarked(file, names) for file, names in unmarked.items() if len(names) > at_home[file]]
     return chosen, sound
 
 

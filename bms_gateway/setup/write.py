@@ -283,19 +283,17 @@ def _string(proposal: Proposal, string: int, cells: int) -> list[str]:
 
 
 def left_out(proposal: Proposal) -> str | None:
-    """Say that the cells have the numbers of the channels that measure; None where that is so or the names count."""
+    """Say that the cells have the numbers of the channels that are used; None where that is so or the names count."""
     counted = {p.string for p in proposal.of("surface") if p.index is not None and p.string not in proposal.numbered}
     n = len(proposal.refused)
     if not n or not counted:
         return None
     first = next(path for path, _ in proposal.unused if path in proposal.refused)
-    channels = (
-        f"{n} channels of thermocouples that do not measure were" if n > 1 else "a channel that does not measure was"
-    )
+    channels = f"{n} channels of thermocouples were" if n > 1 else "a channel of a thermocouple was"
     more = f"{first} …" if n > 1 else first
     return (
         f"{channels} left out ({more}): nothing confirms how many cells there are, so the cells are numbered by the "
-        "channels that measure, and not by the numbers in the names"
+        "channels that are used, and not by the numbers in the names"
     )
 
 

@@ -47,6 +47,13 @@ def test_identifiers_that_differ_in_their_last_byte_are_no_addresses(unmarked, t
     assert "no frame has the identifier of HVESS_Temps, but" in said.err
 
 
+def test_where_most_identifiers_are_right_the_others_have_no_address(unmarked, tmp_path, capsys) -> None:
+    log, dbc = unmarked
+    log.write_text(log.read_text().replace("18F1D056#", "18F1D0F3#"))
+    _, said = init(log, dbc, tmp_path / "v", capsys)
+    assert "no frame has the identifier of" not in said.err
+
+
 def test_another_address_is_not_called_a_fault_of_the_dbc(tmp_path, capsys) -> None:
     """A thermocouple was missing, and the user was told to correct the DBC."""
     vehicle = truck()

@@ -45,8 +45,8 @@ def test_a_sign_that_is_right_is_not_turned(tmp_path, capsys) -> None:
 def test_a_dead_channel_is_told_with_what_it_means_for_the_numbers(turned) -> None:
     lines, config = turned
     sentence = (
-        "a channel that does not measure was left out (ModuleTemps2.Thermistor7): nothing confirms how many cells "
-        "there are, so the cells are numbered by the channels that measure, and not by the numbers in the names"
+        "a channel of a thermocouple was left out (ModuleTemps2.Thermistor7): nothing confirms how many cells "
+        "there are, so the cells are numbered by the channels that are used, and not by the numbers in the names"
     )
     assert f"bms-gateway: note: {sentence}" in lines
     assert f"[string.signals.surface]\n# {sentence}\n" in config
@@ -58,7 +58,7 @@ def test_several_dead_channels_are_counted(tmp_path, capsys) -> None:
     for k in (3, 5):
         temperatures[f"CellTemp{k}"] = np.full(4000, -40.0)
     lines, config = said(plain(temperatures, "16@1- (0.1,0)", "degC"), tmp_path, capsys)
-    assert any("2 channels of thermocouples that do not measure were left out" in line for line in lines)
+    assert any("2 channels of thermocouples were left out" in line for line in lines)
     assert "# 2 channels of thermocouples" in config
 
 
