@@ -307,8 +307,9 @@ def _ask(proposal: "Proposal") -> None:
 
 
 def _agrees(question: str) -> bool:
+    print(f"{question} [Y/n] ", end="", flush=True)  # `input` itself may write to standard error
     try:
-        return input(f"{question} [Y/n] ").strip().lower() in ("", "y", "yes", "j", "ja")
+        return input().strip().lower() in ("", "y", "yes", "j", "ja")
     except EOFError:
         return True
 
