@@ -36,7 +36,7 @@ def arguments(parser: Parser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Analyze the logs; results lie in the folder, a table of the strings goes to standard output."""
     from bms_gateway.bus.logfile import LogNotes, write_frames
-    from bms_gateway.cli.output import distinct, writable, write_json
+    from bms_gateway.cli.output import distinct, say, writable, write_json
     from bms_gateway.config.load import load_config
     from bms_gateway.engine import Engine
     from bms_gateway.records.once import given_once, in_order
@@ -73,9 +73,10 @@ def run(args: argparse.Namespace) -> int:
         )
     if args.json:
         write_json(args.json, summary)
-    _tell(
-        args, engine, folder, notes, summary["duration_s"], [*contradictions(loaded.plan, engine.inputs), *advice(uses)]
-    )
+    _note(args, engine, notes)
+    _tell(args, engine, folder, span, [*contradictions(loaded.plan, engine.inputs), *advice(uses)])
+    frames, seconds = sum(n.frames for n in notes), summary["duration_s"]
+    say(f"{frames} frames, {seconds:.1f} s of traffic; results in {args.out}", args.json)
     return 0
 
 
@@ -112,16 +113,9 @@ def _conclude(engine: "Engine", folder: "ResultFolder") -> None:
         summary.flags = list(s.flags)
 
 
-def _tell(
-    args: argparse.Namespace,
-    engine: "Engine",
-    folder: "ResultFolder",
-    notes: "list[LogNotes]",
-    seconds: float,
-    told: list[str],
-) -> None:
-    from bms_gateway.cli.output import note, say
-    from bms_gateway.engine.reasons import unused
+def _note(args: argparse.Namespace, engine: "Engine", notes: "list[LogNotes]") -> None:
+    """Say what is wrong with the logs."""
+    from bms_gateway.cli.output import note
 
     for log, n in zip(args.log, notes, strict=True):
         if n.broken:
@@ -131,17 +125,27 @@ def _tell(
         note(f"the time stamps of these logs are wrong: {engine.clock_faults}; time_s only goes forward")
     for name, missing in engine.unheard.items():
         note(f"{name}: never received {missing}")
-    say(_table(engine, folder), args.json)
+
+
+def _tell(args: argparse.Namespace, engine: "Engine", folder: "ResultFolder", span: "Span", told: list[str]) -> None:
+    """Say the results: the strings, the hottest core, the alerts, and of each signal what is not as it should be."""
+    from bms_gateway.cli.output import say
+    from bms_gateway.engine.reasons import unused
+    from bms_gateway.report.hottest import hottest_sentence
+
+    say(_table(engine, folder, span.first_ns), args.json)
+    known = list(folder.hottest.values())
+    if known:
+        say(hottest_sentence(max(known, key=lambda h: h.rank), span.first_ns), args.json)
     for text in _standing(engine, args.out):
         say(text, args.json)
-    if engine.rejected:
-        for text in told[:MOST_TOLD]:
-            say(text, args.json)
-        if len(told) > MOST_TOLD:
-            say(f"… and {len(told) - MOST_TOLD} more signals: check {args.config} --log {args.log[0]}", args.json)
-        for reason, count in unused(engine.rejected).items():
-            say(f"{count} samples not used: {reason}", args.json)
-    say(f"{sum(n.frames for n in notes)} frames, {seconds:.1f} s of traffic; results in {args.out}", args.json)
+    for text in told[:MOST_TOLD]:
+        say(text, args.json)
+    if len(told) > MOST_TOLD:
+        more = f"bms-gateway check {args.config} --log {args.log[0]}"
+        say(f"… and {len(told) - MOST_TOLD} more; {more} tells all", args.json)
+    for reason, count in unused(engine.rejected).items():
+        say(f"{count} samples not used: {reason}", args.json)
 
 
 def _standing(engine: "Engine", out: str) -> "Iterator[str]":
@@ -154,7 +158,7 @@ def _standing(engine: "Engine", out: str) -> "Iterator[str]":
         yield f"… and {len(standing) - MOST_TOLD} more alerts: {out}/alerts.jsonl"
 
 
-def _table(engine: "Engine", folder: "ResultFolder") -> str:
+def _table(engine: "Engine", folder: "ResultFolder", start_ns: int) -> str:
     """Write a row per string."""
     from bms_gateway.report.show import number, text_table
 
@@ -162,16 +166,21 @@ def _table(engine: "Engine", folder: "ResultFolder") -> str:
     for s in engine.strings:
         by_name = {e.name: e for e in s.estimates}
         R_e = by_name["R_e"]
+        h = folder.hottest.get(s.plan.name)
         rows.append(
             [
                 s.plan.name,
                 s.plan.model.cells,
-                number(folder.strings[s.plan.name].max_core_C),
+                *(
+                    ("–", "–", "–")
+                    if h is None
+                    else (f"{h.core_C:.2f} ± {h.core_sd_K:.2f}", h.cell, f"{(h.time_ns - start_ns) * 1e-9:.0f}")
+                ),
                 number((folder.strings[s.plan.name].hottest or {}).get("centre_C")),
                 f"{1e3 * R_e.value:.3f} ± {1e3 * R_e.sd:.3f}",
                 R_e.status,
                 ", ".join(s.flags) or "none",
             ]
         )
-    headers = ["string", "cells", "hottest core °C", "hottest point °C", "R_e mΩ", "status", "flags"]
+    headers = ["string", "cells", "hottest core °C", "cell", "at s", "hottest point °C", "R_e mΩ", "status", "flags"]
     return text_table(headers, rows)

@@ -118,7 +118,7 @@ def run(args: argparse.Namespace) -> int:
     if args.log:
         _tell(uses, wrong, args.json)
     _say_what_sd_means(strings, args.json)
-    unsound = ["the voltage contradicts the current"] if wrong else []
+    unsound = ["signals contradict each other or the model"] if wrong else []
     unsound += [f"a part of {key} is refused" for key in cut]
     return _conclude(args, strings, lost, unsound)
 

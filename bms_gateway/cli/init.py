@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import re
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -105,7 +106,7 @@ def _write(
         note("the cell is unknown (--cell): its size is a guess, and so the cores are sent as doubtful")
     for text in list(advice(settled.uses))[:10]:
         say(text, args.json)
-    _show(settled.cores, out, args.json)
+    _show(settled.cores, int(traffic.frames.time_ns[0]), out, args.json)
     logs = " ".join(str(p) for p in args.log)
     beside = len(written.files) - 1
     say(f"{written.config}: written, with {beside} file{'s' if beside > 1 else ''} beside it. Next:", args.json)
@@ -244,11 +245,9 @@ def _table(proposal: "Proposal") -> str:
         factor, unit = READ_AS[INPUTS[p.role].kind]
         low, high = (factor * x for x in p.observed)
         where = "" if p.string is None else f"string_{p.string}"
-        role = f"{p.role} {p.statistic}" if p.index is None and p.statistic else p.role
-        role = role if p.index is None else f"{role} {p.index}"
         rows.append(
             [
-                role,
+                _which(p),
                 where,
                 p.path,
                 "yes" if p.sure else "likely",
@@ -261,8 +260,7 @@ def _table(proposal: "Proposal") -> str:
     lines = [text_table(["role", "string", "signal", "sure", "observed", "step", "unit", "Hz"], rows, left=4)]
     if len(proposal.signals) > SHOWN:
         lines.append(f"… and {len(proposal.signals) - SHOWN} more")
-    told = [(p.path, w) for p in proposal.signals for w in p.why if "contradicts" in w or "sign is" in w]
-    lines += [f"{path}: {w}" for path, w in told[:SHOWN]]
+    lines += _reasons(proposal)[:SHOWN]
     odd = [(path, why) for path, why in proposal.unused if path in proposal.refused]
     lines += [f"not used: {path}: {why}" for path, why in odd[:20]]
     if len(odd) > 20:
@@ -273,6 +271,27 @@ def _table(proposal: "Proposal") -> str:
         shown = ", ".join(other[:UNUSED_SHOWN]) + (" …" if len(other) > UNUSED_SHOWN else "")
         lines.append(f"{len(other)} other signals have no role here (--json tells the reason for each): {shown}")
     return "\n".join(lines)
+
+
+def _which(p: "Proposed") -> str:
+    """Name the role with its cell, or with the kind of a reading of several cells."""
+    if p.index is not None:
+        return f"{p.role} {p.index}"
+    return f"{p.role} {p.statistic}" if p.statistic else p.role
+
+
+def _reasons(proposal: "Proposal") -> list[str]:
+    """Say why each signal was taken; signals of one role for which the same was found are told in one line."""
+    alike: dict[tuple[str, str], list[Proposed]] = {}
+    for p in proposal.signals:
+        without_numbers = re.sub(r"[\d.]+", "", "; ".join(p.why))
+        alike.setdefault((p.role, without_numbers), []).append(p)
+    lines = ["why:"]
+    for group in alike.values():
+        more = f" and {len(group) - 1} more" if len(group) > 1 else ""
+        why = [w for w in group[0].why if w not in proposal.remarks]  # these stand above
+        lines.append(f"  {_which(group[0])} ({group[0].path}{more}): {'; '.join(why)}")
+    return lines
 
 
 def _ask(proposal: "Proposal") -> None:
@@ -288,17 +307,19 @@ def _ask(proposal: "Proposal") -> None:
 
 
 def _agrees(question: str) -> bool:
+    print(f"{question} [Y/n] ", end="", flush=True)  # `input` itself may write to standard error
     try:
-        return input(f"{question} [Y/n] ").strip().lower() in ("", "y", "yes", "j", "ja")
+        return input().strip().lower() in ("", "y", "yes", "j", "ja")
     except EOFError:
         return True
 
 
-def _show(cores: "Cores", out: Path, json_target: str | None) -> None:
+def _show(cores: "Cores", start_ns: int, out: Path, json_target: str | None) -> None:
     import numpy as np
 
     from bms_gateway.cli.output import say
     from bms_gateway.frames.quality import AVAILABLE_SD_K
+    from bms_gateway.report.hottest import hottest_sentence
     from bms_gateway.report.show import cells_table
     from bms_gateway.setup.picture import draw
 
@@ -312,12 +333,8 @@ def _show(cores: "Cores", out: Path, json_target: str | None) -> None:
             say(cells_table(cells), json_target)
         else:
             say(f"{cells.string}: no core is known to {AVAILABLE_SD_K:g} K", json_target)
-    if (hottest := cores.hottest) is not None:
-        say(
-            f"hottest core: {hottest.core_C:.1f} ± {hottest.sd_K:.1f} °C, cell {hottest.cell} of {hottest.string}, "
-            f"{hottest.at_s:.0f} s after the start",
-            json_target,
-        )
+    if cores.hottest is not None:
+        say(hottest_sentence(cores.hottest, start_ns), json_target)
     if (picture := draw(cores, out / "cores.png")) is not None:
         say(f"picture: {picture}", json_target)
     else:

@@ -25,7 +25,7 @@ from bms_gateway.frames.packed import pack, unpack
 from bms_gateway.frames.signal_info import MessageInfo
 from bms_gateway.whole import replaced
 
-FORMAT = 3
+FORMAT = 4
 """To be increased when `frames.packed` writes another format, or `frames.dbc` reads the same text differently."""
 OWN_TABLE = "dbc/bms_gateway.table"
 """Table of our DBC in the checkout, made by `python dbc/tabulate.py`."""

@@ -17,8 +17,9 @@ from bms_gateway.config.toml import MOST_SHOWN, nearest_file, read_toml, validat
 from bms_gateway.config.units import signal_conversion
 from bms_gateway.engine.plan import Channel, Plan, StringPlan
 from bms_gateway.errors import ConfigError, clipped, did_you_mean, whole_number
+from bms_gateway.frames.batch import EXTENDED
 from bms_gateway.frames.database import Database, Read
-from bms_gateway.frames.j1939 import PROTOCOL, sent_from
+from bms_gateway.frames.j1939 import sent_from
 from bms_gateway.frames.own_dbc import MAX_CELLS, MAX_STRINGS, OWN_DBC, own_signal
 from bms_gateway.frames.signal_info import MessageInfo
 from bms_gateway.frames.vocabulary import CELL, INPUTS, WHOLE, Quantity
@@ -98,16 +99,24 @@ def load_config(path: Path, *, uploaded: bool = False) -> LoadedConfig:
 
 
 def _reader(where: str, config: GatewayConfig, databases: Mapping[str, str]) -> Read:
-    """Read DBC files, with the source address of J1939 messages that the config states."""
+    """Read DBC files, with the source address of J1939 messages that the config states.
+
+    Where no file marks messages as those of J1939, all of 29 bits are taken for such: the address has no other meaning.
+    """
     address = config.bus.source_address
     if address is None:
         return read_dbc
-    if not any(PROTOCOL in text for text in databases.values()):
-        raise ConfigError(f"{where}: bus.source_address: no file in bus.dbc has messages of J1939")
+    found = {name: read_dbc(name, text) for name, text in databases.items()}
+    marked = [name for name, messages in found.items() if any(m.any_sender for m in messages)]
+    marked = marked or [name for name, messages in found.items() if any(m.can_id & EXTENDED for m in messages)]
+    if not marked:
+        raise ConfigError(
+            f"{where}: bus.source_address: no file in bus.dbc has messages of J1939, whose identifiers have 29 bits"
+        )
+    found |= {name: sent_from(found[name], address) for name in marked}
 
     def read(name: str, text: str) -> list[MessageInfo]:
-        messages = read_dbc(name, text)
-        return sent_from(messages, address) if name != OWN_DBC and PROTOCOL in text else messages
+        return found[name] if name in found else read_dbc(name, text)
 
     return read
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, cast
 from bms_gateway.errors import ConfigError
 from bms_gateway.frames.batch import EXTENDED
 from bms_gateway.frames.bits import Place
+from bms_gateway.frames.j1939 import PROTOCOL
 from bms_gateway.frames.signal_info import E2E, MessageInfo, SignalInfo, Switch
 
 if TYPE_CHECKING:
@@ -64,7 +65,7 @@ def parse(name: str, text: str) -> list[MessageInfo]:
     _refuse_extremes(name, text)
     try:
         parsed = load_string(text, database_format="dbc", strict=True)
-        return [_message(name, message) for message in cast("Parsed", parsed).messages]
+        return _messages(name, cast("Parsed", parsed))
     except Error as problem:
         raise ConfigError(_explain(name, text, str(problem))) from problem
     except RecursionError:
@@ -89,7 +90,7 @@ def parse_lenient(name: str, text: str) -> list[MessageInfo] | None:
     for _ in range(2):
         try:
             parsed = load_string(text, database_format="dbc", strict=False)
-            return [_message(name, m) for m in cast("Parsed", parsed).messages]
+            return _messages(name, cast("Parsed", parsed))
         except Error as problem:
             unused = re.findall(r"^ *(VAL_|SIG_VALTYPE_) (\d+) (\w+)$", str(problem).removesuffix('"'), re.M)
             if not unused:
@@ -153,13 +154,22 @@ def _refuse_ranges(name: str, text: str) -> None:
                 raise ConfigError(f"{name}: line {line}: over {MOST_SELECTING:,} multiplexer values; correct it")
 
 
-def _message(database: str, m: "Message") -> MessageInfo:
+def _messages(database: str, parsed: "Parsed") -> list[MessageInfo]:
+    """Give all messages; those of J1939 are marked one by one by `VFrameFormat`, or all at once by `ProtocolType`."""
+    all_groups = parsed.dbc is not None and _attribute(parsed.dbc, "ProtocolType") == PROTOCOL
+    return [
+        _message(database, m, m.is_extended_frame and (all_groups or m.protocol == "j1939")) for m in parsed.messages
+    ]
+
+
+def _message(database: str, m: "Message", group: bool) -> MessageInfo:
+    """Give a message; `group`: it is a parameter group of J1939."""
     can_id = m.frame_id | EXTENDED if m.is_extended_frame else m.frame_id
     protected = m.dbc is not None and _attribute(m.dbc, "E2EProfile") == E2E_PROFILE
     e2e = E2E(_data_id(database, m)) if protected else None
     cycle_ns = _cycle_ns(database, m)
     by_name = {s.name: s for s in m.signals}
-    signals = {s.name: _signal(database, m, s, by_name, can_id, cycle_ns) for s in m.signals}
+    signals = {s.name: _signal(database, m, s, by_name, can_id, cycle_ns, group) for s in m.signals}
     return MessageInfo(
         database=database,
         name=m.name,
@@ -170,7 +180,7 @@ def _message(database: str, m: "Message") -> MessageInfo:
         e2e=e2e,
         comment=m.comment or "",
         signals=signals,
-        any_sender=m.is_extended_frame and m.protocol == "j1939",
+        any_sender=group,
     )
 
 
@@ -208,7 +218,13 @@ def _data_id(database: str, m: "Message") -> int:
 
 
 def _signal(
-    database: str, m: "Message", s: "Signal", by_name: Mapping[str, "Signal"], can_id: int, cycle_ns: int | None
+    database: str,
+    m: "Message",
+    s: "Signal",
+    by_name: Mapping[str, "Signal"],
+    can_id: int,
+    cycle_ns: int | None,
+    group: bool,
 ) -> SignalInfo:
     place = Place(s.start, s.length, s.byte_order == "big_endian", bool(s.is_signed) and not s.conversion.is_float)
     choices = {int(raw): str(label) for raw, label in (s.conversion.choices or {}).items()}
@@ -232,7 +248,7 @@ def _signal(
         mux=_switches(database, m, s, by_name),
         is_multiplexer=s.is_multiplexer,
         start_raw=None if s.raw_initial is None else float(s.raw_initial),
-        j1939=_is_j1939(m, s),
+        j1939=_is_j1939(s, group),
         can_id=can_id,
         cycle_ns=cycle_ns,
     )
@@ -259,18 +275,18 @@ def _switches(database: str, m: "Message", s: "Signal", by_name: Mapping[str, "S
     return tuple(reversed(steps))
 
 
-def _is_j1939(m: "Message", s: "Signal") -> bool:
+def _is_j1939(s: "Signal", group: bool) -> bool:
     """Decide whether all ones mean "not available".
 
-    A DBC says so by our signal attribute `RawConvention`. Messages of the J1939 protocol follow the standard too; there
-    the declared range must leave those raw values out, since counters and check sums use them.
+    A DBC says so by our signal attribute `RawConvention`. Parameter groups of J1939 follow the standard too; there the
+    declared range must leave those raw values out, since counters and check sums use them.
     """
     if s.conversion.is_float or s.is_signed or s.length not in (2, 4, 8, 16, 24, 32):
         return False
     convention = _attribute(s.dbc, "RawConvention")
     if convention is not None:
         return convention == "J1939"
-    if m.protocol != "j1939" or s.maximum is None or s.is_multiplexer or s.conversion.scale <= 0:
+    if not group or s.maximum is None or s.is_multiplexer or s.conversion.scale <= 0:
         return False
     error_from = (0xFE << (s.length - 8)) if s.length >= 8 else (1 << s.length) - 2
     return (s.maximum - s.conversion.offset) / s.conversion.scale < error_from

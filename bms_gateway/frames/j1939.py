@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 from bms_gateway.frames.batch import EXTENDED, FrameBatch
 from bms_gateway.frames.signal_info import MessageInfo
 
-__all__ = ["LAST_ADDRESS", "PROTOCOL", "Senders", "group_mask", "parameter_group", "sent_from"]
+__all__ = ["LAST_ADDRESS", "MARK", "PROTOCOL", "Senders", "group_mask", "parameter_group", "sent_from"]
 
 PROTOCOL: Final = "J1939"
-"""What a DBC of such messages has in the text of its attributes: `VFrameFormat "J1939PG"`, `ProtocolType "J1939"`."""
+"""Value of the attribute `ProtocolType` of a DBC whose messages of 29 bits are all parameter groups."""
+MARK: Final = f'BA_DEF_ "ProtocolType" STRING; BA_ "ProtocolType" "{PROTOCOL}";'
+"""Line of a DBC that says so."""
 LAST_ADDRESS: Final = 253
 """254 is who has none, 255 all."""
 _PDU1_BELOW: Final = 240

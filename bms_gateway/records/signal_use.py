@@ -24,6 +24,10 @@ CURRENT_REFUSED: Final = "the voltage moves while it stands at one value: stuck,
 UNLIKE: Final = 8.0
 """Ratio of the resistance that current and voltage show to that of the model from which on one of them is wrong; the
 resistance of a cell that nobody named is known to a factor of three."""
+OF_A_CELL_V: Final = (1.2, 4.6)
+"""Mean voltages over a log between which those of all kinds of cells lie; lithium titanate goes down to 1.5 V."""
+USUAL_V: Final = 3.6
+"""Of most cells in a vehicle: 3.3 V (iron phosphate) to 3.8 V (nickel and cobalt)."""
 OTHER_UNITS: Final = {
     "temperature": (("K", 1.0, -273.15), ("°C and not in K", 1.0, 273.15)),
     "current": (("mA", 1e-3, 0.0),),
@@ -190,7 +194,9 @@ def advice(uses: dict[str, Use]) -> Iterator[str]:
 
 
 def contradictions(plan: Plan, inputs: Inputs) -> Iterator[str]:
-    """Say which currents their voltage contradicts: in the sign, or in a size that such a cell cannot have.
+    """Say which currents their voltage contradicts, and which voltages the number of cells.
+
+    A current is contradicted in its sign, or in a size that such a cell cannot have.
 
     Parameters
     ----------
@@ -198,6 +204,7 @@ def contradictions(plan: Plan, inputs: Inputs) -> Iterator[str]:
     inputs : Inputs
         After the traffic.
     """
+    yield from _other_cells(plan, inputs)
     model = {s.name: s.model for s in plan.strings}
     for string, channel, meter in inputs.compared():
         where = f"{string}.current ({channel.signal})"
@@ -215,6 +222,34 @@ def contradictions(plan: Plan, inputs: Inputs) -> Iterator[str]:
         yield (
             f"{where}: where it steps, the voltage steps as if a cell had {shown:.3g} mΩ, and the model file says "
             f"{own:.3g} mΩ: {mend}, else look at R_e of the model and at the scale of the voltage"
+        )
+
+
+def _other_cells(plan: Plan, inputs: Inputs) -> Iterator[str]:
+    """Say which voltages no string of so many cells can have, and of how many cells they are."""
+    meters = {string: meter for string, _, meter in inputs.compared()}
+    for string, wire in zip(plan.strings, inputs.wires, strict=True):
+        used = 0 if wire.voltage < 0 else int(inputs.counts[wire.voltage, Quality.GOOD])
+        if not used:
+            continue
+        n, volts = string.model.cells, float(inputs.sums[wire.voltage]) / used
+        if OF_A_CELL_V[0] <= volts / n <= OF_A_CELL_V[1]:
+            continue
+        likely = round(volts / USUAL_V)
+        if volts > n * OF_A_CELL_V[1] and string.name in meters:
+            ratio = meters[string.name].resistance / float(np.sum(string.model.nominal.R_e))
+            if abs(math.log(ratio)) < abs(math.log(ratio * n / likely)):  # a cell of the model is several in series
+                continue
+        signal = next(c.signal for c in string.channels if c.quantity == "voltage")
+        if likely:
+            mend = f"it is that of about {likely} cells in series: correct cells in the model file"
+        else:
+            mend = "is it the voltage of a battery, in this unit?"
+        if likely > n:
+            mend += f", or multiply the scale of the voltage by {n / likely:.3g} if it is that of the whole pack"
+        yield (
+            f"{string.name}.voltage ({signal}): {volts:.3g} V on average are {volts / n:.3g} V for each of the {n} "
+            f"cells of the model, and no cell has such a voltage: {mend}"
         )
 
 

@@ -14,15 +14,13 @@ from stat import S_ISDIR
 from types import MappingProxyType, TracebackType
 from typing import Any, BinaryIO, Final, Self, TextIO
 
-import numpy as np
-
 from bms_gateway.engine.events import Alerted, Cells, Estimated, Event, Notice, Parameters
 from bms_gateway.errors import UsageError
 from bms_gateway.folders import open_folder
 from bms_gateway.frames.quality import Quality
 from bms_gateway.identify import Estimate
+from bms_gateway.report.hottest import Hottest, hotter, hottest_core
 from bms_gateway.thermal import KINDS
-from bms_gateway.thermal.centre import hottest_of
 
 ESTIMATES = "time_s,string,cell,core_C,core_sd_K,surface_C,quality,centre_C,centre_sd_K,heat_W,heat_sd_W"
 PARAMETERS = "time_s,string,name,value,sd,unit,status"
@@ -52,10 +50,10 @@ class StringSummary:
     Attributes
     ----------
     max_core_C : float or None
-        Highest core, the mean of a roll, of the run.
+        Highest core, the mean of a roll, of the run, by `report.hottest`: of those that are known.
     hottest : dict or None
-        Cell and time at which a hottest point was hottest, with its core there: cell, core_C, core_sd_K, centre_C,
-        time_s.
+        Cell and time at which a hottest point was hottest, also of those that are known, with its core there: cell,
+        core_C, core_sd_K, centre_C, time_s.
     """
 
     cells: int = 0
@@ -87,6 +85,8 @@ class ResultFolder:
     ----------
     strings : dict of name to StringSummary
         Collected from the events; the caller adds growth and flags.
+    hottest : dict of name to Hottest
+        The hottest core of each string of which one is known.
 
     Raises
     ------
@@ -97,6 +97,8 @@ class ResultFolder:
     def __init__(self, directory: Path, strings: Mapping[str, int]) -> None:
         self.directory = directory
         self.strings = {name: StringSummary(cells) for name, cells in strings.items()}
+        self.hottest: dict[str, Hottest] = {}
+        self._point: dict[str, Hottest] = {}
         self._rows: dict[str, tuple[str, list[str]]] = {}
         self._made = not directory.exists()
         self._names: list[str] = []
@@ -216,17 +218,18 @@ class ResultFolder:
 
     def _sum_up(self, e: Cells, at: str) -> None:
         summary = self.strings[e.string]
-        hottest = float(np.fmax.reduce(e.core))
-        if hottest == hottest and (summary.max_core_C is None or hottest > summary.max_core_C):
-            summary.max_core_C = hottest
-        k = hottest_of(e.centre)
-        if k is not None and (summary.hottest is None or e.centre[k] > summary.hottest["centre_C"]):
-            core, core_sd, centre = (float(x[k]) for x in (e.core, e.core_sd, e.centre))
+        core = hotter(self.hottest.get(e.string), hottest_core(e, e.core))
+        point = hotter(self._point.get(e.string), hottest_core(e, e.centre))
+        if core is not None:
+            self.hottest[e.string] = core
+            summary.max_core_C = core.core_C
+        if point is not None and point.time_ns == e.time_ns:
+            self._point[e.string] = point
             summary.hottest = {
-                "cell": k + 1,
-                "core_C": core,
-                "core_sd_K": core_sd,
-                "centre_C": centre,
+                "cell": point.cell,
+                "core_C": point.core_C,
+                "core_sd_K": point.core_sd_K,
+                "centre_C": point.centre_C,
                 "time_s": float(at),
             }
 

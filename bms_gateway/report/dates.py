@@ -1,4 +1,6 @@
-"""Times of a table that are not numbers: ISO and German dates, dates with slashes, times of day; in s from row one.
+"""Times of a table that are not numbers: ISO and German dates, dates with slashes or names of months, times of day.
+
+All become s from row one.
 
 Two forms look alike and differ by months: 03/04/2026 is the third of April or the fourth of March. The rows decide
 between them, or the user is asked.
@@ -18,12 +20,21 @@ __all__ = ["ASKED", "DateForm", "date_form"]
 
 ASKED: Final = ("dd/mm/yyyy", "mm/dd/yyyy")
 """What the user may state of a column of dates if its rows do not decide."""
-_CLOCK: Final = r"(\d{1,2}):(\d\d)(?::(\d\d)(?:[.,](\d{1,9}))?)?(?:\s*([AaPp][Mm]))?"
+_HALF: Final = r"\s*([AaPp])\.?\s?[Mm]\b\.?"
+"""AM or PM, a.m. or p.m.: behind a time of twelve hours."""
+_CLOCK: Final = rf"(\d{{1,2}}):(\d\d)(?::(\d\d)(?:[.,](\d{{1,9}}))?)?(?:{_HALF})?"
 _ISO: Final = re.compile(rf"(\d{{4}})[-/](\d\d)[-/](\d\d)(?:[T ]+{_CLOCK}\s*(Z|[+-]\d\d:?\d\d)?)?")
 _DOTS: Final = re.compile(rf"(\d{{1,2}})\.(\d{{1,2}})\.(\d{{4}}|\d\d)(?:[ T,]+{_CLOCK})?")
-_SLASHES: Final = re.compile(rf"(\d{{1,2}})/(\d{{1,2}})/(\d{{4}})(?:[ T,]+{_CLOCK})?")
-_ALONE: Final = re.compile(r"(\d{1,4}):(\d\d):(\d\d)(?:[.,](\d{1,9}))?(?:\s*([AaPp][Mm]))?")
+_SLASHES: Final = re.compile(rf"(\d{{1,2}})/(\d{{1,2}})/(\d{{4}}|\d\d)(?:[ T,]+{_CLOCK})?")
+_NAMED: Final = re.compile(rf"(\d{{1,2}})[-. /]+([^\W\d_]{{3,9}})[-., /]+(\d{{4}}|\d\d)(?:[ T,]+{_CLOCK})?")
+_ALONE: Final = re.compile(rf"(\d{{1,4}}):(\d\d):(\d\d)(?:[.,](\d{{1,9}}))?(?:{_HALF})?")
+_MINUTES: Final = re.compile(rf"(\d{{1,2}}):(\d\d)()(){_HALF}")
 _SHORT: Final = re.compile(r"\d{1,4}:\d\d(?:[.,]\d+)?")
+_MONTHS: Final = {
+    "jan": "1", "feb": "2", "mar": "3", "mär": "3", "mrz": "3", "apr": "4", "may": "5", "mai": "5", "jun": "6",
+    "jul": "7", "aug": "8", "sep": "9", "oct": "10", "okt": "10", "nov": "11", "dec": "12", "dez": "12",
+}  # fmt: skip
+"""Months by the first letters of their English and German names."""
 _DAY: Final = timedelta(days=1)
 _HALF_DAY: Final = timedelta(hours=12)
 _EPOCH: Final = datetime(1970, 1, 1)
@@ -39,7 +50,7 @@ class DateForm:
     ----------
     name : str
         Name of the form, such as "ISO dates".
-    kind : {"iso", "dots", "day first", "month first", "clock"}
+    kind : {"iso", "dots", "named", "day first", "month first", "clock"}
     """
 
     name: str
@@ -82,19 +93,21 @@ class DateForm:
 
     def _read(self, text: str) -> datetime:
         if self.kind == "clock":
-            found = _ALONE.fullmatch(text)
-            if found is None or int(found[2]) > 59 or int(found[3]) > 59:
+            found = _ALONE.fullmatch(text) or _MINUTES.fullmatch(text)
+            if found is None or int(found[2]) > 59 or int(found[3] or 0) > 59:
                 raise ValueError(text)
             hours, fraction_us = _hour(found[1], found[5], text), _micro(found[4])
             return _NO_DAY + timedelta(
-                hours=hours, minutes=int(found[2]), seconds=int(found[3]), microseconds=fraction_us
+                hours=hours, minutes=int(found[2]), seconds=int(found[3] or 0), microseconds=fraction_us
             )
-        pattern = {"iso": _ISO, "dots": _DOTS}.get(self.kind, _SLASHES)
+        pattern = {"iso": _ISO, "dots": _DOTS, "named": _NAMED}.get(self.kind, _SLASHES)
         found = pattern.fullmatch(text)
         if found is None:
             raise ValueError(text)
         a, b, c, hour, minute, second, fraction, half, *zone = (*found.groups(), None)
         y, m, d = {"iso": (a, b, c), "month first": (c, a, b)}.get(self.kind, (c, b, a))
+        if self.kind == "named":
+            m = _MONTHS.get(m[:3].lower(), "0")  # no month has this number
         year = int(y) + (2000 if len(y) == 2 else 0)
         clock = _hour(hour or "0", half, text), int(minute or 0), int(second or 0), _micro(fraction)
         return self._in_utc(datetime(year, int(m), int(d), *clock), zone[0])
@@ -143,12 +156,17 @@ def date_form(cells: Sequence[str], asked: str | None = None) -> DateForm | str 
         return DateForm("ISO dates", "iso")
     if _DOTS.fullmatch(first):
         return DateForm("German dates", "dots")
-    if _ALONE.fullmatch(first):
+    if (named := _NAMED.fullmatch(first)) and named[2][:3].lower() in _MONTHS:
+        return DateForm("dates with names of months", "named")
+    if _ALONE.fullmatch(first) or _MINUTES.fullmatch(first):
         return DateForm("hours, minutes and seconds", "clock")
     if _SHORT.fullmatch(first):
         return f"{first!r} may be hours and minutes or minutes and seconds: write it as hh:mm:ss"
-    if not _SLASHES.fullmatch(first):
+    if not (slashes := _SLASHES.fullmatch(first)):
         return None
+    if asked is None and len(slashes[3]) == 2:
+        how = ASKED[1] if int(slashes[2]) > 12 else ASKED[0]
+        return f"{first!r}: which of the numbers is the year is not told; say it: --columns 'time_s=COLUMN [{how}]'"
     if asked is not None:
         return DateForm(f"dates as {asked}", "day first" if asked == ASKED[0] else "month first")
     return _order(given)
@@ -165,7 +183,7 @@ def _order(given: Sequence[str]) -> DateForm | str:
             continue
         if len(t) < 2 or (np.diff(t) > 0).all():
             fits.append((t, DateForm(form.name, kind)))
-    twelve = any(text[-1] in "mM" for text in given)  # AM and PM are used where the month comes first
+    twelve = any(re.search(_HALF, text) for text in given)  # AM and PM are used where the month comes first
     if len(fits) == 2 and not np.array_equal(fits[0][0], fits[1][0]) and not twelve:
         fits = []
     if not fits:
@@ -183,7 +201,7 @@ def _hour(written: str, half: str | None, text: str) -> int:
         return hour
     if not 1 <= hour <= 12:
         raise ValueError(text)
-    return hour % 12 + (12 if half.lower() == "pm" else 0)
+    return hour % 12 + (12 if half in "pP" else 0)
 
 
 def _micro(fraction: str | None) -> int:

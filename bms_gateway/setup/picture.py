@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from bms_gateway.engine.events import Estimated
+from bms_gateway.report.hottest import Hottest, hotter, hottest_core
 from bms_gateway.thermal import Floats
 from bms_gateway.whole import whole
 
@@ -15,23 +16,14 @@ SETTLING_S = 60.0
 """Time after the first estimate in which the cores still depend on the assumed start."""
 
 
-@dataclass(frozen=True, slots=True)
-class Hottest:
-    """The hottest core of a log."""
-
-    string: str
-    cell: int
-    core_C: float
-    sd_K: float
-    at_s: float
-
-
 @dataclass(slots=True)
 class Cores:
-    """Hottest, coldest and their surfaces at each tick.
+    """The hottest core and the range of the surfaces at each tick.
 
     Attributes
     ----------
+    hottest : Hottest or None
+        Of the log, from `SETTLING_S` after the first estimate on.
     last : Estimated or None
         The last tick at which a core was known; where none ever was, the last one.
     unknown_s : float
@@ -52,19 +44,17 @@ class Cores:
         self.unknown_s = (e.time_ns - self.last.time_ns) * 1e-9
         if not known:
             return
-        k = int(np.nanargmax(e.core))
+        now: Hottest | None = None
+        for cells in e.strings():
+            now = hotter(now, hottest_core(cells, cells.core))
+        if now is None:
+            return
         self.time_ns.append(e.time_ns)
         surface = e.surface[np.isfinite(e.surface)]
         warmest, coolest = (float(surface.max()), float(surface.min())) if len(surface) else (np.nan, np.nan)
-        self.rows.append((float(e.core[k]), float(e.core_sd[k]), warmest, coolest))
-        if (e.time_ns - self.time_ns[0]) * 1e-9 < SETTLING_S:
-            return
-        if self.hottest is None or e.core[k] > self.hottest.core_C:
-            name, part = next(
-                (n, p) for n, p in zip(e.layout.names, e.layout.parts, strict=True) if p.start <= k < p.stop
-            )
-            at = (e.time_ns - self.time_ns[0]) * 1e-9
-            self.hottest = Hottest(name, k - part.start + 1, float(e.core[k]), float(e.core_sd[k]), at)
+        self.rows.append((now.core_C, now.core_sd_K, warmest, coolest))
+        if (e.time_ns - self.time_ns[0]) * 1e-9 >= SETTLING_S:
+            self.hottest = hotter(self.hottest, now)
 
 
 def draw(cores: Cores, path: Path) -> Path | None:

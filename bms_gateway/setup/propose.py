@@ -311,7 +311,7 @@ def _signed(proposal: Proposal, e: Electrical, c: Scored, by_charge: float | Non
         told = False
         why.append("the data do not show its sign: positive is assumed to be discharge")
     if told and scale * c.factor < 0:
-        why.append("so it is positive on charge: scale = -1")
+        why.append("so it is positive on charge, and its sign is turned")
     if e.told and e.ohm is not None:
         scale *= _slipped(abs(e.ohm.resistance) / (proposal.series_cells or 1), c, why)
         # counts that stand for a current say nothing of ohms

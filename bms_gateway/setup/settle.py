@@ -42,7 +42,7 @@ def missing(proposal: Proposal, traffic: Traffic) -> str | None:
         lost = "a temperature of cells"
     if lost is None:
         return None
-    where = "is it in another DBC or log?" if traffic.strict else "correct the DBC where the notes say it is wrong"
+    where = "correct the DBC where the notes say it is wrong" if traffic.faulty else "is it in another DBC or log?"
     return f"no signal is {lost}: nothing was written; {where}"
 
 

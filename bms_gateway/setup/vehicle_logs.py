@@ -1,5 +1,6 @@
 """Logs and DBC of a vehicle without a config: read leniently; everything that was skipped is reported."""
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,7 +15,7 @@ from bms_gateway.errors import ConfigError, DataError
 from bms_gateway.frames.batch import EXTENDED, FrameBatch
 from bms_gateway.frames.dbc import parse_lenient
 from bms_gateway.frames.decode import Samples, decode
-from bms_gateway.frames.j1939 import parameter_group
+from bms_gateway.frames.j1939 import MARK, parameter_group
 from bms_gateway.frames.own_dbc import MAX_STRINGS, OWN_DBC, input_messages
 from bms_gateway.frames.signal_info import MessageInfo, SignalInfo
 from bms_gateway.frames.signal_table import SignalTable
@@ -35,7 +36,10 @@ class Traffic:
     messages : dict of name to MessageInfo
         Only those seen; with the identifier that was seen where J1939's source address differs.
     strict : bool
-        The DBC files are sound as they are: a config may name them. Otherwise what it needs is written anew.
+        The DBC files are sound, with the addresses of this bus: a config may name them. Otherwise what it needs is
+        written anew.
+    faulty : bool
+        A DBC file is wrong, as the remarks say.
     remarks : list of str
         What was wrong with logs and DBC files, a sentence each.
     unknown : dict of int to int
@@ -48,6 +52,7 @@ class Traffic:
     frames: FrameBatch
     messages: dict[str, MessageInfo]
     strict: bool = True
+    faulty: bool = False
     remarks: list[str] = field(default_factory=list)
     unknown: dict[int, int] = field(default_factory=dict)
     own: bool = False
@@ -81,22 +86,23 @@ def read_traffic(logs: Iterable[Path], dbc: Sequence[Path]) -> Traffic:
     if not len(frames):
         raise DataError(f"{', '.join(str(p) for p in logs)}: no data frames in there")
     messages: list[MessageInfo] = []
-    strict, j1939 = True, set()
+    sound = True
     ours_whole = read_dbc(OWN_DBC, own_dbc_text())
     own_ids = {m.name: m.can_id for m in ours_whole}
     foreign: list[Path] = []
     for file in dbc:
-        found, sound = _read(file, remarks)
+        found, whole = _read(file, remarks)
         if found and all(own_ids.get(m.name) == m.can_id for m in found):
             continue  # our own, which every config has
         foreign.append(file)
         messages += found
-        strict &= sound
-        if "J1939" in dbc_text(file):
-            j1939.add(str(file))
+        sound &= whole
     ids, counts = np.unique(frames.can_id, return_counts=True)
     seen = dict(zip(ids.tolist(), counts.tolist(), strict=True))
-    chosen, sound = _among(messages, seen, remarks, j1939)
+    chosen, once = _among(messages, seen, remarks)
+    sound &= once
+    as_told = {m.can_id for m in messages}
+    strict = sound and all(m.can_id in as_told for m in chosen.values())
     own = {m.can_id: m for m in ours_whole if m.name in _OWN_INPUTS}
     ours = {i: m for i, m in own.items() if i in seen and i not in {c.can_id for c in chosen.values()}}
     is_own = len(ours) >= 3 and not chosen
@@ -104,7 +110,7 @@ def read_traffic(logs: Iterable[Path], dbc: Sequence[Path]) -> Traffic:
         chosen = {m.name: m for m in ours.values()}
     known = {m.can_id for m in chosen.values()}
     unknown = {i: n for i, n in seen.items() if i not in known}
-    return Traffic(frames, chosen, strict and sound, remarks, unknown, is_own, tuple(foreign))
+    return Traffic(frames, chosen, strict, not sound, remarks, unknown, is_own, tuple(foreign))
 
 
 _OWN_INPUTS = frozenset(name for k in range(1, MAX_STRINGS + 1) for name in input_messages(k))
@@ -157,9 +163,9 @@ def _read(file: Path, remarks: list[str]) -> tuple[list[MessageInfo], bool]:
 
 
 def _among(
-    messages: list[MessageInfo], seen: dict[int, int], remarks: list[str], j1939: set[str]
+    messages: list[MessageInfo], seen: dict[int, int], remarks: list[str]
 ) -> tuple[dict[str, MessageInfo], bool]:
-    """Messages that were seen; J1939 ones whatever their source address, at the identifier that was seen."""
+    """Messages that were seen, J1939 ones at the identifier that was seen, and whether each is in the files once."""
     chosen: dict[str, MessageInfo] = {}
     sound, by_id = True, {m.can_id: m for m in messages}
     for m in messages:
@@ -172,19 +178,36 @@ def _among(
     for i in seen:
         if i & EXTENDED and i not in by_id:
             groups.setdefault(parameter_group(i), []).append(i)
+    known = Counter(parameter_group(m.can_id) for m in messages if m.can_id & EXTENDED)
+    unmarked: dict[str, list[tuple[str, int]]] = {}
     for m in messages:
         if m.name in chosen or not m.can_id & EXTENDED:
             continue
-        there = sorted(groups.get(parameter_group(m.can_id), []), key=lambda i: -seen[i])
-        if there and m.database in j1939:
-            sound = False
+        group = parameter_group(m.can_id)
+        there = sorted(groups.get(group, []), key=lambda i: -seen[i])
+        if there and not m.any_sender and known[group] == 1:
+            unmarked.setdefault(m.database, []).append((m.name, there[0] & 0xFF))
+        if there and m.any_sender:
             chosen[m.name] = _at(m, there[0])
             more = f" (and by {len(there) - 1} more)" if len(there) > 1 else ""
             remarks.append(
                 f"{m.name}: its parameter group comes from address 0x{there[0] & 0xFF:02X}{more}, "
                 f"not from 0x{m.can_id & 0xFF:02X} as in the DBC"
             )
+    at_home = Counter(m.database for m in chosen.values() if m.can_id & EXTENDED)
+    # where most identifiers are as the DBC has them, the last byte of the others is no address either
+    remarks += [_unmarked(file, names) for file, names in unmarked.items() if len(names) > at_home[file]]
     return chosen, sound
+
+
+def _unmarked(file: str, elsewhere: list[tuple[str, int]]) -> str:
+    """Say that messages come from another source address, if they are of J1939, and how to have them read."""
+    names = ", ".join(name for name, _ in elsewhere[:3]) + (" …" if len(elsewhere) > 3 else "")
+    addresses = ", ".join(f"0x{address:02X}" for address in sorted({a for _, a in elsewhere})[:3])
+    return (
+        f"{file}: no frame has the identifier of {names}, but the same parameter group comes from another source "
+        f"address, {addresses}. If the messages are of J1939, add this line at the end of the DBC: {MARK}"
+    )
 
 
 def _at(m: MessageInfo, can_id: int) -> MessageInfo:

@@ -17,6 +17,7 @@ from bms_gateway.errors import UsageError
 from bms_gateway.frames.dbc_text import format_dbc
 from bms_gateway.frames.vocabulary import INPUTS, WHOLE
 from bms_gateway.setup.proposal import Proposal, Proposed
+from bms_gateway.setup.resting import UNKNOWN_K, surroundings
 from bms_gateway.setup.vehicle_logs import Traffic
 from bms_gateway.thermal import Condition, Posterior, Prior, StringModel
 from bms_gateway.thermal.cells import CellFacts, cell_of, cell_priors, stated_parameters
@@ -48,7 +49,6 @@ UNKNOWN_DOUBT: Final = 0.35
 UNKNOWN_WHY: Final = "the cell is not known and its size is a guess: name the cell (bms-gateway init ... --cell)"
 COOLING: Final[tuple[Cooling, Cooling]] = ("still", "liquid")
 """Surroundings between which those of an unknown cell lie."""
-INLET_UNKNOWN_K: Final = 3.0
 KEYS: Final = {"max": "hottest", "min": "coldest", "mean": "mean"}
 """Keys of the config for the greatest, least and mean surface."""
 
@@ -82,6 +82,8 @@ def write_setup(
     if not traffic.own:
         names, more = _dbc(proposal, traffic, out)
         files += more
+    if (told := left_out(proposal)) is not None:
+        notes.append(told)
     lumped, resistance = lump(proposal, cell, notes)
     try:
         for string, cells in enumerate(proposal.cells, 1):
@@ -233,11 +235,14 @@ def _config(proposal: Proposal, dbc: list[str], logs: list[Path]) -> str:
         lines.append(f"dbc = {json.dumps(dbc, ensure_ascii=False)}")
     lines.append("transmit = false                 # true: send the cores on the bus too")
     inlet = next(proposal.of("coolant_inlet"), None)
-    if inlet is None or not inlet.sure:
+    if inlet is None:
+        sd_K = max(surroundings(proposal, string).sd_K for string in range(1, len(proposal.cells) + 1))
+        lines += ["", "[observer]", f"inlet_K = {sd_K:.1f}                    # the coolant is not measured"]
+    elif not inlet.sure:
         lines += [
             "",
             "[observer]",
-            f"inlet_K = {INLET_UNKNOWN_K}                    # the coolant is not measured for sure",
+            f"inlet_K = {UNKNOWN_K}                    # the coolant is not measured for sure",
         ]
     for string, cells in enumerate(proposal.cells, 1):
         lines += ["", "[[string]]", f'name = "string_{string}"', f'model = "string_{string}.toml"', "[string.signals]"]
@@ -254,10 +259,9 @@ def _string(proposal: Proposal, string: int, cells: int) -> list[str]:
     if inlet is not None:
         lines += _line("coolant_inlet", inlet)
     else:
-        rest = coolest(proposal, string)
-        lines.append(
-            f"coolant_inlet = {{ constant_C = {rest:.1f} }}  # (?) the bus has none: the lowest reading of the string"
-        )
+        around = surroundings(proposal, string)
+        what = "the lowest readings of the string" + (" at rest" if around.rest else "")
+        lines.append(f"coolant_inlet = {{ constant_C = {around.value_C:.1f} }}  # (?) the bus has none: {what}")
     voltage = next(proposal.of("voltage", string), None)
     if voltage is not None and (voltage.string == string or proposal.series_cells):
         lines += _line("voltage", voltage, share(proposal, cells))
@@ -266,6 +270,8 @@ def _string(proposal: Proposal, string: int, cells: int) -> list[str]:
         if found is not None:
             lines += _line(role, found)
     lines.append("[string.signals.surface]")
+    if string not in proposal.numbered and (told := left_out(proposal)) is not None:
+        lines.append(f"# {told}")
     for p in sorted((p for p in proposal.of("surface") if p.string == string), key=lambda p: p.index or 0):
         lines += _line(str(p.index or KEYS[p.statistic or "max"]), p, cells=cells)
     volted = [p for p in proposal.of("cell_voltage") if p.string == string]
@@ -276,17 +282,26 @@ def _string(proposal: Proposal, string: int, cells: int) -> list[str]:
     return lines
 
 
+def left_out(proposal: Proposal) -> str | None:
+    """Say that the cells have the numbers of the channels that are used; None where that is so or the names count."""
+    counted = {p.string for p in proposal.of("surface") if p.index is not None and p.string not in proposal.numbered}
+    n = len(proposal.refused)
+    if not n or not counted:
+        return None
+    first = next(path for path, _ in proposal.unused if path in proposal.refused)
+    channels = f"{n} channels of thermocouples were" if n > 1 else "a channel of a thermocouple was"
+    more = f"{first} …" if n > 1 else first
+    return (
+        f"{channels} left out ({more}): nothing confirms how many cells there are, so the cells are numbered by the "
+        "channels that are used, and not by the numbers in the names"
+    )
+
+
 def share(proposal: Proposal, cells: int) -> float:
     """Share of a voltage that belongs to a string of the model: a cell of it for each thermocouple."""
     if not proposal.series_cells:
         return 1.0
     return cells / proposal.series_cells
-
-
-def coolest(proposal: Proposal, string: int) -> float:
-    """Lowest reading of a string's thermocouples, °C: the coolant is hardly warmer."""
-    lows = [p.factor * p.series.low + p.shift for p in proposal.of("surface") if p.string == string]
-    return float(sorted(lows)[len(lows) // 4]) if lows else 25.0
 
 
 def _cell(p: Proposed, cells: int) -> int:

@@ -124,6 +124,22 @@ def test_an_empty_name_of_the_folder_is_refused(drive, capsys):
     assert "--out is empty" in capsys.readouterr().err
 
 
+def test_the_hottest_core_is_told_with_its_sd_its_cell_and_its_time(drive, tmp_path, capsys):
+    config, log = drive
+    assert analyze(log, config, tmp_path) == 0
+    with (tmp_path / "estimates.csv").open() as file:
+        rows = [r for r in csv.DictReader(file) if r["core_C"] and float(r["core_sd_K"]) <= 3.0]
+    top = max(rows, key=lambda r: float(r["core_C"]))
+    start = read_log(log).__next__().time_ns[0] / S
+    text = capsys.readouterr().out
+    core, sd, after = float(top["core_C"]), float(top["core_sd_K"]), float(top["time_s"]) - start
+    where = f"cell {top['cell']} of {top['string']}, {after:.0f} s after the start"
+    assert f"hottest core: {core:.1f} ± {sd:.1f} °C, {where}\n" in text
+    row = next(line for line in text.splitlines() if line.startswith("string_1"))
+    assert f"{core:.2f} ± {sd:.2f}" in row
+    assert row.split()[5:7] == [top["cell"], f"{after:.0f}"]
+
+
 def test_samples_that_are_not_used_are_counted_with_the_reason_in_words(drive, tmp_path, capsys):
     config, log = drive
     lines = log.read_text().splitlines(keepends=True)

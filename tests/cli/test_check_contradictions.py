@@ -1,6 +1,7 @@
 """`check --log` where the values in a log contradict each other or the unit of the DBC, and the line that mends it."""
 
 import json
+import re
 from pathlib import Path
 
 import cantools
@@ -8,6 +9,7 @@ import pytest
 
 from bms_gateway.cli.main import main
 from tests.config.bench_cell import PARAMETERS, one_cell
+from tests.config.model_texts import EXAMPLE
 
 DBC = """VERSION ""
 BU_: X
@@ -20,6 +22,7 @@ BO_ 257 Temps: 8 X
 VAL_ 257 T1 3995 "SNA" ;
 """
 SECONDS, OHM = 90, 0.01
+STRING = EXAMPLE.replace("sensors = [1, 3, 5]", "sensors = [1]")
 PULSES = [8.0 * (k // 10 % 5 - 2) for k in range(10 * SECONDS)]
 
 
@@ -32,11 +35,14 @@ def write(
     step="0.0001",
     zero=0.0,
     degrees="C",
+    volts=3.7,
+    ohm=OHM,
+    model=None,
 ) -> tuple[Path, Path]:
     """A cell of 10 mΩ under pulses; its log may have currents and temperatures in another unit than the DBC says."""
     text = DBC.format(step=step, degrees=degrees)
     (folder / "car.dbc").write_text(text)
-    (folder / "cell.toml").write_text(one_cell(2.3, **PARAMETERS["authors"]))
+    (folder / "cell.toml").write_text(model or one_cell(2.3, **PARAMETERS["authors"]))
     config = folder / "gateway.toml"
     config.write_text(
         '[bus]\ndbc = ["car.dbc"]\n[[string]]\nname = "s"\nmodel = "cell.toml"\n[string.signals]\n'
@@ -48,7 +54,7 @@ def write(
     lines = []
     for k, amps in enumerate(PULSES):
         t = 1_700_000_000 + k / 10
-        data = database.encode_message("Pack", {"Current": in_log(amps), "Volts": 3.7 - OHM * amps})
+        data = database.encode_message("Pack", {"Current": in_log(amps), "Volts": volts - ohm * amps})
         lines.append(f"({t:.6f}) can0 100#{data.hex()}")
         if k % 10 == 0:
             values = {"T1": 25 + 0.01 * k + 0.1 * (k % 3) + zero, "Inlet": 20 + 0.001 * k + zero}
@@ -90,6 +96,41 @@ def test_a_current_of_another_size_is_told_by_the_voltage(tmp_path, capsys, size
     assert (status, len(said["contradictions"])) == (1, 1)
     assert f"scale = {mend} in its entry mends it if the unit is wrong" in text
     status, _, said = check(*write(tmp_path, f", scale = {mend}", **amps), capsys)
+    assert (status, said["contradictions"]) == (0, [])
+
+
+@pytest.mark.parametrize(
+    ("volts", "told"),
+    [
+        (5.5, "5.5 V on average are 1.1 V for each of the 5 cells of the model, and no cell has such a voltage: it is "
+              "that of about 2 cells in series: correct cells in the model file\n"),
+        (55.0, "55 V on average are 11 V for each of the 5 cells of the model, and no cell has such a voltage: it is "
+               "that of about 15 cells in series: correct cells in the model file, or multiply the scale of the "
+               "voltage by 0.333 if it is that of the whole pack\n"),
+        (0.3, "is it the voltage of a battery, in this unit?\n"),
+    ],
+)  # fmt: skip
+def test_a_voltage_that_so_many_cells_cannot_have_is_told(tmp_path, capsys, volts, told) -> None:
+    """`check` called a string of 1.1 V for each cell sound."""
+    status, text, said = check(*write(tmp_path, volts=volts, ohm=volts / 1000, model=STRING), capsys)
+    assert (status, said["ok"]) == (1, False)
+    assert "s.voltage (Pack.Volts): " in text
+    assert told in text
+    assert "not sound: signals contradict each other or the model" in text
+
+
+@pytest.mark.parametrize("volts", [5 * 1.5, 5 * 2.4, 5 * 3.2, 5 * 4.35])
+def test_the_voltage_of_any_kind_of_cell_is_right(tmp_path, capsys, volts) -> None:
+    _, text, _ = check(*write(tmp_path, volts=volts, model=STRING), capsys)
+    assert "no cell has such a voltage" not in text
+
+
+def test_several_cells_in_series_may_be_one_of_the_model(tmp_path, capsys) -> None:
+    """Its resistance is theirs, and so is its voltage."""
+    model = re.sub(
+        r"R_e .*", 'R_e  = { value = 10.0, unit = "mOhm", rel_sd = 0.6 }', one_cell(2.3, **PARAMETERS["authors"])
+    )
+    status, _, said = check(*write(tmp_path, volts=11.1, model=model), capsys)
     assert (status, said["contradictions"]) == (0, [])
 
 

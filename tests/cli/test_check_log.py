@@ -37,7 +37,7 @@ def write(folder: Path, current: str = '"Pack.Current"', amps=lambda k: -8.0 + 0
     lines = []
     for k in range(10 * SECONDS):
         t = 1_700_000_000 + k / 10
-        values = {"Current": amps(k), "Volts": 350.0 - 0.1 * (k % 7)}
+        values = {"Current": amps(k), "Volts": 3.7 - 0.1 * (k % 7)}
         data = database.encode_message("Pack", values, strict=False)
         lines.append(f"({t:.6f}) can0 100#{data.hex()}")
         if k % 10 == 0:
@@ -93,6 +93,13 @@ def test_analyze_says_the_same_in_its_summary(tmp_path, capsys) -> None:
     summary = json.loads((tmp_path / "r" / "summary.json").read_text())["signals"]
     assert summary == checked
     assert "current (Pack.Current) refused" in told
+
+
+def test_analyze_tells_what_never_comes_although_nothing_was_refused(tmp_path, capsys) -> None:
+    config, log = write(tmp_path, '{ signal = "Pack.Current", minimum = -20 }', volts="Never.V")
+    assert main(["analyze", str(log), "--config", str(config), "--out", str(tmp_path / "r")]) == 0
+    assert json.loads((tmp_path / "r" / "summary.json").read_text())["rejected"] == {}
+    assert "s.voltage: Never.V never comes in this log" in capsys.readouterr().out
 
 
 def test_a_log_that_is_none_is_one_line(tmp_path, capsys) -> None:

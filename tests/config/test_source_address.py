@@ -6,6 +6,7 @@ from bms_gateway.cli.main import main
 from bms_gateway.config import load_config
 from bms_gateway.errors import ConfigError
 from bms_gateway.frames.batch import EXTENDED
+from bms_gateway.frames.j1939 import MARK
 from tests.config.files import DBC, MAPPED, write
 from tests.config.model_texts import EXAMPLE
 
@@ -52,6 +53,7 @@ def test_a_parameter_group_is_read_whoever_sends_it_and_the_sender_is_told(tmp_p
     assert "Temps is read from source address 86, the first that sends it; the DBC names 0" in said
     assert "Temps.T1 never comes" not in said
     assert main(["analyze", "drive.log", "--config", "gateway.toml", "--out", "any"]) == 0
+    assert "Temps is read from source address 86, the first that sends it" in capsys.readouterr().out
     folder(tmp_path, CONFIG)
     assert main(["analyze", "drive.log", "--config", "gateway.toml", "--out", "stated"]) == 0
     for name in ("estimates.csv", "broadcast.log"):
@@ -75,8 +77,33 @@ def test_messages_that_are_no_parameter_group_are_read_by_their_identifier_only(
     assert "Temps.T1 never comes" in capsys.readouterr().out
 
 
+def test_the_line_that_is_told_is_right_also_where_the_dbc_marks_nothing_as_j1939(tmp_path, monkeypatch, capsys):
+    """The line was refused: no file in bus.dbc has messages of J1939."""
+    monkeypatch.chdir(tmp_path)
+    folder(tmp_path, MAPPED)
+    (tmp_path / "vehicle.dbc").write_text(DBC)
+    only = [line for line in (tmp_path / "drive.log").read_text().splitlines(True) if "18FEF156" in line]
+    (tmp_path / "drive.log").write_text("".join(only))
+    words = ["analyze", "drive.log", "--config", "gateway.toml", "--out", "r"]
+    assert main(words) == 2
+    told = capsys.readouterr().err.strip().partition("[bus] ")[2]
+    config = tmp_path / "gateway.toml"
+    config.write_text(config.read_text().replace("[bus]", f"[bus]\n{told}"))
+    assert main(words) == 0
+
+
+def test_a_dbc_that_is_of_j1939_as_a_whole_needs_no_mark_at_each_message(tmp_path, monkeypatch, capsys):
+    """`init` read such messages from any address, `analyze` and `run` did not."""
+    monkeypatch.chdir(tmp_path)
+    folder(tmp_path, MAPPED)
+    (tmp_path / "vehicle.dbc").write_text(f"{DBC}{MARK}\n")
+    main(["check", "gateway.toml", "--log", "drive.log"])
+    assert "Temps is read from source address 86, the first that sends it" in capsys.readouterr().out
+
+
 def test_an_address_without_such_messages_is_an_error(tmp_path):
     file = write(tmp_path, CONFIG, EXAMPLE)
+    (tmp_path / "vehicle.dbc").write_text(DBC.replace("BO_ 2566844672 ", "BO_ 257 "))
     with pytest.raises(ConfigError, match=r"bus\.source_address: no file in bus\.dbc has messages of J1939"):
         load_config(file)
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from bms_gateway.errors import DataError
+from bms_gateway.report.dates import date_form
 from bms_gateway.report.look import look
 from bms_gateway.report.table import parse_columns, read_table
 
@@ -188,6 +189,11 @@ STAMPS = {
         f"2026-11-03 11:59:{40 + x:04.1f} PM" if x < 20 else f"2026-11-04 12:00:{x - 20:04.1f} AM" for x in T
     ],
     "one day of slashes": [f"03/04/2026 10:00:{x:04.1f}" for x in T],
+    "a clock of twelve hours, with points": [
+        f"11:59:{40 + x:04.1f} a.m." if x < 20 else f"12:00:{x - 20:04.1f} p. m." for x in T
+    ],
+    "English names": [f"26-Nov-2026 10:00:{x:04.1f}" for x in T],
+    "German names, two digits": [f"26. März 26, 10:00:{x:04.1f}" for x in T],
     "a clock past midnight": [f"23:59:{40 + x:04.1f}" if x < 20 else f"00:00:{x - 20:04.1f}" for x in T],
 }
 
@@ -209,6 +215,31 @@ def test_day_or_month_is_asked_for_and_then_taken(tmp_path):
     for how, step in (("dd/mm/yyyy", 86_400), ("mm/dd/yyyy", 30 * 86_400 + 86_400)):
         t = read_table(file, parse_columns([f"time_s=time_s [{how}]"]))
         assert t.time_s[30] == pytest.approx(step, rel=0.04)
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        ("11:59 AM", "12:01 p.m."),
+        ("26. November 2026 10:00", "26. November 2026 10:02"),
+        ("1-May-26 9:59", "1-May-26 10:01"),
+    ],
+)
+def test_minutes_without_seconds_are_times_too(first, second):
+    form = date_form([first, second])
+    assert form.seconds([first, second]).tolist() == [0.0, 120.0]
+
+
+def test_years_of_two_digits_between_slashes_are_asked_for_and_then_taken(tmp_path):
+    file = put(tmp_path, text({"time_s": [f"11/26/26 10:00:{x:04.1f}" for x in T]}))
+    with pytest.raises(DataError, match=r"which of the numbers is the year .*--columns 'time_s=time_s \[mm/dd/yyyy\]'"):
+        read_table(file)
+    reads_alike(read_table(file, parse_columns(["time_s=time_s [mm/dd/yyyy]"])))
+
+
+@pytest.mark.parametrize("word", ["12-Foo-2026 10:00:00", "10-Amp-2026", "11:59 XM"])
+def test_what_only_looks_like_a_date_is_none(word):
+    assert date_form([word]) is None
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,7 @@
 """What the picture of a new vehicle's first cores is drawn from."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -35,7 +37,14 @@ def test_a_row_has_the_hottest_core_and_the_range_of_the_surfaces() -> None:
 
 def test_the_hottest_is_that_after_settling_with_its_own_string_and_cell() -> None:
     hottest = taken().hottest
-    assert (hottest.string, hottest.cell, hottest.core_C, hottest.at_s) == ("rear", 1, 34.0, 100.0)
+    assert (hottest.string, hottest.cell, hottest.core_C, hottest.time_ns) == ("rear", 1, 34.0, 100 * 10**9)
+
+
+def test_a_core_that_is_hardly_known_is_not_the_hottest() -> None:
+    cores = taken()
+    e = estimated(120, [30.0, 46.9, 33.0, 32.0], [25.0] * 4)
+    cores.take(replace(e, core_sd=np.array([0.5, 10.4, 0.5, 0.5])))
+    assert (cores.hottest.core_C, cores.rows[-1][0]) == (34.0, 33.0)
 
 
 def test_the_last_tick_is_the_last_one_at_which_a_core_was_known() -> None:

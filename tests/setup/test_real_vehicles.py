@@ -35,7 +35,7 @@ LOGS = [
 
 @pytest.mark.parametrize(("vehicle", "log", "dbc", "least"), LOGS, ids=[log for _, log, _, _ in LOGS])
 @pytest.mark.slow
-def test_signals_of_real_vehicles(vehicle: str, log: str, dbc: str, least: dict, tmp_path) -> None:
+def test_signals_of_real_vehicles(vehicle: str, log: str, dbc: str, least: dict, tmp_path, capsys) -> None:
     said = tmp_path / "init.json"
     words = [str(need("can", f"{log}.log.gz")), "--dbc", str(need("dbc", f"{dbc}.dbc")), "--out", str(tmp_path / "v")]
     assert main(["init", *words, "--yes", "--json", str(said)]) == 0
@@ -51,6 +51,9 @@ def test_signals_of_real_vehicles(vehicle: str, log: str, dbc: str, least: dict,
         assert sum(s["role"] == role for s in right) >= count
     config = str(tmp_path / "v" / "gateway.toml")
     assert main(["check", config]) == 0
+    used = tmp_path / "check.json"
+    main(["check", config, "--log", words[0], "--json", str(used)])
+    _refused_are_told(json.loads(used.read_text())["signals"], capsys.readouterr().out)
     assert main(["analyze", words[0], "--config", config, "--out", str(tmp_path / "r")]) == 0
     text = (tmp_path / "r" / "estimates.csv").read_text()
     cores = [float(line.split(",")[3] or "nan") for line in text.splitlines()[1:]]
@@ -58,6 +61,22 @@ def test_signals_of_real_vehicles(vehicle: str, log: str, dbc: str, least: dict,
     stated = [c for c in cores if c == c]
     assert len(stated) > 0.33 * len(cores)
     assert all(-40 < c < 100 for c in stated)
+
+
+def _refused_are_told(signals: dict, text: str) -> None:
+    """Each signal of which samples are refused is in the table with the reason, or among those that it counts."""
+    rows = [line for line in text.splitlines() if re.match(r"string_\d+\.\w+", line)]
+    refused = {name: s for name, s in signals.items() if s["refused"]}
+    for name, s in refused.items():
+        assert s["used"] + sum(s["refused"].values()) == s["seen"], name
+        row = next((line for line in rows if f" {name} " in line), None)
+        if row is None:
+            assert "more" in text
+            continue
+        for reason, count in s["refused"].items():
+            assert f"{reason} {count}" in row
+    shown = sum(any(f" {name} " in line for line in rows) for name in refused)
+    assert shown >= min(len(refused), 30)
 
 
 def test_the_sign_of_the_leaf_and_its_bits(tmp_path) -> None:

@@ -1,0 +1,78 @@
+"""The temperature of the surroundings where nothing measures it: by the lowest readings, at rest where there is one."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from bms_gateway.setup.proposal import Proposal, Proposed
+from bms_gateway.thermal import Floats
+
+REST_SHARE: Final = 0.02
+"""Share of the greatest current below which a pack rests: the heat of it is a few ten thousandths."""
+REST_S: Final = 180.0
+"""Shortest rest in which surfaces come near their surroundings."""
+UNKNOWN_K: Final = 3.0
+"""Uncertainty of a lowest reading that is not at rest: cells under load are warmer than what is around them."""
+LEAST_K: Final = 1.0
+"""Least uncertainty of a reading at rest: a cell holds heat for an hour."""
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """Temperature of what is around the cells of a string.
+
+    Attributes
+    ----------
+    value_C, sd_K : float
+    rest : bool
+        Whether it was read at rest.
+    """
+
+    value_C: float
+    sd_K: float = UNKNOWN_K
+    rest: bool = False
+
+
+def surroundings(proposal: Proposal, string: int) -> Surroundings:
+    """Take the lowest readings of a string's thermocouples: what is around them is hardly warmer.
+
+    Those of a rest are taken if they are nearly as low as all others. Their scatter about the value is the uncertainty:
+    of cells that differ, and that still cool down.
+    """
+    cells = [p for p in proposal.of("surface") if p.string == string]
+    if not cells:
+        return Surroundings(25.0)
+    lowest = _lower([p.factor * p.series.low + p.shift for p in cells])
+    found = []
+    for start, stop in _rests(next(proposal.of("current", string))):
+        parts = [_celsius(p, start, stop) for p in cells]
+        readings = [x for x in parts if len(x)]
+        if len(readings) < len(cells):
+            continue
+        C = _lower([float(np.quantile(x, 0.05)) for x in readings])
+        apart = float(np.sqrt(np.mean((np.concatenate(readings) - C) ** 2)))
+        found.append(Surroundings(C, min(max(apart, LEAST_K), UNKNOWN_K), rest=True))
+    best = min(found, key=lambda s: s.value_C, default=None)
+    return best if best is not None and best.value_C <= lowest + LEAST_K else Surroundings(lowest)
+
+
+def _lower(values: list[float]) -> float:
+    """Lower quartile of values: the least of many may be that of a broken sensor."""
+    return float(sorted(values)[len(values) // 4])
+
+
+def _rests(current: Proposed) -> Iterator[tuple[float, float]]:
+    """Give begin and end of each long rest, s."""
+    t, amps = current.series.t, np.abs(current.factor * current.series.x)
+    still = amps <= max(REST_SHARE * float(amps.max()), current.resolution)
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], still.astype(np.int8), [0]))))
+    for first, end in edges.reshape(-1, 2).tolist():
+        if t[end - 1] - t[first] >= REST_S:
+            yield float(t[first]), float(t[end - 1])
+
+
+def _celsius(p: Proposed, start: float, stop: float) -> Floats:
+    inside = (start <= p.series.t) & (p.series.t <= stop)
+    return p.factor * p.series.x[inside] + p.shift
