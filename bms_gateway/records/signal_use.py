@@ -163,17 +163,16 @@ def allowed_range(c: Channel, info: SignalInfo) -> tuple[float, float]:
 
 
 def advice(uses: dict[str, Use]) -> Iterator[str]:
-    """For each signal that is not used as it should be, say what was seen and which line of the config corrects it."""
+    """For each signal that is not used as it should be, say what was seen and which line of the config corrects it.
+
+    Those that never come are told last: they may be all signals of a string that is not on this bus.
+    """
     elsewhere = {use.info.message: use for use in uses.values() if use.sender is not None}
     for message, use in elsewhere.items():
         named = use.info.can_id & 0xFF
         yield f"{message} is read from source address {use.sender}, the first that sends it; the DBC names {named}"
-    for signal, use in uses.items():
-        if not use.taken or (not use.stated and use.channel.quantity in OPTIONAL):
-            continue
-        if not use.seen:
-            yield f"{use.key}: {signal} never comes in this log: is it another message, bus or source address?"
-            continue
+    wanted = {s: use for s, use in uses.items() if use.taken and (use.stated or use.channel.quantity not in OPTIONAL)}
+    for signal, use in wanted.items():
         # no sensor has moved at first; this is reported only if the sensor never moves
         waiting = 0 if use.lost else use.refused.get("never", 0)
         lost = use.seen - use.used
@@ -191,6 +190,9 @@ def advice(uses: dict[str, Use]) -> Iterator[str]:
         else:
             stands = use.channel.quantity == "current" and most == "stuck"
             yield f"{share}, mostly: {CURRENT_REFUSED if stands else REASONS[Quality[most.upper()]]}"
+    for signal, use in wanted.items():
+        if not use.seen:
+            yield f"{use.key}: {signal} never comes in this log: is it another message, bus or source address?"
 
 
 def contradictions(plan: Plan, inputs: Inputs) -> Iterator[str]:

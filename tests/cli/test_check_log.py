@@ -102,6 +102,13 @@ def test_analyze_tells_what_never_comes_although_nothing_was_refused(tmp_path, c
     assert "s.voltage: Never.V never comes in this log" in capsys.readouterr().out
 
 
+def test_what_is_refused_is_told_before_what_never_comes(tmp_path, capsys) -> None:
+    config, log = write(tmp_path, '{ signal = "Pack.Current", minimum = -20 }', volts="Never.V")
+    config.write_text(config.read_text().replace('"Temps.T1"', '{ signal = "Temps.T1", maximum = 26 }'))
+    _, _, text = signals(config, log, capsys)
+    assert text.index("s.surface.1 (Temps.T1) refused") < text.index("s.voltage: Never.V never comes")
+
+
 def test_a_log_that_is_none_is_one_line(tmp_path, capsys) -> None:
     config, _ = write(tmp_path)
     (tmp_path / "empty.log").write_text("")
