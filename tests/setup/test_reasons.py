@@ -27,7 +27,7 @@ def test_each_signal_has_its_reason(turned) -> None:
         "  current (BatteryElectrical.PackCurrent): unit mA; named as a current; has both signs; the pack's voltage "
         "rises as it rises (correlation of their steps +1.00); so it is positive on charge, and its sign is turned"
     ) in lines
-    assert "  soc (Accessories.StateOfCharge): named as the state of charge; falls as current is drawn" in lines
+    assert "  soc (Accessories.StateOfCharge): named as the SOC; falls as current is drawn" in lines
     assert "  coolant_inlet (Accessories.AmbientTemp): unit degF; the temperature of the surroundings" in lines
     assert (
         "  surface 1 (ModuleTemps1.Thermistor1 and 6 more): unit degF; one of 8 called alike; slow, as cells are"

@@ -4,7 +4,7 @@ import csv
 
 import pytest
 
-from bms_gateway.workbench.steps import Frame, doubt_lines, remains, steps_of
+from bms_gateway.workbench.steps import TABLES, Frame, doubt_lines, remains, steps_of
 from tests.support.page_steps import FIT_S, seen_compared
 from tests.truth.packs import pack as make_pack
 from tests.workbench.conftest import served
@@ -16,7 +16,8 @@ WRONG_K = 40.0
 def frame(label, *, proven=True, left=None, variants=()):
     core = {"proven": proven, "sentence": "Core not proven: so it is.", "why": ["Because."], "sd_K": 1.0}
     stair = {"trained_K": 0.1, "held_K": 0.1, "floor_K": 0.1, "core_K": 1.0}
-    compared = {"core": core, "variants": {name: {"stair": stair} for name in variants or (label,)}}
+    tables = dict.fromkeys(TABLES, "<table></table>")
+    compared = {"core": core, "variants": {name: {"stair": stair} for name in variants or (label,)}, **tables}
     diagnosed = None if left is None else {"remains": left}
     return Frame("cells = 1\n", label, compared=compared, diagnosed=diagnosed)
 
