@@ -14,6 +14,8 @@ from stat import S_ISDIR
 from types import MappingProxyType, TracebackType
 from typing import Any, BinaryIO, Final, Self, TextIO
 
+import numpy as np
+
 from bms_gateway.engine.events import Alerted, Cells, Estimated, Event, Notice, Parameters
 from bms_gateway.errors import UsageError
 from bms_gateway.folders import open_folder
@@ -50,10 +52,10 @@ class StringSummary:
     Attributes
     ----------
     max_core_C : float or None
-        Highest core, the mean of a roll, of the run, by `report.hottest`: of those that are known.
+        Highest core, the mean of a roll, of the run, however well it is known.
     hottest : dict or None
-        Cell and time at which a hottest point was hottest, also of those that are known, with its core there: cell,
-        core_C, core_sd_K, centre_C, time_s.
+        Cell and time at which a hottest point was hottest by `report.hottest`, with its core there: cell, core_C,
+        core_sd_K, centre_C, time_s.
     """
 
     cells: int = 0
@@ -222,7 +224,9 @@ class ResultFolder:
         point = hotter(self._point.get(e.string), hottest_core(e, e.centre))
         if core is not None:
             self.hottest[e.string] = core
-            summary.max_core_C = core.core_C
+        highest = float(np.fmax.reduce(e.core))
+        if highest == highest and (summary.max_core_C is None or highest > summary.max_core_C):
+            summary.max_core_C = highest
         if point is not None and point.time_ns == e.time_ns:
             self._point[e.string] = point
             summary.hottest = {

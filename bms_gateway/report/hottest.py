@@ -1,4 +1,4 @@
-"""The hottest core of a tick or of a log: the greatest of those that are known, not the greatest guess."""
+"""The hottest core of a tick or of a log: not the greatest guess."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -10,7 +10,8 @@ from bms_gateway.thermal import Floats
 from bms_gateway.thermal.centre import hottest_of
 
 SURE_K: Final = 3.0
-"""Largest sd of a core that is compared by its value. One that is known less well may be the greatest by its error."""
+"""Largest sd of a core that is compared by its value; a core known less well is compared by its value less its sd. No
+vague guess is the hottest core then, but a cell that burns is, however vague its core."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,9 +20,8 @@ class Hottest:
 
     Attributes
     ----------
-    rank : (bool, float)
-        Whether the core is known to `SURE_K`, and the temperature by which it is compared: its value if it is, else
-        its value less its sd. The greatest rank is the hottest core.
+    rank : float, °C
+        The temperature by which it is compared with others.
     """
 
     string: str
@@ -30,7 +30,7 @@ class Hottest:
     core_sd_K: float
     centre_C: float
     time_ns: int
-    rank: tuple[bool, float]
+    rank: float
 
 
 def hottest_core(cells: Cells, points: Floats) -> Hottest | None:
@@ -42,14 +42,12 @@ def hottest_core(cells: Cells, points: Floats) -> Hottest | None:
     points : ndarray (n,)
         What is compared, °C: the cores, or the hottest points of the cells.
     """
-    sure = cells.core_sd <= SURE_K  # NaN is not
-    least = np.where(sure, points, points - cells.core_sd)
-    k = hottest_of(np.where(sure, least, np.nan))
-    known = k is not None
-    if k is None and (k := hottest_of(least)) is None:
+    rank = np.where(cells.core_sd <= SURE_K, points, points - cells.core_sd)
+    k = hottest_of(rank)
+    if k is None:
         return None
     core, sd, centre = (float(x[k]) for x in (cells.core, cells.core_sd, cells.centre))
-    return Hottest(cells.string, k + 1, core, sd, centre, cells.time_ns, (known, float(least[k])))
+    return Hottest(cells.string, k + 1, core, sd, centre, cells.time_ns, float(rank[k]))
 
 
 def hotter(one: Hottest | None, other: Hottest | None) -> Hottest | None:
@@ -66,6 +64,4 @@ def hottest_sentence(h: Hottest, start_ns: int) -> str:
         f"hottest core: {h.core_C:.1f} ± {h.core_sd_K:.1f} °C, cell {h.cell} of {h.string}, "
         f"{after:.0f} s after the start"
     )
-    if h.rank[0]:
-        return said
-    return f"{said} (no core is known to {SURE_K:g} K: this is the one with the greatest value less its sd)"
+    return said if h.core_sd_K <= SURE_K else f"{said} (its core is not known to {SURE_K:g} K)"

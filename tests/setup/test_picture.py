@@ -43,7 +43,7 @@ def test_the_hottest_is_that_after_settling_with_its_own_string_and_cell() -> No
 def test_a_core_that_is_hardly_known_is_not_the_hottest() -> None:
     cores = taken()
     e = estimated(120, [30.0, 46.9, 33.0, 32.0], [25.0] * 4)
-    cores.take(replace(e, core_sd=np.array([0.5, 10.4, 0.5, 0.5])))
+    cores.take(replace(e, core_sd=np.array([0.5, 14.0, 0.5, 0.5])))
     assert (cores.hottest.core_C, cores.rows[-1][0]) == (34.0, 33.0)
 
 
