@@ -64,8 +64,6 @@ class Inputs:
         Samples of the newest tick, and which of them the guard has accepted.
     counts : ndarray of int64 (C, 16)
         Samples of each input so far, by `Quality`.
-    sums : ndarray (C,)
-        Sum of the samples of each input that were used, SI.
     extremes : ndarray (2, C)
         Least and greatest value of each input so far, used or refused, in the DBC's unit, without what its sender calls
         no measurement; ±inf before the first.
@@ -99,7 +97,6 @@ class Inputs:
         self._places = Places.of(plan, self.wires, self._integrals.pairs)
         self.good = _NOTHING
         self.counts = np.zeros((len(signals), QUALITIES), np.int64)
-        self.sums = np.zeros(len(signals))
         self.extremes = np.array([[np.inf], [-np.inf]]).repeat(len(signals), axis=1)
         self.rejected: dict[str, int] = {}
         # stamps of the collected frames that give no sample, by reason
@@ -159,7 +156,6 @@ class Inputs:
             self._reject(Quality.STUCK.name.lower(), self._integrals.refused)
         self.good = samples, g.quality == GOOD
         np.add.at(self.counts, (samples.input, g.quality), 1)
-        np.add.at(self.sums, samples.input[self.good[1]], samples.value[self.good[1]])
         at = self._places
         seen = g.time_ns.take(at.surface)
         y = np.where(at.sensed & (seen >= t0), g.value.take(at.surface), nan)
@@ -231,6 +227,10 @@ class Inputs:
     def compared(self) -> list[tuple[str, Channel, Ammeter]]:
         """List the currents that a voltage checks: the string that first names each, its channel, the comparison."""
         return self._news.compared()
+
+    def ammeter(self, wire: Wire) -> Ammeter | None:
+        """Give the comparison of a string's current with its voltage; None where it lacks one of them."""
+        return self._integrals.meters.get((wire.current, wire.voltage))
 
     def faults(self) -> list[tuple[str, Channel, Quality]]:
         """List inputs once received and not good now: the string that first names each, its channel, its quality."""

@@ -75,6 +75,7 @@ class Ammeter:
         self._stood = False
         self._II = self._IV = self._VV = 0.0
         self._moves = 0
+        self._mean_V = 0.0
         self._step_A = self._run_V = 0.0  # largest step of late; way of the voltage while the current stands
 
     @property
@@ -86,6 +87,11 @@ class Ammeter:
     def together(self) -> float:
         """Correlation of the steps of voltage and current; NaN before there were enough."""
         return self._IV / sqrt(self._II * self._VV) if self._moves >= ENOUGH else nan
+
+    @property
+    def volts(self) -> float:
+        """Mean voltage of late at the steps of both, V, not that of open contactors; NaN before there were enough."""
+        return self._mean_V if self._moves >= ENOUGH else nan
 
     @property
     def resistance(self) -> float:
@@ -114,6 +120,7 @@ class Ammeter:
                 for suspect in self._suspects:
                     suspect.forgive()
                 self._follow_sign(dI, dV)
+                self._mean_V += (mean_V - self._mean_V) / min(self._moves, MEMORY)
         if dI != 0.0:
             self._run_V = 0.0
             self._step_A = max(abs(dI), RECENT * self._step_A) if dI == dI else 0.0

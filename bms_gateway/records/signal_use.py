@@ -229,19 +229,16 @@ def contradictions(plan: Plan, inputs: Inputs) -> Iterator[str]:
 
 def _other_cells(plan: Plan, inputs: Inputs) -> Iterator[str]:
     """Say which voltages no string of so many cells can have, and of how many cells they are."""
-    meters = {string: meter for string, _, meter in inputs.compared()}
     for string, wire in zip(plan.strings, inputs.wires, strict=True):
-        used = 0 if wire.voltage < 0 else int(inputs.counts[wire.voltage, Quality.GOOD])
-        if not used:
+        meter, n = inputs.ammeter(wire), string.model.cells
+        if meter is None or math.isnan(meter.volts) or OF_A_CELL_V[0] <= meter.volts / n <= OF_A_CELL_V[1]:
             continue
-        n, volts = string.model.cells, float(inputs.sums[wire.voltage]) / used
-        if OF_A_CELL_V[0] <= volts / n <= OF_A_CELL_V[1]:
+        volts, likely = meter.volts, max(round(meter.volts / USUAL_V), 0)
+        ratio = meter.resistance / float(np.sum(string.model.nominal.R_e))
+        if likely > n and abs(math.log(ratio)) < abs(
+            math.log(ratio * n / likely)
+        ):  # a cell of the model is several in series
             continue
-        likely = round(volts / USUAL_V)
-        if volts > n * OF_A_CELL_V[1] and string.name in meters:
-            ratio = meters[string.name].resistance / float(np.sum(string.model.nominal.R_e))
-            if abs(math.log(ratio)) < abs(math.log(ratio * n / likely)):  # a cell of the model is several in series
-                continue
         signal = next(c.signal for c in string.channels if c.quantity == "voltage")
         if likely:
             mend = f"it is that of about {likely} cells in series: correct cells in the model file"

@@ -125,6 +125,16 @@ def test_the_voltage_of_any_kind_of_cell_is_right(tmp_path, capsys, volts) -> No
     assert "no cell has such a voltage" not in text
 
 
+def test_a_pack_behind_open_contactors_is_no_other_pack(tmp_path, capsys) -> None:
+    config, log = write(tmp_path, volts=5 * 3.7, model=STRING)
+    database = cantools.database.load_string((tmp_path / "car.dbc").read_text(), "dbc")
+    off = [database.encode_message("Pack", {"Current": 0.001 * (k % 2), "Volts": 0.0}).hex() for k in range(2)]
+    start = 1_700_000_000 + SECONDS
+    with log.open("a") as out:
+        out.writelines(f"({start + k / 10:.6f}) can0 100#{off[k % 2]}\n" for k in range(100 * SECONDS))
+    assert "no cell has such a voltage" not in check(config, log, capsys)[1]
+
+
 def test_several_cells_in_series_may_be_one_of_the_model(tmp_path, capsys) -> None:
     """Its resistance is theirs, and so is its voltage."""
     model = re.sub(
