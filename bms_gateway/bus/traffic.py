@@ -5,7 +5,7 @@ them spread over the cycle as on a real bus. Each value is taken at its frame's 
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from bms_gateway.engine.statistics import statistic_of
 from bms_gateway.errors import UsageError
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.database import Database
-from bms_gateway.frames.encode import Encoder
+from bms_gateway.frames.encode import LARGEST_BITS, Encoder, not_available
 from bms_gateway.frames.signal_info import SignalInfo
 from bms_gateway.frames.vocabulary import INPUTS
 from bms_gateway.thermal import Floats
@@ -136,13 +136,22 @@ def _hole(t: Floats) -> float:
 
 @dataclass(frozen=True, slots=True)
 class _Slot:
-    """One frame layout and its place in time: phase + k · cycle; `cargo` is (column, feed, channel)."""
+    """One frame layout and its place in time: phase + k · cycle.
+
+    Attributes
+    ----------
+    silent : bool
+        No signal by J1939: a frame that would have nothing to say is not sent.
+    cargo, mute : tuple of (column, feed, channel)
+        All that it carries, and what cannot be sent as not available.
+    """
 
     row: int
     cycle_ns: int
     phase_ns: int
     silent: bool
     cargo: tuple[tuple[int, int, Channel], ...]
+    mute: tuple[tuple[int, int, Channel], ...]
 
 
 class Traffic:
@@ -182,7 +191,10 @@ class Traffic:
         if not wanted:
             raise UsageError("nothing to send: every quantity of these strings is a constant")
         messages = dict.fromkeys(database.resolve(c.signal or "").message for _, c in wanted)
-        self._encoder = Encoder(database, tuple(messages))
+        infos = {c.signal or "": (database.resolve(c.signal or ""), c) for _, c in wanted}
+        refused = {signal: _refused(*of) for signal, of in infos.items()}
+        self._refused = {signal: raw for signal, raw in refused.items() if raw is not None}
+        self._encoder = Encoder(database, tuple(messages), self._refused)
         self._slots = _spread(self._load(database, wanted))
         self._noise_K = noise_K
         self._rng = np.random.default_rng([seed, 0xCA])
@@ -192,6 +204,7 @@ class Traffic:
         cargo: dict[int, dict[int, tuple[int, Channel]]] = {}
         cycles: dict[int, int] = {}
         silent: dict[int, bool] = {}
+        mute: dict[int, set[int]] = {}
         for feed, c in wanted:
             info = database.resolve(c.signal or "")
             row = next(
@@ -199,13 +212,33 @@ class Traffic:
                 for r in np.flatnonzero(self._encoder.can_id == info.can_id).tolist()
                 if info.name in self._encoder.columns(r)
             )
-            cargo.setdefault(row, {}).setdefault(self._encoder.column(row, info.name), (feed, c))
+            column = self._encoder.column(row, info.name)
+            cargo.setdefault(row, {}).setdefault(column, (feed, c))
+            if not_available(info) is None:
+                mute.setdefault(row, set()).add(column)
             cycle = _cycle(info, c)
             cycles[row] = min(cycles.get(row, cycle), cycle)
             silent[row] = silent.get(row, True) and not info.j1939
         return [
-            _Slot(row, cycles[row], 0, silent[row], tuple((column, *cargo[row][column]) for column in cargo[row]))
+            _Slot(
+                row,
+                cycles[row],
+                0,
+                silent[row],
+                tuple((column, *cargo[row][column]) for column in cargo[row]),
+                tuple((column, *cargo[row][column]) for column in cargo[row] if column in mute.get(row, ())),
+            )
             for row in cargo
+        ]
+
+    def made_up(self, feeds: Sequence[Mapping[Key, Series]]) -> list[Channel]:
+        """List what has no values, but would be sent as a measurement: other values of its frames are known."""
+        return [
+            c
+            for slot in self._slots
+            if any(_known(feeds[feed], channel) for _, feed, channel in slot.cargo)
+            for _, feed, c in slot.mute
+            if c.signal not in self._refused and not _known(feeds[feed], c)
         ]
 
     def between(self, feeds: Sequence[Mapping[Key, Series]], start_ns: int, stop_ns: int) -> FrameBatch:
@@ -214,8 +247,9 @@ class Traffic:
         Parameters
         ----------
         feeds : sequence of mapping
-            One per string fed. A quantity that is missing leaves as not available; a frame that has nothing to say and
-            no way to say so is not sent.
+            One per string fed. A value that is missing leaves as not available. Where its signal cannot say so, the
+            frame is not sent; but a quantity without any values is sent as a value that its reader refuses, and where
+            the signal has no such value, as 0 or the start value (`made_up`).
         """
         times, rows, values = [], [], []
         for slot in self._slots:
@@ -224,9 +258,11 @@ class Traffic:
             block = np.full((len(t), self._encoder.width), np.nan)
             for column, feed, channel in slot.cargo:
                 block[:, column] = self._sample(feeds[feed], channel, t)
-            if slot.silent:
-                says = np.isfinite(block).any(axis=1)
-                t, block = t[says], block[says]
+            says = np.isfinite(block).any(axis=1) | (not slot.silent)
+            for column, feed, channel in slot.mute:
+                if _known(feeds[feed], channel):
+                    says &= np.isfinite(block[:, column])
+            t, block = t[says], block[says]
             times.append(t)
             rows.append(np.full(len(t), slot.row, np.intp))
             values.append(block)
@@ -252,6 +288,30 @@ class Traffic:
             return (value - c.offset) / c.scale
 
 
+def _known(feed: Mapping[Key, Series], c: Channel) -> bool:
+    """Whether a quantity has values at some time."""
+    return c.key in feed and len(feed[c.key].time_s) > 0
+
+
+def _refused(info: SignalInfo, c: Channel) -> float | None:
+    """Give a raw value that no reader takes for a measurement; None if there is none.
+
+    A temperature above its range counts as heat. So a temperature takes its lowest value, which a broken wire reads.
+    """
+    if info.is_float or info.place.size > LARGEST_BITS:
+        return None
+    this = INPUTS[c.quantity]
+    valid, (lower, upper) = info.raw_valid, this.plausible
+    ends = sorted(info.raw_limits, key=lambda raw: c.scale * (raw * info.scale + info.offset))
+    if this.kind == "temperature":
+        return ends[0]
+    for raw in ends:
+        value = c.scale * (raw * info.scale + info.offset) + c.offset
+        if not (valid[0] <= raw <= valid[1] and lower <= value <= upper):
+            return raw
+    return None
+
+
 def _cycle(info: SignalInfo, c: Channel) -> int:
     """Cycle time of a signal's frames, ns."""
     if info.mux:
@@ -267,5 +327,5 @@ def _spread(slots: Sequence[_Slot]) -> list[_Slot]:
         same = [s for s in slots if s.cycle_ns == cycle]
         for i, s in enumerate(same):
             phase = (cycle * i // len(same) + rank * 1_000_000) % cycle
-            out.append(_Slot(s.row, cycle, phase, s.silent, s.cargo))
+            out.append(replace(s, phase_ns=phase))
     return out

@@ -56,7 +56,14 @@ def run(args: argparse.Namespace) -> int:
     """Write the log."""
     from bms_gateway.bus.logfile import write_log
     from bms_gateway.bus.traffic import SECOND, Traffic
-    from bms_gateway.cli.table_checks import empty, far_apart, not_carried, refuse_log, refuse_other_units
+    from bms_gateway.cli.table_checks import (
+        empty,
+        far_apart,
+        not_carried,
+        refuse_log,
+        refuse_made_up,
+        refuse_other_units,
+    )
     from bms_gateway.config import load_config
     from bms_gateway.records.kind import check_time
     from bms_gateway.report.progress import progress
@@ -72,11 +79,14 @@ def run(args: argparse.Namespace) -> int:
     index = _string(plan, args.string)
     table = read_table(Path(args.table), columns)
     check_time(table)
+    if len(table) < 2:
+        raise DataError(f"{table.source}: one row is too short: a value holds from its row to the next")
     if table.notes:
         note(f"{table.source}: {'; '.join(table.notes)}")
     refuse_other_units(plan.strings[index], loaded.database, table)
     feed = _feed(plan, index, table)
     traffic = Traffic(plan, loaded.database, [index])
+    refuse_made_up(table, traffic.made_up([feed]))
     # The last row is an instant as well, so the frames end just after it.
     start_ns, stop_ns = (round(float(t) * SECOND) for t in table.time_s[[0, -1]])
     with progress("encoding", (stop_ns - start_ns) / SECOND) as advance:
@@ -94,8 +104,8 @@ def run(args: argparse.Namespace) -> int:
             f"{table.source}: {x['column']}: {x['rows']} of {len(table)} rows, the first at {x['first']}, do not fit "
             f"{x['signal']} ({x['lowest']:.6g} to {x['highest']:.6g}) and are sent as {x['sent_as']}"
         )
-    for column in empty(plan.strings[index], table):
-        note(f"{table.source}: {column} has no values: its signal is sent as not available")
+    for column, sent in empty(plan.strings[index], loaded.database, table):
+        note(f"{table.source}: {column} has no values: {sent}")
     if (spacing := far_apart(table)) is not None:
         note(
             f"{table.source}: current_A steps between rows that are {spacing:.4g} s apart; the frames repeat each "

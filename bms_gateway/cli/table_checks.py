@@ -1,5 +1,6 @@
 """Checks of a table by `encode`, before and after it is converted to frames."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 from bms_gateway.engine.plan import Channel, StringPlan
 from bms_gateway.errors import DataError, UsageError
 from bms_gateway.frames.database import Database
+from bms_gateway.frames.encode import not_available
 from bms_gateway.frames.signal_info import SignalInfo
 from bms_gateway.frames.vocabulary import INPUTS
 from bms_gateway.records.kind import log_kind
@@ -79,10 +81,33 @@ def not_carried(string: StringPlan, database: Database, table: Table) -> list[di
     return found
 
 
-def empty(string: StringPlan, table: Table) -> list[str]:
-    """Name the columns of the string's signals that are blank from end to end."""
-    columns = ((c, _column(table, c)) for c in string.channels if c.signal is not None)
-    return [INPUTS[c.quantity].column.format(c.cell) for c, x in columns if x is not None and not np.isfinite(x).any()]
+def refuse_made_up(table: Table, made_up: Sequence[Channel]) -> None:
+    """Refuse a table that lacks a quantity whose signal would have to be sent with a value of nobody's.
+
+    Raises
+    ------
+    DataError
+        Some channels have no values, share their frames with known ones, and cannot be sent as not available.
+    """
+    if made_up:
+        c = made_up[0]
+        raise DataError(
+            f"{table.source}: {INPUTS[c.quantity].column.format(c.cell)} has no values, {c.signal} cannot say so, and "
+            "other values of its frames are known: nothing was written; use a config without this signal"
+        )
+
+
+def empty(string: StringPlan, database: Database, table: Table) -> list[tuple[str, str]]:
+    """Name the columns of the string's signals that are blank from end to end, and say what is sent of them."""
+    found = []
+    for c in string.channels:
+        values = _column(table, c)
+        if c.signal is None or values is None or np.isfinite(values).any():
+            continue
+        says = not_available(database.resolve(c.signal)) is not None
+        sent = "its signal is sent as not available" if says else "no measurement of it is sent"
+        found.append((INPUTS[c.quantity].column.format(c.cell), sent))
+    return found
 
 
 def far_apart(table: Table) -> float | None:

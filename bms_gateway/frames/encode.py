@@ -7,6 +7,7 @@ what a signal cannot carry leaves as its not-available value or, without such a 
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from types import MappingProxyType
 from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
@@ -16,12 +17,16 @@ from bms_gateway.errors import ConfigError, did_you_mean
 from bms_gateway.frames.bits import BitFields
 from bms_gateway.frames.database import Database
 from bms_gateway.frames.e2e import COUNTER_STATES, id_crc, protect
+from bms_gateway.frames.quality import Quality
 from bms_gateway.frames.signal_info import MessageInfo, SignalInfo, j1939_limits
 
-__all__ = ["Encoder"]
+__all__ = ["LARGEST_BITS", "Encoder", "not_available"]
 
 Index = NDArray[np.intp]
 T = TypeVar("T")
+
+LARGEST_BITS = 53
+"""Of an integer that every float64 holds exactly."""
 MAX_ROWS = 4096
 """More layouts than this of one message come from independent multiplexers whose product nobody sends."""
 
@@ -61,6 +66,8 @@ class Encoder:
     database : Database
     messages : sequence of str
         Names of the messages to send.
+    missing : mapping of str to float, optional
+        Raw values that stand for no measurement, by "Message.Signal", where the signal itself has none.
 
     Attributes
     ----------
@@ -77,7 +84,9 @@ class Encoder:
         An unknown message, a signal with scale 0, or a message with too many multiplexer combinations.
     """
 
-    def __init__(self, database: Database, messages: Sequence[str]) -> None:
+    def __init__(
+        self, database: Database, messages: Sequence[str], missing: Mapping[str, float] = MappingProxyType({})
+    ) -> None:
         infos = [database.message(name) for name in messages]
         self._row: dict[tuple[str, tuple[int, ...]], int] = {}
         self._columns: list[dict[str, int]] = []
@@ -100,7 +109,9 @@ class Encoder:
             _write_switches(base, message, values)
         flat = [s for _, _, c in rows for s in c]
         self._fields = BitFields.build([s.place for s in flat], words)
-        self._numbers = np.array([_raw(s) for s in flat], np.float64).reshape(-1, len(_Raw._fields))
+        self._numbers = np.array([_raw(s, missing.get(s.path)) for s in flat], np.float64).reshape(
+            -1, len(_Raw._fields)
+        )
         # one field more, of no bits, for the columns that a row leaves empty
         self._field = np.full((len(rows), self.width), len(flat), np.intp)
         starts = np.cumsum([0, *(len(c) for _, _, c in rows)])
@@ -152,8 +163,9 @@ class Encoder:
         ----------
         rows : ndarray of intp (N,)
         values : ndarray of float64 (N, S)
-            Physical values. NaN leaves as not available; what is outside the valid range, or infinite, too, or for
-            signals without that convention as the nearest limit (NaN: the start value, else 0).
+            Physical values. NaN leaves as not available (`not_available`); where a signal cannot say so, as its
+            value of `missing`, else as the start value, else 0. What is outside the valid range, or infinite, leaves
+            as not available by the J1939 convention, else as the nearest limit.
         error : ndarray of bool (N, S), optional
             Send the error value instead, where the signal has one.
 
@@ -277,21 +289,32 @@ def _write_switches(base: NDArray[np.uint8], message: MessageInfo, chosen: Mappi
             base[byte] |= ((value >> k) & 1) << bit
 
 
-def _raw(s: SignalInfo) -> _Raw[float]:
-    """Tell what a signal can carry, and what is sent in place of what it cannot."""
+def not_available(s: SignalInfo) -> float | None:
+    """Give the raw value that says "no measurement" by J1939, the value table or IEEE 754; None where none does."""
+    if s.j1939:
+        return float((1 << s.place.size) - 1)
+    if s.is_float:
+        return math.nan
+    return next((float(raw) for raw, quality in s.labelled.items() if quality is Quality.NOT_AVAILABLE), None)
+
+
+def _raw(s: SignalInfo, unknown: float | None) -> _Raw[float]:
+    """Tell what a signal can carry, and what is sent in place of what it cannot; `unknown` instead of a start value."""
     least, most = s.raw_limits
     if s.is_float:
         widest = float(np.finfo(np.float32 if s.place.size == 32 else np.float64).max)
         least, most = -widest, widest
-    elif s.place.size > 53:
+    elif s.place.size > LARGEST_BITS:
         # the largest float64 below the limit, which is itself none: it would round up and overflow
         most = math.nextafter(most, 0.0)
     low, high = max(s.raw_valid[0], least), min(s.raw_valid[1], most)
     if low > high:
         low, high = least, most
-    if s.j1939:
+    missing = not_available(s)
+    if s.j1939 and missing is not None:
         error_from = j1939_limits(s.place.size)[0]
-        missing = float((1 << s.place.size) - 1)
         return _Raw(s.scale, s.offset, low, high, missing, missing, missing, failed=float(error_from))
     start = 0.0 if s.start_raw is None else min(max(s.start_raw, least), most)
-    return _Raw(s.scale, s.offset, low, high, below=low, above=high, missing=start, failed=start)
+    if missing is None:
+        missing = start if unknown is None else unknown
+    return _Raw(s.scale, s.offset, low, high, below=low, above=high, missing=missing, failed=start)

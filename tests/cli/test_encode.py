@@ -131,6 +131,46 @@ def test_a_column_without_a_value_is_told(tmp_path, capsys, row, column):
     ]
 
 
+def test_a_blank_is_no_measurement_where_a_signal_cannot_say_not_available(tmp_path):
+    """Blank currents once left as 0 A, and 40 A that the table did not show: heat that the gateway never saw."""
+    table = put(tmp_path, [f"{t},{'' if 20 <= t < 40 else 10},25,26,27,28" for t in range(60)])
+    log, config = tmp_path / "a.log", write(tmp_path, MAPPED)
+    assert main(["encode", table, *words_of(config, log)]) == 0
+    got = decode(log, config)
+    time, mA = got["Pack.Current"]
+    assert np.all(mA == -10_000.0)
+    assert not np.any((time > 21.0) & (time < 40.0))
+    assert np.any(time < 20.0)
+    assert np.any(time > 41.0)
+    assert np.all(got["Pack.Voltage"][1] > 600_000)  # the table has no voltage: outside the range of the DBC
+    assert np.all(got["Pack.Soc"][1] > 100)
+
+
+def test_a_sensor_without_values_makes_no_alert(tmp_path, capsys):
+    table = put(tmp_path, [f"{t},5,25,26,,28" for t in range(120)])
+    log, config = tmp_path / "a.log", write(tmp_path, MAPPED)
+    assert main(["encode", table, *words_of(config, log)]) == 0
+    assert "surface_3_C has no values: no measurement of it is sent" in capsys.readouterr().err
+    assert main(["analyze", str(log), "--config", str(config), "--out", str(tmp_path / "results")]) == 0
+    alerts = (tmp_path / "results" / "alerts.jsonl").read_text()
+    assert '"heat' not in alerts
+    assert '"alarm"' not in alerts
+
+
+@pytest.mark.parametrize(
+    ("row", "column", "signal"), [("5,25", "coolant_flow_m3_s", "Pack.Flow"), (",25", "current_A", "Pack.Current")]
+)
+def test_a_table_is_refused_where_a_blank_could_only_be_sent_as_a_measurement(tmp_path, capsys, row, column, signal):
+    log, config = tmp_path / "a.log", write(tmp_path, MAPPED)
+    vehicle = tmp_path / "vehicle.dbc"
+    if column == "coolant_flow_m3_s":
+        vehicle.write_text(vehicle.read_text().replace("[0|25]", "[0|0]"))
+    table = put(tmp_path, [f"{t},{row},26,27,28" for t in range(10)])
+    assert main(["encode", table, *words_of(config, log)]) == 2
+    assert f"{column} has no values, {signal} cannot say so" in capsys.readouterr().err
+    assert not log.exists()
+
+
 def test_the_same_table_gives_the_same_bytes(tmp_path, table):
     config = write(tmp_path, OWN)
     logs = [tmp_path / "a.log", tmp_path / "b.log"]
@@ -336,7 +376,7 @@ def test_times_that_are_no_seconds_are_refused_and_the_old_log_stays(tmp_path, c
     assert log.read_text() == "old"
 
 
-ROW = "time_s,current_A,coolant_inlet_C,surface_1_C,surface_3_C,surface_5_C\n0,1,2,3,4,5\n"
+ROW = "time_s,current_A,coolant_inlet_C,surface_1_C,surface_3_C,surface_5_C\n0,1,2,3,4,5\n1,1,2,3,4,5\n"
 
 
 @pytest.mark.parametrize(
