@@ -249,13 +249,13 @@ def _with_numbers(d: Diagnosis, model: StringModel, records: Sequence[Record]) -
 
 def _rows_are_open(found: Search, records: Sequence[Record]) -> bool:
     """Whether steps of the current between its rows explain the records better than the effects of the search."""
-    most = left_open(found.baseline, [r.sampling.doubt for r in records])
-    if most < MATTERS * noise_floor(found.baseline, ~stacked(found.baseline.problem)[4]):
+    most, used = left_open(found.baseline, [r.sampling.doubt for r in records]), stacked(found.baseline.problem)[4]
+    if most < MATTERS * noise_floor(found.baseline, ~used):
         return False
     fits = (found.baseline, found.final) if found.chosen else (found.baseline,)
     held = within(found.baseline)
     odds = [f.log_evidence + log_density(f, held) for f in fits]
-    return max(o + shows_steps(f, records) for o, f in zip(odds, fits, strict=True)) > odds[-1] + SHOWN
+    return max(o + shows_steps(f, records, used | held) for o, f in zip(odds, fits, strict=True)) > odds[-1] + SHOWN
 
 
 def _heat_by_voltage(ready: Sequence[Measured]) -> bool:
