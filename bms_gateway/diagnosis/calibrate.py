@@ -121,10 +121,10 @@ def identify(model: StringModel, records: Sequence[Record], *, core: bool = Fals
 
     If the model cannot follow the surfaces to within their noise, the fit allows for a model error. Without it, the
     missing effect would count as white noise: it would move the numbers, and with them the core, far from the truth,
-    with small standard deviations. If the model has no effects, the numbers then come from the windows of the live
-    method (`record_windows`); otherwise, what the model error leaves that is not white lowers the weight of the data
-    once more (`posterior`). If the rows of the current lie so far apart that no window can use them, nothing is
-    learnt from the records.
+    with small standard deviations. The numbers then come from the windows of the live method (`record_windows`), if the
+    effects of the model change nothing but the heat in the cores and the inputs. Otherwise, what the model error leaves
+    that is not white lowers the weight of the data once more (`posterior`). If the rows of the current lie so far apart
+    that no window can use them, nothing is learnt from the records.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ def identify(model: StringModel, records: Sequence[Record], *, core: bool = Fals
     bench = Bench([held_out(averaged(m, settings)) for m in ready], settings)
     problem = Problem(start, bench.records, bench.beliefs)
     found = fit_with_error(bench, problem, problem.begin, LAST_DIGITS if start.effects else TO_THE_END)
-    known = None if start.effects else learned(start, ready)
+    known = learned(start, ready, seen_on(found.map, ready) if start.effects else None)
     if known is None and hopeless:
         known = untaught(start)
     if known is None:
