@@ -66,7 +66,7 @@ def test_what_is_tied_is_said_of_the_effect_that_it_looks_like():
 
 
 def test_what_is_called_explained_is_told_with_the_error_that_was_judged():
-    """A sentence said "explains these readings: 0.42 K, noise 0.1 K": the error was that of numbers held near a file."""
+    """It said "explains these readings: 0.42 K, noise 0.1 K": the error was that of numbers held near a file."""
     white = Structure(0.0, 0.0, 1.0)
     judged = Errors(0.105, 0.108, 0.101, white)
     same = nothing_missing(judged, judged, closest=judged)
