@@ -112,6 +112,11 @@ class WindowJob:
 class WindowIdentifier:
     """Windowed maximum a posteriori identification of one string.
 
+    Attributes
+    ----------
+    now : WindowNow
+        The window under way.
+
     References
     ----------
     Lin et al., Eq 1, 16–18 for the model; the method is ours, in place of Eq 5.
@@ -137,7 +142,7 @@ class WindowIdentifier:
         self._doubt = 1.0
         self._out: Literal["", "window", "look"] = ""
         self._end: Floats | None = None
-        self._now = WindowNow()
+        self.now = WindowNow()
 
     def add(self, tick: Tick) -> WindowJob | None:
         """Take in one tick.
@@ -148,31 +153,31 @@ class WindowIdentifier:
             A job when a window is full, or when a gap ends one that is long enough.
         """
         job = None
-        if tick.dt > GAP_S or self._now.steps_otherwise(tick.dt):
+        if tick.dt > GAP_S or self.now.steps_otherwise(tick.dt):
             job = self._close()
-        taken = self._now.add(tick)
+        taken = self.now.add(tick)
         if taken == "lost":
             return job or self._close()
         if taken == "waits":
             return job
-        length = len(self._now.square) * tick.dt
+        length = len(self.now.square) * tick.dt
         if length >= self._settings.window_s - 1e-6:
             return self._close(full=True)
-        if not self._windows and not self._now.looked and length >= self._settings.first_look_s - 1e-6:
+        if not self._windows and not self.now.looked and length >= self._settings.first_look_s - 1e-6:
             return self._look()
         return job
 
     def patience(self, dt: float) -> int:
         """Tell how many regular ticks `take` may bring before one must come by `add`: none of them ends a window."""
-        if not self._now.inlet or self._now.steps_otherwise(dt):
+        if not self.now.inlet or self.now.steps_otherwise(dt):
             return 0
         known = self._settings
-        ahead = known.window_s if self._windows or self._now.looked else min(known.first_look_s, known.window_s)
-        return before_full(ahead, len(self._now.square), dt)
+        ahead = known.window_s if self._windows or self.now.looked else min(known.first_look_s, known.window_s)
+        return before_full(ahead, len(self.now.square), dt)
 
     def take(self, ticks: Ticks) -> None:
         """Take in regular ticks, no more than `patience` says; the same as adding them one by one."""
-        self._now.take(ticks)
+        self.now.take(ticks)
 
     def finish(self) -> WindowJob | None:
         """End the window under way, as a gap does."""
@@ -191,7 +196,7 @@ class WindowIdentifier:
 
     def _look(self) -> WindowJob | None:
         """Look at the window so far; it goes on."""
-        self._now.looked = True
+        self.now.looked = True
         job = self._close(look=True)
         if job is not None:
             self._out = "look"
@@ -199,9 +204,9 @@ class WindowIdentifier:
 
     def _close(self, full: bool = False, look: bool = False) -> WindowJob | None:
         """End the window, or `look` at it; a job if it is long enough and warm enough and none is under way."""
-        now = self._now
+        now = self.now
         if not look:
-            self._now = WindowNow()
+            self.now = WindowNow()
         if not now.square or now.length_s < self._settings.shortest_s or self._out:
             return None
         window, measured = now.window()
@@ -221,7 +226,7 @@ class WindowIdentifier:
             evidence = evidence.forget(along, steps)
         self._out = "window"
         if full:  # the next window runs on from this one's last instant
-            self._now = WindowNow([float(window.inlet[-1])], joined=True)
+            self.now = WindowNow([float(window.inlet[-1])], joined=True)
         start = self._end if now.joined else None
         known = self._settings
         return WindowJob(self._model, window, evidence, self._guess, start, known.root, known.model_sd, known.carried)
@@ -341,7 +346,7 @@ class WindowIdentifier:
         self._windows, self._from_voltage = int(state["windows"]), bool(state["from_voltage"])
         self._gain, self._gain_cov, self._doubt = float(state["gain"]), vectors["gain_cov"], float(state["doubt"])
         self._out = ""
-        self._now = WindowNow()
+        self.now = WindowNow()
 
 
 def _since(model: StringModel) -> dict[str, Prior]:
