@@ -3,10 +3,12 @@
 import os
 import re
 import signal
+import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from stat import S_ISREG
+from types import FrameType
 from typing import BinaryIO, Final
 
 from bms_gateway.folders import open_folder
@@ -31,7 +33,8 @@ def taken_back(folder: Path) -> Iterator[None]:
     with ExitStack() as stack:
         before = _files(folder, stack)
         try:
-            yield
+            with _interrupts_kept():
+                yield
         except BaseException:
             with _undisturbed():
                 _restore(folder, before)
@@ -84,6 +87,28 @@ def _same(path: Path, file: BinaryIO) -> bool:
         return os.path.samestat(path.stat(), os.fstat(file.fileno()))
     except OSError:
         return False
+
+
+@contextmanager
+def _interrupts_kept() -> Iterator[None]:
+    """Raise an interrupt again at the end where what is within has swallowed it, as some libraries do when loaded."""
+    seen: list[int] = []
+
+    def interrupt(number: int, _: FrameType | None) -> None:
+        seen.append(number)
+        raise KeyboardInterrupt
+
+    heeded = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    if not heeded or threading.current_thread() is not threading.main_thread():
+        yield  # the caller handles the signals
+        return
+    signal.signal(signal.SIGINT, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    if seen:
+        raise KeyboardInterrupt
 
 
 @contextmanager

@@ -1,11 +1,14 @@
 """Ctrl-C at any moment: the folder holds all of a new setup, or is as it was."""
 
 import os
+import signal
+from contextlib import suppress
 
 import pytest
 
 from bms_gateway.cli.main import main
 from bms_gateway.config import shipped
+from bms_gateway.setup.taken_back import taken_back
 
 LOG = shipped("deploy/worked/drive.log.gz")
 DBC = shipped("deploy/worked/vehicle.dbc")
@@ -83,3 +86,21 @@ def test_a_config_is_not_kept_again_where_nothing_is_written(tmp_path):
     (tmp_path / "gateway.toml").write_text("# mine")
     assert main(["init", str(LOG), "--out", str(tmp_path), "--yes"]) == 1
     assert {p.name for p in tmp_path.iterdir()} == {"gateway.toml", "guessed.dbc"}
+
+
+def swallow(folder):
+    with taken_back(folder):
+        with suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        (folder / "gateway.toml").write_text("# new")
+
+
+def test_an_interrupt_that_a_library_swallows_is_heeded(tmp_path):
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            swallow(tmp_path)
+        assert list(tmp_path.iterdir()) == []
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGINT, before)
