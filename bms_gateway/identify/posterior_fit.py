@@ -109,6 +109,7 @@ def fit_window(
     root: Root = "both",
     model_sd: float = MODEL_SD,
     carried: float = 1.0,
+    least_doubt: float = 1.0,
 ) -> Fit:
     """Fit one window.
 
@@ -128,6 +129,8 @@ def fit_window(
         White error of the model itself.
     carried : float
         Size of the carried effects, in their own sd.
+    least_doubt : float
+        Least factor by which the noise is raised.
 
     References
     ----------
@@ -148,7 +151,7 @@ def fit_window(
         point = problem.minimise(point.phi, point.xi, sizes, 1.0, 10)
     point, mean, cov, other = _both_roots(problem, point, sizes, root)
     doubt = 1.0
-    least = max(sizes.slow / SOUND_SLOW, float(np.sqrt(sizes.walk / SOUND_WALK)))
+    least = max(sizes.slow / SOUND_SLOW, float(np.sqrt(sizes.walk / SOUND_WALK)), least_doubt)
     for _ in range(TRIES):
         factor = max(problem.noisier(point, mean[:p], sizes), least / doubt)
         if factor <= 1.0 + ALMOST:

@@ -100,12 +100,13 @@ class WindowJob:
     root: Root
     model_sd: float
     carried: float
+    least_doubt: float
 
     def run(self) -> Fit:
         """Fit; the same job gives the same result to the last bit."""
         return fit_window(
             self.model, self.window, self.evidence, self.guess, self.start, root=self.root, model_sd=self.model_sd,
-            carried=self.carried,
+            carried=self.carried, least_doubt=self.least_doubt,
         )  # fmt: skip
 
 
@@ -229,7 +230,11 @@ class WindowIdentifier:
             self.now = WindowNow([float(window.inlet[-1])], joined=True)
         start = self._end if now.joined else None
         known = self._settings
-        return WindowJob(self._model, window, evidence, self._guess, start, known.root, known.model_sd, known.carried)
+        # a model that was wrong a window ago is not right because it fits this one
+        least_doubt = float(np.sqrt(self._doubt))
+        return WindowJob(
+            self._model, window, evidence, self._guess, start, known.root, known.model_sd, known.carried, least_doubt
+        )
 
     def accept(self, result: Fit) -> None:
         """Take back the result of the last job."""

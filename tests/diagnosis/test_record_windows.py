@@ -56,12 +56,16 @@ WITH = [
     ("resistance_soc", "radial_gradient", 1, 42),
     ("resistance_temperature", "radial_gradient", 5, 41),
     ("entropic_heat", "ambient_loss", 5, 42),
+    ("resistance_asymmetry", "natural_convection", 5, 42),
 ]
 
 
 @pytest.mark.parametrize(("has", "lacks", "cells", "seed"), WITH)
 def test_nor_of_a_model_that_has_an_effect_already(has, lacks, cells, seed):
-    """Numbers of a whole record with a model error: cores 6 to 13 K off, 3 to 31 % inside their band."""
+    """Numbers of a whole record with a model error: cores 6 to 13 K off, 3 to 31 % inside their band.
+
+    In the last case, windows that fit came after two that did not, and were believed: 10 K off, 3 % inside.
+    """
     sensors = (1,) if cells == 1 else (1, 3, 5)
     both = {has: ("medium", None), lacks: ("strong", None)}
     log = make_log(Scenario(both, cells, sensors, noise=0.05, step=0.1, cycle="mixed", seed=seed, columns=("soc",)))
