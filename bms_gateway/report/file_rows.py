@@ -22,6 +22,7 @@ from bms_gateway.thermal import Floats
 CHUNK: Final = 1 << 18  # bytes of text per block; its cells need some megabytes
 LONGEST_LINE: Final = 1 << 17  # bytes; the names of all columns of a thousand cells have half of it
 MOST_COLUMNS: Final = 10_000  # three for each of a thousand cells, and as many again with other names
+LONGEST_NAME: Final = 500  # characters of a column's name: a path through the messages of a bus has half of it
 MOST_IDLE: Final = 1_000_000  # lines in a row that are blank or remarks
 BATCH: Final = 1 << 14  # rows of Parquet
 MOST_SAMPLED: Final = 2000  # rows from which the form of times is found
@@ -133,8 +134,7 @@ class _Csv:
         number, head = int(first.number[0]), first.text[0]
         self._mark = mark_of(first.text[:20])
         self.names = [name.strip() for name in self._cells(first.only(1), None)]
-        if len(self.names) > MOST_COLUMNS:
-            raise DataError(f"{path}: line {number}: {len(self.names):,} columns, more than {MOST_COLUMNS:,}")
+        _refuse_long_head(f"{path}: line {number}", self.names)
         twice = next((name for name, count in Counter(self.names).items() if name and count > 1), None)
         if twice is not None:
             raise DataError(f"{path}: line {number}: column {twice!r} stands there twice")
@@ -207,7 +207,7 @@ class _Csv:
                 first = number
                 yield lines
             if len(carry) > LONGEST_LINE:
-                raise DataError(f"{self.path}: line {number}: no end of line in {LONGEST_LINE >> 10} KiB: not a table")
+                raise self._endless(number)
             if number - first > MOST_IDLE:
                 raise DataError(f"{self.path}: line {number}: a million lines without a row: not a table")
         lines, _ = self._text(carry, number, read)
@@ -227,6 +227,8 @@ class _Csv:
 
     def _cells(self, lines: "_Lines", width: int | None) -> list[str]:
         """Give the cells of lines one after the other, `width` in each line where that is known."""
+        if max(map(len, lines.text)) > LONGEST_LINE:
+            raise self._endless(next(n for n, x in zip(lines.number, lines.text, strict=True) if len(x) > LONGEST_LINE))
         mark, text = self._mark, self._mark.join(lines.text)
         if '"' not in text:
             wide = [line.count(mark) + 1 for line in lines.text] if width else []
@@ -245,6 +247,9 @@ class _Csv:
             raise DataError(f"{self.path}: line {lines.number[k]}: {wide[k]} columns, the header has {width}{why}")
         return cells
 
+    def _endless(self, number: int) -> DataError:
+        return DataError(f"{self.path}: line {number}: no end of line in {LONGEST_LINE >> 10} KiB: not a table")
+
     def _quoted(self, number: int, line: str) -> list[str]:
         try:
             return next(csv.reader([line], delimiter=self._mark))
@@ -259,8 +264,8 @@ class _Csv:
         except ValueError as e:
             at = int(e.args[0])
             raise DataError(
-                f"{self.path}: line {lines[at]}: column {column!r}: {cells[at].strip()[:40]!r} is no time as those "
-                f"before it ({dates[column].name})"
+                f"{self.path}: line {lines[at]}: column {column!r}: {cells[at].strip()[:40]!r} is no time; the "
+                f"column has {dates[column].name}"
             ) from None
 
     def _numbers(self, column: str, cells: list[str], lines: NDArray[np.int64]) -> Floats:
@@ -299,6 +304,18 @@ class _Csv:
         return DataError(f"{self.path}: line {line}: column {column!r}: {cell.strip()[:40]!r} is not a number")
 
 
+def _refuse_long_head(where: str, names: Sequence[str]) -> None:
+    """Refuse more columns, or longer names of them, than any table has."""
+    if len(names) > MOST_COLUMNS:
+        raise DataError(f"{where}: {len(names):,} columns, more than {MOST_COLUMNS:,}")
+    for at, name in enumerate(names, 1):
+        if len(name) > LONGEST_NAME:
+            raise DataError(
+                f"{where}: the name of column {at}, {name[:40]!r} …, has {len(name):,} characters; at most "
+                f"{LONGEST_NAME} are read: shorten it"
+            )
+
+
 def _head(source: Any) -> bytes:
     """Read the first bytes, which tell the kind of a file; gzip data may come in small pieces."""
     head = b""
@@ -316,6 +333,7 @@ class _Parquet:
         self.path = path
         self._file, self._numeric = file, numeric
         self.names: list[str] = list(file.schema_arrow.names)
+        _refuse_long_head(str(path), self.names)
         self.units: list[str] | None = None
         self.notes: list[str] = []
         self._epoch: Any = None
