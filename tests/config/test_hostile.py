@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from bms_gateway.cli.main import main
-from bms_gateway.config import bounds, load_config, toml
+from bms_gateway.config import bounds, load_config, text_file
 from bms_gateway.config.bounds import bounded
 from bms_gateway.errors import ConfigError
 from tests.config.files import DBC, MAPPED, write
@@ -96,7 +96,7 @@ def test_a_file_that_never_ends_is_not_taken_in(capsys):
 
 def test_a_pipe_into_which_nobody_writes_is_given_up(tmp_path, monkeypatch, capsys):
     """`check` waited for its end for ever."""
-    monkeypatch.setattr(toml, "READ_S", 0.5)
+    monkeypatch.setattr(text_file, "READ_S", 0.5)
     os.mkfifo(tmp_path / "gateway.toml")
     assert main(["check", str(tmp_path / "gateway.toml")]) == 2
     assert "it came to no end in 0.5 s" in one_line_of(capsys)
