@@ -19,6 +19,8 @@ RECORDS = {
         "No surface temperature moves by more than 0.0 times the error of a reading: nothing can be learnt",
     ),
 }
+NONE_FITTED = "Outside the parts of the record that are held out, no sensor has more than {} readings, 12 are the least"
+NONE_HELD = "The parts of the record that are held out have 0 readings, 3 are the least"
 
 
 @pytest.fixture(params=RECORDS)
@@ -52,3 +54,26 @@ def test_compare_shows_the_model_of_the_file_and_says_first_what_is_wrong(record
     assert "nothing can be learnt from them" in out
     assert "The same model, refitted" not in out
     assert "nothing to compare" not in out
+
+
+@pytest.mark.parametrize(
+    ("first_s", "last_s", "says"),
+    [
+        (270, 380, NONE_FITTED.format(0)),
+        (1060, 1199, NONE_FITTED.format(0)),
+        (100, 111, NONE_FITTED.format(11)),
+        (9, 200, NONE_HELD),
+    ],
+)
+def test_too_few_readings_are_one_line_of_every_command(tmp_path, first_s, last_s, says):
+    """Where all lay in the parts that are held out, the residual of the fit had no parts to look at: a traceback."""
+    head = HEAD.removesuffix(",surface_3_C,surface_5_C")
+    surface = np.where((first_s <= T) & (last_s > T), WAVE, np.nan)
+    text = [f"{t:g},{10 * (t % 90 < 40)},25,{'' if np.isnan(y) else y}" for t, y in zip(T, surface, strict=True)]
+    (tmp_path / "a.csv").write_text("\n".join([head, *text]))
+    (tmp_path / "model.toml").write_text(EXAMPLE)
+    words = tmp_path / "a.csv", "--model", tmp_path / "model.toml"
+    for command, more in (("compare", ()), ("diagnose", ()), ("fit", ("--out", tmp_path / "o.toml"))):
+        status, _, err = call(command, *words, *more)
+        assert status == 2
+        assert says in err.splitlines()[-1], command
