@@ -89,3 +89,28 @@ def test_what_is_no_time_of_one_measurement_is_told_however_it_is_written(tmp_pa
         read_measurements([file], model=MODEL)
     assert says in str(told.value)
     assert ("milliseconds" in str(told.value)) == (times[0] != "0001-01-01")
+
+
+@pytest.mark.parametrize(
+    ("unit", "first", "says"),
+    [
+        ("ns", 1_767_225_600_000_000_001, "2026-01-01 00:00:00"),
+        ("ms", 1_767_225_600_250, "2026-01-01 00:00:00.250000"),
+        ("s", 1 << 40, "1.09951e+12 s after 1970"),
+        ("s", -(1 << 40), "-1.09951e+12 s after 1970"),
+        ("us", -62_135_596_800_000_000, "0001-01-01 00:00:00"),
+    ],
+)
+@pytest.mark.parametrize("zone", [None, "America/New_York"])
+def test_stamps_of_parquet_may_have_nanoseconds_and_any_year(tmp_path, unit, first, says, zone):
+    """Dates of Python can hold neither: a traceback."""
+    pyarrow = pytest.importorskip("pyarrow")
+    pq = pytest.importorskip("pyarrow.parquet")
+    step = {"s": 1, "ms": 500, "us": 500_000, "ns": 500_000_000}[unit]
+    stamps = pyarrow.array([first + k * step for k in range(5)], pyarrow.timestamp(unit, tz=zone))
+    file = tmp_path / "t.parquet"
+    pq.write_table(pyarrow.table({"time_s": stamps, "current_A": [1.0] * 5, "coolant_inlet_C": [25.0] * 5}), file)
+    t = read_table(file)
+    assert t.time_s == pytest.approx(np.arange(5) * (1.0 if unit == "s" else 0.5), abs=1e-9)
+    assert t.notes == (f"'time_s' has dates: time_s is counted from its first row, {says}",)
+    assert t.dated
