@@ -65,7 +65,7 @@ def check_seconds(table: Table) -> None:
     elif step >= WIDEST_STEP_S:
         seen = f"goes on by {step:g} from row to row, where less than {WIDEST_STEP_S:g} s are needed"
     elif t[-1] - t[0] > LONGEST_S:
-        seen = f"spans {(t[-1] - t[0]) / 86_400:.6g} days, more than the {LONGEST_S // 86_400} that one table may"
+        seen = f"spans {(t[-1] - t[0]) / 86_400:.3g} days, more than the {LONGEST_S // 86_400} that one table may"
     elif len(t) >= MANY_ROWS and step < LEAST_STEP_S and not table.dated:
         raise DataError(
             f"{table.source}: time_s looks like hours or days, it must be in seconds: {len(t)} rows span "
