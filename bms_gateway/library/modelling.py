@@ -264,7 +264,7 @@ def compare(model: StringModel, records: Records) -> Compared:
     Raises
     ------
     DataError
-        The records are too short to be compared.
+        The records are too short or have too few readings to be compared.
     """
     some = _several(records)
     findings, notes = findings_and_notes(model, some)

@@ -71,6 +71,8 @@ def test_notes_come_and_go_over_the_wire_and_stay_what_they_were(pack):
     [
         {},
         {"workbench_session": 2, "files": {}},
+        {"workbench_session": True, "files": {}},
+        {"workbench_session": 1.0, "files": {}},
         {"workbench_session": 1, "files": []},
         {"workbench_session": 1, "files": {}, "added": [{"effects": "a"}]},
         {"workbench_session": 1, "files": {}, "added": [{"effects": []}]},
