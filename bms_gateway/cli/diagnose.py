@@ -24,9 +24,9 @@ def arguments(parser: Parser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Diagnose; exit status 0 for every verdict but that of insufficient data, which is an error."""
+    """Diagnose; exit status 0 for every verdict, an error for records that are too short for a verdict."""
     from bms_gateway.library.modelling import diagnose
-    from bms_gateway.report.examine import sound
+    from bms_gateway.report.examine import long_enough
     from bms_gateway.report.progress import share_of
 
     model = given_model(args)
@@ -45,5 +45,5 @@ def run(args: argparse.Namespace) -> int:
         write_json(args.json, found.document())
     say(str(found), args.json)
     if told.diagnosis is None:
-        sound(told.findings)
+        long_enough(told.findings)
     return 0
