@@ -61,7 +61,7 @@ def test_what_no_file_should_hold_is_told_in_one_line(name, tmp_path, capsys):
 
 @pytest.mark.parametrize("name", SLOW)
 def test_what_takes_too_long_or_too_much_is_given_up(name, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(bounds, "READ_S", 0.3)
+    monkeypatch.setattr(bounds, "READ_S", 0.1)
     files, says = SLOW[name]
     path = lay(tmp_path, files)
     began = time.process_time()
