@@ -41,7 +41,7 @@ import numpy as np
 from bms_gateway.identify.doubt import HOPELESS
 from bms_gateway.identify.identifiable import alias, fold_distance, lumped, lumped_jacobian
 from bms_gateway.identify.window_evidence import Evidence
-from bms_gateway.identify.window_problem import ANNEAL, MODEL_SD, Point, Problem, Sizes, V, Window
+from bms_gateway.identify.window_problem import ANNEAL, Point, Problem, Sizes, V, Window
 from bms_gateway.thermal import Floats, StringModel
 
 Root = Literal["both", "smaller", "larger"]
@@ -99,21 +99,11 @@ class Fit:
     doubt: float
 
 
-def fit_window(
-    model: StringModel,
-    window: Window,
-    evidence: Evidence,
-    guess: Floats,
-    start: Floats | None,
-    *,
-    root: Root = "both",
-    model_sd: float = MODEL_SD,
-    carried: float = 1.0,
-    least_doubt: float = 1.0,
-) -> Fit:
-    """Fit one window.
+@dataclass(frozen=True, slots=True)
+class WindowJob:
+    """Fit of one window, complete in itself.
 
-    Parameters
+    Attributes
     ----------
     model : StringModel
     window : Window
@@ -131,17 +121,36 @@ def fit_window(
         Size of the carried effects, in their own sd.
     least_doubt : float
         Least factor by which the noise is raised.
-
-    References
-    ----------
-    Lin et al., Eq 1, 9, 16–18 for the model; the method is ours.
     """
-    problem = Problem(model, window, evidence, start, carried)
+
+    model: StringModel
+    window: Window
+    evidence: Evidence
+    guess: Floats
+    start: Floats | None
+    root: Root
+    model_sd: float
+    carried: float
+    least_doubt: float
+
+    def run(self) -> Fit:
+        """Fit; the same job gives the same result to the last bit.
+
+        References
+        ----------
+        Lin et al., Eq 1, 9, 16–18 for the model; the method is ours.
+        """
+        return _fitted(self)
+
+
+def _fitted(job: WindowJob) -> Fit:
+    model, root = job.model, job.root
+    problem = Problem(model, job.window, job.evidence, job.start, job.carried)
     p = problem.p
-    phi, xi = np.array(guess, dtype=np.float64), problem.xi0
-    floor = problem.error_floor(model_sd)
+    phi, xi = np.array(job.guess, dtype=np.float64), problem.xi0
+    floor = problem.error_floor(job.model_sd)
     sizes = Sizes(floor, 0.05, 100.0, 0.1)
-    for scale in () if evidence.info.any() else ANNEAL:
+    for scale in () if job.evidence.info.any() else ANNEAL:
         point = problem.minimise(phi, xi, sizes, scale, 6)
         phi, xi = point.phi, point.xi
     point = problem.minimise(phi, xi, sizes, 1.0, 10)
@@ -151,7 +160,7 @@ def fit_window(
         point = problem.minimise(point.phi, point.xi, sizes, 1.0, 10)
     point, mean, cov, other = _both_roots(problem, point, sizes, root)
     doubt = 1.0
-    least = max(sizes.slow / SOUND_SLOW, float(np.sqrt(sizes.walk / SOUND_WALK)), least_doubt)
+    least = max(sizes.slow / SOUND_SLOW, float(np.sqrt(sizes.walk / SOUND_WALK)), job.least_doubt)
     for _ in range(TRIES):
         factor = max(problem.noisier(point, mean[:p], sizes), least / doubt)
         if factor <= 1.0 + ALMOST:

@@ -26,12 +26,12 @@ from bms_gateway.identify.contract import (
     not_identifiable,
 )
 from bms_gateway.identify.identifiable import C_C, R_C, R_E, R_U, fold_distance, fold_gradient, lumped_jacobian
-from bms_gateway.identify.posterior_fit import Fit, Root, fit_window
+from bms_gateway.identify.posterior_fit import Fit, Root, WindowJob
 from bms_gateway.identify.ticks import Ticks, before_full
 from bms_gateway.identify.unsized import as_shown, shown_sd
 from bms_gateway.identify.window_evidence import Evidence, departures
 from bms_gateway.identify.window_now import WindowNow
-from bms_gateway.identify.window_problem import MODEL_SD, WALK_S, Window
+from bms_gateway.identify.window_problem import MODEL_SD, WALK_S
 from bms_gateway.identify.window_readings import GAP_S
 from bms_gateway.thermal import HEAT_GAIN_SD, KINDS, Floats, Prior, StringModel
 
@@ -86,28 +86,6 @@ class Settings:
     root: Root = "both"
     carried: float = 1.0
     model_sd: float = MODEL_SD
-
-
-@dataclass(frozen=True, slots=True)
-class WindowJob:
-    """One window's fit, complete in itself."""
-
-    model: StringModel
-    window: Window
-    evidence: Evidence
-    guess: Floats
-    start: Floats | None
-    root: Root
-    model_sd: float
-    carried: float
-    least_doubt: float
-
-    def run(self) -> Fit:
-        """Fit; the same job gives the same result to the last bit."""
-        return fit_window(
-            self.model, self.window, self.evidence, self.guess, self.start, root=self.root, model_sd=self.model_sd,
-            carried=self.carried, least_doubt=self.least_doubt,
-        )  # fmt: skip
 
 
 class WindowIdentifier:
