@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from bms_gateway.errors import StateError
-from bms_gateway.observe.consider import Belief, conditioned
+from bms_gateway.observe.consider import Belief, Readings, conditioned
 from bms_gateway.observe.considered import Considered, Forced, Linearised, slopes_of_readings
 from bms_gateway.observe.covariance_steps import READ_WITHIN
 from bms_gateway.observe.effect_bands import deviations, unlike_of
@@ -172,17 +172,8 @@ class EffectObserver:
         if len(at):
             w = np.clip(np.nan_to_num(age[at]) / self._dt, 0.0, 1.0)
             r[0, at] = y[at] - ((1.0 - w) * seen[at] + w * self._seen[at])
-            after, r_sd[0, at] = conditioned(
-                before,
-                now,
-                tangent.Phi,
-                tangent.H[at],
-                self._G[at],
-                r[0, at],
-                w,
-                self._of.cov,
-                self._disturbance.sensor,
-            )
+            read = Readings(tangent.H[at], self._G[at], r[0, at], w, self._disturbance.sensor)
+            after, r_sd[0, at] = conditioned(before, now, tangent.Phi, read, self._of.cov)
         self._unread = np.where(np.isfinite(y[self._sensors]), 0.0, self._unread + self._dt)
         if not after.finite:  # no number of the model leads here but a senseless one: begin anew
             self._available = np.array(False)
