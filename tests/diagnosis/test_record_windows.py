@@ -98,6 +98,20 @@ def test_numbers_that_follow_the_surfaces_best_are_told_apart():
     assert best < believed
 
 
+def test_a_fit_of_the_same_effects_keeps_the_doubt_of_their_core():
+    """A fit of the file that `add` wrote took its doubt back: of the same numbers, ± 31 K became ± 4 K."""
+    both = {"resistance_temperature": ("medium", None), "radial_gradient": ("strong", None)}
+    log = make_log(Scenario(both, 1, (1,), noise=0.05, step=0.1, cycle="mixed", seed=41, columns=("soc",)))
+    record, model = record_of(log)
+    added = AddedEffect("resistance_temperature", None, {"B": 2500.0}, {"B": 1500.0})
+    once = fit(replace(model, effects=(added,)), record).model
+    assert once.posterior.not_proven
+    doubted = replace(once, posterior=replace(once.posterior, core_doubt=2.5))
+    again = fit(doubted, record)
+    assert again.model.posterior.core_doubt == 2.5
+    assert again.cores[0].total_K.mean() > 1.2 * fit(once, record).cores[0].total_K.mean()
+
+
 NOTHING_LEARNT = "These readings teach nothing: no number is known better than before."
 
 
