@@ -76,13 +76,11 @@ def test_the_same_holds_for_what_is_written():
 @pytest.mark.parametrize("case", CASES)
 def test_cores_lie_in_the_band_of_the_numbers(case):
     log, record, _, addition = step(*case)
-    for fit, stated in zip(addition.fits, addition.core, strict=True):
-        (band,), (told,) = core_bands(fit), stated.bands
+    for fit in addition.fits:
+        (band,) = core_bands(fit)
         true = np.stack([np.interp(band.time_s, record.instants, c) for c in log.core.T], axis=1)
         late = band.time_s > 600.0
-        assert np.mean(np.abs(told.T_c - true)[late] <= 2.0 * told.total_K[late]) >= 0.95
-        # of the numbers alone; the band that is stated of a core that is not proven is wider
-        assert np.mean(np.abs(band.T_c - true)[late] <= 2.0 * band.total_K[late]) >= 0.8
+        assert np.mean(np.abs(band.T_c - true)[late] <= 2.0 * band.total_K[late]) >= 0.9
 
 
 @pytest.mark.slow
