@@ -26,9 +26,8 @@ from bms_gateway.thermal.effects import EffectParameter, effect_named
 LEAST_STRUCTURE = 0.18
 """Structured error in units of the noise, and its z, above which a model does not explain the readings."""
 FOLLOWED = 0.007
-"""Share of the surfaces' range that a model with effects may miss beyond their noise and be fitted as a whole: two nodes
-are not exact to half a per cent. Fits that missed less had honest bands, simulated and measured; of those that missed
-more, half did not."""
+"""Share of the surfaces' range that a model with effects may miss beyond their noise and be fitted as a whole. Fits
+that missed less had honest bands, simulated and measured; of those that missed more, half did not."""
 UNTOLD, WEAK = 0.9, 0.5
 """Posterior sd over prior sd above which a number is not identifiable, or only weakly."""
 UNIDENTIFIABLE, AT_BOUND = "not identifiable", "at its bound: not believed"
@@ -157,7 +156,7 @@ def identify(model: StringModel, records: Sequence[Record], *, core: bool = Fals
         known = untaught(start)
     if known is None:
         return Identified(whole, fit, found.discrepancy.size)
-    believed = keeping(bench, found, known)
+    believed = keeping(bench, found, known, np.sqrt(np.diag(posterior(whole))) if start.effects else None)
     return Identified(seen_on(believed.map, ready), fit, believed.discrepancy.size)
 
 
@@ -171,7 +170,7 @@ def seen_on(fit: MapFit, records: Sequence[Measured]) -> MapFit:
 
 
 def _missed(fit: MapFit) -> float:
-    """What a fit misses of the surfaces beyond their noise, root mean square, as a share of their range."""
+    """Give the root mean square that a fit misses of the surfaces beyond their noise, as a share of their range."""
     y, sigma, _, _, used = stacked(fit.problem)
     excess = float(np.mean(np.square((y - fit.y)[used]) - np.square(sigma[used])))
     return float(np.sqrt(max(excess, 0.0)) / max(np.ptp(y[used]), 1e-9))

@@ -28,6 +28,9 @@ from bms_gateway.thermal.drive import Drive, Span
 
 HELD = 0.03
 """Share of a number's sd from the windows with which the fit of the rest keeps this number."""
+LEAST_SHARE = 0.5
+"""Of the sd by a fit of the whole record, below which windows do not know a number of a model with effects: the heat
+that they are given has the numbers of that fit in it."""
 MOST_CELLS = 24
 """Largest string that is learnt in this way: a window needs the response to each cell's departures, which takes ten
 seconds of CPU for 60 cells, four times as long as the rest."""
@@ -90,7 +93,7 @@ def untaught(model: StringModel) -> Posterior:
     return WindowIdentifier(model).posterior()
 
 
-def keeping(bench: Bench, fit: Fit, known: Posterior) -> Fit:
+def keeping(bench: Bench, fit: Fit, known: Posterior, whole_sd: Floats | None = None) -> Fit:
     """Give a fit the numbers that windows have found, and fit what is left.
 
     Parameters
@@ -100,14 +103,18 @@ def keeping(bench: Bench, fit: Fit, known: Posterior) -> Fit:
         Of the bench's records.
     known : Posterior
         By `learned` of the same records. Each of several records keeps the cooling of its own.
+    whole_sd : ndarray (P,), optional
+        sd of the coordinates by the fit of the whole record, where the windows have used that fit.
 
     Returns
     -------
     Fit
-        The marginal posterior of these numbers is `known`.
+        The marginal posterior of these numbers is `known`, widened by `whole_sd` (`LEAST_SHARE`).
     """
     old = fit.map.problem
     found = _in_coordinates(old, known)
+    if whole_sd is not None:
+        found = _no_narrower(found, whole_sd[found.at])
     held = {
         old.coordinates[i].name: Belief(float(x), float(HELD * np.sqrt(v)))
         for i, x, v in zip(found.at, found.mean, np.diag(found.covariance), strict=True)
@@ -134,6 +141,12 @@ def _in_coordinates(problem: Problem, known: Posterior) -> Found:
     bounds = [(problem.coordinates[i].lower, problem.coordinates[i].upper) for i in at]
     mean = np.clip(known.mean[mine] - median, *np.transpose(bounds)) if mine else np.zeros(0)
     return Found(at, mean, known.cov[np.ix_(mine, mine)])
+
+
+def _no_narrower(found: Found, sd: Floats) -> Found:
+    """Widen numbers whose sd is below `LEAST_SHARE` of `sd` (k,); correlations stay."""
+    wider = np.maximum(1.0, LEAST_SHARE * sd / np.sqrt(np.diag(found.covariance)))
+    return replace(found, covariance=found.covariance * np.outer(wider, wider))
 
 
 def _as_plain(fit: MapFit, record: int, m: Measured) -> Drive:
