@@ -50,6 +50,7 @@ class Road:
         words = {
             "compare": ("compare", table, "--model", self.model),
             "diagnose": ("diagnose", table, "--model", self.model),
+            "fit": ("fit", table, "--model", self.model, "--out", folder / "fitted.toml"),
             "add": ("add", added, "--model", self.model, "--data", table, "--out", self.written, "--force"),
             "compare added": ("compare", table, "--model", self.written),
             "diagnose added": ("diagnose", table, "--model", self.written),
@@ -57,9 +58,12 @@ class Road:
         self.json, self.text, self.html = {}, {}, {}
         for name, command in words.items():
             html, document = folder / f"{name}.html", folder / f"{name}.json"
-            status, self.text[name], err = call(*command, "--html", html, "--json", document)
+            pages = () if name == "fit" else ("--html", html)
+            status, self.text[name], err = call(*command, *pages, "--json", document)
             assert status == 0, err
             self.json[name] = json.loads(document.read_text())
+            if name == "fit":
+                continue
             self.html[name] = re.sub("<[^>]*>", " ", html.read_text(encoding="utf-8").partition("<script")[0])
         bench, tell = Bench(), {"tell": lambda *_: None, "show": lambda _: None}
         request = {"files": {"tables": [str(table)], "model": str(self.model)}, "folder": str(uploads)}
@@ -181,3 +185,11 @@ def test_numbers_that_come_closer_and_are_not_believed_are_named_as_such(road, c
     assert closest["train_rmse_K"] < stated["train_rmse_K"]
     assert (closest["core"], closest["core_measured"]) == ([], [])
     assert all(f"{told}{closest['train_rmse_K']:.3g} K" in text for text in texts)
+
+
+def test_what_the_products_of_numbers_are_known_to_is_the_same(road):
+    def products(name):
+        return sorted(line.strip() for line in road.text[name].splitlines() if " alone to ± " in line)
+
+    assert products("fit")
+    assert products("fit") == products("diagnose")
