@@ -107,7 +107,7 @@ def _write(
     if args.json:
         write_json(args.json, document(proposal))
     say(_table(proposal), args.json)
-    for text in written.notes:
+    for text in settled.notes:
         note(text)
     if cell is None:
         note("the cell is unknown (--cell): its size is a guess, and so the cores are sent as doubtful")
