@@ -161,7 +161,7 @@ def compared(points: Floats | float, core_sd: Floats | float) -> Floats:
 
     No vague guess is the hottest cell then, but a cell that burns is, however vague its core.
     """
-    return np.where(np.less_equal(core_sd, SURE_K), points, np.subtract(points, core_sd))
+    return np.where(np.greater(core_sd, SURE_K), np.subtract(points, core_sd), points)
 
 
 def hottest_of(points: Floats, core_sd: Floats | float = 0.0) -> int | None:
