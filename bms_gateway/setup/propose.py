@@ -30,6 +30,7 @@ from bms_gateway.setup.find_temperatures import Surfaces, flows, inlet_of_each, 
 from bms_gateway.setup.groups import Member, alike
 from bms_gateway.setup.guessed_dbc import GUESS
 from bms_gateway.setup.intervals import edges_of
+from bms_gateway.setup.lumps import NOT_KNOWN, place_lumps
 from bms_gateway.setup.multiplexing import told_of_selectors
 from bms_gateway.setup.own_traffic import own_signals
 from bms_gateway.setup.proposal import Proposal, Proposed, Role, fits
@@ -109,6 +110,7 @@ def propose(traffic: Traffic, refused: Mapping[str, Role] = NOTHING) -> Proposal
             proposal.signals.append(p)
     parts = _parts(proposal)
     _cell_voltages(proposal, cells, factor, rights, parts)
+    place_lumps(proposal, warm.members if warm is not None else [], cells, series, edges)
     if next(proposal.of("soc"), None) is None:
         _single(proposal, "soc", charges(series, electrical, edges), rights, against=contradicted)
     own_inlets = inlet_of_each(inlet, warm.members) if warm is not None else {}
@@ -404,7 +406,7 @@ def _cell_voltages(
         string, index = place[k - 1] if matched else (None, m.number or k)
         why = [f"one of {len(cells)} called alike, {factor * m.series.low:.3f} to {factor * m.series.high:.3f} V"]
         if not matched:
-            why.append("which thermocouple sits on which of these cells is not known: not written into the config")
+            why.append(NOT_KNOWN)
         p = Proposed("cell_voltage", m.series, factor, 0.0, string, index, why=why)
         p.sure = len(cells) > 1 and unit_of(m.series.info.unit) is not None and not m.series.constant
         _told(p, rights)
