@@ -150,7 +150,7 @@ def _guessed(out: Path, traffic: "Traffic") -> "list[Guess]":
 def _tell_guesses(guesses: "list[Guess]", out: Path, args: argparse.Namespace) -> None:
     from bms_gateway.cli.output import say
     from bms_gateway.report.show import text_table
-    from bms_gateway.setup.without_dbc import name_of
+    from bms_gateway.setup.bit_fields import name_of
 
     rank = dict.fromkeys(("current", "voltage", "surface"), 0)
     rows = []
