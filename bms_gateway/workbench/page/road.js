@@ -1,6 +1,7 @@
 // The panels of the road: open, compare, diagnose, add, take away.
 import { $, el, get, post, upload, attempt, ui, keep, K, complain, counted } from "./util.js";
 import * as columns from "./open.js";
+import { put as keepUpload, lacking } from "./kept.js";
 import { colorOf, preview, ticked } from "./plots.js";
 
 let state = null;
@@ -40,6 +41,7 @@ export function prepare() {
     e.target.value = "";
     await take(files);
   }));
+  unkept();
   // what is filled in and not yet opened outlives a reload
   for (const f of fields()) f.value = ui.typed?.[f.id] ?? f.value;
   $("describe").open = Boolean(ui.typed?.["form-cell"]);
@@ -62,6 +64,13 @@ export async function resume(session) {
   });
 }
 
+// What this browser does not keep is said as long as it is so.
+export function unkept() {
+  const told = lacking();
+  $("unkept").hidden = !told;
+  $("unkept").textContent = told && `Not kept in this browser: ${told}. When the program is started anew, or this tab is duplicated, upload it again.`;
+}
+
 async function sessionIn(file) {
   try { return JSON.parse(await file.text()); } catch { throw new Error(`${file.name}: no session file of the workbench`); }
 }
@@ -71,6 +80,7 @@ async function take(files, field = null) {
   const named = files.filter((f) => /\.json$/i.test(f.name));
   for (const file of files.filter((f) => !named.includes(f))) {
     const { name } = await upload(file);
+    await keepUpload(file, name);
     const kind = /\.(dbc|kcd|arxml|sym)$/i.test(name) ? "dbc" : name.endsWith(".toml") ? (/^\s*\[\[string\]\]/m.test(await file.text()) ? "config" : "model") : "tables";
     const to = kind === "dbc" ? (field === "config" ? null : "dbc") : field === "config" && kind !== "config" ? null : field ?? kind;
     if (to === "tables" || to === "dbc") $(to).value = [...new Set([...words($(to).value), name])].join("\n");
@@ -78,6 +88,7 @@ async function take(files, field = null) {
     if (to === "dbc" || to === "config") $("more").open = true;
   }
   typed();
+  unkept();
   const session = named.length ? await sessionIn(named[0]) : waiting;
   if (session) await resume(session);
   else if (field !== "model" && field !== "config" && columns.tables().length) await columns.ask();
