@@ -25,7 +25,7 @@ from bms_gateway.report.html_evidence import summary
 from bms_gateway.report.html_ranking import NAMED_AT
 from bms_gateway.report.html_series import Shown
 from bms_gateway.report.html_tables import errors_table, heat_map, parameters_table, thermocouples_table
-from bms_gateway.report.step_names import FILED, REFITTED
+from bms_gateway.report.step_names import FILED, REFITTED, with_added
 from bms_gateway.report.words import in_words, named_all, parameter_named, parameters_labelled, unit
 from bms_gateway.thermal import StringModel
 from bms_gateway.thermal.effects import catalogue, effect_named
@@ -236,6 +236,7 @@ def added(report: AddReport, addition: Addition, words: Sequence[str]) -> Docume
     return {
         "words": list(words),
         "names": named_all(c.key for c in report.added),
+        "step": with_added(named_all(c.key for c in report.added)),
         "kept": report.written,
         "forced": report.forced,
         "refused": in_words(report.refused),

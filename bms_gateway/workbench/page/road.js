@@ -167,9 +167,9 @@ function compare() {
     if (state.opened) box.append(el("button", { class: "main", type: "button", id: "compare", "data-work": true, onclick: () => work("compare") }, "Compare"));
     return;
   }
-  const { name, variant: v, remains, core: known, tables: t } = ticked(state.steps).at(-1);
+  const { title, variant: v, remains, core: known, tables: t } = ticked(state.steps).at(-1);
   if (remains) box.append(el("p", { class: "alarm" }, remains));
-  box.append(...core(known), el("h3", {}, { "from its file": "The model with the parameters from its file", refitted: "Refitted to these data, within what the model declares" }[name] ?? name));
+  box.append(...core(known), el("h3", {}, title));
   if (v) box.append(el("ul", { class: "found" }, ...v.findings.map((f) => el("li", {}, f))), el("div", { id: "closest", html: v.closest }), el("div", { html: v.cards }),
     ...v.core_measured.map((m) => el("p", { class: m.alarm ? "danger" : "" }, m.sentence)));
   for (const [id, title] of t ? TABLES.filter(([id]) => t[id]) : []) box.append(fold(id, `${title}: ${t.of}`, scroll(`${title}: ${t.of}`, t[id])));
@@ -274,8 +274,8 @@ const KINDS = [["trained_K", "error where fitted"], ["held_K", "error held out"]
 function steps() {
   const r = state.refusal ?? state.job?.trial;
   const all = state.steps.map((s) => ({ ...s, kind: s.forced ? "forced" : s.core?.proven === false ? "unproven" : "" }));
-  if (state.job?.trial) all.push({ name: `+ ${r.names}, being fitted`, kind: "fitting", stair: state.job.trial.after });
-  else if (r) all.push({ name: `+ ${r.names} (not added)`, kind: "tried", stair: r.after });
+  if (state.job?.trial) all.push({ name: `${r.step}, being fitted`, kind: "fitting", stair: state.job.trial.after });
+  else if (r) all.push({ name: `${r.step} (not added)`, kind: "tried", stair: r.after });
   return all;
 }
 
