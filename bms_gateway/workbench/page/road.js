@@ -274,7 +274,7 @@ const KINDS = [["trained_K", "error where fitted"], ["held_K", "error held out"]
 function steps() {
   const r = state.refusal ?? state.job?.trial;
   const all = state.steps.map((s) => ({ ...s, kind: s.forced ? "forced" : s.core?.proven === false ? "unproven" : "" }));
-  if (state.job?.trial) all.push({ name: `${r.step}, being fitted`, kind: "fitting", stair: state.job.trial.after });
+  if (state.job?.trial) all.push({ name: `${r.step}, being fitted (closest fit so far)`, kind: "fitting", stair: state.job.trial.after });
   else if (r) all.push({ name: `${r.step} (not added)`, kind: "tried", stair: r.after });
   return all;
 }
@@ -322,8 +322,9 @@ function raise(kinds, count) {
 
 export function trial(found) {
   if (!state || !found) return;
+  const first = !state.job?.trial;
   state.job = { ...state.job, trial: found };
-  if (stairs.hidden) adding();
+  if (first || stairs.hidden) adding();
   else climb();
 }
 
@@ -340,6 +341,7 @@ function adding() {
   if (!state.steps.length) { box.append(...none(NOTHING)); return; }
   if (!stairs.hidden) climb();
   else box.append(el("p", { class: "muted" }, "Nothing is added yet. This place shows what an addition does to the errors, where fitted and where held out, and to the band of the core."));
+  if (state.job?.trial) box.append(el("p", { class: "muted", id: "fitting-told" }, "Striped: how close a fit comes to the readings so far. In the end the bar stands at the error that is stated for the step: that of numbers which also hold to what was known before, so it may be larger."));
   const hatched = !stairs.hidden && state.steps.some((s) => s.core?.proven === false);
   if (hatched) box.append(el("p", { class: "muted", id: "hatched" }, el("i", { class: "line unproven", style: "--c:var(--after);display:inline-block" }), " hatched: the surface may be better, the core is not proven"));
   const way = el("ol", { class: "way" });
@@ -351,6 +353,7 @@ function adding() {
       if (!s.told.core.proven) item.append(el("br"), el("b", { class: "alarm" }, `${s.told.tag}. ${s.told.core.sentence}`), ...s.told.core.why.flatMap((t) => [el("br"), t]));
       if (s.forced) item.append(el("br"), el("span", { class: "alarm" }, `Though: ${s.told.refused}.`));
       if (s.told.remark) item.append(el("br"), el("span", { class: "muted" }, s.told.remark));
+      if (s.told.closest) item.append(el("br"), el("span", { class: "muted" }, s.told.closest));
       for (const m of s.told.core_measured) item.append(el("br"), el("span", { class: m.alarm ? "danger" : "" }, `${m.sentence} Before: ${K(m.before_K)} off.`));
     }
     way.append(item);
