@@ -25,8 +25,8 @@ export function build(known, name, jump, grafana) {
   drag(svg);
   const section = el("section", { "aria-label": "Past" }, el("div", { class: "heads" }, el("h3", {}, "Hottest point over time"),
     el("label", { for: "past-string" }, "String "), choice("past-string", about.strings.map((s, i) => [i, s.name])),
-    el("label", { for: "past-span" }, "of the "), choice("past-span", SPANS), ...[["from", "from "], ["to", "to "]].flatMap(([k, t]) => [el("label", { for: `past-${k}` }, t),
-      el("input", { id: `past-${k}`, class: "moment", autocomplete: "off", step: "1", onblur: typed, onkeydown: (e) => { if (e.key === "Enter") typed(); } })]),
+    el("label", { for: "past-span" }, "of the "), choice("past-span", SPANS), ...[["from", "from "], ["to", "to "]].map(([k, t]) => el("span", { class: "moment" }, el("label", { for: `past-${k}` }, t),
+      el("input", { id: `past-${k}`, autocomplete: "off", step: "1", onblur: typed, onkeydown: (e) => { if (e.key === "Enter") typed(); } }))),
     el("a", { id: "export", class: "file", download: "window.csv" }, "Export its estimates (CSV)"),
     el("a", { id: "export-signals", class: "file", download: "signals.csv" }, "Export its signals (CSV)"),
     el("button", { type: "button", id: "diagnose-window", onclick: attempt(diagnose) }, "Diagnose this window"),

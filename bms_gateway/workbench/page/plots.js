@@ -247,7 +247,7 @@ async function pairs() {
   const styles = new Map(state.steps.map((s, i) => [s.name, styleOf(i)])), node = $("plot-pair");
   const found = picture(state.steps, ticked(state.steps), (s) => styles.get(s.name), () => pairs().catch((e) => complain(e.message)));
   if (!found || !$("pairs").open || !window.Plotly) return;
-  const [across, up] = [found.layout.xaxis.title.text, found.layout.yaxis.title.text];
+  const [across, up] = [found.layout.xaxis.title.text, found.layout.yaxis.title.text.replace("<br>", " ")];
   node.style.height = `${found.layout.height}px`;
   node.setAttribute("role", "group");
   node.setAttribute("aria-label", `Contours of ${across} and ${up}; the sentence above tells the same`);
