@@ -1,6 +1,5 @@
 """Tables of the reports on one or two models: errors, cores, parameters, regimes as a heat map."""
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
@@ -171,7 +170,7 @@ def parameters_table(fit: MapFit, *, narrow: bool = False) -> str:
         state = escape(status) if kept else f'<span class="alarm">{escape(status)}</span>'
         rows.append(
             [
-                _broken(f"{called(c)}, {s.unit}" if s.unit else called(c)) if narrow else escape(called(c)),
+                escape(f"{called(c)}, {s.unit}" if s.unit and narrow else called(c)),
                 with_sd(float(value), float(spread)).replace("-", "−"),
                 *([] if narrow else [s.unit]),
                 before,
@@ -181,11 +180,6 @@ def parameters_table(fit: MapFit, *, narrow: bool = False) -> str:
         )
     heads = [f"value {WITH_SD}", *([] if narrow else ["unit"]), f"known before, {WITH_SD}", "limits", "state"]
     return table(["number", *heads], rows, words=(0, 4) if narrow else (0, 2, 5))
-
-
-def _broken(label: str) -> str:
-    """Let a symbol be broken after its points and underscores."""
-    return re.sub(r"([._])", r"\1<wbr>", escape(label))
 
 
 def _free(fit: MapFit) -> list[tuple[Coordinate, float, float, str]]:

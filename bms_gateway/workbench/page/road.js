@@ -16,7 +16,9 @@ const fold = (id, title, ...inside) =>
     const rest = ui.open.filter((x) => x !== id);
     keep({ open: e.target.open ? [...rest, id] : rest });
   } }, el("summary", {}, title), ...inside);
-const scroll = (name, html) => el("div", { class: "scroll", tabindex: "0", role: "group", "aria-label": name, html });
+// In narrow tables a symbol may be broken after its points and underscores.
+const soft = (html) => html.replace(/(<th scope="row">)([^<]*)/g, (_, head, label) => head + label.replace(/[._]/g, "$&<wbr>"));
+const scroll = (name, html) => el("div", { class: "scroll", tabindex: "0", role: "group", "aria-label": name, html: soft(html) });
 
 export function prepare() {
   $("what").addEventListener("click", () => $("what").setAttribute("aria-expanded", String($("what").getAttribute("aria-expanded") !== "true"))); // it is cut otherwise
