@@ -8,5 +8,5 @@ from bms_gateway.frames.dbc import parse
 
 def test_a_text_of_marks_alone_is_not_parsed():
     """8 MiB of semicolons took 172 MiB before the bound on memory ended it."""
-    with pytest.raises(ConfigError, match="marks.dbc: over 2,000,000 words and marks, more than"):
+    with pytest.raises(ConfigError, match=r"marks\.dbc: over 2,000,000 words and marks, more than"):
         parse("marks.dbc", ";" * 2_000_001)
