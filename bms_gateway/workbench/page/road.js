@@ -16,8 +16,8 @@ const fold = (id, title, ...inside) =>
     const rest = ui.open.filter((x) => x !== id);
     keep({ open: e.target.open ? [...rest, id] : rest });
   } }, el("summary", {}, title), ...inside);
-// In narrow tables a symbol may be broken after its points and underscores.
-const soft = (html) => html.replace(/(<th scope="row">)([^<]*)/g, (_, head, label) => head + label.replace(/[._]/g, "$&<wbr>"));
+// In narrow tables a long symbol may be broken after its points and underscores.
+const soft = (html) => html.replace(/(<th scope="row">)([^<]*)/g, (_, head, label) => head + label.replace(/\S{12,}/g, (word) => word.replace(/[._]/g, "$&<wbr>")));
 const scroll = (name, html) => el("div", { class: "scroll", tabindex: "0", role: "group", "aria-label": name, html: soft(html) });
 
 export function prepare() {
