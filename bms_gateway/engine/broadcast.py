@@ -266,7 +266,7 @@ def _cores(s: StringEstimator) -> Content:
 
 
 def _summary(s: StringEstimator) -> Content:
-    k = hottest_of(s.core, s.core_sd)
+    k = hottest_of(s.core)
     if k is None:
         return Summary()
     return Summary(float(s.core[k]), k + 1, float(s.core_sd[k]), float(s.quality[k]), float(np.fmin.reduce(s.core)))

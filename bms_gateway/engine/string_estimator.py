@@ -207,7 +207,7 @@ class StringEstimator:
     @property
     def hottest(self) -> int | None:
         """Cell (from 0) with the hottest point; None where nothing is known."""
-        return hottest_of(self.centre, self.core_sd)
+        return hottest_of(self.centre)
 
     @classmethod
     def of(

@@ -161,7 +161,7 @@ class Page:
 
 def _strings(engine: MeasuredEngine) -> Iterator[Family]:
     strings = engine.strings
-    points = [(s, k) for s in strings if (k := hottest_of(s.centre, s.core_sd)) is not None]
+    points = [(s, k) for s in strings if (k := hottest_of(s.centre)) is not None]
     yield _of_strings(
         "hottest_point_celsius", "Hottest point of a cell.", {s.plan.name: float(s.centre[k]) for s, k in points}
     )
@@ -169,7 +169,7 @@ def _strings(engine: MeasuredEngine) -> Iterator[Family]:
     yield _of_strings("hottest_point_sd_kelvin", "Standard deviation of the hottest point.", sd)
     cells = {s.plan.name: k + 1.0 for s, k in points}
     yield _of_strings("hottest_point_cell", "Cell with the hottest point, from 1.", cells)
-    hottest = [(s, k) for s in strings if (k := hottest_of(s.core, s.core_sd)) is not None]
+    hottest = [(s, k) for s in strings if (k := hottest_of(s.core)) is not None]
     yield _of_strings("core_max_celsius", "Hottest core.", {s.plan.name: float(s.core[k]) for s, k in hottest})
     sd = {s.plan.name: float(s.core_sd[k]) for s, k in hottest}
     yield _of_strings("core_max_sd_kelvin", "Standard deviation of the hottest core.", sd)

@@ -8,7 +8,7 @@ from bms_gateway.bus.port import Link
 from bms_gateway.engine.forecast_result import FOR_S, TOLD_S, Forecast
 from bms_gateway.service.live import Gateway
 from bms_gateway.service.watch import Watch, WatchedEngine, WatchedString
-from bms_gateway.thermal.centre import compared, hottest_of
+from bms_gateway.thermal.centre import hottest_of
 
 
 def status(gateway: Gateway, watch: Watch, engine: WatchedEngine) -> str:
@@ -24,13 +24,13 @@ def status(gateway: Gateway, watch: Watch, engine: WatchedEngine) -> str:
         return alerts
     if gateway.port.link is Link.UP and engine.next_deadline() is None:
         return f"{alerts}: the bus is silent"
-    known = [(s, k) for s in engine.strings if (k := hottest_of(s.centre, s.core_sd)) is not None]
+    known = [(float(s.centre[k]), s, k) for s in engine.strings if (k := hottest_of(s.centre)) is not None]
     if not known:
         return f"{alerts}: no core temperature yet"
-    s, k = max(known, key=lambda one: float(compared(one[0].centre, one[0].core_sd)[one[1]]))
+    point, s, k = max(known, key=lambda one: one[0])
     core = f"core {float(s.core[k]):.1f} ± {float(s.core_sd[k]):.1f} °C"
     where = f"({s.plan.name}, cell {k + 1})"
-    return f"{alerts}: hottest point {float(s.centre[k]):.1f} ± {float(s.centre_sd[k]):.1f} °C, {core} {where}"
+    return f"{alerts}: hottest point {point:.1f} ± {float(s.centre_sd[k]):.1f} °C, {core} {where}"
 
 
 def estimates(gateway: Gateway, watch: Watch, engine: WatchedEngine) -> dict[str, Any]:
@@ -44,7 +44,7 @@ def estimates(gateway: Gateway, watch: Watch, engine: WatchedEngine) -> dict[str
 
 
 def _of_string(s: WatchedString) -> dict[str, Any]:
-    k, point = hottest_of(s.core, s.core_sd), hottest_of(s.centre, s.core_sd)
+    k, point = hottest_of(s.core), hottest_of(s.centre)
     return {
         "hottest_point_C": None if point is None else round(float(s.centre[point]), 2),
         "hottest_point_sd_K": None if point is None else round(float(s.centre_sd[point]), 2),

@@ -22,13 +22,11 @@ SET_NS: Final = 10**18
 """Stamps from here on (2001) are wall clock; smaller ones count from the start of something."""
 
 
-def past_of(
-    centre: NDArray[Any], centre_sd: NDArray[Any], core_sd: NDArray[Any], parts: Sequence[slice]
-) -> NDArray[np.float32]:
+def past_of(centre: NDArray[Any], centre_sd: NDArray[Any], parts: Sequence[slice]) -> NDArray[np.float32]:
     """Start the `PAST` (S, 8) of a tick with the hottest point of each string; what drove it is not known yet."""
     found = np.full((len(parts), len(PAST)), np.nan, np.float32)
     for s, part in enumerate(parts):
-        k = hottest_of(centre[part], core_sd[part])
+        k = hottest_of(centre[part])
         if k is not None:
             found[s, :3] = centre[part][k], 1.96 * centre_sd[part][k], k + 1
     return found

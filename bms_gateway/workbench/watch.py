@@ -22,7 +22,7 @@ from bms_gateway.engine.forecast_result import TOLD_S, Forecast
 from bms_gateway.engine.reasons import REASONS, unused
 from bms_gateway.errors import UsageError
 from bms_gateway.frames.quality import Quality
-from bms_gateway.thermal.centre import compared, hottest_of
+from bms_gateway.thermal.centre import hottest_of
 from bms_gateway.workbench.events import Events, alerts_now
 from bms_gateway.workbench.history import SET_NS, driven_by, history, past_of, table
 from bms_gateway.workbench.kept_ticks import KeptTicks, Tick
@@ -148,7 +148,7 @@ class Watch:
         time_ns = told.time_ns
         numbers = (told.core, told.core_sd, told.surface, told.centre, told.centre_sd, told.heat, told.heat_sd)
         cells = np.stack(numbers).astype(np.float32)
-        past = past_of(told.centre, told.centre_sd, told.core_sd, self._parts)
+        past = past_of(told.centre, told.centre_sd, self._parts)
         raised = alerts_now(self._engine.alerts.raised)
         strings = []
         for s in self._engine.strings:
@@ -352,8 +352,7 @@ class Watch:
                     "quality": quality.tolist(),
                     "centre": [_n(x, 2) for x in centre.tolist()],
                     "centre_half": [_n(1.96 * x, 2) for x in centre_sd.tolist()],
-                    "hottest": (hottest := hottest_of(centre, sd)),
-                    "rank": None if hottest is None else _n(float(compared(centre, sd)[hottest]), 2),
+                    "hottest": hottest_of(centre),
                     "trend": trend[-TREND:],
                     "words": words,
                     "heat": _heat(heat, heat_sd),

@@ -97,7 +97,7 @@ function picture(p) {
   let hot = null;
   p.strings.forEach((s, i) => {
     row(rows[i], s, p.state);
-    if (s.hottest !== null && (hot === null || s.rank > hot.rank)) hot = { rank: s.rank, string: about.strings[i].name, cell: s.hottest + 1, core: s.core[s.hottest], half: s.half[s.hottest], centre: s.centre[s.hottest], within: s.centre_half[s.hottest] };
+    if (s.hottest !== null && (hot === null || s.centre[s.hottest] > hot.centre)) hot = { string: about.strings[i].name, cell: s.hottest + 1, core: s.core[s.hottest], half: s.half[s.hottest], centre: s.centre[s.hottest], within: s.centre_half[s.hottest] };
   });
   card("hottest", "Hottest point", hot ? `${hot.centre.toFixed(1)} ± ${hot.within.toFixed(1)} °C` : "not available", hot ? `${hot.string}, cell ${hot.cell}; its core, the mean of the roll: ${hot.core.toFixed(1)} ± ${hot.half.toFixed(1)} °C` : "");
   const b = p.bus;
