@@ -34,7 +34,7 @@ MOST_LISTED: Final = 1000
 LEAST_SHARE: Final = 1e-6
 """Of what the gateway believes of a quantity: bits that span less say always the same."""
 MOST_OFF: Final = 1e12
-"""Greatest factor of a floating-point number, over what the gateway believes."""
+"""Of what the gateway believes: greatest factor of a floating-point number, and one over the least."""
 ENGINE_S: Final = 15.0
 ENGINE_MIB: Final = 160
 """A string of 300 cells takes 150; the unit has 256 for all."""
@@ -313,7 +313,7 @@ def _refuse_senseless(key: str, source: Source, c: Channel, info: SignalInfo) ->
     low, high = INPUTS[c.quantity].plausible
     step = abs(c.scale * info.scale)
     if info.is_float:
-        ends, least, most = (low, high), MOST_OFF / (high - low), MOST_OFF * (high - low)
+        ends, least, most = (low, high), (high - low) / MOST_OFF, MOST_OFF * (high - low)
         fits = least <= step <= most
     else:
         ends = (
