@@ -143,9 +143,7 @@ def controls(seed):
         for noise in (0.01, 0.05, 0.2):
             for inlet in ("constant", "steps"):
                 out.append(
-                    Scenario(
-                        cells=cells, sensors=SENSORS[cells], noise=noise, step=1.0, inlet=inlet, seed=next(seeds)
-                    )
+                    Scenario(cells=cells, sensors=SENSORS[cells], noise=noise, step=1.0, inlet=inlet, seed=next(seeds))
                 )
     return out
 
