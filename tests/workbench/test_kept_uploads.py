@@ -62,6 +62,33 @@ def test_files_that_were_chosen_and_not_opened_are_there_after_a_restart(window,
         assert page.text("#unkept") == ""
 
 
+def test_a_file_that_was_uploaded_anew_and_not_opened_takes_no_work_over_after_a_restart(window, pack, tmp_path):
+    other = tmp_path / "other" / pack.hidden.name
+    other.parent.mkdir()
+    other.write_text("".join(pack.hidden.read_text().splitlines(keepends=True)[:400]))
+    with served(tmp_path) as url:
+        page = window(url)
+        chosen(page, pack)
+        page.click("#open")
+        seen_compared(page)
+        page.idle(FIT_S)
+        page.upload("#tables-file", other)
+        page.wait("return document.querySelector('#unkept').innerText.includes('uploaded again after it was opened')")
+        before = page.run(DESK)
+    page.wait("return document.querySelector('#error-text').innerText.includes('does not answer')")
+    with served(tmp_path, "--port", port(url)):
+        page.wait("return JSON.parse(sessionStorage.workbench).desk !== arguments[0]", before)
+        page.idle()
+        desk = page.run(DESK)
+        assert page.run(f"return (await (await fetch('/api/state?desk={desk}')).json()).steps") == []
+        page.click("#tab-open")
+        assert page.text("#unkept").startswith("hidden.csv: uploaded again after it was opened. What is shown is of")
+        page.click("#open")
+        seen_compared(page)
+        page.click("#tab-open")
+        assert page.text("#unkept") == ""
+
+
 def test_what_is_too_large_to_be_kept_is_told(window, axe, tmp_path):
     large = tmp_path / "large.dbc"
     with large.open("wb") as f:

@@ -66,5 +66,11 @@ export async function each(send) {
   }
 }
 
+// Notes that the files that this tab has uploaded by now are those that are opened.
+export const opened = () => keep({ opened: { ...ui.uploads } });
+
+// Files that were uploaded anew after they were opened: what was open cannot come back from them.
+export const changed = () => Object.entries(ui.opened).filter(([name, key]) => ui.uploads[name] && ui.uploads[name] !== key).map(([name]) => name);
+
 // What this browser does not keep, as a sentence; empty where there is nothing of the kind.
 export const lacking = () => Object.entries(ui.unkept).map(([name, why]) => `${name} ${why}`).join("; ");

@@ -131,7 +131,8 @@ async function claim() {
   version = -1; // a desk counts its own changes
   // the program was started anew, or this tab is a duplicate: uploads are sent again, and the work goes its way again
   await kept.each((file) => upload(file, true)).catch((e) => complain(e.message));
-  if (ui.session) await road.resume(ui.session).catch((e) => complain(e.message));
+  const anew = kept.changed().length > 0; // what was open cannot come back: the page says so
+  if (ui.session && !anew) await road.resume(ui.session).catch((e) => complain(e.message));
   else if (Object.keys(ui.uploads).length) desked.then(columns.prepare); // chosen, and not opened yet
   road.unkept();
 }

@@ -1,7 +1,7 @@
 // The panels of the road: open, compare, diagnose, add, take away.
 import { $, el, get, post, upload, attempt, ui, keep, K, complain, counted } from "./util.js";
 import * as columns from "./open.js";
-import { put as keepUpload, lacking } from "./kept.js";
+import { put as keepUpload, opened as uploadsOpened, changed, lacking } from "./kept.js";
 import { colorOf, preview, ticked } from "./plots.js";
 
 let state = null;
@@ -25,6 +25,8 @@ export function prepare() {
   $("open-form").addEventListener("submit", attempt(async (e) => {
     e.preventDefault();
     await columns.settled();
+    uploadsOpened();
+    unkept();
     await post("open", { tables: words($("tables").value), model: $("model").value.trim(), config: $("config").value.trim(),
       dbc: words($("dbc").value), form: columns.form(), string: $("string").value.trim(), recent: $("recent").value.trim(), store: $("store").value.trim(),
       columns: columns.said(), each: columns.each() });
@@ -60,6 +62,7 @@ const typed = () => keep({ typed: Object.fromEntries(fields().map((f) => [f.id, 
 let waiting = null;
 export async function resume(session) {
   waiting = null;
+  uploadsOpened();
   await post("resume", session).catch((e) => {
     if (e.message.startsWith("session: upload ")) waiting = session;
     throw e;
@@ -68,9 +71,12 @@ export async function resume(session) {
 
 // What this browser does not keep is said as long as it is so.
 export function unkept() {
-  const told = lacking();
-  $("unkept").hidden = !told;
-  $("unkept").textContent = told && `Not kept in this browser: ${told}. When the program is started anew, or this tab is duplicated, upload it again.`;
+  const told = lacking(), anew = changed().join(", ");
+  $("unkept").hidden = !told && !anew;
+  $("unkept").textContent = [
+    told && `Not kept in this browser: ${told}. When the program is started anew, or this tab is duplicated, upload it again.`,
+    anew && `${anew}: uploaded again after it was opened. What is shown is of the file before, and does not come back when the program is started anew; Open opens the file that was uploaded last.`,
+  ].filter(Boolean).join(" ");
 }
 
 async function sessionIn(file) {

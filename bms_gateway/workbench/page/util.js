@@ -17,7 +17,7 @@ export function el(tag, attributes = {}, ...children) {
 // What a reload keeps, of this tab alone.
 const KEPT = "workbench";
 export const ui = Object.assign(
-  { desk: "", tab: "open", record: 0, cell: 0, off: [], session: null, open: [], tracks: [], beside: [], by: "start", cursors: null, measuring: false, pair: null, uploads: {}, unkept: {} },
+  { desk: "", tab: "open", record: 0, cell: 0, off: [], session: null, open: [], tracks: [], beside: [], by: "start", cursors: null, measuring: false, pair: null, uploads: {}, opened: {}, unkept: {} },
   JSON.parse(sessionStorage.getItem(KEPT) || "{}"),
 );
 export const keep = (change = {}) => {
