@@ -79,8 +79,8 @@ def refit_sentence(before: float, after: float) -> str:
     """Say why a refit follows the surfaces less closely, by its error `after`, K, than the file, by `before`, K."""
     return (
         "The refitted numbers follow the surfaces less closely than those of the file: "
-        f"{after:.3g} K, not {before:.3g} K. The model lacks something, and parts of the record, fitted one by one, "
-        "ask for other numbers than the whole of it."
+        f"{after:.3g} K, not {before:.3g} K. The model lacks something, and the refit allows for "
+        "that: its numbers are not those that come closest to these surfaces."
     )
 
 

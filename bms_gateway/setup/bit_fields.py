@@ -54,7 +54,7 @@ class Field:
         """Whether both take some bits of one message."""
         if self.can_id != other.can_id or self.page != other.page:
             return False
-        return bool(_bits(self.place) & _bits(other.place))
+        return not self.place.bits.isdisjoint(other.place.bits)
 
 
 def name_of(f: Field) -> str:
@@ -68,13 +68,6 @@ def name_of(f: Field) -> str:
     page = "" if f.page is None else f" page {f.page}"
     order, sign = int(not f.place.big_endian), "-" if f.place.signed else "+"
     return f"0x{f.can_id & 0x1FFFFFFF:X}{page} bits {f.place.start}|{f.place.size}@{order}{sign}"
-
-
-def _bits(p: Place) -> set[int]:
-    if not p.big_endian:
-        return set(range(p.start, p.start + p.size))
-    first = 8 * (p.start // 8) + 7 - p.start % 8
-    return {8 * (k // 8) + 7 - k % 8 for k in range(first, first + p.size)}
 
 
 def fields_of(frames: FrameBatch) -> Iterator[Field]:

@@ -6,7 +6,6 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bms_gateway.frames.bits import Place
 from bms_gateway.frames.signal_info import MessageInfo
 from bms_gateway.setup.signal_series import Series
 from bms_gateway.setup.signal_words import CURRENT, TEMPERATURE, VOLTAGE, has, named, unit_of
@@ -47,7 +46,7 @@ def jumps_with(traffic: Traffic, s: Series) -> str | None:
     data = traffic.frames.data[samples.frame]
     x = samples.value
     length = traffic.messages[info.message].length
-    own = {k // 8 for k in _bits(info.place)}
+    own = {k // 8 for k in info.place.bits}
     for byte in range(min(length, data.shape[1])):
         if byte in own:
             continue
@@ -108,14 +107,6 @@ def _matters(message: MessageInfo, name: str) -> bool:
         return False
     unit = unit_of(s.unit)
     return has(named(s), CURRENT, VOLTAGE, TEMPERATURE) if unit is None else unit.family != "other"
-
-
-def _bits(place: Place) -> Iterator[int]:
-    """Numbers of the bits as bytes count them, bit 0 of a byte the least."""
-    at = place.start
-    for _ in range(place.size):
-        yield at
-        at = at + 1 if not place.big_endian else at + 15 if at % 8 == 0 else at - 1
 
 
 def _selects(values: NDArray[np.integer[Any]], x: Floats) -> list[int] | None:

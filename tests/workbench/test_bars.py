@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.support.page_steps import FIT_S, seen_compared
+from tests.support.page_steps import FIT_S, seen_added, seen_compared
 from tests.truth.packs import pack as make_pack
 from tests.workbench.browser import faults
 from tests.workbench.conftest import served
@@ -38,12 +38,7 @@ def test_bars_end_at_the_error_that_is_stated(window, tmp_path):
     with served(tmp_path, *pack.words) as url:
         page = window(url)
         seen_compared(page)
-        page.idle(FIT_S)
-        page.click("#tab-add")
-        page.type("#effect-name", "entropic_heat")
-        page.press("Enter")
-        page.wait("return document.querySelectorAll('#panel-add .way li').length === 3", patience_s=FIT_S)
-        page.idle(FIT_S)
+        seen_added(page)
         assert not page.there("#fitting-told")
         stated = page.run(
             "const { desk } = JSON.parse(sessionStorage.workbench);"

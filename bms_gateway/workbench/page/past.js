@@ -1,6 +1,6 @@
 // The past of one string on the live page: hottest point with its band, limit and alerts; what drove it; export.
 import { $, el, post, attempt, ui, clock, complain, wallMs, when } from "./util.js";
-import { put as keepUpload } from "./kept.js";
+import { put as keepUpload, opened as uploadsOpened } from "./kept.js";
 
 const SVG = "http://www.w3.org/2000/svg";
 const EVERY_MS = 4000;
@@ -138,6 +138,7 @@ async function keepBoth(files) {
     const answer = await fetch(`/api/take?${new URLSearchParams({ desk: ui.desk, what: "file", name })}`);
     if (answer.ok) await keepUpload(await answer.blob(), name);
   }
+  uploadsOpened();
 }
 const ends = () => [shown.t[0], Math.max(shown.t.at(-1), shown.t[0] + 1)];
 

@@ -25,11 +25,11 @@ export function prepare() {
   $("open-form").addEventListener("submit", attempt(async (e) => {
     e.preventDefault();
     await columns.settled();
-    uploadsOpened();
-    unkept();
     await post("open", { tables: words($("tables").value), model: $("model").value.trim(), config: $("config").value.trim(),
       dbc: words($("dbc").value), form: columns.form(), string: $("string").value.trim(), recent: $("recent").value.trim(), store: $("store").value.trim(),
       columns: columns.said(), each: columns.each() });
+    uploadsOpened();
+    unkept();
   }));
   $("example").addEventListener("click", attempt(() => post("open", { tables: ["example: bench.csv.gz"], model: "example: bench.toml" })));
   $("tables").addEventListener("change", columns.prepare);
@@ -62,11 +62,11 @@ const typed = () => keep({ typed: Object.fromEntries(fields().map((f) => [f.id, 
 let waiting = null;
 export async function resume(session) {
   waiting = null;
-  uploadsOpened();
   await post("resume", session).catch((e) => {
     if (e.message.startsWith("session: upload ")) waiting = session;
     throw e;
   });
+  uploadsOpened();
 }
 
 // What this browser does not keep is said as long as it is so.
