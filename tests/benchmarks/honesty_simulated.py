@@ -16,7 +16,7 @@ from tests.config.bench_cell import write_string
 from tests.truth.drives import CYCLES, INLETS
 from tests.truth.hidden import HiddenLog, Scenario, make_logs
 from tests.truth.pack import CAPACITY_AH, NOMINAL, NOMINAL_FLOW
-from tests.truth.sizes import SIZES
+from tests.truth.sizes import SIZES, USUAL
 from tests.truth.strange import OUTSIDE
 from tests.truth.suites import NOT_WITH_ONE_CELL, suited
 
@@ -27,9 +27,12 @@ PRIORS = {
 """Relative sd of what the model file says. `default` is that of the example in `deploy`."""
 CELLS = (5, 8, 12)
 NOTHING, NOTHING_SINGLE, FLOW = "nothing hidden", "nothing hidden, one cell", "flow +-40 %, not on the bus"
+USUAL_STRING, USUAL_SINGLE = "usual effects together", "one cell, usual effects"
 KINDS = (NOTHING, NOTHING_SINGLE, FLOW, "medium effect", "strong effect", "one cell, medium", "one cell, strong",
-         "outside, medium", "outside, strong")  # fmt: skip
+         "outside, medium", "outside, strong", USUAL_STRING, USUAL_SINGLE)  # fmt: skip
 CONTROLS = (NOTHING, NOTHING_SINGLE)
+LEAST_SHARE = 0.15
+"""Of R_c spread over the shells: thinner rolls need steps that are too short for the truth's loop."""
 CHUNK = 8
 """Logs that are made at once: those of one shape share a loop."""
 
@@ -45,6 +48,7 @@ class Drive:
     def label(self) -> str:
         s = self.scenario
         hidden = "+".join(f"{name}:{size}" for name, (size, _) in s.effects.items())
+        hidden = self.kind if self.kind in (USUAL_STRING, USUAL_SINGLE) else hidden
         hidden = hidden or ("unrecorded flow" if self.kind == FLOW else "nothing")
         voltage = "+V" if "voltage" in s.columns else ""
         return f"{hidden} n={s.cells} {s.cycle}{voltage} #{s.seed}"
@@ -66,6 +70,10 @@ def drives(seed: int) -> list[Drive]:
         s = suited({name: size}, where["cells"], next(numbers), reading=(0.05, 0.1))
         return replace(s, effects={name: (size, None)}, sensors=where["sensors"])  # in whatever cell the pack draws
 
+    def usual(i: int, **where) -> Scenario:
+        s = plain(i, **where)
+        return replace(s, effects=usual_effects(s))
+
     found = [(NOTHING, plain(i, **string(i))) for i in range(12)]
     found += [(NOTHING_SINGLE, plain(i, cells=1, sensors=(1,))) for i in range(6)]
     found += [(FLOW, plain(i, **string(i), flow="steps", columns=("soc",))) for i in range(8)]
@@ -78,7 +86,19 @@ def drives(seed: int) -> list[Drive]:
             (f"outside, {size}", plain(i + j, effects={name: (size, None)}, **string(i + j)))
             for i, name in enumerate(OUTSIDE)
         ]
+    found += [(USUAL_STRING, usual(i, **string(i))) for i in range(12)]
+    found += [(USUAL_SINGLE, usual(i, **single)) for i in range(6)]
     return [Drive(kind, scenario) for kind, scenario in found]
+
+
+def usual_effects(s: Scenario) -> dict[str, tuple[float, None]]:
+    """Every effect that each real pack has, all at once, of sizes about what is usual: a population, no worst case."""
+    rng = s.rng("usual")
+    one_cell = s.cells == 1
+    drawn = {name: (sd * abs(rng.normal()), None) for name, sd in USUAL.items()}
+    share = 1.0 / (1.0 + np.exp(rng.normal(1.0, 1.2)))  # of R_c within the roll: 0.27 in the middle, 0.03 to 0.8
+    drawn["radial_gradient"] = (max(share, LEAST_SHARE) / SIZES["radial_gradient"][0].medium, None)
+    return {k: v for k, v in drawn.items() if not (one_cell and k in NOT_WITH_ONE_CELL)}
 
 
 def chosen(some: Sequence[Drive], limit: int | None, seed: int, names: Sequence[str] = ()) -> list[Drive]:

@@ -35,6 +35,9 @@ def test_every_effect_is_missing_at_both_sizes_and_no_pack_is_twice():
         assert s.sensors == ((1,) if s.cells == 1 else (1, (s.cells + 1) // 2, s.cells))
         assert (d.kind in (*CONTROLS, FLOW)) == (not s.effects)
         assert (s.flow == "steps" and "flow" not in s.columns) == (d.kind == FLOW)
+    together = [d.scenario.effects for d in some if "usual effects" in d.kind]
+    assert len(together) == 18
+    assert all(len(e) >= 12 and min(size for size, _ in e.values()) > 0 for e in together)
 
 
 def test_a_part_has_of_every_kind_its_share():

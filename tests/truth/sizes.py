@@ -66,6 +66,23 @@ SIZES = {
 }
 """`T_m` is counted from the pack's mean inlet."""
 
+USUAL = {
+    "entropic_heat": 1.1,
+    "resistance_temperature": 0.9,
+    "resistance_asymmetry": 0.9,
+    "charge_transfer": 0.6,
+    "polarization": 0.5,
+    "ambient_loss": 0.8,
+    "natural_convection": 0.6,
+    "coolant_delay": 0.2,
+    "thermocouple_lag": 0.4,
+    "thermocouple_contact": 0.2,
+    "thermocouple_offset": 0.3,
+    "inlet_offset": 0.6,
+    "current_offset": 0.15,
+}
+"""What every real pack has of each at once: sd of the size, in multiples of medium. The share of the roll is apart."""
+
 ON_A_CELL = ("cell_resistance", "cell_cooling", "cell_conduction", "neighbour_heat")
 ON_A_SENSOR = ("thermocouple_offset", "thermocouple_contact")
 AFTER_A_CELL = ("coolant_bypass",)
