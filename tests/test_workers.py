@@ -57,6 +57,19 @@ def test_tables_of_a_run_that_was_killed_go_at_the_next_start_and_no_others(tmp_
     assert left() == set()
 
 
+KEPT = (
+    "import sys, gc, tests.conftest as own, subprocess; own.pytest_collection_finish(); "
+    "print(sys.dont_write_bytecode, gc.get_freeze_count() > 10_000, flush=True); "
+    "subprocess.run([sys.executable, '-c', 'import sys; print(sys.dont_write_bytecode)'], check=True)"
+)
+
+
+def test_modules_are_compiled_once_and_searched_for_garbage_once(tmp_path):
+    env = os.environ | {"PYTHONDONTWRITEBYTECODE": "1", "TMPDIR": str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", KEPT], cwd=ROOT, env=env, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False", "True", "False"]
+
+
 def test_files_that_take_longest_are_handed_out_first():
     handed = []
     node = Mock(send_runtest_some=handed.extend)
