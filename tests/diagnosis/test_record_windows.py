@@ -77,10 +77,16 @@ def test_nor_of_a_model_that_has_an_effect_already(has, lacks, cells, seed):
     assert inside(found, record, log.core) >= 0.9
 
 
+@cache
+def of_measured(name):
+    """Found numbers, record and core (K, 1) of a measured cell."""
+    model, record, core = bench_record(name)
+    return identify(model, [record]), record, core[:, None]
+
+
 @pytest.mark.parametrize("name", CELLS)
 def test_capacities_of_measured_cells_stay_near_what_is_known(name):
-    model, record, _ = bench_record(name)
-    fit = identify(model, [record]).fit
+    fit = of_measured(name)[0].fit
     for c, z in zip(fit.problem.coordinates, fit.theta, strict=True):
         if c.name in ("C_c", "C_s"):
             assert abs(z) <= c.sd, f"{c.name} ends {z / c.sd:.1f} sd from what was known"
@@ -88,8 +94,7 @@ def test_capacities_of_measured_cells_stay_near_what_is_known(name):
 
 @pytest.mark.parametrize("name", ["lfp_32113_insulated_1", "a123_26650_hev2"])
 def test_core_of_measured_cells_is_inside_the_band_of_their_numbers(name):
-    model, record, core = bench_record(name)
-    assert inside(identify(model, [record]), record, core[:, None]) >= 0.9
+    assert inside(*of_measured(name)) >= 0.9
 
 
 def test_numbers_that_follow_the_surfaces_best_are_told_apart():
@@ -198,6 +203,7 @@ CELL = StringModel(
 ORDERS = [(9.0, 5.0), (5.0, 9.0)]
 
 
+@cache
 def in_turn(R_u):
     """What records of these films tell together, and the last of them alone."""
     records = [measured(cooled_by(x, seed), CELL) for seed, x in enumerate(R_u)]
