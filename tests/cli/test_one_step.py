@@ -43,7 +43,7 @@ class Road:
         effects = dict.fromkeys(hidden, ("strong", None))
         columns = ("soc",) if cells == 1 else ("soc", "flow")
         log = make_log(
-            Scenario(effects, cells=cells, sensors=sensors, seconds=1500, seed=seed, noise=0.05, columns=columns)
+            Scenario(effects, cells=cells, sensors=sensors, seconds=1000, seed=seed, noise=0.05, columns=columns)
         )
         table, self.model, self.written = folder / "drive.csv", folder / "string.toml", folder / "added.toml"
         log.write_csv(table)
