@@ -4,8 +4,10 @@ Without them they are skipped, saying what to do. In the stage that exists for t
 the guest of `tests/canvm`) a missing `vcan0` is a failure: tests that are never run must not look like tests that pass.
 """
 
+import gc
 import os
 import socket
+import sys
 from functools import cache
 from pathlib import Path
 
@@ -19,6 +21,10 @@ from tests.support.tables import PREFIX, Tables
 # as the program does: on one thread, where two workers on two cores would spin four (read when numpy is loaded)
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+# Compiled modules are kept: otherwise each worker compiles all tests, and each process that a test starts the package
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
+
 # no test fails because a machine is slow
 settings.register_profile("any-machine", deadline=None)
 settings.load_profile("any-machine")
@@ -29,6 +35,12 @@ _tables = None
 if not Path(os.environ.get("CACHE_DIRECTORY", "")).name.startswith(PREFIX):
     _tables = Tables()
     os.environ["CACHE_DIRECTORY"] = str(_tables.folder)
+
+
+def pytest_collection_finish() -> None:
+    """Search what every test needs to the end for garbage once, and not once more in each test."""
+    gc.collect()
+    gc.freeze()
 
 
 def pytest_unconfigure() -> None:
@@ -56,6 +68,18 @@ def why_no_systemd() -> str | None:
     if Path("/proc/1/comm").read_text().strip() != "systemd" or os.geteuid() != 0:
         return "systemd is not process 1, or this is not root: CANVM_MODE=systemd tests/canvm/canvm … -m systemd"
     return why_no_vcan()
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
+    """Half as many workers again as cores: a worker often waits for a process or a clock."""
+    if config.option.numprocesses != "auto" or "PYTEST_XDIST_AUTO_NUM_WORKERS" in os.environ:
+        return None
+    return workers(len(os.sched_getaffinity(0)))
+
+
+def workers(cores: int) -> int:
+    return cores + cores // 2
 
 
 @pytest.hookimpl(optionalhook=True)

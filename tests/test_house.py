@@ -1,11 +1,33 @@
 """The house itself: files that a person can read at a sitting, no empty rooms, nothing beside the agreed top level."""
 
+import ast
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "bms_gateway"
 LONGEST = 500  # lines; about 300 is the aim
+MOST_PARAMETERS = 6
+MOST_ATTRIBUTES = 20
+DENSER = {
+    # one parameter or attribute for each symbol of the equations
+    "thermal/parameters.py StringParameters.of": 9,
+    "thermal/point.py Point": 29,
+    # to be taken apart along what changes together
+    "diagnosis/core_known.py judged_model": 7,
+    "frames/dbc.py _signal": 7,
+    "health/heat/heat_watch.py HeatWatch": 23,
+    "identify/disturbed.py disturbed": 7,
+    "identify/inlet_noise.py slopes_by_noise": 7,
+    "identify/least_squares.py solve": 7,
+    "identify/map_fit.py _steps": 7,
+    "identify/resistance_by_cell.py fit_cells": 9,
+    "identify/response.py _by_input": 7,
+    "identify/window.py WindowIdentifier": 21,
+    "setup/lumps.py _take": 7,
+}
+"""Parameters of functions and attributes of classes above the limits: they may fall, and nothing may join them."""
 TOP = {"pyproject.toml", "bms_gateway", "dbc", "tests", "deploy", "README.md", "dist", "build"}
 
 
@@ -35,3 +57,62 @@ def test_what_libraries_do_well_is_left_to_them() -> None:
     for library, file in (("pydantic", "config/schema.py"), ("cantools", "frames/dbc.py"), ("can", "bus/pythoncan.py")):
         text = (PACKAGE / file).read_text(encoding="utf-8")
         assert f"import {library}" in text or f"from {library}" in text, f"{file} does without {library}"
+
+
+def test_functions_and_classes_stay_small_enough_to_keep_in_mind() -> None:
+    counts = {}
+    for file in sorted(PACKAGE.rglob("*.py")):
+        for name, most, count in _sizes(ast.parse(file.read_text(encoding="utf-8"))):
+            name = f"{file.relative_to(PACKAGE)} {name}"
+            if count > DENSER.get(name, most):
+                counts[name] = count
+    assert counts == {}
+
+
+def test_the_counts_are_those_of_a_reader() -> None:
+    text = """
+class A:
+    a: int
+    def __init__(self, x, *, y=1, **more):
+        self.b, self._c = x, y
+    def f(self):
+        self._c += 1
+        self.d: int = 2
+def g(a, b, /, *c): ...
+"""
+    assert list(_sizes(ast.parse(text))) == [
+        ("A", MOST_ATTRIBUTES, 4),
+        ("A.__init__", MOST_PARAMETERS, 3),
+        ("A.f", MOST_PARAMETERS, 0),
+        ("g", MOST_PARAMETERS, 3),
+    ]
+
+
+def _sizes(tree: ast.AST, inside: str = "") -> Iterator[tuple[str, int, int]]:
+    """Name, limit and count of each function and class of a module, in the order of its text."""
+    for node in ast.iter_child_nodes(tree):
+        name = f"{inside}{getattr(node, 'name', '')}"
+        if isinstance(node, ast.ClassDef):
+            yield name, MOST_ATTRIBUTES, len(_attributes(node))
+            yield from _sizes(node, f"{name}.")
+        elif isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            a = node.args
+            given = [*a.posonlyargs, *a.args, *a.kwonlyargs, *filter(None, (a.vararg, a.kwarg))]
+            yield name, MOST_PARAMETERS, sum(x.arg not in ("self", "cls") for x in given)
+            yield from _sizes(node, f"{name}.")
+        else:
+            yield from _sizes(node, inside)
+
+
+def _attributes(body: ast.ClassDef) -> set[str]:
+    """Names that a class declares, and that its methods give to `self`."""
+    declared = {x.target.id for x in body.body if isinstance(x, ast.AnnAssign) and isinstance(x.target, ast.Name)}
+    given = {
+        x.attr
+        for x in ast.walk(body)
+        if isinstance(x, ast.Attribute)
+        and isinstance(x.ctx, ast.Store)
+        and isinstance(x.value, ast.Name)
+        and x.value.id == "self"
+    }
+    return declared | given

@@ -9,6 +9,7 @@ from unittest.mock import Mock
 
 import pytest
 
+from tests.conftest import pytest_xdist_auto_num_workers
 from tests.support.by_file import LONGEST, ByFile
 
 ROOT = Path(__file__).parents[1]
@@ -55,6 +56,27 @@ def test_tables_of_a_run_that_was_killed_go_at_the_next_start_and_no_others(tmp_
         process.communicate("\n", timeout=60)
         assert process.returncode == 0
     assert left() == set()
+
+
+KEPT = (
+    "import sys, gc, tests.conftest as own, subprocess; own.pytest_collection_finish(); "
+    "print(sys.dont_write_bytecode, gc.get_freeze_count() > 10_000, flush=True); "
+    "subprocess.run([sys.executable, '-c', 'import sys; print(sys.dont_write_bytecode)'], check=True)"
+)
+
+
+def test_modules_are_compiled_once_and_searched_for_garbage_once(tmp_path):
+    env = os.environ | {"PYTHONDONTWRITEBYTECODE": "1", "TMPDIR": str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", KEPT], cwd=ROOT, env=env, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False", "True", "False"]
+
+
+@pytest.mark.parametrize(("how", "told", "found"), [("auto", "", 3), ("logical", "", None), ("auto", "2", None)])
+def test_there_are_half_as_many_workers_again_as_cores_unless_a_person_says_how_many(monkeypatch, how, told, found):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1})
+    if told:
+        monkeypatch.setenv("PYTEST_XDIST_AUTO_NUM_WORKERS", told)
+    assert pytest_xdist_auto_num_workers(Mock(option=Mock(numprocesses=how))) == found
 
 
 def test_files_that_take_longest_are_handed_out_first():

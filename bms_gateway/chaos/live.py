@@ -33,7 +33,7 @@ from bms_gateway.errors import BusError
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.database import Database
 from bms_gateway.service.fit_process import Aside
-from bms_gateway.service.live import Gateway
+from bms_gateway.service.live import Gateway, Jobs
 from bms_gateway.service.reread import reread
 from bms_gateway.store import StateStore
 
@@ -302,7 +302,7 @@ class RealTimeBench:
         bench = LiveBench(self._channel, port, tuple(own), wanted, vehicle.raw, vehicle.send, folder, disk)
         run = _LiveRun(played.scenario, bench, ears, vehicle, Bystander(self._plan, self._database), self._seconds)
         run.load = played.load
-        gateway = Gateway(engine, port, watch=run.watch, save=save, reload=reload, run_job=fits.run, end_jobs=end_jobs)
+        gateway = Gateway(engine, port, watch=run.watch, save=save, reload=reload, jobs=Jobs(fits.run, end_jobs))
         gateway.save_every_s = SAVE_S
         gateway.unread = lambda: store.unread
         bench._gateway, bench.talk = gateway, run.send_due

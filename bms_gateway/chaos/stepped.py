@@ -27,7 +27,7 @@ from bms_gateway.chaos.scenario import STEADY, Outcome, Scenario, is_sound, judg
 from bms_gateway.engine import Engine, Notice, Plan, SendFrames, drain
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.database import Database
-from bms_gateway.service.live import SETTLE_NS
+from bms_gateway.service.turns import SETTLE_NS
 from bms_gateway.store import StateStore, Trial
 
 SLICE_NS = SECOND // 10

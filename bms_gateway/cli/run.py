@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from bms_gateway.config.load import LoadedConfig
     from bms_gateway.engine import Engine, Event
     from bms_gateway.service.live import Gateway
-    from bms_gateway.service.signals import Signals
     from bms_gateway.store import StateStore, Trial
     from bms_gateway.store.recent import Recent
 
@@ -46,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
     signals = Signals(END_MOST_S, INTERRUPT_MOST_S)
     signals.listen()  # a disk that does not answer holds up the start too
     try:
-        gateway, port, store, trial = _assembled(args.config, signals)
+        gateway, port, store, trial = _assembled(args.config)
     except BaseException:
         signals.close()
         raise
@@ -55,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
     gc.freeze()
     try:
         with nullcontext() if trial is None else trial.noting():
-            gateway.serve(seconds=args.seconds)
+            gateway.serve(seconds=args.seconds, signals=signals)
         if trial is not None:
             trial.over()
     finally:
@@ -67,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _assembled(config: Path, signals: "Signals") -> "tuple[Gateway, Port, StateStore | None, Trial | None]":
+def _assembled(config: Path) -> "tuple[Gateway, Port, StateStore | None, Trial | None]":
     """Make the gateway of a config with all that runs beside it, its port, its store, and the trial of its state."""
     import logging
 
@@ -77,7 +76,7 @@ def _assembled(config: Path, signals: "Signals") -> "tuple[Gateway, Port, StateS
     from bms_gateway.service.boot import boot_id
     from bms_gateway.service.fit_process import Aside
     from bms_gateway.service.journal import start_logging
-    from bms_gateway.service.live import Gateway
+    from bms_gateway.service.live import Gateway, Jobs
     from bms_gateway.service.on_trial import prove
     from bms_gateway.service.reporting import accompany
     from bms_gateway.store import StateStore, Trial
@@ -112,9 +111,7 @@ def _assembled(config: Path, signals: "Signals") -> "tuple[Gateway, Port, StateS
         save=save,
         reload=reload,
         watch=watch if recent else None,
-        run_job=fits.run,
-        end_jobs=fits.close,
-        signals=signals,
+        jobs=Jobs(fits.run, fits.close),
     )
     accompany(gateway, loaded, lambda: engine)
     if store is not None:

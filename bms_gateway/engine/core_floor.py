@@ -13,7 +13,7 @@ estimate below the limit is an error of the model, of a sensor or of the state, 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,29 @@ REVERSIBLE_V: Final = 0.15
 MARGIN_K: Final = 0.5
 FOLLOWS_S: Final = 3600.0
 """Several slow time constants of a cell: after this time a core has forgotten an earlier cold."""
+
+
+class Step(NamedTuple):
+    """Estimates of one step of S strings of n cells, and what drove them.
+
+    Attributes
+    ----------
+    core, core_sd, surface : ndarray (S, n), °C, K, °C
+        NaN where not available.
+    inlet : ndarray (S,), °C
+        NaN if unknown; the other temperatures then decide.
+    current, square : ndarray (S,), A, A²
+        Means of I and I² over the step; NaN if unknown: no core is then found too cold.
+    dt : float, s
+    """
+
+    core: Floats
+    core_sd: Floats
+    surface: Floats
+    inlet: Floats
+    current: Floats
+    square: Floats
+    dt: float
 
 
 @dataclass(slots=True)
@@ -53,26 +76,15 @@ class Floor:
         """Start again, as after a gap."""
         self._coldest = np.empty(0)
 
-    def below(
-        self, core: Floats, core_sd: Floats, surface: Floats, inlet: Floats, current: Floats, square: Floats, dt: float
-    ) -> NDArray[np.bool_] | None:
+    def below(self, step: Step) -> NDArray[np.bool_] | None:
         """Take in one step and return which cores are colder than physically possible.
-
-        Parameters
-        ----------
-        core, core_sd, surface : ndarray (S, n), °C, K, °C
-            Estimates; NaN where not available.
-        inlet : ndarray (S,), °C
-            NaN if unknown; the other temperatures then decide.
-        current, square : ndarray (S,), A, A²
-            Means of I and I² over the step; NaN if unknown: no core is then found too cold.
-        dt : float, s
 
         Returns
         -------
         ndarray of bool (S, n) or None
             None if no core is too cold, as nearly always.
         """
+        core, core_sd, surface, inlet, current, square, dt = step
         now = np.fmin(np.fmin.reduce(surface, axis=1), inlet)
         cooled = np.maximum(0.0, REVERSIBLE_V * np.abs(current)[:, None] - square[:, None] * self.R_e)
         if not len(self._coldest):

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from bms_gateway.engine.backlog import GroupTick
+from bms_gateway.engine.core_floor import Step
 from bms_gateway.engine.events import Estimated, Event, Job, Level, Notice, Parameters
 from bms_gateway.engine.forecast import Forecasts
 from bms_gateway.engine.group import Group
@@ -178,7 +179,7 @@ class Estimators:
         felt = y > centre + ABOVE_K
         if felt.any():  # an accepted reading is the temperature of a point of the cell
             centre = np.where(felt, y, centre)
-        cold = group.floor.below(core, e.core_sd, surface, inlet, I, square, dt)
+        cold = group.floor.below(Step(core, e.core_sd, surface, inlet, I, square, dt))
         quality = group.doubtful(group.quality(readings), cold)
         if group.doubt is not None:
             core_sd = np.hypot(core_sd, group.doubt * (core - surface))

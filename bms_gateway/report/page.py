@@ -279,7 +279,7 @@ def write_page(path: Path, title: str, head: str, sections: Sequence[str]) -> No
     UsageError
         The file cannot be written.
     """
-    script = _packed_once("plotly", gzip.decompress(plotly_script()))
+    script = _packed_once("plotly", plotly_source())
     own = files("bms_gateway.report")
     names = ("page.css", "unlzma.js", "page.js", "told.js")
     css, unlzma, js, told = (own.joinpath(name).read_text(encoding="utf-8") for name in names)
@@ -313,7 +313,13 @@ def _packed_once(name: str, content: bytes) -> str:
 
 @cache
 def plotly_script() -> bytes:
-    """Give the script of the installed plotly, packed by gzip as a server sends it.
+    """Give the script of the installed plotly, packed by gzip as a server sends it; raises as `plotly_source`."""
+    return gzip.compress(plotly_source(), mtime=0)
+
+
+@cache
+def plotly_source() -> bytes:
+    """Give the script of the installed plotly.
 
     Raises
     ------
@@ -324,5 +330,5 @@ def plotly_script() -> bytes:
     for place in (spec.submodule_search_locations or []) if spec else []:
         path = Path(place) / "package_data" / "plotly.min.js"
         if path.is_file():
-            return gzip.compress(path.read_bytes(), mtime=0)
+            return path.read_bytes()
     raise MissingExtraError("an HTML report", "report")

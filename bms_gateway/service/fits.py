@@ -45,7 +45,7 @@ class Fits:
     service : Service
         Its engine may be another one after a reload: that one fits windows of its own.
     run, end : callable
-        As `Gateway` says of `run_job` and `end_jobs`.
+        As `live.Jobs` says.
     """
 
     def __init__(self, service: Service, run: Callable[[Job], object], end: Callable[[], None]) -> None:

@@ -71,3 +71,19 @@ class Tally:
     reloads_refused: int = 0
     failed_parts: dict[str, str] = field(default_factory=dict)
     """What ran beside the gateway and has ended by a bug of its own, with the reason."""
+    _told_ns: int = 0
+
+    def told(self, end_ns: int, now_ns: int) -> None:
+        """Count a tick with its lateness, once, however many outputs it has.
+
+        Parameters
+        ----------
+        end_ns : int
+            End of the tick, of which an output has just left the engine.
+        now_ns : int
+            Now, of the same clock.
+        """
+        if end_ns > self._told_ns:
+            self._told_ns = end_ns
+            self.ticks += 1
+            self.lateness.note(max(0, now_ns - end_ns) * 1e-9)

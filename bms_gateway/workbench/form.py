@@ -103,15 +103,15 @@ def with_config(files: dict[str, Any], folder: Path) -> tuple[dict[str, Any], li
     proposal = propose(traffic)
     if (why_not := missing(proposal, traffic)) is not None:
         raise UsageError(why_not.replace(": give the vehicle's DBC with --dbc", ": drop the vehicle's DBC too"))
+    string = files.get("string") or "string_1"
+    strings = [f"string_{k}" for k in range(1, len(proposal.cells) + 1)]
+    if string not in strings:  # whoever asks may be on another machine: no path is made of it
+        raise UsageError(f"open: the log has no string '{clipped(string, 60)}'{did_you_mean(string, strings)}")
     settled = settle(proposal, traffic, folder, cell=cell, logs=logs)
     said = [*proposal.remarks, *settled.written.notes]
     if cell is None:
         said.append("The cell is unknown: name it in the form, and the bands of the cores get narrower.")
     said += map(taken_for, proposal.signals)
-    string = files.get("string") or "string_1"
-    strings = [f"string_{k}" for k in range(1, len(proposal.cells) + 1)]
-    if string not in strings:  # whoever asks may be on another machine: no path is made of it
-        raise UsageError(f"open: the log has no string '{clipped(string, 60)}'{did_you_mean(string, strings)}")
     model = settled.written.config.parent / f"{string}.toml"
     config = str(settled.written.config)
     return {**files, "config": config, "string": string, "model": files.get("model") or str(model)}, said

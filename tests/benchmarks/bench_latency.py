@@ -86,13 +86,14 @@ class Busy:
 async def gateway(place, seconds, jobs, *, in_thread=False):
     """The service's own loop; gives fits done, frames lost and CPU time."""
     from bms_gateway.service.fit_process import Aside
-    from bms_gateway.service.live import Gateway, run_here
+    from bms_gateway.service.fits import run_here
+    from bms_gateway.service.live import Gateway, Jobs
 
     busy = Busy(engine(), jobs)
     port = our_port(place, Access(busy.can_ids.tolist(), own=busy.sends))
     port.drain()
     start = cpu()
-    await Gateway(busy, port, run_job=run_here if in_thread else Aside().run).run(seconds=seconds)
+    await Gateway(busy, port, jobs=Jobs(run_here if in_thread else Aside().run)).run(seconds=seconds)
     used = cpu() - start
     port.close()
     return {"fits": busy.fits, "dropped": port.counters.dropped, "cpu_pct": 100 * used / seconds}

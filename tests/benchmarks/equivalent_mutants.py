@@ -363,11 +363,15 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         ": if TYPE_CHECKING:  ->  if not TYPE_CHECKING:": ANNOTATIONS,
     },
     "bms_gateway/service/live.py": {
-        "Gateway.__init__: 0  ->  1": "no tick ends in the first nanosecond of 1970",
-        "Gateway._on_drain: 1000000000.0  ->  1000000001.0": BILLIONTH,
-        "Gateway._arm: 1000000000.0  ->  1000000001.0": BILLIONTH,
         "Gateway._feed: 1000000000.0  ->  1000000001.0": BILLIONTH,
-        "Gateway._arm: self._timer = None  ->  pass": "a timer that is over or cancelled may be cancelled once more",
+    },
+    "bms_gateway/service/turns.py": {
+        "Turns.begin: 1000000000.0  ->  1000000001.0": BILLIONTH,
+        "Turns.arm: 1000000000.0  ->  1000000001.0": BILLIONTH,
+        "Turns.arm: self._timer = None  ->  pass": "a timer that is over or cancelled may be cancelled once more",
+    },
+    "bms_gateway/service/tally.py": {
+        "Tally: 0  ->  1  #10": "no tick ends in the first nanosecond of 1970",
     },
     "bms_gateway/service/mqtt.py": {
         "Publisher.__init__: self._line = ''  ->  pass": "set again before it is read",

@@ -48,7 +48,7 @@ def test_a_string_with_two_thermocouples_is_not_asked_and_told_why(tmp_path) -> 
     assert all("fewer than three thermocouples" in why for why in heat.values()), heat
 
 
-@pytest.mark.parametrize("name", ["short-10W-rest", "short-10W"])
+@pytest.mark.parametrize("name", ["short-10W-rest", pytest.param("short-10W", marks=pytest.mark.slow)])
 def test_a_short_is_told_in_time_and_nothing_else(three_sensed: Chaos, name: str) -> None:
     outcome = three_sensed.run(name)
     assert outcome.holds, outcome.seen

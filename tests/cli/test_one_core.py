@@ -19,7 +19,7 @@ STRONG = 0.55  # mV/K, of the hidden effect
 @pytest.fixture(scope="module")
 def road(tmp_path_factory):
     """Every command on one model, and on the one that `add` wrote: document, words and page of each."""
-    pack = packed(tmp_path_factory.mktemp("one_core"), seconds=1500, sensors=(1, 2, 3))
+    pack = packed(tmp_path_factory.mktemp("one_core"), seconds=1000, sensors=(1, 2, 3))
     folder = pack.folder
     written = folder / "added.toml"
     words = {

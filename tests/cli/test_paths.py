@@ -1,5 +1,6 @@
 """A path at which nobody can look is one line and status 2, whichever command it is given to."""
 
+import json
 import os
 import subprocess
 import sys
@@ -10,6 +11,7 @@ import pytest
 from tests.cli.bad_inputs.case import sound
 from tests.cli.calls import call
 
+ROOT = Path(__file__).parents[2]
 LONG = "x" * 300
 DEEP = "y/" * 2100 + "z"
 LOOP = "loop"
@@ -63,17 +65,37 @@ def test_a_link_that_leads_to_itself(folder, monkeypatch, words):
     assert (status, len(told)) == (2, 1), err[-500:]
 
 
-@pytest.mark.parametrize("words", COMMANDS)
-def test_a_folder_that_may_not_be_entered(folder, words):
+ALL = """
+import json, sys
+from tests.cli.calls import call
+json.dump([call(*words) for words in json.load(sys.stdin)], sys.stdout)
+"""
+
+
+@pytest.fixture(scope="module")
+def closed_out(folder) -> dict[str, tuple[int, str, str]]:
+    """What each command says in a process that may not enter the folder of its path."""
     if os.geteuid() == 0 and subprocess.run([*WITHOUT_THE_RIGHT, "true"], check=False).returncode:
         pytest.skip("root may enter every folder here")
-    closed = folder / "closed"
-    closed.mkdir(exist_ok=True)
-    closed.chmod(0)
+    (folder / "closed").mkdir(mode=0)
     before = WITHOUT_THE_RIGHT if os.geteuid() == 0 else ()
-    command = [*before, sys.executable, "-m", "bms_gateway", *words.replace("@", "closed/x").split()]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=60, check=False)
-    told = [line for line in done.stderr.splitlines() if "error:" in line]
-    assert (done.returncode, len(told)) == (2, 1), done.stderr[-500:]
+    done = subprocess.run(
+        [*before, sys.executable, "-c", ALL],
+        input=json.dumps([words.replace("@", "closed/x").split() for words in COMMANDS]),
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=True,
+    )
+    return dict(zip(COMMANDS, json.loads(done.stdout), strict=True))
+
+
+@pytest.mark.parametrize("words", COMMANDS)
+def test_a_folder_that_may_not_be_entered(closed_out, words):
+    status, _, err = closed_out[words]
+    told = [line for line in err.splitlines() if "error:" in line]
+    assert (status, len(told)) == (2, 1), err[-500:]
     assert "closed" in told[0]
     assert "ermission denied" in told[0]

@@ -106,7 +106,9 @@ def test_what_is_left_open_is_what_thinned_rows_do_to_a_right_model(k):
     assert 0.4 < told / np.sqrt(np.mean(moved**2)) < 2.5
 
 
-@pytest.mark.parametrize(("seed", "noise"), [(12, 0.05), (13, 0.05), (14, 0.02), (15, 0.02)])
+@pytest.mark.parametrize(
+    ("seed", "noise"), [(12, 0.05), (13, 0.05), pytest.param(14, 0.02, marks=pytest.mark.slow), (15, 0.02)]
+)
 def test_steps_between_rows_of_a_second_are_no_effect(seed, noise):
     # half a second of heat of a small cell stands out of the noise: it was called unknown, or a drift
     record, model = two_nodes(seed, noise=noise)
@@ -148,7 +150,7 @@ def test_an_offset_of_the_current_is_not_taken_for_steps_between_its_rows():
     assert [s.candidate.key for s in found.selected] == ["current_offset"], found.sentence
 
 
-@pytest.mark.parametrize("R_s", [0.0015, 0.004])
+@pytest.mark.parametrize("R_s", [0.0015, pytest.param(0.004, marks=pytest.mark.slow)])
 def test_an_effect_beside_steps_between_rows_is_called_by_no_other_name(R_s):
     record, model = two_nodes(17, R_s=R_s)
     found = diagnose(model, [record])

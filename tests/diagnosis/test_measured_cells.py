@@ -61,7 +61,8 @@ def test_effects_are_named_from_the_surface_alone(name):
     assert found.unknown_remains
 
 
-@each
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CELLS)
 def test_band_covers_the_thermocouple_in_the_core(name):
     model, record, core = bench_record(name)
     asked = diagnose(model, [record])

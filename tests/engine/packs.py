@@ -9,6 +9,7 @@ import numpy as np
 from bms_gateway.bus.traffic import SECOND, Traffic
 from bms_gateway.bus.virtual import VirtualPack
 from bms_gateway.config import own_dbc_text
+from bms_gateway.config.dbc_files import read_dbc
 from bms_gateway.engine import Channel, Event, Plan, StringPlan
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.database import Database
@@ -22,7 +23,7 @@ EPOCH_S = 1_700_000_000  # bus time is wall-clock time
 
 @cache
 def database() -> Database:
-    return Database.load({OWN_DBC: own_dbc_text()})
+    return Database.load({OWN_DBC: own_dbc_text()}, read_dbc)
 
 
 def model(rel_sd: float) -> StringModel:

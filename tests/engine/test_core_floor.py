@@ -1,12 +1,13 @@
 """A core below everything around it is not good, and no core that physics allows is called so."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from bms_gateway.engine.core_floor import Floor
+from bms_gateway.engine.core_floor import Floor, Step
 from bms_gateway.frames.quality import Quality
 from bms_gateway.thermal import Prior, StringModel
 from tests.engine.doubtful_runs import run
@@ -21,6 +22,7 @@ MODEL = StringModel(
 )
 
 
+@cache
 def drive(seed, minutes=60):
     """Core, surface (K + 1,), inlet (K + 1,), current (K,) of a cell with reversible heat, by scipy; dt 5 s."""
     rng = np.random.default_rng(seed)
@@ -46,7 +48,8 @@ def test_a_core_that_physics_allows_is_never_called_too_cold(seed):
     floor, one = Floor.of([MODEL]), np.ones((1, 1))
     for k, amps in enumerate(current):
         at = [np.array([[x]]) for x in (core[k + 1], surface[k + 1])]
-        assert floor.below(at[0], one, at[1], inlet[k : k + 1], np.array([amps]), np.array([amps**2]), 5.0) is None
+        step = Step(at[0], one, at[1], inlet[k : k + 1], np.array([amps]), np.array([amps**2]), 5.0)
+        assert floor.below(step) is None
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -57,19 +60,19 @@ def test_a_core_below_all_around_it_is_called_too_cold_at_once(seed):
     lowest = min(core[0] - 2.0, surface.min(), inlet.min()) - 0.5 - 1.3 * R_c * reversible - 0.1
     for k, amps in enumerate(current):
         away = np.array([[lowest if k else core[0]]])
-        found = floor.below(
-            away, one, surface[None, k + 1 : k + 2], inlet[k : k + 1], np.array([amps]), np.array([amps**2]), 5.0
-        )
+        own, amps_of_it = surface[None, k + 1 : k + 2], np.array([amps])
+        found = floor.below(Step(away, one, own, inlet[k : k + 1], amps_of_it, amps_of_it**2, 5.0))
         assert (found is not None) == (k > 0)
 
 
 def test_without_a_current_nothing_is_said_and_without_an_inlet_the_surfaces_decide():
     nothing, cold, sound = np.array([np.nan]), np.array([[0.0, 20.0]]), np.array([[20.0, 20.0]])
     surface, sd = np.array([[20.0, 21.0]]), np.ones((1, 2))
+    one = np.array([1.0])
     two = Floor.of([replace(MODEL, cells=2, sensors=(1, 2))])
-    assert two.below(sound, sd, surface, nothing, np.array([1.0]), np.array([1.0]), 1.0) is None
-    assert two.below(cold, sd, surface, nothing, nothing, nothing, 1.0) is None
-    found = two.below(cold, sd, surface, nothing, np.array([1.0]), np.array([1.0]), 1.0)
+    assert two.below(Step(sound, sd, surface, nothing, one, one, 1.0)) is None
+    assert two.below(Step(cold, sd, surface, nothing, nothing, nothing, 1.0)) is None
+    found = two.below(Step(cold, sd, surface, nothing, one, one, 1.0))
     assert found.tolist() == [[True, False]]
 
 

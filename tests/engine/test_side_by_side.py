@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bms_gateway.engine import Notice, Parameters, StringPlan
-from bms_gateway.engine.core_floor import Floor
+from bms_gateway.engine.core_floor import Floor, Step
 from bms_gateway.engine.estimators import Estimators, TickResult
 from bms_gateway.engine.group import index_of
 from bms_gateway.engine.readings import Readings
@@ -78,7 +78,7 @@ class Alone:
         self.mismatch.take(np.array([np.mean(z**2) if len(z) else NAN]), 1.0)
         known = e.core_sd[0] <= 12.0
         driven = (np.array([x]) for x in (inlet + shift, I, square))
-        cold = self.floor.below(e.core, e.core_sd, e.surface, *driven, 1.0)
+        cold = self.floor.below(Step(e.core, e.core_sd, e.surface, *driven, 1.0))
         cold = np.zeros(n, bool) if cold is None else cold[0]
         row = (np.where(known, x[0], NAN) for x in (e.core, e.core_sd, e.surface))
         felt = np.where(y > e.centre[0] + 0.3, y, e.centre[0])

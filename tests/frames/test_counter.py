@@ -5,14 +5,13 @@ import pytest
 
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.frames.counter import CounterGuard
-from bms_gateway.frames.database import Database
 from bms_gateway.frames.decode import decode
 from bms_gateway.frames.e2e import id_crc, protect
 from bms_gateway.frames.encode import Encoder
 from bms_gateway.frames.quality import Quality
-from tests.frames.payloads import OWN, batch_of, text_of
+from tests.frames.payloads import OWN, batch_of, loaded
 
-DATABASE = Database.load({OWN.name: text_of(OWN)})
+DATABASE = loaded(OWN)
 MESSAGES = ("string_1_surface", "string_2_electrical", "string_1_coolant")
 TABLE = DATABASE.compile([s.path for m in MESSAGES for s in DATABASE.message(m).signals.values()])
 

@@ -9,7 +9,7 @@ from bms_gateway.frames.database import Database
 from bms_gateway.frames.decode import decode
 from bms_gateway.frames.quality import Quality
 from tests.data import need
-from tests.frames.payloads import OWN, batch_of, text_of
+from tests.frames.payloads import OWN, batch_of, loaded, text_of
 
 HEAD = 'VERSION ""\nBS_:\nBU_: A\n'
 
@@ -94,7 +94,7 @@ def test_one_message_name_in_two_files_is_told_when_used() -> None:
 )
 def test_misspelt_names_get_the_nearest(path: str, told: str) -> None:
     with pytest.raises(ConfigError, match=told):
-        Database.load({"bms_gateway.dbc": text_of(OWN)}).resolve(path)
+        loaded(OWN).resolve(path)
 
 
 def test_a_signal_of_scale_zero_is_refused_when_it_is_wanted() -> None:
@@ -188,7 +188,7 @@ def test_batches_of_any_width_and_none_at_all_are_read() -> None:
 
 
 def test_how_a_batch_is_cut_changes_nothing() -> None:
-    database = Database.load({"bms_gateway.dbc": text_of(OWN)})
+    database = loaded(OWN)
     table = database.compile([s.path for m in database.messages.values() for s in m.signals.values()])
     rng = np.random.default_rng(5)
     ids = np.array([m.can_id for m in database.messages.values()], np.uint32)

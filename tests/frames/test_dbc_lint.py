@@ -10,7 +10,6 @@ import pytest
 from cantools.database.can import Message, Signal
 
 from bms_gateway.frames.batch import EXTENDED
-from bms_gateway.frames.database import Database
 from bms_gateway.frames.own_dbc import (
     GATEWAY_INFO,
     GATEWAY_STATUS,
@@ -30,7 +29,7 @@ from bms_gateway.frames.own_dbc import (
     summary_message,
 )
 from bms_gateway.frames.quality import Quality
-from tests.frames.payloads import OWN, ROOT, parsed, text_of
+from tests.frames.payloads import OWN, ROOT, loaded, parsed
 
 DB = parsed(OWN)
 MESSAGES = list(DB.messages)
@@ -200,7 +199,7 @@ def test_every_message_is_protected_by_the_named_profile() -> None:
 
 @pytest.mark.parametrize("k", range(1, MAX_STRINGS + 1))
 def test_every_channel_has_a_signal_sent_by_the_battery_in_si(k: int) -> None:
-    database = Database.load({OWN.name: text_of(OWN)})
+    database = loaded(OWN)
     units = {"current": "A", "voltage": "V", "coolant_inlet": "degC", "coolant_flow": "m3/s", "soc": "1"}
     for quantity, unit in units.items():
         info = database.resolve(own_signal(k, quantity))
@@ -215,7 +214,7 @@ def test_every_channel_has_a_signal_sent_by_the_battery_in_si(k: int) -> None:
 
 
 def test_output_names_are_those_in_the_file() -> None:
-    database = Database.load({OWN.name: text_of(OWN)})
+    database = loaded(OWN)
     ours = {m.name for m in database.messages.values() if m.senders == ("BMS_GATEWAY",)}
     named = {GATEWAY_STATUS, GATEWAY_INFO}
     for k in range(1, MAX_STRINGS + 1):

@@ -9,7 +9,7 @@ import pytest
 
 from bms_gateway.frames.database import Database
 from bms_gateway.frames.decode import decode
-from tests.frames.payloads import all_dbc, batch_of, can_id, parsed, payloads, text_of, truth
+from tests.frames.payloads import all_dbc, batch_of, can_id, loaded, parsed, payloads, truth
 
 PER_MESSAGE = 40
 EXACT = 2.0**53
@@ -27,7 +27,7 @@ def same(ours: float, theirs: float) -> bool:
 @pytest.mark.parametrize("path", all_dbc(), ids=lambda p: p.name)
 def test_every_message_decodes_as_cantools_does(path: Path) -> None:
     oracle = parsed(path)
-    database = Database.load({path.name: text_of(path)})
+    database = loaded(path)
     paths = [f"{m.name}.{s.name}" for m in oracle.messages for s in m.signals]
     table = database.compile(paths)
     rng = random.Random(path.name)

@@ -12,7 +12,7 @@ from bms_gateway.frames.decode import decode
 from bms_gateway.frames.e2e import check, crc8, id_crc, protect
 from bms_gateway.frames.encode import Encoder
 from bms_gateway.frames.quality import Quality
-from tests.frames.payloads import OWN, text_of
+from tests.frames.payloads import OWN, loaded
 
 
 def whole(data: np.ndarray, data_id: int, length: int = 8) -> bool:
@@ -79,13 +79,9 @@ def test_every_single_bit_error_and_a_foreign_id_are_found() -> None:
     assert not whole(data, 0xFF51, 7)
 
 
-def database() -> Database:
-    return Database.load({"bms_gateway.dbc": text_of(OWN)})
-
-
 def surfaces(n: int) -> tuple[Database, FrameBatch]:
     """Frames of two multiplexer values in turn, n each."""
-    db = database()
+    db = loaded(OWN)
     encoder = Encoder(db, ["string_1_surface"])
     rows = np.tile([encoder.row("string_1_surface", 0), encoder.row("string_1_surface", 1)], n)
     can_id, length, data = encoder.encode(rows, np.full((2 * n, encoder.width), 25.0))

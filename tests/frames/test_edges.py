@@ -12,7 +12,7 @@ from bms_gateway.frames.encode import Encoder
 from bms_gateway.frames.own_dbc import MAX_CELLS, MAX_STRINGS, input_messages, own_signal
 from bms_gateway.frames.quality import Quality
 from bms_gateway.frames.rules import default_rule
-from tests.frames.payloads import OWN, batch_of, text_of
+from tests.frames.payloads import OWN, batch_of, loaded
 
 HEAD = 'VERSION ""\nBS_:\nBU_: A\n'
 
@@ -106,13 +106,13 @@ def test_a_signal_named_without_its_message_is_told_with_it() -> None:
     db = database('a : 0|8@1+ (1,0) [0|0] ""')
     with pytest.raises(ConfigError, match=r"did you mean 'M.a'"):
         db.resolve("a")
-    own = Database.load({OWN.name: text_of(OWN)})
+    own = loaded(OWN)
     with pytest.raises(ConfigError, match=r"not of the form Message.Signal; did you mean 'gateway_status'"):
         own.resolve("gateway_stats")
 
 
 def test_where_all_check_sums_are_wrong_no_counter_is_followed() -> None:
-    db = Database.load({OWN.name: text_of(OWN)})
+    db = loaded(OWN)
     table = db.compile(["string_1_electrical.current"])
     can_id = db.message("string_1_electrical").can_id
     samples = decode(table, batch_of([(can_id, bytes(8)), (can_id, b"\x01" * 8)]))

@@ -13,13 +13,9 @@ from bms_gateway.frames.database import Database
 from bms_gateway.frames.decode import decode
 from bms_gateway.frames.encode import Encoder
 from bms_gateway.frames.quality import Quality
-from tests.frames.payloads import OWN, all_dbc, parsed, text_of
+from tests.frames.payloads import OWN, all_dbc, loaded, parsed
 
 PER_ROW = 4
-
-
-def own() -> Database:
-    return Database.load({"bms_gateway.dbc": text_of(OWN)})
 
 
 def as_batch(encoded: tuple[np.ndarray, np.ndarray, np.ndarray]) -> FrameBatch:
@@ -30,7 +26,7 @@ def as_batch(encoded: tuple[np.ndarray, np.ndarray, np.ndarray]) -> FrameBatch:
 @pytest.mark.parametrize("path", all_dbc(), ids=lambda p: p.name)
 def test_cantools_and_our_decoder_read_back_what_was_encoded(path: Path) -> None:
     oracle = parsed(path)
-    database = Database.load({path.name: text_of(path)})
+    database = loaded(path)
     encoder = Encoder(database, list(database.messages))
     names = {int(m.can_id): m for m in database.messages.values()}
     rng = random.Random(path.name)
@@ -77,7 +73,7 @@ def test_cantools_and_our_decoder_read_back_what_was_encoded(path: Path) -> None
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e9, -1e9, 5e300])
 def test_what_our_own_signals_cannot_carry_leaves_as_not_available(bad: float) -> None:
-    database = own()
+    database = loaded(OWN)
     encoder = Encoder(database, list(database.messages))
     rows = np.arange(len(encoder.can_id))
     encoded = encoder.encode(rows, np.full((len(rows), encoder.width), bad))
@@ -88,7 +84,7 @@ def test_what_our_own_signals_cannot_carry_leaves_as_not_available(bad: float) -
 
 
 def test_an_error_is_told_from_a_missing_value() -> None:
-    database = own()
+    database = loaded(OWN)
     encoder = Encoder(database, list(database.messages))
     rows = np.arange(len(encoder.can_id))
     shape = (len(rows), encoder.width)
@@ -99,7 +95,7 @@ def test_an_error_is_told_from_a_missing_value() -> None:
 
 @pytest.mark.parametrize("path", all_dbc(), ids=lambda p: p.name)
 def test_no_value_raises(path: Path) -> None:
-    database = Database.load({path.name: text_of(path)})
+    database = loaded(path)
     encoder = Encoder(database, list(database.messages))
     rng = np.random.default_rng(1)
     rows = rng.integers(0, len(encoder.can_id), 500)
@@ -133,7 +129,7 @@ def test_out_of_range_saturates_where_nothing_means_not_available() -> None:
 
 
 def test_every_layout_counts_for_itself_and_goes_on_after_a_restart() -> None:
-    database = own()
+    database = loaded(OWN)
     encoder = Encoder(database, ["string_1_core"])
     rows = np.array([encoder.row("string_1_core", 1), encoder.row("string_1_core", 2), encoder.row("string_1_core", 1)])
     values = np.zeros((3, encoder.width))
@@ -153,7 +149,7 @@ def test_every_layout_counts_for_itself_and_goes_on_after_a_restart() -> None:
 
 
 def test_unknown_names_are_told_with_the_nearest() -> None:
-    encoder = Encoder(own(), ["string_1_core", "gateway_status"])
+    encoder = Encoder(loaded(OWN), ["string_1_core", "gateway_status"])
     with pytest.raises(ConfigError, match="did you mean 'gateway_status'"):
         encoder.row("gateway_stats")
     with pytest.raises(ConfigError, match="no layout for multiplexer '19'"):

@@ -16,7 +16,7 @@ from bms_gateway.frames.quality import Quality
 from bms_gateway.frames.rules import default_rule
 from tests.data import need
 from tests.frames.guard_runs import FINE, S, run
-from tests.frames.payloads import OWN, batch_of, parsed, text_of
+from tests.frames.payloads import OWN, batch_of, loaded, parsed
 
 TWO = (
     'VERSION ""\nBS_:\nBU_: A\nBO_ 1 M: 8 A\n SG_ s : 0|8@1+ (1,-40) [0|0] "C" A\n'
@@ -128,7 +128,7 @@ def test_rails_and_sentinels_are_told_as_open_and_short() -> None:
 
 
 def test_our_own_dbc_has_no_rails_but_tells_not_available_itself() -> None:
-    rule = default_rule("surface", Database.load({OWN.name: text_of(OWN)}).resolve("string_1_surface.surface_01"))
+    rule = default_rule("surface", loaded(OWN).resolve("string_1_surface.surface_01"))
     assert rule.low_rail == -np.inf
     assert rule.needs_proof
     told, _ = run([rule], np.full((1, 1), 382.2), flags=np.full((1, 1), Quality.NOT_AVAILABLE, np.uint8))
@@ -249,7 +249,7 @@ def test_real_thermistors_are_told_apart(drive: str) -> None:
     classes = expected(drive)
     frames = frames_of(drive)
     path = need("dbc", "uwfe_2024CAR_fixed.dbc")
-    database = Database.load({path.name: text_of(path)})
+    database = loaded(path)
     names = [f"BMU_ChannelTemp.TempChannel{k:02d}" for k in range(1, 142)]
     current = "BMU_stateBusHV.CurrentBusHV"
     table = database.compile([*names, current])

@@ -135,12 +135,12 @@ def test_band_holds_for_numbers_as_uncertain_as_stated_and_the_effect_pays():
     ("name", "values"),
     [
         ("resistance_temperature", {"B": B}),
-        ("polarization", {}),
+        pytest.param("polarization", {}, marks=pytest.mark.slow),
         ("hysteresis", {"V": 0.03}),
-        ("coolant_delay", {"tau": 20.0}),
+        pytest.param("coolant_delay", {"tau": 20.0}, marks=pytest.mark.slow),
         ("thermocouple_lag", {"tau": 6.0}),
-        ("radial_gradient", {"phi": 0.5}),
-        ("natural_convection", {"n": 0.2}),
+        pytest.param("radial_gradient", {"phi": 0.5}, marks=pytest.mark.slow),
+        pytest.param("natural_convection", {"n": 0.2}, marks=pytest.mark.slow),
     ],
 )
 def test_sensitivities_are_the_slopes_of_the_whole_run(name, values):

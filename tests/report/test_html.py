@@ -29,7 +29,7 @@ from bms_gateway.report.add_text import AddReport, Side, headline
 from bms_gateway.report.diagnosis_text import Told
 from bms_gateway.report.html import Aside, Details, write_addition, write_comparison, write_diagnosis
 from bms_gateway.report.html_series import ALL_POINTS, points_each
-from bms_gateway.report.page import amount, plotly_script
+from bms_gateway.report.page import amount, plotly_source
 from tests.diagnosis.decided import by_second
 from tests.report.html_page import Page, unpacked
 from tests.report.labels import bare
@@ -417,7 +417,7 @@ def test_records_have_figures_of_their_own_that_zoom_apart(road, tmp_path):
 
 
 def test_without_plotly_the_extra_is_named(monkeypatch, tmp_path):
-    plotly_script.cache_clear()
+    plotly_source.cache_clear()
     monkeypatch.setattr("bms_gateway.report.page.find_spec", lambda name: None)
     with pytest.raises(MissingExtraError, match=r"pip install 'bms-gateway\[report\]'"):
         write_diagnosis(tmp_path / "x.html", Told(None, "Nothing.", ()))

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from bms_gateway.service import live
+from bms_gateway.service import live, reloads
 from tests.support.installed_service import CONFIG, LENT, ROOT, drop_in, install, sh
 from tests.support.live_service import Bus
 from tests.support.live_world import Fits, Saves, World
@@ -26,7 +26,7 @@ def world(monkeypatch):
     monkeypatch.setattr(live, "Fits", Fits)
     monkeypatch.setattr(live, "Saves", Saves)
     monkeypatch.setattr(live, "notify", world.notify)
-    monkeypatch.setattr(live, "reloading", lambda: world.notify("RELOADING"))
+    monkeypatch.setattr(reloads, "reloading", lambda: world.notify("RELOADING"))
     monkeypatch.setattr(live, "watchdog_s", lambda: world.watchdog_s)
     yield world
     for port in world.ports:

@@ -19,7 +19,7 @@ from bms_gateway.engine import StartJob
 from bms_gateway.service import fit_process
 from bms_gateway.service.fit_process import Aside, NotDone, work
 from bms_gateway.service.fits import run_here
-from bms_gateway.service.live import Gateway
+from bms_gateway.service.live import Gateway, Jobs
 from tests.service.engine import TickEngine
 from tests.support.fit_jobs import EndedBy, windows
 from tests.support.live_service import FRAME, PATIENCE_S, come, run
@@ -197,6 +197,6 @@ def test_the_gateway_applies_what_the_child_found(bus, path):
         await come(lambda: engine.ticks)
         engine.queue.append(StartJob(engine.last, 3, engine.last + 10**10, Sum((0.5,))))
 
-    run(Gateway(engine, bus.port, run_job=Aside().run), start(), until=lambda: engine.results)
+    run(Gateway(engine, bus.port, jobs=Jobs(Aside().run)), start(), until=lambda: engine.results)
     assert engine.results[3][0] == float(np.sin(0.5))
     assert engine.results[3][1] != os.getpid()

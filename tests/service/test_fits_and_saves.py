@@ -12,7 +12,7 @@ import numpy as np
 from bms_gateway.errors import StateError
 from bms_gateway.service import fits, live
 from bms_gateway.service.fit_process import NotDone
-from bms_gateway.service.live import Gateway
+from bms_gateway.service.live import Gateway, Jobs
 from tests.service.engine import TICK_NS, TickEngine
 from tests.support.live_service import PATIENCE_S, come, run, traffic
 
@@ -56,7 +56,7 @@ def test_a_fit_that_came_to_nothing_is_counted_told_and_tried_again_ever_less_of
         told.append(dict(gateway.tally.fit_problems))
         return NotDone("it hung") if len(tries) < 5 else job.run()
 
-    gateway = Gateway(engine, bus.port, run_job=run_job)
+    gateway = Gateway(engine, bus.port, jobs=Jobs(run_job))
     engine.job(7, lambda: 42)
     with caplog.at_level(logging.WARNING):
         run(gateway, until=lambda: engine.results)
@@ -76,7 +76,7 @@ def test_a_fit_of_an_engine_that_a_reload_has_replaced_is_not_tried_again(bus, m
     async def reload():
         return new
 
-    gateway = Gateway(old, bus.port, reload=reload, run_job=lambda _: tries.append(1) or NotDone("it hung"))
+    gateway = Gateway(old, bus.port, reload=reload, jobs=Jobs(lambda _: tries.append(1) or NotDone("it hung")))
     old.job(7, lambda: 42)
 
     async def hup():

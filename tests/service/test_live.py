@@ -21,7 +21,8 @@ from bms_gateway.engine.events import SendFrames
 from bms_gateway.errors import ConfigError
 from bms_gateway.frames.batch import FrameBatch
 from bms_gateway.service import live
-from bms_gateway.service.live import DRAIN_S, SETTLE_NS, Gateway, pause
+from bms_gateway.service.live import Gateway
+from bms_gateway.service.turns import DRAIN_S, SETTLE_NS, pause
 from tests.bus.frames import make
 from tests.service.engine import TICK_NS, TickEngine
 from tests.support.live_service import FRAME, PATIENCE_S, come, run, traffic
@@ -339,7 +340,7 @@ def test_the_watchdog_is_not_fed_when_the_estimator_stands_still(bus, systemd, m
 
 def test_the_watchdog_is_not_fed_when_receiving_stands_still(bus, systemd, caplog):
     gateway = Gateway(TickEngine(silent=0), bus.port)
-    gateway._on_drain = lambda: None  # the drain is lost, nothing waits for frames
+    gateway._turns.begin = lambda: None  # the drain is lost, nothing waits for frames
     assert "WATCHDOG=1" not in fed_while_stalled(gateway, systemd, caplog)
 
 

@@ -10,14 +10,15 @@ from bms_gateway.bus.port import Link
 from bms_gateway.engine.engine import LATEST_NS
 from bms_gateway.engine.events import Alerted, Estimated, Level, Notice, StartJob
 from bms_gateway.health.alerts import Change, Condition, Severity
-from bms_gateway.service import live
-from bms_gateway.service.live import pause
+from bms_gateway.service import live, turns
+from bms_gateway.service.turns import pause
 from tests.support.live_world import BASE_NS, Engine, at, frames_at
 from tests.support.virtual_time import VirtualLoop
 
 
 def test_the_bounds():
-    assert (live.DRAIN_S, live.SETTLE_NS, live.OVERDUE_NS, live.ROUNDING_S) == (0.01, 2_000_000, 2_000_000_000, 0.0002)
+    assert (turns.DRAIN_S, turns.SETTLE_NS, turns.ROUNDING_S) == (0.01, 2_000_000, 0.0002)
+    assert live.OVERDUE_NS == 2_000_000_000
     assert (live.SAVE_S, live.SAVE_LAST_S, live.END_S, live.HASTE) == (60.0, 2.0, 1.0, 0.25)
     assert (live.FEEDS, live.STATUS_S, live.LOOK_S, live.PATIENCE_S) == (3, 10.0, 0.5, 30)
 

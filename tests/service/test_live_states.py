@@ -65,8 +65,8 @@ def test_the_watchdog_is_not_fed_when_nothing_drains_any_more(world, caplog, whe
     world.watchdog_s = 3.0
     gateway = world.gateway(port=world.port(descriptor=False))
     if when == 0.0:
-        gateway._on_drain = lambda: None
-    world.play(gateway, (when, lambda: setattr(gateway, "_on_drain", lambda: None)), seconds=4.5)
+        gateway._turns.begin = lambda: None
+    world.play(gateway, (when, lambda: setattr(gateway._turns, "begin", lambda: None)), seconds=4.5)
     assert world.times("WATCHDOG=1") == fed
     assert set(caplog.messages) == {"stalled: receiving False, estimating True, sending True"}
     assert len(caplog.messages) == 4 - len(fed)
@@ -75,7 +75,7 @@ def test_the_watchdog_is_not_fed_when_nothing_drains_any_more(world, caplog, whe
 def test_the_watchdog_is_not_fed_when_frames_that_woke_it_are_never_drained(world, caplog):
     world.watchdog_s, port = 3.0, world.port()
     gateway = world.gateway(port=port)
-    world.play(gateway, (1.4, lambda: setattr(gateway, "_on_drain", lambda: None)), (1.5, port.arrive), seconds=3.5)
+    world.play(gateway, (1.4, lambda: setattr(gateway._turns, "begin", lambda: None)), (1.5, port.arrive), seconds=3.5)
     assert world.times("WATCHDOG=1") == [1_000_000]
     assert caplog.messages == ["stalled: receiving False, estimating True, sending True"] * 2
 
@@ -84,7 +84,7 @@ def test_the_watchdog_is_not_fed_once_a_deadline_is_two_seconds_old(world, caplo
     world.watchdog_s = 3.0
     engine = Engine(0.0)
     gateway = world.gateway(engine)
-    gateway._arm = lambda: None
+    gateway._turns.arm = lambda: None
     engine.handle_timer = lambda *, now_ns: None
     world.play(gateway, seconds=3.5)
     assert world.times("WATCHDOG=1") == [1_000_000]
@@ -171,7 +171,7 @@ def test_signals_are_taken_and_dropped_and_those_of_others_are_not_closed(world,
     assert set(world.signals.actions) == {signal.SIGTERM, signal.SIGINT}
     made = []
     monkeypatch.setattr(live, "Signals", lambda: made.append(Signals()) or made[-1])
-    world.play(world.gateway(signals=None, reload=lambda: None))
+    world.play(world.gateway(reload=lambda: None), signals=None)
     assert [s.did for s in made] == [["take", "drop", "close"]]
     assert set(made[0].actions) == {signal.SIGTERM, signal.SIGINT, signal.SIGHUP}
 
@@ -180,17 +180,17 @@ def test_signals_are_taken_and_dropped_and_those_of_others_are_not_closed(world,
 def test_a_command_that_a_person_has_interrupted_says_so(world, monkeypatch, number, interrupted):
     gateway, ran = world.gateway(), []
 
-    async def run(*, seconds):
-        ran.append(seconds)
+    async def run(*, seconds, signals):
+        ran.append((seconds, signals))
         gateway.ended_by = number
 
     monkeypatch.setattr(gateway, "run", run)
     if interrupted:
         with pytest.raises(KeyboardInterrupt):
-            gateway.serve(seconds=5.0)
+            gateway.serve(seconds=5.0, signals=world.signals)
     else:
-        gateway.serve(seconds=5.0)
-    assert ran == [5.0]
+        gateway.serve(seconds=5.0, signals=world.signals)
+    assert ran == [(5.0, world.signals)]
 
 
 # bugs, what runs beside
@@ -283,7 +283,7 @@ def test_a_reload_takes_the_new_engine_with_its_deadline(world, caplog):
         (1_000_000, "STOPPING=1"),
     ]
     assert caplog.messages == ["reloaded"]
-    assert gateway._tasks == []  # what is over is not kept
+    assert gateway._reloads.going is None  # what is over is not kept
 
 
 def test_a_config_that_is_wrong_is_told_and_the_engine_stays(world, caplog):

@@ -290,7 +290,7 @@ fits, signals = Aside(), Signals(END_MOST_S, INTERRUPT_MOST_S)
 ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
 port = SocketCanPort.over(ours)
 gateway = live.Gateway(
-    engine, port, save=lambda _: os.read(pipe[0], 1), run_job=fits.run, end_jobs=fits.close, signals=signals
+    engine, port, save=lambda _: os.read(pipe[0], 1), jobs=live.Jobs(fits.run, fits.close)
 )
 
 async def clings():
@@ -305,7 +305,7 @@ async def clings():
 
 gateway.beside["clings"] = clings
 try:
-    gateway.serve()
+    gateway.serve(signals=signals)
 except KeyboardInterrupt:
     sys.exit(130)
 """.replace("LETS_GO", lets_go)

@@ -150,16 +150,16 @@ class World:
         return [when for when, *lines in self.told if word in lines]
 
     def gateway(self, engine=None, port=None, **more):
-        return Gateway(engine or Engine(), port or self.port(), **{"signals": self.signals} | more)
+        return Gateway(engine or Engine(), port or self.port(), **more)
 
-    def play(self, gateway, *calls, seconds=1.0, then=lambda: None):
+    def play(self, gateway, *calls, seconds=1.0, then=lambda: None, **more):
         """Run it, with calls at times in s; gives what `then` gives in the loop after the end."""
 
         async def all_of_it():
             loop = asyncio.get_running_loop()
             for when, call in calls:
                 loop.call_at(START_S + when, call)
-            await gateway.run(seconds=seconds)
+            await gateway.run(seconds=seconds, **{"signals": self.signals} | more)
             return then()
 
         with asyncio.Runner(loop_factory=VirtualLoop) as runner:

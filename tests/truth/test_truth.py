@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.truth.cycle import repeated, urban_assault
-from tests.truth.string import C_F, TruthString, lsoda, rk4, wavy_inlet
+from tests.truth.string import C_F, TruthString, _by_superposition, _step_by_step, lsoda, rk4, wavy_inlet
 
 
 @pytest.mark.parametrize("coolant", ["bulk", "ntu"])
@@ -23,6 +23,18 @@ def test_a_batch_equals_its_members():
     together = rk4(TruthString.of(2, batch=(2,), R_e=R_e, R_cc=4.0, C_f=C_F), current, inlet, 20.0)[0]
     alone = rk4(TruthString.of(2, R_e=4e-3, R_cc=4.0, C_f=C_F), current, inlet, 20.0)[0]
     assert np.allclose(together[:, 1], alone, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("coolant", ["bulk", "ntu"])
+@pytest.mark.parametrize("batch", [(), (3,)])
+def test_steps_by_superposition_are_the_steps_one_by_one(coolant, batch):
+    rng = np.random.default_rng(2)
+    truth = TruthString.of(3, batch=batch, R_e=rng.uniform(2e-3, 5e-3, (*batch, 3)), R_cc=4.0, C_f=C_F, coolant=coolant)
+    x, inlet = rng.uniform(10, 40, (2, *batch, 3)), rng.uniform(10, 40, (601, *batch))
+    I2, heat = rng.uniform(0, 1e4, (600, *batch)), rng.uniform(0, 20, (600, *batch, 3))
+    for given in (None, heat):
+        how = truth, x, I2, inlet, given, 0.5, 2
+        assert np.abs(_by_superposition(*how) - _step_by_step(*how)).max() < 1e-10
 
 
 def test_heat_leaves_the_string_with_the_coolant():

@@ -20,7 +20,7 @@ REMAINS = "Something unknown remains"
 @pytest.fixture(scope="module")
 def pack(tmp_path_factory):
     """With an effect that no catalogue knows."""
-    return make_pack(tmp_path_factory.mktemp("pack"), effect="sun_load")
+    return make_pack(tmp_path_factory.mktemp("pack"), effect="sun_load", seconds=800)
 
 
 @pytest.fixture(scope="module")

@@ -18,8 +18,8 @@ from hypothesis import strategies as st
 from bms_gateway.cli.main import main
 from bms_gateway.config import load_config
 from bms_gateway.errors import ConfigError, UsageError
+from bms_gateway.workbench import form, uploads
 from bms_gateway.workbench import server as served
-from bms_gateway.workbench import uploads
 from bms_gateway.workbench.desk import Desk
 from bms_gateway.workbench.form import with_config
 from bms_gateway.workbench.site import Site, wanted_files
@@ -244,17 +244,19 @@ def test_from_afar_a_config_tells_nothing_of_the_files_here(foreign):
         desk.close()
 
 
-def test_the_name_of_a_string_is_no_path(foreign, tmp_path):
-    """`"string": "/home/me/secret"` told what `/home/me/secret.toml` says."""
+def test_the_name_of_a_string_is_no_path(foreign, tmp_path, monkeypatch):
+    """`"string": "/home/me/secret"` told what that file says; it is refused before anything is estimated."""
     (foreign[1] / "secret.toml").write_text("password = 'a-word-of-mine'\n")
     worked = Path(__file__).resolve().parents[2] / "deploy" / "worked"
     folder = tmp_path / "desk"
     folder.mkdir()
     files = {"tables": [str(worked / "drive.log.gz")], "dbc": [str(worked / "vehicle.dbc")], "model": "", "config": ""}
     names = (f"{foreign[1]}/secret", f"../{foreign[1].name}/secret", "gateway", "string_1/../string_1", "string_2")
-    for name in names:
-        with pytest.raises(UsageError, match="open: the log has no string '") as told:
-            with_config({**files, "string": name}, folder)
-        assert "a-word-of-mine" not in str(told.value)
+    with monkeypatch.context() as patched:
+        patched.setattr(form, "settle", None)
+        for name in names:
+            with pytest.raises(UsageError, match="open: the log has no string '") as told:
+                with_config({**files, "string": name}, folder)
+            assert "a-word-of-mine" not in str(told.value)
     found, _ = with_config({**files, "string": "string_1"}, folder)
     assert Path(found["model"]) == folder / "string_1.toml"
