@@ -88,7 +88,7 @@ function ofSteps(figure, place) {
     }
     if (s.each && !ghost) found.push(line(s.each, 0.7, { ...silent, yaxis: "y2", opacity: 0.4, dash: "solid" }));
     if (s.mean) found.push(line(s.mean, ghost ? 1.6 : 2.6, { ...silent, yaxis: "y2" }));
-    found.push(line(s.model, ghost ? 1.4 : 2));
+    if (s.model) found.push(line(s.model, ghost ? 1.4 : 2)); // of a core that is not known there is none
     if (s.outside && !ghost) found.push({ ...line(s.outside, 3.2, { dash: "solid", opacity: 1 }), name: "thermocouple outside the band", legendgroup: "", line: { color: "#b00020", width: 3.2 } });
   }
   return found;
@@ -155,6 +155,7 @@ async function draw(place) {
     layout.coloraxis = { ...layout.coloraxis, cmin: low, cmax: high, colorscale: DIVERGING(dark() ? "#16181b" : "#ffffff") };
     layout.title = { text: `Residual of all sensors, K: ${ticked(state.steps).at(-1).name}`, font: { size: 13 }, x: 0.01, xanchor: "left" };
   }
+  if (place === "core") unknown(layout);
   node.style.height = `${layout.height}px`;
   node.setAttribute("role", "group");
   node.setAttribute("aria-label", { surface: `Surface temperature of cell ${ui.cell}, measured and modelled, over time; below it the residual`,
@@ -186,6 +187,13 @@ async function draw(place) {
     node.on("plotly_relayout", (change) => zoomed(node, change));
     measure.grips(node);
   }
+}
+
+// Says in the picture of a core that the newest ticked step knows too little of it to draw one.
+function unknown(layout) {
+  const c = cells()?.[ui.cell - 1];
+  if (!c || c.core_C !== null) return;
+  layout.annotations = [...(layout.annotations ?? []), { text: `<b>Core not known: ± ${K(c.core_95_K)}</b>`, xref: "paper", yref: "paper", x: 0.5, y: 0.98, yanchor: "top", showarrow: false, bgcolor: themed("#ffffff"), font: { size: 13, color: dark() ? "#ff8a94" : "#b00020" } }];
 }
 
 // All of the time that is drawn: that of the record, and of those that are laid over it.
@@ -355,7 +363,7 @@ function string() {
     const sensed = state.opened.sensors.includes(k);
     const told = !sensed ? "no sensor" : c?.error_K === undefined || c.error_K === null ? "sensor" : K(c.error_K, 2);
     const label = `cell ${k}: ${sensed ? (c ? `error ${K(c.error_K)}, ${c.ratio?.toFixed(1)} times the noise` : "sensor") : "no sensor"}` +
-      (c ? `; core up to ${c.core_C?.toFixed(1)} °C, ± ${K(c.core_95_K)} (95 %)` : "");
+      (!c ? "" : c.core_C === null ? `; core not known (± ${K(c.core_95_K)})` : `; core up to ${c.core_C.toFixed(1)} °C, ± ${K(c.core_95_K)} (95 %)`);
     if (k === ui.cell) $("cell-told").textContent = `${label[0].toUpperCase()}${label.slice(1)}`; // all that a finger can reach
     nodes.push(el("button", { class: `cell${sensed ? "" : " unseen"}`, type: "button", id: `cell-${k}`, title: label, "aria-label": label,
       "aria-pressed": String(k === ui.cell), style: sensed && c?.ratio ? `background:${tint(c.ratio)}` : null,
