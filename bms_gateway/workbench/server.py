@@ -437,9 +437,9 @@ class Handler(ShortHeads):
         name = safe_name(self._query.get("name", ""))
         if not name:
             raise UsageError("upload: the file has no name")
-        desk.uploads.receive(self.rfile, size, name)
+        replaced = desk.uploads.receive(self.rfile, size, name)
         self.close_connection = close
-        self._json({"name": name})
+        self._json({"name": name} | ({"replaced": True} if replaced else {}))
 
     # answers
 

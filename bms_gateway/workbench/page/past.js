@@ -11,7 +11,7 @@ const PER_MIN = 60000; // l/min in a m³/s
 const COLORS = { hottest: "var(--after)", inlet: "var(--after)", soc: "var(--good)" };
 const HELD = ["current", "flow", "soc"]; // from one tick to the next
 const NARROW = 520; // px, below which there is room for two times only
-const TOP = 8, GAP = 14, FOOT = 24;
+const TOP = 20, GAP = 20, FOOT = 24; // px; the title of a panel stands above it, where no curve is
 const SPANS = [[600, "last 10 min"], [3600, "last hour"], [0, "all that is kept"], ["chosen", "stretch from … to …"]];
 const DRAGGED_PX = 4; // less is a click
 let chosen = null; // start and end of a stretch that a person chose, s on the clock of the frames
@@ -192,7 +192,7 @@ function draw() {
     }
     const point = (i, v) => `${x(shown.t[i]).toFixed(1)},${at(v).toFixed(1)}`;
     for (const run of runs(y)) put("polyline", { points: run.flatMap((i, k) => [...(k && HELD.includes(name) ? [point(i, y[i - 1])] : []), point(i, y[i])]).join(" "), class: `line-${name}`, fill: "none", stroke: COLORS[name] ?? "var(--ink)", "stroke-width": name === "hottest" ? 2 : 1.2 });
-    put("text", { x: LEFT + 6, y: top + 13, fill: "var(--soft)", stroke: "var(--paper)", "stroke-width": 4, "paint-order": "stroke" }, title); // above the curves
+    put("text", { x: LEFT, y: top - 5, fill: "var(--soft)", class: "title" }, title);
   }
   for (const m of shown.marks.filter((k) => k.state !== "over")) {
     put("line", { x1: x(m.at), x2: x(m.at), y1: TOP, y2: below, stroke: m.level === "alarm" ? "var(--danger)" : "var(--before)", "stroke-width": 2, class: `mark ${m.level}` });

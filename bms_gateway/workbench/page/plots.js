@@ -94,6 +94,31 @@ function ofSteps(figure, place) {
   return found;
 }
 
+// A long name in as many lines as it takes in a plot of this width, broken between words alone.
+const LINE = 16, BETWEEN = 13; // px, of a line of a legend, and between its rows
+const LETTER = 6.7, SIGN = 60; // px, of a letter of a legend, and of the line before it with the edges
+function lines(text, width) {
+  const most = Math.max(Math.floor(width / LETTER), 16), found = [""];
+  for (const word of text.split(" ").flatMap((w) => (w.length > most ? w.match(new RegExp(`.{1,${most}}`, "g")) : [w]))) {
+    if (found.at(-1) && found.at(-1).length + 1 + word.length > most) found.push(word);
+    else found[found.length - 1] += (found.at(-1) ? " " : "") + word;
+  }
+  return found;
+}
+// The curves with such names; the legend gets the room that it takes, and no curve is pressed together.
+function wrapped(traces, node, layout) {
+  const width = node.clientWidth - layout.margin.l - layout.margin.r - SIGN, rows = new Map();
+  const found = traces.map((t) => {
+    if (!t.name || t.name.length * LETTER <= width) return t;
+    const parts = lines(t.name, width);
+    if (t.showlegend !== false && t.type !== "heatmap") rows.set(t.name, parts.length);
+    return { ...t, name: parts.join("<br>") };
+  });
+  const more = [...rows.values()].reduce((sum, n) => sum + LINE * n + BETWEEN, 0);
+  Object.assign(layout, { margin: { ...layout.margin, t: layout.margin.t + more }, height: layout.height + more });
+  return found;
+}
+
 const labelled = (name) => state.diagnosed?.ranking.find((r) => r.name === name)?.effects.map((e) => `${e.title} (${e.key})`).join(" and ") || name;
 
 function laidOver(place) {
@@ -153,9 +178,10 @@ async function draw(place) {
   if (place === "map") {
     const [low, high] = layout.coloraxis.range;
     layout.coloraxis = { ...layout.coloraxis, cmin: low, cmax: high, colorscale: DIVERGING(dark() ? "#16181b" : "#ffffff") };
-    layout.title = { text: `Residual of all sensors, K: ${ticked(state.steps).at(-1).name}`, font: { size: 13 }, x: 0.01, xanchor: "left" };
+    $("map-title").textContent = `Residual of all sensors, K: ${ticked(state.steps).at(-1).name}`;
   }
   if (place === "core") unknown(layout);
+  const shown = wrapped(data, node, layout);
   node.style.height = `${layout.height}px`;
   node.setAttribute("role", "group");
   node.setAttribute("aria-label", { surface: `Surface temperature of cell ${ui.cell}, measured and modelled, over time; below it the residual`,
@@ -174,7 +200,7 @@ async function draw(place) {
     await plotly();
   }
   if (node.firstElementChild?.tagName === "svg") node.replaceChildren();
-  await Plotly.react(node, data, layout, overTime && place !== "map" && innerWidth > NARROW ? CONFIG : { ...CONFIG, displayModeBar: false });
+  await Plotly.react(node, shown, layout, overTime && place !== "map" && innerWidth > NARROW ? CONFIG : { ...CONFIG, displayModeBar: false });
   if (place === "surface") {
     seen();
     document.documentElement.dataset.firstPlot ??= Math.round(performance.now());
@@ -256,10 +282,11 @@ async function pairs() {
   const found = picture(state.steps, ticked(state.steps), (s) => styles.get(s.name), () => pairs().catch((e) => complain(e.message)));
   if (!found || !$("pairs").open || !window.Plotly) return;
   const [across, up] = [found.layout.xaxis.title.text, found.layout.yaxis.title.text.replace("<br>", " ")];
+  const data = wrapped(themed(found.data), node, found.layout);
   node.style.height = `${found.layout.height}px`;
   node.setAttribute("role", "group");
   node.setAttribute("aria-label", `Contours of ${across} and ${up}; the sentence above tells the same`);
-  await Plotly.react(node, themed(found.data), themed(found.layout), { ...CONFIG, displayModeBar: false });
+  await Plotly.react(node, data, themed(found.layout), { ...CONFIG, displayModeBar: false });
   node.dataset.pair = found.pair.join();
 }
 

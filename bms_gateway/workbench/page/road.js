@@ -69,11 +69,27 @@ export async function resume(session) {
   uploadsOpened();
 }
 
+// Files of one name that come together are all kept: those after the first get a number.
+function apart(files) {
+  const taken = new Set(files.map((f) => f.name)), seen = new Set();
+  return files.map((f) => {
+    let { name } = f;
+    for (let k = 2; seen.has(name); k++) {
+      const [, stem, ending] = /^(.*?)((?:\.[a-z0-9]{1,6}){0,2})$/i.exec(f.name), next = `${stem} (${k})${ending}`;
+      name = taken.has(next) ? name : next;
+    }
+    seen.add(name);
+    return name === f.name ? f : new File([f], name);
+  });
+}
+
 // What this browser does not keep is said as long as it is so.
+let replaced = []; // names of files of the last upload that took the place of others
 export function unkept() {
-  const told = lacking(), anew = changed().join(", ");
-  $("unkept").hidden = !told && !anew;
+  const told = lacking(), anew = changed().join(", "), other = replaced.filter((name) => !changed().includes(name)).join(", ");
+  $("unkept").hidden = !told && !anew && !other;
   $("unkept").textContent = [
+    other && `${other}: a file of this name with other content was here, and this one has taken its place. To work with both, give one of them another name and upload it again.`,
     told && `Not kept in this browser: ${told}. When the program is started anew, or this tab is duplicated, upload it again.`,
     anew && `${anew}: uploaded again after it was opened. What is shown is of the file before, and does not come back when the program is started anew; Open opens the file that was uploaded last.`,
   ].filter(Boolean).join(" ");
@@ -86,8 +102,10 @@ async function sessionIn(file) {
 // Uploads files into the field that they were chosen for, or by their kind where they were dropped; a session comes last.
 async function take(files, field = null) {
   const named = files.filter((f) => /\.json$/i.test(f.name));
-  for (const file of files.filter((f) => !named.includes(f))) {
-    const { name } = await upload(file);
+  replaced = [];
+  for (const file of apart(files.filter((f) => !named.includes(f)))) {
+    const { name, replaced: other } = await upload(file);
+    if (other) replaced.push(name);
     await keepUpload(file, name);
     const kind = /\.(dbc|kcd|arxml|sym)$/i.test(name) ? "dbc" : name.endsWith(".toml") ? (/^\s*\[\[string\]\]/m.test(await file.text()) ? "config" : "model") : "tables";
     const to = kind === "dbc" ? (field === "config" ? null : "dbc") : field === "config" && kind !== "config" ? null : field ?? kind;
