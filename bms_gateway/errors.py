@@ -26,6 +26,7 @@ __all__ = [
     "StateError",
     "UsageError",
     "clipped",
+    "counted",
     "did_you_mean",
 ]
 
@@ -91,6 +92,23 @@ def clipped(text: str, most: int) -> str:
     'name: xxxxxxxxxxxxx … xxxx: no such file'
     """
     return text if len(text) <= most else f"{text[: most - 21]} … {text[-18:]}"
+
+
+def counted(count: int, one: str, many: str = "") -> str:
+    """Write how many there are of something, in the number that it has.
+
+    Parameters
+    ----------
+    count : int
+    one, many : str
+        What one of them and several are called; several have an s at the end where nothing is said.
+
+    Examples
+    --------
+    >>> counted(1, "row"), counted(0, "row"), counted(12, "row"), counted(2, "trajectory", "trajectories")
+    ('1 row', '0 rows', '12 rows', '2 trajectories')
+    """
+    return f"{count} {one if count == 1 else many or one + 's'}"
 
 
 MOST_DIGITS = 18

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bms_gateway.cli.main import Parser
-from bms_gateway.errors import UsageError
+from bms_gateway.errors import UsageError, counted
 
 if TYPE_CHECKING:
     from bms_gateway.bus.logfile import LogNotes
@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
     _note(args, engine, notes)
     _tell(args, engine, folder, span, [*contradictions(loaded.plan, engine.inputs), *advice(uses)])
     frames, seconds = sum(n.frames for n in notes), summary["duration_s"]
-    say(f"{frames} frames, {seconds:.1f} s of traffic; results in {args.out}", args.json)
+    say(f"{counted(frames, 'frame')}, {seconds:.1f} s of traffic; results in {args.out}", args.json)
     return 0
 
 
@@ -145,7 +145,7 @@ def _tell(args: argparse.Namespace, engine: "Engine", folder: "ResultFolder", sp
         more = f"bms-gateway check {args.config} --log {args.log[0]}"
         say(f"… and {len(told) - MOST_TOLD} more; {more} tells all", args.json)
     for reason, count in unused(engine.rejected).items():
-        say(f"{count} samples not used: {reason}", args.json)
+        say(f"{counted(count, 'sample')} not used: {reason}", args.json)
 
 
 def _standing(engine: "Engine", out: str) -> "Iterator[str]":

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from bms_gateway.cli.main import Parser
 from bms_gateway.cli.output import distinct, note, say, writable, write_json
-from bms_gateway.errors import DataError, UsageError, did_you_mean
+from bms_gateway.errors import DataError, UsageError, counted, did_you_mean
 from bms_gateway.frames.vocabulary import CELL_COLUMNS, INPUTS
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         numbers = {"frames": frames, "duration_s": seconds, "string": name, "not_carried": lost}
         write_json(args.json, {"log": args.out, **numbers})
-    say(f"{args.out}: {frames} frames, {seconds:.1f} s of {name}", args.json)
+    say(f"{args.out}: {counted(frames, 'frame')}, {seconds:.1f} s of {name}", args.json)
     for told in said:
         say(told, args.json)
     return 0
@@ -133,9 +133,10 @@ def _tell(
         if stated or not missing:
             note(f"{table.source}: {told}")
     for message, count in traffic.left_out.items():
+        left = counted(count, f"frame of {message} is", f"frames of {message} are")
         note(
-            f"{table.source}: {count} frames of {message} are left out with all that they carry, because a value in "
-            "them is blank and its signal cannot say so"
+            f"{table.source}: {left} left out with all that they carry, because a value in them is blank and its "
+            "signal cannot say so"
         )
     if (spacing := far_apart(table)) is not None:
         note(

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from bms_gateway.cli.main import Parser
 from bms_gateway.cli.output import distinct, note, say, writable, write_json
-from bms_gateway.errors import UsageError
+from bms_gateway.errors import UsageError, counted
 from bms_gateway.records.recent_signals import STATE_DIRECTORY, Stretch, given_span, state_directory, write_recent
 
 EXAMPLE = """\
@@ -58,5 +58,5 @@ def run(args: argparse.Namespace) -> int:
         note(f"of {args.last} only {minutes:.1f} min are recorded")
     if (age_s := time.time() - w.last_s) > OLD_S and 1e9 * w.last_s > CLOCK_SET_NS:
         note(f"the newest signal came {age_s / 60.0:.1f} min ago; later ones wait for a save, or the bus is silent")
-    say(f"{args.out}: {w.rows} rows, {minutes:.1f} min of {w.string}: {', '.join(w.columns)}", args.json)
+    say(f"{args.out}: {counted(w.rows, 'row')}, {minutes:.1f} min of {w.string}: {', '.join(w.columns)}", args.json)
     return 0

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bms_gateway.cli.main import Parser
-from bms_gateway.errors import UsageError
+from bms_gateway.errors import UsageError, counted
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -81,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
     say(_text(done, seen, atlas, out), args.json)
     if done.bad:
         rest = f"; all of them: column error of {out / fleet.FLEET}" if len(done.bad) > 1 else ""
-        note(f"{len(done.bad)} of {len(logs)} logs could not be used: {done.bad[0][1]}{rest}")
+        note(f"{len(done.bad)} of {counted(len(logs), 'log')} could not be used: {done.bad[0][1]}{rest}")
     return 1 if done.bad else 0
 
 
@@ -165,12 +165,14 @@ def _text(done: "Run", seen: _Seen, atlas: "Atlas", out: Path) -> str:
         head = ["vehicle", "day", "string", "hottest core °C", "R_e mΩ", "growth %", "mismatch", "flags"]
         lines += [text_table(head, table), ""]
         if seen.rows > len(table):
-            lines[-1] = f"the {len(table)} hottest of {seen.rows} rows\n"
+            lines[-1] = f"the {len(table)} hottest of {counted(seen.rows, 'row')}\n"
     vehicles = len(seen.vehicles)
     lines += [f.sentence for f in atlas.findings[: 2 * MOST_SHOWN]]
     if vehicles < FEWEST_VEHICLES:
-        lines.append(f"atlas: {vehicles} vehicles; from {FEWEST_VEHICLES} on it tells the model's errors from defects")
+        lines.append(
+            f"atlas: {counted(vehicles, 'vehicle')}; from {FEWEST_VEHICLES} on it tells the model's errors from defects"
+        )
     elif not atlas.findings:
         lines.append(f"atlas: nothing that {vehicles} vehicles have in common, and none that stands out")
-    did = f"{done.analysed} logs analysed, {done.skipped} done before, {len(done.bad)} not usable"
-    return "\n".join([*lines, f"{did}; {seen.rows} rows in {out / 'fleet.parquet'}"])
+    did = f"{counted(done.analysed, 'log')} analysed, {done.skipped} done before, {len(done.bad)} not usable"
+    return "\n".join([*lines, f"{did}; {counted(seen.rows, 'row')} in {out / 'fleet.parquet'}"])

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bms_gateway.cli.main import Parser
+from bms_gateway.errors import counted
 
 if TYPE_CHECKING:
     from bms_gateway.setup.picture import Cores
@@ -116,7 +117,7 @@ def _write(
     _show(settled.cores, int(traffic.frames.time_ns[0]), picture, args.json)
     logs = " ".join(str(p) for p in args.log)
     beside = len(written.files) - 1
-    say(f"{written.config}: written, with {beside} file{'s' if beside > 1 else ''} beside it. Next:", args.json)
+    say(f"{written.config}: written, with {counted(beside, 'file')} beside it. Next:", args.json)
     say(f"  bms-gateway check {written.config} --log {args.log[0]}", args.json)
     say(f"  bms-gateway analyze {logs} --config {written.config} --out {out / 'results'}", args.json)
     return 0

@@ -5,7 +5,7 @@ import argparse
 from bms_gateway.cli.main import Parser
 from bms_gateway.cli.output import say, write_json
 from bms_gateway.cli.string_options import add_string_arguments, given_string
-from bms_gateway.errors import UsageError
+from bms_gateway.errors import UsageError, counted
 
 EXAMPLE = """\
   bms-gateway place --cells 12 --sensors 4
@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
     asked = given_string(args)
     n = asked.parameters.cells
     if args.sensors is not None and not 1 <= args.sensors <= n:
-        raise UsageError(f"--sensors {args.sensors}: a string of {n} cells takes 1 to {n}")
+        raise UsageError(f"--sensors {args.sensors}: a string of {counted(n, 'cell')} takes 1 to {n}")
     with progress("placing", None) as advance:
         advance(1)
         found = placed_on(asked, args.sensors, args.wanted)

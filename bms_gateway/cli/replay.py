@@ -7,7 +7,7 @@ from pathlib import Path
 
 from bms_gateway.cli.main import Parser
 from bms_gateway.cli.output import distinct, note, say, writable, write_json
-from bms_gateway.errors import DataError, UsageError
+from bms_gateway.errors import DataError, UsageError, counted
 
 EXAMPLE = """\
   bms-gateway replay drive.log --to vcan0
@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         write_json(args.json, {"log": args.log, "to": args.to, **asdict(played)})
     late = f", at most {played.worst_late_s * 1e3:.1f} ms late" if speed else ""
-    say(f"{played.frames} frames, {played.log_s:.1f} s of log in {played.took_s:.1f} s{late}", args.json)
+    say(f"{counted(played.frames, 'frame')}, {played.log_s:.1f} s of log in {played.took_s:.1f} s{late}", args.json)
     return 0
 
 

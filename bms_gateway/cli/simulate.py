@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TextIO
 
 from bms_gateway.cli.main import Parser
 from bms_gateway.cli.output import distinct, say, writable, write_json
-from bms_gateway.errors import UsageError, did_you_mean
+from bms_gateway.errors import UsageError, counted, did_you_mean
 from bms_gateway.whole import whole_text
 
 if TYPE_CHECKING:
@@ -81,7 +81,8 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         numbers = {"frames": frames, "duration_s": float(round(args.duration)), "strings": len(plan.strings)}
         write_json(args.json, {"log": args.out, "truth": args.truth, "seed": args.seed, **numbers, "cells": cells})
-    say(f"{args.out}: {frames} frames, {args.duration:g} s, {len(plan.strings)} strings, {cells} cells", args.json)
+    size = f"{counted(len(plan.strings), 'string')}, {counted(cells, 'cell')}"
+    say(f"{args.out}: {counted(frames, 'frame')}, {args.duration:g} s, {size}", args.json)
     return 0
 
 

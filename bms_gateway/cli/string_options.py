@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from bms_gateway.cli.main import Parser
 from bms_gateway.cli.output import distinct, writable
-from bms_gateway.errors import UsageError, did_you_mean
+from bms_gateway.errors import UsageError, counted, did_you_mean
 
 if TYPE_CHECKING:
     from bms_gateway.library.placing import AskedString
@@ -80,7 +80,7 @@ def _of_model(args: argparse.Namespace, disturbance: "Disturbance") -> "AskedStr
     distinct({"--json": args.json}, [args.model])
     model: StringModel = read_model(args.model)
     if args.cells not in (None, model.cells):
-        raise UsageError(f"--cells {args.cells}: {args.model} has {model.cells} cells; leave --cells away")
+        raise UsageError(f"--cells {args.cells}: {args.model} has {counted(model.cells, 'cell')}; leave --cells away")
     if args.condition is not None:
         model = replace(model, condition=args.condition)
     R_cc = _conduction(args, model.condition, model.cells)

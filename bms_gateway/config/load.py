@@ -18,7 +18,7 @@ from bms_gateway.config.text_file import nearest_file
 from bms_gateway.config.toml import MOST_SHOWN, read_toml, validate
 from bms_gateway.config.units import signal_conversion
 from bms_gateway.engine.plan import Channel, Plan, StringPlan
-from bms_gateway.errors import ConfigError, clipped, did_you_mean, whole_number
+from bms_gateway.errors import ConfigError, clipped, counted, did_you_mean, whole_number
 from bms_gateway.frames.batch import EXTENDED
 from bms_gateway.frames.database import Database, Read
 from bms_gateway.frames.j1939 import sent_from
@@ -173,7 +173,7 @@ def _string(path: Path, config: GatewayConfig, number: int, string: String, data
     model = read_model(_file(path, string.model, f"{key}.model"))
     if model.cells > MAX_CELLS and (config.bus.transmit or string.signals is None):
         raise ConfigError(
-            f"{path}: {key}.model: {model.cells} cells: our DBC has {MAX_CELLS} per string; "
+            f"{path}: {key}.model: {counted(model.cells, 'cell')}: our DBC has {MAX_CELLS} per string; "
             "split the string, or give it [string.signals] and set bus.transmit = false"
         )
     if string.signals is None:

@@ -14,6 +14,7 @@ from bms_gateway.diagnosis.coarse_rows import HOPELESS, doubt
 from bms_gateway.diagnosis.geometry import odd_declared
 from bms_gateway.diagnosis.record import Record
 from bms_gateway.diagnosis.together import along, cells_in_words, span
+from bms_gateway.errors import counted
 from bms_gateway.thermal import Floats, StringModel, StringParameters, continuous, discretize, simulate
 from bms_gateway.thermal.drive import Drive
 
@@ -137,14 +138,14 @@ def _readings(r: Record, _: StringModel) -> Iterator[Finding]:
         yield Finding(
             "too_few",
             "stop",
-            f"The parts of the record that are held out have {held} readings, {FEWEST_HELD} are the least: cut the "
-            "record to where there are readings.",
+            f"The parts of the record that are held out have {counted(held, 'reading')}, {FEWEST_HELD} are the least: "
+            "cut the record to where there are readings.",
         )
     if fitted < FEWEST_READINGS:
         yield Finding(
             "too_few",
             "stop",
-            f"Outside the parts of the record that are held out, no sensor has more than {fitted} readings, "
+            f"Outside the parts of the record that are held out, no sensor has more than {counted(fitted, 'reading')}, "
             f"{FEWEST_READINGS} are the least: cut the record to where there are readings.",
         )
 

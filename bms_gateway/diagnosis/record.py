@@ -19,7 +19,7 @@ from bms_gateway.diagnosis.cell_rows import CellRows
 from bms_gateway.diagnosis.grid import Grid, lay_grid
 from bms_gateway.diagnosis.record_inputs import Columns, Sampling, Signals, draw_inputs
 from bms_gateway.diagnosis.surface_readings import Readings, gather_readings
-from bms_gateway.errors import DataError
+from bms_gateway.errors import DataError, counted
 from bms_gateway.identify.sensor_noise import Noise, estimate_noise
 from bms_gateway.thermal import Floats, StringModel
 from bms_gateway.thermal.drive import Drive
@@ -179,7 +179,7 @@ def make_record(rows: Columns, model: StringModel, half_way: bool | None = None)
 
 def _check_time(source: str, time_s: Floats) -> None:
     if len(time_s) < 2:
-        raise DataError(f"{source}: {len(time_s)} rows: nothing can be learnt from them")
+        raise DataError(f"{source}: {counted(len(time_s), 'row')}: nothing can be learnt from them")
     back = np.flatnonzero(~(np.diff(time_s) > 0.0))
     if len(back):
         k = int(back[0]) + 1

@@ -13,7 +13,7 @@ from bms_gateway.diagnosis.geometry import chemistry_of
 from bms_gateway.diagnosis.grid import Grid, bridged, usual_interval
 from bms_gateway.diagnosis.means import Path, mean, mean_magnitude, mean_product, path
 from bms_gateway.diagnosis.smooth import COARSEST_K, smooth
-from bms_gateway.errors import DataError
+from bms_gateway.errors import DataError, counted
 from bms_gateway.frames.vocabulary import CELL, CELL_COLUMNS, INPUTS, WHOLE, Quantity
 from bms_gateway.thermal import Floats, StringModel
 from bms_gateway.thermal.drive import Drive
@@ -298,7 +298,9 @@ def _believable(rows: Columns, x: Floats, quantity: Quantity, name: str, notes: 
     known = np.isfinite(x)
     good = known & (x >= low) & (x <= high)
     if wild := int(known.sum() - good.sum()):
-        notes.append(f"{wild} values of {name} are outside {low:g} to {high:g} and are left out.")
+        notes.append(
+            f"{counted(wild, f'value of {name} is', f'values of {name} are')} outside {low:g} to {high:g} and left out."
+        )
     return rows.time_s[good], x[good]
 
 
@@ -402,11 +404,13 @@ def _voltage(
         usual /= model.cells
     low, high = CELL_VOLTS
     if not low <= usual <= high:
-        share = f"a {model.cells}th of voltage_V" if model.cells > 1 else "voltage_V"
+        share = f"voltage_V / {model.cells}" if model.cells > 1 else "voltage_V"
         notes.append(f"The voltage is not used: {share}, {usual:.4g} V, is no voltage of a cell.")
         return None, None
     if wild := int(((low > V) | (high < V)).sum()):
-        notes.append(f"{wild} values of voltage_V are no voltage of a cell and are left out.")
+        notes.append(
+            f"{counted(wild, 'value of voltage_V is', 'values of voltage_V are')} no voltage of a cell and left out."
+        )
         keep = (low <= V) & (high >= V)
         t, V = t[keep], V[keep]
     row = np.clip(np.searchsorted(t_I, t, "right") - 1, 0, len(amps) - 1)

@@ -7,6 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.diagnosis.grid import Grid
+from bms_gateway.diagnosis.together import cells_in_words
+from bms_gateway.errors import counted
 from bms_gateway.frames.vocabulary import INPUTS
 from bms_gateway.identify.sensor_noise import resolution, white_noise
 from bms_gateway.thermal import Floats
@@ -108,7 +110,7 @@ def gather_readings(
     if absent:
         notes.append(f"No usable {what} temperature is there of cell {', '.join(map(str, absent))}.")
     if spare := sorted(set(columns) - set(wanted)):
-        notes.append(f"Not among the sensors of the model, so not used: {what} of cell {', '.join(map(str, spare))}.")
+        notes.append(f"Not among the sensors of the model, so not used: {what} of {cells_in_words(spare)}.")
     if not parts:
         nowhere = np.empty(0, np.intp)
         return Readings((), nowhere, nowhere, np.empty(0), np.empty(0))
@@ -125,7 +127,9 @@ def _of_one(t: Floats, y: Floats, grid: Grid, name: str, notes: list[str]) -> tu
     step = resolution(y) if len(y) else 0.0
     alone = _stands_out(y, max(JUMP_K, JUMP_K * step))
     if count := int(wild.sum() + alone.sum()):
-        notes.append(f"{count} readings of the {name} are no temperatures of a cell and are left out.")
+        notes.append(
+            f"{counted(count, 'reading')} of the {name} left out: outside what cells have, or far from all around it."
+        )
     t, y = t[~alone], y[~alone]
     x = grid.instants
     inside = (t >= x[0] - 1e-6 * grid.dt) & (t <= x[-1] + 1e-6 * grid.dt)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from bms_gateway.bus.traffic import SECOND, Traffic, feed_of
 from bms_gateway.diagnosis.record_inputs import Columns
 from bms_gateway.engine import Channel, Engine, Estimated, Notice, Plan, StringPlan, drive
-from bms_gateway.errors import DataError, UsageError, did_you_mean
+from bms_gateway.errors import DataError, UsageError, counted, did_you_mean
 from bms_gateway.frames.bits import Place
 from bms_gateway.frames.database import Database
 from bms_gateway.frames.signal_info import MessageInfo, SignalInfo
@@ -172,7 +172,7 @@ class Observer:
     def _check(self, rows: Columns) -> None:
         t = rows.time_s
         if len(t) < 2:
-            raise DataError(f"{rows.source}: {len(t)} rows: an observer needs at least two")
+            raise DataError(f"{rows.source}: {counted(len(t), 'row')}: an observer needs at least two")
         if not (np.abs(t) < LATEST_S).all():
             raise DataError(f"{rows.source}: time_s: from {t.min():g} to {t.max():g}: seconds are expected")
         if not (np.diff(t, prepend=self._last_s) > 0.0).all():

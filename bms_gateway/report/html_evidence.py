@@ -7,6 +7,7 @@ from bms_gateway.diagnosis.compare import CoreCheck
 from bms_gateway.diagnosis.latent import MISSING_Z, Latent
 from bms_gateway.diagnosis.residuals import structure
 from bms_gateway.identify.map_fit import MapFit
+from bms_gateway.report.core_text import UNKNOWN_K
 from bms_gateway.report.html_figures import WORTH, cores, drive, latent, overlay
 from bms_gateway.report.html_ranking import follows_table
 from bms_gateway.report.html_series import Shown, clock, points_each, traces_of
@@ -48,9 +49,10 @@ def summary(models: Sequence[Shown]) -> str:
         line = f"noise alone {amount(held.floor_K)} K; {amount(held.ratio, 2)} × the noise"
         found.append(Card("Error on held-out blocks", _arrow([number(x.rmse_K, 3) for _, x in levels]), line))
     half = [m.worst_core for m in models]
-    found.append(
-        Card("Core, 95 % band", "± " + _arrow([number(h) for h, _ in half]), f"cell {half[-1][1]}, known least")
-    )
+    line = f"cell {half[-1][1]}, known least"
+    line += f": ± {number(half[-1][0])} K" if half[-1][0] > UNKNOWN_K else ""
+    told = [f"± {number(h)} K" if h <= UNKNOWN_K else "not known" for h, _ in half]
+    found.append(Card("Core, 95 % band", " → ".join(told), line))
     lost, stuck = unlearnt(last_fit), at_limits(last_fit)
     line = "these parameters stay at their prior" if lost else "the data determine every free parameter"
     line = f"at a limit, so not used: {', '.join(stuck)}" if stuck else line

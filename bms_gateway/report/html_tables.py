@@ -12,6 +12,7 @@ from bms_gateway.diagnosis.core_band import BAND_SD, at_times, half_width_K, pos
 from bms_gateway.diagnosis.curve import Curve
 from bms_gateway.diagnosis.misfit import Level, Sensor
 from bms_gateway.diagnosis.regimes import Bin, Regime
+from bms_gateway.errors import counted
 from bms_gateway.identify.coordinates import Coordinate
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.report.core_text import OUTSIDE
@@ -290,5 +291,7 @@ def _heat(bins: Sequence[Bin], i: int, largest: float, first: str) -> str:
     color = "".join(f"{round(255 + (c - 255) * strong):02x}" for c in tint)
     text = f"{b.mean_K:+.2f}".replace("-", "−") if abs(b.mean_K) >= 0.005 else "0.00"
     text = f"<b>{text}</b>" if b.significant else text
-    told = f"{b.readings} readings: {b.mean_K:+.3f} K, sd {b.sd_K:.3f} K, RMSE {b.rmse_K:.3f} K".replace("-", "−")
+    told = f"{counted(b.readings, 'reading')}: {b.mean_K:+.3f} K, sd {b.sd_K:.3f} K, RMSE {b.rmse_K:.3f} K".replace(
+        "-", "−"
+    )
     return f'<td{first} style="background:#{color}" title="{told}">{text}</td>'

@@ -3,6 +3,7 @@
 import textwrap
 from collections.abc import Sequence
 
+from bms_gateway.errors import counted
 from bms_gateway.reproduce import VERDICTS, Row, Section
 
 WIDTH = 112
@@ -47,7 +48,7 @@ def summary(sections: Sequence[Section]) -> list[str]:
     """Count the verdicts and name every row that is not as it should be."""
     rows = [r for s in sections for r in s.rows]
     counts = ", ".join(f"{sum(r.verdict == v for r in rows)} {v}" for v in VERDICTS)
-    lines = [f"{len(rows)} rows: {counts}."]
+    lines = [f"{counted(len(rows), 'row')}: {counts}."]
     for row in rows:
         if row.verdict in ("differs", "missed"):
             lines += _wrapped(

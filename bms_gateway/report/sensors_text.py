@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from bms_gateway.errors import counted
 from bms_gateway.report.show import number, ranges, text_table
 from bms_gateway.sensors.observability import Observability
 from bms_gateway.sensors.placement import Placement, Placements
@@ -50,7 +51,7 @@ def observability_text(
     worst = o.core_sd.max()
     return "\n\n".join(
         [
-            f"{n} {_plural('cell', n)}, {condition} ({CONDITION_WORDS[condition]}); "
+            f"{counted(n, 'cell')}, {condition} ({CONDITION_WORDS[condition]}); "
             f"sensors on {ranges(list(sensors)) or 'none'}: {verdict}.",
             f"exact rank    {o.exact_rank} of {o.states}\npaper's rank  {paper}",
             text_table(["cell", "sensor", "core ± sd K"], rows, left=2),
@@ -116,7 +117,7 @@ def place_text(r: PlaceReport) -> str:
     n, m, best = found.cells, found.sensors, found.best[0]
     how = f"all {found.sets:,} sets tried" if found.exhaustive else "searched: too many sets to try all"
     head = (
-        f"{n} {_plural('cell', n)}, {r.condition} ({CONDITION_WORDS[r.condition]}), {m} {_plural('sensor', m)}: "
+        f"{counted(n, 'cell')}, {r.condition} ({CONDITION_WORDS[r.condition]}), {counted(m, 'sensor')}: "
         f"best on {_cells(best)}.\nThe least certain core is then cell {best.worst_cell}, "
         f"± {number(best.worst_sd, SMALL)} K in the long run ({how})."
     )
@@ -148,7 +149,7 @@ def _wanted(r: PlaceReport) -> list[str]:
         ]
     m = len(r.enough.sensors)
     return [
-        f"± {r.wanted:g} K takes {m} {_plural('sensor', m)}: {_cells(r.enough)} "
+        f"± {r.wanted:g} K takes {counted(m, 'sensor')}: {_cells(r.enough)} "
         f"leave ± {number(r.enough.worst_sd, SMALL)} K."
     ]
 
@@ -173,10 +174,6 @@ def _cells(x: Placement) -> str:
 
 def _rounded(sd: Floats) -> list[float]:
     return [round(x, 4) for x in sd.tolist()]
-
-
-def _plural(noun: str, count: int) -> str:
-    return noun if count == 1 else f"{noun}s"
 
 
 def _unknown(d: Disturbance) -> str:

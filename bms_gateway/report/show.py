@@ -17,10 +17,11 @@ def number(x: float | None, digits: int = 2) -> str:
 
     Examples
     --------
-    >>> number(21.456), number(float("nan"))
-    ('21.46', '–')
+    >>> number(21.456), number(float("nan")), number(-0.001)
+    ('21.46', '–', '0.00')
     """
-    return "–" if x is None or x != x else f"{x:.{digits}f}"
+    # what is rounded to nought has no sign
+    return "–" if x is None or x != x else f"{round(x, digits) + 0.0:.{digits}f}"
 
 
 def ranges(numbers: Sequence[int]) -> str:

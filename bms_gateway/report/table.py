@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bms_gateway.diagnosis.record_inputs import Columns
-from bms_gateway.errors import DataError, UsageError, did_you_mean
+from bms_gateway.errors import DataError, UsageError, counted, did_you_mean
 from bms_gateway.frames.vocabulary import CELL_COLUMNS, INPUTS, WHOLE
 from bms_gateway.report.columns import INLET, Column, find_columns
 from bms_gateway.report.dates import DateForm, date_form
@@ -367,7 +367,9 @@ class _Charge:
 
     def notes(self) -> list[str]:
         """Say what was done."""
-        said = ["soc is in per cent"] if self._percent else []
+        said = ["SOC is in per cent"] if self._percent else []
         if self._clipped:
-            said.append(f"soc: {self._clipped} values a little below 0 or above 100 % are taken as empty or full")
+            said.append(
+                f"SOC: {counted(self._clipped, 'value')} a little below 0 or above 100 % taken as empty or full"
+            )
         return said

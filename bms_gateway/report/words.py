@@ -18,7 +18,7 @@ _MINUS: Final = re.compile(r"(?<![\w.)])-(?=\d)")
 _BEFORE: Final = r"(?<![\w(/.\-])"
 """An identifier in brackets stands there already; one in the name of a file is a part of it."""
 _PLACE: Final = r"(?: \(((?:after )?cell \d+)\))?"
-_AFTER: Final = r"(?![\w:/\-]|\.\w)"
+_AFTER: Final = r"(?![\w/\-]|:\S|\.\w)"
 
 
 @lru_cache(1)
@@ -64,6 +64,8 @@ def labelled(text: str) -> str:
 
     Examples
     --------
+    >>> labelled("To tell it from end_plate: cool it down.")
+    'To tell it from end plates cool or warm the end cells (end_plate): cool it down.'
     >>> labelled("Missing: entropic_heat: reversible (entropic) heat. See /tmp/end_plate.csv")
     'Missing: reversible (entropic) heat (entropic_heat). See /tmp/end_plate.csv'
     >>> labelled("coolant_delay looks like phase_change (cell 2).")

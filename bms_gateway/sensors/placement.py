@@ -16,7 +16,7 @@ from math import comb
 
 import numpy as np
 
-from bms_gateway.errors import UsageError
+from bms_gateway.errors import UsageError, counted
 from bms_gateway.sensors.exact import exact_ranks
 from bms_gateway.sensors.paper import paper_ranks
 from bms_gateway.sensors.steady import Steady
@@ -139,7 +139,7 @@ class PlacementProblem:
         """
         n = self.cells
         if not 1 <= sensors <= n:
-            raise UsageError(f"{sensors} sensors on {n} cells: valid: 1 to {n}")
+            raise UsageError(f"{counted(sensors, 'sensor')} on {counted(n, 'cell')}: valid: 1 to {n}")
         sets = comb(n, sensors)
         exhaustive = self._triable(sensors)
         tried = self._all(sensors) if exhaustive else self._searched(sensors)

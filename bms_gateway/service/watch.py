@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from bms_gateway.bus.port import Link
 from bms_gateway.engine.forecast_result import Forecast
 from bms_gateway.engine.plan import Channel
+from bms_gateway.errors import counted
 from bms_gateway.frames.quality import Quality
 from bms_gateway.health import StringHealth
 from bms_gateway.health.alerts import Alerts, AlertSettings, Change, Condition, Severity
@@ -208,7 +209,8 @@ class Watch:
     def _events(self, now_s: float) -> Iterator[Condition]:
         counters = self.gateway.port.counters
         if lost := self._lost.update(counters.dropped, now_s):
-            text = f"{lost} frames lost in the kernel: the computer was too busy, or net.core.rmem_max is too small"
+            why = "the computer was too busy, or net.core.rmem_max is too small"
+            text = f"{counted(lost, 'frame')} lost in the kernel: {why}"
             yield Condition("loss", Severity.WARNING, text, settled=True)
         if others := self._impostors.update(counters.impostors, now_s):
             text = f"{others} frames with identifiers of this node came from another sender: find it"

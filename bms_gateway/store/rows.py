@@ -60,7 +60,7 @@ def excerpt(directory: Path, last_s: float, until_us: int | None = None) -> Exce
     ----------
     directory : Path
     last_s : float
-        How much of it, s before the newest sample.
+        How much of it, s before its end.
     until_us : int, optional
         End, in µs, where that is not the newest sample.
 
@@ -81,9 +81,10 @@ def excerpt(directory: Path, last_s: float, until_us: int | None = None) -> Exce
     back = [k for k in range(1, len(spans)) if spans[k][1] < spans[k - 1][0]]
     skip = back[-1] if back else 0
     last, since = max(end for _, end, _ in spans[skip:]), spans[skip][2]
-    if until_us is not None:
-        last = min(last, until_us)
-    found = Excerpt(last - round(last_s * SECOND_US), last, problems=problems, _since=since, _directory=directory)
+    end = last if until_us is None else until_us
+    found = Excerpt(
+        end - round(last_s * SECOND_US), min(last, end), problems=problems, _since=since, _directory=directory
+    )
     found.turned_back = skip > 0 and found.first_us < spans[skip][0]
     seen: dict[str, dict[str, None]] = {}
     for block in read_recent(directory, []):

@@ -42,7 +42,7 @@ from bms_gateway.workbench import documents, pictures, whiteness
 from bms_gateway.workbench.approach import Show, approach
 from bms_gateway.workbench.looking import looked
 from bms_gateway.workbench.moving import Moving
-from bms_gateway.workbench.recall import digests, recalled
+from bms_gateway.workbench.recall import content_of, digests, recalled
 from bms_gateway.workbench.series import Shelf
 from bms_gateway.workbench.tracks import about, track
 
@@ -182,7 +182,8 @@ class Bench:
             about(Path(t), opened.of_table(k), r)
             for k, (t, r) in enumerate(zip(opened.tables, self._records, strict=True))
         ]
-        document = documents.opened(self._filed, self._records, findings, notes, told_of)
+        surfaces = [list(x.surface_C) for x in rows]
+        document = documents.opened(self._filed, self._records, findings, notes, told_of, surfaces)
         document["text"] = Path(files["model"]).read_text(encoding="utf-8")
         shelf = Shelf(folder)
         document["figures"] = pictures.readings(
@@ -194,7 +195,7 @@ class Bench:
         shelf.save()
         now = digests(self._records, self._filed)
         document["recalled"], document["dropped"] = recalled(kept, now) if kept else ({}, "")
-        return {**document, "files": files, "digest": now}
+        return {**document, "files": files, "digest": now, "same": content_of(self._records)}
 
     def _track(self, request: Mapping[str, Any]) -> documents.Document:
         """Draw one more column of a table."""

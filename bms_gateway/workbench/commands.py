@@ -1,6 +1,7 @@
-"""The command lines that do the same as the page, and the lines for the gateway's config."""
+"""The command lines that do the same as the page, the files that they read, and the lines for the gateway's config."""
 
 import json
+import re
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -8,6 +9,10 @@ from pathlib import Path
 from typing import Any
 
 PROGRAM = "bms-gateway"
+UNNAMED = "string_1"
+"""What a string is called of which no name is known."""
+NAME = re.compile(r"[A-Za-z0-9_.-]{1,64}")
+"""What a config takes as the name of a string."""
 
 
 def model_name(model: str, step: int) -> str:
@@ -45,7 +50,7 @@ def command_lines(files: Mapping[str, Any], way: Sequence[Leg]) -> list[str]:
     list of str
         To be typed one after the other; the last one makes the report of what the page shows.
     """
-    tables, model = [str(t) for t in files["tables"]], str(files["model"])
+    tables, model = [_plain(str(t)) for t in files["tables"]], _plain(str(files["model"]))
     columns, differ = _columns(files)
     more = [x for c in columns for x in ("--columns", c)]
     for option in ("config", "string"):
@@ -54,12 +59,12 @@ def command_lines(files: Mapping[str, Any], way: Sequence[Leg]) -> list[str]:
     data = [x for t in tables for x in ("--data", t)]
     lines = [_export(files)] if files.get("recent") else []
     for i, leg in enumerate(way):
-        name = model_name(model, i)
+        name = _plain(model_name(model, i))
         if i == 0:
             lines.append([PROGRAM, "compare", *tables, "--model", name, *more])
         else:
             force = ["--force"] if leg.forced else []
-            before = model_name(model, i - 1)
+            before = _plain(model_name(model, i - 1))
             lines.append([PROGRAM, "add", *leg.words, "--model", before, *data, *more, "--out", name, *force])
         if leg.diagnosed:
             lines.append([PROGRAM, "diagnose", *tables, "--model", name, *more])
@@ -87,9 +92,40 @@ def _export(files: Mapping[str, Any]) -> list[str]:
     return [PROGRAM, "export", "--last", str(recent["last"]), "--out", str(recent["table"]), *place, *string]
 
 
+def _plain(name: str) -> str:
+    """Keep a shell's command from taking a name for an option."""
+    return f"./{name}" if name.startswith("-") else name
+
+
+def files_read(files: Mapping[str, Any], folder: Path) -> list[str]:
+    """Name the files of a tab's folder that the commands read: uploads, and what was made there of them.
+
+    Parameters
+    ----------
+    files : mapping
+        What is open, by path.
+    folder : Path
+        Of the tab. Of a config that lies there, all that lies beside it may be a part: models of strings, DBC files.
+    """
+    named = [*files["tables"], files["model"], files.get("config") or "", *(files.get("dbc") or ())]
+    mine = [Path(x) for x in named if x and Path(x).parent == folder]
+    if files.get("config") and Path(files["config"]).parent == folder:
+        mine += sorted(p for p in folder.glob("[!.]*") if p.suffix in BESIDE)
+    return list(dict.fromkeys(p.name for p in mine if p.is_file()))
+
+
+BESIDE = (".toml", ".dbc", ".kcd", ".arxml", ".sym")
+"""Endings of files that a config names."""
+
+
 def config_lines(files: Mapping[str, Any], steps: int) -> str:
-    """Write the lines of the gateway's config by which it estimates with the model."""
-    name = files.get("string") or "string_1"
+    """Write the lines of the gateway's config by which it estimates with the model.
+
+    The string has the name by which it was opened; else that of its model file, which `init` and the live page call
+    by the string.
+    """
+    own = Path(str(files["model"])).stem
+    name = files.get("string") or (own if NAME.fullmatch(own) and not files.get("form") else UNNAMED)
     model = Path(model_name(str(files["model"]), steps)).name
     # a string of JSON is one of TOML
     return (

@@ -13,9 +13,10 @@ from typing import Any
 from bms_gateway.errors import UsageError, did_you_mean
 from bms_gateway.report.step_names import FILED, REFITTED
 from bms_gateway.workbench.beside import Beside, moved, place_of
-from bms_gateway.workbench.commands import Leg, command_lines, config_lines
+from bms_gateway.workbench.commands import Leg, command_lines, config_lines, files_read
 from bms_gateway.workbench.process import Worker
 from bms_gateway.workbench.session import Addition, SessionRest, session_of
+from bms_gateway.workbench.shared import Shared, key_of
 from bms_gateway.workbench.steps import TABLES, Frame, Window, doubt_lines, forget, joined, remains, steps_of
 from bms_gateway.workbench.uploads import Uploads
 
@@ -42,10 +43,14 @@ class Desk:
     ----------
     name : str
         By which the tab calls it.
+    shared : Shared, optional
+        Answers of all tabs; without it everything is computed here.
     """
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, shared: Shared | None = None) -> None:
         self.name = name
+        self._shared = shared
+        self._key, self._waits = "", False  # of the request, where it is shared; and whether another tab computes it
         self.changed = threading.Condition()
         self.version = 0
         self.uploads = Uploads()
@@ -89,6 +94,7 @@ class Desk:
         """End its process, and throw its uploads away."""
         with self.changed:
             self._closed = True
+            self._leave()
             worker = self._worker
             self._told()
         worker.end()
@@ -164,6 +170,7 @@ class Desk:
             if self._job is None:
                 return
             self._job, self._error = None, ""
+            self._leave()
             worker, self._worker = self._worker, Worker(self._hear)
             self._told()
         worker.end()
@@ -302,7 +309,9 @@ class Desk:
         with self.changed:
             top, files = (self._frames[-1] if self._frames else None), self._named()
             first = self._frames[0] if self._frames else None
-            opened = {k: v for k, v in (self._opened or {}).items() if k not in ("figures", "text", "digest")} or None
+            opened = {
+                k: v for k, v in (self._opened or {}).items() if k not in ("figures", "text", "digest", "same")
+            } or None
             seen = self._diagnosed()
             shown = [*(first.figures if first else {}), *((self._opened or {}).get("figures", {}))]
             return {
@@ -325,6 +334,7 @@ class Desk:
                 "dropped": self._to_resume.dropped,
                 "commands": command_lines(files, self._way()) if files else [],
                 "config": config_lines(files, len(self._frames) - 1) if files else "",
+                "read": files_read(self.files, self.folder) if self.files else [],
             }
 
     # inside
@@ -370,40 +380,71 @@ class Desk:
             self._refuse_if_busy()
             if self._closed:
                 raise UsageError("this tab was open too long ago: reload the page")
-            if not self._worker.alive:
-                self._worker = Worker(self._hear)
             self._job = {"kind": kind, "title": TITLES[kind], "share": 0.0, "text": ""}
             self._error = ""
             self._request = {"do": kind, "folder": str(self.folder), **request}
-            self._worker.ask(self._request)
+            self._key = key_of(self._request, (self._opened or {}).get("same", "")) if self._shared else ""
+            self._waits = bool(self._shared and self._key and not self._shared.ask(self._key, self))
+            if not self._waits:
+                self._compute()
+            self._told()
+
+    def _compute(self) -> None:
+        """Have the own process do what is asked for."""
+        self._waits = False
+        if not self._worker.alive:
+            self._worker = Worker(self._hear)
+        self._worker.ask(self._request)
+
+    def _leave(self) -> None:
+        """Have nothing to do any more with what was asked for."""
+        key, self._key, self._waits = self._key, "", False
+        if self._shared is not None and key:
+            self._shared.leave(key, self)
+
+    def hear_shared(self, key: str, answer: Document | None) -> None:
+        """Take what another tab's process says of the same request; None: this one is to compute it now."""
+        with self.changed:
+            if key != self._key or self._job is None or self._closed:
+                return
+            if answer is None:
+                self._compute()
+                return
+            self._heard(answer)
             self._told()
 
     def _hear(self, worker: Worker, answer: Document | None) -> None:
         with self.changed:
-            if worker is not self._worker or self._closed:
-                return  # of a process that was put away
+            if worker is not self._worker or self._closed or self._waits:
+                return  # of a process that was put away, or that has nothing to do
+            if answer is not None and self._job is not None and self._shared is not None and self._key:
+                self._shared.answered(self._key, answer, self.folder)
             if answer is None:  # the next task starts another: not now, it might end the same way at once
                 self._to_resume.abandon()
-                if self._job is not None:
-                    self._job, self._error = None, GONE
-                else:
+                self._leave()
+                if self._job is None:
                     return
+                self._job, self._error = None, GONE
             elif self._job is None:
                 return
-            elif "error" in answer:
-                self._to_resume.abandon()
-                self._job, self._error = None, answer["error"].replace(f"{self.folder}/", "")
-            elif "done" in answer:
-                self._job = None
-                self._take(self._request, answer["done"])
-            else:  # how far it is, in words or in errors and curves
-                trial = answer.get("trial", {})
-                if "curves" in trial:
-                    self._fitting = self._fitting[0] + 1, trial.pop("curves")
-                if trial:
-                    trial["picture"] = self._fitting[0]
-                self._job = {**self._job, **answer}
+            else:
+                self._heard(answer)
             self._told()
+
+    def _heard(self, answer: Document) -> None:
+        if "error" in answer:
+            self._to_resume.abandon()
+            self._job, self._error = None, answer["error"].replace(f"{self.folder}/", "")
+        elif "done" in answer:
+            self._job = None
+            self._take(self._request, answer["done"])
+        else:  # how far it is, in words or in errors and curves
+            trial = answer.get("trial", {})
+            if "curves" in trial:
+                self._fitting = self._fitting[0] + 1, trial.pop("curves")
+            if trial:
+                trial["picture"] = self._fitting[0]
+            self._job = {**(self._job or {}), **answer}
 
     def _take(self, request: Mapping[str, Any], done: Document) -> None:
         match request["do"]:

@@ -17,7 +17,7 @@ from bms_gateway.diagnosis.ranking import Standing
 from bms_gateway.diagnosis.record import Record
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.report.add_text import AddReport, headline
-from bms_gateway.report.core_text import core_document, core_sentence, outside, thermocouple_sentence
+from bms_gateway.report.core_text import UNKNOWN_K, core_document, core_sentence, outside, thermocouple_sentence
 from bms_gateway.report.diagnosis_text import Part, Told, closer_numbers, finite, number_lines, parts_of, reach
 from bms_gateway.report.html import VERDICTS, closest_html
 from bms_gateway.report.html_correlation import correlation_table
@@ -42,8 +42,20 @@ def opened(
     findings: Sequence[tuple[str, Finding]],
     notes: Sequence[tuple[str, str]],
     about: Sequence[Document],
+    surfaces: Sequence[Sequence[int]] = (),
 ) -> Document:
-    """Tell what was opened, and what the direct checks found; `about` each record, from `tracks`."""
+    """Tell what was opened, and what the direct checks found.
+
+    Parameters
+    ----------
+    model : StringModel
+    records : sequence of Record
+    findings, notes : sequence of (source, …)
+    about : sequence of dict
+        Of each record, from `tracks`.
+    surfaces : sequence of sequence of int
+        Cells of which the table of each record has a surface; those without a sensor in the model are not used.
+    """
     order = list(WEIGHTS)
     checks = sorted(findings, key=lambda f: order.index(f[1].severity))
     return {
@@ -59,9 +71,10 @@ def opened(
                 "readings": len(r.y),
                 "cells": list(r.cells),
                 "core": len(r.core.y) > 0,
-                **more,
+                "unused": sorted(set(surfaces[k]) - set(model.sensors)) if surfaces else [],
+                **about[k],
             }
-            for r, more in zip(records, about, strict=True)
+            for k, r in enumerate(records)
         ],
         "checks": [
             {"record": s, "severity": f.severity, "weight": WEIGHTS[f.severity], "sentence": in_words(f.sentence)}
@@ -108,6 +121,7 @@ def _variant(name: str, v: Variant, closest: str) -> Document:
     )
     sensors = {s.cell: s for s in v.sensors}
     cells = []
+    unknown = half > UNKNOWN_K
     for k in range(1, v.fit.problem.model.cells + 1):
         s = sensors.get(k)
         cells.append(
@@ -117,9 +131,9 @@ def _variant(name: str, v: Variant, closest: str) -> Document:
                 "held_K": finite(s.held.rmse_K) if s else None,
                 "floor_K": finite(s.trained.floor_K) if s else None,
                 "ratio": finite(s.trained.ratio) if s else None,
-                "core_C": finite(float(hottest[k - 1])),
+                "core_C": None if unknown[k - 1] else finite(float(hottest[k - 1])),
                 "core_95_K": finite(float(half[k - 1])),
-                "centre_C": finite(float(centre[k - 1])),
+                "centre_C": None if unknown[k - 1] else finite(float(centre[k - 1])),
             }
         )
     return {

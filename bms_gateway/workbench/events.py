@@ -97,8 +97,8 @@ class Events:
             raise UsageError(f"acknowledge: nothing of the kind '{code}' has happened to '{string or 'the pack'}'")
         self.seen[key] = Seen(until_ns, time.time(), reason)
 
-    def table(self, first_ns: int) -> bytes:
-        """Write all events as CSV, oldest first."""
+    def table(self) -> bytes:
+        """Write all events as CSV, oldest first, on the clock of the frames."""
         out = io.StringIO()
         write = csv.writer(out, lineterminator="\n")
         write.writerow(COLUMNS)
@@ -107,7 +107,7 @@ class Events:
             known = seen if seen is not None and e.time_ns <= seen.until_ns else None
             write.writerow(
                 [
-                    _seconds(e.time_ns, first_ns),
+                    _seconds(e.time_ns, 0),
                     wall_clock(e.time_ns),
                     WORDS[e.severity],
                     harmless(e.code),

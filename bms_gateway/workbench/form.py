@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from bms_gateway.config.load import cell_list
 from bms_gateway.config.model_file import write_model
-from bms_gateway.errors import UsageError, clipped, did_you_mean, whole_number
+from bms_gateway.errors import UsageError, clipped, counted, did_you_mean, whole_number
 from bms_gateway.frames.vocabulary import Quantity
 from bms_gateway.records.kind import log_kind
 from bms_gateway.setup.proposal import Proposed
@@ -56,7 +56,7 @@ def with_model(files: dict[str, Any], folder: Path) -> dict[str, Any]:
         raise UsageError("model: no surface is mapped: say which column is the surface of which cell")
     cells = _count(str(form.get("cells") or "").strip(), max(sensors))
     if max(sensors) > cells:
-        raise UsageError(f"model: a sensor sits on cell {max(sensors)}, the string has {cells} cells")
+        raise UsageError(f"model: a sensor sits on cell {max(sensors)}, the string has {counted(cells, 'cell')}")
     words = str(form.get("cell") or "")
     if not words.strip():
         raise UsageError("model: name the cell, such as lg_m50 or '21700 5Ah 69g 25mOhm 2p'")
@@ -82,7 +82,7 @@ def with_model(files: dict[str, Any], folder: Path) -> dict[str, Any]:
         cell_format=cell.name,
     )
     path = folder / MODEL
-    write_model(model, path, f"From the form of the workbench: {words.strip()}, {cells} cells.")
+    write_model(model, path, f"From the form of the workbench: {words.strip()}, {counted(cells, 'cell')}.")
     return {**files, "model": str(path)}
 
 

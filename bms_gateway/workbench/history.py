@@ -78,14 +78,14 @@ COLUMNS: Final = (
 
 
 def table(
-    ticks: Sequence[Tick], names: Sequence[str], parts: Sequence[slice], words: dict[int, str], first_ns: int
+    ticks: Sequence[Tick], names: Sequence[str], parts: Sequence[slice], words: dict[int, str]
 ) -> Iterator[bytes]:
-    """Write a stretch of estimates as CSV, tick by tick, one row for each cell."""
+    """Write a stretch of estimates as CSV, tick by tick, one row for each cell, on the clock of the frames."""
     out = io.StringIO()
     write = csv.writer(out, lineterminator="\n")
     write.writerow(COLUMNS)
     for x in ticks:
-        when = [f"{(x.time_ns - first_ns) * 1e-9:.3f}", wall_clock(x.time_ns)]
+        when = [f"{x.time_ns * 1e-9:.3f}", wall_clock(x.time_ns)]
         for s, (name, part) in enumerate(zip(names, parts, strict=True)):
             drive = [_text(v) for v in x.past[s, 3:5].tolist()]
             core, sd, surface, centre, centre_sd, heat, _ = x.cells[:, part].tolist()

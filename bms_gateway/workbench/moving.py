@@ -9,6 +9,8 @@ import time
 from collections.abc import Callable
 from typing import Final
 
+from bms_gateway.errors import counted
+
 Tell = Callable[[float, str], None]
 ROOM: Final = 0.1
 """Share of all work by which pieces alone can move the bar."""
@@ -43,7 +45,7 @@ class Moving:
         if time.monotonic() - self._said >= EVERY_S:
             further = ROOM * (1.0 - math.exp(-self._pieces / PIECES))
             share = self._share + min(further, 0.9 * (1.0 - self._share))
-            self._say(share, f"{self._text} ({self._pieces} trajectories)")
+            self._say(share, f"{self._text} ({counted(self._pieces, 'trajectory', 'trajectories')})")
 
     def _say(self, share: float, text: str) -> None:
         self._shown, self._said = max(self._shown, share), time.monotonic()

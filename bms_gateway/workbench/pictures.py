@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 
 from bms_gateway.diagnosis.compare import Comparison, CoreCheck, Variant
-from bms_gateway.diagnosis.core_band import BAND_SD, at_times
+from bms_gateway.diagnosis.core_band import BAND_SD, at_times, half_width_K
 from bms_gateway.diagnosis.record_inputs import Columns
 from bms_gateway.diagnosis.regimes import instants_of, seconds_of
 from bms_gateway.frames.vocabulary import INPUTS, Quantity
 from bms_gateway.identify.coordinates import Measured
 from bms_gateway.identify.map_fit import MapFit
+from bms_gateway.report.core_text import UNKNOWN_K
 from bms_gateway.report.html_figures import axis, cores, drive, layout, overlay
 from bms_gateway.report.html_series import (
     Clock,
@@ -161,12 +162,15 @@ def step(v: Variant, shelf: Shelf) -> Drawn:
             "high": kept(model + half),
             "span": {"yaxis": _span(model), "yaxis2": _span(mean - reach, mean + reach)},
         }
+    known = half_width_K(v.cores) <= UNKNOWN_K
     for r, band in enumerate(v.cores):
         time = _clock(traces, r)
         for k in range(band.T_c.shape[1]):
             name = f"core-{r}-{k + 1}"
             half_K = BAND_SD * band.total_K[:, k]
             edges = {"model": band.T_c[:, k], "low": band.T_c[:, k] - half_K, "high": band.T_c[:, k] + half_K}
+            if not known[k]:  # its band tells how little is known, and no curve looks like an answer
+                del edges["model"]
             found[name] = {role: {"kept": shelf.keep(band.time_s / time.seconds, y)} for role, y in edges.items()}
             found[name]["span"] = {"yaxis": _span(edges["low"], edges["high"])}
             outside = _outside(v, r, k + 1)

@@ -6,13 +6,15 @@ once and adds no dependency.
 
 import json
 import secrets
+import shutil
 import socket
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from http import HTTPStatus
 from http.server import ThreadingHTTPServer
 from importlib.resources import files
+from io import SEEK_END, BytesIO
 from math import isfinite
 from pathlib import Path
 from socketserver import TCPServer
@@ -28,7 +30,8 @@ from bms_gateway.workbench.doors import CLOSED, HEADERS, Door
 from bms_gateway.workbench.heads import ShortHeads, body_of
 from bms_gateway.workbench.session import additions_of, diagnoses_of, notes_of
 from bms_gateway.workbench.site import Site, session_files, wanted_files
-from bms_gateway.workbench.stretch import in_order, on_desk, signals
+from bms_gateway.workbench.stretch import in_order, on_desk, signals, table_name
+from bms_gateway.workbench.takes import KINDS, attached, taken
 from bms_gateway.workbench.uploads import safe_name
 
 if TYPE_CHECKING:  # the engine: only the live page needs it
@@ -280,27 +283,17 @@ class Handler(ShortHeads):
         self._json({"curves": desk.fitting(name) if self._query.get("fitting") else desk.curves(name)})
 
     def _take(self) -> None:
-        desk = self._desk()
-        if self._query.get("what") == "report":
-            path = desk.report()
-            try:
-                self._bytes(path.read_bytes(), TYPES[".html"], name="report.html")
-            finally:
-                path.unlink(missing_ok=True)
-        elif self._query.get("what") == "session":
-            text = json.dumps(desk.session(), ensure_ascii=False, indent=1)
-            self._bytes(text.encode(), "application/json", name="session.json")
-        elif self._query.get("what") == "file":
-            path = desk.folder / safe_name(self._query.get("name", ""))
-            if path == desk.folder or not path.is_file():
-                raise UsageError("take: this tab has no file of this name")
-            self._bytes(path.read_bytes(), "application/octet-stream", name=path.name)
-        elif self._query.get("what") == "model":
-            name = Path(self._query.get("name", "model.toml")).name
-            self._bytes(desk.model().encode(), "application/toml", name=name)
-        else:
-            what = self._query.get("what", "")[:40]
-            self._json({"error": f"take: '{what}' is none of model, report, session"}, HTTPStatus.NOT_FOUND)
+        desk, what = self._desk(), self._query.get("what", "")
+        if what not in KINDS:
+            told = f"take: '{what[:40]}' is none of model, report, session"
+            self._json({"error": told}, HTTPStatus.NOT_FOUND)
+            return
+        found = taken(desk, self._query)
+        try:
+            self._bytes(found.body, found.kind, name=found.name)
+        finally:
+            if found.once and isinstance(found.body, Path):
+                found.body.unlink(missing_ok=True)
 
     # streams
 
@@ -341,7 +334,7 @@ class Handler(ShortHeads):
         watch, view = self._live(), self._query.get("view", "")
         try:
             signals(watch, view, string, self._number("span"), self._ends(), out)
-            self._bytes(out.read_bytes(), CSV, name="signals.csv")
+            self._bytes(out, CSV, name=table_name(watch, string))
         finally:
             out.unlink(missing_ok=True)
 
@@ -350,7 +343,7 @@ class Handler(ShortHeads):
         self.close_connection = True  # how long it gets is not known
         self.send_response(HTTPStatus.OK)
         self.send_header("Content-Type", CSV)
-        self.send_header("Content-Disposition", 'attachment; filename="window.csv"')
+        self.send_header("Content-Disposition", attached("estimates.csv"))
         self.send_header("Cache-Control", "no-store")
         self.send_header("Connection", "close")
         self._safe_headers()
@@ -444,9 +437,9 @@ class Handler(ShortHeads):
         name = safe_name(self._query.get("name", ""))
         if not name:
             raise UsageError("upload: the file has no name")
-        desk.uploads.receive(self.rfile, size, name)
+        replaced = desk.uploads.receive(self.rfile, size, name)
         self.close_connection = close
-        self._json({"name": name})
+        self._json({"name": name} | ({"replaced": True} if replaced else {}))
 
     # answers
 
@@ -457,7 +450,7 @@ class Handler(ShortHeads):
 
     def _bytes(
         self,
-        body: bytes,
+        body: bytes | Path,
         kind: str,
         *,
         status: HTTPStatus = HTTPStatus.OK,
@@ -465,18 +458,20 @@ class Handler(ShortHeads):
         cached: bool = False,
         packed: bool = False,
     ) -> None:
-        self.send_response(status)
-        self.send_header("Content-Type", kind)
-        self.send_header("Content-Length", str(len(body)))
-        self.send_header("Cache-Control", "max-age=86400" if cached else "no-store")
-        if packed:
-            self.send_header("Content-Encoding", "gzip")  # every browser takes it
-        if name:
-            plain = safe_name(name).encode("ascii", "ignore").decode()
-            self.send_header("Content-Disposition", f'attachment; filename="{plain or "file"}"')
-        self._safe_headers()
-        self.end_headers()
-        self.wfile.write(body)
+        with nullcontext(BytesIO(body)) if isinstance(body, bytes) else body.open("rb") as content:
+            size = content.seek(0, SEEK_END)
+            content.seek(0)
+            self.send_response(status)
+            self.send_header("Content-Type", kind)
+            self.send_header("Content-Length", str(size))
+            self.send_header("Cache-Control", "max-age=86400" if cached else "no-store")
+            if packed:
+                self.send_header("Content-Encoding", "gzip")  # every browser takes it
+            if name:
+                self.send_header("Content-Disposition", attached(name))
+            self._safe_headers()
+            self.end_headers()
+            shutil.copyfileobj(content, self.wfile)
 
     def _safe_headers(self) -> None:
         for header, value in HEADERS.items():

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from bms_gateway.errors import UsageError
 from bms_gateway.workbench.desk import Desk
+from bms_gateway.workbench.shared import Shared
 from bms_gateway.workbench.uploads import safe_name
 
 if TYPE_CHECKING:  # the engine: only the live page needs it
@@ -51,6 +52,7 @@ class Site:
     grafana: str = ""
     desks: "OrderedDict[str, Desk]" = field(default_factory=OrderedDict)
     lock: threading.Lock = field(default_factory=threading.Lock)
+    shared: Shared = field(default_factory=Shared)
     spare: Desk | None = None
     ahead: "list[Stamp] | None" = None
     closing: bool = False
@@ -65,7 +67,7 @@ class Site:
         """
         with self.lock:
             if self.spare is None and not self.closing:
-                self.spare = Desk(secrets.token_urlsafe(12))
+                self.spare = Desk(secrets.token_urlsafe(12), self.shared)
                 if ahead and self.given is not None and not self.given.get("recent"):
                     self.ahead = _stamps(self.given)
                     self.spare.open(self.given)
@@ -81,7 +83,7 @@ class Site:
         with self.lock:
             if self.closing:
                 raise UsageError("the workbench is ending")
-            desk, self.spare = self.spare or Desk(secrets.token_urlsafe(12)), None
+            desk, self.spare = self.spare or Desk(secrets.token_urlsafe(12), self.shared), None
             opened, self.ahead = self.ahead, None
             self.desks[desk.name] = desk
             old = [self.desks.popitem(last=False)[1] for _ in range(len(self.desks) - MOST_DESKS)]
@@ -127,6 +129,7 @@ class Site:
             self.spare = None
         for desk in all_of_them:
             desk.close()
+        self.shared.close()
         if self.watch is not None:
             self.watch.signals.close()
 

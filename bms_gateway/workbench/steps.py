@@ -6,10 +6,12 @@ something open casts doubt on its own model and on all later ones, until a later
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
-from bms_gateway.report.step_names import FILED, titled
+from bms_gateway.diagnosis.error_words import rises
+from bms_gateway.report.step_names import FILED, REFITTED, titled
 
 Document = dict[str, Any]
 Window = tuple[float, float]
@@ -62,7 +64,22 @@ def steps_of(frames: list[Frame]) -> list[Document]:
             one = _step(f.label, f, variant, remains(frames[: i + 1]))
             one |= {"words": f.words, "forced": f.forced, "told": f.told}
             found.append(one)
+    for before, after in pairwise(found):
+        after["worse"] = _worse(before, after)
     return found
+
+
+def _worse(before: Document, after: Document) -> str:
+    """Say that a step follows the surfaces less closely than the one before; empty where it does not."""
+    one, other = ((s["stair"] or {}).get("trained_K") for s in (before, after))
+    if one is None or other is None or not rises(one, other):
+        return ""
+    what = "This refit" if after["name"] == REFITTED else f"The step “{after['name']}”"
+    than = f"{what} is worse than the model {before['name']}"
+    return (
+        f"{than}: the error where fitted rises from {one:.3g} to {other:.3g} K. "
+        "The model lacks something; its cores are no answer."
+    )
 
 
 UNFITTED: Final = {
@@ -86,6 +103,7 @@ def _step(name: str, f: Frame, variant: Document | None, left: str) -> Document:
         "variant": variant,
         "tables": {"of": f.label, **{k: f.compared[k] for k in TABLES}} if f.compared else None,
         "stair": variant["stair"] if variant else f.told["after"] if f.told else None,
+        "worse": "",
         "core": core,
         "remains": left,
     }

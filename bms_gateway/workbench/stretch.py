@@ -47,16 +47,26 @@ def of_ends(ends: Ends) -> tuple[int, float]:
     return int((ends[1] + SLACK_S) * 1e9), ends[1] - ends[0] + 2.0 * SLACK_S
 
 
+def table_name(watch: "Watch", string: int) -> str:
+    """Call the table of a string's signals (from 0) in a stretch, wherever it is exported, opened or named."""
+    return f"window_of_{_called(watch, string)}.csv"
+
+
+def _called(watch: "Watch", string: int) -> str:
+    strings = watch.about()["strings"]
+    return safe_name(strings[string]["name"] if 0 <= string < len(strings) else "string")
+
+
 def signals(watch: "Watch", view: str, string: int, span_s: float, ends: Ends | None, out: Path) -> None:
-    """Write the signals of one string in a stretch as a table.
+    """Write the signals of one string in a stretch as a table: from the first of its estimates to the last one.
 
     Raises
     ------
     GatewayError
         Nothing was heard in this time.
     """
-    until_ns, last_s = of_ends(ends) if ends else (watch.until_ns(view), span_s)
-    watch.signals.table(string, last_s, until_ns, out)
+    first_ns, last_ns = watch.stretch_ns(view, span_s, ends)
+    watch.signals.table(string, (last_ns - first_ns) * 1e-9, last_ns, out)
 
 
 def on_desk(watch: "Watch", desk: Desk, body: dict[str, Any]) -> list[str]:
@@ -74,9 +84,8 @@ def on_desk(watch: "Watch", desk: Desk, body: dict[str, Any]) -> list[str]:
     string, span = body.get("string"), body.get("span")
     if not isinstance(string, int) or not isinstance(span, int | float) or not 0 <= span < LONGEST_S:
         raise UsageError("window: the number of a string and a span in s are needed")
-    strings = watch.about()["strings"]
-    name = safe_name(strings[string]["name"] if 0 <= string < len(strings) else "string")
-    table, model = desk.folder / f"window_of_{name}.csv", desk.folder / f"{name}.toml"
+    table = desk.folder / table_name(watch, string)
+    model = desk.folder / f"{_called(watch, string)}.toml"
     signals(watch, str(body.get("view", "")), string, span, in_order(body.get("ends")), table)
     watch.signals.model(string, model)
     desk.open({"tables": [str(table)], "model": str(model), "config": "", "string": "", "columns": []})

@@ -5,6 +5,7 @@ next start deletes it.
 """
 
 import fcntl
+import filecmp
 import os
 import secrets
 import shutil
@@ -40,7 +41,7 @@ class Uploads:
         self._promised = 0
         self._closed = False
 
-    def receive(self, source: BufferedIOBase, size: int, name: str) -> None:
+    def receive(self, source: BufferedIOBase, size: int, name: str) -> bool:
         """Take a file; it is there as a whole or not at all.
 
         Parameters
@@ -50,6 +51,11 @@ class Uploads:
             Bytes to read from there.
         name : str
             From `safe_name`.
+
+        Returns
+        -------
+        bool
+            Whether it takes the place of a file of the same name and of other content.
 
         Raises
         ------
@@ -66,7 +72,9 @@ class Uploads:
                     left -= len(part)
             if left:
                 raise UsageError(f"{name}: the upload broke off")
-            beside.replace(self.folder / name)
+            there = self.folder / name
+            other = there.is_file() and not filecmp.cmp(there, beside, shallow=False)
+            beside.replace(there)
         except (ConnectionError, TimeoutError):
             raise  # of the browser, not of the disk
         except OSError as e:
@@ -75,6 +83,7 @@ class Uploads:
             beside.unlink(missing_ok=True)
             with self._lock:
                 self._promised -= size
+        return other
 
     def _promise(self, size: int, name: str) -> None:
         """Set room aside for a whole file before its first byte: others may be on their way beside it."""

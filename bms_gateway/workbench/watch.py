@@ -289,11 +289,10 @@ class Watch:
         return {**history(ticks, string, first), "marks": marks, "first_s": first * 1e-9}
 
     def table(self, name: str, span_s: float, ends: Ends | None = None) -> Iterator[bytes]:
-        """Write what was estimated as CSV; the stretch is that of `history`."""
+        """Write what was estimated as CSV; the stretch is that of `history`, the clock that of the frames."""
         with self._lock:
             ticks = self._ticks.back(*self._stretch(name, span_s, ends))
-            first = self._ticks.first_ns
-        return table(ticks, [s.plan.name for s in self._engine.strings], self._parts, WORDS, first)
+        return table(ticks, [s.plan.name for s in self._engine.strings], self._parts, WORDS)
 
     def acknowledge(self, name: str, wish: Mapping[str, Any]) -> None:
         """Mark the events of one kind and string as seen, until where a tab looks; the next one is new again.
@@ -312,15 +311,23 @@ class Watch:
             self._events.acknowledge(code, string, bool(wish.get("alert")), " ".join(reason.split())[:200], until)
 
     def events_table(self) -> bytes:
-        """Write all events as CSV, oldest first, with what was acknowledged."""
+        """Write all events as CSV, oldest first, with what was acknowledged; on the clock of the frames."""
         with self._lock:
-            return self._events.table(self._ticks.first_ns)
+            return self._events.table()
 
-    def until_ns(self, name: str) -> int | None:
-        """Tell the moment at which a tab looks; None: the newest."""
+    def stretch_ns(self, name: str, span_s: float, ends: Ends | None) -> tuple[int, int]:
+        """Tell the first and the last moment, ns, of what is estimated in a stretch, which is that of `history`.
+
+        Raises
+        ------
+        UsageError
+            Nothing was.
+        """
         with self._lock:
-            at = self._view(name).at_ns
-            return None if at is None else int(at)
+            ticks = self._ticks.back(*self._stretch(name, span_s, ends))
+        if not ticks:
+            raise UsageError("window: nothing has been heard yet")
+        return ticks[0].time_ns, ticks[-1].time_ns
 
     def _stretch(self, name: str, span_s: float, ends: Ends | None) -> tuple[int, float]:
         if ends is not None:

@@ -170,7 +170,7 @@ def test_percent_are_told_and_a_little_above_full_is_full(tmp_path, top):
     t = read_table(put(tmp_path, text({"soc": values})))
     assert t.soc.max() == 1.0
     assert t.soc[-1] == pytest.approx((top - 5.9) / 100)
-    assert "soc is in per cent" in t.notes
+    assert "SOC is in per cent" in t.notes
     assert any("taken as empty or full" in n for n in t.notes) == (top > 100)
 
 

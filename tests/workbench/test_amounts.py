@@ -10,7 +10,7 @@ WRITTEN = {
     0.09996: "0.100 K",
     0.9997: "1.00 K",
     9.996: "10.0 K",
-    -0.09996: "-0.100 K",
+    -0.09996: "−0.100 K",
     0.1234: "0.123 K",
     0.0: "0 K",
     27.26: "27.3 K",
@@ -35,9 +35,10 @@ def test_times_of_the_live_page_are_of_the_wall_and_have_a_date_where_it_is_anot
             "const now = new Date(), day = 86400000; now.setHours(12, 0, 30, 0);"
             "const at = (ms) => ({ wall_ms: ms, at: 30, age: 0 }), old = now.getTime() - day;"
             "return [when(at(now.getTime()), 10), when(at(old), 10), when(at(old), 10, old), when(at(null), 10),"
-            "  [now.getTime() - 20000, old - 20000].map(ms => [new Date(ms).toLocaleTimeString(), "
-            "    new Date(ms).toLocaleString([], { dateStyle: 'short', timeStyle: 'medium' })])]; });"
+            "  [now.getTime() - 20000, old - 20000].map(ms => [new Date(ms).toLocaleTimeString('sv-SE'), "
+            "    new Date(ms).toLocaleString('sv-SE')])]; });"
         )
+    # Swedish times are those of ISO 8601, but for the T
     assert today == beside == of[0][0]  # beside a time of the same day no date is needed
     assert yesterday == of[1][1]
     assert without == "0:00:10"

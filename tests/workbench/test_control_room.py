@@ -179,7 +179,7 @@ def test_the_exported_window_holds_every_cell_of_every_tick(watch):
     rows = list(csv.DictReader(io.StringIO(b"".join(watch.table("test", 10.0)).decode())))
     assert len(rows) == 11 * 60
     last = rows[-60:]
-    assert float(last[0]["time_s"]) == pytest.approx(shown["at"])
+    assert float(last[0]["time_s"]) == pytest.approx(shown["first_s"] + shown["at"])
     assert last[0]["wall_clock"].startswith("2023-11-14T22:1")
     cores = [x for s in shown["strings"] for x in s["core"]]
     np.testing.assert_allclose([float(r["core_C"]) for r in last], cores, atol=0.006)
@@ -224,7 +224,7 @@ def test_no_text_of_exported_events_is_a_formula(watch):
 
 def test_the_signals_of_a_window_are_those_of_the_bus(watch, log, tmp_path):
     shown = at(watch, 80)
-    table = read_table(watch.signals.table(1, 30.0, watch.until_ns("test"), tmp_path / "window.csv"))
+    table = read_table(watch.signals.table(1, 30.0, watch.stretch_ns("test", 30.0, None)[1], tmp_path / "window.csv"))
     assert table.time_s[-1] - table.time_s[0] == pytest.approx(30.0, abs=1.1)
     end_ns = shown["wall_ms"] * 1_000_000
     messages = cantools.database.load_file(shipped("dbc/bms_gateway.dbc"))

@@ -47,8 +47,8 @@ def test_why_a_wish_was_refused_stays_when_something_else_happens(window, tmp_pa
         page.idle(FIT_S)
         page.run(REFUSED)
         page.press("d")
-        page.wait("return document.querySelector('#error-text').innerText === 'not at this moment'")
+        page.wait("return document.querySelector('#error-text').innerText === 'Not at this moment'")
         before = page.run("return document.body.dataset.version")
         page.run(NOTED)
         page.wait("return document.body.dataset.version !== arguments[0]", before)
-        assert page.text("#error-text") == "not at this moment"
+        assert page.text("#error-text") == "Not at this moment"

@@ -56,10 +56,24 @@ def test_a_stretch_holds_its_first_and_its_last_tick_wherever_a_tab_looks(watch,
     assert (past["t"][0], past["t"][-1], past["first_s"]) == (50.0, 90.0, first)
     rows = list(csv.DictReader(io.StringIO(b"".join(watch.table("test", 0.0, ends)).decode())))
     assert len(rows) == 41 * 60
-    assert {float(r["time_s"]) for r in rows} == {float(t) for t in range(50, 91)}
+    assert {float(r["time_s"]) for r in rows} == {first + t for t in range(50, 91)}
     signals(watch, "test", 1, 0.0, ends, tmp_path / "window.csv")
     table = read_table(tmp_path / "window.csv")
-    assert table.time_s[-1] - table.time_s[0] == pytest.approx(40.0, abs=1.1)
+    assert table.time_s[-1] - table.time_s[0] == pytest.approx(40.0, abs=0.2)
+
+
+@pytest.mark.parametrize("wanted", [(0.0, (50.0, 90.0)), (60.0, None), (0.0, None)], ids=["chosen", "last", "all"])
+def test_signals_and_estimates_of_a_stretch_have_one_clock_and_the_same_ends(watch, tmp_path, wanted):
+    """The estimates counted from the end of the first tick, and the signals ended with the newest sample of all."""
+    watch.steer("test", {"play": False, "seek": 120})
+    first = json.loads(next(watch.stream("test")))["first_s"]
+    span, ends = wanted[0], wanted[1] and tuple(first + x for x in wanted[1])
+    rows = list(csv.DictReader(io.StringIO(b"".join(watch.table("test", span, ends)).decode())))
+    estimated = float(rows[0]["time_s"]), float(rows[-1]["time_s"])
+    signals(watch, "test", 1, span, ends, tmp_path / "window.csv")
+    heard = [float(line.split(",")[0]) for line in (tmp_path / "window.csv").read_text().splitlines()[1:]]
+    assert estimated[0] <= heard[0] <= heard[-1] <= estimated[1]
+    assert (heard[0], heard[-1]) == pytest.approx(estimated, rel=0.0, abs=0.2)  # signals come ten times a second
 
 
 @pytest.mark.parametrize("wrong", [(5.0, 5.0), (6.0, 5.0), (-1.0, 5.0), (1.0, 1e11), (float("nan"), 1.0)])
@@ -123,11 +137,11 @@ def test_a_stretch_is_chosen_by_pointer_and_by_keys(window, log, axe, tmp_path):
         assert page.run(ENDS) == [first + 30.0, first + 90.0]
         page.run(write, "#past-to", page.run(local, first + 10) if wall else "0:00:10")
         page.press("Enter")
-        assert page.text("#error-text") == "the end of the stretch must be after its start"
+        assert page.text("#error-text") == "The end of the stretch must be after its start"
         if not wall:
             page.run(write, "#past-to", "soon")
             page.press("Enter")
-            assert page.text("#error-text") == "a time such as 0:12:30 is needed"
+            assert page.text("#error-text") == "A time such as 0:12:30 is needed"
         page.click("#dismiss")
         assert faults(page, axe) == []
         for width in (390, 1024, 1920):

@@ -1,5 +1,5 @@
 // The live pack: cells coloured by their core, what is flagged in words, sensors, bus; or a log that is played.
-import { $, el, post, attempt, complain, counted, clock, moment, wallMs, when } from "./util.js";
+import { $, el, post, attempt, complain, counted, clock, fixed, many, moment, sentence, wallMs, when } from "./util.js";
 import * as past from "./past.js";
 
 // Cividis, told apart with any common colour blindness, dark to light as the core gets hotter.
@@ -15,7 +15,7 @@ let source = null;
 let sliding = false;
 export let pictures = 0;
 
-const degrees = (x) => (x === null ? "–" : `${x.toFixed(1)}`);
+const degrees = (x) => (x === null ? "–" : fixed(x, 1));
 const band = (half) => (half === null ? "" : ` ± ${half.toFixed(1)}`);
 const steer = (wish) => attempt(() => post("watch", { view, ...wish }))();
 
@@ -44,7 +44,7 @@ export function prepare(known, grafana) {
     el("p", { class: "muted", id: "live-key" }, "Cell, core in °C, ± 95 % half width in K, as all bands here; coolant flows from left to right. ",
       `${String(limit - BELOW_K).replace("-", "−")} `, el("span", { class: "scale", id: "scale" }), ` ${limit - NEAR_K} °C · `,
       el("span", { class: "patch", style: `background:rgb(${NEAR})` }), ` from ${limit - NEAR_K} °C · `, el("span", { class: "patch", style: `background:rgb(${OVER})` }), ` limit ${limit} °C and over`,
-      " · dashed: no sensor of its own · dotted, ?: core not proven · double frame: its sensor is not used · ring: hottest point · pale in a dashed frame: nothing new (stale) · grey in a frame: the bus is silent (parked)"),
+      " · Dashed: no sensor of its own · dotted, ?: core not proven · double frame: its sensor is not used · ring: hottest point · pale in a dashed frame: nothing new (stale) · grey in a frame: the bus is silent (parked)"),
     ...rows.map((r) => r.node), past.build(about, view, (t) => steer({ seek: t }), grafana), happened());
   $("scale").style.background = `linear-gradient(to right, ${SCALE.map((c) => `rgb(${c})`).join(",")})`;
 }
@@ -103,7 +103,7 @@ function picture(p) {
   const b = p.bus;
   card("bus", "Bus load", b.load === null ? "–" : `${b.load.toFixed(1)} % of ${about.bitrate / 1000} kbit/s`, `${b.per_s ?? "–"} frames/s, ${b.received} in all, ${b.dropped} lost; stuff bits not counted`);
   const refused = Object.entries(b.refused).filter(([, n]) => n);
-  card("refused", "Samples not used", String(refused.reduce((a, [, n]) => a + n, 0)), refused.map(([why, n]) => `${n}: ${why}`).join("; ") || "all are used");
+  card("refused", "Samples not used", String(refused.reduce((a, [, n]) => a + n, 0)), refused.map(([why, n]) => `${n}: ${why}`).join("; ") || "All are used.");
   const worst = p.strings.reduce((a, s, i) => (s.mismatch !== null && (a === null || s.mismatch > a.m) ? { m: s.mismatch, name: about.strings[i].name } : a), null);
   card("model", "Model mismatch", worst ? `${worst.m.toFixed(2)} × its band` : "–", worst ? `${worst.name}; 1 is as it should be, from 2 on suspected` : "");
   events(p);
@@ -121,7 +121,7 @@ function condition(p) {
 // What is wrong at the moment that is shown, the gravest first; and that what is shown is old.
 function banner(p) {
   const alarms = p.alerts.filter((a) => a.level === "alarm").length, warnings = p.alerts.length - alarms;
-  const count = (n, word) => (n ? [`${n} ${word}${n > 1 ? "s" : ""}`] : []);
+  const count = (n, word) => (n ? [many(n, word)] : []);
   $("banner").hidden = !p.alerts.length;
   $("banner").className = alarms ? "alarms" : "warnings";
   put($("banner-title"), [...count(alarms, "alarm"), ...count(warnings, "warning")].join(", "));
@@ -153,7 +153,7 @@ function events(p, again = false) {
   const told = JSON.stringify(list);
   if (!again && $("events").dataset.told === told) return;
   $("events").dataset.told = told;
-  const head = el("thead", {}, el("tr", {}, ...["last", "first", "times", "", "string", "what", "seen"].map((t) => el("th", { scope: "col" }, t))));
+  const head = el("thead", {}, el("tr", {}, ...["Last", "First", "Times", "", "String", "What", "Seen"].map((t) => el("th", { scope: "col" }, t))));
   $("events").replaceChildren(head, el("tbody", {}, ...(list.length ? list.map((e) => el("tr", { class: e.level },
     el("td", {}, when(p, e.at)), el("td", {}, e.count > 1 ? when(p, e.first) : ""), el("td", { class: "n" }, e.count > 1 ? `${e.count} ×` : ""),
     el("td", {}, el("b", {}, e.level === "note" ? "" : e.level), e.state === "over" ? " over" : ""), el("td", {}, e.string), el("td", {}, e.text), el("td", {}, seen(e))))
@@ -188,21 +188,21 @@ function row(r, s, state) {
     c.node.style.background = `rgb(${red},${green},${blue})`;
     c.node.style.color = 0.3 * red + 0.59 * green + 0.11 * blue > 128 ? "#000" : "#fff";
     c.node.className = `live-cell ${["estimated", "doubtful"].includes(word) ? word : word === "good" ? "" : `bad ${word.replaceAll(" ", "-")}`}${s.hottest === c.k ? " hottest" : ""}${hottest >= limit ? " over" : ""}`;
-    c.node.title = `cell ${c.k + 1}: ${word} (${about.why[q] ?? ""}); surface ${degrees(s.surface[c.k])} °C; hottest point ${degrees(centre)}${band(s.centre_half[c.k])} °C${hottest >= limit ? `, over its limit of ${limit} °C` : ""}`;
+    c.node.title = `Cell ${c.k + 1}: ${word} (${about.why[q] ?? ""}); surface ${degrees(s.surface[c.k])} °C; hottest point ${degrees(centre)}${band(s.centre_half[c.k])} °C${hottest >= limit ? `, over its limit of ${limit} °C` : ""}`;
   }
   if (r.told.picked !== undefined) put(r.told, r.cells[r.told.picked].node.title);
-  put(r.hottest, s.hottest === null ? "no core known" : `hottest: cell ${s.hottest + 1}, core ${degrees(s.core[s.hottest])}${band(s.half[s.hottest])} °C, hottest point ${degrees(s.centre[s.hottest])}${band(s.centre_half[s.hottest])} °C`);
+  put(r.hottest, s.hottest === null ? "No core known" : `Hottest: cell ${s.hottest + 1}, core ${degrees(s.core[s.hottest])}${band(s.half[s.hottest])} °C, hottest point ${degrees(s.centre[s.hottest])}${band(s.centre_half[s.hottest])} °C`);
   const f = s.ahead;
-  put(r.ahead, f ? `forecast at ${Math.abs(f.load_A ?? 0).toFixed(0)} A${f.load_A < 0 ? " charging" : ""}: hottest point in 1, 5, 10 min ${f.point.map((x, i) => `${degrees(x)} ± ${(f.half[i] ?? 0).toFixed(1)}`).join(", ")} °C (cell ${f.cell})${f.limit_s ? (f.limit_s[1] > 0 ? `; cell ${f.limit_s[0]} reaches its limit in ${f.limit_s[1]} s` : "; the limit is reached") : ""}; for 10 min ${f.discharge[2]} A discharge, ${f.charge[2]} A charge` : "");
-  put(r.resistance, s.R_e ? `internal resistance (R_e) ${s.R_e[0].toFixed(2)} ± ${s.R_e[1].toFixed(2)} mΩ, ${s.R_e[2]}${s.growth === null ? "" : `; ${s.growth > 0 ? "+" : ""}${s.growth.toFixed(1)} % since commissioning`}` : "");
+  put(r.ahead, f ? `Forecast at ${Math.abs(f.load_A ?? 0).toFixed(0)} A${f.load_A < 0 ? " charging" : ""}: hottest point in 1, 5, 10 min ${f.point.map((x, i) => `${degrees(x)} ± ${(f.half[i] ?? 0).toFixed(1)}`).join(", ")} °C (cell ${f.cell})${f.limit_s ? (f.limit_s[1] > 0 ? `; cell ${f.limit_s[0]} reaches its limit in ${f.limit_s[1]} s` : "; the limit is reached") : ""}; for 10 min ${f.discharge[2]} A discharge, ${f.charge[2]} A charge` : "");
+  put(r.resistance, s.R_e ? `Internal resistance (R_e) ${s.R_e[0].toFixed(2)} ± ${s.R_e[1].toFixed(2)} mΩ, ${s.R_e[2]}${s.growth === null ? "" : `; ${s.growth > 0 ? "+" : ""}${s.growth.toFixed(1)} % since commissioning`}` : "");
   const by = new Map();
   s.quality.forEach((q, k) => { const w = about.words[q]; if (r.sensors.has(k + 1) && w !== "good" && w !== "doubtful") by.set(w, [...(by.get(w) ?? []), k + 1]); });
   const bad = [...by].map(([w, k]) => (k.length > 1 ? `sensors ${counted(k)} are ${w}` : `sensor ${k[0]} is ${w}`));
   if (s.quality.some((q) => about.words[q] === "doubtful")) bad.unshift("core not proven");
-  put(r.heat, s.heat ? `heat that no current makes: ${s.heat[1].toFixed(2)} ± ${s.heat[2].toFixed(2)} W in cell ${s.heat[0]}` : "");
+  put(r.heat, s.heat ? `Heat that no current makes: ${s.heat[1].toFixed(2)} ± ${s.heat[2].toFixed(2)} W in cell ${s.heat[0]}` : "");
   const flags = s.flags.map((f) => f.replaceAll("_", " "));
-  const alerts = s.words.length ? [`${s.words.length} alert${s.words.length > 1 ? "s" : ""}, see above`] : [];
-  put(r.words, [...alerts, flags.length ? flags.join(", ") : "no health flag", ...bad].join("; "));
+  const alerts = s.words.length ? [`${many(s.words.length, "alert")}, see above`] : [];
+  put(r.words, sentence([...alerts, flags.length ? flags.join(", ") : "no health flag", ...bad].join("; ")));
   r.words.className = s.words.length || s.flags.length || bad.length ? "alarm" : "";
   const told = JSON.stringify(s.trend);
   if (told !== r.trended) { r.trended = told; trend(r.trend, s.trend); }

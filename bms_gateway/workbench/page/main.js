@@ -1,5 +1,5 @@
 // Starts the page: finds this tab's desk, listens for changes, steps and keys.
-import { $, get, post, upload, ui, keep, attempt, complain, fault, claim as claimed, desked } from "./util.js";
+import { $, get, post, upload, ui, keep, attempt, complain, fault, sentence, claim as claimed, desked } from "./util.js";
 import * as columns from "./open.js";
 import * as kept from "./kept.js";
 import * as plots from "./plots.js";
@@ -55,7 +55,8 @@ async function refresh() {
 function job(j) {
   $("job").hidden = !j;
   if (!j) return;
-  if ($("job-title").textContent !== j.title) $("job-title").textContent = j.title;
+  const title = sentence(j.title);
+  if ($("job-title").textContent !== title) $("job-title").textContent = title;
   if (j.share > 0) $("job-share").value = j.share; else $("job-share").removeAttribute("value");
   $("job-text").textContent = j.text;
 }

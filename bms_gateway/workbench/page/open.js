@@ -1,5 +1,5 @@
 // The table of columns: what each column of a foreign table is, with its unit and sign, guessed and to be confirmed.
-import { $, el, get, post, attempt, complain } from "./util.js";
+import { $, el, get, post, attempt, complain, many, sentence } from "./util.js";
 
 const ONCE = { time_s: "time", current_A: "current, discharge positive", coolant_inlet_C: "coolant inlet, or the air around",
   voltage_V: "voltage of the string", soc: "SOC (state of charge)", coolant_flow_m3_s: "coolant flow" };
@@ -75,12 +75,12 @@ function columnsOf(g) {
   return [el("h3", {}, `Columns of ${names}`),
     el("p", { class: lack.length || double.length ? "alarm" : "muted", id: k ? `mapping-told-${k}` : "mapping-told", role: "status" },
       double.length ? `Two columns are taken for ${double[0]}.` : lack.length ? `Still missing: ${lack.join(", ")}.`
-        : guessed ? `${guessed} columns are guessed (marked ?): check them, with their units and signs.` : "The names of the columns say what they are."),
+        : guessed ? `${many(guessed, "column is", "columns are")} guessed (marked ?): check ${guessed === 1 ? "it, with its unit and sign" : "them, with their units and signs"}.` : "The names of the columns say what they are."),
     hasInlet(g) ? "" : constant(g, k),
     el("div", { class: "scroll", tabindex: "0", role: "group", "aria-label": `columns of ${names}` },
-      el("table", { class: "columns" }, el("thead", {}, el("tr", {}, ...["Column", "First values", "Is", "Unit", "Sign −", "First rows read as"].map((t) => el("th", { scope: "col" }, t)))),
+      el("table", { class: "columns" }, el("thead", {}, el("tr", {}, ...["Column", "First values", "Is", "Unit", "Sign −", "Read as"].map((t) => el("th", { scope: "col" }, t)))),
         el("tbody", {}, ...g.rows.map((r) => line(g, r))))),
-    look.notes.length ? el("p", { class: "muted" }, `${look.notes.join("; ")}.`) : ""];
+    look.notes.length ? el("p", { class: "muted" }, `${sentence(look.notes.join("; "))}.`) : ""];
 }
 
 // Chambers are often set, and not recorded: their temperature is typed then.
@@ -110,14 +110,14 @@ function line(g, r) {
     ...units.map((u) => el("option", { value: u, selected: u === r.unit }, u || (units.includes(DATES[0]) ? "as written" : `${own} (assumed)`)))) : c.stated;
   const flip = r.what && r.what !== "time_s" ? el("input", { id: `${id}-flip`, type: "checkbox", checked: r.flip, "aria-label": `opposite sign of ${r.name}`, onchange: (e) => change({ flip: e.target.checked }) }) : "";
   const [scale, told] = SHOWN[c.in] ?? [1, c.in];
-  const number = (x) => (Math.abs(x) >= 1e5 ? x.toExponential(2) : String(Number(x.toPrecision(4))).replace("-", "−"));
+  const number = (x) => (Math.abs(x) >= 1e5 ? x.toExponential(2) : String(Number(x.toPrecision(4)))).replace("-", "−");
   const seen = "low" in c && r.what ? el("span", {}, curve(c.points), ` ${number(scale * c.low)} to ${number(scale * c.high)} ${told}`) : "";
   return el("tr", { class: r.what ? "" : "unused" }, el("th", { scope: "row" }, c.name), el("td", { class: "muted" }, c.cells.slice(0, 2).map(short).join("  ")),
-    el("td", {}, what, cell, r.by === "guess" ? el("small", { class: "muted why" }, `? guessed${r.why ? `: ${r.why}` : ""}`) : ""), el("td", {}, unit), el("td", {}, flip), el("td", {}, seen));
+    el("td", {}, what, cell, r.by === "guess" ? el("small", { class: "muted why" }, `? Guessed${r.why ? `: ${r.why}` : ""}`) : ""), el("td", {}, unit), el("td", {}, flip), el("td", {}, seen));
 }
 
 // A number to a few digits, with the mark that it has.
-const short = (text) => (text.length > 12 ? `${text.slice(0, 11)}…` : text.replace(/([.,]\d*?[1-9]?)0+$/, "$1").replace(/[.,]$/, ""));
+const short = (text) => (/^-0*[.,]?0*$/.test(text) && text.includes("0") ? "0" : text.length > 12 ? `${text.slice(0, 11)}…` : text.replace(/([.,]\d*?[1-9]?)0+$/, "$1").replace(/[.,]$/, ""));
 
 // A curve of the first values, without axes.
 function curve(points) {

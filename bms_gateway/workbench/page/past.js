@@ -1,5 +1,5 @@
 // The past of one string on the live page: hottest point with its band, limit and alerts; what drove it; export.
-import { $, el, post, attempt, ui, clock, complain, wallMs, when } from "./util.js";
+import { $, el, post, attempt, ui, clock, complain, fixed, many, wallMs, when } from "./util.js";
 import { put as keepUpload, opened as uploadsOpened } from "./kept.js";
 
 const SVG = "http://www.w3.org/2000/svg";
@@ -11,7 +11,7 @@ const PER_MIN = 60000; // l/min in a m³/s
 const COLORS = { hottest: "var(--after)", inlet: "var(--after)", soc: "var(--good)" };
 const HELD = ["current", "flow", "soc"]; // from one tick to the next
 const NARROW = 520; // px, below which there is room for two times only
-const TOP = 8, GAP = 14, FOOT = 24;
+const TOP = 20, GAP = 20, FOOT = 24; // px; the title of a panel stands above it, where no curve is
 const SPANS = [[600, "last 10 min"], [3600, "last hour"], [0, "all that is kept"], ["chosen", "stretch from … to …"]];
 const DRAGGED_PX = 4; // less is a click
 let chosen = null; // start and end of a stretch that a person chose, s on the clock of the frames
@@ -21,14 +21,14 @@ export function build(known, name, jump, grafana) {
   about = known; view = name; seek = jump; fleet = grafana;
   const choice = (id, options) => el("select", { id, onchange: (e) => { if (id === "past-span") chosen = e.target.value === "chosen" ? seenEnds() : null; anew(); } }, ...options.map(([v, t]) => el("option", { value: v }, t)));
   const svg = document.createElementNS(SVG, "svg");
-  for (const [k, v] of Object.entries({ id: "past", height: 270, width: "100%", role: "img", "aria-label": "hottest point over time: nothing yet" })) svg.setAttribute(k, v);
+  for (const [k, v] of Object.entries({ id: "past", height: 270, width: "100%", role: "img", "aria-label": "Hottest point over time: nothing yet" })) svg.setAttribute(k, v);
   drag(svg);
   const section = el("section", { "aria-label": "Past" }, el("div", { class: "heads" }, el("h3", {}, "Hottest point over time"),
     el("label", { for: "past-string" }, "String "), choice("past-string", about.strings.map((s, i) => [i, s.name])),
     el("label", { for: "past-span" }, "of the "), choice("past-span", SPANS), ...[["from", "from "], ["to", "to "]].map(([k, t]) => el("span", { class: "moment" }, el("label", { for: `past-${k}` }, t),
       el("input", { id: `past-${k}`, autocomplete: "off", step: "1", onblur: typed, onkeydown: (e) => { if (e.key === "Enter") typed(); } }))),
-    el("a", { id: "export", class: "file", download: "window.csv" }, "Export its estimates (CSV)"),
-    el("a", { id: "export-signals", class: "file", download: "signals.csv" }, "Export its signals (CSV)"),
+    el("a", { id: "export", class: "file", download: "estimates.csv" }, "Export its estimates (CSV)"),
+    el("a", { id: "export-signals", class: "file", download: "" }, "Export its signals (CSV)"),
     el("button", { type: "button", id: "diagnose-window", onclick: attempt(diagnose) }, "Diagnose this window"),
     el("a", { id: "grafana", class: "file", target: "_blank", rel: "noopener noreferrer", hidden: true }, "This window in Grafana")),
     svg, el("ul", { id: "past-marks" }), el("p", { class: "muted" }, "Band: 95 %. Dashed: limit. Upright lines: alerts raised, orange for warnings, red for alarms. A click goes to that moment; so does a click on an alert of the list. Drag across the picture, or write a start and an end, to choose a stretch: it is what is exported and diagnosed."));
@@ -192,7 +192,7 @@ function draw() {
     }
     const point = (i, v) => `${x(shown.t[i]).toFixed(1)},${at(v).toFixed(1)}`;
     for (const run of runs(y)) put("polyline", { points: run.flatMap((i, k) => [...(k && HELD.includes(name) ? [point(i, y[i - 1])] : []), point(i, y[i])]).join(" "), class: `line-${name}`, fill: "none", stroke: COLORS[name] ?? "var(--ink)", "stroke-width": name === "hottest" ? 2 : 1.2 });
-    put("text", { x: LEFT + 6, y: top + 13, fill: "var(--soft)", stroke: "var(--paper)", "stroke-width": 4, "paint-order": "stroke" }, title); // above the curves
+    put("text", { x: LEFT, y: top - 5, fill: "var(--soft)", class: "title" }, title);
   }
   for (const m of shown.marks.filter((k) => k.state !== "over")) {
     put("line", { x1: x(m.at), x2: x(m.at), y1: TOP, y2: below, stroke: m.level === "alarm" ? "var(--danger)" : "var(--before)", "stroke-width": 2, class: `mark ${m.level}` });
@@ -202,7 +202,7 @@ function draw() {
   const times = width < NARROW ? [t0, t1] : [t0, (t0 + t1) / 2, t1]; // the date, where it is not today, stands once
   times.forEach((t, i) => put("text", { x: x(t), y: bottom, "text-anchor": t === t0 ? "start" : t === t1 ? "end" : "middle", class: "time" }, when(latest, t, i ? wallMs(latest, times[i - 1]) : null)));
   const hot = shown.hottest.filter((v) => v !== null);
-  svg.setAttribute("aria-label", `hottest point of ${about.strings[shown.string].name} from ${when(latest, t0)} to ${when(latest, t1)}: ${Math.min(...hot).toFixed(1)} to ${Math.max(...hot).toFixed(1)} °C, limit ${limit} °C, ${shown.marks.length} changes of alerts`);
+  svg.setAttribute("aria-label", `Hottest point of ${about.strings[shown.string].name} from ${when(latest, t0)} to ${when(latest, t1)}: ${Math.min(...hot).toFixed(1)} to ${Math.max(...hot).toFixed(1)} °C, limit ${limit} °C, ${many(shown.marks.length, "change of an alert", "changes of alerts")}`);
 }
 
 // The alerts that the upright lines stand for, in words, the newest first; a button goes to its moment.
@@ -215,7 +215,7 @@ function marks() {
     ...(raised.length > MOST_MARKS ? [el("li", {}, `and ${raised.length - MOST_MARKS} earlier, see below`)] : []));
 }
 
-const number = (v, spread) => v.toFixed(spread < 5 ? 1 : 0).replace("-", "−");
+const number = (v, spread) => fixed(v, spread < 5 ? 1 : 0);
 
 // Stretches of indices without a gap.
 function runs(y) {

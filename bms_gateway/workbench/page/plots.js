@@ -88,9 +88,34 @@ function ofSteps(figure, place) {
     }
     if (s.each && !ghost) found.push(line(s.each, 0.7, { ...silent, yaxis: "y2", opacity: 0.4, dash: "solid" }));
     if (s.mean) found.push(line(s.mean, ghost ? 1.6 : 2.6, { ...silent, yaxis: "y2" }));
-    found.push(line(s.model, ghost ? 1.4 : 2));
+    if (s.model) found.push(line(s.model, ghost ? 1.4 : 2)); // of a core that is not known there is none
     if (s.outside && !ghost) found.push({ ...line(s.outside, 3.2, { dash: "solid", opacity: 1 }), name: "thermocouple outside the band", legendgroup: "", line: { color: "#b00020", width: 3.2 } });
   }
+  return found;
+}
+
+// A long name in as many lines as it takes in a plot of this width, broken between words alone.
+const LINE = 16, BETWEEN = 13; // px, of a line of a legend, and between its rows
+const LETTER = 6.7, SIGN = 60; // px, of a letter of a legend, and of the line before it with the edges
+function lines(text, width) {
+  const most = Math.max(Math.floor(width / LETTER), 16), found = [""];
+  for (const word of text.split(" ").flatMap((w) => (w.length > most ? w.match(new RegExp(`.{1,${most}}`, "g")) : [w]))) {
+    if (found.at(-1) && found.at(-1).length + 1 + word.length > most) found.push(word);
+    else found[found.length - 1] += (found.at(-1) ? " " : "") + word;
+  }
+  return found;
+}
+// The curves with such names; the legend gets the room that it takes, and no curve is pressed together.
+function wrapped(traces, node, layout) {
+  const width = node.clientWidth - layout.margin.l - layout.margin.r - SIGN, rows = new Map();
+  const found = traces.map((t) => {
+    if (!t.name || t.name.length * LETTER <= width) return t;
+    const parts = lines(t.name, width);
+    if (t.showlegend !== false && t.type !== "heatmap") rows.set(t.name, parts.length);
+    return { ...t, name: parts.join("<br>") };
+  });
+  const more = [...rows.values()].reduce((sum, n) => sum + LINE * n + BETWEEN, 0);
+  Object.assign(layout, { margin: { ...layout.margin, t: layout.margin.t + more }, height: layout.height + more });
   return found;
 }
 
@@ -153,8 +178,10 @@ async function draw(place) {
   if (place === "map") {
     const [low, high] = layout.coloraxis.range;
     layout.coloraxis = { ...layout.coloraxis, cmin: low, cmax: high, colorscale: DIVERGING(dark() ? "#16181b" : "#ffffff") };
-    layout.title = { text: `Residual of all sensors, K: ${ticked(state.steps).at(-1).name}`, font: { size: 13 }, x: 0.01, xanchor: "left" };
+    $("map-title").textContent = `Residual of all sensors, K: ${ticked(state.steps).at(-1).name}`;
   }
+  if (place === "core") unknown(layout);
+  const shown = wrapped(data, node, layout);
   node.style.height = `${layout.height}px`;
   node.setAttribute("role", "group");
   node.setAttribute("aria-label", { surface: `Surface temperature of cell ${ui.cell}, measured and modelled, over time; below it the residual`,
@@ -173,7 +200,7 @@ async function draw(place) {
     await plotly();
   }
   if (node.firstElementChild?.tagName === "svg") node.replaceChildren();
-  await Plotly.react(node, data, layout, overTime && place !== "map" && innerWidth > NARROW ? CONFIG : { ...CONFIG, displayModeBar: false });
+  await Plotly.react(node, shown, layout, overTime && place !== "map" && innerWidth > NARROW ? CONFIG : { ...CONFIG, displayModeBar: false });
   if (place === "surface") {
     seen();
     document.documentElement.dataset.firstPlot ??= Math.round(performance.now());
@@ -186,6 +213,13 @@ async function draw(place) {
     node.on("plotly_relayout", (change) => zoomed(node, change));
     measure.grips(node);
   }
+}
+
+// Says in the picture of a core that the newest ticked step knows too little of it to draw one.
+function unknown(layout) {
+  const c = cells()?.[ui.cell - 1];
+  if (!c || c.core_C !== null) return;
+  layout.annotations = [...(layout.annotations ?? []), { text: `<b>Core not known: ± ${K(c.core_95_K)}</b>`, xref: "paper", yref: "paper", x: 0.5, y: 0.98, yanchor: "top", showarrow: false, bgcolor: themed("#ffffff"), font: { size: 13, color: dark() ? "#ff8a94" : "#b00020" } }];
 }
 
 // All of the time that is drawn: that of the record, and of those that are laid over it.
@@ -248,10 +282,11 @@ async function pairs() {
   const found = picture(state.steps, ticked(state.steps), (s) => styles.get(s.name), () => pairs().catch((e) => complain(e.message)));
   if (!found || !$("pairs").open || !window.Plotly) return;
   const [across, up] = [found.layout.xaxis.title.text, found.layout.yaxis.title.text.replace("<br>", " ")];
+  const data = wrapped(themed(found.data), node, found.layout);
   node.style.height = `${found.layout.height}px`;
   node.setAttribute("role", "group");
   node.setAttribute("aria-label", `Contours of ${across} and ${up}; the sentence above tells the same`);
-  await Plotly.react(node, themed(found.data), themed(found.layout), { ...CONFIG, displayModeBar: false });
+  await Plotly.react(node, data, themed(found.layout), { ...CONFIG, displayModeBar: false });
   node.dataset.pair = found.pair.join();
 }
 
@@ -355,7 +390,7 @@ function string() {
     const sensed = state.opened.sensors.includes(k);
     const told = !sensed ? "no sensor" : c?.error_K === undefined || c.error_K === null ? "sensor" : K(c.error_K, 2);
     const label = `cell ${k}: ${sensed ? (c ? `error ${K(c.error_K)}, ${c.ratio?.toFixed(1)} times the noise` : "sensor") : "no sensor"}` +
-      (c ? `; core up to ${c.core_C?.toFixed(1)} °C, ± ${K(c.core_95_K)} (95 %)` : "");
+      (!c ? "" : c.core_C === null ? `; core not known (± ${K(c.core_95_K)})` : `; core up to ${c.core_C.toFixed(1)} °C, ± ${K(c.core_95_K)} (95 %)`);
     if (k === ui.cell) $("cell-told").textContent = `${label[0].toUpperCase()}${label.slice(1)}`; // all that a finger can reach
     nodes.push(el("button", { class: `cell${sensed ? "" : " unseen"}`, type: "button", id: `cell-${k}`, title: label, "aria-label": label,
       "aria-pressed": String(k === ui.cell), style: sensed && c?.ratio ? `background:${tint(c.ratio)}` : null,

@@ -1,5 +1,5 @@
 // The panels of the road: open, compare, diagnose, add, take away.
-import { $, el, get, post, upload, attempt, ui, keep, K, complain, counted } from "./util.js";
+import { $, el, get, post, upload, attempt, ui, keep, K, complain, counted, many, sentence } from "./util.js";
 import * as columns from "./open.js";
 import { put as keepUpload, opened as uploadsOpened, changed, lacking } from "./kept.js";
 import { colorOf, preview, ticked } from "./plots.js";
@@ -69,11 +69,27 @@ export async function resume(session) {
   uploadsOpened();
 }
 
+// Files of one name that come together are all kept: those after the first get a number.
+function apart(files) {
+  const taken = new Set(files.map((f) => f.name)), seen = new Set();
+  return files.map((f) => {
+    let { name } = f;
+    for (let k = 2; seen.has(name); k++) {
+      const [, stem, ending] = /^(.*?)((?:\.[a-z0-9]{1,6}){0,2})$/i.exec(f.name), next = `${stem} (${k})${ending}`;
+      name = taken.has(next) ? name : next;
+    }
+    seen.add(name);
+    return name === f.name ? f : new File([f], name);
+  });
+}
+
 // What this browser does not keep is said as long as it is so.
+let replaced = []; // names of files of the last upload that took the place of others
 export function unkept() {
-  const told = lacking(), anew = changed().join(", ");
-  $("unkept").hidden = !told && !anew;
+  const told = lacking(), anew = changed().join(", "), other = replaced.filter((name) => !changed().includes(name)).join(", ");
+  $("unkept").hidden = !told && !anew && !other;
   $("unkept").textContent = [
+    other && `${other}: a file of this name with other content was here, and this one has taken its place. To work with both, give one of them another name and upload it again.`,
     told && `Not kept in this browser: ${told}. When the program is started anew, or this tab is duplicated, upload it again.`,
     anew && `${anew}: uploaded again after it was opened. What is shown is of the file before, and does not come back when the program is started anew; Open opens the file that was uploaded last.`,
   ].filter(Boolean).join(" ");
@@ -86,8 +102,10 @@ async function sessionIn(file) {
 // Uploads files into the field that they were chosen for, or by their kind where they were dropped; a session comes last.
 async function take(files, field = null) {
   const named = files.filter((f) => /\.json$/i.test(f.name));
-  for (const file of files.filter((f) => !named.includes(f))) {
-    const { name } = await upload(file);
+  replaced = [];
+  for (const file of apart(files.filter((f) => !named.includes(f)))) {
+    const { name, replaced: other } = await upload(file);
+    if (other) replaced.push(name);
     await keepUpload(file, name);
     const kind = /\.(dbc|kcd|arxml|sym)$/i.test(name) ? "dbc" : name.endsWith(".toml") ? (/^\s*\[\[string\]\]/m.test(await file.text()) ? "config" : "model") : "tables";
     const to = kind === "dbc" ? (field === "config" ? null : "dbc") : field === "config" && kind !== "config" ? null : field ?? kind;
@@ -137,8 +155,9 @@ export function show(next) {
 // What is to be doubted of the newest model: said on every step, until it is no longer so.
 function doubt() {
   const top = state.steps.at(-1), probes = top?.variant?.core_measured.filter((m) => m.alarm) ?? [];
-  $("doubt").hidden = !top || (!top.remains && !probes.length && top.core?.proven !== false);
+  $("doubt").hidden = !top || (!top.worse && !top.remains && !probes.length && top.core?.proven !== false);
   $("doubt").replaceChildren(...[
+    top?.worse && el("span", { class: "danger" }, `${top.worse} `),
     top?.remains && el("span", { title: top.remains }, "Something unknown remains. "),
     top?.core?.proven === false && el("span", { title: top.core.why.join(" ") }, `${top.core.sentence} `),
     ...probes.map((m) => el("span", { class: "danger" }, `${m.sentence} `))].filter(Boolean));
@@ -154,12 +173,13 @@ function opened() {
     ...(state.dropped ? [el("p", { class: "alarm", id: "dropped" }, state.dropped)] : []),
     ...(state.session?.notes ? [el("h3", {}, "Notes"), el("p", { class: "written", id: "notes-told" }, state.session.notes)] : []),
     el("h3", {}, "Records"),
-    el("ul", {}, ...o.records.map((r) => el("li", {}, `${short(r.source)}: ${r.minutes.toFixed(0)} min, ${r.readings} readings of cell${r.cells.length > 1 ? "s" : ""} ${counted(r.cells)}${r.core ? "; a thermocouple in a core, used to judge only" : ""}`))),
+    el("ul", {}, ...o.records.map((r) => el("li", {}, `${short(r.source)}: ${r.minutes.toFixed(0)} min, ${many(r.readings, "reading")} of cell${r.cells.length === 1 ? "" : "s"} ${counted(r.cells)}${r.core ? "; a thermocouple in a core, used to judge only" : ""}`))),
+    ...o.records.filter((r) => r.unused.length).map((r) => el("p", { class: "alarm unused" }, `${several ? `${short(r.source)}: ` : ""}${many(r.unused.length, "temperature")} of the table ${r.unused.length === 1 ? "is" : "are"} not used, because the model has no sensor there: cell${r.unused.length === 1 ? "" : "s"} ${counted(r.unused)}.`)),
     el("h3", {}, "Direct checks"),
     o.checks.length
-      ? el("ul", { class: "checks" }, ...o.checks.map((c) => el("li", { class: c.severity }, el("b", {}, `${c.weight}: `), by(c) + c.sentence)))
+      ? el("ul", { class: "checks" }, ...o.checks.map((c) => el("li", { class: c.severity }, el("b", {}, sentence(`${c.weight}: `)), by(c) + c.sentence)))
       : el("p", { class: "muted" }, "The checks found nothing wrong: signs, gaps, stuck sensors, soak and spans are plausible."),
-    o.notes.length ? fold("notes", "How the data were read", el("ul", {}, ...o.notes.map((n) => el("li", {}, by(n) + n.note)))) : "",
+    o.notes.length ? fold("notes", "How the data were read", el("ul", {}, ...o.notes.map((n) => el("li", {}, by(n) + sentence(n.note))))) : "",
   );
 }
 
@@ -175,8 +195,9 @@ function compare() {
     if (state.opened) box.append(el("button", { class: "main", type: "button", id: "compare", "data-work": true, onclick: () => work("compare") }, "Compare"));
     return;
   }
-  const { title, variant: v, remains, core: known, tables: t } = ticked(state.steps).at(-1);
+  const { title, variant: v, remains, worse, core: known, tables: t } = ticked(state.steps).at(-1);
   if (remains) box.append(el("p", { class: "alarm" }, remains));
+  if (worse) box.append(el("p", { class: "danger worse" }, worse));
   box.append(...core(known), el("h3", {}, title));
   if (v) box.append(el("ul", { class: "found" }, ...v.findings.map((f) => el("li", {}, f))), el("div", { id: "closest", html: v.closest }), el("div", { html: v.cards }),
     ...v.core_measured.map((m) => el("p", { class: m.alarm ? "danger" : "" }, m.sentence)));
@@ -200,11 +221,9 @@ function verdict() {
   if (state.dropped) box.append(el("p", { class: "alarm" }, state.dropped));
   if (!d) { box.append(...none(state.opened ? "Searches the catalogue of effects for what explains the error; none is assumed." : NOTHING), button); return; }
   box.append(el("p", {}, el("span", { class: `tag ${d.verdict}` }, d.tag)), el("p", { class: "verdict" }, d.sentence),
-    d.selected.length && !d.selected.every(inModel) ? el("p", {}, el("button", { type: "button", class: "main", id: "add-named", "data-work": true, onclick: () => add(d.selected.filter((k) => !inModel(k))) }, `Add ${labels(d.selected.filter((k) => !inModel(k)))}`)) : "",
+    d.selected.length && !d.selected.every(inModel) ? el("p", {}, el("button", { type: "button", class: "main", id: "add-named", "data-work": true, onclick: () => add(d.selected.filter((k) => !inModel(k))) }, `Add ${labels(d.selected.filter((k) => !inModel(k)))}${d.selected.filter((k) => !inModel(k)).length > 1 ? " at once" : ""}`)) : "",
     ...core(d.core));
   if (state.diagnosed_of) box.append(el("p", { class: "muted" }, `Found for “${state.diagnosed_of}”, before what has been added since.`));
-  const together = d.selected.filter((k) => !inModel(k));
-  if (together.length > 1) box.append(el("p", {}, el("button", { type: "button", class: "main", id: "add-all", "data-work": true, onclick: () => add(together) }, `Add ${labels(together)} at once`)));
   const list = el("ul", { class: "effects" });
   let before = null;
   for (const [i, r] of d.ranking.entries()) {
@@ -267,7 +286,7 @@ function told(r, d) {
     say("Looks like", e.confused_with.join(", "));
   }
   const keys = r.effects.map((e) => e.key).filter((k) => !inModel(k));
-  const button = keys.length ? el("button", { type: "button", id: `add-${r.name}`, "data-work": true, onclick: () => add(keys) }, `Add ${labels(keys)}`) : el("span", { class: "muted" }, "in the model");
+  const button = keys.length ? el("button", { type: "button", id: `add-${r.name}`, "data-work": true, onclick: () => add(keys) }, `Add ${labels(keys)}`) : el("span", { class: "muted" }, "It is in the model.");
   return el("div", { class: "told" }, list, button);
 }
 
@@ -278,10 +297,14 @@ export function add(keys, force = false) {
 
 const KINDS = [["trained_K", "error where fitted"], ["held_K", "error held out"], ["core_K", "core, 95 % half width"]];
 
+// A core with a wider band is not given: the gateway sends such a value as not available.
+const UNKNOWN_K = 12;
+const unknown = (s) => s.stair?.core_K > UNKNOWN_K;
+
 // The models so far, and behind them the one that is being fitted or was refused.
 function steps() {
   const r = state.refusal ?? state.job?.trial;
-  const all = state.steps.map((s) => ({ ...s, kind: s.forced ? "forced" : s.core?.proven === false ? "unproven" : "" }));
+  const all = state.steps.map((s) => ({ ...s, kind: s.worse ? "worse" : s.forced ? "forced" : s.core?.proven === false ? "unproven" : "" }));
   if (state.job?.trial) all.push({ name: `${r.step}, being fitted (closest fit so far)`, kind: "fitting", stair: state.job.trial.after });
   else if (r) all.push({ name: `${r.step} (not added)`, kind: "tried", stair: r.after });
   return all;
@@ -297,18 +320,19 @@ function climb() {
   const kinds = KINDS.filter(([kind]) => all.some((s) => s.stair?.[kind] > 0));
   const shape = JSON.stringify([kinds, all.length]);
   if (stairs.dataset.shape !== shape) { raise(kinds, all.length); stairs.dataset.shape = shape; }
-  barNames.replaceChildren(...all.flatMap((s, j) => [j ? " · " : "", el("b", {}, `${j + 1}`), ` ${s.name}${s.kind === "unproven" ? " (core not proven)" : s.kind === "forced" ? " (by force)" : ""}`]));
+  barNames.replaceChildren(...all.flatMap((s, j) => [j ? " · " : "", el("b", {}, `${j + 1}`), ` ${s.name}${s.forced ? " (by force)" : s.core?.proven === false ? " (core not proven)" : ""}`]), ...all.filter((s) => s.worse).map((s) => el("b", { class: "danger worse" }, s.worse)));
   for (const [i, [kind, title]] of kinds.entries()) {
-    const values = all.map((s) => s.stair?.[kind] ?? null);
+    const values = all.map((s) => (kind === "core_K" && unknown(s) ? null : s.stair?.[kind] ?? null));
     const floor = kind === "core_K" ? null : all[0].stair?.floor_K;
     const top = Math.max(...values, floor ?? 0) || 1;
     const [caption, bars] = stairs.children[i].children;
-    caption.textContent = `${title[0].toUpperCase()}${title.slice(1)}, K${floor ? `; dotted: noise alone, ${K(floor, 2)}` : ""}`;
-    bars.setAttribute("aria-label", `${title}: ${values.map((v, j) => `${all[j].name} ${K(v)}`).join(", ")}${floor ? `; noise ${K(floor)}` : ""}`);
+    caption.textContent = `${title[0].toUpperCase()}${title.slice(1)}, K${floor ? `; dotted: noise alone, ${K(floor, 2)}` : kind === "core_K" && all.some(unknown) ? `; ?: more than ${UNKNOWN_K}, not known` : ""}`;
+    bars.setAttribute("aria-label", `${title}: ${values.map((v, j) => `${all[j].name} ${v === null && kind === "core_K" && unknown(all[j]) ? "not known" : K(v)}`).join(", ")}${floor ? `; noise ${K(floor)}` : ""}`);
     values.forEach((v, j) => {
       const bar = bars.children[j];
       bar.className = `bar ${all[j].kind}`;
-      bar.lastChild.textContent = v === null ? "–" : K(v, 2).replace(" K", "");
+      bar.lastChild.textContent = v !== null ? K(v, 2).replace(" K", "") : kind === "core_K" && unknown(all[j]) ? "?" : "–";
+      bar.lastChild.classList.toggle("danger", v === null && kind === "core_K");
       bar.style.setProperty("--c", colorOf(j));
       bar.style.setProperty("--h", `${v === null ? 0 : (100 * v) / top}%`);
     });
@@ -351,10 +375,11 @@ function adding() {
   else box.append(el("p", { class: "muted" }, "Nothing is added yet. This place shows what an addition does to the errors, where fitted and where held out, and to the band of the core."));
   if (state.job?.trial) box.append(el("p", { class: "muted", id: "fitting-told" }, "Striped: how close a fit comes to the readings so far. In the end the bar stands at the error that is stated for the step: that of numbers which also hold to what was known before, so it may be larger."));
   const hatched = !stairs.hidden && state.steps.some((s) => s.core?.proven === false);
-  if (hatched) box.append(el("p", { class: "muted", id: "hatched" }, el("i", { class: "line unproven", style: "--c:var(--after);display:inline-block" }), " hatched: the surface may be better, the core is not proven"));
+  if (hatched) box.append(el("p", { class: "muted", id: "hatched" }, el("i", { class: "line unproven", style: "--c:var(--after);display:inline-block" }), " Hatched: the surface may be better, the core is not proven."));
   const way = el("ol", { class: "way" });
   for (const s of state.steps) {
     const item = el("li", {}, s.name, s.forced ? el("b", { class: "alarm" }, " by force") : "");
+    if (s.worse) item.append(el("br"), el("b", { class: "danger worse" }, s.worse));
     if (s.remains) item.append(el("br"), el("b", { class: "alarm" }, s.remains));
     if (s.told) {
       item.append(el("br"), s.told.headline);
@@ -430,8 +455,11 @@ function away() {
     el("p", {}, el("a", { href: url("model"), id: "take-model", download: name }, `Model file: ${name}`)),
     el("p", {}, el("button", { type: "button", id: "take-report", "data-work": true, onclick: attempt(report) }, "HTML report of what is shown")),
     el("p", {}, el("a", { href: url("session"), id: "take-session", download: "session.json", onclick: session }, "Session file: the names of the files, the steps and the notes, to go on later or elsewhere")));
+  const file = (read) => `/api/take?${new URLSearchParams({ desk: ui.desk, what: "file", name: read })}`;
   takeLines.replaceChildren(
-    el("h3", {}, "The same by commands"), el("pre", { id: "commands" }, ...state.commands.flatMap(whole)),
+    el("h3", {}, "The same by commands"),
+    ...(state.read.length ? [el("p", { id: "take-read" }, "They read these files, which lie with this tab: ", ...state.read.flatMap((read, k) => [k ? ", " : "", el("a", { href: file(read), download: read }, read)]), ". Save those that you do not have, and type the commands where they lie.")] : []),
+    el("pre", { id: "commands" }, ...state.commands.flatMap(whole)),
     el("button", { type: "button", onclick: attempt(async () => navigator.clipboard.writeText(state.commands.join("\n"))) }, "Copy"),
     el("h3", {}, "In the gateway's config"), el("pre", { id: "config-lines" }, state.config),
     el("p", { class: "muted" }, "Put the model file beside the config; run and analyze then estimate with it."));

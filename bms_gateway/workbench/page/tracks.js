@@ -2,6 +2,8 @@
 import { $, el, post, ui, keep, complain } from "./util.js";
 
 const short = (path) => path.split(/[\\/]/).pop();
+const MOST = 32; // letters of a file's name in a legend; its box to tick has all of it
+const brief = (path) => { const name = short(path); return name.length > MOST ? `${name.slice(0, MOST - 12)}…${name.slice(-11)}` : name; };
 const COLORS = [["#7b3294", "#c79be0"], ["#8c6d00", "#e0c25a"], ["#00796b", "#5fd3c4"], ["#a6004f", "#ff8fc0"]];
 let state = null, again = null;
 let tried = new Set();
@@ -25,11 +27,11 @@ const color = (record, dark) => COLORS[record % COLORS.length][dark ? 1 : 0];
 export function curves(figure, dark, top) {
   return (figure.beside ?? []).flatMap((b) => {
     const own = { color: color(b.record, dark), width: 1.2 };
-    const data = b.data.map((d) => ({ ...d, name: b.source, legendgroup: b.source, showlegend: d.name === "measured" || d.name === "thermocouple in the core", line: { ...d.line, ...own, dash: "solid" } }));
+    const data = b.data.map((d) => ({ ...d, name: brief(b.source), legendgroup: b.source, showlegend: d.name === "measured" || d.name === "thermocouple in the core", line: { ...d.line, ...own, dash: "solid" } }));
     const step = b.steps.find((s) => s.name === top);
     const line = (of, more) => ({ type: "scatter", mode: "lines", ...of, legendgroup: b.source, line: { ...own, width: 1.6, dash: "dash" }, ...more });
-    if (step?.model) data.push(line(step.model, { name: `${b.source}, ${top}`, showlegend: true }));
-    if (step?.mean) data.push(line(step.mean, { name: b.source, showlegend: false, yaxis: "y2" }));
+    if (step?.model) data.push(line(step.model, { name: `${brief(b.source)}, ${top}`, showlegend: true }));
+    if (step?.mean) data.push(line(step.mean, { name: brief(b.source), showlegend: false, yaxis: "y2" }));
     return data;
   });
 }

@@ -25,9 +25,17 @@ export const keep = (change = {}) => {
   sessionStorage.setItem(KEPT, JSON.stringify(ui));
 };
 
+// So many of something, in the number that it has.
+export const many = (n, one, several = `${one}s`) => `${n} ${n === 1 ? one : several}`;
+// A number to so many decimals, without the sign of a nought.
+export const fixed = (x, decimals) => { const text = x.toFixed(decimals); return Number(text) ? text.replace("-", "−") : text.replace("-", ""); };
+// A sentence begins with a capital letter; what begins with a name, such as that of a file, stays as it is.
+export const sentence = (text) => (/^[a-z]+[ ,:;] ?[^/]/.test(text ?? "") && !/^[a-z]+:\S/.test(text) ? text[0].toUpperCase() + text.slice(1) : text);
+
 function say(text) {
+  const told = sentence(text || "");
   $("error").hidden = !text;
-  if ($("error-text").textContent !== (text || "")) $("error-text").textContent = text || "";
+  if ($("error-text").textContent !== told) $("error-text").textContent = told;
 }
 
 // What went wrong with a wish stays until the next wish; the desk takes back only what it has said itself.
@@ -96,16 +104,17 @@ export const K = (x, digits = 3) => (x === null || x === undefined ? "–" : x =
 export function amount(x, digits = 3) {
   const rounded = Math.abs(Number(x.toPrecision(digits))); // 0.09996 is 0.100, not 0.1000
   const size = rounded ? Math.floor(Math.log10(rounded)) : 0;
-  return x.toFixed(Math.min(Math.max(digits - 1 - size, 0), 6));
+  return fixed(x, Math.min(Math.max(digits - 1 - size, 0), 6));
 }
 
 // A time of the live page, in s since its beginning: that of the wall where the frames have it, with its date where it is of another day
 // than what stands beside it.
 export const clock = (s) => `${Math.floor(s / 3600)}:${String(Math.floor(s / 60) % 60).padStart(2, "0")}:${String(Math.floor(s % 60)).padStart(2, "0")}`;
 export const wallMs = (p, at) => (p.wall_ms === null ? null : p.wall_ms + 1e3 * (at - (p.at - p.age)));
+const two = (x) => String(x).padStart(2, "0");
 export const moment = (ms, beside = Date.now()) => {
-  const [one, other] = [new Date(ms), new Date(beside)];
-  return one.toDateString() === other.toDateString() ? one.toLocaleTimeString() : one.toLocaleString([], { dateStyle: "short", timeStyle: "medium" });
+  const [one, other] = [new Date(ms), new Date(beside)], time = [one.getHours(), one.getMinutes(), one.getSeconds()].map(two).join(":");
+  return one.toDateString() === other.toDateString() ? time : `${one.getFullYear()}-${two(one.getMonth() + 1)}-${two(one.getDate())} ${time}`;
 };
 export const when = (p, at, beside) => { const ms = wallMs(p, at); return ms === null ? clock(Math.max(at, 0)) : moment(ms, beside ?? Date.now()); };
 

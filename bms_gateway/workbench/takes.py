@@ -1,0 +1,73 @@
+"""What is taken away from a tab: its model, its report, its session, and the files that lie in its folder."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+from urllib.parse import quote
+
+from bms_gateway.errors import UsageError
+from bms_gateway.workbench.desk import Desk
+from bms_gateway.workbench.uploads import safe_name
+
+KINDS: Final = ("model", "report", "session", "file")
+
+
+@dataclass(frozen=True, slots=True)
+class Taken:
+    """One thing to be saved.
+
+    Attributes
+    ----------
+    name, kind : str
+        Of the file, and its media type.
+    body : bytes or Path
+        Content, or where it lies.
+    once : bool
+        Whether what lies there is deleted when it was sent.
+    """
+
+    name: str
+    kind: str
+    body: bytes | Path
+    once: bool = False
+
+
+def taken(desk: Desk, query: Mapping[str, str]) -> Taken:
+    """Give what a page asks for: `what` of `KINDS`, and a `name` where the file has none of its own.
+
+    Raises
+    ------
+    UsageError
+        It is not there.
+    """
+    name = query.get("name", "")
+    match query.get("what", ""):
+        case "report":
+            return Taken("report.html", "text/html; charset=utf-8", desk.report(), once=True)
+        case "session":
+            text = json.dumps(desk.session(), ensure_ascii=False, indent=1)
+            return Taken("session.json", "application/json", text.encode())
+        case "file":
+            path = desk.folder / safe_name(name)
+            if path == desk.folder or not path.is_file():
+                raise UsageError("take: this tab has no file of this name")
+            return Taken(path.name, "application/octet-stream", path)
+    return Taken(Path(name or "model.toml").name, "application/toml", desk.model().encode())
+
+
+def attached(name: str) -> str:
+    r"""Write the header by which a browser saves a file under its name, letters beyond ASCII too.
+
+    Examples
+    --------
+    >>> attached("drive 1.csv")
+    'attachment; filename="drive 1.csv"'
+    >>> attached("Prüfstand.csv")
+    'attachment; filename="Prfstand.csv"; filename*=UTF-8\'\'Pr%C3%BCfstand.csv'
+    """
+    safe = safe_name(name) or "file"
+    plain = safe.encode("ascii", "ignore").decode()
+    told = f'attachment; filename="{plain.strip() or "file"}"'
+    return told if plain == safe else f"{told}; filename*=UTF-8''{quote(safe, safe='')}"
