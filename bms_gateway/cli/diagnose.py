@@ -26,7 +26,7 @@ def arguments(parser: Parser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Diagnose; exit status 0 for every verdict, an error for records that are too short for a verdict."""
     from bms_gateway.library.modelling import diagnose
-    from bms_gateway.report.examine import long_enough
+    from bms_gateway.report.examine import long_enough, usable
     from bms_gateway.report.progress import share_of
 
     model = given_model(args)
@@ -39,7 +39,8 @@ def run(args: argparse.Namespace) -> int:
         from bms_gateway.report.details import details_of
         from bms_gateway.report.html import write_diagnosis
 
-        details = details_of(told, model, records, lambda: compare(model, records))
+        core = told.core if len(usable(records, told.findings)) == len(records) else None
+        details = details_of(told, model, records, lambda: compare(model, records, core))
         write_diagnosis(Path(args.html), told, details, command=command_line("diagnose"))
     if args.json:
         write_json(args.json, found.document())

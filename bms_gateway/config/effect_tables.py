@@ -45,11 +45,12 @@ class EffectNumber(Section):
 
 
 class EffectTable(BaseModel):
-    """`[effect.NAME]`: the numbers by name, and the cell where the effect has one."""
+    """`[effect.NAME]`: the numbers by name, the cell where the effect has one, and what it cannot be told from."""
 
     model_config = ConfigDict(extra="allow", frozen=True, allow_inf_nan=False, strict=True)
     __pydantic_extra__: dict[str, EffectNumber] = Field(init=False)
     cell: int | None = None
+    tied_with: list[str] = Field(default_factory=list)
 
     @property
     def numbers(self) -> Mapping[str, EffectNumber]:
@@ -135,6 +136,8 @@ def write_effects(effects: Sequence[AddedEffect]) -> tuple[str, list[str]]:
         lines += ["", f"[effect.{_toml_key(key)}]  # {effect.equation}"]
         if e.cell is not None and key == e.name:
             lines.append(f"cell = {e.cell}")
+        if e.tied_with:
+            lines.append(f"tied_with = {_names(e.tied_with)}  # explain as well the records by which it was added")
         lines += [
             _number_line(p, e.values[p.name], e.sd.get(p.name, p.sd), (e.start or {}).get(p.name))
             for p in effect.parameters
@@ -213,7 +216,7 @@ def _effect(effect: "Effect", key: str, table: EffectTable, cells: int, sensors:
     names = [p.name for p in effect.parameters]
     for name in table.numbers:
         if name not in names:
-            raise ConfigError(f".{name}: unknown key{did_you_mean(name, [*names, 'cell'])}")
+            raise ConfigError(f".{name}: unknown key{did_you_mean(name, [*names, 'cell', 'tied_with'])}")
     values, sd, start = {}, {}, {}
     for p in effect.parameters:
         given = table.numbers.get(p.name)
@@ -227,7 +230,13 @@ def _effect(effect: "Effect", key: str, table: EffectTable, cells: int, sensors:
         else:
             raise ConfigError(f".{p.name}: missing; needed: {example(effect, key)}")
     begins = {**values, **start} if start else None
-    return AddedEffect(effect.name, _cell(effect, key, table, cells, sensors), values, sd, begins)
+    for name in table.tied_with:
+        try:
+            _catalogued(name)
+        except ConfigError as e:
+            raise ConfigError(f".tied_with: {e}") from None
+    place = _cell(effect, key, table, cells, sensors)
+    return AddedEffect(effect.name, place, values, sd, begins, tuple(table.tied_with))
 
 
 def _cell(effect: "Effect", key: str, table: EffectTable, cells: int, sensors: tuple[int, ...]) -> int | None:

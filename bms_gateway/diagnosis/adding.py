@@ -4,18 +4,20 @@ An effect may be added if `diagnose` finds it, or cannot tell it from what it fi
 and refused with the reason: an effect that lowers the error of a surface can still move the core the wrong way.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
 from bms_gateway.diagnosis.adding_bench import all_used, fit_with, named_by
+from bms_gateway.diagnosis.bounds import at_bound
 from bms_gateway.diagnosis.calibrate import UNTOLD, identify, seen_on, starting_with
 from bms_gateway.diagnosis.candidates import INSTEAD, Candidate, candidates, excluded, places
 from bms_gateway.diagnosis.core_band import posterior
 from bms_gateway.diagnosis.core_known import KnownCore, judged_model, known_core
 from bms_gateway.diagnosis.diagnosis import Diagnosis, diagnose, errors
 from bms_gateway.diagnosis.error_words import falls, why_not
+from bms_gateway.diagnosis.findings import tie_sentences
 from bms_gateway.diagnosis.record import Record
 from bms_gateway.diagnosis.residuals import rmse, structure
 from bms_gateway.diagnosis.screen import screen
@@ -32,6 +34,7 @@ COLUMNS: dict[str, str] = {INPUTS[q].kind: INPUTS[q].column for q in WHOLE if q 
 """Columns of a table that an effect may need."""
 FORCED = "Added by force, though"
 """Remark on the cores of a model to which something was added against the records."""
+CANNOT_TELL = "These records cannot tell"
 LACKING = "these records lack something that is in no catalogue"
 UNKNOWN = "Something unknown remains beside what was added."
 WAYS = 4
@@ -72,6 +75,8 @@ class Step:
         Further remark on these records; may be empty.
     doubts : tuple of str
         Reasons of the search why the core with these effects is not proven, a sentence each.
+    tied : mapping of key to tuple of str
+        Effects that these records cannot tell from each added one.
     """
 
     added: tuple[Candidate, ...]
@@ -80,6 +85,7 @@ class Step:
     refused: str
     remark: str
     doubts: tuple[str, ...] = ()
+    tied: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -218,7 +224,8 @@ def weighed_step(d: Diagnosis, wants: Sequence[Wanted]) -> Step:
     if len(named) == len(wants) and all(any(w.meets(c) for c in named) for w in wants):
         odds = min(s.log_odds for s in d.selected)
         after = d.search.final
-        return Step(tuple(named), after, odds, _unbelievable(after, named), "", _doubts(d))
+        tied = {s.candidate.key: s.tied_with for s in d.selected}
+        return Step(tuple(named), after, odds, _unbelievable(after, named), "", _doubts(d), tied)
     return _fitted_alone(d, wants)
 
 
@@ -227,7 +234,7 @@ def _doubts(d: Diagnosis) -> tuple[str, ...]:
     said = list(d.alarms)
     if d.verdict == "undecidable":
         tied = sorted({t for s in d.selected for t in s.tied_with})
-        said.append(f"These records cannot tell what was added from {', '.join(tied)}.")
+        said.append(f"{CANNOT_TELL} what was added from {', '.join(tied)}.")
     if d.unknown_remains:
         said.append(UNKNOWN)
     return tuple(said)
@@ -245,6 +252,8 @@ def _with_cores(step: Step, model: StringModel, records: Sequence[Record], d: Di
     said += [] if falls(*held_K) else ["The error where nothing was fitted does not fall with what was added."]
     written, after = judged_model(found.fit, model, records, said, identified=found, before=before)
     own = {f.name: getattr(step, f.name) for f in fields(step)}
+    written = _with_ties(written, step.tied)
+    own["remark"] = step.remark or " ".join(tie_sentences(written))
     return Addition(**own, model=written, core=(before, after))
 
 
@@ -272,7 +281,10 @@ def _on_bench(d: Diagnosis, second: SecondSearch, wants: Sequence[Wanted]) -> St
         Candidate(w.effect, int(k.partition(":")[2]) if ":" in k else None) for w, k in zip(wants, keys, strict=True)
     )
     odds = min((chosen[k].log_odds for k in keys if k in chosen), default=0.0)
-    return Step(added, after, odds, refused, remark, (*second.alarms, *([remark] if remark else []), UNKNOWN))
+    ties = {k: chosen[k].tied for k in keys if k in chosen}
+    ties |= {k: _likelier(d, k) for k, w in zip(keys, wants, strict=True) if k not in chosen and w.effect.name in tied}
+    said = (*second.alarms, *([remark] if remark else []), UNKNOWN)
+    return Step(added, after, odds, refused, remark, said, {} if refused else ties)
 
 
 def _fitted_alone(d: Diagnosis, wants: Sequence[Wanted]) -> Step:
@@ -295,6 +307,7 @@ def _fitted_alone(d: Diagnosis, wants: Sequence[Wanted]) -> Step:
     odds += sum(prior_odds(c, offered) for c in added) - HALF
     refused = _unbelievable(after, added)
     remark = ""
+    tied = {x.candidate.key: x.tied_with for x in d.selected if x.candidate in added}
     if all(any(w.meets(c) for c in named) for w in wants):
         keys = " ".join(c.key for c in named)
         others = " and ".join(c.key for c in named if not any(w.meets(c) for w in wants))
@@ -303,10 +316,27 @@ def _fitted_alone(d: Diagnosis, wants: Sequence[Wanted]) -> Step:
     else:
         refused = refused or gate(before, after, odds, inflation, s) or _contradiction(d, wants, before, after)
         them = ", ".join(c.key for c in named)
-        remark = "" if refused else f"These records cannot tell it from {them}."
+        remark = "" if refused else f"{CANNOT_TELL} it from {them}."
+        tied = {} if refused else {c.key: _likelier(d, c.key) for c in added}
         if not refused and all(c.name in INSTEAD for c in added):
+            tied = {}
             remark = f"Heat from the voltage in place of I²R_e: what that lacks is {them}."
-    return Step(tuple(added), after, float(odds), refused, remark, (*_doubts(d), *([remark] if remark else [])))
+    said = (*_doubts(d), *([remark] if remark else []))
+    return Step(tuple(added), after, float(odds), refused, remark, said, tied)
+
+
+def _likelier(d: Diagnosis, key: str) -> tuple[str, ...]:
+    """Give the named effects in the place of one of which this one was added, and what else is tied with them."""
+    name = key.partition(":")[0]
+    of = [s for s in d.selected if name in s.tied_with] or list(d.selected)
+    return tuple(dict.fromkeys(t for s in of for t in (s.candidate.name, *s.tied_with) if t != name))
+
+
+def _with_ties(model: StringModel, tied: Mapping[str, tuple[str, ...]]) -> StringModel:
+    """Note at each added effect what these records cannot tell it from; nothing that the model has as well."""
+    there = {e.name for e in model.effects}
+    found = {key: tuple(t for t in names if t not in there) for key, names in tied.items()}
+    return replace(model, effects=tuple(replace(e, tied_with=found.get(e.key, e.tied_with)) for e in model.effects))
 
 
 def _best(current: MapFit, ways: Sequence[Candidate], s: Settings) -> tuple[Candidate, MapFit]:
@@ -335,6 +365,8 @@ def _unbelievable(fit: MapFit, added: Sequence[Candidate]) -> str:
     """Say which number of an added effect is not plausible."""
     sd = np.sqrt(np.diag(posterior(fit)))
     for c in added:
+        if said := at_bound(fit, c):
+            return f"{said}: not believed"
         told = []
         for p in c.effect.parameters:
             name = f"{c.key}.{p.name}"
@@ -342,10 +374,6 @@ def _unbelievable(fit: MapFit, added: Sequence[Candidate]) -> str:
             if name not in names:
                 continue
             i = names.index(name)
-            z = float(fit.theta[i])
-            value = float(np.exp(z)) if p.log else z
-            if fit.at_bound(name) and value != p.neutral:
-                return f"{p.name} ends at its bound, {value / p.to_si:.4g} {p.unit}: not believed"
             if p.neutral is not None:
                 told.append(sd[i] < UNTOLD * fit.problem.coordinates[i].sd)
         if told and not any(told):

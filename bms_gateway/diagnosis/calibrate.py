@@ -117,7 +117,9 @@ class ChannelError:
     floor_K: float
 
 
-def identify(model: StringModel, records: Sequence[Record], *, core: bool = False) -> Identified:
+def identify(
+    model: StringModel, records: Sequence[Record], *, core: bool = False, closest: MapFit | None = None
+) -> Identified:
     """Fit a string to records, from what was known before any data.
 
     If the model cannot follow the surfaces to within their noise, the fit allows for a model error. Without it, the
@@ -135,10 +137,12 @@ def identify(model: StringModel, records: Sequence[Record], *, core: bool = Fals
         cooling.
     core : bool
         Whether to use thermocouples in cores too; nothing is then held out.
+    closest : MapFit, optional
+        Fit of this model, before any data, to these records, as a search begins with it: it spares one.
     """
     start = model.unfitted
-    ready = [measured(r, start, core=core) for r in records]
-    fit = fitted(Problem(start, ready))
+    ready = [measured(r, start, core=core) for r in records] if closest is None else closest.problem.records
+    fit = fitted(Problem(start, ready)) if closest is None else closest
     hopeless = max(doubt(r) for r in records) > HOPELESS
     if core or not (hopeless or structured(fit)):
         return Identified(fit, fit, 0.0)

@@ -5,7 +5,7 @@ surfaces lasts for minutes and is alike at all sensors. It looks like some effec
 it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -64,17 +64,71 @@ def shows_steps(fit: MapFit, records: Sequence[Record], counted: NDArray[np.bool
     for i, (record, m) in enumerate(zip(records, fit.problem.records, strict=True)):
         own = slice(first, first + len(m.y))
         first = own.stop
-        if record.sampling.doubt == 0.0 or record.drive.dt > ROWS_S * record.sampling.seconds:
-            continue
-        H = _answers(fit, i, record) * (counted[own] / sigma[own])[:, None]
-        inner = np.eye(H.shape[1]) + H.T @ H
-        b = H.T @ residual[own]
+        steps = _steps(record)
+        inner, b = np.eye(len(steps)), np.zeros(len(steps))
+        for mine, answers in _answers(fit, i, record, steps) if len(steps) else ():
+            H = answers * (counted[own] / sigma[own])[mine, None]
+            inner += H.T @ H
+            b += H.T @ residual[own][mine]
         gained += 0.5 * float(b @ np.linalg.solve(inner, b) - np.linalg.slogdet(inner)[1])
     return gained
 
 
-def _answers(fit: MapFit, i: int, record: Record) -> Floats:
-    """Responses (M, K) of the readings of record `i` to the unknown heat of each of K steps, K."""
+def less_steps(fit: MapFit, records: Sequence[Record]) -> MapFit:
+    """Return a fit with the residual that is left when the steps of the current lie where its readings put them.
+
+    The readings that were fitted place the steps, and the numbers of the fit make room for them. What steps and numbers
+    then explain vanishes from all readings.
+    """
+    problem = fit.problem
+    _, sigma, _, _, used = stacked(problem)
+    sd = np.concatenate([[c.sd for c in problem.coordinates], fit.linear.sd])
+    away = np.concatenate([fit.theta - [c.prior for c in problem.coordinates], fit.nu])
+    steps = [_steps(r) for r in records]
+    edges = np.cumsum([len(sd), *map(len, steps)])
+    precision = np.diag(np.concatenate([sd**-2.0, np.ones(edges[-1] - edges[0])]))
+    pull = np.concatenate([-away / sd**2, np.zeros(edges[-1] - edges[0])])
+
+    def columns() -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp], Floats]]:
+        """Yield readings, numbers that move them, and how much, in units of the noise."""
+        reading = place = 0
+        for i, (record, m, at) in enumerate(zip(records, problem.records, problem.places, strict=True)):
+            found = _answers(fit, i, record, steps[i]) if len(steps[i]) else _channels(m)
+            for mine, answers in found:
+                k = at.place[mine] + place
+                X = np.concatenate([fit.J[k], fit.linear.J[k], answers], axis=1) / sigma[reading + mine, None]
+                yield reading + mine, np.r_[: edges[0], edges[i] : edges[i + 1]], X
+            reading, place = reading + len(m.y), place + len(at.first)
+
+    for mine, at, X in columns():
+        X = X * used[mine, None]
+        precision[np.ix_(at, at)] += X.T @ X
+        pull[at] += X.T @ fit.r[mine]
+    moved, r = np.linalg.solve(precision, pull), fit.r.copy()
+    for mine, at, X in columns():
+        r[mine] -= X @ moved[at]
+    return replace(fit, r=r)
+
+
+def _steps(record: Record) -> NDArray[np.intp]:
+    """Give the steps of the current that are examined; none where each row is valid for its own time."""
+    if record.sampling.doubt == 0.0 or record.drive.dt > ROWS_S * record.sampling.seconds:
+        return np.zeros(0, np.intp)
+    return np.sort(np.argsort(-np.abs(np.diff(record.drive.I2)))[:STEPS])
+
+
+def _channels(m: Measured) -> Iterator[tuple[NDArray[np.intp], Floats]]:
+    """Yield the readings of each channel, which no step moves."""
+    for channel in range(len(m.channels)):
+        mine = np.flatnonzero(m.channel == channel)
+        yield mine, np.zeros((len(mine), 0))
+
+
+def _answers(fit: MapFit, i: int, record: Record, steps: NDArray[np.intp]) -> Iterator[tuple[NDArray[np.intp], Floats]]:
+    """Yield the readings (M,) of each channel of record `i`, and their responses (M, K), K, to unknown heat of steps.
+
+    The steps (K,) are intervals of the record after which the current changes.
+    """
     problem, m, u = fit.problem, fit.problem.records[i], fit.problem.records[i].drive
     # one response, to 1 A² more for a second, is used for all steps, because the string is nearly linear
     size = float(np.max(u.I2))
@@ -85,19 +139,16 @@ def _answers(fit: MapFit, i: int, record: Record) -> Floats:
     answer = (moved - fit.prediction.X[i])[:rows, 1 : 2 * n : 2] / (size * u.dt)
     span = np.searchsorted(np.cumsum([len(s) + 1 for s in m.spans]), m.row, side="right")
     read_s = (m.row + m.share - span) * u.dt
-    own = record.drive
-    step = np.abs(np.diff(own.I2))
-    k = np.sort(np.argsort(-step)[:STEPS])
-    at_s = (k + 1.0) * own.dt
+    step = np.abs(np.diff(record.drive.I2))[steps] * record.sampling.seconds / np.sqrt(12.0)
+    at_s = (steps + 1.0) * record.drive.dt
     begins = np.array([s.first for s in m.spans]) * u.dt
     of = np.searchsorted(begins, at_s, side="right") - 1
-    lag = read_s[:, None] - at_s
-    found = np.zeros(lag.shape)
     for channel, (_, cell) in enumerate(m.channels):
-        mine = m.channel == channel
-        found[mine] = np.interp(lag[mine], np.arange(rows) * u.dt, answer[:, cell - 1], left=0.0, right=0.0)
-    found[span[:, None] != of] = 0.0
-    return np.asarray(found * step[k] * record.sampling.seconds / np.sqrt(12.0))
+        mine = np.flatnonzero(m.channel == channel)
+        lag = read_s[mine, None] - at_s
+        found = np.interp(lag, np.arange(rows) * u.dt, answer[:, cell - 1], left=0.0, right=0.0)
+        found[span[mine, None] != of] = 0.0
+        yield mine, found * step
 
 
 def left_open(fit: MapFit, doubts: Sequence[float]) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 from bms_gateway.diagnosis.core_band import CoreBand, at_times, core_bands
 from bms_gateway.diagnosis.core_known import KnownCore, known_core
 from bms_gateway.diagnosis.error_words import rises
-from bms_gateway.diagnosis.findings import core_sentences, refit_sentence, sensor_sentences
+from bms_gateway.diagnosis.findings import core_sentences, refit_sentence, sensor_sentences, tie_sentences
 from bms_gateway.diagnosis.misfit import Block, Level, Sensor, Series, level, series
 from bms_gateway.diagnosis.misfit import blocks as blocks_of
 from bms_gateway.diagnosis.misfit import sensors as sensors_of
@@ -112,20 +112,22 @@ class Comparison:
     closest: Variant | None = None
 
 
-def compare(model: StringModel, records: Sequence[Record]) -> Comparison:
+def compare(model: StringModel, records: Sequence[Record], core: KnownCore | None = None) -> Comparison:
     """Compare a model with records.
 
     Parameters
     ----------
     model : StringModel
     records : sequence of Record
+    core : KnownCore, optional
+        Of this model and these records, where it is known already.
 
     Returns
     -------
     Comparison
         Filed and refitted; readings of cores, if there are any, are used for `core_checks` only.
     """
-    core = known_core(model, records)
+    core = known_core(model, records) if core is None else core
     # on the instants of the refit, which are chosen by the numbers before any data
     ready = [measured(r, model, join=joined(r, model.unfitted)) for r in records]
     refitted, closest = core.identified.fit, core.identified.closest
@@ -137,6 +139,8 @@ def compare(model: StringModel, records: Sequence[Record]) -> Comparison:
     )
     as_is = _variant("filed", filed, sensors_of(filed), doubted, records)
     again = _variant("refitted", refitted, sensors_of(refitted), core.bands, records)
+    if ties := tie_sentences(model):
+        again = replace(again, findings=(*again.findings, *ties))
     if core.identified.model_error_K > 0.0 and rises(as_is.trained.rmse_K, again.trained.rmse_K):
         worse = refit_sentence(as_is.trained.rmse_K, again.trained.rmse_K)
         again = replace(again, findings=(worse, *again.findings))

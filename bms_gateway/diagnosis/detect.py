@@ -162,13 +162,12 @@ class Projection:
 
     def __init__(self, fit: MapFit) -> None:
         self._fit = fit
-        self._base = fit.weighed(np.concatenate([fit.J, fit.linear.J], axis=1))
         self._factor = scipy.linalg.cho_factor(fit.H)
 
     def gram(self, columns: Floats) -> Floats:
         """Inner products (p, p) of the unexplained parts of the columns (M', p), K per unit, in units of the noise."""
         J = self._fit.weighed(columns)
-        cross = self._base.T @ J
+        cross = self._fit.products(J)
         S = J.T @ J - cross.T @ scipy.linalg.cho_solve(self._factor, cross)
         return np.asarray(0.5 * (S + S.T))
 

@@ -26,7 +26,7 @@ from bms_gateway.identify.coordinates import OWN, Channel, Measured
 from bms_gateway.identify.map_fit import MapFit
 from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal import Floats
-from bms_gateway.thermal.drive import Span
+from bms_gateway.thermal.drive import Span, every_second
 
 ENOUGH_ODDS = 3.0
 """Least expected log-odds with which a test decides."""
@@ -35,6 +35,12 @@ CLEAR = 0.95
 NEAR = 3.0
 """Log-odds within which the effect may sit on another cell."""
 MOST_PAIRS = 3
+MOST_BYTES = 200_000_000
+"""Of columns that are kept for a further use."""
+WORK = 12_000
+"""Most cells times intervals of a test; beyond it, intervals are joined, two and two …"""
+COARSEST_S = 16.0
+"""… up to here."""
 START_SD = 1.0
 """K: the start of each cell is read from its own sensor, whatever the explanations say about this reading."""
 
@@ -108,19 +114,36 @@ def next_experiment(found: Search, *, uncertain: bool = False) -> Experiment | N
     pairs = _pairs(found, uncertain)
     if not pairs:
         return None
-    library = plans(
-        limits_of(found.baseline.problem.records[0], found.baseline.problem.model), found.baseline.problem.model
-    )
-    forecasts: dict[str, list[_Forecast]] = {}
-    for trial in (t for pair in pairs for t in pair):
-        if trial.candidate.key not in forecasts:
-            known = _Known(trial.fit)
-            forecasts[trial.candidate.key] = [_Forecast(known, p) for p in library]
+    problem = found.baseline.problem
+    library = plans(limits_of(problem.records[0], problem.model), problem.model)
+    forecasts = _Forecasts([t for pair in pairs for t in pair], library)
+    odds = np.empty((len(pairs), len(library)))
+    for j in range(len(library)):
+        for i, (a, b) in enumerate(pairs):
+            odds[i, j] = _between(forecasts.of(a, j), forecasts.of(b, j), problem.model.sensors)
+    sensors = _further_sensors(pairs, library, forecasts, odds)
     partings = tuple(
-        _part(a.candidate, b.candidate, library, forecasts[a.candidate.key], forecasts[b.candidate.key])
-        for a, b in pairs
+        _part(a.candidate, b.candidate, library, o, sensors.get(i))
+        for i, ((a, b), o) in enumerate(zip(pairs, odds, strict=True))
     )
     return Experiment(partings, partings[0].sentence)
+
+
+def _further_sensors(
+    pairs: Sequence[tuple[Trial, Trial]], library: Sequence[Plan], forecasts: "_Forecasts", odds: Floats
+) -> dict[int, Sensor]:
+    """Find for each pair that no test tells apart the best place of one more sensor."""
+    model = pairs[0][0].fit.problem.model
+    further = sorted(set(range(1, model.cells + 1)) - set(model.sensors))
+    best: dict[int, Sensor] = {}
+    for j, plan in enumerate(library if further else ()):
+        for i in np.flatnonzero(odds.max(axis=1) < ENOUGH_ODDS).tolist():
+            a, b = (forecasts.of(t, j) for t in pairs[i])
+            for k in further:
+                found = _between(a, b, tuple(sorted((*model.sensors, k))))
+                if i not in best or (found, -k) > (best[i].log_odds, -best[i].cell):
+                    best[i] = Sensor(k, found, plan)
+    return best
 
 
 def _pairs(found: Search, uncertain: bool) -> list[tuple[Trial, Trial]]:
@@ -153,26 +176,14 @@ def _forecastable(t: Trial) -> bool:
     return "voltage" not in t.candidate.effect.signals
 
 
-def _part(
-    one: Candidate, other: Candidate, library: Sequence[Plan], a: Sequence["_Forecast"], b: Sequence["_Forecast"]
-) -> Parting:
-    model = a[0].problem.model
-    tests = [Ranked(p, _between(x, y, model.sensors)) for p, x, y in zip(library, a, b, strict=True)]
+def _part(one: Candidate, other: Candidate, library: Sequence[Plan], odds: Floats, sensor: Sensor | None) -> Parting:
+    tests = [Ranked(p, x) for p, x in zip(library, odds.tolist(), strict=True)]
     tests.sort(key=lambda t: -t.log_odds)
     best = tests[0]
-    sensor = None
     names = f"{_spoken(one)} from {_spoken(other)}"
     if best.log_odds >= ENOUGH_ODDS:
         text = f"To tell {names}: {best.plan.instruction} ({best.plan.minutes:.0f} min)."
-        return Parting(one.key, other.key, tuple(tests), sensor, text)
-    for k in range(1, model.cells + 1):
-        if k in model.sensors:
-            continue
-        more = tuple(sorted((*model.sensors, k)))
-        for p, x, y in zip(library, a, b, strict=True):
-            odds = _between(x, y, more)
-            if sensor is None or odds > sensor.log_odds:
-                sensor = Sensor(k, odds, p)
+        return Parting(one.key, other.key, tuple(tests), None, text)
     if sensor is not None and sensor.log_odds >= ENOUGH_ODDS:
         text = f"No test tells {names} with these sensors: add one on cell {sensor.cell}, then "
         text += f"{sensor.plan.instruction} ({sensor.plan.minutes:.0f} min)."
@@ -195,6 +206,30 @@ class _Known:
         self.fit = fit
         self.inflation = structure(fit).inflation
         self.covariance = tempered(fit, self.inflation)
+
+
+class _Forecasts:
+    """Predictions of explanations for the tests of a library; those of a long string are made anew where they are used.
+
+    A test of a string of sixty has columns of a hundred megabytes.
+    """
+
+    def __init__(self, trials: Sequence[Trial], library: Sequence[Plan]) -> None:
+        self._known = {t.candidate.key: _Known(t.fit) for t in trials}
+        self._library = library
+        self._made: dict[tuple[str, int], _Forecast] = {}
+        self._held = 0
+
+    def of(self, t: Trial, test: int) -> "_Forecast":
+        """Prediction of one explanation for one test."""
+        key = t.candidate.key, test
+        if key not in self._made:
+            if self._held > MOST_BYTES:
+                self._made, self._held = {k: f for k, f in self._made.items() if k[1] == test}, 0
+                self._held = sum(f.J.nbytes for f in self._made.values())
+            self._made[key] = _Forecast(self._known[t.candidate.key], self._library[test])
+            self._held += self._made[key].J.nbytes
+        return self._made[key]
 
 
 class _Forecast:
@@ -225,7 +260,7 @@ class _Forecast:
         sigma = {k: s for (_, k), s in zip(m.channels, np.sqrt(m.sigma0**2 + m.step**2 / 12.0), strict=True)}
         usual = float(np.median(list(sigma.values())))
         of_cell = np.array([sigma.get(k, usual) for k in range(1, model.cells + 1)])
-        self.weight = np.sqrt(plan.drive.dt * pace) / of_cell[self.cell - 1]
+        self.weight = np.sqrt(record.drive.dt * pace) / of_cell[self.cell - 1]
 
     def left(self, y: Floats, rows: NDArray[np.bool_]) -> float:
         """Squared distance to readings `y` after this fit has adjusted its numbers, in units of the noise."""
@@ -244,6 +279,8 @@ def _between(a: _Forecast, b: _Forecast, sensors: Sequence[int]) -> float:
 def planned(m: Measured, plan: Plan, cells: int) -> Measured:
     """Make the record of a plan: read on all cells at each instant, with uniform temperature at the start."""
     u = plan.drive
+    while cells * u.N > WORK and 2.0 * u.dt <= COARSEST_S:
+        u = every_second(u, (Span(0, u.N),))[0]
     N = u.N
     channels: list[Channel] = [("surface", k) for k in range(1, cells + 1)]
     return replace(

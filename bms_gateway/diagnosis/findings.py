@@ -8,6 +8,7 @@ from bms_gateway.diagnosis.core_band import CoreBand, half_width_K
 from bms_gateway.diagnosis.misfit import Block, Sensor
 from bms_gateway.diagnosis.regimes import Bin, Regime
 from bms_gateway.diagnosis.together import along, cells_in_words, runs, span
+from bms_gateway.thermal import StringModel
 
 WORTH = 0.1
 """Least share of the excess for which a regime is reported."""
@@ -73,6 +74,16 @@ def core_sentences(bands: Sequence[CoreBand], sensors: Sequence[Sensor], name: s
     else:
         text = f"The cores are known to {half[k]:.2g} K (95 %, cell {k + 1} least)."
     return (text,)
+
+
+def tie_sentences(model: StringModel) -> tuple[str, ...]:
+    """Say which effects of a model could be others, by the records by which they were added."""
+    return tuple(
+        f"The records by which {e.key} was added cannot tell it from {', '.join(e.tied_with)}: "
+        f"{'it' if len(e.tied_with) == 1 else 'each of them'} would explain them as well."
+        for e in model.effects
+        if e.tied_with
+    )
 
 
 def refit_sentence(before: float, after: float) -> str:

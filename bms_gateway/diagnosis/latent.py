@@ -34,6 +34,8 @@ from bms_gateway.thermal.trajectory import reference
 Node = Literal["core", "surface"]
 KNOTS, LEAST_S = 60, 30.0
 """Knots per record, and the least time between two: the surface shows no faster change of the core's heat."""
+MOST_KNOTS = 1_200
+"""Knots of all thermocouples of a record together: the regression costs their third power."""
 WALKS_W = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 """Random steps between two knots, W; the one with the greatest marginal likelihood is used."""
 START_W = 5.0
@@ -138,26 +140,28 @@ def latent(fit: MapFit) -> Latent:
 
 def _deconvolved(fit: MapFit, node: Node) -> tuple[list[Heat], float]:
     """Heat at each sensed cell of each record, and the log evidence of its explaining the readings."""
-    y, sigma, _, _, _ = stacked(fit.problem)
-    weight = 1.0 / sigma
-    B = fit.problem.spread(np.concatenate([fit.J, fit.linear.J], axis=1)) * weight[:, None]
-    sd = np.concatenate([[c.sd for c in fit.problem.coordinates], fit.linear.sd])
-    away = np.concatenate([fit.theta - [c.prior for c in fit.problem.coordinates], fit.nu])
-    places, blocks = [], []
-    for r, m in enumerate(fit.problem.records):
-        rows = slice(sum(len(o.y) for o in fit.problem.records[:r]), None)
-        hats = _hats(3600.0 * m.drive.hours, _knots(m))
-        for k in sorted({cell for kind, cell in m.channels if kind == "surface"}):
-            heat = np.zeros((m.drive.N, fit.problem.model.cells, hats.shape[1]))
-            heat[:, k - 1] = hats
-            block = np.zeros((len(y), hats.shape[1]))
-            block[rows][: len(m.y)] = _response(fit, r, node, heat)
-            places.append((r, k))
-            blocks.append(block)
-    D = np.concatenate([*(x * weight[:, None] for x in blocks), B], axis=1)
-    A, b = D.T @ D, D.T @ ((y - fit.y) * weight)
+    problem = fit.problem
+    y, sigma, _, _, _ = stacked(problem)
+    weight = np.concatenate([np.sqrt(p.count) / p.at.sigma for p in problem.places])  # of means at the fit's places
+    sd = np.concatenate([[c.sd for c in problem.coordinates], fit.linear.sd])
+    away = np.concatenate([fit.theta - [c.prior for c in problem.coordinates], fit.nu])
+    places = [(r, k) for r, m in enumerate(problem.records) for k in _sensed(m)]
+    knots = [_knots(m) for m in problem.records]
+    widths = [len(knots[r]) for r, _ in places]
+    D = np.zeros((len(weight), sum(widths) + len(sd)))
+    edges = np.cumsum([0, *(len(p.first) for p in problem.places)])
+    for (r, k), K, last in zip(places, widths, np.cumsum(widths), strict=True):
+        at = problem.places[r].at
+        hats = _hats(3600.0 * at.drive.hours, knots[r])
+        heat = np.zeros((at.drive.N, problem.model.cells, K))
+        heat[:, k - 1] = hats
+        D[edges[r] : edges[r + 1], last - K : last] = _response(fit, r, at, node, heat)
+    D[:, sum(widths) : len(D.T) - len(fit.nu)] = fit.J
+    D[:, len(D.T) - len(fit.nu) :] = fit.linear.J
+    D *= weight[:, None]
+    A, b = D.T @ D, D.T @ problem.gathered((y - fit.y) / sigma)
+    del D
     b[-len(sd) :] -= away / sd**2
-    widths = [x.shape[1] for x in blocks]
     best: tuple[float, Floats, Floats] | None = None
     for walk in WALKS_W:
         walks = [_walk(K, walk) for K in widths]
@@ -174,7 +178,7 @@ def _deconvolved(fit: MapFit, node: Node) -> tuple[list[Heat], float]:
     for (r, k), K in zip(places, widths, strict=True):
         part = slice(first, first + K)
         first += K
-        heats.append(Heat(node, r, k, _knots(fit.problem.records[r]), best[1][part], best[2][part]))
+        heats.append(Heat(node, r, k, knots[r], best[1][part], best[2][part]))
     return heats, best[0]
 
 
@@ -186,9 +190,14 @@ def _walk(K: int, sd: float) -> Floats:
     return np.asarray(prior)
 
 
+def _sensed(m: Measured) -> list[int]:
+    return sorted({cell for kind, cell in m.channels if kind == "surface"})
+
+
 def _knots(m: Measured) -> Floats:
     end = 3600.0 * float(m.drive.hours[-1]) + 0.5 * m.drive.dt
-    return np.linspace(0.0, end, int(np.clip(end / LEAST_S, 2, KNOTS)) + 1)
+    most = min(KNOTS, MOST_KNOTS // len(_sensed(m)))
+    return np.linspace(0.0, end, int(np.clip(end / LEAST_S, 2, most)) + 1)
 
 
 def _hats(t: Floats, knots: Floats) -> Floats:
@@ -197,14 +206,17 @@ def _hats(t: Floats, knots: Floats) -> Floats:
     return np.asarray(np.maximum(1.0 - np.abs(at[:, None] - np.arange(len(knots))), 0.0))
 
 
-def _response(fit: MapFit, r: int, node: Node, heat: Floats) -> Floats:
-    """Simulate the readings of one record's surface sensors (M, K), K, under heats (N, n, K), W, at one node."""
-    problem, m = fit.problem, fit.problem.records[r]
-    system, _ = problem.system(r, fit.theta, fit.nu)
+def _response(fit: MapFit, r: int, m: Measured, node: Node, heat: Floats) -> Floats:
+    """Simulate surface sensors (M, K), K, under heats (N, n, K), W, at one node of record `r`.
+
+    `m` is this record or, in longer intervals, the places where its columns are taken.
+    """
+    problem = fit.problem
+    system, _ = problem.system(r, fit.theta, fit.nu, m)
     v, recursion = system.v, reference(system, fit.prediction.X[r].mean(axis=0))
     n, K = problem.model.cells, heat.shape[2]
     capacity = v.string.C_c if node == "core" else v.string.C_s
-    w = np.zeros((m.drive.N, problem.physics.states, K))
+    w = np.zeros((K, problem.physics.states, m.drive.N)).T  # time runs fastest, as in a column of the recursion
     w[:, int(node == "surface") : 2 * n : 2] = heat / capacity[:, None]
     parts = []
     for span in m.spans:
@@ -244,14 +256,17 @@ def _follows(fit: MapFit, node: Node, heats: Sequence[Heat]) -> list[Follow]:
     tables = [_table(fit, r) for r in range(len(fit.problem.records))]
     names = [n for n in tables[0] if all(n in t and float(np.abs(t[n][2]).max()) > 0.0 for t in tables)]
     columns = np.concatenate(
-        [_response(fit, r, node, np.stack([t[n][2] for n in names], axis=2)) for r, t in enumerate(tables)]
+        [
+            _response(fit, r, m, node, np.stack([t[n][2] for n in names], axis=2))
+            for r, (m, t) in enumerate(zip(fit.problem.records, tables, strict=True))
+        ]
     )
     used = stacked(fit.problem)[4]
     r = fit.gathered(np.where(used, fit.r, 0.0))
-    J, base = fit.weighed(fit.problem.averaged(columns)), fit.weighed(np.concatenate([fit.J, fit.linear.J], axis=1))
+    J = fit.weighed(fit.problem.averaged(columns))
     prior, sd = (np.array([getattr(c, k) for c in fit.problem.coordinates]) for k in ("prior", "sd"))
-    rest = base.T @ r - np.concatenate([(fit.theta - prior) / sd**2, fit.nu / fit.linear.sd**2])
-    cross = base.T @ J
+    rest = fit.products(r[:, None])[:, 0] - np.concatenate([(fit.theta - prior) / sd**2, fit.nu / fit.linear.sd**2])
+    cross = fit.products(J)
     factor = scipy.linalg.cho_factor(fit.H)
     S = np.sum(J * J, axis=0) - np.sum(cross * scipy.linalg.cho_solve(factor, cross), axis=0)
     slopes = (J.T @ r - cross.T @ scipy.linalg.cho_solve(factor, rest)) / np.maximum(S, 1e-12)

@@ -12,7 +12,7 @@ import numpy as np
 
 from bms_gateway.diagnosis.slow_error import START, Discrepancy, Noise
 from bms_gateway.identify.coordinates import Belief, Measured
-from bms_gateway.identify.map_fit import FitEffort, FitStart, Linear, MapFit, map_fit, weighed
+from bms_gateway.identify.map_fit import FitEffort, FitStart, Linear, MapFit, map_fit
 from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal import Floats
 from bms_gateway.thermal.drive import Drive, Span
@@ -188,7 +188,7 @@ def fit(
                 problem,
                 FitStart(theta, nu, guess, J),
                 effort,
-                linear=Linear.of(columns, sd, weighed(problem, noise, columns)),
+                linear=Linear.of(problem, columns, sd, noise),
                 noise=noise,
             )
             trial = Fit(found, d, found.log_evidence - 0.5 * d.strain)

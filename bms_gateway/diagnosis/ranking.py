@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 
 from bms_gateway.diagnosis.adding_bench import all_used, fit_with
+from bms_gateway.diagnosis.bounds import at_bound, believed_share
 from bms_gateway.diagnosis.calibrate import seen_on
 from bms_gateway.diagnosis.candidates import Candidate, candidates
 from bms_gateway.diagnosis.diagnosis import Diagnosis, Number, Ranked, numbers
@@ -39,7 +40,7 @@ class Standing:
     evidence : float
         Log-odds: of what is named against leaving it out, of the rest against the model with the effects `beside`.
     share : float
-        Posterior probability; NaN where it was not weighed.
+        Posterior probability; NaN where it was not weighed, or rests on a number at its bound.
     heldout_rmse_K : float
         By the fits of the search, as all errors here: with it; of what is named, with all of it; NaN where nothing was
         held out for it.
@@ -50,7 +51,7 @@ class Standing:
     parameters : mapping of str to Number
     tied_with : tuple of str
     refused : str
-        Why it was not let in; empty where nothing speaks against it.
+        Why it was not let in, or why what is named is not proven; empty where nothing speaks against it.
     beside : tuple of str
         Keys of the effects in the model that the evidence is weighed against; of what is named, all others of it.
     """
@@ -123,10 +124,12 @@ def _named(d: Diagnosis) -> Iterator[Standing]:
         key = s.candidate.key
         less = without(d.search.final, key) if several else d.search.baseline
         odds = _odds(d, s.candidate, less) if several else s.log_odds
-        share = next((t.share for t in passed if t.candidate.key == key), nan)
+        said = at_bound(d.search.final, s.candidate)
+        share = nan if said else next((t.share for t in passed if t.candidate.key == key), nan)
         held = _held(d.search.final)
         without_K, others = _held(less), tuple(x.candidate.key for x in d.selected if x is not s)
-        yield Standing((key,), "named", odds, share, held, held, without_K, s.parameters, s.tied_with, "", others)
+        refused = f"{said}: no proof" if said else ""
+        yield Standing((key,), "named", odds, share, held, held, without_K, s.parameters, s.tied_with, refused, others)
 
 
 def _odds(d: Diagnosis, c: Candidate, less: MapFit) -> float:
@@ -161,7 +164,8 @@ def _weighed(d: Diagnosis, t: Trial, role: Role) -> Standing:
     there = {e.key for e in d.search.baseline.problem.model.effects} | {t.candidate.key}
     beside = tuple(e.key for e in t.fit.problem.model.effects if e.key not in there)
     held, found = _held(t.fit), numbers(t.fit, t.candidate)
-    return Standing((t.candidate.key,), role, t.log_odds, t.share, held, held, nan, found, (), t.why, beside)
+    share, why = believed_share(t)
+    return Standing((t.candidate.key,), role, t.log_odds, share, held, held, nan, found, (), why, beside)
 
 
 def _instead(d: Diagnosis) -> Iterator[Standing]:

@@ -24,6 +24,10 @@ from bms_gateway.thermal.trajectory import Recursion, reference, simulate
 
 AMPLITUDE_SD = 3.0
 """Prior sd, in units of the probe, of an effect whose strength is a logarithm: how much stronger it may well be."""
+FINE = 2
+"""Factor of the fit's places up to which responses are computed in the record's own intervals."""
+TOGETHER = 16
+"""Candidates whose responses are computed at once."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,22 +56,20 @@ def screen(fit: MapFit, candidates: Sequence[Candidate]) -> list[Gain]:
     """Score candidates against a fit, best first."""
     used = stacked(fit.problem)[4]
     steep = np.sqrt(fit.steep)  # as in the fit's H
-    base = fit.weighed(np.concatenate([fit.J, fit.linear.J], axis=1)) * steep
     free = fit.free  # what stands on a bound cannot make way for a candidate
-    base = base[:, free]
     r = fit.gathered(np.where(used, fit.r, 0.0)) / steep
     prior = np.array([c.prior for c in fit.problem.coordinates])
     sd = np.array([c.sd for c in fit.problem.coordinates])
     pull = np.concatenate([(fit.theta - prior) / sd**2, fit.nu / fit.linear.sd**2])
-    rest = base.T @ r - pull[free]  # zero at a converged optimum inside its bounds
+    rest = steep * fit.products(r[:, None])[free, 0] - pull[free]  # zero at a converged optimum inside its bounds
     responses = Responses(fit)
     scored = [c for c in candidates if c.strengths]
     found = [Gain(c, np.inf, c.begin, fit.J[:, :0]) for c in candidates if not c.strengths]
     if not scored:
         return found
-    columns = np.stack([fit.problem.averaged(responses.column(c, p)) for c in scored for p in c.strengths], axis=1)
+    columns = responses.columns([(c, p) for c in scored for p in c.strengths])
     J = fit.weighed(columns) * steep
-    cross = base.T @ J
+    cross = steep * fit.products(J)[free]
     absorbed = solved(fit.H[np.ix_(free, free)], cross)
     score = J.T @ r - absorbed.T @ rest
     last = 0
@@ -97,6 +99,17 @@ def _start(c: Candidate, strengths: Sequence[EffectParameter], step: Floats) -> 
 
 
 @dataclass(frozen=True, slots=True)
+class _Probe:
+    """A candidate with one parameter at its probe value, and the starts that each record then has."""
+
+    candidate: Candidate
+    values: dict[str, float]
+    unit: float
+    physics: Physics
+    begins: list[tuple[Floats, ...]]
+
+
+@dataclass(frozen=True, slots=True)
 class _Fitted:
     """One record at the fit's numbers: its trajectory `X`, readings `y` (M,), and the `rates` of each span."""
 
@@ -116,15 +129,33 @@ class Responses:
         self._fit = fit
         self._problem = fit.problem
         self._records = []
-        for r, m in enumerate(fit.problem.records):
-            system, starts = fit.problem.system(r, fit.theta, fit.nu)
+        # the places of a long string, where all columns are taken, spare most of the work
+        self._at_places = all(p.factor > FINE for p in fit.problem.places)
+        for r, (own, p) in enumerate(zip(fit.problem.records, fit.problem.places, strict=True)):
+            m = p.at if self._at_places else own
+            system, starts = fit.problem.system(r, fit.theta, fit.nu, m)
             X = fit.prediction.X[r]
+            X = X[p.rows] if self._at_places else X
             f = [part.rates(x) for x, part in _spans(system, X)]
             recursion = reference(system, X.mean(axis=0))
             self._records.append(_Fitted(m, system, starts, X, recursion, signals_at(m, system, X), f))
 
+    def columns(self, wanted: Sequence[tuple[Candidate, EffectParameter]]) -> Floats:
+        """Return the response at the fit's places (M', p) to each parameter, per unit (per probe if a logarithm)."""
+        out = np.empty((sum(len(x.first) for x in self._problem.places), len(wanted)))
+        for first in range(0, len(wanted), TOGETHER):
+            probes = [self._probe(c, p) for c, p in wanted[first : first + TOGETHER]]
+            read = np.concatenate([self._read(r, probes) for r in range(len(self._records))], axis=1)
+            for j, (probe, y) in enumerate(zip(probes, read, strict=True), first):
+                out[:, j] = (y if self._at_places else self._problem.averaged(y)) / probe.unit
+        return out
+
     def column(self, c: Candidate, p: EffectParameter) -> Floats:
-        """Return the readings' response (M,) to one parameter, per unit (or per probe where it is a logarithm)."""
+        """Return the response to one parameter of all readings (M,) of a short string, as in `columns`."""
+        probe = self._probe(c, p)
+        return np.concatenate([self._read(r, [probe])[0] for r in range(len(self._records))]) / probe.unit
+
+    def _probe(self, c: Candidate, p: EffectParameter) -> _Probe:
         beat()
         values = c.begin
         for q in c.effect.parameters:
@@ -134,23 +165,31 @@ class Responses:
         assert p.neutral is not None  # noqa: S101 - strengths only
         unit = 1.0 if p.log else p.probe - p.neutral
         physics = Physics(c.put_into(self._problem.model, values))
-        begins = self._begins(c, values)
-        parts = []
-        for fitted, begin in zip(self._records, begins, strict=True):
-            m, u, v = fitted.measured, fitted.system.u, with_effect(fitted.system.v, c.key, values)
-            with_it = System(physics, u, v, physics.memory(u, v)[0], fitted.system.spans)
-            if c.effect.states:
-                moved = self._whole(with_it, fitted.starts, fitted.X)
-            else:
-                spans = zip(_spans(with_it, fitted.X), fitted.rates, fitted.starts, begin, strict=True)
-                moved = fitted.X + np.concatenate(
-                    [
-                        fitted.recursion.run((b - a)[:, None], (part.rates(x) - f0)[..., None])[..., 0]
-                        for (x, part), f0, a, b in spans
-                    ]
-                )
-            parts.append((signals_at(m, with_it, moved) - fitted.y) / unit)
-        return np.concatenate(parts)
+        return _Probe(c, values, unit, physics, self._begins(c, values))
+
+    def _read(self, r: int, probes: Sequence[_Probe]) -> Floats:
+        """By how much the readings (P, M) of one record move with each probe."""
+        fitted = self._records[r]
+        m, X = fitted.measured, fitted.X
+        systems = []
+        for probe in probes:
+            u, v = fitted.system.u, with_effect(fitted.system.v, probe.candidate.key, probe.values)
+            systems.append(System(probe.physics, u, v, probe.physics.memory(u, v)[0], fitted.system.spans))
+        plain = [j for j, probe in enumerate(probes) if not probe.candidate.effect.states]
+        moved = {j: self._whole(s, fitted.starts, X) for j, s in enumerate(systems) if j not in plain}
+        if plain:
+            parts = []
+            rest = [_spans(systems[j], X) for j in plain]
+            for i, (f0, a) in enumerate(zip(fitted.rates, fitted.starts, strict=True)):
+                w = np.empty((len(plain), X.shape[1], len(f0)))  # time runs fastest, as in a column of the recursion
+                for k, spans in enumerate(rest):
+                    x, part = next(spans)
+                    np.subtract(part.rates(x).T, f0.T, out=w[k])
+                b = np.stack([probes[j].begins[r][i] - a for j in plain], axis=1)
+                parts.append(fitted.recursion.run(b, w.transpose(2, 1, 0)))
+            shift = np.concatenate(parts)
+            moved |= {j: X + shift[..., k] for k, j in enumerate(plain)}
+        return np.stack([signals_at(m, s, moved[j]) - fitted.y for j, s in enumerate(systems)])
 
     def _begins(self, c: Candidate, values: Mapping[str, float]) -> list[tuple[Floats, ...]]:
         """Return the starts with the effect: what a thermocouple adds has gone into the start taken from it."""

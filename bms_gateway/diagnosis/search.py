@@ -162,6 +162,7 @@ def _climb(found: Search, offered: Sequence[Candidate], s: Settings, tell: Progr
         if number == 0:
             found.gains = gains
         trials = _round(_Round(current, baseline, offered, s, number), gains, tell)
+        trials = [replace(t, fit=t.fit.light) for t in trials]
         if not trials:
             break
         found.rounds.append(trials)

@@ -18,6 +18,8 @@ LONGEST_S = 6.0
 """Intervals are joined up to here: below a surface's own time constant."""
 FEWEST = 8
 """Intervals of a span that are left as they are: nothing is saved."""
+WORK, LONG_S = 30_000, 12.0
+"""Cells times intervals beyond which intervals are joined up to `LONG_S`: the columns of a long string cost minutes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,8 +36,8 @@ class Places:
         Of each reading.
     first, count : ndarray of int (M',)
         First reading of each place, and how many follow it there.
-    joined : bool
-        Whether the intervals of `at` are longer than the record's.
+    factor : int
+        By which the intervals of `at` are longer than the record's.
     """
 
     at: Measured
@@ -43,7 +45,12 @@ class Places:
     place: NDArray[np.intp]
     first: NDArray[np.intp]
     count: NDArray[np.intp]
-    joined: bool
+    factor: int
+
+    @property
+    def joined(self) -> bool:
+        """Whether the intervals of `at` are longer than the record's."""
+        return self.factor > 1
 
     def gathered(self, r: Floats) -> Floats:
         """Residuals (M,), in units of the noise, of the means (M',): what a place's column sees of them."""
@@ -57,11 +64,16 @@ class Places:
 
 def places(m: Measured) -> Places:
     """Find the places of a record."""
-    joined = 2.0 * m.drive.dt <= LONGEST_S and min(len(s) for s in m.spans) >= FEWEST
-    drive, spans, rows = every_second(m.drive, m.spans) if joined else (m.drive, m.spans, _rows(m.spans))
+    drive, spans, rows, factor = m.drive, m.spans, _rows(m.spans), 1
+    while min(len(s) for s in spans) >= FEWEST:
+        long = len(m.start[0]) * drive.N > WORK
+        if 2.0 * drive.dt > (LONG_S if long else LONGEST_S) or (factor > 1 and not long):
+            break
+        drive, spans, kept = every_second(drive, spans)
+        rows, factor = rows[kept], 2 * factor
     # of each row of the record: the row of `at` before it, and how far beyond, in its intervals
-    row, beyond = _before(m.spans, spans)
-    row, share = row[m.row], beyond[m.row] + m.share * (0.5 if joined else 1.0)
+    row, beyond = _before(m.spans, spans, factor)
+    row, share = row[m.row], beyond[m.row] + m.share / factor
     key = (m.channel * (len(rows) + 1) + row) * 2 + m.used
     first = np.flatnonzero(np.diff(key, prepend=key[:1] - 1))
     count = np.diff(np.append(first, len(key)))
@@ -76,18 +88,18 @@ def places(m: Measured) -> Places:
         y=np.add.reduceat(m.y, first) / count,
         used=m.used[first],
     )
-    return Places(at, rows, place, first, count, joined)
+    return Places(at, rows, place, first, count, factor)
 
 
 def _rows(spans: tuple[Span, ...]) -> NDArray[np.intp]:
     return np.arange(sum(len(s) + 1 for s in spans))
 
 
-def _before(fine: tuple[Span, ...], coarse: tuple[Span, ...]) -> tuple[NDArray[np.intp], Floats]:
+def _before(fine: tuple[Span, ...], coarse: tuple[Span, ...], factor: int) -> tuple[NDArray[np.intp], Floats]:
     """Row of the coarse trajectory before each of the fine one's, and how many coarse intervals lie between."""
     rows, beyond, last = [], [], 0
     for f, c in zip(fine, coarse, strict=True):
-        at = np.arange(len(f) + 1) / (1.0 if len(c) == len(f) else 2.0)
+        at = np.arange(len(f) + 1) / factor
         before = np.minimum(at.astype(np.intp), len(c) - 1)
         rows.append(before + last)
         beyond.append(at - before)

@@ -13,7 +13,7 @@ In place of the least squares of Lin et al., Eq 3-10, where a model has effects 
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -68,21 +68,30 @@ class Linear:
     J : ndarray (M', Q), K per unit
         At the records' places.
     sd : ndarray (Q,)
-    weighed : ndarray (M', Q)
-        `J` in units of the noise, zero where a reading is held out.
     gram : ndarray (Q, Q)
-        Its products: taken once, for many fits share them.
+        Products of `J` in units of the noise, without held-out readings: taken once, for many fits share them.
+    weight : ndarray (M',)
+        As `weights` gives them, where the noise is white.
+    whitened : ndarray (M, Q) or None
+        `J` in units of a noise with a memory.
     """
 
     J: Floats
     sd: Floats
-    weighed: Floats
     gram: Floats
+    weight: Floats
+    whitened: Floats | None = None
 
     @classmethod
-    def of(cls, J: Floats, sd: Floats, weighed: Floats) -> "Linear":
+    def of(cls, problem: Problem, J: Floats, sd: Floats, noise: Whitening | None = None) -> "Linear":
         """Build it with its products."""
-        return cls(J, sd, weighed, weighed.T @ weighed)
+        weight, whitened = weights(problem), None if noise is None else weighed(problem, noise, J)
+        x = J * weight[:, None] if whitened is None else whitened
+        return cls(J, sd, x.T @ x, weight, whitened)
+
+    def products(self, rows: Floats) -> Floats:
+        """Products (…, Q) of rows (…, M'), which are in units of the noise, with `J` in these units."""
+        return np.asarray((rows * self.weight) @ self.J if self.whitened is None else rows @ self.whitened)
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,6 +157,20 @@ class MapFit:
         """Residuals (M,) as weighed columns see them, zero where a reading is held out."""
         return gathered(self.problem, self.noise, r)
 
+    def products(self, columns: Floats) -> Floats:
+        """Products (P + Q, p) of the fit's own weighed columns with other weighed ones (M', p)."""
+        return np.concatenate([self.weighed(self.J).T @ columns, self.linear.products(columns.T).T])
+
+    @property
+    def light(self) -> "MapFit":
+        """The same fit without its columns, a hundred megabytes for a long string: to be kept, not to be fitted on.
+
+        Numbers, precision, prediction and residual stay.
+        """
+        self.problem.forget()
+        linear = replace(self.linear, J=self.linear.J[:0].copy(), weight=self.linear.weight[:0].copy(), whitened=None)
+        return replace(self, J=self.J[:0].copy(), linear=linear)
+
     @property
     def free(self) -> np.ndarray:
         """Which of [θ, ν] (P + Q,) stand inside their bounds and could move either way."""
@@ -200,15 +223,19 @@ def nuisance_columns(
     sd = np.array([c.sd for c in problem.nuisances])
     refinements = 1 if problem.model.effects or any(np.ptp(m.drive.flow) > 0.0 for m in problem.records) else 0
     J = problem.columns(theta, prediction, problem.nuisances, refinements, nu)
-    return Linear.of(J, sd, weighed(problem, noise, J))
+    return Linear.of(problem, J, sd, noise)
+
+
+def weights(problem: Problem) -> Floats:
+    """Weights (M',) of means at the places against white noise, 1/K; zero where held out."""
+    return np.concatenate([np.where(p.at.used, np.sqrt(p.count) / p.at.sigma, 0.0) for p in problem.places])
 
 
 def weighed(problem: Problem, noise: Whitening | None, columns: Floats) -> Floats:
     """Columns at the places in units of the noise, zero where held out; at all readings if it has a memory."""
     if noise is not None:
         return noise(problem.spread(columns))
-    weight = np.concatenate([np.where(p.at.used, np.sqrt(p.count) / p.at.sigma, 0.0) for p in problem.places])
-    return np.asarray(columns * weight[:, None])
+    return np.asarray(columns * weights(problem)[:, None])
 
 
 def gathered(problem: Problem, noise: Whitening | None, r: Floats) -> Floats:
@@ -289,7 +316,7 @@ def map_fit(
     """
     y, _, sigma0, step, used = stacked(problem)
     none = np.zeros((sum(len(p.first) for p in problem.places), 0))
-    linear = linear or Linear.of(none, np.zeros(0), weighed(problem, noise, none))
+    linear = linear or Linear.of(problem, none, np.zeros(0), noise)
     lower, upper, prior, sd = (
         np.array([getattr(c, k) for c in problem.coordinates]) for k in ("lower", "upper", "prior", "sd")
     )
@@ -315,7 +342,7 @@ def map_fit(
         with np.errstate(over="ignore", invalid="ignore"):  # of columns that ran away; seen and told below
             pull = gathered(problem, noise, np.where(used, trust * r, 0.0))
             if kept:
-                slope = np.concatenate([pull @ own, pull @ linear.weighed])
+                slope = np.concatenate([pull @ own, linear.products(pull)])
             else:
                 columns = _columns(problem, z, prediction, None if iteration else start.J, effort.refinements)
                 steep = 1.0 if noise is not None else curvature((y - prediction.y)[used], sigma0[used], step[used])
@@ -400,7 +427,7 @@ def _normal(J: Floats, linear: Linear, sd: Floats, trust: float, pull: Floats) -
     P = J.shape[1]
     mine = np.empty((P + 1, len(J)))
     mine[:P], mine[P] = J.T, pull
-    own, cross = mine @ mine[:P].T, mine @ linear.weighed
+    own, cross = mine @ mine[:P].T, linear.products(mine)
     H = trust * np.block([[own[:P], cross[:P]], [cross[:P].T, linear.gram]])
     H[np.diag_indices_from(H)] += 1.0 / sd**2
     return np.asarray(H, dtype=np.float64), np.concatenate([own[P], cross[P]])

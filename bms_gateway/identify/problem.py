@@ -103,6 +103,11 @@ class Problem:
             self._places = tuple(places(m) for m in self.records)
         return self._places
 
+    def forget(self) -> None:
+        """Drop what can be computed again."""
+        self._places = None
+        self._memories.clear()
+
     def gathered(self, r: Floats) -> Floats:
         """Residuals (M,) in units of the noise as the columns at the places see them (M',)."""
         return np.concatenate([p.gathered(x) for p, x in zip(self.places, self._by_record(r), strict=True)])

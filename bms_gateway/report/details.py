@@ -7,7 +7,7 @@ from bms_gateway.diagnosis.compare import Comparison
 from bms_gateway.diagnosis.latent import latent
 from bms_gateway.diagnosis.record import Record
 from bms_gateway.report.diagnosis_text import Told
-from bms_gateway.report.examine import card_of, experiment_of, usable
+from bms_gateway.report.examine import usable
 from bms_gateway.report.html import Details
 from bms_gateway.thermal import StringModel
 
@@ -32,7 +32,7 @@ def details_of(
     return Details(
         comparison=compared(),
         latent=latent(d.search.baseline),
-        experiment=experiment_of(d),
-        card=card_of(d.search.baseline),
+        experiment=told.experiment,
+        card=told.shows,
         cores=cores_with_named(model, usable(records, told.findings), d),
     )

@@ -12,7 +12,9 @@ from bms_gateway.diagnosis.calibrate import Identified
 from bms_gateway.diagnosis.checks import Finding
 from bms_gateway.diagnosis.core_known import KnownCore
 from bms_gateway.diagnosis.curve import Curve
+from bms_gateway.diagnosis.detect import Card
 from bms_gateway.diagnosis.diagnosis import Diagnosis, Errors, Number, Selected, errors
+from bms_gateway.diagnosis.experiment import Experiment
 from bms_gateway.diagnosis.ranking import Standing
 from bms_gateway.report.core_text import core_document, core_text
 from bms_gateway.report.show import number, text_table
@@ -52,6 +54,10 @@ class Told:
         Of the model as it is; None where nothing can be learnt from the records.
     curve : Curve or None
         dU/dT over the SOC, where entropic heat is named.
+    shows : Card or None
+        What `card` is taken from.
+    experiment : Experiment or None
+        What `next_experiment` is taken from.
     """
 
     diagnosis: Diagnosis | None
@@ -65,6 +71,8 @@ class Told:
     ranking: tuple[Standing, ...] = ()
     core: KnownCore | None = None
     curve: Curve | None = None
+    shows: Card | None = None
+    experiment: Experiment | None = None
 
 
 def diagnosis_document(told: Told) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from bms_gateway.diagnosis.curve import Curve, entropic_curve
 from bms_gateway.diagnosis.detect import Card, absorbed, detectability
 from bms_gateway.diagnosis.diagnosis import Diagnosis, diagnose
 from bms_gateway.diagnosis.experiment import Experiment, next_experiment
+from bms_gateway.diagnosis.findings import tie_sentences
 from bms_gateway.diagnosis.ranking import ranking
 from bms_gateway.diagnosis.record import Record
 from bms_gateway.diagnosis.search import Progress
@@ -68,11 +69,25 @@ def examine(model: StringModel, records: Sequence[Record], progress: Progress | 
         why = " ".join(dict.fromkeys(f.sentence for _, f in findings if f.severity == "stop"))
         return Told(None, f"Nothing can be said from these data. {why}", sources, findings, notes)
     d = diagnose(model.unfitted, some, progress=progress)
-    shown = card_of(d.search.baseline).sentences
+    shown, experiment = card_of(d.search.baseline), experiment_of(d)
     taken = absorbed(d.identified[0].fit)
-    core = known_core(model, some, rounds=d.search.asked)
+    core = known_core(model, some, d.identified[0], d.search.asked)
     curve = curve_of(d, some)
-    return Told(d, d.sentence, sources, findings, notes, taken.everything, _next(d), shown, ranking(d), core, curve)
+    return Told(
+        d,
+        " ".join([d.sentence, *tie_sentences(model)]),
+        sources,
+        findings,
+        notes,
+        taken.everything,
+        _next(d, experiment),
+        shown.sentences,
+        ranking(d),
+        core,
+        curve,
+        shown,
+        experiment,
+    )
 
 
 def curve_of(d: Diagnosis, records: Sequence[Record]) -> Curve | None:
@@ -111,8 +126,7 @@ def experiment_of(d: Diagnosis) -> Experiment | None:
     return next_experiment(d.search, uncertain=d.unknown_remains or d.verdict in ("undecidable", "unknown_effect"))
 
 
-def _next(d: Diagnosis) -> str | None:
+def _next(d: Diagnosis, found: Experiment | None) -> str | None:
     if d.second is not None and len(d.second.records) == 1 and d.search.baseline.problem.model.cells == 1:
         return ANOTHER_COOLING
-    found = experiment_of(d)
     return found.sentence if found else None

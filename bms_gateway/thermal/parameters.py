@@ -196,6 +196,8 @@ class AddedEffect:
         Standard deviation: SI, or of the logarithm for a parameter that is fitted in it; 0 means fixed.
     start : mapping of parameter to number, SI, or None
         Where every fit of these numbers starts; None if it starts from `values`.
+    tied_with : tuple of str
+        Effects of the catalogue that explain as well the records by which this one was added.
     """
 
     name: str
@@ -203,6 +205,7 @@ class AddedEffect:
     values: Mapping[str, float] = field(default_factory=dict)
     sd: Mapping[str, float] = field(default_factory=dict)
     start: Mapping[str, float] | None = None
+    tied_with: tuple[str, ...] = ()
 
     @property
     def key(self) -> str:

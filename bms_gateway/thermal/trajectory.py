@@ -37,6 +37,8 @@ SUBSTEPS = 8
 """Steps of each interval that is solved step by step: a surface passes a narrow melting peak in several of them."""
 CACHE = 120_000
 """Numbers in one column block of the recursion: one megabyte, which fits into the cache of one processor core."""
+WIDE = 1_000
+"""States times columns from which the recursion takes one step after the other: each product is then large enough."""
 TERMS, LEAST_SIZE = 14, 0.5
 """Terms of the exponential's series, and the norm of a matrix for which they are exact to the last digit."""
 NUDGE = 1e-4
@@ -85,11 +87,27 @@ class Recursion:
         out = np.empty((P, D, N + 1))
         w = w.transpose(2, 1, 0)
         with np.errstate(over="ignore", invalid="ignore"):
+            if D * P >= WIDE:
+                self._step(x0, w, out)
+                return out.transpose(2, 1, 0)
             some = max(1, CACHE // (N * D))
             for first in range(0, P, some):
                 columns = slice(first, first + some)
                 self._run(x0[:, columns], w[columns], out[columns])
         return out.transpose(2, 1, 0)
+
+    def _step(self, x0: Floats, w: Floats, out: Floats) -> None:
+        """Run many columns of a long string: in steps, and with those rows of `w` alone in which there is anything."""
+        driven = np.flatnonzero(w.any(axis=(0, 2)))
+        x = np.ascontiguousarray(x0)
+        out[..., 0] = x.T
+        for first in range(0, w.shape[2], self.block):
+            some = w[:, driven, first : first + self.block].transpose(2, 1, 0)
+            states = np.matmul(self.Gamma[:, driven], some)
+            for state in states:
+                state += self.Phi @ x
+                x = state
+            out[..., first + 1 : first + len(some) + 1] = states.transpose(2, 1, 0)
 
     def _run(self, x0: Floats, w: Floats, out: Floats) -> None:
         P, D, N = w.shape

@@ -127,3 +127,12 @@ def test_a_response_is_the_difference_of_two_simulations(key):
 )
 def test_evidence_that_would_be_enough_for_a_first_effect_is_told_to_be_too_little_for_one_more(odds, number, says):
     assert gate(nothing(), nothing(), odds, 1.0, Settings(), number) == says
+
+
+def test_responses_computed_together_are_those_computed_alone():
+    fit = nothing()
+    keys = ["resistance_drift", "radial_gradient", "cell_cooling:2", "thermocouple_offset:3", "coolant_delay"]
+    wanted = [(c, p) for c in map(named, keys) for p in c.strengths]
+    together = Responses(fit).columns(wanted)
+    alone = [fit.problem.averaged(Responses(fit).column(c, p)) for c, p in wanted]
+    assert np.allclose(together, np.stack(alone, axis=1), rtol=1e-9, atol=1e-9 * np.abs(together).max(axis=0))

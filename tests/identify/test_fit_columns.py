@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 from scipy.stats import norm
 
 from bms_gateway.identify.coordinates import Measured
-from bms_gateway.identify.fit_columns import FEWEST, LONGEST_S, places
+from bms_gateway.identify.fit_columns import FEWEST, LONG_S, LONGEST_S, places
 from bms_gateway.identify.map_fit import fitted
 from bms_gateway.identify.problem import Problem
 from bms_gateway.thermal import AddedEffect
@@ -61,6 +61,18 @@ def test_every_reading_has_one_place_near_it_of_its_own_sensor_and_use(lengths, 
     # the places of a reading taken twice, means of readings, and residuals that keep their variance
     assert p.averaged(m.y) == pytest.approx(p.at.y)
     assert p.gathered(m.y) == pytest.approx(p.at.y * np.sqrt(p.count))
+
+
+def test_a_long_string_has_fewer_places():
+    # sixty thermocouples for an hour: with a place every six seconds, columns of tolerances took minutes
+    m = part([1200], 3.0, channels=60)
+    p = places(m)
+    assert p.at.drive.dt == LONG_S
+    assert p.factor == 4
+    assert (p.at.channel[p.place] == m.channel).all()
+    assert (p.at.used[p.place] == m.used).all()
+    assert np.abs(seconds(m, m.row, m.share) - _time(p, m, [1200])[p.place]).max() <= LONG_S
+    assert places(part([1200], 3.0, channels=12)).factor == 2
 
 
 def _time(p, m, lengths):

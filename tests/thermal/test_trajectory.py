@@ -133,6 +133,21 @@ def test_the_blockwise_recursion_is_the_plain_one(steps):
     assert np.allclose(recursion.run(x0, w), plain, rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.parametrize("driven", [(), (5,), (0, 41), range(70)])
+@pytest.mark.parametrize("steps", [1, 8, 65])
+def test_the_recursion_of_a_long_string_is_the_plain_one(steps, driven):
+    # many columns of many states are stepped, and only what is driven is multiplied
+    rng = np.random.default_rng(steps)
+    A = -np.diag(rng.uniform(0.01, 0.5, 70)) + 0.002 * rng.normal(size=(70, 70))
+    recursion = Recursion(A, 1.0, 64)
+    x0, w = rng.normal(size=(70, 20)), np.zeros((steps, 70, 20))
+    w[:, list(driven)] = rng.normal(size=(steps, len(driven), 20))
+    plain = [x0]
+    for u in w:
+        plain.append(recursion.Phi @ plain[-1] + recursion.Gamma @ u)
+    assert np.allclose(recursion.run(x0, w), plain, rtol=1e-12, atol=1e-12)
+
+
 def test_a_recursion_that_runs_away_is_infinite_and_says_nothing():
     # a fit may try such numbers on its way; the warning of the powers alone used to come through
     recursion = Recursion(np.array([[2.0, 0.0], [0.0, -1.0]]), 10.0, 3600)

@@ -1,0 +1,44 @@
+"""A string of sixty cells, each with a thermocouple, an hour at 1 Hz: diagnosed within a minute and two gigabytes."""
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+from tests.truth.hidden import Scenario, make_log
+
+CPU_S, PEAK_MIB = 60.0, 1_900.0
+RUN = """
+import json, sys, time
+from bms_gateway.cli.main import main
+from tests.memory import peak_mib
+try:
+    status = main(sys.argv[1:])
+except SystemExit as e:
+    status = e.code
+print(json.dumps({"status": status, "cpu_s": time.process_time(), "peak_mib": peak_mib()}), file=sys.stderr)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("hidden", ["entropic_heat", None])
+def test_a_long_string_is_diagnosed_within_a_minute_and_two_gigabytes(tmp_path, hidden):
+    """The report took 11 GB and minutes: of each heat, test and refit the columns of all readings were kept."""
+    effects = {} if hidden is None else {hidden: ("strong", None)}
+    log = make_log(Scenario(effects, cells=60, sensors=tuple(range(1, 61)), seed=5))
+    log.write_csv(tmp_path / "drive.csv")
+    (tmp_path / "model.toml").write_text(log.model)
+    words = ["diagnose", "drive.csv", "--model", "model.toml", "--json", "d.json", "--html", "d.html"]
+    env = os.environ | {"OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    done = subprocess.run(
+        [sys.executable, "-c", RUN, *words], cwd=tmp_path, env=env, capture_output=True, text=True, check=True
+    )
+    took = json.loads(done.stderr.splitlines()[-1])
+    assert took["status"] == 0, done.stderr
+    said = json.loads((tmp_path / "d.json").read_text())
+    assert [s["effect"] for s in said["selected"]] == ([hidden] if hidden else [])
+    assert said["verdict"] == ("missing_effect" if hidden else "adequate")
+    assert took["peak_mib"] < PEAK_MIB
+    assert took["cpu_s"] < CPU_S

@@ -1,0 +1,110 @@
+"""What the records cannot tell from an added effect is kept with it; a number at its bound proves nothing."""
+
+from dataclasses import replace
+from math import isnan
+
+import numpy as np
+import pytest
+
+from bms_gateway.config.model_file import format_model, parse_model
+from bms_gateway.diagnosis.adding import add_effects, wanted
+from bms_gateway.diagnosis.bounds import at_bound, believed_share
+from bms_gateway.diagnosis.compare import compare
+from bms_gateway.diagnosis.diagnosis import judged, missing
+from bms_gateway.diagnosis.ranking import ranking
+from bms_gateway.diagnosis.search import Chosen
+from bms_gateway.errors import ConfigError
+from bms_gateway.report.added import added_report
+from bms_gateway.report.comparison_text import comparison_document, comparison_text
+from tests.diagnosis.decided import by_first, pair
+
+TIED = "The records by which entropic_heat was added cannot tell it from hysteresis: it would explain them as well."
+
+
+def tied_verdict():
+    """A verdict whose first effect is tied with another one."""
+    d = by_first()
+    first, *rest = d.selected
+    return replace(d, selected=(replace(first, tied_with=("hysteresis",)), *rest))
+
+
+def added():
+    d = tied_verdict()
+    record, model = pair()
+    wants = [wanted(s.candidate.key, model) for s in d.selected]
+    return record, add_effects(model, [record], wants, ask=lambda *_, **__: d)
+
+
+def test_an_added_effect_keeps_what_it_cannot_be_told_from():
+    """The tie was told once, before `add`, and never again."""
+    record, addition = added()
+    assert TIED in addition.remark
+    text = format_model(addition.model)
+    assert 'tied_with = ["hysteresis"]' in text
+    again = parse_model(text)
+    assert next(e for e in again.effects if e.name == "entropic_heat").tied_with == ("hysteresis",)
+    assert next(e for e in again.unfitted.effects if e.name == "entropic_heat").tied_with == ("hysteresis",)
+    report = added_report(addition, [record], (), (), out="out.toml")
+    assert TIED in report.remark
+    c = compare(again, [record])
+    assert any(TIED in text for text in c.refitted.findings)
+    assert "cannot tell it from hysteresis" in " ".join(comparison_text(c, (), ()).split()).replace(
+        "hysteresis losses", "hysteresis"
+    )
+    assert any(TIED in text for text in comparison_document(c, (), ())["refitted"]["findings"])
+
+
+def test_a_tie_with_no_effect_is_refused():
+    _, addition = added()
+    text = format_model(addition.model).replace('tied_with = ["hysteresis"]', 'tied_with = ["hystersis"]')
+    with pytest.raises(ConfigError, match=r"effect.entropic_heat.tied_with: .*hysteresis"):
+        parse_model(text)
+
+
+def at_its_bound():
+    """A search that ended with a number of its first effect on a bound."""
+    d = by_first()
+    first, trials = d.search.chosen[0], d.search.rounds[0]
+    trial = next(t for t in trials if t.candidate.key == first.candidate.key)
+    name = f"{first.candidate.key}.{first.candidate.effect.parameters[0].name}"
+
+    def pushed(fit):
+        theta = np.array(fit.theta)
+        theta[fit.problem.index(name)] = fit.problem.coordinates[fit.problem.index(name)].lower
+        return replace(fit, theta=theta)
+
+    other = replace(trial, fit=pushed(trial.fit), share=1.0)
+    rounds = [[other if t is trial else t for t in trials], *d.search.rounds[1:]]
+    chosen = [Chosen(first.candidate, ("hysteresis",), first.log_odds), *d.search.chosen[1:]]
+    return other, replace(d.search, rounds=rounds, chosen=chosen, final=pushed(d.search.final))
+
+
+def test_a_number_at_its_bound_is_told_and_has_no_probability():
+    """An effect whose number stood at its bound was shown with a probability of 100 %."""
+    trial, found = at_its_bound()
+    assert "ends at its bound" in at_bound(trial.fit, trial.candidate)
+    share, why = believed_share(trial)
+    assert isnan(share)
+    assert "no proof" in why
+    d = judged(found)
+    assert d.verdict != "missing_effect"
+    first = next((s for s in d.selected if s.candidate is trial.candidate), None)
+    if first is not None:
+        assert "no proof" in missing(d.baseline, d.after, selected=d.selected, remains=False)
+    assert all(isnan(r.share) for r in d.ranking if r.effect == trial.candidate.name)
+
+
+def test_what_is_named_with_a_number_at_its_bound_is_ranked_without_a_probability():
+    trial, found = at_its_bound()
+    d = replace(by_first(), search=found)
+    row = next(x for x in ranking(d) if x.effects == (trial.candidate.key,))
+    assert isnan(row.share)
+    assert "ends at its bound" in row.refused
+
+
+def test_numbers_inside_their_bounds_keep_their_probability():
+    d = by_first()
+    for t in d.search.rounds[0]:
+        if not at_bound(t.fit, t.candidate):
+            assert believed_share(t) == (t.share, t.why)
+    assert not any("no proof" in x.refused for x in ranking(d) if x.role == "named")
