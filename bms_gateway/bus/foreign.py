@@ -204,7 +204,7 @@ def _mf4_reader(source: BinaryIO) -> Any:
     if len(head) < MDF_HEADER or not head.startswith(MDF_STARTS):
         raise EOFError("it has no header of MDF")
     try:
-        return can.MF4Reader(source)
+        reader = can.MF4Reader(source)
     except Exception as error:
         with _unraised(AttributeError):  # its half-made reader fails again when it is thrown away
             cause: BaseException | None = error
@@ -213,6 +213,22 @@ def _mf4_reader(source: BinaryIO) -> Any:
                 cause = cause.__context__
             gc.collect()
         raise
+    if names := _decoded_only(reader):
+        reader.stop()
+        shown = ", ".join(names[:2])
+        raise ValueError(
+            f"{len(names)} decoded signals, as {shown}, and no CAN frames: record the raw bus, or export them as a "
+            "table, which encode takes"
+        )
+    return reader
+
+
+def _decoded_only(reader: Any) -> list[str]:
+    """Names of the signals of an MF4 file that holds no raw CAN frames; none where it does."""
+    names = [name for name in reader._mdf.channels_db if name not in ("t", "time", "Timestamp", "timestamps")]
+    if any(name.startswith("CAN_") for name in names):
+        return []
+    return [name for name in names if "CAN_DataFrame" not in name]
 
 
 @contextmanager

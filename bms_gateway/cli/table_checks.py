@@ -191,11 +191,14 @@ def refuse_other_units(string: StringPlan, database: Database, table: Table) -> 
             for other, wanted, factor, offset in UNITS.get(INPUTS[c.quantity].kind, ())
             if ((given * factor + offset >= low) & (given * factor + offset <= high)).mean() > MOSTLY
         ]
-        guess = f": are they in {meant[0][0]}? A table takes {meant[0][1]}" if meant else ""
         column = INPUTS[c.quantity].column.format(c.cell)
+        line = ""
+        if meant:
+            unit, wanted = meant[0][:2]
+            line = f": are they in {unit}? A table takes {wanted}: --columns '{column}=COLUMN [{unit}]'"
         raise DataError(
             f"{table.source}: {column}: {lost} of {len(given)} values are outside {low:.6g} to "
-            f"{high:.6g}, what {c.signal} carries and the gateway believes{guess}; nothing was written"
+            f"{high:.6g}, what {c.signal} carries and the gateway believes{line}; nothing was written"
         )
 
 

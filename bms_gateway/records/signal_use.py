@@ -1,12 +1,13 @@
 """The use of each configured signal: seen, used, refused and why, observed and allowed range, and how to correct it."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 
+from bms_gateway.config.units import signal_conversion
 from bms_gateway.engine import Engine
 from bms_gateway.engine.inputs import Inputs
 from bms_gateway.engine.plan import Channel, Plan
@@ -16,6 +17,8 @@ from bms_gateway.frames.quality import Quality
 from bms_gateway.frames.signal_info import SignalInfo
 from bms_gateway.frames.vocabulary import INPUTS, OPTIONAL
 
+ROUNDED: Final = 1e-9
+"""An offset below it is what the conversion of a unit leaves by rounding."""
 WORTH_A_WORD: Final = 0.05
 """Share of refused samples above which a signal is reported; at every start a few samples are refused."""
 LOST: Final = 0.5
@@ -265,16 +268,41 @@ def _remedy(signal: str, use: Use) -> str:
         believed = f"{ends[0]:g} … {ends[1]:g}"
         return f"no value of a {c.quantity.replace('_', ' ')} ({believed} in this unit): set scale and offset"
     if c.quantity == "current" and info.raw_limits[0] >= 0 and high > 0.9 * (info.raw_limits[1] * info.scale):
-        return f'two\'s complement? {{ signal = "{signal}", signed = true }} reads it so'
-    fields = [f'signal = "{signal}"']
+        return f"two's complement? {{ {', '.join([*_written(signal, use), 'signed = true'])} }} reads it so"
+    fields = _written(signal, use)
+    stated = len(fields)
     if info.minimum is not None and low < info.minimum:
         fields.append(f"minimum = {max(low, ends[0]):g}")
     if info.maximum is not None and high > info.maximum:
         fields.append(f"maximum = {min(high, ends[1]):g}")
-    if len(fields) == 1:
+    if len(fields) == stated:
         return "its ends are where the sensor has run out of range"
     real = f"if that is real, set minimum/maximum: {use.key.split('.', 1)[1]} = {{ {', '.join(fields)} }}"
     return real + (", else look at its byte order, sign and factor in the DBC" if c.quantity == "current" else "")
+
+
+def _written(signal: str, use: Use) -> list[str]:
+    """Give what the config's line has already: it stays in the line that mends it."""
+    c = use.channel
+    own, shift = _stated(use)
+    fields = [] if c.statistic is None else [f'{c.statistic}_of = "{_cells(c.among)}"']
+    fields.append(f'signal = "{signal}"')
+    if not math.isclose(own, 1.0):
+        fields.append(f"scale = {own:g}")
+    if abs(shift) > ROUNDED:
+        fields.append(f"offset = {shift:g}")
+    return fields
+
+
+def _stated(use: Use) -> tuple[float, float]:
+    """Scale and offset as the config has them, without the conversion of the DBC's unit."""
+    factor, offset = signal_conversion(use.channel.quantity, use.info.unit)
+    own = use.channel.scale / factor
+    return own, use.channel.offset - own * offset
+
+
+def _cells(among: Sequence[int]) -> str:
+    return f"{among[0]}-{among[-1]}" if len(among) == among[-1] - among[0] + 1 else ",".join(map(str, among))
 
 
 def _unit(signal: str, use: Use) -> str | None:
@@ -290,8 +318,12 @@ def _unit(signal: str, use: Use) -> str | None:
         a, b = scale * least + offset, scale * most + offset
         if not (low <= a and b <= high):
             continue
-        change = f"offset = {offset:g}" if scale == 1.0 else f"scale = {scale:g}"
-        fields = [f'signal = "{signal}"', change]
+        own, shift = _stated(use)
+        fields = [f'signal = "{signal}"']
+        if not math.isclose(scale * own, 1.0):
+            fields.append(f"scale = {scale * own:g}")
+        if abs(scale * shift + offset) > ROUNDED:
+            fields.append(f"offset = {scale * shift + offset:g}")
         declared = use.info.minimum, use.info.maximum
         if declared[0] is not None and observed[0] < declared[0]:
             fields.append(f"minimum = {observed[0]:g}")

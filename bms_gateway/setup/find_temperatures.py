@@ -177,7 +177,7 @@ def stated_begin(series: list[Series], but: set[str]) -> float | None:
 
 def surfaces(series: list[Series]) -> Surfaces | None:
     """Find the thermocouples of the cells: the best group, and which of its channels have a sensor."""
-    temperatures = [s for s in series if is_temperature(s) and not _elsewhere(s)]
+    temperatures = [s for s in series if is_temperature(s) and not elsewhere(s)]
     best: tuple[float, list[Member]] | None = None
     groups: list[list[Member]] = []
     for group in alike(temperatures):
@@ -187,7 +187,7 @@ def surfaces(series: list[Series]) -> Surfaces | None:
             continue
         s = plain[0].series
         said = has(named(s.info), SENSED) or has(around(s.info), SENSED)
-        living = np.mean([_lives(m.series) for m in plain])
+        living = np.mean([lives(m.series) for m in plain])
         score = 3.0 * said + 2.0 * np.log2(1 + len(plain)) + 3.0 * living + 1.0 * (unit_of(s.info.unit) is not None)
         score -= 2.0 * has(around(s.info), OTHER_THINGS)
         if living > 0.3 and len(plain) > 1 and said:
@@ -196,11 +196,10 @@ def surfaces(series: list[Series]) -> Surfaces | None:
             best = float(score), plain
     if best is None:
         return _one_for_all(temperatures, series)
-    if len(best[1]) == 1 and _has_ends(temperatures):
-        ends = _one_for_all(temperatures, series)
-        if ends is not None:
-            ends.passed.append((best[1][0].series, "one temperature of the battery: its greatest and least say more"))
-        return ends
+    if len(best[1]) == 1 and _says_more(temperatures, best[1][0].series):
+        several = _one_for_all(temperatures, series)
+        if several is not None:
+            return several
     found = _sound(best[1], series)
     for group in (g for g in groups if g is not best[1]):
         what = f"one of {len(group)} temperatures called alike; the {len(best[1])} of {best[1][0].series.path} and on "
@@ -208,20 +207,31 @@ def surfaces(series: list[Series]) -> Surfaces | None:
     return found
 
 
-def _has_ends(temperatures: list[Series]) -> bool:
-    """Whether the bus sends the greatest and the least temperature of the cells: more than one reading says."""
-    kinds = {statistic(s.info) for s in temperatures if has(named(s.info), PACK, SENSED) and _lives(s)}
-    return {"max", "min"} <= kinds
+def _says_more(temperatures: list[Series], single: Series) -> bool:
+    """Whether the bus has the greatest or the mean temperature of the cells beside a single one of the battery."""
+    for s in temperatures:
+        of_cells = has(named(s.info), PACK, SENSED) and statistic(s.info) in ("max", "mean") and lives(s)
+        if (
+            of_cells and not s.constant and abs(_usual_C(s) - _usual_C(single)) < FAR_APART_K
+        ):  # no limit, no other thing
+            return True
+    return False
 
 
-def _elsewhere(s: Series) -> bool:
+def _usual_C(s: Series) -> float:
+    factor, shift, _ = reading(s, unit_of(s.info.unit))
+    return factor * s.middle + shift
+
+
+def elsewhere(s: Series) -> bool:
     """Whether the name says that it is no cell's."""
     mine = named(s.info)
     other = tuple(w for w in NOT_MEASURED if w not in STATISTIC)
     return has(mine, OTHER_THINGS, AMBIENT, other, OUTWARD) or has(mine, tuple(w for w in COOLANT if w != "in"))
 
 
-def _lives(s: Series) -> bool:
+def lives(s: Series) -> bool:
+    """Whether its usual value is one that a cell may have."""
     factor, shift, _ = reading(s, unit_of(s.info.unit))
     return bool(LIVES_C[0] < factor * s.middle + shift < LIVES_C[1])
 
@@ -238,7 +248,7 @@ def _unit_by_data(group: list[Series], typical: Series, series: list[Series]) ->
 def _sound(group: list[Member], series: list[Series]) -> Surfaces:
     s = max(group, key=lambda m: m.series.distinct).series
     unit = unit_of(s.info.unit)
-    middles = [m.series for m in group if _lives(m.series)]
+    middles = [m.series for m in group if lives(m.series)]
     if unit is not None:  # a channel without a sensor fits another scale as well as not
         middles = [x for x in middles if reading(x, unit)[2] is None] or middles
     typical = sorted(middles, key=lambda x: x.middle)[len(middles) // 2]
@@ -262,6 +272,10 @@ def _sound(group: list[Member], series: list[Series]) -> Surfaces:
     if not kept:  # all are odd: then it is the log, and nothing can be said against a single one
         kept, refused = group, []
     called = unit is not None or any(len(w) > 2 for w in named(s.info) if w in TEMPERATURE)
+    if len(group) == 1:
+        why.append(
+            "the only temperature of the battery: where its sensor sits is not known, and other cells may be hotter"
+        )
     return Surfaces(kept, refused, factor, shift, said and called and clear, why)
 
 
@@ -290,7 +304,7 @@ def _one_for_all(temperatures: list[Series], series: list[Series]) -> Surfaces |
     for s in pool:
         kind = statistic(s.info)
         mine, its = named(s.info), around(s.info)
-        if not _lives(s) or has(mine, AMBIENT) or not (kind or has(mine, PACK, SENSED)):
+        if not lives(s) or has(mine, AMBIENT) or not (kind or has(mine, PACK, SENSED)):
             continue
         score = {"max": 3.0, "mean": 2.5, "min": 1.0, None: 2.0}[kind] + 2.0 * has(mine, PACK, SENSED)
         score += has(its, PACK, SENSED) - 3.0 * has(mine, OTHER_THINGS) + 1.0 * (s.info.mux == ())

@@ -25,6 +25,7 @@ from bms_gateway.setup.find_electrical import (
     together,
     while_on,
 )  # fmt: skip
+from bms_gateway.setup.find_lone import lone_temperatures
 from bms_gateway.setup.find_statistics import of_several
 from bms_gateway.setup.find_temperatures import Surfaces, flows, inlet_of_each, inlets, surfaces
 from bms_gateway.setup.groups import Member, alike
@@ -89,6 +90,9 @@ def propose(traffic: Traffic, refused: Mapping[str, Role] = NOTHING) -> Proposal
     placed = _place(proposal, warm, strings, cells, rights, traffic.seconds) if warm is not None else {}
     if warm is not None:
         _not_fitted(proposal, warm, dead)
+        lone = lone_temperatures(warm, series)
+        proposal.unused += [(s.path, why) for s, why in lone]
+        proposal.remarks += [f"{s.path}: {why}" for s, why in lone]
     if strings is not None:
         _strings(proposal, strings, factor, rights, placed, edges)
         electrical = next(iter(strings.own.values())).electrical

@@ -255,6 +255,12 @@ def has(given: tuple[str, ...], *lists: tuple[str, ...]) -> bool:
     return any(w in group for w in given for group in lists)
 
 
+def of_liquid(info: SignalInfo) -> bool:
+    """Whether signal or message is named after a liquid coolant, and not after air."""
+    given = (*named(info), *around(info))
+    return has(given, tuple(w for w in COOLANT if w not in INWARD)) and not has(named(info), AMBIENT)
+
+
 def statistic(info: SignalInfo) -> str | None:
     """`max`, `min` or `mean` where the name says that the signal is one of several cells."""
     return next((STATISTIC[w] for w in named(info) if w in STATISTIC), None)

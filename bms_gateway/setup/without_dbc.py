@@ -18,6 +18,7 @@ from typing import Any, Final
 import numpy as np
 
 from bms_gateway.frames.batch import FrameBatch
+from bms_gateway.setup.bit_cuts import likeliest_cuts
 from bms_gateway.setup.bit_fields import FEWEST, FEWEST_OF_PAGE, Field, fields_of, name_of
 from bms_gateway.setup.intervals import edges_of
 from bms_gateway.thermal import Floats
@@ -97,7 +98,7 @@ def guess(frames: FrameBatch) -> list[Guess]:
     """Propose what may be current, voltage and thermocouples, up to three of each, the likeliest first."""
     if not len(frames):
         return []
-    fields = [f for f in fields_of(frames) if _measures(f)]
+    fields = likeliest_cuts([f for f in fields_of(frames) if _measures(f)])
     fast = [i for i, f in enumerate(fields) if f.rate_Hz >= FAST_Hz and len(np.unique(f.x)) >= 6]
     large = [i for i in fast if _large(fields[i])]
     if not large:
@@ -106,6 +107,8 @@ def guess(frames: FrameBatch) -> list[Guess]:
     grid = np.array([_on_grid(f, edges) for f in fields])
     electrical, voltage = _electrical(fields, grid, fast, large)
     warm = _warm(fields, grid, np.diff(edges), [g.field for g in electrical], voltage)
+    taken = [f for g in warm for f in (g.field, *g.beside)]
+    electrical[1:] = [g for g in electrical[1:] if not any(g.field.overlaps(f) for f in taken)]
     return [*electrical, *([voltage] if voltage else []), *warm]
 
 
@@ -296,7 +299,9 @@ def _warm(
         return []
     d = _steps(grid)
     against = np.abs(d @ d[row[id(voltage.field)]]) if voltage else 0 * d[:, 0]
-    slow = [i for i, f in enumerate(fields) if against[i] < FOLLOWS_STEPS and _slow(f)]
+    taken = [currents[0], *([voltage.field] if voltage else [])]
+    free = [i for i, f in enumerate(fields) if not any(f.overlaps(other) for other in taken)]
+    slow = [i for i in free if against[i] < FOLLOWS_STEPS and _slow(fields[i])]
     kept = [(i, reading, _warms(grid[i], warmths)) for i in slow if (reading := _reading(fields[i])) is not None]
     groups: dict[tuple[int, int, bool, tuple[float, float]], list[tuple[int, float]]] = {}
     for i, reading, warms in kept:

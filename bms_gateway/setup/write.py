@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import Final, get_args
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from bms_gateway.frames.dbc_text import format_dbc
 from bms_gateway.frames.vocabulary import INPUTS, WHOLE
 from bms_gateway.setup.proposal import Proposal, Proposed
 from bms_gateway.setup.resting import UNKNOWN_K, surroundings
+from bms_gateway.setup.signal_words import of_liquid
 from bms_gateway.setup.vehicle_logs import Traffic
 from bms_gateway.thermal import Condition, Posterior, Prior, StringModel
 from bms_gateway.thermal.cells import CellFacts, cell_of, cell_priors, stated_parameters
@@ -52,6 +53,7 @@ COOLING: Final[tuple[Cooling, Cooling]] = ("still", "liquid")
 """Surroundings between which those of an unknown cell lie."""
 NOT_TWICE: Final = 1.0 - 1e-5
 """Factor of a scale that is that of the DBC's unit by chance: a config with it is refused, as if it converted twice."""
+WORSE: Final = "not used: beside the greatest it makes the hottest core worse; the coldest better"
 KEYS: Final = {"max": "hottest", "min": "coldest", "mean": "mean"}
 """Keys of the config for the greatest, least and mean surface."""
 
@@ -88,6 +90,11 @@ def write_setup(
     if (told := left_out(proposal)) is not None:
         notes.append(told)
     lumped, resistance = lump(proposal, cell, notes)
+    if cell is not None and _unsaid_cooling(proposal, cell):
+        notes.append(
+            f"the bus has a coolant, and '{cell.name}' does not say how the cell is cooled: R_u lies between still air "
+            f"and liquid; --cell '{cell.name} liquid' says it (valid: {', '.join(get_args(Cooling))})"
+        )
     try:
         for string, cells in enumerate(proposal.cells, 1):
             path = out / f"string_{string}.toml"
@@ -149,6 +156,9 @@ def _model(
     priors = cell_priors(lumped, conduction=cells > 1)
     if not known:
         priors = unknown_priors(lumped, resistance, conduction=cells > 1)
+    elif _unsaid_cooling(proposal, lumped):
+        still, cooled = (cell_priors(replace(lumped, cooling=c), conduction=False)["R_u"].value for c in COOLING)
+        priors["R_u"] = Prior(math.sqrt(still * cooled), UNKNOWN_SD["R_u"])
     if resistance is not None:
         priors["R_e"] = Prior(min(max(resistance, 1e-5), 1.0), FROM_STEPS_SD)
     if condition == "full":
@@ -158,7 +168,9 @@ def _model(
     capacity = None if lumped.capacity_Ah is None else lumped.capacity_Ah * lumped.parallel
     model = StringModel(
         cells,
-        tuple(sorted(_cell(p, cells) for p in proposal.of("surface") if p.string == string)),
+        tuple(
+            sorted(_cell(p, cells) for p in proposal.of("surface") if p.string == string and not _worse(proposal, p))
+        ),
         condition,
         priors,
         coolant="ntu" if condition == "full" else "bulk",
@@ -171,6 +183,12 @@ def _model(
     # the drive may fit a wrong size well: what it says of the core is not proven
     values, sds = model.free_numbers
     return replace(model, posterior=Posterior(values, sds, 0.0, UNKNOWN_DOUBT, False, (UNKNOWN_WHY,)))
+
+
+def _unsaid_cooling(proposal: Proposal, cell: CellFacts) -> bool:
+    """Whether the pack has a liquid coolant, by the name of its inlet, and the cell's words do not say its cooling."""
+    said = any(word in get_args(Cooling) for word in cell.name.split())
+    return not said and any(of_liquid(p.series.info) for p in proposal.of("coolant_inlet"))
 
 
 def unknown_priors(lumped: CellFacts, resistance: float | None, *, conduction: bool) -> dict[str, Prior]:
@@ -276,13 +294,20 @@ def _string(proposal: Proposal, string: int, cells: int) -> list[str]:
     if string not in proposal.numbered and (told := left_out(proposal)) is not None:
         lines.append(f"# {told}")
     for p in sorted((p for p in proposal.of("surface") if p.string == string), key=lambda p: p.index or 0):
-        lines += _line(str(p.index or KEYS[p.statistic or "max"]), p, cells=cells)
+        own = _line(str(p.index or KEYS[p.statistic or "max"]), p, cells=cells)
+        lines += [*own[:-1], f"# {WORSE}", f"# {own[-1]}"] if _worse(proposal, p) else own
     volted = [p for p in proposal.of("cell_voltage") if p.string == string]
     if volted:
         lines.append("[string.signals.cell_voltage]")
         for p in sorted(volted, key=lambda p: p.index or 0):
             lines += _line(str(p.index), p)
     return lines
+
+
+def _worse(proposal: Proposal, p: Proposed) -> bool:
+    """Whether a reading makes the hottest core worse: least and mean beside the greatest of the same cells."""
+    beside = (q.statistic for q in proposal.of("surface") if q.string == p.string and q.index is None)
+    return p.index is None and p.statistic != "max" and "max" in beside
 
 
 def left_out(proposal: Proposal) -> str | None:

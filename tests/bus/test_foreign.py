@@ -7,6 +7,7 @@ import sys
 from contextlib import suppress
 
 import can
+import numpy as np
 import pytest
 
 from bms_gateway.bus.logfile import LogNotes, read_log
@@ -118,6 +119,16 @@ def test_mf4_without_its_extra_says_what_to_install(monkeypatch):
         monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(MissingExtraError, match=r"pip install 'bms-gateway\[mf4\]'"):
         list(read_log(path))
+
+
+def test_mf4_of_decoded_signals_says_that_it_has_no_frames(tmp_path):
+    asammdf = pytest.importorskip("asammdf")
+    t = np.arange(50) / 10
+    with asammdf.MDF() as made:
+        made.append([asammdf.Signal(20 + t, t, name=name, unit="degC") for name in ("ZellTemp_1", "ZellTemp_2")])
+        made.save(tmp_path / "decoded.mf4")
+    with pytest.raises(DataError, match=r"2 decoded signals, as ZellTemp_1, ZellTemp_2, and no CAN frames: .*encode"):
+        list(read_log(tmp_path / "decoded.mf4"))
 
 
 def test_mf4_is_read_and_what_is_none_is_refused(tmp_path):

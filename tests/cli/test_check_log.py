@@ -69,6 +69,15 @@ def test_what_the_dbc_forbids_is_told_with_the_line_to_write(tmp_path, capsys) -
     assert used["Temps.T1"]["used"] > 0.8 * used["Temps.T1"]["seen"]
 
 
+@pytest.mark.parametrize("own", ["scale = -1", "scale = 1.02, offset = 0.5"])
+def test_the_line_to_write_keeps_what_the_config_says_already(own, tmp_path, capsys) -> None:
+    config, log = write(tmp_path, f'{{ signal = "Pack.Current", {own} }}', amps=lambda k: -8.0 + 6.7 * k / 600)
+    _, _, text = signals(config, log, capsys)
+    line = f'{{ signal = "Pack.Current", {own}, minimum = -8 }}'
+    assert f"current = {line}" in text
+    assert signals(*write(tmp_path, line, amps=lambda k: -8.0 + 6.7 * k / 600), capsys)[1]["Pack.Current"]["used"]
+
+
 def test_the_line_that_was_told_mends_it(tmp_path, capsys) -> None:
     config, log = write(tmp_path, '{ signal = "Pack.Current", minimum = -20 }')
     status, used, _ = signals(config, log, capsys)

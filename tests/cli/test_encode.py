@@ -256,9 +256,15 @@ def test_what_our_dbc_cannot_carry_leaves_as_not_available(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("row", "says"),
     [
-        ("50000,25,26,27,28", "current_A: 900 of 900 values are outside .*: are they in mA\\? A table takes A"),
+        (
+            "50000,25,26,27,28",
+            "current_A: 900 of 900 .*: are they in mA\\? A table takes A: --columns 'current_A=COLUMN \\[mA\\]'",
+        ),
         ("-4500,25,26,27,28", "current_A: 900 of 900 values are outside .*: are they in mA\\? A table takes A"),
-        ("50,298.15,299.15,300.15,301.15", "coolant_inlet_C: 900 of 900 .*: are they in K\\? A table takes °C"),
+        (
+            "50,298.15,299.15,300.15,301.15",
+            "coolant_inlet_C: 900 .*: are they in K\\? A table takes °C: --columns 'coolant_inlet_C=COLUMN \\[K\\]'",
+        ),
         (
             "1e308,25,26,27,28",
             "current_A: 900 of 900 values are outside [-0-9.]* to [0-9.]*, what .* believes; nothing",

@@ -12,7 +12,7 @@ from bms_gateway.setup.proposal import Proposal
 from bms_gateway.setup.write import lump, unknown_priors
 from bms_gateway.thermal import KINDS
 from bms_gateway.thermal.cells import cell_of, cell_priors
-from tests.setup.vehicles import write
+from tests.setup.vehicles import drive, plain, write
 from tests.setup.vehicles_afar import worded
 
 
@@ -52,6 +52,30 @@ def test_an_unknown_cell_may_stand_in_air_or_on_coolant(tmp_path) -> None:
     for words in ("21700 20p", "21700 forced 20p", "21700 liquid 20p", "4680 liquid 4p", "prismatic 148x91x27mm 50Ah"):
         possible = cell_priors(cell_of(words), conduction=True)["R_u"].value
         assert abs(math.log(R_u.value / possible)) <= 1.5 * R_u.rel_sd, words
+
+
+@pytest.mark.parametrize(
+    ("inlet", "words", "said"),
+    [("CoolantInletTemp", "21700 4p", False), ("CoolantInletTemp", "21700 liquid 4p", True),
+     ("CoolantInletTemp", "21700 still 4p", True), ("AmbientAirTemp", "21700 4p", True)],
+)  # fmt: skip
+def test_a_named_cell_whose_cooling_is_not_said_is_not_taken_for_one_in_still_air(
+    inlet, words, said, tmp_path, capsys
+) -> None:
+    warm = drive(8)
+    vehicle = plain({"CellTemp1": warm.surface[:, 0], "CellTemp2": warm.surface[:, 1], inlet: warm.inlet}, unit="degC")
+    log, dbc = write(vehicle, tmp_path)
+    assert main(["init", str(log), "--dbc", str(dbc), "--cell", words, "--out", str(tmp_path / "v"), "--yes"]) == 0
+    assert ("does not say how the cell is cooled" in capsys.readouterr().err) is not said
+    R_u = read_model(tmp_path / "v" / "string_1.toml").priors["R_u"]
+    stated = cell_priors(cell_of(words), conduction=True)["R_u"]
+    if said:
+        assert R_u.value == pytest.approx(stated.value, rel=1e-3)
+        assert R_u.rel_sd == stated.rel_sd
+    else:
+        for cooling in ("still", "forced", "plate", "liquid"):
+            possible = cell_priors(cell_of(f"21700 {cooling} 4p"), conduction=True)["R_u"].value
+            assert abs(math.log(R_u.value / possible)) <= 1.5 * R_u.rel_sd, cooling
 
 
 @pytest.mark.parametrize("resistance", [None, 0.3e-3, 2e-3, 6e-3, 9e-3, 25e-3])
