@@ -7,7 +7,7 @@ from math import exp
 import numpy as np
 
 from bms_gateway.health.heat.balances import MOST_LOSS
-from bms_gateway.health.heat.filter import HeatFilter
+from bms_gateway.health.heat.filter import CALM_RATE, HeatFilter
 from bms_gateway.health.heat.layout import Bools, Ints
 from bms_gateway.thermal import Floats
 
@@ -28,6 +28,8 @@ alarm."""
 FLOW_USUAL_S, FLOW_SURE, FLOW_GRAVE = 3600.0, 3.0, 6.0
 """Time constant of the usual state of the films, and the sd by which the loss must exceed it: for a sudden change, and
 for a loss so large that its speed does not matter."""
+SLOW_S = 300.0
+"""Time for which a loss that came slowly, as a dirty filter or a weak fan makes it, must have been there."""
 FROZEN_S, FROZEN_K = 300.0, 0.8
 """An inlet is frozen if it reads the same for so long while the cells show that it moved by so much."""
 FOUND_STEPS = 60
@@ -35,6 +37,8 @@ FOUND_STEPS = 60
 USUAL_LN, USUAL_S, USUAL_FIRST = 2.5, 1800.0, 4.5
 """Mean of the greatest ln evidence in sound strings with a good model; its time constant; and its first value, while
 the quality of the model is unknown. A greater mean shows a poorer model; all evidence is then reduced."""
+POOR_LN = 10.0
+"""Such a mean above which a thermocouple that drifts or lags, and films that are lost slowly, are not told."""
 VAGUE_DOUBT = 2.5
 """Divisor of the evidence of a string with fewer than three sensors, which can be compared with its model only, or
 without a measured coolant inlet."""
@@ -124,6 +128,19 @@ class Course:
     def grown(self, f: HeatFilter) -> Floats:
         """Growth of R_u (S,) against what it has been."""
         return (1.0 - self.film) / (1.0 - np.minimum(f.z[:, f.at.flow], MOST_LOSS)) - 1.0
+
+    def shows_films(self, f: HeatFilter) -> Bools:
+        """Tell which strings (S,) show by the heat of the last minutes how well their films cool, and by no effect.
+
+        Effects that are known to a tenth look like films that are a little worse.
+        """
+        driven = self.load.mean(axis=1) > CALM_RATE * f.balances.C.mean(axis=1)
+        return np.asarray(driven & f.plain & ~self.few & ~self.poor, dtype=np.bool_)
+
+    @property
+    def poor(self) -> Bools:
+        """Which strings (S,) their models describe too badly to tell what comes slowly."""
+        return np.asarray(self.ln > POOR_LN, dtype=np.bool_)
 
     def forget(self, new: Bools) -> None:
         """Begin anew with some of the strings: films and the inlet's offset are what they will be found to be."""

@@ -4,7 +4,7 @@ A fault of amplitude f that began at θ moves the true numbers away from the fil
 filter's own loop, and it moves the surprises by g f (Willsky and Jones, 1976):
 
 .. math::
-    s^- = F s, \quad g = H s^- + d, \quad s = s^- - K g,
+    s^- = F s, \quad g = H s + d, \quad s = s^- - K g,
 
 with s = e_j at θ for a fault that is a jump of the j-th number, and d what a fault of a thermocouple adds to its
 reading. Of the surprises ν with covariance S then
@@ -151,19 +151,19 @@ class Evidence:
         at, H = self.at, len(self.kinds)
         N, m, a = at.nodes, at.sensed, at.near
         flat = self._s.reshape(at.strings, at.states, ONSETS * H)
-        top = np.matmul(x.G, flat)
+        moved = np.matmul(x.G, flat)
+        g = moved[:, N:].reshape(at.strings, m, ONSETS, H)
         decay = self.of.decay
-        s = np.concatenate((top, flat[:, N:] * decay[:, None]), axis=1)
+        s = np.concatenate((moved[:, :N], flat[:, N:] * decay[:, None]), axis=1)
         if not read:  # a fault lasts while the filter forgets; this shows only where frames are rare
             lasting = s.reshape(at.strings, at.states, ONSETS, H)
             j = np.arange(a)
             lasting[:, at.heat.start + j, :, j] += 1.0 - decay[at.heat.start - N]
         self.now += self.of.dt
-        g = np.matmul(self.of.H, s).reshape(at.strings, m, ONSETS, H)
         k = np.arange(m)
         hours = (self.now - self._born) / 3600.0
         g[:, k, :, a + m + k] += hours
-        g[:, k, :, a + 2 * m + k] += (x.coolant - x.surface).T[:, :, None]
+        g[:, k, :, a + 2 * m + k] += (x.coolant - x.mean).T[:, :, None]
         g[:, k, :, a + 3 * m + k] += self._lagging(x).transpose(1, 0, 2)
         g = g.reshape(at.strings, m, ONSETS * H)
         V = np.matmul(x.S_inv, g)
@@ -174,12 +174,11 @@ class Evidence:
         self._s = s.reshape(self._s.shape)
 
     def _lagging(self, x: Linear) -> Floats:
-        """Tell what readings (S, m, onsets) that follow late since the onset are off, K."""
+        """Tell what readings (S, m, onsets) that follow late since the onset are off in the mean of a step, K."""
         before = (x.surface - x.rate * self.of.dt)[:, :, None]
         late = np.where(np.isnan(self._late), before, self._late)
-        late += (x.surface[:, :, None] - late) * -np.expm1(-self.of.dt / LATE_S)
-        self._late = late
-        return late - x.surface[:, :, None]
+        self._late = late + (x.mean[:, :, None] - late) * -np.expm1(-self.of.dt / LATE_S)
+        return np.asarray((late + self._late) / 2.0 - x.mean[:, :, None], dtype=np.float64)
 
     def _begin(self) -> None:
         """Let one more onset begin now, in the place of the one that is missed least."""
