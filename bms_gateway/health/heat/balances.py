@@ -20,6 +20,8 @@ from bms_gateway.thermal.string import coolant_path
 KELVIN = 273.15
 LEAST_LOSS, MOST_LOSS = -1.5, 0.95
 """Share of the film's conductance that is lost."""
+LEAST_LEFT = 0.3
+"""Least share of a film of which a cell keeps its own: less is left of a film only by a model that is wrong."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,7 +223,7 @@ class Unknown:
         common = np.clip(z[:, at.flow, None], LEAST_LOSS, MOST_LOSS)
         # a cell's own share is of what is left; with few sensors, it cannot be told from the common one
         several = at.fitted.sum(axis=1)[:, None] >= REFERENCE
-        left = np.where(several, np.minimum(1.0, 1.0 - common), 1.0)
+        left = np.where(several, np.clip(1.0 - common, LEAST_LEFT, 1.0), 1.0)
         share = np.clip(common + own * left, LEAST_LOSS, MOST_LOSS)
         # what a film keeps widens the gap within the step already
         k = np.arange(at.cells)
